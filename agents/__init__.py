@@ -1,0 +1,1 @@
+"""Agents for the Jansen environments: PID and constant torque, training, evaluation."""

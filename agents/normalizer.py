@@ -1,0 +1,46 @@
+"""Observations scaled to zero mean and unit variance inside the policy, so its file needs no other."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import torch
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+
+CLIP = 10.0  # standard deviations
+EPSILON = 1e-8
+
+
+class NormalizedObservation(BaseFeaturesExtractor):
+    """(observation - mean) / standard deviation, clipped; statistics are part of the state dict.
+
+    They change only in :meth:`update`, so that within a rollout and the update on it the policy
+    is one function of the observation.
+    """
+
+    mean: torch.Tensor
+    variance: torch.Tensor
+    count: torch.Tensor
+
+    def __init__(self, observation_space: gym.spaces.Box) -> None:
+        size = gym.spaces.utils.flatdim(observation_space)
+        super().__init__(observation_space, size)
+        self.register_buffer("mean", torch.zeros(size))
+        self.register_buffer("variance", torch.ones(size))
+        self.register_buffer("count", torch.tensor(0.0))
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """(n, d) observations to (n, d) features."""
+        scaled = (observation.flatten(1) - self.mean) / torch.sqrt(self.variance + EPSILON)
+        return torch.clamp(scaled, -CLIP, CLIP)
+
+    @torch.no_grad()
+    def update(self, seen: torch.Tensor) -> None:
+        """Take (n, d) more observations into account (Chan's parallel variance)."""
+        n = float(len(seen))
+        total = self.count + n
+        shift = seen.mean(0) - self.mean
+        spread = self.variance * self.count + seen.var(0, unbiased=False) * n
+        spread += shift**2 * self.count * n / total
+        self.mean += shift * n / total
+        self.variance.copy_(spread / total)
+        self.count.copy_(total)

@@ -1,0 +1,39 @@
+"""jansen_env: the Theo Jansen walking linkage as a Gymnasium environment."""
+
+from gymnasium.envs.registration import register
+
+from jansen_env.linkage import LinkageError
+from jansen_env.robot import (
+    ROBOTS,
+    Bar,
+    Leg,
+    Payload,
+    Robot,
+    Triangle,
+    holy_numbers_robot,
+    paper_robot,
+    phased_legs,
+)
+from jansen_env.terrain import Terrain
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "ROBOTS",
+    "Bar",
+    "Leg",
+    "LinkageError",
+    "Payload",
+    "Robot",
+    "Terrain",
+    "Triangle",
+    "holy_numbers_robot",
+    "paper_robot",
+    "phased_legs",
+]
+
+register(
+    id="JansenWalker-v0",
+    entry_point="jansen_env.envs.walker:JansenWalkerEnv",
+    max_episode_steps=500,
+)

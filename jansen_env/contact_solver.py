@@ -1,0 +1,310 @@
+"""The contact impulses of one time step: planar Coulomb contacts solved exactly.
+
+For contacts i with normal and tangential impulses P = (n_0, t_0, n_1, t_1, ...) and the velocities
+u = W P + q they leave behind (W the Delassus matrix J M^-1 J^T, q the velocities without contact,
+restitution included), find
+
+    0 <= P_n  perpendicular to  u_n >= 0                          (Signorini)
+    |P_t| <= mu P_n,   P_t = -mu P_n sign(u_t) where u_t != 0     (Coulomb, maximum dissipation)
+
+Each contact is open, sticks, or slides one way, and for given modes the problem is linear. Modes
+are guessed (the last step's), solved, checked and mended, which nearly always ends after one or two
+rounds. Where it does not, Lemke's method on the complementarity problem of Stewart and Trinkle
+(IJNME 39, 1996) gives a solution; Anitescu and Potra (Nonlinear Dynamics 14, 1997) prove that it
+exists and that Lemke finds it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+OPEN, STICK, SLIDE_FORWARD, SLIDE_BACKWARD = 0, 1, 2, 3
+"""Contact modes; forward: tangential velocity u_t > 0, so friction is negative."""
+
+ACCURACY = 1e-11  # of the accepted solution's residual, relative to the largest impulse at play
+COMPLIANCE = 1e-11  # added to W, relative to its mean diagonal: redundant contacts share load
+MODE_ROUNDS = 12  # guesses of the modes before Lemke's method is called
+LEMKE_COMPLIANCES = (1e-9, 1e-6, 1e-4)  # softer and softer, for its pivots' sake; modes are checked
+PIVOT = 1e-11  # smallest pivot Lemke's method takes, after scaling
+PERTURBATION = 1e-9  # of its right-hand side, after scaling
+SWEEPS = 2000  # of the last resort, Gauss-Seidel
+
+
+@njit(cache=True, error_model="numpy")
+def residual(count, W, q, mu, P, u):
+    """Largest violation of the contact law, N s; fills ``u`` = W P + q.
+
+    The natural map of Alart and Curnier with W's diagonal as step: |P - proj(P - u / W_ii)|.
+    """
+    worst = 0.0
+    for i in range(2 * count):
+        total = q[i]
+        for j in range(2 * count):
+            total += W[i, j] * P[j]
+        u[i] = total
+    for c in range(count):
+        n, t = 2 * c, 2 * c + 1
+        normal = max(0.0, P[n] - u[n] / W[n, n])
+        worst = max(worst, abs(P[n] - normal))
+        bound = mu[c] * max(P[n], 0.0)
+        friction = min(bound, max(-bound, P[t] - u[t] / W[t, t]))
+        worst = max(worst, abs(P[t] - friction))
+    return worst
+
+
+@njit(cache=True, error_model="numpy")
+def _solve_modes(count, W, q, mu, mode, P, A, rhs, index):
+    """Impulses for given modes by Gaussian elimination; False where the modes are singular."""
+    k = 0
+    for c in range(count):
+        P[2 * c] = 0.0
+        P[2 * c + 1] = 0.0
+        if mode[c] != OPEN:
+            index[k] = 2 * c
+            k += 1
+            if mode[c] == STICK:
+                index[k] = 2 * c + 1
+                k += 1
+    for r in range(k):
+        i = index[r]
+        rhs[r] = -q[i]
+        for s in range(k):
+            j = index[s]
+            A[r, s] = W[i, j]
+            if j % 2 == 0:
+                kind = mode[j // 2]
+                if kind == SLIDE_FORWARD:
+                    A[r, s] -= mu[j // 2] * W[i, j + 1]
+                elif kind == SLIDE_BACKWARD:
+                    A[r, s] += mu[j // 2] * W[i, j + 1]
+    for r in range(k):
+        best = r
+        for s in range(r + 1, k):
+            if abs(A[s, r]) > abs(A[best, r]):
+                best = s
+        if abs(A[best, r]) < 1e-14 * W[index[r], index[r]]:
+            return False
+        if best != r:
+            for s in range(r, k):
+                A[r, s], A[best, s] = A[best, s], A[r, s]
+            rhs[r], rhs[best] = rhs[best], rhs[r]
+        for s in range(r + 1, k):
+            factor = A[s, r] / A[r, r]
+            if factor != 0.0:
+                for j in range(r + 1, k):
+                    A[s, j] -= factor * A[r, j]
+                rhs[s] -= factor * rhs[r]
+    for r in range(k - 1, -1, -1):
+        total = rhs[r]
+        for s in range(r + 1, k):
+            total -= A[r, s] * rhs[s]
+        rhs[r] = total / A[r, r]
+    for r in range(k):
+        P[index[r]] = rhs[r]
+    for c in range(count):
+        if mode[c] == SLIDE_FORWARD:
+            P[2 * c + 1] = -mu[c] * P[2 * c]
+        elif mode[c] == SLIDE_BACKWARD:
+            P[2 * c + 1] = mu[c] * P[2 * c]
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def _mend_modes(count, mu, mode, P, u, one_only):
+    """Change the mode of every (or the first) contact whose impulse or velocity contradicts it."""
+    for c in range(count):
+        n, t = P[2 * c], P[2 * c + 1]
+        before = mode[c]
+        if mode[c] == OPEN:
+            if u[2 * c] < 0.0:
+                mode[c] = STICK
+        elif n < 0.0:
+            mode[c] = OPEN
+        elif mode[c] == STICK:
+            if t > mu[c] * n:
+                mode[c] = SLIDE_BACKWARD
+            elif t < -mu[c] * n:
+                mode[c] = SLIDE_FORWARD
+        elif mode[c] == SLIDE_FORWARD:
+            if u[2 * c + 1] < 0.0:
+                mode[c] = STICK
+        elif u[2 * c + 1] > 0.0:
+            mode[c] = STICK
+        if one_only and mode[c] != before:
+            return
+
+
+@njit(cache=True, error_model="numpy")
+def _lemke(count, W, q, mu, softening, P):
+    """Lemke's method on (P_n, P_t+, P_t-, bound) of Stewart and Trinkle; True where it ends.
+
+    W's diagonal is taken (1 + softening) times as large, and q is perturbed: good for the modes.
+    """
+    size = 4 * count
+    mass = 1.0 / np.max(np.diag(W)[: 2 * count])  # work in scaled, dimensionless numbers
+    speed = np.max(np.abs(q[: 2 * count]))
+    right = 2 * size + 1
+    T = np.zeros((size, 2 * size + 2))  # w | z | artificial | right-hand side
+    for c in range(count):
+        rows = (4 * c, 4 * c + 1, 4 * c + 2, 4 * c + 3)
+        for r in rows:
+            T[r, r] = 1.0
+            T[r, 2 * size] = -1.0
+        for d in range(count):
+            z = size + 4 * d
+            for r, i, sign in ((0, 2 * c, 1.0), (1, 2 * c + 1, 1.0), (2, 2 * c + 1, -1.0)):
+                T[rows[r], z] = -sign * mass * W[i, 2 * d]
+                T[rows[r], z + 1] = -sign * mass * W[i, 2 * d + 1]
+                T[rows[r], z + 2] = sign * mass * W[i, 2 * d + 1]
+                if c == d:
+                    extra = sign * softening * mass * W[i, i]
+                    T[rows[r], z + (0 if r == 0 else 1)] -= extra
+                    T[rows[r], z + 2] += 0.0 if r == 0 else extra
+        T[rows[1], size + 4 * c + 3] = -1.0
+        T[rows[2], size + 4 * c + 3] = -1.0
+        T[rows[3], size + 4 * c] = -mu[c]
+        T[rows[3], size + 4 * c + 1] = 1.0
+        T[rows[3], size + 4 * c + 2] = 1.0
+        T[rows[0], right] = q[2 * c] / speed
+        T[rows[1], right] = q[2 * c + 1] / speed
+        T[rows[2], right] = -q[2 * c + 1] / speed
+    basis = np.arange(size)
+    for r in range(size):  # no two rows alike, so that no cycle can form
+        T[r, right] += PERTURBATION * (1.0 + (0.618033988749895 * r) % 1.0)
+    pivot_row = int(np.argmin(T[:, right]))
+    entering = 2 * size
+    if T[pivot_row, right] < 0.0:
+        for _ in range(50 * size):
+            leaving = basis[pivot_row]
+            T[pivot_row] /= T[pivot_row, entering]
+            for r in range(size):
+                if r != pivot_row and T[r, entering] != 0.0:
+                    T[r] -= T[r, entering] * T[pivot_row]
+            basis[pivot_row] = entering
+            if leaving == 2 * size:
+                break
+            entering = leaving + size if leaving < size else leaving - size
+            pivot_row = -1
+            for r in range(size):
+                if T[r, entering] > PIVOT and (
+                    pivot_row < 0
+                    or T[r, right] * T[pivot_row, entering] < T[pivot_row, right] * T[r, entering]
+                ):
+                    pivot_row = r
+            if pivot_row < 0:
+                return False
+    for i in range(2 * count):
+        P[i] = 0.0
+    for r in range(size):
+        variable = basis[r] - size
+        if variable >= size:
+            return False  # the artificial variable is still in the basis
+        if variable >= 0:
+            c, kind = variable // 4, variable % 4
+            if kind == 0:
+                P[2 * c] += T[r, right] * mass * speed
+            elif kind == 1:
+                P[2 * c + 1] += T[r, right] * mass * speed
+            elif kind == 2:
+                P[2 * c + 1] -= T[r, right] * mass * speed
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def _sweep(count, W, q, mu, P):
+    """One sweep of projected Gauss-Seidel."""
+    for c in range(count):
+        n, t = 2 * c, 2 * c + 1
+        velocity = q[n]
+        for j in range(2 * count):
+            velocity += W[n, j] * P[j]
+        P[n] = max(0.0, P[n] - velocity / W[n, n])
+        velocity = q[t]
+        for j in range(2 * count):
+            velocity += W[t, j] * P[j]
+        P[t] = min(mu[c] * P[n], max(-mu[c] * P[n], P[t] - velocity / W[t, t]))
+
+
+@njit(cache=True, error_model="numpy")
+def _modes_of(count, mu, P, u, mode):
+    """Modes that an approximate solution points to."""
+    negligible = 1e-8 * np.max(np.abs(P[: 2 * count]))
+    for c in range(count):
+        n, t = P[2 * c], P[2 * c + 1]
+        if n <= negligible:
+            mode[c] = OPEN
+        elif abs(t) < mu[c] * n * (1.0 - 1e-9):
+            mode[c] = STICK
+        else:
+            mode[c] = SLIDE_BACKWARD if t > 0.0 else SLIDE_FORWARD
+
+
+@njit(cache=True, error_model="numpy")
+def solve(count, W, q, mu, mode, P, u, A, rhs, index):
+    """Solve the contact law for ``count`` contacts.
+
+    Args:
+        count: contacts in use; arrays may be longer.
+        W: (2 count, 2 count) Delassus matrix, 1/kg, with :func:`soften` applied. q: (2 count,)
+            velocities without contact impulses, m/s.
+        mu: (count,) friction. mode: (count,) first guess, then the solution's modes.
+        P, u: (2 count,) out: impulses N s, velocities m/s.
+        A, rhs, index: work space, (2 count, 2 count), (2 count,), (2 count,).
+
+    Returns:
+        The solution's :func:`residual`, N s.
+    """
+    scale = 0.0
+    for i in range(2 * count):
+        scale = max(scale, abs(q[i]) / W[i, i])
+    tolerance = ACCURACY * scale
+    error = _solve_from_guess(count, W, q, mu, mode, P, u, A, rhs, index, tolerance)
+    if error <= tolerance:
+        return error
+    best, best_mode = P.copy(), mode.copy()
+    for softening in LEMKE_COMPLIANCES:
+        if _lemke(count, W, q, mu, softening, P):
+            residual(count, W, q, mu, P, u)
+            _modes_of(count, mu, P, u, mode)
+            last = _solve_from_guess(count, W, q, mu, mode, P, u, A, rhs, index, tolerance)
+            if last <= tolerance:
+                return last
+            if last < error:
+                error = last
+                best[:] = P
+                best_mode[:] = mode
+    P[:] = best
+    mode[:] = best_mode
+    for _ in range(SWEEPS):
+        if residual(count, W, q, mu, P, u) <= tolerance:
+            break
+        _sweep(count, W, q, mu, P)
+    return residual(count, W, q, mu, P, u)
+
+
+@njit(cache=True, error_model="numpy")
+def _solve_from_guess(count, W, q, mu, mode, P, u, A, rhs, index, tolerance):
+    """Solve, check and mend the modes; leaves the solution, or the least wrong try, in P."""
+    for attempt in range(MODE_ROUNDS):
+        if not _solve_modes(count, W, q, mu, mode, P, A, rhs, index):
+            break
+        error = residual(count, W, q, mu, P, u)
+        if error <= tolerance or attempt == MODE_ROUNDS - 1:
+            return error
+        _mend_modes(count, mu, mode, P, u, attempt >= MODE_ROUNDS // 2)
+    P[: 2 * count] = 0.0
+    return residual(count, W, q, mu, P, u)
+
+
+@njit(cache=True, error_model="numpy")
+def soften(count, W):
+    """Add :data:`COMPLIANCE` to W's diagonal, which makes the load of redundant contacts unique."""
+    trace = 0.0
+    for i in range(2 * count):
+        trace += W[i, i]
+    for i in range(2 * count):
+        W[i, i] += COMPLIANCE * trace / (2 * count)

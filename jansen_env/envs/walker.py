@@ -1,0 +1,443 @@
+"""``JansenWalker-v0``: walk at a commanded speed by the torque on one crank."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from jansen_env.plants.projection import ProjectionPlant, StepResult
+from jansen_env.projection import GRAVITY
+from jansen_env.robot import ROBOTS, Payload, Robot
+from jansen_env.terrain import Terrain, make_terrain
+from jansen_env.validation import finite, non_negative, positive
+
+Observation = NDArray[np.float32]
+
+SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
+TRACKING_WIDTH = 0.75  # of the command: speed error at which tracking has fallen to 1/e ...
+WIDEST_TRACKING = 0.25  # m/s ... but no wider than this
+NARROWEST_TRACKING = 0.02  # m/s ... nor narrower, so that a command of 0 can be tracked
+FALLEN_PITCH = 1.2  # rad
+FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
+
+
+@dataclass(frozen=True)
+class RewardWeights:
+    """What each term of the reward counts.
+
+    Attributes:
+        tracking: at the commanded speed exactly, per step.
+        slip: per m/s of slip speed, summed over the toes.
+        energy: per unit of motor power / (weight * 1 m/s).
+        posture: per rad^2 of pitch.
+        fall: once, when the robot falls.
+    """
+
+    tracking: float = 1.0
+    slip: float = 1.0
+    energy: float = 0.1
+    posture: float = 0.2
+    fall: float = 20.0
+
+    def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            non_negative(f"{name}_weight", value)
+
+
+def tracking_score(speed: float, command: float) -> float:
+    """Share of the tracking reward earned at ``speed`` for ``command`` (m/s), 0 to 1.
+
+    A bell of width min(0.75 |command|, 0.25 m/s): standing still earns exp(-1 / 0.75^2) = 0.17 of
+    it at slow commands and less at fast ones.
+    """
+    width = min(max(TRACKING_WIDTH * abs(command), NARROWEST_TRACKING), WIDEST_TRACKING)
+    return math.exp(-(((speed - command) / width) ** 2))
+
+
+class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
+    """Walk at a commanded speed by the torque on one crank.
+
+    ## Description
+    A planar Theo Jansen linkage walks on the ground: by default the four-legged machine of
+    *Dynamic Analysis and Modeling of Jansen Mechanism*, 32 bodies on one crank shaft, 3.2 kg. Its
+    dynamics are the paper's projected equations with the chassis free (4 degrees of freedom);
+    its toes stick and slip by Coulomb's law. At constant crank speed its toes must slip, and at
+    some speeds it falls over; the task is to do better with the torque.
+
+    ## Action Space
+    | Num | Action | Min | Max | Unit |
+    |-----|--------|-----|-----|------|
+    | 0 | crank torque, as a share of ``torque_limit`` (20 N m) | -1 | 1 | 1 |
+
+    Positive torque turns the crank counter-clockwise, which walks towards +x. Its reaction acts on
+    the chassis. Actions beyond the limits are clipped.
+
+    ## Observation Space
+    | Num | Observation | Min | Max | Unit |
+    |-----|-------------|-----|-----|------|
+    | 0 | cosine of the crank angle (crank relative to chassis) | -1 | 1 | 1 |
+    | 1 | sine of the crank angle | -1 | 1 | 1 |
+    | 2 | crank speed | -Inf | Inf | rad/s |
+    | 3 | sine of the chassis pitch | -1 | 1 | 1 |
+    | 4 | cosine of the chassis pitch | -1 | 1 | 1 |
+    | 5 | pitch rate | -Inf | Inf | rad/s |
+    | 6 | velocity of the crank axis in x | -Inf | Inf | m/s |
+    | 7 | velocity of the crank axis in y | -Inf | Inf | m/s |
+    | 8 | height of the crank axis over the ground below it | -Inf | Inf | m |
+    | 9 | commanded speed | -2 | 2 | m/s |
+    | 10 .. 9 + n | normal load of each toe / weight, mean over the last step | 0 | Inf | 1 |
+    | 10 + n | last action | -1 | 1 | 1 |
+
+    n is the number of toes (4: rf, lf, rb, lb). At reset the loads are those at rest.
+
+    ## Rewards
+    The sum of five terms, each in ``info``:
+
+    | Term | Value |
+    |------|-------|
+    | ``reward/tracking`` | ``tracking_weight`` * exp(-((v - command) / width)^2), v the mean speed over the step, width = min(0.75 \\|command\\|, 0.25 m/s) |
+    | ``reward/slip`` | -``slip_weight`` * slip speed of all toes, m/s |
+    | ``reward/energy`` | -``energy_weight`` * \\|motor power\\| / (weight * 1 m/s) |
+    | ``reward/posture`` | -``posture_weight`` * pitch^2 |
+    | ``reward/fall`` | -``fall_weight`` in the step in which the robot falls |
+
+    Standing still earns at most 17 % of the tracking term, at every command.
+
+    ## Starting State
+    Crank angle uniform over a turn, set down at rest at x = 0 on the lowest toe before and the
+    lowest toe behind its centre of mass; crank speed uniform in +- ``reset_noise_scale`` rad/s;
+    command uniform in ``speed_command``, or as given by
+    ``reset(options={"speed_command": 0.3, "crank_angle": 0.0})``.
+
+    ## Episode End
+    Terminated when the robot has fallen: \\|pitch\\| > 1.2 rad, or a joint other than a toe (knee,
+    ankle, hip, frame pivot) is pressed on the ground. Truncated after 500 steps (10 s) when made
+    with ``gym.make``.
+
+    ## Information
+    ``x_position`` m, ``x_velocity`` m/s, ``pitch`` rad, ``crank_angle`` rad (not wrapped),
+    ``crank_speed`` rad/s, ``crank_torque`` N m, ``speed_command`` m/s, ``slip`` (n,) m slid by each
+    toe while loaded in this step, ``contact_force`` (n, 2) mean tangential and normal force on each
+    toe in N, ``fallen``, and ``energy``, J in this step: ``motor_work``, ``joint_loss``,
+    ``slip_loss``, ``impact_loss``, ``mechanical_energy_change``, ``residual``; the first is the sum
+    of the others.
+
+    ## Arguments
+    | Argument | Default | Meaning |
+    |----------|---------|---------|
+    | ``robot`` | ``"paper"`` | a :class:`jansen_env.Robot`, or the name of a built-in design |
+    | ``terrain`` | ``"flat"`` | a :class:`jansen_env.Terrain`, ``"flat"``, ``"slope:ANGLE"`` (rad), or (x, y) points |
+    | ``friction`` | terrain's (0.8) | Coulomb coefficient |
+    | ``restitution`` | terrain's (0) | Newton's coefficient, 0 to 1 |
+    | ``speed_command`` | (0.05, 0.8) | m/s, a number or a range |
+    | ``torque_limit`` | 20 | N m |
+    | ``payload`` | robot's (none) | a :class:`jansen_env.Payload`, or a mass in kg at the crank axis |
+    | ``control_dt`` | 0.02 | s for which an action is held; a multiple of ``time_step`` |
+    | ``time_step`` | 0.001 | s, of the integration |
+    | ``tracking_weight`` ... ``fall_weight`` | 1, 1, 0.1, 0.2, 20 | see Rewards |
+    | ``reset_noise_scale`` | 0.1 | rad/s, of the starting crank speed |
+    | ``terminate_when_fallen`` | True | whether a fall ends the episode |
+    | ``render_mode`` | None | ``"human"`` or ``"rgb_array"`` |
+
+    ## Version History
+    * v0: first release.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}
+
+    def __init__(
+        self,
+        robot: Robot | str = "paper",
+        terrain: Terrain | str | Any = "flat",
+        friction: float | None = None,
+        restitution: float | None = None,
+        speed_command: float | tuple[float, float] = SPEED_COMMAND,
+        torque_limit: float = 20.0,
+        payload: Payload | float | None = None,
+        control_dt: float = 0.02,
+        time_step: float = 0.001,
+        tracking_weight: float = RewardWeights.tracking,
+        slip_weight: float = RewardWeights.slip,
+        energy_weight: float = RewardWeights.energy,
+        posture_weight: float = RewardWeights.posture,
+        fall_weight: float = RewardWeights.fall,
+        reset_noise_scale: float = 0.1,
+        terminate_when_fallen: bool = True,
+        render_mode: str | None = None,
+    ) -> None:
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise ValueError(
+                f"render_mode is {render_mode!r}, must be None or one of "
+                f"{self.metadata['render_modes']}"
+            )
+        self.robot = _load(_robot(robot), payload)
+        self.terrain = make_terrain(terrain, friction, restitution)
+        self.speed_command_range = _command_range(speed_command)
+        self.torque_limit = positive("torque_limit", torque_limit)
+        self.control_dt = positive("control_dt", control_dt)
+        positive("time_step", time_step)
+        steps = control_dt / time_step
+        if steps < 1.0 - 1e-9 or abs(steps - round(steps)) > 1e-6 * steps:
+            raise ValueError(
+                f"control_dt is {control_dt!r}, must be a multiple of time_step, {time_step!r}"
+            )
+        self.weights = RewardWeights(
+            tracking_weight, slip_weight, energy_weight, posture_weight, fall_weight
+        )
+        self.reset_noise_scale = non_negative("reset_noise_scale", reset_noise_scale)
+        if not isinstance(terminate_when_fallen, (bool, np.bool_)):
+            raise ValueError(
+                f"terminate_when_fallen is {terminate_when_fallen!r}, must be True or False"
+            )
+        self.terminate_when_fallen = bool(terminate_when_fallen)
+        self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / control_dt))}
+        self.plant = ProjectionPlant(self.robot, self.terrain, time_step=time_step)
+        self.weight = self.robot.mass * GRAVITY
+        toes = self.plant.toes
+        unbounded = [np.inf] * toes
+        high = [1, 1, np.inf, 1, 1, np.inf, np.inf, np.inf, np.inf, FASTEST_COMMAND, *unbounded, 1]
+        low = [-bound for bound in high]
+        low[10 : 10 + toes] = [0.0] * toes
+        self.observation_space = spaces.Box(
+            np.array(low, np.float32), np.array(high, np.float32), dtype=np.float32
+        )
+        self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
+        self._command = 0.0
+        self._action = 0.0
+        self._fallen = False
+        self._time = 0.0
+        self._loads = np.zeros(toes)
+        self._result: StepResult | None = None
+        self._renderer: Any = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode; ``options`` may fix ``speed_command`` (m/s) and ``crank_angle`` (rad).
+
+        Raises:
+            ValueError: an unknown option, or a value out of range.
+        """
+        super().reset(seed=seed)
+        options = dict(options or {})
+        # Drawn in any case, so that fixing one leaves the others as they were.
+        crank_angle = self.np_random.uniform(0.0, 2.0 * math.pi)
+        command = self.np_random.uniform(*self.speed_command_range)
+        crank_speed = self.reset_noise_scale * self.np_random.uniform(-1.0, 1.0)
+        if "speed_command" in options:
+            command = _command_range(options.pop("speed_command"))[0]
+        if "crank_angle" in options:
+            crank_angle = finite("options['crank_angle']", options.pop("crank_angle"))
+        if options:
+            raise ValueError(
+                f"reset options {sorted(options)} are unknown, allowed are 'speed_command' and "
+                "'crank_angle'"
+            )
+        self._command, self._action, self._fallen, self._time = float(command), 0.0, False, 0.0
+        self.plant.reset(0.0, crank_angle)
+        self._result = self.plant.peek()
+        self._loads = self._result.contact_force[:, 1] / self.weight
+        state = self.plant.state
+        state[7] = crank_speed
+        self.plant.state = state
+        if self.render_mode == "human":
+            self.render()
+        return self._observe(state), self._info(state, self._result, state[4], 0.0)
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Hold a torque for ``control_dt`` seconds.
+
+        Raises:
+            ValueError: the action is not one finite number.
+            FloatingPointError: the simulation diverged.
+        """
+        share = self._check(action)
+        torque = share * self.torque_limit
+        x_before = self.plant.x
+        result = self.plant.step(torque, self.control_dt)
+        state = self.plant.state
+        speed = (state[0] - x_before) / self.control_dt
+        fallen = result.bumped or abs(float(state[2])) > FALLEN_PITCH
+        reward, terms = self._reward(speed, state[2], result, fallen and not self._fallen)
+        self._action, self._fallen, self._result = share, fallen, result
+        self._time += self.control_dt
+        self._loads = result.contact_force[:, 1] / self.weight
+        info = self._info(state, result, speed, torque)
+        info.update(terms)
+        if self.render_mode == "human":
+            self.render()
+        return self._observe(state), reward, fallen and self.terminate_when_fallen, False, info
+
+    def _check(self, action: Any) -> float:
+        values = np.asarray(action, dtype=float)
+        if values.shape != (1,) or not math.isfinite(values[0]):
+            raise ValueError(f"action is {action!r}, must be one finite number, shape (1,)")
+        return min(1.0, max(-1.0, float(values[0])))
+
+    def _observe(self, state: NDArray[np.float64]) -> Observation:
+        _x, _y, theta, psi, vx, vy, pitch_rate, crank_speed = state.tolist()
+        height = _y - float(self.terrain.height(_x))
+        return np.array(
+            [
+                math.cos(psi), math.sin(psi), crank_speed, math.sin(theta), math.cos(theta),
+                pitch_rate, vx, vy, height, self._command, *self._loads.tolist(), self._action,
+            ],
+            dtype=np.float32,
+        )  # fmt: skip
+
+    def _reward(
+        self, speed: float, pitch: float, result: StepResult, falls: bool
+    ) -> tuple[float, dict[str, float]]:
+        weights = self.weights
+        slip_speed = float(result.slip.sum()) / self.control_dt
+        power = abs(result.motor_work) / self.control_dt
+        terms = {
+            "reward/tracking": weights.tracking * tracking_score(speed, self._command),
+            "reward/slip": -weights.slip * slip_speed,
+            "reward/energy": -weights.energy * power / self.weight,
+            "reward/posture": -weights.posture * float(pitch) ** 2,
+            "reward/fall": -weights.fall if falls else 0.0,
+        }
+        return float(sum(terms.values())), terms
+
+    def _info(
+        self, state: NDArray[np.float64], result: StepResult, speed: float, torque: float
+    ) -> dict[str, Any]:
+        return {
+            "x_position": float(state[0]),
+            "x_velocity": float(speed),
+            "pitch": float(state[2]),
+            "crank_angle": float(state[3]),
+            "crank_speed": float(state[7]),
+            "crank_torque": torque,
+            "speed_command": self._command,
+            "slip": result.slip.copy(),
+            "contact_force": result.contact_force.copy(),
+            "fallen": self._fallen,
+            "energy": {
+                "motor_work": result.motor_work,
+                "joint_loss": result.joint_loss,
+                "slip_loss": result.slip_loss,
+                "impact_loss": result.impact_loss,
+                "mechanical_energy_change": result.energy_change,
+                "residual": result.energy_residual,
+            },
+        }
+
+    def get_state(self) -> dict[str, Any]:
+        """All that the future depends on; :meth:`set_state` continues from it bit for bit."""
+        return {
+            "plant": self.plant.state,
+            "command": self._command,
+            "action": self._action,
+            "fallen": self._fallen,
+            "time": self._time,
+            "loads": self._loads.copy(),
+            "generator": self.np_random.bit_generator.state,
+        }
+
+    def set_state(self, state: dict[str, Any]) -> Observation:
+        """Go on from a state of :meth:`get_state`; returns its observation.
+
+        A time limit outside the environment (``TimeLimit``) keeps its own count.
+
+        Raises:
+            ValueError: an entry is missing, or the plant's state is not 8 finite numbers.
+        """
+        entries = {"plant", "command", "action", "fallen", "time", "loads", "generator"}
+        missing = entries - set(state)
+        if missing:
+            raise ValueError(f"state lacks {sorted(missing)}, must come from get_state()")
+        self.plant.state = state["plant"]
+        self._command, self._action = float(state["command"]), float(state["action"])
+        self._fallen, self._time = bool(state["fallen"]), float(state["time"])
+        self._loads = np.array(state["loads"], dtype=float)
+        self.np_random.bit_generator.state = state["generator"]
+        self._result = None
+        return self._observe(self.plant.state)
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Draw the robot as it stands; (H, W, 3) uint8 in ``rgb_array`` mode, else None."""
+        if self.render_mode is None:
+            gym.logger.warn(
+                "render() was called without a render_mode; pass render_mode='rgb_array' or 'human'"
+            )
+            return None
+        from jansen_env.rendering import Frame, Renderer
+
+        if self._renderer is None:
+            self._renderer = Renderer(
+                self.robot, self.terrain.polyline, self.render_mode, self.metadata["render_fps"]
+            )
+        state, result = self.plant.state, self._result
+        points, tangents = self.plant.contact_frames()
+        toes = self.plant.toes
+        frame = Frame(
+            q=state[:4],
+            contact_point=points,
+            contact_tangent=tangents,
+            contact_force=np.zeros((toes, 2)) if result is None else result.contact_force,
+            slipping=np.zeros(toes, bool)
+            if result is None
+            else result.slip > SLIPPING * self.control_dt,
+            command=self._command,
+            speed=float(state[4]),
+            torque=self._action * self.torque_limit,
+            torque_limit=self.torque_limit,
+            time=self._time,
+        )
+        picture: NDArray[np.uint8] | None = self._renderer.draw(frame)
+        return picture
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_renderer": None}
+
+
+SLIPPING = 0.01  # m/s of mean slip speed from which a toe is drawn as slipping
+
+
+def _robot(robot: Robot | str) -> Robot:
+    if isinstance(robot, Robot):
+        return robot
+    if robot not in ROBOTS:
+        raise ValueError(f"robot is {robot!r}, must be a Robot or one of {sorted(ROBOTS)}")
+    return ROBOTS[robot]()
+
+
+def _load(robot: Robot, payload: Payload | float | None) -> Robot:
+    if payload is None:
+        return robot
+    load = payload if isinstance(payload, Payload) else Payload(non_negative("payload", payload))
+    return replace(robot, payload=load)
+
+
+def _command_range(speed_command: Any) -> tuple[float, float]:
+    pair = (
+        (speed_command, speed_command)
+        if np.ndim(speed_command) == 0
+        else tuple(np.asarray(speed_command).tolist())
+    )
+    if len(pair) != 2:
+        raise ValueError(f"speed_command is {speed_command!r}, must be a number or (low, high)")
+    low, high = (finite("speed_command", float(value)) for value in pair)
+    if not -FASTEST_COMMAND <= low <= high <= FASTEST_COMMAND:
+        raise ValueError(
+            f"speed_command is {speed_command!r}, must be in m/s, low <= high, within "
+            f"+-{FASTEST_COMMAND}"
+        )
+    return low, high

@@ -1,0 +1,429 @@
+"""The compiled inner loop: tables, equations of motion, contacts, time step. Numba, no allocation.
+
+State: (x, y, theta, psi, x_dot, y_dot, theta_dot, psi_dot), x, y the crank axis. Inside a step the
+translation is the centre of mass's, Y = X + R s(psi) with s = c / m: then M is block diagonal,
+
+    kinetic energy = m |Y_dot|^2 / 2 + (I_s w^2 + 2 b_s w n + k_s n^2) / 2
+    I_s = I - m |s|^2,  b_s = b - m s x s',  k_s = k - m |s'|^2         (w = theta_dot, n = psi_dot)
+
+gravity acts on Y alone, and momentum is conserved to the last bit in flight.
+
+Time step (Moreau and Jean): everything is evaluated at the middle, q + h v / 2; the speed-dependent
+terms use the mean of the old and the new velocity (two passes), the viscous joint torque too
+(implicit midpoint); pads that touch at the middle get impulses P so that the velocity at the end of
+the step obeys Signorini's and Coulomb's laws. Second order while the contacts stay as they are.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from jansen_env.contact_solver import OPEN, STICK, soften, solve
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+PENETRATION_ALLOWED = 2e-5  # m, left uncorrected so that a resting contact does not flicker
+CORRECTION_RATE = 0.2  # share of the rest that is taken back in every step
+CORRECTION_SWEEPS = 4
+PASSES = 2  # evaluations of the speed-dependent terms in a step
+
+# Columns of the totals that a step adds to.
+MOTOR_WORK, JOINT_LOSS, SLIP_LOSS, IMPACT_LOSS, WORST_RESIDUAL, BUMPS = range(6)
+TOTALS = 6
+# Columns of a pad's record: slip (m), then tangential and normal impulse (N s).
+SLIP, IMPULSE_T, IMPULSE_N = range(3)
+RECORD = 3
+
+
+class Model(NamedTuple):
+    """What a robot is, for the kernels: see :class:`jansen_env.reduced.Tables`."""
+
+    body: Array  # (intervals, 6, order) c_x, c_y, I, b, k, f
+    pads: Array  # (tables, intervals, 3, order) p_x, p_y, a
+    pad_table: Ints  # (pads,)
+    pad_phase: Array  # (pads,)
+    pad_radius: float
+    mass: float  # kg, payload included
+    load: Array  # (4,) payload: mass, inertia, position x, y
+    gravity: float
+    locked: bool  # the crank is braked: psi_dot = 0
+
+
+class Ground(NamedTuple):
+    """Contact planes, as found by the detector."""
+
+    plane: Array  # (capacity, 3) normal, offset
+    pad: Ints  # (capacity,)
+    mode: Ints  # (capacity,) the last step's contact mode, a first guess
+    friction: float
+    restitution: float
+
+
+class Work(NamedTuple):
+    """Work space for up to ``capacity`` contacts at once; made by :func:`_views` of flat arrays."""
+
+    J: Array  # (2 capacity, 4) contact Jacobian: rows normal, tangential
+    MJ: Array  # (2 capacity, 4) J M^-1
+    W: Array  # (2 capacity, 2 capacity) Delassus matrix
+    A: Array  # (2 capacity, 2 capacity) for the solver
+    bend: Array  # (2 capacity,) velocity the contact point gains by path curvature in half a step
+    q: Array  # (2 capacity,) velocity without contact impulses
+    P: Array  # (2 capacity,) impulses
+    u: Array  # (2 capacity,) velocity left behind
+    rhs: Array  # (2 capacity,) for the solver
+    mu: Array  # (capacity,)
+    gap: Array  # (capacity,)
+    order: Ints  # (2 capacity,) for the solver
+    mode: Ints  # (capacity,)
+    plane: Ints  # (capacity,) which plane each active contact belongs to
+
+
+def work_space(capacity: int) -> tuple[Array, Ints]:
+    """Memory for :class:`Work`: two flat arrays, which pass into a kernel faster than many."""
+    n = 2 * capacity
+    return np.zeros(8 * n + 2 * n * n + 6 * n), np.zeros(2 * n, np.int64)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _views(floats, ints, capacity):
+    n = 2 * capacity
+    v = 8 * n + 2 * n * n  # where the vectors begin
+    return Work(
+        floats[: 4 * n].reshape(n, 4),
+        floats[4 * n : 8 * n].reshape(n, 4),
+        floats[8 * n : 8 * n + n * n].reshape(n, n),
+        floats[8 * n + n * n : v].reshape(n, n),
+        floats[v : v + n],
+        floats[v + n : v + 2 * n],
+        floats[v + 2 * n : v + 3 * n],
+        floats[v + 3 * n : v + 4 * n],
+        floats[v + 4 * n : v + 5 * n],
+        floats[v + 5 * n : v + 5 * n + capacity],
+        floats[v + 5 * n + capacity : v + 6 * n],
+        ints[:n],
+        ints[n : n + capacity],
+        ints[n + capacity :],
+    )
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _locate(intervals, angle):
+    """Row of a table at ``angle``, and the distance from the middle of its interval, rad."""
+    width = 2.0 * np.pi / intervals
+    reduced = angle - 2.0 * np.pi * np.floor(angle / (2.0 * np.pi))
+    row = min(int(reduced / width), intervals - 1)
+    return row, reduced - (row + 0.5) * width
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _value(c, t):
+    """Taylor polynomial of eight coefficients at t."""
+    return c[0] + t * (
+        c[1] + t * (c[2] + t * (c[3] + t * (c[4] + t * (c[5] + t * (c[6] + t * c[7])))))
+    )
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _slope(c, t):
+    """Its first derivative."""
+    return c[1] + t * (
+        2.0 * c[2]
+        + t * (3.0 * c[3] + t * (4.0 * c[4] + t * (5.0 * c[5] + t * (6.0 * c[6] + t * 7.0 * c[7]))))
+    )
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _curve(c, t):
+    """Its second derivative."""
+    return 2.0 * c[2] + t * (
+        6.0 * c[3] + t * (12.0 * c[4] + t * (20.0 * c[5] + t * (30.0 * c[6] + t * 42.0 * c[7])))
+    )
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def centroid(model, psi):
+    """s (2,), s' (2,): centre of mass from the crank axis in the chassis frame, and d/dpsi."""
+    row, t = _locate(model.body.shape[0], psi)
+    cx, cy = model.body[row, 0], model.body[row, 1]
+    return (
+        (_value(cx, t) + model.load[0] * model.load[2]) / model.mass,
+        (_value(cy, t) + model.load[0] * model.load[3]) / model.mass,
+        _slope(cx, t) / model.mass,
+        _slope(cy, t) / model.mass,
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def to_centroid(model, state, sign):
+    """Shift a state in place from the crank axis to the centre of mass (sign 1), or back (-1)."""
+    sx, sy, dx, dy = centroid(model, state[3])
+    cos, sin = np.cos(state[2]), np.sin(state[2])
+    w, n = state[6], state[7]
+    rx, ry = cos * sx - sin * sy, sin * sx + cos * sy
+    state[0] += sign * rx
+    state[1] += sign * ry
+    state[4] += sign * (-w * ry + n * (cos * dx - sin * dy))
+    state[5] += sign * (w * rx + n * (sin * dx + cos * dy))
+
+
+@njit(cache=True, error_model="numpy")
+def mechanical_energy(model, state):
+    """Kinetic and potential energy of a crank-axis state, J; potential is 0 at y = 0."""
+    row, t = _locate(model.body.shape[0], state[3])
+    c = model.body[row]
+    load, px, py = model.load[0], model.load[2], model.load[3]
+    cx, cy = _value(c[0], t) + load * px, _value(c[1], t) + load * py
+    inertia = _value(c[2], t) + load * (px * px + py * py) + model.load[1]
+    cos, sin = np.cos(state[2]), np.sin(state[2])
+    rx, ry = cos * cx - sin * cy, sin * cx + cos * cy
+    sx, sy = _slope(c[0], t), _slope(c[1], t)
+    dx, dy = cos * sx - sin * sy, sin * sx + cos * sy
+    vx, vy, w, n = state[4], state[5], state[6], state[7]
+    kinetic = 0.5 * model.mass * (vx * vx + vy * vy)
+    kinetic += w * (-ry * vx + rx * vy) + n * (dx * vx + dy * vy)
+    kinetic += 0.5 * inertia * w * w + _value(c[3], t) * w * n + 0.5 * _value(c[4], t) * n * n
+    return kinetic, model.gravity * (model.mass * state[1] + ry)
+
+
+@njit(cache=True, error_model="numpy")
+def pad_positions(model, state, count, positions):
+    """Centres of the first ``count`` pads of a crank-axis state, (pads, 2) m."""
+    cos, sin = np.cos(state[2]), np.sin(state[2])
+    for j in range(count):
+        row, t = _locate(model.pads.shape[1], state[3] + model.pad_phase[j])
+        c = model.pads[model.pad_table[j], row]
+        px, py = _value(c[0], t), _value(c[1], t)
+        positions[j, 0] = state[0] + cos * px - sin * py
+        positions[j, 1] = state[1] + sin * px + cos * py
+
+
+@njit(cache=True, error_model="numpy")
+def advance(steps, h, torque, state, model, ground, planes, floats, ints, totals, record, toes):
+    """Advance a state by ``steps`` time steps with fixed contact planes.
+
+    Args:
+        steps, h: number and length (s) of the steps. torque: crank torque, N m.
+        state: (8,) crank-axis state, changed in place.
+        model, ground: :class:`Model`, :class:`Ground`. planes: planes in use.
+        floats, ints: memory of :func:`work_space`.
+        totals: (6,) energies (J) added to, worst contact residual (N s), impulse on bumpers (N s).
+        record: (pads, 3) slip and impulses added to. toes: the first so many pads are toes.
+    """
+    work = _views(floats, ints, len(ground.pad))
+    to_centroid(model, state, 1.0)
+    for _ in range(steps):
+        _step(h, torque, state, model, ground, planes, work, totals, record)
+    for j in range(toes, len(record)):
+        totals[BUMPS] += record[j, IMPULSE_N]
+    to_centroid(model, state, -1.0)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _step(h, torque, state, model, ground, planes, work, totals, record):
+    m = model.mass
+    if model.locked:
+        state[7] = 0.0
+    vx, vy, w, n = state[4], state[5], state[6], state[7]
+    x, y = state[0] + 0.5 * h * vx, state[1] + 0.5 * h * vy
+    theta, psi = state[2] + 0.5 * h * w, state[3] + 0.5 * h * n
+    cos, sin = np.cos(theta), np.sin(theta)
+
+    # Inertia about the centre of mass and its slopes.
+    row, t = _locate(model.body.shape[0], psi)
+    c = model.body[row]
+    load, px, py = model.load[0], model.load[2], model.load[3]
+    sx, sy = (_value(c[0], t) + load * px) / m, (_value(c[1], t) + load * py) / m
+    dx, dy = _slope(c[0], t) / m, _slope(c[1], t) / m
+    ddx, ddy = _curve(c[0], t) / m, _curve(c[1], t) / m
+    inertia = _value(c[2], t) + load * (px * px + py * py) + model.load[1]
+    inertia -= m * (sx * sx + sy * sy)
+    inertia_slope = _slope(c[2], t) - 2.0 * m * (sx * dx + sy * dy)
+    coupling = _value(c[3], t) - m * (sx * dy - sy * dx)
+    coupling_slope = _slope(c[3], t) - m * (sx * ddy - sy * ddx)
+    crank = _value(c[4], t) - m * (dx * dx + dy * dy)
+    crank_slope = _slope(c[4], t) - 2.0 * m * (dx * ddx + dy * ddy)
+    damping = _value(c[5], t)
+    if model.locked:
+        coupling, crank, damping, torque = 0.0, 1.0, 0.0, 0.0
+        coupling_slope = crank_slope = inertia_slope = 0.0
+    crank_implicit = crank + 0.5 * h * damping
+    determinant = inertia * crank_implicit - coupling * coupling
+    m11, m12, m22 = crank_implicit / determinant, -coupling / determinant, inertia / determinant
+
+    count, impact = _active_contacts(
+        h, x, y, cos, sin, psi, w, n, vx, vy, sx, sy, dx, dy, ddx, ddy, model, ground, planes, work
+    )
+    J, MJ, W = work.J, work.MJ, work.W
+    for i in range(2 * count):
+        MJ[i, 0], MJ[i, 1] = J[i, 0] / m, J[i, 1] / m
+        MJ[i, 2] = m11 * J[i, 2] + m12 * J[i, 3]
+        MJ[i, 3] = m12 * J[i, 2] + m22 * J[i, 3]
+        for j in range(i + 1):
+            W[i, j] = (
+                MJ[i, 0] * J[j, 0] + MJ[i, 1] * J[j, 1] + MJ[i, 2] * J[j, 2] + MJ[i, 3] * J[j, 3]
+            )
+            W[j, i] = W[i, j]
+    if count > 0:
+        soften(count, W)
+
+    nw, nn = w, n  # new velocities
+    nx, ny = vx, vy - h * model.gravity
+    residual = 0.0
+    for _ in range(PASSES):
+        mw, mn = 0.5 * (w + nw), 0.5 * (n + nn)
+        pitch_force = -(mw * mn * inertia_slope + mn * mn * coupling_slope)
+        crank_force = 0.5 * mw * mw * inertia_slope - 0.5 * mn * mn * crank_slope
+        crank_force += torque - damping * n
+        nx, ny = vx, vy - h * model.gravity
+        nw = w + h * (m11 * pitch_force + m12 * crank_force)
+        nn = n + h * (m12 * pitch_force + m22 * crank_force)
+        if count == 0:
+            continue
+        for i in range(2 * count):
+            free = J[i, 0] * nx + J[i, 1] * ny + J[i, 2] * nw + J[i, 3] * nn
+            work.q[i] = free if impact else free + work.bend[i]
+            if i % 2 == 0 and ground.restitution > 0.0:
+                before = J[i, 0] * vx + J[i, 1] * vy + J[i, 2] * w + J[i, 3] * n
+                work.q[i] += ground.restitution * min(before, 0.0)
+        residual = solve(
+            count, W, work.q, work.mu, work.mode, work.P, work.u, work.A, work.rhs, work.order
+        )
+        for i in range(2 * count):
+            nx += MJ[i, 0] * work.P[i]
+            ny += MJ[i, 1] * work.P[i]
+            nw += MJ[i, 2] * work.P[i]
+            nn += MJ[i, 3] * work.P[i]
+
+    mean = 0.5 * (n + nn)
+    totals[MOTOR_WORK] += h * torque * mean
+    totals[JOINT_LOSS] += h * damping * mean * mean
+    totals[WORST_RESIDUAL] = max(totals[WORST_RESIDUAL], residual)
+    state[0], state[1] = x + 0.5 * h * nx, y + 0.5 * h * ny
+    state[2], state[3] = theta + 0.5 * h * nw, psi + 0.5 * h * nn
+    for k in range(planes):
+        ground.mode[k] = STICK  # the guess for a contact that closes
+    if count > 0:
+        _record(h, count, vx, vy, w, n, nx, ny, nw, nn, ground, work, totals, record)
+        totals[IMPACT_LOSS] -= m * model.gravity * _correct(h, count, state, nx, ny, nw, nn, work)
+    state[4], state[5], state[6], state[7] = nx, ny, nw, nn
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _active_contacts(
+    h, x, y, cos, sin, psi, w, n, vx, vy, sx, sy, dx, dy, ddx, ddy, model, ground, planes, work
+):
+    """Collect the pads that touch: rows of J, path curvature; and whether one of them is landing.
+
+    In a step without landings the contact law is asked of the velocity at the end of the step,
+    J v + (h / 2) J_dot v, which keeps a rolling or pivoting toe where it is to second order.
+    """
+    radius = model.pad_radius
+    count = 0
+    impact = False
+    for k in range(planes):
+        j = ground.pad[k]
+        row, t = _locate(model.pads.shape[1], psi + model.pad_phase[j])
+        c = model.pads[model.pad_table[j], row]
+        rx, ry = _value(c[0], t) - sx, _value(c[1], t) - sy
+        ox, oy = cos * rx - sin * ry, sin * rx + cos * ry  # R r
+        normal_x, normal_y = ground.plane[k, 0], ground.plane[k, 1]
+        gap = normal_x * (x + ox) + normal_y * (y + oy) - ground.plane[k, 2] - radius
+        if gap > 0.0:
+            continue
+        rdx, rdy = _slope(c[0], t) - dx, _slope(c[1], t) - dy
+        odx, ody = cos * rdx - sin * rdy, sin * rdx + cos * rdy  # R r'
+        rddx, rddy = _curve(c[0], t) - ddx, _curve(c[1], t) - ddy
+        oddx, oddy = cos * rddx - sin * rddy, sin * rddx + cos * rddy  # R r''
+        tx, ty = normal_y, -normal_x
+        i = 2 * count
+        J = work.J
+        J[i, 0], J[i, 1] = normal_x, normal_y
+        J[i, 2] = -normal_x * oy + normal_y * ox
+        J[i, 3] = normal_x * odx + normal_y * ody
+        J[i + 1, 0], J[i + 1, 1] = tx, ty
+        J[i + 1, 2] = -tx * oy + ty * ox + radius
+        J[i + 1, 3] = tx * odx + ty * ody + radius * _slope(c[2], t)
+        ax = -w * w * ox - 2.0 * w * n * ody + n * n * oddx
+        ay = -w * w * oy + 2.0 * w * n * odx + n * n * oddy
+        work.bend[i] = 0.5 * h * (normal_x * ax + normal_y * ay)
+        work.bend[i + 1] = 0.5 * h * (tx * ax + ty * ay + radius * _curve(c[2], t) * n * n)
+        if model.locked:
+            J[i, 3] = J[i + 1, 3] = 0.0
+        approach = J[i, 0] * vx + J[i, 1] * vy + J[i, 2] * w + J[i, 3] * n
+        if gap - 0.5 * h * approach > 0.0:
+            impact = True  # it was open when the step began
+        work.mu[count] = ground.friction
+        work.mode[count] = ground.mode[k]
+        work.plane[count] = k
+        work.gap[count] = gap
+        count += 1
+    return count, impact
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _record(h, count, vx, vy, w, n, nx, ny, nw, nn, ground, work, totals, record):
+    """Book the step's slip, impulses and contact losses.
+
+    A contact's work is impulse times mean velocity, which is exact for the step. What friction
+    takes while sliding is slip loss, all else (landing, tangential stops) impact loss. A toe that
+    lands in the step slides from its middle on, with its new velocity alone.
+    """
+    J = work.J
+    for c in range(count):
+        k, i = work.plane[c], 2 * c
+        ground.mode[k] = work.mode[c]
+        if work.mode[c] == OPEN:
+            continue
+        j = ground.pad[k]
+        old_n = J[i, 0] * vx + J[i, 1] * vy + J[i, 2] * w + J[i, 3] * n
+        new_n = J[i, 0] * nx + J[i, 1] * ny + J[i, 2] * nw + J[i, 3] * nn
+        old_t = J[i + 1, 0] * vx + J[i + 1, 1] * vy + J[i + 1, 2] * w + J[i + 1, 3] * n
+        new_t = J[i + 1, 0] * nx + J[i + 1, 1] * ny + J[i + 1, 2] * nw + J[i + 1, 3] * nn
+        landing = work.gap[c] - 0.5 * h * old_n > 0.0
+        friction_loss = -0.5 * work.P[i + 1] * (old_t + new_t)
+        if landing or work.mode[c] == STICK:
+            totals[IMPACT_LOSS] += friction_loss
+        else:
+            totals[SLIP_LOSS] += friction_loss
+        totals[IMPACT_LOSS] -= 0.5 * work.P[i] * (old_n + new_n)
+        if work.mode[c] != STICK:
+            slid = new_t if landing else old_t + new_t
+            record[j, SLIP] += 0.5 * h * abs(slid)
+        record[j, IMPULSE_T] += work.P[i + 1]
+        record[j, IMPULSE_N] += work.P[i]
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _correct(h, count, state, nx, ny, nw, nn, work):
+    """Push penetrating pads out, moving positions only; returns how far the centre of mass rose.
+
+    The smallest move in the metric of M (a few Gauss-Seidel sweeps), so nothing is sped up.
+    """
+    J, MJ, W, push = work.J, work.MJ, work.W, work.rhs
+    needed = False
+    for c in range(count):
+        i = 2 * c
+        rate = J[i, 0] * nx + J[i, 1] * ny + J[i, 2] * nw + J[i, 3] * nn
+        depth = -(work.gap[c] + 0.5 * h * rate) - PENETRATION_ALLOWED
+        work.q[i] = CORRECTION_RATE * depth if work.mode[c] != OPEN else -1.0
+        needed = needed or work.q[i] > 0.0
+        push[c] = 0.0
+    if not needed:
+        return 0.0
+    for _ in range(CORRECTION_SWEEPS):
+        for c in range(count):
+            missing = work.q[2 * c]
+            for d in range(count):
+                missing -= W[2 * c, 2 * d] * push[d]
+            push[c] = max(0.0, push[c] + missing / W[2 * c, 2 * c])
+    rise = 0.0
+    for c in range(count):
+        for i in range(4):
+            state[i] += MJ[2 * c, i] * push[c]
+        rise += MJ[2 * c, 1] * push[c]
+    return rise

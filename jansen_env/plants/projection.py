@@ -1,0 +1,265 @@
+"""The projection plant: pymunk finds the ground, the projected equations feel it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env import kernels
+from jansen_env.contact import ContactDetector
+from jansen_env.contact_solver import STICK
+from jansen_env.plants.stance import set_down
+from jansen_env.projection import GRAVITY
+from jansen_env.reduced import compile_robot
+from jansen_env.robot import Robot
+from jansen_env.terrain import Terrain
+from jansen_env.validation import positive
+
+Array = NDArray[np.float64]
+
+DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are kept meanwhile
+SET_DOWN_DEPTH = 1e-9  # m, by which a robot is set down into the ground: its toes carry at once
+DIVERGED = 1e4  # a speed (m/s, rad/s) beyond which a state is no longer believed
+
+
+class StepResult(NamedTuple):
+    """What happened during one :meth:`ProjectionPlant.step`.
+
+    Attributes:
+        slip: (toes,) path each toe slid while loaded, m.
+        contact_force: (toes, 2) mean tangential and normal force on each toe, N.
+        motor_work, joint_loss, slip_loss, impact_loss: J.
+        energy_change: change of kinetic and potential energy, J.
+        bumped: whether a joint other than a toe was pressed on the ground.
+        residual: worst violation of the contact law, N s.
+    """
+
+    slip: Array
+    contact_force: Array
+    motor_work: float
+    joint_loss: float
+    slip_loss: float
+    impact_loss: float
+    energy_change: float
+    bumped: bool
+    residual: float
+
+    @property
+    def energy_residual(self) -> float:
+        """Motor work less losses and energy change, J: the time step's error."""
+        losses = self.joint_loss + self.slip_loss + self.impact_loss
+        return self.motor_work - losses - self.energy_change
+
+
+class ProjectionPlant:
+    """A robot on a terrain: reset, step(torque), state.
+
+    Args:
+        robot, terrain: what walks where.
+        time_step: of the integration, s.
+        gravity: m/s^2.
+        detection_interval: time between two looks for the ground, s.
+
+    Raises:
+        ValueError: an argument out of range; LinkageError: the robot cannot turn its crank.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        terrain: Terrain,
+        time_step: float = 1e-3,
+        gravity: float = GRAVITY,
+        detection_interval: float = DETECTION_INTERVAL,
+    ) -> None:
+        self.robot, self.terrain = robot, terrain
+        self.time_step = positive("time_step", time_step)
+        self.gravity = positive("gravity", gravity) if gravity != 0.0 else 0.0
+        self.detection_interval = positive("detection_interval", detection_interval)
+        self._stride = max(1, round(detection_interval / time_step))
+        self.tables = compile_robot(robot)
+        layout = self.tables.layout
+        self.toes = layout.toes
+        pads = len(layout.leg)
+        capacity = 4 * pads
+        load = robot.payload
+        self._model = kernels.Model(
+            self.tables.body,
+            self.tables.pads,
+            layout.table,
+            layout.phase,
+            robot.pad_radius,
+            robot.mass,
+            np.array([load.mass, load.inertia, *load.position]),
+            self.gravity,
+            False,
+        )
+        self._ground = kernels.Ground(
+            np.zeros((capacity, 3)),
+            np.zeros(capacity, np.int64),
+            np.zeros(capacity, np.int64),
+            terrain.friction,
+            terrain.restitution,
+        )
+        self._floats, self._ints = kernels.work_space(capacity)
+        self._detector = ContactDetector(terrain, pads, robot.pad_radius, capacity)
+        self._positions = self._detector.positions
+        self._record = np.zeros((pads, kernels.RECORD))
+        self._totals = np.zeros(kernels.TOTALS)
+        self._bumper_reach = self._farthest_bumper() + robot.pad_radius
+        self._state = np.zeros(8)
+
+    def _farthest_bumper(self) -> float:
+        rows = [int(r) for r in set(self.tables.layout.table[self.toes :].tolist())]
+        centre = self.tables.pads[rows][:, :, :2, 0]
+        return float(np.hypot(centre[..., 0], centre[..., 1]).max())
+
+    @property
+    def state(self) -> Array:
+        """(8,) x, y, theta, psi and their rates, a copy; x, y the crank axis, m, rad, s."""
+        return self._state.copy()
+
+    @state.setter
+    def state(self, value: Array) -> None:
+        state = np.asarray(value, dtype=float)
+        if state.shape != (8,) or not np.isfinite(state).all():
+            raise ValueError(f"state is {value!r}, must be 8 finite numbers")
+        self._state[:] = state
+
+    @property
+    def crank_locked(self) -> bool:
+        """Whether the crank is held by a brake."""
+        return self._model.locked
+
+    @crank_locked.setter
+    def crank_locked(self, locked: bool) -> None:
+        self._model = self._model._replace(locked=bool(locked))
+
+    def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
+        """Set the robot down at rest on its lowest toes.
+
+        Args:
+            x: crank axis, m. crank_angle: rad.
+            pitch: rad; None turns the robot until both its fore and its back feet carry it
+                (until the ground bears it on both sides of its centre of mass).
+
+        Returns:
+            The new state (8,).
+        """
+        y, theta = set_down(self.tables, self.terrain, x, crank_angle, pitch)
+        self._state[:] = (x, y, theta, crank_angle, 0.0, 0.0, 0.0, 0.0)
+        planes = self._look()
+        if planes:  # the discs' true gap, where the ground is not straight below them
+            normal, pad = self._ground.plane[:planes], self._ground.pad[:planes]
+            gap = (normal[:, :2] * self._positions[pad]).sum(axis=1) - normal[:, 2]
+            self._state[1] -= ((gap - self.robot.pad_radius) / normal[:, 1]).min() + SET_DOWN_DEPTH
+        return self.state
+
+    @property
+    def x(self) -> float:
+        """Position of the crank axis along the ground, m."""
+        return float(self._state[0])
+
+    def peek(self) -> StepResult:
+        """What one time step without torque would do; the state stays as it is."""
+        state = self._state.copy()
+        result = self.step(0.0, self.time_step)
+        self._state[:] = state
+        return result
+
+    def contact_frames(self) -> tuple[Array, Array]:
+        """(toes, 2) points of the ground nearest to each toe's pad and its tangents there.
+
+        Where no ground is within reach, the pad's lowest point and +x.
+        """
+        planes = self._look()
+        points = self._positions[: self.toes] - np.array([0.0, self.robot.pad_radius])
+        tangents = np.tile([1.0, 0.0], (self.toes, 1))
+        for k in reversed(range(planes)):  # sorted nearest first within a pad
+            pad = self._ground.pad[k]
+            if pad < self.toes:
+                normal = self._ground.plane[k, :2]
+                points[pad] = self._positions[pad] - self.robot.pad_radius * normal
+                tangents[pad] = normal[1], -normal[0]
+        return points, tangents
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The arguments and the state: everything else is made anew from them."""
+        return {
+            "robot": self.robot, "terrain": self.terrain, "time_step": self.time_step,
+            "gravity": self.gravity, "detection_interval": self.detection_interval,
+            "state": self.state, "locked": self.crank_locked,
+        }  # fmt: skip
+
+    def __setstate__(self, saved: dict[str, Any]) -> None:
+        state, locked = saved.pop("state"), saved.pop("locked")
+        self.__init__(**saved)  # type: ignore[misc]
+        self.state, self.crank_locked = state, locked
+
+    def toe_positions(self) -> Array:
+        """(toes, 2) centres of the toe pads, m."""
+        self._place(self.toes)
+        return self._positions[: self.toes].copy()
+
+    def energy(self) -> float:
+        """Kinetic plus potential energy, J (potential 0 with the centre of mass at y = 0)."""
+        kinetic, potential = kernels.mechanical_energy(self._model, self._state)
+        return float(kinetic + potential)
+
+    def _place(self, count: int) -> None:
+        kernels.pad_positions(self._model, self._state, count, self._positions)
+
+    def _look(self) -> int:
+        """Find the contact planes; bumpers are looked at only where they may reach the ground."""
+        x, y, reach = float(self._state[0]), float(self._state[1]), self._bumper_reach
+        near = y - reach < self.terrain.peak and y - reach < self.terrain.highest(
+            x - reach, x + reach
+        )
+        count = len(self._positions) if near else self.toes
+        self._place(count)
+        planes = self._detector.detect(count, self._ground.plane, self._ground.pad)
+        self._ground.mode[:planes] = STICK
+        return planes
+
+    def step(self, torque: float, duration: float) -> StepResult:
+        """Hold a crank torque for a while.
+
+        Args:
+            torque: N m on the crank, counter-clockwise positive (and its reaction on the chassis).
+            duration: s, rounded to whole time steps.
+
+        Raises:
+            FloatingPointError: the state is no longer finite, or faster than anything believable.
+        """
+        steps = max(1, round(duration / self.time_step))
+        self._totals[:] = 0.0
+        self._record[:] = 0.0
+        before = self.energy()
+        done = 0
+        while done < steps:
+            count = min(self._stride, steps - done)
+            planes = self._look()
+            kernels.advance(
+                count, self.time_step, torque, self._state, self._model, self._ground, planes,
+                self._floats, self._ints, self._totals, self._record, self.toes,
+            )  # fmt: skip
+            done += count
+        if not all(-DIVERGED < speed < DIVERGED for speed in self._state[4:].tolist()):
+            raise FloatingPointError(
+                f"the state diverged to {self._state.tolist()} under a torque of {torque} N m; "
+                "try a smaller time_step"
+            )
+        record, totals, elapsed = self._record, self._totals, steps * self.time_step
+        return StepResult(
+            slip=record[: self.toes, kernels.SLIP].copy(),
+            contact_force=record[: self.toes, kernels.IMPULSE_T : kernels.IMPULSE_N + 1] / elapsed,
+            motor_work=float(totals[kernels.MOTOR_WORK]),
+            joint_loss=float(totals[kernels.JOINT_LOSS]),
+            slip_loss=float(totals[kernels.SLIP_LOSS]),
+            impact_loss=float(totals[kernels.IMPACT_LOSS]),
+            energy_change=self.energy() - before,
+            bumped=float(totals[kernels.BUMPS]) > 0.0,
+            residual=float(totals[kernels.WORST_RESIDUAL]),
+        )

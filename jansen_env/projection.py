@@ -1,0 +1,334 @@
+"""The paper's dynamics, dense and equation by equation: the reference everything else is held to.
+
+*Dynamic Analysis and Modeling of Jansen Mechanism* (projection method). Equation numbers are the
+paper's; where its print cannot be meant, the reading is the one of ``docs/paper.md``. A leg has 24
+coordinates (1), three a body: theta_i, x_i, y_i. Subscripts: f forepaw, b backpaw; the backpaw's
+equations differ from the forepaw's in the sign of alpha_4, gamma_4 and alpha_8 alone.
+
+Shapes: x, x_dot (24,); Phi (20,); C (20, 24); D (24, 4); n legs stacked: X (24 n,).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.linkage import coordinates
+from jansen_env.robot import BODIES_PER_LEG, JOINT_PAIRS, Leg, Robot, Side
+
+Array = NDArray[np.float64]
+
+GRAVITY = 9.81  # m/s^2
+COORDINATES = 3 * BODIES_PER_LEG  # a leg's coordinates, (1)
+CONSTRAINTS = 20  # a leg's holonomic constraints
+FREEDOMS = COORDINATES - CONSTRAINTS  # theta_1, x_1, y_1, theta_2: the tangent speed of (5)
+PINNING_ROWS = 3  # rows of the system's constraints that hold the frame
+
+
+@dataclass(frozen=True)
+class Term:
+    """One summand of two constraint rows: coefficient * (cos, sin)(theta_body + offset)."""
+
+    body: int
+    coefficient: float
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Closure:
+    """Two rows of Phi_h: x_plus - x_minus + sum of terms, and the same for y."""
+
+    plus: int
+    minus: int
+    terms: tuple[Term, ...]
+
+
+def leg_closures(robot: Robot, side: Side) -> tuple[Closure, ...]:
+    """The ten vector equations of Phi_hf (forepaw) or Phi_hb (backpaw), in the paper's order."""
+    s = 1.0 if side == "fore" else -1.0
+    b1, b2, b3, t4, b5, b6, b7, t8 = robot.bodies
+    d1, d2, d3, d5, d6, d7 = (bar.half for bar in (b1, b2, b3, b5, b6, b7))  # type: ignore[union-attr]
+    l2, l5, l6, l7 = d2, d5, d6, d7  # bars: the centre of mass is half way
+    t4, t8 = robot.upper_triangle, robot.foot
+    return (
+        Closure(2, 1, (Term(1, -d1), Term(2, -d2))),
+        Closure(3, 2, (Term(2, -l2), Term(3, -d3))),
+        Closure(4, 3, (Term(3, -d3), Term(4, -t4.l, s * t4.alpha))),
+        Closure(4, 1, (Term(1, d1), Term(4, -t4.d))),
+        Closure(5, 1, (Term(1, d1), Term(5, d5))),
+        Closure(6, 5, (Term(5, l5), Term(6, -l6))),
+        Closure(6, 2, (Term(2, -l2), Term(6, d6))),
+        Closure(7, 4, (Term(4, t4.h, -s * t4.gamma), Term(7, -d7))),
+        Closure(8, 5, (Term(5, l5), Term(8, t8.d))),
+        Closure(8, 7, (Term(7, -l7), Term(8, t8.l, s * t8.alpha))),
+    )
+
+
+def constraints(robot: Robot, side: Side, x: Array) -> Array:
+    """Phi_hf or Phi_hb (20,), m: the holonomic constraints before (3)."""
+    phi = np.zeros(CONSTRAINTS)
+    for row, closure in enumerate(leg_closures(robot, side)):
+        plus, minus = 3 * (closure.plus - 1), 3 * (closure.minus - 1)
+        phi[2 * row : 2 * row + 2] = x[plus + 1 : plus + 3] - x[minus + 1 : minus + 3]
+        for term in closure.terms:
+            angle = x[3 * (term.body - 1)] + term.offset
+            phi[2 * row : 2 * row + 2] += term.coefficient * np.array(
+                [np.cos(angle), np.sin(angle)]
+            )
+    return phi
+
+
+def constraint_matrix(robot: Robot, side: Side, x: Array) -> Array:
+    """C = dPhi/dx (20, 24), eq. (3) (printed with d x_dot, which C x_dot = 0 does not allow)."""
+    C = np.zeros((CONSTRAINTS, COORDINATES))
+    for row, closure in enumerate(leg_closures(robot, side)):
+        plus, minus = 3 * (closure.plus - 1), 3 * (closure.minus - 1)
+        for axis in (0, 1):
+            C[2 * row + axis, plus + 1 + axis] += 1.0
+            C[2 * row + axis, minus + 1 + axis] -= 1.0
+        for term in closure.terms:
+            column = 3 * (term.body - 1)
+            angle = x[column] + term.offset
+            C[2 * row, column] -= term.coefficient * np.sin(angle)
+            C[2 * row + 1, column] += term.coefficient * np.cos(angle)
+    return C
+
+
+def constraint_matrix_rate(robot: Robot, side: Side, x: Array, x_dot: Array) -> Array:
+    """C_dot (20, 24): the time derivative of :func:`constraint_matrix` along x_dot."""
+    C_dot = np.zeros((CONSTRAINTS, COORDINATES))
+    for row, closure in enumerate(leg_closures(robot, side)):
+        for term in closure.terms:
+            column = 3 * (term.body - 1)
+            angle, rate = x[column] + term.offset, x_dot[column]
+            C_dot[2 * row, column] -= term.coefficient * np.cos(angle) * rate
+            C_dot[2 * row + 1, column] -= term.coefficient * np.sin(angle) * rate
+    return C_dot
+
+
+def orthogonal_complement(C: Array, freedoms: int) -> Array:
+    """D = [1; -C_2^-1 C_1] with C D = 0, the first ``freedoms`` coordinates independent.
+
+    The paper's partition before (5); C (r, n) gives D (n, freedoms).
+    """
+    return np.vstack([np.eye(freedoms), -np.linalg.solve(C[:, freedoms:], C[:, :freedoms])])
+
+
+def orthogonal_complement_rate(C: Array, C_dot: Array, D: Array) -> Array:
+    """D_dot (n, freedoms), from C_dot D + C D_dot = 0; its independent rows are constant."""
+    freedoms = D.shape[1]
+    lower = -np.linalg.solve(C[:, freedoms:], C_dot @ D)
+    return np.vstack([np.zeros((freedoms, freedoms)), lower])
+
+
+def mass_matrix(robot: Robot) -> Array:
+    """M_f = diag(J_1, m_1, m_1, ..., J_8, m_8, m_8) (24, 24), eq. (2)."""
+    return np.diag(
+        [value for body in robot.bodies for value in (body.inertia, body.mass, body.mass)]
+    )
+
+
+def forces(robot: Robot, x_dot: Array, torque: float, gravity: float = GRAVITY) -> Array:
+    """h_f (24,), eq. (2): motor torque (crank +, frame -), weights and viscous joint torques.
+
+    ``torque`` (N m) is this leg's share: one motor drives the shaft, so it enters one leg only.
+    """
+    h = np.zeros(COORDINATES)
+    h[2::3] = [-body.mass * gravity for body in robot.bodies]
+    h[0] -= torque
+    h[3] += torque
+    for (i, j), coefficient in zip(JOINT_PAIRS, robot.damping, strict=True):
+        moment = coefficient * (x_dot[3 * (j - 1)] - x_dot[3 * (i - 1)])
+        h[3 * (i - 1)] += moment
+        h[3 * (j - 1)] -= moment
+    return h
+
+
+# The system: n legs on one crank shaft. Coordinates Q (4 n,): theta_1, x_1, y_1, theta_2 per leg.
+
+
+def system_constraints(robot: Robot, Q: Array, pinned: bool = True) -> Array:
+    """System Phi_h: 3 rows that pin the first frame (if ``pinned``), 4 that tie each other leg.
+
+    The paper's 15 rows for four legs. Every leg is tied to the first one; the paper ties lb to lf,
+    which spans the same rows. Frame angle atan(h_0 / l_0), rows 9 and 10 read as rf against lf
+    (``docs/paper.md``).
+    """
+    q = Q.reshape(-1, FREEDOMS)
+    first = robot.legs[0]
+    rows: list[float] = []
+    if pinned:
+        rows += list(q[0, 1:3] + robot.frame.half * _unit(q[0, 0]))
+        rows.append(q[0, 0] - frame_angle(robot, first.side))
+    for leg, coordinate in zip(robot.legs[1:], q[1:], strict=True):
+        turn = frame_angle(robot, leg.side) - frame_angle(robot, first.side)
+        rows.append(coordinate[0] - q[0, 0] - turn)
+        axis = coordinate[1:3] + robot.frame.half * _unit(coordinate[0])
+        rows += list(axis - q[0, 1:3] - robot.frame.half * _unit(q[0, 0]))
+        rows.append(coordinate[3] - q[0, 3] - leg.phase)
+    return np.array(rows)
+
+
+def system_constraint_matrix(robot: Robot, Q: Array, pinned: bool = True) -> Array:
+    """C of the system: (4 n - 1, 4 n) pinned, (4 n - 4, 4 n) free."""
+    return _system_rows(robot, Q.reshape(-1, FREEDOMS), None, pinned)
+
+
+def system_constraint_matrix_rate(
+    robot: Robot, Q: Array, Q_dot: Array, pinned: bool = True
+) -> Array:
+    """C_dot of the system, shaped like :func:`system_constraint_matrix`."""
+    return _system_rows(robot, Q.reshape(-1, FREEDOMS), Q_dot.reshape(-1, FREEDOMS), pinned)
+
+
+def _system_rows(robot: Robot, q: Array, q_dot: Array | None, pinned: bool) -> Array:
+    """Rows of C (``q_dot`` None) or of C_dot."""
+    legs, half = len(robot.legs), robot.frame.half
+    constant = 1.0 if q_dot is None else 0.0
+
+    def axis_slope(leg: int) -> Array:  # d(axis)/d(theta_1) of that leg, or its rate
+        left = half * _unit(q[leg, 0] + 0.5 * np.pi)
+        return left if q_dot is None else half * _unit(q[leg, 0] + np.pi) * q_dot[leg, 0]
+
+    rows = []
+    if pinned:
+        block = np.zeros((PINNING_ROWS, FREEDOMS * legs))
+        block[0:2, 0] = axis_slope(0)
+        block[0, 1] = block[1, 2] = block[2, 0] = constant
+        rows.append(block)
+    for leg in range(1, legs):
+        column = FREEDOMS * leg
+        block = np.zeros((FREEDOMS, FREEDOMS * legs))
+        block[0, column], block[0, 0] = constant, -constant
+        block[1:3, column], block[1:3, 0] = axis_slope(leg), -axis_slope(0)
+        block[1, column + 1] = block[2, column + 2] = constant
+        block[1, 1] = block[2, 2] = -constant
+        block[3, column + 3], block[3, 3] = constant, -constant
+        rows.append(block)
+    return np.vstack(rows) if rows else np.zeros((0, FREEDOMS))
+
+
+def _unit(angle: float) -> Array:
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+def frame_angle(robot: Robot, side: Side) -> float:
+    """theta_1 with the chassis level: atan(h_0/l_0), and pi minus that for a back leg."""
+    return robot.frame_angle if side == "fore" else np.pi - robot.frame_angle
+
+
+def system_coordinates(robot: Robot, q: Array) -> Array:
+    """X (24 n,) of every leg from q = (x, y, theta, psi): crank axis, pitch and crank angle."""
+    return np.concatenate([leg_coordinates(robot, leg, q) for leg in robot.legs])
+
+
+def leg_coordinates(robot: Robot, leg: Leg, q: Array) -> Array:
+    """x (24,) of one leg, rad and m, from q = (x, y, theta, psi)."""
+    local = coordinates(robot, leg.side, q[3] + leg.phase).reshape(BODIES_PER_LEG, 3)
+    cos, sin = np.cos(q[2]), np.sin(q[2])
+    x = np.empty((BODIES_PER_LEG, 3))
+    x[:, 0] = local[:, 0] + q[2]
+    x[:, 1] = q[0] + cos * local[:, 1] - sin * local[:, 2]
+    x[:, 2] = q[1] + sin * local[:, 1] + cos * local[:, 2]
+    return x.ravel()
+
+
+@dataclass(frozen=True)
+class Projection:
+    """The system projected to its independent speeds, at one state.
+
+    Attributes:
+        D: (24 n, k) from the independent speeds to X_dot; k is 1 pinned, 4 free.
+        bias: D_dot times the independent speeds (24 n,): accelerations at zero q_ddot.
+        mass: D^T M D (k, k), eq. (12). velocity_terms: D^T M D_dot q_dot (k,).
+        generalised_forces: D^T h (k,).
+        M: diagonal of the mass matrix (24 n,). h: the forces (24 n,).
+    """
+
+    D: Array
+    bias: Array
+    mass: Array
+    velocity_terms: Array
+    generalised_forces: Array
+    M: Array
+    h: Array
+
+    def acceleration(self) -> Array:
+        """Independent accelerations (k,), eq. (12)."""
+        solution = np.linalg.solve(self.mass, self.generalised_forces - self.velocity_terms)
+        return np.asarray(solution, np.float64)
+
+    def constraint_forces(self, q_ddot: Array | None = None) -> Array:
+        """C^T lambda = M x_ddot - h (24 n,), eq. (4): what the joints add to each body."""
+        q_ddot = self.acceleration() if q_ddot is None else q_ddot
+        return self.M * (self.D @ q_ddot + self.bias) - self.h
+
+
+def project(
+    robot: Robot,
+    q: Array,
+    q_dot: Array,
+    torque: float = 0.0,
+    pinned: bool = False,
+    gravity: float = GRAVITY,
+) -> Projection:
+    """Equations (2)-(12) at one state; the payload is no part of the paper and left out.
+
+    Args:
+        robot: the machine.
+        q, q_dot: (4,) crank axis x, y (m), pitch theta, crank angle psi (rad), and their rates.
+        torque: crank torque, N m. pinned: hold the chassis (q_dot[:3] must then be 0).
+
+    Returns:
+        :class:`Projection` in the paper's independent speeds: the first leg's (theta_1, x_1, y_1,
+        theta_2), or its theta_2 alone when pinned.
+    """
+    count = len(robot.legs)
+    X = system_coordinates(robot, q).reshape(count, COORDINATES)
+    first = independent_speeds(robot, q, q_dot)
+    Q = X[:, :FREEDOMS].ravel()
+    C = system_constraint_matrix(robot, Q, pinned)
+    # The tangent speed is theta_2 alone when pinned (after (11)): bring it to the front.
+    order = np.arange(FREEDOMS * count)
+    if pinned:
+        order[:FREEDOMS] = [3, 0, 1, 2]
+    speeds = first[3:] if pinned else first
+    back = np.argsort(order)
+    D_system = orthogonal_complement(C[:, order], len(speeds))[back]
+    C_dot = system_constraint_matrix_rate(robot, Q, D_system @ speeds, pinned)
+    D_system_rate = orthogonal_complement_rate(C[:, order], C_dot[:, order], D_system[order])[back]
+    Q_dot = D_system @ speeds
+    Q_bias = D_system_rate @ speeds
+    D_legs, bias, h = [], [], []
+    for i, leg in enumerate(robot.legs):
+        rows = slice(FREEDOMS * i, FREEDOMS * (i + 1))
+        C_leg = constraint_matrix(robot, leg.side, X[i])
+        D_leg = orthogonal_complement(C_leg, FREEDOMS)
+        x_dot = D_leg @ Q_dot[rows]
+        C_leg_dot = constraint_matrix_rate(robot, leg.side, X[i], x_dot)
+        D_leg_dot = orthogonal_complement_rate(C_leg, C_leg_dot, D_leg)
+        D_legs.append(D_leg @ D_system[rows])
+        bias.append(D_leg_dot @ Q_dot[rows] + D_leg @ Q_bias[rows])
+        h.append(forces(robot, x_dot, torque if i == 0 else 0.0, gravity))
+    D, b, hh = np.vstack(D_legs), np.concatenate(bias), np.concatenate(h)
+    M = np.tile(np.diag(mass_matrix(robot)), count)
+    return Projection(D, b, D.T @ (M[:, None] * D), D.T @ (M * b), D.T @ hh, M, hh)
+
+
+def independent_speeds(robot: Robot, q: Array, q_dot: Array) -> Array:
+    """The first leg's (theta_1, x_1, y_1, theta_2) rates from those of q = (x, y, theta, psi)."""
+    return independent_speed_matrix(robot, q) @ q_dot
+
+
+def independent_speed_matrix(robot: Robot, q: Array) -> Array:
+    """T (4, 4): paper's independent speeds = T (x_dot, y_dot, theta_dot, psi_dot)."""
+    angle = q[2] + frame_angle(robot, robot.legs[0].side)
+    slope = -robot.frame.half * _unit(angle + 0.5 * np.pi)
+    T = np.zeros((FREEDOMS, FREEDOMS))
+    T[0, 2] = 1.0
+    T[1, 0] = T[2, 1] = 1.0
+    T[1:3, 2] = slope
+    T[3, 2] = T[3, 3] = 1.0
+    return T

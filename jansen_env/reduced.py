@@ -1,0 +1,298 @@
+"""Robot -> periodic tables: the projected equations as functions of the crank angle alone.
+
+The chassis carries one internal freedom, the crank angle psi, so all that the projected equations
+need is periodic in psi. :func:`compile_robot` runs the dense projection over one turn of one fore
+and one back leg, takes Fourier series (they converge geometrically), sums them over the legs with
+their phases, and cuts them into short Taylor polynomials that the kernels read.
+
+Chassis frame, crank axis at the origin, r_i(psi) centre of mass and a_i(psi) angle of body i,
+' = d/dpsi, sums over all bodies of all legs:
+
+    c = sum m r        I = sum (m |r|^2 + J)      b = sum (m r x r' + J a')
+    k = sum (m |r'|^2 + J a'^2)                   f = sum over joint pairs of C (a_j' - a_i')^2
+
+With q = (x, y, theta, psi), R = R(theta), S = 90 degrees counter-clockwise, m the total mass:
+
+    M(q) = [ m 1,  S R c,  R c' ;  .,  I,  b ;  .,  .,  k ]
+    M(q) q_ddot + velocity terms = (0, -m g, -g e_y.SRc, -g e_y.Rc' + tau - f psi_dot)
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.linkage import B, C, D, E, P, T, check_closure, coordinates, joint_positions
+from jansen_env.projection import (
+    COORDINATES,
+    FREEDOMS,
+    GRAVITY,
+    constraint_matrix,
+    orthogonal_complement,
+)
+from jansen_env.robot import BODIES_PER_LEG, JOINT_PAIRS, Payload, Robot, Side
+
+Array = NDArray[np.float64]
+Series = NDArray[np.complex128]  # one-sided Fourier coefficients, harmonics along the first axis
+
+SAMPLES = 512  # crank angles at which the dense projection is run
+HARMONICS = 128  # kept; the paper's linkage needs about 40 for 1e-14
+TAIL_TOLERANCE = 1e-10  # largest coefficient allowed in the last eighth, relative to the largest
+INTERVALS = 512  # Taylor polynomials a turn
+ORDER = 8  # coefficients of each (the kernels' polynomials are written out for eight)
+
+BODY_FUNCTIONS = ("c_x", "c_y", "I", "b", "k", "f")
+PAD_FUNCTIONS = ("p_x", "p_y", "a")
+PAD_JOINTS = (T, C, E, D, B, P)
+"""Joints that can touch the ground: the toe, and the bumpers knee, ankle, hip corners and pivot."""
+PAD_BODIES = (8, 8, 8, 4, 4, 1)
+"""The body each of them is rounded on: its pad turns with that body."""
+
+
+@dataclass(frozen=True)
+class Pads:
+    """The round pads by which a robot can touch the ground, toes first (in the order of legs).
+
+    Attributes:
+        leg: (n,) index of the leg. joint: (n,) index into :data:`PAD_JOINTS`.
+        table: (n,) row of :attr:`Tables.pads`. phase: (n,) crank phase, rad.
+        toes: how many of them are toes.
+    """
+
+    leg: NDArray[np.int64]
+    joint: NDArray[np.int64]
+    table: NDArray[np.int64]
+    phase: Array
+    toes: int
+
+
+@dataclass(frozen=True)
+class Tables:
+    """A compiled robot.
+
+    Attributes:
+        robot: what was compiled.
+        body: (INTERVALS, 6, ORDER) Taylor coefficients of :data:`BODY_FUNCTIONS` about the middle
+            of each interval, without the payload.
+        pads: (12, INTERVALS, 3, ORDER) those of :data:`PAD_FUNCTIONS`; row
+            ``side * 6 + joint`` with side 0 fore, 1 back, for a leg of phase 0.
+        layout: the robot's pads.
+        tail: largest Fourier coefficient cut off, relative to the largest kept.
+    """
+
+    robot: Robot
+    body: Array
+    pads: Array
+    layout: Pads
+    tail: float
+
+
+def compile_robot(robot: Robot) -> Tables:
+    """Compile a robot to periodic tables; equal robots are compiled once.
+
+    Raises:
+        LinkageError: the linkage does not close all the way round.
+        ValueError: the tables have not converged (the linkage passes too near a singularity).
+    """
+    return _compile(robot)
+
+
+@functools.lru_cache(maxsize=32)
+def _compile(robot: Robot) -> Tables:
+    check_closure(robot)
+    psi = 2.0 * math.pi * np.arange(SAMPLES) / SAMPLES
+    sides: tuple[Side, Side] = ("fore", "back")
+    body_series = {
+        side: np.fft.rfft(_leg_sums(robot, side, psi), axis=0) / SAMPLES for side in sides
+    }
+    pad_series = {
+        side: np.fft.rfft(_pad_motion(robot, side, psi), axis=0) / SAMPLES for side in sides
+    }
+    tail = max(_tail(series) for group in (body_series, pad_series) for series in group.values())
+    if tail > TAIL_TOLERANCE:
+        raise ValueError(
+            f"robot's tables have not converged: harmonics beyond {HARMONICS * 7 // 8} still reach "
+            f"{tail:.1e} of the largest, allowed is {TAIL_TOLERANCE:.0e}; its linkage passes too "
+            "near a singular position"
+        )
+    shares = [_advance(body_series[leg.side], leg.phase) for leg in robot.legs]
+    body = _taylor(np.sum(shares, axis=0))
+    pads = np.stack(
+        [_taylor(pad_series[side][:, j]) for side in sides for j in range(len(PAD_JOINTS))]
+    )
+    for table in (body, pads):
+        table.setflags(write=False)
+    return Tables(robot, body, pads, pad_layout(robot), tail)
+
+
+def _leg_sums(robot: Robot, side: Side, psi: Array) -> Array:
+    """(n, 6) the leg's share of :data:`BODY_FUNCTIONS`, from the dense projection."""
+    mass = np.array([body.mass for body in robot.bodies])
+    inertia = np.array([body.inertia for body in robot.bodies])
+    first, second = np.array(JOINT_PAIRS).T - 1
+    sums = np.empty((len(psi), len(BODY_FUNCTIONS)))
+    for row, angle in enumerate(psi):
+        x = coordinates(robot, side, angle)
+        # The last column of D: every body's motion per crank rate, with the frame at rest.
+        slope = orthogonal_complement(constraint_matrix(robot, side, x), FREEDOMS)[:, 3]
+        r, dr = (v.reshape(BODIES_PER_LEG, 3)[:, 1:] for v in (x, slope))
+        da = slope[0:COORDINATES:3]
+        sums[row, 0:2] = mass @ r
+        sums[row, 2] = mass @ (r**2).sum(axis=1) + inertia.sum()
+        sums[row, 3] = mass @ (r[:, 0] * dr[:, 1] - r[:, 1] * dr[:, 0]) + inertia @ da
+        sums[row, 4] = mass @ (dr**2).sum(axis=1) + inertia @ da**2
+        sums[row, 5] = np.dot(robot.damping, (da[second] - da[first]) ** 2)
+    return sums
+
+
+def _pad_motion(robot: Robot, side: Side, psi: Array) -> Array:
+    """(n, 6, 3) p_x, p_y of each pad joint and the (unwrapped) angle of the body it is on."""
+    joints = joint_positions(robot, side, psi)
+    angles = coordinates(robot, side, psi)[:, 0::3]
+    motion = np.empty((len(psi), len(PAD_JOINTS), len(PAD_FUNCTIONS)))
+    for k, (joint, body) in enumerate(zip(PAD_JOINTS, PAD_BODIES, strict=True)):
+        motion[:, k, :2] = joints[:, joint]
+        motion[:, k, 2] = np.unwrap(angles[:, body - 1])
+    return motion
+
+
+def _tail(series: Series) -> float:
+    """Largest coefficient among the last harmonics, relative to the largest of its function."""
+    size = np.abs(series).reshape(series.shape[0], -1)
+    last = size[HARMONICS * 7 // 8 :].max(axis=0)
+    return float((last / np.maximum(size.max(axis=0), 1e-12)).max())
+
+
+def _advance(series: Series, phase: float) -> Series:
+    """Series of g(psi + phase) from that of g(psi)."""
+    turn = np.exp(1j * np.arange(series.shape[0]) * phase)
+    return series * turn.reshape((-1,) + (1,) * (series.ndim - 1))
+
+
+def _taylor(series: Series) -> Array:
+    """(INTERVALS, functions, ORDER) Taylor coefficients about the middle of every interval."""
+    n = np.arange(HARMONICS)
+    series = series[:HARMONICS].copy()
+    series[1:] *= 2.0  # one-sided series of a real function
+    middle = 2.0 * math.pi * (np.arange(INTERVALS) + 0.5) / INTERVALS
+    waves = np.exp(1j * np.outer(middle, n))
+    table = np.empty((INTERVALS, series.shape[1], ORDER))
+    for order in range(ORDER):
+        derivative = waves @ (series * ((1j * n) ** order)[:, None])
+        table[:, :, order] = derivative.real / math.factorial(order)
+    return table
+
+
+def pad_layout(robot: Robot) -> Pads:
+    """Toes of all legs first; then bumpers leg by leg, a pivot once for each side."""
+    rows = [(i, 0) for i in range(len(robot.legs))]
+    seen: set[Side] = set()
+    for i, leg in enumerate(robot.legs):
+        rows += [(i, joint) for joint in range(1, len(PAD_JOINTS) - 1)]
+        if leg.side not in seen:
+            rows.append((i, len(PAD_JOINTS) - 1))
+            seen.add(leg.side)
+    leg_index, joint = np.array(rows, dtype=np.int64).T
+    side = np.array([int(robot.legs[i].side == "back") for i in leg_index], dtype=np.int64)
+    phase = np.array([robot.legs[i].phase for i in leg_index])
+    return Pads(leg_index, joint, side * len(PAD_JOINTS) + joint, phase, len(robot.legs))
+
+
+@dataclass(frozen=True)
+class BodySums:
+    """c (2,), I, b, k, f of DESIGN's sums at one crank angle, with first and second derivatives."""
+
+    c: Array
+    dc: Array
+    ddc: Array
+    I: float  # noqa: E741 - the sum's symbol
+    dI: float
+    b: float
+    db: float
+    k: float
+    dk: float
+    f: float
+
+
+def body_sums(tables: Tables, psi: float) -> BodySums:
+    """The body sums at crank angle ``psi`` (rad), payload included."""
+    value, slope, curve = _evaluate(tables.body, psi)
+    load: Payload = tables.robot.payload
+    place = np.array(load.position)
+    return BodySums(
+        c=value[:2] + load.mass * place, dc=slope[:2], ddc=curve[:2],
+        I=value[2] + load.mass * place @ place + load.inertia, dI=slope[2],
+        b=value[3], db=slope[3], k=value[4], dk=slope[4], f=value[5],
+    )  # fmt: skip
+
+
+def _evaluate(table: Array, psi: float) -> tuple[Array, Array, Array]:
+    """Value, first and second derivative of every function of a table at ``psi``."""
+    width = 2.0 * math.pi / INTERVALS
+    angle = psi % (2.0 * math.pi)
+    row = min(int(angle / width), INTERVALS - 1)
+    t = angle - (row + 0.5) * width
+    n = np.arange(ORDER)
+    power = t**n
+    first = n[1:] * power[:-1]
+    second = n[2:] * n[1:-1] * power[:-2]
+    rows = table[row]
+    return rows @ power, rows[:, 1:] @ first, rows[:, 2:] @ second
+
+
+def mass_matrix(tables: Tables, q: Array) -> Array:
+    """M(q) (4, 4) in q = (x, y, theta, psi): the paper's D^T M D (12) with the frame let go."""
+    s = body_sums(tables, q[3])
+    R = _rotation(q[2])
+    M = np.diag([tables.robot.mass, tables.robot.mass, s.I, s.k])
+    M[0:2, 2] = M[2, 0:2] = _left(R @ s.c)
+    M[0:2, 3] = M[3, 0:2] = R @ s.dc
+    M[2, 3] = M[3, 2] = s.b
+    return M
+
+
+def velocity_terms(tables: Tables, q: Array, v: Array) -> Array:
+    """(4,) the paper's D^T M D_dot q_dot (12) in q = (x, y, theta, psi), N and N m."""
+    s = body_sums(tables, q[3])
+    R = _rotation(q[2])
+    w, n = v[2], v[3]
+    terms = np.empty(4)
+    terms[:2] = -w * w * (R @ s.c) + 2.0 * w * n * _left(R @ s.dc) + n * n * (R @ s.ddc)
+    terms[2] = w * n * s.dI + n * n * s.db
+    terms[3] = -0.5 * w * w * s.dI + 0.5 * n * n * s.dk
+    return terms
+
+
+def generalised_forces(
+    tables: Tables, q: Array, v: Array, torque: float, gravity: float = GRAVITY
+) -> Array:
+    """(4,) the paper's D^T h (12): weight, motor and viscous joints, N and N m."""
+    s = body_sums(tables, q[3])
+    R = _rotation(q[2])
+    return np.array(
+        [
+            0.0,
+            -tables.robot.mass * gravity,
+            -gravity * _left(R @ s.c)[1],
+            -gravity * (R @ s.dc)[1] + torque - s.f * v[3],
+        ]
+    )
+
+
+def energy(tables: Tables, q: Array, v: Array, gravity: float = GRAVITY) -> float:
+    """Kinetic plus potential energy (zero with the centre of mass at y = 0), J."""
+    s = body_sums(tables, q[3])
+    height = tables.robot.mass * q[1] + (_rotation(q[2]) @ s.c)[1]
+    return float(0.5 * v @ mass_matrix(tables, q) @ v + gravity * height)
+
+
+def _rotation(angle: float) -> Array:
+    return np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+
+
+def _left(vector: Array) -> Array:
+    return np.array([-vector[1], vector[0]])

@@ -1,0 +1,464 @@
+"""Pictures of the walker: a side view that follows it, with its contact forces and two gauges.
+
+All is painted on a canvas three times as large and scaled down, which smooths edges and text.
+Pygame and Pillow are imported when they are first needed. "Units" below are pixels of a picture
+of 960 x 540; other sizes scale with it.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jansen_env.linkage import SKELETON, A, Array, B, C, D, E, O, P, T, direction, joint_positions
+from jansen_env.robot import Robot
+from jansen_env.validation import positive, positive_integer, within
+
+Picture = NDArray[np.uint8]
+Color = tuple[int, int, int]
+
+GRAVITY = 9.81  # m/s^2, only to turn forces into arrow lengths
+ARROW_PER_WEIGHT = 0.25  # m of arrow for a contact force equal to the robot's weight
+LONGEST_ARROW = 0.6  # m, so that an impact does not cross the whole picture
+TICK_SPACING = 0.5  # m between the marks on the ground
+OVERSIZE = 3  # canvas pixels per picture pixel
+
+SKY, GRID = (241, 246, 251), (222, 231, 240)
+GROUND, SURFACE, GROUND_TEXT = (234, 223, 202), (150, 128, 94), (104, 86, 58)
+INK, MUTED, TRACK, WHITE = (38, 50, 66), (100, 112, 128), (220, 227, 235), (255, 255, 255)
+LINK, CRANK, FORCE = (58, 124, 190), (240, 140, 16), (124, 58, 190)
+GRIP, SLIP = (0, 140, 122), (220, 38, 38)
+CIRCLE = direction(np.linspace(0.0, 2.0 * math.pi, 32))
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What one picture shows; toes in the order of ``robot.legs``.
+
+    Args:
+        q: (4,) crank axis x and y (m), chassis pitch theta and crank angle psi (rad).
+        contact_force: (n_toes, 2) tangential and normal force on each toe, N.
+        contact_point: (n_toes, 2) where each toe touches, m, world frame.
+        contact_tangent: (n_toes, 2) unit tangents of the ground there; normals are 90 degrees on.
+        slipping: (n_toes,) bool, the toes that slide along the ground.
+        command: commanded walking speed, m/s, or None.
+        speed: walking speed, m/s.
+        torque, torque_limit: of the crank, and the largest magnitude it may have, N m.
+        time: s.
+    """
+
+    q: Array
+    contact_force: Array
+    contact_point: Array
+    contact_tangent: Array
+    slipping: NDArray[np.bool_]
+    command: float | None
+    speed: float
+    torque: float
+    torque_limit: float
+    time: float
+
+
+class Renderer:
+    """Paints frames, off-screen or in a window.
+
+    Args:
+        robot: the machine to draw.
+        terrain_points: see :meth:`set_terrain`.
+        mode: ``"rgb_array"`` returns pictures and needs no display, ``"human"`` shows a window.
+        fps: pictures per second of the window.
+        size: width and height of the picture, pixels.
+        speed_range: speed at either end of the speed gauge, m/s.
+
+    Raises:
+        ValueError: an argument out of range.
+        ImportError: pygame is not installed.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        terrain_points: ArrayLike,
+        mode: str,
+        fps: float,
+        size: tuple[int, int] = (960, 540),
+        speed_range: float = 1.0,
+    ) -> None:
+        if mode not in ("human", "rgb_array"):
+            raise ValueError(f"Renderer: mode is {mode!r}, must be 'human' or 'rgb_array'")
+        self.robot, self.mode, self.size = robot, mode, (int(size[0]), int(size[1]))
+        self.fps = positive("Renderer: fps", fps)
+        self.speed_range = positive("Renderer: speed_range", speed_range)
+        for side in size:
+            positive_integer("Renderer: width or height", side)
+        self.set_terrain(terrain_points)
+        os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+        try:
+            import pygame
+        except ImportError as error:
+            raise ImportError("rendering needs pygame: pip install pygame-ce") from error
+        self._pg: Any = pygame
+        turn = joint_positions(robot, "fore", np.linspace(-math.pi, math.pi, 180))
+        self._reach = float(np.hypot(turn[..., 0], turn[..., 1]).max())
+        width, height = (OVERSIZE * side for side in self.size)
+        self._scale = min(height / (1.66 * self._reach), width / (2.3 * self._reach))  # px per m
+        self._unit = min(width / 960.0, height / 540.0)
+        phases = [leg.phase % (2.0 * math.pi) for leg in robot.legs]
+        layers = sorted(set(phases))  # 0, the first leg's, is the nearest
+        self._depth = [layers.index(phase) / max(1, len(layers) - 1) for phase in phases]
+        self._weight = robot.mass * GRAVITY
+        self._canvas: Any = None
+        self._screen: Any = None
+        self._dismissed = False  # the user closed the window
+        self._labels: dict[tuple[str, int, Color], Any] = {}
+
+    def set_terrain(self, terrain_points: ArrayLike) -> None:
+        """Replace the ground: (n, 2) surface points from left to right, m, with n >= 2.
+
+        Beyond its ends it goes on with the slope of its first and last segment.
+        """
+        points = np.array(terrain_points, dtype=float)
+        if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
+            raise ValueError(f"terrain_points has shape {points.shape}, must be (n, 2) with n >= 2")
+        if not np.all(np.isfinite(points)) or np.any(np.diff(points[:, 0]) < 0.0):
+            raise ValueError("terrain_points must be finite and go from left to right")
+        first, last = points[1] - points[0], points[-1] - points[-2]
+        far = [1e4 * np.array([1.0, d[1] / d[0] if d[0] > 0.0 else 0.0]) for d in (first, last)]
+        self._terrain: Array = np.vstack([points[0] - far[0], points, points[-1] + far[1]])
+
+    def draw(self, frame: Frame) -> Picture | None:
+        """Paint ``frame``.
+
+        Returns:
+            (height, width, 3) uint8, a fresh array; None in mode ``"human"``, which shows it and
+            waits for its turn at ``fps``. A window closed by its user is not opened again.
+
+        Raises:
+            ValueError: the frame's arrays do not fit the robot's legs.
+            RuntimeError: mode ``"human"`` and no display can be opened.
+        """
+        for name in ("contact_force", "contact_point", "contact_tangent", "slipping"):
+            rows, legs = len(getattr(frame, name)), len(self.robot.legs)
+            if rows != legs:
+                raise ValueError(f"Frame.{name} has {rows} rows, must have one per leg: {legs}")
+        pg, human = self._pg, self.mode == "human"
+        # Anyone in the process may quit pygame, which takes the window along.
+        if human and not self._dismissed and not (self._screen and pg.display.get_init()):
+            self._open_window()
+        if human and self._screen and any(event.type == pg.QUIT for event in pg.event.get()):
+            self.close()
+            self._dismissed = True
+        if self._dismissed:
+            return None
+        if self._canvas is None:
+            width, height = self.size
+            self._canvas = pg.Surface((OVERSIZE * width, OVERSIZE * height), 0, 32)
+        self._paint(frame)
+        picture = pg.transform.smoothscale(self._canvas, self.size)
+        if human:
+            self._screen.blit(picture, (0, 0))
+            pg.display.flip()
+            self._clock.tick(self.fps)
+            return None
+        # A bytearray, unlike bytes, makes an array that may be written to.
+        data = bytearray(pg.image.tobytes(picture, "RGB"))
+        return np.frombuffer(data, np.uint8).reshape(self.size[1], self.size[0], 3)
+
+    def close(self) -> None:
+        """Close the window and free the canvas. Harmless when repeated."""
+        if self._screen is not None:
+            self._pg.display.quit()
+        self._screen = self._canvas = None
+
+    def _open_window(self) -> None:
+        pg = self._pg
+        try:
+            pg.display.init()
+            # Without a display SDL quietly opens a window nobody sees, unless told which to use.
+            if pg.display.get_driver() == "offscreen" and "SDL_VIDEODRIVER" not in os.environ:
+                pg.display.quit()
+                raise pg.error("no display found")
+            self._screen = pg.display.set_mode(self.size)
+        except pg.error as error:
+            raise RuntimeError(f"no window: {error}; mode 'rgb_array' needs no display") from error
+        pg.display.set_caption("Jansen walker")
+        self._clock = pg.time.Clock()
+
+    def _paint(self, frame: Frame) -> None:
+        q = np.asarray(frame.q, dtype=float)
+        width, height = self._canvas.get_size()
+        # The mean height nearby keeps the picture steady where the ground is rough.
+        level = float(self._ground(q[0] + self._reach * np.linspace(-0.7, 0.7, 15))[:, 1].mean())
+        level = min(max(level, q[1] - self._reach), q[1])
+        bottom = level - 0.24 * self._reach
+        self._corner = np.array([q[0] - 0.5 * width / self._scale, bottom + height / self._scale])
+        self._canvas.fill(SKY)
+        self._paint_ground()
+
+        turn = np.array([direction(q[2]), direction(q[2] + 0.5 * math.pi)])
+        legs = [
+            self._pixels(joint_positions(self.robot, leg.side, q[3] + leg.phase) @ turn + q[:2])
+            for leg in self.robot.legs
+        ]
+        order = sorted(range(len(legs)), key=lambda toe: -self._depth[toe])
+        far = [toe for toe in order if self._depth[toe] > 0.0]
+        for toe in far:
+            self._paint_leg(legs[toe], self._depth[toe])
+        self._paint_chassis(legs, turn, q)
+        for toe in order[len(far) :]:
+            self._paint_leg(legs[toe], 0.0)
+        pad = max(self.robot.pad_radius * self._scale / self._unit, 4.5)
+        for toe in order:
+            tangent = np.asarray(frame.contact_tangent[toe], dtype=float)
+            along, across = (float(f) / self._weight for f in frame.contact_force[toe])
+            force = along * tangent + across * np.array([-tangent[1], tangent[0]])
+            self._arrow(self._pixels(frame.contact_point[toe]), force * np.array([1.0, -1.0]))
+            touching = GRIP if across > 1e-6 else None
+            self._toe(legs[toe][T], pad, SLIP if frame.slipping[toe] else touching)
+        self._paint_gauges(frame)
+        self._paint_legend()
+
+    def _paint_ground(self) -> None:
+        (width, height), u = self._canvas.get_size(), self._unit
+        left, right = self._corner[0], self._corner[0] + width / self._scale
+        inside = (self._terrain[:, 0] > left) & (self._terrain[:, 0] < right)
+        ends = self._ground(np.array([left, right]))
+        surface = self._pixels(np.concatenate([ends[:1], self._terrain[inside], ends[1:]]))
+        marks = np.arange(math.floor(left / TICK_SPACING), right / TICK_SPACING + 1.0)
+        tops = self._pixels(self._ground(marks * TICK_SPACING))
+        for x, _ in tops:
+            self._line((x, 0.0), (x, height), 1.0, GRID)
+        self._pg.draw.polygon(self._canvas, GROUND, [*surface, (width, height), (0, height)])
+        for mark, (x, y) in zip(marks, tops, strict=True):
+            self._line((x, y), (x, y + (9 if mark % 2 else 14) * u), 2.0, SURFACE)
+            if y < height - 36 * u:
+                label = f"{mark * TICK_SPACING:.1f}" if mark % 2 else f"{mark * TICK_SPACING:.0f} m"
+                self._text(label, x, y + 27 * u, 15 if mark % 2 else 18, GROUND_TEXT, 0.5)
+        self._pg.draw.lines(self._canvas, SURFACE, False, surface, round(3 * u))
+
+    def _paint_leg(self, joints: Array, depth: float) -> None:
+        fade = 0.58 * math.sqrt(depth)
+        ink, fill, crank = (_mix(color, SKY, fade) for color in (INK, LINK, CRANK))
+        for corners in ([P, B, D], [C, E, T]):
+            self._blend(joints[corners], fill, 60 if depth else 95)
+        for start, end in SKELETON:
+            if O not in (start, end):  # the frame is the chassis, the crank has its own colour
+                self._line(joints[start], joints[end], 5.0 - depth, ink)
+        self._line(joints[O], joints[A], 8.0 - 2.0 * depth, crank)
+        for joint in joints[:T]:
+            self._disc(joint, 4.2 - 0.6 * depth, ink)
+            self._disc(joint, 2.3 - 0.4 * depth, WHITE)
+
+    def _paint_chassis(self, legs: list[Array], turn: Array, q: Array) -> None:
+        load = self.robot.payload
+        if load.mass > 0.0:
+            half = min(max(0.085 * load.mass ** (1.0 / 3.0), 0.06), 0.17)  # m
+            box = half * np.array([[-1.0, -0.6], [1.0, -0.6], [1.0, 0.6], [-1.0, 0.6]])
+            corners = self._pixels((box + load.position) @ turn + q[:2])
+            x, y = center = corners.mean(axis=0)
+            self._line(legs[0][O], center, 6.0, MUTED)
+            self._pg.draw.polygon(self._canvas, _mix(MUTED, WHITE, 0.6), corners)
+            self._pg.draw.polygon(self._canvas, MUTED, corners, round(2.5 * self._unit))
+            self._text(f"{load.mass:.3g} kg", x, y, 15, INK, 0.5)
+        for width, color in ((9.0, INK), (5.0, _mix(INK, LINK, 0.55))):
+            for joints in legs:
+                self._line(joints[P], joints[O], width, color)
+
+    def _paint_gauges(self, frame: Frame) -> None:
+        u = self._unit
+        self._card(14, 216, 150)
+        self._text(f"{frame.time:.2f} s", 28 * u, 36 * u, 24, INK, 0.0)
+        self._text(f"{frame.speed:+.2f} m/s", 216 * u, 64 * u, 17, INK, 1.0)
+        self._gauge("speed", 64, frame.speed, self.speed_range, LINK, frame.command)
+        if frame.command is not None:
+            label = f"command {frame.command:+.2f}"
+            self._text(label, 216 * u, 98 * u, 15, _mix(CRANK, INK, 0.25), 1.0)
+        self._text(f"{frame.torque:+.1f} N m", 216 * u, 125 * u, 17, INK, 1.0)
+        self._gauge("torque", 125, frame.torque, frame.torque_limit, FORCE, None)
+
+    def _gauge(
+        self, name: str, y: float, value: float, limit: float, color: Color, mark: float | None
+    ) -> None:
+        """A bar from zero in the middle to ``value`` of +-``limit``, with a tick at ``mark``."""
+        u, middle, half = self._unit, 122.0, 94.0
+        self._text(f"{name} (\u00b1{limit:.3g})", 28 * u, y * u, 16, MUTED, 0.0)
+        end, tick = (
+            middle + half * min(max(shown / max(limit, 1e-9), -1.0), 1.0)
+            for shown in (value, mark or 0.0)
+        )
+        bars = ((middle - half, 2 * half, TRACK), (min(middle, end), abs(end - middle), color))
+        for left, width, paint in bars:
+            box = [round(edge * u) for edge in (left, y + 12, width, 8)]
+            self._pg.draw.rect(self._canvas, paint, box, border_radius=round(2.5 * u))
+        self._line((middle * u, (y + 10) * u), (middle * u, (y + 22) * u), 1.5, MUTED)
+        if mark is not None:
+            self._line((tick * u, (y + 9) * u), (tick * u, (y + 23) * u), 3.0, CRANK)
+
+    def _paint_legend(self) -> None:
+        u = self._unit
+        left = self._canvas.get_width() / u - 166
+        self._card(left, 152, 108)
+        rows = ("gripping toe", "slipping toe", "lifted toe", "contact force")
+        for row, (label, color) in enumerate(zip(rows, (GRIP, SLIP, None, None), strict=True)):
+            x, y = (left + 20) * u, (32 + 24 * row) * u
+            if row < 3:
+                self._toe(np.array([x, y]), 4.5, color)
+            else:
+                shown = 22 * u / (ARROW_PER_WEIGHT * self._scale)
+                self._arrow(np.array([x - 10 * u, y]), np.array([shown, 0.0]))
+            self._text(label, (left + 38) * u, y, 16, INK, 0.0)
+
+    # Primitives: positions in canvas pixels, widths, radii and cards in units.
+
+    def _ground(self, x: Array) -> Array:
+        """Surface points (n, 2) above the positions ``x`` (n,), m."""
+        return np.stack([x, np.interp(x, self._terrain[:, 0], self._terrain[:, 1])], axis=-1)
+
+    def _pixels(self, points: ArrayLike) -> Array:
+        """World positions (..., 2) in m to canvas positions (..., 2)."""
+        moved: Array = (np.asarray(points) - self._corner) * (self._scale, -self._scale)
+        return moved
+
+    def _line(self, start: ArrayLike, end: ArrayLike, width: float, color: Color) -> None:
+        """A bar, with round ends if it is wide enough for them to show."""
+        a, b, half = np.asarray(start), np.asarray(end), 0.5 * width * self._unit
+        along = (b - a) / max(math.dist(a, b), 1e-9)
+        side = half * np.array([-along[1], along[0]])
+        self._pg.draw.polygon(self._canvas, color, [a + side, b + side, b - side, a - side])
+        if width > 2.0:
+            self._disc(a, 0.5 * width, color)
+            self._disc(b, 0.5 * width, color)
+
+    def _disc(self, center: Array, radius: float, color: Color) -> None:
+        self._pg.draw.circle(self._canvas, color, center, radius * self._unit)
+
+    def _toe(self, center: Array, radius: float, color: Color | None) -> None:
+        """A toe pad: hollow in the air, else solid with a halo."""
+        if color is None:
+            self._disc(center, radius, INK)
+            self._disc(center, radius - 1.8, WHITE)
+            return
+        self._blend(center + 2.1 * radius * self._unit * CIRCLE, color, 85)
+        self._disc(center, radius + 1.0, WHITE)
+        self._disc(center, radius, color)
+
+    def _card(self, x: float, width: float, height: float) -> None:
+        """A translucent panel at the top of the picture."""
+        u = self._unit
+        card = self._pg.Surface((round(width * u), round(height * u)), self._pg.SRCALPHA)
+        for color, border in (((*WHITE, 215), 0), (TRACK, max(1, round(u)))):
+            radius = round(10 * u)
+            self._pg.draw.rect(card, color, card.get_rect(), border, border_radius=radius)
+        self._canvas.blit(card, (round(x * u), round(14 * u)))
+
+    def _blend(self, points: Array, color: Color, alpha: int) -> None:
+        """A translucent polygon; pygame's own are opaque."""
+        low = np.floor(points.min(axis=0)) - 1.0
+        patch = self._pg.Surface(np.ceil(points.max(axis=0) - low) + 2.0, self._pg.SRCALPHA)
+        self._pg.draw.polygon(patch, (*color, alpha), points - low)
+        self._canvas.blit(patch, low)
+
+    def _arrow(self, start: Array, force: Array) -> None:
+        """A force in robot weights, y downwards; none if it is too short to show."""
+        size = float(np.hypot(*force))
+        length = min(ARROW_PER_WEIGHT * size, LONGEST_ARROW) * self._scale
+        if length < 4.0 * self._unit:
+            return
+        along, head = force / size, min(12.0 * self._unit, 0.6 * length)
+        neck, side = start + (length - head) * along, np.array([-force[1], force[0]]) / size
+        self._line(start, neck, 3.4, FORCE)
+        across, tip = 0.45 * head * side, neck + head * along
+        self._pg.draw.polygon(self._canvas, FORCE, [tip, neck + across, neck - across])
+
+    def _text(self, text: str, x: float, y: float, size: int, color: Color, align: float) -> None:
+        """One line centred on ``y``, starting (align 0), centred (0.5) or ending (1) at ``x``."""
+        image = self._labels.get((text, size, color))
+        if image is None:
+            self._pg.font.init()
+            font = self._pg.font.Font(None, max(1, round(size * self._unit)))
+            if len(self._labels) > 500:
+                self._labels.clear()
+            image = self._labels[text, size, color] = font.render(text, True, color)
+        width, height = image.get_size()
+        self._canvas.blit(image, (round(x - align * width), round(y - 0.5 * height)))
+
+
+def _mix(color: Color, other: Color, share: float) -> Color:
+    """``color`` with ``share`` of it (0 to 1) replaced by ``other``."""
+    r, g, b = (round(c + share * (o - c)) for c, o in zip(color, other, strict=True))
+    return (r, g, b)
+
+
+def _palette(pixels: Picture, colors: int) -> Picture:
+    """At most ``colors`` (n, 3) of the colours of ``pixels`` (m, 3): frequent ones, far apart.
+
+    Averaging methods such as median cut would turn a small red toe among orange cranks orange.
+    """
+    shades, counts = np.unique(pixels, axis=0, return_counts=True)
+    ordered = shades[np.argsort(-counts)].astype(int)
+    chosen: list[NDArray[np.int_]] = []
+    for distance in (64, 48, 32, 24, 16, 12, 8, 4, 0):  # the widest that fills the palette
+        chosen, left = [], ordered
+        while len(left) and len(chosen) < colors:
+            chosen.append(left[0])
+            left = left[((left - left[0]) ** 2).sum(axis=1) > distance**2]
+        if len(chosen) == colors:
+            break
+    return np.array(chosen, dtype=np.uint8)
+
+
+def save_gif(
+    frames: Sequence[Picture],
+    path: str | os.PathLike[str],
+    fps: float,
+    width: int | None = None,
+    colors: int = 128,
+) -> None:
+    """Write an endlessly repeating GIF, whole or not at all, with one palette for all its frames.
+
+    Args:
+        frames: (height, width, 3) uint8 pictures of one size, at least one.
+        path: file to write or replace.
+        fps: pictures per second, at most 50 (viewers slow faster files down).
+        width: of the file's pictures, pixels; None keeps the frames' own.
+        colors: size of the palette, 2 to 256.
+
+    Raises:
+        ValueError: an argument out of range.
+        ImportError: Pillow is not installed.
+    """
+    try:
+        from PIL import Image
+    except ImportError as error:
+        raise ImportError("saving a GIF needs Pillow: pip install pillow") from error
+    if len(frames) == 0:
+        raise ValueError("save_gif: frames is empty, must have at least one picture")
+    within("save_gif: fps", positive("save_gif: fps", fps), 0.0, 50.0)
+    within("save_gif: colors", positive_integer("save_gif: colors", colors), 2, 256)
+    rows, columns = frames[0].shape[:2]
+    across = columns if width is None else positive_integer("save_gif: width", width)
+    size = (across, max(1, round(rows * across / columns)))
+    images = [Image.fromarray(frame).resize(size, Image.Resampling.LANCZOS) for frame in frames]
+    palette = Image.new("P", (1, 1))
+    some = images[:: max(1, len(images) // 8)]
+    pixels = np.concatenate([np.asarray(image).reshape(-1, 3) for image in some])
+    palette.putpalette(_palette(pixels, colors).tobytes())
+    indexed = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
+    # Delays are whole centiseconds: rounding their running sum keeps the film's length right.
+    ticks = np.round(np.arange(len(indexed) + 1) * 100.0 / fps).astype(int)
+    delays = [10 * int(shown) for shown in np.diff(ticks)]
+    target = Path(path)
+    partial = target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        indexed[0].save(partial, "GIF", save_all=True, append_images=indexed[1:], loop=0,
+                        duration=delays)  # fmt: skip
+        os.replace(partial, target)
+    finally:
+        partial.unlink(missing_ok=True)

@@ -1,0 +1,308 @@
+"""What the machine is: links, joints, legs, masses. Data only, checked when it is made.
+
+Body numbers are the paper's (*Dynamic Analysis and Modeling of Jansen Mechanism*, section 2.1):
+
+==== =================================== ==============================
+body what it joins                       field of :class:`Robot`
+==== =================================== ==============================
+1    fixed pivot P -> crank axis O       ``frame``, at ``frame_angle``
+2    crank O -> crank pin A              ``crank``
+3    A -> B                              ``upper_rod``
+4    triangle P, B, D                    ``upper_triangle``
+5    knee C -> P                         ``rocker``
+6    C -> A                              ``lower_rod``
+7    D -> E                              ``coupler``
+8    triangle C, E, toe T                ``foot``
+==== =================================== ==============================
+
+Numbers are SI: metres, kilograms, radians, counter-clockwise positive.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+from jansen_env.validation import finite, non_negative, positive, positive_integer
+
+Side = Literal["fore", "back"]
+
+BODIES_PER_LEG = 8
+CRANK_RADIUS = 0.10834  # m, the paper's L2; every built-in design turns this crank
+JOINT_PAIRS = (
+    (1, 2), (2, 3), (3, 4), (3, 6), (4, 5), (5, 6), (5, 8), (4, 7), (6, 8), (7, 8),
+)  # fmt: skip
+"""Pairs of bodies with viscous friction between them, as in the paper's h_f."""
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A straight link with its centre of mass half way.
+
+    Args:
+        length: distance between its two pins, m.
+        mass: kg (paper, Table 1: 0.1).
+        inertia: about the centre of mass, kg m^2 (paper, Table 1: 0.1).
+    """
+
+    length: float
+    mass: float = 0.1
+    inertia: float = 0.1
+
+    def __post_init__(self) -> None:
+        positive("Bar.length", self.length)
+        positive("Bar.mass", self.mass)
+        non_negative("Bar.inertia", self.inertia)
+
+    @property
+    def half(self) -> float:
+        """From either pin to the centre of mass, m (the paper's d_i and l_i)."""
+        return 0.5 * self.length
+
+    def slender(self) -> Bar:
+        """The same bar with the inertia of a slender rod, m L^2 / 12."""
+        return replace(self, inertia=self.mass * self.length**2 / 12.0)
+
+
+@dataclass(frozen=True)
+class Triangle:
+    """A rigid triangle, given as the paper gives it: its corners seen from the centroid.
+
+    The body's angle is the direction from its first corner to the centroid (triangle 4) or from
+    the centroid to its first corner (triangle 8); ``alpha`` and ``gamma`` are the angles at the
+    centroid between the first corner and the two others, on either side.
+
+    Args:
+        d, l, h: centroid to the first, second and third corner, m (d4, l4, h4 or d8, l8, h8).
+        alpha: angle between the first and second corner, rad.
+        gamma: angle between the first and third corner, rad.
+        mass: kg.
+        inertia: about the centroid, kg m^2.
+    """
+
+    d: float
+    l: float  # noqa: E741 - the paper's symbol
+    h: float
+    alpha: float
+    gamma: float
+    mass: float = 0.1
+    inertia: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name in ("d", "l", "h", "alpha", "gamma", "mass"):
+            positive(f"Triangle.{name}", getattr(self, name))
+        non_negative("Triangle.inertia", self.inertia)
+        if self.alpha + self.gamma >= 2.0 * math.pi:
+            raise ValueError(
+                f"Triangle: alpha + gamma is {self.alpha + self.gamma}, must be below 2 pi"
+            )
+
+    @classmethod
+    def from_sides(
+        cls, first_second: float, second_third: float, third_first: float, **inertial: float
+    ) -> Triangle:
+        """Build a triangle from its three side lengths (m), with the centroid's law of cosines.
+
+        Raises:
+            ValueError: the three lengths form no triangle.
+        """
+        a, b, c = first_second, second_third, third_first
+        for name, side in (("first_second", a), ("second_third", b), ("third_first", c)):
+            positive(f"Triangle.from_sides: {name}", side)
+        if 2.0 * max(a, b, c) >= a + b + c:
+            raise ValueError(f"Triangle.from_sides: sides {a}, {b}, {c} m form no triangle")
+        # Two thirds of each median: 9 d^2 = 2 a^2 + 2 c^2 - b^2, and so on around.
+        d = math.sqrt(2 * a * a + 2 * c * c - b * b) / 3.0
+        l = math.sqrt(2 * a * a + 2 * b * b - c * c) / 3.0  # noqa: E741
+        h = math.sqrt(2 * b * b + 2 * c * c - a * a) / 3.0
+        alpha = math.acos((d * d + l * l - a * a) / (2 * d * l))
+        gamma = math.acos((d * d + h * h - c * c) / (2 * d * h))
+        return cls(d, l, h, alpha, gamma, **inertial)
+
+    @property
+    def sides(self) -> tuple[float, float, float]:
+        """Lengths first-second, second-third, third-first, m."""
+        beta = 2.0 * math.pi - self.alpha - self.gamma
+
+        def opposite(u: float, v: float, angle: float) -> float:
+            return math.sqrt(u * u + v * v - 2.0 * u * v * math.cos(angle))
+
+        return (
+            opposite(self.d, self.l, self.alpha),
+            opposite(self.l, self.h, beta),
+            opposite(self.h, self.d, self.gamma),
+        )
+
+    def slender(self) -> Triangle:
+        """The same triangle with a uniform plate's inertia, m (a^2 + b^2 + c^2) / 36."""
+        return replace(self, inertia=self.mass * sum(s * s for s in self.sides) / 36.0)
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One leg: which way it faces, and the angle of its crank ahead of the first crank.
+
+    Args:
+        side: ``"fore"`` is the paper's forepaw (its frame reaches to -x), ``"back"`` its mirror.
+        phase: crank angle of this leg minus the robot's crank angle, rad.
+    """
+
+    side: Side
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.side not in ("fore", "back"):
+            raise ValueError(f"Leg.side is {self.side!r}, must be 'fore' or 'back'")
+        finite("Leg.phase", self.phase)
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A rigid load on the chassis.
+
+    Args:
+        mass: kg. inertia: about its own centre, kg m^2.
+        position: of its centre in the chassis frame (crank axis at the origin), m.
+    """
+
+    mass: float = 0.0
+    inertia: float = 0.0
+    position: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        non_negative("Payload.mass", self.mass)
+        non_negative("Payload.inertia", self.inertia)
+        if len(self.position) != 2:
+            raise ValueError(f"Payload.position is {self.position!r}, must be two numbers (x, y)")
+        for value in self.position:
+            finite("Payload.position", value)
+        object.__setattr__(self, "position", (float(self.position[0]), float(self.position[1])))
+
+
+def phased_legs(phases: int) -> tuple[Leg, ...]:
+    """A fore and a back leg for each of ``phases`` evenly spaced crank pins: fore legs first."""
+    positive_integer("phases", phases)
+    angles = [2.0 * math.pi * k / phases for k in range(phases)]
+    return tuple(Leg(side, angle) for side in ("fore", "back") for angle in angles)
+
+
+# Triangle 4's constraint equations use the printed centroid data, 1.0101 times (L4, L10, L5).
+_PAPER_TRIANGLE_4 = Triangle(d=0.122562, l=0.170599, h=0.178215, alpha=1.87097, gamma=1.98742)
+_PAPER_TRIANGLE_8 = Triangle(d=0.147877, l=0.205316, h=0.252632, alpha=1.57408, gamma=2.19281)
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A Jansen walker: every leg the same linkage, all cranks on one shaft. Default: the paper's.
+
+    Args:
+        frame, frame_angle: P to O, its length and its angle in the chassis frame (fore legs).
+        crank, upper_rod, upper_triangle, rocker, lower_rod, coupler, foot: the other bodies.
+        damping: viscous coefficient of each pair in :data:`JOINT_PAIRS`, N m s / rad.
+        legs: at least one; the first one's crank defines the crank angle, so its phase is 0.
+        pad_radius: radius of the round toe pads (and of the bumpers at the other joints), m.
+        payload: extra rigid load on the chassis.
+
+    Raises:
+        ValueError: a number out of range. :func:`jansen_env.linkage.check_closure` refuses a
+            design that cannot turn (run when a robot is compiled).
+    """
+
+    frame: Bar = Bar(0.32436)
+    frame_angle: float = math.atan2(0.04632, 0.32436)
+    crank: Bar = Bar(CRANK_RADIUS)
+    upper_rod: Bar = Bar(0.34885)
+    upper_triangle: Triangle = _PAPER_TRIANGLE_4
+    rocker: Bar = Bar(0.23508)
+    lower_rod: Bar = Bar(0.38322)
+    coupler: Bar = Bar(0.23934)
+    foot: Triangle = _PAPER_TRIANGLE_8
+    damping: tuple[float, ...] = (0.1,) * len(JOINT_PAIRS)
+    legs: tuple[Leg, ...] = field(default_factory=lambda: phased_legs(2))
+    pad_radius: float = 0.01
+    payload: Payload = Payload()
+
+    def __post_init__(self) -> None:
+        finite("Robot.frame_angle", self.frame_angle)
+        positive("Robot.pad_radius", self.pad_radius)
+        if len(self.damping) != len(JOINT_PAIRS):
+            raise ValueError(
+                f"Robot.damping has {len(self.damping)} values, must have one for each of the "
+                f"{len(JOINT_PAIRS)} joint pairs {JOINT_PAIRS}"
+            )
+        for value in self.damping:
+            non_negative("Robot.damping", value)
+        if not self.legs:
+            raise ValueError("Robot.legs is empty, must have at least one Leg")
+        if self.legs[0].phase != 0.0:
+            raise ValueError(
+                f"Robot.legs[0].phase is {self.legs[0].phase}, must be 0: the first leg's crank "
+                "defines the crank angle"
+            )
+
+    @property
+    def bodies(self) -> tuple[Bar | Triangle, ...]:
+        """Bodies 1 to 8 of a leg."""
+        return (
+            self.frame, self.crank, self.upper_rod, self.upper_triangle,
+            self.rocker, self.lower_rod, self.coupler, self.foot,
+        )  # fmt: skip
+
+    @property
+    def mass(self) -> float:
+        """Total mass, kg: every body of every leg and the payload."""
+        return len(self.legs) * sum(body.mass for body in self.bodies) + self.payload.mass
+
+    @property
+    def leg_names(self) -> tuple[str, ...]:
+        """``rf``, ``lf``, ``rb``, ``lb`` for the paper's four, else ``f1``.. and ``b1``.."""
+        if self.legs == phased_legs(2):
+            return ("rf", "lf", "rb", "lb")
+        count = {"fore": 0, "back": 0}
+        names = []
+        for leg in self.legs:
+            count[leg.side] += 1
+            names.append(f"{leg.side[0]}{count[leg.side]}")
+        return tuple(names)
+
+    def with_slender_inertias(self) -> Robot:
+        """The same robot with rods of inertia m L^2 / 12 and triangles as uniform plates."""
+        names = ("frame", "crank", "upper_rod", "upper_triangle", "rocker", "lower_rod",
+                 "coupler", "foot")  # fmt: skip
+        return replace(self, **{name: getattr(self, name).slender() for name in names})
+
+
+def paper_robot(phases: int = 2) -> Robot:
+    """The paper's machine with ``phases`` crank pins, two legs on each (2 gives its four legs)."""
+    return Robot(legs=phased_legs(phases))
+
+
+def holy_numbers_robot(phases: int = 2) -> Robot:
+    """Theo Jansen's eleven "holy numbers", scaled so that the crank is as long as the paper's.
+
+    Source: T. Jansen, *The Great Pretender* (2007): a 38, b 41.5, c 39.3, d 40.1, e 55.8, f 39.4,
+    g 36.7, h 65.7, i 49, j 50, k 61.9, l 7.8, m 15.
+    """
+    s = CRANK_RADIUS / 15.0
+    return Robot(
+        frame=Bar(s * math.hypot(38.0, 7.8)),
+        frame_angle=math.atan2(7.8, 38.0),
+        upper_rod=Bar(s * 50.0),
+        upper_triangle=Triangle.from_sides(s * 41.5, s * 55.8, s * 40.1),
+        rocker=Bar(s * 39.3),
+        lower_rod=Bar(s * 61.9),
+        coupler=Bar(s * 39.4),
+        foot=Triangle.from_sides(s * 36.7, s * 65.7, s * 49.0),
+        legs=phased_legs(phases),
+    )
+
+
+ROBOTS: dict[str, Callable[..., Robot]] = {
+    "paper": paper_robot,
+    "paper_slender": lambda phases=2: paper_robot(phases).with_slender_inertias(),
+    "holy": holy_numbers_robot,
+    "holy_slender": lambda phases=2: holy_numbers_robot(phases).with_slender_inertias(),
+}
+"""Built-in designs by name; each takes the number of crank phases (legs = 2 x phases)."""

@@ -1,0 +1,199 @@
+"""The ground: a polyline with friction and restitution, as heights and as pymunk shapes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import pymunk
+from numpy.typing import ArrayLike, NDArray
+
+from jansen_env.validation import finite, non_negative, positive, within
+
+Array = NDArray[np.float64]
+
+REACH = 1000.0  # m, how far the first and last segment are extended
+THICKNESS = 0.2  # m, of the ground below its surface: below a thin segment the normal would flip
+MAX_SLOPE = math.radians(80.0)
+
+
+@dataclass(frozen=True)
+class Terrain:
+    """A ground profile y(x), the same across the whole width of the robot.
+
+    Args:
+        points: at least two (x, y) vertices, m, x increasing. The first and the last segment go on
+            with their slope for :data:`REACH` metres.
+        friction: Coulomb coefficient between toe and ground.
+        restitution: Newton's coefficient of restitution, 0 to 1.
+
+    Raises:
+        ValueError: fewer than two points, x not increasing, a slope beyond 80 degrees, or a
+            coefficient out of range.
+    """
+
+    points: tuple[tuple[float, float], ...] = ((-1.0, 0.0), (1.0, 0.0))
+    friction: float = 0.8
+    restitution: float = 0.0
+
+    def __post_init__(self) -> None:
+        table = np.array(self.points, dtype=float)
+        if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2:
+            raise ValueError(
+                f"Terrain.points has shape {table.shape}, must be at least two (x, y) pairs"
+            )
+        if not np.isfinite(table).all():
+            raise ValueError("Terrain.points holds a number that is not finite")
+        step = np.diff(table, axis=0)
+        if (step[:, 0] <= 0.0).any():
+            where = int(np.argmax(step[:, 0] <= 0.0))
+            raise ValueError(
+                f"Terrain.points: x must increase, but point {where + 1} is at "
+                f"{table[where + 1, 0]} after {table[where, 0]}"
+            )
+        steepest = float(np.abs(np.arctan2(step[:, 1], step[:, 0])).max())
+        if steepest > MAX_SLOPE:
+            raise ValueError(
+                f"Terrain.points: a segment has a slope of {steepest:.3f} rad, allowed are "
+                f"{MAX_SLOPE:.3f}"
+            )
+        non_negative("Terrain.friction", self.friction)
+        within("Terrain.restitution", self.restitution, 0.0, 1.0)
+        object.__setattr__(self, "points", tuple((float(x), float(y)) for x, y in table))
+        before = table[0] - REACH * step[0] / step[0, 0]
+        after = table[-1] + REACH * step[-1] / step[-1, 0]
+        object.__setattr__(self, "_x", np.concatenate([[before[0]], table[1:-1, 0], [after[0]]]))
+        object.__setattr__(self, "_peak", float(max(before[1], after[1], table[:, 1].max())))
+        object.__setattr__(self, "_y", np.concatenate([[before[1]], table[1:-1, 1], [after[1]]]))
+
+    @classmethod
+    def flat(cls, friction: float = 0.8, restitution: float = 0.0) -> Terrain:
+        """Level ground at y = 0."""
+        return cls(friction=friction, restitution=restitution)
+
+    @classmethod
+    def slope(cls, angle: float, friction: float = 0.8, restitution: float = 0.0) -> Terrain:
+        """A constant slope through the origin, rising towards +x for ``angle`` > 0 (rad)."""
+        within("angle", angle, -MAX_SLOPE, MAX_SLOPE)
+        rise = math.tan(angle)
+        return cls(((-1.0, -rise), (1.0, rise)), friction, restitution)
+
+    @classmethod
+    def rough(
+        cls,
+        rng: np.random.Generator,
+        height: float = 0.02,
+        spacing: float = 0.2,
+        length: float = 40.0,
+        start: float = 1.0,
+        friction: float = 0.8,
+        restitution: float = 0.0,
+    ) -> Terrain:
+        """Random vertices from ``start`` on, level before: heights uniform in +- ``height``.
+
+        Args:
+            rng: the generator the heights are drawn from.
+            height, spacing, length, start: m.
+        """
+        non_negative("height", height)
+        positive("spacing", spacing)
+        positive("length", length)
+        finite("start", start)
+        count = max(2, int(length / spacing))
+        x = start + spacing * np.arange(1, count + 1)
+        y = rng.uniform(-height, height, size=count)
+        lead = [(start - 1.0, 0.0), (start, 0.0)]
+        tail = [(x[-1] + spacing, 0.0), (x[-1] + spacing + 1.0, 0.0)]
+        return cls(tuple(lead + list(zip(x, y, strict=True)) + tail), friction, restitution)
+
+    @property
+    def peak(self) -> float:
+        """Highest point of the whole surface, m."""
+        return self._peak  # type: ignore[attr-defined]
+
+    @property
+    def polyline(self) -> Array:
+        """(n, 2) surface vertices with both ends extended, m."""
+        return np.column_stack([self._x, self._y])  # type: ignore[attr-defined]
+
+    def height(self, x: ArrayLike) -> Array:
+        """Surface height at ``x`` (any shape), m."""
+        heights: Array = np.interp(np.asarray(x, float), self._x, self._y)  # type: ignore[attr-defined]
+        return heights
+
+    def highest(self, left: float, right: float) -> float:
+        """Highest point of the surface between two x, m."""
+        first, last = np.searchsorted(self._x, (left, right))  # type: ignore[attr-defined]
+        ends = self.height((left, right))
+        inner = self._y[first:last]  # type: ignore[attr-defined]
+        return float(max(ends[0], ends[1], inner.max() if len(inner) else -math.inf))
+
+    def add_to(self, space: pymunk.Space) -> pymunk.Body:
+        """Add the ground to a pymunk space as thick segments on a static body, and return it.
+
+        Every segment's upper side is the surface; at a convex vertex it is rounded with
+        :data:`THICKNESS`. Neighbours are told to each other, so that no toe trips on a joint.
+        """
+        ground = pymunk.Body(body_type=pymunk.Body.STATIC)
+        axis = _parallel_below(self.polyline, THICKNESS)
+        segments = []
+        for i, (a, b) in enumerate(pairwise(axis)):
+            segment = pymunk.Segment(ground, tuple(a), tuple(b), THICKNESS)
+            before, after = axis[max(i - 1, 0)], axis[min(i + 2, len(axis) - 1)]
+            segment.set_neighbors(tuple(before), tuple(after))
+            segment.friction = self.friction
+            segment.elasticity = self.restitution
+            segments.append(segment)
+        space.add(ground, *segments)
+        return ground
+
+
+def _parallel_below(points: Array, depth: float) -> Array:
+    """The polyline's parallel ``depth`` below it; vertices lie on both neighbours' parallels."""
+    step = np.diff(points, axis=0)
+    normal = np.column_stack([-step[:, 1], step[:, 0]]) / np.hypot(*step.T)[:, None]
+    first = np.vstack([normal[:1], normal])
+    second = np.vstack([normal, normal[-1:]])
+    bisector = first + second
+    bisector /= (bisector * first).sum(axis=1, keepdims=True)
+    return points - depth * bisector
+
+
+TERRAINS = ("flat", "slope")
+
+
+def make_terrain(
+    terrain: Terrain | str | Sequence[Sequence[float]],
+    friction: float | None = None,
+    restitution: float | None = None,
+) -> Terrain:
+    """A terrain from what a user may pass.
+
+    Args:
+        terrain: a :class:`Terrain`, ``"flat"``, ``"slope:ANGLE"`` (rad), or (x, y) points.
+        friction, restitution: replace the terrain's own where given.
+
+    Raises:
+        ValueError: anything else.
+    """
+    if isinstance(terrain, Terrain):
+        made = terrain
+    elif isinstance(terrain, str):
+        name, _, number = terrain.partition(":")
+        try:
+            made = {"flat": Terrain.flat, "slope": lambda: Terrain.slope(float(number))}[name]()
+        except (KeyError, ValueError) as error:
+            raise ValueError(
+                f"terrain is {terrain!r}, must be 'flat', 'slope:ANGLE' with an angle in rad, "
+                f"(x, y) points or a Terrain ({error})"
+            ) from error
+    else:
+        made = Terrain(tuple(terrain))  # type: ignore[arg-type]
+    return Terrain(
+        made.points,
+        made.friction if friction is None else friction,
+        made.restitution if restitution is None else restitution,
+    )

@@ -1,0 +1,43 @@
+"""Shared by the physics tests: the designs, their tables, seeded random numbers and states."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from jansen_env.reduced import Tables, compile_robot
+from jansen_env.robot import ROBOTS, Leg, Robot, paper_robot
+
+ODD = Robot(legs=(Leg("back"), Leg("fore", 1.0), Leg("fore", 2.7), Leg("back", -2.0)))
+DESIGNS = {**{name: make() for name, make in ROBOTS.items()}, "phases3": paper_robot(3), "odd": ODD}
+"""Every built-in design, six legs on three phases, and a first leg that faces back."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "slow: takes more than a few seconds")
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(20240229)
+
+
+@pytest.fixture(params=DESIGNS.values(), ids=DESIGNS.keys())
+def robot(request: pytest.FixtureRequest) -> Robot:
+    """Each design in turn."""
+    return request.param
+
+
+@pytest.fixture
+def tables(robot: Robot) -> Tables:
+    """The design's tables; equal robots are compiled once."""
+    return compile_robot(robot)
+
+
+@pytest.fixture
+def random_state(rng: np.random.Generator) -> Callable[[], NDArray[np.float64]]:
+    """Draw (8,) x, y, theta, psi anywhere, and rates of a few m/s and rad/s."""
+    return lambda: np.concatenate([rng.uniform(-3.0, 3.0, 4), rng.normal(0.0, 2.0, 4)])

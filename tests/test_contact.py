@@ -1,0 +1,184 @@
+"""The ground as pymunk finds it: gaps and normals against geometry done by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from jansen_env import Terrain
+from jansen_env.contact import MARGIN, ContactDetector
+from jansen_env.terrain import THICKNESS, make_terrain
+
+RADIUS = 0.01  # m, of the pads
+HILLS = Terrain(((-2.0, 0.5), (-1.0, 0.0), (0.0, 0.2), (1.0, 0.1), (2.0, 0.6)))
+
+
+def look(terrain, centres, count=None, capacity=None):
+    """Planes (normal, offset), pads and gaps found for pads at ``centres``."""
+    centres = np.asarray(centres, dtype=float)
+    capacity = capacity or 4 * len(centres)
+    detector = ContactDetector(terrain, len(centres), RADIUS, capacity)
+    detector.positions[:] = centres
+    planes, pad = np.full((capacity, 3), np.nan), np.full(capacity, -1)
+    found = detector.detect(len(centres) if count is None else count, planes, pad)
+    planes, pad = planes[:found], pad[:found]
+    return planes, pad, (planes[:, :2] * centres[pad]).sum(axis=1) - planes[:, 2] - RADIUS
+
+
+def normal_of(slope):
+    return np.array([-slope, 1.0]) / math.hypot(1.0, slope)
+
+
+def above(terrain, x, slope, gap):
+    """(n, 2) centres of pads with that gap over a straight stretch of the given slope."""
+    return np.column_stack([x, terrain.height(x)]) + (RADIUS + gap) * normal_of(slope)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.1, -0.3, 0.6, 1.2])
+@pytest.mark.parametrize("gap", [-0.05, -1e-3, 0.0, 1e-3, 0.04])
+def test_slopes(angle, gap):
+    """One plane a pad, gap to 1e-12 m; normal to 1e-11, as the ground's ends are 1 km away."""
+    terrain = Terrain.slope(angle)
+    centres = above(terrain, np.linspace(-5.0, 50.0, 30), math.tan(angle), gap)
+    planes, pad, gaps = look(terrain, centres)
+    assert pad.tolist() == list(range(30))
+    assert np.abs(gaps - gap).max() <= 1e-12
+    assert np.abs(planes[:, :2] - [-math.sin(angle), math.cos(angle)]).max() <= 1e-11
+
+
+def test_pads_out_of_reach_are_not_listed():
+    """Planes are found up to MARGIN from the pad, and no farther."""
+    near, far = RADIUS + MARGIN - 1e-6, RADIUS + MARGIN + 1e-6
+    assert look(Terrain.flat(), [[0.0, far], [1.0, near], [2.0, 5.0]])[1].tolist() == [1]
+
+
+def test_stretches_of_a_polyline():
+    """More than 0.1 m from a vertex the plane is the stretch's own, gap and normal to 1e-12."""
+    (x0, y0), *rest = HILLS.points
+    for x1, y1 in rest:
+        slope = (y1 - y0) / (x1 - x0)
+        centres = above(HILLS, np.linspace(x0 + 0.1, x1 - 0.1, 9), slope, 0.002)
+        planes, pad, gaps = look(HILLS, centres)
+        assert pad.tolist() == list(range(9))
+        assert np.abs(gaps - 0.002).max() <= 1e-12
+        assert np.abs(planes[:, :2] - normal_of(slope)).max() <= 1e-11
+        x0, y0 = x1, y1
+
+
+def test_no_ghost_at_a_joint_of_collinear_segments():
+    """Pads over 21 vertices of one straight line see that line alone, wherever they are."""
+    terrain = Terrain(tuple((x, 0.1 * x) for x in np.linspace(-1.0, 1.0, 21)))
+    for gap in (0.001, -0.004):
+        planes, pad, gaps = look(terrain, above(terrain, np.linspace(-0.5, 0.5, 501), 0.1, gap))
+        assert set(pad) == set(range(501))
+        assert np.abs(gaps - gap).max() <= 1e-12
+        assert np.abs(planes[:, :2] - normal_of(0.1)).max() <= 1e-12
+
+
+@pytest.mark.parametrize("kink", [0.1, 0.5])
+def test_a_concave_corner_gives_two_planes(kink):
+    """A pad in a valley is held by both sides, nearest first; gap to either side's line, 1e-12."""
+    valley = Terrain(((-1.0, kink), (0.0, 0.0), (1.0, kink)))
+    centre = np.array([0.01, 0.03])
+    planes, pad, gaps = look(valley, [centre])
+    expected = [centre @ normal_of(slope) - RADIUS for slope in (kink, -kink)]
+    assert pad.tolist() == [0, 0] and gaps == pytest.approx(expected, abs=1e-12)
+    assert planes[0, :2] == pytest.approx(normal_of(kink), abs=1e-11)
+    assert planes[1, :2] == pytest.approx(normal_of(-kink), abs=1e-11)
+
+
+def test_a_convex_corner_is_rounded():
+    """At a ridge the normal turns steadily: the ground is an arc of radius THICKNESS there."""
+    ridge = Terrain(((-1.0, -0.2), (0.0, 0.0), (1.0, -0.2)))
+    centre = np.array([0.01, 0.02])
+    axis = np.array([0.0, -THICKNESS * math.hypot(1.0, 0.2)])  # the arc's centre
+    away = centre - axis
+    planes, _, gaps = look(ridge, [centre])
+    assert gaps == pytest.approx(np.hypot(*away) - THICKNESS - RADIUS, abs=1e-12)
+    assert np.abs(planes[:, :2] - away / np.hypot(*away)).max() <= 1e-11
+
+
+@pytest.mark.parametrize("width", [0.4, 0.2, 0.1])
+def test_a_bump_is_felt_where_it_is(width):
+    """A bump 3 cm high: a pad just over its top has a gap; lost by rounding is at most half."""
+    bump = Terrain(((-1.0, 0.0), (0.0, 0.0), (0.5 * width, 0.03), (width, 0.0), (1.0, 0.0)))
+    centre = [0.5 * width, 0.03 + RADIUS + 1e-3]
+    _, _, gaps = look(bump, [centre])
+    assert gaps.min() <= 0.015
+
+
+def test_order_is_by_pad_then_nearest_first():
+    """Pads in order, whatever order pymunk has; a second detector gives the same bits."""
+    rng = np.random.default_rng(1)
+    x = rng.uniform(-3.0, 3.0, 40)
+    centres = np.column_stack([x, HILLS.height(x) + rng.uniform(0.0, 0.05, 40)])
+    centres[:3, 0] = -1.0  # three in the valley, which see two planes each
+    centres[:3, 1] = [0.02, 0.03, 0.04]
+    planes, pad, gaps = look(HILLS, centres)
+    assert (np.diff(pad) >= 0).all() and (np.diff(gaps)[np.diff(pad) == 0] >= -1e-15).all()
+    assert (pad[:6] == [0, 0, 1, 1, 2, 2]).all()
+    again, pad_again, _ = look(HILLS, centres)
+    assert (planes == again).all() and (pad == pad_again).all()
+
+
+def test_nothing_is_remembered_between_looks():
+    """Looking elsewhere in between, or at the toes alone, changes no bit of the next look."""
+    detector = ContactDetector(HILLS, 3, RADIUS, 12)
+    places = np.array([[-1.0, 0.02], [0.3, 0.18], [2.0, 0.6]])
+    seen = []
+    for centres, count in ((places, 3), (places + 5.0, 3), (places, 1), (places, 3)):
+        planes, pad = np.zeros((12, 3)), np.zeros(12, np.int64)
+        detector.positions[:] = centres
+        found = detector.detect(count, planes, pad)
+        seen.append((found, planes.tobytes(), pad.tobytes()))
+    assert seen[0] == seen[3] and seen[0] != seen[1]
+
+
+def test_only_the_first_pads_are_looked_at():
+    """With count 2 of 4, the toes are found as ever and the others not at all."""
+    centres = [[-0.4, RADIUS], [0.4, RADIUS], [-0.2, RADIUS], [0.2, RADIUS]]
+    whole, pads, _ = look(Terrain.flat(), centres)
+    part, pad, _ = look(Terrain.flat(), centres, count=2)
+    assert pads.tolist() == [0, 1, 2, 3] and pad.tolist() == [0, 1]
+    assert (part == whole[:2]).all()
+
+
+def test_the_nearest_planes_are_kept_when_there_is_no_room():
+    """Six pads, room for three planes: those with the smallest gaps stay, in order of pads."""
+    gaps = np.array([0.04, 0.01, 0.03, 0.0, 0.02, 0.045])
+    centres = np.column_stack([np.arange(6.0), RADIUS + gaps])
+    _, pad, found = look(Terrain.flat(), centres, capacity=3)
+    assert pad.tolist() == [1, 3, 4]
+    assert found == pytest.approx(gaps[[1, 3, 4]], abs=1e-12)
+
+
+def test_height_and_highest():
+    """Linear between vertices, first and last slope going on; highest counts ends and vertices."""
+    assert HILLS.height([-2.0, -0.5, 0.0, 0.5, 1.5, 3.0, -3.0]) == pytest.approx(
+        [0.5, 0.1, 0.2, 0.15, 0.35, 1.1, 1.0], abs=1e-12
+    )
+    assert HILLS.highest(-0.5, 0.5) == pytest.approx(0.2, abs=1e-12)
+    assert HILLS.highest(0.5, 1.5) == pytest.approx(0.35, abs=1e-12)
+    assert HILLS.highest(-1.2, -1.1) == pytest.approx(0.1, abs=1e-12)
+    assert HILLS.peak == pytest.approx(0.5 + 0.5 * 1000.0, abs=1.0)
+    assert Terrain.flat().peak == Terrain.flat().highest(-7.0, 9.0) == 0.0
+
+
+def test_make_terrain():
+    """Names, points and terrains; friction and restitution replace the terrain's own."""
+    assert make_terrain("flat") == Terrain.flat()
+    assert make_terrain("slope:0.2", friction=0.3) == Terrain.slope(0.2, friction=0.3)
+    assert make_terrain([(0, 0), (1, 0.5)]) == Terrain(((0.0, 0.0), (1.0, 0.5)))
+    assert make_terrain(HILLS, restitution=0.5) == Terrain(HILLS.points, 0.8, 0.5)
+
+
+def test_rough_terrain():
+    """Level up to its start, then within +- height; the generator alone decides."""
+    rough = Terrain.rough(np.random.default_rng(3), height=0.03, start=2.0)
+    x = np.linspace(2.2, 40.0, 1000)
+    assert (rough.height(np.linspace(-5.0, 2.0, 50)) == 0.0).all()
+    assert 0.02 < rough.height(x).max() <= 0.03 and -0.03 <= rough.height(x).min() < -0.02
+    assert rough == Terrain.rough(np.random.default_rng(3), height=0.03, start=2.0)
+    assert rough != Terrain.rough(np.random.default_rng(4), height=0.03, start=2.0)

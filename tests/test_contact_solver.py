@@ -1,0 +1,167 @@
+"""Contact impulses: Signorini and Coulomb, checked by the law itself and by trying all modes.
+
+Problems are random and consistent: 4 freedoms, contacts of any direction, q = J v. More than two
+contacts have more unknowns than freedoms; W is then singular but for the compliance added to it.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from jansen_env.contact_solver import OPEN, SLIDE_BACKWARD, SLIDE_FORWARD, STICK, soften, solve
+
+
+def problem(rng, count, twins=False):
+    """W (without compliance) and q of random contacts; with twins the last repeats the first."""
+    root = rng.normal(size=(4, 4))
+    J = rng.normal(size=(2 * count, 4))
+    if twins:
+        J[-2:] = J[:2]
+    return J @ (root @ root.T + 0.1 * np.eye(4)) @ J.T, J @ rng.normal(size=4)
+
+
+def impulses(W, q, mu, guess=STICK):
+    """P, u and the modes; the solver's own residual must be the returned one."""
+    count = len(mu)
+    P, u, rhs = np.zeros((3, 2 * count))
+    mode, index = np.full(count, guess, np.int64), np.zeros(2 * count, np.int64)
+    solve(count, W, q, mu, mode, P, u, np.zeros_like(W), rhs, index)
+    assert np.abs(W @ P + q - u).max() <= 1e-12 * max(1.0, np.abs(W @ np.diag(P)).max())
+    return P, u, mode
+
+
+def violation(W, q, mu, P):
+    """|P - projection of (P - u / W_ii) on the friction cone|, relative to the impulses at play."""
+    diagonal, u = np.diag(W), W @ P + q
+    moved = P - u / diagonal
+    bound = mu * np.maximum(P[0::2], 0.0)
+    normal, friction = np.maximum(moved[0::2], 0.0), np.clip(moved[1::2], -bound, bound)
+    worst = max(np.abs(P[0::2] - normal).max(), np.abs(P[1::2] - friction).max())
+    return worst / np.abs(q / diagonal).max()
+
+
+def all_solutions(W, q, mu, tolerance=1e-8):
+    """Velocities of every one of the 4^n mode combinations that contradicts nothing, (k, 2 n)."""
+    count = len(mu)
+    modes = np.array(list(itertools.product(range(4), repeat=count)))
+    A, b = np.zeros((len(modes), 2 * count, 2 * count)), np.zeros((len(modes), 2 * count))
+    for c in range(count):
+        n, t, mode = 2 * c, 2 * c + 1, modes[:, c]
+        closed, stuck, sliding = mode != OPEN, mode == STICK, mode >= SLIDE_FORWARD
+        A[closed, n], b[closed, n] = W[n], -q[n]  # u_n = 0
+        A[stuck, t], b[stuck, t] = W[t], -q[t]  # u_t = 0
+        A[~closed, n, n] = A[~closed, t, t] = A[sliding, t, t] = 1.0
+        A[mode == SLIDE_FORWARD, t, n] = mu[c]
+        A[mode == SLIDE_BACKWARD, t, n] = -mu[c]
+    P = np.linalg.solve(A, b[..., None])[..., 0]
+    u = P @ W + q
+    fits = np.ones(len(modes), bool)
+    for c in range(count):
+        mode, (p_n, p_t), (u_n, u_t) = (
+            modes[:, c],
+            P[:, 2 * c : 2 * c + 2].T,
+            u[:, 2 * c : 2 * c + 2].T,
+        )
+        fits &= (p_n > -tolerance) & (u_n > -tolerance) & (np.abs(p_t) < mu[c] * p_n + tolerance)
+        fits &= (mode != SLIDE_FORWARD) | (u_t > -tolerance)
+        fits &= (mode != SLIDE_BACKWARD) | (u_t < tolerance)
+    return u[fits]
+
+
+@pytest.mark.parametrize("twins", [False, True], ids=["apart", "twins"])
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_random_problems_obey_the_contact_law(count, twins, rng):
+    """2000 problems, mu up to 2: what is violated is below 1e-9 of the largest impulse at play."""
+    for _ in range(2000):
+        W, q = problem(rng, count, twins)
+        mu = rng.uniform(0.0, 2.0, count)
+        soften(count, W)
+        P, _, _ = impulses(W, q, mu)
+        assert violation(W, q, mu, P) <= 1e-9
+
+
+@pytest.mark.parametrize("count, problems", [(1, 100), (2, 100), (3, 100), (4, 100)])
+def test_velocities_are_those_of_some_mode_combination(count, problems, rng):
+    """All 4^n combinations tried: the solver's velocities are one of those that fit, to 1e-7.
+
+    There may be several at large friction. W gets a compliance of 1e-6 here, so that the linear
+    systems of the trial are well enough conditioned for that.
+    """
+    for k in range(problems):
+        W, q = problem(rng, count, twins=k % 4 == 3)
+        W += 1e-6 * np.trace(W) / len(W) * np.eye(len(W))
+        mu = rng.uniform(0.0, 2.0, count)
+        _, u, _ = impulses(W, q, mu)
+        candidates = all_solutions(W, q, mu)
+        assert len(candidates) > 0
+        assert np.abs(candidates - u).max(axis=1).min() <= 1e-7 * np.abs(q).max()
+
+
+def test_any_first_guess_leads_to_a_solution(rng):
+    """Started from each mode in turn, the contact law holds just the same."""
+    for _ in range(100):
+        W, q = problem(rng, 2)
+        mu = rng.uniform(0.0, 2.0, 2)
+        for guess in (OPEN, STICK, SLIDE_FORWARD, SLIDE_BACKWARD):
+            assert violation(W, q, mu, impulses(W, q, mu, guess)[0]) <= 1e-9
+
+
+@pytest.mark.parametrize("mu", [0.1, 0.8, 2.0])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_stick_slip_threshold_is_exact(mu, sign):
+    """One contact: it sticks up to mu times its load and slips beyond; told apart at 1e-9."""
+    W, normal = np.diag([2.0, 0.5]), 3.0
+    load = normal / W[0, 0]
+    limit = W[1, 1] * mu * load  # m/s that friction can just stop
+    P, u, mode = impulses(W, np.array([-normal, sign * limit * (1.0 - 1e-9)]), np.array([mu]))
+    assert mode[0] == STICK and abs(u[1]) <= 1e-15 and P[0] == load
+    P, u, mode = impulses(W, np.array([-normal, sign * limit * (1.0 + 1e-9)]), np.array([mu]))
+    assert mode[0] == (SLIDE_FORWARD if sign > 0.0 else SLIDE_BACKWARD)
+    assert P[1] == -sign * mu * load
+    assert u[1] == pytest.approx(sign * 1e-9 * limit, rel=1e-5)
+
+
+def test_a_leaving_contact_gets_no_impulse(rng):
+    """u_n > 0 without impulse stays so: P is exactly 0 and u exactly q."""
+    for _ in range(20):
+        W, q = problem(rng, 1)
+        q[0] = abs(q[0])
+        P, u, mode = impulses(W, q, np.array([0.8]))
+        assert mode[0] == OPEN and (P == 0.0).all() and (u == q).all()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_frictionless(count, rng):
+    """mu = 0: no tangential impulse, and u_n, P_n solve the linear complementarity problem."""
+    for _ in range(100):
+        W, q = problem(rng, count)
+        soften(count, W)
+        P, u, _ = impulses(W, q, np.zeros(count))
+        assert (P[1::2] == 0.0).all() and P[0::2].min() >= 0.0 and u[0::2].min() >= -1e-9
+        assert np.abs(P[0::2] * u[0::2]).max() <= 1e-9 * np.abs(P * q).max() + 1e-30
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_large_friction_stays_finite(count, rng):
+    """mu = 5, where several or no mode combinations may be near: no NaN, nothing pulls."""
+    for k in range(300):
+        W, q = problem(rng, count, twins=k % 3 == 0)
+        soften(count, W)
+        P, u, _ = impulses(W, q, np.full(count, 5.0))
+        assert np.isfinite(P).all() and np.isfinite(u).all()
+        assert P[0::2].min() >= -1e-9 * np.abs(P).max()
+        assert (np.abs(P[1::2]) <= 5.0 * P[0::2] + 1e-9 * np.abs(P).max()).all()
+
+
+def test_twins_share_their_load():
+    """Two equal contacts carry half each: the compliance makes redundant loads unique, to 1e-4."""
+    J = np.array([[0.0, 1.0, 0.3, 0.0], [1.0, 0.0, 0.5, 0.0]] * 2)
+    W = J @ J.T
+    q = np.array([-1.0, 0.1] * 2)
+    soften(2, W)
+    P, u, _ = impulses(W, q, np.array([0.8, 0.8]))
+    assert np.abs(u).max() <= 1e-10
+    assert P[0] == pytest.approx(P[2], rel=1e-4) and P[1] == pytest.approx(P[3], rel=1e-4)

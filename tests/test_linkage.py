@@ -1,0 +1,112 @@
+"""Joint positions from the crank angle: the paper's check numbers, rigid links, mirror image."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from jansen_env.linkage import A, B, C, D, E, O, P, T, check_closure, coordinates, joint_positions
+from jansen_env.robot import paper_robot
+
+TURN = np.linspace(0.0, 2.0 * math.pi, 1440, endpoint=False)  # rad, a quarter of a degree apart
+
+
+@pytest.mark.parametrize(
+    "psi, side, toe",
+    [
+        (0.0, "fore", (-0.399037, -0.533103)),
+        (0.0, "back", (0.280209, -0.621044)),
+        (1.0, "fore", (-0.268899, -0.564633)),
+        (1.0, "back", (0.146598, -0.609492)),
+    ],
+)
+def test_toe_positions(psi, side, toe):
+    """The check numbers of the paper's reading, which have six digits after the point."""
+    assert joint_positions(paper_robot(), side, psi)[T] == pytest.approx(toe, abs=6e-7)
+
+
+@pytest.mark.parametrize(
+    "psi, side, rate",
+    [
+        (0.0, "fore", 0.216520),
+        (0.0, "back", -0.367201),
+        (1.0, "fore", 0.419304),
+        (1.0, "back", 0.366109),
+    ],
+)
+def test_foot_link_turning_rate(psi, side, rate):
+    """d(theta_8)/d(psi), six digits; central differences of 1e-5 rad err by 1e-10."""
+    ahead, behind = coordinates(paper_robot(), side, np.array([psi + 1e-5, psi - 1e-5]))[:, 21]
+    assert (ahead - behind) / 2e-5 == pytest.approx(rate, abs=6e-7)
+
+
+@pytest.mark.parametrize("legs, heave", [(4, 0.0304), (6, 0.0024), (8, 0.0064), (12, 0.0011)])
+def test_heave_of_the_lowest_toe(legs, heave):
+    """Rise and fall of the lowest toe over a turn; the numbers have four digits."""
+    robot = paper_robot(legs // 2)
+    toes = [joint_positions(robot, leg.side, TURN + leg.phase)[:, T, 1] for leg in robot.legs]
+    assert np.ptp(np.min(toes, axis=0)) == pytest.approx(heave, abs=6e-5)
+
+
+@pytest.mark.parametrize("side", ["fore", "back"])
+def test_links_keep_their_lengths(robot, side):
+    """Every bar and every side of both triangles, all the way round; 1e-14 is rounding."""
+    joints = joint_positions(robot, side, TURN)
+    pb, bd, dp = robot.upper_triangle.sides
+    ce, et, tc = robot.foot.sides
+    lengths = {
+        (P, O): robot.frame.length, (O, A): robot.crank.length, (A, B): robot.upper_rod.length,
+        (P, B): pb, (B, D): bd, (D, P): dp, (C, P): robot.rocker.length,
+        (C, A): robot.lower_rod.length, (D, E): robot.coupler.length,
+        (C, E): ce, (E, T): et, (T, C): tc,
+    }  # fmt: skip
+    for (start, end), length in lengths.items():
+        span = np.hypot(*(joints[:, end] - joints[:, start]).T)
+        # The printed centroid data close to 1e-6 only: the corner opposite may be so far off.
+        rounded = (start, end) in ((B, D), (D, P), (E, T), (T, C))
+        assert np.abs(span - length).max() <= (2e-6 if rounded else 1e-14), (start, end)
+        assert np.ptp(span) <= 1e-14
+
+
+def test_a_back_leg_is_the_mirror_image(robot):
+    """x -> -x, angles -> pi - angle, with the crank at pi - psi: joints and bodies, to rounding."""
+    fore = joint_positions(robot, "fore", TURN)
+    back = joint_positions(robot, "back", math.pi - TURN)
+    assert np.abs(back - fore * [-1.0, 1.0]).max() <= 1e-14
+    fore = coordinates(robot, "fore", TURN).reshape(-1, 8, 3)
+    back = coordinates(robot, "back", math.pi - TURN).reshape(-1, 8, 3)
+    assert np.abs(back[..., 1:] - fore[..., 1:] * [-1.0, 1.0]).max() <= 1e-14
+    turned = np.exp(1j * back[..., 0]) - np.exp(1j * (math.pi - fore[..., 0]))
+    assert np.abs(turned).max() <= 1e-13
+
+
+def test_joints_move_without_jumps(robot):
+    """One branch of the linkage all the way round: a quarter degree moves no joint by 2 cm."""
+    joints = joint_positions(robot, "fore", np.append(TURN, 0.0))
+    steps = np.hypot(*np.moveaxis(np.diff(joints, axis=0), -1, 0))
+    assert steps.max() < 0.02
+    assert steps[:, T].max() > 1e-4  # and the toe does move
+
+
+def test_feet_are_below_and_outside(robot):
+    """Every toe stays below all fixed joints; the fore foot at -x, where its frame reaches."""
+    fore = joint_positions(robot, "fore", TURN)
+    assert (fore[:, T, 1] < fore[:, [P, O], 1].min(axis=1) - 0.3).all()
+    assert (fore[:, T, 0] < 0.0).all()
+
+
+def test_built_in_designs_turn(robot):
+    """No closure error at half the default sampling interval either."""
+    check_closure(robot, samples=1440)
+
+
+def test_shapes_follow_the_crank_angles():
+    """(...,) crank angles give (..., 8, 2) joints and (..., 24) coordinates, each as if alone."""
+    robot, psi = paper_robot(), np.array([[0.1, 0.2, 0.3], [1.0, 2.0, 3.0]])
+    joints, x = joint_positions(robot, "back", psi), coordinates(robot, "back", psi)
+    assert joints.shape == (2, 3, 8, 2) and x.shape == (2, 3, 24)
+    assert (joints[1, 2] == joint_positions(robot, "back", 3.0)).all()
+    assert (x[1, 2] == coordinates(robot, "back", 3.0)).all()
+    assert x[1, 2, 3] == 3.0  # theta_2 is the crank angle itself

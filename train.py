@@ -1,0 +1,124 @@
+"""Train a policy, score it against the baselines, draw the figures: ``python train.py``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shlex
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from agents import evaluate
+from agents.figures import score_figure, training_figure
+from agents.files import write_json
+from agents.scores import markdown_table
+from agents.training import (
+    ALGORITHMS,
+    CONFIGS,
+    last_checkpoint,
+    load_config,
+    load_policy,
+    new_run_folder,
+    record_run,
+    train,
+)
+
+BASELINES = ("pid", "constant")
+
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
+    """Flags, named as in RL Baselines3 Zoo."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    add = parser.add_argument
+    add("--algo", default="ppo", choices=sorted(ALGORITHMS), help="algorithm")
+    add("--env", default="JansenWalker-v0", help="environment id")
+    add("-n", "--timesteps", type=int, help="environment steps, in place of the configuration's")
+    add("--n-envs", type=int, help="environments side by side, in place of the configuration's")
+    add("--seed", type=int, default=0, help="of the networks and the environments")
+    add("--eval-freq", type=int, default=100_000, help="steps between evaluations, 0 for none")
+    add("--save-freq", type=int, default=100_000, help="steps between checkpoints, 0 for none")
+    add("--eval-episodes", type=int, default=10, help="episodes per command of the final table")
+    add("--log-folder", default="logs", metavar="DIR", help="runs go to DIR/ALGO/ENV_N")
+    add("--tensorboard-log", metavar="DIR", help="default: the run's folder; '' for none")
+    add("--env-kwargs", default={}, type=evaluate._mapping, metavar="YAML",
+        help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
+    add("--config", metavar="FILE", help="hyperparameters; default: agents/configs/ALGO.yml")
+    add("--resume", metavar="RUN", help="run folder to go on with from its last checkpoint")
+    add("--no-progress", action="store_true", help="no progress bar")
+    return parser.parse_args(arguments)
+
+
+def main(arguments: list[str] | None = None) -> Path:
+    """Train, score, draw; returns the run's folder."""
+    args = parse(arguments)
+    start = time.perf_counter()
+    torch.set_num_threads(1)  # these networks are small: more threads cost more than they bring
+    folder, algo, env_id, config, resume = _prepare(args)
+    tensorboard = (
+        str(folder / "tensorboard") if args.tensorboard_log is None else args.tensorboard_log
+    )
+    print(f"{algo.upper()} on {env_id}, {config['timesteps']} steps -> {folder}", flush=True)
+    train(
+        algo, env_id, config, folder, seed=config["seed"], eval_every=args.eval_freq,
+        save_every=args.save_freq, tensorboard=tensorboard or None, resume=resume,
+        progress=not args.no_progress and sys.stderr.isatty(),
+    )  # fmt: skip
+    trained = time.perf_counter()
+    print(
+        f"trained in {trained - start:.0f} s; scoring against {', '.join(BASELINES)} ...",
+        flush=True,
+    )
+    _score(folder, env_id, config["env_kwargs"], args.eval_episodes)
+    print(f"scored in {time.perf_counter() - trained:.0f} s")
+    return folder
+
+
+def _prepare(args: argparse.Namespace) -> tuple[Path, str, str, dict[str, Any], Path | None]:
+    """The run's folder, algorithm, environment, configuration and checkpoint to start from."""
+    command = shlex.join(["python", "train.py", *sys.argv[1:]])
+    if args.resume:
+        folder = Path(args.resume)
+        config = load_config(folder / "config.yml")
+        if args.timesteps:
+            config["timesteps"] = args.timesteps
+        record_run(folder, config, (folder / "command.txt").read_text().rstrip() + "\n" + command)
+        return folder, config["algo"], config["env"], config, last_checkpoint(folder)
+    config = load_config(args.config or CONFIGS / f"{args.algo}.yml")
+    config["timesteps"] = args.timesteps or config["timesteps"]
+    config["n_envs"] = args.n_envs or config["n_envs"]
+    config["env_kwargs"] = {**config.get("env_kwargs", {}), **args.env_kwargs}
+    config.update(algo=args.algo, env=args.env, seed=args.seed)
+    folder = new_run_folder(args.log_folder, args.algo, args.env)
+    record_run(folder, config, command)
+    return folder, args.algo, args.env, config, None
+
+
+def _score(folder: Path, env_id: str, env_kwargs: dict[str, Any], episodes: int) -> None:
+    best = folder / "best_model.zip"
+    model = best if best.exists() else folder / "final_model.zip"
+    env = evaluate.make_env(env_id, env_kwargs)
+    policies = {name: evaluate.load(name, env) for name in BASELINES}
+    env.close()
+    policies[evaluate.title(str(model))] = load_policy(model)
+    scores = evaluate.evaluate(policies, env_id, env_kwargs, episodes=episodes)
+    write_json(folder / "scores.json", scores)
+    score_figure(scores, folder / "scores.png")
+    history = folder / "evaluations.json"
+    if history.exists():
+        levels = {name: scores[name]["overall"]["return"][0] for name in BASELINES}
+        training_figure(json.loads(history.read_text()), levels, folder / "training.png")
+    print(markdown_table(scores))
+    ours, pid = (scores[name]["overall"]["return"][0] for name in (list(scores)[-1], "pid"))
+    print(f"return: {ours:.0f} against the tuned PID's {pid:.0f}; figures in {folder}")
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    np.seterr(invalid="raise")
+    main()

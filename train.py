@@ -15,8 +15,10 @@ import numpy as np
 import torch
 
 from agents import evaluate
+from agents.arguments import count, mapping, steps
 from agents.figures import score_figure, training_figure
 from agents.files import write_json
+from agents.rollout import make_env
 from agents.scores import markdown_table
 from agents.training import (
     ALGORITHMS,
@@ -38,15 +40,15 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add = parser.add_argument
     add("--algo", default="ppo", choices=sorted(ALGORITHMS), help="algorithm")
     add("--env", default="JansenWalker-v0", help="environment id")
-    add("-n", "--timesteps", type=int, help="environment steps, in place of the configuration's")
-    add("--n-envs", type=int, help="environments side by side, in place of the configuration's")
+    add("-n", "--timesteps", type=count, help="environment steps, in place of the configuration's")
+    add("--n-envs", type=count, help="environments side by side, in place of the configuration's")
     add("--seed", type=int, default=0, help="of the networks and the environments")
-    add("--eval-freq", type=int, default=100_000, help="steps between evaluations, 0 for none")
-    add("--save-freq", type=int, default=100_000, help="steps between checkpoints, 0 for none")
-    add("--eval-episodes", type=int, default=10, help="episodes per command of the final table")
+    add("--eval-freq", type=steps, default=100_000, help="steps between evaluations, 0 for none")
+    add("--save-freq", type=steps, default=100_000, help="steps between checkpoints, 0 for none")
+    add("--eval-episodes", type=count, default=10, help="episodes per command of the final table")
     add("--log-folder", default="logs", metavar="DIR", help="runs go to DIR/ALGO/ENV_N")
     add("--tensorboard-log", metavar="DIR", help="default: the run's folder; '' for none")
-    add("--env-kwargs", default={}, type=evaluate._mapping, metavar="YAML",
+    add("--env-kwargs", default={}, type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--config", metavar="FILE", help="hyperparameters; default: agents/configs/ALGO.yml")
     add("--resume", metavar="RUN", help="run folder to go on with from its last checkpoint")
@@ -102,7 +104,7 @@ def _prepare(args: argparse.Namespace) -> tuple[Path, str, str, dict[str, Any], 
 def _score(folder: Path, env_id: str, env_kwargs: dict[str, Any], episodes: int) -> None:
     best = folder / "best_model.zip"
     model = best if best.exists() else folder / "final_model.zip"
-    env = evaluate.make_env(env_id, env_kwargs)
+    env = make_env(env_id, env_kwargs)
     policies = {name: evaluate.load(name, env) for name in BASELINES}
     env.close()
     policies[evaluate.title(str(model))] = load_policy(model)

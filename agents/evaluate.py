@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from agents.arguments import count, mapping
 from agents.figures import score_figure
 from agents.files import write_json
 from agents.pid import BASELINES, load_baseline
@@ -94,14 +94,14 @@ def film(policy: Policy, env_id: str, env_kwargs: dict[str, Any], command: float
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--policy", action="append", required=True, metavar="NAME_OR_PATH",
-                        help=f"one of {BASELINES}, a run's folder or a model; may be repeated")  # fmt: skip
+    parser.add_argument("--policy", action="append", required=True, metavar="NAME",
+                        help="pid, pid-paper, constant, or a run's folder or model")  # fmt: skip
     parser.add_argument("--env", default="JansenWalker-v0", help="environment id")
-    parser.add_argument("--env-kwargs", default="{}", type=_mapping, metavar="YAML",
+    parser.add_argument("--env-kwargs", default="{}", type=mapping, metavar="YAML",
                         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     parser.add_argument("--commands", type=float, nargs="+", default=list(COMMANDS), metavar="V",
                         help="commanded speeds, m/s")  # fmt: skip
-    parser.add_argument("--episodes", type=_count, default=10, help="episodes per command")
+    parser.add_argument("--episodes", type=count, default=10, help="episodes per command")
     parser.add_argument("--seed", type=int, default=0, help="of the first episode's reset")
     parser.add_argument("--out", default="logs/evaluation", metavar="DIR",
                         help="where scores.json and scores.png go")  # fmt: skip
@@ -125,20 +125,6 @@ def main(arguments: list[str] | None = None) -> None:
             path = out / f"{name.replace('/', '_').replace(' ', '_')}.gif"
             film(policy, args.env, args.env_kwargs, args.video_command, args.seed, path)
             print(f"written: {path}")
-
-
-def _mapping(text: str) -> dict[str, Any]:
-    value = yaml.safe_load(text)
-    if not isinstance(value, dict):
-        raise argparse.ArgumentTypeError(f"{text!r} is no YAML mapping such as '{{friction: 0.5}}'")
-    return value
-
-
-def _count(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{text} is below 1")
-    return value
 
 
 if __name__ == "__main__":

@@ -8,11 +8,11 @@ from typing import Any
 import matplotlib
 
 matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
+import matplotlib.pyplot as plt
+import numpy as np
 
-from agents.files import write_whole  # noqa: E402
-from agents.scores import METRICS  # noqa: E402
+from agents.files import write_whole
+from agents.scores import METRICS
 
 SHOWN = ("return", "speed_error", "slip_per_metre", "cost_of_transport", "falls", "rms_torque")
 LOGARITHMIC = ("slip_per_metre", "cost_of_transport")

@@ -1,4 +1,4 @@
-"""Observations scaled to zero mean and unit variance inside the policy, so its file needs no other."""
+"""Observations scaled to zero mean and unit variance inside the policy: one file holds all."""
 
 from __future__ import annotations
 

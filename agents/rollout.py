@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Protocol
 
 import gymnasium as gym
@@ -46,6 +46,14 @@ class Episodes:
     peak_torque: Array
     rms_torque: Array
 
+    @classmethod
+    def none_yet(cls, command: Array) -> Episodes:
+        """Episodes of the given commands (n,) with all totals at zero."""
+        zero = {
+            f.name: np.zeros(len(command), bool if f.name == "fell" else float) for f in fields(cls)
+        }
+        return cls(**{**zero, "command": command})
+
 
 def make_env(env_id: str, env_kwargs: dict[str, Any], **more: Any) -> gym.Env[Any, Any]:
     """``gym.make`` with the environments of jansen_env registered."""
@@ -70,8 +78,7 @@ def run_episodes(
         commands: (n,) speed commands, m/s. seeds: (n,) of each episode's reset.
     """
     n = len(commands)
-    zeros = [np.zeros(n) for _ in range(7)]
-    result = Episodes(np.asarray(commands, float), *zeros[:5], np.zeros(n, bool), *zeros[5:])
+    result = Episodes.none_yet(np.asarray(commands, dtype=float))
     pool = [make_env(env_id, env_kwargs) for _ in range(min(at_once, n))]
     for begin in range(0, n, at_once):
         _run_batch(policy, pool, result, seeds, np.arange(begin, min(begin + at_once, n)))

@@ -80,8 +80,11 @@ def summarise(run: Episodes, horizon: float, weight: float, seed: int = 0) -> di
     for name in METRICS:
         metric = _metric(name, run, horizon, weight)
 
-        def interval(pick: Array, whole: Array, metric: Any = metric) -> list[float | None]:
-            low, high = np.nanpercentile(metric(pick), [tail, 100.0 - tail])
+        def interval(pick: Any, whole: Any, metric: Any = metric) -> list[float | None]:
+            spread = metric(pick)
+            if np.isnan(spread).all():
+                return [None, None, None]
+            low, high = np.nanpercentile(spread, [tail, 100.0 - tail])
             return [_number(v) for v in (metric(whole), low, high)]
 
         overall[name] = interval(everything, np.concatenate(groups))

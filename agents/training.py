@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import io
 import json
+import pickle
 import re
 import zipfile
 from collections.abc import Callable
@@ -72,7 +73,7 @@ def load_config(path: str | Path) -> dict[str, Any]:
 def make_training_env(
     env_id: str, env_kwargs: dict[str, Any], count: int, reward_scale: float, folder: Path | None
 ) -> VecEnv:
-    """``count`` environments side by side, episodes logged to ``folder``/monitor, rewards scaled."""
+    """``count`` environments side by side, logged to ``folder``/monitor, rewards scaled."""
     if folder is not None:
         (folder / "monitor").mkdir(parents=True, exist_ok=True)
 
@@ -99,17 +100,27 @@ def build_model(algo: str, config: dict[str, Any], env: Any, **more: Any) -> Bas
     for name in ("learning_rate", "clip_range"):
         if name in arguments:
             arguments[name] = _schedule(name, arguments[name])
-    policy_kwargs = dict(config.get("policy_kwargs", {}))
-    if "activation" in policy_kwargs:
-        activation = policy_kwargs.pop("activation")
+    return ALGORITHMS[algo](
+        config["policy"],
+        env,
+        policy_kwargs=_policy_arguments(config),
+        device="cpu",
+        **arguments,
+        **more,
+    )
+
+
+def _policy_arguments(config: dict[str, Any]) -> dict[str, Any]:
+    """``policy_kwargs`` with names turned into classes."""
+    arguments = dict(config.get("policy_kwargs", {}))
+    if "activation" in arguments:
+        activation = arguments.pop("activation")
         if activation not in ACTIVATIONS:
             raise ValueError(f"activation is {activation!r}, must be one of {sorted(ACTIVATIONS)}")
-        policy_kwargs["activation_fn"] = ACTIVATIONS[activation]
-    if policy_kwargs.pop("normalize", False):
-        policy_kwargs["features_extractor_class"] = NormalizedObservation
-    return ALGORITHMS[algo](
-        config["policy"], env, policy_kwargs=policy_kwargs, device="cpu", **arguments, **more
-    )
+        arguments["activation_fn"] = ACTIVATIONS[activation]
+    if arguments.pop("normalize", False):
+        arguments["features_extractor_class"] = NormalizedObservation
+    return arguments
 
 
 def _schedule(name: str, value: Any) -> float | Callable[[float], float]:
@@ -141,7 +152,7 @@ def read_tensors(path: str | Path) -> tuple[dict[str, Any], int]:
                 for name in names
             }
             steps = int(json.loads(archive.read("data"))["num_timesteps"])
-    except (zipfile.BadZipFile, KeyError, ValueError) as error:
+    except (zipfile.BadZipFile, KeyError, ValueError, pickle.UnpicklingError) as error:
         raise ValueError(f"{path} is no Stable-Baselines3 model: {error}") from error
     return tensors, steps
 
@@ -172,12 +183,18 @@ def load_policy(path: str | Path) -> Policy:
         raise ValueError(f"no model at {path}")
     config = load_config(find_config(path))
     env = make_env(config["env"], config.get("env_kwargs", {}))
-    model = build_model(config["algo"], config, env)
-    model.set_parameters(read_tensors(path)[0], exact_match=True)
+    policy_class = ALGORITHMS[config["algo"]].policy_aliases[config["policy"]]
+    policy: Any = policy_class(
+        env.observation_space,
+        env.action_space,
+        lambda _: 0.0,  # the learning rate, of no use here
+        **_policy_arguments(config),
+    )
+    policy.load_state_dict(read_tensors(path)[0]["policy"])
+    policy.set_training_mode(False)
     env.close()
-    model.policy.set_training_mode(False)
-    policy: Policy = model.policy
-    return policy
+    loaded: Policy = policy
+    return loaded
 
 
 def new_run_folder(root: str | Path, algo: str, env_id: str) -> Path:
@@ -285,7 +302,7 @@ class NormalizerUpdate(BaseCallback):
             if not buffer.full:
                 seen = np.asarray(self.model._last_obs)  # before the first rollout
         else:
-            seen = np.asarray(self.model._last_obs)  # type: ignore[attr-defined]
+            seen = np.asarray(self.model._last_obs)
         for extractor in extractors:
             extractor.update(torch.as_tensor(seen, dtype=torch.float32))
 

@@ -76,7 +76,7 @@ def search(speed_map: SpeedMap, trials: int, episodes: int) -> tuple[Gains, list
 
 def main() -> None:
     """Measure, search, measure again, write."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # type: ignore[union-attr]
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--trials", type=int, default=100, help="PID gains tried")
     parser.add_argument("--episodes", type=int, default=6, help="episodes per setting or command")
     parser.add_argument("--out", default=str(DATA), help="file to write")

@@ -141,18 +141,23 @@ def test_bad_states_and_robots():
         ProjectionPlant(replace(Robot(), crank=Bar(0.2)), Terrain.flat())
 
 
-ABSURD_TORQUE = """
+ABSURD_TORQUES = """
 from jansen_env import Robot, Terrain
 from jansen_env.plants.projection import ProjectionPlant
 plant = ProjectionPlant(Robot(), Terrain.flat())
-plant.reset(0.0, 0.3)
-plant.step({torque}, 0.1)
+for power in range(6, 15):
+    for crank_angle in (0.0, 0.3, 1.0):
+        plant.reset(0.0, crank_angle)
+        try:
+            plant.step(10.0**power, 0.1)
+        except FloatingPointError:
+            print("reported")
 """
 
 
-@pytest.mark.parametrize("torque", ["1e7", "1e9", "1e300"])
-def test_divergence_is_reported(torque):
-    """An absurd torque ends in FloatingPointError, not in NaN nor in a crash of the process."""
-    code = ABSURD_TORQUE.format(torque=torque)
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert "FloatingPointError: the state diverged" in ended.stderr, ended.returncode
+def test_divergence_is_reported():
+    """Absurd torques all end in FloatingPointError: no NaN passes, and the process lives on."""
+    code = [sys.executable, "-c", ABSURD_TORQUES]
+    ended = subprocess.run(code, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0
+    assert ended.stdout.split() == ["reported"] * 27

@@ -1,0 +1,197 @@
+"""Baselines, scoring, and Stable-Baselines3's interface to them."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import jansen_env  # noqa: F401
+from agents import evaluate, scores
+from agents.files import write_text, write_whole
+from agents.pid import BASELINES, ConstantTorque, Gains, PIDController, SpeedMap, load_baseline
+from agents.rollout import Episodes, run_episodes
+
+ONE_TO_ONE = SpeedMap(np.array([0.5, 1.0, 2.0]), np.array([[0.5], [1.0], [2.0]]))
+
+
+def observation(angle, speed, command):
+    """Only what a PID may read."""
+    row = np.full(15, np.nan)
+    row[[0, 1, 2, 9]] = np.cos(angle), np.sin(angle), speed, command
+    return row
+
+
+def test_pid_is_equation_13():
+    """Against the formula written out, the crank passing pi twice; it reads nothing that is NaN here."""
+    dt, gains = 0.02, Gains()
+    controller = PIDController(gains, ONE_TO_ONE, torque_limit=1e3, control_dt=dt)
+    state, integral = None, 0.0
+    for k in range(500):
+        t = k * dt
+        angle, speed = np.pi + 1.3 * t - 0.2 * t**2 / 10, 1.3 - 0.04 * t
+        seen = observation(angle, speed, 1.0)[None]
+        action, state = controller.predict(seen, state, np.array([k == 0]))
+        error = (np.pi + t) - angle
+        integral += error * dt
+        expected = gains.kp * error + gains.ki * integral + gains.kd * (1.0 - speed)
+        assert action[0, 0] * 1e3 == pytest.approx(expected, abs=1e-3)
+
+
+def test_pid_starts_again_with_an_episode():
+    """episode_start clears one environment's memory and leaves the other's."""
+    controller = PIDController(Gains(), ONE_TO_ONE)
+    seen = np.array([observation(0.1, 0.0, 1.0), observation(0.1, 0.0, 1.0)])
+    state = None
+    for _ in range(10):
+        _, state = controller.predict(seen, state)
+    fresh, _ = controller.predict(seen, None)
+    action, _ = controller.predict(seen, state, np.array([True, False]))
+    assert action[0] == fresh[0] and action[1] != fresh[1]
+
+
+def test_pid_integral_waits_at_the_torque_limit():
+    """No wind-up while saturated."""
+    controller = PIDController(Gains(kp=1e4, ki=1e4), ONE_TO_ONE)
+    state = None
+    for _ in range(50):
+        action, state = controller.predict(observation(0.0, 0.0, 2.0)[None], state)
+    assert action[0, 0] == 1.0
+    assert state.integral[0] < 1e-3
+
+
+def test_speed_map_picks_the_nearest_and_mirrors():
+    """Closest measured setting; negative commands turn the crank back; zero stands."""
+    assert ONE_TO_ONE.setting_for(np.array([0.9, 1.6, -0.9, 0.0])) == pytest.approx([1, 2, -1, 0])
+
+
+def test_speed_map_counts_falls_and_spread():
+    """A setting that hits the command half the time loses to a steady one a little off."""
+    measured = SpeedMap(np.array([1.0, 2.0]), np.array([[0.3, 0.0], [0.25, 0.26]]))
+    assert measured.setting_for(np.array([0.3])) == pytest.approx([2.0])
+
+
+def test_constant_torque():
+    """One torque, single or batched."""
+    policy = ConstantTorque(ONE_TO_ONE, torque_limit=4.0)
+    single, _ = policy.predict(observation(0.0, 0.0, 2.0))
+    assert single.shape == (1,) and single[0] == 0.5
+    assert policy.predict(np.stack([observation(0.0, 0.0, 2.0)] * 3))[0].shape == (3, 1)
+
+
+@pytest.mark.parametrize("name", BASELINES)
+def test_baselines_answer_evaluate_policy(name):
+    """Stable-Baselines3's own scoring takes them, and agrees with ours."""
+    from stable_baselines3.common.evaluation import evaluate_policy
+    from stable_baselines3.common.monitor import Monitor
+
+    kwargs = {"speed_command": 0.3}
+    env = Monitor(gym.make("JansenWalker-v0", **kwargs))
+    env.reset(seed=7)
+    policy = load_baseline(name)
+    mean, _ = evaluate_policy(policy, env, n_eval_episodes=1)
+    ours = run_episodes(policy, "JansenWalker-v0", kwargs, np.array([0.3]), np.array([7]))
+    # evaluate_policy resets again, unseeded: another start of the same task.
+    assert mean == pytest.approx(ours.returns[0], rel=0.6)
+    assert mean > 50.0
+
+
+def test_episodes_side_by_side_equal_one_by_one():
+    """Batching changes no episode."""
+    policy = load_baseline("pid")
+    commands, seeds = np.array([0.1, 0.3, 0.5]), np.array([1, 2, 3])
+    together = run_episodes(policy, "JansenWalker-v0", {}, commands, seeds)
+    for i in range(3):
+        alone = run_episodes(policy, "JansenWalker-v0", {}, commands[i : i + 1], seeds[i : i + 1])
+        assert alone.returns[0] == together.returns[i]
+        assert alone.slip[0] == together.slip[i]
+
+
+def test_tuned_pid_beats_the_papers_gains():
+    """On episodes that the search has not seen."""
+    commands = np.repeat(evaluate.COMMANDS, 4)
+    seeds = 500 + np.arange(len(commands))
+    returns = [
+        run_episodes(load_baseline(n), "JansenWalker-v0", {}, commands, seeds).returns.mean()
+        for n in ("pid", "pid-paper")
+    ]
+    assert returns[0] > returns[1]
+
+
+def made_episodes(n=40):
+    """Episodes with known means."""
+    run = Episodes.none_yet(np.repeat([0.1, 0.2], n // 2))
+    run.returns = np.arange(n, dtype=float)
+    run.distance = np.where(run.command == 0.1, 1.0, 2.0)
+    run.slip = np.full(n, 0.3)
+    run.work = np.full(n, 30.0)
+    run.duration = np.full(n, 10.0)
+    return run
+
+
+def test_scores_are_means_and_ratios_of_sums():
+    """Checked by hand; intervals hold the value."""
+    summary = scores.summarise(made_episodes(), horizon=10.0, weight=20.0)
+    overall = summary["overall"]
+    assert overall["return"][0] == pytest.approx(19.5)
+    assert overall["slip_per_metre"][0] == pytest.approx(0.3 / 1.5)
+    assert overall["cost_of_transport"][0] == pytest.approx(1.5 / 1.5)
+    assert overall["speed_error"][0] == pytest.approx(0.0, abs=1e-12)
+    low, high = overall["return"][1:]
+    # two groups of 20 consecutive numbers: standard error of the mean 5.77 / sqrt(40) = 0.91
+    assert high - low == pytest.approx(2 * 1.96 * 0.91, rel=0.15)
+    assert low < 19.5 < high
+    assert summary["by_command"]["slip_per_metre"]["value"] == pytest.approx([0.3, 0.15])
+
+
+def test_scores_without_distance_are_none():
+    """No ratio per metre for a robot that stands."""
+    run = made_episodes()
+    run.distance[:] = 0.0
+    assert scores.summarise(run, 10.0, 20.0)["overall"]["slip_per_metre"] == [None] * 3
+
+
+def test_evaluation_command(tmp_path):
+    """The printed table, JSON, PNG and GIF, twice the same numbers."""
+    arguments = ["--policy", "constant", "--policy", "pid", "--episodes", "1",
+                 "--commands", "0.1", "0.3"]  # fmt: skip
+    out = [
+        subprocess.run(
+            [sys.executable, "-m", "agents.evaluate", *arguments, "--out", tmp_path / d, *more],
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for d, more in (("a", []), ("b", ["--video"]))
+    ]
+    assert out[0].splitlines()[:4] == out[1].splitlines()[:4]
+    table = json.loads((tmp_path / "a" / "scores.json").read_text())
+    assert set(table) == {"pid", "constant"}
+    assert (tmp_path / "a" / "scores.png").stat().st_size > 10_000
+    assert (tmp_path / "b" / "pid.gif").read_bytes()[:3] == b"GIF"
+
+
+def test_unknown_policies_are_named():
+    """With what is allowed."""
+    env = gym.make("JansenWalker-v0")
+    with pytest.raises(ValueError, match="'dog'"):
+        evaluate.load("dog", env)
+
+
+def test_files_are_written_whole_or_not_at_all(tmp_path):
+    """A writer that fails leaves the old file and no litter."""
+    path = tmp_path / "a.txt"
+    write_text(path, "old")
+
+    def fail(name):
+        write_text(name, "half")
+        raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        write_whole(path, fail)
+    assert path.read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]

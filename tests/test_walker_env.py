@@ -1,0 +1,297 @@
+"""JansenWalker-v0 as a Gymnasium environment: contract, observation, reward, state, rendering."""
+
+from __future__ import annotations
+
+import copy
+import math
+import pickle
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import jansen_env
+from jansen_env.envs.walker import JansenWalkerEnv, tracking_score
+
+
+@pytest.fixture
+def env():
+    made = gym.make("JansenWalker-v0")
+    yield made
+    made.close()
+
+
+def roll(env, steps, seed=0):
+    """Observations and rewards of seeded random actions."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for _ in range(steps):
+        obs, reward, terminated, truncated, _ = env.step(rng.uniform(-1, 1, 1).astype(np.float32))
+        rows.append(np.append(obs, reward))
+        if terminated or truncated:
+            env.reset()
+    return np.array(rows)
+
+
+def test_made_by_either_name():
+    """Registered on import, and through the module prefix."""
+    for name in ("JansenWalker-v0", "jansen_env:JansenWalker-v0"):
+        made = gym.make(name)
+        assert made.spec is not None and made.spec.max_episode_steps == 500
+        made.close()
+
+
+def test_gymnasium_checker_warns_of_unbounded_observations_alone():
+    """Anything but the note on infinite bounds is an error."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        check_env(gym.make("JansenWalker-v0", render_mode="rgb_array").unwrapped)
+    texts = [str(w.message) for w in caught]
+    assert all("infinity" in text for text in texts), texts
+
+
+def test_stable_baselines_checker_has_nothing_to_say():
+    """No warning at all."""
+    from stable_baselines3.common.env_checker import check_env as check
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check(JansenWalkerEnv())
+
+
+def test_observation_is_the_documented_table(env):
+    """Each entry recomputed from info and state."""
+    env.reset(seed=1, options={"speed_command": 0.4})
+    for _ in range(20):
+        obs, *_, info = env.step(np.array([0.2], np.float32))
+    x, y, theta, psi, vx, vy, w, n = env.unwrapped.plant.state
+    loads = info["contact_force"][:, 1] / env.unwrapped.weight
+    height = y - float(env.unwrapped.terrain.height(x))
+    expected = [math.cos(psi), math.sin(psi), n, math.sin(theta), math.cos(theta), w, vx, vy,
+                height, 0.4, *loads, 0.2]  # fmt: skip
+    assert obs == pytest.approx(np.array(expected, np.float32), abs=1e-6)
+    assert info["crank_torque"] == pytest.approx(0.2 * 20.0, rel=1e-6)
+
+
+def test_observations_move_and_share_no_memory(env):
+    """No element but the command is constant over 1000 random steps; each array is fresh."""
+    first, _ = env.reset(seed=0)
+    kept = first.copy()
+    rows = roll(env, 1000)
+    assert np.array_equal(first, kept)
+    assert (np.ptp(rows, axis=0) > 1e-4).all()
+
+
+def test_loads_at_rest_carry_the_weight(env):
+    """At reset the toes carry the weight, but for the 1 % of a crank set free."""
+    for seed in range(10):
+        obs, info = env.reset(seed=seed)
+        assert obs[10:14].sum() == pytest.approx(1.0, abs=1e-2)
+        assert (info["contact_force"][:, 1] >= 0.0).all()
+
+
+def test_start_is_random_and_seeded(env):
+    """Other seeds, other starts; the same seed, the same bits."""
+    starts = [env.reset(seed=s)[0] for s in (0, 1, 0)]
+    assert np.array_equal(starts[0], starts[2])
+    assert not np.allclose(starts[0], starts[1])
+
+
+def test_stands_level_at_every_starting_angle():
+    """The robot is set down level within 0.05 rad on both sides, wherever its crank stands."""
+    env = JansenWalkerEnv(reset_noise_scale=0.0)
+    for angle in np.linspace(0.0, 2.0 * math.pi, 40):
+        env.reset(seed=0, options={"crank_angle": angle})
+        state = env.plant.state
+        assert abs(state[2]) < 0.05
+        gap = env.plant.toe_positions()[:, 1] - env.robot.pad_radius
+        assert np.sort(gap)[1] < 1e-3  # a second toe is down too
+
+
+def test_same_seed_same_trajectory_bit_for_bit():
+    """Two environments, 1000 random steps with resets."""
+    runs = []
+    for _ in range(2):
+        env = JansenWalkerEnv()
+        env.reset(seed=3)
+        runs.append(roll(env, 1000, seed=4))
+    assert np.array_equal(*runs)
+
+
+def test_state_copies_and_pickles_go_on_bit_for_bit():
+    """get_state/set_state into a fresh environment, deepcopy and pickle, all in mid-walk."""
+    env = JansenWalkerEnv()
+    env.reset(seed=5)
+    roll(env, 60)
+    fresh = JansenWalkerEnv()
+    fresh.reset(seed=99)
+    fresh.set_state(copy.deepcopy(env.get_state()))
+    others = [fresh, copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    expected = roll(env, 300, seed=6)
+    for other in others:
+        assert np.array_equal(roll(other, 300, seed=6), expected)
+
+
+def test_standing_still_earns_less_than_a_third():
+    """At every command, slow ones too."""
+    for command in np.linspace(0.05, 0.8, 40):
+        assert tracking_score(0.0, command) < 1.0 / 3.0
+        assert tracking_score(command, command) == 1.0
+
+
+def test_reward_is_the_sum_of_its_terms(env):
+    """And each weight scales its own term."""
+    env.reset(seed=0)
+    _, reward, *_, info = env.step(np.array([0.5], np.float32))
+    terms = {k: v for k, v in info.items() if k.startswith("reward/")}
+    assert set(terms) == {f"reward/{n}" for n in ("tracking", "slip", "energy", "posture", "fall")}
+    assert reward == pytest.approx(sum(terms.values()), abs=1e-12)
+    doubled = JansenWalkerEnv(tracking_weight=2.0, slip_weight=0.0, energy_weight=0.2)
+    doubled.reset(seed=0)
+    *_, other = doubled.step(np.array([0.5], np.float32))
+    assert other["reward/tracking"] == pytest.approx(2.0 * terms["reward/tracking"])
+    assert other["reward/slip"] == 0.0
+    assert other["reward/energy"] == pytest.approx(2.0 * terms["reward/energy"])
+
+
+def test_energy_balances_in_every_step():
+    """To 1e-3 J in a step of hard random torque (up to 20 N m), and to 0.1 % of the work in all."""
+    env = JansenWalkerEnv()
+    env.reset(seed=0)
+    rng = np.random.default_rng(1)
+    residual, work = 0.0, 0.0
+    for _ in range(1000):
+        _, _, terminated, _, info = env.step(rng.uniform(-1, 1, 1).astype(np.float32))
+        energy = info["energy"]
+        parts = ("joint_loss", "slip_loss", "impact_loss", "mechanical_energy_change", "residual")
+        assert energy["motor_work"] == pytest.approx(sum(energy[p] for p in parts), abs=1e-12)
+        assert abs(energy["residual"]) < 1e-3
+        assert min(energy[p] for p in ("joint_loss", "slip_loss")) >= 0.0
+        residual += abs(energy["residual"])
+        work += abs(energy["motor_work"])
+        if terminated:
+            env.reset()
+    assert residual < 1e-3 * work
+
+
+def test_positive_torque_walks_forward():
+    """And negative torque backward: the machine is its own mirror image."""
+    ends = []
+    for sign in (1.0, -1.0):
+        env = JansenWalkerEnv(reset_noise_scale=0.0)
+        env.reset(seed=0, options={"crank_angle": 0.3 if sign > 0 else math.pi - 0.3})
+        for _ in range(300):
+            speed = env.plant.state[7]
+            torque = 10.0 * (sign - speed) + 1.5 * sign
+            *_, info = env.step(np.array([np.clip(torque / 20.0, -1, 1)]))
+        ends.append(info["x_position"])
+    assert ends[0] > 0.2 and ends[1] < -0.2
+    assert ends[0] == pytest.approx(-ends[1], rel=0.1)  # chaos in detail, not in the mean
+
+
+def test_falls_end_the_episode_once():
+    """Full reverse torque throws the robot over: terminated, one fall penalty; off on request."""
+    for ends in (True, False):
+        env = JansenWalkerEnv(terminate_when_fallen=ends, torque_limit=60.0)
+        env.reset(seed=0, options={"crank_angle": 1.0})
+        penalties, flags = 0.0, []
+        for _ in range(150):
+            _, _, terminated, _, info = env.step(np.array([1.0], np.float32))
+            penalties += info["reward/fall"]
+            flags.append(info["fallen"])
+            if terminated:
+                break
+        assert any(flags)
+        assert terminated is ends and flags[-1] is not None
+        if ends:
+            assert penalties == -20.0
+        assert np.isfinite(env.plant.state).all()
+
+
+def test_bad_actions_are_refused(env):
+    """NaN, infinite or of another shape."""
+    raw = env.unwrapped
+    raw.reset(seed=0)
+    for action in (np.array([np.nan]), np.array([np.inf]), np.zeros(2), 0.5, np.zeros((1, 1))):
+        with pytest.raises(ValueError, match="action is"):
+            raw.step(action)
+
+
+def test_a_state_that_diverges_raises():
+    """Garbage is never returned."""
+    env = JansenWalkerEnv()
+    env.reset(seed=0)
+    state = env.plant.state
+    state[7] = 9e3
+    env.plant.state = state
+    with pytest.raises(FloatingPointError, match="diverged"):
+        for _ in range(50):
+            env.step(np.array([1.0], np.float32))
+
+
+@pytest.mark.parametrize(
+    ("argument", "value"),
+    [
+        ("robot", "spider"), ("terrain", "lava"), ("terrain", "slope:x"), ("friction", -0.1),
+        ("restitution", 1.5), ("speed_command", (0.5, 0.1)), ("speed_command", 9.0),
+        ("speed_command", (0.1, 0.2, 0.3)), ("torque_limit", 0.0), ("payload", -1.0),
+        ("control_dt", 0.0), ("control_dt", 0.0215), ("time_step", -1.0),
+        ("tracking_weight", -1.0), ("fall_weight", math.nan), ("reset_noise_scale", -1.0),
+        ("terminate_when_fallen", "yes"), ("render_mode", "ascii"),
+    ],
+)  # fmt: skip
+def test_bad_arguments_are_named(argument, value):
+    """The message names the argument."""
+    with pytest.raises(ValueError, match=argument.split("_")[0]):
+        JansenWalkerEnv(**{argument: value})
+
+
+def test_reset_options():
+    """Command and crank angle are fixed; others are refused by name."""
+    env = JansenWalkerEnv()
+    obs, info = env.reset(seed=0, options={"speed_command": 0.3, "crank_angle": 1.0})
+    assert info["speed_command"] == 0.3 and obs[9] == np.float32(0.3)
+    assert info["crank_angle"] == 1.0
+    with pytest.raises(ValueError, match="sped_command"):
+        env.reset(options={"sped_command": 0.3})
+
+
+@pytest.mark.parametrize("robot", [*sorted(jansen_env.ROBOTS), jansen_env.paper_robot(3)])
+def test_every_design_walks_without_harm(robot):
+    """100 random steps on a slope with a payload; contacts are solved to 1e-9 N s."""
+    env = JansenWalkerEnv(robot=robot, terrain="slope:0.05", payload=1.0)
+    obs, _ = env.reset(seed=0)
+    assert env.observation_space.shape == obs.shape == (11 + len(env.robot.legs),)
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        obs, _, terminated, _, _ = env.step(rng.uniform(-1, 1, 1).astype(np.float32))
+        assert env.observation_space.contains(obs)
+        assert env._result.residual < 1e-9
+        if terminated:
+            env.reset()
+
+
+def test_pictures():
+    """rgb_array gives fresh, different pictures of the promised shape, on rough ground too."""
+    terrain = jansen_env.Terrain.rough(np.random.default_rng(0), height=0.03)
+    env = JansenWalkerEnv(terrain=terrain, render_mode="rgb_array", payload=0.5)
+    env.reset(seed=0)
+    before = env.render()
+    for _ in range(20):
+        env.step(np.array([0.5], np.float32))
+    after = env.render()
+    assert before.shape == after.shape == (540, 960, 3) and before.dtype == np.uint8
+    assert (before != after).any()
+    env.close()
+    env.close()
+
+
+def test_human_mode_headless(monkeypatch):
+    """A window on SDL's dummy driver opens, draws and closes."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    env = JansenWalkerEnv(render_mode="human")
+    env.reset(seed=0)
+    env.step(np.array([0.1], np.float32))
+    env.close()

@@ -11,6 +11,7 @@ import numpy as np
 from agents.arguments import count, mapping
 from agents.figures import score_figure
 from agents.files import write_json
+from agents.gif import save_gif
 from agents.pid import BASELINES, load_baseline
 from agents.rollout import Policy, make_env, run_episodes
 from agents.scores import episode_table, markdown_table, summarise
@@ -74,8 +75,6 @@ def evaluate(
 def film(policy: Policy, env_id: str, env_kwargs: dict[str, Any], command: float, seed: int,
          path: str | Path, seconds: float = 8.0, every: int = 2) -> None:  # fmt: skip
     """A GIF of one episode at a commanded speed (m/s), one frame in ``every`` steps."""
-    from jansen_env.rendering import save_gif
-
     env: Any = make_env(env_id, env_kwargs, render_mode="rgb_array")
     observation, _ = env.reset(seed=seed, options={"speed_command": command})
     frames, state, start = [], None, True

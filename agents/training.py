@@ -229,7 +229,7 @@ class Saver(BaseCallback):
 
     Args:
         folder: the run's. save_every, eval_every: environment steps; 0 for never.
-        env_id, env_kwargs, episodes: of the evaluation, one episode per command by default.
+        env_id, env_kwargs, episodes: of the evaluation, and its episodes per command.
     """
 
     def __init__(
@@ -239,7 +239,7 @@ class Saver(BaseCallback):
         eval_every: int,
         env_id: str,
         env_kwargs: dict[str, Any],
-        episodes: int = 1,
+        episodes: int = 4,
     ) -> None:
         super().__init__()
         self.folder, self.save_every, self.eval_every = folder, save_every, eval_every

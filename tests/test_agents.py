@@ -27,7 +27,7 @@ def observation(angle, speed, command):
 
 
 def test_pid_is_equation_13():
-    """Against the formula written out, the crank passing pi twice; it reads nothing that is NaN here."""
+    """Against the formula written out, the crank passing pi twice; what is NaN it does not read."""
     dt, gains = 0.02, Gains()
     controller = PIDController(gains, ONE_TO_ONE, torque_limit=1e3, control_dt=dt)
     state, integral = None, 0.0

@@ -141,6 +141,18 @@ def test_standing_still_earns_less_than_a_third():
         assert tracking_score(command, command) == 1.0
 
 
+def test_creeping_forward_and_leaping_back_does_not_pay():
+    """Any to and fro that gets nowhere earns no more than standing still."""
+    for command in (0.05, 0.1, 0.3, 0.8):
+        standing = tracking_score(0.0, command)
+        for ahead in np.linspace(0.2, 3.0, 30) * command:
+            for back in np.linspace(0.1, 30.0, 60) * command:
+                share = back / (ahead + back)  # of the time spent going forward
+                mean = share * tracking_score(ahead, command)
+                mean += (1.0 - share) * tracking_score(-back, command)
+                assert mean <= max(standing, 1e-12) + 0.05
+
+
 def test_reward_is_the_sum_of_its_terms(env):
     """And each weight scales its own term."""
     env.reset(seed=0)

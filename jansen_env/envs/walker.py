@@ -51,13 +51,15 @@ class RewardWeights:
 
 
 def tracking_score(speed: float, command: float) -> float:
-    """Share of the tracking reward earned at ``speed`` for ``command`` (m/s), 0 to 1.
+    """Share of the tracking reward earned at ``speed`` for ``command`` (m/s), at most 1.
 
     A bell of width min(0.75 |command|, 0.25 m/s): standing still earns exp(-1 / 0.75^2) = 0.17 of
-    it at slow commands and less at fast ones.
+    it at slow commands and less at fast ones. Going back costs, metre by metre, what going forward
+    at the command earns; else creeping forward and leaping back would pay without getting anywhere.
     """
     width = min(max(TRACKING_WIDTH * abs(command), NARROWEST_TRACKING), WIDEST_TRACKING)
-    return math.exp(-(((speed - command) / width) ** 2))
+    back = max(0.0, -speed * command) / command**2 if command != 0.0 else 0.0
+    return math.exp(-(((speed - command) / width) ** 2)) - back
 
 
 class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
@@ -101,13 +103,14 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     | Term | Value |
     |------|-------|
-    | ``reward/tracking`` | ``tracking_weight`` * exp(-((v - command) / width)^2), v the mean speed over the step, width = min(0.75 \\|command\\|, 0.25 m/s) |
+    | ``reward/tracking`` | ``tracking_weight`` * (exp(-((v - command) / width)^2) - backward), v the mean speed over the step, width = min(0.75 \\|command\\|, 0.25 m/s), backward = max(0, -v / command) |
     | ``reward/slip`` | -``slip_weight`` * slip speed of all toes, m/s |
     | ``reward/energy`` | -``energy_weight`` * \\|motor power\\| / (weight * 1 m/s) |
     | ``reward/posture`` | -``posture_weight`` * pitch^2 |
     | ``reward/fall`` | -``fall_weight`` in the step in which the robot falls |
 
-    Standing still earns at most 17 % of the tracking term, at every command.
+    Standing still earns at most 17 % of the tracking term, at every command, and so does moving to
+    and fro: a way back costs what the way forward earned.
 
     ## Starting State
     Crank angle uniform over a turn, set down at rest at x = 0 on the lowest toe before and the

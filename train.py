@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import shlex
 import sys
 import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from agents import evaluate
@@ -38,17 +36,17 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Flags, named as in RL Baselines3 Zoo."""
     parser = argparse.ArgumentParser(description=__doc__)
     add = parser.add_argument
-    add("--algo", default="ppo", choices=sorted(ALGORITHMS), help="algorithm")
-    add("--env", default="JansenWalker-v0", help="environment id")
+    add("--algo", choices=sorted(ALGORITHMS), help="algorithm; default: ppo")
+    add("--env", help="environment id; default: JansenWalker-v0")
     add("-n", "--timesteps", type=count, help="environment steps, in place of the configuration's")
     add("--n-envs", type=count, help="environments side by side, in place of the configuration's")
-    add("--seed", type=int, default=0, help="of the networks and the environments")
+    add("--seed", type=int, help="of the networks and the environments; default: 0")
     add("--eval-freq", type=steps, default=100_000, help="steps between evaluations, 0 for none")
     add("--save-freq", type=steps, default=100_000, help="steps between checkpoints, 0 for none")
     add("--eval-episodes", type=count, default=10, help="episodes per command of the final table")
     add("--log-folder", default="logs", metavar="DIR", help="runs go to DIR/ALGO/ENV_N")
     add("--tensorboard-log", metavar="DIR", help="default: the run's folder; '' for none")
-    add("--env-kwargs", default={}, type=mapping, metavar="YAML",
+    add("--env-kwargs", type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--config", metavar="FILE", help="hyperparameters; default: agents/configs/ALGO.yml")
     add("--resume", metavar="RUN", help="run folder to go on with from its last checkpoint")
@@ -61,7 +59,9 @@ def main(arguments: list[str] | None = None) -> Path:
     args = parse(arguments)
     start = time.perf_counter()
     torch.set_num_threads(1)  # these networks are small: more threads cost more than they bring
-    folder, algo, env_id, config, resume = _prepare(args)
+    given = sys.argv[1:] if arguments is None else arguments
+    command = shlex.join(["python", "train.py", *given])
+    folder, algo, env_id, config, resume = _prepare(args, command)
     tensorboard = (
         str(folder / "tensorboard") if args.tensorboard_log is None else args.tensorboard_log
     )
@@ -81,24 +81,30 @@ def main(arguments: list[str] | None = None) -> Path:
     return folder
 
 
-def _prepare(args: argparse.Namespace) -> tuple[Path, str, str, dict[str, Any], Path | None]:
+def _prepare(
+    args: argparse.Namespace, command: str
+) -> tuple[Path, str, str, dict[str, Any], Path | None]:
     """The run's folder, algorithm, environment, configuration and checkpoint to start from."""
-    command = shlex.join(["python", "train.py", *sys.argv[1:]])
     if args.resume:
+        fixed = ("algo", "env", "n_envs", "seed", "env_kwargs", "config")
+        given = [f"--{name.replace('_', '-')}" for name in fixed if getattr(args, name) is not None]
+        if given:
+            raise SystemExit(f"--resume takes these from the run's config.yml: {', '.join(given)}")
         folder = Path(args.resume)
         config = load_config(folder / "config.yml")
         if args.timesteps:
             config["timesteps"] = args.timesteps
         record_run(folder, config, (folder / "command.txt").read_text().rstrip() + "\n" + command)
         return folder, config["algo"], config["env"], config, last_checkpoint(folder)
-    config = load_config(args.config or CONFIGS / f"{args.algo}.yml")
+    algo, env_id = args.algo or "ppo", args.env or "JansenWalker-v0"
+    config = load_config(args.config or CONFIGS / f"{algo}.yml")
     config["timesteps"] = args.timesteps or config["timesteps"]
     config["n_envs"] = args.n_envs or config["n_envs"]
-    config["env_kwargs"] = {**config.get("env_kwargs", {}), **args.env_kwargs}
-    config.update(algo=args.algo, env=args.env, seed=args.seed)
-    folder = new_run_folder(args.log_folder, args.algo, args.env)
+    config["env_kwargs"] = {**config.get("env_kwargs", {}), **(args.env_kwargs or {})}
+    config.update(algo=algo, env=env_id, seed=args.seed or 0)
+    folder = new_run_folder(args.log_folder, algo, env_id)
     record_run(folder, config, command)
-    return folder, args.algo, args.env, config, None
+    return folder, algo, env_id, config, None
 
 
 def _score(folder: Path, env_id: str, env_kwargs: dict[str, Any], episodes: int) -> None:
@@ -121,6 +127,4 @@ def _score(folder: Path, env_id: str, env_kwargs: dict[str, Any], episodes: int)
 
 
 if __name__ == "__main__":
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    np.seterr(invalid="raise")
     main()

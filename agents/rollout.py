@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+COMMANDS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)  # m/s, the grid on which policies are scored
+
 
 class Policy(Protocol):
     """What is scored: anything with Stable-Baselines3's ``predict``."""

@@ -26,12 +26,12 @@ METRICS: dict[str, tuple[str, str]] = {
     "peak_torque": ("peak torque", "N m"),
     "rms_torque": ("RMS torque", "N m"),
 }
-"""Name -> (title, unit). Ratios are sums over episodes: total slip / total distance."""
+"""Name -> (title, unit). Ratios are sums over episodes: total slip / total way ahead."""
 
 
 def _metric(name: str, run: Episodes, horizon: float, weight: float) -> Callable[[Any], Array]:
     """The metric of episodes picked by an index array (resamples, n): (resamples,)."""
-    way = np.abs(run.distance)
+    way = np.maximum(np.sign(run.command) * run.distance, 0.0)  # in the commanded direction
 
     def ratio(total: Array) -> Callable[[Any], Array]:
         def of(pick: Any) -> Array:

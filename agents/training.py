@@ -16,7 +16,7 @@ import json
 import pickle
 import re
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ import gymnasium as gym
 import numpy as np
 import torch
 import yaml
-from stable_baselines3 import A2C, DDPG, PPO, SAC, TD3
+from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList, ProgressBarCallback
 from stable_baselines3.common.monitor import Monitor
@@ -33,22 +33,20 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from agents.files import write_json, write_text, write_whole
 from agents.normalizer import NormalizedObservation
-from agents.rollout import Policy, make_env, run_episodes
+from agents.rollout import COMMANDS, Policy, make_env, run_episodes
 
-ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
-    "ppo": PPO, "a2c": A2C, "sac": SAC, "td3": TD3, "ddpg": DDPG,
-}  # fmt: skip
+ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}
 CONFIGS = Path(__file__).parent / "configs"
-EVALUATION_COMMANDS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)  # m/s
-TRAINING_EVALUATION_SEED = 30_000  # apart from those of the final evaluation
+SELECTION_SEED = 30_000  # of the episodes that choose the best model, apart from all others
 
 
 def load_config(path: str | Path) -> dict[str, Any]:
     """A training configuration from YAML, read without running code.
 
     Keys: ``policy``, ``timesteps``, ``n_envs``, ``reward_scale``, ``env_kwargs`` (for training and
-    evaluation), ``hyperparameters`` (the algorithm's arguments; ``learning_rate`` and
+    evaluation), ``training_variants`` (further arguments of every other training environment),
+    ``hyperparameters`` (the algorithm's arguments; ``learning_rate`` and
     ``clip_range`` may be "linear_X", falling from X to 0 over the run) and ``policy_kwargs``
     (``net_arch``, ``activation``, ``log_std_init``, ``normalize``).
 
@@ -59,7 +57,7 @@ def load_config(path: str | Path) -> dict[str, Any]:
     config = yaml.safe_load(text)
     required = {"policy", "timesteps", "n_envs", "hyperparameters"}
     allowed = required | {
-        "policy_kwargs", "reward_scale", "env_kwargs", "algo", "env", "seed",
+        "policy_kwargs", "reward_scale", "env_kwargs", "training_variants", "algo", "env", "seed",
     }  # fmt: skip
     if not isinstance(config, dict) or not required <= set(config) <= allowed:
         found = sorted(config) if isinstance(config, dict) else type(config).__name__
@@ -71,16 +69,25 @@ def load_config(path: str | Path) -> dict[str, Any]:
 
 
 def make_training_env(
-    env_id: str, env_kwargs: dict[str, Any], count: int, reward_scale: float, folder: Path | None
+    env_id: str,
+    env_kwargs: dict[str, Any],
+    count: int,
+    reward_scale: float = 1.0,
+    folder: Path | None = None,
+    variants: Sequence[dict[str, Any]] = ({},),
 ) -> VecEnv:
-    """``count`` environments side by side, logged to ``folder``/monitor, rewards scaled."""
+    """``count`` environments side by side, logged to ``folder``/monitor, rewards scaled.
+
+    The i-th one takes the arguments of ``variants`` number i, counted around, on top of the others.
+    """
     if folder is not None:
         (folder / "monitor").mkdir(parents=True, exist_ok=True)
 
     def make(index: int) -> Callable[[], gym.Env[Any, Any]]:
         def build() -> gym.Env[Any, Any]:
             file = None if folder is None else str(folder / "monitor" / str(index))
-            env = Monitor(make_env(env_id, env_kwargs), file, override_existing=False)
+            kwargs = {**env_kwargs, **variants[index % len(variants)]}
+            env = Monitor(make_env(env_id, kwargs), file, override_existing=False)
             return gym.wrappers.TransformReward(env, lambda reward: reward_scale * float(reward))
 
         return build
@@ -144,7 +151,7 @@ def read_tensors(path: str | Path) -> tuple[dict[str, Any], int]:
     """
     try:
         with zipfile.ZipFile(path) as archive:
-            names = [n for n in archive.namelist() if n.endswith(".pth") and "variables" not in n]
+            names = [name for name in archive.namelist() if name.endswith(".pth")]
             tensors = {
                 name[: -len(".pth")]: torch.load(
                     io.BytesIO(archive.read(name)), map_location="cpu", weights_only=True
@@ -184,11 +191,14 @@ def load_policy(path: str | Path) -> Policy:
     config = load_config(find_config(path))
     env = make_env(config["env"], config.get("env_kwargs", {}))
     policy_class = ALGORITHMS[config["algo"]].policy_aliases[config["policy"]]
+    arguments = _policy_arguments(config)
+    if "use_sde" in config["hyperparameters"]:
+        arguments["use_sde"] = config["hyperparameters"]["use_sde"]
     policy: Any = policy_class(
         env.observation_space,
         env.action_space,
         lambda _: 0.0,  # the learning rate, of no use here
-        **_policy_arguments(config),
+        **arguments,
     )
     policy.load_state_dict(read_tensors(path)[0]["policy"])
     policy.set_training_mode(False)
@@ -224,12 +234,21 @@ def last_checkpoint(folder: str | Path) -> Path:
     return found[max(found)]
 
 
+def restore(model: BaseAlgorithm, tensors: dict[str, Any]) -> None:
+    """Set all parameters of a model, its optimisers' too, from :func:`read_tensors`."""
+    variables = tensors.pop("pytorch_variables", None) or {}
+    model.set_parameters(tensors, exact_match=True)
+    for name, value in variables.items():  # such as SAC's entropy coefficient
+        getattr(model, name).data = value.data
+
+
 class Saver(BaseCallback):
     """Saves checkpoints, and evaluates now and then to keep the best model.
 
     Args:
         folder: the run's. save_every, eval_every: environment steps; 0 for never.
         env_id, env_kwargs, episodes: of the evaluation, and its episodes per command.
+        done: steps trained before this run began.
     """
 
     def __init__(
@@ -240,15 +259,18 @@ class Saver(BaseCallback):
         env_id: str,
         env_kwargs: dict[str, Any],
         episodes: int = 4,
+        done: int = 0,
     ) -> None:
         super().__init__()
         self.folder, self.save_every, self.eval_every = folder, save_every, eval_every
         self.env_id, self.env_kwargs = env_id, env_kwargs
-        self.commands = np.repeat(EVALUATION_COMMANDS, episodes)
+        self.commands = np.repeat(COMMANDS, episodes)
         self.history: list[dict[str, float]] = []
         history = folder / "evaluations.json"
         if history.is_file():
             self.history = json.loads(history.read_text(encoding="utf-8"))
+            # After a kill the checkpoint may be older than the last evaluation.
+            self.history = [row for row in self.history if row["steps"] <= done]
         self.best = max((row["return"] for row in self.history), default=-np.inf)
 
     def _on_training_start(self) -> None:
@@ -267,7 +289,7 @@ class Saver(BaseCallback):
 
     def evaluate(self) -> None:
         """Score the present policy; keep it if it is the best so far."""
-        seeds = TRAINING_EVALUATION_SEED + np.arange(len(self.commands))
+        seeds = SELECTION_SEED + np.arange(len(self.commands))
         self.model.policy.set_training_mode(False)
         run = run_episodes(self.model.policy, self.env_id, self.env_kwargs, self.commands, seeds)
         row = {
@@ -334,17 +356,22 @@ def train(
     """
     env_kwargs = config.get("env_kwargs", {})
     venv = make_training_env(
-        env_id, env_kwargs, config["n_envs"], config.get("reward_scale", 1.0), folder
+        env_id,
+        env_kwargs,
+        config["n_envs"],
+        config.get("reward_scale", 1.0),
+        folder,
+        config.get("training_variants", ({},)),
     )
     model = build_model(algo, config, venv, seed=seed, tensorboard_log=tensorboard)
     if resume is not None:
         tensors, done = read_tensors(resume)
-        model.set_parameters(tensors, exact_match=True)
+        restore(model, tensors)
         model.num_timesteps = done
         venv.seed(seed + done)
         print(f"resuming from {resume} at {done} steps")
     remaining = config["timesteps"] - model.num_timesteps
-    saver = Saver(folder, save_every, eval_every, env_id, env_kwargs)
+    saver = Saver(folder, save_every, eval_every, env_id, env_kwargs, done=model.num_timesteps)
     callbacks: list[BaseCallback] = [NormalizerUpdate(), saver]
     if progress:
         callbacks.append(ProgressBarCallback())

@@ -17,21 +17,20 @@ from numpy.typing import NDArray
 
 from agents.files import write_json
 from agents.pid import DATA, ConstantTorque, Gains, PIDController, SpeedMap
-from agents.rollout import Episodes, run_episodes
+from agents.rollout import COMMANDS, Episodes, run_episodes
 
 Array = NDArray[np.float64]
 
 ENV = "JansenWalker-v0"
 CRANK_SPEEDS = np.round(np.concatenate([np.arange(0.2, 3.0, 0.1), np.arange(3.0, 8.1, 0.25)]), 3)
 TORQUES = np.round(np.concatenate([np.arange(0.5, 6.0, 0.25), np.arange(6.0, 15.1, 0.5)]), 3)
-COMMANDS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
 FINALISTS = 6  # gains of the search that are measured again
 SEARCH = {"kp": (3.0, 300.0), "ki": (0.1, 300.0), "kd": (0.3, 30.0), "ramp": (0.1, 4.0)}
 MEASURE_SEED, SEARCH_SEED, FINAL_SEED = (
     10_000,
     20_000,
     25_000,
-)  # apart from those of evaluation and training
+)  # apart from all others
 HORIZON = 10.0  # s, the time limit of an episode
 
 

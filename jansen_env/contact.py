@@ -12,14 +12,16 @@ import math
 import numpy as np
 import pymunk
 import pymunk.batch
-from numba import njit
 from numpy.typing import NDArray
 
+from jansen_env.compiling import compiled
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
 
 MARGIN = 0.05  # m, added to a pad's radius: a toe at 5 m/s crosses it in 10 ms
+FACE = 1e-6  # rad, how far a contact's normal may be off a segment's to be taken as the face's
+SAME = 1e-9  # difference of two planes' numbers below which they are one
 PARK = 1e6  # m above, where pads wait that are not looked at
 
 _Arbiter = pymunk.batch.ArbiterFields
@@ -44,6 +46,7 @@ class ContactDetector:
         self._space.collision_slop = 0.0
         self._space.collision_persistence = 1  # with 0 the batch reader sees nothing
         terrain.add_to(self._space)
+        self._surface = terrain.polyline
         bodies = []
         for _ in range(pads):
             body = pymunk.Body(1.0, math.inf)
@@ -91,32 +94,51 @@ class ContactDetector:
         pymunk.batch.get_space_arbiters(self._space, _FIELDS, got)
         ids = np.frombuffer(got.int_buf(), dtype=np.uintp)
         values = np.frombuffer(got.float_buf()).reshape(-1, 4)
-        return int(_collect(ids, values, self._ids, self.positions, planes, pad, self._gaps))
+        return int(
+            _collect(ids, values, self._ids, self.positions, self._surface, planes, pad, self._gaps)
+        )
 
 
-@njit(cache=True)
+@compiled
 def _collect(
     ids: NDArray[np.uintp],
     values: Array,
     known: NDArray[np.uintp],
     positions: Array,
+    surface: Array,
     planes: Array,
     pad: NDArray[np.int64],
     gaps: Array,
 ) -> int:
-    """Sort the contacts by pad, nearest first: pymunk's order is that of pointers, never the same.
+    """Planes from pymunk's contacts: (n, 4) normal from pad to ground and point on the ground.
 
-    Where there are more than fit, those with the widest gaps are left out.
+    Sorted by pad, nearest first, because pymunk's own order is that of pointers. Where there are
+    more than fit, those with the widest gaps are left out.
     """
     count = 0
     for row in range(len(ids)):
-        # pymunk's normal points from the pad (always body A) into the ground.
         nx, ny = -values[row, 0], -values[row, 1]
-        offset = nx * values[row, 2] + ny * values[row, 3]
+        px, py = values[row, 2], values[row, 3]
         index = 0
         while known[index] != ids[row]:
             index += 1
-        gap = nx * positions[index, 0] + ny * positions[index, 1] - offset
+        x, y = positions[index, 0], positions[index, 1]
+        if ny < 0.0:  # the pad's centre is behind that segment
+            k = _segment(surface, x)
+            slope = (surface[k + 1, 1] - surface[k, 1]) / (surface[k + 1, 0] - surface[k, 0])
+            if y > surface[k, 1] + slope * (x - surface[k, 0]):
+                continue  # yet above the ground: it sees the far side of a ridge
+            nx, ny = -nx, -ny  # it has sunk in
+        # On a face, take the face's own normal: the direction to the nearest point is rounded.
+        k = _segment(surface, px)
+        ex, ey = surface[k + 1, 0] - surface[k, 0], surface[k + 1, 1] - surface[k, 1]
+        length = np.hypot(ex, ey)
+        if abs(nx * ex + ny * ey) < FACE * length:
+            nx, ny, px, py = -ey / length, ex / length, surface[k, 0], surface[k, 1]
+        offset = nx * px + ny * py
+        gap = nx * x + ny * y - offset
+        if _listed(index, nx, ny, offset, planes, pad, count):
+            continue  # a vertex is found from both its sides
         place = count
         if count == len(pad):
             place = int(np.argmax(gaps[:count]))
@@ -135,3 +157,35 @@ def _collect(
                 planes[k, j], planes[k - 1, j] = planes[k - 1, j], planes[k, j]
             k -= 1
     return count
+
+
+@compiled
+def _listed(
+    index: int,
+    nx: float,
+    ny: float,
+    offset: float,
+    planes: Array,
+    pad: NDArray[np.int64],
+    count: int,
+) -> bool:
+    """Whether that plane is among the first ``count`` ones already."""
+    for k in range(count):
+        if pad[k] == index:
+            apart = abs(planes[k, 0] - nx) + abs(planes[k, 1] - ny) + abs(planes[k, 2] - offset)
+            if apart < SAME:
+                return True
+    return False
+
+
+@compiled
+def _segment(surface: Array, x: float) -> int:
+    """Index of the segment of the surface above or below ``x``."""
+    low, high = 0, len(surface) - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if surface[middle, 0] <= x:
+            low = middle
+        else:
+            high = middle
+    return low

@@ -17,8 +17,9 @@ exists and that Lemke finds it.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from jansen_env.compiling import compiled
 
 Array = NDArray[np.float64]
 
@@ -31,10 +32,11 @@ MODE_ROUNDS = 12  # guesses of the modes before Lemke's method is called
 LEMKE_COMPLIANCES = (1e-9, 1e-6, 1e-4)  # softer and softer, for its pivots' sake; modes are checked
 PIVOT = 1e-11  # smallest pivot Lemke's method takes, after scaling
 PERTURBATION = 1e-9  # of its right-hand side, after scaling
-SWEEPS = 2000  # of the last resort, Gauss-Seidel
+PROXIMITY = 1e-4  # of the last resort, relative to W's mean diagonal
+PROXIMAL_ROUNDS = 200
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def residual(count, W, q, mu, P, u):
     """Largest violation of the contact law, N s; fills ``u`` = W P + q.
 
@@ -56,7 +58,7 @@ def residual(count, W, q, mu, P, u):
     return worst
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _solve_modes(count, W, q, mu, mode, P, A, rhs, index):
     """Impulses for given modes by Gaussian elimination; False where the modes are singular."""
     k = 0
@@ -113,7 +115,7 @@ def _solve_modes(count, W, q, mu, mode, P, A, rhs, index):
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _mend_modes(count, mu, mode, P, u, one_only):
     """Change the mode of every (or the first) contact whose impulse or velocity contradicts it."""
     for c in range(count):
@@ -138,7 +140,7 @@ def _mend_modes(count, mu, mode, P, u, one_only):
             return
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _lemke(count, W, q, mu, softening, P):
     """Lemke's method on (P_n, P_t+, P_t-, bound) of Stewart and Trinkle; True where it ends.
 
@@ -214,22 +216,7 @@ def _lemke(count, W, q, mu, softening, P):
     return True
 
 
-@njit(cache=True, error_model="numpy")
-def _sweep(count, W, q, mu, P):
-    """One sweep of projected Gauss-Seidel."""
-    for c in range(count):
-        n, t = 2 * c, 2 * c + 1
-        velocity = q[n]
-        for j in range(2 * count):
-            velocity += W[n, j] * P[j]
-        P[n] = max(0.0, P[n] - velocity / W[n, n])
-        velocity = q[t]
-        for j in range(2 * count):
-            velocity += W[t, j] * P[j]
-        P[t] = min(mu[c] * P[n], max(-mu[c] * P[n], P[t] - velocity / W[t, t]))
-
-
-@njit(cache=True, error_model="numpy")
+@compiled
 def _modes_of(count, mu, P, u, mode):
     """Modes that an approximate solution points to."""
     negligible = 1e-8 * np.max(np.abs(P[: 2 * count]))
@@ -243,7 +230,7 @@ def _modes_of(count, mu, P, u, mode):
             mode[c] = SLIDE_BACKWARD if t > 0.0 else SLIDE_FORWARD
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def solve(count, W, q, mu, mode, P, u, A, rhs, index):
     """Solve the contact law for ``count`` contacts.
 
@@ -267,26 +254,56 @@ def solve(count, W, q, mu, mode, P, u, A, rhs, index):
         return error
     best, best_mode = P.copy(), mode.copy()
     for softening in LEMKE_COMPLIANCES:
-        if _lemke(count, W, q, mu, softening, P):
-            residual(count, W, q, mu, P, u)
-            _modes_of(count, mu, P, u, mode)
-            last = _solve_from_guess(count, W, q, mu, mode, P, u, A, rhs, index, tolerance)
-            if last <= tolerance:
-                return last
-            if last < error:
-                error = last
-                best[:] = P
-                best_mode[:] = mode
+        if not _lemke(count, W, q, mu, softening, P):
+            continue
+        answer = P.copy()  # itself a candidate, and so are the modes it points to
+        last = residual(count, W, q, mu, answer, u)
+        _modes_of(count, mu, P, u, mode)
+        polished = _solve_from_guess(count, W, q, mu, mode, P, u, A, rhs, index, tolerance)
+        if polished <= tolerance:
+            return polished
+        if last < polished:
+            P[: 2 * count] = answer[: 2 * count]
+        if min(last, polished) < error:
+            error = min(last, polished)
+            best[:] = P
+            best_mode[:] = mode
     P[:] = best
     mode[:] = best_mode
-    for _ in range(SWEEPS):
-        if residual(count, W, q, mu, P, u) <= tolerance:
+    return _approach(count, W, q, mu, mode, P, u, A, rhs, index, tolerance, error)
+
+
+@compiled
+def _approach(count, W, q, mu, mode, P, u, A, rhs, index, tolerance, error):
+    """Last resort, the proximal point method: solve W + rho 1 with q - rho P, from the last P on.
+
+    The shifted problem is far better conditioned, and at its fixed point it is the one asked for.
+    """
+    trace = 0.0
+    for i in range(2 * count):
+        trace += W[i, i]
+    rho = PROXIMITY * trace / (2 * count)
+    shifted, moved = W[: 2 * count, : 2 * count].copy(), q[: 2 * count].copy()
+    for i in range(2 * count):
+        shifted[i, i] += rho
+    best, best_mode = P[: 2 * count].copy(), mode[:count].copy()
+    for _ in range(PROXIMAL_ROUNDS):
+        for i in range(2 * count):
+            moved[i] = q[i] - rho * P[i]
+        _solve_from_guess(count, shifted, moved, mu, mode, P, u, A, rhs, index, tolerance)
+        last = residual(count, W, q, mu, P, u)
+        if last < error:
+            error = last
+            best[:] = P[: 2 * count]
+            best_mode[:] = mode[:count]
+        if error <= tolerance:
             break
-        _sweep(count, W, q, mu, P)
+    P[: 2 * count] = best
+    mode[:count] = best_mode
     return residual(count, W, q, mu, P, u)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _solve_from_guess(count, W, q, mu, mode, P, u, A, rhs, index, tolerance):
     """Solve, check and mend the modes; leaves the solution, or the least wrong try, in P."""
     for attempt in range(MODE_ROUNDS):
@@ -300,7 +317,7 @@ def _solve_from_guess(count, W, q, mu, mode, P, u, A, rhs, index, tolerance):
     return residual(count, W, q, mu, P, u)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def soften(count, W):
     """Add :data:`COMPLIANCE` to W's diagonal, which makes the load of redundant contacts unique."""
     trace = 0.0

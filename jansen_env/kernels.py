@@ -19,9 +19,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from jansen_env.compiling import compiled
 from jansen_env.contact_solver import OPEN, STICK, soften, solve
 
 Array = NDArray[np.float64]
@@ -89,7 +89,7 @@ def work_space(capacity: int) -> tuple[Array, Ints]:
     return np.zeros(8 * n + 2 * n * n + 6 * n), np.zeros(2 * n, np.int64)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline="always")
 def _views(floats, ints, capacity):
     n = 2 * capacity
     v = 8 * n + 2 * n * n  # where the vectors begin
@@ -111,16 +111,16 @@ def _views(floats, ints, capacity):
     )
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline="always")
 def _locate(intervals, angle):
     """Row of a table at ``angle``, and the distance from the middle of its interval, rad."""
     width = 2.0 * np.pi / intervals
     reduced = angle - 2.0 * np.pi * np.floor(angle / (2.0 * np.pi))
-    row = min(int(reduced / width), intervals - 1)
+    row = max(0, min(int(reduced / width), intervals - 1))  # a NaN would index anywhere
     return row, reduced - (row + 0.5) * width
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline="always")
 def _value(c, t):
     """Taylor polynomial of eight coefficients at t."""
     return c[0] + t * (
@@ -128,7 +128,7 @@ def _value(c, t):
     )
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline="always")
 def _slope(c, t):
     """Its first derivative."""
     return c[1] + t * (
@@ -137,7 +137,7 @@ def _slope(c, t):
     )
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline="always")
 def _curve(c, t):
     """Its second derivative."""
     return 2.0 * c[2] + t * (
@@ -145,7 +145,7 @@ def _curve(c, t):
     )
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline="always")
 def centroid(model, psi):
     """s (2,), s' (2,): centre of mass from the crank axis in the chassis frame, and d/dpsi."""
     row, t = _locate(model.body.shape[0], psi)
@@ -158,7 +158,7 @@ def centroid(model, psi):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def to_centroid(model, state, sign):
     """Shift a state in place from the crank axis to the centre of mass (sign 1), or back (-1)."""
     sx, sy, dx, dy = centroid(model, state[3])
@@ -171,7 +171,7 @@ def to_centroid(model, state, sign):
     state[5] += sign * (w * rx + n * (sin * dx + cos * dy))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def mechanical_energy(model, state):
     """Kinetic and potential energy of a crank-axis state, J; potential is 0 at y = 0."""
     row, t = _locate(model.body.shape[0], state[3])
@@ -190,7 +190,7 @@ def mechanical_energy(model, state):
     return kinetic, model.gravity * (model.mass * state[1] + ry)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def pad_positions(model, state, count, positions):
     """Centres of the first ``count`` pads of a crank-axis state, (pads, 2) m."""
     cos, sin = np.cos(state[2]), np.sin(state[2])
@@ -202,7 +202,7 @@ def pad_positions(model, state, count, positions):
         positions[j, 1] = state[1] + sin * px + cos * py
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def advance(steps, h, torque, state, model, ground, planes, floats, ints, totals, record, toes):
     """Advance a state by ``steps`` time steps with fixed contact planes.
 
@@ -223,7 +223,7 @@ def advance(steps, h, torque, state, model, ground, planes, floats, ints, totals
     to_centroid(model, state, -1.0)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline="always")
 def _step(h, torque, state, model, ground, planes, work, totals, record):
     m = model.mass
     if model.locked:
@@ -313,7 +313,7 @@ def _step(h, torque, state, model, ground, planes, work, totals, record):
     state[4], state[5], state[6], state[7] = nx, ny, nw, nn
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline="always")
 def _active_contacts(
     h, x, y, cos, sin, psi, w, n, vx, vy, sx, sy, dx, dy, ddx, ddy, model, ground, planes, work
 ):
@@ -365,7 +365,7 @@ def _active_contacts(
     return count, impact
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline="always")
 def _record(h, count, vx, vy, w, n, nx, ny, nw, nn, ground, work, totals, record):
     """Book the step's slip, impulses and contact losses.
 
@@ -398,7 +398,7 @@ def _record(h, count, vx, vy, w, n, nx, ny, nw, nn, ground, work, totals, record
         record[j, IMPULSE_N] += work.P[i]
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline="always")
 def _correct(h, count, state, nx, ny, nw, nn, work):
     """Push penetrating pads out, moving positions only; returns how far the centre of mass rose.
 

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,7 +98,9 @@ def compile_robot(robot: Robot) -> Tables:
         LinkageError: the linkage does not close all the way round.
         ValueError: the tables have not converged (the linkage passes too near a singularity).
     """
-    return _compile(robot)
+    # A load and the pads' radius are no part of the tables.
+    bare = _compile(replace(robot, payload=Payload(), pad_radius=1.0))
+    return replace(bare, robot=robot)
 
 
 @functools.lru_cache(maxsize=32)

@@ -234,8 +234,14 @@ class Robot:
             )
         for value in self.damping:
             non_negative("Robot.damping", value)
+        object.__setattr__(self, "damping", tuple(float(value) for value in self.damping))
+        object.__setattr__(self, "legs", tuple(self.legs))
         if not self.legs:
             raise ValueError("Robot.legs is empty, must have at least one Leg")
+        if not all(isinstance(leg, Leg) for leg in self.legs):
+            raise ValueError(
+                f"Robot.legs is {self.legs!r}, must be at least one Leg and nothing else"
+            )
         if self.legs[0].phase != 0.0:
             raise ValueError(
                 f"Robot.legs[0].phase is {self.legs[0].phase}, must be 0: the first leg's crank "

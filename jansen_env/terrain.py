@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -16,7 +16,6 @@ from jansen_env.validation import finite, non_negative, positive, within
 Array = NDArray[np.float64]
 
 REACH = 1000.0  # m, how far the first and last segment are extended
-THICKNESS = 0.2  # m, of the ground below its surface: below a thin segment the normal would flip
 MAX_SLOPE = math.radians(80.0)
 
 
@@ -132,18 +131,16 @@ class Terrain:
         return float(max(ends[0], ends[1], inner.max() if len(inner) else -math.inf))
 
     def add_to(self, space: pymunk.Space) -> pymunk.Body:
-        """Add the ground to a pymunk space as thick segments on a static body, and return it.
+        """Add the ground to a pymunk space as segments on a static body, and return it.
 
-        Every segment's upper side is the surface; at a convex vertex it is rounded with
-        :data:`THICKNESS`. Neighbours are told to each other, so that no toe trips on a joint.
+        Neighbours are told to each other, so that no toe trips on a joint between them.
         """
         ground = pymunk.Body(body_type=pymunk.Body.STATIC)
-        axis = _parallel_below(self.polyline, THICKNESS)
+        points = self.polyline.tolist()
         segments = []
-        for i, (a, b) in enumerate(pairwise(axis)):
-            segment = pymunk.Segment(ground, tuple(a), tuple(b), THICKNESS)
-            before, after = axis[max(i - 1, 0)], axis[min(i + 2, len(axis) - 1)]
-            segment.set_neighbors(tuple(before), tuple(after))
+        for i, (a, b) in enumerate(pairwise(points)):
+            segment = pymunk.Segment(ground, a, b, 0.0)
+            segment.set_neighbors(points[max(i - 1, 0)], points[min(i + 2, len(points) - 1)])
             segment.friction = self.friction
             segment.elasticity = self.restitution
             segments.append(segment)
@@ -151,18 +148,7 @@ class Terrain:
         return ground
 
 
-def _parallel_below(points: Array, depth: float) -> Array:
-    """The polyline's parallel ``depth`` below it; vertices lie on both neighbours' parallels."""
-    step = np.diff(points, axis=0)
-    normal = np.column_stack([-step[:, 1], step[:, 0]]) / np.hypot(*step.T)[:, None]
-    first = np.vstack([normal[:1], normal])
-    second = np.vstack([normal, normal[-1:]])
-    bisector = first + second
-    bisector /= (bisector * first).sum(axis=1, keepdims=True)
-    return points - depth * bisector
-
-
-TERRAINS = ("flat", "slope")
+ALLOWED = "a Terrain, 'flat', 'slope:ANGLE' with an angle in rad, or (x, y) points"
 
 
 def make_terrain(
@@ -183,15 +169,16 @@ def make_terrain(
         made = terrain
     elif isinstance(terrain, str):
         name, _, number = terrain.partition(":")
+        if name not in ("flat", "slope") or (name == "flat" and number):
+            raise ValueError(f"terrain is {terrain!r}, must be {ALLOWED}")
         try:
-            made = {"flat": Terrain.flat, "slope": lambda: Terrain.slope(float(number))}[name]()
-        except (KeyError, ValueError) as error:
-            raise ValueError(
-                f"terrain is {terrain!r}, must be 'flat', 'slope:ANGLE' with an angle in rad, "
-                f"(x, y) points or a Terrain ({error})"
-            ) from error
-    else:
+            made = Terrain.flat() if name == "flat" else Terrain.slope(float(number))
+        except ValueError as error:
+            raise ValueError(f"terrain is {terrain!r}, must be {ALLOWED}: {error}") from error
+    elif isinstance(terrain, Iterable):
         made = Terrain(tuple(terrain))  # type: ignore[arg-type]
+    else:
+        raise ValueError(f"terrain is {terrain!r}, must be {ALLOWED}")
     return Terrain(
         made.points,
         made.friction if friction is None else friction,

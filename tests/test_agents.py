@@ -21,7 +21,7 @@ ONE_TO_ONE = SpeedMap(np.array([0.5, 1.0, 2.0]), np.array([[0.5], [1.0], [2.0]])
 
 def observation(angle, speed, command):
     """Only what a PID may read."""
-    row = np.full(15, np.nan)
+    row = np.full(16, np.nan)
     row[[0, 1, 2, 9]] = np.cos(angle), np.sin(angle), speed, command
     return row
 
@@ -85,19 +85,14 @@ def test_constant_torque():
 
 @pytest.mark.parametrize("name", BASELINES)
 def test_baselines_answer_evaluate_policy(name):
-    """Stable-Baselines3's own scoring takes them, and agrees with ours."""
+    """Stable-Baselines3's own scoring takes them."""
     from stable_baselines3.common.evaluation import evaluate_policy
     from stable_baselines3.common.monitor import Monitor
 
-    kwargs = {"speed_command": 0.3}
-    env = Monitor(gym.make("JansenWalker-v0", **kwargs))
+    env = Monitor(gym.make("JansenWalker-v0", speed_command=0.4))
     env.reset(seed=7)
-    policy = load_baseline(name)
-    mean, _ = evaluate_policy(policy, env, n_eval_episodes=1)
-    ours = run_episodes(policy, "JansenWalker-v0", kwargs, np.array([0.3]), np.array([7]))
-    # evaluate_policy resets again, unseeded: another start of the same task.
-    assert mean == pytest.approx(ours.returns[0], rel=0.6)
-    assert mean > 50.0
+    mean, _ = evaluate_policy(load_baseline(name), env, n_eval_episodes=2)
+    assert mean > 100.0  # it walks: standing still earns 40 at this command
 
 
 def test_episodes_side_by_side_equal_one_by_one():

@@ -9,7 +9,7 @@ import pytest
 
 from jansen_env import Terrain
 from jansen_env.contact import MARGIN, ContactDetector
-from jansen_env.terrain import THICKNESS, make_terrain
+from jansen_env.terrain import make_terrain
 
 RADIUS = 0.01  # m, of the pads
 HILLS = Terrain(((-2.0, 0.5), (-1.0, 0.0), (0.0, 0.2), (1.0, 0.1), (2.0, 0.6)))
@@ -81,7 +81,7 @@ def test_no_ghost_at_a_joint_of_collinear_segments():
 def test_a_concave_corner_gives_two_planes(kink):
     """A pad in a valley is held by both sides, nearest first; gap to either side's line, 1e-12."""
     valley = Terrain(((-1.0, kink), (0.0, 0.0), (1.0, kink)))
-    centre = np.array([0.01, 0.03])
+    centre = np.array([0.001, 0.03])
     planes, pad, gaps = look(valley, [centre])
     expected = [centre @ normal_of(slope) - RADIUS for slope in (kink, -kink)]
     assert pad.tolist() == [0, 0] and gaps == pytest.approx(expected, abs=1e-12)
@@ -89,24 +89,39 @@ def test_a_concave_corner_gives_two_planes(kink):
     assert planes[1, :2] == pytest.approx(normal_of(-kink), abs=1e-11)
 
 
-def test_a_convex_corner_is_rounded():
-    """At a ridge the normal turns steadily: the ground is an arc of radius THICKNESS there."""
+def test_a_ridge_is_sharp():
+    """At a convex vertex the normal points from the vertex to the pad: one plane, to 1e-12."""
     ridge = Terrain(((-1.0, -0.2), (0.0, 0.0), (1.0, -0.2)))
-    centre = np.array([0.01, 0.02])
-    axis = np.array([0.0, -THICKNESS * math.hypot(1.0, 0.2)])  # the arc's centre
-    away = centre - axis
+    centre = np.array([0.003, 0.02])
     planes, _, gaps = look(ridge, [centre])
-    assert gaps == pytest.approx(np.hypot(*away) - THICKNESS - RADIUS, abs=1e-12)
-    assert np.abs(planes[:, :2] - away / np.hypot(*away)).max() <= 1e-11
+    assert gaps == pytest.approx([np.hypot(*centre) - RADIUS], abs=1e-12)
+    assert planes[:, :2] == pytest.approx((centre / np.hypot(*centre))[None], abs=1e-12)
 
 
-@pytest.mark.parametrize("width", [0.4, 0.2, 0.1])
+@pytest.mark.parametrize("width", [0.4, 0.1, 0.02])
 def test_a_bump_is_felt_where_it_is(width):
-    """A bump 3 cm high: a pad just over its top has a gap; lost by rounding is at most half."""
+    """However narrow: 3 cm high, the gap of a pad over its top is exact."""
     bump = Terrain(((-1.0, 0.0), (0.0, 0.0), (0.5 * width, 0.03), (width, 0.0), (1.0, 0.0)))
     centre = [0.5 * width, 0.03 + RADIUS + 1e-3]
     _, _, gaps = look(bump, [centre])
-    assert gaps.min() <= 0.015
+    assert gaps.min() == pytest.approx(1e-3, abs=1e-12)
+
+
+def test_the_far_side_of_a_ridge_is_not_felt():
+    """Beside a narrow ridge a pad feels the side that faces it and the ground, not the other."""
+    ridge = Terrain(((-1.0, 0.0), (0.0, 0.0), (0.01, 0.04), (0.02, 0.0), (1.0, 0.0)))
+    planes, _, gaps = look(ridge, [[0.035, 0.012]])
+    assert len(gaps) == 2 and gaps.min() > 0.0
+    assert (planes[:, 0] >= 0.0).all()
+
+
+def test_a_pad_that_sank_in_is_pushed_up():
+    """With its centre below the surface the normal still points out of the ground."""
+    planes, _, gaps = look(
+        Terrain.slope(0.2), above(Terrain.slope(0.2), [0.5], math.tan(0.2), -0.03)
+    )
+    assert gaps == pytest.approx([-0.03], abs=1e-12)
+    assert planes[0, 1] > 0.0
 
 
 def test_order_is_by_pad_then_nearest_first():
@@ -133,7 +148,8 @@ def test_nothing_is_remembered_between_looks():
         detector.positions[:] = centres
         found = detector.detect(count, planes, pad)
         seen.append((found, planes.tobytes(), pad.tobytes()))
-    assert seen[0] == seen[3] and seen[0] != seen[1]
+    assert [found for found, *_ in seen] == [4, 0, 2, 4]
+    assert seen[3] == seen[0]
 
 
 def test_only_the_first_pads_are_looked_at():

@@ -131,6 +131,14 @@ def test_bad_arguments(arguments, message):
         ProjectionPlant(Robot(), Terrain.flat(), **arguments)
 
 
+def test_set_down_touches_a_rounded_ridge_everywhere():
+    """Over the top, too, where the ground lies below the corner: a loaded toe within 2 ms."""
+    plant = ProjectionPlant(Robot(), Terrain(((-1.0, -0.2), (0.0, 0.0), (1.0, -0.2))))
+    for x in np.linspace(-0.6, 0.6, 121):
+        plant.reset(x, 1.0, pitch=0.1)
+        assert plant.step(0.0, 2.0 * plant.time_step).contact_force[:, 1].max() > 0.0
+
+
 def test_bad_states_and_robots():
     """A state is eight finite numbers; a robot must be able to turn its crank."""
     plant = ProjectionPlant(Robot(), Terrain.flat())

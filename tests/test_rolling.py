@@ -63,7 +63,7 @@ def test_slip_is_the_path_of_the_contact_point(psi, pitch):
     h = 1e-5
     plant, toe = on_one_toe(0.0, psi, pitch, friction=0.0, time_step=h)
     state = plant.state
-    state[4:] = 0.3, 0.0, 1.0, 2.0
+    state[4:] = 0.3, 0.0, 1.0, 4.0
 
     def rate():  # of the pad, by central differences
         ahead, behind = state[:4] + h * state[4:], state[:4] - h * state[4:]
@@ -72,7 +72,7 @@ def test_slip_is_the_path_of_the_contact_point(psi, pitch):
     state[5] -= rate()[1]  # neither lifts nor lands
     plant.state = state
     vx, vy, turning = rate()
-    assert abs(vy) < 1e-9 and abs(RADIUS * turning) > 0.03
+    assert abs(vy) < 1e-9 and abs(RADIUS * turning) > 0.01
     result = plant.step(0.0, h)
     assert result.slip[toe] / h == pytest.approx(abs(vx + RADIUS * turning), abs=1e-4)
     assert result.contact_force[toe, 1] > 0.0

@@ -143,13 +143,13 @@ def test_normalizer_equals_numpy():
     """Mean and variance over several updates; nothing changes in between."""
     env = make_env("JansenWalker-v0", {})
     extractor = NormalizedObservation(env.observation_space)
-    seen = np.random.default_rng(0).normal(3.0, 2.0, (300, 15)).astype(np.float32)
+    seen = np.random.default_rng(0).normal(3.0, 2.0, (300, 16)).astype(np.float32)
     for part in np.split(seen, [100, 150]):
         extractor.update(torch.as_tensor(part))
     assert extractor.mean.numpy() == pytest.approx(seen.mean(0), rel=1e-4)
     assert extractor.variance.numpy() == pytest.approx(seen.var(0), rel=1e-4)
     scaled = extractor(torch.as_tensor(seen)).numpy()
-    assert scaled.std(0) == pytest.approx(np.ones(15), rel=1e-3)
+    assert scaled.std(0) == pytest.approx(np.ones(16), rel=1e-3)
 
 
 @pytest.mark.slow

@@ -15,15 +15,16 @@ from jansen_env.plants.projection import ProjectionPlant, StepResult
 from jansen_env.projection import GRAVITY
 from jansen_env.robot import ROBOTS, Payload, Robot
 from jansen_env.terrain import Terrain, make_terrain
-from jansen_env.validation import finite, non_negative, positive
+from jansen_env.validation import finite, non_negative, positive, within
 
 Observation = NDArray[np.float32]
 
 SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
 TRACKING_WIDTH = 0.75  # of the command: speed error at which tracking has fallen to 1/e ...
 WIDEST_TRACKING = 0.25  # m/s ... but no wider than this
-NARROWEST_TRACKING = 0.02  # m/s ... nor narrower, so that a command of 0 can be tracked
+NARROWEST_TRACKING = 0.002  # m/s ... nor narrower, so that a command of 0 can be tracked
 FALLEN_PITCH = 1.2  # rad
+SLIPPING = 0.01  # m/s of mean slip speed from which a toe is drawn as slipping
 FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
 
 
@@ -40,7 +41,7 @@ class RewardWeights:
     """
 
     tracking: float = 1.0
-    slip: float = 1.0
+    slip: float = 4.0
     energy: float = 0.1
     posture: float = 0.2
     fall: float = 20.0
@@ -51,15 +52,13 @@ class RewardWeights:
 
 
 def tracking_score(speed: float, command: float) -> float:
-    """Share of the tracking reward earned at ``speed`` for ``command`` (m/s), at most 1.
+    """Share of the tracking reward earned at ``speed`` for ``command`` (m/s), 0 to 1.
 
     A bell of width min(0.75 |command|, 0.25 m/s): standing still earns exp(-1 / 0.75^2) = 0.17 of
-    it at slow commands and less at fast ones. Going back costs, metre by metre, what going forward
-    at the command earns; else creeping forward and leaping back would pay without getting anywhere.
+    it at slow commands and less at fast ones.
     """
     width = min(max(TRACKING_WIDTH * abs(command), NARROWEST_TRACKING), WIDEST_TRACKING)
-    back = max(0.0, -speed * command) / command**2 if command != 0.0 else 0.0
-    return math.exp(-(((speed - command) / width) ** 2)) - back
+    return math.exp(-(((speed - command) / width) ** 2))
 
 
 class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
@@ -95,6 +94,7 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
     | 9 | commanded speed | -2 | 2 | m/s |
     | 10 .. 9 + n | normal load of each toe / weight, mean over the last step | 0 | Inf | 1 |
     | 10 + n | last action | -1 | 1 | 1 |
+    | 11 + n | distance behind the farthest point reached | 0 | Inf | m |
 
     n is the number of toes (4: rf, lf, rb, lb). At reset the loads are those at rest.
 
@@ -103,14 +103,15 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     | Term | Value |
     |------|-------|
-    | ``reward/tracking`` | ``tracking_weight`` * (exp(-((v - command) / width)^2) - backward), v the mean speed over the step, width = min(0.75 \\|command\\|, 0.25 m/s), backward = max(0, -v / command) |
+    | ``reward/tracking`` | ``tracking_weight`` * exp(-((v - command) / width)^2), v the mean speed onto new ground over the step, width = min(0.75 \\|command\\|, 0.25 m/s) |
     | ``reward/slip`` | -``slip_weight`` * slip speed of all toes, m/s |
     | ``reward/energy`` | -``energy_weight`` * \\|motor power\\| / (weight * 1 m/s) |
     | ``reward/posture`` | -``posture_weight`` * pitch^2 |
     | ``reward/fall`` | -``fall_weight`` in the step in which the robot falls |
 
-    Standing still earns at most 17 % of the tracking term, at every command, and so does moving to
-    and fro: a way back costs what the way forward earned.
+    Standing still earns at most 17 % of the tracking term, at every command. Only new ground
+    counts: while the robot is behind the farthest point it has reached, v is at most 0, so that
+    creeping forward and leaping back earns no more than standing.
 
     ## Starting State
     Crank angle uniform over a turn, set down at rest at x = 0 on the lowest toe before and the
@@ -127,7 +128,7 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
     ``x_position`` m, ``x_velocity`` m/s, ``pitch`` rad, ``crank_angle`` rad (not wrapped),
     ``crank_speed`` rad/s, ``crank_torque`` N m, ``speed_command`` m/s, ``slip`` (n,) m slid by each
     toe while loaded in this step, ``contact_force`` (n, 2) mean tangential and normal force on each
-    toe in N, ``fallen``, and ``energy``, J in this step: ``motor_work``, ``joint_loss``,
+    toe in N, ``fallen`` (since the last reset), and ``energy``, J in this step: ``motor_work``, ``joint_loss``,
     ``slip_loss``, ``impact_loss``, ``mechanical_energy_change``, ``residual``; the first is the sum
     of the others.
 
@@ -143,7 +144,7 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
     | ``payload`` | robot's (none) | a :class:`jansen_env.Payload`, or a mass in kg at the crank axis |
     | ``control_dt`` | 0.02 | s for which an action is held; a multiple of ``time_step`` |
     | ``time_step`` | 0.001 | s, of the integration |
-    | ``tracking_weight`` ... ``fall_weight`` | 1, 1, 0.1, 0.2, 20 | see Rewards |
+    | ``tracking_weight`` ... ``fall_weight`` | 1, 4, 0.1, 0.2, 20 | see Rewards |
     | ``reset_noise_scale`` | 0.1 | rad/s, of the starting crank speed |
     | ``terminate_when_fallen`` | True | whether a fall ends the episode |
     | ``render_mode`` | None | ``"human"`` or ``"rgb_array"`` |
@@ -205,9 +206,24 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.weight = self.robot.mass * GRAVITY
         toes = self.plant.toes
         unbounded = [np.inf] * toes
-        high = [1, 1, np.inf, 1, 1, np.inf, np.inf, np.inf, np.inf, FASTEST_COMMAND, *unbounded, 1]
+        high = [
+            1,
+            1,
+            np.inf,
+            1,
+            1,
+            np.inf,
+            np.inf,
+            np.inf,
+            np.inf,
+            FASTEST_COMMAND,
+            *unbounded,
+            1,
+            np.inf,
+        ]
         low = [-bound for bound in high]
         low[10 : 10 + toes] = [0.0] * toes
+        low[-1] = 0.0
         self.observation_space = spaces.Box(
             np.array(low, np.float32), np.array(high, np.float32), dtype=np.float32
         )
@@ -215,6 +231,7 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._command = 0.0
         self._action = 0.0
         self._fallen = False
+        self._farthest = 0.0
         self._time = 0.0
         self._loads = np.zeros(toes)
         self._result: StepResult | None = None
@@ -235,7 +252,8 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         command = self.np_random.uniform(*self.speed_command_range)
         crank_speed = self.reset_noise_scale * self.np_random.uniform(-1.0, 1.0)
         if "speed_command" in options:
-            command = _command_range(options.pop("speed_command"))[0]
+            command = options.pop("speed_command")
+            within("options['speed_command']", command, -FASTEST_COMMAND, FASTEST_COMMAND)
         if "crank_angle" in options:
             crank_angle = finite("options['crank_angle']", options.pop("crank_angle"))
         if options:
@@ -244,6 +262,7 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
                 "'crank_angle'"
             )
         self._command, self._action, self._fallen, self._time = float(command), 0.0, False, 0.0
+        self._farthest = 0.0
         self.plant.reset(0.0, crank_angle)
         self._result = self.plant.peek()
         self._loads = self._result.contact_force[:, 1] / self.weight
@@ -269,8 +288,9 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         result = self.plant.step(torque, self.control_dt)
         state = self.plant.state
         speed = (state[0] - x_before) / self.control_dt
-        fallen = result.bumped or abs(float(state[2])) > FALLEN_PITCH
-        reward, terms = self._reward(speed, state[2], result, fallen and not self._fallen)
+        fallen = self._fallen or result.bumped or abs(float(state[2])) > FALLEN_PITCH
+        gained = self._gained_speed(float(state[0]), float(speed))
+        reward, terms = self._reward(gained, state[2], result, fallen and not self._fallen)
         self._action, self._fallen, self._result = share, fallen, result
         self._time += self.control_dt
         self._loads = result.contact_force[:, 1] / self.weight
@@ -293,9 +313,24 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
             [
                 math.cos(psi), math.sin(psi), crank_speed, math.sin(theta), math.cos(theta),
                 pitch_rate, vx, vy, height, self._command, *self._loads.tolist(), self._action,
+                max(0.0, self._farthest - self._direction * _x),
             ],
             dtype=np.float32,
         )  # fmt: skip
+
+    @property
+    def _direction(self) -> float:
+        return math.copysign(1.0, self._command)
+
+    def _gained_speed(self, x: float, speed: float) -> float:
+        """Mean speed (m/s) onto new ground in the commanded direction; at most 0 on old ground."""
+        if self._command == 0.0:
+            return speed
+        gained = self._direction * x - self._farthest
+        if gained <= 0.0:
+            return self._direction * min(self._direction * speed, 0.0)
+        self._farthest += gained
+        return self._direction * gained / self.control_dt
 
     def _reward(
         self, speed: float, pitch: float, result: StepResult, falls: bool
@@ -343,6 +378,7 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
             "command": self._command,
             "action": self._action,
             "fallen": self._fallen,
+            "farthest": self._farthest,
             "time": self._time,
             "loads": self._loads.copy(),
             "generator": self.np_random.bit_generator.state,
@@ -356,14 +392,17 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         Raises:
             ValueError: an entry is missing, or the plant's state is not 8 finite numbers.
         """
-        entries = {"plant", "command", "action", "fallen", "time", "loads", "generator"}
-        missing = entries - set(state)
+        missing = {*self.get_state()} - {*state}
         if missing:
             raise ValueError(f"state lacks {sorted(missing)}, must come from get_state()")
+        loads = np.array(state["loads"], dtype=float)
+        if loads.shape != self._loads.shape:
+            raise ValueError(f"state['loads'] has shape {loads.shape}, must be {self._loads.shape}")
         self.plant.state = state["plant"]
         self._command, self._action = float(state["command"]), float(state["action"])
         self._fallen, self._time = bool(state["fallen"]), float(state["time"])
-        self._loads = np.array(state["loads"], dtype=float)
+        self._farthest = float(state["farthest"])
+        self._loads = loads
         self.np_random.bit_generator.state = state["generator"]
         self._result = None
         return self._observe(self.plant.state)
@@ -411,13 +450,10 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         return {**self.__dict__, "_renderer": None}
 
 
-SLIPPING = 0.01  # m/s of mean slip speed from which a toe is drawn as slipping
-
-
 def _robot(robot: Robot | str) -> Robot:
     if isinstance(robot, Robot):
         return robot
-    if robot not in ROBOTS:
+    if not isinstance(robot, str) or robot not in ROBOTS:
         raise ValueError(f"robot is {robot!r}, must be a Robot or one of {sorted(ROBOTS)}")
     return ROBOTS[robot]()
 
@@ -431,16 +467,17 @@ def _load(robot: Robot, payload: Payload | float | None) -> Robot:
 
 def _command_range(speed_command: Any) -> tuple[float, float]:
     pair = (
-        (speed_command, speed_command)
-        if np.ndim(speed_command) == 0
-        else tuple(np.asarray(speed_command).tolist())
+        speed_command
+        if isinstance(speed_command, (tuple, list, np.ndarray))
+        else 2 * [speed_command]
     )
     if len(pair) != 2:
         raise ValueError(f"speed_command is {speed_command!r}, must be a number or (low, high)")
-    low, high = (finite("speed_command", float(value)) for value in pair)
-    if not -FASTEST_COMMAND <= low <= high <= FASTEST_COMMAND:
+    low, high = (
+        within("speed_command", value, -FASTEST_COMMAND, FASTEST_COMMAND) for value in pair
+    )
+    if low > high:
         raise ValueError(
-            f"speed_command is {speed_command!r}, must be in m/s, low <= high, within "
-            f"+-{FASTEST_COMMAND}"
+            f"speed_command is {speed_command!r}, must be (low, high) with low <= high"
         )
     return low, high

@@ -20,6 +20,7 @@ from jansen_env.validation import positive
 Array = NDArray[np.float64]
 
 DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are kept meanwhile
+SET_DOWN_ROUNDS = 3  # Newton steps of lowering it
 SET_DOWN_DEPTH = 1e-9  # m, by which a robot is set down into the ground: its toes carry at once
 DIVERGED = 1e4  # a speed (m/s, rad/s) beyond which a state is no longer believed
 
@@ -126,15 +127,23 @@ class ProjectionPlant:
         state = np.asarray(value, dtype=float)
         if state.shape != (8,) or not np.isfinite(state).all():
             raise ValueError(f"state is {value!r}, must be 8 finite numbers")
+        if self.crank_locked and state[7] != 0.0:
+            raise ValueError(
+                f"state has a crank speed of {state[7]} rad/s, but the crank is locked"
+            )
         self._state[:] = state
 
     @property
     def crank_locked(self) -> bool:
-        """Whether the crank is held by a brake."""
+        """Whether the crank is held fast on the chassis; only a standing crank can be locked."""
         return self._model.locked
 
     @crank_locked.setter
     def crank_locked(self, locked: bool) -> None:
+        if locked and self._state[7] != 0.0:
+            raise ValueError(
+                f"crank_locked: the crank turns at {self._state[7]} rad/s, must stand still"
+            )
         self._model = self._model._replace(locked=bool(locked))
 
     def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
@@ -150,11 +159,13 @@ class ProjectionPlant:
         """
         y, theta = set_down(self.tables, self.terrain, x, crank_angle, pitch)
         self._state[:] = (x, y, theta, crank_angle, 0.0, 0.0, 0.0, 0.0)
-        planes = self._look()
-        if planes:  # the discs' true gap, where the ground is not straight below them
-            normal, pad = self._ground.plane[:planes], self._ground.pad[:planes]
-            gap = (normal[:, :2] * self._positions[pad]).sum(axis=1) - normal[:, 2]
-            self._state[1] -= ((gap - self.robot.pad_radius) / normal[:, 1]).min() + SET_DOWN_DEPTH
+        for _ in range(SET_DOWN_ROUNDS):  # to the discs' true gap, where the ground is not straight
+            planes = self._look()
+            if planes:
+                normal, pad = self._ground.plane[:planes], self._ground.pad[:planes]
+                gap = (normal[:, :2] * self._positions[pad]).sum(axis=1) - normal[:, 2]
+                self._state[1] -= ((gap - self.robot.pad_radius) / normal[:, 1]).min()
+        self._state[1] -= SET_DOWN_DEPTH
         return self.state
 
     @property
@@ -233,7 +244,7 @@ class ProjectionPlant:
         Raises:
             FloatingPointError: the state is no longer finite, or faster than anything believable.
         """
-        steps = max(1, round(duration / self.time_step))
+        steps = max(1, round(positive("duration", duration) / self.time_step))
         self._totals[:] = 0.0
         self._record[:] = 0.0
         before = self.energy()

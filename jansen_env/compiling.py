@@ -1,0 +1,50 @@
+"""``compiled``: numba's njit with a cache that notices a change in any of the compiled files.
+
+Numba's own cache looks at the file of the function alone: after a change in a function that it
+calls from another file, it would go on running the old machine code. Here the cache's folder is
+named after the contents of all compiled files.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+
+_config: Any = numba.config
+
+SOURCES = ("compiling.py", "contact.py", "contact_solver.py", "kernels.py")
+
+
+def _cache_folder() -> str:
+    """Beside the package, or in NUMBA_CACHE_DIR; "" (numba's choice) where that is not writable."""
+    here = Path(__file__).parent
+    digest = hashlib.sha256()
+    for name in SOURCES:
+        digest.update((here / name).read_bytes())
+    folder = Path(_config.CACHE_DIR or here / "__pycache__") / f"jansen-{digest.hexdigest()[:16]}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return ""
+    return str(folder) if os.access(folder, os.W_OK) else ""
+
+
+_FOLDER = _cache_folder()
+
+
+def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
+    """Decorator: compile with numba, cached on disk, dividing by zero as numpy does."""
+    if function is None:
+        return lambda f: compiled(f, **options)
+    before = _config.CACHE_DIR
+    if _FOLDER:
+        _config.CACHE_DIR = _FOLDER
+    try:
+        return numba.njit(cache=True, error_model="numpy", **options)(function)
+    finally:
+        _config.CACHE_DIR = before

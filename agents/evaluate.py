@@ -73,7 +73,7 @@ def evaluate(
 
 
 def film(policy: Policy, env_id: str, env_kwargs: dict[str, Any], command: float, seed: int,
-         path: str | Path, seconds: float = 8.0, every: int = 2) -> None:  # fmt: skip
+         path: str | Path, seconds: float = 6.0, every: int = 3) -> None:  # fmt: skip
     """A GIF of one episode at a commanded speed (m/s), one frame in ``every`` steps."""
     env: Any = make_env(env_id, env_kwargs, render_mode="rgb_array")
     observation, _ = env.reset(seed=seed, options={"speed_command": command})
@@ -86,7 +86,7 @@ def film(policy: Policy, env_id: str, env_kwargs: dict[str, Any], command: float
         observation, _, terminated, truncated, _ = env.step(actions[0])
         if terminated or truncated:
             break
-    save_gif(frames, path, fps=1.0 / (every * env.unwrapped.control_dt), width=640)
+    save_gif(frames, path, fps=1.0 / (every * env.unwrapped.control_dt), width=480, colors=48)
     env.close()
 
 

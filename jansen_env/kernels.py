@@ -218,8 +218,7 @@ def advance(steps, h, torque, state, model, ground, planes, floats, ints, totals
     to_centroid(model, state, 1.0)
     for _ in range(steps):
         _step(h, torque, state, model, ground, planes, work, totals, record)
-    for j in range(toes, len(record)):
-        totals[BUMPS] += record[j, IMPULSE_N]
+    totals[BUMPS] = record[toes:, IMPULSE_N].sum()
     to_centroid(model, state, -1.0)
 
 

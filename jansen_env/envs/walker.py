@@ -43,8 +43,8 @@ class RewardWeights:
     tracking: float = 1.0
     slip: float = 4.0
     energy: float = 0.1
-    posture: float = 0.2
-    fall: float = 20.0
+    posture: float = 0.5
+    fall: float = 200.0
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
@@ -144,7 +144,7 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
     | ``payload`` | robot's (none) | a :class:`jansen_env.Payload`, or a mass in kg at the crank axis |
     | ``control_dt`` | 0.02 | s for which an action is held; a multiple of ``time_step`` |
     | ``time_step`` | 0.001 | s, of the integration |
-    | ``tracking_weight`` ... ``fall_weight`` | 1, 4, 0.1, 0.2, 20 | see Rewards |
+    | ``tracking_weight`` ... ``fall_weight`` | 1, 4, 0.1, 0.5, 200 | see Rewards |
     | ``reset_noise_scale`` | 0.1 | rad/s, of the starting crank speed |
     | ``terminate_when_fallen`` | True | whether a fall ends the episode |
     | ``render_mode`` | None | ``"human"`` or ``"rgb_array"`` |
@@ -307,13 +307,13 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         return min(1.0, max(-1.0, float(values[0])))
 
     def _observe(self, state: NDArray[np.float64]) -> Observation:
-        _x, _y, theta, psi, vx, vy, pitch_rate, crank_speed = state.tolist()
-        height = _y - float(self.terrain.height(_x))
+        x, y, theta, psi, vx, vy, pitch_rate, crank_speed = state.tolist()
+        height = y - float(self.terrain.height(x))
         return np.array(
             [
                 math.cos(psi), math.sin(psi), crank_speed, math.sin(theta), math.cos(theta),
                 pitch_rate, vx, vy, height, self._command, *self._loads.tolist(), self._action,
-                max(0.0, self._farthest - self._direction * _x),
+                max(0.0, self._farthest - self._direction * x),
             ],
             dtype=np.float32,
         )  # fmt: skip

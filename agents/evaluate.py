@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,8 @@ def load(name: str, env: Any) -> Policy:
         raise ValueError(
             f"policy is {name!r}, must be one of {BASELINES}, a run's folder or a model's zip file"
         )
-    from agents.training import load_policy  # torch is slow to import
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # more would change the last bits of the actions
+    from agents.training import load_policy  # only now: torch is slow to import
 
     return load_policy(name)
 

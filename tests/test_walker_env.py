@@ -13,7 +13,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import jansen_env
-from jansen_env.envs.walker import JansenWalkerEnv, tracking_score
+from jansen_env.envs.rewards import tracking_score
+from jansen_env.envs.walker import JansenWalkerEnv
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from jansen_env.envs.rewards import RewardWeights, tracking_score
 from jansen_env.plants.projection import ProjectionPlant, StepResult
 from jansen_env.projection import GRAVITY
 from jansen_env.robot import ROBOTS, Payload, Robot
@@ -20,45 +21,9 @@ from jansen_env.validation import finite, non_negative, positive, within
 Observation = NDArray[np.float32]
 
 SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
-TRACKING_WIDTH = 0.75  # of the command: speed error at which tracking has fallen to 1/e ...
-WIDEST_TRACKING = 0.25  # m/s ... but no wider than this
-NARROWEST_TRACKING = 0.002  # m/s ... nor narrower, so that a command of 0 can be tracked
 FALLEN_PITCH = 1.2  # rad
 SLIPPING = 0.01  # m/s of mean slip speed from which a toe is drawn as slipping
 FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
-
-
-@dataclass(frozen=True)
-class RewardWeights:
-    """What each term of the reward counts.
-
-    Attributes:
-        tracking: at the commanded speed exactly, per step.
-        slip: per m/s of slip speed, summed over the toes.
-        energy: per unit of motor power / (weight * 1 m/s).
-        posture: per rad^2 of pitch.
-        fall: once, when the robot falls.
-    """
-
-    tracking: float = 1.0
-    slip: float = 4.0
-    energy: float = 0.1
-    posture: float = 0.5
-    fall: float = 200.0
-
-    def __post_init__(self) -> None:
-        for name, value in asdict(self).items():
-            non_negative(f"{name}_weight", value)
-
-
-def tracking_score(speed: float, command: float) -> float:
-    """Share of the tracking reward earned at ``speed`` for ``command`` (m/s), 0 to 1.
-
-    A bell of width min(0.75 |command|, 0.25 m/s): standing still earns exp(-1 / 0.75^2) = 0.17 of
-    it at slow commands and less at fast ones.
-    """
-    width = min(max(TRACKING_WIDTH * abs(command), NARROWEST_TRACKING), WIDEST_TRACKING)
-    return math.exp(-(((speed - command) / width) ** 2))
 
 
 class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.linkage import SKELETON, A, Array, B, C, D, E, O, P, T, direction, joint_positions
+from jansen_env.projection import GRAVITY
 from jansen_env.robot import Robot
 from jansen_env.validation import positive, positive_integer
 
 Picture = NDArray[np.uint8]
 Color = tuple[int, int, int]
 
-GRAVITY = 9.81  # m/s^2, only to turn forces into arrow lengths
 ARROW_PER_WEIGHT = 0.25  # m of arrow for a contact force equal to the robot's weight
 LONGEST_ARROW = 0.6  # m, so that an impact does not cross the whole picture
 TICK_SPACING = 0.5  # m between the marks on the ground

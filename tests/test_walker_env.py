@@ -219,9 +219,8 @@ def test_falls_end_the_episode_once():
             if terminated:
                 break
         assert any(flags)
-        assert terminated is ends and flags[-1] is not None
-        if ends:
-            assert penalties == -200.0
+        assert terminated is ends
+        assert penalties == -200.0 and flags[-1]
         assert np.isfinite(env.plant.state).all()
 
 

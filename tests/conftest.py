@@ -16,10 +16,6 @@ DESIGNS = {**{name: make() for name, make in ROBOTS.items()}, "phases3": paper_r
 """Every built-in design, six legs on three phases, and a first leg that faces back."""
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    config.addinivalue_line("markers", "slow: takes more than a few seconds")
-
-
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20240229)

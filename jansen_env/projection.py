@@ -5,18 +5,21 @@ paper's; where its print cannot be meant, the reading is the one of ``docs/paper
 coordinates (1), three a body: theta_i, x_i, y_i. Subscripts: f forepaw, b backpaw; the backpaw's
 equations differ from the forepaw's in the sign of alpha_4, gamma_4 and alpha_8 alone.
 
-Shapes: x, x_dot (24,); Phi (20,); C (20, 24); D (24, 4); n legs stacked: X (24 n,).
+Shapes: x, x_dot (24,); Phi (20,); C (20, 24); D (24, 4), all with any number of leading axes (legs,
+instants); n legs stacked: X (24 n,).
 """
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.linkage import coordinates
-from jansen_env.robot import BODIES_PER_LEG, JOINT_PAIRS, Leg, Robot, Side
+from jansen_env.robot import BODIES_PER_LEG, JOINT_PAIRS, Robot, Side
 
 Array = NDArray[np.float64]
 
@@ -66,83 +69,110 @@ def leg_closures(robot: Robot, side: Side) -> tuple[Closure, ...]:
     )
 
 
-def constraints(robot: Robot, side: Side, x: Array) -> Array:
-    """Phi_hf or Phi_hb (20,), m: the holonomic constraints before (3)."""
-    phi = np.zeros(CONSTRAINTS)
-    for row, closure in enumerate(leg_closures(robot, side)):
-        plus, minus = 3 * (closure.plus - 1), 3 * (closure.minus - 1)
-        phi[2 * row : 2 * row + 2] = x[plus + 1 : plus + 3] - x[minus + 1 : minus + 3]
-        for term in closure.terms:
-            angle = x[3 * (term.body - 1)] + term.offset
-            phi[2 * row : 2 * row + 2] += term.coefficient * np.array(
-                [np.cos(angle), np.sin(angle)]
-            )
+Sides = Side | tuple[Side, ...]
+"""One side for all legs, or one for each along the last axis but one of x (..., legs, 24)."""
+
+
+class _Rows(NamedTuple):
+    """:func:`leg_closures` as arrays: a leg's terms (m,), the y row of each being ``row + 1``."""
+
+    row: NDArray[np.int64]
+    column: NDArray[np.int64]
+    coefficient: Array
+    offset: Array  # (m,), or (legs, m): the only thing in which the sides differ
+    translations: Array  # (20, 24) the constant part of C
+
+
+@functools.lru_cache(maxsize=64)
+def _rows(robot: Robot, side: Sides) -> _Rows:
+    if isinstance(side, tuple):
+        legs = [_rows(robot, one) for one in side]
+        return legs[0]._replace(offset=np.stack([leg.offset for leg in legs]))
+    terms = []
+    translations = np.zeros((CONSTRAINTS, COORDINATES))
+    for i, closure in enumerate(leg_closures(robot, side)):
+        for axis in (0, 1):
+            translations[2 * i + axis, 3 * (closure.plus - 1) + 1 + axis] = 1.0
+            translations[2 * i + axis, 3 * (closure.minus - 1) + 1 + axis] = -1.0
+        terms += [(2 * i, 3 * (t.body - 1), t.coefficient, t.offset) for t in closure.terms]
+    row, column, coefficient, offset = np.array(terms).T
+    return _Rows(row.astype(int), column.astype(int), coefficient, offset, translations)
+
+
+def constraints(robot: Robot, side: Sides, x: Array) -> Array:
+    """Phi_hf or Phi_hb (..., 20), m: the holonomic constraints before (3), of x (..., 24)."""
+    rows = _rows(robot, side)
+    angle = x[..., rows.column] + rows.offset
+    turning = np.zeros((len(rows.row), CONSTRAINTS // 2))
+    turning[np.arange(len(rows.row)), rows.row // 2] = rows.coefficient
+    phi = x @ rows.translations.T
+    phi[..., 0::2] += np.cos(angle) @ turning
+    phi[..., 1::2] += np.sin(angle) @ turning
     return phi
 
 
-def constraint_matrix(robot: Robot, side: Side, x: Array) -> Array:
-    """C = dPhi/dx (20, 24), eq. (3) (printed with d x_dot, which C x_dot = 0 does not allow)."""
-    C = np.zeros((CONSTRAINTS, COORDINATES))
-    for row, closure in enumerate(leg_closures(robot, side)):
-        plus, minus = 3 * (closure.plus - 1), 3 * (closure.minus - 1)
-        for axis in (0, 1):
-            C[2 * row + axis, plus + 1 + axis] += 1.0
-            C[2 * row + axis, minus + 1 + axis] -= 1.0
-        for term in closure.terms:
-            column = 3 * (term.body - 1)
-            angle = x[column] + term.offset
-            C[2 * row, column] -= term.coefficient * np.sin(angle)
-            C[2 * row + 1, column] += term.coefficient * np.cos(angle)
+def constraint_matrix(robot: Robot, side: Sides, x: Array) -> Array:
+    """C = dPhi/dx (..., 20, 24) of x (..., 24), eq. (3).
+
+    Printed with d x_dot, which C x_dot = 0 does not allow.
+    """
+    rows = _rows(robot, side)
+    angle = x[..., rows.column] + rows.offset
+    C = np.empty((*x.shape[:-1], CONSTRAINTS, COORDINATES))
+    C[...] = rows.translations
+    C[..., rows.row, rows.column] = -rows.coefficient * np.sin(angle)
+    C[..., rows.row + 1, rows.column] = rows.coefficient * np.cos(angle)
     return C
 
 
-def constraint_matrix_rate(robot: Robot, side: Side, x: Array, x_dot: Array) -> Array:
-    """C_dot (20, 24): the time derivative of :func:`constraint_matrix` along x_dot."""
-    C_dot = np.zeros((CONSTRAINTS, COORDINATES))
-    for row, closure in enumerate(leg_closures(robot, side)):
-        for term in closure.terms:
-            column = 3 * (term.body - 1)
-            angle, rate = x[column] + term.offset, x_dot[column]
-            C_dot[2 * row, column] -= term.coefficient * np.cos(angle) * rate
-            C_dot[2 * row + 1, column] -= term.coefficient * np.sin(angle) * rate
+def constraint_matrix_rate(robot: Robot, side: Sides, x: Array, x_dot: Array) -> Array:
+    """C_dot (..., 20, 24): the time derivative of :func:`constraint_matrix` along x_dot."""
+    rows = _rows(robot, side)
+    angle, rate = x[..., rows.column] + rows.offset, x_dot[..., rows.column]
+    C_dot = np.zeros((*x.shape[:-1], CONSTRAINTS, COORDINATES))
+    C_dot[..., rows.row, rows.column] = -rows.coefficient * np.cos(angle) * rate
+    C_dot[..., rows.row + 1, rows.column] = -rows.coefficient * np.sin(angle) * rate
     return C_dot
 
 
 def orthogonal_complement(C: Array, freedoms: int) -> Array:
     """D = [1; -C_2^-1 C_1] with C D = 0, the first ``freedoms`` coordinates independent.
 
-    The paper's partition before (5); C (r, n) gives D (n, freedoms).
+    The paper's partition before (5); C (..., r, n) gives D (..., n, freedoms).
     """
-    return np.vstack([np.eye(freedoms), -np.linalg.solve(C[:, freedoms:], C[:, :freedoms])])
+    return _below(np.eye(freedoms), -np.linalg.solve(C[..., freedoms:], C[..., :freedoms]))
 
 
 def orthogonal_complement_rate(C: Array, C_dot: Array, D: Array) -> Array:
-    """D_dot (n, freedoms), from C_dot D + C D_dot = 0; its independent rows are constant."""
-    freedoms = D.shape[1]
-    lower = -np.linalg.solve(C[:, freedoms:], C_dot @ D)
-    return np.vstack([np.zeros((freedoms, freedoms)), lower])
+    """D_dot (..., n, freedoms), from C_dot D + C D_dot = 0; its independent rows are constant."""
+    freedoms = D.shape[-1]
+    return _below(np.zeros((freedoms, freedoms)), -np.linalg.solve(C[..., freedoms:], C_dot @ D))
 
 
-def mass_matrix(robot: Robot) -> Array:
-    """M_f = diag(J_1, m_1, m_1, ..., J_8, m_8, m_8) (24, 24), eq. (2)."""
-    return np.diag(
-        [value for body in robot.bodies for value in (body.inertia, body.mass, body.mass)]
-    )
+def _below(head: Array, lower: NDArray[Any]) -> Array:
+    """The rows of ``head`` over those of each matrix ``lower``."""
+    return np.concatenate([np.broadcast_to(head, (*lower.shape[:-2], *head.shape)), lower], axis=-2)
 
 
-def forces(robot: Robot, x_dot: Array, torque: float, gravity: float = GRAVITY) -> Array:
-    """h_f (24,), eq. (2): motor torque (crank +, frame -), weights and viscous joint torques.
+def masses(robot: Robot) -> Array:
+    """The diagonal of M_f: J_1, m_1, m_1, ..., J_8, m_8, m_8 (24,), eq. (2)."""
+    return np.array([v for body in robot.bodies for v in (body.inertia, body.mass, body.mass)])
 
-    ``torque`` (N m) is this leg's share: one motor drives the shaft, so it enters one leg only.
+
+def forces(robot: Robot, x_dot: Array, torque: float | Array, gravity: float = GRAVITY) -> Array:
+    """h_f (..., 24) of x_dot (..., 24), eq. (2).
+
+    Motor torque (crank +, frame -), weights and viscous joint torques. ``torque`` (N m, a number
+    or (...)) is this leg's share: one motor drives the shaft, so it enters one leg only.
     """
-    h = np.zeros(COORDINATES)
-    h[2::3] = [-body.mass * gravity for body in robot.bodies]
-    h[0] -= torque
-    h[3] += torque
+    h = np.zeros(x_dot.shape)
+    h[..., 2::3] = [-body.mass * gravity for body in robot.bodies]
+    h[..., 0] -= torque
+    h[..., 3] += torque
     for (i, j), coefficient in zip(JOINT_PAIRS, robot.damping, strict=True):
-        moment = coefficient * (x_dot[3 * (j - 1)] - x_dot[3 * (i - 1)])
-        h[3 * (i - 1)] += moment
-        h[3 * (j - 1)] -= moment
+        moment = coefficient * (x_dot[..., 3 * (j - 1)] - x_dot[..., 3 * (i - 1)])
+        h[..., 3 * (i - 1)] += moment
+        h[..., 3 * (j - 1)] -= moment
     return h
 
 
@@ -220,19 +250,25 @@ def frame_angle(robot: Robot, side: Side) -> float:
 
 
 def system_coordinates(robot: Robot, q: Array) -> Array:
-    """X (24 n,) of every leg from q = (x, y, theta, psi): crank axis, pitch and crank angle."""
-    return np.concatenate([leg_coordinates(robot, leg, q) for leg in robot.legs])
+    """x of every leg (..., legs, 24) from q (..., 4) = (x, y, theta, psi), rad and m.
 
-
-def leg_coordinates(robot: Robot, leg: Leg, q: Array) -> Array:
-    """x (24,) of one leg, rad and m, from q = (x, y, theta, psi)."""
-    local = coordinates(robot, leg.side, q[3] + leg.phase).reshape(BODIES_PER_LEG, 3)
-    cos, sin = np.cos(q[2]), np.sin(q[2])
-    x = np.empty((BODIES_PER_LEG, 3))
-    x[:, 0] = local[:, 0] + q[2]
-    x[:, 1] = q[0] + cos * local[:, 1] - sin * local[:, 2]
-    x[:, 2] = q[1] + sin * local[:, 1] + cos * local[:, 2]
-    return x.ravel()
+    x, y is the crank axis, theta the chassis pitch, psi the crank angle relative to the chassis.
+    """
+    q = np.asarray(q, dtype=float)
+    x = np.empty((*q.shape[:-1], len(robot.legs), BODIES_PER_LEG, 3))
+    sides: tuple[Side, Side] = ("fore", "back")
+    for side in sides:
+        legs = [i for i, leg in enumerate(robot.legs) if leg.side == side]
+        if legs:
+            psi = q[..., 3, None] + np.array([robot.legs[i].phase for i in legs])
+            x[..., legs, :, :] = coordinates(robot, side, psi).reshape(*psi.shape, -1, 3)
+    turn = q[..., 2, None, None]
+    cos, sin = np.cos(turn), np.sin(turn)
+    local_x, local_y = x[..., 1].copy(), x[..., 2].copy()
+    x[..., 0] += turn
+    x[..., 1] = q[..., 0, None, None] + cos * local_x - sin * local_y
+    x[..., 2] = q[..., 1, None, None] + sin * local_x + cos * local_y
+    return x.reshape(*x.shape[:-2], COORDINATES)
 
 
 @dataclass(frozen=True)
@@ -286,35 +322,50 @@ def project(
         theta_2), or its theta_2 alone when pinned.
     """
     count = len(robot.legs)
-    X = system_coordinates(robot, q).reshape(count, COORDINATES)
-    first = independent_speeds(robot, q, q_dot)
+    sides = leg_sides(robot)
+    X = system_coordinates(robot, q)
     Q = X[:, :FREEDOMS].ravel()
     C = system_constraint_matrix(robot, Q, pinned)
     # The tangent speed is theta_2 alone when pinned (after (11)): bring it to the front.
     order = np.arange(FREEDOMS * count)
     if pinned:
         order[:FREEDOMS] = [3, 0, 1, 2]
+    first = independent_speeds(robot, q, q_dot)
     speeds = first[3:] if pinned else first
     back = np.argsort(order)
     D_system = orthogonal_complement(C[:, order], len(speeds))[back]
-    C_dot = system_constraint_matrix_rate(robot, Q, D_system @ speeds, pinned)
-    D_system_rate = orthogonal_complement_rate(C[:, order], C_dot[:, order], D_system[order])[back]
     Q_dot = D_system @ speeds
-    Q_bias = D_system_rate @ speeds
-    D_legs, bias, h = [], [], []
-    for i, leg in enumerate(robot.legs):
-        rows = slice(FREEDOMS * i, FREEDOMS * (i + 1))
-        C_leg = constraint_matrix(robot, leg.side, X[i])
-        D_leg = orthogonal_complement(C_leg, FREEDOMS)
-        x_dot = D_leg @ Q_dot[rows]
-        C_leg_dot = constraint_matrix_rate(robot, leg.side, X[i], x_dot)
-        D_leg_dot = orthogonal_complement_rate(C_leg, C_leg_dot, D_leg)
-        D_legs.append(D_leg @ D_system[rows])
-        bias.append(D_leg_dot @ Q_dot[rows] + D_leg @ Q_bias[rows])
-        h.append(forces(robot, x_dot, torque if i == 0 else 0.0, gravity))
-    D, b, hh = np.vstack(D_legs), np.concatenate(bias), np.concatenate(h)
-    M = np.tile(np.diag(mass_matrix(robot)), count)
-    return Projection(D, b, D.T @ (M[:, None] * D), D.T @ (M * b), D.T @ hh, M, hh)
+    C_dot = system_constraint_matrix_rate(robot, Q, Q_dot, pinned)
+    D_system_rate = orthogonal_complement_rate(C[:, order], C_dot[:, order], D_system[order])[back]
+    per_leg = (count, FREEDOMS, len(speeds))
+    Q_bias = (D_system_rate @ speeds).reshape(count, FREEDOMS, 1)
+    x_dot, D_legs, bias = leg_motion(robot, sides, X, Q_dot.reshape(count, FREEDOMS))
+    D = (D_legs @ D_system.reshape(per_leg)).reshape(-1, len(speeds))
+    b = (bias[..., None] + D_legs @ Q_bias).ravel()
+    motor = np.zeros(count)
+    motor[0] = torque
+    h = forces(robot, x_dot, motor, gravity).ravel()
+    M = np.tile(masses(robot), count)
+    return Projection(D, b, D.T @ (M[:, None] * D), D.T @ (M * b), D.T @ h, M, h)
+
+
+def leg_sides(robot: Robot) -> tuple[Side, ...]:
+    """The side of each leg."""
+    return tuple(leg.side for leg in robot.legs)
+
+
+def leg_motion(robot: Robot, side: Sides, x: Array, q_dot: Array) -> tuple[Array, Array, Array]:
+    """x_dot = D q_dot (..., 24), D (..., 24, 4) and D_dot q_dot (..., 24) of legs, before (5).
+
+    Args:
+        x: (..., 24) coordinates (1). q_dot: (..., 4) tangent speeds theta_1, x_1, y_1, theta_2.
+    """
+    C = constraint_matrix(robot, side, x)
+    D = orthogonal_complement(C, FREEDOMS)
+    x_dot = (D @ q_dot[..., None])[..., 0]
+    C_dot = constraint_matrix_rate(robot, side, x, x_dot)
+    D_dot = orthogonal_complement_rate(C, C_dot, D)
+    return x_dot, D, (D_dot @ q_dot[..., None])[..., 0]
 
 
 def independent_speeds(robot: Robot, q: Array, q_dot: Array) -> Array:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from jansen_env.compiling import compiled
 from jansen_env.contact_solver import OPEN, STICK, soften, solve
+from jansen_env.reduced import Tables
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -38,6 +39,9 @@ TOTALS = 6
 # Columns of a pad's record: slip (m), then tangential and normal impulse (N s).
 SLIP, IMPULSE_T, IMPULSE_N = range(3)
 RECORD = 3
+# Where what is in a row of a trace: pose at the middle of the step and velocity before and after it
+# (of the centre of mass), torque, then x, y and moment impulse on each pad.
+POSE, BEFORE, AFTER, TORQUE, IMPULSES = 0, 4, 8, 12, 13
 
 
 class Model(NamedTuple):
@@ -51,7 +55,24 @@ class Model(NamedTuple):
     mass: float  # kg, payload included
     load: Array  # (4,) payload: mass, inertia, position x, y
     gravity: float
-    locked: bool  # the crank is braked: psi_dot = 0
+    driven: bool  # the crank keeps its speed, whatever torque that takes
+
+
+def model(tables: Tables, gravity: float) -> Model:
+    """The kernels' view of a compiled robot; its crank is not driven."""
+    robot, layout = tables.robot, tables.layout
+    load = robot.payload
+    return Model(
+        tables.body,
+        tables.pads,
+        layout.table,
+        layout.phase,
+        robot.pad_radius,
+        robot.mass,
+        np.array([load.mass, load.inertia, *load.position]),
+        gravity,
+        False,
+    )
 
 
 class Ground(NamedTuple):
@@ -112,7 +133,7 @@ def _views(floats, ints, capacity):
 
 
 @compiled(inline="always")
-def _locate(intervals, angle):
+def locate(intervals, angle):
     """Row of a table at ``angle``, and the distance from the middle of its interval, rad."""
     width = 2.0 * np.pi / intervals
     reduced = angle - 2.0 * np.pi * np.floor(angle / (2.0 * np.pi))
@@ -121,7 +142,7 @@ def _locate(intervals, angle):
 
 
 @compiled(inline="always")
-def _value(c, t):
+def taylor_value(c, t):
     """Taylor polynomial of eight coefficients at t."""
     return c[0] + t * (
         c[1] + t * (c[2] + t * (c[3] + t * (c[4] + t * (c[5] + t * (c[6] + t * c[7])))))
@@ -129,7 +150,7 @@ def _value(c, t):
 
 
 @compiled(inline="always")
-def _slope(c, t):
+def taylor_slope(c, t):
     """Its first derivative."""
     return c[1] + t * (
         2.0 * c[2]
@@ -138,7 +159,7 @@ def _slope(c, t):
 
 
 @compiled(inline="always")
-def _curve(c, t):
+def taylor_curve(c, t):
     """Its second derivative."""
     return 2.0 * c[2] + t * (
         6.0 * c[3] + t * (12.0 * c[4] + t * (20.0 * c[5] + t * (30.0 * c[6] + t * 42.0 * c[7])))
@@ -148,13 +169,13 @@ def _curve(c, t):
 @compiled(inline="always")
 def centroid(model, psi):
     """s (2,), s' (2,): centre of mass from the crank axis in the chassis frame, and d/dpsi."""
-    row, t = _locate(model.body.shape[0], psi)
+    row, t = locate(model.body.shape[0], psi)
     cx, cy = model.body[row, 0], model.body[row, 1]
     return (
-        (_value(cx, t) + model.load[0] * model.load[2]) / model.mass,
-        (_value(cy, t) + model.load[0] * model.load[3]) / model.mass,
-        _slope(cx, t) / model.mass,
-        _slope(cy, t) / model.mass,
+        (taylor_value(cx, t) + model.load[0] * model.load[2]) / model.mass,
+        (taylor_value(cy, t) + model.load[0] * model.load[3]) / model.mass,
+        taylor_slope(cx, t) / model.mass,
+        taylor_slope(cy, t) / model.mass,
     )
 
 
@@ -174,19 +195,21 @@ def to_centroid(model, state, sign):
 @compiled
 def mechanical_energy(model, state):
     """Kinetic and potential energy of a crank-axis state, J; potential is 0 at y = 0."""
-    row, t = _locate(model.body.shape[0], state[3])
+    row, t = locate(model.body.shape[0], state[3])
     c = model.body[row]
     load, px, py = model.load[0], model.load[2], model.load[3]
-    cx, cy = _value(c[0], t) + load * px, _value(c[1], t) + load * py
-    inertia = _value(c[2], t) + load * (px * px + py * py) + model.load[1]
+    cx, cy = taylor_value(c[0], t) + load * px, taylor_value(c[1], t) + load * py
+    inertia = taylor_value(c[2], t) + load * (px * px + py * py) + model.load[1]
     cos, sin = np.cos(state[2]), np.sin(state[2])
     rx, ry = cos * cx - sin * cy, sin * cx + cos * cy
-    sx, sy = _slope(c[0], t), _slope(c[1], t)
+    sx, sy = taylor_slope(c[0], t), taylor_slope(c[1], t)
     dx, dy = cos * sx - sin * sy, sin * sx + cos * sy
     vx, vy, w, n = state[4], state[5], state[6], state[7]
     kinetic = 0.5 * model.mass * (vx * vx + vy * vy)
     kinetic += w * (-ry * vx + rx * vy) + n * (dx * vx + dy * vy)
-    kinetic += 0.5 * inertia * w * w + _value(c[3], t) * w * n + 0.5 * _value(c[4], t) * n * n
+    kinetic += (
+        0.5 * inertia * w * w + taylor_value(c[3], t) * w * n + 0.5 * taylor_value(c[4], t) * n * n
+    )
     return kinetic, model.gravity * (model.mass * state[1] + ry)
 
 
@@ -195,15 +218,17 @@ def pad_positions(model, state, count, positions):
     """Centres of the first ``count`` pads of a crank-axis state, (pads, 2) m."""
     cos, sin = np.cos(state[2]), np.sin(state[2])
     for j in range(count):
-        row, t = _locate(model.pads.shape[1], state[3] + model.pad_phase[j])
+        row, t = locate(model.pads.shape[1], state[3] + model.pad_phase[j])
         c = model.pads[model.pad_table[j], row]
-        px, py = _value(c[0], t), _value(c[1], t)
+        px, py = taylor_value(c[0], t), taylor_value(c[1], t)
         positions[j, 0] = state[0] + cos * px - sin * py
         positions[j, 1] = state[1] + sin * px + cos * py
 
 
 @compiled
-def advance(steps, h, torque, state, model, ground, planes, floats, ints, totals, record, toes):
+def advance(
+    steps, h, torque, state, model, ground, planes, floats, ints, totals, record, toes, trace
+):
     """Advance a state by ``steps`` time steps with fixed contact planes.
 
     Args:
@@ -213,46 +238,75 @@ def advance(steps, h, torque, state, model, ground, planes, floats, ints, totals
         floats, ints: memory of :func:`work_space`.
         totals: (6,) energies (J) added to, worst contact residual (N s), impulse on bumpers (N s).
         record: (pads, 3) slip and impulses added to. toes: the first so many pads are toes.
+        trace: (steps, :func:`trace_width`) filled step by step, or without rows for no trace.
     """
     work = _views(floats, ints, len(ground.pad))
     to_centroid(model, state, 1.0)
-    for _ in range(steps):
-        _step(h, torque, state, model, ground, planes, work, totals, record)
+    tracing = len(trace) > 0
+    for k in range(steps):
+        if tracing:
+            for i in range(4):
+                trace[k, POSE + i] = state[i] + 0.5 * h * state[4 + i]
+                trace[k, BEFORE + i] = state[4 + i]
+        count, used = _step(h, torque, state, model, ground, planes, work, totals, record)
+        if tracing:
+            _trace(trace[k], state, used, count, model, ground, work)
     totals[BUMPS] = record[toes:, IMPULSE_N].sum()
     to_centroid(model, state, -1.0)
+
+
+def trace_width(pads: int) -> int:
+    """Columns of a trace for a robot with so many pads."""
+    return IMPULSES + 3 * pads
+
+
+@compiled(inline="always")
+def _trace(row, state, torque, count, model, ground, work):
+    """Complete a row of the trace after a step; moments are about the pads' centres."""
+    for i in range(4):
+        row[AFTER + i] = state[4 + i]
+    row[TORQUE] = torque
+    row[IMPULSES:] = 0.0
+    for c in range(count):
+        if work.mode[c] == OPEN:
+            continue
+        k = work.plane[c]
+        at = IMPULSES + 3 * ground.pad[k]
+        normal, tangential = work.P[2 * c], work.P[2 * c + 1]
+        nx, ny = ground.plane[k, 0], ground.plane[k, 1]
+        row[at] += normal * nx + tangential * ny
+        row[at + 1] += normal * ny - tangential * nx
+        row[at + 2] += tangential * model.pad_radius
 
 
 @compiled(inline="always")
 def _step(h, torque, state, model, ground, planes, work, totals, record):
     m = model.mass
-    if model.locked:
-        state[7] = 0.0
     vx, vy, w, n = state[4], state[5], state[6], state[7]
     x, y = state[0] + 0.5 * h * vx, state[1] + 0.5 * h * vy
     theta, psi = state[2] + 0.5 * h * w, state[3] + 0.5 * h * n
     cos, sin = np.cos(theta), np.sin(theta)
 
     # Inertia about the centre of mass and its slopes.
-    row, t = _locate(model.body.shape[0], psi)
+    row, t = locate(model.body.shape[0], psi)
     c = model.body[row]
     load, px, py = model.load[0], model.load[2], model.load[3]
-    sx, sy = (_value(c[0], t) + load * px) / m, (_value(c[1], t) + load * py) / m
-    dx, dy = _slope(c[0], t) / m, _slope(c[1], t) / m
-    ddx, ddy = _curve(c[0], t) / m, _curve(c[1], t) / m
-    inertia = _value(c[2], t) + load * (px * px + py * py) + model.load[1]
+    sx, sy = (taylor_value(c[0], t) + load * px) / m, (taylor_value(c[1], t) + load * py) / m
+    dx, dy = taylor_slope(c[0], t) / m, taylor_slope(c[1], t) / m
+    ddx, ddy = taylor_curve(c[0], t) / m, taylor_curve(c[1], t) / m
+    inertia = taylor_value(c[2], t) + load * (px * px + py * py) + model.load[1]
     inertia -= m * (sx * sx + sy * sy)
-    inertia_slope = _slope(c[2], t) - 2.0 * m * (sx * dx + sy * dy)
-    coupling = _value(c[3], t) - m * (sx * dy - sy * dx)
-    coupling_slope = _slope(c[3], t) - m * (sx * ddy - sy * ddx)
-    crank = _value(c[4], t) - m * (dx * dx + dy * dy)
-    crank_slope = _slope(c[4], t) - 2.0 * m * (dx * ddx + dy * ddy)
-    damping = _value(c[5], t)
-    if model.locked:
-        coupling, crank, damping, torque = 0.0, 1.0, 0.0, 0.0
-        coupling_slope = crank_slope = inertia_slope = 0.0
+    inertia_slope = taylor_slope(c[2], t) - 2.0 * m * (sx * dx + sy * dy)
+    coupling = taylor_value(c[3], t) - m * (sx * dy - sy * dx)
+    coupling_slope = taylor_slope(c[3], t) - m * (sx * ddy - sy * ddx)
+    crank = taylor_value(c[4], t) - m * (dx * dx + dy * dy)
+    crank_slope = taylor_slope(c[4], t) - 2.0 * m * (dx * ddx + dy * ddy)
+    damping = taylor_value(c[5], t)
     crank_implicit = crank + 0.5 * h * damping
     determinant = inertia * crank_implicit - coupling * coupling
     m11, m12, m22 = crank_implicit / determinant, -coupling / determinant, inertia / determinant
+    if model.driven:  # nothing that acts on the robot changes the crank's speed
+        m11, m12, m22 = 1.0 / inertia, 0.0, 0.0
 
     count, impact = _active_contacts(
         h, x, y, cos, sin, psi, w, n, vx, vy, sx, sy, dx, dy, ddx, ddy, model, ground, planes, work
@@ -299,6 +353,12 @@ def _step(h, torque, state, model, ground, planes, work, totals, record):
             nn += MJ[i, 3] * work.P[i]
 
     mean = 0.5 * (n + nn)
+    if model.driven:  # what is left over in the crank's equation of motion
+        mw = 0.5 * (w + nw)
+        torque = (coupling * (nw - w) + crank * (nn - n)) / h + damping * mean
+        torque -= 0.5 * mw * mw * inertia_slope - 0.5 * mean * mean * crank_slope
+        for i in range(2 * count):
+            torque -= J[i, 3] * work.P[i] / h
     totals[MOTOR_WORK] += h * torque * mean
     totals[JOINT_LOSS] += h * damping * mean * mean
     totals[WORST_RESIDUAL] = max(totals[WORST_RESIDUAL], residual)
@@ -310,6 +370,7 @@ def _step(h, torque, state, model, ground, planes, work, totals, record):
         _record(h, count, vx, vy, w, n, nx, ny, nw, nn, ground, work, totals, record)
         totals[IMPACT_LOSS] -= m * model.gravity * _correct(h, count, state, nx, ny, nw, nn, work)
     state[4], state[5], state[6], state[7] = nx, ny, nw, nn
+    return count, torque
 
 
 @compiled(inline="always")
@@ -326,17 +387,17 @@ def _active_contacts(
     impact = False
     for k in range(planes):
         j = ground.pad[k]
-        row, t = _locate(model.pads.shape[1], psi + model.pad_phase[j])
+        row, t = locate(model.pads.shape[1], psi + model.pad_phase[j])
         c = model.pads[model.pad_table[j], row]
-        rx, ry = _value(c[0], t) - sx, _value(c[1], t) - sy
+        rx, ry = taylor_value(c[0], t) - sx, taylor_value(c[1], t) - sy
         ox, oy = cos * rx - sin * ry, sin * rx + cos * ry  # R r
         normal_x, normal_y = ground.plane[k, 0], ground.plane[k, 1]
         gap = normal_x * (x + ox) + normal_y * (y + oy) - ground.plane[k, 2] - radius
         if gap > 0.0:
             continue
-        rdx, rdy = _slope(c[0], t) - dx, _slope(c[1], t) - dy
+        rdx, rdy = taylor_slope(c[0], t) - dx, taylor_slope(c[1], t) - dy
         odx, ody = cos * rdx - sin * rdy, sin * rdx + cos * rdy  # R r'
-        rddx, rddy = _curve(c[0], t) - ddx, _curve(c[1], t) - ddy
+        rddx, rddy = taylor_curve(c[0], t) - ddx, taylor_curve(c[1], t) - ddy
         oddx, oddy = cos * rddx - sin * rddy, sin * rddx + cos * rddy  # R r''
         tx, ty = normal_y, -normal_x
         i = 2 * count
@@ -346,13 +407,11 @@ def _active_contacts(
         J[i, 3] = normal_x * odx + normal_y * ody
         J[i + 1, 0], J[i + 1, 1] = tx, ty
         J[i + 1, 2] = -tx * oy + ty * ox + radius
-        J[i + 1, 3] = tx * odx + ty * ody + radius * _slope(c[2], t)
+        J[i + 1, 3] = tx * odx + ty * ody + radius * taylor_slope(c[2], t)
         ax = -w * w * ox - 2.0 * w * n * ody + n * n * oddx
         ay = -w * w * oy + 2.0 * w * n * odx + n * n * oddy
         work.bend[i] = 0.5 * h * (normal_x * ax + normal_y * ay)
-        work.bend[i + 1] = 0.5 * h * (tx * ax + ty * ay + radius * _curve(c[2], t) * n * n)
-        if model.locked:
-            J[i, 3] = J[i + 1, 3] = 0.0
+        work.bend[i + 1] = 0.5 * h * (tx * ax + ty * ay + radius * taylor_curve(c[2], t) * n * n)
         approach = J[i, 0] * vx + J[i, 1] * vy + J[i, 2] * w + J[i, 3] * n
         if gap - 0.5 * h * approach > 0.0:
             impact = True  # it was open when the step began

@@ -138,3 +138,19 @@ def check_closure(robot: Robot, samples: int = 720) -> None:
         LinkageError: names the joint and the crank angle at which it fails to close.
     """
     joint_positions(robot, "fore", np.linspace(-math.pi, math.pi, samples, endpoint=False))
+
+
+def world_joints(robot: Robot, q: ArrayLike) -> Array:
+    """Joint positions of all legs (..., legs, 8, 2), m, in the order of :data:`JOINTS`.
+
+    Args:
+        q: (..., 4) crank axis x, y (m), chassis pitch theta and crank angle psi (rad).
+    """
+    pose = np.asarray(q, dtype=float)
+    joints = np.stack(
+        [joint_positions(robot, leg.side, pose[..., 3] + leg.phase) for leg in robot.legs], axis=-3
+    )
+    cos, sin = np.cos(pose[..., 2, None, None]), np.sin(pose[..., 2, None, None])
+    x, y = joints[..., 0], joints[..., 1]
+    turned = np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+    return turned + pose[..., None, None, :2]

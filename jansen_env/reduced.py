@@ -24,7 +24,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.linkage import B, C, D, E, P, T, check_closure, coordinates, joint_positions
 from jansen_env.projection import (
@@ -206,44 +206,48 @@ def pad_layout(robot: Robot) -> Pads:
 
 @dataclass(frozen=True)
 class BodySums:
-    """c (2,), I, b, k, f of DESIGN's sums at one crank angle, with first and second derivatives."""
+    """The sums c (..., 2), I, b, k, f (...) at crank angles (...), and derivatives by the angle."""
 
     c: Array
     dc: Array
     ddc: Array
-    I: float  # noqa: E741 - the sum's symbol
-    dI: float
-    b: float
-    db: float
-    k: float
-    dk: float
-    f: float
+    I: Array  # noqa: E741 - the sum's symbol
+    dI: Array
+    b: Array
+    db: Array
+    k: Array
+    dk: Array
+    f: Array
 
 
-def body_sums(tables: Tables, psi: float) -> BodySums:
-    """The body sums at crank angle ``psi`` (rad), payload included."""
-    value, slope, curve = _evaluate(tables.body, psi)
+def body_sums(tables: Tables, psi: ArrayLike) -> BodySums:
+    """The body sums at crank angles ``psi`` (...), rad, payload included."""
+    value, slope, curve = _evaluate(tables.body, np.asarray(psi, dtype=float))
     load: Payload = tables.robot.payload
     place = np.array(load.position)
     return BodySums(
-        c=value[:2] + load.mass * place, dc=slope[:2], ddc=curve[:2],
-        I=value[2] + load.mass * place @ place + load.inertia, dI=slope[2],
-        b=value[3], db=slope[3], k=value[4], dk=slope[4], f=value[5],
+        c=value[..., :2] + load.mass * place, dc=slope[..., :2], ddc=curve[..., :2],
+        I=value[..., 2] + load.mass * place @ place + load.inertia, dI=slope[..., 2],
+        b=value[..., 3], db=slope[..., 3], k=value[..., 4], dk=slope[..., 4], f=value[..., 5],
     )  # fmt: skip
 
 
-def _evaluate(table: Array, psi: float) -> tuple[Array, Array, Array]:
-    """Value, first and second derivative of every function of a table at ``psi``."""
+def _evaluate(table: Array, psi: Array) -> tuple[Array, Array, Array]:
+    """Value, first and second derivative (..., functions) of a table's functions at ``psi``."""
     width = 2.0 * math.pi / INTERVALS
     angle = psi % (2.0 * math.pi)
-    row = min(int(angle / width), INTERVALS - 1)
+    row = np.minimum((angle / width).astype(int), INTERVALS - 1)
     t = angle - (row + 0.5) * width
     n = np.arange(ORDER)
-    power = t**n
-    first = n[1:] * power[:-1]
-    second = n[2:] * n[1:-1] * power[:-2]
+    power = t[..., None] ** n
+    first = n[1:] * power[..., :-1]
+    second = n[2:] * n[1:-1] * power[..., :-2]
     rows = table[row]
-    return rows @ power, rows[:, 1:] @ first, rows[:, 2:] @ second
+    return (
+        (rows @ power[..., None])[..., 0],
+        (rows[..., 1:] @ first[..., None])[..., 0],
+        (rows[..., 2:] @ second[..., None])[..., 0],
+    )
 
 
 def mass_matrix(tables: Tables, q: Array) -> Array:

@@ -134,7 +134,7 @@ def test_a_locked_crank_makes_the_robot_one_rigid_body(robot):
     state = FLIGHT.copy()
     state[7] = 0.0
     plant = flying(robot, state, damping=0.1)
-    plant.crank_locked = True
+    plant.crank_driven = True
     energy, (_, spin, _) = plant.energy(), momenta(plant)
     result = plant.step(5.0, 1.0)
     assert plant.state[3] == state[3] and plant.state[7] == 0.0 and result.motor_work == 0.0
@@ -146,12 +146,12 @@ def test_a_locked_crank_makes_the_robot_one_rigid_body(robot):
 def test_only_a_standing_crank_can_be_locked(robot):
     """A brake that stops a turning crank at once would be an impact, which is not modelled."""
     plant = flying(robot)
-    with pytest.raises(ValueError, match="crank_locked"):
-        plant.crank_locked = True
+    with pytest.raises(ValueError, match="crank_driven"):
+        plant.crank_driven = True
     state = plant.state
     state[7] = 0.0
     plant.state = state
-    plant.crank_locked = True
+    plant.crank_driven = True
     with pytest.raises(ValueError, match="crank speed of 1"):
         plant.state = np.append(state[:7], 1.0)
 

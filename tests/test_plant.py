@@ -59,9 +59,9 @@ def test_a_pickled_plant_goes_on_with_the_same_bits(terrain, torques):
 def test_a_pickled_plant_keeps_its_arguments():
     """Robot, terrain, time steps, gravity and the brake."""
     plant = ProjectionPlant(Robot(pad_radius=0.02), ROUGH, 2e-3, 1.62, detection_interval=4e-3)
-    plant.crank_locked = True
+    plant.crank_driven = True
     copy = pickle.loads(pickle.dumps(plant))
-    for name in ("robot", "terrain", "time_step", "gravity", "detection_interval", "crank_locked"):
+    for name in ("robot", "terrain", "time_step", "gravity", "detection_interval", "crank_driven"):
         assert getattr(copy, name) == getattr(plant, name), name
 
 

@@ -96,7 +96,7 @@ def test_a_landing_toe_stops_dead(psi, pitch):
 def test_a_toe_pushed_into_the_ground_comes_out():
     """1 mm deep: out to the 20 um that are left, slowly, and with no speed gained (1e-9 m/s)."""
     plant = ProjectionPlant(Robot(), Terrain.flat())
-    plant.crank_locked = True
+    plant.crank_driven = True
     state = plant.reset(0.0, 1.0)
     rest = state[1]
     state[1] -= 1e-3

@@ -23,7 +23,7 @@ TWO_TOES = (0.3, 1.0, 2.0, 4.5)  # rad
 def standing(terrain, crank_angle, locked=True):
     """The paper's machine, set down."""
     plant = ProjectionPlant(Robot(), terrain)
-    plant.crank_locked = locked
+    plant.crank_driven = locked
     plant.reset(0.0, crank_angle)
     return plant
 
@@ -117,7 +117,7 @@ def test_a_toe_bounces_by_newtons_law(restitution):
     """
     ground = Terrain.flat(friction=0.0, restitution=restitution)
     plant = ProjectionPlant(Robot(), ground, gravity=0.0)
-    plant.crank_locked = True
+    plant.crank_driven = True
     plant.reset(0.0, 1.0, pitch=0.1)
     before = plant.state
     before[1] += 0.0123
@@ -143,7 +143,7 @@ def test_a_toe_bounces_by_newtons_law(restitution):
 def test_upside_down_it_comes_to_rest_on_its_bumpers(psi):
     """Dropped on its back with the crank locked: at rest after 4 s, pads no deeper than 0.1 mm."""
     plant = ProjectionPlant(Robot(), Terrain.flat())
-    plant.crank_locked = True
+    plant.crank_driven = True
     plant.state = [0.0, 0.6, math.pi, psi, 0.0, 0.0, 0.0, 0.0]
     assert not plant.step(0.0, 0.05).bumped  # still falling
     plant.step(0.0, 4.0)

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from jansen_env import kernels
 from jansen_env.contact import ContactDetector
 from jansen_env.contact_solver import STICK
+from jansen_env.joint_forces import JointForces
 from jansen_env.plants.stance import set_down
+from jansen_env.plants.trace import PeakLoads, landings, pads_pressed, peak_loads, trace_forces
 from jansen_env.projection import GRAVITY
 from jansen_env.reduced import compile_robot
 from jansen_env.robot import Robot
@@ -63,6 +65,10 @@ class ProjectionPlant:
         gravity: m/s^2.
         detection_interval: time between two looks for the ground, s.
 
+    Attributes:
+        tracing: whether :meth:`step` keeps a record of its time steps in :attr:`trace`.
+        landings: (steps,) whether a pad landed in each time step of the last traced :meth:`step`.
+
     Raises:
         ValueError: an argument out of range; LinkageError: the robot cannot turn its crank.
     """
@@ -85,18 +91,7 @@ class ProjectionPlant:
         self.toes = layout.toes
         pads = len(layout.leg)
         capacity = 4 * pads
-        load = robot.payload
-        self._model = kernels.Model(
-            self.tables.body,
-            self.tables.pads,
-            layout.table,
-            layout.phase,
-            robot.pad_radius,
-            robot.mass,
-            np.array([load.mass, load.inertia, *load.position]),
-            self.gravity,
-            False,
-        )
+        self._model = kernels.model(self.tables, self.gravity)
         self._ground = kernels.Ground(
             np.zeros((capacity, 3)),
             np.zeros(capacity, np.int64),
@@ -111,6 +106,10 @@ class ProjectionPlant:
         self._totals = np.zeros(kernels.TOTALS)
         self._bumper_reach = self._farthest_bumper() + robot.pad_radius
         self._state = np.zeros(8)
+        self.tracing = False
+        self._trace = self._no_trace = np.zeros((0, kernels.trace_width(pads)))
+        self.landings = np.zeros(0, bool)
+        self._pressed: NDArray[np.bool_] | None = None
 
     def _farthest_bumper(self) -> float:
         rows = [int(r) for r in set(self.tables.layout.table[self.toes :].tolist())]
@@ -127,24 +126,17 @@ class ProjectionPlant:
         state = np.asarray(value, dtype=float)
         if state.shape != (8,) or not np.isfinite(state).all():
             raise ValueError(f"state is {value!r}, must be 8 finite numbers")
-        if self.crank_locked and state[7] != 0.0:
-            raise ValueError(
-                f"state has a crank speed of {state[7]} rad/s, but the crank is locked"
-            )
         self._state[:] = state
+        self._pressed = None
 
     @property
-    def crank_locked(self) -> bool:
-        """Whether the crank is held fast on the chassis; only a standing crank can be locked."""
-        return self._model.locked
+    def crank_driven(self) -> bool:
+        """Whether the crank keeps its speed whatever torque that takes: locked, if it stands."""
+        return self._model.driven
 
-    @crank_locked.setter
-    def crank_locked(self, locked: bool) -> None:
-        if locked and self._state[7] != 0.0:
-            raise ValueError(
-                f"crank_locked: the crank turns at {self._state[7]} rad/s, must stand still"
-            )
-        self._model = self._model._replace(locked=bool(locked))
+    @crank_driven.setter
+    def crank_driven(self, driven: bool) -> None:
+        self._model = self._model._replace(driven=bool(driven))
 
     def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
         """Set the robot down at rest on its lowest toes.
@@ -159,6 +151,7 @@ class ProjectionPlant:
         """
         y, theta = set_down(self.tables, self.terrain, x, crank_angle, pitch)
         self._state[:] = (x, y, theta, crank_angle, 0.0, 0.0, 0.0, 0.0)
+        self._pressed = None
         for _ in range(SET_DOWN_ROUNDS):  # to the discs' true gap, where the ground is not straight
             planes = self._look()
             if planes:
@@ -173,12 +166,35 @@ class ProjectionPlant:
         """Position of the crank axis along the ground, m."""
         return float(self._state[0])
 
-    def peek(self) -> StepResult:
-        """What one time step without torque would do; the state stays as it is."""
-        state = self._state.copy()
-        result = self.step(0.0, self.time_step)
-        self._state[:] = state
+    def peek(self, torque: float = 0.0) -> StepResult:
+        """What one time step would do; the state stays as it is."""
+        state, pressed = self._state.copy(), self._pressed
+        result = self.step(torque, self.time_step)
+        self._state[:], self._pressed = state, pressed
         return result
+
+    @property
+    def trace(self) -> Array:
+        """(steps, columns) what each time step of the last :meth:`step` or :meth:`peek` did.
+
+        Columns as named in :mod:`jansen_env.kernels`; no rows unless :attr:`tracing`.
+        """
+        return self._trace
+
+    def joint_forces(self, torque: float = 0.0) -> JointForces:
+        """Forces in every joint now: the mean over the next time step under a crank torque (N m).
+
+        With a toe landing in that step they contain its impulse / time step.
+        """
+        tracing, self.tracing = self.tracing, True
+        self.peek(torque)
+        self.tracing = tracing
+        return trace_forces(self.tables, self._trace, self.time_step, self.gravity).at(0)
+
+    def peak_loads(self) -> PeakLoads:
+        """The largest loads on any pin in the last :meth:`step`, which must have been traced."""
+        forces = trace_forces(self.tables, self._trace, self.time_step, self.gravity)
+        return peak_loads(forces.magnitude, self.landings, self.time_step)
 
     def contact_frames(self) -> tuple[Array, Array]:
         """(toes, 2) points of the ground nearest to each toe's pad and its tangents there.
@@ -201,13 +217,14 @@ class ProjectionPlant:
         return {
             "robot": self.robot, "terrain": self.terrain, "time_step": self.time_step,
             "gravity": self.gravity, "detection_interval": self.detection_interval,
-            "state": self.state, "locked": self.crank_locked,
+            "state": self.state, "driven": self.crank_driven, "tracing": self.tracing,
         }  # fmt: skip
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
-        state, locked = saved.pop("state"), saved.pop("locked")
+        later = {name: saved.pop(name) for name in ("state", "driven", "tracing")}
         self.__init__(**saved)  # type: ignore[misc]
-        self.state, self.crank_locked = state, locked
+        self.state, self.crank_driven = later["state"], later["driven"]
+        self.tracing = later["tracing"]
 
     def toe_positions(self) -> Array:
         """(toes, 2) centres of the toe pads, m."""
@@ -248,6 +265,7 @@ class ProjectionPlant:
         self._totals[:] = 0.0
         self._record[:] = 0.0
         before = self.energy()
+        self._trace = np.empty((steps, self._no_trace.shape[1])) if self.tracing else self._no_trace
         done = 0
         while done < steps:
             count = min(self._stride, steps - done)
@@ -255,8 +273,12 @@ class ProjectionPlant:
             kernels.advance(
                 count, self.time_step, torque, self._state, self._model, self._ground, planes,
                 self._floats, self._ints, self._totals, self._record, self.toes,
+                self._trace[done : done + count],
             )  # fmt: skip
             done += count
+        if self.tracing:
+            self.landings = landings(self._trace, self._pressed)
+        self._pressed = pads_pressed(self._trace)[-1] if self.tracing else None
         if not all(-DIVERGED < speed < DIVERGED for speed in self._state[4:].tolist()):
             raise FloatingPointError(
                 f"the state diverged to {self._state.tolist()} under a torque of {torque} N m; "

@@ -1,0 +1,274 @@
+"""Constraint forces as forces: what every pin of every leg carries, to size links and joints.
+
+The paper's (4) adds C^T lambda to each body. Every pair of rows of C is one pin (Phi_hf, Phi_hb),
+so its two multipliers are the force in that pin, x and y in the world frame. The rows of x_2, y_2
+and of bodies 3 to 8 hold twenty equations for the twenty multipliers of a leg,
+
+    C_2^T lambda = (M x_ddot - h - contact forces) without the rows of theta_1, x_1, y_1, theta_2,
+
+and what those four rows still miss is what the leg gets from the rest of the machine: the chassis
+holds its frame, the shaft turns its crank. Works for any number of instants at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.linkage import JOINTS, world_joints
+from jansen_env.projection import (
+    FREEDOMS,
+    GRAVITY,
+    constraint_matrix,
+    forces,
+    frame_angle,
+    leg_motion,
+    leg_sides,
+    masses,
+    system_coordinates,
+)
+from jansen_env.reduced import PAD_BODIES, PAD_JOINTS, pad_layout
+from jansen_env.robot import BODIES_PER_LEG, Robot
+
+Array = NDArray[np.float64]
+
+
+class Pin(NamedTuple):
+    """A pin: the joint it sits in, and the force it carries is that on ``body`` from ``other``."""
+
+    joint: str
+    body: int
+    other: int
+
+    def __str__(self) -> str:
+        return f"{self.joint}{self.other}{self.body}"
+
+
+PINS = (
+    Pin("O", 2, 1), Pin("A", 3, 2), Pin("B", 4, 3), Pin("P", 4, 1), Pin("P", 5, 1),
+    Pin("C", 6, 5), Pin("A", 6, 2), Pin("D", 7, 4), Pin("C", 8, 5), Pin("E", 8, 7),
+)  # fmt: skip
+"""The ten pins of a leg, in the order of the paper's constraints. Named joint, other body, body."""
+
+CORNERS = (
+    (1, "P"), (1, "O"), (2, "O"), (2, "A"), (3, "A"), (3, "B"), (4, "P"), (4, "B"), (4, "D"),
+    (5, "C"), (5, "P"), (6, "C"), (6, "A"), (7, "D"), (7, "E"), (8, "C"), (8, "E"), (8, "T"),
+)  # fmt: skip
+"""(body, joint) of every end of a bar and corner of a triangle; T is the toe."""
+
+
+@dataclass(frozen=True)
+class JointForces:
+    """Forces in the joints of all legs at one instant or several (...), world frame, N and N m.
+
+    Attributes:
+        robot: whose legs these are.
+        pin: (..., legs, 10, 2) force in each of :data:`PINS`.
+        frame: (..., legs, 3) force x, y and moment about the crank axis with which the chassis
+            holds the leg's frame; with the chassis pinned it passes on to the support.
+        shaft: (..., legs) torque with which the shaft turns the leg's crank. The motor's torque is
+            their sum, and acts on the chassis the other way round.
+        toe: (..., legs, 2) contact force on each toe.
+        joints: (..., legs, 8, 2) joint positions, m. centres: (..., legs, 8, 2) centres of mass, m.
+        q_ddot: (..., 4) accelerations of (x, y, theta, psi).
+    """
+
+    robot: Robot
+    pin: Array
+    frame: Array
+    shaft: Array
+    toe: Array
+    joints: Array
+    centres: Array
+    q_ddot: Array
+
+    @property
+    def magnitude(self) -> Array:
+        """(..., legs, 10) size of each pin's force, N."""
+        return np.hypot(self.pin[..., 0], self.pin[..., 1])
+
+    @property
+    def torque(self) -> Array:
+        """(...) the motor's torque, N m."""
+        return np.asarray(self.shaft.sum(axis=-1))
+
+    def at(self, index: int) -> JointForces:
+        """Those of one instant, counted along the first axis."""
+        arrays = {name: value[index] for name, value in vars(self).items() if name != "robot"}
+        return JointForces(robot=self.robot, **arrays)
+
+    def largest(self) -> tuple[float, str, str]:
+        """The largest pin force (N) of all, and its leg and pin, such as ``("rf", "A23")``."""
+        size = self.magnitude
+        *_, leg, pin = np.unravel_index(np.argmax(size), size.shape)
+        return float(size.max()), self.robot.leg_names[leg], str(PINS[pin])
+
+    def corner_forces(self) -> Array:
+        """(..., legs, 18, 2) force on each of :data:`CORNERS` from all its pins, world frame, N."""
+        corner = np.zeros((*self.pin.shape[:-2], len(CORNERS), 2))
+        for i, (body, joint) in enumerate(CORNERS):
+            for k, pin in enumerate(PINS):
+                if pin.joint == joint and body in (pin.body, pin.other):
+                    corner[..., i, :] += self.pin[..., k, :] * (1.0 if body == pin.body else -1.0)
+        corner[..., -1, :] = self.toe
+        return corner
+
+    def link_loads(self) -> Array:
+        """(..., legs, 18, 2) axial and shear load at each of :data:`CORNERS`, N.
+
+        Axial is along the line from the link's centre of mass to the corner, tension positive (for
+        a bar: along the bar); shear is 90 degrees counter-clockwise from it.
+        """
+        bodies = np.array([body - 1 for body, _ in CORNERS])
+        joints = np.array([JOINTS.index(joint) for _, joint in CORNERS])
+        along = self.joints[..., joints, :] - self.centres[..., bodies, :]
+        along = along / np.linalg.norm(along, axis=-1, keepdims=True)
+        force = self.corner_forces()
+        axial = (force * along).sum(axis=-1)
+        shear = force[..., 1] * along[..., 0] - force[..., 0] * along[..., 1]
+        return np.stack([axial, shear], axis=-1)
+
+
+def joint_forces(
+    robot: Robot,
+    q: Array,
+    q_dot: Array,
+    torque: Array | float = 0.0,
+    contact: Array | None = None,
+    *,
+    pinned: bool = False,
+    q_ddot: Array | None = None,
+    gravity: float = GRAVITY,
+) -> JointForces:
+    """Forces in all joints from a state, the crank's torque and the forces on the toes.
+
+    Args:
+        robot: the machine, payload included.
+        q, q_dot: (..., 4) crank axis x, y (m), pitch theta, crank angle psi (rad), and rates.
+        torque: (...) or a number, of the crank, N m. Not used if ``q_ddot`` is given.
+        contact: (..., k, 3) on the first k pads (toes first, in the order of the legs): force x, y
+            in the world frame (N) and moment about the pad's centre (N m); None for none.
+        pinned: the chassis is held still, level or not (q_dot[..., :3] must be 0).
+        q_ddot: (..., 4) accelerations, where they are known (prescribed, or measured) and not to be
+            worked out from the torque.
+        gravity: m/s^2.
+
+    Raises:
+        ValueError: shapes that do not fit, or a pinned chassis that moves.
+    """
+    q, q_dot = np.asarray(q, dtype=float), np.asarray(q_dot, dtype=float)
+    if q.shape[-1:] != (4,) or q_dot.shape != q.shape:
+        raise ValueError(f"q and q_dot have shapes {q.shape}, {q_dot.shape}, must be (..., 4) both")
+    if pinned and np.any(q_dot[..., :3] != 0.0):
+        raise ValueError(f"q_dot is {q_dot}, its first three must be 0 with the chassis pinned")
+    sides = leg_sides(robot)
+    X, joints = system_coordinates(robot, q), world_joints(robot, q)
+    T, T_bias = _tangent(robot, q, q_dot)
+    speeds = (T @ q_dot[..., None, :, None])[..., 0]
+    x_dot, D, bias = leg_motion(robot, sides, X, speeds)
+    bias = bias + (D @ T_bias[..., None])[..., 0]
+    D_q = D @ T  # x_ddot = D_q q_ddot + bias
+    M = masses(robot)
+    h = forces(robot, x_dot, 0.0, gravity)  # the motor comes in through the shaft, below
+    f, toe = _contact_forces(robot, X, joints, contact)
+    if q_ddot is None:
+        q_ddot = _acceleration(robot, q, q_dot, D_q, bias, M, h + f, torque, pinned, gravity)
+    else:
+        q_ddot = np.asarray(q_ddot, dtype=float)
+    x_ddot = (D_q @ q_ddot[..., None, :, None])[..., 0] + bias
+    missing = M * x_ddot - h - f
+    C = constraint_matrix(robot, sides, X)
+    C_1, C_2 = C[..., :FREEDOMS], C[..., FREEDOMS:]
+    multipliers = np.linalg.solve(np.swapaxes(C_2, -1, -2), missing[..., FREEDOMS:, None])
+    rest = missing[..., :FREEDOMS] - (np.swapaxes(C_1, -1, -2) @ multipliers)[..., 0]
+    # The frame's rows are about its centre of mass; move the moment to the crank axis.
+    centres = X.reshape(*X.shape[:-1], BODIES_PER_LEG, 3)[..., 1:]
+    arm = centres[..., 0, :] - q[..., None, :2]
+    moment = rest[..., 0] + arm[..., 0] * rest[..., 2] - arm[..., 1] * rest[..., 1]
+    return JointForces(
+        robot=robot,
+        pin=np.asarray(multipliers[..., 0], np.float64).reshape(*X.shape[:-1], len(PINS), 2),
+        frame=np.stack([rest[..., 1], rest[..., 2], moment], axis=-1),
+        shaft=rest[..., 3],
+        toe=toe,
+        joints=joints,
+        centres=centres,
+        q_ddot=q_ddot,
+    )
+
+
+def _tangent(robot: Robot, q: Array, q_dot: Array) -> tuple[Array, Array]:
+    """T (..., legs, 4, 4) and T_dot q_dot (..., legs, 4) of each leg.
+
+    T takes the rates of (x, y, theta, psi) to the leg's tangent speeds theta_1, x_1, y_1, theta_2.
+    """
+    angle = q[..., None, 2] + np.array([frame_angle(robot, side) for side in leg_sides(robot)])
+    half = robot.frame.half
+    T = np.zeros((*angle.shape, FREEDOMS, 4))
+    T[..., 0, 2] = T[..., 1, 0] = T[..., 2, 1] = T[..., 3, 2] = T[..., 3, 3] = 1.0
+    T[..., 1, 2], T[..., 2, 2] = half * np.sin(angle), -half * np.cos(angle)
+    bias = np.zeros((*angle.shape, FREEDOMS))
+    spin = half * q_dot[..., None, 2] ** 2
+    bias[..., 1], bias[..., 2] = spin * np.cos(angle), spin * np.sin(angle)
+    return T, bias
+
+
+def _contact_forces(
+    robot: Robot, X: Array, joints: Array, contact: Array | None
+) -> tuple[Array, Array]:
+    """Contact forces in the legs' coordinates (..., legs, 24), and on the toes (..., legs, 2)."""
+    f, toe = np.zeros(X.shape), np.zeros((*X.shape[:-1], 2))
+    if contact is None:
+        return f, toe
+    contact = np.asarray(contact, dtype=float)
+    layout = pad_layout(robot)
+    if contact.shape[:-2] != X.shape[:-2] or contact.shape[-1] != 3:
+        raise ValueError(
+            f"contact has shape {contact.shape}, must be {(*X.shape[:-2], '<= pads', 3)}"
+        )
+    if contact.shape[-2] > len(layout.leg):
+        raise ValueError(
+            f"contact is for {contact.shape[-2]} pads, the robot has {len(layout.leg)}"
+        )
+    for k in range(contact.shape[-2]):
+        leg, joint = layout.leg[k], PAD_JOINTS[layout.joint[k]]
+        column = 3 * (PAD_BODIES[layout.joint[k]] - 1)
+        force, moment = contact[..., k, :2], contact[..., k, 2]
+        arm = joints[..., leg, joint, :] - X[..., leg, column + 1 : column + 3]
+        f[..., leg, column] += moment + arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]
+        f[..., leg, column + 1 : column + 3] += force
+        if k < layout.toes:
+            toe[..., leg, :] += force
+    return f, toe
+
+
+def _acceleration(
+    robot: Robot, q: Array, q_dot: Array, D: Array, bias: Array, M: Array, h: Array,
+    torque: Array | float, pinned: bool, gravity: float,
+) -> Array:  # fmt: skip
+    """(..., 4) accelerations of (x, y, theta, psi): (12), payload and contact forces included."""
+    mass = np.einsum("...lij,i,...lik->...jk", D, M, D)
+    force = np.einsum("...lij,...li->...j", D, h - M * bias)
+    force[..., 3] += torque
+    load = robot.payload
+    if load.mass > 0.0 or load.inertia > 0.0:
+        cos, sin = np.cos(q[..., 2]), np.sin(q[..., 2])
+        px, py = load.position
+        arm = np.stack([cos * px - sin * py, sin * px + cos * py], axis=-1)
+        J = np.zeros((*q.shape[:-1], 3, 4))  # to the load's theta, x, y
+        J[..., 0, 2] = J[..., 1, 0] = J[..., 2, 1] = 1.0
+        J[..., 1, 2], J[..., 2, 2] = -arm[..., 1], arm[..., 0]
+        M_load = np.array([load.inertia, load.mass, load.mass])
+        h_load = np.zeros((*q.shape[:-1], 3))
+        h_load[..., 1:] = load.mass * q_dot[..., 2, None] ** 2 * arm
+        h_load[..., 2] -= load.mass * gravity
+        mass += np.einsum("...ij,i,...ik->...jk", J, M_load, J)
+        force += np.einsum("...ij,...i->...j", J, h_load)
+    if pinned:
+        q_ddot = np.zeros(q.shape)
+        q_ddot[..., 3] = force[..., 3] / mass[..., 3, 3]
+        return q_ddot
+    return np.asarray(np.linalg.solve(mass, force[..., None])[..., 0], np.float64)

@@ -1,0 +1,93 @@
+"""What a trace of time steps says: joint forces in every one of them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env import kernels
+from jansen_env.joint_forces import JointForces, joint_forces
+from jansen_env.projection import GRAVITY
+from jansen_env.reduced import Tables, body_sums
+
+Array = NDArray[np.float64]
+
+
+class PeakLoads(NamedTuple):
+    """The largest load on any pin.
+
+    Attributes:
+        force: N, in the time steps without a landing.
+        impulse: N s, in those with one. There a rigid foot stops at once: its impulse is defined,
+            its force is not, and impulse / time step says more about the time step than the robot.
+    """
+
+    force: float
+    impulse: float
+
+
+def trace_forces(
+    tables: Tables, trace: Array, time_step: float, gravity: float = GRAVITY
+) -> JointForces:
+    """Mean joint forces of each time step in a trace (steps, columns) of the projection plant.
+
+    Positions are those of the middle of the step, accelerations the change of velocity over it,
+    contact forces its impulses / ``time_step``: what the time step itself balances.
+    """
+    pose = trace[:, kernels.POSE : kernels.POSE + 4]
+    before = trace[:, kernels.BEFORE : kernels.BEFORE + 4]
+    after = trace[:, kernels.AFTER : kernels.AFTER + 4]
+    speed, acceleration = 0.5 * (before + after), (after - before) / time_step
+    q, q_dot, q_ddot = pose.copy(), speed.copy(), acceleration.copy()
+    # From the centre of mass, Y, to the crank axis: Y = X + R s(psi), differentiated twice.
+    sums, mass = body_sums(tables, pose[:, 3]), tables.robot.mass
+    cos, sin = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+
+    def turned(vector: Array) -> Array:
+        x, y = vector[:, 0] / mass, vector[:, 1] / mass
+        return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+
+    def left(vector: Array) -> Array:
+        return np.stack([-vector[:, 1], vector[:, 0]], axis=-1)
+
+    s, ds, dds = turned(sums.c), turned(sums.dc), turned(sums.ddc)
+    w, n = speed[:, 2:3], speed[:, 3:4]
+    w_dot, n_dot = acceleration[:, 2:3], acceleration[:, 3:4]
+    q[:, :2] -= s
+    q_dot[:, :2] -= w * left(s) + n * ds
+    q_ddot[:, :2] -= w_dot * left(s) - w * w * s + n_dot * ds + n * n * dds + 2 * w * n * left(ds)
+    contact = trace[:, kernels.IMPULSES :].reshape(len(trace), -1, 3) / time_step
+    return joint_forces(tables.robot, q, q_dot, contact=contact, q_ddot=q_ddot, gravity=gravity)
+
+
+def landings(trace: Array, pressed: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
+    """(steps,) whether a pad that was free one time step before is pressed on the ground.
+
+    Args:
+        trace: (steps, columns). pressed: (pads,) the pads pressed just before it; None where that
+            is not known: then nothing lands in the first time step.
+    """
+    now = pads_pressed(trace)
+    first = now[:1] if pressed is None else pressed[None]
+    return np.asarray((now & ~np.concatenate([first, now[:-1]])).any(axis=1))
+
+
+def pads_pressed(trace: Array) -> NDArray[np.bool_]:
+    """(steps, pads) whether the ground pushed a pad."""
+    impulses = trace[:, kernels.IMPULSES :].reshape(len(trace), -1, 3)
+    return np.asarray((impulses != 0.0).any(axis=2))
+
+
+def peak_loads(size: Array, landing: NDArray[np.bool_], time_step: float) -> PeakLoads:
+    """The largest load on any pin.
+
+    Args:
+        size: (steps, legs, 10) of every pin's mean force, N. landing: (steps,).
+    """
+    largest = size.max(axis=(-2, -1))
+    return PeakLoads(
+        float(largest[~landing].max(initial=0.0)),
+        float(largest[landing].max(initial=0.0) * time_step),
+    )

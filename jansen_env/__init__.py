@@ -37,3 +37,9 @@ register(
     entry_point="jansen_env.envs.walker:JansenWalkerEnv",
     max_episode_steps=500,
 )
+
+register(
+    id="JansenCrank-v0",
+    entry_point="jansen_env.envs.crank:JansenCrankEnv",
+    max_episode_steps=1000,
+)

@@ -46,8 +46,7 @@ class Frame:
         contact_point: (n_toes, 2) where each toe touches, m, world frame.
         contact_tangent: (n_toes, 2) unit tangents of the ground there; normals are 90 degrees on.
         slipping: (n_toes,) bool, the toes that slide along the ground.
-        command: commanded walking speed, m/s, or None.
-        speed: walking speed, m/s.
+        command: commanded speed, or None. speed: the speed, both in the renderer's unit.
         torque, torque_limit: of the crank, and the largest magnitude it may have, N m.
         time: s.
     """
@@ -69,11 +68,11 @@ class Renderer:
 
     Args:
         robot: the machine to draw.
-        terrain_points: see :meth:`set_terrain`.
+        terrain_points: see :meth:`set_terrain`; None for a machine pinned in the air.
         mode: ``"rgb_array"`` returns pictures and needs no display, ``"human"`` shows a window.
         fps: pictures per second of the window.
         size: width and height of the picture, pixels.
-        speed_range: speed at either end of the speed gauge, m/s.
+        speed_range: speed at either end of the speed gauge. speed_unit: of that gauge.
 
     Raises:
         ValueError: an argument out of range.
@@ -83,11 +82,12 @@ class Renderer:
     def __init__(
         self,
         robot: Robot,
-        terrain_points: ArrayLike,
+        terrain_points: ArrayLike | None,
         mode: str,
         fps: float,
         size: tuple[int, int] = (960, 540),
         speed_range: float = 1.0,
+        speed_unit: str = "m/s",
     ) -> None:
         if mode not in ("human", "rgb_array"):
             raise ValueError(f"Renderer: mode is {mode!r}, must be 'human' or 'rgb_array'")
@@ -96,7 +96,10 @@ class Renderer:
         self.speed_range = positive("Renderer: speed_range", speed_range)
         for side in size:
             positive_integer("Renderer: width or height", side)
-        self.set_terrain(terrain_points)
+        self.speed_unit = speed_unit
+        self._terrain: Array | None = None
+        if terrain_points is not None:
+            self.set_terrain(terrain_points)
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
         try:
             import pygame
@@ -129,7 +132,7 @@ class Renderer:
             raise ValueError("terrain_points must be finite and go from left to right")
         first, last = points[1] - points[0], points[-1] - points[-2]
         far = [1e4 * np.array([1.0, d[1] / d[0] if d[0] > 0.0 else 0.0]) for d in (first, last)]
-        self._terrain: Array = np.vstack([points[0] - far[0], points, points[-1] + far[1]])
+        self._terrain = np.vstack([points[0] - far[0], points, points[-1] + far[1]])
 
     def draw(self, frame: Frame) -> Picture | None:
         """Paint ``frame``.
@@ -186,19 +189,22 @@ class Renderer:
             self._screen = pg.display.set_mode(self.size)
         except pg.error as error:
             raise RuntimeError(f"no window: {error}; mode 'rgb_array' needs no display") from error
-        pg.display.set_caption("Jansen walker")
+        pg.display.set_caption("Jansen linkage")
         self._clock = pg.time.Clock()
 
     def _paint(self, frame: Frame) -> None:
         q = np.asarray(frame.q, dtype=float)
         width, height = self._canvas.get_size()
-        # The mean height nearby keeps the picture steady where the ground is rough.
-        level = float(self._ground(q[0] + self._reach * np.linspace(-0.7, 0.7, 15))[:, 1].mean())
-        level = min(max(level, q[1] - self._reach), q[1])
+        level = q[1] - 0.85 * self._reach
+        if self._terrain is not None:
+            # The mean height nearby keeps the picture steady where the ground is rough.
+            near = self._surface(q[0] + self._reach * np.linspace(-0.7, 0.7, 15))
+            level = min(max(float(near[:, 1].mean()), q[1] - self._reach), q[1])
         bottom = level - 0.24 * self._reach
         self._corner = np.array([q[0] - 0.5 * width / self._scale, bottom + height / self._scale])
         self._canvas.fill(SKY)
-        self._paint_ground()
+        if self._terrain is not None:
+            self._paint_ground(self._terrain)
 
         turn = np.array([direction(q[2]), direction(q[2] + 0.5 * math.pi)])
         legs = [
@@ -221,16 +227,17 @@ class Renderer:
             touching = GRIP if across > 1e-6 else None
             self._toe(legs[toe][T], pad, SLIP if frame.slipping[toe] else touching)
         self._paint_gauges(frame)
-        self._paint_legend()
+        if self._terrain is not None:
+            self._paint_legend()
 
-    def _paint_ground(self) -> None:
+    def _paint_ground(self, terrain: Array) -> None:
         (width, height), u = self._canvas.get_size(), self._unit
         left, right = self._corner[0], self._corner[0] + width / self._scale
-        inside = (self._terrain[:, 0] > left) & (self._terrain[:, 0] < right)
-        ends = self._ground(np.array([left, right]))
-        surface = self._pixels(np.concatenate([ends[:1], self._terrain[inside], ends[1:]]))
+        inside = (terrain[:, 0] > left) & (terrain[:, 0] < right)
+        ends = self._surface(np.array([left, right]))
+        surface = self._pixels(np.concatenate([ends[:1], terrain[inside], ends[1:]]))
         marks = np.arange(math.floor(left / TICK_SPACING), right / TICK_SPACING + 1.0)
-        tops = self._pixels(self._ground(marks * TICK_SPACING))
+        tops = self._pixels(self._surface(marks * TICK_SPACING))
         for x, _ in tops:
             self._line((x, 0.0), (x, height), 1.0, GRID)
         self._pg.draw.polygon(self._canvas, GROUND, [*surface, (width, height), (0, height)])
@@ -273,7 +280,7 @@ class Renderer:
         u = self._unit
         self._card(14, 216, 150)
         self._text(f"{frame.time:.2f} s", 28 * u, 36 * u, 24, INK, 0.0)
-        self._text(f"{frame.speed:+.2f} m/s", 216 * u, 64 * u, 17, INK, 1.0)
+        self._text(f"{frame.speed:+.2f} {self.speed_unit}", 216 * u, 64 * u, 17, INK, 1.0)
         self._gauge("speed", 64, frame.speed, self.speed_range, LINK, frame.command)
         if frame.command is not None:
             label = f"command {frame.command:+.2f}"
@@ -315,8 +322,9 @@ class Renderer:
 
     # Primitives: positions in canvas pixels, widths, radii and cards in units.
 
-    def _ground(self, x: Array) -> Array:
+    def _surface(self, x: Array) -> Array:
         """Surface points (n, 2) above the positions ``x`` (n,), m."""
+        assert self._terrain is not None
         return np.stack([x, np.interp(x, self._terrain[:, 0], self._terrain[:, 1])], axis=-1)
 
     def _pixels(self, points: ArrayLike) -> Array:

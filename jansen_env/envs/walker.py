@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -11,10 +10,12 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from jansen_env.envs import common
 from jansen_env.envs.rewards import RewardWeights, tracking_score
+from jansen_env.joint_forces import JointForces
 from jansen_env.plants.projection import ProjectionPlant, StepResult
 from jansen_env.projection import GRAVITY
-from jansen_env.robot import ROBOTS, Payload, Robot
+from jansen_env.robot import Payload, Robot
 from jansen_env.terrain import Terrain, make_terrain
 from jansen_env.validation import finite, non_negative, positive, within
 
@@ -95,7 +96,9 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
     toe while loaded in this step, ``contact_force`` (n, 2) mean tangential and normal force on each
     toe in N, ``fallen`` (since the last reset), and ``energy``, J in this step: ``motor_work``, ``joint_loss``,
     ``slip_loss``, ``impact_loss``, ``mechanical_energy_change``, ``residual``; the first is the sum
-    of the others.
+    of the others. With ``track_joint_forces``: ``joint_force_max`` N, the largest force on any pin in
+    this step but for the time steps in which a toe lands, and ``joint_impulse_max`` N s, the largest
+    impulse on any pin in those (0 if there were none). ``joint_forces()`` has all of them.
 
     ## Arguments
     | Argument | Default | Meaning |
@@ -112,13 +115,14 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
     | ``tracking_weight`` ... ``fall_weight`` | 1, 4, 0.1, 0.5, 200 | see Rewards |
     | ``reset_noise_scale`` | 0.1 | rad/s, of the starting crank speed |
     | ``terminate_when_fallen`` | True | whether a fall ends the episode |
+    | ``track_joint_forces`` | False | adds them to ``info``; a step then takes some 6 ms more |
     | ``render_mode`` | None | ``"human"`` or ``"rgb_array"`` |
 
     ## Version History
     * v0: first release.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}
+    metadata: dict[str, Any] = {"render_modes": common.RENDER_MODES, "render_fps": 50}
 
     def __init__(
         self,
@@ -138,36 +142,23 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         fall_weight: float = RewardWeights.fall,
         reset_noise_scale: float = 0.1,
         terminate_when_fallen: bool = True,
+        track_joint_forces: bool = False,
         render_mode: str | None = None,
     ) -> None:
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(
-                f"render_mode is {render_mode!r}, must be None or one of "
-                f"{self.metadata['render_modes']}"
-            )
-        self.robot = _load(_robot(robot), payload)
+        self.render_mode = common.render_mode(render_mode)
+        self.robot = common.load_robot(robot, payload)
         self.terrain = make_terrain(terrain, friction, restitution)
-        self.speed_command_range = _command_range(speed_command)
+        self.speed_command_range = common.command_range(speed_command, FASTEST_COMMAND)
         self.torque_limit = positive("torque_limit", torque_limit)
-        self.control_dt = positive("control_dt", control_dt)
-        positive("time_step", time_step)
-        steps = control_dt / time_step
-        if steps < 1.0 - 1e-9 or abs(steps - round(steps)) > 1e-6 * steps:
-            raise ValueError(
-                f"control_dt is {control_dt!r}, must be a multiple of time_step, {time_step!r}"
-            )
+        self.control_dt = common.control_period(control_dt, time_step)
         self.weights = RewardWeights(
             tracking_weight, slip_weight, energy_weight, posture_weight, fall_weight
         )
         self.reset_noise_scale = non_negative("reset_noise_scale", reset_noise_scale)
-        if not isinstance(terminate_when_fallen, (bool, np.bool_)):
-            raise ValueError(
-                f"terminate_when_fallen is {terminate_when_fallen!r}, must be True or False"
-            )
-        self.terminate_when_fallen = bool(terminate_when_fallen)
-        self.render_mode = render_mode
+        self.terminate_when_fallen = common.flag("terminate_when_fallen", terminate_when_fallen)
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / control_dt))}
         self.plant = ProjectionPlant(self.robot, self.terrain, time_step=time_step)
+        self.plant.tracing = common.flag("track_joint_forces", track_joint_forces)
         self.weight = self.robot.mass * GRAVITY
         toes = self.plant.toes
         unbounded = [np.inf] * toes
@@ -247,7 +238,7 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
             ValueError: the action is not one finite number.
             FloatingPointError: the simulation diverged.
         """
-        share = self._check(action)
+        share = common.torque_share(action)
         torque = share * self.torque_limit
         x_before = self.plant.x
         result = self.plant.step(torque, self.control_dt)
@@ -261,15 +252,11 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._loads = result.contact_force[:, 1] / self.weight
         info = self._info(state, result, speed, torque)
         info.update(terms)
+        if self.plant.tracing:
+            info["joint_force_max"], info["joint_impulse_max"] = self.plant.peak_loads()
         if self.render_mode == "human":
             self.render()
         return self._observe(state), reward, fallen and self.terminate_when_fallen, False, info
-
-    def _check(self, action: Any) -> float:
-        values = np.asarray(action, dtype=float)
-        if values.shape != (1,) or not math.isfinite(values[0]):
-            raise ValueError(f"action is {action!r}, must be one finite number, shape (1,)")
-        return min(1.0, max(-1.0, float(values[0])))
 
     def _observe(self, state: NDArray[np.float64]) -> Observation:
         x, y, theta, psi, vx, vy, pitch_rate, crank_speed = state.tolist()
@@ -335,6 +322,13 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
                 "residual": result.energy_residual,
             },
         }
+
+    def joint_forces(self) -> JointForces:
+        """Forces in every joint of every leg as they are now, under the last action's torque.
+
+        Means over the next time step; one in which a toe lands contains its impulse / time step.
+        """
+        return self.plant.joint_forces(self._action * self.torque_limit)
 
     def get_state(self) -> dict[str, Any]:
         """All that the future depends on; :meth:`set_state` continues from it bit for bit."""
@@ -413,36 +407,3 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_renderer": None}
-
-
-def _robot(robot: Robot | str) -> Robot:
-    if isinstance(robot, Robot):
-        return robot
-    if not isinstance(robot, str) or robot not in ROBOTS:
-        raise ValueError(f"robot is {robot!r}, must be a Robot or one of {sorted(ROBOTS)}")
-    return ROBOTS[robot]()
-
-
-def _load(robot: Robot, payload: Payload | float | None) -> Robot:
-    if payload is None:
-        return robot
-    load = payload if isinstance(payload, Payload) else Payload(non_negative("payload", payload))
-    return replace(robot, payload=load)
-
-
-def _command_range(speed_command: Any) -> tuple[float, float]:
-    pair = (
-        speed_command
-        if isinstance(speed_command, (tuple, list, np.ndarray))
-        else 2 * [speed_command]
-    )
-    if len(pair) != 2:
-        raise ValueError(f"speed_command is {speed_command!r}, must be a number or (low, high)")
-    low, high = (
-        within("speed_command", value, -FASTEST_COMMAND, FASTEST_COMMAND) for value in pair
-    )
-    if low > high:
-        raise ValueError(
-            f"speed_command is {speed_command!r}, must be (low, high) with low <= high"
-        )
-    return low, high

@@ -151,7 +151,8 @@ def joint_forces(
         torque: (...) or a number, of the crank, N m. Not used if ``q_ddot`` is given.
         contact: (..., k, 3) on the first k pads (toes first, in the order of the legs): force x, y
             in the world frame (N) and moment about the pad's centre (N m); None for none.
-        pinned: the chassis is held still, level or not (q_dot[..., :3] must be 0).
+        pinned: the chassis is held still, level or not (the first three of q_dot, and of q_ddot
+            if it is given, must be 0).
         q_ddot: (..., 4) accelerations, where they are known (prescribed, or measured) and not to be
             worked out from the torque.
         gravity: m/s^2.
@@ -162,8 +163,13 @@ def joint_forces(
     q, q_dot = np.asarray(q, dtype=float), np.asarray(q_dot, dtype=float)
     if q.shape[-1:] != (4,) or q_dot.shape != q.shape:
         raise ValueError(f"q and q_dot have shapes {q.shape}, {q_dot.shape}, must be (..., 4) both")
-    if pinned and np.any(q_dot[..., :3] != 0.0):
-        raise ValueError(f"q_dot is {q_dot}, its first three must be 0 with the chassis pinned")
+    if np.ndim(torque) > 0 and np.shape(torque) != q.shape[:-1]:
+        raise ValueError(f"torque has shape {np.shape(torque)}, must be {q.shape[:-1]}")
+    if q_ddot is not None and np.shape(q_ddot) != q.shape:
+        raise ValueError(f"q_ddot has shape {np.shape(q_ddot)}, must be {q.shape} as q")
+    for name, rate in (("q_dot", q_dot), ("q_ddot", q_ddot)):
+        if pinned and rate is not None and np.any(np.asarray(rate)[..., :3] != 0.0):
+            raise ValueError(f"{name} is {rate}, its first three must be 0 with the chassis pinned")
     sides = leg_sides(robot)
     X, joints = system_coordinates(robot, q), world_joints(robot, q)
     T, T_bias = _tangent(robot, q, q_dot)
@@ -225,7 +231,7 @@ def _contact_forces(
         return f, toe
     contact = np.asarray(contact, dtype=float)
     layout = pad_layout(robot)
-    if contact.shape[:-2] != X.shape[:-2] or contact.shape[-1] != 3:
+    if contact.ndim < 2 or contact.shape[:-2] != X.shape[:-2] or contact.shape[-1] != 3:
         raise ValueError(
             f"contact has shape {contact.shape}, must be {(*X.shape[:-2], '<= pads', 3)}"
         )

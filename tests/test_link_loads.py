@@ -1,0 +1,171 @@
+"""Pins, corners and loads of links: statics by virtual work, names and signs, batches, refusals."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jansen_env import Bar, Payload, Robot, paper_robot
+from jansen_env import projection as pr
+from jansen_env import reduced as rd
+from jansen_env.joint_forces import CORNERS, PINS, joint_forces
+from jansen_env.linkage import JOINTS, T, coordinates, joint_positions, world_joints
+
+
+@pytest.fixture
+def laden(robot):
+    """Each design under a load off the crank axis."""
+    return replace(robot, payload=Payload(mass=1.7, inertia=0.3, position=(0.2, 0.4)))
+
+
+def draw(robot, random_state, rng):
+    """A state, a torque, and a wrench on every toe."""
+    q, v = np.split(random_state(), 2)
+    return q, v, rng.uniform(-10.0, 10.0), rng.uniform(-20.0, 20.0, (len(robot.legs), 3))
+
+
+BARS = {2: "crank", 3: "upper_rod", 5: "rocker", 6: "lower_rod", 7: "coupler"}
+
+
+@pytest.mark.parametrize("body, name", BARS.items(), ids=BARS.values())
+def test_virtual_work_of_a_longer_bar(robot, rng, body, name):
+    """At rest, crank held: a bar's mean axial load is -dV/dL, V the potential energy of its leg.
+
+    Lengthening a bar moves everything that hangs on it, and the loads at its two ends do the work.
+    V is differenced to fourth order with 0.1 mm: 1e-8 N.
+    """
+    link, psi, h = getattr(robot, name), rng.uniform(-3.0, 3.0), 1e-4
+    forces = joint_forces(robot, np.array([0.0, 0.0, 0.0, psi]), np.zeros(4), pinned=True,
+                          q_ddot=np.zeros(4))  # fmt: skip
+    ends = [k for k, (other, _) in enumerate(CORNERS) if other == body]
+    weight = pr.GRAVITY * np.array([part.mass for part in robot.bodies])
+    for loads, leg in zip(forces.link_loads()[:, ends, 0], robot.legs, strict=True):
+
+        def potential(change, leg=leg):
+            longer = replace(robot, **{name: replace(link, length=link.length + change)})
+            return coordinates(longer, leg.side, psi + leg.phase)[2::3] @ weight
+
+        near, far = (potential(s) - potential(-s) for s in (h, 2.0 * h))
+        assert loads.mean() == pytest.approx(-(8.0 * near - far) / (12.0 * h), abs=1e-8)
+
+
+def test_loads_of_a_massless_bar_are_tension_or_compression(robot, random_state, rng):
+    """Weightless bars without friction: both ends pulled alike, no shear, at any motion.
+
+    Their mass cannot be 0; 1e-12 kg leaves less than 1e-9 of the largest pin force.
+    """
+    names = ("upper_rod", "rocker", "lower_rod", "coupler")
+    light = {name: Bar(getattr(robot, name).length, 1e-12, 0.0) for name in names}
+    robot = replace(robot, damping=(0.0,) * 10, **light)
+    q, v, torque, contact = draw(robot, random_state, rng)
+    forces = joint_forces(robot, q, v, torque, contact)
+    loads, scale = forces.link_loads(), forces.magnitude.max()
+    for body in (3, 5, 6, 7):
+        ends = [k for k, (other, _) in enumerate(CORNERS) if other == body]
+        (one, other), shear = loads[:, ends, 0].T, loads[:, ends, 1]
+        assert np.abs(one - other).max() <= 1e-9 * scale
+        assert np.abs(shear).max() <= 1e-9 * scale
+        assert np.abs(one).max() > 1e-3 * scale  # and it does carry
+
+
+def test_link_loads_are_corner_forces_turned(laden, random_state, rng):
+    """axial + i shear = force / unit vector from centre to corner; bars: along the bar."""
+    q, v, torque, contact = draw(laden, random_state, rng)
+    forces = joint_forces(laden, q, v, torque, contact)
+    force, loads = (f @ [1.0, 1.0j] for f in (forces.corner_forces(), forces.link_loads()))
+    for k, (body, joint) in enumerate(CORNERS):
+        along = forces.joints[:, JOINTS.index(joint)] - forces.centres[:, body - 1]
+        along = along @ [1.0, 1.0j]
+        expected = force[:, k] * np.abs(along) / along
+        assert np.abs(loads[:, k] - expected).max() <= 1e-9 * np.abs(force).max()
+
+
+@pytest.mark.parametrize("side", ["fore", "back"])
+def test_pins_are_the_papers_constraints(robot, side):
+    """Each pair of rows is x_body - x_other + ..., closed at the joint the pin is named after."""
+    x = coordinates(robot, side, 0.7)
+    joints, (angle, place) = joint_positions(robot, side, 0.7), (x[0::3], x.reshape(8, 3)[:, 1:])
+    for pin, closure in zip(PINS, pr.leg_closures(robot, side), strict=True):
+        assert (pin.body, pin.other) == (closure.plus, closure.minus)
+        assert {(pin.body, pin.joint), (pin.other, pin.joint)} <= set(CORNERS)
+        corner = place[pin.other - 1].copy()  # its arm is minus the other body's own terms
+        for term in closure.terms:
+            if term.body == pin.other:
+                turned = angle[term.body - 1] + term.offset
+                corner -= term.coefficient * np.array([math.cos(turned), math.sin(turned)])
+        assert corner == pytest.approx(joints[JOINTS.index(pin.joint)], abs=1e-12)
+    assert str(PINS[1]) == "A23" and len({str(pin) for pin in PINS}) == 10
+
+
+def test_contact_on_any_pad(laden, random_state, rng):
+    """Knees and ankles too: forces on the pads of a foot add up to one wrench on its toe."""
+    q, v, torque, _ = draw(laden, random_state, rng)
+    layout, legs = rd.pad_layout(laden), len(laden.legs)
+    contact = rng.uniform(-20.0, 20.0, (len(layout.leg), 3))
+    contact[layout.joint > 2] = 0.0  # toe, knee and ankle are the foot's
+    joints = world_joints(laden, q)
+    wrench = np.zeros((legs, 3))
+    for leg, joint, given in zip(layout.leg, layout.joint, contact, strict=True):
+        arm = joints[leg, rd.PAD_JOINTS[joint]] - joints[leg, T]
+        wrench[leg] += given
+        wrench[leg, 2] += arm[0] * given[1] - arm[1] * given[0]
+    all_pads, toes = (joint_forces(laden, q, v, torque, c) for c in (contact, wrench))
+    assert all_pads.q_ddot == pytest.approx(toes.q_ddot, rel=1e-9, abs=1e-9)
+    assert all_pads.pin == pytest.approx(toes.pin, rel=1e-9, abs=1e-9)
+    assert (all_pads.toe == contact[:legs, :2]).all()
+
+
+def test_many_instants_are_each_one(laden, random_state, rng):
+    """(2, 3) instants at once, then one by one, and :meth:`at`: the same to rounding."""
+    draws = [draw(laden, random_state, rng) for _ in range(6)]
+    shape = ((2, 3, 4), (2, 3, 4), (2, 3), (2, 3, len(laden.legs), 3))
+    args = [np.reshape(arg, s) for arg, s in zip(zip(*draws, strict=True), shape, strict=True)]
+    every = joint_forces(laden, *args)
+    one_by_one = [joint_forces(laden, *each) for each in draws]
+    for k, one in enumerate(one_by_one):
+        for name in ("pin", "frame", "shaft", "toe", "joints", "centres", "q_ddot"):
+            found, expected = getattr(every.at(k // 3).at(k % 3), name), getattr(one, name)
+            assert found.shape == expected.shape
+            assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    assert every.torque.shape == (2, 3) and every.link_loads().shape[:2] == (2, 3)
+    assert every.largest()[0] == every.magnitude.max()
+    size, leg, pin = max(one.largest() for one in one_by_one)
+    assert every.largest() == (pytest.approx(size), leg, pin)
+
+
+def test_the_largest_force_is_named():
+    """1 kN under the toe of the third leg: most goes through its rocker into the frame's pivot."""
+    contact = np.zeros((4, 3))
+    contact[2, 1] = 1000.0
+    forces = joint_forces(paper_robot(), np.zeros(4), np.zeros(4), contact=contact, pinned=True)
+    k = [str(pin) for pin in PINS].index("P15")
+    assert forces.largest() == (math.hypot(*forces.pin[2, k]), "rb", "P15")
+    assert forces.largest()[0] > 1000.0
+
+
+REST = {"q": np.zeros(4), "q_dot": np.zeros(4)}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"q": np.zeros(3), "q_dot": np.zeros(3)}, r"shapes \(3,\), \(3,\), must be"),
+        ({"q_dot": np.zeros((2, 4))}, r"must be \(\.\.\., 4\) both"),
+        ({"q_dot": np.ones(4), "pinned": True}, "first three must be 0"),
+        ({"contact": np.zeros(3)}, r"contact has shape \(3,\)"),
+        ({"contact": np.zeros((4, 2))}, r"contact has shape \(4, 2\)"),
+        ({"contact": np.zeros((5, 4, 3))}, r"contact has shape \(5, 4, 3\)"),
+        ({"contact": np.zeros((23, 3))}, "contact is for 23 pads, the robot has 22"),
+        ({"q_ddot": np.zeros(3)}, r"q_ddot has shape \(3,\), must be \(4,\)"),
+        ({"q_ddot": np.zeros((5, 4))}, r"q_ddot has shape \(5, 4\), must be \(4,\)"),
+        ({"q_ddot": np.ones(4), "pinned": True}, "first three must be 0"),
+        ({"torque": np.zeros(4)}, r"torque has shape \(4,\), must be \(\)"),
+    ],
+)
+def test_what_does_not_fit_is_refused(change, message):
+    """ValueError with the shape that was given and the one that is wanted."""
+    with pytest.raises(ValueError, match=message):
+        joint_forces(Robot(), **{**REST, **change})

@@ -35,7 +35,12 @@ def trace_forces(
 
     Positions are those of the middle of the step, accelerations the change of velocity over it,
     contact forces its impulses / ``time_step``: what the time step itself balances.
+
+    Raises:
+        ValueError: the trace has no rows.
     """
+    if len(trace) == 0:
+        raise ValueError("the trace has no rows, set the plant's tracing before its step()")
     pose = trace[:, kernels.POSE : kernels.POSE + 4]
     before = trace[:, kernels.BEFORE : kernels.BEFORE + 4]
     after = trace[:, kernels.AFTER : kernels.AFTER + 4]

@@ -34,7 +34,7 @@ from jansen_env.projection import (
     constraint_matrix,
     orthogonal_complement,
 )
-from jansen_env.robot import BODIES_PER_LEG, JOINT_PAIRS, Payload, Robot, Side
+from jansen_env.robot import BODIES_PER_LEG, JOINT_PAIRS, Leg, Payload, Robot, Side
 
 Array = NDArray[np.float64]
 Series = NDArray[np.complex128]  # one-sided Fourier coefficients, harmonics along the first axis
@@ -106,14 +106,12 @@ def compile_robot(robot: Robot) -> Tables:
 @functools.lru_cache(maxsize=32)
 def _compile(robot: Robot) -> Tables:
     check_closure(robot)
-    psi = 2.0 * math.pi * np.arange(SAMPLES) / SAMPLES
     sides: tuple[Side, Side] = ("fore", "back")
-    body_series = {
-        side: np.fft.rfft(_leg_sums(robot, side, psi), axis=0) / SAMPLES for side in sides
-    }
-    pad_series = {
-        side: np.fft.rfft(_pad_motion(robot, side, psi), axis=0) / SAMPLES for side in sides
-    }
+    linkage = replace(robot, legs=(Leg("fore"),))  # the legs do not change what one of them does
+    body_series: dict[Side, Series] = {}
+    pad_series: dict[Side, Series] = {}
+    for side in sides:
+        body_series[side], pad_series[side] = _series(linkage, side)
     tail = max(_tail(series) for group in (body_series, pad_series) for series in group.values())
     if tail > TAIL_TOLERANCE:
         raise ValueError(
@@ -129,6 +127,16 @@ def _compile(robot: Robot) -> Tables:
     for table in (body, pads):
         table.setflags(write=False)
     return Tables(robot, body, pads, pad_layout(robot), tail)
+
+
+@functools.lru_cache(maxsize=32)
+def _series(robot: Robot, side: Side) -> tuple[Series, Series]:
+    """Fourier series of a leg's share of the body sums and of its pads' motion."""
+    psi = 2.0 * math.pi * np.arange(SAMPLES) / SAMPLES
+    return (
+        np.fft.rfft(_leg_sums(robot, side, psi), axis=0) / SAMPLES,
+        np.fft.rfft(_pad_motion(robot, side, psi), axis=0) / SAMPLES,
+    )
 
 
 def _leg_sums(robot: Robot, side: Side, psi: Array) -> Array:

@@ -1,0 +1,378 @@
+"""Claim by claim: what the paper says, what is computed here, whether it holds, and why.
+
+Verdicts follow from the numbers by the criterion in each function; nothing is judged by hand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.paper import readings, toes
+from jansen_env.paper.model import SETTLED
+from jansen_env.paper.results import FRICTIONS, LOADS_SPEEDS, SLOW, WALKING_TORQUE, Results
+from jansen_env.projection import (
+    COORDINATES,
+    FREEDOMS,
+    GRAVITY,
+    constraint_matrix,
+    leg_sides,
+    system_constraint_matrix,
+    system_coordinates,
+)
+from jansen_env.robot import paper_robot
+
+Array = NDArray[np.float64]
+
+HOLDS, CONDITION, FAILS = "holds", "holds with a condition", "does not hold"
+CLOSE = 0.05  # relative: what still counts as "nearly constant", "around" or "largest"
+SINGULAR = 1e-9  # singular values below count as 0
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One claim of the paper.
+
+    Attributes:
+        key: a short name. where: in the paper. says: the paper. computed: here. verdict: one of
+            "holds", "holds with a condition", "does not hold". why: the reason.
+        numbers: behind ``computed``, SI units.
+    """
+
+    key: str
+    where: str
+    says: str
+    computed: str
+    verdict: str
+    why: str
+    numbers: dict[str, float]
+
+
+def judge(results: Results) -> list[Claim]:
+    """All claims in the order of the paper."""
+    every: tuple[Callable[[Results], Claim], ...] = (
+        leg_freedoms, system_freedoms, torque_is_periodic, torque_level, constant_torque,
+        toe_paths, stable_walking, toe_speeds, no_walking_without_slip, heave_of_four_legs,
+        more_legs, rotation, translation,
+    )  # fmt: skip
+    return [claim(results) for claim in every]
+
+
+def _verdict(holds: bool, with_condition: bool = False) -> str:
+    return HOLDS if holds else CONDITION if with_condition else FAILS
+
+
+def leg_freedoms(_: Results) -> Claim:
+    """Rank of C over a turn, all four legs."""
+    robot = paper_robot()
+    q = np.zeros((toes.PHASES[-1] * 30, 4))
+    q[:, 3] = toes.turn(len(q))
+    C = constraint_matrix(robot, leg_sides(robot), system_coordinates(robot, q))
+    values = np.linalg.svd(C, compute_uv=False)
+    rank = (values > SINGULAR).sum(axis=-1)
+    left = COORDINATES - int(rank.min())
+    return Claim(
+        "leg_freedoms", "2.1, before (5)",
+        "24 coordinates less 20 constraints: 4 degrees of freedom a leg",
+        f"24 - {rank.min()} = {left} at every crank angle",
+        _verdict(left == FREEDOMS and rank.min() == rank.max()),
+        f"C has full rank all round: no singular value below {values.min():.2g}",
+        {"rank": float(rank.min()), "freedoms": left, "smallest_singular_value": values.min()},
+    )  # fmt: skip
+
+
+def system_freedoms(_: Results) -> Claim:
+    """Ranks of the system's C with the frame pinned and let go."""
+    robot = paper_robot()
+    freedoms = {}
+    for pinned in (True, False):
+        ranks = []
+        for psi in toes.turn(60):
+            X = system_coordinates(robot, np.array([0.0, 0.0, 0.0, psi]))
+            C = system_constraint_matrix(robot, X[:, :FREEDOMS].ravel(), pinned)
+            ranks.append(int(np.linalg.matrix_rank(C)))
+        freedoms[pinned] = 16 - min(ranks)
+    return Claim(
+        "system_freedoms", "2.3, before (12)",
+        "16 coordinates less 15 constraints: 1 degree of freedom for the four legs",
+        f"16 - {16 - freedoms[True]} = {freedoms[True]}; with the frame let go 16 - "
+        f"{16 - freedoms[False]} = {freedoms[False]}",
+        _verdict(freedoms[True] == 1 and freedoms[False] == 4),
+        "rows 9 and 10 read as rf1 against lf1; the three rows that pin the frame are dropped "
+        "for the robot that walks",
+        {"pinned": freedoms[True], "walking": freedoms[False]},
+    )  # fmt: skip
+
+
+def torque_is_periodic(r: Results) -> Claim:
+    """The torque one turn apart, and its maxima in a turn, once the start has died out."""
+    time, torque = r.long.time[:-1], r.long.torque
+    turn = 2.0 * np.pi
+    last = time >= time[-1] - turn
+    now = torque[last]
+    drift = float(np.abs(now - np.interp(time[last] - turn, time, torque)).max())
+    peaks = int(((now > np.roll(now, 1)) & (now >= np.roll(now, -1))).sum())
+    swing = float(np.ptp(now))
+    settled = r.run.torque[r.run.settled]
+    return Claim(
+        "torque_is_periodic", "4, Fig. 4",
+        "peaks of the input torque appear periodically in steady state",
+        f"{peaks} peaks a turn; two turns {drift:.1e} N m apart, of a swing of {swing:.2f} N m; "
+        f"from {SETTLED:.0f} s to 10 s {settled.min():.3f} to {settled.max():.3f} N m, mean "
+        f"{settled.mean():.3f}",
+        _verdict(peaks == 2 and drift < CLOSE * swing),
+        "two pairs of legs half a turn apart: all repeats twice a turn",
+        {"peaks": peaks, "drift": drift, "low": settled.min(), "high": settled.max(),
+         "mean": settled.mean()},
+    )  # fmt: skip
+
+
+def torque_level(r: Results) -> Claim:
+    """The mean torque of every reading against the printed level."""
+    ours = r.levels[0]
+    # A level is reproduced if a reading's torque keeps within 5 % of it.
+    goal = readings.PRINTED_LEVEL
+    off = [max(abs(level.low - goal), abs(level.high - goal)) for level in r.levels]
+    reached = min(off) <= CLOSE * abs(goal)
+    low, high = r.reversed_valley
+    return Claim(
+        "torque_level", "4, Fig. 4",
+        "the input torque is almost constant at around -0.9 N m",
+        f"+{ours.mean:.3f} N m in the mean at 1 rad/s; of {len(r.levels)} readings none keeps "
+        f"within 5 % of -0.9 N m",
+        _verdict(reached),
+        f"over a turn weight and inertia give back what they took, so the motor feeds the joints: "
+        f"mean torque x 1 rad/s = {ours.loss:.3f} W of friction, positive as it drives the crank. "
+        f"Counted the other way round the PID's torque runs from {low:.2f} to {high:.2f} N m: "
+        f"-0.9 is the valley between its peaks, not its level",
+        {"mean": ours.mean, "loss": ours.loss, "nearest_off": min(off), "reversed_low": low,
+         "reversed_high": high},
+    )  # fmt: skip
+
+
+def constant_torque(r: Results) -> Claim:
+    """Speed ripple at constant torque: pinned, with slender links, walking."""
+
+    def ripple(speed: Array) -> tuple[float, float]:
+        late = speed[len(speed) // 2 :]
+        return float(late.mean()), float(0.5 * np.ptp(late) / abs(late.mean()))
+
+    mean, share = ripple(r.constant.speed)
+    slender_mean, slender = ripple(r.constant_slender.speed)
+    walk_mean, walking = ripple(r.constant_walk)
+    return Claim(
+        "constant_torque", "4 and summary",
+        "constant torque keeps a constant speed, whatever the dynamics",
+        f"{r.constant.torque[0]:.3f} N m: {mean:.3f} rad/s +- {100 * share:.0f} % pinned, "
+        f"{slender_mean:.3f} +- {100 * slender:.0f} % with slender links; walking at "
+        f"{WALKING_TORQUE:.0f} N m {walk_mean:.2f} rad/s +- {100 * walking:.0f} %",
+        _verdict(share < CLOSE, share < 0.5),
+        "joint friction makes the mean speed proportional to the torque; the weight of the legs "
+        "and the changing friction make it swing twice a turn, and landings kick it when walking",
+        {"mean": mean, "ripple": share, "slender_mean": slender_mean, "slender_ripple": slender,
+         "walking_mean": walk_mean, "walking_ripple": walking},
+    )  # fmt: skip
+
+
+def toe_paths(_: Results) -> Claim:
+    """The back leg's constraints at the mirrored fore leg."""
+    error = toes.mirror_error(paper_robot())
+    return Claim(
+        "toe_paths", "4, Fig. 5",
+        "the toes' trajectories are symmetric",
+        f"mirror images to {error:.0e} m",
+        _verdict(error < 1e-12),
+        "the back leg's constraints are the fore leg's with x -> -x, psi -> pi - psi",
+        {"error": error},
+    )  # fmt: skip
+
+
+def stable_walking(r: Results) -> Claim:
+    """Walks at constant crank speeds."""
+    fallen = [walk.speed for walk in r.walks if walk.fell]
+    standing = [walk.speed for walk in r.walks if not walk.fell]
+    return Claim(
+        "stable_walking", "4, Fig. 5",
+        "the symmetric trajectories give stable walking with ease",
+        f"at constant crank speed it walks at {_list(standing)} rad/s, falls at {_list(fallen)}",
+        _verdict(not fallen, bool(standing)),
+        "symmetric paths say nothing of balance: between the walk that slides and rocks and the "
+        "gait that leaps from toe to toe there is none that lasts",
+        {"walking": len(standing), "falling": len(fallen)},
+    )  # fmt: skip
+
+
+def toe_speeds(r: Results) -> Claim:
+    """The speed at which two standing toes part, and a slow walk's slip."""
+    support = r.support
+    zeros = np.sort(support.zeros()) / np.pi
+    part = np.abs(support.slip)
+    walk = r.slow[FRICTIONS[1]]
+    nowhere = len(zeros) == 0
+    return Claim(
+        "toe_speeds", "4, Fig. 6",
+        "fore and back toes always differ in x speed, so with both down at least one slips",
+        f"the standing toes part at {part.mean():.3f} m/rad in the mean, at 0 only at {len(zeros)} "
+        f"crank angles ({', '.join(f'{z:.2f}' for z in zeros)} pi); at least "
+        f"{support.per_turn:.3f} m of slip a turn, and a walk at {SLOW} rad/s with friction "
+        f"{FRICTIONS[1]} slips {walk.slip:.3f} m",
+        _verdict(nowhere, (part > 0.0).mean() > 1.0 - CLOSE),
+        "true but for instants: where the mirror images meet (psi a multiple of pi / 2) both toes "
+        "have the same speed. In between slip is certain as long as both stay down",
+        {"mean": part.mean(), "smallest": part.min(), "zeros": len(zeros),
+         "slip_per_turn": support.per_turn, "simulated_slip_per_turn": walk.slip,
+         "smallest_x_speed": float(np.abs(support.x_speed).min())},
+    )  # fmt: skip
+
+
+def no_walking_without_slip(r: Results) -> Claim:
+    """Slip per metre over friction and crank speed."""
+    walks = [walk for walk in r.walks if not walk.fell]
+    best = min(walks, key=lambda walk: walk.slip_per_metre)
+    grip, loose = r.slow[FRICTIONS[-1]], r.slow[FRICTIONS[0]]
+    return Claim(
+        "no_walking_without_slip", "4 and summary",
+        "a robot with this mechanism cannot walk without toe slip",
+        f"at {SLOW} rad/s {loose.slip:.2f} m of slip a turn with friction {FRICTIONS[0]}, "
+        f"{grip.slip:.2f} m with {FRICTIONS[-1]}; at {best.speed:.0f} rad/s "
+        f"{1e3 * best.slip_per_metre:.1f} mm a metre",
+        _verdict(best.slip_per_metre > 0.1, best.slip_per_metre > 0.01),
+        "the two toes need not both stay down: with enough friction a landing toe sticks and "
+        "throws the other one up, so that the robot rocks through half of each step, and from "
+        "3 rad/s on it leaps from toe to toe",
+        {"slow_loose": loose.slip, "slow_grip": grip.slip, "best_speed": best.speed,
+         "best_slip_per_metre": best.slip_per_metre},
+    )  # fmt: skip
+
+
+def heave_of_four_legs(r: Results) -> Claim:
+    """Heave with four legs."""
+    four = r.heaves[1]
+    return Claim(
+        "heave", "4, Fig. 7",
+        "four legs move the robot up and down by 0.03 m",
+        f"{1e3 * four.level:.1f} mm kept level, {1e3 * four.standing:.1f} mm standing on both "
+        f"sides, with {four.pitch:.3f} rad of pitch",
+        _verdict(abs(four.level - 0.03) < CLOSE * 0.03),
+        "the lowest toe of the four over a turn, with L6 and L11 in the order printed",
+        {"level": four.level, "standing": four.standing, "pitch": four.pitch},
+    )  # fmt: skip
+
+
+def more_legs(r: Results) -> Claim:
+    """Heave with 2 to 24 legs, odd numbers of phases against even ones."""
+    level = {heave.legs // 2: heave.level for heave in r.heaves}
+    standing = {heave.legs // 2: heave.standing for heave in r.heaves}
+    odd_better = [n for n in range(3, 12, 2) if level[n] < level[n + 1]]
+    odd_better_standing = [n for n in range(3, 12, 2) if standing[n] < standing[n + 1]]
+    steady = all(b < a for a, b in pairwise(level.values()))
+    shown = ", ".join(f"{2 * n}: {1e3 * level[n]:.2f}" for n in level)
+    return Claim(
+        "more_legs", "4 and summary",
+        "more legs with smaller phase differences make the up-and-down motion vanish",
+        f"heave in mm by number of legs: {shown}; standing on both sides, 24 legs: "
+        f"{1e3 * standing[12]:.2f}",
+        _verdict(steady and level[12] < 1e-3, level[12] < 1e-3),
+        "it vanishes, but not step by step: with an odd number of phases the back toes' lowest "
+        "points fall between the fore toes', with an even number on them (psi -> pi - psi maps the "
+        f"phases onto themselves), so {_list([2 * n for n in odd_better])} legs beat two more. "
+        "The price is pitch: a robot that stands on both sides gains only with "
+        f"{_list([2 * n for n in odd_better_standing])}",
+        {**{f"level_{2 * n}": value for n, value in level.items()},
+         **{f"standing_{2 * n}": value for n, value in standing.items()}},
+    )  # fmt: skip
+
+
+def rotation(r: Results) -> Claim:
+    """The largest constraint moment by body, pinned and walking."""
+    settled = r.forces[r.run.settled]
+    pinned = np.abs(settled[..., 0]).max(axis=0)
+    walking = {speed: loads.moment for speed, loads in r.walking_loads.items()}
+    on_ground = all(int(moment.argmax()) == 0 for moment in walking.values())
+    first = int(pinned.argmax()) == 0
+    shown = "; ".join(
+        f"walking at {speed} rad/s link {moment.argmax() + 1} ({moment.max():.1f}), link 1 "
+        f"{moment[0]:.1f}" for speed, moment in walking.items()
+    )  # fmt: skip
+    return Claim(
+        "rotation", "4, Fig. 8",
+        "the rotational constraint force is largest on link 1",
+        f"pinned: link {pinned.argmax() + 1} ({pinned.max():.2f} N m, link 2 {pinned[1]:.2f}); "
+        f"{shown}",
+        _verdict(first and on_ground, first),
+        "link 1 takes the motor's reaction and link 2 the motor, so these two lead wherever the "
+        "feet are free; on the ground the push on the toe has a long arm on link 8",
+        {"pinned_link": int(pinned.argmax()) + 1, "pinned": pinned.max(), "pinned_2": pinned[1],
+         **{f"walking_link_{s}": int(m.argmax()) + 1 for s, m in walking.items()},
+         **{f"walking_{s}": m.max() for s, m in walking.items()}},
+    )  # fmt: skip
+
+
+def translation(r: Results) -> Claim:
+    """The largest constraint force by body, and what the pins carry."""
+    force = np.hypot(r.forces[..., 1], r.forces[..., 2])[r.run.settled].max(axis=0)
+    pins = r.pinned_loads
+    slow = r.walking_loads[LOADS_SPEEDS[0]]
+    weight = 0.1 * GRAVITY
+    seventh = int(force.argmax()) == 6
+    on_ground = all(int(loads.force.argmax()) == 6 for loads in r.walking_loads.values())
+    return Claim(
+        "translation", "4, Fig. 9",
+        "the translational constraint force is largest on link 7, which therefore needs strength",
+        f"pinned: link {force.argmax() + 1} ({force.max():.3f} N; link 8 {force[7]:.3f}, weight "
+        f"{weight:.3f}); its pins carry {max(pins.pin[7], pins.pin[9]):.1f} N, pin "
+        f"{pins.largest_pin} {pins.pin.max():.1f} N. Walking: link {slow.force.argmax() + 1} "
+        f"({slow.force.max():.0f} N), pin {slow.largest_pin} {slow.pin.max():.0f} N",
+        _verdict(seventh and on_ground, seventh),
+        "the sum of the forces on a link is its weight and inertia, equal for equal masses to 3 %; "
+        "what loads a link is the force in each pin, which cancels in that sum. On the ground the "
+        "foot's sum carries the robot",
+        {"pinned_link": int(force.argmax()) + 1, "pinned": force.max(), "pinned_8": force[7],
+         "pin_7": float(max(pins.pin[7], pins.pin[9])), "pin_largest": pins.pin.max(),
+         "walking_link": int(slow.force.argmax()) + 1, "walking": slow.force.max(),
+         "walking_7": slow.force[6], "walking_pin": slow.pin.max()},
+    )  # fmt: skip
+
+
+def _list(values: list[float] | list[int]) -> str:
+    if not values:
+        return "none"
+    texts = [f"{value:g}" for value in values]
+    return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} and {texts[-1]}"
+
+
+def markdown(claims: list[Claim]) -> str:
+    """The claims as a Markdown table."""
+    rows = ["| claim | says | computed | verdict | why |", "| --- | --- | --- | --- | --- |"]
+    rows += [
+        f"| {c.key} ({c.where}) | {c.says} | {c.computed} | **{c.verdict}** | {c.why} |"
+        for c in claims
+    ]
+    return "\n".join(rows) + "\n"
+
+
+def levels_markdown(levels: list[readings.Level]) -> str:
+    """The readings of the torque as a Markdown table."""
+    rows = [
+        "| reading | lowest (N m) | mean (N m) | highest (N m) | joint loss (W) |",
+        "| --- | --- | --- | --- | --- |",
+    ]
+    rows += [
+        f"| {level.name} | {level.low:.3f} | {level.mean:.3f} | {level.high:.3f} | "
+        f"{level.loss:.3f} |"
+        for level in levels
+    ]
+    return "\n".join(rows) + "\n"
+
+
+def screen(claims: list[Claim]) -> str:
+    """The claims as plain text."""
+    blocks = [
+        f"{c.verdict.upper()}: {c.says} ({c.where})\n    computed: {c.computed}\n    why: {c.why}"
+        for c in claims
+    ]
+    return "\n\n".join(blocks)

@@ -1,0 +1,300 @@
+"""The paper's Figs. 4 to 9 drawn again, and what we would have liked to see beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import matplotlib.style
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from jansen_env.files import write_whole
+from jansen_env.inverse import crank_torque, walking_torque
+from jansen_env.joint_forces import PINS
+from jansen_env.linkage import SKELETON, O, P, T, world_joints
+from jansen_env.paper import toes
+from jansen_env.paper.model import SETTLED
+from jansen_env.paper.results import FRICTIONS, LOADS_SPEEDS, SLOW, Results
+from jansen_env.robot import paper_robot
+
+Array = NDArray[np.float64]
+
+DPI = 130
+LEG_COLORS = {"rf": "#c2410c", "lf": "#f59e0b", "rb": "#1d4ed8", "lb": "#38bdf8"}
+INK, MUTED, ACCENT = "#1f2937", "#9ca3af", "#7c3aed"
+STYLE: dict[str, Any] = {
+    "axes.axisbelow": True,
+    "axes.edgecolor": INK, "axes.grid": True, "axes.labelcolor": INK, "axes.spines.right": False,
+    "axes.spines.top": False, "axes.titlelocation": "left", "axes.titlesize": 11,
+    "axes.titleweight": "bold", "figure.facecolor": "white", "font.size": 9.5,
+    "grid.color": "#e5e7eb", "legend.frameon": False, "legend.fontsize": 8.5,
+    "lines.linewidth": 1.6, "xtick.color": INK, "ytick.color": INK,
+}  # fmt: skip
+
+
+def draw(results: Results, folder: Path) -> list[Path]:
+    """Draw all figures into ``folder``; returns their paths."""
+    figures: dict[str, Callable[[Results], Figure]] = {
+        "fig4_torque": torque, "fig5_toe_paths": toe_paths, "fig6_toe_x": toe_x,
+        "fig7_toe_y": toe_y, "fig8_rotation": rotation, "fig9_translation": translation,
+        "torque_split": torque_split, "mechanism": mechanism, "heave": heave, "slip": slip,
+        "pin_forces": pin_forces,
+    }  # fmt: skip
+    paths = []
+    with matplotlib.style.context(["default", STYLE]):
+        for name, make in figures.items():
+            figure = make(results)
+
+            def save(path: str, figure: Figure = figure) -> None:
+                figure.savefig(path, dpi=DPI, metadata={"Software": None})
+
+            paths.append(write_whole(folder / f"{name}.png", save))
+    return paths
+
+
+def _figure(width: float, height: float, rows: int = 1, columns: int = 1, **more: Any) -> Any:
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(rows, columns, **more)
+
+
+def torque(r: Results) -> Figure:
+    """Fig. 4: the PID's torque against time."""
+    figure, axes = _figure(7.2, 3.4)
+    axes.plot(r.run.time[:-1], r.run.torque, color=INK, label="PID (13), crank speed about 1 rad/s")
+    mean = r.levels[0].mean
+    axes.axhline(mean, color=ACCENT, ls="--", lw=1.1)
+    axes.text(10.0, mean + 0.03, f"mean friction at 1 rad/s: {mean:.2f} N m", ha="right",
+              color=ACCENT, fontsize=8.5, bbox={"fc": "white", "ec": "none", "pad": 0.8})  # fmt: skip
+    axes.axhline(-0.9, color=MUTED, ls=":", lw=1.3)
+    axes.text(10.0, -0.86, "the paper's level, -0.9 N m", ha="right", color="#6b7280", fontsize=8.5)
+    axes.axvspan(0.0, SETTLED, color="#f3f4f6", zorder=0)
+    axes.set(title="Input torque (Fig. 4)", xlabel="time (s)", ylabel="torque (N m)", xlim=(0, 10))
+    axes.legend(loc="center", bbox_to_anchor=(0.6, 0.32))
+    return figure
+
+
+def _toes(r: Results) -> Array:
+    return toes.toe_positions(paper_robot(), r.run.angle)
+
+
+def toe_paths(r: Results) -> Figure:
+    """Fig. 5: toe paths of the four legs."""
+    figure, axes = _figure(7.2, 2.4)
+    path = _toes(r)
+    for i, (name, color) in enumerate(LEG_COLORS.items()):
+        behind = name in ("lf", "lb")
+        axes.plot(*path[:, i].T, color=color, lw=1.2 if behind else 3.0, label=name,
+                  zorder=3 if behind else 2, ls="--" if behind else "-")  # fmt: skip
+    axes.set(title="Toe paths, chassis pinned, crank axis at the origin (Fig. 5)",
+             xlabel="x (m)", ylabel="y (m)", aspect="equal", ylim=(-0.66, -0.42))  # fmt: skip
+    axes.legend(ncols=4, loc="upper center")
+    return figure
+
+
+def toe_x(r: Results) -> Figure:
+    """Fig. 6: toe x against time."""
+    return _toe_figure(r, 0, "Toe x (Fig. 6)", "x (m)")
+
+
+def toe_y(r: Results) -> Figure:
+    """Fig. 7: toe y against time."""
+    figure = _toe_figure(r, 1, "Toe y (Fig. 7): the lowest toe moves by 0.030 m", "y (m)")
+    axes = figure.axes[0]
+    lowest = _toes(r)[..., 1].min(axis=1)
+    axes.plot(r.run.time, lowest, color=INK, lw=1.0, ls=":")
+    for level in (lowest.min(), lowest.max()):
+        axes.axhline(level, color=MUTED, lw=0.8)
+    return figure
+
+
+def _toe_figure(r: Results, axis: int, title: str, label: str) -> Figure:
+    figure, axes = _figure(7.2, 3.4)
+    path = _toes(r)
+    for i, (name, color) in enumerate(LEG_COLORS.items()):
+        axes.plot(r.run.time, path[:, i, axis], color=color, label=name)
+    axes.set(title=title, xlabel="time (s)", ylabel=label, xlim=(0, 10))
+    axes.legend(ncols=4, loc="upper center", bbox_to_anchor=(0.5, 1.0))
+    axes.margins(y=0.18)
+    return figure
+
+
+def _by_link(r: Results, values: Array, title: str, label: str) -> Figure:
+    figure, axes = _figure(7.2, 3.8)
+    colors = matplotlib.colormaps["turbo"](np.linspace(0.08, 0.92, 8))
+    for body in range(8):
+        axes.plot(r.run.time[:-1], values[:, body], color=colors[body], label=f"link {body + 1}")
+    axes.set(title=title, xlabel="time (s)", ylabel=label, xlim=(0, 10))
+    axes.legend(ncols=1, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return figure
+
+
+def rotation(r: Results) -> Figure:
+    """Fig. 8: constraint moment on every link of the right forepaw."""
+    return _by_link(r, r.forces[..., 0], "Constraint moment, right forepaw (Fig. 8)",
+                    "moment (N m)")  # fmt: skip
+
+
+def translation(r: Results) -> Figure:
+    """Fig. 9: norm of the constraint force on every link of the right forepaw."""
+    force = np.hypot(r.forces[..., 1], r.forces[..., 2])
+    figure = _by_link(r, force, "Norm of the constraint force, right forepaw (Fig. 9)", "force (N)")
+    axes = figure.axes[0]
+    axes.axhline(0.981, color=INK, lw=0.9, ls="--")
+    axes.annotate("weight of a link", (3.4, 0.981), (2.6, 1.01), fontsize=8.5, color=INK,
+                  arrowprops={"arrowstyle": "-", "color": MUTED})  # fmt: skip
+    return figure
+
+
+def torque_split(_: Results) -> Figure:
+    """The torque at a constant 1 rad/s by cause, pinned; and walking."""
+    figure, (left, right) = _figure(10.0, 3.8, 1, 2)
+    robot, angle = paper_robot(), toes.turn(720)
+    split = crank_torque(robot, angle)
+    for name, value, color in (
+        ("friction", split.friction, "#c2410c"), ("gravity", split.gravity, "#1d4ed8"),
+        ("inertia", split.inertia, "#059669"), ("total", split.total, INK),
+    ):  # fmt: skip
+        left.plot(angle, value, color=color, lw=2.2 if name == "total" else 1.5,
+                  label=f"{name}, mean {abs(value.mean()):.3f}")  # fmt: skip
+    left.set(title="Torque at a constant 1 rad/s, pinned", xlabel="crank angle (rad)",
+             ylabel="torque (N m)", ylim=(-0.6, 2.9))  # fmt: skip
+    left.legend(loc="upper center", ncols=2)
+    walk = walking_torque(robot, speed=1.0, turns=6, settle=1, bins=60)
+    right.fill_between(walk.angle, walk.torque - walk.spread, walk.torque + walk.spread,
+                       color="#ddd6fe", lw=0, label="turn to turn")  # fmt: skip
+    right.plot(walk.angle, walk.torque, color=ACCENT, label=f"walking, mean {walk.mean:.2f}")
+    right.plot(
+        angle, split.total, color=INK, lw=1.2, label=f"pinned, mean {split.total.mean():.2f}"
+    )
+    right.set(title="The same crank speed on the ground", xlabel="crank angle (rad)",
+              ylabel="torque (N m)")  # fmt: skip
+    right.legend(loc="upper center", ncols=2)
+    right.margins(y=0.3)
+    for axes in (left, right):
+        _angle_ticks(axes)
+    return figure
+
+
+def _angle_ticks(axes: Any) -> None:
+    labels = ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"]
+    axes.set_xticks(np.pi / 2.0 * np.arange(5), labels)
+    axes.set_xlim(0.0, 2.0 * np.pi)
+
+
+def mechanism(_: Results) -> Figure:
+    """The mechanism at eight crank angles, right pair of legs in front."""
+    robot = paper_robot()
+    figure, grid = _figure(11.0, 4.5, 2, 4, sharex=True, sharey=True)
+    path = toes.toe_positions(robot, toes.turn(360))
+    for k, axes in enumerate(grid.flat):
+        joints = world_joints(robot, np.array([0.0, 0.0, 0.0, k * np.pi / 4.0]))
+        axes.plot(*path[:, 0].T, color="#e5e7eb", lw=1.2)
+        axes.plot(*path[:, 2].T, color="#e5e7eb", lw=1.2)
+        for i in (1, 3, 0, 2):
+            name = robot.leg_names[i]
+            front = name.startswith("r")
+            color = LEG_COLORS[name] if front else "#cbd5e1"
+            for a, b in SKELETON:
+                width = 3.0 if (a, b) in ((P, O), (O, P)) else 1.6 if front else 1.0
+                axes.plot(*joints[i, [a, b]].T, color=INK if (a, b) == (P, O) else color, lw=width,
+                          solid_capstyle="round")  # fmt: skip
+            if front:
+                axes.plot(*joints[i, :T].T, "o", color=color, ms=2.2)
+                axes.plot(*joints[i, T], "o", color=color, ms=5)
+        axes.set(aspect="equal")
+        axes.set_title(rf"$\psi$ = {k}$\pi$/4", fontsize=9.5, fontweight="normal")
+    for axes in grid[-1]:
+        axes.set_xlabel("x (m)")
+    for axes in grid[:, 0]:
+        axes.set_ylabel("y (m)")
+    return figure
+
+
+def heave(r: Results) -> Figure:
+    """Heave against the number of legs, and why odd numbers of phases differ."""
+    figure, (left, *right) = _figure(11.0, 3.6, 1, 3, width_ratios=(1.5, 1, 1))
+    legs = np.array([h.legs for h in r.heaves])
+    level = 1e3 * np.array([h.level for h in r.heaves])
+    standing = 1e3 * np.array([h.standing for h in r.heaves])
+    odd = (legs // 2) % 2 == 1
+    left.semilogy(legs, level, color=MUTED, lw=1.0, zorder=1)
+    left.semilogy(legs[odd], level[odd], "o", color="#c2410c", label="level, odd number of phases")
+    left.semilogy(legs[~odd], level[~odd], "s", color="#1d4ed8", label="level, even")
+    left.semilogy(legs, standing, "x--", color=INK, lw=0.9, ms=5, label="standing on both sides")
+    left.set(title="Heave by number of legs", xlabel="legs", ylabel="peak to peak (mm)",
+             xticks=legs[::2] + 0)  # fmt: skip
+    left.legend()
+    for axes, phases in zip(right, (3, 4), strict=True):
+        angle = toes.turn(720)
+        fore, back = toes.lowest_toes(paper_robot(phases), angle)
+        axes.plot(angle, 1e3 * fore, color=LEG_COLORS["rf"], lw=1.3, label="lowest fore toe")
+        axes.plot(angle, 1e3 * back, color=LEG_COLORS["rb"], lw=1.3, label="lowest back toe")
+        axes.plot(angle, 1e3 * np.minimum(fore, back), color=INK, lw=2.4, alpha=0.75,
+                  label="the one that carries")  # fmt: skip
+        kind = "interleaved" if phases % 2 else "in step"
+        axes.set(title=f"{2 * phases} legs: {kind}", xlabel="crank angle (rad)",
+                 ylim=(-622, -600))  # fmt: skip
+        _angle_ticks(axes)
+    right[0].set_ylabel("height (mm)")
+    right[0].legend(loc="upper center")
+    return figure
+
+
+def slip(r: Results) -> Figure:
+    """How fast two standing toes part; slip of walks by friction and crank speed."""
+    figure, (left, middle, right) = _figure(11.5, 3.6, 1, 3)
+    support = r.support
+    left.axhline(0.0, color=INK, lw=0.8)
+    left.plot(support.angle, support.slip, color=INK, lw=1.8)
+    for zero in support.zeros():
+        left.plot(zero, 0.0, "o", color="#c2410c", ms=5)
+    left.set(title="Standing toes part", xlabel="crank angle (rad)",
+             ylabel="parting speed (m per rad of crank)")  # fmt: skip
+    _angle_ticks(left)
+    slow = [r.slow[mu].slip for mu in FRICTIONS]
+    middle.axhline(support.per_turn, color="#c2410c", ls="--", lw=1.2,
+                   label="both toes down: certain")  # fmt: skip
+    middle.axhline(0.5 * support.per_turn, color=MUTED, ls=":", lw=1.2, label="half of it")
+    middle.plot(FRICTIONS, slow, "o-", color=INK, label=f"walk at {SLOW} rad/s")
+    middle.set(title="A slow walk's slip", xlabel="coefficient of friction",
+               ylabel="slip (m per turn)", ylim=(0.0, 0.85))  # fmt: skip
+    middle.legend(loc="lower left")
+    speed = np.array([w.speed for w in r.walks])
+    ratio = np.array([np.nan if w.fell else w.slip_per_metre for w in r.walks])
+    right.semilogy(speed, ratio, "o-", color=INK)
+    for walk in r.walks:
+        if walk.fell:
+            right.axvspan(walk.speed - 0.25, walk.speed + 0.25, color="#fecaca", lw=0)
+    right.set(title="Slip by crank speed", xlabel="crank speed (rad/s)",
+              ylabel="slip (m per m walked)")  # fmt: skip
+    right.text(2.25, 0.6, "falls", ha="center", color="#b91c1c", fontsize=8.5)
+    return figure
+
+
+def pin_forces(r: Results) -> Figure:
+    """The largest force in every pin, pinned and walking."""
+    figure, axes = _figure(9.0, 3.8)
+    names = [f"{pin.joint}\n{pin.other}-{pin.body}" for pin in PINS]
+    sets = [("pinned, 1 rad/s", r.pinned_loads, "#94a3b8")]
+    colors = ("#7c3aed", "#c2410c")
+    sets += [
+        (f"walking, {speed:g} rad/s", r.walking_loads[speed], color)
+        for speed, color in zip(LOADS_SPEEDS, colors, strict=True)
+    ]
+    place = np.arange(len(PINS))
+    for k, (label, loads, color) in enumerate(sets):
+        bars = axes.bar(place + 0.27 * (k - 1), loads.pin, 0.25, color=color, label=label)
+        axes.bar_label(bars, fmt="%.0f", fontsize=7, padding=1)
+    weight = paper_robot().mass * 9.81
+    axes.axhline(weight, color=INK, lw=0.9, ls="--")
+    axes.text(10.6, weight + 1.5, "the robot's\nweight", ha="right", fontsize=8.5)
+    axes.set_xlim(-0.7, 10.6)
+    axes.set(title="Largest force in each pin (joint, links), impacts apart", ylabel="force (N)")
+    axes.set_xticks(place, names)
+    axes.grid(visible=False, axis="x")
+    axes.legend()
+    return figure

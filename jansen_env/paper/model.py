@@ -1,0 +1,143 @@
+"""The paper's simulation: the fixed model (12) under the PID (13), 10 s from crank angle pi."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.plants.pinned import PinnedPlant
+from jansen_env.projection import Projection, project
+from jansen_env.robot import Robot
+
+Array = NDArray[np.float64]
+
+START = math.pi  # rad, crank angle and reference at time 0
+DURATION = 10.0  # s
+SAMPLING = 0.01  # s, of the controller; the torque is held in between
+KP, KI, KD = 10.0, 1.0, 1.0  # gains of (13): N m/rad, N m/(rad s), N m s/rad
+SETTLED = 3.0  # s, from where on the motion is taken to be periodic
+
+
+@dataclass(frozen=True)
+class Run:
+    """A simulation, sampled as the controller sees it: (n + 1,) each, torque (n,).
+
+    Attributes:
+        time: s. angle: rad. speed: rad/s, of the crank. torque: N m, held after each sample but
+            the last.
+    """
+
+    time: Array
+    angle: Array
+    speed: Array
+    torque: Array
+
+    @property
+    def error(self) -> Array:
+        """r - psi (n + 1,), rad, for the paper's reference r = t + pi."""
+        return self.time + START - self.angle
+
+    @property
+    def settled(self) -> NDArray[np.bool_]:
+        """(n,) the samples whose torque is counted as periodic."""
+        return self.time[:-1] >= SETTLED
+
+
+Advance = Callable[[float, float, float], tuple[float, float]]
+"""(angle, speed, torque) at a sample -> (angle, speed) at the next."""
+
+
+def tables_advance(robot: Robot, time_step: float = SAMPLING) -> Advance:
+    """The compiled tables, Runge-Kutta's steps of ``time_step`` s."""
+    plant = PinnedPlant(robot, time_step)
+
+    def advance(angle: float, speed: float, torque: float) -> tuple[float, float]:
+        plant.reset(angle, speed)
+        plant.step(torque, SAMPLING)
+        state = plant.state
+        return float(state[0]), float(state[1])
+
+    return advance
+
+
+def projection_advance(robot: Robot) -> Advance:
+    """Equations (1)-(12) themselves, solved anew at every stage of a Runge-Kutta step."""
+
+    def acceleration(angle: float, speed: float, torque: float) -> float:
+        return float(pinned_projection(robot, angle, speed, torque).acceleration()[0])
+
+    def advance(psi: float, n: float, torque: float) -> tuple[float, float]:
+        h = SAMPLING
+        a1 = acceleration(psi, n, torque)
+        n2 = n + 0.5 * h * a1
+        a2 = acceleration(psi + 0.5 * h * n, n2, torque)
+        n3 = n + 0.5 * h * a2
+        a3 = acceleration(psi + 0.5 * h * n2, n3, torque)
+        n4 = n + h * a3
+        a4 = acceleration(psi + h * n3, n4, torque)
+        return (
+            psi + h * (n + 2.0 * n2 + 2.0 * n3 + n4) / 6.0,
+            n + h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0,
+        )
+
+    return advance
+
+
+def pinned_projection(robot: Robot, angle: float, speed: float, torque: float) -> Projection:
+    """The system's projection (12) with the frame pinned at the origin."""
+    q, q_dot = np.array([0.0, 0.0, 0.0, angle]), np.array([0.0, 0.0, 0.0, speed])
+    return project(robot, q, q_dot, torque, pinned=True)
+
+
+def simulate_pid(advance: Advance, direction: float = 1.0, duration: float = DURATION) -> Run:
+    """The paper's simulation: PID (13) on e = r - theta_rf2, r = t + pi, from rest at pi.
+
+    Args:
+        advance: the mechanism. direction: of r, 1 or -1 (r = pi - t).
+        duration: s.
+    """
+    integral = 0.0
+
+    def pid(time: float, angle: float, speed: float) -> float:
+        nonlocal integral
+        error = direction * time + START - angle
+        integral += error * SAMPLING
+        return KP * error + KI * integral + KD * (direction - speed)
+
+    return simulate(advance, pid, duration)
+
+
+def simulate(
+    advance: Advance,
+    controller: Callable[[float, float, float], float],
+    duration: float = DURATION,
+    speed: float = 0.0,
+) -> Run:
+    """A controller (time, angle, speed) -> torque on the mechanism, from pi at ``speed`` rad/s."""
+    samples = round(duration / SAMPLING)
+    time: Array = SAMPLING * np.arange(samples + 1, dtype=np.float64)
+    angles, speeds = np.empty(samples + 1), np.empty(samples + 1)
+    torques = np.empty(samples)
+    angles[0], speeds[0] = START, speed
+    for k in range(samples):
+        torques[k] = controller(time[k], angles[k], speeds[k])
+        angles[k + 1], speeds[k + 1] = advance(angles[k], speeds[k], torques[k])
+    return Run(time, angles, speeds, torques)
+
+
+def constraint_forces(robot: Robot, run: Run, leg: int = 0, every: int = 1) -> Array:
+    """C^T lambda (samples, 8, 3) on the bodies of a leg, (4): moment N m, force x and y N.
+
+    What is drawn in Figs. 8 and 9, at every ``every``-th sample of a run.
+    """
+    forces = [
+        pinned_projection(robot, angle, speed, torque).constraint_forces()
+        for angle, speed, torque in zip(
+            run.angle[:-1:every], run.speed[:-1:every], run.torque[::every], strict=True
+        )
+    ]
+    return np.array(forces).reshape(len(forces), len(robot.legs), 8, 3)[:, leg]

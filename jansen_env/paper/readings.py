@@ -1,0 +1,117 @@
+"""Every way we found to read the paper's torque: does any of them give its -0.9 N m?
+
+At a constant crank speed the mechanism is back where it was after a turn, so the motor's work is
+what the joints took: mean torque x speed = mean viscous loss, whatever masses and weight are.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.joint_forces import joint_forces
+from jansen_env.paper.model import pinned_projection, simulate_pid, tables_advance
+from jansen_env.robot import Bar, Leg, Robot, Triangle, holy_numbers_robot, paper_robot
+
+Array = NDArray[np.float64]
+
+PRINTED_LEVEL = -0.9  # N m, "almost constant at around"
+ANGLES = 360  # crank angles in a turn
+
+
+@dataclass(frozen=True)
+class Level:
+    """The torque of one reading, N m.
+
+    Attributes:
+        name: what is read differently.
+        low, mean, high: over a turn at a constant 1 rad/s (or -1, where so read).
+        loss: the joints' mean loss of power at that speed, W.
+    """
+
+    name: str
+    low: float
+    mean: float
+    high: float
+    loss: float
+
+
+def torque_levels() -> list[Level]:
+    """The readings, ours first."""
+    paper = paper_robot()
+    lengths = (paper.rocker.length, paper.coupler.length)
+    swapped = replace(paper, rocker=Bar(lengths[1]), coupler=Bar(lengths[0]))
+    # L4, L10, L5 as printed, where the centroid data gives a triangle 1.0101 times as large.
+    small = replace(paper, upper_triangle=Triangle.from_sides(0.23529, 0.32338, 0.25134))
+    return [
+        _level("as read here", paper),
+        _level("reference turning the other way, r = pi - t", paper, direction=-1.0),
+        _level("torque counted positive on the frame", paper, motors=-1),
+        _level("tau in the h of every leg: four motors", paper, motors=4),
+        _level("the same, positive on the frame", paper, motors=-4),
+        _level("one leg alone", replace(paper, legs=(Leg("fore"),))),
+        _level("L6 and L11 swapped", swapped),
+        _level("frame of hypot(l0, h0) = 0.32765 m", replace(paper, frame=Bar(0.32765))),
+        _level("triangle 4 from L4, L10, L5", small),
+        _level("frame angle as printed, atan(l0/h0)", replace(paper, frame_angle=_printed_angle())),
+        _without_reaction(paper),
+        _level("no joint friction", replace(paper, damping=(0.0,) * 10)),
+        _level("slender rods and plates", paper.with_slender_inertias()),
+        _level("Theo Jansen's own numbers", holy_numbers_robot()),
+    ]
+
+
+def _printed_angle() -> float:
+    return math.atan2(0.32436, 0.04632)
+
+
+def _level(name: str, robot: Robot, direction: float = 1.0, motors: int = 1) -> Level:
+    torque = _torque(robot, direction)
+    friction = torque - _torque(replace(robot, damping=(0.0,) * len(robot.damping)), direction)
+    each = torque / motors
+    loss = float((friction * direction).mean())
+    return Level(name, float(each.min()), float(each.mean()), float(each.max()), loss)
+
+
+def _torque(robot: Robot, speed: float) -> Array:
+    """(ANGLES,) the torque at a constant crank speed, from the dense equations alone."""
+    q, q_dot = np.zeros((2, ANGLES, 4))
+    q[:, 3], q_dot[:, 3] = _angles(), speed
+    return joint_forces(robot, q, q_dot, pinned=True, q_ddot=np.zeros(q.shape)).torque
+
+
+def _angles() -> Array:
+    return 2.0 * math.pi * np.arange(ANGLES) / ANGLES
+
+
+def _without_reaction(robot: Robot) -> Level:
+    """h_f with its last moment row as printed: no C58 (theta_8' - theta_5') on body 8."""
+    torque = []
+    damping = robot.damping[6]
+    for angle in _angles():
+        p = pinned_projection(robot, angle, 1.0, 0.0)
+        x_dot, h = (v.reshape(-1, 8, 3).copy() for v in (p.D[:, 0], p.h))
+        h[:, 7, 0] += damping * (x_dot[:, 7, 0] - x_dot[:, 4, 0])
+        torque.append(float(p.velocity_terms[0] - p.D[:, 0] @ h.ravel()))
+    every = np.array(torque)
+    return Level(
+        "no C58 term in h_f's last row, as printed",
+        float(every.min()), float(every.mean()), float(every.max()), float(every.mean()),
+    )  # fmt: skip
+
+
+def printed_controller_torque() -> float:
+    """Torque (N m) after 10 s of (13) as printed, on theta_rf1: the frame's angle, a constant."""
+    error = math.pi + 10.0 - paper_robot().frame_angle
+    integral = 10.0 * (math.pi - paper_robot().frame_angle) + 0.5 * 10.0**2
+    return 10.0 * error + integral + 1.0
+
+
+def reversed_valley() -> tuple[float, float]:
+    """Lowest and highest torque (N m) after 3 s of the PID's run turned the other way."""
+    run = simulate_pid(tables_advance(paper_robot()), direction=-1.0)
+    torque = run.torque[run.settled]
+    return float(torque.min()), float(torque.max())

@@ -14,7 +14,7 @@ from jansen_env.projection import GRAVITY
 from jansen_env.reduced import body_sums, compile_robot
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
-from jansen_env.validation import finite, positive_integer
+from jansen_env.validation import finite, positive, positive_integer
 
 Array = NDArray[np.float64]
 
@@ -70,7 +70,7 @@ class WalkingTorque:
         angle: (bins,) middle of each bin of crank angle, rad, within 0 .. 2 pi.
         torque: (bins,) mean torque in each bin over all turns, landings included, N m.
         spread: (bins,) standard deviation between the turns' own means, N m.
-        mean: over all turns, N m.
+        mean: over the time of all turns, N m.
         distance: walked per turn, m.
         fell: whether the robot fell; its turns then are those before.
     """
@@ -101,33 +101,36 @@ def walking_torque(
         robot, terrain: who walks where; None is flat ground.
         speed: of the crank, rad/s, not 0.
         turns: of the crank that are evaluated, after ``settle`` turns from standing.
-        bins: of crank angle in a turn. time_step: s.
+        bins: of crank angle in a turn, of two time steps or more each. time_step: s.
 
     Raises:
         ValueError: an argument out of range, or a fall before the first turn was complete.
     """
     if finite("speed", speed) == 0.0:
         raise ValueError("speed is 0, must be another number: a standing crank walks nowhere")
-    for name, value in (("turns", turns), ("bins", bins)):
+    for name, value in (("turns", turns), ("settle", settle or 1), ("bins", bins)):
         positive_integer(name, value)
+    period = 2.0 * math.pi / abs(speed)
+    most = int(0.5 * period / positive("time_step", time_step))
+    if bins > most:
+        raise ValueError(f"bins is {bins}, must be at most {most}, half the time steps of a turn")
     plant = ProjectionPlant(robot, Terrain.flat() if terrain is None else terrain, time_step)
     plant.reset()
     state = plant.state
     state[7] = speed
     plant.state = state
     plant.crank_driven = plant.tracing = True
-    period = 2.0 * math.pi / abs(speed)
-    if settle:
-        plant.step(0.0, settle * period)
-    rows, places = [], [plant.x]
+    fallen = settle > 0 and plant.step(0.0, settle * period).bumped
+    rows, means, places = [], [], [plant.x]
     for _ in range(turns):
-        result = plant.step(0.0, period)
-        if result.bumped:
+        fallen = fallen or plant.step(0.0, period).bumped
+        if fallen:
             break
         psi, torque = plant.trace[:, kernels.POSE + 3], plant.trace[:, kernels.TORQUE]
         index = (psi % (2.0 * math.pi) / (2.0 * math.pi) * bins).astype(int) % bins
         count = np.bincount(index, minlength=bins)
         rows.append(np.bincount(index, torque, minlength=bins) / np.maximum(count, 1))
+        means.append(torque.mean())
         places.append(plant.x)
     if not rows:
         raise ValueError(f"the robot falls at a crank speed of {speed} rad/s")
@@ -136,7 +139,7 @@ def walking_torque(
         angle=2.0 * math.pi * (np.arange(bins) + 0.5) / bins,
         torque=every.mean(axis=0),
         spread=every.std(axis=0),
-        mean=float(every.mean()),
+        mean=float(np.mean(means)),
         distance=abs(places[-1] - places[0]) / len(rows),
-        fell=len(rows) < turns,
+        fell=fallen,
     )

@@ -1,0 +1,271 @@
+"""The pinned plant, and the torque that a prescribed crank motion takes, pinned and walking."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jansen_env import Bar, LinkageError, Payload, Robot, Terrain, paper_robot
+from jansen_env import projection as pr
+from jansen_env.inverse import crank_torque, walking_torque
+from jansen_env.plants.pinned import PinnedPlant
+from jansen_env.plants.projection import ProjectionPlant
+
+TURN = np.linspace(0.0, 2.0 * math.pi, 720, endpoint=False)
+
+
+def started(robot, time_step=1e-3, psi=0.3, speed=2.0, **arguments):
+    plant = PinnedPlant(robot, time_step, **arguments)
+    plant.reset(psi, speed)
+    return plant
+
+
+def crank_acceleration(plant, torque, h=2e-5):
+    """Of the plant's own steps, from mean accelerations over h, 2 h, 4 h: error of order h^3."""
+    mean = []
+    for step in (h, 2.0 * h, 4.0 * h):
+        other = started(plant.robot, step, *plant.state)
+        other.step(torque, step)
+        mean.append((other.state[1] - plant.state[1]) / step)
+    near, far = 2.0 * mean[0] - mean[1], 2.0 * mean[1] - mean[2]
+    return (4.0 * near - far) / 3.0
+
+
+def test_accelerations_are_the_dense_projections(robot, random_state, rng):
+    """Equation (12) with 15 system rows: joint_forces() to 1e-9, the plant's own steps to 1e-7."""
+    for _ in range(5):
+        psi, n, torque = *random_state()[[3, 7]], rng.uniform(-5.0, 5.0)
+        plant = started(robot, 1e-3, psi, n)
+        q, v = np.array([[0.0, 0.0, 0.0, psi], [0.0, 0.0, 0.0, n]])
+        (expected,) = pr.project(robot, q, v, torque, pinned=True).acceleration()
+        size = max(1.0, abs(expected))
+        forces = plant.joint_forces(torque)
+        assert forces.q_ddot == pytest.approx([0.0, 0.0, 0.0, expected], abs=1e-9 * size)
+        assert forces.torque == pytest.approx(torque, abs=1e-9 * size)
+        assert crank_acceleration(plant, torque) == pytest.approx(expected, abs=1e-7 * size)
+
+
+def test_a_heavy_load_pins_the_walker_as_well(robot):
+    """The free plant under 10^9 kg, weightless: the same crank motion over 1 s, to 1e-6 rad.
+
+    What is left is the free plant's own error, of order h^2.
+    """
+    heavy = replace(robot, payload=Payload(1e9, 1e9))
+    pinned = started(heavy, gravity=0.0)
+    pinned.step(1.5, 1.0)
+    miss = []
+    for step in (1e-3, 5e-4):
+        free = ProjectionPlant(heavy, Terrain.flat(), step, gravity=0.0)
+        free.state = np.array([0.0, 50.0, 0.0, 0.3, 0.0, 0.0, 0.0, 2.0])
+        free.step(1.5, 1.0)
+        miss.append(np.abs(free.state[[3, 7]] - pinned.state).max())
+    assert miss[1] <= 1e-6 and miss[0] / miss[1] > 3.5
+    assert pinned.state[0] > 1.0
+
+
+def test_energy_is_the_free_plants(robot, random_state):
+    """Kinetic and potential energy of the chassis at rest at the origin, load included; 1e-12."""
+    laden = replace(robot, payload=Payload(1.7, 0.3, (0.2, 0.4)))
+    free, plant = ProjectionPlant(laden, Terrain.flat()), PinnedPlant(laden)
+    for _ in range(5):
+        psi, n = random_state()[[3, 7]]
+        free.state = np.array([0.0, 0.0, 0.0, psi, 0.0, 0.0, 0.0, n])
+        plant.reset(psi, n)
+        assert plant.energy() == pytest.approx(free.energy(), abs=1e-12)
+
+
+def test_fourth_order_in_the_time_step():
+    """End state and energy residual fall by 16 with half the time step (15 to 18 asked)."""
+    ends, residuals = [], []
+    for h in (8e-3, 4e-3, 2e-3):
+        plant = started(paper_robot(), h)
+        residuals.append(plant.step(1.5, 1.6).energy_residual)
+        ends.append(plant.state)
+    coarse, fine = np.abs(np.diff(ends, axis=0)).max(axis=1)
+    assert 15.0 < coarse / fine < 18.0 and fine < 1e-9
+    ratio = np.divide(residuals[:-1], residuals[1:])
+    assert ratio.min() > 15.0 and ratio.max() < 18.0
+
+
+def test_energy_balance(robot, rng):
+    """Motor work = joint loss + energy change: 1e-6 of the loss over 10 s of changing torque."""
+    plant = started(robot)
+    start, change, miss, loss = plant.energy(), 0.0, 0.0, 0.0
+    for _ in range(100):
+        angle, torque = plant.state[0], rng.uniform(-1.0, 4.0)
+        result = plant.step(torque, 0.1)
+        assert result.motor_work == pytest.approx(torque * (plant.state[0] - angle), abs=1e-12)
+        assert result.joint_loss > 0.0
+        change, miss = change + result.energy_change, miss + abs(result.energy_residual)
+        loss += result.joint_loss
+    assert change == pytest.approx(plant.energy() - start, abs=1e-9)
+    assert loss > 10.0 and miss <= 1e-6 * loss
+
+
+def test_free_swing_keeps_its_energy():
+    """No damping, no torque: 10 s of swinging through several turns change it by under 1e-8 J."""
+    plant = started(replace(paper_robot(), damping=(0.0,) * 10), speed=1.0)
+    start = plant.energy()
+    angles = []
+    for _ in range(100):
+        result = plant.step(0.0, 0.1)
+        assert result.joint_loss == result.motor_work == 0.0
+        angles.append(plant.state[0])
+    assert plant.energy() == pytest.approx(start, abs=1e-8)
+    assert np.ptp(angles) > 1.0
+
+
+def test_a_load_changes_no_motion():
+    """On a chassis that is held it rests: the same bits, and its weight m g y in the energy."""
+    bare = started(paper_robot())
+    laden = started(replace(paper_robot(), payload=Payload(1.7, 0.3, (0.2, 0.4))))
+    assert laden.energy() - bare.energy() == pytest.approx(1.7 * pr.GRAVITY * 0.4, abs=1e-12)
+    bare.step(1.0, 1.0)
+    laden.step(1.0, 1.0)
+    assert (bare.state == laden.state).all()
+
+
+def test_states_copies_and_pickles():
+    """A state is handed out as a copy; a pickle, or a state carried over, goes on bit for bit."""
+    plant = started(paper_robot(), 5e-4, gravity=1.62)
+    plant.state[:] = 7.0
+    assert plant.state.tolist() == [0.3, 2.0]
+    plant.step(1.0, 0.1)
+    copy, other = pickle.loads(pickle.dumps(plant)), PinnedPlant(paper_robot(), 5e-4, gravity=1.62)
+    other.state = plant.state
+    for one in (plant, copy, other):
+        one.step(2.0, 0.1)
+        assert one.state.tobytes() == plant.state.tobytes()
+        assert (one.robot, one.time_step, one.gravity) == (paper_robot(), 5e-4, 1.62)
+
+
+def test_what_the_plant_refuses():
+    """Arguments by name; states that are not two finite numbers; states that diverge."""
+    for name, value in (("time_step", 0.0), ("gravity", -9.81)):
+        with pytest.raises(ValueError, match=f"{name} is {value}"):
+            PinnedPlant(Robot(), **{name: value})
+    with pytest.raises(LinkageError, match="joint C"):
+        PinnedPlant(replace(Robot(), crank=Bar(0.2)))
+    plant = PinnedPlant(Robot())
+    for state in ([0.0], [0.0, math.nan], np.zeros((2, 1))):
+        with pytest.raises(ValueError, match="must be 2 finite numbers"):
+            plant.state = state
+    with pytest.raises(ValueError, match="duration is 0"):
+        plant.step(1.0, 0.0)
+    for torque in (1e9, math.nan):
+        plant.reset()
+        with pytest.raises(FloatingPointError, match=f"under a torque of {torque}"):
+            plant.step(torque, 0.1)
+
+
+def test_crank_torque_is_equation_12_solved_for_tau(robot, random_state, rng):
+    """Inverse, then forward dynamics of the dense projection give the acceleration back: 1e-10.
+
+    Its causes are those of reduced.py: weight alone at rest, friction odd in the speed.
+    """
+    psi, n, n_dot = np.array([[*random_state()[[3, 7]], rng.normal()] for _ in range(10)]).T
+    parts = crank_torque(robot, psi, n, n_dot)
+    assert (parts.total == parts.gravity + parts.inertia + parts.friction).all()
+    for k, torque in enumerate(parts.total):
+        q, v = np.array([[0.0, 0.0, 0.0, psi[k]], [0.0, 0.0, 0.0, n[k]]])
+        p = pr.project(robot, q, v, torque, pinned=True)
+        assert p.acceleration() == pytest.approx(n_dot[k], abs=1e-10 * max(1.0, abs(torque)))
+    rest, back = crank_torque(robot, psi, 0.0), crank_torque(robot, psi, -n, n_dot)
+    assert (rest.total == parts.gravity).all()
+    assert (back.friction == -parts.friction).all() and (back.inertia == parts.inertia).all()
+    assert crank_torque(robot, psi, n, n_dot, gravity=0.0).gravity == pytest.approx(0.0 * psi)
+
+
+def test_mean_crank_torque_is_the_viscous_loss(robot):
+    """Over a turn at 1 rad/s weight and inertia average to 0 (1e-12); paper: 1.562154 N m."""
+    parts = crank_torque(robot, TURN)
+    assert abs(parts.gravity.mean()) <= 1e-12 and abs(parts.inertia.mean()) <= 1e-12
+    assert parts.friction.min() > 0.0 and np.ptp(parts.gravity) > 0.1
+    assert parts.total.mean() == pytest.approx(parts.friction.mean(), abs=1e-12)
+    if robot == paper_robot():
+        assert parts.total.mean() == pytest.approx(1.562154, abs=5e-7)
+        assert [parts.total.min(), parts.total.max()] == pytest.approx([0.990, 1.922], abs=1e-3)
+
+
+def test_crank_torque_shapes_and_mirror():
+    """Arguments broadcast; the paper's machine, mirrored (psi -> pi - psi), takes minus as much."""
+    robot = paper_robot()
+    grid = crank_torque(robot, TURN[:, None], np.array([0.5, 1.0, -2.0]), 0.3)
+    assert grid.total.shape == (720, 3)
+    mirror = crank_torque(robot, math.pi - TURN[:, None], np.array([-0.5, -1.0, 2.0]), -0.3)
+    for name in ("gravity", "inertia", "friction"):
+        assert getattr(mirror, name) == pytest.approx(-getattr(grid, name), abs=1e-12)
+    assert grid.total[7, 1] == crank_torque(robot, TURN[7], 1.0, 0.3).total
+    with pytest.raises(ValueError, match="broadcast"):
+        crank_torque(robot, TURN, np.ones(3))
+
+
+@pytest.fixture(scope="module")
+def walk():
+    """Four turns of the paper's machine at 1 rad/s."""
+    return walking_torque(paper_robot(), turns=4, settle=1)
+
+
+def test_walking_torque_pays_the_losses(walk):
+    """mean torque * speed * time = joint, slip and impact losses, per turn: 1 % (energy at the
+    two ends differs a little); exactly the motor work of the same walk, 1e-12."""
+    plant = ProjectionPlant(paper_robot(), Terrain.flat())
+    plant.reset()
+    plant.state = np.append(plant.state[:7], 1.0)
+    plant.crank_driven = True
+    turn = 2.0 * math.pi
+    plant.step(0.0, turn)
+    start, results = plant.x, [plant.step(0.0, turn) for _ in range(4)]
+    time = 4.0 * round(turn / 1e-3) * 1e-3
+    work = sum(r.motor_work for r in results)
+    losses = sum(r.joint_loss + r.slip_loss + r.impact_loss for r in results)
+    assert walk.mean * time == pytest.approx(work, rel=1e-12)
+    assert work == pytest.approx(losses, rel=0.01)
+    assert walk.distance == pytest.approx((plant.x - start) / 4.0, rel=1e-12)
+    assert plant.state[7] == 1.0 and not walk.fell
+
+
+def test_walking_torque_by_crank_angle(walk):
+    """72 bins of a turn, whose mean is the mean but for one time step more or less in a bin.
+
+    Walking takes more than turning in the air: weight on the toes, slip and landings.
+    """
+    assert walk.angle == pytest.approx(np.deg2rad(2.5 + 5.0 * np.arange(72)), abs=1e-12)
+    assert walk.torque.mean() == pytest.approx(walk.mean, rel=0.01)
+    assert (walk.spread >= 0.0).all() and walk.spread.max() > 0.1
+    assert walk.mean > 1.6 and walk.distance > 0.4 and np.ptp(walk.torque) > 1.0
+
+
+def test_walking_backwards(walk):
+    """At -1 rad/s the mirror image walks: torque reversed, the same distance; 3 %."""
+    back = walking_torque(paper_robot(), speed=-1.0, turns=4, settle=1)
+    assert back.mean == pytest.approx(-walk.mean, rel=0.03)
+    assert back.distance == pytest.approx(walk.distance, rel=0.03)
+
+
+def test_a_fall_ends_the_evaluation():
+    """At 2 rad/s the paper's machine falls over: the turns before it count, and none is refused."""
+    fallen = walking_torque(paper_robot(), speed=2.0, settle=2, turns=5)
+    assert fallen.fell and np.isfinite(fallen.torque).all() and fallen.mean > 0.0
+    with pytest.raises(ValueError, match=r"the robot falls at a crank speed of 2\.0 rad/s"):
+        walking_torque(paper_robot(), speed=2.0, settle=10, turns=1)
+
+
+@pytest.mark.parametrize(
+    ("argument", "value", "message"),
+    [
+        ("speed", 0.0, "speed is 0"), ("speed", math.inf, "speed is inf"),
+        ("turns", 0, "turns is 0"), ("turns", 1.5, "turns is 1.5"),
+        ("settle", -1, "settle is -1"), ("settle", 0.5, "settle is 0.5"),
+        ("bins", 0, "bins is 0"), ("bins", 3142, "bins is 3142, must be at most 3141"),
+        ("time_step", 0.0, "time_step is 0.0"),
+    ],
+)  # fmt: skip
+def test_what_walking_torque_refuses(argument, value, message):
+    """ValueError names the argument; a bin without a time step would read 0."""
+    with pytest.raises(ValueError, match=message):
+        walking_torque(paper_robot(), **{argument: value})

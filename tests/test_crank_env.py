@@ -1,0 +1,305 @@
+"""JansenCrank-v0 as a Gymnasium environment: contract, observation, reward, state, rendering."""
+
+from __future__ import annotations
+
+import copy
+import math
+import pickle
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import jansen_env
+from jansen_env.envs import crank
+from jansen_env.envs.crank import JansenCrankEnv
+from jansen_env.inverse import crank_torque
+
+
+@pytest.fixture
+def env():
+    made = gym.make("JansenCrank-v0")
+    yield made
+    made.close()
+
+
+def roll(env, steps, seed=0):
+    """Observations and rewards of seeded random actions, mostly forward."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for _ in range(steps):
+        action = rng.uniform(-0.4, 1.0, 1).astype(np.float32)
+        obs, reward, terminated, truncated, _ = env.step(action)
+        rows.append(np.append(obs, reward))
+        if terminated or truncated:
+            env.reset()
+    return np.array(rows)
+
+
+def test_gymnasium_checker_warns_of_unbounded_observations_alone(monkeypatch):
+    """Anything but the note on infinite bounds is an error; both render modes are tried."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        check_env(gym.make("JansenCrank-v0", render_mode="rgb_array").unwrapped)
+    texts = [str(w.message) for w in caught]
+    assert all("infinity" in text for text in texts), texts
+
+
+def test_stable_baselines_checker_has_nothing_to_say():
+    """No warning at all."""
+    from stable_baselines3.common.env_checker import check_env as check
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check(JansenCrankEnv())
+
+
+def test_observation_is_the_documented_table(env):
+    """Each entry recomputed from the state and the clock; float32, within its space."""
+    env.reset(seed=1, options={"speed_command": -2.5})
+    for k in range(1, 30):
+        obs, *_, info = env.step(np.array([-0.6], np.float32))
+        psi, n = env.unwrapped.plant.state
+        error = math.pi - 2.5 * k * 0.01 - psi
+        expected = np.array([math.cos(psi), math.sin(psi), n, error, -2.5], np.float32)
+        assert obs == pytest.approx(expected, abs=1e-6) and obs.dtype == np.float32
+        assert env.observation_space.contains(obs)
+        assert [info["crank_angle"], info["crank_speed"]] == [psi, n]
+        assert info["tracking_error"] == pytest.approx(error, abs=1e-12)
+        assert info["crank_torque"] == pytest.approx(-0.6 * 5.0, rel=1e-6)
+        assert info["speed_command"] == -2.5
+    assert env.action_space == gym.spaces.Box(-1.0, 1.0, (1,), np.float32)
+
+
+def test_observations_move_and_share_no_memory(env):
+    """No element but the command is constant over 500 random steps; each array is fresh."""
+    first, _ = env.reset(seed=0)
+    kept = first.copy()
+    rows = roll(env, 500)
+    assert np.array_equal(first, kept)
+    assert (np.ptp(np.delete(rows, 4, axis=1), axis=0) > 1e-2).all()
+    assert (rows[:, 4] == 1.0).all()
+
+
+def test_start_is_random_seeded_and_documented():
+    """Crank angle pi and speed 0, each +-0.1 and using most of it; command in its range."""
+    env = JansenCrankEnv(speed_command=(0.5, 2.0))
+    infos = [env.reset(seed=seed)[1] for seed in range(200)]
+    for name, low, high in (
+        ("crank_angle", math.pi - 0.1, math.pi + 0.1),
+        ("crank_speed", -0.1, 0.1),
+        ("speed_command", 0.5, 2.0),
+    ):
+        drawn = [info[name] for info in infos]
+        assert low <= min(drawn) and max(drawn) <= high and np.ptp(drawn) > 0.9 * (high - low)
+    assert all(info["tracking_error"] == math.pi - info["crank_angle"] for info in infos)
+    exact = JansenCrankEnv(reset_noise_scale=0.0).reset(seed=3)[0]
+    assert exact == pytest.approx([-1.0, 0.0, 0.0, 0.0, 1.0], abs=1e-7)
+
+
+def test_same_seed_same_trajectory_bit_for_bit():
+    """Two environments, 1000 random steps with resets; another seed starts elsewhere."""
+    runs, starts = [], []
+    for seed in (3, 3, 4):
+        env = JansenCrankEnv()
+        starts.append(env.reset(seed=seed)[0])
+        runs.append(roll(env, 1000, seed=4))
+    assert np.array_equal(starts[0], starts[1]) and np.array_equal(runs[0], runs[1])
+    assert not np.allclose(starts[0], starts[2])
+
+
+def test_state_copies_and_pickles_go_on_bit_for_bit():
+    """get_state/set_state into a fresh environment, deepcopy and pickle, all in mid-turn."""
+    env = JansenCrankEnv(speed_command=(0.5, 2.0))
+    env.reset(seed=5)
+    last = roll(env, 60)[-1, :-1]
+    fresh = JansenCrankEnv(speed_command=(0.5, 2.0))
+    fresh.reset(seed=99)
+    assert (fresh.set_state(copy.deepcopy(env.get_state())) == last.astype(np.float32)).all()
+    others = [fresh, copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    assert fresh.joint_forces().largest() == env.joint_forces().largest()
+    expected = roll(env, 300, seed=6)
+    for other in others:
+        assert np.array_equal(roll(other, 300, seed=6), expected)
+        assert other.reference == env.reference
+
+
+def test_states_that_are_none():
+    """Missing entries are named; the plant's state is two finite numbers."""
+    env = JansenCrankEnv()
+    env.reset(seed=0)
+    state = env.get_state()
+    with pytest.raises(ValueError, match=r"state lacks \['steps', 'torque'\]"):
+        env.set_state({k: v for k, v in state.items() if k not in ("steps", "torque")})
+    with pytest.raises(ValueError, match="must be 2 finite numbers"):
+        env.set_state({**state, "plant": np.zeros(8)})
+
+
+@pytest.mark.parametrize("action", [-2.0, -0.3, 0.0, 0.7, 1.0, 5.0])
+def test_reward_is_its_documented_terms(action):
+    """tracking_weight / (1 + (e / width)^2), e after the step, less torque_weight * share^2."""
+    env = JansenCrankEnv(tracking_weight=3.0, torque_weight=0.7)
+    env.reset(seed=0)
+    for _ in range(20):
+        _, reward, terminated, _, info = env.step(np.array([action]))
+        share = min(1.0, max(-1.0, action))
+        tracking = 3.0 / (1.0 + (info["tracking_error"] / crank.TRACKING_WIDTH) ** 2)
+        assert info["reward/tracking"] == pytest.approx(tracking, abs=1e-12)
+        assert info["reward/torque"] == pytest.approx(-0.7 * share**2, abs=1e-12)
+        terms = {key for key in info if key.startswith("reward/")}
+        assert terms == {"reward/tracking", "reward/torque"}
+        assert reward == pytest.approx(sum(info[key] for key in terms), abs=1e-12)
+        assert info["crank_torque"] == share * 5.0 and not terminated
+    assert f"(e / {crank.TRACKING_WIDTH} rad)^2" in (JansenCrankEnv.__doc__ or "")
+    default = JansenCrankEnv()
+    weights = f"| {default.tracking_weight:g}, {default.torque_weight:g} | see Rewards |"
+    assert weights in (JansenCrankEnv.__doc__ or "")
+
+
+def test_inverse_dynamics_keeps_it_on_the_reference():
+    """The torque of :mod:`jansen_env.inverse` at every step's middle: within 1 mrad for a turn."""
+    env = JansenCrankEnv(reset_noise_scale=0.0)
+    env.reset(seed=0, options={"crank_speed": 1.0})
+    for k in range(628):
+        torque = crank_torque(env.robot, math.pi + (k + 0.5) * 0.01).total
+        *_, terminated, _, info = env.step(np.array([torque / env.torque_limit]))
+        assert abs(info["tracking_error"]) < 1e-3 and not terminated
+    assert info["crank_angle"] == pytest.approx(math.pi + 6.28, abs=1e-3)
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_losing_the_reference_ends_the_episode(direction):
+    """Terminated in the first step whose tracking error exceeds pi, on either side."""
+    env = JansenCrankEnv(speed_command=-direction * 5.0)
+    env.reset(seed=0)
+    errors, terminated = [], False
+    while not terminated:
+        _, _, terminated, truncated, info = env.step(np.array([0.5 * direction]))
+        errors.append(abs(info["tracking_error"]))
+        assert not truncated
+    assert errors[-1] > math.pi >= max(errors[:-1]) and type(terminated) is bool
+
+
+def test_truncated_after_1000_steps(env):
+    """By gym.make, after 10 s; a standing reference is never lost by a crank at rest."""
+    env.reset(seed=0, options={"speed_command": 0.0})
+    for k in range(1000):
+        *_, terminated, truncated, _ = env.step(np.zeros(1, np.float32))
+        assert not terminated and truncated is (k == 999)
+
+
+def test_energy_balances_in_every_step():
+    """Motor work = the other entries (1e-12), residual below 1e-9 J, over random hard torque."""
+    env = JansenCrankEnv()
+    env.reset(seed=0)
+    rng = np.random.default_rng(1)
+    work, miss = 0.0, 0.0
+    for _ in range(500):
+        _, _, terminated, _, info = env.step(rng.uniform(-0.5, 1.0, 1))
+        energy = info["energy"]
+        parts = ("joint_loss", "mechanical_energy_change", "residual")
+        assert set(energy) == {"motor_work", *parts}
+        assert energy["motor_work"] == pytest.approx(sum(energy[p] for p in parts), abs=1e-12)
+        assert abs(energy["residual"]) < 1e-9 and energy["joint_loss"] >= 0.0
+        work, miss = work + abs(energy["motor_work"]), miss + abs(energy["residual"])
+        if terminated:
+            env.reset()
+    assert work > 5.0 and miss < 1e-8 * work
+
+
+def test_joint_forces(env):
+    """``joint_force_max`` is the largest of joint_forces() after the step; off by default."""
+    tracked = JansenCrankEnv(track_joint_forces=True)
+    for one in (env, tracked):
+        one.reset(seed=0)
+    for share in (0.0, 1.0, -1.0):
+        *_, info = env.step(np.array([share], np.float32))
+        *_, more = tracked.step(np.array([share], np.float32))
+        assert more.keys() - info.keys() == {"joint_force_max"}
+        forces = env.unwrapped.joint_forces()
+        assert more["joint_force_max"] == forces.largest()[0] > 1.0
+        assert forces.torque == pytest.approx(share * 5.0, abs=1e-9)
+        weight = env.unwrapped.robot.mass * 9.81
+        inertia = forces.frame.sum(axis=0)[1] - weight
+        assert abs(inertia) < weight and (forces.toe == 0.0).all()
+        assert more["crank_angle"] == info["crank_angle"]
+
+
+def test_bad_actions_are_refused(env):
+    """NaN, infinite or of another shape."""
+    raw = env.unwrapped
+    raw.reset(seed=0)
+    for action in (np.array([np.nan]), np.array([np.inf]), np.zeros(2), 0.5, np.zeros((1, 1))):
+        with pytest.raises(ValueError, match="action is"):
+            raw.step(action)
+
+
+@pytest.mark.parametrize(
+    ("argument", "value"),
+    [
+        ("robot", "spider"), ("speed_command", (0.5, 0.1)), ("speed_command", 11.0),
+        ("speed_command", (0.1, 0.2, 0.3)), ("torque_limit", 0.0), ("control_dt", 0.0),
+        ("control_dt", 0.0105), ("time_step", -1.0), ("tracking_weight", -1.0),
+        ("torque_weight", math.nan), ("reset_noise_scale", -1.0), ("track_joint_forces", 1),
+        ("render_mode", "ascii"),
+    ],
+)  # fmt: skip
+def test_bad_arguments_are_named(argument, value):
+    """The message names the argument and the value."""
+    with pytest.raises(ValueError, match=f"^{argument} is "):
+        JansenCrankEnv(**{argument: value})
+
+
+def test_reset_options():
+    """Each fixes its own number and leaves the other draws as they were; others are refused."""
+    env = JansenCrankEnv(speed_command=(0.5, 2.0))
+    names = ("speed_command", "crank_angle", "crank_speed")
+    _, drawn = env.reset(seed=0)
+    for name, value in zip(names, (-3.0, 2.0, 4.0), strict=True):
+        obs, info = env.reset(seed=0, options={name: value})
+        assert info[name] == value
+        assert all(info[other] == drawn[other] for other in names if other != name)
+        assert obs[3] == np.float32(math.pi - info["crank_angle"]) and env.reference == math.pi
+    for bad, message in (
+        ({"speed_command": 11.0}, "speed_command"), ({"crank_angle": 6.3}, "crank_angle"),
+        ({"crank_speed": math.inf}, "crank_speed"), ({"sped": 1.0}, r"\['sped'\] are unknown"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=message):
+            env.reset(options=bad)
+
+
+@pytest.mark.parametrize("robot", [*sorted(jansen_env.ROBOTS), jansen_env.paper_robot(3)])
+def test_every_design_turns(robot):
+    """200 random steps each, with the control period of 20 time steps of another length."""
+    env = JansenCrankEnv(robot=robot, control_dt=0.02, time_step=5e-4, speed_command=2.0)
+    env.reset(seed=0)
+    assert np.isfinite(roll(env, 200)).all() and env.metadata["render_fps"] == 50
+
+
+def test_pictures():
+    """rgb_array gives fresh pictures of the promised shape, which change as the crank turns."""
+    env = JansenCrankEnv(render_mode="rgb_array")
+    env.reset(seed=0)
+    before, again = env.render(), env.render()
+    for _ in range(40):
+        env.step(np.array([0.8], np.float32))
+    after = env.render()
+    assert before.shape == after.shape == (540, 960, 3) and before.dtype == np.uint8
+    assert (before == again).all() and before is not again
+    assert (before != after).any(axis=2).mean() > 0.005
+    assert isinstance(pickle.loads(pickle.dumps(env)).render(), np.ndarray)
+    env.close()
+    env.close()
+
+
+def test_human_mode_headless(monkeypatch):
+    """A window on SDL's dummy driver opens, draws and closes; registered by its prefix, too."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    env = gym.make("jansen_env:JansenCrank-v0", render_mode="human")
+    env.reset(seed=0)
+    env.step(np.array([0.1], np.float32))
+    assert env.render() is None
+    env.close()

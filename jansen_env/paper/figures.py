@@ -68,7 +68,8 @@ def torque(r: Results) -> Figure:
     mean = r.levels[0].mean
     axes.axhline(mean, color=ACCENT, ls="--", lw=1.1)
     axes.text(10.0, mean + 0.03, f"mean friction at 1 rad/s: {mean:.2f} N m", ha="right",
-              color=ACCENT, fontsize=8.5, bbox={"fc": "white", "ec": "none", "pad": 0.8})  # fmt: skip
+              color=ACCENT, fontsize=8.5,
+              bbox={"fc": "white", "ec": "none", "pad": 0.8})  # fmt: skip
     axes.axhline(-0.9, color=MUTED, ls=":", lw=1.3)
     axes.text(10.0, -0.86, "the paper's level, -0.9 N m", ha="right", color="#6b7280", fontsize=8.5)
     axes.axvspan(0.0, SETTLED, color="#f3f4f6", zorder=0)

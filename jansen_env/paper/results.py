@@ -6,6 +6,7 @@ import functools
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -81,7 +82,8 @@ def compute(workers: int = 2) -> Results:
         "pinned_loads": _pinned_loads,
         "reversed_valley": readings.reversed_valley,
     }
-    with ProcessPoolExecutor(workers) as pool:
+    # Spawned, not forked: a process with threads (torch's, say) must not be forked.
+    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
         futures = {name: pool.submit(part) for name, part in parts.items()}
         return Results(**{name: future.result() for name, future in futures.items()})
 

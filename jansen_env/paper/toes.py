@@ -66,7 +66,7 @@ class Heave:
     pitch: float
 
 
-def heave(phases: int, samples: int = 1440, poses: int = 16) -> Heave:
+def heave(phases: int, samples: int = 1440, poses: int = 48) -> Heave:
     """Heave of the paper's linkage with two legs on each of ``phases`` crank pins.
 
     Args:

@@ -17,6 +17,7 @@ from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
 
+TIME_STEP = 1e-3  # s
 FALLEN_PITCH = 1.2  # rad, as in JansenWalker-v0
 FRICTION = 0.8  # as in JansenWalker-v0
 SETTLE = 1  # turns from standing that are not counted
@@ -66,7 +67,7 @@ def walk(robot: Robot, speed: float, turns: int, friction: float = FRICTION) -> 
 
 
 def walking_forces(robot: Robot, speed: float, turns: int, every: int = 4) -> JointForces:
-    """Joint forces of every ``every``-th ms of a walk at constant crank speed (rad/s).
+    """Joint forces of every ``every``-th time step of a walk at constant crank speed (rad/s).
 
     Time steps in which a toe lands are left out: an impact has an impulse, not a force.
     """
@@ -80,7 +81,7 @@ def walking_forces(robot: Robot, speed: float, turns: int, every: int = 4) -> Jo
 
 
 def _turning(robot: Robot, speed: float, friction: float = FRICTION) -> ProjectionPlant:
-    plant = ProjectionPlant(robot, Terrain.flat(friction=friction))
+    plant = ProjectionPlant(robot, Terrain.flat(friction=friction), TIME_STEP)
     plant.reset()
     state = plant.state
     state[7] = speed
@@ -91,7 +92,7 @@ def _turning(robot: Robot, speed: float, friction: float = FRICTION) -> Projecti
 
 def constant_torque_speeds(robot: Robot, torque: float, duration: float = 20.0) -> Array:
     """Crank speeds (n,) rad/s every 10 ms of a walk at a constant torque (N m), first half cut."""
-    plant = ProjectionPlant(robot, Terrain.flat())
+    plant = ProjectionPlant(robot, Terrain.flat(), TIME_STEP)
     plant.reset()
     plant.tracing = True
     plant.step(torque, duration)

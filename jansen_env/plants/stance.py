@@ -32,9 +32,11 @@ def set_down(
         (y, theta): the lowest toe has no gap (toes taken as discs on their local slope).
     """
     robot = tables.robot
-    toes = np.array(
-        [joint_positions(robot, leg.side, crank_angle + leg.phase)[T] for leg in robot.legs]
-    )
+    toes = np.empty((len(robot.legs), 2))
+    for side in sorted({leg.side for leg in robot.legs}):
+        legs = [i for i, leg in enumerate(robot.legs) if leg.side == side]
+        psi = crank_angle + np.array([robot.legs[i].phase for i in legs])
+        toes[legs] = joint_positions(robot, side, psi)[:, T]
     centre = body_sums(tables, crank_angle).c / robot.mass
     if pitch is None:
         pitch = _level_pitch(toes, centre, terrain, x, robot.pad_radius)

@@ -202,6 +202,15 @@ def test_constraint_forces_of_the_fixed_model(judged):
     assert force["pin_7"] == pytest.approx(3.07, abs=0.005)
 
 
+def test_constraint_forces_are_the_projections(results):
+    """Figs. 8 and 9 against M x_ddot - h of the dense projection: 1e-12."""
+    for k in (0, 400, 999):
+        run = results.run
+        p = model.pinned_projection(paper_robot(), run.angle[k], run.speed[k], run.torque[k])
+        expected = p.constraint_forces().reshape(4, 8, 3)[0]
+        assert results.forces[k] == pytest.approx(expected, abs=1e-12)
+
+
 def test_loads_of_the_walking_robot(judged, results):
     """Link 8 carries the most on the ground, pin P14 121 N: smooth phases, so 2 %."""
     numbers = judged["translation"].numbers

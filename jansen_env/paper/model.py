@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.joint_forces import joint_forces
 from jansen_env.plants.pinned import PinnedPlant
 from jansen_env.projection import Projection, project
 from jansen_env.robot import Robot
@@ -129,15 +130,11 @@ def simulate(
     return Run(time, angles, speeds, torques)
 
 
-def constraint_forces(robot: Robot, run: Run, leg: int = 0, every: int = 1) -> Array:
-    """C^T lambda (samples, 8, 3) on the bodies of a leg, (4): moment N m, force x and y N.
+def constraint_forces(robot: Robot, run: Run, leg: int = 0) -> Array:
+    """C^T lambda (n, 8, 3) on the bodies of a leg, (4): moment N m, force x and y N.
 
-    What is drawn in Figs. 8 and 9, at every ``every``-th sample of a run.
+    What is drawn in Figs. 8 and 9, at every sample of a run but the last.
     """
-    forces = [
-        pinned_projection(robot, angle, speed, torque).constraint_forces()
-        for angle, speed, torque in zip(
-            run.angle[:-1:every], run.speed[:-1:every], run.torque[::every], strict=True
-        )
-    ]
-    return np.array(forces).reshape(len(forces), len(robot.legs), 8, 3)[:, leg]
+    q, q_dot = np.zeros((2, len(run.torque), 4))
+    q[:, 3], q_dot[:, 3] = run.angle[:-1], run.speed[:-1]
+    return joint_forces(robot, q, q_dot, run.torque, pinned=True).body[:, leg]

@@ -24,18 +24,17 @@ from agents.figures import score_figure, training_figure
 from agents.files import write_json
 from agents.rollout import make_env
 from agents.scores import markdown_table
+from agents.tasks import TASKS, find_task
 from agents.training import (
     ALGORITHMS,
-    CONFIGS,
     last_checkpoint,
     load_config,
     load_policy,
     new_run_folder,
     record_run,
+    shipped_config,
     train,
 )
-
-BASELINES = ("pid", "constant")
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -43,7 +42,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     add = parser.add_argument
     add("--algo", choices=sorted(ALGORITHMS), help="algorithm; default: ppo")
-    add("--env", help="environment id; default: JansenWalker-v0")
+    add("--env", choices=sorted(TASKS), help="environment id; default: JansenWalker-v0")
     add("-n", "--timesteps", type=count, help="environment steps, in place of the configuration's")
     add("--n-envs", type=count, help="environments side by side, in place of the configuration's")
     add("--seed", type=int, help="of the networks and the environments; default: 0")
@@ -54,7 +53,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--tensorboard-log", metavar="DIR", help="default: the run's folder; '' for none")
     add("--env-kwargs", type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
-    add("--config", metavar="FILE", help="hyperparameters; default: agents/configs/ALGO.yml")
+    add("--config", metavar="FILE", help="hyperparameters; default: agents/configs/ENV/ALGO.yml")
     add("--resume", metavar="RUN", help="run folder to go on with from its last checkpoint")
     add("--no-progress", action="store_true", help="no progress bar")
     return parser.parse_args(arguments)
@@ -79,7 +78,8 @@ def main(arguments: list[str] | None = None) -> Path:
     )  # fmt: skip
     trained = time.perf_counter()
     print(
-        f"trained in {trained - start:.0f} s; scoring against {', '.join(BASELINES)} ...",
+        f"trained in {trained - start:.0f} s; "
+        f"scoring against {', '.join(find_task(env_id).rivals)} ...",
         flush=True,
     )
     _score(folder, env_id, config["env_kwargs"], args.eval_episodes)
@@ -103,7 +103,7 @@ def _prepare(
         record_run(folder, config, (folder / "command.txt").read_text().rstrip() + "\n" + command)
         return folder, config["algo"], config["env"], config, last_checkpoint(folder)
     algo, env_id = args.algo or "ppo", args.env or "JansenWalker-v0"
-    config = load_config(args.config or CONFIGS / f"{algo}.yml")
+    config = load_config(args.config or shipped_config(env_id, algo))
     config["timesteps"] = args.timesteps or config["timesteps"]
     config["n_envs"] = args.n_envs or config["n_envs"]
     config["env_kwargs"] = {**config.get("env_kwargs", {}), **(args.env_kwargs or {})}
@@ -116,20 +116,22 @@ def _prepare(
 def _score(folder: Path, env_id: str, env_kwargs: dict[str, Any], episodes: int) -> None:
     best = folder / "best_model.zip"
     model = best if best.exists() else folder / "final_model.zip"
+    task = find_task(env_id)
     env = make_env(env_id, env_kwargs)
-    policies = {name: evaluate.load(name, env) for name in BASELINES}
+    policies = {name: evaluate.load(name, env) for name in task.rivals}
     env.close()
     policies[evaluate.title(str(model))] = load_policy(model)
     scores = evaluate.evaluate(policies, env_id, env_kwargs, episodes=episodes)
     write_json(folder / "scores.json", scores)
-    score_figure(scores, folder / "scores.png")
+    score_figure(task, scores, folder / "scores.png")
     history = folder / "evaluations.json"
     if history.exists():
-        levels = {name: scores[name]["overall"]["return"][0] for name in BASELINES}
+        levels = {name: scores[name]["overall"]["return"][0] for name in task.rivals}
         training_figure(json.loads(history.read_text()), levels, folder / "training.png")
-    print(markdown_table(scores))
-    ours, pid = (scores[name]["overall"]["return"][0] for name in (list(scores)[-1], "pid"))
-    print(f"return: {ours:.0f} against the tuned PID's {pid:.0f}; figures in {folder}")
+    print(markdown_table(task, scores))
+    rival = task.rivals[0]
+    ours, theirs = (scores[name]["overall"]["return"][0] for name in (list(scores)[-1], rival))
+    print(f"return: {ours:.0f} against {theirs:.0f} of {rival}; figures in {folder}")
 
 
 if __name__ == "__main__":

@@ -12,40 +12,54 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from agents.files import write_whole
-from agents.scores import METRICS
-
-SHOWN = ("return", "speed_error", "slip_per_metre", "cost_of_transport", "falls", "rms_torque")
-LOGARITHMIC = ("slip_per_metre", "cost_of_transport")
+from agents.tasks import Task
 
 
-def score_figure(scores: dict[str, dict[str, Any]], path: str | Path) -> Path:
-    """Each metric against the commanded speed, a line per policy with its bootstrap interval."""
-    figure, axes = plt.subplots(2, 3, figsize=(12, 6.4), layout="constrained", sharex=True)
-    for axis, name in zip(axes.flat, SHOWN, strict=True):
-        for policy, summary in scores.items():
+def score_figure(task: Task, scores: dict[str, dict[str, Any]], path: str | Path) -> Path:
+    """Each metric against the commanded speed, a line per policy with its bootstrap interval.
+
+    With one commanded speed a point per policy instead, side by side.
+    """
+    shown = {name: metric for name, metric in task.metrics.items() if metric.axis}
+    columns = (len(shown) + 1) // 2
+    figure, axes = plt.subplots(2, columns, figsize=(12, 6.4), layout="constrained", sharex=True)
+    commands: list[float] = []
+    for axis, (name, metric) in zip(axes.flat, shown.items(), strict=False):
+        for i, (policy, summary) in enumerate(scores.items()):
             rows = summary["by_command"][name]
+            commands = rows["command"]
             value, low, high = (
                 np.array([np.nan if v is None else v for v in rows[key]], dtype=float)
                 for key in ("value", "low", "high")
             )
-            line = axis.plot(rows["command"], value, marker="o", markersize=4, label=policy)[0]
-            axis.fill_between(rows["command"], low, high, color=line.get_color(), alpha=0.18)
-        title, unit = METRICS[name]
-        axis.set_title(f"{title}, {unit}" if unit else title, fontsize=11)
-        if name in LOGARITHMIC:
+            if len(commands) == 1:
+                spread = np.maximum([value - low, high - value], 0.0)
+                axis.errorbar([i], value, spread, fmt="o", capsize=4, color=f"C{i}", label=policy)
+                continue
+            line = axis.plot(commands, value, marker="o", markersize=4, label=policy)[0]
+            axis.fill_between(commands, low, high, color=line.get_color(), alpha=0.18)
+        axis.set_title(
+            f"{metric.title}, {metric.unit}" if metric.unit else metric.title, fontsize=11
+        )
+        if metric.axis == "log":
             axis.set_yscale("log")
-        elif name == "falls":
+        elif metric.axis == "share":
             axis.set_ylim(-0.03, 1.03)
         axis.grid(alpha=0.3)
-    for axis in axes[-1]:
-        axis.set_xlabel("commanded speed, m/s")
+        if len(commands) == 1:
+            axis.set_xticks([])
+            axis.margins(x=0.3)
+    for axis in axes[-1] if len(commands) > 1 else ():
+        axis.set_xlabel(f"commanded speed, {task.command_unit}")
     handles, labels = axes.flat[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False)
+    if len(commands) == 1:
+        figure.supxlabel(f"commanded speed {commands[0]:g} {task.command_unit}", fontsize=11)
     return _save(figure, path)
 
 
 def training_figure(
-    history: list[dict[str, float]], baselines: dict[str, float], path: str | Path
+    history: list[dict[str, Any]], baselines: dict[str, float], path: str | Path
 ) -> Path:
     """Mean return of the evaluations during training, with the baselines as level lines."""
     figure, axis = plt.subplots(figsize=(7, 4), layout="constrained")

@@ -2,59 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any, Protocol
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.policy import Policy
+from agents.tasks import Episodes, Task, Total, find_task
+
 Array = NDArray[np.float64]
-
-COMMANDS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)  # m/s, the grid on which policies are scored
-
-
-class Policy(Protocol):
-    """What is scored: anything with Stable-Baselines3's ``predict``."""
-
-    def predict(
-        self,
-        observation: Any,
-        state: Any = None,
-        episode_start: Any = None,
-        deterministic: bool = False,
-    ) -> tuple[Any, Any]:
-        """Actions for a batch of observations, and the state to pass back."""
-        ...
-
-
-@dataclass
-class Episodes:
-    """Totals of n episodes, each (n,).
-
-    Attributes:
-        command: m/s. returns: sum of rewards. distance: x travelled, m. duration: s.
-        slip: of all toes, m. work: sum of |motor work| over the steps, J.
-        fell: whether the episode ended in a fall. peak_torque, rms_torque: N m.
-    """
-
-    command: Array
-    returns: Array
-    distance: Array
-    duration: Array
-    slip: Array
-    work: Array
-    fell: NDArray[np.bool_]
-    peak_torque: Array
-    rms_torque: Array
-
-    @classmethod
-    def none_yet(cls, command: Array) -> Episodes:
-        """Episodes of the given commands (n,) with all totals at zero."""
-        zero = {
-            f.name: np.zeros(len(command), bool if f.name == "fell" else float) for f in fields(cls)
-        }
-        return cls(**{**zero, "command": command})
 
 
 def make_env(env_id: str, env_kwargs: dict[str, Any], **more: Any) -> gym.Env[Any, Any]:
@@ -62,6 +19,20 @@ def make_env(env_id: str, env_kwargs: dict[str, Any], **more: Any) -> gym.Env[An
     import jansen_env  # noqa: F401
 
     return gym.make(env_id, **{**env_kwargs, **more})
+
+
+def none_yet(task: Task, commands: Array) -> Episodes:
+    """Episodes of the given commands (n,) with everything else at zero."""
+    n = len(commands)
+    return {
+        "command": np.array(commands, dtype=float),
+        "returns": np.zeros(n),
+        "duration": np.zeros(n),
+        **{
+            name: np.zeros(n, bool if total.how == "flag" else float)
+            for name, total in task.totals.items()
+        },
+    }
 
 
 def run_episodes(
@@ -76,30 +47,37 @@ def run_episodes(
 
     Args:
         policy: acts deterministically.
-        env_id, env_kwargs: of the environment.
-        commands: (n,) speed commands, m/s. seeds: (n,) of each episode's reset.
+        env_id, env_kwargs: of the environment, one of :data:`agents.tasks.TASKS`.
+        commands: (n,) speed commands, in the task's unit. seeds: (n,) of each episode's reset.
+
+    Raises:
+        ValueError: no task is known for ``env_id``.
     """
-    n = len(commands)
-    result = Episodes.none_yet(np.asarray(commands, dtype=float))
+    task, n = find_task(env_id), len(commands)
+    result = none_yet(task, commands)
     pool = [make_env(env_id, env_kwargs) for _ in range(min(at_once, n))]
     for begin in range(0, n, at_once):
-        _run_batch(policy, pool, result, seeds, np.arange(begin, min(begin + at_once, n)))
+        episodes = np.arange(begin, min(begin + at_once, n))
+        _run_batch(policy, pool, task, result, seeds, episodes)
     for env in pool:
         env.close()
-    result.rms_torque = np.sqrt(result.rms_torque / np.maximum(result.duration, 1e-12))
+    for name, total in task.totals.items():
+        if total.how == "rms":  # a sum of squares times time until now
+            result[name] = np.sqrt(result[name] / np.maximum(result["duration"], 1e-12))
     return result
 
 
 def _run_batch(
     policy: Policy,
     pool: list[gym.Env[Any, Any]],
+    task: Task,
     result: Episodes,
     seeds: NDArray[np.int64],
     episodes: NDArray[np.int64],
 ) -> None:
     observations = np.stack(
         [
-            env.reset(seed=int(seeds[e]), options={"speed_command": float(result.command[e])})[0]
+            env.reset(seed=int(seeds[e]), options={"speed_command": float(result["command"][e])})[0]
             for env, e in zip(pool, episodes, strict=False)
         ]
     )
@@ -112,14 +90,19 @@ def _run_batch(
             e, env = episodes[i], pool[i]
             observations[i], reward, terminated, truncated, info = env.step(actions[i])
             dt = float(env.unwrapped.control_dt)  # type: ignore[attr-defined]
-            torque = info["crank_torque"]
-            result.returns[e] += float(reward)
-            result.duration[e] += dt
-            result.slip[e] += info["slip"].sum()
-            result.work[e] += abs(info["energy"]["motor_work"])
-            result.peak_torque[e] = max(result.peak_torque[e], abs(torque))
-            result.rms_torque[e] += torque**2 * dt  # the root of the mean is taken at the end
-            if terminated or truncated:
-                alive[i] = False
-                result.distance[e] = info["x_position"]
-                result.fell[e] = info["fallen"]
+            result["returns"][e] += float(reward)
+            result["duration"][e] += dt
+            for name, total in task.totals.items():
+                result[name][e] = _gather(total, result[name][e], info, dt)
+            alive[i] = not (terminated or truncated)
+
+
+def _gather(total: Total, before: Any, info: dict[str, Any], dt: float) -> Any:
+    value = total.of(info)
+    if total.how == "sum":
+        return before + value
+    if total.how == "peak":
+        return max(before, abs(value))
+    if total.how == "rms":
+        return before + value**2 * dt
+    return value

@@ -33,12 +33,30 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from agents.files import write_json, write_text, write_whole
 from agents.normalizer import NormalizedObservation
-from agents.rollout import COMMANDS, Policy, make_env, run_episodes
+from agents.policy import Policy
+from agents.rollout import make_env, run_episodes
+from agents.scores import values
+from agents.tasks import find_task
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}
 CONFIGS = Path(__file__).parent / "configs"
 SELECTION_SEED = 30_000  # of the episodes that choose the best model, apart from all others
+
+
+def shipped_config(env_id: str, algo: str) -> Path:
+    """The configuration for an environment and algorithm that comes with the package.
+
+    Raises:
+        ValueError: there is none.
+    """
+    path = CONFIGS / env_id / f"{algo}.yml"
+    if not path.is_file():
+        found = sorted(f"{p.parent.name}/{p.stem}" for p in CONFIGS.glob("*/*.yml"))
+        raise ValueError(
+            f"no configuration for {env_id}/{algo}, must be one of {found}, or a file of your own"
+        )
+    return path
 
 
 def load_config(path: str | Path) -> dict[str, Any]:
@@ -264,8 +282,9 @@ class Saver(BaseCallback):
         super().__init__()
         self.folder, self.save_every, self.eval_every = folder, save_every, eval_every
         self.env_id, self.env_kwargs = env_id, env_kwargs
-        self.commands = np.repeat(COMMANDS, episodes)
-        self.history: list[dict[str, float]] = []
+        self.task = find_task(env_id)
+        self.commands = np.repeat(self.task.commands, episodes)
+        self.history: list[dict[str, Any]] = []
         history = folder / "evaluations.json"
         if history.is_file():
             self.history = json.loads(history.read_text(encoding="utf-8"))
@@ -292,13 +311,12 @@ class Saver(BaseCallback):
         seeds = SELECTION_SEED + np.arange(len(self.commands))
         self.model.policy.set_training_mode(False)
         run = run_episodes(self.model.policy, self.env_id, self.env_kwargs, self.commands, seeds)
-        row = {
-            "steps": float(self.num_timesteps),
-            "return": float(run.returns.mean()),
-            "falls": float(run.fell.mean()),
-        }
-        self.logger.record("eval/mean_return", row["return"])
-        self.logger.record("eval/falls", row["falls"])
+        env = make_env(self.env_id, self.env_kwargs)
+        scored = values(self.task, run, env)
+        env.close()
+        for name, value in scored.items():
+            self.logger.record(f"eval/{name}", value)
+        row: dict[str, Any] = {"steps": float(self.num_timesteps), **scored}
         if row["return"] > self.best:
             self.best = row["return"]
             save_model(self.model, self.folder / "best_model.zip")

@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.files import write_json
-from agents.pid import DATA, ConstantTorque, Gains, PIDController, SpeedMap
-from agents.rollout import COMMANDS, Episodes, run_episodes
+from agents.pid import Gains
+from agents.rollout import run_episodes
+from agents.tasks import WALKER, Episodes
+from agents.walker_baselines import DATA, SpeedMap, walking_pid, walking_torque
 
 Array = NDArray[np.float64]
 
@@ -48,12 +50,12 @@ def measure(kind: str, settings: Array, gains: Gains, episodes: int) -> SpeedMap
     """Walking speed (m/s) of each constant crank speed (``kind`` "pid") or torque ("constant")."""
     speeds = []
     for setting in settings:
-        fixed: Any = _Fixed(np.full(episodes, setting))
-        policy = PIDController(gains, fixed) if kind == "pid" else ConstantTorque(fixed)
+        fixed = _Fixed(np.full(episodes, setting))
+        policy = walking_pid(gains, fixed) if kind == "pid" else walking_torque(fixed)
         run = run_episodes(
             policy, ENV, {}, np.full(episodes, 0.3), MEASURE_SEED + np.arange(episodes)
         )
-        speeds.append(run.distance / HORIZON)
+        speeds.append(run["distance"] / HORIZON)
     return SpeedMap(np.asarray(settings), np.array(speeds))
 
 
@@ -69,18 +71,18 @@ def search(speed_map: SpeedMap, trials: int, episodes: int) -> list[dict[str, An
         gains = Gains(**draw) if trial else Gains()
         run = score(gains, speed_map, episodes, SEARCH_SEED)
         record.append(
-            {"gains": asdict(gains), "return": run.returns.mean(), "falls": run.fell.mean()}
+            {"gains": asdict(gains), "return": run["returns"].mean(), "falls": run["fell"].mean()}
         )
-        print(f"trial {trial:3d}: return {run.returns.mean():7.1f}  falls {run.fell.mean():.2f}"
-              f"  {gains}", flush=True)  # fmt: skip
+        print(f"trial {trial:3d}: return {run['returns'].mean():7.1f}  "
+              f"falls {run['fell'].mean():.2f}  {gains}", flush=True)  # fmt: skip
     return record
 
 
 def score(gains: Gains, speed_map: SpeedMap, episodes: int, seed: int) -> Episodes:
     """Episodes over the grid of commands."""
-    commands = np.repeat(COMMANDS, episodes)
+    commands = np.repeat(WALKER.commands, episodes)
     seeds = seed + np.arange(len(commands))
-    return run_episodes(PIDController(gains, speed_map), ENV, {}, commands, seeds)
+    return run_episodes(walking_pid(gains, speed_map), ENV, {}, commands, seeds)
 
 
 def choose(
@@ -93,7 +95,7 @@ def choose(
     finals = []
     for gains in candidates:
         own = paper_map if gains == Gains() else measure("pid", CRANK_SPEEDS, gains, episodes)
-        value = float(score(gains, own, 2 * episodes, FINAL_SEED).returns.mean())
+        value = float(score(gains, own, 2 * episodes, FINAL_SEED)["returns"].mean())
         finals.append({"gains": asdict(gains), "return": value})
         print(f"finalist: return {value:7.1f}  {gains}", flush=True)
         if best is None or value > best[0]:

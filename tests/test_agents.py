@@ -1,10 +1,11 @@
-"""Baselines, scoring, and Stable-Baselines3's interface to them."""
+"""Walking baselines, scoring, and Stable-Baselines3's interface to them."""
 
 from __future__ import annotations
 
 import json
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
@@ -13,10 +14,24 @@ import pytest
 import jansen_env  # noqa: F401
 from agents import evaluate, scores
 from agents.files import write_text, write_whole
-from agents.pid import BASELINES, ConstantTorque, Gains, PIDController, SpeedMap, load_baseline
-from agents.rollout import Episodes, run_episodes
+from agents.pid import Gains
+from agents.rollout import none_yet, run_episodes
+from agents.tasks import WALKER
+from agents.walker_baselines import (
+    BASELINES,
+    SpeedMap,
+    load_baseline,
+    walking_pid,
+    walking_torque,
+)
 
 ONE_TO_ONE = SpeedMap(np.array([0.5, 1.0, 2.0]), np.array([[0.5], [1.0], [2.0]]))
+
+
+@pytest.fixture(scope="module")
+def walker():
+    """The environment without wrappers."""
+    return gym.make("JansenWalker-v0").unwrapped
 
 
 def observation(angle, speed, command):
@@ -29,7 +44,7 @@ def observation(angle, speed, command):
 def test_pid_is_equation_13():
     """Against the formula written out, the crank passing pi twice; what is NaN it does not read."""
     dt, gains = 0.02, Gains()
-    controller = PIDController(gains, ONE_TO_ONE, torque_limit=1e3, control_dt=dt)
+    controller = walking_pid(gains, ONE_TO_ONE, torque_limit=1e3, control_dt=dt)
     state, integral = None, 0.0
     for k in range(500):
         t = k * dt
@@ -44,7 +59,7 @@ def test_pid_is_equation_13():
 
 def test_pid_starts_again_with_an_episode():
     """episode_start clears one environment's memory and leaves the other's."""
-    controller = PIDController(Gains(), ONE_TO_ONE)
+    controller = walking_pid(Gains(), ONE_TO_ONE)
     seen = np.array([observation(0.1, 0.0, 1.0), observation(0.1, 0.0, 1.0)])
     state = None
     for _ in range(10):
@@ -56,7 +71,7 @@ def test_pid_starts_again_with_an_episode():
 
 def test_pid_integral_waits_at_the_torque_limit():
     """No wind-up while saturated."""
-    controller = PIDController(Gains(kp=1e4, ki=1e4), ONE_TO_ONE)
+    controller = walking_pid(Gains(kp=1e4, ki=1e4), ONE_TO_ONE)
     state = None
     for _ in range(50):
         action, state = controller.predict(observation(0.0, 0.0, 2.0)[None], state)
@@ -77,7 +92,7 @@ def test_speed_map_counts_falls_and_spread():
 
 def test_constant_torque():
     """One torque, single or batched."""
-    policy = ConstantTorque(ONE_TO_ONE, torque_limit=4.0)
+    policy = walking_torque(ONE_TO_ONE, torque_limit=4.0)
     single, _ = policy.predict(observation(0.0, 0.0, 2.0))
     assert single.shape == (1,) and single[0] == 0.5
     assert policy.predict(np.stack([observation(0.0, 0.0, 2.0)] * 3))[0].shape == (3, 1)
@@ -91,46 +106,53 @@ def test_baselines_answer_evaluate_policy(name):
 
     env = Monitor(gym.make("JansenWalker-v0", speed_command=0.4))
     env.reset(seed=7)
-    mean, _ = evaluate_policy(load_baseline(name), env, n_eval_episodes=2)
+    mean, _ = evaluate_policy(load_baseline(name, env.unwrapped), env, n_eval_episodes=2)
     assert mean > 100.0  # it walks: standing still earns 40 at this command
 
 
-def test_episodes_side_by_side_equal_one_by_one():
+def test_episodes_side_by_side_equal_one_by_one(walker):
     """Batching changes no episode."""
-    policy = load_baseline("pid")
+    policy = load_baseline("pid", walker)
     commands, seeds = np.array([0.1, 0.3, 0.5]), np.array([1, 2, 3])
     together = run_episodes(policy, "JansenWalker-v0", {}, commands, seeds)
     for i in range(3):
         alone = run_episodes(policy, "JansenWalker-v0", {}, commands[i : i + 1], seeds[i : i + 1])
-        assert alone.returns[0] == together.returns[i]
-        assert alone.slip[0] == together.slip[i]
+        assert alone["returns"][0] == together["returns"][i]
+        assert alone["slip"][0] == together["slip"][i]
 
 
-def test_tuned_pid_is_no_worse_than_the_papers_gains():
+def test_tuned_pid_is_no_worse_than_the_papers_gains(walker):
     """On episodes that the search has not seen."""
-    commands = np.repeat(evaluate.COMMANDS, 4)
+    commands = np.repeat(WALKER.commands, 4)
     seeds = 500 + np.arange(len(commands))
-    returns = [
-        run_episodes(load_baseline(n), "JansenWalker-v0", {}, commands, seeds).returns.mean()
+    tuned, paper = (
+        run_episodes(load_baseline(n, walker), "JansenWalker-v0", {}, commands, seeds)["returns"]
         for n in ("pid", "pid-paper")
-    ]
-    assert returns[0] >= returns[1]
+    )
+    assert tuned.mean() >= paper.mean()
 
 
 def made_episodes(n=40):
     """Episodes with known means."""
-    run = Episodes.none_yet(np.repeat([0.1, 0.2], n // 2))
-    run.returns = np.arange(n, dtype=float)
-    run.distance = np.where(run.command == 0.1, 1.0, 2.0)
-    run.slip = np.full(n, 0.3)
-    run.work = np.full(n, 30.0)
-    run.duration = np.full(n, 10.0)
+    run = none_yet(WALKER, np.repeat([0.1, 0.2], n // 2))
+    run["returns"] = np.arange(n, dtype=float)
+    run["distance"] = np.where(run["command"] == 0.1, 1.0, 2.0)
+    run["slip"] = np.full(n, 0.3)
+    run["work"] = np.full(n, 30.0)
+    run["duration"] = np.full(n, 10.0)
     return run
+
+
+TEN_SECONDS = SimpleNamespace(
+    spec=SimpleNamespace(max_episode_steps=500),
+    unwrapped=SimpleNamespace(control_dt=0.02, weight=20.0),
+)
+"""What the walking metrics read of an environment."""
 
 
 def test_scores_are_means_and_ratios_of_sums():
     """Checked by hand; intervals hold the value."""
-    summary = scores.summarise(made_episodes(), horizon=10.0, weight=20.0)
+    summary = scores.summarise(WALKER, made_episodes(), TEN_SECONDS)
     overall = summary["overall"]
     assert overall["return"][0] == pytest.approx(19.5)
     assert overall["slip_per_metre"][0] == pytest.approx(0.3 / 1.5)
@@ -140,14 +162,17 @@ def test_scores_are_means_and_ratios_of_sums():
     # two groups of 20 consecutive numbers: standard error of the mean 5.77 / sqrt(40) = 0.91
     assert high - low == pytest.approx(2 * 1.96 * 0.91, rel=0.15)
     assert low < 19.5 < high
+    plain = scores.values(WALKER, made_episodes(), TEN_SECONDS)
+    assert plain == {name: interval[0] for name, interval in overall.items()}
     assert summary["by_command"]["slip_per_metre"]["value"] == pytest.approx([0.3, 0.15])
 
 
 def test_scores_without_distance_are_none():
     """No ratio per metre for a robot that stands."""
     run = made_episodes()
-    run.distance[:] = 0.0
-    assert scores.summarise(run, 10.0, 20.0)["overall"]["slip_per_metre"] == [None] * 3
+    run["distance"][:] = 0.0
+    summary = scores.summarise(WALKER, run, TEN_SECONDS)
+    assert summary["overall"]["slip_per_metre"] == [None] * 3
 
 
 def test_evaluation_command(tmp_path):

@@ -22,7 +22,7 @@ START_ANGLE = math.pi  # rad, of the reference at time 0, as in the paper
 SPEED_COMMAND = 1.0  # rad/s, the paper's
 FASTEST_COMMAND = 10.0  # rad/s
 LOST = math.pi  # rad, tracking error at which an episode ends
-TRACKING_WIDTH = 0.1  # rad, tracking error at which half of the tracking reward is left
+TRACKING_WIDTH = 1.0  # rad, tracking error at which half of the tracking reward is left
 
 
 class JansenCrankEnv(gym.Env[Observation, NDArray[np.float32]]):
@@ -56,7 +56,7 @@ class JansenCrankEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     | Term | Value |
     |------|-------|
-    | ``reward/tracking`` | ``tracking_weight`` / (1 + (e / 0.1 rad)^2), e the tracking error after the step |
+    | ``reward/tracking`` | ``tracking_weight`` / (1 + (e / 1.0 rad)^2), e the tracking error after the step |
     | ``reward/torque`` | -``torque_weight`` * (torque / ``torque_limit``)^2 |
 
     ## Starting State
@@ -83,7 +83,7 @@ class JansenCrankEnv(gym.Env[Observation, NDArray[np.float32]]):
     | ``torque_limit`` | 5 | N m |
     | ``control_dt`` | 0.01 | s for which an action is held (the paper's); a multiple of ``time_step`` |
     | ``time_step`` | 0.001 | s, of the integration |
-    | ``tracking_weight``, ``torque_weight`` | 1, 2 | see Rewards |
+    | ``tracking_weight``, ``torque_weight`` | 1, 1 | see Rewards |
     | ``reset_noise_scale`` | 0.1 | rad and rad/s, of the start |
     | ``track_joint_forces`` | False | adds the largest one to ``info``; a step then takes 1 ms more |
     | ``render_mode`` | None | ``"human"`` or ``"rgb_array"`` |
@@ -102,7 +102,7 @@ class JansenCrankEnv(gym.Env[Observation, NDArray[np.float32]]):
         control_dt: float = 0.01,
         time_step: float = 0.001,
         tracking_weight: float = 1.0,
-        torque_weight: float = 2.0,
+        torque_weight: float = 1.0,
         reset_noise_scale: float = 0.1,
         track_joint_forces: bool = False,
         render_mode: str | None = None,

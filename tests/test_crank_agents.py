@@ -1,0 +1,178 @@
+"""Baselines of JansenCrank-v0, what it is scored by, and that learning beats the paper's PID."""
+
+from __future__ import annotations
+
+import json
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from PIL import Image
+
+import train
+from agents import evaluate, tasks
+from agents.crank_baselines import BASELINES, InverseDynamics, load_baseline
+from agents.pid import Gains
+from agents.rollout import run_episodes
+from jansen_env.inverse import crank_torque
+
+ENV = "JansenCrank-v0"
+PAPER_START = {"crank_angle": np.pi, "crank_speed": 0.0, "speed_command": 1.0}
+
+
+@pytest.fixture(scope="module")
+def env():
+    """As ``gym.make`` gives it."""
+    return gym.make(ENV)
+
+
+def follow(env, policy, seconds=10.0, **options):
+    """Tracking errors (n,) rad, torques (n,) N m, and energies of a run from the paper's start."""
+    seen, _ = env.reset(seed=0, options={**PAPER_START, **options})
+    state, infos = None, []
+    for k in range(round(seconds / env.unwrapped.control_dt)):
+        action, state = policy.predict(seen[None], state, np.array([k == 0]), True)
+        seen, *_, info = env.step(action[0])
+        infos.append(info)
+    error, torque = (np.array([i[k] for i in infos]) for k in ("tracking_error", "crank_torque"))
+    return error, torque, [i["energy"] for i in infos]
+
+
+def rms(values):
+    """Root of the mean square."""
+    return np.sqrt(np.mean(np.square(values)))
+
+
+def test_the_papers_pid_does_what_the_paper_does(env):
+    """Its gains from its start for its 10 s; pinned to the last digit."""
+    error, torque, _ = follow(env, load_baseline("pid-paper", env.unwrapped))
+    assert rms(error) == pytest.approx(0.1154, abs=1e-4)
+    assert rms(torque) == pytest.approx(1.676, abs=1e-3)
+    assert np.abs(torque).max() == pytest.approx(2.685, abs=1e-3)
+    settled = torque[300:]
+    measured = [settled.min(), settled.max(), settled.mean()]
+    assert measured == pytest.approx([0.919, 2.088, 1.525], abs=1e-3)
+
+
+def test_the_papers_pid_is_equation_13(env):
+    """Against the formula written out, over the observations of a run with a small limit."""
+    limited = gym.make(ENV, torque_limit=1.8)
+    policy = load_baseline("pid-paper", limited.unwrapped)
+    seen, _ = limited.reset(seed=0, options=PAPER_START)
+    state, integral, saturated = None, 0.0, 0
+    for k in range(300):
+        action, state = policy.predict(seen[None], state, np.array([k == 0]))
+        _, _, speed, error, command = seen.astype(float)
+        torque = 10.0 * error + (integral + error * 0.01) + (command - speed)
+        if abs(torque) < 1.8:
+            integral += error * 0.01
+        saturated += abs(torque) >= 1.8
+        assert action[0, 0] == pytest.approx(np.clip(torque / 1.8, -1.0, 1.0), abs=1e-6)
+        seen, *_ = limited.step(action[0])
+    assert 0 < saturated < 300
+
+
+def test_constant_torque_feeds_the_joints_friction(env):
+    """Its power at the commanded speed is what the joints take over a turn at that speed."""
+    inverse, constant = (load_baseline(n, env.unwrapped) for n in ("inverse", "constant"))
+    seen = np.array([[1.0, 0.0, 0.0, 0.0, w] for w in (1.0, 2.0, -1.0, 9.0)])
+    torque = constant.predict(seen)[0][:, 0] * env.unwrapped.torque_limit
+    assert torque[1:] == pytest.approx([2 * torque[0], -torque[0], 5.0])
+    _, _, energies = follow(env, inverse, seconds=12.0)
+    turn = round(2.0 * np.pi / env.unwrapped.control_dt)
+    loss = sum(e["joint_loss"] for e in energies[-turn:])
+    assert torque[0] * 2.0 * np.pi == pytest.approx(loss, rel=2e-3)
+
+
+def test_inverse_dynamics_needs_no_feedback_once_it_follows(env):
+    """After the start the error is next to nothing, at a torque below the PID's."""
+    error, torque, _ = follow(env, load_baseline("inverse", env.unwrapped))
+    assert rms(error) == pytest.approx(0.0476, abs=1e-4)
+    assert rms(torque) == pytest.approx(1.675, abs=1e-3)
+    assert rms(error[300:]) < 1e-3
+    blind = InverseDynamics(env.unwrapped.robot, 5.0, Gains(kp=0.0, kd=0.0))
+    seen = np.array([np.cos(2.0), np.sin(2.0), 0.3, 0.7, 1.5])
+    expected = crank_torque(env.unwrapped.robot, 2.0, 1.5).total
+    assert blind.predict(seen)[0][0] * 5.0 == pytest.approx(float(expected), rel=1e-6)
+
+
+@pytest.mark.parametrize("name", BASELINES)
+def test_baselines_answer_like_stable_baselines(env, name):
+    """Batches and single observations; Stable-Baselines3's own scoring takes them."""
+    from stable_baselines3.common.evaluation import evaluate_policy
+    from stable_baselines3.common.monitor import Monitor
+
+    policy = load_baseline(name, env.unwrapped)
+    seen = np.stack([env.reset(seed=s)[0] for s in range(5)])
+    together, _ = policy.predict(seen)
+    assert together.shape == (5, 1) and len(np.unique(together)) == (1 if name == "constant" else 5)
+    for row, action in zip(seen, together, strict=True):
+        assert np.array_equal(policy.predict(row)[0], action)
+    monitored = Monitor(gym.make(ENV))
+    monitored.reset(seed=7)
+    mean, _ = evaluate_policy(policy, monitored, n_eval_episodes=1)
+    assert mean > 300.0  # it turns
+
+
+@pytest.mark.parametrize("load", [t.load_baseline for t in tasks.TASKS.values()])
+def test_unknown_baselines_are_named(env, load):
+    """With what is allowed."""
+    with pytest.raises(ValueError, match=r"'dog'.*'pid-paper', 'constant'"):
+        load("dog", env.unwrapped)
+
+
+def test_unknown_environments_are_named():
+    """With those that have a task, in the library and in both scripts."""
+    with pytest.raises(ValueError, match=r"'Walker2d-v5'.*'JansenCrank-v0', 'JansenWalker-v0'"):
+        run_episodes(None, "Walker2d-v5", {}, np.ones(1), np.zeros(1, int))
+    for main in (train.main, lambda given: evaluate.main([*given, "--policy", "pid"])):
+        with pytest.raises(SystemExit):
+            main(["--env", "Walker2d-v5"])
+
+
+def test_scores_are_those_of_the_episodes(env):
+    """Each total and metric against a run stepped here; a crank left alone is lost."""
+    policy = load_baseline("pid-paper", env.unwrapped)
+    run = run_episodes(policy, ENV, {"reset_noise_scale": 0.0}, np.array([1.0]), np.zeros(1, int))
+    error, torque, energies = follow(env, policy)
+    work = sum(e["motor_work"] for e in energies)
+    expected = {
+        "rms_error": rms(error), "peak_error": np.abs(error).max(), "rms_torque": rms(torque),
+        "peak_torque": np.abs(torque).max(), "power": work / 10.0, "lost": 0.0,
+    }  # fmt: skip
+    measured = {
+        name: float(m.of(run, env)[0])
+        for name, m in tasks.CRANK.metrics.items()
+        if name != "return"
+    }
+    assert measured == pytest.approx(expected)
+
+    class Nothing:
+        def predict(self, seen, state=None, start=None, deterministic=True):
+            return np.zeros((len(seen), 1), np.float32), None
+
+    left = run_episodes(Nothing(), ENV, {}, np.array([1.0]), np.zeros(1, int))
+    assert left["lost"][0] and 3.0 < left["duration"][0] < 3.5
+
+
+def test_evaluation_of_the_crank(tmp_path, capsys):
+    """Table, JSON and picture at the one commanded speed, all baselines."""
+    names = [argument for name in BASELINES for argument in ("--policy", name)]
+    out = str(tmp_path)
+    evaluate.main(["--env", ENV, *names, "--episodes", "2", "--out", out])
+    printed = capsys.readouterr().out
+    assert "RMS tracking error (rad)" in printed and "[1.0] rad/s" in printed
+    table = json.loads((tmp_path / "scores.json").read_text())
+    assert (
+        table["inverse"]["overall"]["rms_error"][0] < table["pid-paper"]["overall"]["rms_error"][0]
+    )
+    assert (tmp_path / "scores.png").stat().st_size > 10_000
+
+
+def test_film_of_the_crank(env, tmp_path):
+    """As long as asked for, in pictures FRAME_TIME apart."""
+    path = tmp_path / "inverse.gif"
+    evaluate.film(load_baseline("inverse", env.unwrapped), ENV, {}, 1.0, 0, path, seconds=0.3)
+    with Image.open(path) as gif:
+        assert gif.n_frames == 5
+        assert gif.info["duration"] == 1e3 * evaluate.FRAME_TIME

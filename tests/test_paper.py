@@ -148,7 +148,8 @@ def test_standing_toes_part(judged, results):
 def test_a_slow_walk_slips_as_its_geometry_says(results):
     """No dynamics against all of it: 2 % (a turn is not quite slow); half of it where toes grip.
 
-    With a friction of 0.6 or more a landing toe sticks and lifts the other in half of each step.
+    With a friction of 0.6 or more a landing toe sticks and lifts the other in half of each step:
+    hundreds of small landings a turn in place of some ten.
     """
     certain = results.support.per_turn
     for mu, walk in results.slow.items():
@@ -156,7 +157,15 @@ def test_a_slow_walk_slips_as_its_geometry_says(results):
         assert not walk.fell and walk.slip == pytest.approx(
             expected, rel=0.02 if mu <= 0.5 else 0.05
         )
+        assert walk.landings > 200 if mu > 0.5 else walk.landings < 50
     assert set(results.slow) == set(FRICTIONS)
+
+
+def test_slip_of_a_rattling_walk_is_not_the_time_steps(results, monkeypatch):
+    """Friction 0.8, half the time step: the same slip within 4 % (a chaotic rattle, two turns)."""
+    monkeypatch.setattr(walking, "TIME_STEP", 5e-4)
+    walk = walking.walk(paper_robot(), 0.25, turns=2)
+    assert walk.slip == pytest.approx(results.slow[0.8].slip, rel=0.04)
 
 
 def test_slip_of_walks_at_constant_crank_speed(results):

@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 
 HOLDS, CONDITION, FAILS = "holds", "holds with a condition", "does not hold"
 CLOSE = 0.05  # relative: what still counts as "nearly constant", "around" or "largest"
+CLEARLY = 0.9  # of another heave: what counts as less
 SINGULAR = 1e-9  # singular values below count as 0
 
 
@@ -237,14 +238,15 @@ def no_walking_without_slip(r: Results) -> Claim:
     return Claim(
         "no_walking_without_slip", "4 and summary",
         "a robot with this mechanism cannot walk without toe slip",
-        f"at {SLOW} rad/s {loose.slip:.2f} m of slip a turn with friction {FRICTIONS[0]}, "
-        f"{grip.slip:.2f} m with {FRICTIONS[-1]}; at {best.speed:.0f} rad/s "
-        f"{1e3 * best.slip_per_metre:.1f} mm a metre",
+        f"at {SLOW} rad/s {loose.slip:.2f} m of slip and {loose.landings:.0f} landings a turn with "
+        f"friction {FRICTIONS[0]}, {grip.slip:.2f} m and {grip.landings:.0f} with "
+        f"{FRICTIONS[-1]}; at {best.speed:.0f} rad/s {1e3 * best.slip_per_metre:.1f} mm a metre",
         _verdict(best.slip_per_metre > 0.1, best.slip_per_metre > 0.01),
         "the two toes need not both stay down: with enough friction a landing toe sticks and "
         "throws the other one up, so that the robot rocks through half of each step, and from "
         "3 rad/s on it leaps from toe to toe",
-        {"slow_loose": loose.slip, "slow_grip": grip.slip, "best_speed": best.speed,
+        {"slow_loose": loose.slip, "slow_grip": grip.slip, "landings_loose": loose.landings,
+         "landings_grip": grip.landings, "best_speed": best.speed,
          "best_slip_per_metre": best.slip_per_metre},
     )  # fmt: skip
 
@@ -267,8 +269,8 @@ def more_legs(r: Results) -> Claim:
     """Heave with 2 to 24 legs, odd numbers of phases against even ones."""
     level = {heave.legs // 2: heave.level for heave in r.heaves}
     standing = {heave.legs // 2: heave.standing for heave in r.heaves}
-    odd_better = [n for n in range(3, 12, 2) if level[n] < level[n + 1]]
-    odd_better_standing = [n for n in range(3, 12, 2) if standing[n] < standing[n + 1]]
+    odd_better = [n for n in range(3, 12, 2) if level[n] < CLEARLY * level[n + 1]]
+    odd_better_standing = [n for n in range(3, 12, 2) if standing[n] < CLEARLY * standing[n + 1]]
     steady = all(b < a for a, b in pairwise(level.values()))
     shown = ", ".join(f"{2 * n}: {1e3 * level[n]:.2f}" for n in level)
     return Claim(
@@ -279,7 +281,8 @@ def more_legs(r: Results) -> Claim:
         _verdict(steady and level[12] < 1e-3, level[12] < 1e-3),
         "it vanishes, but not step by step: with an odd number of phases the back toes' lowest "
         "points fall between the fore toes', with an even number on them (psi -> pi - psi maps the "
-        f"phases onto themselves), so {_list([2 * n for n in odd_better])} legs beat two more. "
+        f"phases onto themselves), so {_list([2 * n for n in odd_better])} legs clearly beat "
+        "two more. "
         "The price is pitch: a robot that stands on both sides gains only with "
         f"{_list([2 * n for n in odd_better_standing])}",
         {**{f"level_{2 * n}": value for n, value in level.items()},
@@ -362,7 +365,7 @@ def levels_markdown(levels: list[readings.Level]) -> str:
         "| --- | --- | --- | --- | --- |",
     ]
     rows += [
-        f"| {level.name} | {level.low:.3f} | {level.mean:.3f} | {level.high:.3f} | "
+        f"| {level.name} | {level.low:.3f} | {round(level.mean, 3) + 0.0:.3f} | {level.high:.3f} | "
         f"{level.loss:.3f} |"
         for level in levels
     ]

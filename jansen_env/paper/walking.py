@@ -29,7 +29,8 @@ class Walk:
 
     Attributes:
         speed: of the crank, rad/s. turns: completed before a fall, after those that settle.
-        distance, slip: m per turn. torque: mean, N m. fell: whether the robot fell.
+        distance, slip: m per turn. torque: mean, N m. landings: toes put down per turn.
+        fell: whether the robot fell.
     """
 
     speed: float
@@ -37,6 +38,7 @@ class Walk:
     distance: float
     slip: float
     torque: float
+    landings: float
     fell: bool
 
     @property
@@ -48,8 +50,9 @@ class Walk:
 def walk(robot: Robot, speed: float, turns: int, friction: float = FRICTION) -> Walk:
     """Walk at a constant crank speed (rad/s) from standing at crank angle 0."""
     plant = _turning(robot, speed, friction)
+    plant.tracing = True
     period = 2.0 * math.pi / speed
-    done, fell, slip, work, start = 0, False, 0.0, 0.0, 0.0
+    done, fell, slip, work, landings, start = 0, False, 0.0, 0.0, 0, 0.0
     for turn in range(SETTLE + turns):
         if turn == SETTLE:
             start = plant.x
@@ -61,9 +64,11 @@ def walk(robot: Robot, speed: float, turns: int, friction: float = FRICTION) -> 
             done += 1
             slip += float(result.slip.sum())
             work += result.motor_work
+            landings += int(plant.landings.sum())
     count = max(done, 1)
     distance = (plant.x - start) / count if done else 0.0
-    return Walk(speed, done, distance, slip / count, work / (2.0 * math.pi * count), fell)
+    torque = work / (2.0 * math.pi * count)
+    return Walk(speed, done, distance, slip / count, torque, landings / count, fell)
 
 
 def walking_forces(robot: Robot, speed: float, turns: int, every: int = 4) -> JointForces:

@@ -62,8 +62,7 @@ class Moving:
         world, acceleration = axis + turn * place, a[0] + 1j * a[1] + turn * relative
         self.centre, self.joint = np.split(world, 2, axis=1)
         self.acceleration = acceleration[:, :8]
-        self.toe_slope = turn * slope[:, 8 + T]  # d(toe)/d(psi)
-        self.foot_slope = df[:, 7].real
+        self.joint_slope, self.angle_slope = turn * slope[:, 8:], df[:, :8].real  # d/dpsi
         self.axis = axis
 
 
@@ -71,6 +70,15 @@ def centres(robot, q):
     """(legs, 8) centres of mass, straight from the linkage."""
     legs = [coordinates(robot, leg.side, q[3] + leg.phase).reshape(8, 3) for leg in robot.legs]
     return q[0] + 1j * q[1] + np.exp(1j * q[2]) * (np.array(legs)[..., 1:] @ [1.0, 1.0j])
+
+
+def pads(robot):
+    """Leg, joint and body (from 0) of each pad, toes first."""
+    layout = rd.pad_layout(robot)
+    return [
+        (leg, rd.PAD_JOINTS[kind], rd.PAD_BODIES[kind] - 1)
+        for leg, kind in zip(layout.leg, layout.joint, strict=True)
+    ]
 
 
 def misses(forces, moving, contact):
@@ -89,10 +97,15 @@ def misses(forces, moving, contact):
     corner = forces.corner_forces() @ [1.0, 1.0j]
     for k, (body, joint) in enumerate(CORNERS):
         act(body - 1, moving.joint[:, JOINTS.index(joint)], corner[:, k])
+    for k, (leg, joint, body) in enumerate(pads(robot)):
+        moment[leg, body] -= contact[k, 2]
+        if joint != T:  # the toe's force is in the corner's
+            push = np.zeros(len(robot.legs), complex)
+            push[leg] = complex(*contact[k, :2])
+            act(body, moving.joint[:, joint], push)
     act(0, moving.axis, forces.frame[:, :2] @ [1.0, 1.0j])
     moment[:, 0] -= forces.frame[:, 2]
     moment[:, 1] -= forces.shaft
-    moment[:, 7] -= contact[:, 2]
     for (i, j), viscous in zip(JOINT_PAIRS, robot.damping, strict=True):
         given = viscous * (moving.spin[:, j - 1] - moving.spin[:, i - 1])
         moment[:, i - 1] -= given
@@ -101,24 +114,24 @@ def misses(forces, moving, contact):
 
 
 def draw(robot, random_state, rng, pinned):
-    """A state, a torque, and a wrench on every toe."""
+    """A state, a torque, and a wrench on every pad."""
     q, v = np.split(random_state(), 2)
     if pinned:
         v[:3] = 0.0
-    return q, v, rng.uniform(-10.0, 10.0), rng.uniform(-20.0, 20.0, (len(robot.legs), 3))
+    return q, v, rng.uniform(-10.0, 10.0), rng.uniform(-20.0, 20.0, (len(pads(robot)), 3))
 
 
 @PINNED
 def test_newton_and_euler_hold_for_every_body(laden, random_state, rng, pinned):
     """Pins, frame, shaft, contact, weight and viscous torques add up to m a and J alpha.
 
-    At random states, torques and toe wrenches, for each of a leg's eight bodies, to rounding:
-    1e-11 of the largest force.
+    At random states, torques and wrenches on all pads, for each of a leg's eight bodies, to
+    rounding: 1e-11 of the largest force.
     """
     for _ in range(5):
         q, v, torque, contact = draw(laden, random_state, rng, pinned)
         forces = joint_forces(laden, q, v, torque, contact, pinned=pinned)
-        assert (forces.toe == contact[:, :2]).all()
+        assert (forces.toe == contact[: len(laden.legs), :2]).all()
         moving = Moving(laden, q, v, forces.q_ddot)
         assert misses(forces, moving, contact).max() <= 1e-11 * forces.magnitude.max()
         assert np.abs(forces.joints @ [1.0, 1.0j] - moving.joint).max() <= 1e-12
@@ -136,7 +149,7 @@ def test_newton_and_euler_with_accelerations_from_differences(robot, random_stat
     mass = np.array([body.mass for body in robot.bodies])
     for _ in range(3):
         q, v, torque, contact = draw(robot, random_state, rng, False)
-        forces = joint_forces(robot, q, v, torque, contact)
+        forces = joint_forces(robot, q, v, torque, contact[: len(robot.legs)])
         t = h * np.arange(-4, 5)[:, None]
         path = q + v * t + 0.5 * forces.q_ddot * t * t
         place = np.array([centres(robot, pose) for pose in path])
@@ -152,15 +165,17 @@ def test_newton_and_euler_with_accelerations_from_differences(robot, random_stat
 
 @PINNED
 def test_accelerations_are_the_reduced_models(laden, random_state, rng, pinned):
-    """M a = h - velocity terms + toe forces' virtual work, load included: 1e-9 of the largest."""
+    """M a = h - velocity terms + virtual work on all pads, load included: 1e-9 of the largest."""
     tables = rd.compile_robot(laden)
+    leg, joint, body = np.transpose(pads(laden))
     for _ in range(10):
         q, v, torque, contact = draw(laden, random_state, rng, pinned)
         moving = Moving(laden, q, v, np.zeros(4))
         push, twist = contact[:, :2] @ [1.0, 1.0j], contact[:, 2]
-        arm = moving.joint[:, T] - moving.axis
+        arm = moving.joint[leg, joint] - moving.axis
         work = [push.real, push.imag, (arm.conjugate() * push).imag + twist,
-                (moving.toe_slope.conjugate() * push).real + moving.foot_slope * twist]  # fmt: skip
+                (moving.joint_slope[leg, joint].conjugate() * push).real
+                + moving.angle_slope[leg, body] * twist]  # fmt: skip
         right = rd.generalised_forces(tables, q, v, torque) - rd.velocity_terms(tables, q, v)
         right += np.sum(work, axis=1)
         M = rd.mass_matrix(tables, q)

@@ -10,9 +10,8 @@ import pytest
 
 from jansen_env import Bar, Payload, Robot, paper_robot
 from jansen_env import projection as pr
-from jansen_env import reduced as rd
 from jansen_env.joint_forces import CORNERS, PINS, joint_forces
-from jansen_env.linkage import JOINTS, T, coordinates, joint_positions, world_joints
+from jansen_env.linkage import JOINTS, coordinates, joint_positions
 
 
 @pytest.fixture
@@ -98,24 +97,6 @@ def test_pins_are_the_papers_constraints(robot, side):
                 corner -= term.coefficient * np.array([math.cos(turned), math.sin(turned)])
         assert corner == pytest.approx(joints[JOINTS.index(pin.joint)], abs=1e-12)
     assert str(PINS[1]) == "A23" and len({str(pin) for pin in PINS}) == 10
-
-
-def test_contact_on_any_pad(laden, random_state, rng):
-    """Knees and ankles too: forces on the pads of a foot add up to one wrench on its toe."""
-    q, v, torque, _ = draw(laden, random_state, rng)
-    layout, legs = rd.pad_layout(laden), len(laden.legs)
-    contact = rng.uniform(-20.0, 20.0, (len(layout.leg), 3))
-    contact[layout.joint > 2] = 0.0  # toe, knee and ankle are the foot's
-    joints = world_joints(laden, q)
-    wrench = np.zeros((legs, 3))
-    for leg, joint, given in zip(layout.leg, layout.joint, contact, strict=True):
-        arm = joints[leg, rd.PAD_JOINTS[joint]] - joints[leg, T]
-        wrench[leg] += given
-        wrench[leg, 2] += arm[0] * given[1] - arm[1] * given[0]
-    all_pads, toes = (joint_forces(laden, q, v, torque, c) for c in (contact, wrench))
-    assert all_pads.q_ddot == pytest.approx(toes.q_ddot, rel=1e-9, abs=1e-9)
-    assert all_pads.pin == pytest.approx(toes.pin, rel=1e-9, abs=1e-9)
-    assert (all_pads.toe == contact[:legs, :2]).all()
 
 
 def test_many_instants_are_each_one(laden, random_state, rng):

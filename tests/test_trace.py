@@ -13,6 +13,7 @@ from jansen_env import reduced as rd
 from jansen_env.envs.walker import JansenWalkerEnv
 from jansen_env.joint_forces import joint_forces
 from jansen_env.kernels import IMPULSES, TORQUE
+from jansen_env.linkage import world_joints
 from jansen_env.plants.projection import ProjectionPlant
 from jansen_env.plants.trace import PeakLoads, pads_pressed, peak_loads, trace_forces
 from jansen_env.projection import GRAVITY
@@ -202,17 +203,22 @@ def test_landings_are_seen_at_every_moment_of_a_time_step():
 def test_landings_across_steps():
     """A toe pressed at the end of one :meth:`step` does not land at the beginning of the next.
 
-    And one that lands in the first time step of a :meth:`step` is seen there; after a state was
-    set nothing is known of before, and nothing lands.
+    And one that lands in the first time step of a :meth:`step` is seen there, looked ahead or not.
+    After a state was set nothing is known of before, and nothing lands.
     """
     plant = dropped(1e-3, duration=0.1)
     assert not plant.landings.any()
     seen = []
     for _ in range(5):
+        plant.joint_forces()
         plant.step(0.0, 1e-3)
         seen.append(plant.landings.tolist())
     assert seen.count([True]) == 1
-    plant.state = plant.state
+    down = plant.state
+    plant.state = down + np.eye(8)[1]
+    plant.step(0.0, 1e-3)
+    assert not pads_pressed(plant.trace).any()
+    plant.state = down
     plant.step(0.0, 1e-3)
     assert pads_pressed(plant.trace).any() and not plant.landings.any()
 
@@ -241,6 +247,8 @@ def test_standing_walker():
     env = JansenWalkerEnv(payload=1.0, reset_noise_scale=0.0)
     env.reset(seed=0, options={"crank_angle": 0.3})
     forces = env.joint_forces()
+    joints = world_joints(env.robot, env.plant.state[:4])
+    assert np.abs(forces.joints - joints).max() <= 1e-9
     weight = env.robot.mass * GRAVITY
     assert forces.toe.sum(axis=0) == pytest.approx([0.0, weight], abs=1e-7)
     assert np.abs(forces.q_ddot).max() <= 1e-7 and abs(forces.torque) <= 1e-9

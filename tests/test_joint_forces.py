@@ -128,7 +128,7 @@ def test_newton_and_euler_hold_for_every_body(laden, random_state, rng, pinned):
     At random states, torques and wrenches on all pads, for each of a leg's eight bodies, to
     rounding: 1e-11 of the largest force.
     """
-    for _ in range(5):
+    for _ in range(3):
         q, v, torque, contact = draw(laden, random_state, rng, pinned)
         forces = joint_forces(laden, q, v, torque, contact, pinned=pinned)
         assert (forces.toe == contact[: len(laden.legs), :2]).all()
@@ -147,7 +147,7 @@ def test_newton_and_euler_with_accelerations_from_differences(robot, random_stat
     weights = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72])
     weights = np.append(weights, weights[3::-1])
     mass = np.array([body.mass for body in robot.bodies])
-    for _ in range(3):
+    for _ in range(2):
         q, v, torque, contact = draw(robot, random_state, rng, False)
         forces = joint_forces(robot, q, v, torque, contact[: len(robot.legs)])
         t = h * np.arange(-4, 5)[:, None]
@@ -168,7 +168,7 @@ def test_accelerations_are_the_reduced_models(laden, random_state, rng, pinned):
     """M a = h - velocity terms + virtual work on all pads, load included: 1e-9 of the largest."""
     tables = rd.compile_robot(laden)
     leg, joint, body = np.transpose(pads(laden))
-    for _ in range(10):
+    for _ in range(5):
         q, v, torque, contact = draw(laden, random_state, rng, pinned)
         moving = Moving(laden, q, v, np.zeros(4))
         push, twist = contact[:, :2] @ [1.0, 1.0j], contact[:, 2]

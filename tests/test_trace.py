@@ -133,7 +133,7 @@ def test_tracing_changes_no_bit():
     """States and results with and without a trace, joint forces asked for in between or not."""
     plants = [standing(Robot(), Terrain.slope(0.05)) for _ in range(2)]
     plants[1].tracing = False
-    for k in range(200):
+    for k in range(100):
         torque = 10.0 * np.sin(k)
         first, second = (plant.step(torque, HOLD) for plant in plants)
         assert plants[0].state.tobytes() == plants[1].state.tobytes()
@@ -264,7 +264,7 @@ def test_walker_info_has_the_largest_loads_when_asked():
     keys, impulses = {"joint_force_max", "joint_impulse_max"}, []
     for env in envs:
         env.reset(seed=0, options={"crank_angle": 1.0})
-    for _ in range(60):
+    for _ in range(40):
         obs, reward, *_, info = envs[0].step(np.array([0.25]))
         other, paid, *_, bare = envs[1].step(np.array([0.25]))
         assert obs.tobytes() == other.tobytes() and reward == paid

@@ -60,6 +60,12 @@ CORNERS = (
 """(body, joint) of every end of a bar and corner of a triangle; T is the toe."""
 
 
+def corner_name(index: int) -> str:
+    """Such as ``"link 1 at P"``, for one of :data:`CORNERS`."""
+    body, joint = CORNERS[index]
+    return f"link {body} at {joint}"
+
+
 @dataclass(frozen=True)
 class JointForces:
     """Forces in the joints of all legs at one instant or several (...), world frame, N and N m.
@@ -72,6 +78,9 @@ class JointForces:
         shaft: (..., legs) torque with which the shaft turns the leg's crank. The motor's torque is
             their sum, and acts on the chassis the other way round.
         toe: (..., legs, 2) contact force on each toe.
+        body: (..., legs, 8, 3) moment (about its centre of mass) and force x, y with which all
+            constraints together act on each body, M x_ddot - h of (4); weight, contacts, joint
+            friction and the motor (on the first leg) are forces applied, not constraint forces.
         joints: (..., legs, 8, 2) joint positions, m. centres: (..., legs, 8, 2) centres of mass, m.
         q_ddot: (..., 4) accelerations of (x, y, theta, psi).
     """
@@ -81,14 +90,28 @@ class JointForces:
     frame: Array
     shaft: Array
     toe: Array
+    body: Array
     joints: Array
     centres: Array
     q_ddot: Array
 
     @property
     def magnitude(self) -> Array:
-        """(..., legs, 10) size of each pin's force, N."""
+        """(..., legs, 10) size of each pin's force, N.
+
+        Where three links share a joint (A, C, P), the paper pins two of them to the third, and
+        these are the forces between those pairs.
+        """
         return np.hypot(self.pin[..., 0], self.pin[..., 1])
+
+    @property
+    def bearing(self) -> Array:
+        """(..., legs, 17) force with which each link bears on its joints (all corners but T), N.
+
+        That is what a hole in the link carries, however the links are paired on the pin.
+        """
+        force = self.corner_forces()[..., :-1, :]
+        return np.hypot(force[..., 0], force[..., 1])
 
     @property
     def torque(self) -> Array:
@@ -96,18 +119,24 @@ class JointForces:
         return np.asarray(self.shaft.sum(axis=-1))
 
     def at(self, index: int) -> JointForces:
-        """Those of one instant, counted along the first axis."""
+        """Those of one instant, counted along the first axis; there must be several."""
+        if self.shaft.ndim < 2:
+            raise ValueError("JointForces.at: these are the forces of a single instant")
         arrays = {name: value[index] for name, value in vars(self).items() if name != "robot"}
         return JointForces(robot=self.robot, **arrays)
 
     def largest(self) -> tuple[float, str, str]:
-        """The largest pin force (N) of all, and its leg and pin, such as ``("rf", "A23")``."""
-        size = self.magnitude
-        *_, leg, pin = np.unravel_index(np.argmax(size), size.shape)
-        return float(size.max()), self.robot.leg_names[leg], str(PINS[pin])
+        """The largest bearing force (N), its leg and place, such as ``("rf", "link 1 at P")``."""
+        size = self.bearing
+        *_, leg, corner = np.unravel_index(np.argmax(size), size.shape)
+        return float(size.max()), self.robot.leg_names[leg], corner_name(int(corner))
 
     def corner_forces(self) -> Array:
-        """(..., legs, 18, 2) force on each of :data:`CORNERS` from all its pins, world frame, N."""
+        """(..., legs, 18, 2) force on each of :data:`CORNERS`, world frame, N.
+
+        From the other links on its joint; on the toe from the ground. Contact on bumpers is not in
+        it.
+        """
         corner = np.zeros((*self.pin.shape[:-2], len(CORNERS), 2))
         for i, (body, joint) in enumerate(CORNERS):
             for k, pin in enumerate(PINS):
@@ -194,12 +223,17 @@ def joint_forces(
     centres = X.reshape(*X.shape[:-1], BODIES_PER_LEG, 3)[..., 1:]
     arm = centres[..., 0, :] - q[..., None, :2]
     moment = rest[..., 0] + arm[..., 0] * rest[..., 2] - arm[..., 1] * rest[..., 1]
+    body = missing.copy()
+    motor = rest[..., 3].sum(axis=-1)
+    body[..., 0, 0] += motor  # the paper's h has -tau on the first frame, +tau on its crank
+    body[..., 0, 3] -= motor
     return JointForces(
         robot=robot,
         pin=np.asarray(multipliers[..., 0], np.float64).reshape(*X.shape[:-1], len(PINS), 2),
         frame=np.stack([rest[..., 1], rest[..., 2], moment], axis=-1),
         shaft=rest[..., 3],
         toe=toe,
+        body=body.reshape(*X.shape[:-1], BODIES_PER_LEG, 3),
         joints=joints,
         centres=centres,
         q_ddot=q_ddot,

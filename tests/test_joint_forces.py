@@ -260,6 +260,7 @@ def test_constraint_forces_of_the_projection(robot, random_state, rng, pinned):
     total[0, :2, 0] += torque, -torque
     paper = pr.project(robot, q, v, torque, pinned=pinned).constraint_forces()
     assert np.abs(total.ravel() - paper).max() <= 1e-9 * np.abs(paper).max()
+    assert np.abs(forces.body.ravel() - paper).max() <= 1e-12 * np.abs(paper).max()
 
 
 @PINNED

@@ -112,19 +112,34 @@ def test_many_instants_are_each_one(laden, random_state, rng):
             assert found.shape == expected.shape
             assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
     assert every.torque.shape == (2, 3) and every.link_loads().shape[:2] == (2, 3)
-    assert every.largest()[0] == every.magnitude.max()
+    assert every.largest()[0] == every.bearing.max()
     size, leg, pin = max(one.largest() for one in one_by_one)
     assert every.largest() == (pytest.approx(size), leg, pin)
 
 
 def test_the_largest_force_is_named():
-    """1 kN under the toe of the third leg: most goes through its rocker into the frame's pivot."""
+    """1 kN under the toe of the third leg: most goes through its rocker, from knee to pivot."""
     contact = np.zeros((4, 3))
     contact[2, 1] = 1000.0
     forces = joint_forces(paper_robot(), np.zeros(4), np.zeros(4), contact=contact, pinned=True)
-    k = [str(pin) for pin in PINS].index("P15")
-    assert forces.largest() == (math.hypot(*forces.pin[2, k]), "rb", "P15")
+    knee = forces.corner_forces()[2, CORNERS.index((5, "C"))]
+    assert forces.largest() == (math.hypot(*knee), "rb", "link 5 at C")
     assert forces.largest()[0] > 1000.0
+    with pytest.raises(ValueError, match="forces of a single instant"):
+        forces.at(0)
+
+
+def test_bearing_does_not_depend_on_how_links_are_paired(laden, random_state, rng):
+    """Every corner but the toe; at joints of two links both bear as much, at three they add up."""
+    q, v, torque, contact = draw(laden, random_state, rng)
+    forces = joint_forces(laden, q, v, torque, contact)
+    corner, bearing = forces.corner_forces(), forces.bearing
+    assert bearing.shape == (len(laden.legs), 17)
+    assert bearing == pytest.approx(np.hypot(corner[:, :17, 0], corner[:, :17, 1]), abs=1e-12)
+    for joint in "OABPCDE":
+        at = [k for k, (_, name) in enumerate(CORNERS) if name == joint]
+        scale = np.abs(corner).max()
+        assert np.abs(corner[:, at].sum(axis=1)).max() <= 1e-12 * scale  # action and reaction
 
 
 REST = {"q": np.zeros(4), "q_dot": np.zeros(4)}

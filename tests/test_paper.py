@@ -207,8 +207,8 @@ def test_constraint_forces_of_the_fixed_model(judged):
     moment, force = judged["rotation"].numbers, judged["translation"].numbers
     assert moment["pinned_link"] == 1 and moment["pinned"] == pytest.approx(1.99, abs=0.005)
     assert force["pinned_link"] == 7 and force["pinned"] == pytest.approx(1.019, abs=5e-4)
-    assert force["pin_largest"] == pytest.approx(8.42, abs=0.005)
-    assert force["pin_7"] == pytest.approx(3.07, abs=0.005)
+    assert force["bearing"] == pytest.approx(9.08, abs=0.005)
+    assert force["bearing_7"] == pytest.approx(3.07, abs=0.005)
 
 
 def test_constraint_forces_are_the_projections(results):
@@ -221,21 +221,21 @@ def test_constraint_forces_are_the_projections(results):
 
 
 def test_loads_of_the_walking_robot(judged, results):
-    """Link 8 carries the most on the ground, pin P14 121 N: smooth phases, so 2 %."""
+    """Link 8 carries the most on the ground, triangle 4 bears 121 N at P: smooth phases, so 2 %."""
     numbers = judged["translation"].numbers
     assert numbers["walking_link"] == 8 and numbers["walking_7"] < 2.0
-    assert numbers["walking_pin"] == pytest.approx(120.6, rel=0.02)
-    assert all(results.walking_loads[speed].largest_pin == "P14" for speed in LOADS_SPEEDS)
+    assert numbers["walking_bearing"] == pytest.approx(120.6, rel=0.02)
+    assert all(results.walking_loads[speed].place == "link 4 at P" for speed in LOADS_SPEEDS)
     assert judged["rotation"].numbers["walking_link_1.0"] == 8
 
 
 def test_loads_do_not_depend_on_the_time_step(monkeypatch):
-    """With half the time step the largest pin force of a walk is the same within 1 %."""
+    """With half the time step the largest joint force of a walk is the same within 1 %."""
     peaks = []
     for step in (1e-3, 5e-4):
         monkeypatch.setattr(walking, "TIME_STEP", step)
         forces = walking.walking_forces(paper_robot(), 1.0, turns=1, every=2)
-        peaks.append(walking.largest_loads(forces).pin.max())
+        peaks.append(walking.largest_loads(forces).bearing.max())
     assert peaks[1] == pytest.approx(peaks[0], rel=0.01)
 
 

@@ -316,7 +316,7 @@ def rotation(r: Results) -> Claim:
 
 
 def translation(r: Results) -> Claim:
-    """The largest constraint force by body, and what the pins carry."""
+    """The largest constraint force by body, and what the joints carry."""
     force = np.hypot(r.forces[..., 1], r.forces[..., 2])[r.run.settled].max(axis=0)
     pins = r.pinned_loads
     slow = r.walking_loads[LOADS_SPEEDS[0]]
@@ -327,17 +327,17 @@ def translation(r: Results) -> Claim:
         "translation", "4, Fig. 9",
         "the translational constraint force is largest on link 7, which therefore needs strength",
         f"pinned: link {force.argmax() + 1} ({force.max():.3f} N; link 8 {force[7]:.3f}, weight "
-        f"{weight:.3f}); its pins carry {max(pins.pin[7], pins.pin[9]):.1f} N, pin "
-        f"{pins.largest_pin} {pins.pin.max():.1f} N. Walking: link {slow.force.argmax() + 1} "
-        f"({slow.force.max():.0f} N), pin {slow.largest_pin} {slow.pin.max():.0f} N",
+        f"{weight:.3f}); on its joints it bears {pins.on(7):.1f} N, {pins.place} "
+        f"{pins.bearing.max():.1f} N. Walking: link {slow.force.argmax() + 1} "
+        f"({slow.force.max():.0f} N); {slow.place} {slow.bearing.max():.0f} N",
         _verdict(seventh and on_ground, seventh),
         "the sum of the forces on a link is its weight and inertia, equal for equal masses to 3 %; "
-        "what loads a link is the force in each pin, which cancels in that sum. On the ground the "
-        "foot's sum carries the robot",
+        "what loads a link is its force on each joint, which cancels in that sum. On the ground "
+        "the foot's sum carries the robot",
         {"pinned_link": int(force.argmax()) + 1, "pinned": force.max(), "pinned_8": force[7],
-         "pin_7": float(max(pins.pin[7], pins.pin[9])), "pin_largest": pins.pin.max(),
+         "bearing_7": float(pins.on(7)), "bearing": pins.bearing.max(),
          "walking_link": int(slow.force.argmax()) + 1, "walking": slow.force.max(),
-         "walking_7": slow.force[6], "walking_pin": slow.pin.max()},
+         "walking_7": slow.force[6], "walking_bearing": slow.bearing.max()},
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from jansen_env.files import write_whole
 from jansen_env.inverse import crank_torque, walking_torque
-from jansen_env.joint_forces import PINS
+from jansen_env.joint_forces import CORNERS
 from jansen_env.linkage import SKELETON, O, P, T, world_joints
 from jansen_env.paper import toes
 from jansen_env.paper.model import SETTLED
@@ -42,7 +42,7 @@ def draw(results: Results, folder: Path) -> list[Path]:
         "fig4_torque": torque, "fig5_toe_paths": toe_paths, "fig6_toe_x": toe_x,
         "fig7_toe_y": toe_y, "fig8_rotation": rotation, "fig9_translation": translation,
         "torque_split": torque_split, "mechanism": mechanism, "heave": heave, "slip": slip,
-        "pin_forces": pin_forces,
+        "joint_forces": joint_forces,
     }  # fmt: skip
     paths = []
     with matplotlib.style.context(["default", STYLE]):
@@ -276,25 +276,27 @@ def slip(r: Results) -> Figure:
     return figure
 
 
-def pin_forces(r: Results) -> Figure:
-    """The largest force in every pin, pinned and walking."""
-    figure, axes = _figure(9.0, 3.8)
-    names = [f"{pin.joint}\n{pin.other}-{pin.body}" for pin in PINS]
+def joint_forces(r: Results) -> Figure:
+    """The largest force of every link on each of its joints, pinned and walking."""
+    figure, axes = _figure(11.5, 3.8)
+    names = [f"{body} at {joint}" for body, joint in CORNERS[:-1]]
     sets = [("pinned, 1 rad/s", r.pinned_loads, "#94a3b8")]
     colors = ("#7c3aed", "#c2410c")
     sets += [
         (f"walking, {speed:g} rad/s", r.walking_loads[speed], color)
         for speed, color in zip(LOADS_SPEEDS, colors, strict=True)
     ]
-    place = np.arange(len(PINS))
+    place = np.arange(len(names))
     for k, (label, loads, color) in enumerate(sets):
-        bars = axes.bar(place + 0.27 * (k - 1), loads.pin, 0.25, color=color, label=label)
+        bars = axes.bar(place + 0.27 * (k - 1), loads.bearing, 0.25, color=color, label=label)
         axes.bar_label(bars, fmt="%.0f", fontsize=7, padding=1)
     weight = paper_robot().mass * 9.81
     axes.axhline(weight, color=INK, lw=0.9, ls="--")
-    axes.text(10.6, weight + 1.5, "the robot's\nweight", ha="right", fontsize=8.5)
-    axes.set_xlim(-0.7, 10.6)
-    axes.set(title="Largest force in each pin (joint, links), impacts apart", ylabel="force (N)")
+    axes.text(17.6, weight + 1.5, "the robot's\nweight", ha="right", fontsize=8.5)
+    axes.set_xlim(-0.7, 17.6)
+    axes.set(
+        title="Largest force of each link on each of its joints, impacts apart", ylabel="force (N)"
+    )
     axes.set_xticks(place, names)
     axes.grid(visible=False, axis="x")
     axes.legend()

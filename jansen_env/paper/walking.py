@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env import kernels
-from jansen_env.joint_forces import PINS, JointForces
+from jansen_env.joint_forces import CORNERS, JointForces, corner_name
 from jansen_env.plants.projection import ProjectionPlant
 from jansen_env.plants.trace import trace_forces
 from jansen_env.robot import Robot
@@ -106,21 +106,25 @@ def constant_torque_speeds(robot: Robot, torque: float, duration: float = 20.0) 
 
 @dataclass(frozen=True)
 class Loads:
-    """The largest loads over a motion and all legs: by body (8,), and by pin (10,).
+    """The largest loads over a motion and all legs: by body (8,), and by link and joint (17,).
 
     Attributes:
         moment: N m, and force: N, of all constraints on each body, M x_ddot - h.
-        pin: N, in each pin of :data:`jansen_env.joint_forces.PINS`.
+        bearing: N, of each link on each of its joints (:data:`jansen_env.joint_forces.CORNERS`).
     """
 
     moment: Array
     force: Array
-    pin: Array
+    bearing: Array
 
     @property
-    def largest_pin(self) -> str:
-        """Name of the pin with the largest force."""
-        return str(PINS[int(self.pin.argmax())])
+    def place(self) -> str:
+        """Where the largest bearing force is."""
+        return corner_name(int(self.bearing.argmax()))
+
+    def on(self, body: int) -> float:
+        """The largest bearing force of a link, N."""
+        return max(f for f, (b, _) in zip(self.bearing, CORNERS, strict=False) if b == body)
 
 
 def largest_loads(forces: JointForces) -> Loads:
@@ -129,5 +133,5 @@ def largest_loads(forces: JointForces) -> Loads:
     return Loads(
         moment=np.abs(forces.body[..., 0]).max(axis=every),
         force=np.hypot(forces.body[..., 1], forces.body[..., 2]).max(axis=every),
-        pin=forces.magnitude.max(axis=every),
+        bearing=forces.bearing.max(axis=every),
     )

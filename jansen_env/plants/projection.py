@@ -138,6 +138,21 @@ class ProjectionPlant:
     def crank_driven(self, driven: bool) -> None:
         self._model = self._model._replace(driven=bool(driven))
 
+    @property
+    def pressed(self) -> NDArray[np.bool_] | None:
+        """(pads,) the pads on the ground, as traced last; None where that is not known.
+
+        Part of the state only in that it says what lands next: set it after :attr:`state`.
+        """
+        return None if self._pressed is None else self._pressed.copy()
+
+    @pressed.setter
+    def pressed(self, value: Any) -> None:
+        pressed = None if value is None else np.array(value, dtype=bool)
+        if pressed is not None and pressed.shape != (len(self._record),):
+            raise ValueError(f"pressed is {value!r}, must be None or {len(self._record)} flags")
+        self._pressed = pressed
+
     def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
         """Set the robot down at rest on its lowest toes.
 
@@ -169,9 +184,10 @@ class ProjectionPlant:
     def peek(self, torque: float = 0.0) -> StepResult:
         """What one time step would do; the state stays as it is."""
         state, pressed = self._state.copy(), self._pressed
-        result = self.step(torque, self.time_step)
-        self._state[:], self._pressed = state, pressed
-        return result
+        try:
+            return self.step(torque, self.time_step)
+        finally:
+            self._state[:], self._pressed = state, pressed
 
     @property
     def trace(self) -> Array:
@@ -186,15 +202,18 @@ class ProjectionPlant:
 
         With a toe landing in that step they contain its impulse / time step.
         """
-        tracing, self.tracing = self.tracing, True
-        self.peek(torque)
-        self.tracing = tracing
-        return trace_forces(self.tables, self._trace, self.time_step, self.gravity).at(0)
+        kept = self.tracing, self._trace, self.landings
+        self.tracing = True
+        try:
+            self.peek(torque)
+            return trace_forces(self.tables, self._trace, self.time_step, self.gravity).at(0)
+        finally:
+            self.tracing, self._trace, self.landings = kept
 
     def peak_loads(self) -> PeakLoads:
-        """The largest loads on any pin in the last :meth:`step`, which must have been traced."""
+        """The largest loads on any joint in the last :meth:`step`, which must have been traced."""
         forces = trace_forces(self.tables, self._trace, self.time_step, self.gravity)
-        return peak_loads(forces.magnitude, self.landings, self.time_step)
+        return peak_loads(forces.bearing, self.landings, self.time_step)
 
     def contact_frames(self) -> tuple[Array, Array]:
         """(toes, 2) points of the ground nearest to each toe's pad and its tangents there.
@@ -218,13 +237,14 @@ class ProjectionPlant:
             "robot": self.robot, "terrain": self.terrain, "time_step": self.time_step,
             "gravity": self.gravity, "detection_interval": self.detection_interval,
             "state": self.state, "driven": self.crank_driven, "tracing": self.tracing,
+            "pressed": self.pressed,
         }  # fmt: skip
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
-        later = {name: saved.pop(name) for name in ("state", "driven", "tracing")}
+        later = {name: saved.pop(name) for name in ("state", "driven", "tracing", "pressed")}
         self.__init__(**saved)  # type: ignore[misc]
         self.state, self.crank_driven = later["state"], later["driven"]
-        self.tracing = later["tracing"]
+        self.tracing, self.pressed = later["tracing"], later["pressed"]
 
     def toe_positions(self) -> Array:
         """(toes, 2) centres of the toe pads, m."""

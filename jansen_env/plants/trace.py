@@ -16,12 +16,13 @@ Array = NDArray[np.float64]
 
 
 class PeakLoads(NamedTuple):
-    """The largest load on any pin.
+    """The largest load on any joint of any link (:attr:`JointForces.bearing`).
 
     Attributes:
         force: N, in the time steps without a landing.
-        impulse: N s, in those with one. There a rigid foot stops at once: its impulse is defined,
-            its force is not, and impulse / time step says more about the time step than the robot.
+        impulse: N s, in those with one, the ordinary force in that step included. There a rigid
+            foot stops at once: its impulse is defined, its force is not, and impulse / time step
+            says more about the time step than the robot.
     """
 
     force: float
@@ -72,10 +73,11 @@ def landings(trace: Array, pressed: NDArray[np.bool_] | None) -> NDArray[np.bool
 
     Args:
         trace: (steps, columns). pressed: (pads,) the pads pressed just before it; None where that
-            is not known: then nothing lands in the first time step.
+            is not known: a state that was set may have to stop at once, so that every pad pressed
+            in the first time step counts as landing.
     """
     now = pads_pressed(trace)
-    first = now[:1] if pressed is None else pressed[None]
+    first = np.zeros_like(now[:1]) if pressed is None else pressed[None]
     return np.asarray((now & ~np.concatenate([first, now[:-1]])).any(axis=1))
 
 
@@ -86,10 +88,10 @@ def pads_pressed(trace: Array) -> NDArray[np.bool_]:
 
 
 def peak_loads(size: Array, landing: NDArray[np.bool_], time_step: float) -> PeakLoads:
-    """The largest load on any pin.
+    """The largest load on any joint.
 
     Args:
-        size: (steps, legs, 10) of every pin's mean force, N. landing: (steps,).
+        size: (steps, legs, 17) of every mean bearing force, N. landing: (steps,).
     """
     largest = size.max(axis=(-2, -1))
     return PeakLoads(

@@ -63,10 +63,10 @@ def load_config(path: str | Path) -> dict[str, Any]:
     """A training configuration from YAML, read without running code.
 
     Keys: ``policy``, ``timesteps``, ``n_envs``, ``reward_scale``, ``env_kwargs`` (for training and
-    evaluation), ``training_variants`` (further arguments of every other training environment),
-    ``hyperparameters`` (the algorithm's arguments; ``learning_rate`` and
-    ``clip_range`` may be "linear_X", falling from X to 0 over the run) and ``policy_kwargs``
-    (``net_arch``, ``activation``, ``log_std_init``, ``normalize``).
+    evaluation), ``training_variants`` (further arguments of the training environments, taken in
+    turn; ``max_episode_steps`` is one too), ``hyperparameters`` (the algorithm's arguments;
+    ``learning_rate`` and ``clip_range`` may be "linear_X", falling from X to 0 over the run) and
+    ``policy_kwargs`` (the policy's; ``activation`` is a name, ``normalize`` scales observations).
 
     Raises:
         ValueError: the file is no mapping, or has unknown or missing keys.

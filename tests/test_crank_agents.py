@@ -8,6 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from PIL import Image
+from stable_baselines3 import PPO
 
 import train
 from agents import evaluate, tasks
@@ -176,3 +177,37 @@ def test_film_of_the_crank(env, tmp_path):
     with Image.open(path) as gif:
         assert gif.n_frames == 5
         assert gif.info["duration"] == 1e3 * evaluate.FRAME_TIME
+
+
+def test_training_on_the_crank(tmp_path):
+    """The same script, with the shipped configuration; its policies fit this environment alone."""
+    folder = train.main(["--env", ENV, "-n", "256", "--n-envs", "2", "--eval-freq", "0",
+                         "--eval-episodes", "1", "--no-progress",
+                         "--log-folder", str(tmp_path)])  # fmt: skip
+    assert folder.name == f"{ENV}_1"
+    result = json.loads((folder / "scores.json").read_text())
+    assert set(result) == {*BASELINES, f"ppo/{ENV}_1"}
+    rows = json.loads((folder / "evaluations.json").read_text())
+    assert set(rows[-1]) == {"steps", *tasks.CRANK.metrics}
+    for name in ("scores.png", "training.png"):
+        assert (folder / name).stat().st_size > 10_000
+    path = folder / "final_model.zip"  # its outputs are squashed, unlike the walking policies'
+    theirs, ours = PPO.load(path, device="cpu"), evaluate.load(str(path), gym.make(ENV))
+    seen = np.array(
+        [[-1.0, 0.0, 0.0, 0.1, 1.0], [0.0, 1.0, 1.1, 2.0, 1.0], [0.6, -0.8, -30.0, -3.0, 1.0]],
+        np.float32,
+    )
+    actions = [p.predict(seen, deterministic=True)[0] for p in (ours, theirs)]
+    assert np.array_equal(*actions)
+    with pytest.raises(ValueError, match=r"observation_space of shape \(5,\), must be \(16,\)"):
+        evaluate.load(str(folder), gym.make("JansenWalker-v0"))
+
+
+@pytest.mark.slow
+def test_trained_policy_beats_the_papers_pid(tmp_path):
+    """Less RMS tracking error at no more RMS torque, with the shipped configuration."""
+    folder = train.main(["--env", ENV, "--no-progress", "--log-folder", str(tmp_path)])
+    result = json.loads((folder / "scores.json").read_text())
+    ours, pid = (result[name]["overall"] for name in (f"ppo/{ENV}_1", "pid-paper"))
+    assert ours["rms_error"][0] < 0.8 * pid["rms_error"][0]
+    assert ours["rms_torque"][0] <= pid["rms_torque"][0]

@@ -143,6 +143,12 @@ def test_every_config_builds(env_id, algo):
     training.build_model(algo, config, venv)
 
 
+def test_missing_config_is_named():
+    """With those that there are."""
+    with pytest.raises(ValueError, match=r"JansenCrank-v0/td3.*'JansenCrank-v0/ppo'"):
+        training.shipped_config("JansenCrank-v0", "td3")
+
+
 def test_normalizer_equals_numpy():
     """Mean and variance over several updates; nothing changes in between."""
     env = make_env("JansenWalker-v0", {})

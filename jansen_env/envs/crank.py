@@ -22,7 +22,7 @@ START_ANGLE = math.pi  # rad, of the reference at time 0, as in the paper
 SPEED_COMMAND = 1.0  # rad/s, the paper's
 FASTEST_COMMAND = 10.0  # rad/s
 LOST = math.pi  # rad, tracking error at which an episode ends
-TRACKING_WIDTH = 1.0  # rad, tracking error at which half of the tracking reward is left
+TRACKING_WIDTH = 0.8  # rad, tracking error at which half of the tracking reward is left
 
 
 class JansenCrankEnv(gym.Env[Observation, NDArray[np.float32]]):
@@ -56,7 +56,7 @@ class JansenCrankEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     | Term | Value |
     |------|-------|
-    | ``reward/tracking`` | ``tracking_weight`` / (1 + (e / 1.0 rad)^2), e the tracking error after the step |
+    | ``reward/tracking`` | ``tracking_weight`` / (1 + (e / 0.8 rad)^2), e the tracking error after the step |
     | ``reward/torque`` | -``torque_weight`` * (torque / ``torque_limit``)^2 |
 
     ## Starting State

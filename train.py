@@ -21,7 +21,6 @@ import torch
 from agents import evaluate
 from agents.arguments import count, mapping, steps
 from agents.figures import score_figure, training_figure
-from agents.files import write_json
 from agents.rollout import make_env
 from agents.scores import markdown_table
 from agents.tasks import TASKS, find_task
@@ -35,6 +34,7 @@ from agents.training import (
     shipped_config,
     train,
 )
+from jansen_env.files import write_json
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:

@@ -11,12 +11,12 @@ import numpy as np
 
 from agents.arguments import count, mapping
 from agents.figures import score_figure
-from agents.files import write_json
 from agents.gif import save_gif
 from agents.policy import Policy
 from agents.rollout import make_env, run_episodes
 from agents.scores import episode_table, markdown_table, summarise
 from agents.tasks import TASKS, find_task
+from jansen_env.files import write_json
 
 FIRST_SEED = 40_000  # of the episodes scored: training, tuning and selection use others
 FRAME_TIME = 0.06  # s, from one picture of a film to the next

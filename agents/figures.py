@@ -11,8 +11,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from agents.files import write_whole
 from agents.tasks import Task
+from jansen_env.files import write_whole
 
 
 def score_figure(task: Task, scores: dict[str, dict[str, Any]], path: str | Path) -> Path:

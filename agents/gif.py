@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from agents.files import write_whole
+from jansen_env.files import write_whole
 from jansen_env.validation import positive, positive_integer, within
 
 Picture = NDArray[np.uint8]

@@ -31,12 +31,12 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
-from agents.files import write_json, write_text, write_whole
 from agents.normalizer import NormalizedObservation
 from agents.policy import Policy
 from agents.rollout import make_env, run_episodes
 from agents.scores import values
 from agents.tasks import find_task
+from jansen_env.files import write_json, write_text, write_whole
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}

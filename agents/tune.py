@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.files import write_json
 from agents.pid import Gains
 from agents.rollout import run_episodes
 from agents.tasks import WALKER, Episodes
 from agents.walker_baselines import DATA, SpeedMap, walking_pid, walking_torque
+from jansen_env.files import write_json
 
 Array = NDArray[np.float64]
 

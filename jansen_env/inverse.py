@@ -108,8 +108,10 @@ def walking_torque(
     """
     if finite("speed", speed) == 0.0:
         raise ValueError("speed is 0, must be another number: a standing crank walks nowhere")
-    for name, value in (("turns", turns), ("settle", settle or 1), ("bins", bins)):
+    for name, value in (("turns", turns), ("bins", bins)):
         positive_integer(name, value)
+    if settle != 0:
+        positive_integer("settle (if not 0)", settle)
     period = 2.0 * math.pi / abs(speed)
     most = int(0.5 * period / positive("time_step", time_step))
     if bins > most:

@@ -192,6 +192,8 @@ def joint_forces(
     q, q_dot = np.asarray(q, dtype=float), np.asarray(q_dot, dtype=float)
     if q.shape[-1:] != (4,) or q_dot.shape != q.shape:
         raise ValueError(f"q and q_dot have shapes {q.shape}, {q_dot.shape}, must be (..., 4) both")
+    if not (np.isfinite(q).all() and np.isfinite(q_dot).all()):
+        raise ValueError(f"q is {q}, q_dot is {q_dot}, must be finite numbers")
     if np.ndim(torque) > 0 and np.shape(torque) != q.shape[:-1]:
         raise ValueError(f"torque has shape {np.shape(torque)}, must be {q.shape[:-1]}")
     if q_ddot is not None and np.shape(q_ddot) != q.shape:

@@ -13,7 +13,6 @@ import pytest
 
 import jansen_env  # noqa: F401
 from agents import evaluate, scores
-from agents.files import write_text, write_whole
 from agents.pid import Gains
 from agents.rollout import none_yet, run_episodes
 from agents.tasks import WALKER
@@ -24,6 +23,7 @@ from agents.walker_baselines import (
     walking_pid,
     walking_torque,
 )
+from jansen_env.files import write_text, write_whole
 
 ONE_TO_ONE = SpeedMap(np.array([0.5, 1.0, 2.0]), np.array([[0.5], [1.0], [2.0]]))
 

@@ -15,7 +15,7 @@ import pytest
 
 from jansen_env.paper import __main__ as command
 from jansen_env.paper import claims, model, readings, toes, walking
-from jansen_env.paper.results import FRICTIONS, LOADS_SPEEDS, Results, compute
+from jansen_env.paper.results import FRICTIONS, LOADS, Results, compute
 from jansen_env.robot import Bar, paper_robot
 
 DOCS = Path(__file__).parents[1] / "docs" / "paper.md"
@@ -46,13 +46,22 @@ def judged(results) -> dict[str, claims.Claim]:
     return {claim.key: claim for claim in claims.judge(results)}
 
 
-def test_verdicts(judged):
-    """Every claim is judged, and as the documentation has it."""
-    assert {key: claim.verdict for key, claim in judged.items()} == VERDICTS
-    rows = [row for row in DOCS.read_text().splitlines() if row.startswith("| ")]
+CHAOTIC = {"constant_torque", "stable_walking", "toe_speeds", "no_walking_without_slip",
+           "rotation", "translation"}  # fmt: skip
+"""Claims with numbers of walks: another processor's last bits may give others within the spread."""
+
+
+def test_documentation(judged, results):
+    """The page has every claim's verdict and reason, and what is not chaotic to the last digit."""
+    text = DOCS.read_text()
     for key, claim in judged.items():
-        row = next(row for row in rows if row.startswith(f"| {key} ("))
-        assert f"| **{claim.verdict}** |" in row, key
+        assert claim.verdict == VERDICTS[key]
+        row = next(row for row in text.splitlines() if row.startswith(f"| {key} ("))
+        assert f"| **{claim.verdict}** |" in row and claim.says in row, key
+        if key not in CHAOTIC:
+            assert row in claims.markdown([claim]), key
+    assert claims.levels_markdown(results.levels) in text
+    assert len(judged) == len(VERDICTS)
 
 
 def test_projection_and_tables_agree(results):
@@ -85,10 +94,13 @@ def test_torque_after_three_seconds(judged):
 
 
 def test_torque_level(judged, results):
-    """Mean torque x speed = mean friction loss to rounding, for every reading with one motor."""
+    """Mean torque x speed = mean friction loss, from the joints' rates: differences, so 1e-9.
+
+    Of every reading with action and reaction; without C58's reaction energy comes from nowhere.
+    """
     numbers = judged["torque_level"].numbers
     assert numbers["mean"] == pytest.approx(1.562154, abs=1e-6)
-    assert numbers["nearest_off"] > 0.05 * 0.9
+    assert numbers["nearest"] == pytest.approx(-0.3905, abs=1e-4)
     assert (numbers["reversed_low"], numbers["reversed_high"]) == pytest.approx(
         (-2.088, -0.919), abs=5e-4
     )
@@ -98,7 +110,11 @@ def test_torque_level(judged, results):
              "the same, positive on the frame": -4.0}  # fmt: skip
     assert signs.keys() <= {level.name for level in results.levels} and len(results.levels) == 14
     for level in results.levels:
-        assert level.mean * signs.get(level.name, 1.0) == pytest.approx(level.loss, abs=1e-12)
+        if level.name.startswith("no C58"):
+            assert level.mean == pytest.approx(level.loss - 0.0702, abs=1e-4)
+        else:
+            mean = level.mean * signs.get(level.name, 1.0)
+            assert mean == pytest.approx(level.loss, abs=1e-9), level.name
 
 
 def test_readings_differ_in_what_they_say():
@@ -109,19 +125,22 @@ def test_readings_differ_in_what_they_say():
     assert (back.low, back.high) == pytest.approx((-ours.high, -ours.low), abs=1e-4)  # 360 angles
     assert levels["no joint friction"].mean == pytest.approx(0.0, abs=1e-12)
     assert levels["one leg alone"].mean == pytest.approx(0.25 * ours.mean, abs=1e-12)
-    assert levels["no C58 term in h_f's last row, as printed"].mean < ours.mean - 0.05
-    assert readings.printed_controller_torque() == pytest.approx(
-        10.0 * (10.0 + math.pi - 0.141848) + 10.0 * (math.pi - 0.141848) + 50.0 + 1.0, abs=1e-3
-    )
+    assert readings.printed_controller_torque() == pytest.approx(211.0, abs=0.05)
 
 
-def test_constant_torque(judged):
-    """Ripple of the speed: 20 % pinned, 41 % slender, to 1 % of the mean (smooth motions)."""
+def test_constant_torque(judged, results):
+    """Ripple of the speed: 67 % to 8 % pinned, 41 % slender, to 1 % of the mean (smooth motions).
+
+    Walking, with landings, it is chaotic: between 15 and 160 %, and at some torque it falls.
+    """
     numbers = judged["constant_torque"].numbers
     assert numbers["mean"] == pytest.approx(1.0, abs=0.01)
     assert numbers["ripple"] == pytest.approx(0.203, abs=0.01)
+    assert numbers["slowest"] == pytest.approx(0.67, abs=0.01)
+    assert numbers["fastest"] == pytest.approx(0.076, abs=0.01)
     assert numbers["slender_ripple"] == pytest.approx(0.41, abs=0.01)
-    assert 0.1 < numbers["walking_ripple"] < 0.6  # with landings: chaotic
+    assert 0.15 < numbers["walking_low"] < 0.3 and 0.3 < numbers["walking_high"] < 1.6
+    assert any(ripple.fell for ripple in results.walking_ripples.values())
 
 
 def test_toe_paths_are_mirror_images(judged):
@@ -140,6 +159,10 @@ def test_standing_toes_part(judged, results):
     numbers, support = judged["toe_speeds"].numbers, results.support
     assert np.sort(support.zeros()) == pytest.approx(0.5 * math.pi * np.arange(1, 5), abs=2e-3)
     assert numbers["slip_per_turn"] == pytest.approx(0.7087, abs=7e-4)
+    assert numbers["slip_of_points"] == pytest.approx(0.664, abs=2e-3)
+    point = toes.double_support(replace(paper_robot(), pad_radius=1e-9), samples=720)
+    assert point.per_turn == pytest.approx(numbers["slip_of_points"], rel=5e-3)
+    assert numbers["apart"] > 0.9
     coarse = toes.double_support(paper_robot(), samples=720)
     assert coarse.per_turn == pytest.approx(support.per_turn, rel=3e-3)
     assert numbers["mean"] == pytest.approx(support.per_turn / (2.0 * math.pi), rel=1e-12)
@@ -149,15 +172,16 @@ def test_a_slow_walk_slips_as_its_geometry_says(results):
     """No dynamics against all of it: 2 % (a turn is not quite slow); half of it where toes grip.
 
     With a friction of 0.6 or more a landing toe sticks and lifts the other in half of each step:
-    hundreds of small landings a turn in place of some ten.
+    the robot then stands on one toe for half of the time, else for a twentieth.
     """
     certain = results.support.per_turn
     for mu, walk in results.slow.items():
-        expected = certain if mu <= 0.5 else 0.5 * certain
-        assert not walk.fell and walk.slip == pytest.approx(
-            expected, rel=0.02 if mu <= 0.5 else 0.05
+        grips = mu > 0.58
+        assert not walk.fell and walk.no_toe < 1e-3
+        assert walk.slip == pytest.approx(
+            0.5 * certain if grips else certain, rel=0.05 if grips else 0.02
         )
-        assert walk.landings > 200 if mu > 0.5 else walk.landings < 50
+        assert walk.one_toe == pytest.approx(0.5 if grips else 0.045, abs=0.03 if grips else 0.01)
     assert set(results.slow) == set(FRICTIONS)
 
 
@@ -169,12 +193,41 @@ def test_slip_of_a_rattling_walk_is_not_the_time_steps(results, monkeypatch):
 
 
 def test_slip_of_walks_at_constant_crank_speed(results):
-    """Falls at 2 and 2.5 rad/s; slides below, leaps above: slip falls by two orders of ten."""
+    """Falls around 2 to 3 rad/s; slides below, on one toe at a time above, slides again faster.
+
+    Orders of magnitude, as the walks are chaotic; the torque is a mean over many turns.
+    """
     by_speed = {walk.speed: walk for walk in results.walks}
-    assert [speed for speed, walk in by_speed.items() if walk.fell] == [2.0, 2.5]
+    assert {2.0, 2.5} <= {speed for speed, walk in by_speed.items() if walk.fell}
+    assert not any(by_speed[s].fell for s in (0.5, 1.0, 1.5, 4.0, 5.0))
     assert all(by_speed[s].slip_per_metre > 0.3 for s in (0.5, 1.0, 1.5))
-    assert all(by_speed[s].slip_per_metre < 0.02 for s in (3.0, 4.0))
-    assert by_speed[1.0].torque == pytest.approx(1.93, rel=0.05)  # a mean over six chaotic turns
+    assert all(by_speed[s].slip_per_metre < 0.02 for s in (3.5, 4.0, 5.0))
+    assert by_speed[6.0].slip_per_metre > 0.05 and by_speed[8.0].no_toe > 0.1
+    assert all(by_speed[s].one_toe > 0.99 for s in (3.5, 4.0, 5.0))
+    assert by_speed[1.0].torque == pytest.approx(1.92, rel=0.05)
+
+
+def test_a_walk_without_slip(results):
+    """Twelve turns at 4 rad/s, more than 10 m, without a toe sliding by a micrometre a metre."""
+    walk = results.no_slip
+    assert not walk.fell and walk.turns == 12 and walk.turns * walk.distance > 10.0
+    assert walk.slip_per_metre < 1e-6
+
+
+def test_walks_that_cannot_be(capsys):
+    """Bad arguments are named; the forces of a robot that falls are not given."""
+    robot = paper_robot()
+    for change in ({"speed": 0.0}, {"speed": -1.0}, {"turns": 0}):
+        with pytest.raises(ValueError, match=next(iter(change))):
+            walking.walk(robot, **{"speed": 1.0, "turns": 1, **change})
+    with pytest.raises(ValueError, match="every is 0"):
+        walking.walking_forces(robot, 1.0, 1, every=0)
+    with pytest.raises(ValueError, match=r"falls at a crank speed of 2\.0"):
+        walking.walking_forces(robot, 2.0, 6)
+    with pytest.raises(ValueError, match=r"time_step is 0\.02, must divide 0\.01"):
+        model.tables_advance(robot, time_step=0.02)
+    with pytest.raises(ValueError, match="legs on one side only"):
+        toes.double_support(replace(robot, legs=robot.legs[:2]))
 
 
 def test_heave(judged):
@@ -203,7 +256,7 @@ def test_odd_numbers_of_phases_interleave(results):
 
 
 def test_constraint_forces_of_the_fixed_model(judged):
-    """Fig. 8: link 1, 1.99 N m; Fig. 9: link 7, 1.019 N, a weight of 0.981 N: last digits."""
+    """Fig. 8: link 1, 1.99 N m; Fig. 9: link 7, 1.019 N, of 0.981 N weight: last digits."""
     moment, force = judged["rotation"].numbers, judged["translation"].numbers
     assert moment["pinned_link"] == 1 and moment["pinned"] == pytest.approx(1.99, abs=0.005)
     assert force["pinned_link"] == 7 and force["pinned"] == pytest.approx(1.019, abs=5e-4)
@@ -221,12 +274,16 @@ def test_constraint_forces_are_the_projections(results):
 
 
 def test_loads_of_the_walking_robot(judged, results):
-    """Link 8 carries the most on the ground, triangle 4 bears 121 N at P: smooth phases, so 2 %."""
+    """Link 4 bears most at P, 48 N to 121 N by friction: smooth phases, so 3 %; 10 % when fast."""
     numbers = judged["translation"].numbers
-    assert numbers["walking_link"] == 8 and numbers["walking_7"] < 2.0
-    assert numbers["walking_bearing"] == pytest.approx(120.6, rel=0.02)
-    assert all(results.walking_loads[speed].place == "link 4 at P" for speed in LOADS_SPEEDS)
-    assert judged["rotation"].numbers["walking_link_1.0"] == 8
+    for mu, force in ((0.3, 47.8), (0.5, 50.8), (0.8, 120.5)):
+        assert numbers[f"walking_1_{mu}"] == pytest.approx(force, rel=0.03)
+        assert numbers[f"walking_3.5_{mu}"] == pytest.approx(105.0, rel=0.15)
+    for at in LOADS:
+        loads = results.walking_loads[at]
+        assert loads.place == "link 4 at P" and loads.force.argmax() == 7
+        assert loads.moment.argmax() == (7 if at == (1.0, 0.8) else 0), at
+    assert judged["rotation"].numbers["others"] == 1
 
 
 def test_loads_do_not_depend_on_the_time_step(monkeypatch):
@@ -273,3 +330,12 @@ def test_command_refuses_no_workers(capsys):
     with pytest.raises(SystemExit):
         command.main(["--out", "x", "--workers", "0"])
     assert "--workers is 0, must be 1 or more" in capsys.readouterr().err
+
+
+def test_command_refuses_a_file_for_a_folder(tmp_path, capsys, monkeypatch):
+    """Before half a minute of work, not after."""
+    monkeypatch.setattr(command, "compute", lambda workers: pytest.fail("computes first"))
+    (tmp_path / "taken").write_text("")
+    with pytest.raises(SystemExit):
+        command.main(["--out", str(tmp_path / "taken")])
+    assert "must be a folder that can be written to" in capsys.readouterr().err

@@ -25,6 +25,10 @@ def main(arguments: list[str] | None = None) -> None:
     except ImportError as error:
         raise SystemExit(f"{error}: the figures need matplotlib, pip install matplotlib") from error
     start, out = time.perf_counter(), Path(args.out)
+    try:
+        out.mkdir(parents=True, exist_ok=True)  # before the work, not after it
+    except OSError as error:
+        parser.error(f"--out is {args.out}, must be a folder that can be written to: {error}")
     results = compute(args.workers)
     claims = judge(results)
     print(screen(claims), end="\n\n")

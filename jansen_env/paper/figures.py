@@ -18,12 +18,15 @@ from jansen_env.joint_forces import CORNERS
 from jansen_env.linkage import SKELETON, O, P, T, world_joints
 from jansen_env.paper import toes
 from jansen_env.paper.model import SETTLED
-from jansen_env.paper.results import FRICTIONS, LOADS_SPEEDS, SLOW, Results
+from jansen_env.paper.readings import PRINTED_LEVEL
+from jansen_env.paper.results import FRICTIONS, SLOW, Results
+from jansen_env.projection import GRAVITY
 from jansen_env.robot import paper_robot
 
 Array = NDArray[np.float64]
 
 DPI = 130
+FLOOR = 1e-4  # m of slip per metre, the lower edge of a logarithmic axis
 LEG_COLORS = {"rf": "#c2410c", "lf": "#f59e0b", "rb": "#1d4ed8", "lb": "#38bdf8"}
 INK, MUTED, ACCENT = "#1f2937", "#9ca3af", "#7c3aed"
 STYLE: dict[str, Any] = {
@@ -67,11 +70,17 @@ def torque(r: Results) -> Figure:
     axes.plot(r.run.time[:-1], r.run.torque, color=INK, label="PID (13), crank speed about 1 rad/s")
     mean = r.levels[0].mean
     axes.axhline(mean, color=ACCENT, ls="--", lw=1.1)
-    axes.text(10.0, mean + 0.03, f"mean friction at 1 rad/s: {mean:.2f} N m", ha="right",
-              color=ACCENT, fontsize=8.5,
-              bbox={"fc": "white", "ec": "none", "pad": 0.8})  # fmt: skip
-    axes.axhline(-0.9, color=MUTED, ls=":", lw=1.3)
-    axes.text(10.0, -0.86, "the paper's level, -0.9 N m", ha="right", color="#6b7280", fontsize=8.5)
+    axes.text(9.95, 2.35, f"mean friction at 1 rad/s: {mean:.2f} N m", ha="right",
+              color=ACCENT, fontsize=8.5)  # fmt: skip
+    axes.axhline(PRINTED_LEVEL, color=MUTED, ls=":", lw=1.3)
+    axes.text(
+        10.0,
+        PRINTED_LEVEL + 0.04,
+        f"the paper's level, {PRINTED_LEVEL} N m",
+        ha="right",
+        color="#6b7280",
+        fontsize=8.5,
+    )
     axes.axvspan(0.0, SETTLED, color="#f3f4f6", zorder=0)
     axes.set(title="Input torque (Fig. 4)", xlabel="time (s)", ylabel="torque (N m)", xlim=(0, 10))
     axes.legend(loc="center", bbox_to_anchor=(0.6, 0.32))
@@ -103,7 +112,9 @@ def toe_x(r: Results) -> Figure:
 
 def toe_y(r: Results) -> Figure:
     """Fig. 7: toe y against time."""
-    figure = _toe_figure(r, 1, "Toe y (Fig. 7): the lowest toe moves by 0.030 m", "y (m)")
+    figure = _toe_figure(
+        r, 1, f"Toe y (Fig. 7): the lowest toe moves by {r.heaves[1].level:.3f} m", "y (m)"
+    )
     axes = figure.axes[0]
     lowest = _toes(r)[..., 1].min(axis=1)
     axes.plot(r.run.time, lowest, color=INK, lw=1.0, ls=":")
@@ -144,9 +155,9 @@ def translation(r: Results) -> Figure:
     force = np.hypot(r.forces[..., 1], r.forces[..., 2])
     figure = _by_link(r, force, "Norm of the constraint force, right forepaw (Fig. 9)", "force (N)")
     axes = figure.axes[0]
-    axes.axhline(0.981, color=INK, lw=0.9, ls="--")
-    axes.annotate("weight of a link", (3.4, 0.981), (2.6, 1.01), fontsize=8.5, color=INK,
-                  arrowprops={"arrowstyle": "-", "color": MUTED})  # fmt: skip
+    weight = paper_robot().bodies[6].mass * GRAVITY
+    axes.annotate("weight of a link (link 1 rests)", (3.4, weight), (2.0, 1.01), fontsize=8.5,
+                  color=INK, arrowprops={"arrowstyle": "-", "color": MUTED})  # fmt: skip
     return figure
 
 
@@ -160,16 +171,16 @@ def torque_split(_: Results) -> Figure:
         ("inertia", split.inertia, "#059669"), ("total", split.total, INK),
     ):  # fmt: skip
         left.plot(angle, value, color=color, lw=2.2 if name == "total" else 1.5,
-                  label=f"{name}, mean {abs(value.mean()):.3f}")  # fmt: skip
+                  label=f"{name}, mean {round(value.mean(), 3) + 0.0:.3f} N m")  # fmt: skip
     left.set(title="Torque at a constant 1 rad/s, pinned", xlabel="crank angle (rad)",
              ylabel="torque (N m)", ylim=(-0.6, 2.9))  # fmt: skip
     left.legend(loc="upper center", ncols=2)
     walk = walking_torque(robot, speed=1.0, turns=6, settle=1, bins=60)
     right.fill_between(walk.angle, walk.torque - walk.spread, walk.torque + walk.spread,
-                       color="#ddd6fe", lw=0, label="turn to turn")  # fmt: skip
-    right.plot(walk.angle, walk.torque, color=ACCENT, label=f"walking, mean {walk.mean:.2f}")
+                       color="#ddd6fe", lw=0, label="standard deviation between turns")  # fmt: skip
+    right.plot(walk.angle, walk.torque, color=ACCENT, label=f"walking, mean {walk.mean:.2f} N m")
     right.plot(
-        angle, split.total, color=INK, lw=1.2, label=f"pinned, mean {split.total.mean():.2f}"
+        angle, split.total, color=INK, lw=1.2, label=f"pinned, mean {split.total.mean():.2f} N m"
     )
     right.set(title="The same crank speed on the ground", xlabel="crank angle (rad)",
               ylabel="torque (N m)")  # fmt: skip
@@ -207,7 +218,8 @@ def mechanism(_: Results) -> Figure:
                 axes.plot(*joints[i, :T].T, "o", color=color, ms=2.2)
                 axes.plot(*joints[i, T], "o", color=color, ms=5)
         axes.set(aspect="equal")
-        axes.set_title(rf"$\psi$ = {k}$\pi$/4", fontsize=9.5, fontweight="normal")
+        angle = ("0", "π/4", "π/2", "3π/4", "π", "5π/4", "3π/2", "7π/4")[k]
+        axes.set_title(f"crank angle {angle}", fontsize=9.5, fontweight="normal")
     for axes in grid[-1]:
         axes.set_xlabel("x (m)")
     for axes in grid[:, 0]:
@@ -227,7 +239,7 @@ def heave(r: Results) -> Figure:
     left.semilogy(legs[~odd], level[~odd], "s", color="#1d4ed8", label="level, even")
     left.semilogy(legs, standing, "x--", color=INK, lw=0.9, ms=5, label="standing on both sides")
     left.set(title="Heave by number of legs", xlabel="legs", ylabel="peak to peak (mm)",
-             xticks=legs[::2] + 0)  # fmt: skip
+             xticks=legs[1::2])  # fmt: skip
     left.legend()
     for axes, phases in zip(right, (3, 4), strict=True):
         angle = toes.turn(720)
@@ -238,7 +250,7 @@ def heave(r: Results) -> Figure:
                   label="the one that carries")  # fmt: skip
         kind = "interleaved" if phases % 2 else "in step"
         axes.set(title=f"{2 * phases} legs: {kind}", xlabel="crank angle (rad)",
-                 ylim=(-622, -600))  # fmt: skip
+                 ylim=(-622, -603))  # fmt: skip
         _angle_ticks(axes)
     right[0].set_ylabel("height (mm)")
     right[0].legend(loc="upper center")
@@ -270,9 +282,12 @@ def slip(r: Results) -> Figure:
     for walk in r.walks:
         if walk.fell:
             right.axvspan(walk.speed - 0.25, walk.speed + 0.25, color="#fecaca", lw=0)
-    right.set(title="Slip by crank speed", xlabel="crank speed (rad/s)",
+    right.set(title="Slip by crank speed, friction 0.8", xlabel="crank speed (rad/s)",
               ylabel="slip (m per m walked)")  # fmt: skip
-    right.text(2.25, 0.6, "falls", ha="center", color="#b91c1c", fontsize=8.5)
+    right.plot([], [], lw=8, color="#fecaca", label="falls within 75 s")
+    right.plot(r.no_slip.speed, FLOOR, "v", color="#059669", label="no slip, from another start")
+    right.set_ylim(0.05 * FLOOR, 1.5)
+    right.legend(loc="lower right")
     return figure
 
 
@@ -280,17 +295,17 @@ def joint_forces(r: Results) -> Figure:
     """The largest force of every link on each of its joints, pinned and walking."""
     figure, axes = _figure(11.5, 3.8)
     names = [f"{body} at {joint}" for body, joint in CORNERS[:-1]]
+    shown = {(1.0, 0.3): "#c4b5fd", (1.0, 0.8): "#7c3aed", (3.5, 0.8): "#c2410c"}
     sets = [("pinned, 1 rad/s", r.pinned_loads, "#94a3b8")]
-    colors = ("#7c3aed", "#c2410c")
     sets += [
-        (f"walking, {speed:g} rad/s", r.walking_loads[speed], color)
-        for speed, color in zip(LOADS_SPEEDS, colors, strict=True)
+        (f"walking, {at[0]:g} rad/s, friction {at[1]}", r.walking_loads[at], color)
+        for at, color in shown.items()
     ]
     place = np.arange(len(names))
     for k, (label, loads, color) in enumerate(sets):
-        bars = axes.bar(place + 0.27 * (k - 1), loads.bearing, 0.25, color=color, label=label)
-        axes.bar_label(bars, fmt="%.0f", fontsize=7, padding=1)
-    weight = paper_robot().mass * 9.81
+        bars = axes.bar(place + 0.22 * (k - 1.5), loads.bearing, 0.2, color=color, label=label)
+        axes.bar_label(bars, fmt="%.0f", fontsize=6, padding=1)
+    weight = paper_robot().mass * GRAVITY
     axes.axhline(weight, color=INK, lw=0.9, ls="--")
     axes.text(17.6, weight + 1.5, "the robot's\nweight", ha="right", fontsize=8.5)
     axes.set_xlim(-0.7, 17.6)

@@ -13,6 +13,7 @@ from jansen_env.joint_forces import joint_forces
 from jansen_env.plants.pinned import PinnedPlant
 from jansen_env.projection import Projection, project
 from jansen_env.robot import Robot
+from jansen_env.validation import positive
 
 Array = NDArray[np.float64]
 
@@ -38,11 +39,6 @@ class Run:
     torque: Array
 
     @property
-    def error(self) -> Array:
-        """r - psi (n + 1,), rad, for the paper's reference r = t + pi."""
-        return self.time + START - self.angle
-
-    @property
     def settled(self) -> NDArray[np.bool_]:
         """(n,) the samples whose torque is counted as periodic."""
         return self.time[:-1] >= SETTLED
@@ -53,7 +49,13 @@ Advance = Callable[[float, float, float], tuple[float, float]]
 
 
 def tables_advance(robot: Robot, time_step: float = SAMPLING) -> Advance:
-    """The compiled tables, Runge-Kutta's steps of ``time_step`` s."""
+    """The compiled tables, Runge-Kutta's steps of ``time_step`` s.
+
+    Raises:
+        ValueError: :data:`SAMPLING` is no multiple of it.
+    """
+    if abs(SAMPLING / positive("time_step", time_step) % 1.0) > 1e-9 or time_step > SAMPLING:
+        raise ValueError(f"time_step is {time_step!r}, must divide {SAMPLING}")
     plant = PinnedPlant(robot, time_step)
 
     def advance(angle: float, speed: float, torque: float) -> tuple[float, float]:
@@ -116,14 +118,17 @@ def simulate(
     advance: Advance,
     controller: Callable[[float, float, float], float],
     duration: float = DURATION,
-    speed: float = 0.0,
 ) -> Run:
-    """A controller (time, angle, speed) -> torque on the mechanism, from pi at ``speed`` rad/s."""
-    samples = round(duration / SAMPLING)
+    """A controller (time, angle, speed) -> torque on the mechanism, from rest at pi.
+
+    Raises:
+        ValueError: a duration (s) that is not above 0.
+    """
+    samples = max(1, round(positive("duration", duration) / SAMPLING))
     time: Array = SAMPLING * np.arange(samples + 1, dtype=np.float64)
     angles, speeds = np.empty(samples + 1), np.empty(samples + 1)
     torques = np.empty(samples)
-    angles[0], speeds[0] = START, speed
+    angles[0], speeds[0] = START, 0.0
     for k in range(samples):
         torques[k] = controller(time[k], angles[k], speeds[k])
         angles[k + 1], speeds[k + 1] = advance(angles[k], speeds[k], torques[k])

@@ -14,7 +14,17 @@ from numpy.typing import NDArray
 
 from jansen_env.joint_forces import joint_forces
 from jansen_env.paper.model import pinned_projection, simulate_pid, tables_advance
-from jansen_env.robot import Bar, Leg, Robot, Triangle, holy_numbers_robot, paper_robot
+from jansen_env.paper.toes import turn
+from jansen_env.projection import system_coordinates
+from jansen_env.robot import (
+    JOINT_PAIRS,
+    Bar,
+    Leg,
+    Robot,
+    Triangle,
+    holy_numbers_robot,
+    paper_robot,
+)
 
 Array = NDArray[np.float64]
 
@@ -29,7 +39,7 @@ class Level:
     Attributes:
         name: what is read differently.
         low, mean, high: over a turn at a constant 1 rad/s (or -1, where so read).
-        loss: the joints' mean loss of power at that speed, W.
+        loss: the joints' mean loss of power at that speed, W, from their rates alone.
     """
 
     name: str
@@ -69,29 +79,32 @@ def _printed_angle() -> float:
 
 
 def _level(name: str, robot: Robot, direction: float = 1.0, motors: int = 1) -> Level:
-    torque = _torque(robot, direction)
-    friction = torque - _torque(replace(robot, damping=(0.0,) * len(robot.damping)), direction)
-    each = torque / motors
-    loss = float((friction * direction).mean())
+    q, q_dot = np.zeros((2, ANGLES, 4))
+    q[:, 3], q_dot[:, 3] = turn(ANGLES), direction
+    # The dense equations at a constant crank speed.
+    forces = joint_forces(robot, q, q_dot, pinned=True, q_ddot=np.zeros(q.shape))
+    each = forces.torque / motors
+    loss = _loss(robot)
     return Level(name, float(each.min()), float(each.mean()), float(each.max()), loss)
 
 
-def _torque(robot: Robot, speed: float) -> Array:
-    """(ANGLES,) the torque at a constant crank speed, from the dense equations alone."""
-    q, q_dot = np.zeros((2, ANGLES, 4))
-    q[:, 3], q_dot[:, 3] = _angles(), speed
-    return joint_forces(robot, q, q_dot, pinned=True, q_ddot=np.zeros(q.shape)).torque
-
-
-def _angles() -> Array:
-    return 2.0 * math.pi * np.arange(ANGLES) / ANGLES
+def _loss(robot: Robot) -> float:
+    """Mean over a turn at 1 rad/s of the sum of C_ij (theta_i' - theta_j')^2, W."""
+    q, h = np.zeros((ANGLES, 4)), 1e-5
+    q[:, 3] = turn(ANGLES)
+    step = np.array([0.0, 0.0, 0.0, h])
+    moved = system_coordinates(robot, q + step) - system_coordinates(robot, q - step)
+    rate = np.angle(np.exp(1j * moved[..., 0::3])) / (2.0 * h)
+    first, second = np.array(JOINT_PAIRS).T - 1
+    power = (rate[..., first] - rate[..., second]) ** 2 @ np.array(robot.damping)
+    return float(power.sum(axis=-1).mean())
 
 
 def _without_reaction(robot: Robot) -> Level:
     """h_f with its last moment row as printed: no C58 (theta_8' - theta_5') on body 8."""
     torque = []
     damping = robot.damping[6]
-    for angle in _angles()[::3]:
+    for angle in turn(ANGLES)[::3]:
         p = pinned_projection(robot, angle, 1.0, 0.0)
         x_dot, h = (v.reshape(-1, 8, 3).copy() for v in (p.D[:, 0], p.h))
         h[:, 7, 0] += damping * (x_dot[:, 7, 0] - x_dot[:, 4, 0])
@@ -99,7 +112,7 @@ def _without_reaction(robot: Robot) -> Level:
     every = np.array(torque)
     return Level(
         "no C58 term in h_f's last row, as printed",
-        float(every.min()), float(every.mean()), float(every.max()), float(every.mean()),
+        float(every.min()), float(every.mean()), float(every.max()), _loss(robot),
     )  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from jansen_env.projection import constraints
 from jansen_env.reduced import body_sums, compile_robot
 from jansen_env.robot import Robot, paper_robot
 from jansen_env.terrain import Terrain
+from jansen_env.validation import positive_integer
 
 Array = NDArray[np.float64]
 
@@ -24,7 +25,12 @@ STEP = 1e-5  # rad, of central differences of closed forms: good to 1e-10
 
 
 def turn(samples: int) -> Array:
-    """Crank angles of one turn (samples,), rad."""
+    """Crank angles of one turn (samples,), rad.
+
+    Raises:
+        ValueError: ``samples`` is no whole number above 0.
+    """
+    positive_integer("samples", samples)
     return 2.0 * math.pi * np.arange(samples) / samples
 
 
@@ -99,6 +105,7 @@ class DoubleSupport:
             the paper's argument (Fig. 6).
         slip: (n,) speed at which their contact points part along the ground, m/rad, with the
             chassis free to heave and pitch and the pads rolling: 0 would let both stick.
+        rolling: (n,) the part of it that is the pads' rolling, m/rad; points do not roll.
     """
 
     angle: Array
@@ -106,11 +113,17 @@ class DoubleSupport:
     rear: NDArray[np.int64]
     x_speed: Array
     slip: Array
+    rolling: Array
 
     @property
     def per_turn(self) -> float:
         """The least total slip of both toes in a turn, m."""
         return float(2.0 * math.pi * np.abs(self.slip).mean())
+
+    @property
+    def per_turn_of_points(self) -> float:
+        """The same for toes without pads, m."""
+        return float(2.0 * math.pi * np.abs(self.slip - self.rolling).mean())
 
     def zeros(self) -> Array:
         """Crank angles (rad) at which the parting speed passes through 0 within a pair of toes."""
@@ -122,7 +135,13 @@ class DoubleSupport:
 
 
 def double_support(robot: Robot, samples: int = 1440) -> DoubleSupport:
-    """Slow walking on flat ground: a toe before and one behind the centre of mass carry."""
+    """Slow walking on flat ground: a toe before and one behind the centre of mass carry.
+
+    Raises:
+        ValueError: the robot has legs on one side only.
+    """
+    if {leg.side for leg in robot.legs} != {"fore", "back"}:
+        raise ValueError("robot has legs on one side only, must have fore and back legs")
     angle = turn(samples) + math.pi / samples  # off the symmetric positions
     poses = set_down_poses(robot, angle)
     q = np.stack([np.zeros(samples), poses[:, 0], poses[:, 1], angle], axis=-1)
@@ -139,7 +158,7 @@ def double_support(robot: Robot, samples: int = 1440) -> DoubleSupport:
     parting = rate[each, front] - rate[each, rear]
     along = (span * parting).sum(axis=1) / np.hypot(span[:, 0], span[:, 1])
     rolling = robot.pad_radius * (spin[each, front] - spin[each, rear])
-    return DoubleSupport(angle, front, rear, parting[:, 0], along + rolling)
+    return DoubleSupport(angle, front, rear, parting[:, 0], along + rolling, rolling)
 
 
 def _toe_rates(robot: Robot, angle: Array) -> tuple[Array, Array]:

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from jansen_env import kernels
 from jansen_env.joint_forces import CORNERS, JointForces, corner_name
 from jansen_env.plants.projection import ProjectionPlant
-from jansen_env.plants.trace import trace_forces
+from jansen_env.plants.trace import pads_pressed, trace_forces
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
+from jansen_env.validation import positive, positive_integer
 
 Array = NDArray[np.float64]
 
@@ -29,7 +30,8 @@ class Walk:
 
     Attributes:
         speed: of the crank, rad/s. turns: completed before a fall, after those that settle.
-        distance, slip: m per turn. torque: mean, N m. landings: toes put down per turn.
+        distance, slip: m per turn. torque: mean, N m.
+        one_toe, no_toe: share of the time on a single toe, and in the air.
         fell: whether the robot fell.
     """
 
@@ -38,7 +40,8 @@ class Walk:
     distance: float
     slip: float
     torque: float
-    landings: float
+    one_toe: float
+    no_toe: float
     fell: bool
 
     @property
@@ -47,61 +50,101 @@ class Walk:
         return self.slip / self.distance if self.distance > 0.0 else math.nan
 
 
-def walk(robot: Robot, speed: float, turns: int, friction: float = FRICTION) -> Walk:
-    """Walk at a constant crank speed (rad/s) from standing at crank angle 0."""
-    plant = _turning(robot, speed, friction)
+def walk(
+    robot: Robot, speed: float, turns: int, friction: float = FRICTION, start: float = 0.0
+) -> Walk:
+    """Walk at a constant crank speed (rad/s, above 0) from standing at crank angle ``start`` (rad).
+
+    Raises:
+        ValueError: a speed or a number of turns that is not above 0.
+    """
+    positive_integer("turns", turns)
+    plant = _turning(robot, speed, friction, start)
     plant.tracing = True
     period = 2.0 * math.pi / speed
-    done, fell, slip, work, landings, start = 0, False, 0.0, 0.0, 0, 0.0
+    done, slip, work, begin = 0, 0.0, 0.0, plant.x
+    end = plant.x
+    toes = np.zeros(3)  # time steps with no toe, one, and more on the ground
+    fell = False
     for turn in range(SETTLE + turns):
-        if turn == SETTLE:
-            start = plant.x
         result = plant.step(0.0, period)
-        if result.bumped or abs(plant.state[2]) > FALLEN_PITCH:
-            fell = True
+        fell = result.bumped or abs(plant.state[2]) > FALLEN_PITCH
+        if fell:
             break
-        if turn >= SETTLE:
-            done += 1
-            slip += float(result.slip.sum())
-            work += result.motor_work
-            landings += int(plant.landings.sum())
+        if turn < SETTLE:
+            begin = plant.x
+            continue
+        done += 1
+        slip += float(result.slip.sum())
+        work += result.motor_work
+        down = pads_pressed(plant.trace).sum(axis=1)
+        toes += np.bincount(np.minimum(down, 2), minlength=3)
+        end = plant.x
     count = max(done, 1)
-    distance = (plant.x - start) / count if done else 0.0
+    distance = (end - begin) / count if done else 0.0
+    share = toes / max(toes.sum(), 1.0)
     torque = work / (2.0 * math.pi * count)
-    return Walk(speed, done, distance, slip / count, torque, landings / count, fell)
+    return Walk(
+        speed, done, distance, slip / count, torque, float(share[1]), float(share[0]), bool(fell)
+    )
 
 
-def walking_forces(robot: Robot, speed: float, turns: int, every: int = 4) -> JointForces:
+def walking_forces(
+    robot: Robot, speed: float, turns: int, friction: float = FRICTION, every: int = 8
+) -> JointForces:
     """Joint forces of every ``every``-th time step of a walk at constant crank speed (rad/s).
 
     Time steps in which a toe lands are left out: an impact has an impulse, not a force.
+
+    Raises:
+        ValueError: an argument not above 0, or the robot falls.
     """
-    plant = _turning(robot, speed)
+    for name, value in (("turns", turns), ("every", every)):
+        positive_integer(name, value)
+    plant = _turning(robot, speed, friction)
     period = 2.0 * math.pi / speed
     plant.step(0.0, SETTLE * period)
     plant.tracing = True
-    plant.step(0.0, turns * period)
+    if plant.step(0.0, turns * period).bumped or abs(plant.state[2]) > FALLEN_PITCH:
+        raise ValueError(f"the robot falls at a crank speed of {speed} rad/s")
     rows = plant.trace[~plant.landings][::every]
     return trace_forces(plant.tables, rows, plant.time_step)
 
 
-def _turning(robot: Robot, speed: float, friction: float = FRICTION) -> ProjectionPlant:
+def _turning(
+    robot: Robot, speed: float, friction: float = FRICTION, start: float = 0.0
+) -> ProjectionPlant:
     plant = ProjectionPlant(robot, Terrain.flat(friction=friction), TIME_STEP)
-    plant.reset()
+    plant.reset(0.0, start)
     state = plant.state
-    state[7] = speed
+    state[7] = positive("speed", speed)
     plant.state = state
     plant.crank_driven = True
     return plant
 
 
-def constant_torque_speeds(robot: Robot, torque: float, duration: float = 20.0) -> Array:
-    """Crank speeds (n,) rad/s every 10 ms of a walk at a constant torque (N m), first half cut."""
-    plant = ProjectionPlant(robot, Terrain.flat(), TIME_STEP)
+@dataclass(frozen=True)
+class Ripple:
+    """A crank's speed under a constant torque, rad/s: its mean, half its range / mean; a fall?"""
+
+    mean: float
+    ripple: float
+    fell: bool = False
+
+
+def walking_ripple(robot: Robot, torque: float, duration: float = 20.0) -> Ripple:
+    """A walk at a constant torque (N m), s long; its second half, or all of it until a fall."""
+    plant = ProjectionPlant(robot, Terrain.flat(friction=FRICTION), TIME_STEP)
     plant.reset()
     plant.tracing = True
-    plant.step(torque, duration)
-    return np.asarray(plant.trace[len(plant.trace) // 2 :: 10, kernels.AFTER + 3])
+    speeds, fell = [], False
+    for _ in range(round(duration / 0.1)):
+        fell = plant.step(torque, 0.1).bumped or abs(plant.state[2]) > FALLEN_PITCH
+        if fell:
+            break
+        speeds.append(plant.trace[:, kernels.AFTER + 3])
+    late = np.concatenate(speeds[len(speeds) // 2 :])
+    return Ripple(float(late.mean()), float(0.5 * np.ptp(late) / abs(late.mean())), bool(fell))
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from jansen_env.joint_forces import JointForces, joint_forces
 from jansen_env.projection import GRAVITY
 from jansen_env.reduced import compile_robot
 from jansen_env.robot import Robot
-from jansen_env.validation import positive
+from jansen_env.validation import finite, positive
 
 Array = NDArray[np.float64]
 
@@ -76,9 +76,11 @@ class PinnedPlant:
         """Hold a crank torque (N m) for a while (s, rounded to whole time steps).
 
         Raises:
+            ValueError: a torque that is not finite, or a duration not above 0.
             FloatingPointError: the state is no longer finite, or faster than anything believable.
         """
         steps = max(1, round(positive("duration", duration) / self.time_step))
+        finite("torque", torque)
         energy, angle = self.energy(), self._state[pinned_kernel.ANGLE]
         self._state[pinned_kernel.LOSS] = 0.0
         pinned_kernel.turn(steps, self.time_step, torque, self._state, self._model)

@@ -14,7 +14,7 @@ from jansen_env.projection import GRAVITY
 from jansen_env.reduced import body_sums, compile_robot
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
-from jansen_env.validation import finite, positive, positive_integer
+from jansen_env.validation import finite, positive, positive_integer, whole_number
 
 Array = NDArray[np.float64]
 
@@ -110,8 +110,7 @@ def walking_torque(
         raise ValueError("speed is 0, must be another number: a standing crank walks nowhere")
     for name, value in (("turns", turns), ("bins", bins)):
         positive_integer(name, value)
-    if settle != 0:
-        positive_integer("settle (if not 0)", settle)
+    whole_number("settle", settle)
     period = 2.0 * math.pi / abs(speed)
     most = int(0.5 * period / positive("time_step", time_step))
     if bins > most:

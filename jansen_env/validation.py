@@ -44,3 +44,10 @@ def positive_integer(name: str, value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
         raise ValueError(f"{name} is {value!r}, must be a whole number above 0")
     return int(value)
+
+
+def whole_number(name: str, value: Any) -> int:
+    """Return ``value`` as an int. Raises ValueError unless it is a whole number, 0 or above."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < 0:
+        raise ValueError(f"{name} is {value!r}, must be a whole number, 0 or above")
+    return int(value)

@@ -156,10 +156,10 @@ def test_what_the_plant_refuses():
             plant.state = state
     with pytest.raises(ValueError, match="duration is 0"):
         plant.step(1.0, 0.0)
-    for torque in (1e9, math.nan):
-        plant.reset()
-        with pytest.raises(FloatingPointError, match=f"under a torque of {torque}"):
-            plant.step(torque, 0.1)
+    with pytest.raises(ValueError, match="torque is nan, must be a finite number"):
+        plant.step(math.nan, 0.1)
+    with pytest.raises(FloatingPointError, match=f"under a torque of {1e9}"):
+        plant.step(1e9, 0.1)
 
 
 def test_crank_torque_is_equation_12_solved_for_tau(robot, random_state, rng):

@@ -69,14 +69,17 @@ class Results:
 
 def compute(workers: int = 2) -> Results:
     """Compute everything in ``workers`` processes; about half a minute on two cores."""
-    parts: dict[str, Callable[[], Any]] = {  # long ones first
+    first: dict[str, Callable[[], Any]] = {  # need nothing that has to be compiled; long ones first
         "dense": _dense,
-        "walks": _walks,
-        "slow": _slow,
         "heaves": _heaves,
-        "walking_loads": _walking_loads,
         "levels": readings.torque_levels,
         "support": functools.partial(toes.double_support, paper_robot()),
+        "pinned_loads": _pinned_loads,
+    }
+    then: dict[str, Callable[[], Any]] = {
+        "walks": _walks,
+        "slow": _slow,
+        "walking_loads": _walking_loads,
         "walking_ripples": _walking_ripples,
         "forces": _forces,
         "run": functools.partial(_run, model.DURATION),
@@ -84,13 +87,20 @@ def compute(workers: int = 2) -> Results:
         "ripples": _ripples,
         "slender_ripple": _slender_ripple,
         "no_slip": _no_slip,
-        "pinned_loads": _pinned_loads,
         "reversed_valley": readings.reversed_valley,
     }
     # Spawned, not forked: a process with threads (torch's, say) must not be forked.
     with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
-        futures = {name: pool.submit(part) for name, part in parts.items()}
+        futures = {name: pool.submit(part) for name, part in first.items()}
+        _compile()
+        futures.update({name: pool.submit(part) for name, part in then.items()})
         return Results(**{name: future.result() for name, future in futures.items()})
+
+
+def _compile() -> None:
+    """Compile the kernels here, if that is due: the processes then find them in the cache."""
+    walking.walk(paper_robot(), 50.0, 1)
+    _run(model.SAMPLING)
 
 
 def _run(duration: float) -> model.Run:

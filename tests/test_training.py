@@ -164,7 +164,7 @@ def test_normalizer_equals_numpy():
 
 @pytest.mark.slow
 def test_default_training_beats_the_tuned_pid(tmp_path):
-    """1.5 times its return, a third of its slip per metre over all commands, with the default budget.
+    """1.5 times its return, a third of its slip per metre over all commands, the default budget.
 
     At one command a seed may do worse, and which seed does depends on the processor's rounding: at
     0.1 m/s, where the PID slips most, less than the PID's is asked.

@@ -17,7 +17,14 @@ import numba
 
 _config: Any = numba.config
 
-SOURCES = ("compiling.py", "contact.py", "contact_solver.py", "kernels.py", "pinned_kernel.py")
+SOURCES = (
+    "compiling.py",
+    "contact.py",
+    "contact_solver.py",
+    "kernels.py",
+    "model.py",
+    "pinned_kernel.py",
+)
 
 
 def _cache_folder() -> str:

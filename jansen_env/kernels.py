@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from jansen_env.compiling import compiled
 from jansen_env.contact_solver import OPEN, STICK, soften, solve
-from jansen_env.reduced import Tables
+from jansen_env.model import locate, taylor_curve, taylor_slope, taylor_value
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -42,37 +42,6 @@ RECORD = 3
 # Where what is in a row of a trace: pose at the middle of the step and velocity before and after it
 # (of the centre of mass), torque, then x, y and moment impulse on each pad.
 POSE, BEFORE, AFTER, TORQUE, IMPULSES = 0, 4, 8, 12, 13
-
-
-class Model(NamedTuple):
-    """What a robot is, for the kernels: see :class:`jansen_env.reduced.Tables`."""
-
-    body: Array  # (intervals, 6, order) c_x, c_y, I, b, k, f
-    pads: Array  # (tables, intervals, 3, order) p_x, p_y, a
-    pad_table: Ints  # (pads,)
-    pad_phase: Array  # (pads,)
-    pad_radius: float
-    mass: float  # kg, payload included
-    load: Array  # (4,) payload: mass, inertia, position x, y
-    gravity: float
-    driven: bool  # the crank keeps its speed, whatever torque that takes
-
-
-def model(tables: Tables, gravity: float) -> Model:
-    """The kernels' view of a compiled robot; its crank is not driven."""
-    robot, layout = tables.robot, tables.layout
-    load = robot.payload
-    return Model(
-        tables.body,
-        tables.pads,
-        layout.table,
-        layout.phase,
-        robot.pad_radius,
-        robot.mass,
-        np.array([load.mass, load.inertia, *load.position]),
-        gravity,
-        False,
-    )
 
 
 class Ground(NamedTuple):
@@ -129,40 +98,6 @@ def _views(floats, ints, capacity):
         ints[:n],
         ints[n : n + capacity],
         ints[n + capacity :],
-    )
-
-
-@compiled(inline="always")
-def locate(intervals, angle):
-    """Row of a table at ``angle``, and the distance from the middle of its interval, rad."""
-    width = 2.0 * np.pi / intervals
-    reduced = angle - 2.0 * np.pi * np.floor(angle / (2.0 * np.pi))
-    row = max(0, min(int(reduced / width), intervals - 1))  # a NaN would index anywhere
-    return row, reduced - (row + 0.5) * width
-
-
-@compiled(inline="always")
-def taylor_value(c, t):
-    """Taylor polynomial of eight coefficients at t."""
-    return c[0] + t * (
-        c[1] + t * (c[2] + t * (c[3] + t * (c[4] + t * (c[5] + t * (c[6] + t * c[7])))))
-    )
-
-
-@compiled(inline="always")
-def taylor_slope(c, t):
-    """Its first derivative."""
-    return c[1] + t * (
-        2.0 * c[2]
-        + t * (3.0 * c[3] + t * (4.0 * c[4] + t * (5.0 * c[5] + t * (6.0 * c[6] + t * 7.0 * c[7]))))
-    )
-
-
-@compiled(inline="always")
-def taylor_curve(c, t):
-    """Its second derivative."""
-    return 2.0 * c[2] + t * (
-        6.0 * c[3] + t * (12.0 * c[4] + t * (20.0 * c[5] + t * (30.0 * c[6] + t * 42.0 * c[7])))
     )
 
 

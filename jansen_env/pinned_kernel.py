@@ -9,7 +9,7 @@ order does.
 from __future__ import annotations
 
 from jansen_env.compiling import compiled
-from jansen_env.kernels import locate, taylor_slope, taylor_value
+from jansen_env.model import locate, taylor_slope, taylor_value
 
 # Entries of a pinned state: crank angle, its rate, and what the joints have taken since the start.
 ANGLE, SPEED, LOSS = range(3)

@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env import kernels, pinned_kernel
+from jansen_env import pinned_kernel
 from jansen_env.joint_forces import JointForces, joint_forces
+from jansen_env.model import kernel_model
 from jansen_env.projection import GRAVITY
 from jansen_env.reduced import compile_robot
 from jansen_env.robot import Robot
@@ -48,7 +49,7 @@ class PinnedPlant:
         self.time_step = positive("time_step", time_step)
         self.gravity = positive("gravity", gravity) if gravity != 0.0 else 0.0
         self.tables = compile_robot(robot)
-        self._model = kernels.model(self.tables, self.gravity)
+        self._model = kernel_model(self.tables, self.gravity)
         self._state = np.zeros(3)
 
     @property

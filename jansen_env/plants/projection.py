@@ -11,6 +11,7 @@ from jansen_env import kernels
 from jansen_env.contact import ContactDetector
 from jansen_env.contact_solver import STICK
 from jansen_env.joint_forces import JointForces
+from jansen_env.model import kernel_model
 from jansen_env.plants.stance import set_down
 from jansen_env.plants.trace import PeakLoads, landings, pads_pressed, peak_loads, trace_forces
 from jansen_env.projection import GRAVITY
@@ -91,7 +92,7 @@ class ProjectionPlant:
         self.toes = layout.toes
         pads = len(layout.leg)
         capacity = 4 * pads
-        self._model = kernels.model(self.tables, self.gravity)
+        self._model = kernel_model(self.tables, self.gravity)
         self._ground = kernels.Ground(
             np.zeros((capacity, 3)),
             np.zeros(capacity, np.int64),

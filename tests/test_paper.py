@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from jansen_env.inverse import crank_torque
 from jansen_env.paper import __main__ as command
 from jansen_env.paper import claims, model, readings, toes, walking
 from jansen_env.paper.results import FRICTIONS, LOADS, Results, compute
@@ -117,6 +118,12 @@ def test_torque_level(judged, results):
             assert mean == pytest.approx(level.loss, abs=1e-9), level.name
 
 
+def test_torque_of_a_constant_speed():
+    """1.592 N m RMS at 1 rad/s: what no controller that keeps the speed can save; last digit."""
+    torque = crank_torque(paper_robot(), toes.turn(360)).total
+    assert math.sqrt((torque**2).mean()) == pytest.approx(1.592, abs=5e-4)
+
+
 def test_readings_differ_in_what_they_say():
     """Turning back is the torque's mirror image in time; friction off leaves mean 0."""
     levels = {level.name: level for level in readings.torque_levels()}
@@ -163,6 +170,9 @@ def test_standing_toes_part(judged, results):
     point = toes.double_support(replace(paper_robot(), pad_radius=1e-9), samples=720)
     assert point.per_turn == pytest.approx(numbers["slip_of_points"], rel=5e-3)
     assert numbers["apart"] > 0.9
+    # The paper's own argument, x speeds with the chassis pinned: 0 at the same four angles.
+    assert numbers["mean_x_speed"] == pytest.approx(0.1056, abs=1e-3)
+    assert numbers["smallest_x_speed"] < 5e-4  # half a crank angle's step off
     coarse = toes.double_support(paper_robot(), samples=720)
     assert coarse.per_turn == pytest.approx(support.per_turn, rel=3e-3)
     assert numbers["mean"] == pytest.approx(support.per_turn / (2.0 * math.pi), rel=1e-12)

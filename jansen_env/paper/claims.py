@@ -234,6 +234,8 @@ def toe_speeds(r: Results) -> Claim:
         "have the same speed. In between slip is certain as long as both stay down",
         {"mean": part.mean(), "smallest": part.min(), "zeros": len(zeros), "apart": apart,
          "slip_per_turn": support.per_turn, "slip_of_points": support.per_turn_of_points,
+         "smallest_x_speed": float(np.abs(support.x_speed).min()),
+         "mean_x_speed": float(np.abs(support.x_speed).mean()),
          "simulated_slip_per_turn": walk.slip},
     )  # fmt: skip
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env import kernels
+from jansen_env.gravity import GRAVITY
 from jansen_env.plants.projection import ProjectionPlant
-from jansen_env.projection import GRAVITY
 from jansen_env.reduced import body_sums, compile_robot
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain

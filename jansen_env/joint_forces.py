@@ -18,10 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.linkage import JOINTS, world_joints
 from jansen_env.projection import (
     FREEDOMS,
-    GRAVITY,
     constraint_matrix,
     forces,
     frame_angle,
@@ -170,7 +170,7 @@ def joint_forces(
     *,
     pinned: bool = False,
     q_ddot: Array | None = None,
-    gravity: float = GRAVITY,
+    gravity: Gravity = GRAVITY,
 ) -> JointForces:
     """Forces in all joints from a state, the crank's torque and the forces on the toes.
 
@@ -184,7 +184,7 @@ def joint_forces(
             if it is given, must be 0).
         q_ddot: (..., 4) accelerations, where they are known (prescribed, or measured) and not to be
             worked out from the torque.
-        gravity: m/s^2.
+        gravity: m/s^2, downwards, or a vector (x, y).
 
     Raises:
         ValueError: shapes that do not fit, or a pinned chassis that moves.
@@ -289,7 +289,7 @@ def _contact_forces(
 
 def _acceleration(
     robot: Robot, q: Array, q_dot: Array, D: Array, bias: Array, M: Array, h: Array,
-    torque: Array | float, pinned: bool, gravity: float,
+    torque: Array | float, pinned: bool, gravity: Gravity,
 ) -> Array:  # fmt: skip
     """(..., 4) accelerations of (x, y, theta, psi): (12), payload and contact forces included."""
     mass = np.einsum("...lij,i,...lik->...jk", D, M, D)
@@ -306,7 +306,7 @@ def _acceleration(
         M_load = np.array([load.inertia, load.mass, load.mass])
         h_load = np.zeros((*q.shape[:-1], 3))
         h_load[..., 1:] = load.mass * q_dot[..., 2, None] ** 2 * arm
-        h_load[..., 2] -= load.mass * gravity
+        h_load[..., 1:] += load.mass * np.array(gravity_vector(gravity))
         mass += np.einsum("...ij,i,...ik->...jk", J, M_load, J)
         force += np.einsum("...ij,...i->...j", J, h_load)
     if pinned:

@@ -145,7 +145,8 @@ def mechanical_energy(model, state):
     kinetic += (
         0.5 * inertia * w * w + taylor_value(c[3], t) * w * n + 0.5 * taylor_value(c[4], t) * n * n
     )
-    return kinetic, model.gravity * (model.mass * state[1] + ry)
+    gx, gy = model.gravity
+    return kinetic, -gx * (model.mass * state[0] + rx) - gy * (model.mass * state[1] + ry)
 
 
 @compiled
@@ -216,7 +217,7 @@ def _trace(row, state, torque, count, model, ground, work):
 
 @compiled(inline="always")
 def _step(h, torque, state, model, ground, planes, work, totals, record):
-    m = model.mass
+    m, (gx, gy) = model.mass, model.gravity
     vx, vy, w, n = state[4], state[5], state[6], state[7]
     x, y = state[0] + 0.5 * h * vx, state[1] + 0.5 * h * vy
     theta, psi = state[2] + 0.5 * h * w, state[3] + 0.5 * h * n
@@ -260,14 +261,14 @@ def _step(h, torque, state, model, ground, planes, work, totals, record):
         soften(count, W)
 
     nw, nn = w, n  # new velocities
-    nx, ny = vx, vy - h * model.gravity
+    nx, ny = vx + h * gx, vy + h * gy
     residual = 0.0
     for _ in range(PASSES):
         mw, mn = 0.5 * (w + nw), 0.5 * (n + nn)
         pitch_force = -(mw * mn * inertia_slope + mn * mn * coupling_slope)
         crank_force = 0.5 * mw * mw * inertia_slope - 0.5 * mn * mn * crank_slope
         crank_force += torque - damping * n
-        nx, ny = vx, vy - h * model.gravity
+        nx, ny = vx + h * gx, vy + h * gy
         nw = w + h * (m11 * pitch_force + m12 * crank_force)
         nn = n + h * (m12 * pitch_force + m22 * crank_force)
         if count == 0:
@@ -303,7 +304,8 @@ def _step(h, torque, state, model, ground, planes, work, totals, record):
         ground.mode[k] = STICK  # the guess for a contact that closes
     if count > 0:
         _record(h, count, vx, vy, w, n, nx, ny, nw, nn, ground, work, totals, record)
-        totals[IMPACT_LOSS] -= m * model.gravity * _correct(h, count, state, nx, ny, nw, nn, work)
+        moved_x, moved_y = _correct(h, count, state, nx, ny, nw, nn, work)
+        totals[IMPACT_LOSS] += m * (gx * moved_x + gy * moved_y)
     state[4], state[5], state[6], state[7] = nx, ny, nw, nn
     return count, torque
 
@@ -393,7 +395,7 @@ def _record(h, count, vx, vy, w, n, nx, ny, nw, nn, ground, work, totals, record
 
 @compiled(inline="always")
 def _correct(h, count, state, nx, ny, nw, nn, work):
-    """Push penetrating pads out, moving positions only; returns how far the centre of mass rose.
+    """Push penetrating pads out, moving positions only; returns the centre of mass's way (x, y).
 
     The smallest move in the metric of M (a few Gauss-Seidel sweeps), so nothing is sped up.
     """
@@ -407,16 +409,17 @@ def _correct(h, count, state, nx, ny, nw, nn, work):
         needed = needed or work.q[i] > 0.0
         push[c] = 0.0
     if not needed:
-        return 0.0
+        return 0.0, 0.0
     for _ in range(CORRECTION_SWEEPS):
         for c in range(count):
             missing = work.q[2 * c]
             for d in range(count):
                 missing -= W[2 * c, 2 * d] * push[d]
             push[c] = max(0.0, push[c] + missing / W[2 * c, 2 * c])
-    rise = 0.0
+    moved_x, moved_y = 0.0, 0.0
     for c in range(count):
         for i in range(4):
             state[i] += MJ[2 * c, i] * push[c]
-        rise += MJ[2 * c, 1] * push[c]
-    return rise
+        moved_x += MJ[2 * c, 0] * push[c]
+        moved_y += MJ[2 * c, 1] * push[c]
+    return moved_x, moved_y

@@ -24,11 +24,11 @@ class Model(NamedTuple):
     pad_radius: float
     mass: float  # kg, payload included
     load: Array  # (4,) payload: mass, inertia, position x, y
-    gravity: float
+    gravity: tuple[float, float]  # x, y, m/s^2
     driven: bool  # the crank keeps its speed, whatever torque that takes
 
 
-def kernel_model(tables: Tables, gravity: float) -> Model:
+def kernel_model(tables: Tables, gravity: tuple[float, float]) -> Model:
     """The kernels' view of a compiled robot; its crank is not driven."""
     robot, layout = tables.robot, tables.layout
     load = robot.payload

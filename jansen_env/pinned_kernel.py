@@ -22,7 +22,7 @@ def _rates(psi, n, torque, model):
     c = model.body[row]
     inertia, inertia_slope = taylor_value(c[4], t), taylor_slope(c[4], t)
     friction = taylor_value(c[5], t) * n
-    force = torque - friction - model.gravity * taylor_slope(c[1], t)
+    force = torque - friction + model.gravity[1] * taylor_slope(c[1], t)
     return (force - 0.5 * inertia_slope * n * n) / inertia, friction * n
 
 
@@ -51,4 +51,4 @@ def pinned_energy(model, psi, n):
     c = model.body[row]
     kinetic = 0.5 * taylor_value(c[4], t) * n * n
     height = taylor_value(c[1], t) + model.load[0] * model.load[3]
-    return kinetic, model.gravity * height
+    return kinetic, -model.gravity[1] * height

@@ -18,12 +18,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.linkage import coordinates
 from jansen_env.robot import BODIES_PER_LEG, JOINT_PAIRS, Robot, Side
 
 Array = NDArray[np.float64]
 
-GRAVITY = 9.81  # m/s^2
 COORDINATES = 3 * BODIES_PER_LEG  # a leg's coordinates, (1)
 CONSTRAINTS = 20  # a leg's holonomic constraints
 FREEDOMS = COORDINATES - CONSTRAINTS  # theta_1, x_1, y_1, theta_2: the tangent speed of (5)
@@ -159,14 +159,15 @@ def masses(robot: Robot) -> Array:
     return np.array([v for body in robot.bodies for v in (body.inertia, body.mass, body.mass)])
 
 
-def forces(robot: Robot, x_dot: Array, torque: float | Array, gravity: float = GRAVITY) -> Array:
+def forces(robot: Robot, x_dot: Array, torque: float | Array, gravity: Gravity = GRAVITY) -> Array:
     """h_f (..., 24) of x_dot (..., 24), eq. (2).
 
     Motor torque (crank +, frame -), weights and viscous joint torques. ``torque`` (N m, a number
     or (...)) is this leg's share: one motor drives the shaft, so it enters one leg only.
     """
     h = np.zeros(x_dot.shape)
-    h[..., 2::3] = [-body.mass * gravity for body in robot.bodies]
+    for axis, pull in enumerate(gravity_vector(gravity), start=1):
+        h[..., axis::3] = [body.mass * pull for body in robot.bodies]
     h[..., 0] -= torque
     h[..., 3] += torque
     for (i, j), coefficient in zip(JOINT_PAIRS, robot.damping, strict=True):
@@ -308,7 +309,7 @@ def project(
     q_dot: Array,
     torque: float = 0.0,
     pinned: bool = False,
-    gravity: float = GRAVITY,
+    gravity: Gravity = GRAVITY,
 ) -> Projection:
     """Equations (2)-(12) at one state; the payload is no part of the paper and left out.
 

@@ -26,11 +26,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jansen_env.gravity import GRAVITY
 from jansen_env.linkage import B, C, D, E, P, T, check_closure, coordinates, joint_positions
 from jansen_env.projection import (
     COORDINATES,
     FREEDOMS,
-    GRAVITY,
     constraint_matrix,
     orthogonal_complement,
 )

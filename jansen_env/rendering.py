@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jansen_env.gravity import GRAVITY
 from jansen_env.linkage import SKELETON, A, Array, B, C, D, E, O, P, T, direction, joint_positions
-from jansen_env.projection import GRAVITY
 from jansen_env.robot import Robot
 from jansen_env.validation import positive, positive_integer
 

@@ -16,6 +16,10 @@ DESIGNS = {**{name: make() for name, make in ROBOTS.items()}, "phases3": paper_r
 """Every built-in design, six legs on three phases, and a first leg that faces back."""
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--numbers", metavar="FILE", help="table of what tests/proofs measures")
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20240229)

@@ -16,11 +16,12 @@ import pytest
 from jansen_env import Payload
 from jansen_env import projection as pr
 from jansen_env import reduced as rd
+from jansen_env.gravity import GRAVITY
 from jansen_env.joint_forces import CORNERS, PINS, joint_forces
 from jansen_env.linkage import JOINTS, T, coordinates, joint_positions
 from jansen_env.robot import JOINT_PAIRS
 
-G = pr.GRAVITY
+G = GRAVITY
 LOAD = Payload(mass=1.7, inertia=0.3, position=(0.2, 0.4))
 SAMPLES = 256
 PINNED = pytest.mark.parametrize("pinned", [False, True], ids=["free", "pinned"])

@@ -9,9 +9,9 @@ import pytest
 
 from jansen_env import ROBOTS, Payload, Robot, Terrain, kernels, paper_robot
 from jansen_env import reduced as rd
+from jansen_env.gravity import GRAVITY
 from jansen_env.linkage import T, joint_positions
 from jansen_env.plants.projection import ProjectionPlant
-from jansen_env.projection import GRAVITY
 
 HIGH = 50.0  # m above the ground: nothing touches within a second
 FLIGHT = np.array([0.3, HIGH, 0.4, 2.0, 0.5, 1.0, 1.0, 5.0])

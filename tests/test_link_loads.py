@@ -10,6 +10,7 @@ import pytest
 
 from jansen_env import Bar, Payload, Robot, paper_robot
 from jansen_env import projection as pr
+from jansen_env.gravity import GRAVITY
 from jansen_env.joint_forces import CORNERS, PINS, joint_forces
 from jansen_env.linkage import JOINTS, coordinates, joint_positions
 
@@ -40,7 +41,7 @@ def test_virtual_work_of_a_longer_bar(robot, rng, body, name):
     forces = joint_forces(robot, np.array([0.0, 0.0, 0.0, psi]), np.zeros(4), pinned=True,
                           q_ddot=np.zeros(4))  # fmt: skip
     ends = [k for k, (other, _) in enumerate(CORNERS) if other == body]
-    weight = pr.GRAVITY * np.array([part.mass for part in robot.bodies])
+    weight = GRAVITY * np.array([part.mass for part in robot.bodies])
     for loads, leg in zip(forces.link_loads()[:, ends, 0], robot.legs, strict=True):
 
         def potential(change, leg=leg):

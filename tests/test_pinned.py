@@ -11,6 +11,7 @@ import pytest
 
 from jansen_env import Bar, LinkageError, Payload, Robot, Terrain, paper_robot
 from jansen_env import projection as pr
+from jansen_env.gravity import GRAVITY
 from jansen_env.inverse import crank_torque, walking_torque
 from jansen_env.plants.pinned import PinnedPlant
 from jansen_env.plants.projection import ProjectionPlant
@@ -123,7 +124,7 @@ def test_a_load_changes_no_motion():
     """On a chassis that is held it rests: the same bits, and its weight m g y in the energy."""
     bare = started(paper_robot())
     laden = started(replace(paper_robot(), payload=Payload(1.7, 0.3, (0.2, 0.4))))
-    assert laden.energy() - bare.energy() == pytest.approx(1.7 * pr.GRAVITY * 0.4, abs=1e-12)
+    assert laden.energy() - bare.energy() == pytest.approx(1.7 * GRAVITY * 0.4, abs=1e-12)
     bare.step(1.0, 1.0)
     laden.step(1.0, 1.0)
     assert (bare.state == laden.state).all()

@@ -12,9 +12,9 @@ import pytest
 
 from jansen_env import Robot, Terrain
 from jansen_env import reduced as rd
+from jansen_env.gravity import GRAVITY
 from jansen_env.linkage import joint_positions
 from jansen_env.plants.projection import ProjectionPlant
-from jansen_env.projection import GRAVITY
 
 WEIGHT = Robot().mass * GRAVITY  # N
 TWO_TOES = (0.3, 1.0, 2.0, 4.5)  # rad

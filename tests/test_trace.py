@@ -11,12 +11,12 @@ import pytest
 from jansen_env import Payload, Robot, Terrain
 from jansen_env import reduced as rd
 from jansen_env.envs.walker import JansenWalkerEnv
+from jansen_env.gravity import GRAVITY
 from jansen_env.joint_forces import joint_forces
 from jansen_env.kernels import IMPULSES, TORQUE
 from jansen_env.linkage import world_joints
 from jansen_env.plants.projection import ProjectionPlant
 from jansen_env.plants.trace import PeakLoads, pads_pressed, peak_loads, trace_forces
-from jansen_env.projection import GRAVITY
 
 LADEN = replace(Robot(), payload=Payload(1.0, 0.1, (0.1, 0.2)))
 HOLD = 0.02  # s

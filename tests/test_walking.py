@@ -9,8 +9,8 @@ import pytest
 
 from jansen_env import ROBOTS, Robot, Terrain
 from jansen_env import reduced as rd
+from jansen_env.gravity import GRAVITY
 from jansen_env.plants.projection import ProjectionPlant
-from jansen_env.projection import GRAVITY
 
 WEIGHT = Robot().mass * GRAVITY  # N
 HOLD = 0.02  # s, for which a torque is held

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from jansen_env.envs import common
 from jansen_env.envs.rewards import RewardWeights, tracking_score
+from jansen_env.gravity import GRAVITY
 from jansen_env.joint_forces import JointForces
 from jansen_env.plants.projection import ProjectionPlant, StepResult
-from jansen_env.projection import GRAVITY
 from jansen_env.robot import Payload, Robot
 from jansen_env.terrain import Terrain, make_terrain
 from jansen_env.validation import finite, non_negative, positive, within

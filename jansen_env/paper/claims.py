@@ -12,13 +12,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.gravity import GRAVITY
 from jansen_env.paper import readings, toes
 from jansen_env.paper.model import SETTLED
 from jansen_env.paper.results import FRICTIONS, SLOW, WALK, Results
 from jansen_env.projection import (
     COORDINATES,
     FREEDOMS,
-    GRAVITY,
     constraint_matrix,
     leg_sides,
     system_constraint_matrix,

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from jansen_env.files import write_whole
+from jansen_env.gravity import GRAVITY
 from jansen_env.inverse import crank_torque, walking_torque
 from jansen_env.joint_forces import CORNERS
 from jansen_env.linkage import SKELETON, O, P, T, world_joints
@@ -20,7 +21,6 @@ from jansen_env.paper import toes
 from jansen_env.paper.model import SETTLED
 from jansen_env.paper.readings import PRINTED_LEVEL
 from jansen_env.paper.results import FRICTIONS, SLOW, Results
-from jansen_env.projection import GRAVITY
 from jansen_env.robot import paper_robot
 
 Array = NDArray[np.float64]

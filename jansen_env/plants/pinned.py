@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env import pinned_kernel
+from jansen_env.gravity import GRAVITY
 from jansen_env.joint_forces import JointForces, joint_forces
 from jansen_env.model import kernel_model
-from jansen_env.projection import GRAVITY
 from jansen_env.reduced import compile_robot
 from jansen_env.robot import Robot
-from jansen_env.validation import finite, positive
+from jansen_env.validation import finite, non_negative, positive
 
 Array = NDArray[np.float64]
 
@@ -47,9 +47,9 @@ class PinnedPlant:
     def __init__(self, robot: Robot, time_step: float = 1e-3, gravity: float = GRAVITY) -> None:
         self.robot = robot
         self.time_step = positive("time_step", time_step)
-        self.gravity = positive("gravity", gravity) if gravity != 0.0 else 0.0
+        self.gravity = non_negative("gravity", gravity)
         self.tables = compile_robot(robot)
-        self._model = kernel_model(self.tables, self.gravity)
+        self._model = kernel_model(self.tables, (0.0, -self.gravity))
         self._state = np.zeros(3)
 
     @property

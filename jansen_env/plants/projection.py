@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from jansen_env import kernels
 from jansen_env.contact import ContactDetector
 from jansen_env.contact_solver import STICK
+from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.joint_forces import JointForces
 from jansen_env.model import kernel_model
 from jansen_env.plants.stance import set_down
 from jansen_env.plants.trace import PeakLoads, landings, pads_pressed, peak_loads, trace_forces
-from jansen_env.projection import GRAVITY
 from jansen_env.reduced import compile_robot
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
@@ -63,7 +63,8 @@ class ProjectionPlant:
     Args:
         robot, terrain: what walks where.
         time_step: of the integration, s.
-        gravity: m/s^2.
+        gravity: m/s^2 downwards, or a vector (x, y); may be changed between steps. Sideways it is
+            a pull at the centre of mass.
         detection_interval: time between two looks for the ground, s.
 
     Attributes:
@@ -79,12 +80,11 @@ class ProjectionPlant:
         robot: Robot,
         terrain: Terrain,
         time_step: float = 1e-3,
-        gravity: float = GRAVITY,
+        gravity: Gravity = GRAVITY,
         detection_interval: float = DETECTION_INTERVAL,
     ) -> None:
         self.robot, self.terrain = robot, terrain
         self.time_step = positive("time_step", time_step)
-        self.gravity = positive("gravity", gravity) if gravity != 0.0 else 0.0
         self.detection_interval = positive("detection_interval", detection_interval)
         self._stride = max(1, round(detection_interval / time_step))
         self.tables = compile_robot(robot)
@@ -92,7 +92,7 @@ class ProjectionPlant:
         self.toes = layout.toes
         pads = len(layout.leg)
         capacity = 4 * pads
-        self._model = kernel_model(self.tables, self.gravity)
+        self._model = kernel_model(self.tables, gravity_vector(gravity))
         self._ground = kernels.Ground(
             np.zeros((capacity, 3)),
             np.zeros(capacity, np.int64),
@@ -129,6 +129,15 @@ class ProjectionPlant:
             raise ValueError(f"state is {value!r}, must be 8 finite numbers")
         self._state[:] = state
         self._pressed = None
+
+    @property
+    def gravity(self) -> tuple[float, float]:
+        """(x, y) m/s^2."""
+        return self._model.gravity
+
+    @gravity.setter
+    def gravity(self, value: Gravity) -> None:
+        self._model = self._model._replace(gravity=gravity_vector(value))
 
     @property
     def crank_driven(self) -> bool:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env import kernels
+from jansen_env.gravity import GRAVITY, Gravity
 from jansen_env.joint_forces import JointForces, joint_forces
-from jansen_env.projection import GRAVITY
 from jansen_env.reduced import Tables, body_sums
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ class PeakLoads(NamedTuple):
 
 
 def trace_forces(
-    tables: Tables, trace: Array, time_step: float, gravity: float = GRAVITY
+    tables: Tables, trace: Array, time_step: float, gravity: Gravity = GRAVITY
 ) -> JointForces:
     """Mean joint forces of each time step in a trace (steps, columns) of the projection plant.
 

@@ -121,6 +121,9 @@ def main(arguments: list[str] | None = None) -> None:
                         help="environment id; default: JansenWalker-v0")  # fmt: skip
     parser.add_argument("--env-kwargs", default="{}", type=mapping, metavar="YAML",
                         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
+    parser.add_argument("--plant", action="append", default=[], metavar="NAME",
+                        help="plant of JansenWalker-v0, projection or rigid_body; given again, "
+                        "side by side; default: projection")  # fmt: skip
     parser.add_argument("--commands", type=float, nargs="+", metavar="V",
                         help="commanded speeds; default: the task's grid")  # fmt: skip
     parser.add_argument("--episodes", type=count, default=10, help="episodes per command")
@@ -133,12 +136,20 @@ def main(arguments: list[str] | None = None) -> None:
     args = parser.parse_args(arguments)
     task = find_task(args.env)
     commands = args.commands or list(task.commands)
-    env = make_env(args.env, args.env_kwargs)
-    policies = {title(name): load(name, env) for name in args.policy}
-    env.close()
-    scores = evaluate(
-        policies, args.env, args.env_kwargs, tuple(commands), args.episodes, args.seed
-    )
+    if args.plant and args.env != "JansenWalker-v0":
+        parser.error(f"--plant is {args.plant}, but {args.env} has one plant only")
+    scores: dict[str, dict[str, Any]] = {}
+    films: dict[str, tuple[Policy, dict[str, Any]]] = {}
+    for plant in args.plant or [None]:
+        env_kwargs = args.env_kwargs if plant is None else {**args.env_kwargs, "plant": plant}
+        suffix = "" if plant is None else f" on {plant}"
+        env = make_env(args.env, env_kwargs)
+        policies = {title(name) + suffix: load(name, env) for name in args.policy}
+        env.close()
+        scores |= evaluate(
+            policies, args.env, env_kwargs, tuple(commands), args.episodes, args.seed
+        )
+        films |= {name: (policy, env_kwargs) for name, policy in policies.items()}
     out = Path(args.out)
     write_json(out / "scores.json", scores)
     score_figure(task, scores, out / "scores.png")
@@ -149,9 +160,9 @@ def main(arguments: list[str] | None = None) -> None:
     if args.video:
         middle = task.commands[(len(task.commands) - 1) // 2]
         command = middle if args.video_command is None else args.video_command
-        for name, policy in policies.items():
+        for name, (policy, env_kwargs) in films.items():
             path = out / f"{name.replace('/', '_').replace(' ', '_')}.gif"
-            film(policy, args.env, args.env_kwargs, command, args.seed, path)
+            film(policy, args.env, env_kwargs, command, args.seed, path)
             print(f"written: {path}")
 
 

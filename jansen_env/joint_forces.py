@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.linkage import JOINTS, world_joints
+from jansen_env.pads import PAD_BODIES, PAD_JOINTS, pad_layout
 from jansen_env.projection import (
     FREEDOMS,
     constraint_matrix,
@@ -30,7 +31,6 @@ from jansen_env.projection import (
     masses,
     system_coordinates,
 )
-from jansen_env.reduced import PAD_BODIES, PAD_JOINTS, pad_layout
 from jansen_env.robot import BODIES_PER_LEG, Robot
 
 Array = NDArray[np.float64]

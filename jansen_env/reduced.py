@@ -27,7 +27,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.gravity import GRAVITY
-from jansen_env.linkage import B, C, D, E, P, T, check_closure, coordinates, joint_positions
+from jansen_env.linkage import check_closure, coordinates, joint_positions
+from jansen_env.pads import PAD_BODIES, PAD_JOINTS, Pads, pad_layout
 from jansen_env.projection import (
     COORDINATES,
     FREEDOMS,
@@ -47,27 +48,6 @@ ORDER = 8  # coefficients of each (the kernels' polynomials are written out for 
 
 BODY_FUNCTIONS = ("c_x", "c_y", "I", "b", "k", "f")
 PAD_FUNCTIONS = ("p_x", "p_y", "a")
-PAD_JOINTS = (T, C, E, D, B, P)
-"""Joints that can touch the ground: the toe, and the bumpers knee, ankle, hip corners and pivot."""
-PAD_BODIES = (8, 8, 8, 4, 4, 1)
-"""The body each of them is rounded on: its pad turns with that body."""
-
-
-@dataclass(frozen=True)
-class Pads:
-    """The round pads by which a robot can touch the ground, toes first (in the order of legs).
-
-    Attributes:
-        leg: (n,) index of the leg. joint: (n,) index into :data:`PAD_JOINTS`.
-        table: (n,) row of :attr:`Tables.pads`. phase: (n,) crank phase, rad.
-        toes: how many of them are toes.
-    """
-
-    leg: NDArray[np.int64]
-    joint: NDArray[np.int64]
-    table: NDArray[np.int64]
-    phase: Array
-    toes: int
 
 
 @dataclass(frozen=True)
@@ -195,21 +175,6 @@ def _taylor(series: Series) -> Array:
         derivative = waves @ (series * ((1j * n) ** order)[:, None])
         table[:, :, order] = derivative.real / math.factorial(order)
     return table
-
-
-def pad_layout(robot: Robot) -> Pads:
-    """Toes of all legs first; then bumpers leg by leg, a pivot once for each side."""
-    rows = [(i, 0) for i in range(len(robot.legs))]
-    seen: set[Side] = set()
-    for i, leg in enumerate(robot.legs):
-        rows += [(i, joint) for joint in range(1, len(PAD_JOINTS) - 1)]
-        if leg.side not in seen:
-            rows.append((i, len(PAD_JOINTS) - 1))
-            seen.add(leg.side)
-    leg_index, joint = np.array(rows, dtype=np.int64).T
-    side = np.array([int(robot.legs[i].side == "back") for i in leg_index], dtype=np.int64)
-    phase = np.array([robot.legs[i].phase for i in leg_index])
-    return Pads(leg_index, joint, side * len(PAD_JOINTS) + joint, phase, len(robot.legs))
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from jansen_env import reduced as rd
 from jansen_env.gravity import GRAVITY
 from jansen_env.joint_forces import CORNERS, PINS, joint_forces
 from jansen_env.linkage import JOINTS, T, coordinates, joint_positions
+from jansen_env.pads import PAD_BODIES, PAD_JOINTS, pad_layout
 from jansen_env.robot import JOINT_PAIRS
 
 G = GRAVITY
@@ -75,9 +76,9 @@ def centres(robot, q):
 
 def pads(robot):
     """Leg, joint and body (from 0) of each pad, toes first."""
-    layout = rd.pad_layout(robot)
+    layout = pad_layout(robot)
     return [
-        (leg, rd.PAD_JOINTS[kind], rd.PAD_BODIES[kind] - 1)
+        (leg, PAD_JOINTS[kind], PAD_BODIES[kind] - 1)
         for leg, kind in zip(layout.leg, layout.joint, strict=True)
     ]
 

@@ -123,7 +123,7 @@ def test_set_down_on_the_lowest_toes(terrain, pitch):
         ({"time_step": 0.0}, "time_step is 0.0"),
         ({"gravity": -9.81}, "gravity is -9.81"),
         ({"gravity": (0.0,)}, r"gravity is \(0.0,\)"),
-        ({"gravity": (0.0, math.nan)}, "gravity is nan"),
+        ({"gravity": (0.0, float("nan"))}, "gravity is nan"),
         ({"detection_interval": float("nan")}, "detection_interval is nan"),
     ],
 )

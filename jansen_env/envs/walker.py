@@ -14,7 +14,9 @@ from jansen_env.envs import common
 from jansen_env.envs.rewards import RewardWeights, tracking_score
 from jansen_env.gravity import GRAVITY
 from jansen_env.joint_forces import JointForces
-from jansen_env.plants.projection import ProjectionPlant, StepResult
+from jansen_env.plants.make import make_plant
+from jansen_env.plants.plant import StepResult
+from jansen_env.plants.projection import ProjectionPlant
 from jansen_env.robot import Payload, Robot
 from jansen_env.terrain import Terrain, make_terrain
 from jansen_env.validation import finite, non_negative, positive, within
@@ -96,7 +98,8 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
     toe while loaded in this step, ``contact_force`` (n, 2) mean tangential and normal force on each
     toe in N, ``fallen`` (since the last reset), and ``energy``, J in this step: ``motor_work``, ``joint_loss``,
     ``slip_loss``, ``impact_loss``, ``mechanical_energy_change``, ``residual``; the first is the sum
-    of the others. With ``track_joint_forces``: ``joint_force_max`` N, the largest force with which a
+    of the others; ``joint_gap`` m, the widest gap of any joint in this step (0 on the projection
+    plant). With ``track_joint_forces``: ``joint_force_max`` N, the largest force with which a
     link bears on any of its joints in this step, but for the time steps in which a toe lands, and
     ``joint_impulse_max`` N s, the largest impulse in those (0 if there were none). ``joint_forces()`` has all of them.
 
@@ -111,12 +114,20 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
     | ``torque_limit`` | 20 | N m |
     | ``payload`` | robot's (none) | a :class:`jansen_env.Payload`, or a mass in kg at the crank axis |
     | ``control_dt`` | 0.02 | s for which an action is held; a multiple of ``time_step`` |
-    | ``time_step`` | 0.001 | s, of the integration |
+    | ``time_step`` | the plant's | s, of the integration: 0.001, ``"rigid_body"`` 0.00025 |
+    | ``plant`` | ``"projection"`` | what moves the robot, see Plants |
     | ``tracking_weight`` ... ``fall_weight`` | 1, 4, 0.1, 0.5, 200 | see Rewards |
     | ``reset_noise_scale`` | 0.1 | rad/s, of the starting crank speed |
     | ``terminate_when_fallen`` | True | whether a fall ends the episode |
     | ``track_joint_forces`` | False | adds them to ``info``; a step then takes some 10 ms more |
     | ``render_mode`` | None | ``"human"`` or ``"rgb_array"`` |
+
+    ## Plants
+    The same task runs on two plants that share nothing but the robot's data. ``"projection"``
+    integrates the paper's projected equations with exact contacts; it is fast, and what policies
+    are trained on. ``"rigid_body"`` is built of pymunk's bodies, joints and contacts, some hundred
+    times slower; its joints gap a little (``info["joint_gap"]``). A policy that walks on both does
+    not live on the numerics of one of them.
 
     ## Version History
     * v0: first release.
@@ -134,7 +145,8 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         torque_limit: float = 20.0,
         payload: Payload | float | None = None,
         control_dt: float = 0.02,
-        time_step: float = 0.001,
+        time_step: float | None = None,
+        plant: str = "projection",
         tracking_weight: float = RewardWeights.tracking,
         slip_weight: float = RewardWeights.slip,
         energy_weight: float = RewardWeights.energy,
@@ -150,15 +162,17 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.terrain = make_terrain(terrain, friction, restitution)
         self.speed_command_range = common.command_range(speed_command, FASTEST_COMMAND)
         self.torque_limit = positive("torque_limit", torque_limit)
-        self.control_dt = common.control_period(control_dt, time_step)
+        self.plant = make_plant(plant, self.robot, self.terrain, time_step)
+        self.control_dt = common.control_period(control_dt, self.plant.time_step)
         self.weights = RewardWeights(
             tracking_weight, slip_weight, energy_weight, posture_weight, fall_weight
         )
         self.reset_noise_scale = non_negative("reset_noise_scale", reset_noise_scale)
         self.terminate_when_fallen = common.flag("terminate_when_fallen", terminate_when_fallen)
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / control_dt))}
-        self.plant = ProjectionPlant(self.robot, self.terrain, time_step=time_step)
-        self.plant.tracing = common.flag("track_joint_forces", track_joint_forces)
+        self.track_joint_forces = common.flag("track_joint_forces", track_joint_forces)
+        if self.track_joint_forces:
+            self._traceable.tracing = True
         self.weight = self.robot.mass * GRAVITY
         toes = self.plant.toes
         unbounded = [np.inf] * toes
@@ -252,8 +266,8 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._loads = result.contact_force[:, 1] / self.weight
         info = self._info(state, result, speed, torque)
         info.update(terms)
-        if self.plant.tracing:
-            info["joint_force_max"], info["joint_impulse_max"] = self.plant.peak_loads()
+        if self.track_joint_forces:
+            info["joint_force_max"], info["joint_impulse_max"] = self._traceable.peak_loads()
         if self.render_mode == "human":
             self.render()
         return self._observe(state), reward, fallen and self.terminate_when_fallen, False, info
@@ -321,17 +335,34 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
                 "mechanical_energy_change": result.energy_change,
                 "residual": result.energy_residual,
             },
+            "joint_gap": result.joint_gap,
         }
 
     def joint_forces(self) -> JointForces:
         """Forces in every joint of every leg as they are now, under the last action's torque.
 
         Means over the next time step; one in which a toe lands contains its impulse / time step.
+
+        Raises:
+            ValueError: the plant is another than ``"projection"``.
         """
-        return self.plant.joint_forces(self._action * self.torque_limit)
+        return self._traceable.joint_forces(self._action * self.torque_limit)
+
+    @property
+    def _traceable(self) -> ProjectionPlant:
+        """The plant, if it knows the forces in its joints."""
+        if isinstance(self.plant, ProjectionPlant):
+            return self.plant
+        raise ValueError(
+            "joint forces are known with plant='projection' only: track_joint_forces must be False"
+        )
 
     def get_state(self) -> dict[str, Any]:
-        """All that the future depends on; :meth:`set_state` continues from it bit for bit."""
+        """All that the future depends on; :meth:`set_state` continues from it bit for bit.
+
+        On the plant ``"rigid_body"`` up to what pymunk keeps to itself: there the joints are closed
+        and the solver starts anew.
+        """
         return {
             "plant": self.plant.state,
             "pressed": self.plant.pressed,

@@ -90,8 +90,14 @@ def heave(phases: int, samples: int = 1440, poses: int = 48) -> Heave:
 
 def set_down_poses(robot: Robot, angle: Array) -> Array:
     """(n, 2) height (m) and pitch (rad) of the chassis standing on flat ground at crank angles."""
-    tables = compile_robot(robot)
-    return np.array([set_down(tables, Terrain.flat(), 0.0, float(psi), None) for psi in angle])
+    centres = body_sums(compile_robot(robot), angle).c / robot.mass
+    flat = Terrain.flat()
+    return np.array(
+        [
+            set_down(robot, centre, flat, 0.0, float(psi), None)
+            for psi, centre in zip(angle, centres, strict=True)
+        ]
+    )
 
 
 @dataclass(frozen=True)

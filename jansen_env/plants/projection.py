@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,48 +13,20 @@ from jansen_env.contact_solver import STICK
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.joint_forces import JointForces
 from jansen_env.model import kernel_model
+from jansen_env.plants.plant import StepResult, check_converged, check_pressed, check_state
 from jansen_env.plants.stance import set_down
 from jansen_env.plants.trace import PeakLoads, landings, pads_pressed, peak_loads, trace_forces
-from jansen_env.reduced import compile_robot
+from jansen_env.reduced import body_sums, compile_robot
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 from jansen_env.validation import positive
 
 Array = NDArray[np.float64]
 
+TIME_STEP = 1e-3  # s
 DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are kept meanwhile
 SET_DOWN_ROUNDS = 3  # Newton steps of lowering it
 SET_DOWN_DEPTH = 1e-9  # m, by which a robot is set down into the ground: its toes carry at once
-DIVERGED = 1e4  # a speed (m/s, rad/s) beyond which a state is no longer believed
-
-
-class StepResult(NamedTuple):
-    """What happened during one :meth:`ProjectionPlant.step`.
-
-    Attributes:
-        slip: (toes,) path each toe slid while loaded, m.
-        contact_force: (toes, 2) mean tangential and normal force on each toe, N.
-        motor_work, joint_loss, slip_loss, impact_loss: J.
-        energy_change: change of kinetic and potential energy, J.
-        bumped: whether a joint other than a toe was pressed on the ground.
-        residual: worst violation of the contact law, N s.
-    """
-
-    slip: Array
-    contact_force: Array
-    motor_work: float
-    joint_loss: float
-    slip_loss: float
-    impact_loss: float
-    energy_change: float
-    bumped: bool
-    residual: float
-
-    @property
-    def energy_residual(self) -> float:
-        """Motor work less losses and energy change, J: the time step's error."""
-        losses = self.joint_loss + self.slip_loss + self.impact_loss
-        return self.motor_work - losses - self.energy_change
 
 
 class ProjectionPlant:
@@ -79,7 +51,7 @@ class ProjectionPlant:
         self,
         robot: Robot,
         terrain: Terrain,
-        time_step: float = 1e-3,
+        time_step: float = TIME_STEP,
         gravity: Gravity = GRAVITY,
         detection_interval: float = DETECTION_INTERVAL,
     ) -> None:
@@ -124,10 +96,7 @@ class ProjectionPlant:
 
     @state.setter
     def state(self, value: Array) -> None:
-        state = np.asarray(value, dtype=float)
-        if state.shape != (8,) or not np.isfinite(state).all():
-            raise ValueError(f"state is {value!r}, must be 8 finite numbers")
-        self._state[:] = state
+        self._state[:] = check_state(value)
         self._pressed = None
 
     @property
@@ -158,10 +127,7 @@ class ProjectionPlant:
 
     @pressed.setter
     def pressed(self, value: Any) -> None:
-        pressed = None if value is None else np.array(value, dtype=bool)
-        if pressed is not None and pressed.shape != (len(self._record),):
-            raise ValueError(f"pressed is {value!r}, must be None or {len(self._record)} flags")
-        self._pressed = pressed
+        self._pressed = check_pressed(value, len(self._record))
 
     def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
         """Set the robot down at rest on its lowest toes.
@@ -174,7 +140,8 @@ class ProjectionPlant:
         Returns:
             The new state (8,).
         """
-        y, theta = set_down(self.tables, self.terrain, x, crank_angle, pitch)
+        centre = body_sums(self.tables, crank_angle).c / self.robot.mass
+        y, theta = set_down(self.robot, centre, self.terrain, x, crank_angle, pitch)
         self._state[:] = (x, y, theta, crank_angle, 0.0, 0.0, 0.0, 0.0)
         self._pressed = None
         for _ in range(SET_DOWN_ROUNDS):  # to the discs' true gap, where the ground is not straight
@@ -309,11 +276,7 @@ class ProjectionPlant:
         if self.tracing:
             self.landings = landings(self._trace, self._pressed)
         self._pressed = pads_pressed(self._trace)[-1] if self.tracing else None
-        if not all(-DIVERGED < speed < DIVERGED for speed in self._state[4:].tolist()):
-            raise FloatingPointError(
-                f"the state diverged to {self._state.tolist()} under a torque of {torque} N m; "
-                "try a smaller time_step"
-            )
+        check_converged(self._state, torque)
         record, totals, elapsed = self._record, self._totals, steps * self.time_step
         return StepResult(
             slip=record[: self.toes, kernels.SLIP].copy(),

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.linkage import T, joint_positions
-from jansen_env.reduced import Tables, body_sums
+from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
@@ -18,12 +18,18 @@ SLOPE_STEP = 1e-4  # m, for the ground's slope under a toe
 
 
 def set_down(
-    tables: Tables, terrain: Terrain, x: float, crank_angle: float, pitch: float | None
+    robot: Robot,
+    centre: Array,
+    terrain: Terrain,
+    x: float,
+    crank_angle: float,
+    pitch: float | None,
 ) -> tuple[float, float]:
     """Height and pitch of the chassis when the robot is lowered onto the ground.
 
     Args:
-        tables, terrain: the robot and the ground.
+        robot, terrain: the robot and the ground.
+        centre: (2,) centre of mass in the chassis frame, m.
         x: crank axis, m. crank_angle: rad.
         pitch: rad, or None for the pitch at which the lowest toe ahead of the centre of mass and
             the lowest one behind it touch together; level if all toes are on one side.
@@ -31,13 +37,11 @@ def set_down(
     Returns:
         (y, theta): the lowest toe has no gap (toes taken as discs on their local slope).
     """
-    robot = tables.robot
     toes = np.empty((len(robot.legs), 2))
     for side in sorted({leg.side for leg in robot.legs}):
         legs = [i for i, leg in enumerate(robot.legs) if leg.side == side]
         psi = crank_angle + np.array([robot.legs[i].phase for i in legs])
         toes[legs] = joint_positions(robot, side, psi)[:, T]
-    centre = body_sums(tables, crank_angle).c / robot.mass
     if pitch is None:
         pitch = _level_pitch(toes, centre, terrain, x, robot.pad_radius)
     clearance, _ = _clearance(toes, centre, terrain, x, robot.pad_radius, np.array([pitch]))

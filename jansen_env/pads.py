@@ -1,0 +1,50 @@
+"""Where a robot can touch the ground: a round pad at every toe, and bumpers at other joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.linkage import B, C, D, E, P, T
+from jansen_env.robot import Robot, Side
+
+Array = NDArray[np.float64]
+
+PAD_JOINTS = (T, C, E, D, B, P)
+"""Joints that can touch the ground: the toe, and the bumpers knee, ankle, hip corners and pivot."""
+PAD_BODIES = (8, 8, 8, 4, 4, 1)
+"""The body each of them is rounded on: its pad turns with that body."""
+
+
+@dataclass(frozen=True)
+class Pads:
+    """The round pads by which a robot can touch the ground, toes first (in the order of legs).
+
+    Attributes:
+        leg: (n,) index of the leg. joint: (n,) index into :data:`PAD_JOINTS`.
+        table: (n,) row of :attr:`jansen_env.reduced.Tables.pads`. phase: (n,) crank phase, rad.
+        toes: how many of them are toes.
+    """
+
+    leg: NDArray[np.int64]
+    joint: NDArray[np.int64]
+    table: NDArray[np.int64]
+    phase: Array
+    toes: int
+
+
+def pad_layout(robot: Robot) -> Pads:
+    """Toes of all legs first; then bumpers leg by leg, a pivot once for each side."""
+    rows = [(i, 0) for i in range(len(robot.legs))]
+    seen: set[Side] = set()
+    for i, leg in enumerate(robot.legs):
+        rows += [(i, joint) for joint in range(1, len(PAD_JOINTS) - 1)]
+        if leg.side not in seen:
+            rows.append((i, len(PAD_JOINTS) - 1))
+            seen.add(leg.side)
+    leg_index, joint = np.array(rows, dtype=np.int64).T
+    side = np.array([int(robot.legs[i].side == "back") for i in leg_index], dtype=np.int64)
+    phase = np.array([robot.legs[i].phase for i in leg_index])
+    return Pads(leg_index, joint, side * len(PAD_JOINTS) + joint, phase, len(robot.legs))

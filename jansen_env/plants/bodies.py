@@ -1,0 +1,141 @@
+"""A robot as pymunk bodies: one for each link, a joint for each pin, a circle for each pad.
+
+All frames and the load are one body, all cranks another, as they are in the machine; the other six
+links of every leg are bodies of their own.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pymunk
+from numpy.typing import NDArray
+
+from jansen_env.linkage import JOINTS, coordinates, joint_positions
+from jansen_env.pads import PAD_BODIES, PAD_JOINTS, Pads
+from jansen_env.robot import BODIES_PER_LEG, JOINT_PAIRS, Robot
+
+Array = NDArray[np.float64]
+
+CHASSIS, SHAFT = 0, 1  # places of the bodies that all legs share; then six a leg
+LINKS = ((3, "A", 2), (4, "B", 3), (4, "P", 1), (5, "P", 1), (6, "C", 5), (6, "A", 2), (7, "D", 4),
+         (8, "C", 5), (8, "E", 7))  # fmt: skip
+"""A leg's pins but the crank's own: (body, joint, other body)."""
+GAP_LEFT = 0.5  # share of a joint's gap left after one second; the rest is pulled together
+
+
+def place_of(leg: int, body: int) -> int:
+    """Index of body 1 .. 8 of a leg: frames are the chassis, cranks the shaft."""
+    return body - 1 if body <= 2 else 2 + 6 * leg + body - 3
+
+
+def _local_bodies(robot: Robot, crank_angle: float) -> Array:
+    """(legs, 8, 3) angle, x, y of every link in the chassis frame."""
+    return np.array(
+        [coordinates(robot, leg.side, crank_angle + leg.phase) for leg in robot.legs]
+    ).reshape(-1, BODIES_PER_LEG, 3)
+
+
+def _lumps(robot: Robot) -> list[tuple[float, float, Array]]:
+    """Mass, inertia and centre (at crank angle 0) of the chassis and of the shaft."""
+    home, lumps = _local_bodies(robot, 0.0), []
+    for k in (CHASSIS, SHAFT):
+        link = robot.bodies[k]
+        parts = [(link.mass, link.inertia, leg[k, 1:]) for leg in home]
+        load = robot.payload
+        if k == CHASSIS and (load.mass > 0.0 or load.inertia > 0.0):
+            parts.append((load.mass, load.inertia, np.array(load.position)))
+        mass = sum(m for m, _, _ in parts)
+        centre = np.sum([m * r for m, _, r in parts], axis=0) / mass
+        inertia = sum(j + m * float((r - centre) @ (r - centre)) for m, j, r in parts)
+        lumps.append((mass, inertia, centre))
+    return lumps
+
+
+def inertias(robot: Robot) -> Array:
+    """(bodies, 2) mass, kg, and inertia about the centre of mass, kg m^2."""
+    links = [(link.mass, link.inertia) for link in robot.bodies[2:]]
+    return np.array([*((m, j) for m, j, _ in _lumps(robot)), *links * len(robot.legs)])
+
+
+def poses(robot: Robot, q: Array) -> Array:
+    """(bodies, 3) angle, x, y of every body at q = (x, y, theta, psi); angles 0 at q = 0."""
+    theta, psi = float(q[2]), float(q[3])
+    home, links = _local_bodies(robot, 0.0), _local_bodies(robot, psi)
+    cos, sin = math.cos(psi), math.sin(psi)
+    (_, _, chassis), (_, _, shaft) = _lumps(robot)
+    result = np.empty((2 + 6 * len(robot.legs), 3))
+    result[CHASSIS] = 0.0, *chassis
+    result[SHAFT] = psi, cos * shaft[0] - sin * shaft[1], sin * shaft[0] + cos * shaft[1]
+    result[2:] = links[:, 2:].reshape(-1, 3)
+    turned = links[:, 2:, 0] - home[:, 2:, 0]
+    result[2:, 0] = ((turned + math.pi) % (2.0 * math.pi) - math.pi).ravel()
+    cos, sin = math.cos(theta), math.sin(theta)
+    x, y = result[:, 1].copy(), result[:, 2].copy()
+    result[:, 0] += theta
+    result[:, 1], result[:, 2] = q[0] + cos * x - sin * y, q[1] + sin * x + cos * y
+    return result
+
+
+def rates(robot: Robot, q: Array, v: Array) -> Array:
+    """(bodies, 3) rates of :func:`poses`: differences of closed forms, good to 1e-9."""
+    step = 1e-6
+    change = poses(robot, q + step * v) - poses(robot, q - step * v)
+    change[:, 0] = (change[:, 0] + math.pi) % (2.0 * math.pi) - math.pi
+    return change / (2.0 * step)
+
+
+def joint_friction(robot: Robot) -> Array:
+    """(bodies, bodies) K: the viscous joints' torques on the bodies are -K times their spins."""
+    size = 2 + 6 * len(robot.legs)
+    K = np.zeros((size, size))
+    for leg in range(len(robot.legs)):
+        for (i, j), coefficient in zip(JOINT_PAIRS, robot.damping, strict=True):
+            a, b = place_of(leg, i), place_of(leg, j)
+            K[a, a] += coefficient
+            K[b, b] += coefficient
+            K[a, b] -= coefficient
+            K[b, a] -= coefficient
+    return K
+
+
+def put(bodies: list[pymunk.Body], where: Array, speed: Array) -> None:
+    """Put bodies where ``where`` (n, 3) says (angle, x, y), moving at ``speed``."""
+    for body, (angle, x, y), (spin, vx, vy) in zip(
+        bodies, where.tolist(), speed.tolist(), strict=True
+    ):
+        body.angle, body.position = angle, (x, y)
+        body.angular_velocity, body.velocity = spin, (vx, vy)
+
+
+def make_pins(robot: Robot, bodies: list[pymunk.Body]) -> list[pymunk.PivotJoint]:
+    """One joint per pin, the crank's own first; made while the bodies are at home."""
+    pins = [pymunk.PivotJoint(bodies[CHASSIS], bodies[SHAFT], (0.0, 0.0))]
+    for i, leg in enumerate(robot.legs):
+        joints = joint_positions(robot, leg.side, leg.phase)
+        for body, joint, other in LINKS:
+            ends = bodies[place_of(i, other)], bodies[place_of(i, body)]
+            pins.append(pymunk.PivotJoint(*ends, tuple(joints[JOINTS.index(joint)])))
+    for pin in pins:
+        pin.error_bias = GAP_LEFT
+    return pins
+
+
+def pad_bodies(layout: Pads) -> list[int]:
+    """Index of the body that each pad is part of."""
+    pairs = zip(layout.leg.tolist(), layout.joint.tolist(), strict=True)
+    return [place_of(leg, PAD_BODIES[joint]) for leg, joint in pairs]
+
+
+def make_pads(robot: Robot, layout: Pads, bodies: list[pymunk.Body]) -> list[pymunk.Circle]:
+    """Round toes and bumpers in the order of the layout; made while the bodies are at home."""
+    pads = []
+    for i, k, owner in zip(layout.leg, layout.joint, pad_bodies(layout), strict=True):
+        leg, body = robot.legs[i], bodies[owner]
+        place = joint_positions(robot, leg.side, leg.phase)[PAD_JOINTS[k]]
+        circle = pymunk.Circle(body, robot.pad_radius, tuple(place - np.array(body.position)))
+        circle.friction = circle.elasticity = 1.0  # pymunk multiplies them with the ground's
+        circle.filter = pymunk.ShapeFilter(group=1)  # legs never touch one another
+        pads.append(circle)
+    return pads

@@ -1,0 +1,29 @@
+"""The walking plants by name."""
+
+from __future__ import annotations
+
+from jansen_env.plants import projection, rigid_body
+from jansen_env.plants.plant import Plant
+from jansen_env.robot import Robot
+from jansen_env.terrain import Terrain
+
+PLANTS = {
+    "projection": (projection.ProjectionPlant, projection.TIME_STEP),
+    "rigid_body": (rigid_body.RigidBodyPlant, rigid_body.TIME_STEP),
+}
+
+
+def make_plant(name: str, robot: Robot, terrain: Terrain, time_step: float | None = None) -> Plant:
+    """A plant by its name, one of :data:`PLANTS`.
+
+    Args:
+        name: ``"projection"`` or ``"rigid_body"``. robot, terrain: what walks where.
+        time_step: s; None for the plant's own.
+
+    Raises:
+        ValueError: another name, or an argument out of range.
+    """
+    if name not in PLANTS:
+        raise ValueError(f"plant is {name!r}, must be one of {sorted(PLANTS)}")
+    plant, own_step = PLANTS[name]
+    return plant(robot, terrain, own_step if time_step is None else time_step)

@@ -1,0 +1,119 @@
+"""What a plant is: a robot on a terrain that answers a crank torque with its motion."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.robot import Robot
+from jansen_env.terrain import Terrain
+
+Array = NDArray[np.float64]
+
+DIVERGED = 1e4  # a speed (m/s, rad/s) beyond which a state is no longer believed
+
+
+class StepResult(NamedTuple):
+    """What happened during one :meth:`Plant.step`.
+
+    Attributes:
+        slip: (toes,) path each toe slid while loaded, m.
+        contact_force: (toes, 2) mean tangential and normal force on each toe, N.
+        motor_work, joint_loss, slip_loss, impact_loss: J.
+        energy_change: change of kinetic and potential energy, J.
+        bumped: whether a joint other than a toe was pressed on the ground.
+        residual: worst violation of the contact law, N s; NaN where it is not known.
+        joint_gap: the widest gap of any joint, m; 0 where joints cannot open.
+    """
+
+    slip: Array
+    contact_force: Array
+    motor_work: float
+    joint_loss: float
+    slip_loss: float
+    impact_loss: float
+    energy_change: float
+    bumped: bool
+    residual: float
+    joint_gap: float = 0.0
+
+    @property
+    def energy_residual(self) -> float:
+        """Motor work less losses and energy change, J: the time step's error."""
+        losses = self.joint_loss + self.slip_loss + self.impact_loss
+        return self.motor_work - losses - self.energy_change
+
+
+class Plant(Protocol):
+    """What the walking task asks of a plant.
+
+    Attributes:
+        robot, terrain: what walks where. toes: how many toes it has.
+        state: (8,) x, y, theta, psi and their rates; x, y the crank axis, m, rad, s. Can be set.
+        x: position of the crank axis along the ground, m.
+    """
+
+    robot: Robot
+    terrain: Terrain
+    toes: int
+    time_step: float
+
+    @property
+    def state(self) -> Array: ...
+
+    @state.setter
+    def state(self, value: Array) -> None: ...
+
+    @property
+    def pressed(self) -> NDArray[np.bool_] | None:
+        """(pads,) the pads on the ground just before, None if not known: set it after the state."""
+        ...
+
+    @pressed.setter
+    def pressed(self, value: Any) -> None: ...
+
+    @property
+    def x(self) -> float: ...
+
+    def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
+        """Set the robot down at rest; returns the new state."""
+        ...
+
+    def step(self, torque: float, duration: float) -> StepResult:
+        """Hold a crank torque (N m) for a while (s)."""
+        ...
+
+    def peek(self, torque: float = 0.0) -> StepResult:
+        """What comes next under a torque; the state stays as it is."""
+        ...
+
+    def contact_frames(self) -> tuple[Array, Array]:
+        """(toes, 2) points of the ground nearest to each toe's pad and its tangents there."""
+        ...
+
+
+def check_state(value: Any) -> Array:
+    """A plant's state as an array. Raises ValueError unless it is 8 finite numbers."""
+    state = np.asarray(value, dtype=float)
+    if state.shape != (8,) or not np.isfinite(state).all():
+        raise ValueError(f"state is {value!r}, must be 8 finite numbers")
+    return state
+
+
+def check_pressed(value: Any, pads: int) -> NDArray[np.bool_] | None:
+    """Which pads are pressed, a copy. Raises ValueError unless it is None or one flag a pad."""
+    pressed = None if value is None else np.array(value, dtype=bool)
+    if pressed is not None and pressed.shape != (pads,):
+        raise ValueError(f"pressed is {value!r}, must be None or {pads} flags")
+    return pressed
+
+
+def check_converged(state: Array, torque: float) -> None:
+    """Raises FloatingPointError if a state (8,) is not finite, or too fast to be believed."""
+    if not all(-DIVERGED < speed < DIVERGED for speed in state[4:].tolist()):
+        raise FloatingPointError(
+            f"the state diverged to {state.tolist()} under a torque of {torque} N m; "
+            "try a smaller time_step"
+        )

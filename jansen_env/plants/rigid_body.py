@@ -1,0 +1,362 @@
+"""The rigid-body plant: every link a pymunk body, every pin a joint, pymunk's own contact solver.
+
+It shares with the projection plant what the robot is and where its joints lie, and nothing of its
+dynamics: no projection, no tables, no contact law. Motor and viscous joints act as torques on the
+bodies.
+
+pymunk solves pins and contacts by iteration in one go and pulls open joints together again: joints
+gap by some hundredths of a millimetre (:attr:`StepResult.joint_gap`) and resting toes creep. It goes
+on from the impulses of the last time step, which a landing toe does not have: a step with a landing
+gets ten times the iterations. It is slower than the projection plant by a factor of some hundred.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import pymunk
+import pymunk.batch
+from numpy.typing import NDArray
+
+from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
+from jansen_env.linkage import check_closure
+from jansen_env.pads import pad_layout
+from jansen_env.plants import bodies as links
+from jansen_env.plants.bodies import CHASSIS, SHAFT
+from jansen_env.plants.plant import StepResult, check_converged, check_pressed, check_state
+from jansen_env.plants.stance import set_down
+from jansen_env.robot import Robot
+from jansen_env.terrain import Terrain
+from jansen_env.validation import positive, positive_integer
+
+Array = NDArray[np.float64]
+
+TIME_STEP = 2.5e-4  # s
+ITERATIONS = 200  # of pymunk's solver in a time step, from the last one's impulses on
+LANDING_ITERATIONS = 2000  # in a time step in which a pad may land: there is nothing to go on from
+TORN = 0.01  # m, a joint's gap beyond which the robot is no longer one
+SLOP = 1e-5  # m, how deep a resting toe may sink in
+SLOPE_STEP = 1e-4  # m, for the ground's slope under a pad
+PEEK = 0.01  # s, after which pymunk's impulses on a robot set down anew have settled
+_Body, _Arbiter = pymunk.batch.BodyFields, pymunk.batch.ArbiterFields
+_CONTACT = _Arbiter.BODY_A_ID | _Arbiter.TOTAL_IMPULSE | _Arbiter.NORMAL | _Arbiter.POINT_A_1
+_MOTION = _Body.POSITION | _Body.ANGLE | _Body.VELOCITY | _Body.ANGULAR_VELOCITY
+X, Y, ANGLE, VX, VY, SPIN = range(6)  # columns of a motion
+
+
+class RigidBodyPlant:
+    """A robot on a terrain, body by body: reset, step(torque), state.
+
+    Args:
+        robot, terrain: what walks where.
+        time_step: of pymunk, s.
+        gravity: m/s^2 downwards, or a vector (x, y); may be changed between steps.
+        iterations: of pymunk's solver in a time step. landing_iterations: in one in which a pad may
+            land; a blow has to run through all joints at once, or it comes out too soft.
+        pinned: hold the chassis still in the air, as the paper's fixed model does.
+
+    Raises:
+        ValueError: an argument out of range; LinkageError: the robot cannot turn its crank.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        terrain: Terrain,
+        time_step: float = TIME_STEP,
+        gravity: Gravity = GRAVITY,
+        iterations: int = ITERATIONS,
+        landing_iterations: int = LANDING_ITERATIONS,
+        pinned: bool = False,
+    ) -> None:
+        check_closure(robot)
+        self.robot, self.terrain = robot, terrain
+        self.time_step = positive("time_step", time_step)
+        self.iterations = positive_integer("iterations", iterations)
+        self.landing_iterations = positive_integer("landing_iterations", landing_iterations)
+        self.pinned = bool(pinned)
+        self.toes = len(robot.legs)
+        self._layout = pad_layout(robot)
+        self._gravity = gravity_vector(gravity)
+        self._home = links.poses(robot, np.zeros(4))
+        self._inertias = links.inertias(robot)
+        self._friction = links.joint_friction(robot)
+        self._build(np.zeros(8))
+
+    def _build(self, state: Array) -> None:
+        """A new space with the robot in ``state``: nothing is left of what the old one cached."""
+        space = pymunk.Space()
+        space.gravity = self._gravity
+        space.collision_slop = SLOP
+        space.collision_persistence = 1
+        self._ground = self.terrain.add_to(space)
+        self._space = space
+        self._bodies = [pymunk.Body(m, inertia) for m, inertia in self._inertias]
+        if self.pinned:
+            self._bodies[CHASSIS].body_type = pymunk.Body.KINEMATIC
+        links.put(self._bodies, self._home, np.zeros(self._home.shape))
+        self._pins = links.make_pins(self.robot, self._bodies)
+        self._pads = links.make_pads(self.robot, self._layout, self._bodies)
+        space.add(*self._bodies, *self._pins, *self._pads)
+        rows = self._know_bodies()
+        # A torque for every body of the space, the ground's (last) too: it stays 0.
+        self._torques = np.zeros((rows, 1))
+        self._set, self._got, self._touched = (pymunk.batch.Buffer() for _ in range(3))
+        self._set.set_float_buf(self._torques)
+        self._touching = np.zeros(len(self._pads), bool)
+        self._gaps = np.full(len(self._pads), math.inf)  # at first all may land
+        q, v = state[:4], state[4:]
+        links.put(self._bodies, links.poses(self.robot, q), links.rates(self.robot, q, v))
+        for body in self._bodies:
+            space.reindex_shapes_for_body(body)
+
+    def _know_bodies(self) -> int:
+        """Where bodies, pins' ends and pads stand in pymunk's arrays; how many rows these have."""
+        found = pymunk.batch.Buffer()
+        pymunk.batch.get_space_bodies(self._space, _Body.BODY_ID, found)
+        rows = list(memoryview(found.int_buf()).cast("P"))
+        self._index = {body.id: i for i, body in enumerate(self._bodies)}
+        if rows[: len(self._index)] != list(self._index):
+            raise RuntimeError("pymunk lists the bodies in another order than they were added in")
+        pads = links.pad_bodies(self._layout)
+        ends = [*(pin.a for pin in self._pins), *(pin.b for pin in self._pins)]
+        places = [
+            *(tuple(pin.anchor_a) for pin in self._pins),
+            *(tuple(pin.anchor_b) for pin in self._pins),
+            *(tuple(pad.offset) for pad in self._pads),
+        ]
+        self._carriers = np.array([*(self._index[body.id] for body in ends), *pads])
+        self._carried = np.array(places).T
+        self._pads_of = {body: [k for k, b in enumerate(pads) if b == body] for body in set(pads)}
+        return len(rows)
+
+    @property
+    def gravity(self) -> tuple[float, float]:
+        """(x, y) m/s^2."""
+        return self._gravity
+
+    @gravity.setter
+    def gravity(self, value: Gravity) -> None:
+        self._gravity = self._space.gravity = gravity_vector(value)
+
+    @property
+    def state(self) -> Array:
+        """(8,) x, y, theta, psi and their rates; x, y the crank axis on the chassis, m, rad, s.
+
+        Setting it closes the joints and forgets what pymunk's solver had cached, so that a state
+        carried to another plant goes on the same there only up to the gaps.
+        """
+        chassis, shaft = self._bodies[CHASSIS], self._bodies[SHAFT]
+        axis = tuple(-self._home[CHASSIS, 1:])
+        place, speed = chassis.local_to_world(axis), chassis.velocity_at_local_point(axis)
+        return np.array([
+            place.x, place.y, chassis.angle, shaft.angle - chassis.angle, speed.x, speed.y,
+            chassis.angular_velocity, shaft.angular_velocity - chassis.angular_velocity,
+        ])  # fmt: skip
+
+    @state.setter
+    def state(self, value: Array) -> None:
+        self._build(check_state(value))
+
+    @property
+    def pressed(self) -> NDArray[np.bool_]:
+        """(pads,) the pads on the ground in the last time step: none of these lands next."""
+        return self._touching.copy()
+
+    @pressed.setter
+    def pressed(self, value: Any) -> None:
+        pressed = check_pressed(value, len(self._pads))
+        self._touching = np.zeros(len(self._pads), bool) if pressed is None else pressed
+
+    @property
+    def x(self) -> float:
+        """Position of the crank axis along the ground, m."""
+        return float(self.state[0])
+
+    def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
+        """Set the robot down at rest on its lowest toes.
+
+        Args:
+            x: crank axis, m. crank_angle: rad. pitch: rad, or None to stand on both sides.
+
+        Returns:
+            The new state (8,).
+        """
+        level = links.poses(self.robot, np.array([0.0, 0.0, 0.0, crank_angle]))
+        centre = self._inertias[:, 0] @ level[:, 1:] / self._inertias[:, 0].sum()
+        y, theta = set_down(self.robot, centre, self.terrain, x, crank_angle, pitch)
+        self._build(np.array([x, y, theta, crank_angle, 0.0, 0.0, 0.0, 0.0]))
+        return self.state
+
+    def step(self, torque: float, duration: float) -> StepResult:
+        """Hold a crank torque for a while.
+
+        Args:
+            torque: N m on the crank, counter-clockwise positive (and its reaction on the chassis).
+            duration: s, rounded to whole time steps.
+
+        Raises:
+            FloatingPointError: the state is no longer finite, or faster than anything believable,
+                or a joint has come apart by more than :data:`TORN`.
+        """
+        steps = max(1, round(positive("duration", duration) / self.time_step))
+        h, book = self.time_step, _Book(len(self._pads))
+        now = self._moment()
+        start = now.energy
+        for _ in range(steps):
+            spin = now.motion[:, SPIN]
+            self._torques[: len(spin), 0] = -self._friction @ spin
+            self._torques[CHASSIS, 0] -= torque
+            self._torques[SHAFT, 0] += torque
+            pymunk.batch.set_space_bodies(self._space, _Body.TORQUE, self._set)
+            landing = self._landing_soon(now)
+            self._space.iterations = self.landing_iterations if landing else self.iterations
+            self._space.step(h)
+            after = self._moment()
+            mean = 0.5 * (spin + after.motion[:, SPIN])
+            work = h * torque * float(mean[SHAFT] - mean[CHASSIS])
+            loss = h * float(spin @ self._friction @ mean)
+            slip_loss, landed = self._contacts(after, book)
+            book.motor_work += work
+            book.joint_loss += loss
+            book.slip_loss += slip_loss
+            if landed:
+                book.impact_loss += now.energy + work - loss - slip_loss - after.energy
+            book.joint_gap = max(book.joint_gap, after.joint_gap)
+            now = after
+        check_converged(self.state, torque)
+        if not book.joint_gap < TORN:
+            raise FloatingPointError(
+                f"a joint came apart by {book.joint_gap} m under a torque of {torque} N m; "
+                "try a smaller time_step"
+            )
+        toes = slice(0, self.toes)
+        return StepResult(
+            slip=book.slip[toes], contact_force=book.impulse[toes] / (steps * h),
+            motor_work=book.motor_work, joint_loss=book.joint_loss, slip_loss=book.slip_loss,
+            impact_loss=book.impact_loss, energy_change=now.energy - start,
+            bumped=bool(book.impulse[self.toes :, 1].any()), residual=math.nan,
+            joint_gap=book.joint_gap,
+        )  # fmt: skip
+
+    def peek(self, torque: float = 0.0) -> StepResult:
+        """What the next :data:`PEEK` seconds would do; the state stays as it is, joints closed."""
+        state = self.state
+        try:
+            return self.step(torque, PEEK)
+        finally:
+            self._build(state)
+
+    def energy(self) -> float:
+        """Kinetic plus potential energy, J (potential 0 with the centre of mass at the origin)."""
+        return self._moment().energy
+
+    def _moment(self) -> _Moment:
+        """Where everything is now."""
+        self._got.clear()
+        pymunk.batch.get_space_bodies(self._space, _MOTION, self._got)
+        motion = np.frombuffer(self._got.float_buf()).reshape(-1, 6)[: len(self._bodies)].copy()
+        mass, inertia = self._inertias.T
+        twice = mass @ (motion[:, VX] ** 2 + motion[:, VY] ** 2) + inertia @ motion[:, SPIN] ** 2
+        energy = float(0.5 * twice - self._gravity @ (mass @ motion[:, :ANGLE]))
+        angle, (x, y) = motion[:, ANGLE], self._carried
+        cos, sin = np.cos(angle)[self._carriers], np.sin(angle)[self._carriers]
+        points = motion[self._carriers, :ANGLE]
+        points[:, 0] += cos * x - sin * y
+        points[:, 1] += sin * x + cos * y
+        pins = len(self._pins)
+        apart = points[:pins] - points[pins : 2 * pins]
+        return _Moment(motion, points[2 * pins :], energy, math.sqrt((apart**2).sum(axis=1).max()))
+
+    def _contacts(self, now: _Moment, book: _Book) -> tuple[float, bool]:
+        """Book slip and impulses of a time step; friction's loss, and whether a pad landed."""
+        self._touched.clear()
+        pymunk.batch.get_space_arbiters(self._space, _CONTACT, self._touched)
+        ids = np.frombuffer(self._touched.int_buf(), dtype=np.uintp).tolist()
+        values = np.frombuffer(self._touched.float_buf()).reshape(-1, 6).tolist()
+        touching, loss = np.zeros(len(self._pads), bool), 0.0
+        # pymunk's order is that of pointers: by position it is the same in every process.
+        for (px, py, nx, ny, x, y), name in sorted(zip(values, ids, strict=True)):
+            normal = -(px * nx + py * ny)
+            if normal <= 0.0:
+                continue
+            body = self._index[name]
+            pad = min(self._pads_of[body], key=lambda k: self._off_rim(now.pads[k], x, y))
+            tangential = -px * ny + py * nx
+            cx, cy, _, vx, vy, w = now.motion[body].tolist()
+            speed = -(vx - w * (y - cy)) * ny + (vy + w * (x - cx)) * nx
+            book.slip[pad] += self.time_step * abs(speed)
+            book.impulse[pad] += tangential, normal
+            loss -= tangential * speed
+            touching[pad] = True
+        landed = bool((touching & ~self._touching).any())
+        self._touching = touching
+        return loss, landed
+
+    def _off_rim(self, pad: Array, x: float, y: float) -> float:
+        """How far a point is from the rim of a pad, m: two pads may be on one body."""
+        return abs(math.hypot(x - pad[0], y - pad[1]) - self.robot.pad_radius)
+
+    def _landing_soon(self, now: _Moment) -> bool:
+        """Whether a pad that is not on the ground may touch it within the next two time steps."""
+        x, y = now.pads.T
+        left, right = self.terrain.height(np.stack([x - SLOPE_STEP, x + SLOPE_STEP]))
+        slope = (right - left) / (2.0 * SLOPE_STEP)
+        gaps = (y - 0.5 * (left + right)) / np.sqrt(1.0 + slope**2) - self.robot.pad_radius
+        fallen = self._gaps - gaps
+        self._gaps = gaps
+        return bool((~self._touching & (gaps - 2.0 * fallen < SLOP)).any())
+
+    def contact_frames(self) -> tuple[Array, Array]:
+        """(toes, 2) points of the ground nearest to each toe's pad and its tangents there.
+
+        Where no ground is within reach, the pad's lowest point and +x.
+        """
+        points = self.toe_positions() - np.array([0.0, self.robot.pad_radius])
+        tangents = np.tile([1.0, 0.0], (self.toes, 1))
+        ours = pymunk.ShapeFilter(group=1)
+        for toe, (x, y) in enumerate(self.toe_positions().tolist()):
+            near = self._space.point_query_nearest((x, y), 2.0 * self.robot.pad_radius, ours)
+            if near is not None and near.distance > 0.0:
+                normal = (pymunk.Vec2d(x, y) - near.point).normalized()
+                points[toe], tangents[toe] = near.point, (normal.y, -normal.x)
+        return points, tangents
+
+    def toe_positions(self) -> Array:
+        """(toes, 2) centres of the toe pads, m."""
+        return self._moment().pads[: self.toes]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The arguments and the state: everything else is made anew from them."""
+        return {
+            "robot": self.robot, "terrain": self.terrain, "time_step": self.time_step,
+            "gravity": self.gravity, "iterations": self.iterations,
+            "landing_iterations": self.landing_iterations, "pinned": self.pinned,
+            "state": self.state,
+        }  # fmt: skip
+
+    def __setstate__(self, saved: dict[str, Any]) -> None:
+        state = saved.pop("state")
+        self.__init__(**saved)  # type: ignore[misc]
+        self.state = state
+
+
+class _Moment(NamedTuple):
+    """Where everything is: the bodies' motion (n, 6), the pads' centres (k, 2) m, the energy (J),
+    and the widest gap of a joint (m)."""
+
+    motion: Array
+    pads: Array
+    energy: float
+    joint_gap: float
+
+
+class _Book:
+    """What a step adds up."""
+
+    def __init__(self, pads: int) -> None:
+        self.motor_work = self.joint_loss = self.slip_loss = self.impact_loss = 0.0
+        self.joint_gap = 0.0
+        self.slip, self.impulse = np.zeros(pads), np.zeros((pads, 2))

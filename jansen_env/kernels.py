@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from jansen_env.compiling import compiled
 from jansen_env.contact_solver import OPEN, STICK, soften, solve
-from jansen_env.model import locate, taylor_curve, taylor_slope, taylor_value
+from jansen_env.model import locate, taylor_curve, taylor_slope, taylor_value, to_centroid
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -32,6 +32,8 @@ PENETRATION_ALLOWED = 2e-5  # m, left uncorrected so that a resting contact does
 CORRECTION_RATE = 0.2  # share of the rest that is taken back in every step
 CORRECTION_SWEEPS = 4
 PASSES = 2  # evaluations of the speed-dependent terms in a step
+BOUNCE_ROUNDS = 12  # bisections of the coefficient of restitution, where it would create energy
+ROUNDING = 1e-9  # share of the energy that a blow brings by which it may seem to gain
 
 # Columns of the totals that a step adds to.
 MOTOR_WORK, JOINT_LOSS, SLIP_LOSS, IMPACT_LOSS, WORST_RESIDUAL, BUMPS = range(6)
@@ -99,66 +101,6 @@ def _views(floats, ints, capacity):
         ints[n : n + capacity],
         ints[n + capacity :],
     )
-
-
-@compiled(inline="always")
-def centroid(model, psi):
-    """s (2,), s' (2,): centre of mass from the crank axis in the chassis frame, and d/dpsi."""
-    row, t = locate(model.body.shape[0], psi)
-    cx, cy = model.body[row, 0], model.body[row, 1]
-    return (
-        (taylor_value(cx, t) + model.load[0] * model.load[2]) / model.mass,
-        (taylor_value(cy, t) + model.load[0] * model.load[3]) / model.mass,
-        taylor_slope(cx, t) / model.mass,
-        taylor_slope(cy, t) / model.mass,
-    )
-
-
-@compiled
-def to_centroid(model, state, sign):
-    """Shift a state in place from the crank axis to the centre of mass (sign 1), or back (-1)."""
-    sx, sy, dx, dy = centroid(model, state[3])
-    cos, sin = np.cos(state[2]), np.sin(state[2])
-    w, n = state[6], state[7]
-    rx, ry = cos * sx - sin * sy, sin * sx + cos * sy
-    state[0] += sign * rx
-    state[1] += sign * ry
-    state[4] += sign * (-w * ry + n * (cos * dx - sin * dy))
-    state[5] += sign * (w * rx + n * (sin * dx + cos * dy))
-
-
-@compiled
-def mechanical_energy(model, state):
-    """Kinetic and potential energy of a crank-axis state, J; potential is 0 at y = 0."""
-    row, t = locate(model.body.shape[0], state[3])
-    c = model.body[row]
-    load, px, py = model.load[0], model.load[2], model.load[3]
-    cx, cy = taylor_value(c[0], t) + load * px, taylor_value(c[1], t) + load * py
-    inertia = taylor_value(c[2], t) + load * (px * px + py * py) + model.load[1]
-    cos, sin = np.cos(state[2]), np.sin(state[2])
-    rx, ry = cos * cx - sin * cy, sin * cx + cos * cy
-    sx, sy = taylor_slope(c[0], t), taylor_slope(c[1], t)
-    dx, dy = cos * sx - sin * sy, sin * sx + cos * sy
-    vx, vy, w, n = state[4], state[5], state[6], state[7]
-    kinetic = 0.5 * model.mass * (vx * vx + vy * vy)
-    kinetic += w * (-ry * vx + rx * vy) + n * (dx * vx + dy * vy)
-    kinetic += (
-        0.5 * inertia * w * w + taylor_value(c[3], t) * w * n + 0.5 * taylor_value(c[4], t) * n * n
-    )
-    gx, gy = model.gravity
-    return kinetic, -gx * (model.mass * state[0] + rx) - gy * (model.mass * state[1] + ry)
-
-
-@compiled
-def pad_positions(model, state, count, positions):
-    """Centres of the first ``count`` pads of a crank-axis state, (pads, 2) m."""
-    cos, sin = np.cos(state[2]), np.sin(state[2])
-    for j in range(count):
-        row, t = locate(model.pads.shape[1], state[3] + model.pad_phase[j])
-        c = model.pads[model.pad_table[j], row]
-        px, py = taylor_value(c[0], t), taylor_value(c[1], t)
-        positions[j, 0] = state[0] + cos * px - sin * py
-        positions[j, 1] = state[1] + sin * px + cos * py
 
 
 @compiled
@@ -260,33 +202,45 @@ def _step(h, torque, state, model, ground, planes, work, totals, record):
     if count > 0:
         soften(count, W)
 
-    nw, nn = w, n  # new velocities
-    nx, ny = vx + h * gx, vy + h * gy
     residual = 0.0
-    for _ in range(PASSES):
-        mw, mn = 0.5 * (w + nw), 0.5 * (n + nn)
-        pitch_force = -(mw * mn * inertia_slope + mn * mn * coupling_slope)
-        crank_force = 0.5 * mw * mw * inertia_slope - 0.5 * mn * mn * crank_slope
-        crank_force += torque - damping * n
-        nx, ny = vx + h * gx, vy + h * gy
-        nw = w + h * (m11 * pitch_force + m12 * crank_force)
-        nn = n + h * (m12 * pitch_force + m22 * crank_force)
-        if count == 0:
-            continue
-        for i in range(2 * count):
-            free = J[i, 0] * nx + J[i, 1] * ny + J[i, 2] * nw + J[i, 3] * nn
-            work.q[i] = free if impact else free + work.bend[i]
-            if i % 2 == 0 and ground.restitution > 0.0:
-                before = J[i, 0] * vx + J[i, 1] * vy + J[i, 2] * w + J[i, 3] * n
-                work.q[i] += ground.restitution * min(before, 0.0)
-        residual = solve(
-            count, W, work.q, work.mu, work.mode, work.P, work.u, work.A, work.rhs, work.order
-        )
-        for i in range(2 * count):
-            nx += MJ[i, 0] * work.P[i]
-            ny += MJ[i, 1] * work.P[i]
-            nw += MJ[i, 2] * work.P[i]
-            nn += MJ[i, 3] * work.P[i]
+    bounce, least, most = ground.restitution, 0.0, ground.restitution
+    for attempt in range(BOUNCE_ROUNDS + 1):
+        nw, nn = w, n  # new velocities
+        for _ in range(PASSES):
+            mw, mn = 0.5 * (w + nw), 0.5 * (n + nn)
+            pitch_force = -(mw * mn * inertia_slope + mn * mn * coupling_slope)
+            crank_force = 0.5 * mw * mw * inertia_slope - 0.5 * mn * mn * crank_slope
+            crank_force += torque - damping * n
+            nx, ny = vx + h * gx, vy + h * gy
+            nw = w + h * (m11 * pitch_force + m12 * crank_force)
+            nn = n + h * (m12 * pitch_force + m22 * crank_force)
+            if count == 0:
+                continue
+            for i in range(2 * count):
+                free = J[i, 0] * nx + J[i, 1] * ny + J[i, 2] * nw + J[i, 3] * nn
+                work.q[i] = free if impact else free + work.bend[i]
+                if i % 2 == 0 and bounce > 0.0:
+                    before = J[i, 0] * vx + J[i, 1] * vy + J[i, 2] * w + J[i, 3] * n
+                    work.q[i] += bounce * min(before, 0.0)
+            residual = solve(
+                count, W, work.q, work.mu, work.mode, work.P, work.u, work.A, work.rhs, work.order
+            )
+            for i in range(2 * count):
+                nx += MJ[i, 0] * work.P[i]
+                ny += MJ[i, 1] * work.P[i]
+                nw += MJ[i, 2] * work.P[i]
+                nn += MJ[i, 3] * work.P[i]
+        # Newton's law with friction may create energy (Kane and Levinson, J. Appl. Mech. 52, 1985):
+        # then the toes bounce as much as they can without that.
+        if count == 0 or bounce == 0.0:
+            break
+        if _creates_energy(count, vx, vy, w, n, nx, ny, nw, nn, work):
+            most = bounce
+        else:
+            least = bounce
+            if attempt == 0:
+                break
+        bounce = 0.5 * (least + most) if attempt < BOUNCE_ROUNDS - 1 else least
 
     mean = 0.5 * (n + nn)
     if model.driven:  # what is left over in the crank's equation of motion
@@ -308,6 +262,19 @@ def _step(h, torque, state, model, ground, planes, work, totals, record):
         totals[IMPACT_LOSS] += m * (gx * moved_x + gy * moved_y)
     state[4], state[5], state[6], state[7] = nx, ny, nw, nn
     return count, torque
+
+
+@compiled(inline="always")
+def _creates_energy(count, vx, vy, w, n, nx, ny, nw, nn, work):
+    """Whether the contacts' impulses do more work on the robot than rounding makes."""
+    J = work.J
+    gained, brought = 0.0, 0.0
+    for i in range(2 * count):
+        old = J[i, 0] * vx + J[i, 1] * vy + J[i, 2] * w + J[i, 3] * n
+        new = J[i, 0] * nx + J[i, 1] * ny + J[i, 2] * nw + J[i, 3] * nn
+        gained += 0.5 * work.P[i] * (old + new)
+        brought += abs(work.P[i] * old)
+    return gained > ROUNDING * brought
 
 
 @compiled(inline="always")

@@ -27,7 +27,8 @@ class Terrain:
         points: at least two (x, y) vertices, m, x increasing. The first and the last segment go on
             with their slope for :data:`REACH` metres.
         friction: Coulomb coefficient between toe and ground.
-        restitution: Newton's coefficient of restitution, 0 to 1.
+        restitution: Newton's coefficient of restitution, 0 to 1; where friction would make a blow
+            gain energy by it, it bounces less.
 
     Raises:
         ValueError: fewer than two points, x not increasing, a slope beyond 80 degrees, or a

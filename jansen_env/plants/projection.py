@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env import kernels
-from jansen_env.contact import ContactDetector
+from jansen_env.contact import MARGIN, ContactDetector
 from jansen_env.contact_solver import STICK
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.joint_forces import JointForces
-from jansen_env.model import kernel_model
+from jansen_env.model import kernel_model, mechanical_energy, pad_positions
 from jansen_env.plants.plant import StepResult, check_converged, check_pressed, check_state
 from jansen_env.plants.stance import set_down
 from jansen_env.plants.trace import PeakLoads, landings, pads_pressed, peak_loads, trace_forces
@@ -26,7 +26,8 @@ Array = NDArray[np.float64]
 TIME_STEP = 1e-3  # s
 DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are kept meanwhile
 SET_DOWN_ROUNDS = 3  # Newton steps of lowering it
-SET_DOWN_DEPTH = 1e-9  # m, by which a robot is set down into the ground: its toes carry at once
+SET_DOWN_DEPTH = 1e-5  # m, by which a robot is set down into the ground: its toes carry at once,
+# and do not part from it by the rounding of a time step; half of what is left uncorrected
 
 
 class ProjectionPlant:
@@ -77,7 +78,7 @@ class ProjectionPlant:
         self._positions = self._detector.positions
         self._record = np.zeros((pads, kernels.RECORD))
         self._totals = np.zeros(kernels.TOTALS)
-        self._bumper_reach = self._farthest_bumper() + robot.pad_radius
+        self._bumper_reach = self._farthest_bumper() + robot.pad_radius + MARGIN
         self._state = np.zeros(8)
         self.tracing = False
         self._trace = self._no_trace = np.zeros((0, kernels.trace_width(pads)))
@@ -230,11 +231,11 @@ class ProjectionPlant:
 
     def energy(self) -> float:
         """Kinetic plus potential energy, J (potential 0 with the centre of mass at y = 0)."""
-        kinetic, potential = kernels.mechanical_energy(self._model, self._state)
+        kinetic, potential = mechanical_energy(self._model, self._state)
         return float(kinetic + potential)
 
     def _place(self, count: int) -> None:
-        kernels.pad_positions(self._model, self._state, count, self._positions)
+        pad_positions(self._model, self._state, count, self._positions)
 
     def _look(self) -> int:
         """Find the contact planes; bumpers are looked at only where they may reach the ground."""

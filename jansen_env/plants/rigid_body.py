@@ -5,9 +5,9 @@ dynamics: no projection, no tables, no contact law. Motor and viscous joints act
 bodies.
 
 pymunk solves pins and contacts by iteration in one go and pulls open joints together again: joints
-gap by some hundredths of a millimetre (:attr:`StepResult.joint_gap`) and resting toes creep. It goes
-on from the impulses of the last time step, which a landing toe does not have: a step with a landing
-gets ten times the iterations. It is slower than the projection plant by a factor of some hundred.
+gap by some hundredths of a millimetre (:attr:`StepResult.joint_gap`) and resting toes creep. It
+goes on from the impulses of the last time step, which a landing toe does not have: a step with a
+landing gets ten times the iterations. It is some hundred times slower than the projection plant.
 """
 
 from __future__ import annotations

@@ -1,0 +1,289 @@
+"""Coulomb friction with the crank locked: how far a sliding robot slides, and when it begins to.
+
+A locked robot is a rigid body, so a block's formulae hold as long as it does not tip: sliding at
+mu, both toes stay loaded where mu < a / z for the centre of mass z above the ground and a from
+either toe. ``MACHINES`` are such that this holds with room to spare (``loads_while_sliding``).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from jansen_env import Leg, Payload, Robot, Terrain
+from jansen_env import reduced as rd
+from jansen_env.gravity import GRAVITY
+from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.robot import holy_numbers_robot, paper_robot
+
+STEP = 1e-3  # s
+SLIDING = 1e-11  # m/s: a hundred times what the solver's compliance lets a sticking toe creep
+LOAD = Payload(10.0, 0.2, (0.02, -0.4))
+MACHINES = {  # robot, crank angle, the largest mu asked of it
+    "paper": (paper_robot(), 0.0, 0.4),
+    "paper loaded": (Robot(payload=LOAD), 0.0, 0.8),
+    "holy": (holy_numbers_robot(), 3.0, 0.4),
+    "two legs": (Robot(legs=(Leg("fore"), Leg("back"))), 4.7, 0.8),
+    "six legs": (paper_robot(3), 1.57, 0.6),
+    "twelve legs": (paper_robot(6), 0.52, 0.6),
+}
+SLIDES = [
+    (name, mu, speed)
+    for name, (_, _, most) in MACHINES.items()
+    for mu, speed in ((0.1, -0.5), (0.2, 0.3), (0.4, 1.03), (0.4, -2.0), (0.6, 0.7), (0.8, 1.5))
+    if mu <= most
+]
+machines = pytest.mark.parametrize("name", MACHINES)
+
+
+def standing(name, terrain, time_step=STEP):
+    """The machine set down, its crank locked."""
+    robot, psi, _ = MACHINES[name]
+    plant = ProjectionPlant(robot, terrain, time_step)
+    plant.crank_driven = True
+    plant.reset(0.0, psi)
+    return plant
+
+
+def push(plant, speed):
+    """Give the whole robot a horizontal velocity."""
+    state = plant.state
+    state[4] = speed
+    plant.state = state
+
+
+def slides(plant):
+    """Whether the robot moves along the ground."""
+    return math.hypot(*plant.state[4:6]) > SLIDING
+
+
+def centre_of_mass(plant):
+    """As a complex number, m."""
+    q = plant.state
+    c = complex(*rd.body_sums(plant.tables, q[3]).c) / plant.robot.mass
+    return q[0] + 1j * q[1] + np.exp(1j * q[2]) * c
+
+
+def loads_while_sliding(plant, drag):
+    """(rear, front) loads by moments about the centre of mass: ground force (drag, m g).
+
+    It acts where the toes' pads are lowest, a little below the ground's surface.
+    """
+    toes = plant.toe_positions()[np.flatnonzero(plant.peek().contact_force[:, 1])]
+    rear, front = toes[:, 0].min(), toes[:, 0].max()
+    centre, weight = centre_of_mass(plant), plant.robot.mass * GRAVITY
+    height = centre.imag - toes[:, 1].mean() + plant.robot.pad_radius
+    on_front = (weight * (centre.real - rear) - drag * height) / (front - rear)
+    return np.array([weight - on_front, on_front])
+
+
+def sorted_loads(plant, result):
+    """(rear, front) loads of a step on two toes."""
+    on = np.flatnonzero(result.contact_force[:, 1])
+    assert len(on) == 2
+    return result.contact_force[on[np.argsort(plant.toe_positions()[on, 0])], 1]
+
+
+@pytest.mark.parametrize("name, mu, speed", SLIDES)
+def test_sliding_to_a_stop(name, mu, speed, measured):
+    """It stops after v / (mu g) at v^2 / (2 mu g); each toe slid that far, friction took m v^2 / 2.
+
+    The stop falls inside a time step h: mu g h^2 / 8 is the most this can add to the distance.
+    Slip misses the way in that step, mu g h^2 / 2 at most, as the toe sticks at its end.
+    """
+    plant = standing(name, Terrain.flat(friction=mu))
+    mass, x0 = plant.robot.mass, plant.x
+    push(plant, speed)
+    expected = loads_while_sliding(plant, -math.copysign(mu * mass * GRAVITY, speed))
+    assert expected.min() > 0.02 * mass * GRAVITY  # it does not tip
+    steps = math.ceil(abs(speed) / (mu * GRAVITY * STEP))
+    result = plant.step(0.0, (steps - 1) * STEP)
+    measured("loads while sliding", np.abs(sorted_loads(plant, result) - expected).max(), 1e-6, "N")
+    assert plant.state[4] * speed > 0.0
+    last = plant.step(0.0, STEP)
+    measured("speed after the time to stop", np.abs(plant.state[4:]).max(), 1e-12, "m/s")
+    way = speed * abs(speed) / (2.0 * mu * GRAVITY)
+    inside = mu * GRAVITY * STEP**2 / 8.0
+    measured("stop distance's error", abs(plant.x - x0 - way), inside + 1e-10, "m")
+    measured("the same, relative", abs((plant.x - x0) / way - 1.0), 2e-5)
+    slid = np.sort(result.slip + last.slip)[-2:]
+    measured("slip less distance", np.abs(slid - abs(way)).max(), 5.0 * inside + 1e-10, "m")
+    loss = sum(r.slip_loss + r.impact_loss for r in (result, last))
+    energy = 0.5 * mass * speed**2
+    measured("friction's work, relative", abs(loss / energy - 1.0), 1e-11)
+    measured("of it in the last step", 1.0 - (result.slip_loss + last.slip_loss) / energy, 1e-4)
+    before = plant.state
+    plant.step(0.0, 1.0)
+    measured("creep after the stop", np.abs(plant.state - before)[:3].max(), 1e-12, "m")
+
+
+@pytest.mark.parametrize("mu, speed", [(0.2, 0.6), (0.5, -1.0), (0.8, 1.5)])
+def test_sliding_to_a_stop_on_one_toe(mu, speed, measured):
+    """On one toe it slides v^2 / (2 mu g), too, if the ground's force goes through its centre.
+
+    A payload puts the centre of mass mu z behind the toe: then (-mu, 1) N has no moment and the
+    robot balances while it slides; after the stop it falls over.
+    """
+    psi, pitch, depth = 1.0, 0.1, -0.3
+    bare = ProjectionPlant(Robot(), Terrain.flat())
+    bare.reset(0.0, psi, pitch)
+    toes, state = bare.toe_positions(), bare.state
+    toe, turn = toes[np.argmin(toes[:, 1])], np.exp(1j * pitch)
+    c = complex(*rd.body_sums(bare.tables, psi).c)  # mass * place in the chassis frame
+    load, side = 5.0, math.copysign(mu, speed)
+
+    def miss(along):
+        """By how much the line of force passes the centre of mass, m; linear in ``along``."""
+        centre = (c + load * complex(along, depth)) / (Robot().mass + load) * turn
+        height = state[1] + centre.imag - toe[1] + Robot().pad_radius
+        return state[0] + centre.real - toe[0] + side * height
+
+    along = -miss(0.0) / (miss(1.0) - miss(0.0))
+    robot = Robot(payload=Payload(load, 0.1, (along, depth)))
+    plant = ProjectionPlant(robot, Terrain.flat(friction=mu))
+    plant.crank_driven = True
+    plant.reset(0.0, psi, pitch)
+    push(plant, speed)
+    steps = math.ceil(abs(speed) / (mu * GRAVITY * STEP))
+    result = plant.step(0.0, (steps - 1) * STEP)
+    assert np.count_nonzero(result.contact_force[:, 1]) == 1
+    measured("pitch rate meanwhile", abs(plant.state[6]), 1e-8, "rad/s")
+    left = speed - math.copysign(mu * GRAVITY * (steps - 1) * STEP, speed)
+    measured("speed on one toe", abs(plant.state[4] - left), 1e-9, "m/s")
+    way = (speed * abs(speed) - left * abs(left)) / (2.0 * mu * GRAVITY)
+    measured("way on one toe, relative", abs(plant.x / way - 1.0), 2e-9)
+    measured("slip on one toe, relative", abs(result.slip.sum() / abs(way) - 1.0), 4e-9)
+    loss = result.slip_loss / (0.5 * robot.mass * (speed**2 - left**2))
+    measured("friction's work on one toe, relative", abs(loss - 1.0), 4e-9)
+    last = plant.step(0.0, STEP)
+    stop = speed * abs(speed) / (2.0 * mu * GRAVITY)
+    assert last.slip.sum() < 1e-9
+    measured("stop distance's error on one toe, relative", abs(plant.x / stop - 1.0), 1e-5)
+
+
+@machines
+@pytest.mark.parametrize("share", [0.5, 1.0])
+def test_slip_begins_at_the_friction_angle(name, share, measured):
+    """Gravity turned slowly, 1e-5 rad every 10 ms: it slips at atan(mu), neither before nor after.
+
+    Up to there it creeps less than 10 pm all in all.
+    """
+    mu = share * MACHINES[name][2]
+    plant = standing(name, Terrain.flat(friction=mu))
+    angle, turn = math.atan(mu) - 2e-3, 1e-5
+    start = plant.x
+    while True:
+        plant.gravity = -GRAVITY * math.sin(angle), -GRAVITY * math.cos(angle)
+        before = plant.x
+        plant.step(0.0, 0.01)
+        if slides(plant):
+            break
+        angle += turn
+        assert angle < math.atan(mu) + 1e-3
+    measured("angle of slip less atan(mu)", angle - math.atan(mu), 1.001 * turn, "rad")
+    measured("atan(mu) less angle of slip", math.atan(mu) - angle, 0.0, "rad")
+    measured("creep before slip", abs(before - start), 1e-11, "m")
+    assert plant.x < before  # downhill
+
+
+@machines
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_steepest_slope_it_stands_on(name, way, measured):
+    """The steepest of all slopes on which it does not slip in 0.1 s, by bisection: atan(mu)."""
+    mu = MACHINES[name][2] / 2.0
+    stands, slips = 0.9 * math.atan(mu), 1.1 * math.atan(mu)
+    while slips - stands > 1e-11:
+        angle = 0.5 * (stands + slips)
+        plant = standing(name, Terrain.slope(way * angle, friction=mu))
+        plant.step(0.0, 0.1)
+        if slides(plant):
+            slips = angle
+        else:
+            stands = angle
+    measured("steepest slope less atan(mu)", abs(stands - math.atan(mu)), 3e-11, "rad")
+
+
+@machines
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_below_and_above_the_friction_angle(name, way, measured):
+    """On slopes 0.1 % less steep than atan(mu) it stays for 10 s, loads m g (sin a, cos a).
+
+    On steeper ones it slides with g (sin a - mu cos a) like a block; on ice with g sin a.
+    """
+    robot, _, most = MACHINES[name]
+    weight, mu = robot.mass * GRAVITY, 0.8 * most
+    angle = way * 0.999 * math.atan(mu)
+    plant = standing(name, Terrain.slope(angle, friction=mu))
+    before = plant.state
+    force = plant.step(0.0, 10.0).contact_force.sum(axis=0)
+    measured("creep in 10 s", np.abs(plant.state - before)[:3].max(), 1e-11, "m, rad")
+    load = weight * np.array([math.sin(angle), math.cos(angle)])
+    measured("loads less weight", np.abs(force - load).max(), 1e-12 * weight, "N")
+    for rough, steep in ((mu, 1.1 * math.atan(mu)), (0.0, math.atan(most))):
+        plant = standing(name, Terrain.slope(way * steep, friction=rough))
+        before = plant.state
+        result = plant.step(0.0, 0.5)
+        downhill = -way * np.array([math.cos(steep), way * math.sin(steep)])
+        gained = (plant.state - before)[4:6] @ downhill / 0.5
+        block = GRAVITY * (math.sin(steep) - rough * math.cos(steep))
+        measured("acceleration downhill", abs(gained - block), 1e-12, "m/s^2")
+        slid = np.sort(result.slip)[-2:] - 0.5 * block * 0.5**2
+        measured("slip less distance downhill", np.abs(slid).max(), 1e-12, "m")
+
+
+@machines
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_slip_begins_at_a_pull_of_mu_m_g(name, way, measured):
+    """Pulled sideways at the centre of mass, more and more: it slips at mu m g, and creeps not.
+
+    After that it speeds up with pull / m - mu g, like a block; friction is mu m g against it.
+    """
+    robot, _, mu = MACHINES[name]
+    plant = standing(name, Terrain.flat(friction=mu))
+    x0, weight, wrong = plant.x, robot.mass * GRAVITY, 0.0
+    for share in np.arange(0.996, 1.01, 1e-5):
+        plant.gravity = way * share * mu * GRAVITY, -GRAVITY
+        creep = abs(plant.x - x0)
+        result = plant.step(0.0, 0.01)
+        if slides(plant):
+            break
+        drag = result.contact_force[:, 0].sum()
+        wrong = max(wrong, abs(drag + way * share * mu * weight))
+    measured("friction less pull", wrong, 1e-9, "N")
+    measured("pull at slip less mu m g, of mu m g", abs(share - 1.0), 1.01e-5)
+    measured("creep before it slips", creep, 1e-11, "m")
+    plant.gravity = way * 1.05 * mu * GRAVITY, -GRAVITY
+    before = plant.state
+    result = plant.step(0.0, 0.2)
+    gained = (plant.state - before)[4] / 0.2
+    measured("acceleration", abs(gained - way * 0.05 * mu * GRAVITY), 1e-13, "m/s^2")
+    drag = result.contact_force[:, 0].sum()
+    measured("friction while sliding", abs(drag + way * mu * weight), 1e-12 * weight, "N")
+
+
+@machines
+def test_friction_reverses_with_the_motion(name, measured):
+    """Pushed against a pull p: p/m + mu g slows it, then p/m - mu g speeds it up the other way."""
+    robot, _, most = MACHINES[name]
+    mu, speed = most / 2.0, 0.5
+    pull = 1.3 * mu * GRAVITY  # per mass
+    plant = standing(name, Terrain.flat(friction=mu))
+    plant.gravity = -pull, -GRAVITY
+    push(plant, speed)
+    slowing, gaining = pull + mu * GRAVITY, pull - mu * GRAVITY
+    turning = round(speed / slowing / STEP) * STEP
+    first = plant.step(0.0, turning - 2.0 * STEP)
+    measured("speed, slowing", abs(plant.state[4] - speed + slowing * (turning - 2 * STEP)), 2e-13)
+    plant.step(0.0, 4.0 * STEP)
+    middle = plant.state
+    last = plant.step(0.0, 0.2)
+    measured("speed, gaining", abs((plant.state - middle)[4] + gaining * 0.2), 1e-13, "m/s")
+    drag = mu * robot.mass * GRAVITY
+    for name, result, force in (("first", first, -drag), ("afterwards", last, drag)):
+        error = abs(result.contact_force[:, 0].sum() - force)
+        measured(f"friction, {name}", error, 2e-11, "N")
+    time = turning + 2.0 * STEP - speed / slowing  # since it turned
+    way = speed**2 / (2.0 * slowing) - 0.5 * gaining * time**2
+    measured("place after turning", abs(middle[0] - way), pull * STEP**2, "m")

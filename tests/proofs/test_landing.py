@@ -1,0 +1,290 @@
+"""Landing: Newton's restitution, bounce heights, and several toes that strike at once.
+
+``level(n)`` are robots with n toes level at crank angle ``PSI``: on opposite flanks of the foot's
+path two crank angles give one toe height, and back legs mirror fore legs. With three and four the
+loads are statically undetermined, but what the robot does is not.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from jansen_env import Leg, Payload, Robot, Terrain
+from jansen_env import reduced as rd
+from jansen_env.gravity import GRAVITY
+from jansen_env.linkage import T, coordinates, joint_positions
+from jansen_env.plants.projection import SET_DOWN_DEPTH, ProjectionPlant
+
+PSI = 2.75  # rad
+BLOW = 1e-8  # s, time step in which a blow is dealt: nothing else matters in it
+locked = pytest.mark.parametrize("locked", [True, False], ids=["locked", "free"])
+
+
+@functools.cache
+def level(toes):
+    """A robot with so many toes, all level at crank angle ``PSI``."""
+
+    def rise(psi):
+        high = [joint_positions(Robot(), "fore", angle)[T, 1] for angle in (psi, PSI)]
+        return high[0] - high[1]
+
+    low, high = 3.4, 3.9
+    while high - low > 1e-15 and low < 0.5 * (low + high) < high:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if rise(middle) < 0.0 else (low, middle)
+    mirror = [("fore", PSI), ("back", math.pi - PSI), ("fore", low), ("back", math.pi - low)]
+    legs = tuple(Leg(side, angle - PSI) for side, angle in mirror[:toes])
+    return Robot(legs=legs)
+
+
+def plant_on(robot, ground, locked, psi=PSI, pitch=0.0, **arguments):
+    """A plant with the robot set down at a pitch."""
+    plant = ProjectionPlant(robot, ground, **arguments)
+    plant.crank_driven = locked
+    plant.reset(0.0, psi, pitch)
+    return plant
+
+
+def pads(robot, q):
+    """(toes, 3) x, y of the pads' centres and the angles of the foot links, from the linkage."""
+    rows = []
+    for leg in robot.legs:
+        place = joint_positions(robot, leg.side, q[3] + leg.phase)[T] @ [1.0, 1.0j]
+        centre = q[0] + 1j * q[1] + np.exp(1j * q[2]) * place
+        angle = q[2] + coordinates(robot, leg.side, q[3] + leg.phase)[21]
+        rows.append((centre.real, centre.imag, angle))
+    return np.array(rows)
+
+
+def jacobians(robot, q):
+    """(toes, 4) normal and tangential Jacobian on level ground, by central differences."""
+    d, columns = 1e-5, []
+    for i in range(4):
+        shift = d * np.eye(4)[i]
+        change = (pads(robot, q + shift) - pads(robot, q - shift)) / (2.0 * d)
+        columns.append(change)
+    motion = np.stack(columns, axis=2)
+    return motion[:, 1], motion[:, 0] + robot.pad_radius * motion[:, 2]
+
+
+def inverse_mass(plant, q):
+    """M^-1, with a locked crank: as if its inertia were infinite."""
+    M = rd.mass_matrix(plant.tables, q)
+    inverse = np.zeros((4, 4))
+    free = 3 if plant.crank_driven else 4
+    inverse[:free, :free] = np.linalg.inv(M[:free, :free])
+    return inverse
+
+
+def least_impulse(inverse, normal, v, restitution):
+    """Velocity after a smooth blow: of all that obey J v+ >= -e J v the nearest in M.
+
+    By trying which toes keep to equality; the answer is one of these, and all that are allowed
+    are at least as far.
+    """
+    least, answer = math.inf, v
+    wanted = -restitution * np.minimum(normal @ v, 0.0)
+    for some in itertools.product([False, True], repeat=len(normal)):
+        J = normal[list(some)]
+        P = np.linalg.lstsq(J @ inverse @ J.T, (wanted - normal @ v)[list(some)], rcond=1e-9)[0]
+        after = v + inverse @ J.T @ P
+        far = P @ J @ inverse @ J.T @ P
+        if (normal @ after >= wanted - 1e-9).all() and far < least:
+            least, answer = far, after
+    return answer
+
+
+def coulomb(inverse, normal, tangential, v, mu):
+    """All velocities after a plastic blow with friction, by trying every toe's mode."""
+    toes, answers = len(normal), []
+    J = np.vstack([normal, tangential])
+    W, q = J @ inverse @ J.T, J @ v
+    for modes in itertools.product(["open", "stick", 1.0, -1.0], repeat=toes):
+        basis, rows = [], []
+        for i, mode in enumerate(modes):
+            if mode == "open":
+                continue
+            along = np.zeros(2 * toes)
+            along[i] = 1.0
+            if mode == "stick":
+                rows.append(toes + i)
+                basis.append(np.eye(2 * toes)[toes + i])
+            else:
+                along[toes + i] = -mu * mode
+            rows.append(i)
+            basis.append(along)
+        P = np.zeros(2 * toes)
+        if rows:
+            B = np.array(basis).T
+            P = B @ np.linalg.lstsq((W @ B)[rows], -q[rows], rcond=1e-9)[0]
+        u, (n, t), tiny = W @ P + q, np.split(P, 2), 1e-8
+        signorini = (n >= -tiny).all() and (u[:toes] >= -tiny).all()
+        signorini = signorini and (np.abs(n * u[:toes]) < tiny).all()
+        cone = (np.abs(t) <= mu * n + tiny).all()
+        work = np.abs(t * u[toes:] + mu * n * np.abs(u[toes:])).max()  # most dissipation
+        if signorini and cone and work < tiny:
+            answers.append(v + inverse @ J.T @ P)
+    return np.array(answers)
+
+
+def strike(robot, v, mu, restitution, locked, psi=PSI):
+    """Let it strike with velocity v.
+
+    Returns:
+        The plant, its pose at the blow, the velocity just after, the kinetic energy gained, and
+        that less what is booked, J.
+    """
+    ground = Terrain.flat(friction=mu, restitution=restitution)
+    plant = plant_on(robot, ground, locked, psi, gravity=0.0, time_step=BLOW)
+    state = plant.state
+    state[4:] = v
+    plant.state = state
+    pose = state[:4] + 0.5 * BLOW * state[4:]
+    result = plant.step(0.0, BLOW)
+    M = rd.mass_matrix(plant.tables, pose)
+    after = plant.state[4:]
+    gained = 0.5 * (after @ M @ after - v @ M @ v) - result.motor_work
+    return plant, pose, after, gained, gained + result.impact_loss + result.slip_loss
+
+
+VELOCITIES = [(0.0, -1.0, 0.0, 0.0), (0.3, -1.0, 0.6, 0.0), (-0.5, -0.7, -0.4, 2.0),
+              (0.2, -1.0, 0.1, -3.0)]  # fmt: skip
+
+
+@locked
+@pytest.mark.parametrize("toes", [1, 2, 3, 4])
+@pytest.mark.parametrize("restitution", [0.0, 0.3, 0.8, 1.0])
+def test_smooth_blow_is_the_least_impulse(toes, restitution, locked, measured):
+    """mu = 0: v+ is the velocity nearest to v in M's metric with J v+ >= -e J v; 1 to 4 toes.
+
+    That problem is strictly convex: the velocity is unique, however loads are shared.
+    """
+    worst, newton, most, unbooked = 0.0, 0.0, -math.inf, 0.0
+    for v in np.array(VELOCITIES):
+        if locked:
+            v = v * [1.0, 1.0, 1.0, 0.0]
+        plant, pose, after, gained, missing = strike(level(toes), v, 0.0, restitution, locked)
+        most, unbooked = max(most, gained), max(unbooked, abs(missing))
+        normal, _ = jacobians(plant.robot, pose)
+        expected = least_impulse(inverse_mass(plant, pose), normal, v, restitution)
+        worst = max(worst, np.abs(after - expected).max())
+        if toes == 1:
+            newton = max(newton, abs(normal[0] @ after + restitution * normal[0] @ v))
+        assert np.abs(after - v).max() > 0.1
+    measured(f"velocity after a blow, {toes} toe(s)", worst, 2e-7, "m/s")
+    measured("rebound + e * approach of a single toe", newton, 1e-8, "m/s")
+    measured("energy gained", most, 5e-7 if restitution == 1.0 else 0.0, "J")
+    measured("loss not booked", unbooked, 5e-7, "J")
+
+
+@locked
+@pytest.mark.parametrize("toes", [1, 2, 3, 4])
+@pytest.mark.parametrize("mu", [0.3, 0.8])
+def test_rough_blow_is_coulombs(toes, mu, locked, measured):
+    """e = 0: v+ is what trying all modes (open, stick, slide) of all toes finds, and only that."""
+    worst, most, unbooked = 0.0, -math.inf, 0.0
+    for v in np.array(VELOCITIES):
+        if locked:
+            v = v * [1.0, 1.0, 1.0, 0.0]
+        plant, pose, after, gained, missing = strike(level(toes), v, mu, 0.0, locked)
+        most, unbooked = max(most, gained), max(unbooked, abs(missing))
+        found = coulomb(inverse_mass(plant, pose), *jacobians(plant.robot, pose), v, mu)
+        assert len(found) > 0
+        worst = max(worst, np.abs(found - after).max())
+    measured(f"velocity after a rough blow, {toes} toe(s)", worst, 2e-7, "m/s")
+    measured("energy gained in it", most, 0.0, "J")
+    measured("loss not booked in it", unbooked, 5e-7, "J")
+
+
+@pytest.mark.parametrize("toes", [3, 4])
+@pytest.mark.parametrize("mu, restitution", [(0.8, 0.0), (0.3, 0.0), (0.8, 0.5), (0.0, 0.8)])
+def test_the_order_of_the_legs_is_of_no_matter(toes, mu, restitution, measured):
+    """Level toes strike together: one velocity, in whichever order the legs are named."""
+    velocities = []
+    v = np.array([0.1, -0.8, 0.2, 1.5])
+    for order in itertools.permutations(level(toes).legs):
+        first = order[0].phase
+        robot = Robot(legs=tuple(Leg(leg.side, leg.phase - first) for leg in order))
+        velocities.append(strike(robot, v, mu, restitution, False, PSI + first)[2])
+    apart = np.ptp(velocities, axis=0).max()
+    measured(f"velocities apart, {len(velocities)} orders of {toes} legs", apart, 1e-14)
+    assert np.abs(velocities[0] - v).max() > 0.1
+
+
+@pytest.mark.parametrize("toes, locked", [(2, True), (3, True), (4, True), (3, False), (4, False)])
+def test_level_toes_share_the_weight(toes, locked, measured):
+    """Landed from 5 cm it stays for 10 s, loads balanced in force and moment; the locked robot's
+    are linear in x as on equal springs: of all that balance, the smallest. (With its crank free
+    the robot walks on two toes that are mirror images: those move as one.)
+    """
+    robot = level(toes)
+    plant = plant_on(robot, Terrain.flat(), True)
+    state = plant.state
+    state[1] += 0.05
+    plant.state = state
+    plant.step(0.0, 0.5)
+    plant.crank_driven = locked
+    before = plant.state
+    result = plant.step(0.0, 10.0)
+    drift = np.abs(plant.state - before)[:4].max()
+    measured(f"drift in 10 s on {toes} toes", drift, 1e-12, "m")
+    x, load = plant.toe_positions()[:, 0], result.contact_force[:, 1]
+    q, weight = plant.state, robot.mass * GRAVITY
+    arm = x - q[0] - (rd.body_sums(plant.tables, q[3]).c[0] / robot.mass)  # the pitch is 0
+    measured("pitch", abs(q[2]), 1e-4, "rad")
+    measured("sum of loads less weight", abs(load.sum() - weight), 1e-11, "N")
+    measured("moment of the loads", abs(arm @ load), 1e-5 * weight, "N m")
+    measured("least load, negative", -load.min(), 0.0, "N")
+    if locked:
+        balance = np.vstack([np.ones(toes), arm])
+        springs = np.linalg.lstsq(balance, np.array([weight, 0.0]), rcond=None)[0]
+        measured("loads less springs'", np.abs(load - springs).max(), 2e-5 * weight, "N")
+
+
+DROP = 0.1  # m
+
+
+@pytest.mark.parametrize("restitution, bounces", [(0.3, 3), (0.5, 4), (0.8, 4), (1.0, 3)])
+@pytest.mark.parametrize("toes", [1, 2, 3, 4])
+def test_bounce_heights(toes, restitution, bounces, measured):
+    """Dropped flat it rises to h_k = e^2k h_0, flying for 2 sqrt(2 h_k / g); e = 1: for ever.
+
+    On one toe the centre of mass is over it (a payload's doing), so that it does not turn. A
+    blow is dealt within v h of the ground, v the speed it comes with: so far may heights be off.
+    """
+    step, chunk, robot = 1e-5, 1e-4, level(toes)
+    if toes == 1:  # c + load * (x, y) = (mass + load) * toe's x
+        place = joint_positions(robot, "fore", PSI)[T, 0]
+        c = rd.body_sums(rd.compile_robot(robot), PSI).c[0]
+        load = 5.0
+        along = ((robot.mass + load) * place - c) / load
+        robot = Robot(legs=robot.legs, payload=Payload(load, 0.1, (float(along), -0.2)))
+    ground = Terrain.flat(friction=0.0, restitution=restitution)
+    plant = plant_on(robot, ground, True, time_step=step)
+    state = plant.state
+    rest = state[1] + SET_DOWN_DEPTH
+    state[1] = rest + DROP
+    plant.state = state
+    start, heights, times, steps = plant.energy(), [], [], 0
+    while len(heights) < bounces:
+        falling = plant.state[5]
+        plant.step(0.0, chunk)
+        steps += 1
+        height, rising = plant.state[1] - rest, plant.state[5]
+        if rising > falling:
+            heights.append(height + rising**2 / (2.0 * GRAVITY))
+            times.append(steps * chunk)
+    k = np.arange(1, bounces + 1)
+    expected = DROP * restitution ** (2 * k)
+    speed = np.sqrt(2.0 * GRAVITY * DROP) * restitution ** (k - 1)
+    measured("height's error, of v h", (np.abs(heights - expected) / (speed * step)).max(), 1.0)
+    flights = 2.0 * np.sqrt(2.0 * expected[:-1] / GRAVITY)
+    measured("time between bounces", np.abs(np.diff(times) - flights).max(), 1.5 * chunk, "s")
+    if restitution == 1.0:
+        measured("energy lost or won at e = 1", abs(plant.energy() - start) / start, 1e-10)
+    measured("pitch rate", abs(plant.state[6]), 2e-11, "rad/s")

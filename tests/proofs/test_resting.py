@@ -1,0 +1,112 @@
+"""Resting for a minute without torque: nothing is gained, nothing moves, no load changes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from jansen_env import Leg, Payload, Robot, Terrain
+from jansen_env import reduced as rd
+from jansen_env.gravity import GRAVITY
+from jansen_env.linkage import T, coordinates, joint_positions
+from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.robot import ROBOTS, paper_robot
+
+FRICTION = 0.8
+DESIGNS = {
+    **{name: make() for name, make in ROBOTS.items()},
+    "loaded": Robot(payload=Payload(5.0, 0.2, (0.02, -0.2))),
+    "six legs": paper_robot(3),
+    "twelve legs": paper_robot(6),
+    "twins": Robot(legs=(Leg("fore"), Leg("fore"), Leg("back"), Leg("back"))),
+}
+POSES = [(slope, psi) for slope in (0.1, 0.0, -0.2) for psi in (0.3, 1.0, 2.0, 4.0)]  # rad
+some_and_more = pytest.mark.parametrize(
+    "poses",
+    [pytest.param(POSES[:1], id="one"), pytest.param(POSES[1:], id="more", marks=pytest.mark.slow)],
+)
+
+
+def standing(name, slope, psi, locked):
+    """The design set down on a slope."""
+    plant = ProjectionPlant(DESIGNS[name], Terrain.slope(slope, friction=FRICTION))
+    plant.crank_driven = locked
+    plant.reset(0.0, psi)
+    return plant
+
+
+def friction_needed(plant, slope):
+    """Largest |tangential| / normal load with which two toes hold all of a robot with free crank.
+
+    Two toes have four load components for its four freedoms: J^T P = dV/dq. None where there are
+    not two toes, or where they leave a freedom; infinite where one of them would have to pull.
+    """
+    q, d = plant.state[:4], 1e-5
+    on = np.flatnonzero(plant.peek().contact_force[:, 1])
+    if len(on) != 2:
+        return None
+    normal, along = [-math.sin(slope), math.cos(slope)], [math.cos(slope), math.sin(slope)]
+
+    def look(q):
+        rows = []
+        for leg in (plant.robot.legs[i] for i in on):
+            joint = joint_positions(plant.robot, leg.side, q[3] + leg.phase)[T] @ [1.0, 1.0j]
+            turned = joint * np.exp(1j * q[2])
+            place = np.add(q[:2], [turned.real, turned.imag])
+            angle = q[2] + coordinates(plant.robot, leg.side, q[3] + leg.phase)[21]
+            rows += [place @ normal, place @ along + plant.robot.pad_radius * angle]
+        return np.array([*rows, rd.energy(plant.tables, q, np.zeros(4))])
+
+    slopes = np.array([look(q + d * e) - look(q - d * e) for e in np.eye(4)]).T / (2.0 * d)
+    if np.linalg.cond(slopes[:4]) > 1e4:
+        return None
+    P = np.linalg.solve(slopes[:4].T, slopes[4])
+    return math.inf if P[::2].min() <= 0.0 else np.abs(P[1::2] / P[::2]).max()
+
+
+def rest(plant, slope, measured):
+    """A minute of rest; note what is not constant in it."""
+    weight = plant.robot.mass * GRAVITY
+    energy, before = plant.energy(), plant.state
+    first = plant.step(0.0, 0.1).contact_force
+    settled = plant.state
+    plant.step(0.0, 59.8)
+    last = plant.step(0.0, 0.1).contact_force
+    measured("energy won", plant.energy() - energy, 1e-14 * weight, "J")
+    measured("energy lost", energy - plant.energy(), 1e-10 * weight, "J")
+    measured("settling", np.abs(plant.state - before)[:4].max(), 2e-9, "m, rad")
+    measured("drift", np.abs(plant.state - settled)[:4].max(), 2e-9, "m, rad")
+    measured("speed", np.abs(plant.state[4:]).max(), 3e-11, "m/s, rad/s")
+    measured("a load's change / weight", np.abs(last - first).max() / weight, 5e-6)
+    load = weight * np.array([math.sin(slope), math.cos(slope)])
+    measured("loads less weight / weight", np.abs(last.sum(axis=0) - load).max() / weight, 1e-14)
+
+
+@some_and_more
+@pytest.mark.parametrize("name", DESIGNS)
+def test_a_minute_at_rest_with_the_crank_locked(name, poses, measured):
+    """On the level and on slopes below atan(mu), at several crank angles."""
+    for slope, psi in poses:
+        rest(standing(name, slope, psi, True), slope, measured)
+
+
+@some_and_more
+@pytest.mark.parametrize("name", DESIGNS)
+def test_a_minute_with_the_crank_free(name, poses, measured):
+    """It never wins energy; it rests where statics lets it (|t| <= mu n), and only there."""
+    for slope, psi in poses:
+        plant = standing(name, slope, psi, False)
+        energy, before = plant.energy(), plant.state
+        needed = friction_needed(plant, slope)
+        if needed is not None and needed < 0.98 * FRICTION:
+            rest(plant, slope, measured)
+            continue
+        most = energy
+        for _ in range(60):
+            plant.step(0.0, 1.0)
+            most = max(most, plant.energy())
+        measured("energy won with the crank free", most - energy, 1e-12 * plant.robot.mass, "J")
+        if needed is not None and needed > 1.02 * FRICTION:
+            assert np.abs(plant.state - before)[:4].max() > 1e-3

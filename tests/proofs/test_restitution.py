@@ -1,0 +1,61 @@
+"""Blows with restitution and friction: Newton's law as far as it creates no energy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from jansen_env import ROBOTS, Payload, Robot, Terrain
+from jansen_env.plants.projection import ProjectionPlant
+
+HEAVY = Robot(payload=Payload(60.0, 1.0, (0.1, 0.0)))
+
+
+def blows(robot, friction, restitution, rng, count=300):
+    """Energies before and after of random single blows in weightlessness, and states (n, 2, 8).
+
+    Set down at any pitch and thrown towards the ground, 1e-6 s; on level ground, crank free.
+    """
+    ground = Terrain.flat(friction, restitution)
+    plant = ProjectionPlant(robot, ground, time_step=1e-6, gravity=0.0)
+    energies, states = np.empty((count, 2)), np.empty((count, 2, 8))
+    for k in range(count):
+        state = plant.reset(0.0, rng.uniform(0.0, 2.0 * np.pi), rng.uniform(-0.3, 0.3))
+        state[4:] = rng.normal(size=4) * (1.0, 0.0, 1.0, 3.0) - (0.0, 1.0, 0.0, 0.0)
+        plant.state = state
+        for i in range(2):
+            energies[k, i], states[k, i] = plant.energy(), plant.state
+            if i == 0:
+                plant.step(0.0, 1e-6)
+    return energies, states
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3, 0.8, 2.0])
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 0.8, 1.0])
+@pytest.mark.parametrize("robot", [ROBOTS["holy_slender"](2), HEAVY], ids=["holy_slender", "60 kg"])
+def test_no_blow_creates_energy(robot, friction, restitution, rng, measured):
+    """Kinetic energy after <= before, for any friction and restitution: 2e-6, the time step's error.
+
+    Newton's law alone gives up to 3.4 times as much (60 kg, friction 0.8, e = 1).
+    """
+    energies, _ = blows(robot, friction, restitution, rng)
+    gain = (energies[:, 1] / energies[:, 0]).max() - 1.0
+    measured(f"energy gained in a blow, friction {friction}, e = {restitution}", gain, 2e-6)
+
+
+def test_what_bounces_lawfully_bounces_as_asked(rng, measured):
+    """One toe struck, no friction: no energy is at risk, and it leaves at e times its speed."""
+    for e in (0.5, 1.0):
+        ground = Terrain.flat(0.0, e)
+        plant = ProjectionPlant(Robot(), ground, time_step=1e-6, gravity=0.0)
+        plant.crank_driven = True  # locked: a rigid body, whose struck toe's speed is easily told
+        plant.reset(0.0, 1.0, 0.2)
+        toe = int(np.argmin(plant.toe_positions()[:, 1]))
+        state = plant.state
+        state[5] = -1.0
+        plant.state = state
+        plant.step(0.0, 1e-6)
+        left = plant.toe_positions()[toe, 1]
+        plant.step(0.0, 1e-4)
+        speed = (plant.toe_positions()[toe, 1] - left) / 1e-4
+        measured(f"rebound speed, e = {e}, less e", abs(speed - e), 1e-3, "m/s")

@@ -1,0 +1,188 @@
+"""The contact solver against every one of the 4^n combinations of contact modes.
+
+Each of n contacts is open, sticks, or slides one way; with its mode given the law is linear. Trying
+all modes finds every solution there is (Glocker, Set-Valued Force Laws, 2001), also
+where there are several, as there may be at large friction, or where impulses are not unique.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from jansen_env.contact_solver import OPEN, SLIDE_BACKWARD, SLIDE_FORWARD, STICK, soften, solve
+
+COMPLIANCE = 1e-6  # of W's mean diagonal, so that the trials' systems are well conditioned
+SLACK = 1e-8  # of the speeds and impulses at play, by which a trial's inequalities may be missed
+
+
+def random_problems(rng, problems, count, freedoms=4, twins="none"):
+    """Jacobians of random directions (problems, 2 count, freedoms), W and q = J v.
+
+    With more than freedoms / 2 contacts W is singular; ``twins``: the last contact is the first
+    again, "equal" or "near" by 1e-6.
+    """
+    root = rng.normal(size=(problems, freedoms, freedoms))
+    mobility = root @ root.transpose(0, 2, 1) + 0.1 * np.eye(freedoms)
+    J = rng.normal(size=(problems, 2 * count, freedoms))
+    if twins != "none" and count > 1:
+        J[:, -2:] = J[:, :2] + (1e-6 * rng.normal(size=J[:, :2].shape) if twins == "near" else 0.0)
+    q = (J @ rng.normal(size=(problems, freedoms, 1)))[..., 0]
+    return J @ mobility @ J.transpose(0, 2, 1), q
+
+
+def solved(W, q, mu, guess=STICK):
+    """The solver's P and u for each problem, (problems, 2 n)."""
+    n = mu.shape[1]
+    P, u = np.zeros_like(q), np.zeros_like(q)
+    A, rhs, index = np.zeros((2 * n, 2 * n)), np.zeros(2 * n), np.zeros(2 * n, np.int64)
+    for k in range(len(q)):
+        mode = np.full(n, guess, np.int64)
+        solve(n, W[k], q[k], mu[k], mode, P[k], u[k], A, rhs, index)
+    return P, u
+
+
+def violations(W, q, mu, P):
+    """|P - its projection of P - u / W_ii on the friction cone|, over |q / W_ii|, (problems,)."""
+    diagonal = np.diagonal(W, axis1=1, axis2=2)
+    u = (W @ P[..., None])[..., 0] + q
+    ahead = P - u / diagonal
+    bound = mu * np.maximum(P[:, 0::2], 0.0)
+    wrong = np.abs(P[:, 0::2] - np.maximum(ahead[:, 0::2], 0.0)).max(axis=1)
+    wrong = np.maximum(
+        wrong, np.abs(P[:, 1::2] - np.clip(ahead[:, 1::2], -bound, bound)).max(axis=1)
+    )
+    return wrong / np.abs(q / diagonal).max(axis=1)
+
+
+def nearest_solution(W, q, mu, u):
+    """For each problem, over all mode combinations that contradict nothing: how far ``u`` is from
+    the nearest, how far the solutions are from one another, and how many combinations fit.
+    """
+    problems, n = mu.shape
+    speed = np.abs(q).max(axis=1)
+    impulse = np.abs(q / np.diagonal(W, axis1=1, axis2=2)).max(axis=1)
+    nearest, fitting = np.full(problems, np.inf), np.zeros(problems, int)
+    low, high = np.full(u.shape, np.inf), np.full(u.shape, -np.inf)
+    for modes in itertools.product((OPEN, STICK, SLIDE_FORWARD, SLIDE_BACKWARD), repeat=n):
+        A, b = np.zeros_like(W), np.zeros_like(q)
+        for c, mode in enumerate(modes):
+            i, t = 2 * c, 2 * c + 1
+            if mode == OPEN:
+                A[:, i, i] = A[:, t, t] = 1.0
+                continue
+            A[:, i], b[:, i] = W[:, i], -q[:, i]
+            if mode == STICK:
+                A[:, t], b[:, t] = W[:, t], -q[:, t]
+            else:
+                A[:, t, t] = 1.0
+                A[:, t, i] = mu[:, c] if mode == SLIDE_FORWARD else -mu[:, c]
+        P = np.linalg.solve(A, b[..., None])[..., 0]
+        w = (W @ P[..., None])[..., 0] + q
+        fits = np.isfinite(P).all(axis=1)
+        p_slack = SLACK * np.maximum(impulse, np.abs(P).max(axis=1))
+        u_slack = SLACK * speed
+        for c, mode in enumerate(modes):
+            p_n, p_t, u_n, u_t = P[:, 2 * c], P[:, 2 * c + 1], w[:, 2 * c], w[:, 2 * c + 1]
+            fits &= (
+                (p_n >= -p_slack) & (u_n >= -u_slack) & (np.abs(p_t) <= mu[:, c] * p_n + p_slack)
+            )
+            if mode == SLIDE_FORWARD:
+                fits &= u_t >= -u_slack
+            elif mode == SLIDE_BACKWARD:
+                fits &= u_t <= u_slack
+        fitting += fits
+        distance = np.abs(w - u).max(axis=1) / speed
+        nearest[fits] = np.minimum(nearest[fits], distance[fits])
+        low[fits], high[fits] = np.minimum(low[fits], w[fits]), np.maximum(high[fits], w[fits])
+    apart = np.where(fitting > 0, (high - low).max(axis=1) / speed, np.inf)
+    return nearest, apart, fitting
+
+
+KINDS = {  # freedoms, twins
+    "four freedoms": (4, "none"),
+    "three freedoms, crank locked": (3, "none"),
+    "twins": (4, "equal"),
+    "near twins": (4, "near"),
+}
+
+
+def draw(kind, count, problems):
+    """W, q and mu of random problems: mu from 0 to 5, an eighth of them 0."""
+    rng = np.random.default_rng([20240229, list(KINDS).index(kind), count])
+    freedoms, twins = KINDS[kind]
+    W, q = random_problems(rng, problems, count, freedoms, twins)
+    mu = rng.uniform(0.0, 5.0, (problems, count)) * (rng.random((problems, count)) > 0.125)
+    return W, q, mu
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+@pytest.mark.parametrize("kind", KINDS)
+def test_solver_finds_one_of_all_solutions(kind, count, measured):
+    """625 problems each, 10,000 in all: P obeys the law, u is that of a combination that fits.
+
+    Where all that fit leave the same velocities, u is thereby the only answer. Twins' systems are
+    the worse conditioned: by 1 / compliance, and the trial loses as many digits.
+    """
+    W, q, mu = draw(kind, count, 625)
+    mean = np.trace(W, axis1=1, axis2=2) / (2 * count)
+    W += COMPLIANCE * mean[:, None, None] * np.eye(2 * count)
+    P, u = solved(W, q, mu)
+    nearest, apart, fitting = nearest_solution(W, q, mu, u)
+    assert (fitting > 0).all()
+    unique = apart <= 1e-6
+    assert unique.mean() > 0.6
+    where = f"{count} contacts, {kind}"
+    measured(f"contact law violated, {where}", violations(W, q, mu, P).max(), 2e-12)
+    measured(f"velocity off the nearest of 4^n trials, {where}", nearest.max(), 1e-9)
+    measured(f"velocity off the only answer, {where}", nearest[unique].max(), 1e-9)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+@pytest.mark.parametrize("kind", KINDS)
+def test_singular_problems_obey_the_law(kind, count, measured):
+    """The same with the kernels' own compliance, 1e-11: W as singular as a robot's on many toes.
+
+    Jammed contacts carry impulses far above those at play; the violation is relative to the latter.
+    """
+    W, q, mu = draw(kind, count, 625)
+    for w in W:
+        soften(count, w)
+    P, _ = solved(W, q, mu)
+    wrong = violations(W, q, mu, P).max()
+    measured(f"contact law violated, singular, {count} contacts, {kind}", wrong, 3e-8)
+
+
+def test_first_guess_decides_only_among_solutions(measured):
+    """From each of the four modes as first guess: always one of the solutions of the trial."""
+    W, q, mu = draw("four freedoms", 3, 200)
+    W += COMPLIANCE * (np.trace(W, axis1=1, axis2=2) / 6.0)[:, None, None] * np.eye(6)
+    worst = 0.0
+    for guess in (OPEN, STICK, SLIDE_FORWARD, SLIDE_BACKWARD):
+        _, u = solved(W, q, mu, guess)
+        worst = max(worst, nearest_solution(W, q, mu, u)[0].max())
+    measured("velocity off the nearest of 4^n trials, any first guess", worst, 1e-11)
+
+
+def test_a_standing_robot_may_have_three_answers(measured):
+    """Coulomb's law need not have one answer: the paper's robot on two toes, friction 0.8, cranked.
+
+    Its W and q at crank angle 0.3 under 11 N m: the fore toe slides, or the back toe, or both. The
+    solver returns one of them whatever its first guess, and all three obey the law.
+    """
+    W = np.array(
+        [
+            [0.3492, -0.0592, 0.2909, -0.0582],
+            [-0.0592, 0.5130, 0.0369, 0.4791],
+            [0.2909, 0.0369, 0.3253, 0.0357],
+            [-0.0582, 0.4791, 0.0357, 0.4551],
+        ]
+    )[None]
+    q, mu = np.array([[-0.009688, -0.008158, -0.009959, -0.002974]]), np.full((1, 2), 0.8)
+    for guess in (OPEN, STICK, SLIDE_FORWARD, SLIDE_BACKWARD):
+        _, u = solved(W, q, mu, guess)
+        nearest, apart, fitting = nearest_solution(W, q, mu, u)
+        assert fitting[0] == 3 and apart[0] > 0.1
+        measured("standing robot: velocity off the nearest of three answers", nearest[0], 1e-10)

@@ -1,0 +1,233 @@
+"""The worst that can be asked of the contacts: no NaN, no crash, the law obeyed, nothing sinks in.
+
+Painleve (C. R. Acad. Sci. 121, 1895): a toe slides with P_n = -q_n / (W_nn -+ mu W_nt), so that
+beyond mu = W_nn / |W_nt| sliding one way has no solution, or several. Time stepping always has
+one: an impulse that stops the toe at once (Stewart, SIAM Review 42, 2000).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jansen_env import Payload, Robot, Terrain
+from jansen_env import reduced as rd
+from jansen_env.contact import MARGIN
+from jansen_env.gravity import GRAVITY
+from jansen_env.linkage import B, C, D, E, P, joint_positions
+from jansen_env.plants.projection import ProjectionPlant
+
+HOLD = 0.02  # s, for which a torque is held
+LEFT = 2e-5  # m, penetration that is left alone
+SPIKE = ((-1.0, 0.0), (-0.05, 0.0), (0.0, 0.28), (0.05, 0.0), (1.0, 0.0))  # 80 degrees steep
+GROOVE = ((-1.0, 1.5), (0.0, 0.0), (1.0, 1.5))
+ROUGH = Terrain.rough(np.random.default_rng(0), start=-5.0, friction=100.0)
+HEAVY = replace(Robot(), payload=Payload(1000.0, 10.0, (0.0, 0.2)))
+INERT = replace(Robot(), payload=Payload(1e-6, 1e3))
+FLAT = Terrain.flat()
+CASES = {  # robot, terrain, time step, sunk at the start, largest torque
+    "friction 0": (Robot(), Terrain.flat(0.0), 1e-3, 0.0, 20.0),
+    "friction 5": (Robot(), Terrain.flat(5.0), 1e-3, 0.0, 20.0),
+    "friction 100": (Robot(), Terrain.flat(100.0), 1e-3, 0.0, 20.0),
+    "friction 100 on rough ground": (Robot(), ROUGH, 1e-3, 0.0, 20.0),
+    "restitution 1": (Robot(), Terrain.flat(restitution=1.0), 1e-3, 0.0, 20.0),
+    "torque of 100 N m": (Robot(), FLAT, 1e-3, 0.0, 100.0),
+    "time step 10 ms": (Robot(), FLAT, 1e-2, 0.0, 20.0),
+    "time step 20 ms": (Robot(), FLAT, 2e-2, 0.0, 20.0),
+    "payload of 1000 kg": (HEAVY, FLAT, 1e-3, 0.0, 200.0),
+    "payload all inertia": (INERT, FLAT, 1e-3, 0.0, 20.0),
+    "5 cm below the ground": (Robot(), FLAT, 1e-3, 0.05, 20.0),
+    "on a spike": (Robot(), Terrain(SPIKE), 1e-3, 0.0, 20.0),
+    "in a V-groove": (Robot(), Terrain(GROOVE), 1e-3, 0.0, 20.0),
+    "in a V-groove, friction 5": (Robot(), Terrain(GROOVE, friction=5.0), 1e-3, 0.0, 20.0),
+}
+
+
+def governor(speed, rate, most):
+    """Torque that holds the crank near ``speed``, N m."""
+    return float(np.clip(10.0 * (speed - rate) + 1.5 * speed, -most, most))
+
+
+def depth(plant):
+    """How deep the deepest toe's pad reaches below the polyline of the ground, m."""
+    p, line = plant.toe_positions(), plant.terrain.polyline
+    a, along = line[:-1], np.diff(line, axis=0)
+    share = np.clip(((p[:, None] - a) * along).sum(-1) / (along**2).sum(-1), 0.0, 1.0)
+    away = np.linalg.norm(p[:, None] - a - share[..., None] * along, axis=-1).min(axis=1)
+    away = np.where(p[:, 1] < plant.terrain.height(p[:, 0]), -away, away)
+    return float((plant.robot.pad_radius - away).max())
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_contact_law_and_penetration(name, measured):
+    """3 s of walking or trying to: residual relative to m g times the step; depth below v h / 2.
+
+    A toe lands anywhere in a step, half of which it goes on with up to 0.4 m/s (at 100 N m the
+    robot flies off at once); after the first half second, in which sunken toes come up.
+    """
+    robot, terrain, step, sunk, most = CASES[name]
+    plant = ProjectionPlant(robot, terrain, step)
+    state = plant.reset(0.0, 0.3)
+    state[1] -= sunk
+    plant.state = state
+    speed = 1e4 if most == 100.0 else 1.0
+    residual, deepest = 0.0, -math.inf
+    for k in range(150):
+        result = plant.step(governor(speed, plant.state[7], most), HOLD)
+        residual = max(residual, result.residual)
+        assert np.isfinite(plant.state).all() and np.isfinite(result.contact_force).all()
+        assert (result.contact_force[:, 1] >= 0.0).all()
+        if k >= 25:
+            deepest = max(deepest, depth(plant))
+    measured(f"contact law violated, {name}", residual / (robot.mass * GRAVITY * step), 1e-12)
+    measured(f"penetration, {name}", deepest, LEFT + 0.4 * 0.5 * step, "m")
+
+
+@pytest.mark.parametrize("torque", [1e3, 1e5, 1e8, -1e8])
+def test_absurd_torque_ends_in_a_plain_error(torque):
+    """The state stays finite, or FloatingPointError says that it diverged: no NaN gets out."""
+    plant = ProjectionPlant(Robot(), FLAT)
+    plant.reset(0.0, 0.3)
+    diverged = False
+    for _ in range(50):
+        try:
+            plant.step(torque, HOLD)
+        except FloatingPointError:
+            diverged = True
+            break
+        assert np.isfinite(plant.state).all()
+    assert diverged == (abs(torque) > 1e3)
+
+
+def delassus(plant, state, toe):
+    """W (2, 2) of one toe, tangential before normal, J by central differences of its position."""
+    J, small = np.zeros((2, 4)), 1e-6
+    for i in range(4):
+        for sign in (1.0, -1.0):
+            moved = state.copy()
+            moved[i] += sign * small
+            plant.state = moved
+            J[:, i] += sign * plant.toe_positions()[toe] / (2.0 * small)
+    return J @ np.linalg.solve(rd.mass_matrix(plant.tables, state[:4]), J.T)
+
+
+def painleve_postures(plant, mu):
+    """Postures on one toe, sliding so that W_nn -+ mu W_nt < 0: (state, toe, crank angle)."""
+    found = []
+    for psi in np.linspace(0.0, 2.0 * math.pi, 24, endpoint=False):
+        for pitch in np.linspace(-0.6, 0.6, 9):
+            state = plant.reset(0.0, psi, pitch)
+            toe = int(np.argmin(plant.toe_positions()[:, 1]))
+            W = delassus(plant, state, toe)
+            if W[1, 1] < 0.98 * mu * abs(W[0, 1]):
+                state[4] = math.copysign(1.0, W[0, 1])  # slides with friction pressing it down
+                found.append((state, toe))
+    return found
+
+
+@pytest.mark.parametrize("mu", [4.0, 5.0])
+def test_painleve(mu, measured):
+    """No sliding solution: the toe is stopped by an impulse without a collision, and the robot
+    never gains energy: energy gained in 20 ms over the kinetic energy it had.
+
+    A thin pad of 0.1 mm, so that W by the toe's centre is W at the contact.
+    """
+    thin = replace(Robot(), pad_radius=1e-4)
+    plant = ProjectionPlant(thin, Terrain.flat(friction=mu))
+    postures = painleve_postures(plant, mu)
+    assert len(postures) > 10
+    residual = gained = sliding = deepest = 0.0
+    for state, toe in postures:
+        plant.state = state
+        kinetic = 0.5 * thin.mass
+        first = plant.step(0.0, plant.time_step)
+        assert first.contact_force[toe, 1] > 10.0 * thin.mass * GRAVITY  # no force balance: a blow
+        sliding = max(sliding, first.slip[toe])
+        for result in [first, *(plant.step(0.0, HOLD) for _ in range(10))]:
+            residual = max(residual, result.residual / (thin.mass * 1.0))
+            gained = max(gained, result.energy_change / kinetic)
+            deepest = max(deepest, depth(plant))
+        assert np.isfinite(plant.state).all()
+    measured(f"Painleve, friction {mu:g}: contact law violated", residual, 1e-12)
+    measured(f"Painleve, friction {mu:g}: energy gained in 20 ms", gained, 1e-9)
+    measured(f"Painleve, friction {mu:g}: slip in the step of the blow", sliding, 1e-12, "m")
+    measured(f"Painleve, friction {mu:g}: penetration", deepest, 2.0 * LEFT, "m")
+
+
+def bounced(step):
+    """Crank locked, no friction, e = 1: what 4 s of bouncing lose on the average of six starts, and
+    what is unaccounted for at worst, both relative to the energy.
+    """
+    ground = Terrain.flat(friction=0.0, restitution=1.0)
+    lost = missed = 0.0
+    for height in np.linspace(0.8, 0.9, 6):
+        plant = ProjectionPlant(Robot(), ground, step)
+        plant.crank_driven = True
+        plant.state = [0.0, height, 0.1, 0.3, 0.2, 0.0, 0.5, 0.0]
+        start = plant.energy()
+        losses = [plant.step(0.0, HOLD).impact_loss for _ in range(200)]
+        lost += abs(sum(losses)) / start / 6.0
+        missed = max(missed, abs(plant.energy() - start + sum(losses)) / start)
+    return lost, missed
+
+
+def test_restitution_1_keeps_the_energy(measured):
+    """Newton's law with e = 1 and no friction loses nothing: what lifting a pad out of the ground
+    adds (m g times a fifth of its depth v h / 2) is of first order, and accounted for to rounding.
+    """
+    (coarse, missed), (fine, _) = bounced(1e-3), bounced(2.5e-4)
+    measured("bouncing with e = 1: energy lost in 4 s at 1 ms", coarse, 1e-3)
+    measured("bouncing with e = 1: order lost of 1", 1.0 - math.log(coarse / fine, 4.0), 0.3)
+    measured("bouncing with e = 1: energy unaccounted for", missed, 1e-12)
+
+
+def farthest_bumper(plant):
+    """Crank angle at which a bumper is farthest from the crank axis, how far, in what direction."""
+    best = (0.0, 0.0, 0.0)
+    for leg in plant.robot.legs:
+        for psi in np.linspace(0.0, 2.0 * math.pi, 360, endpoint=False):
+            joints = joint_positions(plant.robot, leg.side, psi + leg.phase)[[B, C, D, E, P]]
+            far = int(np.argmax(np.hypot(*joints.T)))
+            distance = float(np.hypot(*joints[far]))
+            best = max(best, (distance, float(psi), math.atan2(joints[far, 1], joints[far, 0])))
+    return best
+
+
+def test_a_bumper_is_found_before_it_strikes(measured):
+    """The farthest bumper first, straight down at 2.2 m/s: it is no deeper than v h / 2 after the
+    blow, and lifting it by a fifth of that is all the energy gained; in units of m g v h / 2.
+
+    Found late it would be 2 cm deep (10 ms of falling), and be lifted all the way.
+    """
+    plant = ProjectionPlant(Robot(), Terrain.flat(friction=0.0, restitution=1.0))
+    plant.crank_driven = True
+    reach, psi, direction = farthest_bumper(plant)
+    depth_allowed = math.hypot(2.0, math.sqrt(2.0 * GRAVITY * 0.06)) * 0.5 * plant.time_step
+    gained = 0.0
+    for extra in np.linspace(0.0, 0.02, 11):
+        plant.state = [0, reach + 0.05 + extra, -0.5 * math.pi - direction, psi, 0, -2.0, 0, 0]
+        start = plant.energy()
+        assert plant.step(0.0, 0.1).bumped
+        gained = max(gained, plant.energy() - start)
+    unit = plant.robot.mass * GRAVITY * depth_allowed
+    measured("farthest bumper landing: energy gained over m g v h / 2", gained / unit, 0.25)
+
+
+def test_fast_landing(measured):
+    """Dropped from 5 m, landing at 10 m/s: nothing stays below the ground.
+
+    The detector sees a pad from MARGIN above the ground to MARGIN + radius below, once every 10 ms:
+    pads faster than 12 m/s may pass it by.
+    """
+    plant = ProjectionPlant(Robot(), FLAT)
+    assert math.sqrt(2.0 * GRAVITY * 5.0) < (2.0 * MARGIN + 0.02) / plant.detection_interval
+    deepest = 0.0
+    for extra in np.linspace(0.0, 0.2, 8):
+        plant.crank_driven = True
+        plant.state = [0.0, 5.6 + extra, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0]
+        plant.step(0.0, 4.0)
+        deepest = max(deepest, depth(plant))
+    measured("dropped from 5 m: penetration at rest", deepest, 2.0 * LEFT, "m")

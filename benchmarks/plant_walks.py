@@ -37,7 +37,7 @@ class Walk:
     friction: float = 0.8
     slope: float = 0.0
     payload: float = 0.0
-    duration: float = 8.0
+    duration: float = 6.0
 
     @property
     def title(self) -> str:

@@ -24,6 +24,7 @@ from agents.walker_baselines import (
     walking_torque,
 )
 from jansen_env.files import write_text, write_whole
+from jansen_env.plants.make import PLANTS
 
 ONE_TO_ONE = SpeedMap(np.array([0.5, 1.0, 2.0]), np.array([[0.5], [1.0], [2.0]]))
 
@@ -193,6 +194,21 @@ def test_evaluation_command(tmp_path):
     assert set(table) == {"pid", "constant"}
     assert (tmp_path / "a" / "scores.png").stat().st_size > 10_000
     assert (tmp_path / "b" / "pid.gif").read_bytes()[:3] == b"GIF"
+
+
+def test_evaluation_on_both_plants(tmp_path, capsys):
+    """A row per policy and plant, close to one another; the crank has one plant only."""
+    evaluate.main(
+        ["--policy", "pid", "--plant", "projection", "--plant", "rigid_body", "--episodes", "1",
+         "--commands", "0.4", "--env-kwargs", "{max_episode_steps: 50}", "--out", str(tmp_path)]
+    )  # fmt: skip
+    assert "| pid on rigid_body |" in capsys.readouterr().out
+    table = json.loads((tmp_path / "scores.json").read_text())
+    torque = [table[f"pid on {plant}"]["overall"]["rms_torque"][0] for plant in PLANTS]
+    assert torque[0] == pytest.approx(torque[1], rel=0.05) and torque[0] != torque[1]
+    with pytest.raises(SystemExit):
+        evaluate.main(["--env", "JansenCrank-v0", "--policy", "pid-paper", "--plant", "rigid_body"])
+    assert "has one plant only" in capsys.readouterr().err
 
 
 def test_unknown_policies_are_named():

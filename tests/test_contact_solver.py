@@ -1,12 +1,10 @@
-"""Contact impulses: Signorini and Coulomb, checked by the law itself and by trying all modes.
+"""Contact impulses: Signorini and Coulomb, checked by the law itself.
 
 Problems are random and consistent: 4 freedoms, contacts of any direction, q = J v. More than two
 contacts have more unknowns than freedoms; W is then singular but for the compliance added to it.
 """
 
 from __future__ import annotations
-
-import itertools
 
 import numpy as np
 import pytest
@@ -41,76 +39,6 @@ def violation(W, q, mu, P):
     normal, friction = np.maximum(moved[0::2], 0.0), np.clip(moved[1::2], -bound, bound)
     worst = max(np.abs(P[0::2] - normal).max(), np.abs(P[1::2] - friction).max())
     return worst / np.abs(q / diagonal).max()
-
-
-def all_solutions(W, q, mu, tolerance=1e-8):
-    """Velocities of every one of the 4^n mode combinations that contradicts nothing, (k, 2 n)."""
-    count = len(mu)
-    modes = np.array(list(itertools.product(range(4), repeat=count)))
-    A, b = np.zeros((len(modes), 2 * count, 2 * count)), np.zeros((len(modes), 2 * count))
-    for c in range(count):
-        n, t, mode = 2 * c, 2 * c + 1, modes[:, c]
-        closed, stuck, sliding = mode != OPEN, mode == STICK, mode >= SLIDE_FORWARD
-        A[closed, n], b[closed, n] = W[n], -q[n]  # u_n = 0
-        A[stuck, t], b[stuck, t] = W[t], -q[t]  # u_t = 0
-        A[~closed, n, n] = A[~closed, t, t] = A[sliding, t, t] = 1.0
-        A[mode == SLIDE_FORWARD, t, n] = mu[c]
-        A[mode == SLIDE_BACKWARD, t, n] = -mu[c]
-    P = np.linalg.solve(A, b[..., None])[..., 0]
-    u = P @ W + q
-    fits = np.ones(len(modes), bool)
-    for c in range(count):
-        mode, (p_n, p_t), (u_n, u_t) = (
-            modes[:, c],
-            P[:, 2 * c : 2 * c + 2].T,
-            u[:, 2 * c : 2 * c + 2].T,
-        )
-        fits &= (p_n > -tolerance) & (u_n > -tolerance) & (np.abs(p_t) < mu[c] * p_n + tolerance)
-        fits &= (mode != SLIDE_FORWARD) | (u_t > -tolerance)
-        fits &= (mode != SLIDE_BACKWARD) | (u_t < tolerance)
-    return u[fits]
-
-
-@pytest.mark.parametrize("twins", [False, True], ids=["apart", "twins"])
-@pytest.mark.parametrize("count", [1, 2, 3, 4])
-def test_random_problems_obey_the_contact_law(count, twins, rng):
-    """2000 problems, mu up to 2: what is violated is below 1e-9 of the largest impulse at play.
-
-    From three contacts on there are more equations than freedoms: contacts can jam, with impulses
-    far above those at play and W all but singular. 1e-7 is what rounding leaves there.
-    """
-    for _ in range(2000):
-        W, q = problem(rng, count, twins)
-        mu = rng.uniform(0.0, 2.0, count)
-        soften(count, W)
-        P, _, _ = impulses(W, q, mu)
-        assert violation(W, q, mu, P) <= (1e-9 if count <= 2 else 1e-7)
-
-
-@pytest.mark.parametrize("count, problems", [(1, 100), (2, 100), (3, 100), (4, 100)])
-def test_velocities_are_those_of_some_mode_combination(count, problems, rng):
-    """All 4^n combinations tried: the solver's velocities are one of those that fit, to 1e-7.
-
-    There may be several at large friction. W gets a compliance of 1e-6 here, so that the linear
-    systems of the trial are well enough conditioned for that.
-    """
-    for k in range(problems):
-        W, q = problem(rng, count, twins=k % 4 == 3)
-        W += 1e-6 * np.trace(W) / len(W) * np.eye(len(W))
-        mu = rng.uniform(0.0, 2.0, count)
-        _, u, _ = impulses(W, q, mu)
-        candidates = all_solutions(W, q, mu)
-        assert len(candidates) > 0
-        assert np.abs(candidates - u).max(axis=1).min() <= 1e-7 * np.abs(q).max()
-
-
-def test_any_first_guess_leads_to_a_solution(rng):
-    """Started from each mode in turn, the contact law holds just the same."""
-    for _ in range(100):
-        W, q = problem(rng, 2)
-        mu = rng.uniform(0.0, 2.0, 2)
-        for guess in (OPEN, STICK, SLIDE_FORWARD, SLIDE_BACKWARD):
-            assert violation(W, q, mu, impulses(W, q, mu, guess)[0]) <= 1e-9
 
 
 @pytest.mark.parametrize("mu", [0.1, 0.8, 2.0])

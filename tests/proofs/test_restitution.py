@@ -34,7 +34,7 @@ def blows(robot, friction, restitution, rng, count=300):
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 0.8, 1.0])
 @pytest.mark.parametrize("robot", [ROBOTS["holy_slender"](2), HEAVY], ids=["holy_slender", "60 kg"])
 def test_no_blow_creates_energy(robot, friction, restitution, rng, measured):
-    """Kinetic energy after <= before, for any friction and restitution: 2e-6, the time step's error.
+    """Kinetic energy after <= before, for any friction and restitution: 2e-6, from its length.
 
     Newton's law alone gives up to 3.4 times as much (60 kg, friction 0.8, e = 1).
     """

@@ -17,6 +17,7 @@ from agents.rollout import make_env, run_episodes
 from agents.scores import episode_table, markdown_table, summarise
 from agents.tasks import TASKS, find_task
 from jansen_env.files import write_json
+from jansen_env.plants.make import PLANTS
 
 FIRST_SEED = 40_000  # of the episodes scored: training, tuning and selection use others
 FRAME_TIME = 0.06  # s, from one picture of a film to the next
@@ -121,9 +122,9 @@ def main(arguments: list[str] | None = None) -> None:
                         help="environment id; default: JansenWalker-v0")  # fmt: skip
     parser.add_argument("--env-kwargs", default="{}", type=mapping, metavar="YAML",
                         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
-    parser.add_argument("--plant", action="append", default=[], metavar="NAME",
-                        help="plant of JansenWalker-v0, projection or rigid_body; given again, "
-                        "side by side; default: projection")  # fmt: skip
+    parser.add_argument("--plant", action="append", default=[], choices=sorted(PLANTS),
+                        help="plant of JansenWalker-v0; given again, side by side; "
+                        "default: projection")  # fmt: skip
     parser.add_argument("--commands", type=float, nargs="+", metavar="V",
                         help="commanded speeds; default: the task's grid")  # fmt: skip
     parser.add_argument("--episodes", type=count, default=10, help="episodes per command")

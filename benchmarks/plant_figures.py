@@ -13,7 +13,7 @@ from jansen_env.files import write_whole
 
 COLOURS = {
     "agree": "#15803d", "chaotic": "#ca8a04", "falls at times": "#a21caf",
-    "falls on both": "#6b7280", "differ": "#dc2626",
+    "falls on both": "#6b7280", "other gait": "#0891b2", "differ": "#dc2626",
 }  # fmt: skip
 
 
@@ -65,7 +65,7 @@ def _walks(result: dict[str, Any], path: Path) -> None:
 def _value(c: Any, way: Any, name: str) -> float:
     """Walking speed, m/s, for the distance; else the value itself."""
     value = float(getattr(way, name))
-    return value / c.walk.duration if name == "distance" else value
+    return value / c.walk.measured if name == "distance" else value
 
 
 def _torque(result: dict[str, Any], path: Path) -> None:

@@ -19,6 +19,7 @@ SERVO_DT = 1e-3  # s for which the servo holds a torque
 STIFFNESS, DAMPING = 400.0, 20.0  # of the servo, N m / rad and N m s / rad
 SWING = (0.5, 3.0)  # rad and rad/s, from where the crank swings free
 SWING_TIME = 3.0  # s
+STEPS = (TIME_STEP, 0.5 * TIME_STEP)  # s, of the rigid-body plant
 
 
 class Pair:
@@ -79,6 +80,3 @@ def constant_speed(speed: float, time_step: float) -> tuple[Fixed, Array]:
     difference = float(np.sqrt(np.mean((curve[:, 1] - curve[:, 2]) ** 2)))
     rms = float(np.sqrt(np.mean(curve[:, 1] ** 2)))
     return Fixed(f"torque at {speed:g} rad/s, N m", time_step, difference, rms, gap), curve
-
-
-STEPS = (TIME_STEP, 0.5 * TIME_STEP)

@@ -18,8 +18,7 @@ def comparisons(result: dict[str, Any]) -> list[Comparison]:
     return [
         Comparison(
             Walk(**entry["walk"]),
-            [Way(**way) for way in entry["ensemble"]],
-            [Way(**way) for way in entry["rigid"]],
+            *([Way(**way) for way in entry[name]] for name in ("ensemble", "others", "rigid")),
         )
         for entry in result["comparisons"]
     ]
@@ -36,7 +35,8 @@ def report(result: dict[str, Any]) -> str:
         "## Walks", "",
         "Projection plant (median of six runs) / rigid-body plant (time step / half of it). "
         "Spread: of the six runs' distances, which start within 1 mrad of one another or have half "
-        f"the time step. Agree: distance and cost of transport within {100 * ALLOWED:.0f} %.", "",
+        "the time step. Other starts: distances on the projection plant from crank angles over "
+        f"half a turn. Agree: distance and cost of transport within {100 * ALLOWED:.0f} %.", "",
         *walk_table(compared), "", f"{len(compared)} walks; {count}.", "",
         "## More iterations", "", *iteration_table(result), "",
     ])  # fmt: skip
@@ -58,15 +58,18 @@ def walk_table(compared: list[Comparison]) -> list[str]:
     """A row per walk."""
     heads = [f"{name} ({unit})" for name, unit in zip(HEADS, UNITS, strict=True)]
     lines = [
-        "| walk | " + " | ".join(heads) + " | joint gap (mm) | spread (%) | verdict |",
-        "|---" * 9 + "|",
+        "| walk | " + " | ".join(heads) + " | joint gap (mm) | spread (%) | "
+        "other starts (m) | verdict |",
+        "|---" * 10 + "|",
     ]
     for c in compared:
         cells = [_cell(c, name) for name in COLUMNS]
         gap = 1e3 * max(way.joint_gap for way in c.rigid[:1])
         spread = "falls" if c.spread == float("inf") else f"{100 * c.spread:.1f}"
+        others = sorted(way.distance for way in c.others if not way.fell)
+        reach = f"{others[0]:.3g} to {others[-1]:.3g}" if others else "all fall"
         lines.append(
-            f"| {c.walk.title} | {' | '.join(cells)} | {gap:.2g} | {spread} | "
+            f"| {c.walk.title} | {' | '.join(cells)} | {gap:.2g} | {spread} | {reach} | "
             f"{c.verdict(ALLOWED)} |"
         )
     return lines
@@ -83,7 +86,7 @@ def iteration_table(result: dict[str, Any]) -> list[str]:
     """A steady walk with pymunk's solver iterating longer and longer."""
     study = result["iterated"]
     lines = [
-        f"{Walk(**study['walk']).title}, {study['walk']['duration']:g} s.", "",
+        f"{Walk(**study['walk']).title}, {Walk(**study['walk']).measured:.2f} s.", "",
         "| iterations in every time step | distance (m) | cost of transport (1) | slip (m/m) |",
         "|---" * 4 + "|",
     ]  # fmt: skip

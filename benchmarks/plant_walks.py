@@ -22,6 +22,8 @@ GAINS = (10.0, 1.0, 1.0)  # the paper's, (13): N m / rad, N m / (rad s), N m s /
 SETTLE = 2.0  # s of walking that are not measured
 FALLEN = 1.2  # rad of pitch
 STARTS = (0.0, 2.5e-4, 5e-4, 7.5e-4, 1e-3)  # rad, crank angles of an ensemble
+OTHER_STARTS = tuple(math.pi * k / 12.0 for k in range(12))
+"""rad, crank angles over half a turn, after which the machine looks the same."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,8 @@ class Walk:
 
     Attributes:
         speed: of the crank, rad/s. friction: Coulomb coefficient. slope: rad, uphill positive.
-        payload: kg at the crank axis. duration: s, measured after :data:`SETTLE`.
+        payload: kg at the crank axis. duration: s, measured after :data:`SETTLE`; about, as
+            :attr:`measured` is a whole number of half turns.
     """
 
     speed: float
@@ -38,6 +41,12 @@ class Walk:
     slope: float = 0.0
     payload: float = 0.0
     duration: float = 6.0
+
+    @property
+    def measured(self) -> float:
+        """s."""
+        half_turn = math.pi / self.speed
+        return max(1, round(self.duration / half_turn)) * half_turn
 
     @property
     def title(self) -> str:
@@ -97,7 +106,7 @@ def measure(walk: Walk, plant: Plant, start: float = 0.0) -> Way:
     """Walk and measure; ``start`` is the crank angle at which the robot is set down, rad."""
     plant.reset(crank_angle=start)
     pid = PID(walk.speed, start)
-    settle, steps = round(SETTLE / CONTROL_DT), round((SETTLE + walk.duration) / CONTROL_DT)
+    settle, steps = round(SETTLE / CONTROL_DT), round((SETTLE + walk.measured) / CONTROL_DT)
     work = slip = square = gap = from_x = 0.0
     heights, fell, done = [], False, 0
     for k in range(steps):
@@ -136,11 +145,13 @@ class Comparison(NamedTuple):
 
     Attributes:
         ensemble: on the projection plant, from each of :data:`STARTS`, then from the first with
-            the time step halved. rigid: on the rigid-body plant, with its time step and half of it.
+            the time step halved. others: the same from each of :data:`OTHER_STARTS`.
+        rigid: on the rigid-body plant, with its time step and half of it.
     """
 
     walk: Walk
     ensemble: list[Way]
+    others: list[Way]
     rigid: list[Way]
 
     @property
@@ -154,30 +165,43 @@ class Comparison(NamedTuple):
         """Of the ensemble's distances: (largest - smallest) / median; infinite after a fall."""
         if any(way.fell for way in self.ensemble):
             return math.inf
-        return float(np.ptp([w.distance for w in self.ensemble])) / abs(self.projection["distance"])
+        median = max(abs(self.projection["distance"]), 1e-9)
+        return float(np.ptp([way.distance for way in self.ensemble])) / median
 
     def off(self, name: str) -> float:
         """The rigid-body plant's value (half the time step) over the projection plant's, less 1."""
         return getattr(self.rigid[-1], name) / self.projection[name] - 1.0
 
     def verdict(self, allowed: float) -> str:
-        """How the plants compare: within ``allowed`` in distance and cost of transport, or why not.
+        """How the plants compare: "agree" within ``allowed`` in distance and cost of transport.
 
-        ``"chaotic"``: starts 1 mrad apart come apart as much on the projection plant alone.
+        "chaotic": starts 1 mrad apart come apart by more on the projection plant alone. "other
+        gait": a walk like the rigid-body plant's is found there from another crank angle.
         """
         falls = [all(w.fell for w in ways) for ways in (self.ensemble, self.rigid)]
         if all(falls):
             return "falls on both"
         if any(w.fell for ways in (self.ensemble, self.rigid) for w in ways):
             return "falls at times"
-        if max(abs(self.off("distance")), abs(self.off("cost_of_transport"))) <= allowed:
+        if self.spread > allowed:
+            return "chaotic"
+        off = max(abs(self.off("distance")), abs(self.off("cost_of_transport")))
+        if off <= allowed:
             return "agree"
-        return "chaotic" if self.spread > allowed else "differ"
+        gaits = [way for way in (*self.ensemble, *self.others) if not way.fell]
+        last = self.rigid[-1]
+        like = any(
+            abs(last.distance / way.distance - 1.0) <= allowed
+            and abs(last.cost_of_transport / way.cost_of_transport - 1.0) <= allowed
+            for way in gaits
+        )
+        return "other gait" if like else "differ"
 
 
 def compare(walk: Walk) -> Comparison:
     """Run one walk on both plants."""
     ensemble = [measure(walk, make(walk, "projection"), start) for start in STARTS]
     ensemble.append(measure(walk, make(walk, "projection", 1)))
+    others = [measure(walk, make(walk, "projection"), start) for start in OTHER_STARTS]
     rigid = [measure(walk, make(walk, "rigid_body", halvings)) for halvings in (0, 1)]
-    return Comparison(walk, ensemble, rigid)
+    return Comparison(walk, ensemble, others, rigid)

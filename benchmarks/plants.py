@@ -78,6 +78,7 @@ def _plain(comparison: Comparison) -> dict[str, Any]:
     return {
         "walk": vars(comparison.walk),
         "ensemble": [way._asdict() for way in comparison.ensemble],
+        "others": [way._asdict() for way in comparison.others],
         "rigid": [way._asdict() for way in comparison.rigid],
     }
 

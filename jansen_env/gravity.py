@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from jansen_env.validation import finite, non_negative
 
 GRAVITY = 9.81  # m/s^2
@@ -18,8 +20,9 @@ def gravity_vector(gravity: Any) -> tuple[float, float]:
     Raises:
         ValueError: neither a number, 0 or above, nor two finite numbers.
     """
-    if not isinstance(gravity, (tuple, list)):
+    if not isinstance(gravity, (tuple, list, np.ndarray)):
         return 0.0, -non_negative("gravity", gravity)
-    if len(gravity) != 2:
+    if np.shape(gravity) != (2,):
         raise ValueError(f"gravity is {gravity!r}, must be a number or (x, y)")
-    return finite("gravity", gravity[0]), finite("gravity", gravity[1])
+    x, y = (finite("gravity", value) for value in gravity)
+    return x, y

@@ -32,7 +32,7 @@ PENETRATION_ALLOWED = 2e-5  # m, left uncorrected so that a resting contact does
 CORRECTION_RATE = 0.2  # share of the rest that is taken back in every step
 CORRECTION_SWEEPS = 4
 PASSES = 2  # evaluations of the speed-dependent terms in a step
-BOUNCE_ROUNDS = 12  # bisections of the coefficient of restitution, where it would create energy
+BOUNCE_ROUNDS = 14  # tries of smaller coefficients of restitution, where it would create energy
 ROUNDING = 1e-9  # share of the energy that a blow brings by which it may seem to gain
 
 # Columns of the totals that a step adds to.
@@ -204,7 +204,8 @@ def _step(h, torque, state, model, ground, planes, work, totals, record):
 
     residual = 0.0
     bounce, least, most = ground.restitution, 0.0, ground.restitution
-    for attempt in range(BOUNCE_ROUNDS + 1):
+    settled = count == 0 or bounce == 0.0
+    for attempt in range(BOUNCE_ROUNDS):
         nw, nn = w, n  # new velocities
         for _ in range(PASSES):
             mw, mn = 0.5 * (w + nw), 0.5 * (n + nn)
@@ -232,15 +233,22 @@ def _step(h, torque, state, model, ground, planes, work, totals, record):
                 nn += MJ[i, 3] * work.P[i]
         # Newton's law with friction may create energy (Kane and Levinson, J. Appl. Mech. 52, 1985):
         # then the toes bounce as much as they can without that.
-        if count == 0 or bounce == 0.0:
+        if settled:
             break
-        if _creates_energy(count, vx, vy, w, n, nx, ny, nw, nn, work):
-            most = bounce
-        else:
-            least = bounce
-            if attempt == 0:
+        creates = _creates_energy(count, vx, vy, w, n, nx, ny, nw, nn, work)
+        if attempt == 0:
+            if not creates:
                 break
-        bounce = 0.5 * (least + most) if attempt < BOUNCE_ROUNDS - 1 else least
+            bounce = 0.0
+        elif attempt == 1 and creates:  # without bounce, too: it is the step's error, as in rolling
+            bounce, settled = ground.restitution, True
+        else:
+            if creates:
+                most = bounce
+            else:
+                least = bounce
+            settled = attempt == BOUNCE_ROUNDS - 2
+            bounce = least if settled else 0.5 * (least + most)
 
     mean = 0.5 * (n + nn)
     if model.driven:  # what is left over in the crank's equation of motion

@@ -21,17 +21,19 @@ def way(distance, cost=1.0, fell=False):
 def test_verdicts():
     """Agree within 5 % in distance and cost; chaotic if the projection plant itself is."""
 
-    def verdict(ensemble, rigid):
-        return Comparison(Walk(1.0), ensemble, rigid).verdict(ALLOWED)
+    def verdict(ensemble, rigid, others=()):
+        return Comparison(Walk(1.0), ensemble, list(others), rigid).verdict(ALLOWED)
 
     steady, wild = [way(1.0), way(1.01), way(1.02)], [way(1.0), way(1.2), way(1.5)]
     assert verdict(steady, [way(9.0), way(1.05)]) == "agree"
     assert verdict(steady, [way(1.0), way(1.1)]) == "differ"
     assert verdict(steady, [way(1.0), way(1.0, cost=1.1)]) == "differ"
-    assert verdict(wild, [way(1.0), way(2.0)]) == "chaotic"
+    assert verdict(steady, [way(1.0), way(1.1)], [way(1.6), way(1.12)]) == "other gait"
+    assert verdict(steady, [way(1.0), way(1.1)], [way(1.12, cost=2.0)]) == "differ"
+    assert verdict(wild, [way(1.0), way(2.0)]) == verdict(wild, [way(1.2)]) == "chaotic"
     assert verdict(steady, [way(1.0), way(1.0, fell=True)]) == "falls at times"
     assert verdict([way(1.0, fell=True)] * 3, [way(1.0, fell=True)] * 2) == "falls on both"
-    assert Comparison(Walk(1.0), [way(1.0, fell=True)], []).spread == math.inf
+    assert Comparison(Walk(1.0), [way(1.0, fell=True)], [], []).spread == math.inf
 
 
 def test_a_walk_is_measured():

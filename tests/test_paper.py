@@ -284,7 +284,7 @@ def test_constraint_forces_are_the_projections(results):
 
 
 def test_loads_of_the_walking_robot(judged, results):
-    """Link 4 bears most at P, 48 N to 120 N by friction: smooth phases, so 3 %; 10 % when fast."""
+    """Link 4 bears most at P, 48 N to 121 N by friction: smooth phases, so 3 %; 10 % when fast."""
     numbers = judged["translation"].numbers
     for mu, force in ((0.3, 47.8), (0.5, 50.8), (0.8, 120.5)):
         assert numbers[f"walking_1_{mu}"] == pytest.approx(force, rel=0.03)

@@ -123,7 +123,8 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
     | ``render_mode`` | None | ``"human"`` or ``"rgb_array"`` |
 
     ## Plants
-    The same task runs on two plants that share nothing but the robot's data. ``"projection"``
+    The same task runs on two plants that share the robot's geometry and masses, the ground and how
+    it is set down there, but nothing of their dynamics. ``"projection"``
     integrates the paper's projected equations with exact contacts; it is fast, and what policies
     are trained on. ``"rigid_body"`` is built of pymunk's bodies, joints and contacts, some hundred
     times slower; its joints gap a little (``info["joint_gap"]``). A policy that walks on both does

@@ -81,6 +81,7 @@ def poses(robot: Robot, q: Array) -> Array:
 def rates(robot: Robot, q: Array, v: Array) -> Array:
     """(bodies, 3) rates of :func:`poses`: differences of closed forms, good to 1e-9."""
     step = 1e-6
+    q = np.array([0.0, 0.0, *(math.remainder(angle, 2.0 * math.pi) for angle in q[2:])])
     change = poses(robot, q + step * v) - poses(robot, q - step * v)
     change[:, 0] = (change[:, 0] + math.pi) % (2.0 * math.pi) - math.pi
     return change / (2.0 * step)

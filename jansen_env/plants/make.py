@@ -23,7 +23,7 @@ def make_plant(name: str, robot: Robot, terrain: Terrain, time_step: float | Non
     Raises:
         ValueError: another name, or an argument out of range.
     """
-    if name not in PLANTS:
+    if not isinstance(name, str) or name not in PLANTS:
         raise ValueError(f"plant is {name!r}, must be one of {sorted(PLANTS)}")
     plant, own_step = PLANTS[name]
     return plant(robot, terrain, own_step if time_step is None else time_step)

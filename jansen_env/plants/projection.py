@@ -26,8 +26,7 @@ Array = NDArray[np.float64]
 TIME_STEP = 1e-3  # s
 DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are kept meanwhile
 SET_DOWN_ROUNDS = 3  # Newton steps of lowering it
-SET_DOWN_DEPTH = 1e-5  # m, by which a robot is set down into the ground: its toes carry at once,
-# and do not part from it by the rounding of a time step; half of what is left uncorrected
+SET_DOWN_DEPTH = 1e-9  # m, by which a robot is set down into the ground: its toes carry at once
 
 
 class ProjectionPlant:

@@ -39,6 +39,7 @@ LANDING_ITERATIONS = 2000  # in a time step in which a pad may land: there is no
 TORN = 0.01  # m, a joint's gap beyond which the robot is no longer one
 SLOP = 1e-5  # m, how deep a resting toe may sink in
 SLOPE_STEP = 1e-4  # m, for the ground's slope under a pad
+HOP = 2e-3  # s for which a loaded pad may be off the ground and count as on it
 PEEK = 0.01  # s, after which pymunk's impulses on a robot set down anew have settled
 _Body, _Arbiter = pymunk.batch.BodyFields, pymunk.batch.ArbiterFields
 _CONTACT = _Arbiter.BODY_A_ID | _Arbiter.TOTAL_IMPULSE | _Arbiter.NORMAL | _Arbiter.POINT_A_1
@@ -90,7 +91,7 @@ class RigidBodyPlant:
         space = pymunk.Space()
         space.gravity = self._gravity
         space.collision_slop = SLOP
-        space.collision_persistence = 1
+        space.collision_persistence = 1  # arbiters that touch, and no older ones
         self._ground = self.terrain.add_to(space)
         self._space = space
         self._bodies = [pymunk.Body(m, inertia) for m, inertia in self._inertias]
@@ -105,7 +106,9 @@ class RigidBodyPlant:
         self._torques = np.zeros((rows, 1))
         self._set, self._got, self._touched = (pymunk.batch.Buffer() for _ in range(3))
         self._set.set_float_buf(self._torques)
-        self._touching = np.zeros(len(self._pads), bool)
+        self._off = np.full(len(self._pads), math.inf)  # s since a pad was last on the ground
+        self._pending = np.zeros(len(self._pads))  # m it moved along the ground since then
+        self._normals = np.tile([0.0, 1.0], (len(self._pads), 1))
         self._gaps = np.full(len(self._pads), math.inf)  # at first all may land
         q, v = state[:4], state[4:]
         links.put(self._bodies, links.poses(self.robot, q), links.rates(self.robot, q, v))
@@ -120,7 +123,7 @@ class RigidBodyPlant:
         self._index = {body.id: i for i, body in enumerate(self._bodies)}
         if rows[: len(self._index)] != list(self._index):
             raise RuntimeError("pymunk lists the bodies in another order than they were added in")
-        pads = links.pad_bodies(self._layout)
+        pads = self._owners = links.pad_bodies(self._layout)
         ends = [*(pin.a for pin in self._pins), *(pin.b for pin in self._pins)]
         places = [
             *(tuple(pin.anchor_a) for pin in self._pins),
@@ -146,7 +149,8 @@ class RigidBodyPlant:
         """(8,) x, y, theta, psi and their rates; x, y the crank axis on the chassis, m, rad, s.
 
         Setting it closes the joints and forgets what pymunk's solver had cached, so that a state
-        carried to another plant goes on the same there only up to the gaps.
+        carried to another plant goes on the same there only up to the gaps. Pinned, the chassis'
+        rates must be 0.
         """
         chassis, shaft = self._bodies[CHASSIS], self._bodies[SHAFT]
         axis = tuple(-self._home[CHASSIS, 1:])
@@ -158,17 +162,21 @@ class RigidBodyPlant:
 
     @state.setter
     def state(self, value: Array) -> None:
-        self._build(check_state(value))
+        state = check_state(value)
+        if self.pinned and state[4:7].any():
+            raise ValueError(f"state is {value!r}, its chassis must not move: it is pinned")
+        self._build(state)
 
     @property
     def pressed(self) -> NDArray[np.bool_]:
-        """(pads,) the pads on the ground in the last time step: none of these lands next."""
-        return self._touching.copy()
+        """(pads,) the pads on the ground now or :data:`HOP` ago: none of these lands next."""
+        return self._off <= HOP
 
     @pressed.setter
     def pressed(self, value: Any) -> None:
         pressed = check_pressed(value, len(self._pads))
-        self._touching = np.zeros(len(self._pads), bool) if pressed is None else pressed
+        self._off[:] = math.inf if pressed is None else np.where(pressed, 0.0, math.inf)
+        self._pending[:] = 0.0
 
     @property
     def x(self) -> float:
@@ -243,11 +251,12 @@ class RigidBodyPlant:
 
     def peek(self, torque: float = 0.0) -> StepResult:
         """What the next :data:`PEEK` seconds would do; the state stays as it is, joints closed."""
-        state = self.state
+        state, pressed = self.state, self.pressed
         try:
             return self.step(torque, PEEK)
         finally:
             self._build(state)
+            self.pressed = pressed
 
     def energy(self) -> float:
         """Kinetic plus potential energy, J (potential 0 with the centre of mass at the origin)."""
@@ -271,7 +280,11 @@ class RigidBodyPlant:
         return _Moment(motion, points[2 * pins :], energy, math.sqrt((apart**2).sum(axis=1).max()))
 
     def _contacts(self, now: _Moment, book: _Book) -> tuple[float, bool]:
-        """Book slip and impulses of a time step; friction's loss, and whether a pad landed."""
+        """Book slip and impulses of a time step; friction's loss, and whether a pad landed.
+
+        A loaded pad hops by nanometres, off the ground for a few time steps: what it slides then is
+        booked when it is back within :data:`HOP`, and coming back is no landing.
+        """
         self._touched.clear()
         pymunk.batch.get_space_arbiters(self._space, _CONTACT, self._touched)
         ids = np.frombuffer(self._touched.int_buf(), dtype=np.uintp).tolist()
@@ -285,14 +298,22 @@ class RigidBodyPlant:
             body = self._index[name]
             pad = min(self._pads_of[body], key=lambda k: self._off_rim(now.pads[k], x, y))
             tangential = -px * ny + py * nx
-            cx, cy, _, vx, vy, w = now.motion[body].tolist()
-            speed = -(vx - w * (y - cy)) * ny + (vy + w * (x - cx)) * nx
+            speed = now.speed_along(body, x, y, -ny, nx)
             book.slip[pad] += self.time_step * abs(speed)
             book.impulse[pad] += tangential, normal
             loss -= tangential * speed
             touching[pad] = True
-        landed = bool((touching & ~self._touching).any())
-        self._touching = touching
+            self._normals[pad] = -nx, -ny
+        back = touching & (self._off <= HOP)
+        book.slip[back] += self._pending[back]
+        landed = bool((touching & (self._off > HOP)).any())
+        self._off = np.where(touching, 0.0, self._off + self.time_step)
+        self._pending[self._off == 0.0] = 0.0
+        for pad in np.flatnonzero((self._off > 0.0) & (self._off <= HOP)).tolist():
+            (nx, ny), (x, y) = self._normals[pad].tolist(), now.pads[pad].tolist()
+            x, y = x - self.robot.pad_radius * nx, y - self.robot.pad_radius * ny
+            speed = now.speed_along(self._owners[pad], x, y, ny, -nx)
+            self._pending[pad] += self.time_step * abs(speed)
         return loss, landed
 
     def _off_rim(self, pad: Array, x: float, y: float) -> float:
@@ -300,14 +321,17 @@ class RigidBodyPlant:
         return abs(math.hypot(x - pad[0], y - pad[1]) - self.robot.pad_radius)
 
     def _landing_soon(self, now: _Moment) -> bool:
-        """Whether a pad that is not on the ground may touch it within the next two time steps."""
+        """Whether a pad that is not on the ground may touch it within the next two time steps.
+
+        By the ground straight below it: on rough ground some landings go unforeseen.
+        """
         x, y = now.pads.T
         left, right = self.terrain.height(np.stack([x - SLOPE_STEP, x + SLOPE_STEP]))
         slope = (right - left) / (2.0 * SLOPE_STEP)
         gaps = (y - 0.5 * (left + right)) / np.sqrt(1.0 + slope**2) - self.robot.pad_radius
         fallen = self._gaps - gaps
         self._gaps = gaps
-        return bool((~self._touching & (gaps - 2.0 * fallen < SLOP)).any())
+        return bool(((self._off > 0.0) & (gaps - 2.0 * fallen < SLOP)).any())
 
     def contact_frames(self) -> tuple[Array, Array]:
         """(toes, 2) points of the ground nearest to each toe's pad and its tangents there.
@@ -334,13 +358,13 @@ class RigidBodyPlant:
             "robot": self.robot, "terrain": self.terrain, "time_step": self.time_step,
             "gravity": self.gravity, "iterations": self.iterations,
             "landing_iterations": self.landing_iterations, "pinned": self.pinned,
-            "state": self.state,
+            "state": self.state, "pressed": self.pressed,
         }  # fmt: skip
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
-        state = saved.pop("state")
+        state, pressed = saved.pop("state"), saved.pop("pressed")
         self.__init__(**saved)  # type: ignore[misc]
-        self.state = state
+        self.state, self.pressed = state, pressed
 
 
 class _Moment(NamedTuple):
@@ -351,6 +375,11 @@ class _Moment(NamedTuple):
     pads: Array
     energy: float
     joint_gap: float
+
+    def speed_along(self, body: int, x: float, y: float, tx: float, ty: float) -> float:
+        """Velocity (m/s) along (tx, ty) of the point of a body that is at (x, y)."""
+        cx, cy, _, vx, vy, w = self.motion[body].tolist()
+        return float((vx - w * (y - cy)) * tx + (vy + w * (x - cx)) * ty)
 
 
 class _Book:

@@ -142,10 +142,12 @@ def strike(robot, v, mu, restitution, locked, psi=PSI):
     ground = Terrain.flat(friction=mu, restitution=restitution)
     plant = plant_on(robot, ground, locked, psi, gravity=0.0, time_step=BLOW)
     state = plant.state
+    state[1] += SET_DOWN_DEPTH + 0.01 * BLOW  # all but touching: it lands in the next step
     state[4:] = v
-    plant.state = state
+    plant.state, plant.tracing = state, True
     pose = state[:4] + 0.5 * BLOW * state[4:]
     result = plant.step(0.0, BLOW)
+    assert plant.landings.all()
     M = rd.mass_matrix(plant.tables, pose)
     after = plant.state[4:]
     gained = 0.5 * (after @ M @ after - v @ M @ v) - result.motor_work

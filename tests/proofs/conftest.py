@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
@@ -29,8 +30,8 @@ def measured(request):
     def note(what: str, value: float, limit: float, unit: str = "1") -> None:
         numbers = request.config.stash[NUMBERS]
         name = what, f"{request.path.stem}::{request.node.originalname}"
-        old_value, old_limit, _ = numbers.get(name, (-1.0, 1.0, ""))
-        if value * old_limit >= old_value * limit:
+        found, allowed, _ = numbers.get(name, (-math.inf, 1.0, ""))
+        if value * allowed >= found * limit:
             numbers[name] = float(value), float(limit), unit
         assert value <= limit, f"{what}: {value} {unit}, allowed is {limit}"  # a NaN fails, too
 

@@ -189,13 +189,12 @@ def test_slip_and_friction_are_those_of_coulomb(friction):
 
 
 def test_slip_of_a_walk_is_the_projection_plants():
-    """Two seconds at 1 rad/s on friction 0.3, both feet down most of the time: 5 %."""
-    slips = []
-    for plant in (plant_on(Terrain.flat(friction=0.3)),
-                  ProjectionPlant(paper_robot(), Terrain.flat(friction=0.3))):  # fmt: skip
+    """1.5 s at 2 rad/s on friction 0.3, whose loaded toes hop by nanometres: 10 %."""
+    ground, slips = Terrain.flat(friction=0.3), []
+    for plant in (plant_on(ground), ProjectionPlant(paper_robot(), ground)):
         plant.reset()
-        slips.append(sum(result.slip for result in walk(plant, 1.0, 2.0)))
-    assert slips[0] == pytest.approx(slips[1], rel=0.05, abs=2e-3) and slips[0].max() > 0.05
+        slips.append(sum(float(r.slip.sum()) for r in walk(plant, 2.0, 1.5)))
+    assert slips[0] == pytest.approx(slips[1], rel=0.1) and slips[0] > 0.03
 
 
 RUN = """

@@ -273,3 +273,18 @@ def test_prescribed_accelerations_give_back_the_torque(laden, random_state, rng,
     inverse = joint_forces(laden, q, v, contact=contact, pinned=pinned, q_ddot=forward.q_ddot)
     for name in ("pin", "frame", "shaft"):
         assert (getattr(inverse, name) == getattr(forward, name)).all()
+
+
+def test_gravity_may_point_anywhere(laden, random_state):
+    """Robot and gravity turned by the same angle: every force is turned and is as large."""
+    state, turn = random_state(), 0.7
+    q, v = state[:4], state[4:]
+    c, s = math.cos(turn), math.sin(turn)
+    R = np.array([[c, -s], [s, c]])
+    upright = joint_forces(laden, q, v, 2.0, gravity=G)
+    q_turned, v_turned = q.copy(), v.copy()
+    q_turned[:2], v_turned[:2], q_turned[2] = R @ q[:2], R @ v[:2], q[2] + turn
+    turned = joint_forces(laden, q_turned, v_turned, 2.0, gravity=tuple(R @ [0.0, -G]))
+    scale = np.abs(upright.pin).max()
+    assert np.abs(turned.pin - upright.pin @ R.T).max() <= 1e-11 * scale
+    assert np.abs(turned.pin - upright.pin).max() > 0.1 * scale

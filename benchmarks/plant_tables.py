@@ -30,7 +30,8 @@ def report(result: dict[str, Any]) -> str:
     verdicts = Counter(c.verdict(ALLOWED) for c in compared)
     count = ", ".join(f"{name}: {number}" for name, number in sorted(verdicts.items()))
     return "\n".join([
-        f"Measured on: {result['cpu']}", "",
+        "# Two plants, walk by walk", "",
+        f"`python -m benchmarks.plants`, measured on: {result['cpu']}", "",
         "## The fixed frame", "", *fixed_table(result), "",
         "## Walks", "",
         "Projection plant (median of six runs) / rigid-body plant (time step / half of it). "

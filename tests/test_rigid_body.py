@@ -103,7 +103,7 @@ def test_flight_is_a_parabola_whatever_the_crank_does():
 @pytest.mark.parametrize("phases", [1, 2, 6])
 def test_it_stands_and_starts_like_the_projection_plant(name, phases):
     """2, 4 and 12 legs of every design: its toes carry the weight, 1 %, and 0.2 s under 3 N m lead
-    to the same place, 5 mm and 0.03 rad."""
+    to the same place, 0.5 mm and 4 mrad."""
     robot = ROBOTS[name](phases)
     ground = Terrain.flat(friction=0.3)  # with much friction sliding on two toes is unstable
     plants = plant_on(ground, robot), ProjectionPlant(robot, ground)
@@ -114,8 +114,8 @@ def test_it_stands_and_starts_like_the_projection_plant(name, phases):
         assert plants[0].peek().contact_force[:, 1].sum() == pytest.approx(weight, rel=0.01)
     results = [plant.step(3.0, 0.2) for plant in plants]
     one, other = (plant.state for plant in plants)
-    np.testing.assert_allclose(one[:2], other[:2], atol=0.005)
-    np.testing.assert_allclose(one[2:4], other[2:4], atol=0.03)
+    np.testing.assert_allclose(one[:2], other[:2], atol=5e-4)
+    np.testing.assert_allclose(one[2:4], other[2:4], atol=4e-3)
     assert results[0].joint_gap < 2e-4 and results[1].joint_gap == 0.0
 
 
@@ -131,12 +131,12 @@ def test_joints_stay_shut_in_a_walk(speed):
 
 
 def test_energy_accounts_close():
-    """Motor work = losses + energy change: 2 % of the work in a walk, sliding and landing."""
+    """Motor work = losses + energy change: 0.1 % of the work in a walk, sliding and landing."""
     plant = plant_on(Terrain.flat(friction=0.3))
     plant.reset()
     results = walk(plant, 3.5, 3.0)
     work = sum(r.motor_work for r in results)
-    assert abs(sum(r.energy_residual for r in results)) < 0.02 * work
+    assert abs(sum(r.energy_residual for r in results)) < 0.001 * work
     assert sum(r.slip_loss for r in results) > 0.01 * work
 
 
@@ -182,19 +182,19 @@ def test_slip_and_friction_are_those_of_coulomb(friction):
         loaded = result.contact_force[:, 1] > 1.0
         assert plant.x < 0.0 and loaded.sum() == 2
         tangential, normal = result.contact_force[loaded].T
-        assert tangential == pytest.approx(friction * normal, rel=1e-3)  # uphill, +x
+        assert tangential == pytest.approx(friction * normal, rel=1e-9)  # uphill, +x
         work = friction * 0.5 * normal.sum() * result.slip[loaded].sum()
         assert result.slip_loss == pytest.approx(work, rel=0.15)  # loads are not constant
     assert slips[0] == pytest.approx(slips[1], rel=0.02, abs=1e-4)
 
 
 def test_slip_of_a_walk_is_the_projection_plants():
-    """1.5 s at 2 rad/s on friction 0.3, whose loaded toes hop by nanometres: 10 %."""
+    """1.5 s at 2 rad/s on friction 0.3, whose loaded toes hop by nanometres: 15 %."""
     ground, slips = Terrain.flat(friction=0.3), []
     for plant in (plant_on(ground), ProjectionPlant(paper_robot(), ground)):
         plant.reset()
         slips.append(sum(float(r.slip.sum()) for r in walk(plant, 2.0, 1.5)))
-    assert slips[0] == pytest.approx(slips[1], rel=0.1) and slips[0] > 0.03
+    assert slips[0] == pytest.approx(slips[1], rel=0.15) and slips[0] > 0.03
 
 
 RUN = """

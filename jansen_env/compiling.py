@@ -8,6 +8,7 @@ named after the contents of all compiled files.
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -42,6 +43,7 @@ def _cache_folder() -> str:
 
 
 _FOLDER = _cache_folder()
+_announced: set[str] = set()
 
 
 def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
@@ -55,3 +57,20 @@ def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
         return numba.njit(cache=True, error_model="numpy", **options)(function)
     finally:
         _config.CACHE_DIR = before
+
+
+def announce(kernel: str) -> None:
+    """Say, once in a process, that a kernel is going to be compiled if it is not on disk yet.
+
+    Args:
+        kernel: file and function, such as ``"kernels.advance"``.
+    """
+    if kernel in _announced or _config.DISABLE_JIT:
+        return
+    _announced.add(kernel)
+    if not (_FOLDER and any(Path(_FOLDER).rglob(f"{kernel}-*.nbc"))):
+        kept = f"and keeps it in {_FOLDER}" if _FOLDER else "and cannot keep it: no folder to write"
+        logging.getLogger("jansen_env").warning(
+            "jansen_env compiles its time step for this machine, which takes up to a minute, %s",
+            kept,
+        )

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env import pinned_kernel
+from jansen_env.compiling import announce
 from jansen_env.gravity import GRAVITY
 from jansen_env.joint_forces import JointForces, joint_forces
 from jansen_env.model import kernel_model
@@ -45,6 +46,7 @@ class PinnedPlant:
     """
 
     def __init__(self, robot: Robot, time_step: float = 1e-3, gravity: float = GRAVITY) -> None:
+        announce("pinned_kernel.turn")
         self.robot = robot
         self.time_step = positive("time_step", time_step)
         self.gravity = non_negative("gravity", gravity)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env import kernels
+from jansen_env.compiling import announce
 from jansen_env.contact import MARGIN, ContactDetector
 from jansen_env.contact_solver import STICK
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
@@ -55,6 +56,7 @@ class ProjectionPlant:
         gravity: Gravity = GRAVITY,
         detection_interval: float = DETECTION_INTERVAL,
     ) -> None:
+        announce("kernels.advance")
         self.robot, self.terrain = robot, terrain
         self.time_step = positive("time_step", time_step)
         self.detection_interval = positive("detection_interval", detection_interval)

@@ -16,6 +16,7 @@ from jansen_env.validation import finite, non_negative, positive, within
 Array = NDArray[np.float64]
 
 REACH = 1000.0  # m, how far the first and last segment are extended
+GRADIENT_STEP = 1e-4  # m, to either side
 MAX_SLOPE = math.radians(80.0)
 
 
@@ -123,6 +124,12 @@ class Terrain:
         """Surface height at ``x`` (any shape), m."""
         heights: Array = np.interp(np.asarray(x, float), self._x, self._y)  # type: ignore[attr-defined]
         return heights
+
+    def gradient(self, x: ArrayLike) -> Array:
+        """Slope dy/dx at ``x`` (any shape); at a vertex the mean of both sides'."""
+        x = np.asarray(x, float)
+        rise: Array = self.height(x + GRADIENT_STEP) - self.height(x - GRADIENT_STEP)
+        return rise / (2.0 * GRADIENT_STEP)
 
     def highest(self, left: float, right: float) -> float:
         """Highest point of the surface between two x, m."""

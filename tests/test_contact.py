@@ -175,6 +175,12 @@ def test_height_and_highest():
     assert HILLS.height([-2.0, -0.5, 0.0, 0.5, 1.5, 3.0, -3.0]) == pytest.approx(
         [0.5, 0.1, 0.2, 0.15, 0.35, 1.1, 1.0], abs=1e-12
     )
+    # On a stretch its own slope; at a vertex the mean of both sides'.
+    assert HILLS.gradient([0.5, 1.5, 3.0]) == pytest.approx(
+        (HILLS.height([0.6, 1.6, 3.1]) - HILLS.height([0.4, 1.4, 2.9])) / 0.2, abs=1e-9
+    )
+    ridge = Terrain(((-1.0, 0.0), (0.0, 0.3), (1.0, 0.2)))
+    assert ridge.gradient(0.0) == pytest.approx(0.1, abs=1e-9)
     assert HILLS.highest(-0.5, 0.5) == pytest.approx(0.2, abs=1e-12)
     assert HILLS.highest(0.5, 1.5) == pytest.approx(0.35, abs=1e-12)
     assert HILLS.highest(-1.2, -1.1) == pytest.approx(0.1, abs=1e-12)

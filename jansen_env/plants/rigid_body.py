@@ -38,7 +38,6 @@ ITERATIONS = 200  # of pymunk's solver in a time step, from the last one's impul
 LANDING_ITERATIONS = 2000  # in a time step in which a pad may land: there is nothing to go on from
 TORN = 0.01  # m, a joint's gap beyond which the robot is no longer one
 SLOP = 1e-5  # m, how deep a resting toe may sink in
-SLOPE_STEP = 1e-4  # m, for the ground's slope under a pad
 HOP = 2e-3  # s for which a loaded pad may be off the ground and count as on it
 PEEK = 0.01  # s, after which pymunk's impulses on a robot set down anew have settled
 _Body, _Arbiter = pymunk.batch.BodyFields, pymunk.batch.ArbiterFields
@@ -92,7 +91,7 @@ class RigidBodyPlant:
         space.gravity = self._gravity
         space.collision_slop = SLOP
         space.collision_persistence = 1  # arbiters that touch, and no older ones
-        self._ground = self.terrain.add_to(space)
+        self.terrain.add_to(space)
         self._space = space
         self._bodies = [pymunk.Body(m, inertia) for m, inertia in self._inertias]
         if self.pinned:
@@ -326,9 +325,8 @@ class RigidBodyPlant:
         By the ground straight below it: on rough ground some landings go unforeseen.
         """
         x, y = now.pads.T
-        left, right = self.terrain.height(np.stack([x - SLOPE_STEP, x + SLOPE_STEP]))
-        slope = (right - left) / (2.0 * SLOPE_STEP)
-        gaps = (y - 0.5 * (left + right)) / np.sqrt(1.0 + slope**2) - self.robot.pad_radius
+        tilt = np.sqrt(1.0 + self.terrain.gradient(x) ** 2)
+        gaps = (y - self.terrain.height(x)) / tilt - self.robot.pad_radius
         fallen = self._gaps - gaps
         self._gaps = gaps
         return bool(((self._off > 0.0) & (gaps - 2.0 * fallen < SLOP)).any())

@@ -14,7 +14,6 @@ Array = NDArray[np.float64]
 WIDEST_PITCH = 0.7  # rad, tried to either side
 TRIES, LEVELS = 33, 4  # pitches tried at once, and how often around the best of them
 RISE = 0.5  # m, height above the ground below the axis from which toes are lowered
-SLOPE_STEP = 1e-4  # m, for the ground's slope under a toe
 
 
 def set_down(
@@ -56,10 +55,8 @@ def _clearance(
     toe_x = x + cos * toes[:, 0] - sin * toes[:, 1]
     toe_y = sin * toes[:, 0] + cos * toes[:, 1]
     centre_x = x + cos * centre[0] - sin * centre[1]
-    ends = terrain.height(toe_x + SLOPE_STEP), terrain.height(toe_x - SLOPE_STEP)
-    slope = (ends[0] - ends[1]) / (2.0 * SLOPE_STEP)
     # A disc over a straight slope touches with its centre radius / cos(slope) above it.
-    lift = toe_y - terrain.height(toe_x) - radius * np.sqrt(1.0 + slope**2)
+    lift = toe_y - terrain.height(toe_x) - radius * np.sqrt(1.0 + terrain.gradient(toe_x) ** 2)
     return lift, toe_x > centre_x
 
 

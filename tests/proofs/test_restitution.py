@@ -40,7 +40,7 @@ def blows(robot, friction, restitution, rng, count=300):
 def test_no_blow_creates_energy(robot, friction, restitution, rng, measured):
     """Kinetic energy after <= before, for any friction and restitution: 2e-6, from its length.
 
-    Newton's law alone gives up to 3.4 times as much (60 kg, friction 0.8, e = 1).
+    Newton's law alone gives more than twice as much (60 kg, friction 0.8, e = 1).
     """
     energies = blows(robot, friction, restitution, rng)
     gain = (energies[:, 1] / energies[:, 0]).max() - 1.0

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import plant_figures, plant_fixed, plant_tables
-from benchmarks.env_speed import cpu_name
 from benchmarks.plant_walks import Comparison, Walk, Way, compare, make, measure
+from benchmarks.rounds import cpu_name
 from jansen_env.files import write_json, write_text
 
 SPEEDS = (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)  # rad/s

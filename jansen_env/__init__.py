@@ -35,6 +35,7 @@ __all__ = [
 register(
     id="JansenWalker-v0",
     entry_point="jansen_env.envs.walker:JansenWalkerEnv",
+    vector_entry_point="jansen_env.envs.walker_vector:JansenWalkerVectorEnv",
     max_episode_steps=500,
 )
 

@@ -19,12 +19,15 @@ import numba
 _config: Any = numba.config
 
 SOURCES = (
+    "envs/rewards.py",
+    "envs/walking.py",
     "compiling.py",
     "contact.py",
     "contact_solver.py",
     "kernels.py",
     "model.py",
     "pinned_kernel.py",
+    "plants/stance.py",
 )
 
 
@@ -46,15 +49,23 @@ _FOLDER = _cache_folder()
 _announced: set[str] = set()
 
 
-def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
-    """Decorator: compile with numba, cached on disk, dividing by zero as numpy does."""
+def compiled(
+    function: Callable[..., Any] | None = None, *, allocates: bool = False, **options: Any
+) -> Any:
+    """Decorator: compile with numba, cached on disk, dividing by zero as numpy does.
+
+    Args:
+        allocates: whether it makes arrays. Where nothing does, numba need not count references to
+            arrays: done by atomic instructions, that took half the time of a time step.
+    """
     if function is None:
-        return lambda f: compiled(f, **options)
+        return lambda f: compiled(f, allocates=allocates, **options)
     before = _config.CACHE_DIR
     if _FOLDER:
         _config.CACHE_DIR = _FOLDER
     try:
-        return numba.njit(cache=True, error_model="numpy", **options)(function)
+        chosen: dict[str, Any] = {"cache": True, "error_model": "numpy", "_nrt": allocates}
+        return numba.njit(**chosen, **options)(function)
     finally:
         _config.CACHE_DIR = before
 

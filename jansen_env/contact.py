@@ -1,13 +1,20 @@
-"""pymunk finds the ground: pad positions in, contact planes out.
+"""pymunk finds the ground: pad positions in, contact planes out, for any number of robots at once.
 
-Only pymunk's geometry is used. The pads are circles on bodies that no solver moves; they are
-enlarged by a margin, so that planes are known before a pad touches and can be kept for a few time
-steps. The impulses are solved elsewhere, where the linkage's inertia is known (``kernels.py``).
+The pads are circles on bodies that no solver moves, much enlarged: pymunk says which stretch of the
+ground is near a pad, and is asked again when a pad has moved by as much as its circle is larger.
+In between, as often as the time stepping asks, the planes near each pad are worked out from those
+stretches. The impulses are solved elsewhere, where the linkage's inertia is known (``kernels.py``).
+
+All robots share one space. Each stands in a cell of its own with a copy of its ground, as circles
+on one spot would make the broad phase compare each with each. Planes are in the robot's own
+coordinates and do not depend on its cell.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pymunk
@@ -15,173 +22,241 @@ import pymunk.batch
 from numpy.typing import NDArray
 
 from jansen_env.compiling import compiled
+from jansen_env.contact_solver import STICK
+from jansen_env.model import PHASE, TABLE, pad_place
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
-MARGIN = 0.05  # m, added to a pad's radius: a toe at 5 m/s crosses it in 10 ms
+MARGIN = 0.05  # m from a pad within which a plane counts: a toe at 5 m/s crosses it in 10 ms
+STRIDE = 0.1  # m that a pad may move before pymunk is asked again
 FACE = 1e-6  # rad, how far a contact's normal may be off a segment's to be taken as the face's
 SAME = 1e-9  # difference of two planes' numbers below which they are one
-PARK = 1e6  # m above, where pads wait that are not looked at
+PARK = 1e7  # m, where pads wait that are not looked at, a metre apart
+APART = 1000.0  # m, between the grounds of two robots
+
+# Columns of a contact: its pad, and the last step's contact mode, a first guess.
+PAD, MODE = range(2)
+# Columns of a row's owner.
+ROBOT, ITS_PAD = range(2)
 
 _Arbiter = pymunk.batch.ArbiterFields
-_FIELDS = _Arbiter.BODY_A_ID | _Arbiter.NORMAL | _Arbiter.POINT_B_1
-_BODY_FIELDS = pymunk.batch.BodyFields.POSITION
+_FIELDS = _Arbiter.BODY_A_ID | _Arbiter.POINT_B_1
+_POSITION = pymunk.batch.BodyFields.POSITION
 
 
 class ContactDetector:
-    """One robot's pads over one terrain in one pymunk space.
+    """The pads of robots over their grounds in one pymunk space.
+
+    A row is a pad that is looked at: first the toes of all robots, then the bumpers of those
+    robots that have come near the ground.
 
     Args:
-        terrain: the ground.
-        pads: number of pads. radius: of each, m.
-        capacity: planes kept at most; where there are more, the farthest are dropped.
+        terrains: the ground of each robot.
+        toes: toes of each robot. radius: of each pad, m.
+        most: planes kept of a robot; where there are more, the farthest are dropped.
 
     Attributes:
-        positions: (pads, 2) pad centres, m: write them here before :meth:`detect`.
+        spans: (robots, 2) robot r's planes are those from spans[r, 0] to spans[r, 1] - 1, ordered
+            by pad, then nearest first.
+        planes: (robots * most, 3) unit normal pointing out of the ground, and its offset n . point:
+            a pad's gap is n . centre - offset - radius.
+        contacts: (robots * most, 2) of each plane its PAD and MODE.
+        owner: (rows, 2) ROBOT and ITS_PAD. centres: (rows, 2) pad centres, m.
     """
 
-    def __init__(self, terrain: Terrain, pads: int, radius: float, capacity: int) -> None:
+    def __init__(self, terrains: Sequence[Terrain], toes: int, radius: float, most: int) -> None:
+        robots = len(terrains)
+        self._toes, self._near, self._far = toes, radius + MARGIN, radius + MARGIN + STRIDE
+        self.surface, self.bounds, self.ground = surfaces(terrains)
+        self._cells = _cells(self.surface, robots)
         self._space = pymunk.Space()
         self._space.collision_slop = 0.0
         self._space.collision_persistence = 1  # with 0 the batch reader sees nothing
-        terrain.add_to(self._space)
-        self._surface = terrain.polyline
-        bodies = []
-        for _ in range(pads):
+        self._space.iterations = 1  # its solver's answer is not used
+        self._add_grounds(terrains)
+        self._got = pymunk.batch.Buffer()
+        self._bodies: list[pymunk.Body] = []
+        self._rows = 0
+        self.owner = np.zeros((0, 2), np.int64)
+        self.centres = np.zeros((0, 2))
+        self._asked_at = np.zeros((0, 2))  # where the pads were when pymunk was asked
+        self._stretch = np.zeros((0, 2), np.int64)  # first and last segment near each then
+        self._grow(robots * toes)
+        self.owner[:, ROBOT] = np.repeat(np.arange(robots), toes)
+        self.owner[:, ITS_PAD] = np.tile(np.arange(toes), robots)
+        begin = most * np.arange(robots)
+        self.spans = np.column_stack([begin, begin])
+        self._most = most
+        self.planes = np.zeros((robots * most, 3))
+        self.contacts = np.zeros((robots * most, 2), np.int64)
+        self._gaps = np.zeros(robots * most)
+
+    def _add_grounds(self, terrains: Sequence[Terrain]) -> None:
+        """A copy of its ground in every robot's cell, on one static body."""
+        body = pymunk.Body(body_type=pymunk.Body.STATIC)
+        segments = [
+            segment
+            for terrain, cell in zip(terrains, self._cells.tolist(), strict=True)
+            for segment in terrain.segments(body, (cell[0], cell[1]))
+        ]
+        # In the order of the ground pymunk's tree would become a chain.
+        shuffled = np.random.default_rng(0).permutation(len(segments))
+        self._space.add(body, *(segments[i] for i in shuffled))
+
+    def _grow(self, rows: int) -> None:
+        """Have pads for so many rows."""
+        for _ in range(rows - len(self._bodies)):
             body = pymunk.Body(1.0, math.inf)
-            circle = pymunk.Circle(body, radius + MARGIN)
+            circle = pymunk.Circle(body, self._far)
             circle.filter = pymunk.ShapeFilter(group=1)  # pads never touch one another
             self._space.add(body, circle)
-            bodies.append(body)
+            self._bodies.append(body)
         found = pymunk.batch.Buffer()
         pymunk.batch.get_space_bodies(self._space, pymunk.batch.BodyFields.BODY_ID, found)
         order = list(memoryview(found.int_buf()).cast("P"))
-        self._ids = np.array([body.id for body in bodies], dtype=np.uintp)
-        if order[:pads] != self._ids.tolist():
+        ids = np.array([body.id for body in self._bodies])
+        if order[:rows] != ids.tolist():
             raise RuntimeError("pymunk lists the pads in another order than they were added in")
+        self._ids, self._row_of = np.sort(ids), np.argsort(ids)
+        self.owner, self.centres = _extended(self.owner, rows), _extended(self.centres, rows)
+        self._asked_at = np.full((rows, 2), np.inf)  # nothing is known of the new ones
+        self._stretch = np.zeros((rows, 2), np.int64)
         # The batch sets every body of the space, the ground's (last) too: it stays at the origin.
-        rows = np.zeros((len(order), 2))
-        self.positions = rows[:pads]
+        self._placed = np.zeros((len(order), 2))
+        self._placed[:rows] = PARK * np.arange(1, rows + 1)[:, None]
         self._set = pymunk.batch.Buffer()
-        self._set.set_float_buf(rows)
-        self._got = pymunk.batch.Buffer()
-        self._gaps = np.zeros(capacity)
-        self._looked_at = pads
-        self._bodies = bodies  # keeps them alive
+        self._set.set_float_buf(self._placed)
 
-    def detect(self, count: int, planes: Array, pad: NDArray[np.int64]) -> int:
-        """Find the planes near the first ``count`` pads, as they stand in :attr:`positions`.
+    def look(self, states: Array, pads: Array, layout: Array, reach: float) -> None:
+        """Find the planes near the pads where they are in ``states`` (robots, 8).
 
         Args:
-            count: pads looked at; the others are parked out of the way.
-            planes: out, (capacity, 3) unit normal pointing out of the ground, and its offset
-                n . point: a pad's gap is n . centre - offset - radius.
-            pad: out, (capacity,) the pad each plane is for.
-
-        Returns:
-            How many planes were found, ordered by pad, then nearest first.
+            pads, layout: of the robots, see :mod:`jansen_env.model`.
+            reach: m, from the crank axis to where a bumper can feel the ground.
         """
-        if count < self._looked_at:
-            parked = self.positions[count:]
-            parked[:, 0] = PARK * np.arange(1, len(parked) + 1)
-            parked[:, 1] = PARK
-        self._looked_at = count
-        pymunk.batch.set_space_bodies(self._space, _BODY_FIELDS, self._set)
+        rows, stale = _place(
+            states, pads, layout, reach, self._toes, self.surface, self.bounds, self.ground,
+            self._rows, self.owner, self.centres, self._asked_at,
+        )  # fmt: skip
+        if rows > len(self.owner):
+            self._grow(rows)
+            self.look(states, pads, layout, reach)
+            return
+        self.find(rows, stale)
+
+    def find(self, rows: int, ask: bool = True) -> None:
+        """Find the planes near the first rows' :attr:`centres`, after asking pymunk or without."""
+        self._rows = rows
+        if ask:
+            self._ask(rows)
+        _find_planes(
+            rows, self._stretch, self.owner, self.centres, self.surface, self.bounds, self.ground,
+            self._near, self._most, self.spans, self.planes, self.contacts, self._gaps,
+        )  # fmt: skip
+
+    def _ask(self, rows: int) -> None:
+        """Let pymunk say which stretch of the ground is near each of the first rows."""
+        self._asked_at[:rows] = self.centres[:rows]
+        self._asked_at[rows:] = np.inf
+        self._placed[:rows] = self.centres[:rows] + self._cells[self.owner[:rows, ROBOT]]
+        self._placed[rows:-1] = PARK * np.arange(rows + 1, len(self._placed))[:, None]
+        pymunk.batch.set_space_bodies(self._space, _POSITION, self._set)
         self._space.step(1e-300)  # detects, moves nothing
         got = self._got
         got.clear()
         pymunk.batch.get_space_arbiters(self._space, _FIELDS, got)
-        ids = np.frombuffer(got.int_buf(), dtype=np.uintp)
-        values = np.frombuffer(got.float_buf()).reshape(-1, 4)
-        return int(
-            _collect(ids, values, self._ids, self.positions, self._surface, planes, pad, self._gaps)
-        )
+        ids, points = np.frombuffer(got.int_buf(), np.int64), np.frombuffer(got.float_buf())
+        _remember(
+            ids, points, self._ids, self._row_of, self.owner, self.centres, self._cells,
+            self.surface, self.bounds, self.ground, self._far, self._stretch,
+        )  # fmt: skip
 
 
-@compiled
-def _collect(
-    ids: NDArray[np.uintp],
-    values: Array,
-    known: NDArray[np.uintp],
-    positions: Array,
-    surface: Array,
-    planes: Array,
-    pad: NDArray[np.int64],
-    gaps: Array,
-) -> int:
-    """Planes from pymunk's contacts: (n, 4) normal from pad to ground and point on the ground.
+def surfaces(terrains: Sequence[Terrain]) -> tuple[Array, Ints, Ints]:
+    """Grounds as one array.
 
-    Sorted by pad, nearest first, because pymunk's own order is that of pointers. Where there are
-    more than fit, those with the widest gaps are left out.
+    Returns:
+        (vertices (total, 2) of all different grounds, m; where each begins and the last ends; which
+        ground each of ``terrains`` is, (n,))
     """
-    count = 0
-    for row in range(len(ids)):
-        nx, ny = -values[row, 0], -values[row, 1]
-        px, py = values[row, 2], values[row, 3]
-        index = 0
-        while known[index] != ids[row]:
-            index += 1
-        x, y = positions[index, 0], positions[index, 1]
-        if ny < 0.0:  # the pad's centre is behind that segment
-            k = _segment(surface, x)
-            slope = (surface[k + 1, 1] - surface[k, 1]) / (surface[k + 1, 0] - surface[k, 0])
-            if y > surface[k, 1] + slope * (x - surface[k, 0]):
-                continue  # yet above the ground: it sees the far side of a ridge
-            nx, ny = -nx, -ny  # it has sunk in
-        # On a face, take the face's own normal: the direction to the nearest point is rounded.
-        k = _segment(surface, px)
-        ex, ey = surface[k + 1, 0] - surface[k, 0], surface[k + 1, 1] - surface[k, 1]
-        length = np.hypot(ex, ey)
-        if abs(nx * ex + ny * ey) < FACE * length:
-            nx, ny, px, py = -ey / length, ex / length, surface[k, 0], surface[k, 1]
-        offset = nx * px + ny * py
-        gap = nx * x + ny * y - offset
-        if _listed(index, nx, ny, offset, planes, pad, count):
-            continue  # a vertex is found from both its sides
-        place = count
-        if count == len(pad):
-            place = int(np.argmax(gaps[:count]))
-            if gap >= gaps[place]:
-                continue
-        else:
-            count += 1
-        pad[place], gaps[place] = index, gap
-        planes[place, 0], planes[place, 1], planes[place, 2] = nx, ny, offset
-    for i in range(1, count):  # insertion sort
-        k = i
-        while k > 0 and (pad[k], gaps[k]) < (pad[k - 1], gaps[k - 1]):
-            pad[k], pad[k - 1] = pad[k - 1], pad[k]
-            gaps[k], gaps[k - 1] = gaps[k - 1], gaps[k]
-            for j in range(3):
-                planes[k, j], planes[k - 1, j] = planes[k - 1, j], planes[k, j]
-            k -= 1
-    return count
+    distinct = {id(terrain): terrain for terrain in terrains}
+    number = {key: i for i, key in enumerate(distinct)}
+    lines = [terrain.polyline for terrain in distinct.values()]
+    ground = np.array([number[id(terrain)] for terrain in terrains])
+    return np.concatenate(lines), np.cumsum([0, *map(len, lines)]), ground
+
+
+def _cells(surface: Array, robots: int) -> Array:
+    """(robots, 2) origin of each robot's ground, m: in a grid pymunk's tree stays shallow."""
+    extent = np.ptp(surface, axis=0) + APART
+    columns = math.ceil(math.sqrt(robots))
+    return np.stack([np.arange(robots) % columns, np.arange(robots) // columns], axis=1) * extent
+
+
+def _extended(array: NDArray[Any], rows: int) -> NDArray[Any]:
+    """A copy with so many rows, the new ones 0."""
+    new = np.zeros((rows, *array.shape[1:]), array.dtype)
+    new[: len(array)] = array
+    return new
 
 
 @compiled
-def _listed(
-    index: int,
-    nx: float,
-    ny: float,
-    offset: float,
-    planes: Array,
-    pad: NDArray[np.int64],
-    count: int,
-) -> bool:
-    """Whether that plane is among the first ``count`` ones already."""
-    for k in range(count):
-        if pad[k] == index:
-            apart = abs(planes[k, 0] - nx) + abs(planes[k, 1] - ny) + abs(planes[k, 2] - offset)
-            if apart < SAME:
-                return True
-    return False
+def _place(
+    states, pads, layout, reach, toes, surface, bounds, ground, before, owner, centres, asked_at
+):  # fmt: skip
+    """Choose which pads to look at, and put them where they are; ``before`` rows were in use.
+
+    Returns:
+        (rows needed, nothing is placed where they are more than there are; whether one of them is
+        too far from where pymunk was asked about it)
+    """
+    robots, bumpers = len(states), len(layout) - toes
+    rows = robots * toes
+    stale = False
+    for r in range(robots):
+        x, y = states[r, 0], states[r, 1]
+        begin, end = bounds[ground[r]], bounds[ground[r] + 1]
+        if _reaches(surface, begin, end, x - reach, x + reach, y - reach):
+            for j in range(bumpers):
+                if rows < len(owner):
+                    stale = stale or rows >= before or owner[rows, ROBOT] != r
+                    owner[rows, ROBOT], owner[rows, ITS_PAD] = r, toes + j
+                rows += 1
+    if rows > len(owner):
+        return rows, stale
+    last = -1
+    cos, sin = 1.0, 0.0
+    for i in range(rows):
+        r, j = owner[i, ROBOT], owner[i, ITS_PAD]
+        if r != last:
+            last = r
+            cos, sin = np.cos(states[r, 2]), np.sin(states[r, 2])
+        px, py = pad_place(pads, int(layout[j, TABLE]), states[r, 3] + layout[j, PHASE])
+        x = states[r, 0] + cos * px - sin * py
+        y = states[r, 1] + sin * px + cos * py
+        centres[i, 0], centres[i, 1] = x, y
+        moved_x, moved_y = x - asked_at[i, 0], y - asked_at[i, 1]
+        if not moved_x * moved_x + moved_y * moved_y <= STRIDE * STRIDE:
+            stale = True
+    return rows, stale
 
 
-@compiled
-def _segment(surface: Array, x: float) -> int:
-    """Index of the segment of the surface above or below ``x``."""
-    low, high = 0, len(surface) - 1
+@compiled(forceinline=True)
+def _reaches(surface, begin, end, left, right, height):
+    """Whether the ground surface[begin:end] rises above a height between two x."""
+    first, last = _segment(surface, begin, end, left), _segment(surface, begin, end, right)
+    above = _height(surface, first, left) > height or _height(surface, last, right) > height
+    for k in range(first + 1, last + 1):
+        above = above or surface[k, 1] > height
+    return above
+
+
+@compiled(forceinline=True)
+def _segment(surface, begin, end, x):
+    """Index of the segment of the ground surface[begin:end] above or below ``x``."""
+    low, high = begin, end - 1
     while high - low > 1:
         middle = (low + high) // 2
         if surface[middle, 0] <= x:
@@ -189,3 +264,155 @@ def _segment(surface: Array, x: float) -> int:
         else:
             high = middle
     return low
+
+
+@compiled(forceinline=True)
+def _height(surface, k, x):
+    """Height of segment ``k`` at ``x``."""
+    slope = (surface[k + 1, 1] - surface[k, 1]) / (surface[k + 1, 0] - surface[k, 0])
+    return surface[k, 1] + slope * (x - surface[k, 0])
+
+
+@compiled(forceinline=True)
+def height_at(surface, begin, end, x):
+    """Height of the ground surface[begin:end] at ``x``, m."""
+    return _height(surface, _segment(surface, begin, end, x), x)
+
+
+@compiled
+def _remember(
+    ids, points, known, row_of, owner, centres, cells, surface, bounds, ground, far, stretch
+):  # fmt: skip
+    """From pymunk's contacts, (n,) body ids and 2 n numbers, the points: the stretch near each row.
+
+    pymunk leaves out segments that only their ends bring near; as far as the circle goes in x,
+    neighbours belong to the stretch, too.
+    """
+    for i in range(len(stretch)):
+        stretch[i, 0], stretch[i, 1] = 0, -1
+    for n in range(len(ids)):
+        i = row_of[_find(known, ids[n])]
+        r = owner[i, ROBOT]
+        start, end = bounds[ground[r]], bounds[ground[r] + 1]
+        first = last = _segment(surface, start, end, points[2 * n] - cells[r, 0])
+        while first > start and surface[first, 0] > centres[i, 0] - far:
+            first -= 1
+        while last < end - 2 and surface[last + 1, 0] < centres[i, 0] + far:
+            last += 1
+        if stretch[i, 1] < 0:
+            stretch[i, 0], stretch[i, 1] = first, last
+        stretch[i, 0], stretch[i, 1] = min(stretch[i, 0], first), max(stretch[i, 1], last)
+
+
+@compiled(forceinline=True)
+def _find(known, key):
+    """Place of ``key`` in the sorted ``known``."""
+    low, high = 0, len(known)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if known[middle] <= key:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@compiled
+def _find_planes(
+    rows, stretch, owner, centres, surface, bounds, ground, near, most,
+    spans, planes, contacts, gaps,
+):  # fmt: skip
+    """The planes of the stretches within ``near`` (m) of the pads' centres."""
+    for r in range(len(spans)):
+        spans[r, 1] = spans[r, 0]
+    for i in range(rows):
+        r, j = owner[i, ROBOT], owner[i, ITS_PAD]
+        start, end = bounds[ground[r]], bounds[ground[r] + 1]
+        for k in range(stretch[i, 0], stretch[i, 1] + 1):
+            found, nx, ny, offset = _plane(
+                surface, start, end, k, centres[i, 0], centres[i, 1], near
+            )
+            if found:
+                gap = nx * centres[i, 0] + ny * centres[i, 1] - offset
+                _list(r, j, nx, ny, offset, gap, most, spans, planes, contacts, gaps)
+    for r in range(len(spans)):
+        _sort(spans[r, 0], spans[r, 1], planes, contacts, gaps)
+
+
+@compiled(forceinline=True)
+def _plane(surface, start, end, k, x, y, near):
+    """Plane by which segment ``k`` of surface[start:end] faces a point (x, y).
+
+    Returns:
+        (whether it is nearer than ``near`` and no neighbour's task; normal x, y; offset)
+    """
+    ax, ay = surface[k, 0], surface[k, 1]
+    ex, ey = surface[k + 1, 0] - ax, surface[k + 1, 1] - ay
+    length = np.hypot(ex, ey)
+    share = (ex * (x - ax) + ey * (y - ay)) / (ex * ex + ey * ey)
+    share = max(0.0, min(share, 1.0))
+    px, py = ax + ex * share, ay + ey * share
+    if share == 1.0:
+        px, py = surface[k + 1, 0], surface[k + 1, 1]
+    away_x, away_y = px - x, py - y
+    square = away_x * away_x + away_y * away_y
+    if not square < near * near:
+        return False, 0.0, 0.0, 0.0
+    nx, ny = -ey / length, ex / length
+    offset = nx * ax + ny * ay
+    sunk = nx * (x - ax) + ny * (y - ay) < 0.0
+    if (share == 0.0 or share == 1.0) and square > 0.0:  # a vertex
+        other = k - 1 if share == 0.0 else k + 2
+        if start <= other < end:  # the neighbour's, if the point is on its side
+            side = away_x * (surface[other, 0] - px) + away_y * (surface[other, 1] - py)
+            if side < 0.0:
+                return False, 0.0, 0.0, 0.0
+        inverse = 1.0 / np.sqrt(square)
+        vertex_x, vertex_y = -away_x * inverse, -away_y * inverse
+        sunk = vertex_y < 0.0
+        # On a face, take the face's own normal: the direction to a point is rounded.
+        if abs(vertex_x * ex + vertex_y * ey) >= FACE * length:
+            nx, ny = (-vertex_x, -vertex_y) if sunk else (vertex_x, vertex_y)
+            offset = nx * px + ny * py
+    # Behind that segment, yet above the ground: it sees the far side of a ridge.
+    found = not (sunk and y > height_at(surface, start, end, x))
+    return found, nx, ny, offset
+
+
+@compiled(forceinline=True)
+def _list(r, pad, nx, ny, offset, gap, most, spans, planes, contacts, gaps):
+    """Add a plane to robot ``r``'s, unless it is there, or there are ``most`` nearer ones."""
+    begin, end = spans[r, 0], spans[r, 1]
+    for k in range(begin, end):
+        if contacts[k, PAD] == pad:
+            apart = abs(planes[k, 0] - nx) + abs(planes[k, 1] - ny) + abs(planes[k, 2] - offset)
+            if apart < SAME:
+                return  # a vertex is found from both its sides
+    place = end
+    if end - begin == most:
+        place = begin
+        for k in range(begin, end):
+            if gaps[k] > gaps[place]:
+                place = k
+        if gap >= gaps[place]:
+            return
+    else:
+        spans[r, 1] += 1
+    contacts[place, PAD], contacts[place, MODE], gaps[place] = pad, STICK, gap
+    planes[place, 0], planes[place, 1], planes[place, 2] = nx, ny, offset
+
+
+@compiled
+def _sort(begin, end, planes, contacts, gaps):
+    """Insertion sort by pad, then gap."""
+    for i in range(begin + 1, end):
+        k = i
+        while k > begin and (
+            contacts[k, PAD] < contacts[k - 1, PAD]
+            or (contacts[k, PAD] == contacts[k - 1, PAD] and gaps[k] < gaps[k - 1])
+        ):
+            contacts[k, PAD], contacts[k - 1, PAD] = contacts[k - 1, PAD], contacts[k, PAD]
+            gaps[k], gaps[k - 1] = gaps[k - 1], gaps[k]
+            for j in range(3):
+                planes[k, j], planes[k - 1, j] = planes[k - 1, j], planes[k, j]
+            k -= 1

@@ -36,7 +36,12 @@ PROXIMITY = 1e-4  # of the last resort, relative to W's mean diagonal
 PROXIMAL_ROUNDS = 200
 
 
-@compiled
+def index_space(count: int) -> NDArray[np.int64]:
+    """Work space of :func:`solve` for ``count`` contacts, nothing kept from an earlier call."""
+    return np.zeros(5 * count + 1, np.int64)
+
+
+@compiled(forceinline=True)
 def residual(count, W, q, mu, P, u):
     """Largest violation of the contact law, N s; fills ``u`` = W P + q.
 
@@ -58,13 +63,23 @@ def residual(count, W, q, mu, P, u):
     return worst
 
 
-@compiled
-def _solve_modes(count, W, q, mu, mode, P, A, rhs, index):
-    """Impulses for given modes by Gaussian elimination; False where the modes are singular."""
+@compiled(forceinline=True)
+def _factor(count, W, mu, mode, A, index):
+    """LU factors, into A, of the linear problem that the modes pose; False where it is singular.
+
+    ``index`` holds which unknowns take part, which rows change places, the modes, and how many
+    unknowns there are. Factors of the same modes, from the last call, are kept.
+    """
+    size = index[5 * count]
+    if size > 0:
+        same = True
+        for c in range(count):
+            same = same and index[4 * count + c] == mode[c]
+        if same:
+            return True
     k = 0
     for c in range(count):
-        P[2 * c] = 0.0
-        P[2 * c + 1] = 0.0
+        index[4 * count + c] = mode[c]
         if mode[c] != OPEN:
             index[k] = 2 * c
             k += 1
@@ -73,7 +88,6 @@ def _solve_modes(count, W, q, mu, mode, P, A, rhs, index):
                 k += 1
     for r in range(k):
         i = index[r]
-        rhs[r] = -q[i]
         for s in range(k):
             j = index[s]
             A[r, s] = W[i, j]
@@ -83,6 +97,7 @@ def _solve_modes(count, W, q, mu, mode, P, A, rhs, index):
                     A[r, s] -= mu[j // 2] * W[i, j + 1]
                 elif kind == SLIDE_BACKWARD:
                     A[r, s] += mu[j // 2] * W[i, j + 1]
+    index[5 * count] = 0
     for r in range(k):
         best = r
         for s in range(r + 1, k):
@@ -90,16 +105,36 @@ def _solve_modes(count, W, q, mu, mode, P, A, rhs, index):
                 best = s
         if abs(A[best, r]) < 1e-14 * W[index[r], index[r]]:
             return False
+        index[2 * count + r] = best
         if best != r:
             for s in range(r, k):
                 A[r, s], A[best, s] = A[best, s], A[r, s]
+        for s in range(r + 1, k):
+            A[s, r] /= A[r, r]
+            if A[s, r] != 0.0:
+                for j in range(r + 1, k):
+                    A[s, j] -= A[s, r] * A[r, j]
+    index[5 * count] = k
+    return True
+
+
+@compiled(forceinline=True)
+def _solve_modes(count, W, q, mu, mode, P, A, rhs, index):
+    """Impulses for given modes by Gaussian elimination; False where the modes are singular."""
+    if not _factor(count, W, mu, mode, A, index):
+        return False
+    k = index[5 * count]
+    for r in range(k):
+        rhs[r] = -q[index[r]]
+    for r in range(k):
+        best = index[2 * count + r]
+        if best != r:
             rhs[r], rhs[best] = rhs[best], rhs[r]
         for s in range(r + 1, k):
-            factor = A[s, r] / A[r, r]
-            if factor != 0.0:
-                for j in range(r + 1, k):
-                    A[s, j] -= factor * A[r, j]
-                rhs[s] -= factor * rhs[r]
+            if A[s, r] != 0.0:
+                rhs[s] -= A[s, r] * rhs[r]
+    for i in range(2 * count):
+        P[i] = 0.0
     for r in range(k - 1, -1, -1):
         total = rhs[r]
         for s in range(r + 1, k):
@@ -115,7 +150,7 @@ def _solve_modes(count, W, q, mu, mode, P, A, rhs, index):
     return True
 
 
-@compiled
+@compiled(forceinline=True)
 def _mend_modes(count, mu, mode, P, u, one_only):
     """Change the mode of every (or the first) contact whose impulse or velocity contradicts it."""
     for c in range(count):
@@ -140,7 +175,7 @@ def _mend_modes(count, mu, mode, P, u, one_only):
             return
 
 
-@compiled
+@compiled(allocates=True)
 def _lemke(count, W, q, mu, softening, P):
     """Lemke's method on (P_n, P_t+, P_t-, bound) of Stewart and Trinkle; True where it ends.
 
@@ -216,7 +251,7 @@ def _lemke(count, W, q, mu, softening, P):
     return True
 
 
-@compiled
+@compiled(allocates=True)
 def _modes_of(count, mu, P, u, mode):
     """Modes that an approximate solution points to."""
     negligible = 1e-8 * np.max(np.abs(P[: 2 * count]))
@@ -240,7 +275,9 @@ def solve(count, W, q, mu, mode, P, u, A, rhs, index):
             velocities without contact impulses, m/s.
         mu: (count,) friction. mode: (count,) first guess, then the solution's modes.
         P, u: (2 count,) out: impulses N s, velocities m/s.
-        A, rhs, index: work space, (2 count, 2 count), (2 count,), (2 count,).
+        A, rhs: work space, (2 count, 2 count), (2 count,). index: that of :func:`index_space`, also
+            longer. With index[5 count] = 0 nothing is kept from the call before; else W, mu and
+            count must be the same as there.
 
     Returns:
         The solution's :func:`residual`, N s.
@@ -252,6 +289,12 @@ def solve(count, W, q, mu, mode, P, u, A, rhs, index):
     error = _solve_from_guess(count, W, q, mu, mode, P, u, A, rhs, index, tolerance)
     if error <= tolerance:
         return error
+    return _search(count, W, q, mu, mode, P, u, A, rhs, index, tolerance, error)
+
+
+@compiled(allocates=True)
+def _search(count, W, q, mu, mode, P, u, A, rhs, index, tolerance, error):
+    """Solve by Lemke's method, or where that fails by :func:`_approach`; P holds the best try."""
     best, best_mode = P.copy(), mode.copy()
     for softening in LEMKE_COMPLIANCES:
         if not _lemke(count, W, q, mu, softening, P):
@@ -273,7 +316,7 @@ def solve(count, W, q, mu, mode, P, u, A, rhs, index):
     return _approach(count, W, q, mu, mode, P, u, A, rhs, index, tolerance, error)
 
 
-@compiled
+@compiled(allocates=True)
 def _approach(count, W, q, mu, mode, P, u, A, rhs, index, tolerance, error):
     """Last resort, the proximal point method: solve W + rho 1 with q - rho P, from the last P on.
 
@@ -286,6 +329,7 @@ def _approach(count, W, q, mu, mode, P, u, A, rhs, index, tolerance, error):
     shifted, moved = W[: 2 * count, : 2 * count].copy(), q[: 2 * count].copy()
     for i in range(2 * count):
         shifted[i, i] += rho
+    index[5 * count] = 0  # another W
     best, best_mode = P[: 2 * count].copy(), mode[:count].copy()
     for _ in range(PROXIMAL_ROUNDS):
         for i in range(2 * count):
@@ -300,6 +344,7 @@ def _approach(count, W, q, mu, mode, P, u, A, rhs, index, tolerance, error):
             break
     P[: 2 * count] = best
     mode[:count] = best_mode
+    index[5 * count] = 0
     return residual(count, W, q, mu, P, u)
 
 
@@ -317,7 +362,7 @@ def _solve_from_guess(count, W, q, mu, mode, P, u, A, rhs, index, tolerance):
     return residual(count, W, q, mu, P, u)
 
 
-@compiled
+@compiled(forceinline=True)
 def soften(count, W):
     """Add :data:`COMPLIANCE` to W's diagonal, which makes the load of redundant contacts unique."""
     trace = 0.0

@@ -16,14 +16,46 @@ the step obeys Signorini's and Coulomb's laws. Second order while the contacts s
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.compiling import compiled
+from jansen_env.contact import MODE, PAD
 from jansen_env.contact_solver import OPEN, STICK, soften, solve
-from jansen_env.model import locate, taylor_curve, taylor_slope, taylor_value, to_centroid
+from jansen_env.model import (
+    C_X,
+    C_Y,
+    COUPLING,
+    CRANK,
+    CURVE,
+    DAMPING,
+    DRIVEN,
+    FRICTION,
+    GRAVITY_X,
+    GRAVITY_Y,
+    INERTIA,
+    LOAD_INERTIA,
+    LOAD_MASS,
+    LOAD_X,
+    LOAD_Y,
+    LONGEST,
+    MASS,
+    PAD_ANGLE,
+    PAD_RADIUS,
+    PAD_X,
+    PAD_Y,
+    PHASE,
+    RESTITUTION,
+    SLOPE,
+    TABLE,
+    VALUE,
+    WIDEST,
+    mechanical_energy,
+    read_body,
+    read_pad,
+    read_pad_motion,
+    to_centroid,
+)
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -36,101 +68,91 @@ BOUNCE_ROUNDS = 14  # tries of smaller coefficients of restitution, where it wou
 ROUNDING = 1e-9  # share of the energy that a blow brings by which it may seem to gain
 
 # Columns of the totals that a step adds to.
-MOTOR_WORK, JOINT_LOSS, SLIP_LOSS, IMPACT_LOSS, WORST_RESIDUAL, BUMPS = range(6)
-TOTALS = 6
+MOTOR_WORK, JOINT_LOSS, SLIP_LOSS, IMPACT_LOSS, WORST_RESIDUAL, BUMPS, BEFORE_IT, ENERGY = range(8)
+TOTALS = 8
 # Columns of a pad's record: slip (m), then tangential and normal impulse (N s).
 SLIP, IMPULSE_T, IMPULSE_N = range(3)
 RECORD = 3
+TRAVEL = 4  # where, after the last pose, a robot's travel is
 # Where what is in a row of a trace: pose at the middle of the step and velocity before and after it
 # (of the centre of mass), torque, then x, y and moment impulse on each pad.
 POSE, BEFORE, AFTER, TORQUE, IMPULSES = 0, 4, 8, 12, 13
 
 
-class Ground(NamedTuple):
-    """Contact planes, as found by the detector."""
-
-    plane: Array  # (capacity, 3) normal, offset
-    pad: Ints  # (capacity,)
-    mode: Ints  # (capacity,) the last step's contact mode, a first guess
-    friction: float
-    restitution: float
-
-
-class Work(NamedTuple):
-    """Work space for up to ``capacity`` contacts at once; made by :func:`_views` of flat arrays."""
-
-    J: Array  # (2 capacity, 4) contact Jacobian: rows normal, tangential
-    MJ: Array  # (2 capacity, 4) J M^-1
-    W: Array  # (2 capacity, 2 capacity) Delassus matrix
-    A: Array  # (2 capacity, 2 capacity) for the solver
-    bend: Array  # (2 capacity,) velocity the contact point gains by path curvature in half a step
-    q: Array  # (2 capacity,) velocity without contact impulses
-    P: Array  # (2 capacity,) impulses
-    u: Array  # (2 capacity,) velocity left behind
-    rhs: Array  # (2 capacity,) for the solver
-    mu: Array  # (capacity,)
-    gap: Array  # (capacity,)
-    order: Ints  # (2 capacity,) for the solver
-    mode: Ints  # (capacity,)
-    plane: Ints  # (capacity,) which plane each active contact belongs to
-
-
 def work_space(capacity: int) -> tuple[Array, Ints]:
-    """Memory for :class:`Work`: two flat arrays, which pass into a kernel faster than many."""
+    """Memory for up to ``capacity`` contacts of a robot at once, for :func:`advance`.
+
+    Two flat arrays, which pass into a kernel faster than many.
+    """
     n = 2 * capacity
-    return np.zeros(8 * n + 2 * n * n + 6 * n), np.zeros(2 * n, np.int64)
+    return np.zeros(8 * n + 2 * n * n + 9 * n), np.zeros(7 * capacity + 1, np.int64)
 
 
-@compiled(inline="always")
-def _views(floats, ints, capacity):
-    n = 2 * capacity
-    v = 8 * n + 2 * n * n  # where the vectors begin
-    return Work(
-        floats[: 4 * n].reshape(n, 4),
-        floats[4 * n : 8 * n].reshape(n, 4),
-        floats[8 * n : 8 * n + n * n].reshape(n, n),
-        floats[8 * n + n * n : v].reshape(n, n),
-        floats[v : v + n],
-        floats[v + n : v + 2 * n],
-        floats[v + 2 * n : v + 3 * n],
-        floats[v + 3 * n : v + 4 * n],
-        floats[v + 4 * n : v + 5 * n],
-        floats[v + 5 * n : v + 5 * n + capacity],
-        floats[v + 5 * n + capacity : v + 6 * n],
-        ints[:n],
-        ints[n : n + capacity],
-        ints[n + capacity :],
-    )
-
-
-@compiled
+@compiled(nogil=True)
 def advance(
-    steps, h, torque, state, model, ground, planes, floats, ints, totals, record, toes, trace
-):
-    """Advance a state by ``steps`` time steps with fixed contact planes.
+    first, last, fresh, steps, h, torque, states, parameters, body, pads, layout,
+    spans, planes, contacts, floats, ints, totals, record, toes, trace,
+):  # fmt: skip
+    """Advance robots ``first`` to ``last - 1`` by ``steps`` time steps with fixed contact planes.
 
     Args:
-        steps, h: number and length (s) of the steps. torque: crank torque, N m.
-        state: (8,) crank-axis state, changed in place.
-        model, ground: :class:`Model`, :class:`Ground`. planes: planes in use.
+        fresh: whether to begin new sums in ``totals`` and ``record``.
+        h: length of a time step, s. torque: (robots,) crank torque, N m.
+        states: (robots, 8) crank-axis states, changed in place.
+        parameters: (robots, 13), body, pads, layout: see :mod:`jansen_env.model`.
+        spans, planes, contacts: see :class:`jansen_env.contact.ContactDetector`.
         floats, ints: memory of :func:`work_space`.
-        totals: (6,) energies (J) added to, worst contact residual (N s), impulse on bumpers (N s).
-        record: (pads, 3) slip and impulses added to. toes: the first so many pads are toes.
-        trace: (steps, :func:`trace_width`) filled step by step, or without rows for no trace.
+        totals: (robots, 8) sums of energies (J), worst contact residual (N s), impulse on bumpers
+            (N s), mechanical energy when the sums were begun, and its change since, J.
+        record: (robots, pads, 3) sums of slip and impulses.
+        toes: the first so many pads are toes.
+        trace: (steps, :func:`trace_width`) of the first robot, filled step by step, or without
+            rows for no trace.
     """
-    work = _views(floats, ints, len(ground.pad))
-    to_centroid(model, state, 1.0)
+    n = 2 * (len(ints) // 7)
+    J, MJ = floats[: 4 * n].reshape(n, 4), floats[4 * n : 8 * n].reshape(n, 4)
+    W = floats[8 * n : 8 * n + n * n].reshape(n, n)
+    A = floats[8 * n + n * n : 8 * n + 2 * n * n].reshape(n, n)
+    vectors = floats[8 * n + 2 * n * n :].reshape(9, n)
+    bend, q, P, u = vectors[0], vectors[1], vectors[2], vectors[3]
+    rhs, mu, gap, clear = vectors[4], vectors[5], vectors[6], vectors[7]
+    sums, place = vectors[8, :18].reshape(3, 6), vectors[8, 18:27].reshape(3, 3)
+    pose = vectors[8, 27:32]
+    mode, which, index = ints[: n // 2], ints[n // 2 : n], ints[n:]
     tracing = len(trace) > 0
-    for k in range(steps):
-        if tracing:
-            for i in range(4):
-                trace[k, POSE + i] = state[i] + 0.5 * h * state[4 + i]
-                trace[k, BEFORE + i] = state[4 + i]
-        count, used = _step(h, torque, state, model, ground, planes, work, totals, record)
-        if tracing:
-            _trace(trace[k], state, used, count, model, ground, work)
-    totals[BUMPS] = record[toes:, IMPULSE_N].sum()
-    to_centroid(model, state, -1.0)
+    for r in range(first, last):
+        state, own, total, records = states[r], parameters[r], totals[r], record[r]
+        if fresh:
+            for i in range(TOTALS):
+                total[i] = 0.0
+            for j in range(records.shape[0]):
+                records[j, SLIP] = records[j, IMPULSE_T] = records[j, IMPULSE_N] = 0.0
+            kinetic, potential = mechanical_energy(body, own, state, sums)
+            total[BEFORE_IT] = kinetic + potential
+        to_centroid(body, own, state, 1.0, sums)
+        for i in range(4):
+            pose[i] = state[i]
+        pose[TRAVEL] = 0.0
+        for k in range(spans[r, 1] - spans[r, 0]):
+            clear[k] = 0.0
+        for k in range(steps):
+            if tracing:
+                for i in range(4):
+                    trace[k, POSE + i] = state[i] + 0.5 * h * state[4 + i]
+                    trace[k, BEFORE + i] = state[4 + i]
+            count, used = _step(
+                h, torque[r], state, own, body, pads, layout, spans[r, 0], spans[r, 1], planes,
+                contacts, J, MJ, W, A, bend, q, P, u, rhs, mu, gap, clear, pose,
+                index, mode, which, sums, place, total, records,
+            )  # fmt: skip
+            if tracing:
+                _trace(trace[k], state, used, count, own, planes, contacts, P, mode, which)
+        total[BUMPS] = 0.0
+        for j in range(toes, records.shape[0]):
+            total[BUMPS] += records[j, IMPULSE_N]
+        to_centroid(body, own, state, -1.0, sums)
+        kinetic, potential = mechanical_energy(body, own, state, sums)
+        total[ENERGY] = kinetic + potential - total[BEFORE_IT]
 
 
 def trace_width(pads: int) -> int:
@@ -138,58 +160,104 @@ def trace_width(pads: int) -> int:
     return IMPULSES + 3 * pads
 
 
-@compiled(inline="always")
-def _trace(row, state, torque, count, model, ground, work):
+@compiled
+def _trace(row, state, torque, count, own, planes, contacts, P, mode, which):
     """Complete a row of the trace after a step; moments are about the pads' centres."""
     for i in range(4):
         row[AFTER + i] = state[4 + i]
     row[TORQUE] = torque
     row[IMPULSES:] = 0.0
     for c in range(count):
-        if work.mode[c] == OPEN:
+        if mode[c] == OPEN:
             continue
-        k = work.plane[c]
-        at = IMPULSES + 3 * ground.pad[k]
-        normal, tangential = work.P[2 * c], work.P[2 * c + 1]
-        nx, ny = ground.plane[k, 0], ground.plane[k, 1]
+        k = which[c]
+        at = IMPULSES + 3 * contacts[k, PAD]
+        normal, tangential = P[2 * c], P[2 * c + 1]
+        nx, ny = planes[k, 0], planes[k, 1]
         row[at] += normal * nx + tangential * ny
         row[at + 1] += normal * ny - tangential * nx
-        row[at + 2] += tangential * model.pad_radius
+        row[at + 2] += tangential * own[PAD_RADIUS]
 
 
-@compiled(inline="always")
-def _step(h, torque, state, model, ground, planes, work, totals, record):
-    m, (gx, gy) = model.mass, model.gravity
+@compiled(forceinline=True)
+def _step(
+    h, torque, state, own, body, pads, layout, begin, end, planes,
+    contacts, J, MJ, W, A, bend, q, P, u, rhs, mu, gap, clear, pose,
+    index, mode, which, sums, place, totals, record,
+):  # fmt: skip
+    """One time step of one robot; returns how many pads touched, and the torque that was used."""
+    m, gx, gy = own[MASS], own[GRAVITY_X], own[GRAVITY_Y]
+    driven = own[DRIVEN] != 0.0
     vx, vy, w, n = state[4], state[5], state[6], state[7]
     x, y = state[0] + 0.5 * h * vx, state[1] + 0.5 * h * vy
     theta, psi = state[2] + 0.5 * h * w, state[3] + 0.5 * h * n
     cos, sin = np.cos(theta), np.sin(theta)
 
     # Inertia about the centre of mass and its slopes.
-    row, t = locate(model.body.shape[0], psi)
-    c = model.body[row]
-    load, px, py = model.load[0], model.load[2], model.load[3]
-    sx, sy = (taylor_value(c[0], t) + load * px) / m, (taylor_value(c[1], t) + load * py) / m
-    dx, dy = taylor_slope(c[0], t) / m, taylor_slope(c[1], t) / m
-    ddx, ddy = taylor_curve(c[0], t) / m, taylor_curve(c[1], t) / m
-    inertia = taylor_value(c[2], t) + load * (px * px + py * py) + model.load[1]
+    read_body(body, psi, sums)
+    load, px, py = own[LOAD_MASS], own[LOAD_X], own[LOAD_Y]
+    sx, sy = (sums[VALUE, C_X] + load * px) / m, (sums[VALUE, C_Y] + load * py) / m
+    dx, dy = sums[SLOPE, C_X] / m, sums[SLOPE, C_Y] / m
+    ddx, ddy = sums[CURVE, C_X] / m, sums[CURVE, C_Y] / m
+    inertia = sums[VALUE, INERTIA] + load * (px * px + py * py) + own[LOAD_INERTIA]
     inertia -= m * (sx * sx + sy * sy)
-    inertia_slope = taylor_slope(c[2], t) - 2.0 * m * (sx * dx + sy * dy)
-    coupling = taylor_value(c[3], t) - m * (sx * dy - sy * dx)
-    coupling_slope = taylor_slope(c[3], t) - m * (sx * ddy - sy * ddx)
-    crank = taylor_value(c[4], t) - m * (dx * dx + dy * dy)
-    crank_slope = taylor_slope(c[4], t) - 2.0 * m * (dx * ddx + dy * ddy)
-    damping = taylor_value(c[5], t)
+    inertia_slope = sums[SLOPE, INERTIA] - 2.0 * m * (sx * dx + sy * dy)
+    coupling = sums[VALUE, COUPLING] - m * (sx * dy - sy * dx)
+    coupling_slope = sums[SLOPE, COUPLING] - m * (sx * ddy - sy * ddx)
+    crank = sums[VALUE, CRANK] - m * (dx * dx + dy * dy)
+    crank_slope = sums[SLOPE, CRANK] - 2.0 * m * (dx * ddx + dy * ddy)
+    damping = sums[VALUE, DAMPING]
     crank_implicit = crank + 0.5 * h * damping
     determinant = inertia * crank_implicit - coupling * coupling
     m11, m12, m22 = crank_implicit / determinant, -coupling / determinant, inertia / determinant
-    if model.driven:  # nothing that acts on the robot changes the crank's speed
+    if driven:  # nothing that acts on the robot changes the crank's speed
         m11, m12, m22 = 1.0 / inertia, 0.0, 0.0
 
-    count, impact = _active_contacts(
-        h, x, y, cos, sin, psi, w, n, vx, vy, sx, sy, dx, dy, ddx, ddy, model, ground, planes, work
-    )
-    J, MJ, W = work.J, work.MJ, work.W
+    # The pads that touch: rows of J, path curvature; and whether one of them is landing. In a step
+    # without landings the contact law is asked of the velocity at the end of the step,
+    # J v + (h / 2) J_dot v, which keeps a rolling or pivoting toe where it is to second order.
+    radius = own[PAD_RADIUS]
+    count = 0
+    impact = False
+    travel = _travel(pose, x, y, theta, psi, own)
+    for k in range(begin, end):
+        if clear[k - begin] > travel:
+            continue
+        j = contacts[k, PAD]
+        table = int(layout[j, TABLE])
+        row, t = read_pad(pads, table, psi + layout[j, PHASE], place)
+        rx, ry = place[VALUE, PAD_X] - sx, place[VALUE, PAD_Y] - sy
+        ox, oy = cos * rx - sin * ry, sin * rx + cos * ry  # R r
+        normal_x, normal_y = planes[k, 0], planes[k, 1]
+        distance = normal_x * (x + ox) + normal_y * (y + oy) - planes[k, 2] - radius
+        clear[k - begin] = travel + distance
+        if distance > 0.0:
+            continue
+        read_pad_motion(pads, table, row, t, place)
+        rdx, rdy = place[SLOPE, PAD_X] - dx, place[SLOPE, PAD_Y] - dy
+        odx, ody = cos * rdx - sin * rdy, sin * rdx + cos * rdy  # R r'
+        rddx, rddy = place[CURVE, PAD_X] - ddx, place[CURVE, PAD_Y] - ddy
+        oddx, oddy = cos * rddx - sin * rddy, sin * rddx + cos * rddy  # R r''
+        tx, ty = normal_y, -normal_x
+        i = 2 * count
+        J[i, 0], J[i, 1] = normal_x, normal_y
+        J[i, 2] = -normal_x * oy + normal_y * ox
+        J[i, 3] = normal_x * odx + normal_y * ody
+        J[i + 1, 0], J[i + 1, 1] = tx, ty
+        J[i + 1, 2] = -tx * oy + ty * ox + radius
+        J[i + 1, 3] = tx * odx + ty * ody + radius * place[SLOPE, PAD_ANGLE]
+        ax = -w * w * ox - 2.0 * w * n * ody + n * n * oddx
+        ay = -w * w * oy + 2.0 * w * n * odx + n * n * oddy
+        bend[i] = 0.5 * h * (normal_x * ax + normal_y * ay)
+        bend[i + 1] = 0.5 * h * (tx * ax + ty * ay + radius * place[CURVE, PAD_ANGLE] * n * n)
+        approach = J[i, 0] * vx + J[i, 1] * vy + J[i, 2] * w + J[i, 3] * n
+        if distance - 0.5 * h * approach > 0.0:
+            impact = True  # it was open when the step began
+        mu[count] = own[FRICTION]
+        mode[count] = contacts[k, MODE]
+        which[count] = k
+        gap[count] = distance
+        count += 1
     for i in range(2 * count):
         MJ[i, 0], MJ[i, 1] = J[i, 0] / m, J[i, 1] / m
         MJ[i, 2] = m11 * J[i, 2] + m12 * J[i, 3]
@@ -203,8 +271,9 @@ def _step(h, torque, state, model, ground, planes, work, totals, record):
         soften(count, W)
 
     residual = 0.0
-    bounce, least, most = ground.restitution, 0.0, ground.restitution
+    bounce, least, most = own[RESTITUTION], 0.0, own[RESTITUTION]
     settled = count == 0 or bounce == 0.0
+    index[5 * count] = 0  # W is new
     for attempt in range(BOUNCE_ROUNDS):
         nw, nn = w, n  # new velocities
         for _ in range(PASSES):
@@ -219,29 +288,27 @@ def _step(h, torque, state, model, ground, planes, work, totals, record):
                 continue
             for i in range(2 * count):
                 free = J[i, 0] * nx + J[i, 1] * ny + J[i, 2] * nw + J[i, 3] * nn
-                work.q[i] = free if impact else free + work.bend[i]
+                q[i] = free if impact else free + bend[i]
                 if i % 2 == 0 and bounce > 0.0:
                     before = J[i, 0] * vx + J[i, 1] * vy + J[i, 2] * w + J[i, 3] * n
-                    work.q[i] += bounce * min(before, 0.0)
-            residual = solve(
-                count, W, work.q, work.mu, work.mode, work.P, work.u, work.A, work.rhs, work.order
-            )
+                    q[i] += bounce * min(before, 0.0)
+            residual = solve(count, W, q, mu, mode, P, u, A, rhs, index)
             for i in range(2 * count):
-                nx += MJ[i, 0] * work.P[i]
-                ny += MJ[i, 1] * work.P[i]
-                nw += MJ[i, 2] * work.P[i]
-                nn += MJ[i, 3] * work.P[i]
+                nx += MJ[i, 0] * P[i]
+                ny += MJ[i, 1] * P[i]
+                nw += MJ[i, 2] * P[i]
+                nn += MJ[i, 3] * P[i]
         # Newton's law with friction may create energy (Kane and Levinson, J. Appl. Mech. 52, 1985):
         # then the toes bounce as much as they can without that.
         if settled:
             break
-        creates = _creates_energy(count, vx, vy, w, n, nx, ny, nw, nn, work)
+        creates = _creates_energy(count, vx, vy, w, n, nx, ny, nw, nn, J, P)
         if attempt == 0:
             if not creates:
                 break
             bounce = 0.0
         elif attempt == 1 and creates:  # without bounce, too: it is the step's error, as in rolling
-            bounce, settled = ground.restitution, True
+            bounce, settled = own[RESTITUTION], True
         else:
             if creates:
                 most = bounce
@@ -251,143 +318,105 @@ def _step(h, torque, state, model, ground, planes, work, totals, record):
             bounce = least if settled else 0.5 * (least + most)
 
     mean = 0.5 * (n + nn)
-    if model.driven:  # what is left over in the crank's equation of motion
+    if driven:  # what is left over in the crank's equation of motion
         mw = 0.5 * (w + nw)
         torque = (coupling * (nw - w) + crank * (nn - n)) / h + damping * mean
         torque -= 0.5 * mw * mw * inertia_slope - 0.5 * mean * mean * crank_slope
         for i in range(2 * count):
-            torque -= J[i, 3] * work.P[i] / h
+            torque -= J[i, 3] * P[i] / h
     totals[MOTOR_WORK] += h * torque * mean
     totals[JOINT_LOSS] += h * damping * mean * mean
     totals[WORST_RESIDUAL] = max(totals[WORST_RESIDUAL], residual)
     state[0], state[1] = x + 0.5 * h * nx, y + 0.5 * h * ny
     state[2], state[3] = theta + 0.5 * h * nw, psi + 0.5 * h * nn
-    for k in range(planes):
-        ground.mode[k] = STICK  # the guess for a contact that closes
+    for k in range(begin, end):
+        contacts[k, MODE] = STICK  # the guess for a contact that closes
     if count > 0:
-        _record(h, count, vx, vy, w, n, nx, ny, nw, nn, ground, work, totals, record)
-        moved_x, moved_y = _correct(h, count, state, nx, ny, nw, nn, work)
+        _book(
+            h, count, vx, vy, w, n, nx, ny, nw, nn, J, P, gap, mode, which, contacts, totals, record
+        )
+        moved_x, moved_y = _correct(h, count, state, nx, ny, nw, nn, J, MJ, W, gap, mode, q, rhs)
         totals[IMPACT_LOSS] += m * (gx * moved_x + gy * moved_y)
     state[4], state[5], state[6], state[7] = nx, ny, nw, nn
     return count, torque
 
 
-@compiled(inline="always")
-def _creates_energy(count, vx, vy, w, n, nx, ny, nw, nn, work):
+@compiled(forceinline=True)
+def _travel(pose, x, y, theta, psi, own):
+    """How far, at most, any pad has come since ``pose`` was new, m; takes the robot's pose there.
+
+    A pad that was farther from its plane need not be looked at.
+    """
+    far = abs(x - pose[0]) + abs(y - pose[1])
+    far += own[LONGEST] * abs(theta - pose[2]) + own[WIDEST] * abs(psi - pose[3])
+    pose[0], pose[1], pose[2], pose[3] = x, y, theta, psi
+    pose[TRAVEL] += (1.0 + 1e-6) * far
+    return pose[TRAVEL]
+
+
+@compiled(forceinline=True)
+def _creates_energy(count, vx, vy, w, n, nx, ny, nw, nn, J, P):
     """Whether the contacts' impulses do more work on the robot than rounding makes."""
-    J = work.J
     gained, brought = 0.0, 0.0
     for i in range(2 * count):
         old = J[i, 0] * vx + J[i, 1] * vy + J[i, 2] * w + J[i, 3] * n
         new = J[i, 0] * nx + J[i, 1] * ny + J[i, 2] * nw + J[i, 3] * nn
-        gained += 0.5 * work.P[i] * (old + new)
-        brought += abs(work.P[i] * old)
+        gained += 0.5 * P[i] * (old + new)
+        brought += abs(P[i] * old)
     return gained > ROUNDING * brought
 
 
-@compiled(inline="always")
-def _active_contacts(
-    h, x, y, cos, sin, psi, w, n, vx, vy, sx, sy, dx, dy, ddx, ddy, model, ground, planes, work
-):
-    """Collect the pads that touch: rows of J, path curvature; and whether one of them is landing.
-
-    In a step without landings the contact law is asked of the velocity at the end of the step,
-    J v + (h / 2) J_dot v, which keeps a rolling or pivoting toe where it is to second order.
-    """
-    radius = model.pad_radius
-    count = 0
-    impact = False
-    for k in range(planes):
-        j = ground.pad[k]
-        row, t = locate(model.pads.shape[1], psi + model.pad_phase[j])
-        c = model.pads[model.pad_table[j], row]
-        rx, ry = taylor_value(c[0], t) - sx, taylor_value(c[1], t) - sy
-        ox, oy = cos * rx - sin * ry, sin * rx + cos * ry  # R r
-        normal_x, normal_y = ground.plane[k, 0], ground.plane[k, 1]
-        gap = normal_x * (x + ox) + normal_y * (y + oy) - ground.plane[k, 2] - radius
-        if gap > 0.0:
-            continue
-        rdx, rdy = taylor_slope(c[0], t) - dx, taylor_slope(c[1], t) - dy
-        odx, ody = cos * rdx - sin * rdy, sin * rdx + cos * rdy  # R r'
-        rddx, rddy = taylor_curve(c[0], t) - ddx, taylor_curve(c[1], t) - ddy
-        oddx, oddy = cos * rddx - sin * rddy, sin * rddx + cos * rddy  # R r''
-        tx, ty = normal_y, -normal_x
-        i = 2 * count
-        J = work.J
-        J[i, 0], J[i, 1] = normal_x, normal_y
-        J[i, 2] = -normal_x * oy + normal_y * ox
-        J[i, 3] = normal_x * odx + normal_y * ody
-        J[i + 1, 0], J[i + 1, 1] = tx, ty
-        J[i + 1, 2] = -tx * oy + ty * ox + radius
-        J[i + 1, 3] = tx * odx + ty * ody + radius * taylor_slope(c[2], t)
-        ax = -w * w * ox - 2.0 * w * n * ody + n * n * oddx
-        ay = -w * w * oy + 2.0 * w * n * odx + n * n * oddy
-        work.bend[i] = 0.5 * h * (normal_x * ax + normal_y * ay)
-        work.bend[i + 1] = 0.5 * h * (tx * ax + ty * ay + radius * taylor_curve(c[2], t) * n * n)
-        approach = J[i, 0] * vx + J[i, 1] * vy + J[i, 2] * w + J[i, 3] * n
-        if gap - 0.5 * h * approach > 0.0:
-            impact = True  # it was open when the step began
-        work.mu[count] = ground.friction
-        work.mode[count] = ground.mode[k]
-        work.plane[count] = k
-        work.gap[count] = gap
-        count += 1
-    return count, impact
-
-
-@compiled(inline="always")
-def _record(h, count, vx, vy, w, n, nx, ny, nw, nn, ground, work, totals, record):
+@compiled(forceinline=True)
+def _book(h, count, vx, vy, w, n, nx, ny, nw, nn, J, P, gap, mode, which, contacts, totals, record):
     """Book the step's slip, impulses and contact losses.
 
     A contact's work is impulse times mean velocity, which is exact for the step. What friction
     takes while sliding is slip loss, all else (landing, tangential stops) impact loss. A toe that
     lands in the step slides from its middle on, with its new velocity alone.
     """
-    J = work.J
     for c in range(count):
-        k, i = work.plane[c], 2 * c
-        ground.mode[k] = work.mode[c]
-        if work.mode[c] == OPEN:
+        k, i = which[c], 2 * c
+        contacts[k, MODE] = mode[c]
+        if mode[c] == OPEN:
             continue
-        j = ground.pad[k]
+        j = contacts[k, PAD]
         old_n = J[i, 0] * vx + J[i, 1] * vy + J[i, 2] * w + J[i, 3] * n
         new_n = J[i, 0] * nx + J[i, 1] * ny + J[i, 2] * nw + J[i, 3] * nn
         old_t = J[i + 1, 0] * vx + J[i + 1, 1] * vy + J[i + 1, 2] * w + J[i + 1, 3] * n
         new_t = J[i + 1, 0] * nx + J[i + 1, 1] * ny + J[i + 1, 2] * nw + J[i + 1, 3] * nn
-        landing = work.gap[c] - 0.5 * h * old_n > 0.0
-        friction_loss = -0.5 * work.P[i + 1] * (old_t + new_t)
-        if landing or work.mode[c] == STICK:
+        landing = gap[c] - 0.5 * h * old_n > 0.0
+        friction_loss = -0.5 * P[i + 1] * (old_t + new_t)
+        if landing or mode[c] == STICK:
             totals[IMPACT_LOSS] += friction_loss
         else:
             totals[SLIP_LOSS] += friction_loss
-        totals[IMPACT_LOSS] -= 0.5 * work.P[i] * (old_n + new_n)
-        if work.mode[c] != STICK:
+        totals[IMPACT_LOSS] -= 0.5 * P[i] * (old_n + new_n)
+        if mode[c] != STICK:
             slid = new_t if landing else old_t + new_t
             record[j, SLIP] += 0.5 * h * abs(slid)
-        record[j, IMPULSE_T] += work.P[i + 1]
-        record[j, IMPULSE_N] += work.P[i]
+        record[j, IMPULSE_T] += P[i + 1]
+        record[j, IMPULSE_N] += P[i]
 
 
-@compiled(inline="always")
-def _correct(h, count, state, nx, ny, nw, nn, work):
+@compiled(forceinline=True)
+def _correct(h, count, state, nx, ny, nw, nn, J, MJ, W, gap, mode, q, push):
     """Push penetrating pads out, moving positions only; returns the centre of mass's way (x, y).
 
     The smallest move in the metric of M (a few Gauss-Seidel sweeps), so nothing is sped up.
     """
-    J, MJ, W, push = work.J, work.MJ, work.W, work.rhs
     needed = False
     for c in range(count):
         i = 2 * c
         rate = J[i, 0] * nx + J[i, 1] * ny + J[i, 2] * nw + J[i, 3] * nn
-        depth = -(work.gap[c] + 0.5 * h * rate) - PENETRATION_ALLOWED
-        work.q[i] = CORRECTION_RATE * depth if work.mode[c] != OPEN else -1.0
-        needed = needed or work.q[i] > 0.0
+        depth = -(gap[c] + 0.5 * h * rate) - PENETRATION_ALLOWED
+        q[i] = CORRECTION_RATE * depth if mode[c] != OPEN else -1.0
+        needed = needed or q[i] > 0.0
         push[c] = 0.0
     if not needed:
         return 0.0, 0.0
     for _ in range(CORRECTION_SWEEPS):
         for c in range(count):
-            missing = work.q[2 * c]
+            missing = q[2 * c]
             for d in range(count):
                 missing -= W[2 * c, 2 * d] * push[d]
             push[c] = max(0.0, push[c] + missing / W[2 * c, 2 * c])

@@ -1,4 +1,9 @@
-"""A compiled robot as the kernels see it: its tables, how they are read, and what a state means."""
+"""A compiled robot as the kernels see it: its tables, how they are read, and what a state means.
+
+The tables are those of :class:`jansen_env.reduced.Tables`, the functions innermost, as a kernel
+reads all of them at one angle. What may differ between robots of one design is a row of parameters.
+Kernels take plain arrays only: tuples of arrays cost microseconds to pass.
+"""
 
 from __future__ import annotations
 
@@ -11,38 +16,55 @@ from jansen_env.compiling import compiled
 from jansen_env.reduced import Tables
 
 Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+
+# Columns of a robot's row of parameters: kg, kg m^2, m, m/s^2; whether the crank keeps its speed
+# whatever torque that takes (1 or 0); the ground's friction and restitution; m; the farthest that a
+# pad gets from the centre of mass, m, and its fastest motion against that per crank speed, m.
+MASS, LOAD_MASS, LOAD_INERTIA, LOAD_X, LOAD_Y, GRAVITY_X, GRAVITY_Y = range(7)
+DRIVEN, FRICTION, RESTITUTION, PAD_RADIUS, LONGEST, WIDEST = range(7, 13)
+PARAMETERS = 13
+# Columns of the layout of pads: row of the pads' tables, and crank phase (rad).
+TABLE, PHASE = range(2)
+# Rows of what :func:`read_body` and :func:`read_pad` fill: values, first and second derivatives.
+VALUE, SLOPE, CURVE = range(3)
+# Columns of the same: functions of the body's sums, and of a pad.
+C_X, C_Y, INERTIA, COUPLING, CRANK, DAMPING = range(6)
+PAD_X, PAD_Y, PAD_ANGLE = range(3)
+BOUND = 1.1  # what lies between the angles of the tables is less than so much larger
 
 
 class Model(NamedTuple):
-    """What a robot is, for the kernels: see :class:`jansen_env.reduced.Tables`."""
+    """The kernels' view of a compiled robot: see :class:`jansen_env.reduced.Tables`."""
 
-    body: Array  # (intervals, 6, order) c_x, c_y, I, b, k, f
-    pads: Array  # (tables, intervals, 3, order) p_x, p_y, a
-    pad_table: Ints  # (pads,)
-    pad_phase: Array  # (pads,)
-    pad_radius: float
-    mass: float  # kg, payload included
-    load: Array  # (4,) payload: mass, inertia, position x, y
-    gravity: tuple[float, float]  # x, y, m/s^2
-    driven: bool  # the crank keeps its speed, whatever torque that takes
+    body: Array  # (intervals, order, 6) c_x, c_y, I, b, k, f
+    pads: Array  # (tables, intervals, order, 3) p_x, p_y, a
+    layout: Array  # (pads, 2) TABLE, PHASE
 
 
-def kernel_model(tables: Tables, gravity: tuple[float, float]) -> Model:
-    """The kernels' view of a compiled robot; its crank is not driven."""
-    robot, layout = tables.robot, tables.layout
-    load = robot.payload
+def kernel_model(tables: Tables) -> Model:
+    """The kernels' view of a compiled robot."""
     return Model(
-        tables.body,
-        tables.pads,
-        layout.table,
-        layout.phase,
-        robot.pad_radius,
-        robot.mass,
-        np.array([load.mass, load.inertia, *load.position]),
-        gravity,
-        False,
+        np.ascontiguousarray(tables.body.swapaxes(-1, -2)),
+        np.ascontiguousarray(tables.pads.swapaxes(-1, -2)),
+        np.column_stack([tables.layout.table, tables.layout.phase]),
     )
+
+
+def parameters(
+    tables: Tables, gravity: tuple[float, float], friction: float = 0.0, restitution: float = 0.0
+) -> Array:
+    """(13,) the parameters of a robot with these tables; its crank is not driven."""
+    robot, load = tables.robot, tables.robot.payload
+    row = np.zeros(PARAMETERS)
+    row[MASS : LOAD_Y + 1] = robot.mass, load.mass, load.inertia, *load.position
+    row[GRAVITY_X : GRAVITY_Y + 1] = gravity
+    row[FRICTION], row[RESTITUTION], row[PAD_RADIUS] = friction, restitution, robot.pad_radius
+    used = np.unique(tables.layout.table)
+    centre = np.hypot(*tables.body[:, :2, :2].swapaxes(0, 1)).max(axis=0) / robot.mass
+    pad = np.hypot(*tables.pads[used][:, :, :2, :2].transpose(2, 0, 1, 3)).max(axis=(0, 1))
+    row[LONGEST], row[WIDEST] = BOUND * (centre + pad)
+    row[LONGEST] += load.mass * np.hypot(*load.position) / robot.mass
+    return row
 
 
 @compiled(inline="always")
@@ -54,48 +76,83 @@ def locate(intervals, angle):
     return row, reduced - (row + 0.5) * width
 
 
-@compiled(inline="always")
-def taylor_value(c, t):
-    """Taylor polynomial of eight coefficients at t."""
-    return c[0] + t * (
-        c[1] + t * (c[2] + t * (c[3] + t * (c[4] + t * (c[5] + t * (c[6] + t * c[7])))))
-    )
+@compiled(forceinline=True)
+def read_body(body, psi, out):
+    """Values, slopes and curvatures of the body's sums at a crank angle, into (3, 6)."""
+    row, t = locate(body.shape[0], psi)
+    for f in range(6):
+        c0, c1, c2, c3 = body[row, 0, f], body[row, 1, f], body[row, 2, f], body[row, 3, f]
+        c4, c5, c6, c7 = body[row, 4, f], body[row, 5, f], body[row, 6, f], body[row, 7, f]
+        out[VALUE, f] = c0 + t * (
+            c1 + t * (c2 + t * (c3 + t * (c4 + t * (c5 + t * (c6 + t * c7)))))
+        )
+        out[SLOPE, f] = c1 + t * (
+            2.0 * c2
+            + t * (3.0 * c3 + t * (4.0 * c4 + t * (5.0 * c5 + t * (6.0 * c6 + t * 7.0 * c7))))
+        )
+        out[CURVE, f] = 2.0 * c2 + t * (
+            6.0 * c3 + t * (12.0 * c4 + t * (20.0 * c5 + t * (30.0 * c6 + t * 42.0 * c7)))
+        )
 
 
-@compiled(inline="always")
-def taylor_slope(c, t):
-    """Its first derivative."""
-    return c[1] + t * (
-        2.0 * c[2]
-        + t * (3.0 * c[3] + t * (4.0 * c[4] + t * (5.0 * c[5] + t * (6.0 * c[6] + t * 7.0 * c[7]))))
-    )
+@compiled(forceinline=True)
+def read_pad(pads, table, psi, out):
+    """Place of a pad (chassis frame, m) and angle of its body at a crank angle, into out[VALUE].
+
+    Returns:
+        (row, t) for :func:`read_pad_motion`.
+    """
+    row, t = locate(pads.shape[1], psi)
+    for f in range(3):
+        out[VALUE, f] = _value(pads, table, row, f, t)
+    return row, t
 
 
-@compiled(inline="always")
-def taylor_curve(c, t):
-    """Its second derivative."""
-    return 2.0 * c[2] + t * (
-        6.0 * c[3] + t * (12.0 * c[4] + t * (20.0 * c[5] + t * (30.0 * c[6] + t * 42.0 * c[7])))
-    )
+@compiled(forceinline=True)
+def read_pad_motion(pads, table, row, t, out):
+    """First and second derivatives of what :func:`read_pad` read, into out[SLOPE], out[CURVE]."""
+    for f in range(3):
+        c1, c2, c3 = pads[table, row, 1, f], pads[table, row, 2, f], pads[table, row, 3, f]
+        c4, c5, c6, c7 = (
+            pads[table, row, 4, f], pads[table, row, 5, f], pads[table, row, 6, f],
+            pads[table, row, 7, f],
+        )  # fmt: skip
+        out[SLOPE, f] = c1 + t * (
+            2.0 * c2
+            + t * (3.0 * c3 + t * (4.0 * c4 + t * (5.0 * c5 + t * (6.0 * c6 + t * 7.0 * c7))))
+        )
+        out[CURVE, f] = 2.0 * c2 + t * (
+            6.0 * c3 + t * (12.0 * c4 + t * (20.0 * c5 + t * (30.0 * c6 + t * 42.0 * c7)))
+        )
 
 
-@compiled(inline="always")
-def centroid(model, psi):
-    """s (2,), s' (2,): centre of mass from the crank axis in the chassis frame, and d/dpsi."""
-    row, t = locate(model.body.shape[0], psi)
-    cx, cy = model.body[row, 0], model.body[row, 1]
-    return (
-        (taylor_value(cx, t) + model.load[0] * model.load[2]) / model.mass,
-        (taylor_value(cy, t) + model.load[0] * model.load[3]) / model.mass,
-        taylor_slope(cx, t) / model.mass,
-        taylor_slope(cy, t) / model.mass,
-    )
+@compiled(forceinline=True)
+def pad_place(pads, table, angle):
+    """(x, y) of a pad in the chassis frame at a crank angle, m."""
+    row, t = locate(pads.shape[1], angle)
+    return _value(pads, table, row, PAD_X, t), _value(pads, table, row, PAD_Y, t)
+
+
+@compiled(forceinline=True)
+def _value(pads, table, row, f, t):
+    c0, c1 = pads[table, row, 0, f], pads[table, row, 1, f]
+    c2, c3 = pads[table, row, 2, f], pads[table, row, 3, f]
+    c4, c5 = pads[table, row, 4, f], pads[table, row, 5, f]
+    c6, c7 = pads[table, row, 6, f], pads[table, row, 7, f]
+    return c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * (c5 + t * (c6 + t * c7))))))
 
 
 @compiled
-def to_centroid(model, state, sign):
-    """Shift a state in place from the crank axis to the centre of mass (sign 1), or back (-1)."""
-    sx, sy, dx, dy = centroid(model, state[3])
+def to_centroid(body, own, state, sign, sums):
+    """Shift a state (8,) in place from the crank axis to the centre of mass (sign 1), or back (-1).
+
+    ``own`` is the robot's row of parameters, ``sums`` (3, 6) work space.
+    """
+    read_body(body, state[3], sums)
+    m = own[MASS]
+    sx = (sums[VALUE, C_X] + own[LOAD_MASS] * own[LOAD_X]) / m
+    sy = (sums[VALUE, C_Y] + own[LOAD_MASS] * own[LOAD_Y]) / m
+    dx, dy = sums[SLOPE, C_X] / m, sums[SLOPE, C_Y] / m
     cos, sin = np.cos(state[2]), np.sin(state[2])
     w, n = state[6], state[7]
     rx, ry = cos * sx - sin * sy, sin * sx + cos * sy
@@ -106,34 +163,21 @@ def to_centroid(model, state, sign):
 
 
 @compiled
-def mechanical_energy(model, state):
+def mechanical_energy(body, own, state, sums):
     """Kinetic and potential energy of a crank-axis state, J; potential is 0 at y = 0."""
-    row, t = locate(model.body.shape[0], state[3])
-    c = model.body[row]
-    load, px, py = model.load[0], model.load[2], model.load[3]
-    cx, cy = taylor_value(c[0], t) + load * px, taylor_value(c[1], t) + load * py
-    inertia = taylor_value(c[2], t) + load * (px * px + py * py) + model.load[1]
+    read_body(body, state[3], sums)
+    load, px, py = own[LOAD_MASS], own[LOAD_X], own[LOAD_Y]
+    cx, cy = sums[VALUE, C_X] + load * px, sums[VALUE, C_Y] + load * py
+    inertia = sums[VALUE, INERTIA] + load * (px * px + py * py) + own[LOAD_INERTIA]
     cos, sin = np.cos(state[2]), np.sin(state[2])
     rx, ry = cos * cx - sin * cy, sin * cx + cos * cy
-    sx, sy = taylor_slope(c[0], t), taylor_slope(c[1], t)
+    sx, sy = sums[SLOPE, C_X], sums[SLOPE, C_Y]
     dx, dy = cos * sx - sin * sy, sin * sx + cos * sy
     vx, vy, w, n = state[4], state[5], state[6], state[7]
-    kinetic = 0.5 * model.mass * (vx * vx + vy * vy)
+    kinetic = 0.5 * own[MASS] * (vx * vx + vy * vy)
     kinetic += w * (-ry * vx + rx * vy) + n * (dx * vx + dy * vy)
     kinetic += (
-        0.5 * inertia * w * w + taylor_value(c[3], t) * w * n + 0.5 * taylor_value(c[4], t) * n * n
+        0.5 * inertia * w * w + sums[VALUE, COUPLING] * w * n + 0.5 * sums[VALUE, CRANK] * n * n
     )
-    gx, gy = model.gravity
-    return kinetic, -gx * (model.mass * state[0] + rx) - gy * (model.mass * state[1] + ry)
-
-
-@compiled
-def pad_positions(model, state, count, positions):
-    """Centres of the first ``count`` pads of a crank-axis state, (pads, 2) m."""
-    cos, sin = np.cos(state[2]), np.sin(state[2])
-    for j in range(count):
-        row, t = locate(model.pads.shape[1], state[3] + model.pad_phase[j])
-        c = model.pads[model.pad_table[j], row]
-        px, py = taylor_value(c[0], t), taylor_value(c[1], t)
-        positions[j, 0] = state[0] + cos * px - sin * py
-        positions[j, 1] = state[1] + sin * px + cos * py
+    gx, gy = own[GRAVITY_X], own[GRAVITY_Y]
+    return kinetic, -gx * (own[MASS] * state[0] + rx) - gy * (own[MASS] * state[1] + ry)

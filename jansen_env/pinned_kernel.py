@@ -8,47 +8,62 @@ order does.
 
 from __future__ import annotations
 
+import numpy as np
+
 from jansen_env.compiling import compiled
-from jansen_env.model import locate, taylor_slope, taylor_value
+from jansen_env.model import (
+    C_Y,
+    CRANK,
+    DAMPING,
+    GRAVITY_Y,
+    LOAD_MASS,
+    LOAD_Y,
+    SLOPE,
+    VALUE,
+    read_body,
+)
 
 # Entries of a pinned state: crank angle, its rate, and what the joints have taken since the start.
 ANGLE, SPEED, LOSS = range(3)
 
 
 @compiled(inline="always")
-def _rates(psi, n, torque, model):
+def _rates(psi, n, torque, body, own, sums):
     """Crank acceleration (rad/s^2) and the joints' loss of power (W)."""
-    row, t = locate(model.body.shape[0], psi)
-    c = model.body[row]
-    inertia, inertia_slope = taylor_value(c[4], t), taylor_slope(c[4], t)
-    friction = taylor_value(c[5], t) * n
-    force = torque - friction + model.gravity[1] * taylor_slope(c[1], t)
+    read_body(body, psi, sums)
+    inertia, inertia_slope = sums[VALUE, CRANK], sums[SLOPE, CRANK]
+    friction = sums[VALUE, DAMPING] * n
+    force = torque - friction + own[GRAVITY_Y] * sums[SLOPE, C_Y]
     return (force - 0.5 * inertia_slope * n * n) / inertia, friction * n
 
 
-@compiled
-def turn(steps, h, torque, state, model):
-    """Advance a state (3,) by ``steps`` steps of ``h`` seconds under a constant torque (N m)."""
+@compiled(allocates=True)
+def turn(steps, h, torque, state, body, own):
+    """Advance a state (3,) by ``steps`` steps of ``h`` seconds under a constant torque (N m).
+
+    ``body`` and ``own`` are the robot's table and parameters, see :mod:`jansen_env.model`.
+    """
+    sums = np.empty((3, 6))
     psi, n, loss = state[ANGLE], state[SPEED], state[LOSS]
     for _ in range(steps):
-        a1, p1 = _rates(psi, n, torque, model)
+        a1, p1 = _rates(psi, n, torque, body, own, sums)
         n2 = n + 0.5 * h * a1
-        a2, p2 = _rates(psi + 0.5 * h * n, n2, torque, model)
+        a2, p2 = _rates(psi + 0.5 * h * n, n2, torque, body, own, sums)
         n3 = n + 0.5 * h * a2
-        a3, p3 = _rates(psi + 0.5 * h * n2, n3, torque, model)
+        a3, p3 = _rates(psi + 0.5 * h * n2, n3, torque, body, own, sums)
         n4 = n + h * a3
-        a4, p4 = _rates(psi + h * n3, n4, torque, model)
+        a4, p4 = _rates(psi + h * n3, n4, torque, body, own, sums)
         psi += h * (n + 2.0 * n2 + 2.0 * n3 + n4) / 6.0
         n += h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
         loss += h * (p1 + 2.0 * p2 + 2.0 * p3 + p4) / 6.0
     state[ANGLE], state[SPEED], state[LOSS] = psi, n, loss
 
 
-@compiled
-def pinned_energy(model, psi, n):
+@compiled(allocates=True)
+def pinned_energy(body, own, psi, n):
     """Kinetic and potential energy, J; potential is 0 with the centre of mass at the axis."""
-    row, t = locate(model.body.shape[0], psi)
-    c = model.body[row]
-    kinetic = 0.5 * taylor_value(c[4], t) * n * n
-    height = taylor_value(c[1], t) + model.load[0] * model.load[3]
-    return kinetic, -model.gravity[1] * height
+    sums = np.empty((3, 6))
+    read_body(body, psi, sums)
+    kinetic = 0.5 * sums[VALUE, CRANK] * n * n
+    height = sums[VALUE, C_Y] + own[LOAD_MASS] * own[LOAD_Y]
+    return kinetic, -own[GRAVITY_Y] * height

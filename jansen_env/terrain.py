@@ -66,9 +66,9 @@ class Terrain:
         object.__setattr__(self, "points", tuple((float(x), float(y)) for x, y in table))
         before = table[0] - REACH * step[0] / step[0, 0]
         after = table[-1] + REACH * step[-1] / step[-1, 0]
-        object.__setattr__(self, "_x", np.concatenate([[before[0]], table[1:-1, 0], [after[0]]]))
-        object.__setattr__(self, "_peak", float(max(before[1], after[1], table[:, 1].max())))
-        object.__setattr__(self, "_y", np.concatenate([[before[1]], table[1:-1, 1], [after[1]]]))
+        line = np.concatenate([[before], table[1:-1], [after]])
+        line.setflags(write=False)
+        object.__setattr__(self, "_line", line)
 
     @classmethod
     def flat(cls, friction: float = 0.8, restitution: float = 0.0) -> Terrain:
@@ -111,18 +111,14 @@ class Terrain:
         return cls(tuple(lead + list(zip(x, y, strict=True)) + tail), friction, restitution)
 
     @property
-    def peak(self) -> float:
-        """Highest point of the whole surface, m."""
-        return self._peak  # type: ignore[attr-defined]
-
-    @property
     def polyline(self) -> Array:
         """(n, 2) surface vertices with both ends extended, m."""
-        return np.column_stack([self._x, self._y])  # type: ignore[attr-defined]
+        line: Array = self._line  # type: ignore[attr-defined]
+        return line
 
     def height(self, x: ArrayLike) -> Array:
         """Surface height at ``x`` (any shape), m."""
-        heights: Array = np.interp(np.asarray(x, float), self._x, self._y)  # type: ignore[attr-defined]
+        heights: Array = np.interp(np.asarray(x, float), *self.polyline.T)
         return heights
 
     def gradient(self, x: ArrayLike) -> Array:
@@ -131,20 +127,20 @@ class Terrain:
         rise: Array = self.height(x + GRADIENT_STEP) - self.height(x - GRADIENT_STEP)
         return rise / (2.0 * GRADIENT_STEP)
 
-    def highest(self, left: float, right: float) -> float:
-        """Highest point of the surface between two x, m."""
-        first, last = np.searchsorted(self._x, (left, right))  # type: ignore[attr-defined]
-        ends = self.height((left, right))
-        inner = self._y[first:last]  # type: ignore[attr-defined]
-        return float(max(ends[0], ends[1], inner.max() if len(inner) else -math.inf))
-
     def add_to(self, space: pymunk.Space) -> pymunk.Body:
         """Add the ground to a pymunk space as segments on a static body, and return it.
 
         Neighbours are told to each other, so that no toe trips on a joint between them.
         """
         ground = pymunk.Body(body_type=pymunk.Body.STATIC)
-        points = self.polyline.tolist()
+        space.add(ground, *self.segments(ground))
+        return ground
+
+    def segments(
+        self, ground: pymunk.Body, origin: tuple[float, float] = (0.0, 0.0)
+    ) -> list[pymunk.Segment]:
+        """The surface as pymunk segments of a static body, moved by ``origin`` (m)."""
+        points = (self.polyline + origin).tolist()
         segments = []
         for i, (a, b) in enumerate(pairwise(points)):
             segment = pymunk.Segment(ground, a, b, 0.0)
@@ -152,8 +148,7 @@ class Terrain:
             segment.friction = self.friction
             segment.elasticity = self.restitution
             segments.append(segment)
-        space.add(ground, *segments)
-        return ground
+        return segments
 
 
 ALLOWED = "a Terrain, 'flat', 'slope:ANGLE' with an angle in rad, or (x, y) points"

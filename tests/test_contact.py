@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pymunk
 import pytest
 
 from jansen_env import Terrain
-from jansen_env.contact import MARGIN, ContactDetector
+from jansen_env.contact import MARGIN, PAD, STRIDE, ContactDetector
 from jansen_env.terrain import make_terrain
 
 RADIUS = 0.01  # m, of the pads
@@ -18,13 +19,17 @@ HILLS = Terrain(((-2.0, 0.5), (-1.0, 0.0), (0.0, 0.2), (1.0, 0.1), (2.0, 0.6)))
 def look(terrain, centres, count=None, capacity=None):
     """Planes (normal, offset), pads and gaps found for pads at ``centres``."""
     centres = np.asarray(centres, dtype=float)
-    capacity = capacity or 4 * len(centres)
-    detector = ContactDetector(terrain, len(centres), RADIUS, capacity)
-    detector.positions[:] = centres
-    planes, pad = np.full((capacity, 3), np.nan), np.full(capacity, -1)
-    found = detector.detect(len(centres) if count is None else count, planes, pad)
-    planes, pad = planes[:found], pad[:found]
+    detector = ContactDetector([terrain], len(centres), RADIUS, capacity or 4 * len(centres))
+    detector.centres[:] = centres
+    detector.find(len(centres) if count is None else count)
+    planes, pad = found(detector)
     return planes, pad, (planes[:, :2] * centres[pad]).sum(axis=1) - planes[:, 2] - RADIUS
+
+
+def found(detector, robot=0):
+    """A robot's planes and the pads they are for."""
+    begin, end = detector.spans[robot]
+    return detector.planes[begin:end].copy(), detector.contacts[begin:end, PAD].copy()
 
 
 def normal_of(slope):
@@ -140,16 +145,82 @@ def test_order_is_by_pad_then_nearest_first():
 
 def test_nothing_is_remembered_between_looks():
     """Looking elsewhere in between, or at the toes alone, changes no bit of the next look."""
-    detector = ContactDetector(HILLS, 3, RADIUS, 12)
+    detector = ContactDetector([HILLS], 3, RADIUS, 12)
     places = np.array([[-1.0, 0.02], [0.3, 0.18], [2.0, 0.6]])
     seen = []
     for centres, count in ((places, 3), (places + 5.0, 3), (places, 1), (places, 3)):
-        planes, pad = np.zeros((12, 3)), np.zeros(12, np.int64)
-        detector.positions[:] = centres
-        found = detector.detect(count, planes, pad)
-        seen.append((found, planes.tobytes(), pad.tobytes()))
-    assert [found for found, *_ in seen] == [4, 0, 2, 4]
+        detector.centres[:] = centres
+        detector.find(count)
+        planes, pad = found(detector)
+        seen.append((len(pad), planes.tobytes(), pad.tobytes()))
+    assert [number for number, *_ in seen] == [4, 0, 2, 4]
     assert seen[3] == seen[0]
+
+
+def jagged(rng, spacing=0.05, count=200):
+    """Steep and narrow ridges and grooves."""
+    x = spacing * np.arange(count) + rng.uniform(-0.3, 0.3, count) * spacing
+    return Terrain(tuple(zip(x, rng.uniform(-0.06, 0.06, count), strict=True)))
+
+
+def test_planes_are_the_same_until_pymunk_is_asked_again(rng):
+    """Pads moved by up to STRIDE see what a detector sees that asks there, bit for bit."""
+    for _ in range(20):
+        terrain = jagged(rng)
+        x = rng.uniform(1.0, 9.0, 50)
+        start = np.column_stack([x, terrain.height(x) + rng.uniform(-0.03, 0.2, 50)])
+        turn = rng.uniform(0.0, 2.0 * np.pi, 50)
+        way = STRIDE * rng.uniform(0.0, 1.0, 50)[:, None]
+        moved = start + way * np.column_stack([np.cos(turn), np.sin(turn)])
+        detector = ContactDetector([terrain], 50, RADIUS, 400)
+        detector.centres[:] = start
+        detector.find(50)
+        detector.centres[:] = moved
+        detector.find(50, ask=False)
+        planes, pad = found(detector)
+        expected, expected_pad, _ = look(terrain, moved, capacity=400)
+        assert len(pad) > 10
+        assert np.array_equal(pad, expected_pad) and np.array_equal(planes, expected)
+
+
+def test_robots_in_one_space_see_what_each_sees_alone(rng):
+    """30 robots, on three grounds, bit for bit."""
+    grounds = [jagged(rng), HILLS, Terrain.slope(-0.3)]
+    terrains = [grounds[i % 3] for i in range(30)]
+    detector = ContactDetector(terrains, 4, RADIUS, 40)
+    x = rng.uniform(-1.0, 5.0, 30)[:, None] + rng.uniform(-0.5, 0.5, (30, 4))
+    for robot, terrain in enumerate(terrains):
+        places = np.column_stack([x[robot], terrain.height(x[robot]) + rng.uniform(0.0, 0.06, 4)])
+        detector.centres[4 * robot : 4 * robot + 4] = places
+    detector.find(120)
+    for robot, terrain in enumerate(terrains):
+        planes, pad = found(detector, robot)
+        centres = detector.centres[4 * robot : 4 * robot + 4]
+        alone, alone_pad, _ = look(terrain, centres, capacity=40)
+        assert np.array_equal(planes, alone) and np.array_equal(pad, alone_pad)
+
+
+def test_planes_are_pymunks_own_contacts(rng):
+    """Gaps and normals of pymunk's collision of the pad, with its margin, to 1e-11."""
+    for _ in range(20):
+        terrain = jagged(rng)
+        space, seen = pymunk.Space(), []
+        terrain.add_to(space)
+        x = rng.uniform(1.0, 9.0)
+        centre = np.array([x, terrain.height(x) + rng.uniform(0.0, 0.06)])
+        body = pymunk.Body(1.0, math.inf)
+        body.position = tuple(centre)
+        circle = pymunk.Circle(body, RADIUS + MARGIN)
+        space.add(body, circle)
+        for hit in space.shape_query(circle):
+            points = hit.contact_point_set
+            normal = -np.array(points.normal)
+            if normal[1] > 0.0:
+                seen.append([*normal, np.hypot(*(centre - points.points[0].point_b)) - RADIUS])
+        planes, _, gaps = look(terrain, [centre], capacity=40)
+        for normal_x, normal_y, gap in seen:
+            apart = np.abs(planes[:, :2] - [normal_x, normal_y]).sum(axis=1) + np.abs(gaps - gap)
+            assert apart.min() < 1e-11
 
 
 def test_only_the_first_pads_are_looked_at():
@@ -170,8 +241,8 @@ def test_the_nearest_planes_are_kept_when_there_is_no_room():
     assert found == pytest.approx(gaps[[1, 3, 4]], abs=1e-12)
 
 
-def test_height_and_highest():
-    """Linear between vertices, first and last slope going on; highest counts ends and vertices."""
+def test_height_and_gradient():
+    """Linear between vertices, first and last slope going on."""
     assert HILLS.height([-2.0, -0.5, 0.0, 0.5, 1.5, 3.0, -3.0]) == pytest.approx(
         [0.5, 0.1, 0.2, 0.15, 0.35, 1.1, 1.0], abs=1e-12
     )
@@ -181,11 +252,6 @@ def test_height_and_highest():
     )
     ridge = Terrain(((-1.0, 0.0), (0.0, 0.3), (1.0, 0.2)))
     assert ridge.gradient(0.0) == pytest.approx(0.1, abs=1e-9)
-    assert HILLS.highest(-0.5, 0.5) == pytest.approx(0.2, abs=1e-12)
-    assert HILLS.highest(0.5, 1.5) == pytest.approx(0.35, abs=1e-12)
-    assert HILLS.highest(-1.2, -1.1) == pytest.approx(0.1, abs=1e-12)
-    assert HILLS.peak == pytest.approx(0.5 + 0.5 * 1000.0, abs=1.0)
-    assert Terrain.flat().peak == Terrain.flat().highest(-7.0, 9.0) == 0.0
 
 
 def test_make_terrain():

@@ -9,7 +9,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jansen_env.contact_solver import OPEN, SLIDE_BACKWARD, SLIDE_FORWARD, STICK, soften, solve
+from jansen_env.contact_solver import (
+    OPEN,
+    SLIDE_BACKWARD,
+    SLIDE_FORWARD,
+    STICK,
+    index_space,
+    soften,
+    solve,
+)
 
 
 def problem(rng, count, twins=False):
@@ -25,8 +33,8 @@ def impulses(W, q, mu, guess=STICK):
     """P, u and the modes; the solver's own residual must be the returned one."""
     count = len(mu)
     P, u, rhs = np.zeros((3, 2 * count))
-    mode, index = np.full(count, guess, np.int64), np.zeros(2 * count, np.int64)
-    solve(count, W, q, mu, mode, P, u, np.zeros_like(W), rhs, index)
+    mode = np.full(count, guess, np.int64)
+    solve(count, W, q, mu, mode, P, u, np.zeros_like(W), rhs, index_space(count))
     assert np.abs(W @ P + q - u).max() <= 1e-12 * max(1.0, np.abs(W @ np.diag(P)).max())
     return P, u, mode
 

@@ -7,9 +7,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jansen_env.robot import ROBOTS, Payload, Robot
-from jansen_env.validation import non_negative, positive, within
+from jansen_env.terrain import Terrain, make_terrain
+from jansen_env.validation import non_negative, positive, positive_integer, within
+
+Array = NDArray[np.float64]
 
 RENDER_MODES = ["human", "rgb_array"]
 
@@ -35,6 +39,103 @@ def command_range(command: Any, limit: float) -> tuple[float, float]:
     if low > high:
         raise ValueError(f"speed_command is {command!r}, must be (low, high) with low <= high")
     return low, high
+
+
+def terrain_of_each(
+    count: int, terrain: Any, friction: Any = None, restitution: Any = None
+) -> list[Terrain]:
+    """``count`` terrains from one, or from one for each; friction and restitution likewise.
+
+    Raises:
+        ValueError: not one for each, or a value out of range.
+    """
+    several = isinstance(terrain, (list, tuple)) and all(
+        isinstance(one, (Terrain, str)) for one in terrain
+    )
+    grounds = _each("terrain", terrain if several else (terrain,) * count, count)
+    frictions = _each("friction", friction, count)
+    restitutions = _each("restitution", restitution, count)
+    made: dict[Any, Terrain] = {}  # robots on equal ground share it
+    terrains = []
+    for chosen in zip(grounds, frictions, restitutions, strict=True):
+        key = (id(chosen[0]), *chosen[1:])
+        if key not in made:
+            made[key] = make_terrain(*chosen)
+        terrains.append(made[key])
+    return terrains
+
+
+def _each(name: str, value: Any, count: int) -> list[Any]:
+    """``count`` values: the entries of a sequence or array (count,), or one value repeated."""
+    if not isinstance(value, (list, tuple, np.ndarray)):
+        return [value] * count
+    if np.ndim(value) != 1 or len(value) != count:
+        raise ValueError(f"{name} has shape {np.shape(value)}, must be one, or ({count},)")
+    return list(value)
+
+
+def robot_of_each(count: int, robot: Robot | str, payload: Any = None) -> list[Robot]:
+    """``count`` robots of one design, with one payload or with one for each.
+
+    Raises:
+        ValueError: not one for each, or a value out of range.
+    """
+    payloads = _each("payload", payload, count)
+    made: dict[Any, Robot] = {}
+    for one in payloads:
+        if one not in made:
+            made[one] = load_robot(robot, one)
+    return [made[one] for one in payloads]
+
+
+def command_of_each(count: int, command: Any, limit: float) -> Array:
+    """(count, 2) ranges of commanded speeds, m/s.
+
+    Args:
+        command: a number or (low, high) for all; an array (count,) of numbers or (count, 2) of
+            ranges for each.
+
+    Raises:
+        ValueError: not one for each, or a value out of range.
+    """
+    if isinstance(command, np.ndarray):
+        if command.shape not in ((count,), (count, 2)):
+            raise ValueError(
+                f"speed_command has shape {command.shape}, must be ({count},) or ({count}, 2)"
+            )
+        return np.array([command_range(one, limit) for one in command.tolist()])
+    return np.tile(command_range(command, limit), (count, 1))
+
+
+def noise_of_each(count: int, noise: Any) -> Array:
+    """(count,) values of ``reset_noise_scale`` from one, or from one for each.
+
+    Raises:
+        ValueError: not one for each, or below 0.
+    """
+    scales = _each("reset_noise_scale", noise, count)
+    return np.array([non_negative("reset_noise_scale", one) for one in scales])
+
+
+def limit_of_each(count: int, limit: Any) -> Array:
+    """(count,) steps after which an episode is truncated, inf for None, from one or one for each.
+
+    Raises:
+        ValueError: not one for each, or no whole number above 0.
+    """
+    name = "max_episode_steps"
+    limits = _each(name, limit, count)
+    return np.array([np.inf if one is None else positive_integer(name, one) for one in limits])
+
+
+def options_of_each(count: int, options: dict[str, Any]) -> list[dict[str, Any]]:
+    """The options of ``reset`` for each robot: arrays and lists have one entry for each.
+
+    Raises:
+        ValueError: not one for each.
+    """
+    columns = {name: _each(f"options[{name!r}]", value, count) for name, value in options.items()}
+    return [{name: values[i] for name, values in columns.items()} for i in range(count)]
 
 
 def control_period(control_dt: Any, time_step: Any) -> float:

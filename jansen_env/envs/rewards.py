@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass
 
+from jansen_env.compiling import compiled
 from jansen_env.validation import non_negative
 
 TRACKING_WIDTH = 0.75  # of the command: speed error at which tracking has fallen to 1/e ...
@@ -35,7 +36,8 @@ class RewardWeights:
             non_negative(f"{name}_weight", value)
 
 
-def tracking_score(speed: float, command: float) -> float:
+@compiled
+def tracking_score(speed, command):
     """Share of the tracking reward earned at ``speed`` for ``command`` (m/s), 0 to 1.
 
     A bell of width min(0.75 |command|, 0.25 m/s): standing still earns exp(-1 / 0.75^2) = 0.17 of

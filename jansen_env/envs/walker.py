@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import gymnasium as gym
@@ -11,7 +10,15 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from jansen_env.envs import common
-from jansen_env.envs.rewards import RewardWeights, tracking_score
+from jansen_env.envs.rewards import RewardWeights
+from jansen_env.envs.walking import (
+    FASTEST_COMMAND,
+    REWARD_KEYS,
+    SPEED_COMMAND,
+    WalkingTask,
+    draw_start,
+    observation_space,
+)
 from jansen_env.gravity import GRAVITY
 from jansen_env.joint_forces import JointForces
 from jansen_env.plants.make import make_plant
@@ -19,14 +26,9 @@ from jansen_env.plants.plant import StepResult
 from jansen_env.plants.projection import ProjectionPlant
 from jansen_env.robot import Payload, Robot
 from jansen_env.terrain import Terrain, make_terrain
-from jansen_env.validation import finite, non_negative, positive, within
+from jansen_env.validation import non_negative, positive
 
 Observation = NDArray[np.float32]
-
-SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
-FALLEN_PITCH = 1.2  # rad
-SLIPPING = 0.01  # m/s of mean slip speed from which a toe is drawn as slipping
-FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
 
 
 class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
@@ -176,35 +178,12 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
             self._traceable.tracing = True
         self.weight = self.robot.mass * GRAVITY
         toes = self.plant.toes
-        unbounded = [np.inf] * toes
-        high = [
-            1,
-            1,
-            np.inf,
-            1,
-            1,
-            np.inf,
-            np.inf,
-            np.inf,
-            np.inf,
-            FASTEST_COMMAND,
-            *unbounded,
-            1,
-            np.inf,
-        ]
-        low = [-bound for bound in high]
-        low[10 : 10 + toes] = [0.0] * toes
-        low[-1] = 0.0
-        self.observation_space = spaces.Box(
-            np.array(low, np.float32), np.array(high, np.float32), dtype=np.float32
+        self._task = WalkingTask(
+            [self.terrain], toes, np.array([self.weight]), self.control_dt, self.weights
         )
+        self.observation_space = observation_space(toes)
         self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
-        self._command = 0.0
-        self._action = 0.0
-        self._fallen = False
-        self._farthest = 0.0
         self._time = 0.0
-        self._loads = np.zeros(toes)
         self._result: StepResult | None = None
         self._renderer: Any = None
 
@@ -217,32 +196,21 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
             ValueError: an unknown option, or a value out of range.
         """
         super().reset(seed=seed)
-        options = dict(options or {})
-        # Drawn in any case, so that fixing one leaves the others as they were.
-        crank_angle = self.np_random.uniform(0.0, 2.0 * math.pi)
-        command = self.np_random.uniform(*self.speed_command_range)
-        crank_speed = self.reset_noise_scale * self.np_random.uniform(-1.0, 1.0)
-        if "speed_command" in options:
-            command = options.pop("speed_command")
-            within("options['speed_command']", command, -FASTEST_COMMAND, FASTEST_COMMAND)
-        if "crank_angle" in options:
-            crank_angle = finite("options['crank_angle']", options.pop("crank_angle"))
-        if options:
-            raise ValueError(
-                f"reset options {sorted(options)} are unknown, allowed are 'speed_command' and "
-                "'crank_angle'"
-            )
-        self._command, self._action, self._fallen, self._time = float(command), 0.0, False, 0.0
-        self._farthest = 0.0
+        command, crank_angle, crank_speed = draw_start(
+            self.np_random, self.speed_command_range, self.reset_noise_scale, options
+        )
+        self._time = 0.0
         self.plant.reset(0.0, crank_angle)
         self._result = self.plant.peek()
-        self._loads = self._result.contact_force[:, 1] / self.weight
+        self._task.begin(
+            slice(None), np.array([command]), self._result.contact_force[None, :, 1] / self.weight
+        )
         state = self.plant.state
         state[7] = crank_speed
         self.plant.state = state
         if self.render_mode == "human":
             self.render()
-        return self._observe(state), self._info(state, self._result, state[4], 0.0)
+        return self._observe(state), self._info(state, self._result, float(state[4]), 0.0)
 
     def step(
         self, action: NDArray[np.float32]
@@ -253,81 +221,46 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
             ValueError: the action is not one finite number.
             FloatingPointError: the simulation diverged.
         """
+        task = self._task
         share = common.torque_share(action)
         torque = share * self.torque_limit
         x_before = self.plant.x
-        result = self.plant.step(torque, self.control_dt)
+        self._result = result = self.plant.step(torque, self.control_dt)
         state = self.plant.state
-        speed = (state[0] - x_before) / self.control_dt
-        fallen = self._fallen or result.bumped or abs(float(state[2])) > FALLEN_PITCH
-        gained = self._gained_speed(float(state[0]), float(speed))
-        reward, terms = self._reward(gained, state[2], result, fallen and not self._fallen)
-        self._action, self._fallen, self._result = share, fallen, result
+        task.share[0] = share
+        task.judge(
+            state[None], np.array([x_before]), result.slip[None], result.contact_force[None],
+            np.array([result.motor_work]), np.array([result.bumped]),
+        )  # fmt: skip
         self._time += self.control_dt
-        self._loads = result.contact_force[:, 1] / self.weight
-        info = self._info(state, result, speed, torque)
-        info.update(terms)
+        info = self._info(state, result, float(task.speed[0]), torque)
+        info.update(zip(REWARD_KEYS, task.terms[0].tolist(), strict=True))
         if self.track_joint_forces:
             info["joint_force_max"], info["joint_impulse_max"] = self._traceable.peak_loads()
         if self.render_mode == "human":
             self.render()
-        return self._observe(state), reward, fallen and self.terminate_when_fallen, False, info
+        terminated = bool(task.fallen[0]) and self.terminate_when_fallen
+        return task.observation[0].copy(), float(task.reward[0]), terminated, False, info
 
     def _observe(self, state: NDArray[np.float64]) -> Observation:
-        x, y, theta, psi, vx, vy, pitch_rate, crank_speed = state.tolist()
-        height = y - float(self.terrain.height(x))
-        return np.array(
-            [
-                math.cos(psi), math.sin(psi), crank_speed, math.sin(theta), math.cos(theta),
-                pitch_rate, vx, vy, height, self._command, *self._loads.tolist(), self._action,
-                max(0.0, self._farthest - self._direction * x),
-            ],
-            dtype=np.float32,
-        )  # fmt: skip
-
-    @property
-    def _direction(self) -> float:
-        return math.copysign(1.0, self._command)
-
-    def _gained_speed(self, x: float, speed: float) -> float:
-        """Mean speed (m/s) onto new ground in the commanded direction; at most 0 on old ground."""
-        if self._command == 0.0:
-            return speed
-        gained = self._direction * x - self._farthest
-        if gained <= 0.0:
-            return self._direction * min(self._direction * speed, 0.0)
-        self._farthest += gained
-        return self._direction * gained / self.control_dt
-
-    def _reward(
-        self, speed: float, pitch: float, result: StepResult, falls: bool
-    ) -> tuple[float, dict[str, float]]:
-        weights = self.weights
-        slip_speed = float(result.slip.sum()) / self.control_dt
-        power = abs(result.motor_work) / self.control_dt
-        terms = {
-            "reward/tracking": weights.tracking * tracking_score(speed, self._command),
-            "reward/slip": -weights.slip * slip_speed,
-            "reward/energy": -weights.energy * power / self.weight,
-            "reward/posture": -weights.posture * float(pitch) ** 2,
-            "reward/fall": -weights.fall if falls else 0.0,
-        }
-        return float(sum(terms.values())), terms
+        observation: Observation = self._task.observe(state[None])[0].copy()
+        return observation
 
     def _info(
         self, state: NDArray[np.float64], result: StepResult, speed: float, torque: float
     ) -> dict[str, Any]:
+        x, _, pitch, crank_angle, _, _, _, crank_speed = state.tolist()
         return {
-            "x_position": float(state[0]),
-            "x_velocity": float(speed),
-            "pitch": float(state[2]),
-            "crank_angle": float(state[3]),
-            "crank_speed": float(state[7]),
+            "x_position": x,
+            "x_velocity": speed,
+            "pitch": pitch,
+            "crank_angle": crank_angle,
+            "crank_speed": crank_speed,
             "crank_torque": torque,
-            "speed_command": self._command,
+            "speed_command": float(self._task.command[0]),
             "slip": result.slip.copy(),
             "contact_force": result.contact_force.copy(),
-            "fallen": self._fallen,
+            "fallen": bool(self._task.fallen[0]),
             "energy": {
                 "motor_work": result.motor_work,
                 "joint_loss": result.joint_loss,
@@ -347,7 +280,12 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         Raises:
             ValueError: the plant is another than ``"projection"``.
         """
-        return self._traceable.joint_forces(self._action * self.torque_limit)
+        return self._traceable.joint_forces(self._torque)
+
+    @property
+    def _torque(self) -> float:
+        """The last action's torque, N m."""
+        return float(self._task.share[0]) * self.torque_limit
 
     @property
     def _traceable(self) -> ProjectionPlant:
@@ -364,15 +302,16 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         On the plant ``"rigid_body"`` up to what pymunk keeps to itself: there the joints are closed
         and the solver starts anew.
         """
+        task = self._task
         return {
             "plant": self.plant.state,
             "pressed": self.plant.pressed,
-            "command": self._command,
-            "action": self._action,
-            "fallen": self._fallen,
-            "farthest": self._farthest,
+            "command": float(task.command[0]),
+            "action": float(task.share[0]),
+            "fallen": bool(task.fallen[0]),
+            "farthest": float(task.farthest[0]),
             "time": self._time,
-            "loads": self._loads.copy(),
+            "loads": task.loads[0].copy(),
             "generator": self.np_random.bit_generator.state,
         }
 
@@ -388,14 +327,17 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         if missing:
             raise ValueError(f"state lacks {sorted(missing)}, must come from get_state()")
         loads = np.array(state["loads"], dtype=float)
-        if loads.shape != self._loads.shape:
-            raise ValueError(f"state['loads'] has shape {loads.shape}, must be {self._loads.shape}")
+        task = self._task
+        if loads.shape != task.loads[0].shape:
+            raise ValueError(
+                f"state['loads'] has shape {loads.shape}, must be {task.loads[0].shape}"
+            )
         self.plant.state = state["plant"]
         self.plant.pressed = state["pressed"]
-        self._command, self._action = float(state["command"]), float(state["action"])
-        self._fallen, self._time = bool(state["fallen"]), float(state["time"])
-        self._farthest = float(state["farthest"])
-        self._loads = loads
+        task.command[0], task.share[0] = float(state["command"]), float(state["action"])
+        task.fallen[0], task.farthest[0] = bool(state["fallen"]), float(state["farthest"])
+        task.loads[0] = loads
+        self._time = float(state["time"])
         self.np_random.bit_generator.state = state["generator"]
         self._result = None
         return self._observe(self.plant.state)
@@ -407,29 +349,20 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
                 "render() was called without a render_mode; pass render_mode='rgb_array' or 'human'"
             )
             return None
-        from jansen_env.rendering import Frame, Renderer
+        from jansen_env.envs.walker_picture import walking_frame
+        from jansen_env.rendering import Renderer
 
         if self._renderer is None:
             self._renderer = Renderer(
                 self.robot, self.terrain.polyline, self.render_mode, self.metadata["render_fps"]
             )
-        state, result = self.plant.state, self._result
-        points, tangents = self.plant.contact_frames()
-        toes = self.plant.toes
-        frame = Frame(
-            q=state[:4],
-            contact_point=points,
-            contact_tangent=tangents,
-            contact_force=np.zeros((toes, 2)) if result is None else result.contact_force,
-            slipping=np.zeros(toes, bool)
-            if result is None
-            else result.slip > SLIPPING * self.control_dt,
-            command=self._command,
-            speed=float(state[4]),
-            torque=self._action * self.torque_limit,
-            torque_limit=self.torque_limit,
-            time=self._time,
-        )
+        toes, result = self.plant.toes, self._result
+        slip = np.zeros(toes) if result is None else result.slip
+        force = np.zeros((toes, 2)) if result is None else result.contact_force
+        frame = walking_frame(
+            self.plant, slip, force, float(self._task.command[0]), self._torque,
+            self.torque_limit, self._time, self.control_dt,
+        )  # fmt: skip
         picture: NDArray[np.uint8] | None = self._renderer.draw(frame)
         return picture
 

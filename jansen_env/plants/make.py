@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from jansen_env.plants import projection, rigid_body
+from jansen_env.plants import batch, projection, rigid_body
 from jansen_env.plants.plant import Plant
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
 PLANTS = {
-    "projection": (projection.ProjectionPlant, projection.TIME_STEP),
+    "projection": (projection.ProjectionPlant, batch.TIME_STEP),
     "rigid_body": (rigid_body.RigidBodyPlant, rigid_body.TIME_STEP),
 }
 

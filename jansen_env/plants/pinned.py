@@ -11,7 +11,7 @@ from jansen_env import pinned_kernel
 from jansen_env.compiling import announce
 from jansen_env.gravity import GRAVITY
 from jansen_env.joint_forces import JointForces, joint_forces
-from jansen_env.model import kernel_model
+from jansen_env.model import kernel_model, parameters
 from jansen_env.reduced import compile_robot
 from jansen_env.robot import Robot
 from jansen_env.validation import finite, non_negative, positive
@@ -51,7 +51,8 @@ class PinnedPlant:
         self.time_step = positive("time_step", time_step)
         self.gravity = non_negative("gravity", gravity)
         self.tables = compile_robot(robot)
-        self._model = kernel_model(self.tables, (0.0, -self.gravity))
+        self._body = kernel_model(self.tables).body
+        self._parameters = parameters(self.tables, (0.0, -self.gravity))
         self._state = np.zeros(3)
 
     @property
@@ -73,7 +74,9 @@ class PinnedPlant:
 
     def energy(self) -> float:
         """Kinetic plus potential energy, J (potential 0 with the centre of mass at the axis)."""
-        return float(sum(pinned_kernel.pinned_energy(self._model, *self._state[:2])))
+        return float(
+            sum(pinned_kernel.pinned_energy(self._body, self._parameters, *self._state[:2]))
+        )
 
     def step(self, torque: float, duration: float) -> PinnedResult:
         """Hold a crank torque (N m) for a while (s, rounded to whole time steps).
@@ -86,7 +89,7 @@ class PinnedPlant:
         finite("torque", torque)
         energy, angle = self.energy(), self._state[pinned_kernel.ANGLE]
         self._state[pinned_kernel.LOSS] = 0.0
-        pinned_kernel.turn(steps, self.time_step, torque, self._state, self._model)
+        pinned_kernel.turn(steps, self.time_step, torque, self._state, self._body, self._parameters)
         if not -DIVERGED < self._state[pinned_kernel.SPEED] < DIVERGED:
             raise FloatingPointError(
                 f"the state diverged to {self.state.tolist()} under a torque of {torque} N m; "

@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env import kernels
-from jansen_env.compiling import announce
-from jansen_env.contact import MARGIN, ContactDetector
-from jansen_env.contact_solver import STICK
+from jansen_env.contact import PAD
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.joint_forces import JointForces
-from jansen_env.model import kernel_model, mechanical_energy, pad_positions
+from jansen_env.model import DRIVEN, GRAVITY_X, GRAVITY_Y
+from jansen_env.plants.batch import DETECTION_INTERVAL, TIME_STEP, Batch
 from jansen_env.plants.plant import StepResult, check_converged, check_pressed, check_state
 from jansen_env.plants.stance import set_down
 from jansen_env.plants.trace import PeakLoads, landings, pads_pressed, peak_loads, trace_forces
@@ -24,8 +23,6 @@ from jansen_env.validation import positive
 
 Array = NDArray[np.float64]
 
-TIME_STEP = 1e-3  # s
-DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are kept meanwhile
 SET_DOWN_ROUNDS = 3  # Newton steps of lowering it
 SET_DOWN_DEPTH = 1e-9  # m, by which a robot is set down into the ground: its toes carry at once
 
@@ -56,40 +53,18 @@ class ProjectionPlant:
         gravity: Gravity = GRAVITY,
         detection_interval: float = DETECTION_INTERVAL,
     ) -> None:
-        announce("kernels.advance")
         self.robot, self.terrain = robot, terrain
-        self.time_step = positive("time_step", time_step)
-        self.detection_interval = positive("detection_interval", detection_interval)
-        self._stride = max(1, round(detection_interval / time_step))
-        self.tables = compile_robot(robot)
-        layout = self.tables.layout
-        self.toes = layout.toes
-        pads = len(layout.leg)
-        capacity = 4 * pads
-        self._model = kernel_model(self.tables, gravity_vector(gravity))
-        self._ground = kernels.Ground(
-            np.zeros((capacity, 3)),
-            np.zeros(capacity, np.int64),
-            np.zeros(capacity, np.int64),
-            terrain.friction,
-            terrain.restitution,
-        )
-        self._floats, self._ints = kernels.work_space(capacity)
-        self._detector = ContactDetector(terrain, pads, robot.pad_radius, capacity)
-        self._positions = self._detector.positions
-        self._record = np.zeros((pads, kernels.RECORD))
-        self._totals = np.zeros(kernels.TOTALS)
-        self._bumper_reach = self._farthest_bumper() + robot.pad_radius + MARGIN
-        self._state = np.zeros(8)
+        self._batch = Batch([robot], [terrain], time_step, gravity, detection_interval, threads=1)
+        self.time_step, self.detection_interval = self._batch.time_step, detection_interval
+        self.tables, self.toes = self._batch.tables, self._batch.toes
+        self._detector = self._batch.detector
+        self._state, self._parameters = self._batch.states[0], self._batch.parameters[0]
+        self._totals, self._record = self._batch.totals[0], self._batch.record[0]
+        self._torque = np.zeros(1)
         self.tracing = False
-        self._trace = self._no_trace = np.zeros((0, kernels.trace_width(pads)))
+        self._trace = self._no_trace = np.zeros((0, kernels.trace_width(len(self._record))))
         self.landings = np.zeros(0, bool)
         self._pressed: NDArray[np.bool_] | None = None
-
-    def _farthest_bumper(self) -> float:
-        rows = [int(r) for r in set(self.tables.layout.table[self.toes :].tolist())]
-        centre = self.tables.pads[rows][:, :, :2, 0]
-        return float(np.hypot(centre[..., 0], centre[..., 1]).max())
 
     @property
     def state(self) -> Array:
@@ -104,20 +79,20 @@ class ProjectionPlant:
     @property
     def gravity(self) -> tuple[float, float]:
         """(x, y) m/s^2."""
-        return self._model.gravity
+        return float(self._parameters[GRAVITY_X]), float(self._parameters[GRAVITY_Y])
 
     @gravity.setter
     def gravity(self, value: Gravity) -> None:
-        self._model = self._model._replace(gravity=gravity_vector(value))
+        self._parameters[[GRAVITY_X, GRAVITY_Y]] = gravity_vector(value)
 
     @property
     def crank_driven(self) -> bool:
         """Whether the crank keeps its speed whatever torque that takes: locked, if it stands."""
-        return self._model.driven
+        return bool(self._parameters[DRIVEN])
 
     @crank_driven.setter
     def crank_driven(self, driven: bool) -> None:
-        self._model = self._model._replace(driven=bool(driven))
+        self._parameters[DRIVEN] = bool(driven)
 
     @property
     def pressed(self) -> NDArray[np.bool_] | None:
@@ -130,6 +105,16 @@ class ProjectionPlant:
     @pressed.setter
     def pressed(self, value: Any) -> None:
         self._pressed = check_pressed(value, len(self._record))
+
+    def become(self, robot: Robot, parameters: Array) -> None:
+        """Be another robot of the same design: its payload and its row of parameters, a copy."""
+        if robot is not self.robot:
+            self.robot, self.tables = robot, compile_robot(robot)
+        self._parameters[:] = parameters
+
+    def sums(self) -> tuple[Array, Array]:
+        """Totals and record of the last :meth:`step` or :meth:`peek`: see :class:`Batch`."""
+        return self._totals, self._record
 
     def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
         """Set the robot down at rest on its lowest toes.
@@ -147,10 +132,9 @@ class ProjectionPlant:
         self._state[:] = (x, y, theta, crank_angle, 0.0, 0.0, 0.0, 0.0)
         self._pressed = None
         for _ in range(SET_DOWN_ROUNDS):  # to the discs' true gap, where the ground is not straight
-            planes = self._look()
-            if planes:
-                normal, pad = self._ground.plane[:planes], self._ground.pad[:planes]
-                gap = (normal[:, :2] * self._positions[pad]).sum(axis=1) - normal[:, 2]
+            normal, pad, centres = self._look()
+            if len(pad):
+                gap = (normal[:, :2] * centres[pad]).sum(axis=1) - normal[:, 2]
                 self._state[1] -= ((gap - self.robot.pad_radius) / normal[:, 1]).min()
         self._state[1] -= SET_DOWN_DEPTH
         return self.state
@@ -199,14 +183,13 @@ class ProjectionPlant:
 
         Where no ground is within reach, the pad's lowest point and +x.
         """
-        planes = self._look()
-        points = self._positions[: self.toes] - np.array([0.0, self.robot.pad_radius])
+        planes, pads, centres = self._look()
+        points = centres[: self.toes] - np.array([0.0, self.robot.pad_radius])
         tangents = np.tile([1.0, 0.0], (self.toes, 1))
-        for k in reversed(range(planes)):  # sorted nearest first within a pad
-            pad = self._ground.pad[k]
+        for plane, pad in zip(planes[::-1], pads[::-1], strict=True):  # a pad's nearest comes last
             if pad < self.toes:
-                normal = self._ground.plane[k, :2]
-                points[pad] = self._positions[pad] - self.robot.pad_radius * normal
+                normal = plane[:2]
+                points[pad] = centres[pad] - self.robot.pad_radius * normal
                 tangents[pad] = normal[1], -normal[0]
         return points, tangents
 
@@ -227,28 +210,18 @@ class ProjectionPlant:
 
     def toe_positions(self) -> Array:
         """(toes, 2) centres of the toe pads, m."""
-        self._place(self.toes)
-        return self._positions[: self.toes].copy()
+        return self._look()[2][: self.toes].copy()
 
     def energy(self) -> float:
         """Kinetic plus potential energy, J (potential 0 with the centre of mass at y = 0)."""
-        kinetic, potential = mechanical_energy(self._model, self._state)
-        return float(kinetic + potential)
+        return self._batch.energy(0)
 
-    def _place(self, count: int) -> None:
-        pad_positions(self._model, self._state, count, self._positions)
-
-    def _look(self) -> int:
-        """Find the contact planes; bumpers are looked at only where they may reach the ground."""
-        x, y, reach = float(self._state[0]), float(self._state[1]), self._bumper_reach
-        near = y - reach < self.terrain.peak and y - reach < self.terrain.highest(
-            x - reach, x + reach
-        )
-        count = len(self._positions) if near else self.toes
-        self._place(count)
-        planes = self._detector.detect(count, self._ground.plane, self._ground.pad)
-        self._ground.mode[:planes] = STICK
-        return planes
+    def _look(self) -> tuple[Array, NDArray[np.int64], Array]:
+        """Contact planes (n, 3), the pad that each is for (n,), and the centres of the pads."""
+        self._batch.look()
+        detector = self._detector
+        begin, end = detector.spans[0].tolist()
+        return detector.planes[begin:end], detector.contacts[begin:end, PAD], detector.centres
 
     def step(self, torque: float, duration: float) -> StepResult:
         """Hold a crank torque for a while.
@@ -261,33 +234,26 @@ class ProjectionPlant:
             FloatingPointError: the state is no longer finite, or faster than anything believable.
         """
         steps = max(1, round(positive("duration", duration) / self.time_step))
-        self._totals[:] = 0.0
-        self._record[:] = 0.0
-        before = self.energy()
-        self._trace = np.empty((steps, self._no_trace.shape[1])) if self.tracing else self._no_trace
-        done = 0
-        while done < steps:
-            count = min(self._stride, steps - done)
-            planes = self._look()
-            kernels.advance(
-                count, self.time_step, torque, self._state, self._model, self._ground, planes,
-                self._floats, self._ints, self._totals, self._record, self.toes,
-                self._trace[done : done + count],
-            )  # fmt: skip
-            done += count
+        self._torque[0] = torque
         if self.tracing:
+            self._trace = np.empty((steps, self._no_trace.shape[1]))
+            self._batch.step(self._torque, steps, self._trace)
             self.landings = landings(self._trace, self._pressed)
-        self._pressed = pads_pressed(self._trace)[-1] if self.tracing else None
+            self._pressed = pads_pressed(self._trace)[-1]
+        else:
+            self._batch.step(self._torque, steps)
+            self._trace, self._pressed = self._no_trace, None
         check_converged(self._state, torque)
-        record, totals, elapsed = self._record, self._totals, steps * self.time_step
+        record, elapsed = self._record, steps * self.time_step
+        motor, joints, slip, impact, residual, bumps, _, change = self._totals.tolist()
         return StepResult(
             slip=record[: self.toes, kernels.SLIP].copy(),
             contact_force=record[: self.toes, kernels.IMPULSE_T : kernels.IMPULSE_N + 1] / elapsed,
-            motor_work=float(totals[kernels.MOTOR_WORK]),
-            joint_loss=float(totals[kernels.JOINT_LOSS]),
-            slip_loss=float(totals[kernels.SLIP_LOSS]),
-            impact_loss=float(totals[kernels.IMPACT_LOSS]),
-            energy_change=self.energy() - before,
-            bumped=float(totals[kernels.BUMPS]) > 0.0,
-            residual=float(totals[kernels.WORST_RESIDUAL]),
+            motor_work=motor,
+            joint_loss=joints,
+            slip_loss=slip,
+            impact_loss=impact,
+            energy_change=change,
+            bumped=bumps > 0.0,
+            residual=residual,
         )

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.compiling import compiled
+from jansen_env.contact import height_at
 from jansen_env.linkage import T, joint_positions
 from jansen_env.robot import Robot
-from jansen_env.terrain import Terrain
+from jansen_env.terrain import GRADIENT_STEP, Terrain
 
 Array = NDArray[np.float64]
 
 WIDEST_PITCH = 0.7  # rad, tried to either side
 TRIES, LEVELS = 33, 4  # pitches tried at once, and how often around the best of them
-RISE = 0.5  # m, height above the ground below the axis from which toes are lowered
 
 
 def set_down(
@@ -36,51 +39,82 @@ def set_down(
     Returns:
         (y, theta): the lowest toe has no gap (toes taken as discs on their local slope).
     """
-    toes = np.empty((len(robot.legs), 2))
-    for side in sorted({leg.side for leg in robot.legs}):
-        legs = [i for i, leg in enumerate(robot.legs) if leg.side == side]
-        psi = crank_angle + np.array([robot.legs[i].phase for i in legs])
-        toes[legs] = joint_positions(robot, side, psi)[:, T]
+    # A back leg mirrors a fore leg whose crank is mirrored.
+    back = np.array([leg.side == "back" for leg in robot.legs])
+    angles = crank_angle + np.array([leg.phase for leg in robot.legs])
+    toes = joint_positions(robot, "fore", np.where(back, math.pi - angles, angles))[:, T]
+    toes[back, 0] *= -1.0
+    surface, radius = terrain.polyline, robot.pad_radius
     if pitch is None:
-        pitch = _level_pitch(toes, centre, terrain, x, robot.pad_radius)
-    clearance, _ = _clearance(toes, centre, terrain, x, robot.pad_radius, np.array([pitch]))
-    return float(-clearance.min()), float(pitch)
+        pitch = _level_pitch(toes, centre, surface, x, radius)
+    clearance, _, _ = _clearance(toes, centre, surface, x, radius, pitch)
+    return float(-clearance), float(pitch)
 
 
-def _clearance(
-    toes: Array, centre: Array, terrain: Terrain, x: float, radius: float, pitch: Array
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Height by which each toe clears the ground with the axis at y = 0; and is it ahead of c?"""
-    cos, sin = np.cos(pitch)[:, None], np.sin(pitch)[:, None]
-    toe_x = x + cos * toes[:, 0] - sin * toes[:, 1]
-    toe_y = sin * toes[:, 0] + cos * toes[:, 1]
+@compiled
+def _clearance(toes, centre, surface, x, radius, pitch):
+    """Heights by which the toes clear the ground with the axis at y = 0.
+
+    Returns:
+        (of all toes the smallest, of those ahead of the centre of mass, and of the others), m; inf
+        where there are none.
+    """
+    cos, sin = math.cos(pitch), math.sin(pitch)
     centre_x = x + cos * centre[0] - sin * centre[1]
-    # A disc over a straight slope touches with its centre radius / cos(slope) above it.
-    lift = toe_y - terrain.height(toe_x) - radius * np.sqrt(1.0 + terrain.gradient(toe_x) ** 2)
-    return lift, toe_x > centre_x
+    front = rear = math.inf
+    for j in range(len(toes)):
+        toe_x = x + cos * toes[j, 0] - sin * toes[j, 1]
+        toe_y = sin * toes[j, 0] + cos * toes[j, 1]
+        before = height_at(surface, 0, len(surface), toe_x - GRADIENT_STEP)
+        after = height_at(surface, 0, len(surface), toe_x + GRADIENT_STEP)
+        gradient = (after - before) / (2.0 * GRADIENT_STEP)
+        # A disc over a straight slope touches with its centre radius / cos(slope) above it.
+        height = height_at(surface, 0, len(surface), toe_x)
+        lift = toe_y - height - radius * math.sqrt(1.0 + gradient * gradient)
+        if toe_x > centre_x:
+            front = min(front, lift)
+        else:
+            rear = min(rear, lift)
+    return min(front, rear), front, rear
 
 
-def _level_pitch(toes: Array, centre: Array, terrain: Terrain, x: float, radius: float) -> float:
+@compiled(forceinline=True)
+def _tip(toes, centre, surface, x, radius, pitch):
+    """How much higher the front toes clear the ground than the rear ones, m; +-inf for one side."""
+    _, front, rear = _clearance(toes, centre, surface, x, radius, pitch)
+    if front < math.inf and rear < math.inf:
+        return front - rear
+    return math.inf if rear < math.inf else -math.inf
+
+
+@compiled
+def _level_pitch(toes, centre, surface, x, radius):
+    """The pitch at which front and rear toes touch together, of several the most level one, rad."""
     low, high = -WIDEST_PITCH, WIDEST_PITCH
     pitch = 0.0
     for _ in range(LEVELS):
-        tried = np.linspace(low, high, TRIES)
-        lift, ahead = _clearance(toes, centre, terrain, x, radius, tried)
-        front = np.where(ahead, lift, np.inf).min(axis=1)
-        rear = np.where(ahead, np.inf, lift).min(axis=1)
-        both = np.isfinite(front) & np.isfinite(rear)
-        if not both.any():
+        step = (high - low) / (TRIES - 1)
+        any_both = False
+        best = math.inf
+        left = right = left_tip = right_tip = 0.0
+        before, before_tip = low, 0.0
+        for i in range(TRIES):
+            tried = high if i == TRIES - 1 else i * step + low
+            tip = _tip(toes, centre, surface, x, radius, tried)
+            any_both = any_both or abs(tip) < math.inf
+            # Front toes rise with the pitch: where they take off.
+            if i > 0 and before_tip <= 0.0 and tip > 0.0 and abs(before + tried) < best:
+                best = abs(before + tried)
+                left, right, left_tip, right_tip = before, tried, before_tip, tip
+            before, before_tip = tried, tip
+        if not any_both:
             return 0.0
-        tip = np.where(both, front - rear, np.where(np.isfinite(rear), np.inf, -np.inf))
-        # Front toes rise with the pitch: of the places where they take off, the most level one.
-        crossings = np.flatnonzero((tip[:-1] <= 0.0) & (tip[1:] > 0.0))
-        if len(crossings) == 0:
+        if best == math.inf:
             return pitch
-        after = int(crossings[np.argmin(np.abs(tried[crossings] + tried[crossings + 1]))]) + 1
-        low, high = tried[after - 1], tried[after]
-        if both[after - 1] and both[after]:
-            share = tip[after - 1] / (tip[after - 1] - tip[after])
+        low, high = left, right
+        if abs(left_tip) < math.inf and abs(right_tip) < math.inf:
+            share = left_tip / (left_tip - right_tip)
             pitch = low + share * (high - low)
         else:
             pitch = 0.5 * (low + high)
-    return float(pitch)
+    return pitch

@@ -12,7 +12,15 @@ import itertools
 import numpy as np
 import pytest
 
-from jansen_env.contact_solver import OPEN, SLIDE_BACKWARD, SLIDE_FORWARD, STICK, soften, solve
+from jansen_env.contact_solver import (
+    OPEN,
+    SLIDE_BACKWARD,
+    SLIDE_FORWARD,
+    STICK,
+    index_space,
+    soften,
+    solve,
+)
 
 COMPLIANCE = 1e-6  # of W's mean diagonal, so that the trials' systems are well conditioned
 SLACK = 1e-8  # of the speeds and impulses at play, by which a trial's inequalities may be missed
@@ -37,10 +45,10 @@ def solved(W, q, mu, guess=STICK):
     """The solver's P and u for each problem, (problems, 2 n)."""
     n = mu.shape[1]
     P, u = np.zeros_like(q), np.zeros_like(q)
-    A, rhs, index = np.zeros((2 * n, 2 * n)), np.zeros(2 * n), np.zeros(2 * n, np.int64)
+    A, rhs = np.zeros((2 * n, 2 * n)), np.zeros(2 * n)
     for k in range(len(q)):
         mode = np.full(n, guess, np.int64)
-        solve(n, W[k], q[k], mu[k], mode, P[k], u[k], A, rhs, index)
+        solve(n, W[k], q[k], mu[k], mode, P[k], u[k], A, rhs, index_space(n))
     return P, u
 
 

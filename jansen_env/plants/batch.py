@@ -1,0 +1,192 @@
+"""Robots of one design that move at once: one look at the ground, then all their time steps."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env import kernels
+from jansen_env.compiling import announce
+from jansen_env.contact import MARGIN, ContactDetector
+from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
+from jansen_env.model import (
+    DRIVEN,
+    FRICTION,
+    GRAVITY_X,
+    GRAVITY_Y,
+    RESTITUTION,
+    kernel_model,
+    mechanical_energy,
+    parameters,
+)
+from jansen_env.reduced import compile_robot
+from jansen_env.robot import Payload, Robot
+from jansen_env.terrain import Terrain
+from jansen_env.validation import positive, positive_integer
+
+Array = NDArray[np.float64]
+
+TIME_STEP = 1e-3  # s
+DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are kept meanwhile
+PLANES_PER_PAD = 4  # kept of a robot, on average over its pads
+ROBOTS_PER_THREAD = 16  # at least, or starting a thread takes longer than it saves
+
+
+class Batch:
+    """Robots on their grounds, advanced together by the projected equations.
+
+    Each moves as it would alone, bit for bit: they share the work, not the numbers.
+
+    Args:
+        robots: of one design; their payloads may differ. terrains: the ground of each.
+        time_step: of the integration, s.
+        gravity: m/s^2 downwards, or a vector (x, y).
+        detection_interval: time between two looks for the ground, s.
+        threads: cores to use; None for as many as there are, where that pays.
+
+    Attributes:
+        states: (n, 8) x, y, theta, psi and their rates; x, y the crank axis, m, rad, s.
+        parameters: (n, 13) what may differ between them, see :mod:`jansen_env.model`.
+        totals: (n, 8), record: (n, pads, 3) sums over the last :meth:`step`, see
+            :func:`jansen_env.kernels.advance`.
+
+    Raises:
+        ValueError: an argument out of range, or robots of several designs; LinkageError: the robot
+            cannot turn its crank.
+    """
+
+    def __init__(
+        self,
+        robots: Sequence[Robot],
+        terrains: Sequence[Terrain],
+        time_step: float = TIME_STEP,
+        gravity: Gravity = GRAVITY,
+        detection_interval: float = DETECTION_INTERVAL,
+        threads: int | None = None,
+    ) -> None:
+        announce("kernels.advance")
+        if len(robots) != len(terrains) or not robots:
+            raise ValueError(
+                f"there are {len(robots)} robots and {len(terrains)} terrains, must be as many, "
+                "and at least one"
+            )
+        if (
+            len(
+                {
+                    replace(robot, payload=Payload())
+                    for robot in {id(robot): robot for robot in robots}.values()
+                }
+            )
+            > 1
+        ):
+            raise ValueError("robots has several designs, must differ in their payloads only")
+        self.time_step = positive("time_step", time_step)
+        self.detection_interval = positive("detection_interval", detection_interval)
+        self._stride = max(1, round(detection_interval / time_step))
+        self.tables = compile_robot(robots[0])
+        self._body, self._pads, self._layout = kernel_model(self.tables)
+        self.toes, pads = self.tables.layout.toes, len(self._layout)
+        vector = gravity_vector(gravity)
+        self.parameters = np.array(
+            [
+                parameters(compile_robot(robot), vector, terrain.friction, terrain.restitution)
+                for robot, terrain in zip(robots, terrains, strict=True)
+            ]
+        )
+        capacity = PLANES_PER_PAD * pads
+        self.detector = ContactDetector(terrains, self.toes, robots[0].pad_radius, capacity)
+        self._reach = self._farthest_bumper() + robots[0].pad_radius + MARGIN
+        n = len(robots)
+        self.states = np.zeros((n, 8))
+        self.totals = np.zeros((n, kernels.TOTALS))
+        self.record = np.zeros((n, pads, kernels.RECORD))
+        self._no_trace = np.zeros((0, kernels.trace_width(pads)))
+        self._shares = _shares(n, threads)
+        self._work: list[tuple[Any, ...]] = [kernels.work_space(capacity) for _ in self._shares]
+        self._pool: tuple[int, ThreadPoolExecutor] | None = None
+
+    def _farthest_bumper(self) -> float:
+        rows = [int(r) for r in set(self.tables.layout.table[self.toes :].tolist())]
+        centre = self.tables.pads[rows][:, :, :2, 0]
+        return float(np.hypot(centre[..., 0], centre[..., 1]).max())
+
+    def exchange(self, row: int, robot: Robot) -> None:
+        """Make a robot another one, which differs in its payload only."""
+        kept = self.parameters[row].copy()
+        self.parameters[row] = parameters(compile_robot(robot), (0.0, 0.0))
+        where = [GRAVITY_X, GRAVITY_Y, DRIVEN, FRICTION, RESTITUTION]
+        self.parameters[row, where] = kept[where]
+
+    def energy(self, row: int) -> float:
+        """Kinetic plus potential energy of a robot, J (potential 0 with its mass at y = 0)."""
+        kinetic, potential = mechanical_energy(
+            self._body, self.parameters[row], self.states[row], np.empty((3, 6))
+        )
+        return float(kinetic + potential)
+
+    def look(self) -> None:
+        """Find the ground where the robots are now; bumpers look where they may reach it."""
+        self.detector.look(self.states, self._pads, self._layout, self._reach)
+
+    def step(self, torque: Array, steps: int, trace: Array | None = None) -> None:
+        """Hold crank torques (n,), N m, for some time steps.
+
+        Args:
+            trace: (steps, :func:`jansen_env.kernels.trace_width`) what the first robot does in
+                each time step, filled in; None for no trace.
+        """
+        done = 0
+        while done < steps:
+            count = min(self._stride, steps - done)
+            self.look()
+            rows = self._no_trace if trace is None else trace[done : done + count]
+            self._advance(done == 0, count, torque, rows)
+            done += count
+
+    def _advance(self, fresh: bool, count: int, torque: Array, trace: Array) -> None:
+        detector = self.detector
+        common: tuple[Any, ...] = (
+            fresh, count, self.time_step, torque, self.states, self.parameters,
+            self._body, self._pads, self._layout,
+            detector.spans, detector.planes, detector.contacts,
+        )  # fmt: skip
+        out: tuple[Any, ...] = (self.totals, self.record, self.toes, trace)
+        if len(self._shares) == 1:
+            kernels.advance(0, len(self.states), *common, *self._work[0], *out)
+            return
+        waiting = [
+            self._threads().submit(kernels.advance, *share, *common, *work, *out)
+            for share, work in zip(self._shares[1:], self._work[1:], strict=True)
+        ]
+        kernels.advance(*self._shares[0], *common, *self._work[0], *out)
+        for future in waiting:
+            future.result()
+
+    def close(self) -> None:
+        """End the threads; a later :meth:`step` starts new ones."""
+        if self._pool is not None and self._pool[0] == os.getpid():
+            self._pool[1].shutdown()
+        self._pool = None
+
+    def _threads(self) -> ThreadPoolExecutor:
+        """Threads of this process: a forked one starts its own."""
+        if self._pool is None or self._pool[0] != os.getpid():
+            self._pool = os.getpid(), ThreadPoolExecutor(len(self._shares) - 1, "jansen")
+        return self._pool[1]
+
+
+def _shares(robots: int, threads: int | None) -> list[tuple[int, int]]:
+    """Which robots each thread moves: (first, last + 1)."""
+    if threads is None:
+        available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else None
+        threads = max(1, min(available or os.cpu_count() or 1, robots // ROBOTS_PER_THREAD))
+    positive_integer("threads", threads)
+    ends = np.linspace(0, robots, threads + 1).astype(int).tolist()
+    return list(pairwise(ends))

@@ -1,0 +1,252 @@
+"""Robots that move together do what each does alone, and Gymnasium's vector interface around it."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from jansen_env import Payload, Terrain, paper_robot
+from jansen_env.envs.walker_vector import JansenWalkerVectorEnv
+
+ROUGH = Terrain.rough(np.random.default_rng(3), height=0.03, spacing=0.1, length=10.0, start=0.2)
+MODES = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]
+
+
+def together(count, mode=AutoresetMode.NEXT_STEP, limit=None, **arguments):
+    return gym.make_vec(
+        "JansenWalker-v0", num_envs=count, autoreset_mode=mode, max_episode_steps=limit, **arguments
+    )
+
+
+def side_by_side(count, mode=AutoresetMode.NEXT_STEP, limit=None, each=None, **arguments):
+    """Gymnasium's vector environment of single ones; ``each`` has further arguments of each."""
+
+    def make(index):
+        own = {} if each is None else each[index]
+        return lambda: gym.make("JansenWalker-v0", max_episode_steps=limit, **arguments, **own)
+
+    return gym.vector.SyncVectorEnv([make(i) for i in range(count)], autoreset_mode=mode)
+
+
+def same(a, b, place="infos"):
+    """Nested information agrees bit for bit, masks and types of arrays too."""
+    assert set(a) == set(b), place
+    for key, value in a.items():
+        if isinstance(value, dict):
+            same(value, b[key], f"{place}.{key}")
+        elif value.dtype == object:
+            for x, y in zip(value, b[key], strict=True):
+                assert (x is None) == (y is None) and np.array_equal(x, y), f"{place}.{key}"
+        else:
+            assert value.dtype == b[key].dtype and np.array_equal(value, b[key]), f"{place}.{key}"
+
+
+def compare(ours, theirs, steps, seed=7, scale=1.0):
+    """Both walk alike, bit for bit; returns how many episodes ended."""
+    rng, ends = np.random.default_rng(seed), 0
+    (a, info_a), (b, info_b) = ours.reset(seed=seed), theirs.reset(seed=seed)
+    assert np.array_equal(a, b)
+    same(info_a, info_b)
+    for _ in range(steps):
+        action = rng.uniform(-scale, scale, (ours.num_envs, 1)).astype(np.float32)
+        *a, info_a = ours.step(action)
+        *b, info_b = theirs.step(action)
+        for x, y in zip(a, b, strict=True):
+            assert np.array_equal(x, y) and x.dtype == y.dtype
+        same(info_a, info_b)
+        ends += int((a[2] | a[3]).sum())
+    ours.close()
+    theirs.close()
+    return ends
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("terrain", ["flat", "slope:-0.3", ROUGH])
+def test_each_does_what_it_does_alone(terrain, mode):
+    """Observations, rewards, ends and information, through falls and time limits, bit for bit."""
+    arguments = {"terrain": terrain, "fall_weight": 3.0}
+    ends = compare(
+        together(5, mode, limit=40, **arguments), side_by_side(5, mode, limit=40, **arguments), 130
+    )
+    assert ends >= 15
+
+
+def test_threads_do_not_change_a_bit():
+    """Thirty robots on one thread, on two and on five, which share them unevenly."""
+    runs = []
+    for threads in (1, 2, 5):
+        env = together(30, threads=threads, limit=30)
+        env.reset(seed=1)
+        rng = np.random.default_rng(2)
+        steps = [env.step(rng.uniform(-1, 1, (30, 1)).astype(np.float32)) for _ in range(70)]
+        runs.append([np.concatenate([step[0].ravel(), step[1]]) for step in steps])
+        env.close()
+    assert np.array_equal(runs[0], runs[1]) and np.array_equal(runs[0], runs[2])
+
+
+def test_each_has_its_own_ground_load_and_command():
+    """Friction, restitution, payload, command and terrain differ; still bit for bit."""
+    each = [
+        {"friction": 0.2, "restitution": 0.0, "payload": 0.0, "speed_command": 0.1},
+        {"friction": 0.8, "restitution": 0.4, "payload": 3.0, "speed_command": (0.2, 0.3)},
+        {"friction": 1.0, "restitution": 0.1, "payload": Payload(1.0, 0.1, (0.2, 0.1))},
+    ]
+    for own, terrain in zip(each, ("flat", ROUGH, "slope:0.1"), strict=True):
+        own["terrain"] = terrain
+    ours = together(
+        3,
+        limit=50,
+        terrain=[own["terrain"] for own in each],
+        friction=np.array([own["friction"] for own in each]),
+        restitution=[own["restitution"] for own in each],
+        payload=[own["payload"] for own in each],
+        speed_command=np.array([[0.1, 0.1], [0.2, 0.3], [0.05, 0.8]]),
+    )
+    compare(ours, side_by_side(3, limit=50, each=each), 120)
+
+
+def test_many_legs_and_other_steps():
+    """Ten legs, another control period and time step, bit for bit."""
+    arguments = {"robot": paper_robot(phases=5), "control_dt": 0.03, "time_step": 0.0015}
+    compare(together(3, **arguments), side_by_side(3, **arguments), 60)
+
+
+def test_falls_look_with_the_bumpers():
+    """Twelve robots driven over, lying on their bumpers, with falls not ending the episode."""
+    arguments = {"terminate_when_fallen": False, "terrain": "slope:-0.5"}
+    ours, theirs = together(12, **arguments), side_by_side(12, **arguments)
+    compare(ours, theirs, 150, seed=0)
+    assert ours.task.fallen.sum() >= 6
+
+
+def test_a_mask_resets_some():
+    """The others go on bit for bit; the mask must be flags, one for each robot, one set."""
+    ours = together(4, AutoresetMode.DISABLED)
+    theirs = side_by_side(4, AutoresetMode.DISABLED)
+    rng = np.random.default_rng(0)
+    ours.reset(seed=3), theirs.reset(seed=3)
+    for _ in range(10):
+        action = rng.uniform(-1.0, 1.0, (4, 1)).astype(np.float32)
+        ours.step(action), theirs.step(action)
+    mask = np.array([True, False, False, True])
+    seeds = [11, None, None, 14]
+    options = {"speed_command": 0.3}
+    a, info_a = ours.reset(seed=seeds, options={"reset_mask": mask.copy(), **options})
+    b, info_b = theirs.reset(seed=seeds, options={"reset_mask": mask.copy(), **options})
+    assert np.array_equal(a, b)
+    same(info_a, info_b)
+    for _ in range(10):
+        action = rng.uniform(-1.0, 1.0, (4, 1)).astype(np.float32)
+        assert np.array_equal(ours.step(action)[0], theirs.step(action)[0])
+    for bad, error in (([True] * 4, TypeError), (np.ones(4), TypeError), (np.zeros(4, bool), None)):
+        with pytest.raises(error or ValueError, match="reset_mask"):
+            ours.reset(options={"reset_mask": bad})
+
+
+def test_options_for_each():
+    """Commands and crank angles as arrays."""
+    env = together(3)
+    angles, commands = np.array([0.1, 2.0, 5.0]), np.array([0.1, 0.5, -0.3])
+    _, info = env.reset(seed=0, options={"crank_angle": angles, "speed_command": commands})
+    assert np.array_equal(info["crank_angle"], angles)
+    assert np.array_equal(info["speed_command"], commands)
+
+
+def test_what_was_returned_is_not_changed_later():
+    """Observations, rewards and information belong to the caller."""
+    env = together(4, AutoresetMode.SAME_STEP, limit=3)
+    env.reset(seed=0)
+    kept = [env.step(np.full((4, 1), 0.5, np.float32)) for _ in range(3)]
+    before = [
+        (o.copy(), r.copy(), i["slip"].copy(), i["x_position"].copy()) for o, r, *_, i in kept
+    ]
+    for _ in range(5):
+        env.step(np.ones((4, 1), np.float32))
+    for (o, r, *_, i), (o2, r2, slip, x) in zip(kept, before, strict=True):
+        assert np.array_equal(o, o2) and np.array_equal(r, r2)
+        assert np.array_equal(i["slip"], slip) and np.array_equal(i["x_position"], x)
+
+
+def test_members_can_be_asked_and_told():
+    """Attributes one by one, as Gymnasium's own vector environments have them."""
+    env = together(3, friction=0.5)
+    env.reset(seed=0)
+    assert env.get_attr("control_dt") == (0.02,) * 3
+    assert env.call("friction") == (0.5,) * 3
+    env.set_attr("friction", [0.1, 0.2, 0.3])
+    env.set_attr("payload", 2.0)
+    env.set_attr("speed_command", 0.4)
+    assert env.get_attr("friction") == (0.1, 0.2, 0.3)
+    other = together(3, friction=[0.1, 0.2, 0.3], payload=2.0, speed_command=0.4)
+    assert np.array_equal(env.reset(seed=5)[0], other.reset(seed=5)[0])
+    action = np.full((3, 1), 0.7, np.float32)
+    for _ in range(20):
+        assert np.array_equal(env.step(action)[0], other.step(action)[0])
+    with pytest.raises(AttributeError, match="terrain"):
+        env.set_attr("terrain", "flat")
+    with pytest.raises(ValueError, match="friction"):
+        env.set_attr("friction", -1.0)
+    with pytest.raises(ValueError, match="entries"):
+        env.set_attr("friction", [0.1])
+
+
+def test_pictures():
+    """One of each robot, the same as the single environment draws."""
+    env = together(2, render_mode="rgb_array")
+    env.reset(seed=4)
+    single = gym.make("JansenWalker-v0", render_mode="rgb_array")
+    single.reset(seed=5)
+    for _ in range(30):
+        env.step(np.full((2, 1), 0.4, np.float32))
+        single.step(np.full(1, 0.4, np.float32))
+    pictures = env.render()
+    assert len(pictures) == 2 and np.array_equal(pictures[1], single.render())
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ({"num_envs": 0}, "num_envs"),
+        ({"friction": np.ones(3)}, "friction"),
+        ({"friction": [0.5, -1.0]}, "friction"),
+        ({"payload": [1.0]}, "payload"),
+        ({"terrain": ["flat", "flat", "flat"]}, "terrain"),
+        ({"terrain": ["flat", "hilly"]}, "terrain"),
+        ({"speed_command": np.ones(3)}, "speed_command"),
+        ({"plant": "rigid_body"}, "vectorization_mode='sync'"),
+        ({"track_joint_forces": True}, "track_joint_forces"),
+        ({"render_mode": "human"}, "render_mode"),
+        ({"max_episode_steps": 0}, "max_episode_steps"),
+        ({"autoreset_mode": "never"}, "never"),
+        ({"threads": 0}, "threads"),
+        ({"control_dt": 0.0205}, "control_dt"),
+    ],
+)
+def test_bad_arguments(arguments, named):
+    with pytest.raises(ValueError, match=named):
+        JansenWalkerVectorEnv(**{"num_envs": 2, **arguments})
+
+
+def test_bad_calls():
+    """Steps before a reset, after an end, with bad actions; not one seed or option for each."""
+    env = together(2, AutoresetMode.DISABLED, limit=1)
+    action = np.zeros((2, 1), np.float32)
+    with pytest.raises(gym.error.ResetNeeded):
+        env.step(action)
+    env.reset(seed=0)
+    for bad in (np.zeros(2), np.full((2, 1), np.nan), np.zeros((3, 1))):
+        with pytest.raises(ValueError, match="actions"):
+            env.step(bad)
+    env.step(action)
+    with pytest.raises(gym.error.ResetNeeded):
+        env.step(action)
+    for arguments, named in (
+        ({"seed": [1]}, "seed"),
+        ({"options": {"speed_command": [0.1]}}, "speed_command"),
+        ({"options": {"speed": 0.1}}, "speed"),
+    ):
+        with pytest.raises(ValueError, match=named):
+            env.reset(**arguments)

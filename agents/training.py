@@ -29,13 +29,19 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList, ProgressBarCallback
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
-from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
+from stable_baselines3.common.vec_env import (
+    DummyVecEnv,
+    VecEnv,
+    VecEnvWrapper,
+    VecMonitor,
+)
 
 from agents.normalizer import NormalizedObservation
 from agents.policy import Policy
 from agents.rollout import make_env, run_episodes
 from agents.scores import values
 from agents.tasks import find_task
+from agents.vec_env import can_move_together, make_vec_env
 from jansen_env.files import write_json, write_text, write_whole
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
@@ -98,6 +104,14 @@ def make_training_env(
 
     The i-th one takes the arguments of ``variants`` number i, counted around, on top of the others.
     """
+    if can_move_together(env_id, env_kwargs, variants):
+        file = None
+        if folder is not None:
+            (folder / "monitor").mkdir(parents=True, exist_ok=True)
+            number = len(list((folder / "monitor").iterdir()))  # a resumed run writes another file
+            file = str(folder / "monitor" / str(number))
+        together = make_vec_env(env_id, count, env_kwargs, variants)
+        return ScaledReward(VecMonitor(together, file), reward_scale)
     if folder is not None:
         (folder / "monitor").mkdir(parents=True, exist_ok=True)
 
@@ -111,6 +125,21 @@ def make_training_env(
         return build
 
     return DummyVecEnv([make(i) for i in range(count)])
+
+
+class ScaledReward(VecEnvWrapper):
+    """Rewards times a number; what monitors inside have seen is not scaled."""
+
+    def __init__(self, venv: VecEnv, scale: float) -> None:
+        super().__init__(venv)
+        self.scale = scale
+
+    def reset(self) -> Any:
+        return self.venv.reset()
+
+    def step_wait(self) -> Any:
+        observations, rewards, dones, infos = self.venv.step_wait()
+        return observations, self.scale * rewards, dones, infos
 
 
 def build_model(algo: str, config: dict[str, Any], env: Any, **more: Any) -> BaseAlgorithm:

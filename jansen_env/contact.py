@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from jansen_env.compiling import compiled
 from jansen_env.contact_solver import STICK
-from jansen_env.model import PHASE, TABLE, pad_place
+from jansen_env.model import PHASE, TABLE, locate, pad_place
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
@@ -78,7 +78,6 @@ class ContactDetector:
         self._add_grounds(terrains)
         self._got = pymunk.batch.Buffer()
         self._bodies: list[pymunk.Body] = []
-        self._rows = 0
         self.owner = np.zeros((0, 2), np.int64)
         self.centres = np.zeros((0, 2))
         self._asked_at = np.zeros((0, 2))  # where the pads were when pymunk was asked
@@ -129,26 +128,26 @@ class ContactDetector:
         self._set = pymunk.batch.Buffer()
         self._set.set_float_buf(self._placed)
 
-    def look(self, states: Array, pads: Array, layout: Array, reach: float) -> None:
+    def look(self, states: Array, pads: Array, layout: Array, depths: Array) -> None:
         """Find the planes near the pads where they are in ``states`` (robots, 8).
 
         Args:
             pads, layout: of the robots, see :mod:`jansen_env.model`.
-            reach: m, from the crank axis to where a bumper can feel the ground.
+            depths: m, how far below the crank axis a bumper can feel the ground, at pitches evenly
+                spread over one turn; and last, how far it can in any direction.
         """
         rows, stale = _place(
-            states, pads, layout, reach, self._toes, self.surface, self.bounds, self.ground,
-            self._rows, self.owner, self.centres, self._asked_at,
+            states, pads, layout, depths, self._toes, self.surface, self.bounds, self.ground,
+            self.owner, self.centres, self._asked_at,
         )  # fmt: skip
         if rows > len(self.owner):
             self._grow(rows)
-            self.look(states, pads, layout, reach)
+            self.look(states, pads, layout, depths)
             return
         self.find(rows, stale)
 
     def find(self, rows: int, ask: bool = True) -> None:
         """Find the planes near the first rows' :attr:`centres`, after asking pymunk or without."""
-        self._rows = rows
         if ask:
             self._ask(rows)
         _find_planes(
@@ -158,10 +157,7 @@ class ContactDetector:
 
     def _ask(self, rows: int) -> None:
         """Let pymunk say which stretch of the ground is near each of the first rows."""
-        self._asked_at[:rows] = self.centres[:rows]
-        self._asked_at[rows:] = np.inf
-        self._placed[:rows] = self.centres[:rows] + self._cells[self.owner[:rows, ROBOT]]
-        self._placed[rows:-1] = PARK * np.arange(rows + 1, len(self._placed))[:, None]
+        _move(rows, self.centres, self.owner, self._cells, self._asked_at, self._placed)
         pymunk.batch.set_space_bodies(self._space, _POSITION, self._set)
         self._space.step(1e-300)  # detects, moves nothing
         got = self._got
@@ -169,7 +165,7 @@ class ContactDetector:
         pymunk.batch.get_space_arbiters(self._space, _FIELDS, got)
         ids, points = np.frombuffer(got.int_buf(), np.int64), np.frombuffer(got.float_buf())
         _remember(
-            ids, points, self._ids, self._row_of, self.owner, self.centres, self._cells,
+            ids, points, self._ids, self._row_of, self.owner, self._asked_at, self._cells,
             self.surface, self.bounds, self.ground, self._far, self._stretch,
         )  # fmt: skip
 
@@ -204,9 +200,9 @@ def _extended(array: NDArray[Any], rows: int) -> NDArray[Any]:
 
 @compiled
 def _place(
-    states, pads, layout, reach, toes, surface, bounds, ground, before, owner, centres, asked_at
+    states, pads, layout, depths, toes, surface, bounds, ground, owner, centres, asked_at
 ):  # fmt: skip
-    """Choose which pads to look at, and put them where they are; ``before`` rows were in use.
+    """Choose which pads to look at, and put them where they are.
 
     Returns:
         (rows needed, nothing is placed where they are more than there are; whether one of them is
@@ -214,14 +210,17 @@ def _place(
     """
     robots, bumpers = len(states), len(layout) - toes
     rows = robots * toes
+    pitches, reach = len(depths) - 1, depths[-1]
     stale = False
     for r in range(robots):
         x, y = states[r, 0], states[r, 1]
         begin, end = bounds[ground[r]], bounds[ground[r] + 1]
-        if _reaches(surface, begin, end, x - reach, x + reach, y - reach):
+        depth = depths[locate(pitches, states[r, 2])[0]]
+        if _reaches(surface, begin, end, x - reach, x + reach, y - depth):
             for j in range(bumpers):
                 if rows < len(owner):
-                    stale = stale or rows >= before or owner[rows, ROBOT] != r
+                    if owner[rows, ROBOT] != r or owner[rows, ITS_PAD] != toes + j:
+                        asked_at[rows, 0] = np.inf
                     owner[rows, ROBOT], owner[rows, ITS_PAD] = r, toes + j
                 rows += 1
     if rows > len(owner):
@@ -280,8 +279,26 @@ def height_at(surface, begin, end, x):
 
 
 @compiled
+def _move(rows, centres, owner, cells, asked_at, placed):
+    """Move pymunk's pads to where they are; those that are near enough stay, which spares its tree.
+
+    The pads beyond the first ``rows`` are parked.
+    """
+    for i in range(len(asked_at)):
+        if i >= rows:
+            asked_at[i, 0] = asked_at[i, 1] = np.inf
+            placed[i, 0] = placed[i, 1] = PARK * (i + 1)
+            continue
+        x, y = centres[i, 0] - asked_at[i, 0], centres[i, 1] - asked_at[i, 1]
+        if not x * x + y * y <= 0.25 * STRIDE * STRIDE:
+            asked_at[i, 0], asked_at[i, 1] = centres[i, 0], centres[i, 1]
+            r = owner[i, ROBOT]
+            placed[i, 0], placed[i, 1] = centres[i, 0] + cells[r, 0], centres[i, 1] + cells[r, 1]
+
+
+@compiled
 def _remember(
-    ids, points, known, row_of, owner, centres, cells, surface, bounds, ground, far, stretch
+    ids, points, known, row_of, owner, asked_at, cells, surface, bounds, ground, far, stretch
 ):  # fmt: skip
     """From pymunk's contacts, (n,) body ids and 2 n numbers, the points: the stretch near each row.
 
@@ -295,9 +312,9 @@ def _remember(
         r = owner[i, ROBOT]
         start, end = bounds[ground[r]], bounds[ground[r] + 1]
         first = last = _segment(surface, start, end, points[2 * n] - cells[r, 0])
-        while first > start and surface[first, 0] > centres[i, 0] - far:
+        while first > start and surface[first, 0] > asked_at[i, 0] - far:
             first -= 1
-        while last < end - 2 and surface[last + 1, 0] < centres[i, 0] + far:
+        while last < end - 2 and surface[last + 1, 0] < asked_at[i, 0] + far:
             last += 1
         if stretch[i, 1] < 0:
             stretch[i, 0], stretch[i, 1] = first, last

@@ -146,7 +146,7 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
         self._done = np.ones(n, bool)  # must be reset before it goes on
         self._begun = False
         self._generators: list[np.random.Generator | None] = [None] * n
-        self._seeds = np.full(n, -1)
+        self._seeds = [-1] * n
         self._alone: dict[int, ProjectionPlant] = {}
 
     def reset(
@@ -384,7 +384,7 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """Every robot's seed; -1 where it has none yet."""
-        return tuple(self._seeds.tolist())
+        return tuple(self._seeds)
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """What each of :attr:`members` answers to a method, or its attribute of that name."""

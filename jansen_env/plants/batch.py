@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -35,6 +36,7 @@ Array = NDArray[np.float64]
 
 TIME_STEP = 1e-3  # s
 DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are kept meanwhile
+PITCHES = 256  # at which it is known how deep the bumpers reach
 PLANES_PER_PAD = 4  # kept of a robot, on average over its pads
 ROBOTS_PER_THREAD = 16  # at least, or starting a thread takes longer than it saves
 
@@ -102,7 +104,7 @@ class Batch:
         )
         capacity = PLANES_PER_PAD * pads
         self.detector = ContactDetector(terrains, self.toes, robots[0].pad_radius, capacity)
-        self._reach = self._farthest_bumper() + robots[0].pad_radius + MARGIN
+        self._depths = self._bumper_depths(robots[0].pad_radius + MARGIN)
         n = len(robots)
         self.states = np.zeros((n, 8))
         self.totals = np.zeros((n, kernels.TOTALS))
@@ -112,10 +114,18 @@ class Batch:
         self._work: list[tuple[Any, ...]] = [kernels.work_space(capacity) for _ in self._shares]
         self._pool: tuple[int, ThreadPoolExecutor] | None = None
 
-    def _farthest_bumper(self) -> float:
-        rows = [int(r) for r in set(self.tables.layout.table[self.toes :].tolist())]
-        centre = self.tables.pads[rows][:, :, :2, 0]
-        return float(np.hypot(centre[..., 0], centre[..., 1]).max())
+    def _bumper_depths(self, margin: float) -> Array:
+        """How far below the axis a bumper may feel the ground, m, by pitch over one turn.
+
+        The last entry is the largest of all.
+        """
+        rows = np.unique(self.tables.layout.table[self.toes :])
+        x, y = self.tables.pads[rows][:, :, :2, 0].reshape(-1, 2).T
+        farthest = float(np.hypot(x, y).max())
+        pitch = 2.0 * math.pi * (np.arange(PITCHES) + 0.5) / PITCHES
+        depth = -(np.outer(np.sin(pitch), x) + np.outer(np.cos(pitch), y)).min(axis=1)
+        between = farthest * math.pi / PITCHES  # to the next entry
+        return np.append(depth + between, farthest) + margin
 
     def exchange(self, row: int, robot: Robot) -> None:
         """Make a robot another one, which differs in its payload only."""
@@ -133,7 +143,7 @@ class Batch:
 
     def look(self) -> None:
         """Find the ground where the robots are now; bumpers look where they may reach it."""
-        self.detector.look(self.states, self._pads, self._layout, self._reach)
+        self.detector.look(self.states, self._pads, self._layout, self._depths)
 
     def step(self, torque: Array, steps: int, trace: Array | None = None) -> None:
         """Hold crank torques (n,), N m, for some time steps.

@@ -139,7 +139,7 @@ class ScaledReward(VecEnvWrapper):
 
     def step_wait(self) -> Any:
         observations, rewards, dones, infos = self.venv.step_wait()
-        return observations, self.scale * rewards, dones, infos
+        return observations, (self.scale * rewards).astype(np.float32), dones, infos
 
 
 def build_model(algo: str, config: dict[str, Any], env: Any, **more: Any) -> BaseAlgorithm:

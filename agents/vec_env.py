@@ -134,7 +134,7 @@ class BatchVecEnv(VecEnv):
 
     def step_wait(
         self,
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], list[dict[str, Any]]]:
         """Take the step: observations (n, d), rewards (n,), dones (n,), and n dictionaries."""
         env = self.env
         moved = env.move(self._actions)
@@ -153,7 +153,7 @@ class BatchVecEnv(VecEnv):
             first = env.infos(env.batch.states[:, 4], np.zeros(self.num_envs), known=dones)
             for i in ended.tolist():
                 self.reset_infos[i] = _of_one(first, i)
-        return env.task.observation.copy(), moved.rewards.astype(np.float32), dones, infos
+        return env.task.observation.copy(), moved.rewards, dones, infos
 
     def _infos(self, moved: Moved) -> list[dict[str, Any]]:
         """What each robot's step tells, of :attr:`info_keys`."""

@@ -45,7 +45,7 @@ def _cache_folder() -> str:
     return str(folder) if os.access(folder, os.W_OK) else ""
 
 
-_FOLDER = _cache_folder()
+FOLDER = _cache_folder()
 _announced: set[str] = set()
 
 
@@ -61,8 +61,8 @@ def compiled(
     if function is None:
         return lambda f: compiled(f, allocates=allocates, **options)
     before = _config.CACHE_DIR
-    if _FOLDER:
-        _config.CACHE_DIR = _FOLDER
+    if FOLDER:
+        _config.CACHE_DIR = FOLDER
     try:
         chosen: dict[str, Any] = {"cache": True, "error_model": "numpy", "_nrt": allocates}
         return numba.njit(**chosen, **options)(function)
@@ -79,9 +79,9 @@ def announce(kernel: str) -> None:
     if kernel in _announced or _config.DISABLE_JIT:
         return
     _announced.add(kernel)
-    if not (_FOLDER and any(Path(_FOLDER).rglob(f"{kernel}-*.nbc"))):
-        kept = f"and keeps it in {_FOLDER}" if _FOLDER else "and cannot keep it: no folder to write"
+    if not (FOLDER and any(Path(FOLDER).rglob(f"{kernel}-*.nbc"))):
+        kept = f"and keeps it in {FOLDER}" if FOLDER else "and cannot keep it: no folder to write"
         logging.getLogger("jansen_env").warning(
-            "jansen_env compiles its time step for this machine, which takes up to a minute, %s",
+            "jansen_env compiles its time step for this machine, which takes a minute or so, %s",
             kept,
         )

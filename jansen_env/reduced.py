@@ -26,6 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jansen_env import table_store
 from jansen_env.gravity import GRAVITY
 from jansen_env.linkage import check_closure, coordinates, joint_positions
 from jansen_env.pads import PAD_BODIES, PAD_JOINTS, Pads, pad_layout
@@ -85,6 +86,18 @@ def compile_robot(robot: Robot) -> Tables:
 
 @functools.lru_cache(maxsize=32)
 def _compile(robot: Robot) -> Tables:
+    found = table_store.load(robot)
+    if found is None:
+        found = _tabulate(robot)
+        table_store.save(robot, found)
+    body, pads = found["body"], found["pads"]
+    for table in (body, pads):
+        table.setflags(write=False)
+    return Tables(robot, body, pads, pad_layout(robot), float(found["tail"]))
+
+
+def _tabulate(robot: Robot) -> dict[str, Array]:
+    """The arrays of a robot's :class:`Tables`."""
     check_closure(robot)
     sides: tuple[Side, Side] = ("fore", "back")
     linkage = replace(robot, legs=(Leg("fore"),))  # the legs do not change what one of them does
@@ -104,9 +117,7 @@ def _compile(robot: Robot) -> Tables:
     pads = np.stack(
         [_taylor(pad_series[side][:, j]) for side in sides for j in range(len(PAD_JOINTS))]
     )
-    for table in (body, pads):
-        table.setflags(write=False)
-    return Tables(robot, body, pads, pad_layout(robot), tail)
+    return {"body": body, "pads": pads, "tail": np.array(tail)}
 
 
 @functools.lru_cache(maxsize=32)

@@ -11,7 +11,7 @@ from jansen_env.plants.projection import ProjectionPlant
 def test_compilation_is_announced_once(monkeypatch, tmp_path, caplog):
     """Where no compiled kernel lies on disk, with the folder; not again, and not where one lies."""
     monkeypatch.setattr(compiling, "_announced", set())
-    monkeypatch.setattr(compiling, "_FOLDER", str(tmp_path))
+    monkeypatch.setattr(compiling, "FOLDER", str(tmp_path))
     with caplog.at_level(logging.WARNING, logger="jansen_env"):
         for _ in range(2):
             ProjectionPlant(paper_robot(), Terrain.flat())
@@ -21,6 +21,6 @@ def test_compilation_is_announced_once(monkeypatch, tmp_path, caplog):
         monkeypatch.setattr(compiling, "_announced", set())
         compiling.announce("kernels.advance")
         assert len(caplog.records) == 1
-        monkeypatch.setattr(compiling, "_FOLDER", "")
+        monkeypatch.setattr(compiling, "FOLDER", "")
         compiling.announce("pinned_kernel.turn")
     assert "cannot keep it" in caplog.records[-1].message

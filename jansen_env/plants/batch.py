@@ -55,6 +55,7 @@ class Batch:
 
     Attributes:
         states: (n, 8) x, y, theta, psi and their rates; x, y the crank axis, m, rad, s.
+        model: the robots' tables, see :mod:`jansen_env.model`.
         parameters: (n, 13) what may differ between them, see :mod:`jansen_env.model`.
         totals: (n, 8), record: (n, pads, 3) sums over the last :meth:`step`, see
             :func:`jansen_env.kernels.advance`.
@@ -93,8 +94,8 @@ class Batch:
         self.detection_interval = positive("detection_interval", detection_interval)
         self._stride = max(1, round(detection_interval / time_step))
         self.tables = compile_robot(robots[0])
-        self._body, self._pads, self._layout = kernel_model(self.tables)
-        self.toes, pads = self.tables.layout.toes, len(self._layout)
+        self.model = kernel_model(self.tables)
+        self.toes, pads = self.tables.layout.toes, len(self.model.layout)
         vector = gravity_vector(gravity)
         self.parameters = np.array(
             [
@@ -137,13 +138,14 @@ class Batch:
     def energy(self, row: int) -> float:
         """Kinetic plus potential energy of a robot, J (potential 0 with its mass at y = 0)."""
         kinetic, potential = mechanical_energy(
-            self._body, self.parameters[row], self.states[row], np.empty((3, 6))
+            self.model.body, self.parameters[row], self.states[row], np.empty((3, 6))
         )
         return float(kinetic + potential)
 
     def look(self) -> None:
         """Find the ground where the robots are now; bumpers look where they may reach it."""
-        self.detector.look(self.states, self._pads, self._layout, self._depths)
+        _, pads, layout = self.model
+        self.detector.look(self.states, pads, layout, self._depths)
 
     def step(self, torque: Array, steps: int, trace: Array | None = None) -> None:
         """Hold crank torques (n,), N m, for some time steps.
@@ -164,7 +166,7 @@ class Batch:
         detector = self.detector
         common: tuple[Any, ...] = (
             fresh, count, self.time_step, torque, self.states, self.parameters,
-            self._body, self._pads, self._layout,
+            *self.model,
             detector.spans, detector.planes, detector.contacts,
         )  # fmt: skip
         out: tuple[Any, ...] = (self.totals, self.record, self.toes, trace)

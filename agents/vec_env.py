@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,7 +14,10 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
 from agents.rollout import make_env
+from jansen_env.envs import common
 from jansen_env.envs.walker_vector import JansenWalkerVectorEnv, Moved
+from jansen_env.envs.walking import FASTEST_COMMAND
+from jansen_env.terrain import make_terrain
 
 PER_ROBOT = ("friction", "max_episode_steps", "payload", "reset_noise_scale", "restitution",
              "speed_command", "terrain")  # fmt: skip
@@ -38,6 +42,8 @@ def make_vec_env(
     Raises:
         ValueError: an argument out of range.
     """
+    if not variants:
+        raise ValueError("variants is empty, must have at least one entry, such as {}")
     kwargs = dict(env_kwargs or {})
     each = [{**kwargs, **variants[i % len(variants)]} for i in range(num_envs)]
     if can_move_together(env_id, kwargs, variants):
@@ -71,11 +77,12 @@ def _together(
     for name in PER_ROBOT:
         if not any(name in one for one in each):
             continue
-        values = [one[name] if name in one else DEFAULTS[name] for one in each]
-        if name == "speed_command":  # numbers and ranges as ranges
-            values = np.array([np.broadcast_to(value, 2) for value in values], dtype=float)  # type: ignore[assignment]
-        elif name == "terrain" and all(value is values[0] for value in values):
-            values = values[0]
+        values = [one.get(name, _default(name)) for one in each]
+        if name == "terrain":  # which may be points, in YAML a list
+            made = {id(value): make_terrain(value) for value in values}
+            values = [made[id(value)] for value in values]
+        elif name == "speed_command":  # numbers and ranges, as ranges
+            values = [common.command_range(value, FASTEST_COMMAND) for value in values]
         own[name] = values
     env: Any = gym.make_vec(
         "JansenWalker-v0", num_envs=count, autoreset_mode=AutoresetMode.DISABLED, **shared, **own
@@ -84,11 +91,9 @@ def _together(
     return batched
 
 
-DEFAULTS: dict[str, Any] = {
-    "friction": None, "max_episode_steps": 500, "payload": None, "reset_noise_scale": 0.1,
-    "restitution": None, "speed_command": (0.05, 0.8), "terrain": "flat",
-}  # fmt: skip
-"""What those are where a variant leaves them out."""
+def _default(name: str) -> Any:
+    """What an argument is where a variant leaves it out."""
+    return inspect.signature(JansenWalkerVectorEnv).parameters[name].default
 
 
 class BatchVecEnv(VecEnv):
@@ -103,29 +108,28 @@ class BatchVecEnv(VecEnv):
         env: the robots.
         info_keys: what each step's information has of the single environment's, such as
             ``"slip"``; None for all. Dictionaries for every robot and step cost more than the
-            steps do; the last step of an episode always has all.
+            steps do; the last step of an episode always has all, and alone
+            ``TimeLimit.truncated``.
     """
 
     def __init__(self, env: JansenWalkerVectorEnv, info_keys: Sequence[str] | None = ()) -> None:
         self.env = env
         self.info_keys = info_keys
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        nothing, every = np.zeros(env.num_envs), np.ones(env.num_envs, bool)
+        known = sorted(key for key in env.infos(nothing, nothing, stepped=every) if key[0] != "_")
+        unknown = sorted(set(info_keys or ()) - set(known))
+        if unknown:
+            raise ValueError(f"info_keys has {unknown}, must be of {known}")
         self._actions: NDArray[np.float32] = np.zeros((env.num_envs, 1), np.float32)
 
     def reset(self) -> NDArray[np.float32]:
         """Start all episodes; returns their first observations (n, d)."""
-        names = {name for options in self._options for name in options}
-        options = {
-            name: [own[name] for own in self._options]
-            for name in names
-            if all(name in own for own in self._options)
-        }
-        if len(options) < len(names):
-            raise ValueError("set_options() must give the same options to all environments")
-        observations, infos = self.env.reset(seed=self._seeds, options=options)
-        self.reset_infos = [_of_one(infos, i) for i in range(self.num_envs)]
+        seeds, options = self._seeds, self._options
         self._reset_seeds()
         self._reset_options()
+        observations, infos = self.env.reset_each(seeds, options)
+        self.reset_infos = [_of_one(infos, i) for i in range(self.num_envs)]
         return observations
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
@@ -162,12 +166,7 @@ class BatchVecEnv(VecEnv):
         every = np.ones(self.num_envs, bool)
         whole = self.env.infos(moved.speed, moved.torque, stepped=every)
         if self.info_keys is not None:
-            unknown = set(self.info_keys) - set(whole)
-            if unknown:
-                raise ValueError(f"info_keys has {sorted(unknown)}, must be of {sorted(whole)}")
-            whole = {key: whole[key] for key in self.info_keys} | {
-                f"_{key}": every for key in self.info_keys
-            }
+            whole = {name: whole[name] for key in self.info_keys for name in (key, f"_{key}")}
         return [_of_one(whole, i) for i in range(self.num_envs)]
 
     def close(self) -> None:
@@ -183,7 +182,7 @@ class BatchVecEnv(VecEnv):
         return [getattr(self.env.members[i], attr_name) for i in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set an attribute of robots to one value, from their next episode on."""
+        """Set an attribute of robots; a new command counts from the next episode on."""
         for i in self._get_indices(indices):
             setattr(self.env.members[i], attr_name, value)
 

@@ -33,7 +33,7 @@ MARGIN = 0.05  # m from a pad within which a plane counts: a toe at 5 m/s crosse
 STRIDE = 0.1  # m that a pad may move before pymunk is asked again
 FACE = 1e-6  # rad, how far a contact's normal may be off a segment's to be taken as the face's
 SAME = 1e-9  # difference of two planes' numbers below which they are one
-PARK = 1e7  # m, where pads wait that are not looked at, a metre apart
+PARK = 1e7  # m, where pads wait that are not looked at, and how far apart
 APART = 1000.0  # m, between the grounds of two robots
 
 # Columns of a contact: its pad, and the last step's contact mode, a first guess.
@@ -141,7 +141,7 @@ class ContactDetector:
             self.owner, self.centres, self._asked_at,
         )  # fmt: skip
         if rows > len(self.owner):
-            self._grow(rows)
+            self._grow(max(rows, len(self.owner) * 3 // 2))
             self.look(states, pads, layout, depths)
             return
         self.find(rows, stale)
@@ -274,7 +274,8 @@ def _height(surface, k, x):
 
 @compiled(forceinline=True)
 def height_at(surface, begin, end, x):
-    """Height of the ground surface[begin:end] at ``x``, m."""
+    """Height of the ground surface[begin:end] at ``x``, m; beyond its ends that of the end."""
+    x = min(max(x, surface[begin, 0]), surface[end - 1, 0])
     return _height(surface, _segment(surface, begin, end, x), x)
 
 

@@ -74,6 +74,7 @@ TOTALS = 8
 SLIP, IMPULSE_T, IMPULSE_N = range(3)
 RECORD = 3
 TRAVEL = 4  # where, after the last pose, a robot's travel is
+SCRATCH = 32  # numbers: readings of the tables, 18 and 9, last pose and travel, 5
 # Where what is in a row of a trace: pose at the middle of the step and velocity before and after it
 # (of the centre of mass), torque, then x, y and moment impulse on each pad.
 POSE, BEFORE, AFTER, TORQUE, IMPULSES = 0, 4, 8, 12, 13
@@ -85,7 +86,7 @@ def work_space(capacity: int) -> tuple[Array, Ints]:
     Two flat arrays, which pass into a kernel faster than many.
     """
     n = 2 * capacity
-    return np.zeros(8 * n + 2 * n * n + 9 * n), np.zeros(7 * capacity + 1, np.int64)
+    return np.zeros(16 * n + 2 * n * n + SCRATCH), np.zeros(7 * capacity + 1, np.int64)
 
 
 @compiled(nogil=True)
@@ -113,14 +114,14 @@ def advance(
     J, MJ = floats[: 4 * n].reshape(n, 4), floats[4 * n : 8 * n].reshape(n, 4)
     W = floats[8 * n : 8 * n + n * n].reshape(n, n)
     A = floats[8 * n + n * n : 8 * n + 2 * n * n].reshape(n, n)
-    vectors = floats[8 * n + 2 * n * n :].reshape(9, n)
+    vectors = floats[8 * n + 2 * n * n : 16 * n + 2 * n * n].reshape(8, n)
+    scratch = floats[16 * n + 2 * n * n :]
     bend, q, P, u = vectors[0], vectors[1], vectors[2], vectors[3]
     rhs, mu, gap, clear = vectors[4], vectors[5], vectors[6], vectors[7]
-    sums, place = vectors[8, :18].reshape(3, 6), vectors[8, 18:27].reshape(3, 3)
-    pose = vectors[8, 27:32]
+    sums, place, pose = scratch[:18].reshape(3, 6), scratch[18:27].reshape(3, 3), scratch[27:]
     mode, which, index = ints[: n // 2], ints[n // 2 : n], ints[n:]
-    tracing = len(trace) > 0
     for r in range(first, last):
+        tracing = r == 0 and len(trace) > 0
         state, own, total, records = states[r], parameters[r], totals[r], record[r]
         if fresh:
             for i in range(TOTALS):

@@ -74,10 +74,8 @@ def test_information_of_a_step():
     venv = make_vec_env(ENV, 2, info_keys=["slip", "energy"])
     venv.reset()
     assert all(set(info) == {"slip", "energy"} for info in venv.step(np.zeros((2, 1)))[3])
-    venv = make_vec_env(ENV, 2, info_keys=["slop"])
-    venv.reset()
     with pytest.raises(ValueError, match="slop"):
-        venv.step(np.zeros((2, 1)))
+        make_vec_env(ENV, 2, info_keys=["slop"])
 
 
 def test_attributes_methods_and_options():
@@ -96,6 +94,35 @@ def test_attributes_methods_and_options():
     venv.set_options([{"crank_angle": angle} for angle in (0.0, 1.0, 2.0)])
     venv.reset()
     assert [info["crank_angle"] for info in venv.reset_infos] == [0.0, 1.0, 2.0]
+
+
+def test_what_is_refused():
+    """A step before the first reset, no variants, and a command that is none."""
+    with pytest.raises(gym.error.ResetNeeded):
+        make_vec_env(ENV, 2).step(np.zeros((2, 1)))
+    for variants, named in (((), "variants"), ([{"speed_command": [1, 2, 3]}], "speed_command")):
+        with pytest.raises(ValueError, match=named):
+            make_vec_env(ENV, 2, {}, variants)
+
+
+def test_options_may_differ():
+    """Some robots with, some without; a bad one does not outlive its reset."""
+    venv = make_vec_env(ENV, 2)
+    venv.set_options([{"speed_command": 0.4}, {}])
+    assert venv.reset()[0, 9] == np.float32(0.4)
+    venv.set_options([{"speed_command": 9.0}, {}])
+    with pytest.raises(ValueError, match="speed_command"):
+        venv.reset()
+    venv.reset()
+
+
+def test_ground_from_points():
+    """As in a configuration file, for all or for some."""
+    points = [[-1.0, 0.0], [0.2, 0.05], [1.0, 0.0]]
+    venv = make_vec_env(ENV, 2, {"terrain": points})
+    assert venv.get_attr("terrain") == [Terrain(points)] * 2
+    venv = make_vec_env(ENV, 2, {}, [{"terrain": points}, {}])
+    assert venv.get_attr("terrain") == [Terrain(points), Terrain.flat()]
 
 
 def test_pictures():

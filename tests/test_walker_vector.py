@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -145,6 +148,52 @@ def test_a_mask_resets_some():
             ours.reset(options={"reset_mask": bad})
 
 
+def test_masks_may_reset_all_in_turn():
+    """Before the first step; those left out are named."""
+    env = together(3, AutoresetMode.DISABLED)
+    env.reset(options={"reset_mask": np.array([True, False, True])})
+    with pytest.raises(gym.error.ResetNeeded, match=r"\[1\]"):
+        env.step(np.zeros((3, 1)))
+    env.reset(options={"reset_mask": np.array([False, True, False])})
+    env.step(np.zeros((3, 1)))
+
+
+def test_copies_and_pickles_go_on_bit_for_bit():
+    """In mid-walk, on rough ground, with threads."""
+    env = together(32, limit=30, terrain=ROUGH, threads=2)
+    env.reset(seed=3)
+    rng = np.random.default_rng(0)
+    actions = rng.uniform(-1.0, 1.0, (60, 32, 1)).astype(np.float32)
+    for action in actions[:10]:
+        env.step(action)
+    others = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    for action in actions[10:]:
+        expected = env.step(action)
+        for other in others:
+            found = other.step(action)
+            assert np.array_equal(found[0], expected[0]) and np.array_equal(found[1], expected[1])
+            same(found[4], expected[4])
+
+
+def test_an_action_that_is_ignored_may_be_anything():
+    """That of a robot that only starts its next episode in this step."""
+    env = together(2, limit=1)
+    env.reset(seed=0)
+    env.step(np.zeros((2, 1)))
+    env.step(np.full((2, 1), np.nan))
+    with pytest.raises(ValueError, match=r"actions\[1\] is nan"):
+        env.step(np.array([[0.0], [np.nan]]))
+
+
+def test_ground_from_points_and_lists_of_ranges():
+    """What the single environment takes, and one for each as a list."""
+    points = [(-1.0, 0.0), (0.2, 0.05)]
+    env = together(2, limit=-1, terrain=points, speed_command=[(0.1, 0.1), (0.2, 0.3)])
+    assert env.terrains[0].points == tuple(points) and env.terrains[1] is env.terrains[0]
+    assert env.commands.tolist() == [[0.1, 0.1], [0.2, 0.3]]
+    assert np.isinf(env.max_episode_steps).all()
+
+
 def test_options_for_each():
     """Commands and crank angles as arrays."""
     env = together(3)
@@ -190,6 +239,8 @@ def test_members_can_be_asked_and_told():
         env.set_attr("friction", -1.0)
     with pytest.raises(ValueError, match="entries"):
         env.set_attr("friction", [0.1])
+    with pytest.raises(ValueError, match="payload"):
+        env.set_attr("payload", None)
 
 
 def test_pictures():
@@ -220,7 +271,9 @@ def test_pictures():
         ({"track_joint_forces": True}, "track_joint_forces"),
         ({"render_mode": "human"}, "render_mode"),
         ({"max_episode_steps": 0}, "max_episode_steps"),
-        ({"autoreset_mode": "never"}, "never"),
+        ({"autoreset_mode": "never"}, "autoreset_mode is 'never'"),
+        ({"friction": [[0.1], 0.2]}, "friction"),
+        ({"payload": [{}, 1.0]}, "payload"),
         ({"threads": 0}, "threads"),
         ({"control_dt": 0.0205}, "control_dt"),
     ],
@@ -237,7 +290,7 @@ def test_bad_calls():
     with pytest.raises(gym.error.ResetNeeded):
         env.step(action)
     env.reset(seed=0)
-    for bad in (np.zeros(2), np.full((2, 1), np.nan), np.zeros((3, 1))):
+    for bad in (np.zeros(2), np.full((2, 1), np.nan), np.zeros((3, 1)), "ab"):
         with pytest.raises(ValueError, match="actions"):
             env.step(bad)
     env.step(action)
@@ -245,6 +298,7 @@ def test_bad_calls():
         env.step(action)
     for arguments, named in (
         ({"seed": [1]}, "seed"),
+        ({"seed": 1.0}, "seed is 1.0"),
         ({"options": {"speed_command": [0.1]}}, "speed_command"),
         ({"options": {"speed": 0.1}}, "speed"),
     ):

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from numbers import Integral
 from typing import Any
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from jansen_env.robot import ROBOTS, Payload, Robot
@@ -52,13 +54,13 @@ def terrain_of_each(
     several = isinstance(terrain, (list, tuple)) and all(
         isinstance(one, (Terrain, str)) for one in terrain
     )
-    grounds = _each("terrain", terrain if several else (terrain,) * count, count)
+    grounds = _each("terrain", terrain, count) if several else [terrain] * count
     frictions = _each("friction", friction, count)
     restitutions = _each("restitution", restitution, count)
     made: dict[Any, Terrain] = {}  # robots on equal ground share it
     terrains = []
     for chosen in zip(grounds, frictions, restitutions, strict=True):
-        key = (id(chosen[0]), *chosen[1:])
+        key = (id(chosen[0]), repr(chosen[1:]))
         if key not in made:
             made[key] = make_terrain(*chosen)
         terrains.append(made[key])
@@ -67,10 +69,12 @@ def terrain_of_each(
 
 def _each(name: str, value: Any, count: int) -> list[Any]:
     """``count`` values: the entries of a sequence or array (count,), or one value repeated."""
-    if not isinstance(value, (list, tuple, np.ndarray)):
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if not isinstance(value, (list, tuple)):
         return [value] * count
-    if np.ndim(value) != 1 or len(value) != count:
-        raise ValueError(f"{name} has shape {np.shape(value)}, must be one, or ({count},)")
+    if len(value) != count:
+        raise ValueError(f"{name} has {len(value)} entries, must have {count}, or be one")
     return list(value)
 
 
@@ -81,30 +85,29 @@ def robot_of_each(count: int, robot: Robot | str, payload: Any = None) -> list[R
         ValueError: not one for each, or a value out of range.
     """
     payloads = _each("payload", payload, count)
-    made: dict[Any, Robot] = {}
+    made: dict[str, Robot] = {}
     for one in payloads:
-        if one not in made:
-            made[one] = load_robot(robot, one)
-    return [made[one] for one in payloads]
+        if repr(one) not in made:
+            made[repr(one)] = load_robot(robot, one)
+    return [made[repr(one)] for one in payloads]
 
 
 def command_of_each(count: int, command: Any, limit: float) -> Array:
     """(count, 2) ranges of commanded speeds, m/s.
 
     Args:
-        command: a number or (low, high) for all; an array (count,) of numbers or (count, 2) of
-            ranges for each.
+        command: a number or (low, high) for all; an array (count,) of numbers, or an array
+            (count, 2) or list of ranges for each.
 
     Raises:
         ValueError: not one for each, or a value out of range.
     """
-    if isinstance(command, np.ndarray):
-        if command.shape not in ((count,), (count, 2)):
-            raise ValueError(
-                f"speed_command has shape {command.shape}, must be ({count},) or ({count}, 2)"
-            )
-        return np.array([command_range(one, limit) for one in command.tolist()])
-    return np.tile(command_range(command, limit), (count, 1))
+    several = isinstance(command, np.ndarray) or (
+        isinstance(command, (list, tuple))
+        and any(isinstance(one, (list, tuple, np.ndarray)) for one in command)
+    )
+    commands = _each("speed_command", command, count) if several else [command] * count
+    return np.array([command_range(one, limit) for one in commands])
 
 
 def noise_of_each(count: int, noise: Any) -> Array:
@@ -118,14 +121,42 @@ def noise_of_each(count: int, noise: Any) -> Array:
 
 
 def limit_of_each(count: int, limit: Any) -> Array:
-    """(count,) steps after which an episode is truncated, inf for None, from one or one for each.
+    """(count,) steps after which an episode is truncated, from one or from one for each.
+
+    None and -1, as ``gym.make`` has it, stand for never (inf).
 
     Raises:
         ValueError: not one for each, or no whole number above 0.
     """
     name = "max_episode_steps"
     limits = _each(name, limit, count)
-    return np.array([np.inf if one is None else positive_integer(name, one) for one in limits])
+    return np.array(
+        [np.inf if one in (None, -1) else positive_integer(name, one) for one in limits]
+    )
+
+
+def seed_of_each(count: int, seed: Any) -> list[int | None]:
+    """``count`` seeds: seed, seed + 1, ... from one, those of a sequence, or none.
+
+    Raises:
+        ValueError: anything else.
+    """
+    if seed is None:
+        return [None] * count
+    if isinstance(seed, Integral):
+        return [int(seed) + i for i in range(count)]
+    if not isinstance(seed, (list, tuple, np.ndarray)) or len(seed) != count:
+        raise ValueError(f"seed is {seed!r}, must be a whole number, or {count} of them")
+    return [None if one is None else int(one) for one in seed]
+
+
+def autoreset_mode(mode: Any) -> AutoresetMode:
+    """Gymnasium's :class:`AutoresetMode`, also by its value."""
+    try:
+        return AutoresetMode(mode)
+    except ValueError:
+        allowed = [one.value for one in AutoresetMode]
+        raise ValueError(f"autoreset_mode is {mode!r}, must be one of {allowed}") from None
 
 
 def options_of_each(count: int, options: dict[str, Any]) -> list[dict[str, Any]]:
@@ -160,6 +191,27 @@ def render_mode(mode: Any) -> str | None:
     if mode is not None and mode not in RENDER_MODES:
         raise ValueError(f"render_mode is {mode!r}, must be None or one of {RENDER_MODES}")
     return mode
+
+
+def torque_shares(actions: Any, counting: NDArray[np.bool_]) -> Array:
+    """Actions (n, 1) as shares (n,) of the torque limit, clipped to -1 .. 1, 0 if not ``counting``.
+
+    Raises:
+        ValueError: not one finite number for each that counts.
+    """
+    count = len(counting)
+    try:
+        shares = np.asarray(actions, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"actions are {actions!r}, must be numbers, shape ({count}, 1)") from None
+    if shares.shape != (count, 1):
+        raise ValueError(f"actions have shape {shares.shape}, must have ({count}, 1)")
+    shares = np.where(counting, shares[:, 0], 0.0)
+    if not np.isfinite(shares).all():
+        bad = int(np.argmin(np.isfinite(shares)))
+        raise ValueError(f"actions[{bad}] is {shares[bad]}, must be finite")
+    clipped: Array = np.minimum(1.0, np.maximum(-1.0, shares))
+    return clipped
 
 
 def torque_share(action: Any) -> float:

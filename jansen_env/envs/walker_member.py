@@ -32,7 +32,8 @@ class Member:
     """Robot ``index`` of a batched environment.
 
     Attributes:
-        friction, restitution: of its ground. payload: its :class:`Payload` (kg can be set).
+        friction, restitution: in force under its toes. payload: its :class:`Payload` (kg can be
+            set).
         speed_command: m/s, (low, high) that the next episodes draw from (a number can be set).
         robot, terrain, state, weight, np_random: to be read, as what all have in common.
     """
@@ -118,7 +119,10 @@ class Member:
 
     @payload.setter
     def payload(self, value: Payload | float) -> None:
+        if value is None:
+            raise ValueError("payload is None, must be a Payload or kg at the crank axis")
         self._batched.carry(self._index, common.load_robot(self.robot, value))
+        self.close()  # its pictures show the old one
 
     @property
     def speed_command(self) -> tuple[float, float]:
@@ -152,6 +156,9 @@ class Member:
         )  # fmt: skip
         picture: NDArray[np.uint8] | None = self._renderer.draw(frame)
         return picture
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_renderer": None}
 
     def close(self) -> None:
         """Let go of its pictures."""

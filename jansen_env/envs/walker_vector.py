@@ -114,7 +114,7 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode is {render_mode!r}, must be None or 'rgb_array'")
         self.render_mode = render_mode
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.autoreset_mode = common.autoreset_mode(autoreset_mode)
         self.max_episode_steps = common.limit_of_each(n, max_episode_steps)
         self.terrains = common.terrain_of_each(n, terrain, friction, restitution)
         self.robots = common.robot_of_each(n, robot, payload)
@@ -144,7 +144,7 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
         self.members = [Member(self, i) for i in range(n)]
         self.elapsed = np.zeros(n, np.int64)  # steps of each episode
         self._done = np.ones(n, bool)  # must be reset before it goes on
-        self._begun = False
+        self._begun = np.zeros(n, bool)
         self._generators: list[np.random.Generator | None] = [None] * n
         self._seeds = [-1] * n
         self._alone: dict[int, ProjectionPlant] = {}
@@ -167,18 +167,22 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
         """
         options = dict(options or {})
         mask = self._reset_mask(options.pop("reset_mask", None))
-        seeds = (
-            [None if seed is None else int(seed) + i for i in range(self.num_envs)]
-            if seed is None or isinstance(seed, (int, np.integer))
-            else list(seed)
-        )
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"seed has {len(seeds)} entries, must have {self.num_envs}, or be one")
+        seeds = common.seed_of_each(self.num_envs, seed)
+        return self.reset_each(seeds, common.options_of_each(self.num_envs, options), mask)
+
+    def reset_each(
+        self,
+        seeds: Sequence[int | None],
+        options: Sequence[dict[str, Any]],
+        mask: Flags | None = None,
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """:meth:`reset` with a seed and options for each robot; ``mask`` (num_envs,) names some."""
+        mask = np.ones(self.num_envs, bool) if mask is None else mask
         for i in np.flatnonzero(mask).tolist():
             if seeds[i] is not None:
                 self._generators[i], self._seeds[i] = seeding.np_random(seeds[i])
-        self._begin(np.flatnonzero(mask), common.options_of_each(self.num_envs, options))
-        self._begun = self._begun or bool(mask.all())
+        self._begin(np.flatnonzero(mask), options)
+        self._begun |= mask
         velocity = self.batch.states[:, 4].copy()
         infos = self.infos(velocity, np.zeros(self.num_envs), known=mask)
         return self.task.observe(self.batch.states).copy(), infos
@@ -251,7 +255,7 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
                 ``AutoresetMode.DISABLED`` while an episode is over.
         """
         over = self._done.copy()
-        if not self._begun or (over.any() and self.autoreset_mode == AutoresetMode.DISABLED):
+        if over.any() and self.autoreset_mode == AutoresetMode.DISABLED:
             raise gym.error.ResetNeeded(
                 f"robots {np.flatnonzero(over).tolist()} must be reset before the next step()"
             )
@@ -273,14 +277,14 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
 
         Raises:
             ValueError, FloatingPointError: as :meth:`step`.
+            gymnasium.error.ResetNeeded: before the first :meth:`reset`.
         """
         batch, task = self.batch, self.task
-        share = np.asarray(actions, dtype=float)
-        if share.shape != (self.num_envs, 1) or not np.isfinite(share).all():
-            raise ValueError(
-                f"actions have shape {share.shape}, must be finite and ({self.num_envs}, 1)"
+        if not self._begun.all():
+            raise gym.error.ResetNeeded(
+                f"robots {np.flatnonzero(~self._begun).tolist()} must be reset before they move"
             )
-        task.share[:] = np.minimum(1.0, np.maximum(-1.0, share[:, 0]))
+        task.share[:] = common.torque_shares(actions, ~self._done)
         torque = task.share * self.torque_limit
         x_before = batch.states[:, 0].copy()
         batch.step(torque, self._steps)
@@ -410,6 +414,9 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
             return None
         return tuple(member.render() for member in self.members)
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_alone": {}}
+
     def close_extras(self, **kwargs: Any) -> None:
         """Let go of pictures and threads."""
         for member in self.members:
@@ -422,7 +429,7 @@ def _masked(values: dict[str, Any], known: Flags) -> dict[str, Any]:
     infos: dict[str, Any] = {}
     for key, value in values.items():
         infos[key] = _masked(value, known) if isinstance(value, dict) else value
-        infos[f"_{key}"] = known
+        infos[f"_{key}"] = known.copy()
     return infos
 
 

@@ -28,7 +28,7 @@ from jansen_env.model import (
     parameters,
 )
 from jansen_env.reduced import compile_robot
-from jansen_env.robot import Payload, Robot
+from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 from jansen_env.validation import positive, positive_integer
 
@@ -75,21 +75,17 @@ class Batch:
         threads: int | None = None,
     ) -> None:
         announce("kernels.advance")
+        self._arguments = (
+            list(robots), list(terrains), time_step, gravity, detection_interval, threads,
+        )  # fmt: skip
         if len(robots) != len(terrains) or not robots:
             raise ValueError(
                 f"there are {len(robots)} robots and {len(terrains)} terrains, must be as many, "
                 "and at least one"
             )
-        if (
-            len(
-                {
-                    replace(robot, payload=Payload())
-                    for robot in {id(robot): robot for robot in robots}.values()
-                }
-            )
-            > 1
-        ):
-            raise ValueError("robots has several designs, must differ in their payloads only")
+        for robot in {id(robot): robot for robot in robots}.values():
+            if replace(robot, payload=robots[0].payload) != robots[0]:
+                raise ValueError("robots are of several designs, must differ in payload only")
         self.time_step = positive("time_step", time_step)
         self.detection_interval = positive("detection_interval", detection_interval)
         self._stride = max(1, round(detection_interval / time_step))
@@ -177,9 +173,23 @@ class Batch:
             self._threads().submit(kernels.advance, *share, *common, *work, *out)
             for share, work in zip(self._shares[1:], self._work[1:], strict=True)
         ]
-        kernels.advance(*self._shares[0], *common, *self._work[0], *out)
-        for future in waiting:
-            future.result()
+        try:
+            kernels.advance(*self._shares[0], *common, *self._work[0], *out)
+        finally:  # whatever happens here, nothing goes on in the background
+            for future in waiting:
+                future.result()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The arguments, and what has become of them: everything else is made anew from them."""
+        return {
+            "arguments": self._arguments, "states": self.states, "parameters": self.parameters,
+            "totals": self.totals, "record": self.record,
+        }  # fmt: skip
+
+    def __setstate__(self, saved: dict[str, Any]) -> None:
+        self.__init__(*saved["arguments"])  # type: ignore[misc]
+        for name in ("states", "parameters", "totals", "record"):
+            getattr(self, name)[:] = saved[name]
 
     def close(self) -> None:
         """End the threads; a later :meth:`step` starts new ones."""
@@ -199,6 +209,6 @@ def _shares(robots: int, threads: int | None) -> list[tuple[int, int]]:
     if threads is None:
         available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else None
         threads = max(1, min(available or os.cpu_count() or 1, robots // ROBOTS_PER_THREAD))
-    positive_integer("threads", threads)
+    threads = min(positive_integer("threads", threads), robots)
     ends = np.linspace(0, robots, threads + 1).astype(int).tolist()
     return list(pairwise(ends))

@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 MARGIN = 0.05  # m from a pad within which a plane counts: a toe at 5 m/s crosses it in 10 ms
-STRIDE = 0.1  # m that a pad may move before pymunk is asked again
+STRIDE = 0.3  # m that a pad may move before pymunk is asked again
 FACE = 1e-6  # rad, how far a contact's normal may be off a segment's to be taken as the face's
 SAME = 1e-9  # difference of two planes' numbers below which they are one
 PARK = 1e7  # m, where pads wait that are not looked at, and how far apart

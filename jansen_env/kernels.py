@@ -156,6 +156,16 @@ def advance(
         total[ENERGY] = kinetic + potential - total[BEFORE_IT]
 
 
+@compiled
+def all_believable(states, limit):
+    """Whether all speeds in ``states`` (robots, 8) are below ``limit``, m/s and rad/s."""
+    for r in range(len(states)):
+        for i in range(4, 8):
+            if not abs(states[r, i]) < limit:
+                return False
+    return True
+
+
 def trace_width(pads: int) -> int:
     """Columns of a trace for a robot with so many pads."""
     return IMPULSES + 3 * pads

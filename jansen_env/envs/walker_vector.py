@@ -309,8 +309,9 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
 
     def _check(self, torque: Array) -> None:
         """Raises FloatingPointError for the first robot, of those that go on, that has diverged."""
-        believed = (np.abs(self.batch.states[:, 4:]) < DIVERGED).all(axis=1)
-        for i in np.flatnonzero(~(believed | self._done)).tolist():
+        if kernels.all_believable(self.batch.states, DIVERGED):
+            return
+        for i in np.flatnonzero(~self._done).tolist():
             check_converged(self.batch.states[i], float(torque[i]))
 
     def _restarted(self, done: Flags, last: dict[str, Any], moved: Moved) -> dict[str, Any]:

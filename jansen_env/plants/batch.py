@@ -7,7 +7,6 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -39,6 +38,7 @@ DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are 
 PITCHES = 256  # at which it is known how deep the bumpers reach
 PLANES_PER_PAD = 4  # kept of a robot, on average over its pads
 ROBOTS_PER_THREAD = 16  # at least, or starting a thread takes longer than it saves
+ROBOTS_AT_A_TIME = 32  # at most, moved by a thread before it takes the next ones
 
 
 class Batch:
@@ -107,8 +107,10 @@ class Batch:
         self.totals = np.zeros((n, kernels.TOTALS))
         self.record = np.zeros((n, pads, kernels.RECORD))
         self._no_trace = np.zeros((0, kernels.trace_width(pads)))
-        self._shares = _shares(n, threads)
-        self._work: list[tuple[Any, ...]] = [kernels.work_space(capacity) for _ in self._shares]
+        count = _threads(n, threads)
+        size = min(ROBOTS_AT_A_TIME, -(-n // count))
+        self._shares = [(first, min(first + size, n)) for first in range(0, n, size)]
+        self._work: list[tuple[Any, ...]] = [kernels.work_space(capacity) for _ in range(count)]
         self._pool: tuple[int, ThreadPoolExecutor] | None = None
 
     def _bumper_depths(self, margin: float) -> Array:
@@ -166,15 +168,15 @@ class Batch:
             detector.spans, detector.planes, detector.contacts,
         )  # fmt: skip
         out: tuple[Any, ...] = (self.totals, self.record, self.toes, trace)
-        if len(self._shares) == 1:
-            kernels.advance(0, len(self.states), *common, *self._work[0], *out)
-            return
-        waiting = [
-            self._threads().submit(kernels.advance, *share, *common, *work, *out)
-            for share, work in zip(self._shares[1:], self._work[1:], strict=True)
-        ]
+        shares = iter(self._shares)
+
+        def work(memory: tuple[Any, ...]) -> None:
+            for share in shares:  # each thread takes the next one
+                kernels.advance(*share, *common, *memory, *out)
+
+        waiting = [self._threads().submit(work, memory) for memory in self._work[1:]]
         try:
-            kernels.advance(*self._shares[0], *common, *self._work[0], *out)
+            work(self._work[0])
         finally:  # whatever happens here, nothing goes on in the background
             for future in waiting:
                 future.result()
@@ -200,15 +202,13 @@ class Batch:
     def _threads(self) -> ThreadPoolExecutor:
         """Threads of this process: a forked one starts its own."""
         if self._pool is None or self._pool[0] != os.getpid():
-            self._pool = os.getpid(), ThreadPoolExecutor(len(self._shares) - 1, "jansen")
+            self._pool = os.getpid(), ThreadPoolExecutor(len(self._work) - 1, "jansen")
         return self._pool[1]
 
 
-def _shares(robots: int, threads: int | None) -> list[tuple[int, int]]:
-    """Which robots each thread moves: (first, last + 1)."""
-    if threads is None:
-        available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else None
-        threads = max(1, min(available or os.cpu_count() or 1, robots // ROBOTS_PER_THREAD))
-    threads = min(positive_integer("threads", threads), robots)
-    ends = np.linspace(0, robots, threads + 1).astype(int).tolist()
-    return list(pairwise(ends))
+def _threads(robots: int, threads: int | None) -> int:
+    """How many threads move so many robots."""
+    if threads is not None:
+        return min(positive_integer("threads", threads), robots)
+    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else None
+    return max(1, min(available or os.cpu_count() or 1, robots // ROBOTS_PER_THREAD))

@@ -125,12 +125,19 @@ def _score(folder: Path, env_id: str, env_kwargs: dict[str, Any], episodes: int)
     write_json(folder / "scores.json", scores)
     score_figure(task, scores, folder / "scores.png")
     history = folder / "evaluations.json"
-    if history.exists():
+    evaluations = json.loads(history.read_text()) if history.exists() else []
+    if evaluations:
         levels = {name: scores[name]["overall"]["return"][0] for name in task.rivals}
-        training_figure(json.loads(history.read_text()), levels, folder / "training.png")
+        training_figure(evaluations, levels, folder / "training.png")
     print(markdown_table(task, scores))
     rival = task.rivals[0]
     ours, theirs = (scores[name]["overall"]["return"][0] for name in (list(scores)[-1], rival))
+    ahead = next((row for row in evaluations if row["return"] > theirs), None)
+    if ahead is not None and "seconds" in ahead:
+        print(
+            f"ahead of {rival} at the evaluation after {ahead['steps']:.0f} steps, "
+            f"{ahead['seconds']:.0f} s from the start"
+        )
     print(f"return: {ours:.0f} against {theirs:.0f} of {rival}; figures in {folder}")
 
 

@@ -15,6 +15,7 @@ import io
 import json
 import pickle
 import re
+import time
 import zipfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -324,6 +325,8 @@ class Saver(BaseCallback):
     def _on_training_start(self) -> None:
         self._next_save = self.num_timesteps + self.save_every
         self._next_eval = self.num_timesteps + self.eval_every
+        trained = self.history[-1].get("seconds", 0.0) if self.history else 0.0
+        self._begun = time.perf_counter() - trained
 
     def _on_step(self) -> bool:
         if self.save_every and self.num_timesteps >= self._next_save:
@@ -345,7 +348,11 @@ class Saver(BaseCallback):
         env.close()
         for name, value in scored.items():
             self.logger.record(f"eval/{name}", value)
-        row: dict[str, Any] = {"steps": float(self.num_timesteps), **scored}
+        row: dict[str, Any] = {
+            "steps": float(self.num_timesteps),
+            "seconds": round(time.perf_counter() - self._begun, 1),  # of training, this included
+            **scored,
+        }
         if row["return"] > self.best:
             self.best = row["return"]
             save_model(self.model, self.folder / "best_model.zip")

@@ -1,7 +1,8 @@
 """Many robots at once: ``gym.make_vec("JansenWalker-v0")`` beside envpool's ``Walker2d-v5``.
 
-Random actions drawn beforehand; every round begins with a reset of all and is at least as long as
-an episode, so that what ends, falls included, starts again within the time measured. A step that
+Random actions drawn beforehand. Every round begins with a reset of all, which is not measured; the
+robots then stand at evenly spread places of their episodes, so that time limits end as many of them
+as in a long run, and what ends, falls included, starts again within the time measured. A step that
 resets an environment counts as a step, here and at envpool.
 """
 
@@ -30,8 +31,8 @@ ENVPOOL_RUNS = sys.platform == "linux" and sys.version_info >= (3, 11)
 NEEDS = ("mujoco", "envpool") if ENVPOOL_RUNS else ("mujoco",)
 COUNTS, QUICK_COUNTS = (1, 4, 16, 64, 256, 1024, 4096), (1, 4)
 COMPARED, QUICK_COMPARED = 256, 4  # robots, at which peers and rough ground are measured
-EPISODE = 512  # vector steps of a round: one episode and the reset after it
-FEWEST_STEPS = 5000  # of all robots together in a round
+ROBOT_STEPS, QUICK_ROBOT_STEPS = 60_000, 100  # of all robots together in a round, about
+FEWEST_STEPS, MOST_STEPS = 16, 5000  # vector steps of a round
 PEER_EPISODE = 100  # vector steps of envpool's rounds; its episodes last some 25
 MEMORY_COUNTS, QUICK_MEMORY_COUNTS = (256, 1024, 4096), (16,)
 
@@ -64,10 +65,14 @@ class VectorRunner:
     Args:
         venv: Gymnasium's or envpool's, reset once already. steps: of a round.
         space: of one environment's action.
+        limit: steps after which its episodes end, to begin at evenly spread places of them; None
+            to begin all of them at the start.
     """
 
-    def __init__(self, venv: Any, count: int, space: gym.spaces.Box, steps: int) -> None:
-        self.venv, self.count = venv, count
+    def __init__(
+        self, venv: Any, count: int, space: gym.spaces.Box, steps: int, limit: int | None = None
+    ) -> None:
+        self.venv, self.count, self.limit = venv, count, limit
         shape = (steps, count, *space.shape)
         drawn = np.random.default_rng(0).uniform(space.low, space.high, shape)
         self.actions = list(drawn.astype(space.low.dtype))
@@ -76,20 +81,21 @@ class VectorRunner:
         """Take all actions from a fresh start; environment steps/s."""
         venv = self.venv
         venv.reset()
+        if self.limit is not None:
+            venv.unwrapped.elapsed[:] = np.arange(self.count) * self.limit // self.count
         start = time.perf_counter()
         for action in self.actions:
             venv.step(action)
         return len(self.actions) * self.count / (time.perf_counter() - start)
 
 
-def ours(count: int, episode: int = EPISODE, **arguments: Any) -> VectorRunner:
+def ours(count: int, robot_steps: int = ROBOT_STEPS, **arguments: Any) -> VectorRunner:
     """So many robots, as ``gym.make_vec`` makes them by default."""
     venv = gym.make_vec(OURS, num_envs=count, **arguments)
     venv.reset(seed=0)
     space: Any = venv.single_action_space
-    return VectorRunner(
-        venv, count, space, max(episode, FEWEST_STEPS * episode // EPISODE // count)
-    )
+    steps = min(max(FEWEST_STEPS, robot_steps // count), MOST_STEPS)
+    return VectorRunner(venv, count, space, steps, gym.spec(OURS).max_episode_steps)
 
 
 def theirs(count: int, threads: int, episode: int = PEER_EPISODE) -> VectorRunner:
@@ -102,11 +108,12 @@ def theirs(count: int, threads: int, episode: int = PEER_EPISODE) -> VectorRunne
 
 def measure(rounds: int, quick: bool) -> dict[str, Any]:
     """Rates by number of robots, and the peers' in the same rounds; ready for JSON."""
-    episode, peer_episode = (16, 16) if quick else (EPISODE, PEER_EPISODE)
+    robot_steps = QUICK_ROBOT_STEPS if quick else ROBOT_STEPS
+    peer_episode = 16 if quick else PEER_EPISODE
     compared = QUICK_COMPARED if quick else COMPARED
     counts = QUICK_COUNTS if quick else COUNTS
-    batches = {count: ours(count, episode) for count in counts}
-    rough = ours(compared, episode, terrain=rough_ground(SEGMENTS))
+    batches = {count: ours(count, robot_steps) for count in counts}
+    rough = ours(compared, robot_steps, terrain=rough_ground(SEGMENTS))
     single = Runner(MUJOCO, QUICK_STEPS if quick else STEPS)
     runners: dict[str, Runner | VectorRunner] = {str(n): batch for n, batch in batches.items()}
     runners |= {"rough": rough, MUJOCO: single}

@@ -35,24 +35,22 @@ COMPILES = "compiles"  # a word of what is said while it does
 
 
 def measure(rounds: int, quick: bool) -> dict[str, Any]:
-    """Seconds, medians of so many new processes each; ready for JSON.
+    """Seconds: of one process that compiles, and medians of later ones; ready for JSON.
 
     Raises:
         RuntimeError: the import brings in what only training needs, or the compiling is not told.
     """
     del rounds  # new processes do not warm up
     found: dict[str, list[dict[str, float]]] = {"import": [], "first": [], "later": []}
-    said = ""
-    for _ in range(QUICK_RUNS if quick else RUNS):
-        found["import"].append(_numbers(IMPORT + PRINT_IMPORT)[0])
-        with tempfile.TemporaryDirectory() as cache:
-            for which in ("first", "later"):
-                numbers, errors = _numbers(IMPORT + WALK + PRINT_WALK, NUMBA_CACHE_DIR=cache)
-                found[which].append(numbers)
-                if which == "first":
-                    said = errors.strip().replace(cache, "NUMBA_CACHE_DIR")
-                    if COMPILES not in said:
-                        raise RuntimeError(f"it compiled, but said only {said!r}")
+    with tempfile.TemporaryDirectory() as cache:
+        numbers, errors = _numbers(IMPORT + WALK + PRINT_WALK, NUMBA_CACHE_DIR=cache)
+        found["first"].append(numbers)
+        said = errors.strip().replace(cache, "NUMBA_CACHE_DIR")
+        if COMPILES not in said:
+            raise RuntimeError(f"it compiled, but said only {said!r}")
+        for _ in range(QUICK_RUNS if quick else RUNS):
+            found["import"].append(_numbers(IMPORT + PRINT_IMPORT)[0])
+            found["later"].append(_numbers(IMPORT + WALK + PRINT_WALK, NUMBA_CACHE_DIR=cache)[0])
     return {
         "runs": len(found["import"]),
         "seconds": {

@@ -106,8 +106,9 @@ class ContactDetector:
 
     def _grow(self, rows: int) -> None:
         """Have pads for so many rows."""
-        for _ in range(rows - len(self._bodies)):
+        for i in range(len(self._bodies), rows):
             body = pymunk.Body(1.0, math.inf)
+            body.position = PARK * (i + 1), PARK * (i + 1)  # on one spot each would know each
             circle = pymunk.Circle(body, self._far)
             circle.filter = pymunk.ShapeFilter(group=1)  # pads never touch one another
             self._space.add(body, circle)

@@ -50,15 +50,13 @@ def kernel_model(tables: Tables) -> Model:
     )
 
 
-def parameters(
-    tables: Tables, gravity: tuple[float, float], friction: float = 0.0, restitution: float = 0.0
-) -> Array:
-    """(13,) the parameters of a robot with these tables; its crank is not driven."""
+def parameters(tables: Tables, gravity: tuple[float, float]) -> Array:
+    """(13,) the parameters of a robot with these tables, on frictionless ground, not driven."""
     robot, load = tables.robot, tables.robot.payload
     row = np.zeros(PARAMETERS)
     row[MASS : LOAD_Y + 1] = robot.mass, load.mass, load.inertia, *load.position
     row[GRAVITY_X : GRAVITY_Y + 1] = gravity
-    row[FRICTION], row[RESTITUTION], row[PAD_RADIUS] = friction, restitution, robot.pad_radius
+    row[PAD_RADIUS] = robot.pad_radius
     used = np.unique(tables.layout.table)
     centre = np.hypot(*tables.body[:, :2, :2].swapaxes(0, 1)).max(axis=0) / robot.mass
     pad = np.hypot(*tables.pads[used][:, :, :2, :2].transpose(2, 0, 1, 3)).max(axis=(0, 1))

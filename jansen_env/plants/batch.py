@@ -83,7 +83,8 @@ class Batch:
                 f"there are {len(robots)} robots and {len(terrains)} terrains, must be as many, "
                 "and at least one"
             )
-        for robot in {id(robot): robot for robot in robots}.values():
+        different = {id(robot): robot for robot in robots}.values()
+        for robot in different:
             if replace(robot, payload=robots[0].payload) != robots[0]:
                 raise ValueError("robots are of several designs, must differ in payload only")
         self.time_step = positive("time_step", time_step)
@@ -93,12 +94,10 @@ class Batch:
         self.model = kernel_model(self.tables)
         self.toes, pads = self.tables.layout.toes, len(self.model.layout)
         vector = gravity_vector(gravity)
-        self.parameters = np.array(
-            [
-                parameters(compile_robot(robot), vector, terrain.friction, terrain.restitution)
-                for robot, terrain in zip(robots, terrains, strict=True)
-            ]
-        )
+        rows = {id(robot): parameters(compile_robot(robot), vector) for robot in different}
+        self.parameters = np.array([rows[id(robot)] for robot in robots])
+        self.parameters[:, FRICTION] = [terrain.friction for terrain in terrains]
+        self.parameters[:, RESTITUTION] = [terrain.restitution for terrain in terrains]
         capacity = PLANES_PER_PAD * pads
         self.detector = ContactDetector(terrains, self.toes, robots[0].pad_radius, capacity)
         self._depths = self._bumper_depths(robots[0].pad_radius + MARGIN)

@@ -147,7 +147,7 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
         self._begun = np.zeros(n, bool)
         self._generators: list[np.random.Generator | None] = [None] * n
         self._seeds = [-1] * n
-        self._alone: dict[int, ProjectionPlant] = {}
+        self._alone: dict[Any, ProjectionPlant] = {}  # by the shape of its ground
 
     def reset(
         self,
@@ -222,10 +222,10 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
     def alone(self, index: int) -> ProjectionPlant:
         """A plant on a robot's ground that is that robot, to try things without the others."""
         terrain = self.terrains[index]
-        plant = self._alone.get(id(terrain))
+        plant = self._alone.get(terrain.points)
         if plant is None:
             plant = ProjectionPlant(self.robots[index], terrain, self.batch.time_step)
-            self._alone[id(terrain)] = plant
+            self._alone[terrain.points] = plant
         plant.become(self.robots[index], self.batch.parameters[index])
         return plant
 

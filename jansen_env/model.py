@@ -75,22 +75,33 @@ def locate(intervals, angle):
 
 
 @compiled(forceinline=True)
+def _value(table, row, f, t):
+    """Taylor polynomial of function ``f`` of a table (intervals, 8, functions)."""
+    c0, c1, c2, c3 = table[row, 0, f], table[row, 1, f], table[row, 2, f], table[row, 3, f]
+    c4, c5, c6, c7 = table[row, 4, f], table[row, 5, f], table[row, 6, f], table[row, 7, f]
+    return c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * (c5 + t * (c6 + t * c7))))))
+
+
+@compiled(forceinline=True)
+def _read_motion(table, row, f, t, out):
+    """Its first and second derivatives, into out[SLOPE, f] and out[CURVE, f]."""
+    c1, c2, c3 = table[row, 1, f], table[row, 2, f], table[row, 3, f]
+    c4, c5, c6, c7 = table[row, 4, f], table[row, 5, f], table[row, 6, f], table[row, 7, f]
+    out[SLOPE, f] = c1 + t * (
+        2.0 * c2 + t * (3.0 * c3 + t * (4.0 * c4 + t * (5.0 * c5 + t * (6.0 * c6 + t * 7.0 * c7))))
+    )
+    out[CURVE, f] = 2.0 * c2 + t * (
+        6.0 * c3 + t * (12.0 * c4 + t * (20.0 * c5 + t * (30.0 * c6 + t * 42.0 * c7)))
+    )
+
+
+@compiled(forceinline=True)
 def read_body(body, psi, out):
     """Values, slopes and curvatures of the body's sums at a crank angle, into (3, 6)."""
     row, t = locate(body.shape[0], psi)
     for f in range(6):
-        c0, c1, c2, c3 = body[row, 0, f], body[row, 1, f], body[row, 2, f], body[row, 3, f]
-        c4, c5, c6, c7 = body[row, 4, f], body[row, 5, f], body[row, 6, f], body[row, 7, f]
-        out[VALUE, f] = c0 + t * (
-            c1 + t * (c2 + t * (c3 + t * (c4 + t * (c5 + t * (c6 + t * c7)))))
-        )
-        out[SLOPE, f] = c1 + t * (
-            2.0 * c2
-            + t * (3.0 * c3 + t * (4.0 * c4 + t * (5.0 * c5 + t * (6.0 * c6 + t * 7.0 * c7))))
-        )
-        out[CURVE, f] = 2.0 * c2 + t * (
-            6.0 * c3 + t * (12.0 * c4 + t * (20.0 * c5 + t * (30.0 * c6 + t * 42.0 * c7)))
-        )
+        out[VALUE, f] = _value(body, row, f, t)
+        _read_motion(body, row, f, t, out)
 
 
 @compiled(forceinline=True)
@@ -102,7 +113,7 @@ def read_pad(pads, table, psi, out):
     """
     row, t = locate(pads.shape[1], psi)
     for f in range(3):
-        out[VALUE, f] = _value(pads, table, row, f, t)
+        out[VALUE, f] = _value(pads[table], row, f, t)
     return row, t
 
 
@@ -110,34 +121,14 @@ def read_pad(pads, table, psi, out):
 def read_pad_motion(pads, table, row, t, out):
     """First and second derivatives of what :func:`read_pad` read, into out[SLOPE], out[CURVE]."""
     for f in range(3):
-        c1, c2, c3 = pads[table, row, 1, f], pads[table, row, 2, f], pads[table, row, 3, f]
-        c4, c5, c6, c7 = (
-            pads[table, row, 4, f], pads[table, row, 5, f], pads[table, row, 6, f],
-            pads[table, row, 7, f],
-        )  # fmt: skip
-        out[SLOPE, f] = c1 + t * (
-            2.0 * c2
-            + t * (3.0 * c3 + t * (4.0 * c4 + t * (5.0 * c5 + t * (6.0 * c6 + t * 7.0 * c7))))
-        )
-        out[CURVE, f] = 2.0 * c2 + t * (
-            6.0 * c3 + t * (12.0 * c4 + t * (20.0 * c5 + t * (30.0 * c6 + t * 42.0 * c7)))
-        )
+        _read_motion(pads[table], row, f, t, out)
 
 
 @compiled(forceinline=True)
 def pad_place(pads, table, angle):
     """(x, y) of a pad in the chassis frame at a crank angle, m."""
     row, t = locate(pads.shape[1], angle)
-    return _value(pads, table, row, PAD_X, t), _value(pads, table, row, PAD_Y, t)
-
-
-@compiled(forceinline=True)
-def _value(pads, table, row, f, t):
-    c0, c1 = pads[table, row, 0, f], pads[table, row, 1, f]
-    c2, c3 = pads[table, row, 2, f], pads[table, row, 3, f]
-    c4, c5 = pads[table, row, 4, f], pads[table, row, 5, f]
-    c6, c7 = pads[table, row, 6, f], pads[table, row, 7, f]
-    return c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * (c5 + t * (c6 + t * c7))))))
+    return _value(pads[table], row, PAD_X, t), _value(pads[table], row, PAD_Y, t)
 
 
 @compiled

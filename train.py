@@ -20,20 +20,14 @@ import torch
 
 from agents import evaluate
 from agents.arguments import count, mapping, steps
+from agents.config import load_config, shipped_config
 from agents.figures import score_figure, training_figure
+from agents.models import ALGORITHMS, load_policy
 from agents.rollout import make_env
+from agents.runs import last_checkpoint, new_run_folder, record_run
 from agents.scores import markdown_table
 from agents.tasks import TASKS, find_task
-from agents.training import (
-    ALGORITHMS,
-    last_checkpoint,
-    load_config,
-    load_policy,
-    new_run_folder,
-    record_run,
-    shipped_config,
-    train,
-)
+from agents.training import train
 from jansen_env.files import write_json
 
 

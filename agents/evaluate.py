@@ -38,7 +38,7 @@ def load(name: str, env: Any) -> Policy:
             "zip file"
         )
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # more would change the last bits of the actions
-    from agents.training import load_policy  # only now: torch is slow to import
+    from agents.models import load_policy  # only now: torch is slow to import
 
     policy: Any = load_policy(name)
     for space in ("observation_space", "action_space"):

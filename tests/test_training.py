@@ -13,7 +13,7 @@ import torch
 import yaml
 
 import train
-from agents import training
+from agents import config, models, runs, training
 from agents.normalizer import NormalizedObservation
 from agents.rollout import make_env, run_episodes
 
@@ -36,18 +36,18 @@ def test_run_folder_holds_all(run):
     assert list((run / "checkpoints").glob("model_*_steps.zip"))
     assert list((run / "tensorboard").rglob("events*"))
     assert list((run / "monitor").glob("*.csv"))
-    config = yaml.safe_load((run / "config.yml").read_text())
-    assert (config["algo"], config["seed"], config["timesteps"]) == ("ppo", 3, 512)
+    settings = yaml.safe_load((run / "config.yml").read_text())
+    assert (settings["algo"], settings["seed"], settings["timesteps"]) == ("ppo", 3, 512)
     assert run.parent.name == "ppo" and run.name == "JansenWalker-v0_1"
     assert "train.py" in (run / "command.txt").read_text()
 
 
 def test_resume_goes_on_from_the_last_checkpoint(run, capsys):
     """As after a kill: parameters and optimiser are the checkpoint's, steps go on to the target."""
-    before, done = training.read_tensors(training.last_checkpoint(run))
+    before, done = models.read_tensors(runs.last_checkpoint(run))
     train.main(["--resume", str(run), "-n", "2600", "--eval-episodes", "1", "--no-progress"])
     assert f"at {done} steps" in capsys.readouterr().out
-    after, steps = training.read_tensors(run / "final_model.zip")
+    after, steps = models.read_tensors(run / "final_model.zip")
     assert steps >= 2600 and done < steps
     assert "policy.optimizer" in before
     assert not torch.equal(
@@ -58,12 +58,12 @@ def test_resume_goes_on_from_the_last_checkpoint(run, capsys):
 
 def test_resume_restores_parameters_exactly(run):
     """With nothing left to train, the final model is the checkpoint."""
-    checkpoint = training.last_checkpoint(run)
-    tensors, done = training.read_tensors(checkpoint)
-    config = training.load_config(run / "config.yml")
-    config["timesteps"] = done
+    checkpoint = runs.last_checkpoint(run)
+    tensors, done = models.read_tensors(checkpoint)
+    settings = config.load_config(run / "config.yml")
+    settings["timesteps"] = done
     model = training.train(
-        "ppo", "JansenWalker-v0", config, run, seed=0, eval_every=0, save_every=0,
+        "ppo", "JansenWalker-v0", settings, run, seed=0, eval_every=0, save_every=0,
         tensorboard=None, resume=checkpoint, progress=False,
     )  # fmt: skip
     for name, value in tensors["policy"].items():
@@ -75,7 +75,7 @@ def test_loaded_policy_acts_like_the_model(run):
     from stable_baselines3 import PPO
 
     path = run / "final_model.zip"
-    ours, theirs = training.load_policy(path), PPO.load(path, device="cpu")
+    ours, theirs = models.load_policy(path), PPO.load(path, device="cpu")
     env = make_env("JansenWalker-v0", {})
     seen = np.stack([env.reset(seed=s)[0] for s in range(20)])
     actions = [p.predict(seen, deterministic=True)[0] for p in (ours, theirs)]
@@ -107,7 +107,7 @@ def test_policy_files_never_run_code(run, tmp_path):
             for name in old.namelist():
                 if name != "data":
                     new.writestr(name, old.read(name))
-    training.load_policy(folder)
+    models.load_policy(folder)
     assert not (tmp_path / "boom").exists()
 
     buffer = io.BytesIO()
@@ -116,7 +116,7 @@ def test_policy_files_never_run_code(run, tmp_path):
         new.writestr("data", json.dumps({"num_timesteps": 1}))
         new.writestr("policy.pth", buffer.getvalue())
     with pytest.raises(ValueError, match="no Stable-Baselines3 model"):
-        training.load_policy(folder)
+        models.load_policy(folder)
     assert not (tmp_path / "boom").exists()
 
 
@@ -125,28 +125,28 @@ def test_configs_are_read_safely_and_checked(tmp_path):
     bad = tmp_path / "bad.yml"
     bad.write_text("policy: !!python/object/apply:os.getcwd []\n")
     with pytest.raises(yaml.YAMLError):
-        training.load_config(bad)
+        config.load_config(bad)
     bad.write_text("policy: MlpPolicy\n")
     with pytest.raises(ValueError, match="n_envs"):
-        training.load_config(bad)
+        config.load_config(bad)
 
 
 @pytest.mark.parametrize(
-    ("env_id", "algo"), sorted((p.parent.name, p.stem) for p in training.CONFIGS.glob("*/*.yml"))
+    ("env_id", "algo"), sorted((p.parent.name, p.stem) for p in config.CONFIGS.glob("*/*.yml"))
 )
 def test_every_config_builds(env_id, algo):
     """Each shipped configuration makes a model."""
-    config = training.load_config(training.shipped_config(env_id, algo))
+    settings = config.load_config(config.shipped_config(env_id, algo))
     venv = training.make_training_env(
-        env_id, {}, config["n_envs"], 1.0, None, config.get("training_variants", ({},))
+        env_id, {}, settings["n_envs"], 1.0, None, settings.get("training_variants", ({},))
     )
-    training.build_model(algo, config, venv)
+    models.build_model(algo, settings, venv)
 
 
 def test_missing_config_is_named():
     """With those that there are."""
     with pytest.raises(ValueError, match=r"JansenCrank-v0/td3.*'JansenCrank-v0/ppo'"):
-        training.shipped_config("JansenCrank-v0", "td3")
+        config.shipped_config("JansenCrank-v0", "td3")
 
 
 def test_normalizer_equals_numpy():
@@ -180,6 +180,6 @@ def test_default_training_beats_the_tuned_pid(tmp_path):
     slips = [s["by_command"]["slip_per_metre"]["value"][at] for s in (ours, pid)]
     assert slips[0] < 0.75 * slips[1]
     run = run_episodes(
-        training.load_policy(folder), "JansenWalker-v0", {}, np.full(4, 0.3), np.arange(4)
+        models.load_policy(folder), "JansenWalker-v0", {}, np.full(4, 0.3), np.arange(4)
     )
     assert run["distance"].min() > 1.5  # it walks in earnest: 3 m would be the command

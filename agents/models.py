@@ -1,0 +1,141 @@
+"""Models: built from a configuration, and read from files without running code from them.
+
+Models are Stable-Baselines3's own zip files. They are read here without unpickling anything: only
+the tensors in them are used, and the rest is built anew from config.yml.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import pickle
+import re
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import torch
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+from agents.config import find_config, load_config
+from agents.normalizer import NormalizedObservation
+from agents.policy import Policy
+from agents.rollout import make_env
+from jansen_env.files import write_whole
+
+ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
+ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}
+
+
+def build_model(algo: str, config: dict[str, Any], env: Any, **more: Any) -> BaseAlgorithm:
+    """A fresh model of ``algo`` for ``env`` from a configuration.
+
+    Raises:
+        ValueError: an unknown algorithm, schedule or activation.
+    """
+    if algo not in ALGORITHMS:
+        raise ValueError(f"algo is {algo!r}, must be one of {sorted(ALGORITHMS)}")
+    arguments = dict(config["hyperparameters"])
+    for name in ("learning_rate", "clip_range"):
+        if name in arguments:
+            arguments[name] = _schedule(name, arguments[name])
+    return ALGORITHMS[algo](
+        config["policy"],
+        env,
+        policy_kwargs=_policy_arguments(config),
+        device="cpu",
+        **arguments,
+        **more,
+    )
+
+
+def _policy_arguments(config: dict[str, Any]) -> dict[str, Any]:
+    """``policy_kwargs`` with names turned into classes."""
+    arguments = dict(config.get("policy_kwargs", {}))
+    if "activation" in arguments:
+        activation = arguments.pop("activation")
+        if activation not in ACTIVATIONS:
+            raise ValueError(f"activation is {activation!r}, must be one of {sorted(ACTIVATIONS)}")
+        arguments["activation_fn"] = ACTIVATIONS[activation]
+    if arguments.pop("normalize", False):
+        arguments["features_extractor_class"] = NormalizedObservation
+    return arguments
+
+
+def _schedule(name: str, value: Any) -> float | Callable[[float], float]:
+    if isinstance(value, (int, float)):
+        return float(value)
+    match = re.fullmatch(r"linear_([0-9.eE+-]+)", str(value))
+    if match is None:
+        raise ValueError(f"{name} is {value!r}, must be a number or 'linear_NUMBER'")
+    start = float(match.group(1))
+    return lambda remaining: start * remaining
+
+
+def read_tensors(path: str | Path) -> tuple[dict[str, Any], int]:
+    """Parameters and number of time steps in a Stable-Baselines3 zip file, without unpickling.
+
+    Returns:
+        (parameters by name, as ``BaseAlgorithm.set_parameters`` takes them; time steps trained)
+
+    Raises:
+        ValueError: not such a file.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = [name for name in archive.namelist() if name.endswith(".pth")]
+            tensors = {
+                name[: -len(".pth")]: torch.load(
+                    io.BytesIO(archive.read(name)), map_location="cpu", weights_only=True
+                )
+                for name in names
+            }
+            steps = int(json.loads(archive.read("data"))["num_timesteps"])
+    except (zipfile.BadZipFile, KeyError, ValueError, pickle.UnpicklingError) as error:
+        raise ValueError(f"{path} is no Stable-Baselines3 model: {error}") from error
+    return tensors, steps
+
+
+def load_policy(path: str | Path) -> Policy:
+    """A trained policy from a run's folder or a model's zip file, without running code from it.
+
+    Raises:
+        ValueError: no such model, or no config.yml beside it.
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = path / "best_model.zip"
+    if not path.is_file():
+        raise ValueError(f"no model at {path}")
+    config = load_config(find_config(path))
+    env = make_env(config["env"], config.get("env_kwargs", {}))
+    policy_class = ALGORITHMS[config["algo"]].policy_aliases[config["policy"]]
+    arguments = _policy_arguments(config)
+    if "use_sde" in config["hyperparameters"]:
+        arguments["use_sde"] = config["hyperparameters"]["use_sde"]
+    policy: Any = policy_class(
+        env.observation_space,
+        env.action_space,
+        lambda _: 0.0,  # the learning rate, of no use here
+        **arguments,
+    )
+    policy.load_state_dict(read_tensors(path)[0]["policy"])
+    policy.set_training_mode(False)
+    env.close()
+    loaded: Policy = policy
+    return loaded
+
+
+def restore(model: BaseAlgorithm, tensors: dict[str, Any]) -> None:
+    """Set all parameters of a model, its optimisers' too, from :func:`read_tensors`."""
+    variables = tensors.pop("pytorch_variables", None) or {}
+    model.set_parameters(tensors, exact_match=True)
+    for name, value in variables.items():  # such as SAC's entropy coefficient
+        getattr(model, name).data = value.data
+
+
+def save_model(model: BaseAlgorithm, path: Path) -> None:
+    """Save whole or not at all."""
+    write_whole(path, model.save)

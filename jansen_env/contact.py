@@ -23,14 +23,15 @@ from numpy.typing import NDArray
 
 from jansen_env.compiling import compiled
 from jansen_env.contact_solver import STICK
-from jansen_env.model import PHASE, TABLE, locate, pad_place
+from jansen_env.model import LONGEST, PHASE, TABLE, WIDEST, locate, pad_place
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-MARGIN = 0.05  # m from a pad within which a plane counts: a toe at 5 m/s crosses it in 10 ms
-STRIDE = 0.3  # m that a pad may move before pymunk is asked again
+MARGIN = 0.05  # m from a pad within which a plane counts, or as far as it gets in a time step
+STRIDE = 0.3  # m that a pad may move before pymunk is asked again, with a margin of MARGIN
+WIDEST_MARGIN = MARGIN + 0.5 * STRIDE  # m: pads that moved by half a STRIDE are not asked about
 FACE = 1e-6  # rad, how far a contact's normal may be off a segment's to be taken as the face's
 SAME = 1e-9  # difference of two planes' numbers below which they are one
 PARK = 1e7  # m, where pads wait that are not looked at, and how far apart
@@ -63,12 +64,17 @@ class ContactDetector:
         planes: (robots * most, 3) unit normal pointing out of the ground, and its offset n . point:
             a pad's gap is n . centre - offset - radius.
         contacts: (robots * most, 2) of each plane its PAD and MODE.
+        margins: (robots,) m from a robot's pads within which planes are listed: until a pad has
+            moved by as much, they are all that it can touch.
+        lost: (robots,) whether a pad is so deep below the ground that none is near it.
         owner: (rows, 2) ROBOT and ITS_PAD. centres: (rows, 2) pad centres, m.
     """
 
     def __init__(self, terrains: Sequence[Terrain], toes: int, radius: float, most: int) -> None:
         robots = len(terrains)
-        self._toes, self._near, self._far = toes, radius + MARGIN, radius + MARGIN + STRIDE
+        self._toes, self._radius, self._far = toes, radius, radius + MARGIN + STRIDE
+        self.margins = np.full(robots, MARGIN)
+        self.lost = np.zeros(robots, bool)
         self.surface, self.bounds, self.ground = surfaces(terrains)
         self._cells = _cells(self.surface, robots)
         self._space = pymunk.Space()
@@ -129,32 +135,49 @@ class ContactDetector:
         self._set = pymunk.batch.Buffer()
         self._set.set_float_buf(self._placed)
 
-    def look(self, states: Array, pads: Array, layout: Array, depths: Array) -> None:
+    def look(
+        self,
+        states: Array,
+        parameters: Array,
+        pads: Array,
+        layout: Array,
+        depths: Array,
+        time_step: float,
+    ) -> bool:
         """Find the planes near the pads where they are in ``states`` (robots, 8).
 
         Args:
-            pads, layout: of the robots, see :mod:`jansen_env.model`.
+            parameters, pads, layout: of the robots, see :mod:`jansen_env.model`.
             depths: m, how far below the crank axis a bumper can feel the ground, at pitches evenly
                 spread over one turn; and last, how far it can in any direction.
+            time_step: s.
+
+        Returns:
+            Whether a robot is :attr:`lost`.
         """
         rows, stale = _place(
-            states, pads, layout, depths, self._toes, self.surface, self.bounds, self.ground,
-            self.owner, self.centres, self._asked_at,
+            states, parameters, pads, layout, depths, time_step, self._toes, self.surface,
+            self.bounds, self.ground, self.margins, self.owner, self.centres, self._asked_at,
         )  # fmt: skip
         if rows > len(self.owner):
             self._grow(max(rows, len(self.owner) * 3 // 2))
-            self.look(states, pads, layout, depths)
-            return
-        self.find(rows, stale)
+            return self.look(states, parameters, pads, layout, depths, time_step)
+        return self.find(rows, stale)
 
-    def find(self, rows: int, ask: bool = True) -> None:
-        """Find the planes near the first rows' :attr:`centres`, after asking pymunk or without."""
+    def find(self, rows: int, ask: bool = True) -> bool:
+        """Find the planes near the first rows' :attr:`centres`, after asking pymunk or without.
+
+        Returns:
+            Whether a robot is :attr:`lost`.
+        """
         if ask:
             self._ask(rows)
-        _find_planes(
+        lost: bool = _find_planes(
             rows, self._stretch, self.owner, self.centres, self.surface, self.bounds, self.ground,
-            self._near, self._most, self.spans, self.planes, self.contacts, self._gaps,
+            self._radius, self.margins, self._far, self._most, self.spans, self.planes,
+            self.contacts, self._gaps, self.lost,
         )  # fmt: skip
+        return lost
 
     def _ask(self, rows: int) -> None:
         """Let pymunk say which stretch of the ground is near each of the first rows."""
@@ -201,9 +224,10 @@ def _extended(array: NDArray[Any], rows: int) -> NDArray[Any]:
 
 @compiled
 def _place(
-    states, pads, layout, depths, toes, surface, bounds, ground, owner, centres, asked_at
+    states, parameters, pads, layout, depths, time_step, toes, surface, bounds, ground, margins,
+    owner, centres, asked_at,
 ):  # fmt: skip
-    """Choose which pads to look at, and put them where they are.
+    """Choose which pads to look at, and put them where they are; how wide their margins are.
 
     Returns:
         (rows needed, nothing is placed where they are more than there are; whether one of them is
@@ -216,8 +240,13 @@ def _place(
     for r in range(robots):
         x, y = states[r, 0], states[r, 1]
         begin, end = bounds[ground[r]], bounds[ground[r] + 1]
-        depth = depths[locate(pitches, states[r, 2])[0]]
-        if _reaches(surface, begin, end, x - reach, x + reach, y - depth):
+        speed = abs(states[r, 4]) + abs(states[r, 5])  # no pad is faster
+        speed += parameters[r, LONGEST] * abs(states[r, 6])
+        speed += parameters[r, WIDEST] * abs(states[r, 7])
+        margins[r] = min(max(MARGIN, speed * time_step), WIDEST_MARGIN)
+        wider = margins[r] - MARGIN
+        depth = depths[locate(pitches, states[r, 2])[0]] + wider
+        if _reaches(surface, begin, end, x - reach - wider, x + reach + wider, y - depth):
             for j in range(bumpers):
                 if rows < len(owner):
                     if owner[rows, ROBOT] != r or owner[rows, ITS_PAD] != toes + j:
@@ -238,7 +267,8 @@ def _place(
         y = states[r, 1] + sin * px + cos * py
         centres[i, 0], centres[i, 1] = x, y
         moved_x, moved_y = x - asked_at[i, 0], y - asked_at[i, 1]
-        if not moved_x * moved_x + moved_y * moved_y <= STRIDE * STRIDE:
+        known = STRIDE - (margins[r] - MARGIN)
+        if not moved_x * moved_x + moved_y * moved_y <= known * known:
             stale = True
     return rows, stale
 
@@ -275,8 +305,7 @@ def _height(surface, k, x):
 
 @compiled(forceinline=True)
 def height_at(surface, begin, end, x):
-    """Height of the ground surface[begin:end] at ``x``, m; beyond its ends that of the end."""
-    x = min(max(x, surface[begin, 0]), surface[end - 1, 0])
+    """Height of the ground surface[begin:end] at ``x``, m; it goes on beyond its ends."""
     return _height(surface, _segment(surface, begin, end, x), x)
 
 
@@ -305,10 +334,17 @@ def _remember(
     """From pymunk's contacts, (n,) body ids and 2 n numbers, the points: the stretch near each row.
 
     pymunk leaves out segments that only their ends bring near; as far as the circle goes in x,
-    neighbours belong to the stretch, too.
+    neighbours belong to the stretch, too. So does what goes on beyond the ends of the ground, where
+    pymunk has nothing.
     """
     for i in range(len(stretch)):
         stretch[i, 0], stretch[i, 1] = 0, -1
+        r = owner[i, ROBOT]
+        start, end = bounds[ground[r]], bounds[ground[r] + 1]
+        if asked_at[i, 0] - far < surface[start, 0]:
+            stretch[i, 0], stretch[i, 1] = start, start
+        elif asked_at[i, 0] + far > surface[end - 1, 0]:
+            stretch[i, 0], stretch[i, 1] = end - 2, end - 2
     for n in range(len(ids)):
         i = row_of[_find(known, ids[n])]
         r = owner[i, ROBOT]
@@ -338,24 +374,45 @@ def _find(known, key):
 
 @compiled
 def _find_planes(
-    rows, stretch, owner, centres, surface, bounds, ground, near, most,
-    spans, planes, contacts, gaps,
+    rows, stretch, owner, centres, surface, bounds, ground, radius, margins, far, most,
+    spans, planes, contacts, gaps, lost,
 ):  # fmt: skip
-    """The planes of the stretches within ``near`` (m) of the pads' centres."""
+    """The planes of the stretches within each robot's margin of its pads; whether one is lost.
+
+    For a pad that is deeper than that in the ground, the nearest plane.
+    """
     for r in range(len(spans)):
         spans[r, 1] = spans[r, 0]
+        lost[r] = False
+    any_lost = False
     for i in range(rows):
         r, j = owner[i, ROBOT], owner[i, ITS_PAD]
         start, end = bounds[ground[r]], bounds[ground[r] + 1]
+        x, y = centres[i, 0], centres[i, 1]
+        near = radius + margins[r]
+        none = True
         for k in range(stretch[i, 0], stretch[i, 1] + 1):
-            found, nx, ny, offset = _plane(
-                surface, start, end, k, centres[i, 0], centres[i, 1], near
-            )
+            found, nx, ny, offset = _plane(surface, start, end, k, x, y, near)
             if found:
-                gap = nx * centres[i, 0] + ny * centres[i, 1] - offset
+                none = False
+                gap = nx * x + ny * y - offset
                 _list(r, j, nx, ny, offset, gap, most, spans, planes, contacts, gaps)
+        if none and not y >= height_at(surface, start, end, x):
+            highest, best_x, best_y, best_offset = -far, 0.0, 0.0, 0.0
+            for k in range(stretch[i, 0], stretch[i, 1] + 1):
+                found, nx, ny, offset = _plane(surface, start, end, k, x, y, far)
+                if found and nx * x + ny * y - offset > highest:
+                    highest = nx * x + ny * y - offset
+                    best_x, best_y, best_offset = nx, ny, offset
+            if highest > -far:
+                _list(
+                    r, j, best_x, best_y, best_offset, highest, most, spans, planes, contacts, gaps
+                )
+            else:
+                lost[r] = any_lost = True
     for r in range(len(spans)):
         _sort(spans[r, 0], spans[r, 1], planes, contacts, gaps)
+    return any_lost
 
 
 @compiled(forceinline=True)
@@ -369,7 +426,10 @@ def _plane(surface, start, end, k, x, y, near):
     ex, ey = surface[k + 1, 0] - ax, surface[k + 1, 1] - ay
     length = np.hypot(ex, ey)
     share = (ex * (x - ax) + ey * (y - ay)) / (ex * ex + ey * ey)
-    share = max(0.0, min(share, 1.0))
+    if k > start:  # beyond its ends the ground goes on
+        share = max(0.0, share)
+    if k < end - 2:
+        share = min(share, 1.0)
     px, py = ax + ex * share, ay + ey * share
     if share == 1.0:
         px, py = surface[k + 1, 0], surface[k + 1, 1]

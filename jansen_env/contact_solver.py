@@ -28,6 +28,7 @@ OPEN, STICK, SLIDE_FORWARD, SLIDE_BACKWARD = 0, 1, 2, 3
 
 ACCURACY = 1e-11  # of the accepted solution's residual, relative to the largest impulse at play
 COMPLIANCE = 1e-11  # added to W, relative to its mean diagonal: redundant contacts share load
+WEDGE_COMPLIANCE = 1e-3  # the same where pads are wedged, which bounds the force they hold
 MODE_ROUNDS = 12  # guesses of the modes before Lemke's method is called
 LEMKE_COMPLIANCES = (1e-9, 1e-6, 1e-4)  # softer and softer, for its pivots' sake; modes are checked
 PIVOT = 1e-11  # smallest pivot Lemke's method takes, after scaling
@@ -363,10 +364,10 @@ def _solve_from_guess(count, W, q, mu, mode, P, u, A, rhs, index, tolerance):
 
 
 @compiled(forceinline=True)
-def soften(count, W):
-    """Add :data:`COMPLIANCE` to W's diagonal, which makes the load of redundant contacts unique."""
+def soften(count, W, compliance):
+    """Add ``compliance`` to W's diagonal, relative to its mean: redundant contacts share load."""
     trace = 0.0
     for i in range(2 * count):
         trace += W[i, i]
     for i in range(2 * count):
-        W[i, i] += COMPLIANCE * trace / (2 * count)
+        W[i, i] += compliance * trace / (2 * count)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from jansen_env.compiling import compiled
 from jansen_env.contact import MODE, PAD
-from jansen_env.contact_solver import OPEN, STICK, soften, solve
+from jansen_env.contact_solver import COMPLIANCE, OPEN, STICK, WEDGE_COMPLIANCE, soften, solve
 from jansen_env.model import (
     C_X,
     C_Y,
@@ -50,7 +50,9 @@ from jansen_env.model import (
     TABLE,
     VALUE,
     WIDEST,
+    centre_of_mass,
     mechanical_energy,
+    pad_place,
     read_body,
     read_pad,
     read_pad_motion,
@@ -64,17 +66,20 @@ PENETRATION_ALLOWED = 2e-5  # m, left uncorrected so that a resting contact does
 CORRECTION_RATE = 0.2  # share of the rest that is taken back in every step
 CORRECTION_SWEEPS = 4
 PASSES = 2  # evaluations of the speed-dependent terms in a step
-BOUNCE_ROUNDS = 14  # tries of smaller coefficients of restitution, where it would create energy
+BOUNCE_ROUNDS = 15  # tries of smaller coefficients of restitution, where it would create energy
+PUSH_OUT_SPEED = 1.0  # m/s, the fastest that a pad is taken out of the ground
+DIVERGED = 1e4  # a speed (m/s, rad/s) beyond which a state is no longer believed
 ROUNDING = 1e-9  # share of the energy that a blow brings by which it may seem to gain
 
 # Columns of the totals that a step adds to.
 MOTOR_WORK, JOINT_LOSS, SLIP_LOSS, IMPACT_LOSS, WORST_RESIDUAL, BUMPS, BEFORE_IT, ENERGY = range(8)
-TOTALS = 8
+CONTACT_GAIN = 8  # the largest of a time step, not a sum
+TOTALS = 9
 # Columns of a pad's record: slip (m), then tangential and normal impulse (N s).
 SLIP, IMPULSE_T, IMPULSE_N = range(3)
 RECORD = 3
 TRAVEL = 4  # where, after the last pose, a robot's travel is
-SCRATCH = 32  # numbers: readings of the tables, 18 and 9, last pose and travel, 5
+SCRATCH = 36  # numbers: readings of the tables, 18 and 9, last pose and travel, 5, first pose, 4
 # Where what is in a row of a trace: pose at the middle of the step and velocity before and after it
 # (of the centre of mass), torque, then x, y and moment impulse on each pad.
 POSE, BEFORE, AFTER, TORQUE, IMPULSES = 0, 4, 8, 12, 13
@@ -91,25 +96,33 @@ def work_space(capacity: int) -> tuple[Array, Ints]:
 
 @compiled(nogil=True)
 def advance(
-    first, last, fresh, steps, h, torque, states, parameters, body, pads, layout,
-    spans, planes, contacts, floats, ints, totals, record, toes, trace,
+    first, last, fresh, left, h, torque, states, parameters, body, pads, layout,
+    spans, planes, contacts, margins, floats, ints, totals, record, toes, trace,
 ):  # fmt: skip
-    """Advance robots ``first`` to ``last - 1`` by ``steps`` time steps with fixed contact planes.
+    """Advance robots ``first`` to ``last - 1`` with fixed contact planes, as far as these go.
 
     Args:
         fresh: whether to begin new sums in ``totals`` and ``record``.
+        left: (robots,) time steps to go, counted down. A robot whose pad gets farther than its
+            margin from where its planes were found stops before that; one that is faster than
+            :data:`DIVERGED` or not finite stops at once, with -1 left.
         h: length of a time step, s. torque: (robots,) crank torque, N m.
         states: (robots, 8) crank-axis states, changed in place.
         parameters: (robots, 13), body, pads, layout: see :mod:`jansen_env.model`.
-        spans, planes, contacts: see :class:`jansen_env.contact.ContactDetector`.
+        spans, planes, contacts, margins: see :class:`jansen_env.contact.ContactDetector`.
         floats, ints: memory of :func:`work_space`.
-        totals: (robots, 8) sums of energies (J), worst contact residual (N s), impulse on bumpers
-            (N s), mechanical energy when the sums were begun, and its change since, J.
+        totals: (robots, 9) sums of energies (J), worst contact residual (N s), impulse on bumpers
+            (N s), mechanical energy when the sums were begun, and its change since, J, and the most
+            energy that the contact impulses of one time step added to what they found, J.
         record: (robots, pads, 3) sums of slip and impulses.
         toes: the first so many pads are toes.
-        trace: (steps, :func:`trace_width`) of the first robot, filled step by step, or without
-            rows for no trace.
+        trace: (steps, :func:`trace_width`) of the first robot, filled step by step, its last row in
+            its last step; or without rows for no trace.
+
+    Returns:
+        Whether all robots have no steps left.
     """
+    finished = True
     n = 2 * (len(ints) // 7)
     J, MJ = floats[: 4 * n].reshape(n, 4), floats[4 * n : 8 * n].reshape(n, 4)
     W = floats[8 * n : 8 * n + n * n].reshape(n, n)
@@ -118,7 +131,8 @@ def advance(
     scratch = floats[16 * n + 2 * n * n :]
     bend, q, P, u = vectors[0], vectors[1], vectors[2], vectors[3]
     rhs, mu, gap, clear = vectors[4], vectors[5], vectors[6], vectors[7]
-    sums, place, pose = scratch[:18].reshape(3, 6), scratch[18:27].reshape(3, 3), scratch[27:]
+    sums, place, pose = scratch[:18].reshape(3, 6), scratch[18:27].reshape(3, 3), scratch[27:32]
+    found_at = scratch[32:]  # pose at which the planes were found
     mode, which, index = ints[: n // 2], ints[n // 2 : n], ints[n:]
     for r in range(first, last):
         tracing = r == 0 and len(trace) > 0
@@ -130,13 +144,19 @@ def advance(
                 records[j, SLIP] = records[j, IMPULSE_T] = records[j, IMPULSE_N] = 0.0
             kinetic, potential = mechanical_energy(body, own, state, sums)
             total[BEFORE_IT] = kinetic + potential
+        if left[r] == 0:
+            continue
         to_centroid(body, own, state, 1.0, sums)
         for i in range(4):
-            pose[i] = state[i]
+            pose[i] = found_at[i] = state[i]
         pose[TRAVEL] = 0.0
         for k in range(spans[r, 1] - spans[r, 0]):
             clear[k] = 0.0
-        for k in range(steps):
+        steps, done = left[r], 0
+        while done < steps:
+            if done > 0 and _outruns(margins[r], h, state, pose, found_at, own, body, pads, layout):
+                break
+            k = len(trace) - steps + done
             if tracing:
                 for i in range(4):
                     trace[k, POSE + i] = state[i] + 0.5 * h * state[4 + i]
@@ -148,22 +168,53 @@ def advance(
             )  # fmt: skip
             if tracing:
                 _trace(trace[k], state, used, count, own, planes, contacts, P, mode, which)
+            done += 1
+            if not _believable(state):
+                done = steps + 1
+        left[r] = steps - done
+        finished = finished and done == steps
         total[BUMPS] = 0.0
         for j in range(toes, records.shape[0]):
             total[BUMPS] += records[j, IMPULSE_N]
         to_centroid(body, own, state, -1.0, sums)
         kinetic, potential = mechanical_energy(body, own, state, sums)
         total[ENERGY] = kinetic + potential - total[BEFORE_IT]
+    return finished
 
 
-@compiled
-def all_believable(states, limit):
-    """Whether all speeds in ``states`` (robots, 8) are below ``limit``, m/s and rad/s."""
-    for r in range(len(states)):
-        for i in range(4, 8):
-            if not abs(states[r, i]) < limit:
-                return False
-    return True
+@compiled(forceinline=True)
+def _believable(state):
+    """Whether all speeds of a state (8,) are below :data:`DIVERGED`, m/s and rad/s."""
+    slow = abs(state[4]) < DIVERGED and abs(state[5]) < DIVERGED
+    return slow and abs(state[6]) < DIVERGED and abs(state[7]) < DIVERGED
+
+
+@compiled(forceinline=True)
+def _outruns(margin, h, state, pose, found_at, own, body, pads, layout):
+    """Whether the next step's middle has a pad more than ``margin`` from where planes were found.
+
+    The bound on what pads have travelled nearly always shows that none has.
+    """
+    travel = pose[TRAVEL] + h * (abs(state[4]) + abs(state[5]))
+    travel += h * (own[LONGEST] * abs(state[6]) + own[WIDEST] * abs(state[7]))
+    if travel <= margin:
+        return False
+    x, y = state[0] + 0.5 * h * state[4], state[1] + 0.5 * h * state[5]
+    theta, psi = state[2] + 0.5 * h * state[6], state[3] + 0.5 * h * state[7]
+    cos, sin = np.cos(theta), np.sin(theta)
+    old_cos, old_sin = np.cos(found_at[2]), np.sin(found_at[2])
+    sx, sy = centre_of_mass(body, own, psi)
+    old_sx, old_sy = centre_of_mass(body, own, found_at[3])
+    for j in range(len(layout)):
+        table, phase = int(layout[j, TABLE]), layout[j, PHASE]
+        px, py = pad_place(pads, table, psi + phase)
+        old_px, old_py = pad_place(pads, table, found_at[3] + phase)
+        px, py, old_px, old_py = px - sx, py - sy, old_px - old_sx, old_py - old_sy
+        far_x = x + cos * px - sin * py - found_at[0] - old_cos * old_px + old_sin * old_py
+        far_y = y + sin * px + cos * py - found_at[1] - old_sin * old_px - old_cos * old_py
+        if not far_x * far_x + far_y * far_y <= margin * margin:
+            return True
+    return False
 
 
 def trace_width(pads: int) -> int:
@@ -229,7 +280,7 @@ def _step(
     # J v + (h / 2) J_dot v, which keeps a rolling or pivoting toe where it is to second order.
     radius = own[PAD_RADIUS]
     count = 0
-    impact = False
+    impact = steep = False
     travel = _travel(pose, x, y, theta, psi, own)
     for k in range(begin, end):
         if clear[k - begin] > travel:
@@ -264,6 +315,7 @@ def _step(
         approach = J[i, 0] * vx + J[i, 1] * vy + J[i, 2] * w + J[i, 3] * n
         if distance - 0.5 * h * approach > 0.0:
             impact = True  # it was open when the step began
+        steep = steep or own[FRICTION] * abs(normal_x) >= normal_y
         mu[count] = own[FRICTION]
         mode[count] = contacts[k, MODE]
         which[count] = k
@@ -278,12 +330,15 @@ def _step(
                 MJ[i, 0] * J[j, 0] + MJ[i, 1] * J[j, 1] + MJ[i, 2] * J[j, 2] + MJ[i, 3] * J[j, 3]
             )
             W[j, i] = W[i, j]
+    wedged = steep and _can_wedge(count, which, planes, own[FRICTION])
     if count > 0:
-        soften(count, W)
+        soften(count, W, WEDGE_COMPLIANCE if wedged else COMPLIANCE)
 
     residual = 0.0
-    bounce, least, most = own[RESTITUTION], 0.0, own[RESTITUTION]
-    settled = count == 0 or bounce == 0.0
+    bounce, least, most = 0.0 if wedged else own[RESTITUTION], 0.0, own[RESTITUTION]
+    curved = not (impact or wedged)
+    settled = count == 0 or (bounce == 0.0 and not steep)
+    lenient = False
     index[5 * count] = 0  # W is new
     for attempt in range(BOUNCE_ROUNDS):
         nw, nn = w, n  # new velocities
@@ -295,11 +350,12 @@ def _step(
             nx, ny = vx + h * gx, vy + h * gy
             nw = w + h * (m11 * pitch_force + m12 * crank_force)
             nn = n + h * (m12 * pitch_force + m22 * crank_force)
+            fx, fy, fw, fn = nx, ny, nw, nn  # without contact
             if count == 0:
                 continue
             for i in range(2 * count):
                 free = J[i, 0] * nx + J[i, 1] * ny + J[i, 2] * nw + J[i, 3] * nn
-                q[i] = free if impact else free + bend[i]
+                q[i] = free + bend[i] if curved else free
                 if i % 2 == 0 and bounce > 0.0:
                     before = J[i, 0] * vx + J[i, 1] * vy + J[i, 2] * w + J[i, 3] * n
                     q[i] += bounce * min(before, 0.0)
@@ -309,24 +365,36 @@ def _step(
                 ny += MJ[i, 1] * P[i]
                 nw += MJ[i, 2] * P[i]
                 nn += MJ[i, 3] * P[i]
-        # Newton's law with friction may create energy (Kane and Levinson, J. Appl. Mech. 52, 1985):
-        # then the toes bounce as much as they can without that.
         if settled:
             break
-        creates = _creates_energy(count, vx, vy, w, n, nx, ny, nw, nn, J, P)
+        # Newton's law with friction may create energy (Kane and Levinson, J. Appl. Mech. 52, 1985):
+        # then the toes bounce as much as they can without that.
+        creates = _gain(count, vx, vy, w, n, nx, ny, nw, nn, J, P) > 0.0
+        if creates and (lenient or bounce == 0.0):
+            # Also more than the other forces alone would leave? If not, it is their doing.
+            excess = _gain(count, fx, fy, fw, fn, nx, ny, nw, nn, J, P) > 0.0
+            if bounce == 0.0 and excess:  # not the bounce's: without the curvature there is none
+                curved, settled = False, True
+                continue
+            creates = creates and excess if lenient else creates
         if attempt == 0:
-            if not creates:
+            if bounce == 0.0 or not creates:
                 break
             bounce = 0.0
-        elif attempt == 1 and creates:  # without bounce, too: it is the step's error, as in rolling
-            bounce, settled = own[RESTITUTION], True
+        elif attempt == 1 and creates:
+            bounce, lenient = own[RESTITUTION], True
+        elif attempt == 2 and lenient and not creates:
+            break
+        elif attempt == BOUNCE_ROUNDS - 2:
+            if not creates:
+                break
+            bounce, curved, settled = 0.0, False, True
         else:
             if creates:
                 most = bounce
             else:
                 least = bounce
-            settled = attempt == BOUNCE_ROUNDS - 2
-            bounce = least if settled else 0.5 * (least + most)
+            bounce = least if attempt == BOUNCE_ROUNDS - 3 else 0.5 * (least + most)
 
     mean = 0.5 * (n + nn)
     if driven:  # what is left over in the crank's equation of motion
@@ -338,6 +406,12 @@ def _step(
     totals[MOTOR_WORK] += h * torque * mean
     totals[JOINT_LOSS] += h * damping * mean * mean
     totals[WORST_RESIDUAL] = max(totals[WORST_RESIDUAL], residual)
+    if settled and count > 0:  # else it is known to be 0
+        gain = min(
+            _gain(count, vx, vy, w, n, nx, ny, nw, nn, J, P),
+            _gain(count, fx, fy, fw, fn, nx, ny, nw, nn, J, P),
+        )
+        totals[CONTACT_GAIN] = max(totals[CONTACT_GAIN], gain)
     state[0], state[1] = x + 0.5 * h * nx, y + 0.5 * h * ny
     state[2], state[3] = theta + 0.5 * h * nw, psi + 0.5 * h * nn
     for k in range(begin, end):
@@ -366,15 +440,36 @@ def _travel(pose, x, y, theta, psi, own):
 
 
 @compiled(forceinline=True)
-def _creates_energy(count, vx, vy, w, n, nx, ny, nw, nn, J, P):
-    """Whether the contacts' impulses do more work on the robot than rounding makes."""
+def _can_wedge(count, which, planes, friction):
+    """Whether two contacts' friction cones hold opposite forces: n . n' <= -cos(2 atan(friction)).
+
+    Only then can the pads push on the ground with any force and no effect on the motion. Velocities
+    that no motion of the robot has, as bounces and the path's curvature ask for, would make
+    that force as large as the arithmetic allows, so a wedged step goes without both. It does not
+    happen on ground whose slopes stay below 90 degrees less atan(friction).
+    """
+    limit = (friction * friction - 1.0) / (friction * friction + 1.0)
+    for c in range(count):
+        for d in range(c):
+            i, j = which[c], which[d]
+            if planes[i, 0] * planes[j, 0] + planes[i, 1] * planes[j, 1] <= limit:
+                return True
+    return False
+
+
+@compiled(forceinline=True)
+def _gain(count, vx, vy, w, n, nx, ny, nw, nn, J, P):
+    """Energy that the contacts' impulses add between two velocities, J; 0 within rounding.
+
+    It is impulse times mean velocity.
+    """
     gained, brought = 0.0, 0.0
     for i in range(2 * count):
         old = J[i, 0] * vx + J[i, 1] * vy + J[i, 2] * w + J[i, 3] * n
         new = J[i, 0] * nx + J[i, 1] * ny + J[i, 2] * nw + J[i, 3] * nn
         gained += 0.5 * P[i] * (old + new)
         brought += abs(P[i] * old)
-    return gained > ROUNDING * brought
+    return gained if gained > ROUNDING * brought else 0.0
 
 
 @compiled(forceinline=True)
@@ -420,7 +515,7 @@ def _correct(h, count, state, nx, ny, nw, nn, J, MJ, W, gap, mode, q, push):
         i = 2 * c
         rate = J[i, 0] * nx + J[i, 1] * ny + J[i, 2] * nw + J[i, 3] * nn
         depth = -(gap[c] + 0.5 * h * rate) - PENETRATION_ALLOWED
-        q[i] = CORRECTION_RATE * depth if mode[c] != OPEN else -1.0
+        q[i] = min(CORRECTION_RATE * depth, PUSH_OUT_SPEED * h) if mode[c] != OPEN else -1.0
         needed = needed or q[i] > 0.0
         push[c] = 0.0
     if not needed:

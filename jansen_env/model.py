@@ -131,6 +131,15 @@ def pad_place(pads, table, angle):
     return _value(pads[table], row, PAD_X, t), _value(pads[table], row, PAD_Y, t)
 
 
+@compiled(forceinline=True)
+def centre_of_mass(body, own, psi):
+    """(x, y) of the centre of mass in the chassis frame at a crank angle, m, load included."""
+    row, t = locate(body.shape[0], psi)
+    load, m = own[LOAD_MASS], own[MASS]
+    x = (_value(body, row, C_X, t) + load * own[LOAD_X]) / m
+    return x, (_value(body, row, C_Y, t) + load * own[LOAD_Y]) / m
+
+
 @compiled
 def to_centroid(body, own, state, sign, sums):
     """Shift a state (8,) in place from the crank axis to the centre of mass (sign 1), or back (-1).

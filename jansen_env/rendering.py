@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from jansen_env.gravity import GRAVITY
 from jansen_env.linkage import SKELETON, A, Array, B, C, D, E, O, P, T, direction, joint_positions
 from jansen_env.robot import Robot
+from jansen_env.terrain import heights_of
 from jansen_env.validation import positive, positive_integer
 
 Picture = NDArray[np.uint8]
@@ -325,7 +326,7 @@ class Renderer:
     def _surface(self, x: Array) -> Array:
         """Surface points (n, 2) above the positions ``x`` (n,), m."""
         assert self._terrain is not None
-        return np.stack([x, np.interp(x, self._terrain[:, 0], self._terrain[:, 1])], axis=-1)
+        return np.stack([x, heights_of(self._terrain, x)], axis=-1)
 
     def _pixels(self, points: ArrayLike) -> Array:
         """World positions (..., 2) in m to canvas positions (..., 2)."""

@@ -15,9 +15,17 @@ from jansen_env.validation import finite, non_negative, positive, within
 
 Array = NDArray[np.float64]
 
-REACH = 1000.0  # m, how far the first and last segment are extended
+REACH = 1000.0  # m, how far the first and last segment are extended as pymunk's shapes
 GRADIENT_STEP = 1e-4  # m, to either side
 MAX_SLOPE = math.radians(80.0)
+
+
+def heights_of(line: Array, x: ArrayLike) -> Array:
+    """Heights, m, of a polyline (n, 2) at ``x`` (any shape); it goes on beyond its ends."""
+    x, first, last = np.asarray(x, float), line[1] - line[0], line[-1] - line[-2]
+    before, after = np.minimum(x - line[0, 0], 0.0), np.maximum(x - line[-1, 0], 0.0)
+    heights: Array = np.interp(x, *line.T)
+    return heights + before * first[1] / first[0] + after * last[1] / last[0]
 
 
 @dataclass(frozen=True)
@@ -26,7 +34,7 @@ class Terrain:
 
     Args:
         points: at least two (x, y) vertices, m, x increasing. The first and the last segment go on
-            with their slope for :data:`REACH` metres.
+            with their slope without end (under the rigid-body plant for :data:`REACH` metres).
         friction: Coulomb coefficient between toe and ground.
         restitution: Newton's coefficient of restitution, 0 to 1; where friction would make a blow
             gain energy by it, it bounces less.
@@ -118,8 +126,7 @@ class Terrain:
 
     def height(self, x: ArrayLike) -> Array:
         """Surface height at ``x`` (any shape), m."""
-        heights: Array = np.interp(np.asarray(x, float), *self.polyline.T)
-        return heights
+        return heights_of(self.polyline, x)
 
     def gradient(self, x: ArrayLike) -> Array:
         """Slope dy/dx at ``x`` (any shape); at a vertex the mean of both sides'."""

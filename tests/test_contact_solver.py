@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from jansen_env.contact_solver import (
+    COMPLIANCE,
     OPEN,
     SLIDE_BACKWARD,
     SLIDE_FORWARD,
@@ -78,7 +79,7 @@ def test_frictionless(count, rng):
     """mu = 0: no tangential impulse, and u_n, P_n solve the linear complementarity problem."""
     for _ in range(100):
         W, q = problem(rng, count)
-        soften(count, W)
+        soften(count, W, COMPLIANCE)
         P, u, _ = impulses(W, q, np.zeros(count))
         assert (P[1::2] == 0.0).all() and P[0::2].min() >= 0.0 and u[0::2].min() >= -1e-9
         assert np.abs(P[0::2] * u[0::2]).max() <= 1e-9 * np.abs(P * q).max() + 1e-30
@@ -89,7 +90,7 @@ def test_large_friction_stays_finite(count, rng):
     """mu = 5, where several or no mode combinations may be near: no NaN, nothing pulls."""
     for k in range(300):
         W, q = problem(rng, count, twins=k % 3 == 0)
-        soften(count, W)
+        soften(count, W, COMPLIANCE)
         P, u, _ = impulses(W, q, np.full(count, 5.0))
         assert np.isfinite(P).all() and np.isfinite(u).all()
         assert P[0::2].min() >= -1e-9 * np.abs(P).max()
@@ -101,7 +102,7 @@ def test_twins_share_their_load():
     J = np.array([[0.0, 1.0, 0.3, 0.0], [1.0, 0.0, 0.5, 0.0]] * 2)
     W = J @ J.T
     q = np.array([-1.0, 0.1] * 2)
-    soften(2, W)
+    soften(2, W, COMPLIANCE)
     P, u, _ = impulses(W, q, np.array([0.8, 0.8]))
     assert np.abs(u).max() <= 1e-10
     assert P[0] == pytest.approx(P[2], rel=1e-4) and P[1] == pytest.approx(P[3], rel=1e-4)

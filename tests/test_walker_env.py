@@ -245,16 +245,21 @@ def test_bad_actions_are_refused(env):
             raw.step(action)
 
 
-def test_a_state_that_diverges_raises():
-    """Garbage is never returned."""
-    env = JansenWalkerEnv()
+@pytest.mark.parametrize("plant", ["projection", "rigid_body"])
+def test_a_simulation_that_diverges_ends_the_episode(plant):
+    """Garbage is never returned: the step does nothing, warns, and truncates; a reset mends all."""
+    env = JansenWalkerEnv(plant=plant, torque_limit=1e12)
     env.reset(seed=0)
-    state = env.plant.state
-    state[7] = 9e3
-    env.plant.state = state
-    with pytest.raises(FloatingPointError, match="diverged"):
-        for _ in range(50):
-            env.step(np.array([1.0], np.float32))
+    before = env.plant.state
+    with pytest.warns(UserWarning, match="the episode ends: the simulation diverged"):
+        observation, reward, terminated, truncated, info = env.step(np.array([1.0], np.float32))
+    assert truncated and not terminated and info["diverged"] and np.isfinite(reward)
+    assert np.isfinite(observation).all() and (env.plant.state == before).all()
+    assert not info["slip"].any() and info["energy"]["motor_work"] == 0.0
+    _, info = env.reset(seed=0)
+    assert not info["diverged"]
+    *_, truncated, info = env.step(np.array([0.0], np.float32))
+    assert not truncated and not info["diverged"]
 
 
 @pytest.mark.parametrize(

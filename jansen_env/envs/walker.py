@@ -22,7 +22,7 @@ from jansen_env.envs.walking import (
 from jansen_env.gravity import GRAVITY
 from jansen_env.joint_forces import JointForces
 from jansen_env.plants.make import make_plant
-from jansen_env.plants.plant import StepResult
+from jansen_env.plants.plant import StepResult, no_step
 from jansen_env.plants.projection import ProjectionPlant
 from jansen_env.robot import Payload, Robot
 from jansen_env.terrain import Terrain, make_terrain
@@ -92,7 +92,8 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
     ## Episode End
     Terminated when the robot has fallen: \\|pitch\\| > 1.2 rad, or a joint other than a toe (knee,
     ankle, hip, frame pivot) is pressed on the ground. Truncated after 500 steps (10 s) when made
-    with ``gym.make``.
+    with ``gym.make``, and where the simulation diverges (absurd torques, time steps or grounds): that
+    step does nothing, says so in ``info`` and in a warning.
 
     ## Information
     ``x_position`` m, ``x_velocity`` m/s, ``pitch`` rad, ``crank_angle`` rad (not wrapped),
@@ -104,6 +105,7 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
     plant). With ``track_joint_forces``: ``joint_force_max`` N, the largest force with which a
     link bears on any of its joints in this step, but for the time steps in which a toe lands, and
     ``joint_impulse_max`` N s, the largest impulse in those (0 if there were none). ``joint_forces()`` has all of them.
+    ``diverged``: whether this step was refused, see Episode End.
 
     ## Arguments
     | Argument | Default | Meaning |
@@ -185,6 +187,7 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
         self._time = 0.0
         self._result: StepResult | None = None
+        self._diverged = False
         self._renderer: Any = None
 
     def reset(
@@ -199,7 +202,7 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         command, crank_angle, crank_speed = draw_start(
             self.np_random, self.speed_command_range, self.reset_noise_scale, options
         )
-        self._time = 0.0
+        self._time, self._diverged = 0.0, False
         self.plant.reset(0.0, crank_angle)
         self._result = self.plant.peek()
         self._task.begin(
@@ -219,13 +222,18 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
 
         Raises:
             ValueError: the action is not one finite number.
-            FloatingPointError: the simulation diverged.
         """
         task = self._task
         share = common.torque_share(action)
         torque = share * self.torque_limit
         x_before = self.plant.x
-        self._result = result = self.plant.step(torque, self.control_dt)
+        self._diverged = False
+        try:
+            self._result = result = self.plant.step(torque, self.control_dt)
+        except FloatingPointError as error:
+            gym.logger.warn(f"the episode ends: {error}")
+            self._diverged = True
+            self._result = result = no_step(self.plant.toes)
         state = self.plant.state
         task.share[0] = share
         task.judge(
@@ -236,11 +244,12 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         info = self._info(state, result, float(task.speed[0]), torque)
         info.update(zip(REWARD_KEYS, task.terms[0].tolist(), strict=True))
         if self.track_joint_forces:
-            info["joint_force_max"], info["joint_impulse_max"] = self._traceable.peak_loads()
+            loads = (0.0, 0.0) if self._diverged else self._traceable.peak_loads()
+            info["joint_force_max"], info["joint_impulse_max"] = loads
         if self.render_mode == "human":
             self.render()
         terminated = bool(task.fallen[0]) and self.terminate_when_fallen
-        return task.observation[0].copy(), float(task.reward[0]), terminated, False, info
+        return task.observation[0].copy(), float(task.reward[0]), terminated, self._diverged, info
 
     def _observe(self, state: NDArray[np.float64]) -> Observation:
         observation: Observation = self._task.observe(state[None])[0].copy()
@@ -270,6 +279,7 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
                 "residual": result.energy_residual,
             },
             "joint_gap": result.joint_gap,
+            "diverged": self._diverged,
         }
 
     def joint_forces(self) -> JointForces:

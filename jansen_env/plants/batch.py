@@ -57,8 +57,9 @@ class Batch:
         states: (n, 8) x, y, theta, psi and their rates; x, y the crank axis, m, rad, s.
         model: the robots' tables, see :mod:`jansen_env.model`.
         parameters: (n, 13) what may differ between them, see :mod:`jansen_env.model`.
-        totals: (n, 8), record: (n, pads, 3) sums over the last :meth:`step`, see
+        totals: (n, 9), record: (n, pads, 3) sums over the last :meth:`step`, see
             :func:`jansen_env.kernels.advance`.
+        diverged: (n,) whether the last :meth:`step` was refused, see there.
 
     Raises:
         ValueError: an argument out of range, or robots of several designs; LinkageError: the robot
@@ -105,6 +106,8 @@ class Batch:
         self.states = np.zeros((n, 8))
         self.totals = np.zeros((n, kernels.TOTALS))
         self.record = np.zeros((n, pads, kernels.RECORD))
+        self.diverged = np.zeros(n, bool)
+        self._left = np.zeros(n, np.int64)  # time steps to the next look for the ground
         self._no_trace = np.zeros((0, kernels.trace_width(pads)))
         count = _threads(n, threads)
         size = min(ROBOTS_AT_A_TIME, -(-n // count))
@@ -139,46 +142,79 @@ class Batch:
         )
         return float(kinetic + potential)
 
-    def look(self) -> None:
-        """Find the ground where the robots are now; bumpers look where they may reach it."""
+    def look(self) -> bool:
+        """Find the ground where the robots are now; bumpers look where they may reach it.
+
+        Returns:
+            Whether a robot has lost the ground: see :class:`jansen_env.contact.ContactDetector`.
+        """
         _, pads, layout = self.model
-        self.detector.look(self.states, pads, layout, self._depths)
+        return self.detector.look(
+            self.states, self.parameters, pads, layout, self._depths, self.time_step
+        )
 
     def step(self, torque: Array, steps: int, trace: Array | None = None) -> None:
         """Hold crank torques (n,), N m, for some time steps.
+
+        A robot that becomes faster than :data:`jansen_env.kernels.DIVERGED`, or gets so deep into
+        the ground that it is not found, stays as it was before, without entries in :attr:`totals`
+        and :attr:`record`, and is named in :attr:`diverged`. The others go on.
 
         Args:
             trace: (steps, :func:`jansen_env.kernels.trace_width`) what the first robot does in
                 each time step, filled in; None for no trace.
         """
+        before = self.states.copy()
+        self.diverged[:] = False
+        any_diverged = False
         done = 0
         while done < steps:
             count = min(self._stride, steps - done)
-            self.look()
             rows = self._no_trace if trace is None else trace[done : done + count]
-            self._advance(done == 0, count, torque, rows)
+            self._left[:] = count
+            fresh, finished = done == 0, False
+            while not finished:  # fast robots need several looks
+                if self.look() or any_diverged:
+                    any_diverged = self._stop(before)
+                finished = self._advance(fresh, torque, rows)
+                if not finished and (self._left < 0).any():
+                    any_diverged = self._stop(before)
+                fresh = False
             done += count
+        if any_diverged:
+            self.totals[self.diverged] = 0.0
+            self.record[self.diverged] = 0.0
 
-    def _advance(self, fresh: bool, count: int, torque: Array, trace: Array) -> None:
+    def _stop(self, before: Array) -> bool:
+        """Leave the robots that diverged, in this step so far, as they were before it."""
+        self.diverged |= self.detector.lost | (self._left < 0)
+        self.states[self.diverged] = before[self.diverged]
+        self._left[self.diverged] = 0
+        return bool(self.diverged.any())
+
+    def _advance(self, fresh: bool, torque: Array, trace: Array) -> bool:
+        """Advance all robots by what is left, on all threads; whether that was all of it."""
         detector = self.detector
         common: tuple[Any, ...] = (
-            fresh, count, self.time_step, torque, self.states, self.parameters,
+            fresh, self._left, self.time_step, torque, self.states, self.parameters,
             *self.model,
-            detector.spans, detector.planes, detector.contacts,
+            detector.spans, detector.planes, detector.contacts, detector.margins,
         )  # fmt: skip
         out: tuple[Any, ...] = (self.totals, self.record, self.toes, trace)
         shares = iter(self._shares)
 
-        def work(memory: tuple[Any, ...]) -> None:
+        def work(memory: tuple[Any, ...]) -> bool:
+            finished = True
             for share in shares:  # each thread takes the next one
-                kernels.advance(*share, *common, *memory, *out)
+                finished &= kernels.advance(*share, *common, *memory, *out)
+            return finished
 
         waiting = [self._threads().submit(work, memory) for memory in self._work[1:]]
         try:
-            work(self._work[0])
+            finished = work(self._work[0])
         finally:  # whatever happens here, nothing goes on in the background
-            for future in waiting:
-                future.result()
+            others = [future.result() for future in waiting]
+        return finished and all(others)
 
     def __getstate__(self) -> dict[str, Any]:
         """The arguments, and what has become of them: everything else is made anew from them."""

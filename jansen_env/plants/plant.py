@@ -7,12 +7,11 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.kernels import DIVERGED
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
-
-DIVERGED = 1e4  # a speed (m/s, rad/s) beyond which a state is no longer believed
 
 
 class StepResult(NamedTuple):
@@ -25,6 +24,9 @@ class StepResult(NamedTuple):
         energy_change: change of kinetic and potential energy, J.
         bumped: whether a joint other than a toe was pressed on the ground.
         residual: worst violation of the contact law, N s; NaN where it is not known.
+        contact_gain: the most energy that the contact impulses of one time step added to what they
+            found, J, before the step or after the other forces' part of it, whichever was more: 0
+            but for rounding; NaN where it is not known.
         joint_gap: the widest gap of any joint, m; 0 where joints cannot open.
     """
 
@@ -37,6 +39,7 @@ class StepResult(NamedTuple):
     energy_change: float
     bumped: bool
     residual: float
+    contact_gain: float
     joint_gap: float = 0.0
 
     @property
@@ -110,10 +113,24 @@ def check_pressed(value: Any, pads: int) -> NDArray[np.bool_] | None:
     return pressed
 
 
-def check_converged(state: Array, torque: float) -> None:
-    """Raises FloatingPointError if a state (8,) is not finite, or too fast to be believed."""
-    if not all(-DIVERGED < speed < DIVERGED for speed in state[4:].tolist()):
-        raise FloatingPointError(
-            f"the state diverged to {state.tolist()} under a torque of {torque} N m; "
-            "try a smaller time_step"
-        )
+def believable(state: Array) -> bool:
+    """Whether the speeds of a state (8,) are finite and such as can be."""
+    return all(-DIVERGED < speed < DIVERGED for speed in state[4:].tolist())
+
+
+def no_step(toes: int) -> StepResult:
+    """What a step that was refused has done: nothing."""
+    return StepResult(
+        slip=np.zeros(toes), contact_force=np.zeros((toes, 2)), motor_work=0.0, joint_loss=0.0,
+        slip_loss=0.0, impact_loss=0.0, energy_change=0.0, bumped=False, residual=0.0,
+        contact_gain=0.0,
+    )  # fmt: skip
+
+
+def divergence(state: Array, torque: float) -> FloatingPointError:
+    """The error of a step that is refused, with the state (8,) it began in."""
+    return FloatingPointError(
+        f"the simulation diverged from {state.tolist()} under a torque of {torque} N m: a speed "
+        f"beyond {DIVERGED:g} m/s or rad/s, or a pad too deep in the ground to find its way out; "
+        "try a smaller time_step"
+    )

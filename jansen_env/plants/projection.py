@@ -13,7 +13,7 @@ from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.joint_forces import JointForces
 from jansen_env.model import DRIVEN, GRAVITY_X, GRAVITY_Y
 from jansen_env.plants.batch import DETECTION_INTERVAL, TIME_STEP, Batch
-from jansen_env.plants.plant import StepResult, check_converged, check_pressed, check_state
+from jansen_env.plants.plant import StepResult, check_pressed, check_state, divergence
 from jansen_env.plants.stance import set_down
 from jansen_env.plants.trace import PeakLoads, landings, pads_pressed, peak_loads, trace_forces
 from jansen_env.reduced import body_sums, compile_robot
@@ -231,21 +231,22 @@ class ProjectionPlant:
             duration: s, rounded to whole time steps.
 
         Raises:
-            FloatingPointError: the state is no longer finite, or faster than anything believable.
+            FloatingPointError: the simulation diverged, to a speed that nothing has or to a pad
+                deep in the ground. The state is as it was before.
         """
         steps = max(1, round(positive("duration", duration) / self.time_step))
         self._torque[0] = torque
-        if self.tracing:
-            self._trace = np.empty((steps, self._no_trace.shape[1]))
-            self._batch.step(self._torque, steps, self._trace)
-            self.landings = landings(self._trace, self._pressed)
-            self._pressed = pads_pressed(self._trace)[-1]
-        else:
-            self._batch.step(self._torque, steps)
-            self._trace, self._pressed = self._no_trace, None
-        check_converged(self._state, torque)
+        pressed = self._pressed
+        self._trace, self._pressed = self._no_trace, None
+        trace = np.empty((steps, self._no_trace.shape[1])) if self.tracing else None
+        self._batch.step(self._torque, steps, trace)
+        if self._batch.diverged[0]:
+            raise divergence(self._state, torque)
+        if trace is not None:
+            self._trace, self.landings = trace, landings(trace, pressed)
+            self._pressed = pads_pressed(trace)[-1]
         record, elapsed = self._record, steps * self.time_step
-        motor, joints, slip, impact, residual, bumps, _, change = self._totals.tolist()
+        motor, joints, slip, impact, residual, bumps, _, change, gain = self._totals.tolist()
         return StepResult(
             slip=record[: self.toes, kernels.SLIP].copy(),
             contact_force=record[: self.toes, kernels.IMPULSE_T : kernels.IMPULSE_N + 1] / elapsed,
@@ -256,4 +257,5 @@ class ProjectionPlant:
             energy_change=change,
             bumped=bumps > 0.0,
             residual=residual,
+            contact_gain=gain,
         )

@@ -25,17 +25,18 @@ from jansen_env.linkage import check_closure
 from jansen_env.pads import pad_layout
 from jansen_env.plants import bodies as links
 from jansen_env.plants.bodies import CHASSIS, SHAFT
-from jansen_env.plants.plant import StepResult, check_converged, check_pressed, check_state
+from jansen_env.plants.plant import StepResult, believable, check_pressed, check_state, divergence
 from jansen_env.plants.stance import set_down
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
-from jansen_env.validation import positive, positive_integer
+from jansen_env.validation import positive, positive_integer, within
 
 Array = NDArray[np.float64]
 
 TIME_STEP = 2.5e-4  # s
 ITERATIONS = 200  # of pymunk's solver in a time step, from the last one's impulses on
 LANDING_ITERATIONS = 2000  # in a time step in which a pad may land: there is nothing to go on from
+BEFORE_END = 5.0  # m, from the end of the ground at which a robot must turn back
 TORN = 0.01  # m, a joint's gap beyond which the robot is no longer one
 SLOP = 1e-5  # m, how deep a resting toe may sink in
 HOP = 2e-3  # s for which a loaded pad may be off the ground and count as on it
@@ -83,6 +84,8 @@ class RigidBodyPlant:
         self._home = links.poses(robot, np.zeros(4))
         self._inertias = links.inertias(robot)
         self._friction = links.joint_friction(robot)
+        first, last = terrain.polyline[[0, -1], 0].tolist()
+        self._ends = first + BEFORE_END, last - BEFORE_END
         self._build(np.zeros(8))
 
     def _build(self, state: Array) -> None:
@@ -190,7 +193,11 @@ class RigidBodyPlant:
 
         Returns:
             The new state (8,).
+
+        Raises:
+            ValueError: there is no ground at ``x``.
         """
+        within("x", x, *self._ends)
         level = links.poses(self.robot, np.array([0.0, 0.0, 0.0, crank_angle]))
         centre = self._inertias[:, 0] @ level[:, 1:] / self._inertias[:, 0].sum()
         y, theta = set_down(self.robot, centre, self.terrain, x, crank_angle, pitch)
@@ -205,11 +212,12 @@ class RigidBodyPlant:
             duration: s, rounded to whole time steps.
 
         Raises:
-            FloatingPointError: the state is no longer finite, or faster than anything believable,
-                or a joint has come apart by more than :data:`TORN`.
+            FloatingPointError: the simulation diverged: a speed that nothing has, a joint that came
+                apart by more than :data:`TORN`, or a robot at the end of the ground. The state is
+                as it was before, joints closed.
         """
         steps = max(1, round(positive("duration", duration) / self.time_step))
-        h, book = self.time_step, _Book(len(self._pads))
+        h, book, before = self.time_step, _Book(len(self._pads)), self.state
         now = self._moment()
         start = now.energy
         for _ in range(steps):
@@ -233,19 +241,30 @@ class RigidBodyPlant:
                 book.impact_loss += now.energy + work - loss - slip_loss - after.energy
             book.joint_gap = max(book.joint_gap, after.joint_gap)
             now = after
-        check_converged(self.state, torque)
-        if not book.joint_gap < TORN:
-            raise FloatingPointError(
+        state = self.state
+        error = None
+        if not believable(state):
+            error = divergence(before, torque)
+        elif not book.joint_gap < TORN:
+            error = FloatingPointError(
                 f"a joint came apart by {book.joint_gap} m under a torque of {torque} N m; "
                 "try a smaller time_step"
             )
+        elif not self._ends[0] < self.x < self._ends[1]:
+            error = FloatingPointError(
+                f"the robot is at x = {self.x} m; the ground of the rigid-body plant ends at "
+                f"{self._ends} m"
+            )
+        if error is not None:
+            self._build(before)
+            raise error
         toes = slice(0, self.toes)
         return StepResult(
             slip=book.slip[toes], contact_force=book.impulse[toes] / (steps * h),
             motor_work=book.motor_work, joint_loss=book.joint_loss, slip_loss=book.slip_loss,
             impact_loss=book.impact_loss, energy_change=now.energy - start,
             bumped=bool(book.impulse[self.toes :, 1].any()), residual=math.nan,
-            joint_gap=book.joint_gap,
+            contact_gain=math.nan, joint_gap=book.joint_gap,
         )  # fmt: skip
 
     def peek(self, torque: float = 0.0) -> StepResult:

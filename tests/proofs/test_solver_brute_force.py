@@ -12,6 +12,7 @@ import itertools
 import numpy as np
 import pytest
 
+from jansen_env.contact_solver import COMPLIANCE as SOLVERS_OWN
 from jansen_env.contact_solver import (
     OPEN,
     SLIDE_BACKWARD,
@@ -157,7 +158,7 @@ def test_singular_problems_obey_the_law(kind, count, measured):
     """
     W, q, mu = draw(kind, count, 625)
     for w in W:
-        soften(count, w)
+        soften(count, w, SOLVERS_OWN)
     P, _ = solved(W, q, mu)
     wrong = violations(W, q, mu, P).max()
     measured(f"contact law violated, singular, {count} contacts, {kind}", wrong, 3e-8)

@@ -1,0 +1,115 @@
+"""Pads wedged between walls: where slope + atan(friction) reaches 90 degrees, two contacts can push
+on each other with any force. Random torques on random grooves, slopes to 80 degrees, friction to 5,
+pitches from half a pad to twenty: energy is not created, forces stay finite, nothing diverges.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from jansen_env import ROBOTS, Terrain, paper_robot
+from jansen_env.plants.batch import Batch
+from jansen_env.plants.projection import ProjectionPlant
+
+TORQUE = 20.0  # N m
+DESIGNS = {**{name: make() for name, make in ROBOTS.items()}, "phases3": paper_robot(3)}
+
+
+def grooves(rng: np.random.Generator) -> Terrain:
+    """Grooves side by side, grooves with flats between them, or a random profile."""
+    slope, friction = math.radians(rng.uniform(0.0, 79.9)), rng.uniform(0.0, rng.choice([1.0, 5.0]))
+    half = rng.choice([0.005, 0.01, 0.025, 0.05, 0.1, 0.2]) * rng.uniform(0.7, 1.3)  # m
+    count = int(3.0 / half)
+    x, number = half * np.arange(-count, count + 1), np.arange(2 * count + 1)
+    deep = half * math.tan(slope)
+    y = [
+        np.where(number % 2, -deep, 0.0),
+        np.where(number % 4 == 1, -deep, 0.0),
+        rng.uniform(-deep, 0.0, 2 * count + 1),
+    ][rng.integers(3)]
+    restitution = rng.choice([0.0, rng.uniform(0.0, 1.0)])
+    return Terrain(tuple(zip(x, np.maximum(y, -0.6), strict=True)), friction, restitution)
+
+
+def is_steep(terrain: Terrain) -> bool:
+    """Whether slope + atan(friction) reaches 90 degrees somewhere."""
+    (dx, dy) = np.diff(terrain.polyline, axis=0).T
+    return bool((terrain.friction * np.abs(dy) >= dx).any())
+
+
+def walk(robot, seed: int, episodes: int, steps: int = 100):
+    """Random torques for ``steps`` control periods of 20 ms, an episode for each robot of a batch.
+
+    Returns:
+        (episodes, 4) the worst of each: energy a time step's contacts added (J), energy unaccounted
+        for in a control period (J), mean force on a pad in one (N), contact residual (N s).
+    """
+    rng = np.random.default_rng([seed, len(robot.legs)])
+    terrains = [grooves(rng) for _ in range(episodes)]
+    batch = Batch([robot] * episodes, terrains)
+    for i, terrain in enumerate(terrains):
+        batch.states[i] = ProjectionPlant(robot, terrain).reset(0.0, rng.uniform(0.0, 2 * math.pi))
+    mean, spread = rng.uniform(-1.0, 1.0, episodes), rng.uniform(0.0, 1.5, episodes)
+    worst = np.zeros((episodes, 4))
+    for _ in range(steps):
+        share = np.clip(mean + spread * rng.uniform(-1.0, 1.0, episodes), -1.0, 1.0)
+        batch.step(TORQUE * share, 20)
+        assert not batch.diverged.any()
+        motor, joint, slip, impact, residual, _, _, change, gain = batch.totals.T
+        force = np.hypot(*np.moveaxis(batch.record[:, :, 1:], -1, 0)).max(axis=1) / 0.02
+        unaccounted = np.abs(motor - joint - slip - impact - change)
+        worst = np.maximum(worst, np.stack([gain, unaccounted, force, residual], axis=1))
+    batch.close()
+    return worst, np.array([is_steep(t) or t.restitution > 0.0 for t in terrains])
+
+
+def check(name: str, seeds: range, episodes: int, measured) -> None:
+    runs = [walk(DESIGNS[name], seed, episodes) for seed in seeds]
+    worst, strict = (np.concatenate(columns) for columns in zip(*runs, strict=True))
+    where = f"{len(worst)} walks on grooves, {name}"
+    assert strict.sum() > len(worst) // 2
+    gain, unaccounted, force, residual = worst.T
+    measured(
+        f"{where}: energy added by contacts that wedge or bounce", gain[strict].max(), 0.0, "J"
+    )
+    measured(f"{where}: energy added by rolling contacts", gain.max(), 2e-4, "J")
+    measured(f"{where}: energy unaccounted for in 20 ms", unaccounted.max(), 0.1, "J")
+    measured(f"{where}: mean force on a pad over 20 ms", force.max(), 3e4, "N")
+    measured(f"{where}: contact law violated", residual.max(), 1e-9, "N s")
+
+
+@pytest.mark.parametrize("name", DESIGNS)
+def test_grooves(name, measured):
+    """64 walks of 1 s for every design."""
+    check(name, range(1), 64, measured)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", DESIGNS)
+def test_ten_thousand_walks_on_grooves(name, measured):
+    """2,048 walks of 2 s for every design, 10,240 in all."""
+    check(name, range(1, 17), 128, measured)
+
+
+def test_a_braced_robot_holds_little_and_stands_still(measured):
+    """Jammed in grooves of 58 degrees, friction 0.8, by random torques, then left alone for 3 s: the
+    force is finite, and the next second's motion is micrometres (half of the robots: others rock).
+    """
+    x = 0.05 * np.arange(-40, 41)
+    ground = Terrain(tuple(zip(x, np.where(np.arange(81) % 2, -0.08, 0.0), strict=True)))
+    force, moved = 0.0, []
+    for seed in range(12):
+        plant, rng = ProjectionPlant(ROBOTS["holy"](), ground), np.random.default_rng(seed)
+        plant.reset(0.0, rng.uniform(0.0, 2.0 * math.pi))
+        for _ in range(50):
+            result = plant.step(rng.uniform(-TORQUE, TORQUE), 0.02)
+            force = max(force, float(np.abs(result.contact_force).max()))
+        plant.step(0.0, 3.0)
+        before = plant.state
+        plant.step(0.0, 1.0)
+        moved.append(np.abs(plant.state - before)[:3].max())
+    measured("wedged robot: mean force on a toe over 20 ms", force, 3e4, "N")
+    measured("wedged robots left alone: motion in a second", float(np.median(moved)), 5e-5, "m")

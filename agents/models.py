@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import pickle
-import re
 import zipfile
-from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import torch
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.utils import LinearSchedule
 
 from agents.config import find_config, load_config
 from agents.normalizer import NormalizedObservation
@@ -26,6 +27,7 @@ from agents.rollout import make_env
 from jansen_env.files import write_whole
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
+NOTES = "notes.json"  # in a model's file, what belongs to it and Stable-Baselines3 does not know
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}
 
 
@@ -64,14 +66,16 @@ def _policy_arguments(config: dict[str, Any]) -> dict[str, Any]:
     return arguments
 
 
-def _schedule(name: str, value: Any) -> float | Callable[[float], float]:
+def _schedule(name: str, value: Any) -> float | LinearSchedule:
+    """A number, or "linear_X": from X at the start to 0 at the end, and 0 from there on."""
     if isinstance(value, (int, float)):
         return float(value)
-    match = re.fullmatch(r"linear_([0-9.eE+-]+)", str(value))
-    if match is None:
-        raise ValueError(f"{name} is {value!r}, must be a number or 'linear_NUMBER'")
-    start = float(match.group(1))
-    return lambda remaining: start * remaining
+    kind, _, number = str(value).partition("_")
+    with suppress(ValueError):
+        if kind == "linear" and 0.0 <= (start := float(number)) < math.inf:
+            # A run's last rollout may end past its last step: below 0 the schedule must not go.
+            return LinearSchedule(start, 0.0, end_fraction=1.0)
+    raise ValueError(f"{name} is {value!r}, must be a number or 'linear_NUMBER', 0 or above")
 
 
 def read_tensors(path: str | Path) -> tuple[dict[str, Any], int]:
@@ -129,13 +133,43 @@ def load_policy(path: str | Path) -> Policy:
 
 
 def restore(model: BaseAlgorithm, tensors: dict[str, Any]) -> None:
-    """Set all parameters of a model, its optimisers' too, from :func:`read_tensors`."""
-    variables = tensors.pop("pytorch_variables", None) or {}
-    model.set_parameters(tensors, exact_match=True)
+    """Set all parameters of a model, its optimisers' too, from :func:`read_tensors`.
+
+    Raises:
+        ValueError: they are of another model.
+    """
+    parameters = dict(tensors)
+    variables = parameters.pop("pytorch_variables", None) or {}
+    try:
+        model.set_parameters(parameters, exact_match=True)
+    except (KeyError, RuntimeError, ValueError) as error:
+        raise ValueError(f"the saved model does not fit its configuration: {error}") from error
     for name, value in variables.items():  # such as SAC's entropy coefficient
         getattr(model, name).data = value.data
 
 
-def save_model(model: BaseAlgorithm, path: Path) -> None:
-    """Save whole or not at all."""
-    write_whole(path, model.save)
+def save_model(model: BaseAlgorithm, path: Path, notes: dict[str, Any] | None = None) -> None:
+    """Save whole or not at all, with ``notes`` as JSON in the same file."""
+
+    def write(part: str) -> None:
+        model.save(part)
+        with zipfile.ZipFile(part, "a") as archive:
+            archive.writestr(NOTES, json.dumps(notes or {}))
+
+    write_whole(path, write)
+
+
+def read_notes(path: Path) -> dict[str, Any]:
+    """The notes :func:`save_model` has put into a model's file; empty where there are none.
+
+    Raises:
+        ValueError: not such a file.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            notes = json.loads(archive.read(NOTES)) if NOTES in archive.namelist() else {}
+    except (zipfile.BadZipFile, ValueError) as error:
+        raise ValueError(f"{path} is no Stable-Baselines3 model: {error}") from error
+    if not isinstance(notes, dict):
+        raise ValueError(f"{path} has {NOTES} with {notes!r}, must be a mapping")
+    return notes

@@ -264,8 +264,9 @@ def test_bad_replay_buffers_are_refused(tmp_path):
 def test_sigterm_saves_where_training_is(tmp_path, returns, monkeypatch, capsys):
     """Exit status 143, a checkpoint of the last step, handlers as before; the run goes on."""
     handlers = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)]
+    left = [signal.SIGTERM]
     monkeypatch.setattr(
-        callbacks.Saver, "evaluate", lambda saver: os.kill(os.getpid(), signal.SIGTERM)
+        callbacks.Saver, "evaluate", lambda saver: left and os.kill(os.getpid(), left.pop())
     )
     settings = small_config()
     with pytest.raises(SystemExit) as stopped:
@@ -336,6 +337,9 @@ def test_config_file_says_algorithm_environment_and_seed(tmp_path, started):
     train.main(["--config", str(path), "--log-folder", str(tmp_path), "--seed", "0",
                 "--env", "JansenWalker-v0"])  # fmt: skip
     assert [started[-1][name] for name in ("env", "seed")] == ["JansenWalker-v0", 0]
+    path.write_text(yaml.safe_dump(small_config(algo="sac")))
+    assert train.main(["--config", str(path), "--log-folder", str(tmp_path)]).parent.name == "sac"
+    assert started[-1]["algo"] == "sac"
 
 
 @pytest.mark.parametrize(

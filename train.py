@@ -60,8 +60,11 @@ def main(arguments: list[str] | None = None) -> Path:
     torch.set_num_threads(1)
     given = sys.argv[1:] if arguments is None else arguments
     command = shlex.join(["python", "train.py", *given])
-    config, resume = _configure(args)
-    model = prepare(config, resume)  # nothing is written before this is known to be good
+    try:
+        config, resume = _configure(args)
+        model = prepare(config, resume)  # nothing is written before this is known to be good
+    except ValueError as error:
+        raise SystemExit(f"train.py: error: {error}") from error
     algo, env_id, target = config["algo"], config["env"], config["timesteps"]
     folder = Path(args.resume) if args.resume else new_run_folder(args.log_folder, algo, env_id)
     if resume is not None and resume.name == FINAL and model.num_timesteps >= target:

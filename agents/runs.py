@@ -101,8 +101,10 @@ def next_monitor(folder: Path) -> Path:
 
 
 def monitor_sizes(folder: Path) -> dict[str, int]:
-    """Size in bytes of each monitor file; kept with a checkpoint, it tells its episodes from later
-    ones."""
+    """Bytes in each monitor file: saved with a checkpoint, they tell its episodes from later ones.
+
+    Each row is on disk when its episode's last step has been taken.
+    """
     paths = (folder / "monitor").glob("*.monitor.csv")
     return {p.name: p.stat().st_size for p in paths if re.fullmatch(r"\d+", p.name.split(".")[0])}
 

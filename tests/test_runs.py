@@ -351,7 +351,7 @@ def test_failed_start_leaves_no_folder(wrong, tmp_path, started):
     settings = small_config(env=".." if "CONFIG" in wrong else "JansenWalker-v0")
     (tmp_path / "my.yml").write_text(yaml.safe_dump(settings))
     wrong = [str(tmp_path / "my.yml") if word == "CONFIG" else word for word in wrong]
-    with pytest.raises((ValueError, TypeError)):
+    with pytest.raises((SystemExit, TypeError)):
         train.main([*wrong, "--log-folder", str(tmp_path / "logs")])
     assert not (tmp_path / "logs").exists() and not started
 
@@ -364,7 +364,7 @@ def test_failed_resume_changes_nothing(tmp_path, started):
     runs.record_run(tmp_path, settings, "python train.py")
     before = [(tmp_path / name).read_bytes() for name in ("config.yml", "command.txt")]
     for message in ("does not fit its configuration", "no Stable-Baselines3 model"):
-        with pytest.raises(ValueError, match=message):
+        with pytest.raises(SystemExit, match=message):
             train.main(["--resume", str(tmp_path), "-n", "999"])
         checkpoint.write_bytes(b"torn")
     after = [(tmp_path / name).read_bytes() for name in ("config.yml", "command.txt")]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 
+import agents  # noqa: F401  # first: says what to install where the extra is missing
+
 # Before torch is loaded: these networks are small, more threads cost more than they bring, and the
 # number of threads changes the rounding of a sum, and so the run that a seed gives.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -20,7 +22,7 @@ import torch
 
 from agents import evaluate
 from agents.arguments import count, mapping, steps
-from agents.config import load_config, shipped_config
+from agents.config import TO_RESUME, check_config, load_config, shipped_config
 from agents.figures import score_figure, training_figure
 from agents.models import ALGORITHMS, load_policy
 from agents.rollout import make_env
@@ -60,7 +62,10 @@ def main(arguments: list[str] | None = None) -> Path:
     torch.set_num_threads(1)
     given = sys.argv[1:] if arguments is None else arguments
     command = shlex.join(["python", "train.py", *given])
-    folder, algo, env_id, config, resume = _prepare(args, command)
+    try:
+        folder, algo, env_id, config, resume = _prepare(args, command)
+    except ValueError as error:
+        raise SystemExit(f"train.py: error: {error}") from error
     tensorboard = (
         str(folder / "tensorboard") if args.tensorboard_log is None else args.tensorboard_log
     )
@@ -91,17 +96,19 @@ def _prepare(
         if given:
             raise SystemExit(f"--resume takes these from the run's config.yml: {', '.join(given)}")
         folder = Path(args.resume)
-        config = load_config(folder / "config.yml")
+        config = load_config(folder / "config.yml", required=TO_RESUME)
+        config.setdefault("env_kwargs", {})
         if args.timesteps:
             config["timesteps"] = args.timesteps
         record_run(folder, config, (folder / "command.txt").read_text().rstrip() + "\n" + command)
         return folder, config["algo"], config["env"], config, last_checkpoint(folder)
     algo, env_id = args.algo or "ppo", args.env or "JansenWalker-v0"
-    config = load_config(args.config or shipped_config(env_id, algo))
+    config = load_config(args.config or shipped_config(env_id, algo), algo, env_id)
     config["timesteps"] = args.timesteps or config["timesteps"]
     config["n_envs"] = args.n_envs or config["n_envs"]
     config["env_kwargs"] = {**config.get("env_kwargs", {}), **(args.env_kwargs or {})}
     config.update(algo=algo, env=env_id, seed=args.seed or 0)
+    check_config(config, required=TO_RESUME)  # again, with what was given on the command line
     folder = new_run_folder(args.log_folder, algo, env_id)
     record_run(folder, config, command)
     return folder, algo, env_id, config, None

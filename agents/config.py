@@ -214,9 +214,7 @@ def load_config(
     Numbers may be written ``2e2`` and ``5e-1``, see :func:`agents.plain_yaml.parse_yaml`.
 
     Args:
-        path: of the file. required: keys that it must have.
-        algo, env_id: what it is for; None for its own ``algo`` and ``env``. Where it has none
-            either, the arguments of algorithm, policy and environment stay unchecked.
+        path: of the file. algo, env_id, required: as of :func:`check_config`.
 
     Raises:
         ValueError: no such file, no YAML, an unknown or missing key, or a value that is not
@@ -224,22 +222,41 @@ def load_config(
     """
     config = read_yaml(path)
     try:
-        mapping("it", config)
-        missing = [name for name in required if name not in config]
-        if missing:
-            raise ValueError(f"it lacks {missing}, must have {list(required)}")
-        _check("", config, KEYS)
-        algo, env_id = algo or config.get("algo"), env_id or config.get("env")
-        if algo is not None:
-            _check("hyperparameters", config.get("hyperparameters", {}), HYPERPARAMETERS[algo])
-            _check("policy_kwargs", config.get("policy_kwargs", {}), POLICY_KWARGS[algo])
-        if env_id is not None:
-            for arguments in (config.get("env_kwargs", {}), *config.get("training_variants", ())):
-                check_env_kwargs(env_id, arguments)
+        check_config(config, algo, env_id, required)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     checked: dict[str, Any] = config
     return checked
+
+
+def check_config(
+    config: Any,
+    algo: str | None = None,
+    env_id: str | None = None,
+    required: Collection[str] = TO_TRAIN,
+) -> None:
+    """Check a configuration's names and values.
+
+    Args:
+        config: see :func:`load_config`. required: keys that it must have.
+        algo, env_id: what it is for; None for its own ``algo`` and ``env``. Where it has none
+            either, the arguments of algorithm, policy and environment stay unchecked.
+
+    Raises:
+        ValueError: an unknown or missing key, or a value that is not allowed.
+    """
+    mapping("configuration", config)
+    missing = [name for name in required if name not in config]
+    if missing:
+        raise ValueError(f"configuration has no {missing}, must have {list(required)}")
+    _check("", config, KEYS)
+    algo, env_id = algo or config.get("algo"), env_id or config.get("env")
+    if algo is not None:
+        _check("hyperparameters", config.get("hyperparameters", {}), HYPERPARAMETERS[algo])
+        _check("policy_kwargs", config.get("policy_kwargs", {}), POLICY_KWARGS[algo])
+    if env_id is not None:
+        for arguments in (config.get("env_kwargs", {}), *config.get("training_variants", ())):
+            check_env_kwargs(env_id, arguments)
 
 
 def _check(part: str, values: dict[str, Any], table: dict[str, Check]) -> None:

@@ -12,6 +12,7 @@ import json
 import pickle
 import pickletools
 import sys
+import warnings
 import zipfile
 from collections import OrderedDict
 from collections.abc import Collection
@@ -48,7 +49,8 @@ def read_model(path: str | Path, members: Collection[str] = MEMBERS) -> tuple[di
         ValueError: no such file, or it is damaged, too large, or not what the members hold.
     """
     try:
-        with zipfile.ZipFile(path) as archive:
+        with warnings.catch_warnings(), zipfile.ZipFile(path) as archive:
+            warnings.simplefilter("ignore")  # such as of odd text in a damaged pickle
             present = set(archive.namelist())
             tensors = {
                 name: _read_tensors(_unzip(archive, f"{name}.pth"))
@@ -164,8 +166,10 @@ class _Builder:
         self.bytes -= len(data)
         storage = torch.frombuffer(bytearray(data), dtype=STORAGES[kind])
         tensor = storage.as_strided(view.size, view.stride, view.offset)  # checks that it is inside
-        if len(storage) != count or tensor.numel() > len(storage):
+        if len(storage) != count:
             raise ValueError(f"storage {key} has {len(storage)} numbers, must have {count}")
+        if tensor.numel() > len(storage):
+            raise ValueError(f"a tensor of shape {view.size} has {len(storage)} numbers")
         if not torch.isfinite(tensor).all():
             raise ValueError("it has tensors that are not finite")
         return tensor.clone()

@@ -43,9 +43,8 @@ def parse_yaml(text: str, name: str) -> Any:
     Raises:
         ValueError: no YAML, an anchor, alias, tag or key that stands twice; names the line.
     """
-    loader = _Loader(text)
     try:
-        node = loader.get_single_node()
+        node = _Loader(text).get_single_node()
         return None if node is None else _plain(node)
     except yaml.MarkedYAMLError as error:
         line = "" if error.problem_mark is None else f", line {error.problem_mark.line + 1}"
@@ -54,8 +53,6 @@ def parse_yaml(text: str, name: str) -> Any:
         raise ValueError(f"{name} is no YAML: {' '.join(str(error).split())}") from error
     except RecursionError as error:
         raise ValueError(f"{name} is nested too deeply") from error
-    finally:
-        loader.dispose()
 
 
 def read_yaml(path: str | Path) -> Any:

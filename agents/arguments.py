@@ -38,5 +38,7 @@ def _whole(text: str, low: int) -> int:
     except ValueError:
         value = low - 1
     if not low <= value <= MOST:
-        raise argparse.ArgumentTypeError(f"{text!r}, must be a whole number from {low} to {MOST}")
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not allowed, must be a whole number from {low} to {MOST}"
+        )
     return value

@@ -41,14 +41,14 @@ def one_of(names: Collection[str]) -> Check:
 
 
 def either(pattern: str, shown: str, other: Check) -> Check:
-    """Text of a pattern, whose group is a positive number, or what another check allows."""
+    """Text of a pattern, its group (if any) a positive number, or what another check allows."""
 
     def check(name: str, value: Any) -> None:
         try:
             match = re.fullmatch(pattern, value) if isinstance(value, str) else None
             if match is None:
                 other(name, value)
-            elif match[1] is not None:
+            elif match.lastindex:
                 positive(name, float(match[1]))
         except ValueError as error:
             raise ValueError(f"{error}, or {shown}") from error
@@ -100,7 +100,7 @@ def mappings(name: str, value: Any) -> None:
         mapping(f"an entry of {name}", one)
 
 
-NUMBER = r"([0-9.]+(?:[eE][-+]?[0-9]+)?)"
+NUMBER = r"((?:[0-9]+\.?|[0-9]*\.[0-9]+)(?:[eE][-+]?[0-9]+)?)"
 SCHEDULE = either(f"linear_{NUMBER}", "'linear_NUMBER'", positive)
 
 # Of the arguments in Stable-Baselines3 those that are plain data and not set by train.py itself:
@@ -137,7 +137,7 @@ HYPERPARAMETERS: dict[str, dict[str, Check]] = {
         "gradient_steps": integer(-1, 10**5),  # -1: as many as steps were taken
         "ent_coef": either(f"auto(?:_{NUMBER})?", "'auto' or 'auto_NUMBER'", positive),
         "target_update_interval": integer(1, 10**6),
-        "target_entropy": either("auto()?", "'auto'", finite),
+        "target_entropy": either("auto", "'auto'", finite),
         "use_sde_at_warmup": flag,
     },
 }
@@ -265,7 +265,7 @@ def _check(part: str, values: dict[str, Any], table: dict[str, Check]) -> None:
         if name not in table:
             where = f" of {part}" if part else ""
             raise ValueError(f"{name!r} is no key{where}, must be in {sorted(table)}")
-        table[name](f"{part}: {name}" if part else name, value)
+        table[name](f"{part}.{name}" if part else name, value)
 
 
 def find_config(model: str | Path) -> Path:

@@ -254,6 +254,7 @@ def test_a_missing_extra_is_named(script):
         capture_output=True,
         text=True,
         check=False,
+        timeout=60,
     )
     assert done.returncode != 0
     last = done.stderr.splitlines()[-1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import pickle
 import random
 import shutil
@@ -18,7 +19,7 @@ import yaml
 from stable_baselines3 import PPO
 
 import train
-from agents import model_files, models, runs
+from agents import evaluate, model_files, models, runs
 from agents.rollout import make_env
 
 ENV = "JansenCrank-v0"
@@ -151,6 +152,18 @@ def test_a_model_trained_elsewhere(tmp_path):
     seen = np.stack([env.reset(seed=s)[0] for s in range(5)])
     actions = [p.predict(seen, deterministic=True)[0] for p in (ours, model)]
     assert np.array_equal(*actions)
+
+
+def test_models_of_one_name_are_all_scored(made, tmp_path, monkeypatch):
+    """From runs in different folders, in one table."""
+    monkeypatch.chdir(tmp_path)
+    names = [f"{root}/ppo/{ENV}_1" for root in ("a", "b")]
+    for name in names:
+        shutil.copytree(made, name)
+    given = [argument for name in names for argument in ("--policy", name)]
+    evaluate.main(["--env", ENV, "--episodes", "1", "--env-kwargs", "{max_episode_steps: 3}",
+                   "--out", "out", *given])  # fmt: skip
+    assert list(json.loads((tmp_path / "out" / "scores.json").read_text())) == names
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,8 @@ import sys
 import warnings
 import zipfile
 from collections import OrderedDict
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -48,23 +49,42 @@ def read_model(path: str | Path, members: Collection[str] = MEMBERS) -> tuple[di
     Raises:
         ValueError: no such file, or it is damaged, too large, or not what the members hold.
     """
+    with _opened(path) as archive:
+        present = set(archive.namelist())
+        tensors = {
+            name: _read_tensors(_unzip(archive, f"{name}.pth"))
+            for name in members
+            if f"{name}.pth" in present
+        }
+        data = json.loads(_unzip(archive, "data", LARGEST_TEXT))
+        steps = whole_number("num_timesteps", data["num_timesteps"])
+        if steps > MOST_STEPS:
+            raise ValueError(f"num_timesteps is {steps}, must be at most {MOST_STEPS}")
+    return tensors, steps
+
+
+def read_json(path: str | Path, member: str) -> Any:
+    """A member of a model's zip file that is JSON; None where there is none.
+
+    Raises:
+        ValueError: no such file, or it is damaged or too large.
+    """
+    with _opened(path) as archive:
+        if member not in archive.namelist():
+            return None
+        return json.loads(_unzip(archive, member, LARGEST_TEXT))
+
+
+@contextmanager
+def _opened(path: str | Path) -> Iterator[zipfile.ZipFile]:
+    """A zip file, whatever goes wrong in reading it one ValueError that names it."""
     try:
         with warnings.catch_warnings(), zipfile.ZipFile(path) as archive:
             warnings.simplefilter("ignore")  # such as of odd text in a damaged pickle
-            present = set(archive.namelist())
-            tensors = {
-                name: _read_tensors(_unzip(archive, f"{name}.pth"))
-                for name in members
-                if f"{name}.pth" in present
-            }
-            data = json.loads(_unzip(archive, "data", LARGEST_TEXT))
-            steps = whole_number("num_timesteps", data["num_timesteps"])
-        if steps > MOST_STEPS:
-            raise ValueError(f"num_timesteps is {steps}, must be at most {MOST_STEPS}")
+            yield archive
     except Exception as error:  # of a damaged file the parsers raise nearly every kind there is
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"{path} is no Stable-Baselines3 model: {reason}") from error
-    return tensors, steps
 
 
 def _unzip(archive: zipfile.ZipFile, name: str, most: int = LARGEST) -> bytes:

@@ -232,6 +232,16 @@ def test_steps_are_a_whole_number(data, folder):
     refused(path, "no Stable-Baselines3 model", models.read_tensors)
 
 
+def test_json_in_a_model_file(folder):
+    """Read where it is there, refused where it is none."""
+    path = spoil(folder, lambda name, old: b"[" * 100_000 if name == "data" else old)
+    refused(path, "recursion", lambda path: model_files.read_json(path, "data"))
+    assert model_files.read_json(path, "notes.json") is None
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("notes.json", '{"return": 1.5}')
+    assert model_files.read_json(path, "notes.json") == {"return": 1.5}
+
+
 def test_nothing_unpacks_without_bound(folder):
     """A large member, one whose header says less, another packing, a large one inside."""
     path = folder / "best_model.zip"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 
+import agents  # noqa: F401  # first: says what to install where the extra is missing
+
 # Before torch is loaded: these networks are small, more threads cost more than they bring, and the
 # number of threads changes the rounding of a sum, and so the run that a seed gives.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -19,7 +21,7 @@ import torch
 
 from agents import evaluate
 from agents.arguments import count, mapping, steps
-from agents.config import load_config, shipped_config
+from agents.config import TO_RESUME, check_config, load_config, shipped_config
 from agents.figures import score_figure, training_figure
 from agents.models import ALGORITHMS, load_policy
 from agents.rollout import make_env
@@ -104,24 +106,21 @@ def _configure(args: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
         given = [f"--{name.replace('_', '-')}" for name in fixed if getattr(args, name) is not None]
         if given:
             raise SystemExit(f"--resume takes these from the run's config.yml: {', '.join(given)}")
-        path = Path(args.resume) / "config.yml"
-        config = load_config(path)
-        missing = [name for name in ("algo", "env", "seed") if name not in config]
-        if missing:
-            raise ValueError(f"{path} has no {missing}, must be the config.yml of a run")
+        config = load_config(Path(args.resume) / "config.yml", required=TO_RESUME)
         config["timesteps"] = args.timesteps or config["timesteps"]
         return config, last_state(args.resume)
-    config = load_config(args.config) if args.config else {}
+    config = load_config(args.config, args.algo, args.env) if args.config else {}
     algo = args.algo or config.get("algo", "ppo")
     env_id = args.env or config.get("env", "JansenWalker-v0")
     find_task(env_id)  # algorithm and environment name the run's folder
     if not args.config:
-        config = load_config(shipped_config(env_id, algo))
+        config = load_config(shipped_config(env_id, algo), algo, env_id)
     config["timesteps"] = args.timesteps or config["timesteps"]
     config["n_envs"] = args.n_envs or config["n_envs"]
     config["env_kwargs"] = {**config.get("env_kwargs", {}), **(args.env_kwargs or {})}
     seed = config.get("seed", 0) if args.seed is None else args.seed
     config.update(algo=algo, env=env_id, seed=seed)
+    check_config(config, required=TO_RESUME)  # again, with what was given on the command line
     return config, None
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 
+import agents  # noqa: F401  # first: says what to install where the extra is missing
+
 # Before torch is loaded: these networks are small, more threads cost more than they bring, and the
 # number of threads changes the rounding of a sum, and so the run that a seed gives.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import argparse
-import json
 import shlex
 import sys
 import time
@@ -20,14 +21,14 @@ import torch
 
 from agents import evaluate
 from agents.arguments import count, mapping, steps
-from agents.config import load_config, shipped_config
+from agents.config import TO_RESUME, check_config, load_config, shipped_config
 from agents.figures import score_figure, training_figure
 from agents.models import ALGORITHMS, load_policy
 from agents.rollout import make_env
-from agents.runs import last_checkpoint, new_run_folder, record_run
+from agents.runs import BEST, FINAL, last_state, new_run_folder, read_evaluations, record_run
 from agents.scores import markdown_table
 from agents.tasks import TASKS, find_task
-from agents.training import train
+from agents.training import prepare, train
 from jansen_env.files import write_json
 
 
@@ -35,11 +36,12 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Flags, named as in RL Baselines3 Zoo."""
     parser = argparse.ArgumentParser(description=__doc__)
     add = parser.add_argument
-    add("--algo", choices=sorted(ALGORITHMS), help="algorithm; default: ppo")
-    add("--env", choices=sorted(TASKS), help="environment id; default: JansenWalker-v0")
+    add("--algo", choices=sorted(ALGORITHMS), help="algorithm; default: --config's, or else ppo")
+    add("--env", choices=sorted(TASKS),
+        help="environment id; default: --config's, or else JansenWalker-v0")  # fmt: skip
     add("-n", "--timesteps", type=count, help="environment steps, in place of the configuration's")
     add("--n-envs", type=count, help="environments side by side, in place of the configuration's")
-    add("--seed", type=int, help="of the networks and the environments; default: 0")
+    add("--seed", type=int, help="of networks and environments; default: --config's, or else 0")
     add("--eval-freq", type=steps, default=50_000, help="steps between evaluations, 0 for none")
     add("--save-freq", type=steps, default=100_000, help="steps between checkpoints, 0 for none")
     add("--eval-episodes", type=count, default=10, help="episodes per command of the final table")
@@ -48,7 +50,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--env-kwargs", type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--config", metavar="FILE", help="hyperparameters; default: agents/configs/ENV/ALGO.yml")
-    add("--resume", metavar="RUN", help="run folder to go on with from its last checkpoint")
+    add("--resume", metavar="RUN", help="run folder to go on with from the last model saved")
     add("--no-progress", action="store_true", help="no progress bar")
     return parser.parse_args(arguments)
 
@@ -60,56 +62,70 @@ def main(arguments: list[str] | None = None) -> Path:
     torch.set_num_threads(1)
     given = sys.argv[1:] if arguments is None else arguments
     command = shlex.join(["python", "train.py", *given])
-    folder, algo, env_id, config, resume = _prepare(args, command)
-    tensorboard = (
-        str(folder / "tensorboard") if args.tensorboard_log is None else args.tensorboard_log
-    )
-    print(f"{algo.upper()} on {env_id}, {config['timesteps']} steps -> {folder}", flush=True)
-    train(
-        algo, env_id, config, folder, seed=config["seed"], eval_every=args.eval_freq,
-        save_every=args.save_freq, tensorboard=tensorboard or None, resume=resume,
-        progress=not args.no_progress and sys.stderr.isatty(),
-    )  # fmt: skip
+    try:
+        config, resume = _configure(args)
+        model = prepare(config, resume)  # nothing is written before this is known to be good
+    except ValueError as error:
+        raise SystemExit(f"train.py: error: {error}") from error
+    algo, env_id, target = config["algo"], config["env"], config["timesteps"]
+    folder = Path(args.resume) if args.resume else new_run_folder(args.log_folder, algo, env_id)
+    if resume is not None and resume.name == FINAL and model.num_timesteps >= target:
+        print(f"{folder} is finished: {model.num_timesteps} steps trained, {target} asked for")
+    else:
+        record_run(folder, config, command)
+        if resume is not None:
+            print(f"resuming from {resume} at {model.num_timesteps} steps")
+        print(f"{algo.upper()} on {env_id}, {target} steps -> {folder}", flush=True)
+        tensorboard = args.tensorboard_log
+        if tensorboard is None:
+            tensorboard = str(folder / "tensorboard")
+        train(
+            model, config, folder, eval_every=args.eval_freq, save_every=args.save_freq,
+            tensorboard=tensorboard or None, resume=resume,
+            progress=not args.no_progress and sys.stderr.isatty(),
+        )  # fmt: skip
     trained = time.perf_counter()
     print(
         f"trained in {trained - start:.0f} s; "
         f"scoring against {', '.join(find_task(env_id).rivals)} ...",
         flush=True,
     )
-    _score(folder, env_id, config["env_kwargs"], args.eval_episodes)
+    _score(folder, env_id, config.get("env_kwargs", {}), args.eval_episodes)
     print(f"scored in {time.perf_counter() - trained:.0f} s")
     return folder
 
 
-def _prepare(
-    args: argparse.Namespace, command: str
-) -> tuple[Path, str, str, dict[str, Any], Path | None]:
-    """The run's folder, algorithm, environment, configuration and checkpoint to start from."""
+def _configure(args: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
+    """The run's configuration, with algorithm, environment and seed, and the model to go on with.
+
+    Raises:
+        ValueError: a file is missing, or something in it is wrong.
+    """
     if args.resume:
         fixed = ("algo", "env", "n_envs", "seed", "env_kwargs", "config")
         given = [f"--{name.replace('_', '-')}" for name in fixed if getattr(args, name) is not None]
         if given:
             raise SystemExit(f"--resume takes these from the run's config.yml: {', '.join(given)}")
-        folder = Path(args.resume)
-        config = load_config(folder / "config.yml")
-        if args.timesteps:
-            config["timesteps"] = args.timesteps
-        record_run(folder, config, (folder / "command.txt").read_text().rstrip() + "\n" + command)
-        return folder, config["algo"], config["env"], config, last_checkpoint(folder)
-    algo, env_id = args.algo or "ppo", args.env or "JansenWalker-v0"
-    config = load_config(args.config or shipped_config(env_id, algo))
+        config = load_config(Path(args.resume) / "config.yml", required=TO_RESUME)
+        config["timesteps"] = args.timesteps or config["timesteps"]
+        return config, last_state(args.resume)
+    config = load_config(args.config, args.algo, args.env) if args.config else {}
+    algo = args.algo or config.get("algo", "ppo")
+    env_id = args.env or config.get("env", "JansenWalker-v0")
+    find_task(env_id)  # algorithm and environment name the run's folder
+    if not args.config:
+        config = load_config(shipped_config(env_id, algo), algo, env_id)
     config["timesteps"] = args.timesteps or config["timesteps"]
     config["n_envs"] = args.n_envs or config["n_envs"]
     config["env_kwargs"] = {**config.get("env_kwargs", {}), **(args.env_kwargs or {})}
-    config.update(algo=algo, env=env_id, seed=args.seed or 0)
-    folder = new_run_folder(args.log_folder, algo, env_id)
-    record_run(folder, config, command)
-    return folder, algo, env_id, config, None
+    seed = config.get("seed", 0) if args.seed is None else args.seed
+    config.update(algo=algo, env=env_id, seed=seed)
+    check_config(config, required=TO_RESUME)  # again, with what was given on the command line
+    return config, None
 
 
 def _score(folder: Path, env_id: str, env_kwargs: dict[str, Any], episodes: int) -> None:
-    best = folder / "best_model.zip"
-    model = best if best.exists() else folder / "final_model.zip"
+    model = folder / BEST if (folder / BEST).is_file() else folder / FINAL
     task = find_task(env_id)
     env = make_env(env_id, env_kwargs)
     policies = {name: evaluate.load(name, env) for name in task.rivals}
@@ -118,8 +134,7 @@ def _score(folder: Path, env_id: str, env_kwargs: dict[str, Any], episodes: int)
     scores = evaluate.evaluate(policies, env_id, env_kwargs, episodes=episodes)
     write_json(folder / "scores.json", scores)
     score_figure(task, scores, folder / "scores.png")
-    history = folder / "evaluations.json"
-    evaluations = json.loads(history.read_text()) if history.exists() else []
+    evaluations = read_evaluations(folder)
     if evaluations:
         levels = {name: scores[name]["overall"]["return"][0] for name in task.rivals}
         training_figure(evaluations, levels, folder / "training.png")
@@ -136,4 +151,7 @@ def _score(folder: Path, env_id: str, env_kwargs: dict[str, Any], episodes: int)
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except KeyboardInterrupt:  # before training or after it
+        raise SystemExit(130) from None

@@ -5,15 +5,17 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-import yaml
+from agents.plain_yaml import parse_yaml
+
+MOST = 10**10  # environment steps of one run: months of training
 
 
 def mapping(text: str) -> dict[str, Any]:
-    """A YAML mapping such as ``{friction: 0.5}``, read without running code."""
+    """A YAML mapping such as ``{friction: 0.5}``, read as :func:`agents.plain_yaml.parse_yaml`."""
     try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is no YAML: {error}") from error
+        value = parse_yaml(text, repr(text))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
     if not isinstance(value, dict):
         raise argparse.ArgumentTypeError(f"{text!r} is no YAML mapping such as '{{friction: 0.5}}'")
     return value
@@ -21,15 +23,22 @@ def mapping(text: str) -> dict[str, Any]:
 
 def count(text: str) -> int:
     """A whole number above 0."""
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{text} is below 1")
-    return value
+    return _whole(text, 1)
 
 
 def steps(text: str) -> int:
     """A whole number, 0 or above."""
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"{text} is below 0")
+    return _whole(text, 0)
+
+
+def _whole(text: str, low: int) -> int:
+    """Text as a whole number from ``low`` to :data:`MOST`."""
+    try:
+        value = int(text)
+    except ValueError:
+        value = low - 1
+    if not low <= value <= MOST:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not allowed, must be a whole number from {low} to {MOST}"
+        )
     return value

@@ -1,20 +1,27 @@
-"""What happens while a model trains: checkpoints, evaluations, the observations' scale."""
+"""What happens while a model trains: checkpoints, evaluations, the observations' scale, its end."""
 
 from __future__ import annotations
 
-import json
+import os
+import signal
+import threading
 import time
 from pathlib import Path
+from types import FrameType, TracebackType
 from typing import Any
 
 import numpy as np
 import torch
+from gymnasium.spaces.utils import flatdim
+from numpy.typing import NDArray
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 from agents.models import save_model
 from agents.normalizer import NormalizedObservation
+from agents.replay import save_replay_buffer
 from agents.rollout import make_env, run_episodes
+from agents.runs import BEST, REPLAY, best_return, monitor_sizes, read_evaluations
 from agents.scores import values
 from agents.tasks import find_task
 from jansen_env.files import write_json
@@ -46,13 +53,10 @@ class Saver(BaseCallback):
         self.env_id, self.env_kwargs = env_id, env_kwargs
         self.task = find_task(env_id)
         self.commands = np.repeat(self.task.commands, episodes)
-        self.history: list[dict[str, Any]] = []
-        history = folder / "evaluations.json"
-        if history.is_file():
-            self.history = json.loads(history.read_text(encoding="utf-8"))
-            # After a kill the checkpoint may be older than the last evaluation.
-            self.history = [row for row in self.history if row["steps"] <= done]
-        self.best = max((row["return"] for row in self.history), default=-np.inf)
+        # After a kill the last evaluations may be of steps that are now trained again. The best
+        # model may be of one of them, so the return to beat is not the history's but the file's.
+        self.history = [row for row in read_evaluations(folder) if row["steps"] <= done]
+        self.best = best_return(folder)
 
     def _on_training_start(self) -> None:
         self._next_save = self.num_timesteps + self.save_every
@@ -63,12 +67,22 @@ class Saver(BaseCallback):
     def _on_step(self) -> bool:
         if self.save_every and self.num_timesteps >= self._next_save:
             self._next_save += self.save_every
-            name = f"model_{self.num_timesteps}_steps.zip"
-            save_model(self.model, self.folder / "checkpoints" / name)
+            self.save_checkpoint()
         if self.eval_every and self.num_timesteps >= self._next_eval:
             self._next_eval += self.eval_every
             self.evaluate()
         return True
+
+    def save_checkpoint(self) -> None:
+        """Save all that is needed to go on from here."""
+        self.save(self.folder / "checkpoints" / f"model_{self.model.num_timesteps}_steps.zip")
+
+    def save(self, path: Path) -> None:
+        """Save the model, what belongs to its steps of the monitors, and the replay buffer."""
+        save_model(self.model, path, {"monitor": monitor_sizes(self.folder)})
+        replay_buffer = getattr(self.model, "replay_buffer", None)  # of an off-policy algorithm
+        if replay_buffer is not None:
+            save_replay_buffer(replay_buffer, self.folder / REPLAY)
 
     def evaluate(self) -> None:
         """Score the present policy; keep it if it is the best so far."""
@@ -87,7 +101,8 @@ class Saver(BaseCallback):
         }
         if row["return"] > self.best:
             self.best = row["return"]
-            save_model(self.model, self.folder / "best_model.zip")
+            # Its return in the same file: no kill can part the two.
+            save_model(self.model, self.folder / BEST, row)
         self.history.append(row)
         write_json(self.folder / "evaluations.json", self.history)
 
@@ -95,24 +110,73 @@ class Saver(BaseCallback):
 class NormalizerUpdate(BaseCallback):
     """Lets the policy's normalizer see the last rollout before the next one begins.
 
-    Within a rollout and the update on it the normalizer stands still.
+    Within a rollout and the update on it the normalizer stands still: the update compares with
+    probabilities that the rollout's policy gave.
     """
 
+    def __init__(self) -> None:
+        super().__init__()
+        self._seen: NDArray[np.float32] | None = None
+
     def _on_rollout_start(self) -> None:
-        extractors = [
-            m for m in self.model.policy.modules() if isinstance(m, NormalizedObservation)
-        ]
-        if not extractors:
+        self._begun = self.model.num_timesteps
+        if self._seen is None:
             return
-        if isinstance(self.model, OnPolicyAlgorithm):
-            buffer = self.model.rollout_buffer
-            seen = buffer.observations.reshape(-1, extractors[0].mean.shape[0])
-            if not buffer.full:
-                seen = np.asarray(self.model._last_obs)  # before the first rollout
-        else:
-            seen = np.asarray(self.model._last_obs)
-        for extractor in extractors:
-            extractor.update(torch.as_tensor(seen, dtype=torch.float32))
+        for module in self.model.policy.modules():
+            if isinstance(module, NormalizedObservation):
+                module.update(torch.as_tensor(self._seen))
+        self._seen = None
+
+    def _on_rollout_end(self) -> None:
+        # Now, not when the next rollout begins: Stable-Baselines3 has emptied the buffer by then.
+        model: Any = self.model
+        if isinstance(model, OnPolicyAlgorithm):
+            seen = model.rollout_buffer.observations
+        else:  # of the replay buffer, what is new in it
+            buffer = model.replay_buffer
+            rows = min((model.num_timesteps - self._begun) // buffer.n_envs, buffer.size())
+            seen = buffer.observations[np.arange(buffer.pos - rows, buffer.pos)]
+        self._seen = np.array(seen, np.float32).reshape(-1, flatdim(model.observation_space))
 
     def _on_step(self) -> bool:
         return True
+
+
+class Stop(BaseCallback):
+    """Ends training at the next step after SIGINT (Ctrl-C) or SIGTERM; a second one kills at once.
+
+    By the next step an update in progress has come to its end, so model and optimiser are whole.
+    As a context manager it takes these signals, and gives them back.
+
+    Attributes:
+        signal: the number of the signal that came, 0 for none.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.signal = 0
+        self._handlers: dict[int, Any] = {}
+
+    def __enter__(self) -> Stop:
+        if threading.current_thread() is threading.main_thread():  # no other may take signals
+            for number in (signal.SIGINT, signal.SIGTERM):
+                if signal.getsignal(number) != signal.SIG_IGN:  # as in the background of a shell
+                    self._handlers[number] = signal.signal(number, self._take)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:  # fmt: skip
+        for number, handler in self._handlers.items():
+            signal.signal(number, handler)
+
+    def _take(self, number: int, frame: FrameType | None) -> None:
+        self.signal = number
+        for taken in self._handlers:
+            signal.signal(taken, signal.SIG_DFL)
+        # To standard error, but not by print: the signal may have come in the midst of one.
+        os.write(2, b"\nstopping after this step; once more to end at once\n")
+
+    def _on_step(self) -> bool:
+        return not self.signal

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.arguments import count, mapping
+from agents.arguments import count, mapping, steps
 from agents.figures import score_figure
 from agents.gif import save_gif
 from agents.policy import Policy
@@ -62,6 +62,28 @@ def title(name: str) -> str:
     return f"{folder.parent.name}/{folder.name}{stem}"
 
 
+def titles(names: list[str]) -> list[str]:
+    """:func:`title` of each policy, and where two would share one, the names as they are given.
+
+    Raises:
+        ValueError: a policy is given twice.
+    """
+    files = [str(_model_file(name)) for name in names]
+    for file, name in zip(files, names, strict=True):
+        if files.count(file) > 1:
+            raise ValueError(f"policy {name!r} is given {files.count(file)} times, must be once")
+    found = [title(name) for name in names]
+    return [name if found.count(own) > 1 else own for name, own in zip(names, found, strict=True)]
+
+
+def _model_file(name: str) -> Path:
+    """The file that a policy is in; of a baseline its name."""
+    path = Path(name)
+    if not path.exists():
+        return path
+    return (path / "best_model.zip" if path.is_dir() else path).resolve()
+
+
 def evaluate(
     policies: dict[str, Policy],
     env_id: str,
@@ -79,6 +101,9 @@ def evaluate(
 
     Returns:
         For each policy :func:`agents.scores.summarise` and its raw episodes under ``"raw"``.
+
+    Raises:
+        ValueError: no task is known for ``env_id``, or an argument out of range.
     """
     task = find_task(env_id)
     command = np.repeat(task.commands if commands is None else commands, episodes)
@@ -128,7 +153,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--commands", type=float, nargs="+", metavar="V",
                         help="commanded speeds; default: the task's grid")  # fmt: skip
     parser.add_argument("--episodes", type=count, default=10, help="episodes per command")
-    parser.add_argument("--seed", type=int, default=0, help="another number, other starts")
+    parser.add_argument("--seed", type=steps, default=0, help="another number, other starts")
     parser.add_argument("--out", default="logs/evaluation", metavar="DIR",
                         help="where scores.json and scores.png go")  # fmt: skip
     parser.add_argument("--video", action="store_true", help="also a GIF of each policy")
@@ -139,14 +164,23 @@ def main(arguments: list[str] | None = None) -> None:
     commands = args.commands or list(task.commands)
     if args.plant and args.env != "JansenWalker-v0":
         parser.error(f"--plant is {args.plant}, but {args.env} has one plant only")
+    scored: list[tuple[dict[str, Policy], dict[str, Any]]] = []
+    try:  # all of what is asked for before any of it is run
+        names = titles(args.policy)
+        for plant in dict.fromkeys(args.plant) or [None]:
+            env_kwargs = args.env_kwargs if plant is None else {**args.env_kwargs, "plant": plant}
+            suffix = "" if plant is None else f" on {plant}"
+            env = make_env(args.env, env_kwargs)
+            policies = {
+                own + suffix: load(name, env) for own, name in zip(names, args.policy, strict=True)
+            }
+            env.close()
+            scored.append((policies, env_kwargs))
+    except ValueError as error:
+        parser.error(str(error))
     scores: dict[str, dict[str, Any]] = {}
     films: dict[str, tuple[Policy, dict[str, Any]]] = {}
-    for plant in args.plant or [None]:
-        env_kwargs = args.env_kwargs if plant is None else {**args.env_kwargs, "plant": plant}
-        suffix = "" if plant is None else f" on {plant}"
-        env = make_env(args.env, env_kwargs)
-        policies = {title(name) + suffix: load(name, env) for name in args.policy}
-        env.close()
+    for policies, env_kwargs in scored:
         scores |= evaluate(
             policies, args.env, env_kwargs, tuple(commands), args.episodes, args.seed
         )

@@ -1,31 +1,32 @@
 """Models: built from a configuration, and read from files without running code from them.
 
-Models are Stable-Baselines3's own zip files. They are read here without unpickling anything: only
-the tensors in them are used, and the rest is built anew from config.yml.
+Models are Stable-Baselines3's own zip files. Only the tensors in them are used (see
+:mod:`agents.model_files`), and the rest is built anew from config.yml.
 """
 
 from __future__ import annotations
 
-import io
 import json
-import pickle
-import re
+import math
 import zipfile
-from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import torch
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.utils import LinearSchedule
 
-from agents.config import find_config, load_config
+from agents.config import TO_LOAD, find_config, load_config
+from agents.model_files import read_json, read_model
 from agents.normalizer import NormalizedObservation
 from agents.policy import Policy
 from agents.rollout import make_env
 from jansen_env.files import write_whole
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
+NOTES = "notes.json"  # in a model's file, what belongs to it and Stable-Baselines3 does not know
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}
 
 
@@ -64,78 +65,128 @@ def _policy_arguments(config: dict[str, Any]) -> dict[str, Any]:
     return arguments
 
 
-def _schedule(name: str, value: Any) -> float | Callable[[float], float]:
+def _schedule(name: str, value: Any) -> float | LinearSchedule:
+    """A number, or "linear_X": from X at the start to 0 at the end, and 0 from there on."""
     if isinstance(value, (int, float)):
         return float(value)
-    match = re.fullmatch(r"linear_([0-9.eE+-]+)", str(value))
-    if match is None:
-        raise ValueError(f"{name} is {value!r}, must be a number or 'linear_NUMBER'")
-    start = float(match.group(1))
-    return lambda remaining: start * remaining
+    kind, _, number = str(value).partition("_")
+    with suppress(ValueError):
+        if kind == "linear" and 0.0 <= (start := float(number)) < math.inf:
+            # A run's last rollout may end past its last step: below 0 the schedule must not go.
+            return LinearSchedule(start, 0.0, end_fraction=1.0)
+    raise ValueError(f"{name} is {value!r}, must be a number or 'linear_NUMBER', 0 or above")
 
 
 def read_tensors(path: str | Path) -> tuple[dict[str, Any], int]:
-    """Parameters and number of time steps in a Stable-Baselines3 zip file, without unpickling.
+    """Parameters and number of time steps in a Stable-Baselines3 zip file, without running code.
 
     Returns:
         (parameters by name, as ``BaseAlgorithm.set_parameters`` takes them; time steps trained)
 
     Raises:
-        ValueError: not such a file.
+        ValueError: not such a file, or a damaged one.
     """
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = [name for name in archive.namelist() if name.endswith(".pth")]
-            tensors = {
-                name[: -len(".pth")]: torch.load(
-                    io.BytesIO(archive.read(name)), map_location="cpu", weights_only=True
-                )
-                for name in names
-            }
-            steps = int(json.loads(archive.read("data"))["num_timesteps"])
-    except (zipfile.BadZipFile, KeyError, ValueError, pickle.UnpicklingError) as error:
-        raise ValueError(f"{path} is no Stable-Baselines3 model: {error}") from error
-    return tensors, steps
+    return read_model(path)
 
 
 def load_policy(path: str | Path) -> Policy:
     """A trained policy from a run's folder or a model's zip file, without running code from it.
 
+    A model that Stable-Baselines3 trained elsewhere takes a config.yml beside it that says how the
+    policy is built; policy_kwargs and use_sde may be left out where they are the library's own::
+
+        algo: ppo
+        env: JansenWalker-v0
+        policy: MlpPolicy
+        hyperparameters: {use_sde: true}
+        policy_kwargs: {net_arch: [128, 128], activation: relu}
+
     Raises:
-        ValueError: no such model, or no config.yml beside it.
+        ValueError: no such model or a damaged one, no config.yml beside it or one that is not
+            allowed (see :func:`agents.config.load_config`), or one that describes other weights.
     """
     path = Path(path)
     if path.is_dir():
         path = path / "best_model.zip"
     if not path.is_file():
         raise ValueError(f"no model at {path}")
-    config = load_config(find_config(path))
-    env = make_env(config["env"], config.get("env_kwargs", {}))
-    policy_class = ALGORITHMS[config["algo"]].policy_aliases[config["policy"]]
-    arguments = _policy_arguments(config)
-    if "use_sde" in config["hyperparameters"]:
-        arguments["use_sde"] = config["hyperparameters"]["use_sde"]
-    policy: Any = policy_class(
-        env.observation_space,
-        env.action_space,
-        lambda _: 0.0,  # the learning rate, of no use here
-        **arguments,
-    )
-    policy.load_state_dict(read_tensors(path)[0]["policy"])
-    policy.set_training_mode(False)
+    source = find_config(path)
+    config = load_config(source, required=TO_LOAD)
+    try:
+        env = make_env(config["env"], config.get("env_kwargs", {}))
+        policy: Any = ALGORITHMS[config["algo"]].policy_aliases[config["policy"]](
+            env.observation_space,
+            env.action_space,
+            lambda _: 0.0,  # the learning rate, of no use here
+            use_sde=config.get("hyperparameters", {}).get("use_sde", False),
+            **_policy_arguments(config),
+        )
+    except (AssertionError, TypeError, ValueError) as error:  # arguments that do not go together
+        raise ValueError(f"{source}: {error}") from error
     env.close()
+    weights = read_model(path, ("policy",))[0].get("policy")
+    check_weights(path, weights, policy.state_dict(), source)
+    policy.load_state_dict(weights)
+    policy.set_training_mode(False)
     loaded: Policy = policy
     return loaded
 
 
+def check_weights(path: Path, weights: Any, needed: dict[str, torch.Tensor], source: Path) -> None:
+    """Compare the names and shapes of a model file's weights with those of the policy built.
+
+    Args:
+        path: of the model. weights: read from it. needed: of the policy. source: its config.yml.
+
+    Raises:
+        ValueError: they differ.
+    """
+    given = weights if isinstance(weights, dict) else {}
+    for name in [*needed, *given]:
+        found, wanted = (
+            tuple(tensors[name].shape) if isinstance(tensors.get(name), torch.Tensor) else None
+            for tensors in (given, needed)
+        )
+        if found != wanted:
+            raise ValueError(
+                f"{path} does not fit {source}: the shape of {name} is {found}, must be {wanted}"
+            )
+
+
 def restore(model: BaseAlgorithm, tensors: dict[str, Any]) -> None:
-    """Set all parameters of a model, its optimisers' too, from :func:`read_tensors`."""
-    variables = tensors.pop("pytorch_variables", None) or {}
-    model.set_parameters(tensors, exact_match=True)
+    """Set all parameters of a model, its optimisers' too, from :func:`read_tensors`.
+
+    Raises:
+        ValueError: they are of another model.
+    """
+    parameters = dict(tensors)
+    variables = parameters.pop("pytorch_variables", None) or {}
+    try:
+        model.set_parameters(parameters, exact_match=True)
+    except (KeyError, RuntimeError, ValueError) as error:
+        raise ValueError(f"the saved model does not fit its configuration: {error}") from error
     for name, value in variables.items():  # such as SAC's entropy coefficient
         getattr(model, name).data = value.data
 
 
-def save_model(model: BaseAlgorithm, path: Path) -> None:
-    """Save whole or not at all."""
-    write_whole(path, model.save)
+def save_model(model: BaseAlgorithm, path: Path, notes: dict[str, Any] | None = None) -> None:
+    """Save whole or not at all, with ``notes`` as JSON in the same file."""
+
+    def write(part: str) -> None:
+        model.save(part)
+        with zipfile.ZipFile(part, "a") as archive:
+            archive.writestr(NOTES, json.dumps(notes or {}))
+
+    write_whole(path, write)
+
+
+def read_notes(path: Path) -> dict[str, Any]:
+    """The notes :func:`save_model` has put into a model's file; empty where there are none.
+
+    Raises:
+        ValueError: not such a file.
+    """
+    notes = read_json(path, NOTES) or {}
+    if not isinstance(notes, dict):
+        raise ValueError(f"{path} has {NOTES} with {notes!r}, must be a mapping")
+    return notes

@@ -7,14 +7,14 @@ import torch
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 CLIP = 10.0  # standard deviations
-EPSILON = 1e-8
+MIN_DEVIATION = 1e-3  # or what hardly varies would be blown up: to the clip, and by rounding
 
 
 class NormalizedObservation(BaseFeaturesExtractor):
     """(observation - mean) / standard deviation, clipped; statistics are part of the state dict.
 
     They change only in :meth:`update`, so that within a rollout and the update on it the policy
-    is one function of the observation.
+    is one function of the observation. Before the first they leave observations as they are.
     """
 
     mean: torch.Tensor
@@ -30,7 +30,8 @@ class NormalizedObservation(BaseFeaturesExtractor):
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """(n, d) observations to (n, d) features."""
-        scaled = (observation.flatten(1) - self.mean) / torch.sqrt(self.variance + EPSILON)
+        deviation = torch.sqrt(self.variance).clamp(min=MIN_DEVIATION)
+        scaled = (observation.flatten(1) - self.mean) / deviation
         return torch.clamp(scaled, -CLIP, CLIP)
 
     @torch.no_grad()

@@ -9,16 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.policy import Policy
-from agents.tasks import Episodes, Task, Total, find_task
+from agents.tasks import Episodes, Task, Total, check_env_kwargs, find_task
 
 Array = NDArray[np.float64]
 
 
 def make_env(env_id: str, env_kwargs: dict[str, Any], **more: Any) -> gym.Env[Any, Any]:
-    """``gym.make`` with the environments of jansen_env registered."""
-    import jansen_env  # noqa: F401
+    """``gym.make`` of one of :data:`agents.tasks.TASKS`.
 
-    return gym.make(env_id, **{**env_kwargs, **more})
+    Raises:
+        ValueError: another id, or an argument that the environment does not take.
+    """
+    arguments = {**env_kwargs, **more}
+    check_env_kwargs(env_id, arguments)
+    return gym.make(env_id, **arguments)
 
 
 def none_yet(task: Task, commands: Array) -> Episodes:

@@ -1,18 +1,25 @@
 """Run folders. A run's folder holds all that is needed to go on with it or to score it:
 
-config.yml  command.txt  best_model.zip  final_model.zip  evaluations.json
-checkpoints/model_STEPS_steps.zip  monitor/*.csv  tensorboard/
+config.yml  command.txt  best_model.zip  final_model.zip  evaluations.json  replay_buffer.npz (SAC)
+checkpoints/model_STEPS_steps.zip  monitor/N.monitor.csv  tensorboard/
 """
 
 from __future__ import annotations
 
+import itertools
+import json
+import math
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from jansen_env.files import write_text
+from agents.models import read_notes, read_tensors
+from jansen_env.files import write_text, write_whole
+
+FINAL, BEST, REPLAY = "final_model.zip", "best_model.zip", "replay_buffer.npz"
 
 
 def new_run_folder(root: str | Path, algo: str, env_id: str) -> Path:
@@ -21,28 +28,102 @@ def new_run_folder(root: str | Path, algo: str, env_id: str) -> Path:
     parent.mkdir(parents=True, exist_ok=True)
     pattern = re.compile(re.escape(env_id) + r"_(\d+)")
     found = [int(m.group(1)) for p in parent.iterdir() if (m := pattern.fullmatch(p.name))]
-    folder = parent / f"{env_id}_{max(found, default=0) + 1}"
-    folder.mkdir()
+    for number in itertools.count(max(found, default=0) + 1):
+        folder = parent / f"{env_id}_{number}"
+        with suppress(FileExistsError):  # another run has taken the number in the meantime
+            folder.mkdir()
+            break
     return folder
 
 
-def last_checkpoint(folder: str | Path) -> Path:
-    """The checkpoint with the most steps in a run's folder.
+def last_state(folder: str | Path) -> Path:
+    """The model with the most steps in a run's folder: final_model.zip or a checkpoint.
 
     Raises:
-        ValueError: there is none.
+        ValueError: there is none, or final_model.zip is no model.
     """
     found = {
         int(m.group(1)): p
         for p in (Path(folder) / "checkpoints").glob("model_*_steps.zip")
         if (m := re.fullmatch(r"model_(\d+)_steps", p.stem))
     }
+    final = Path(folder) / FINAL
+    if final.is_file():  # after the update that a checkpoint of as many steps comes before
+        found[read_tensors(final)[1]] = final
     if not found:
-        raise ValueError(f"no checkpoint in {Path(folder) / 'checkpoints'}, nothing to resume from")
+        raise ValueError(f"no checkpoint and no {FINAL} in {folder}, nothing to resume from")
     return found[max(found)]
 
 
 def record_run(folder: Path, config: dict[str, Any], command: str) -> None:
-    """Write config.yml and command.txt."""
+    """Write config.yml, and add a line to command.txt."""
     write_text(folder / "config.yml", yaml.safe_dump(config, sort_keys=False))
-    write_text(folder / "command.txt", command + "\n")
+    commands = folder / "command.txt"
+    before = commands.read_text(encoding="utf-8") if commands.is_file() else ""
+    write_text(commands, before + command + "\n")
+
+
+def read_evaluations(folder: Path) -> list[dict[str, Any]]:
+    """The rows of evaluations.json; none where there is no such file.
+
+    Raises:
+        ValueError: it is no such file.
+    """
+    path = folder / "evaluations.json"
+    try:
+        rows = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else []
+    except ValueError as error:
+        raise ValueError(f"{path} is no JSON: {error}") from error
+    if not all(isinstance(row, dict) and {"steps", "return"} <= set(row) for row in rows):
+        raise ValueError(f"{path} must be a list of evaluations, each with 'steps' and 'return'")
+    return list(rows)
+
+
+def best_return(folder: Path) -> float:
+    """The return of best_model.zip at its evaluation; -inf where there is none.
+
+    Raises:
+        ValueError: a file of the two is none such.
+    """
+    if not (folder / BEST).is_file():
+        return -math.inf
+    notes = read_notes(folder / BEST)
+    if "return" in notes:
+        return float(notes["return"])
+    # An earlier version's file does not know its return: at most the highest evaluated.
+    return max((float(row["return"]) for row in read_evaluations(folder)), default=-math.inf)
+
+
+def next_monitor(folder: Path) -> Path:
+    """Where a run, or its resumption, logs its episodes: monitor/N.monitor.csv, N not taken yet."""
+    numbers = [int(name.split(".")[0]) for name in monitor_sizes(folder)]
+    return folder / "monitor" / f"{max(numbers, default=-1) + 1}.monitor.csv"
+
+
+def monitor_sizes(folder: Path) -> dict[str, int]:
+    """Bytes in each monitor file: saved with a checkpoint, they tell its episodes from later ones.
+
+    Each row is on disk when its episode's last step has been taken.
+    """
+    paths = (folder / "monitor").glob("*.monitor.csv")
+    return {p.name: p.stat().st_size for p in paths if re.fullmatch(r"\d+", p.name.split(".")[0])}
+
+
+def rewind_monitors(folder: Path, sizes: dict[str, int]) -> None:
+    """Drop the episodes logged after a checkpoint, which a resumed run trains again.
+
+    Args:
+        folder: the run's. sizes: :func:`monitor_sizes` at the checkpoint.
+    """
+    for name, size in monitor_sizes(folder).items():
+        path = folder / "monitor" / name
+        kept = min(size, sizes.get(name, 0))
+        if kept == 0:  # begun after the checkpoint
+            path.unlink()
+        elif kept < size:
+            _cut(path, kept)
+
+
+def _cut(path: Path, size: int) -> None:
+    start = path.read_bytes()[:size]
+    write_whole(path, lambda part: Path(part).write_bytes(start))

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
+import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import load_env_creator
 from numpy.typing import NDArray
 
 from agents import crank_baselines, walker_baselines
 from agents.policy import Policy
 from jansen_env.envs.crank import LOST
+from jansen_env.validation import positive_integer
 
 Array = NDArray[np.float64]
 Episodes = dict[str, NDArray[Any]]
@@ -150,11 +154,31 @@ TASKS: dict[str, Task] = {"JansenWalker-v0": WALKER, "JansenCrank-v0": CRANK}
 
 
 def find_task(env_id: str) -> Task:
-    """The task of an environment.
+    """The task of an environment; no other id may reach ``gym.make``, which imports "MODULE:ID".
 
     Raises:
         ValueError: no task is known for this id.
     """
-    if env_id not in TASKS:
+    if not isinstance(env_id, str) or env_id not in TASKS:
         raise ValueError(f"environment id is {env_id!r}, must be one of {sorted(TASKS)}")
     return TASKS[env_id]
+
+
+def check_env_kwargs(env_id: str, env_kwargs: dict[str, Any]) -> None:
+    """Check the names of an environment's arguments, and its time limit; it checks the rest itself.
+
+    Gymnasium's own arguments, with which other code could be made to run, are not among them.
+
+    Raises:
+        ValueError: no task is known for this id, the environment has no argument of a name, or
+            ``max_episode_steps`` is no limit.
+    """
+    find_task(env_id)
+    creator: Any = gym.spec(env_id).entry_point
+    constructor = load_env_creator(creator) if isinstance(creator, str) else creator
+    allowed = {*inspect.signature(constructor).parameters, "max_episode_steps"}
+    for name in env_kwargs:
+        if name not in allowed:
+            raise ValueError(f"{name!r} is no argument of {env_id}, must be in {sorted(allowed)}")
+    if "max_episode_steps" in env_kwargs:  # -1, no limit, would be an episode without an end
+        positive_integer("max_episode_steps", env_kwargs["max_episode_steps"])

@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList, ProgressBarCallback
-from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.monitor import ResultsWriter
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import (
-    DummyVecEnv,
     VecEnv,
     VecEnvWrapper,
     VecMonitor,
+    unwrap_vec_wrapper,
 )
 
-from agents.callbacks import NormalizerUpdate, Saver
-from agents.models import build_model, read_tensors, restore, save_model
-from agents.rollout import make_env
-from agents.vec_env import can_move_together, make_vec_env
+from agents.callbacks import NormalizerUpdate, Saver, Stop
+from agents.config import find_config
+from agents.models import build_model, read_notes, read_tensors, restore
+from agents.replay import load_replay_buffer
+from agents.runs import FINAL, REPLAY, next_monitor, rewind_monitors
+from agents.vec_env import make_vec_env
 
 
 def make_training_env(
@@ -29,34 +31,13 @@ def make_training_env(
     env_kwargs: dict[str, Any],
     count: int,
     reward_scale: float = 1.0,
-    folder: Path | None = None,
     variants: Sequence[dict[str, Any]] = ({},),
 ) -> VecEnv:
-    """``count`` environments side by side, logged to ``folder``/monitor, rewards scaled.
+    """``count`` environments side by side, with a monitor that writes no file yet, rewards scaled.
 
     The i-th one takes the arguments of ``variants`` number i, counted around, on top of the others.
     """
-    if can_move_together(env_id, env_kwargs, variants):
-        file = None
-        if folder is not None:
-            (folder / "monitor").mkdir(parents=True, exist_ok=True)
-            number = len(list((folder / "monitor").iterdir()))  # a resumed run writes another file
-            file = str(folder / "monitor" / str(number))
-        together = make_vec_env(env_id, count, env_kwargs, variants)
-        return ScaledReward(VecMonitor(together, file), reward_scale)
-    if folder is not None:
-        (folder / "monitor").mkdir(parents=True, exist_ok=True)
-
-    def make(index: int) -> Callable[[], gym.Env[Any, Any]]:
-        def build() -> gym.Env[Any, Any]:
-            file = None if folder is None else str(folder / "monitor" / str(index))
-            kwargs = {**env_kwargs, **variants[index % len(variants)]}
-            env = Monitor(make_env(env_id, kwargs), file, override_existing=False)
-            return gym.wrappers.TransformReward(env, lambda reward: reward_scale * float(reward))
-
-        return build
-
-    return DummyVecEnv([make(i) for i in range(count)])
+    return ScaledReward(VecMonitor(make_vec_env(env_id, count, env_kwargs, variants)), reward_scale)
 
 
 class ScaledReward(VecEnvWrapper):
@@ -74,52 +55,103 @@ class ScaledReward(VecEnvWrapper):
         return observations, (self.scale * rewards).astype(np.float32), dones, infos
 
 
+def prepare(config: dict[str, Any], resume: Path | None = None) -> BaseAlgorithm:
+    """The model a configuration describes, on its environments. Writes nothing.
+
+    Args:
+        config: a training configuration with ``algo``, ``env`` and ``seed``.
+        resume: a model's file, of which it takes parameters, optimiser and number of steps;
+            :data:`agents.runs.REPLAY` in the run's folder fills its replay buffer.
+
+    Raises:
+        ValueError: something in the configuration or the files is wrong.
+    """
+    venv = make_training_env(
+        config["env"],
+        config.get("env_kwargs", {}),
+        config["n_envs"],
+        config.get("reward_scale", 1.0),
+        config.get("training_variants", ({},)),
+    )
+    model = build_model(config["algo"], config, venv, seed=config["seed"])
+    if resume is not None:
+        tensors, model.num_timesteps = read_tensors(resume)
+        restore(model, tensors)
+        venv.seed(config["seed"] + model.num_timesteps)
+        if isinstance(model, OffPolicyAlgorithm):
+            _refill(model, find_config(resume).parent / REPLAY)
+    return model
+
+
+def _refill(model: OffPolicyAlgorithm, path: Path) -> None:
+    """Fill the replay buffer from a file; without one, let it fill before training goes on."""
+    assert model.replay_buffer is not None
+    if path.is_file():
+        load_replay_buffer(model.replay_buffer, path)
+        return
+    model.learning_starts += model.num_timesteps
+    print(f"no replay buffer at {path}: it fills from empty, with random actions until step "
+          f"{model.learning_starts}")  # fmt: skip
+
+
 def train(
-    algo: str,
-    env_id: str,
+    model: BaseAlgorithm,
     config: dict[str, Any],
     folder: Path,
     *,
-    seed: int,
     eval_every: int,
     save_every: int,
-    tensorboard: str | None,
-    resume: Path | None,
+    tensorboard: str | None = None,
+    resume: Path | None = None,
     progress: bool = True,
-) -> BaseAlgorithm:
-    """Train until ``config["timesteps"]``, from the start or from the checkpoint ``resume``.
+) -> None:
+    """Train until ``config["timesteps"]``; leaves final_model.zip and best_model.zip in a folder.
 
-    Leaves final_model.zip and best_model.zip in ``folder`` and returns the final model.
+    Args:
+        model, config, resume: as of :func:`prepare`. folder: the run's.
+        eval_every, save_every: steps between evaluations and between checkpoints, 0 for none.
+        tensorboard: folder of its log, None for none. progress: whether to show a bar.
+
+    Raises:
+        SystemExit: a signal came (status 130 for SIGINT, 143 for SIGTERM); a checkpoint is saved.
     """
-    env_kwargs = config.get("env_kwargs", {})
-    venv = make_training_env(
-        env_id,
-        env_kwargs,
-        config["n_envs"],
-        config.get("reward_scale", 1.0),
-        folder,
-        config.get("training_variants", ({},)),
-    )
-    model = build_model(algo, config, venv, seed=seed, tensorboard_log=tensorboard)
-    if resume is not None:
-        tensors, done = read_tensors(resume)
-        restore(model, tensors)
-        model.num_timesteps = done
-        venv.seed(seed + done)
-        print(f"resuming from {resume} at {done} steps")
-    remaining = config["timesteps"] - model.num_timesteps
-    saver = Saver(folder, save_every, eval_every, env_id, env_kwargs, done=model.num_timesteps)
+    venv = model.get_env()
+    assert venv is not None
+    saver = Saver(
+        folder, save_every, eval_every, config["env"], config.get("env_kwargs", {}),
+        done=model.num_timesteps,
+    )  # fmt: skip
+    saver.init_callback(model)
+    if resume is not None and (sizes := read_notes(resume).get("monitor")) is not None:
+        rewind_monitors(folder, sizes)
+    _log_episodes(venv, config["env"], next_monitor(folder))
+    model.tensorboard_log = tensorboard
     callbacks: list[BaseCallback] = [NormalizerUpdate(), saver]
     if progress:
         callbacks.append(ProgressBarCallback())
+    remaining = config["timesteps"] - model.num_timesteps
     if remaining > 0:
-        model.learn(
-            remaining,
-            callback=CallbackList(callbacks),
-            reset_num_timesteps=False,
-            tb_log_name=folder.name,
-        )
+        with Stop() as stop:
+            model.learn(
+                remaining,
+                callback=CallbackList([*callbacks, stop]),
+                reset_num_timesteps=False,
+                tb_log_name=folder.name,
+            )
+        if stop.signal:
+            saver.save_checkpoint()
+            venv.close()
+            print(f"stopped at {model.num_timesteps} steps; python train.py --resume {folder} "
+                  "goes on from there")  # fmt: skip
+            raise SystemExit(128 + stop.signal)
         saver.evaluate()
-    save_model(model, folder / "final_model.zip")
+    saver.save(folder / FINAL)
     venv.close()
-    return model
+
+
+def _log_episodes(venv: VecEnv, env_id: str, path: Path) -> None:
+    """Let the monitor write each episode to a file from now on."""
+    monitor = unwrap_vec_wrapper(venv, VecMonitor)
+    assert monitor is not None
+    header: dict[str, float | str] = {"t_start": monitor.t_start, "env_id": env_id}
+    monitor.results_writer = ResultsWriter(str(path), header)

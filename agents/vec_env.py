@@ -34,7 +34,7 @@ def make_vec_env(
     """``num_envs`` environments for Stable-Baselines3, moved together where that is possible.
 
     Args:
-        env_id: ``"JansenWalker-v0"``, or any other, of which single environments take turns.
+        env_id: ``"JansenWalker-v0"``, or another task, of which single environments take turns.
         env_kwargs: arguments of all of them.
         variants: further ones; environment i takes number i, counted around.
         info_keys: as of :class:`BatchVecEnv`; single environments give all of their information.

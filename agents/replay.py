@@ -1,0 +1,60 @@
+"""Replay buffers of off-policy algorithms as files: plain arrays, read without running code."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+from stable_baselines3.common.buffers import ReplayBuffer
+
+from jansen_env.files import write_whole
+
+ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+
+
+def save_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
+    """Write what the buffer holds, whole or not at all, as .npz."""
+    rows = _rows(buffer, buffer.pos, buffer.full)
+    arrays = {name: getattr(buffer, name)[:rows] for name in _names(buffer)}
+    write_whole(path, lambda part: np.savez(part, pos=buffer.pos, full=buffer.full, **arrays))
+
+
+def load_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
+    """Fill a fresh buffer with what :func:`save_replay_buffer` has written.
+
+    Raises:
+        ValueError: not such a file, or one of a buffer of another size or other environments.
+    """
+    try:
+        if not zipfile.is_zipfile(path):
+            raise ValueError("not an .npz archive")
+        with np.load(path, allow_pickle=False) as file:
+            pos, full = int(file["pos"]), bool(file["full"])
+            arrays = {name: file[name] for name in _names(buffer)}
+    except (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path} is no replay buffer: {error}") from error
+    if not 0 <= pos < buffer.buffer_size:
+        raise ValueError(f"{path} has pos {pos}, must be in [0, {buffer.buffer_size})")
+    rows = _rows(buffer, pos, full)
+    for name, array in arrays.items():
+        own = getattr(buffer, name)
+        if array.shape != (rows, *own.shape[1:]) or array.dtype != own.dtype:
+            raise ValueError(
+                f"{path} has {name} of shape {array.shape} and type {array.dtype}, must be "
+                f"{(rows, *own.shape[1:])} and {own.dtype}"
+            )
+    for name, array in arrays.items():
+        getattr(buffer, name)[:rows] = array
+    buffer.pos, buffer.full = pos, full
+
+
+def _names(buffer: ReplayBuffer) -> list[str]:
+    """The arrays it has: one that saves memory keeps no next observations."""
+    return [name for name in ARRAYS if hasattr(buffer, name)]
+
+
+def _rows(buffer: ReplayBuffer, pos: int, full: bool) -> int:
+    """How many are in use; one past ``pos``, where a buffer that saves memory has the last next
+    observation."""
+    return int(buffer.buffer_size) if full else pos + 1

@@ -1,0 +1,276 @@
+"""Configurations and arguments: read as plain data, checked, and refused in one line."""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import subprocess
+import sys
+
+import pytest
+import yaml
+from stable_baselines3 import PPO, SAC
+
+import train
+from agents import arguments, config, evaluate, models, runs
+from agents.plain_yaml import LARGEST, parse_yaml, read_yaml
+from agents.rollout import make_env
+from agents.tasks import TASKS
+
+LEAST = {"policy": "MlpPolicy", "timesteps": 10, "n_envs": 1, "hyperparameters": {}}
+NOT_FROM_FILES = {
+    "self", "policy", "env", "seed", "device", "tensorboard_log", "policy_kwargs",
+    "_init_setup_model", "rollout_buffer_class", "rollout_buffer_kwargs", "action_noise",
+    "replay_buffer_class", "replay_buffer_kwargs", "optimize_memory_usage",
+}  # fmt: skip
+"""Arguments of the algorithms that are set by the scripts, or that are no plain data."""
+
+
+def written(folder, **values):
+    """A configuration file with the least that there must be, and these values."""
+    path = folder / "config.yml"
+    path.write_text(yaml.safe_dump({**LEAST, **values}))
+    return path
+
+
+def one_line(error):
+    """What an exception says, which has to be one line."""
+    text = str(error.value)
+    assert "\n" not in text
+    return text
+
+
+def test_yaml_numbers_and_words():
+    """Of YAML 1.2; quoted, all is text."""
+    text = "[2e2, 5e-1, .5, -3, +7, 010, 1_000, ~, '', true, yes, 1:30, 2020-01-01, '5', .inf]"
+    expected = [200.0, 0.5, 0.5, -3, 7, 10, 1000, None, "", True, "yes", "1:30", "2020-01-01",
+                "5", ".inf"]  # fmt: skip
+    read = parse_yaml(text, "it")
+    assert read == expected and [type(r) for r in read] == [type(e) for e in expected]
+    assert parse_yaml("a:\nb: {c: 1e-3}", "it") == {"a": None, "b": {"c": 1e-3}}
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("a: 1\nb: 2\na: 3", "line 3: key 'a' stands twice"),
+        ("a: &x [1, 2]\nb: *x", "line 1: anchors, aliases and tags"),
+        ("{a: &a [x, x], b: [*a, *a], c: [*b, *b]}", "anchors, aliases and tags"),
+        ("a: !!python/object/apply:os.getcwd []", "anchors, aliases and tags"),
+        ("1: 2", "key 1 must be text"),
+        ("a: [1", "line 1: "),
+        ("--- 1\n--- 2", "another document"),
+        ("a: \x01", "special characters"),
+        ("[" * 60_000, "nested too deeply"),
+        ("a: " + "9" * 5000, "5000 digits"),
+    ],
+)
+def test_yaml_that_is_no_plain_data(text, reason, tmp_path):
+    """Refused in one line that names file and place, in files and on the command line."""
+    path = tmp_path / "x.yml"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=reason) as error:
+        read_yaml(path)
+    assert str(path) in one_line(error)
+    with pytest.raises(argparse.ArgumentTypeError, match=reason):
+        arguments.mapping(text)
+
+
+def test_files_that_are_no_yaml(tmp_path):
+    """Missing, a folder, no UTF-8, too large."""
+    path = tmp_path / "x.yml"
+    for make, reason in (
+        (lambda: None, "No such file"),
+        (lambda: path.write_bytes(b"a: \xff"), "no UTF-8"),
+        (lambda: path.write_text("#" * (LARGEST + 1)), "larger than"),
+        (lambda: (path.unlink(), path.mkdir()), "Is a directory"),
+    ):
+        make()
+        with pytest.raises(ValueError, match=reason) as error:
+            config.load_config(path)
+        assert str(path) in one_line(error)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"timesteps": -1}, "timesteps is -1, must be a whole number from 1 to 10000000000"),
+        ({"timesteps": 10**12}, "timesteps is 1000000000000, must be"),
+        ({"timesteps": "5"}, "timesteps is '5', must be"),
+        ({"timesteps": True}, "timesteps is True, must be"),
+        ({"n_envs": 0}, "n_envs is 0, must be"),
+        ({"reward_scale": 0}, "reward_scale is 0, must be above 0"),
+        ({"hyperparameters": None}, "hyperparameters is None, must be a mapping"),
+        ({"env_kwargs": None}, "env_kwargs is None, must be a mapping"),
+        ({"policy_kwargs": []}, r"policy_kwargs is \[\], must be a mapping"),
+        ({"training_variants": {}}, "training_variants is {}, must be a list of mappings"),
+        ({"training_variants": [1]}, "an entry of training_variants is 1, must be a mapping"),
+        ({"policy": "os.path"}, "policy is 'os.path', must be one of"),
+        ({"algo": "td3"}, "algo is 'td3', must be one of"),
+        ({"algo": ["ppo"]}, r"algo is \['ppo'\], must be one of"),
+        ({"env": "os:X-v0"}, "env is 'os:X-v0', must be one of"),
+        ({"seed": -1}, "seed is -1, must be"),
+        ({"other": 1}, "'other' is no key, must be in"),
+        ({"env_kwargs": {"vectorization_mode": "async"}}, "'vectorization_mode' is no argument of"),
+        ({"env_kwargs": {"max_episode_steps": -1}}, "max_episode_steps is -1, must be"),
+        ({"training_variants": [{"entry_point": "os:x"}]}, "'entry_point' is no argument of"),
+        ({"policy_kwargs": {"features_extractor_class": "os.x"}}, "'features_extractor_class' is"),
+        ({"policy_kwargs": {"activation": "os.x"}}, "policy_kwargs.activation is 'os.x', must be"),
+        ({"policy_kwargs": {"net_arch": [10**9]}}, "policy_kwargs.net_arch is 1000000000, must be"),
+        ({"policy_kwargs": {"net_arch": [1] * 99}}, "must be a list of up to 8 layers"),
+        ({"policy_kwargs": {"net_arch": {"pi": [8], "qf": [8]}}}, "or a mapping of"),
+        *(
+            (
+                {"hyperparameters": {name: value}},
+                rf"hyperparameters.{name} is .*, must be {allowed}",
+            )
+            for name, value, allowed in (
+                ("learning_rate", -1e-3, "above 0, or 'linear_NUMBER'"),
+                ("learning_rate", "linear_1.2.3", "a finite number, or 'linear_NUMBER'"),
+                ("clip_range", "linear_0", "above 0, or 'linear_NUMBER'"),
+                ("gamma", 1.1, "between 0 and 1"),
+                ("gamma", "0.9", "a finite number"),
+                ("n_steps", 0, "a whole number"),
+                ("batch_size", 1, "a whole number"),
+                ("n_epochs", 2.5, "a whole number"),
+                ("ent_coef", "auto", "a finite number"),
+                ("target_kl", 0, "above 0"),
+                ("use_sde", "yes", "True or False"),
+            )
+        ),
+        *(
+            ({"hyperparameters": {name: "os.x"}}, f"'{name}' is no key of hyperparameters")
+            for name in ("rollout_buffer_class", "device", "tensorboard_log", "_init_setup_model")
+        ),
+    ],
+)
+def test_values_are_checked(values, message, tmp_path):
+    """One line with file, key, value and what is allowed."""
+    path = written(tmp_path, **values)
+    with pytest.raises(ValueError, match=message) as error:
+        config.load_config(path, "ppo" if "algo" not in values else None, "JansenWalker-v0")
+    assert one_line(error).startswith(f"{path}: ")
+
+
+def test_values_that_are_allowed(tmp_path):
+    """Schedules, nulls, layers of each network, names of SAC."""
+    some = {
+        "ppo": (
+            {"learning_rate": "linear_1e-3", "clip_range_vf": None, "target_kl": 0.02, "gamma": 1},
+            {"net_arch": {"pi": [64], "vf": []}, "squash_output": True},
+        ),
+        "sac": (
+            {"ent_coef": "auto_0.1", "target_entropy": "auto", "gradient_steps": -1},
+            {"net_arch": {"pi": [64], "qf": [32, 32]}, "n_critics": 3},
+        ),
+    }
+    for algo, (hyperparameters, policy_kwargs) in some.items():
+        values = {"hyperparameters": hyperparameters, "policy_kwargs": policy_kwargs, "algo": algo}
+        assert config.load_config(written(tmp_path, **values)) == {**LEAST, **values}
+
+
+def test_recorded_configurations_are_read_again(tmp_path):
+    """What record_run writes is what load_config gives, for each shipped configuration."""
+    for path in config.CONFIGS.glob("*/*.yml"):
+        settings = config.load_config(path, path.stem, path.parent.name)
+        settings.update(algo=path.stem, env=path.parent.name, seed=3)
+        runs.record_run(tmp_path, settings, "")
+        again = config.load_config(tmp_path / "config.yml", required=config.TO_RESUME)
+        assert again == settings
+
+
+def test_names_are_those_of_the_libraries():
+    """Every plain argument of the algorithms may be set, and nothing they do not have."""
+    assert set(config.HYPERPARAMETERS) == set(models.ALGORITHMS)
+    for env_id in TASKS:
+        config.KEYS["env"]("env", env_id)
+    for algo, library in (("ppo", PPO), ("sac", SAC)):
+        known = set(inspect.signature(library.__init__).parameters) - NOT_FROM_FILES
+        assert set(config.HYPERPARAMETERS[algo]) == known
+        policy = library.policy_aliases["MlpPolicy"]
+        names = set(config.POLICY_KWARGS[algo]) - {"activation", "normalize"}
+        assert names <= set(inspect.signature(policy.__init__).parameters)
+    for name in models.ACTIVATIONS:
+        config.POLICY["activation"]("activation", name)
+
+
+def test_environments_have_an_id_of_a_task_and_a_time_limit():
+    """Gymnasium imports the module before a colon, and takes -1 for no limit."""
+    for env_id, kwargs, message in (
+        ("antigravity:JansenWalker-v0", {}, "must be one of"),
+        ("JansenWalker-v0", {"max_episode_steps": -1}, "max_episode_steps is -1, must be"),
+        ("JansenWalker-v0", {"additional_wrappers": ()}, "'additional_wrappers' is no argument"),
+        ("JansenCrank-v0", {"terrain": "flat"}, "'terrain' is no argument of JansenCrank-v0"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            make_env(env_id, kwargs)
+    assert "antigravity" not in sys.modules
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        ["--env-kwargs", "{max_episode_steps: -1}"],
+        ["--env-kwargs", "{fricton: 1}"],
+        ["--env-kwargs", "{friction: 1, friction: 2}"],
+        ["--policy", "dog"],
+        ["--policy", "constant"],
+        ["--episodes", "0"],
+        ["--episodes", "many"],
+        ["--seed", "-1"],
+    ],
+)
+def test_evaluation_refuses_before_it_runs(given, tmp_path, monkeypatch, capsys):
+    """In one line, with nothing written."""
+    monkeypatch.setattr(evaluate, "run_episodes", None)
+    with pytest.raises(SystemExit):
+        evaluate.main(["--policy", "constant", "--out", str(tmp_path / "out"), *given])
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert "error: " in last and given[1].partition(":")[0].strip("{") in last
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "text", ["policy: [", "policy: MlpPolicy", yaml.safe_dump({**LEAST, "timesteps": -5})]
+)
+def test_training_refuses_before_it_runs(text, tmp_path):
+    """In one line that names the file, with no run folder made."""
+    path = tmp_path / "mine.yml"
+    path.write_text(text)
+    with pytest.raises(SystemExit) as error:
+        train.main(["--config", str(path), "--log-folder", str(tmp_path / "logs")])
+    assert str(path) in one_line(error)
+    with pytest.raises(SystemExit, match="n_envs is 1000000, must be"):
+        train.main(["--n-envs", "1000000", "--log-folder", str(tmp_path / "logs")])
+    assert not (tmp_path / "logs").exists()
+
+
+@pytest.mark.parametrize("script", ["agents.evaluate", "agents.tune", "train"])
+def test_a_missing_extra_is_named(script):
+    """With the command that installs it."""
+    code = f"import sys, runpy; sys.modules['torch'] = sys.modules['yaml'] = None; {script=}"
+    done = subprocess.run(
+        [sys.executable, "-c", f"{code}; runpy.run_module(script, run_name='__main__')"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert done.returncode != 0
+    last = done.stderr.splitlines()[-1]
+    assert 'agents needs torch, yaml: python -m pip install "jansen-env[train]"' in last
+
+
+def test_policies_keep_titles_of_their_own(tmp_path, monkeypatch):
+    """Runs of one name in different folders are told apart; the same policy twice is refused."""
+    monkeypatch.chdir(tmp_path)
+    for root in ("a", "b"):
+        folder = tmp_path / root / "ppo" / "JansenWalker-v0_1"
+        folder.mkdir(parents=True)
+        (folder / "best_model.zip").touch()
+    first, second = (f"{root}/ppo/JansenWalker-v0_1" for root in ("a", "b"))
+    assert evaluate.titles([first, "pid"]) == ["ppo/JansenWalker-v0_1", "pid"]
+    assert evaluate.titles([first, second]) == [first, second]
+    for twice in (["pid", "pid"], [first, f"./{first}"], [first, f"{first}/best_model.zip"]):
+        with pytest.raises(ValueError, match="is given 2 times"):
+            evaluate.titles(twice)

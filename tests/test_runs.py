@@ -1,0 +1,379 @@
+"""Runs of train.py: what their folders keep, how they start, stop and go on."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import yaml
+from stable_baselines3 import PPO
+
+import train
+from agents import callbacks, config, models, replay, runs, training
+
+ROOT = Path(__file__).parents[1]
+KEPT = 64  # steps of the checkpoint that a killed run is resumed from
+STEPS = 128
+
+
+def small_config(env_id="JansenWalker-v0", algo="ppo", **more):
+    """Rollouts of 32 steps of 4 environments, in episodes of 8 each."""
+    settings = config.load_config(config.shipped_config(env_id, algo))
+    settings.pop("training_variants", None)
+    settings.update(algo=algo, env=env_id, seed=0, timesteps=STEPS, n_envs=4)
+    settings.update(env_kwargs={"max_episode_steps": 8}, **more)
+    settings["hyperparameters"] |= {"batch_size": 16}
+    if algo == "ppo":
+        settings["hyperparameters"] |= {"n_steps": 8, "n_epochs": 1}
+    else:
+        settings["hyperparameters"] |= {"learning_starts": 32, "gradient_steps": 1}
+    return settings
+
+
+@pytest.fixture
+def returns(monkeypatch):
+    """The returns that the next evaluations find, without an episode run; then 0."""
+    left = []
+    monkeypatch.setattr(callbacks, "run_episodes", lambda *given: None)
+    monkeypatch.setattr(
+        callbacks, "values", lambda *given: {"return": left.pop(0) if left else 0.0}
+    )
+    return left
+
+
+def go(settings, folder, resume=None):
+    """Train, with evaluations and checkpoints every :data:`KEPT` steps."""
+    model = training.prepare(settings, resume)
+    runs.record_run(folder, settings, "python train.py")
+    training.train(
+        model, settings, folder, eval_every=KEPT, save_every=KEPT, resume=resume, progress=False
+    )
+    return model
+
+
+def kill(folder):
+    """Leave of a finished run what a kill shortly before its end leaves."""
+    (folder / runs.FINAL).unlink()
+    (folder / "checkpoints" / f"model_{STEPS}_steps.zip").unlink()
+
+
+def episodes(folder):
+    """Steps and return of each episode in the monitors, read as Stable-Baselines3's load_results
+    does, for which it needs pandas."""
+    found = []
+    for path in sorted((folder / "monitor").glob("*monitor.csv")):
+        with path.open() as file:
+            header = file.readline()
+            assert header[0] == "#" and json.loads(header[1:])["t_start"] > 0.0
+            found += [(int(row["l"]), float(row["r"])) for row in csv.DictReader(file)]
+    return np.array(found)
+
+
+def test_learning_rate_never_goes_below_zero(tmp_path, returns):
+    """Nor the clip range, where a run's last rollout ends past its last step."""
+    settings = small_config(timesteps=100)
+    settings["hyperparameters"] |= {"clip_range": "linear_0.2"}
+    model = go(settings, tmp_path)
+    assert model.num_timesteps > 100
+    assert model.policy.optimizer.param_groups[0]["lr"] == 0.0
+    assert all(torch.isfinite(p).all() for p in model.policy.parameters())
+    schedule = models._schedule("learning_rate", "linear_1e-3")
+    assert [schedule(left) for left in (1.0, 0.5, 0.0, -0.04)] == [1e-3, 5e-4, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    "value", ["linear_", "linear_-1", "linear_1.2.3", "cosine_1", "linear_inf"]
+)
+def test_bad_schedules_are_named(value):
+    """With the argument, and what is allowed."""
+    with pytest.raises(ValueError, match=f"learning_rate is '{value}', must be a number or"):
+        models._schedule("learning_rate", value)
+
+
+def test_resumed_run_keeps_a_better_model(tmp_path, returns):
+    """The best model is of steps trained again: only a better one takes its place."""
+    returns += [1.0, 5.0]
+    go(small_config(), tmp_path)
+    best = (tmp_path / runs.BEST).read_bytes()
+    assert models.read_tensors(tmp_path / runs.BEST)[1] == STEPS
+    kill(tmp_path)
+    returns += [2.0, 2.0]
+    go(small_config(), tmp_path, runs.last_state(tmp_path))
+    assert (tmp_path / runs.BEST).read_bytes() == best
+    found = [row["return"] for row in runs.read_evaluations(tmp_path)]
+    assert found == [1.0, 2.0, 2.0]
+    kill(tmp_path)
+    returns += [6.0]
+    go(small_config(), tmp_path, runs.last_state(tmp_path))
+    assert (tmp_path / runs.BEST).read_bytes() != best
+    assert runs.best_return(tmp_path) == 6.0
+
+
+def test_best_model_outlives_a_kill_before_its_row_is_written(tmp_path, returns, monkeypatch):
+    """Its return is in its own file."""
+
+    def killed(*given):
+        raise KeyboardInterrupt
+
+    returns += [5.0]
+    monkeypatch.setattr(callbacks, "write_json", killed)
+    with pytest.raises(KeyboardInterrupt):
+        go(small_config(), tmp_path)
+    assert not (tmp_path / "evaluations.json").exists()
+    assert callbacks.Saver(tmp_path, 0, 0, "JansenWalker-v0", {}).best == 5.0
+
+
+def test_best_return_of_an_earlier_version(tmp_path, returns):
+    """Its file has no return: the highest evaluated counts."""
+    model = training.prepare(small_config())
+    assert runs.best_return(tmp_path) == -np.inf
+    model.save(tmp_path / runs.BEST)
+    rows = [{"steps": 64.0, "return": 3.0}, {"steps": 128.0, "return": 2.0}]
+    (tmp_path / "evaluations.json").write_text(json.dumps(rows))
+    assert runs.best_return(tmp_path) == 3.0
+    (tmp_path / "evaluations.json").write_text("[{}]")
+    with pytest.raises(ValueError, match="must be a list of evaluations"):
+        runs.best_return(tmp_path)
+
+
+def test_finished_run_stays_as_it_is(tmp_path, returns, monkeypatch, capsys):
+    """Resumed with nothing left to train it is scored only; with more steps it goes on."""
+    monkeypatch.setattr(train, "_score", lambda *given: None)
+    go(small_config(), tmp_path)
+    PPO.load(tmp_path / runs.FINAL, device="cpu")  # Stable-Baselines3 reads what is saved, too
+    names = (runs.FINAL, "config.yml", "command.txt", "evaluations.json")
+    before = [(tmp_path / name).read_bytes() for name in names]
+    train.main(["--resume", str(tmp_path), "-n", "100"])
+    assert f"is finished: {STEPS} steps trained, 100 asked for" in capsys.readouterr().out
+    assert [(tmp_path / name).read_bytes() for name in names] == before
+    train.main(["--resume", str(tmp_path), "-n", str(STEPS + 32), "--no-progress"])
+    assert f"resuming from {tmp_path / runs.FINAL} at {STEPS} steps" in capsys.readouterr().out
+    assert models.read_tensors(tmp_path / runs.FINAL)[1] == STEPS + 32
+
+
+def test_last_state_is_the_one_of_most_steps(tmp_path):
+    """Of checkpoint and final model; of as many steps the final one, which is an update ahead."""
+    model = training.prepare(small_config())
+    with pytest.raises(ValueError, match="nothing to resume from"):
+        runs.last_state(tmp_path)
+    for name in ("checkpoints/model_9_steps.zip", "checkpoints/model_10_steps.zip", runs.FINAL,
+                 "checkpoints/model_200_steps.zip"):  # fmt: skip
+        model.num_timesteps = 10 if name == runs.FINAL else int(name.split("_")[1])
+        models.save_model(model, tmp_path / name)
+        assert runs.last_state(tmp_path) == tmp_path / name
+
+
+@pytest.mark.parametrize("env_id", ["JansenWalker-v0", "JansenCrank-v0"])
+def test_monitors_count_each_step_once(env_id, tmp_path, returns):
+    """Also of a run that was killed past its last checkpoint, and resumed, and killed again."""
+    settings = small_config(env_id)
+    go(settings, tmp_path)
+    before = episodes(tmp_path)
+    assert before[:, 0].sum() == STEPS  # 8 a piece, none cut short
+    for _ in range(2):
+        kill(tmp_path)
+        go(settings, tmp_path, runs.last_state(tmp_path))
+        after = episodes(tmp_path)
+        assert after[:, 0].sum() == STEPS
+        assert np.array_equal(after[: KEPT // 8], before[: KEPT // 8])
+    assert sorted(p.name for p in (tmp_path / "monitor").iterdir()) == [
+        "0.monitor.csv", "1.monitor.csv",
+    ]  # fmt: skip
+
+
+def test_replay_buffer_goes_on(tmp_path, returns):
+    """Its transitions are those of before, and more come after them."""
+    settings = small_config(algo="sac")
+    before = go(settings, tmp_path).replay_buffer
+    after = training.prepare(settings, runs.last_state(tmp_path))
+    assert after.learning_starts == 32
+    assert after.replay_buffer.pos == before.pos == STEPS // 4
+    for name in replay.ARRAYS:
+        assert np.array_equal(getattr(after.replay_buffer, name), getattr(before, name))
+    more = go(settings | {"timesteps": STEPS + 16}, tmp_path, runs.last_state(tmp_path))
+    assert more.replay_buffer.pos == STEPS // 4 + 4
+    assert np.array_equal(more.replay_buffer.actions[: before.pos], before.actions[: before.pos])
+
+
+def test_missing_replay_buffer_is_reported(tmp_path, returns, capsys):
+    """And filled before training goes on."""
+    settings = small_config(algo="sac")
+    go(settings, tmp_path)
+    (tmp_path / runs.REPLAY).unlink()
+    model = training.prepare(settings, runs.last_state(tmp_path))
+    assert f"it fills from empty, with random actions until step {STEPS + 32}" in (
+        capsys.readouterr().out
+    )
+    assert model.learning_starts == STEPS + 32
+
+
+def test_full_replay_buffer_is_restored(tmp_path):
+    """With the place at which the oldest transitions are overwritten."""
+    settings = small_config(algo="sac")
+    settings["hyperparameters"] |= {"buffer_size": 40}
+    first, second = (training.prepare(settings).replay_buffer for _ in range(2))
+    rng = np.random.default_rng(0)
+    for _ in range(13):  # of 10 rows
+        seen, then = rng.normal(size=(2, 4, 16))
+        first.add(seen, then, rng.normal(size=(4, 1)), np.ones(4), np.zeros(4), [{}] * 4)
+    replay.save_replay_buffer(first, tmp_path / "buffer.npz")
+    replay.load_replay_buffer(second, tmp_path / "buffer.npz")
+    assert (second.pos, second.full) == (3, True)
+    assert np.array_equal(first.next_observations, second.next_observations)
+
+
+def test_bad_replay_buffers_are_refused(tmp_path):
+    """Pickles, files cut off, arrays of another size; none runs code."""
+    settings = small_config(algo="sac")
+    buffer = training.prepare(settings).replay_buffer
+    path = tmp_path / runs.REPLAY
+
+    class Bomb:
+        def __reduce__(self):
+            return (open, (str(tmp_path / "boom"), "w"))
+
+    replay.save_replay_buffer(buffer, path)
+    whole = path.read_bytes()
+    for content in (pickle.dumps(Bomb()), whole[: len(whole) // 2], b""):
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match="is no replay buffer"):
+            replay.load_replay_buffer(buffer, path)
+    np.savez(path, pos=np.array([Bomb()], dtype=object))
+    with pytest.raises(ValueError, match="is no replay buffer"):
+        replay.load_replay_buffer(buffer, path)
+    assert not (tmp_path / "boom").exists()
+    arrays = {name: getattr(buffer, name)[:6] for name in replay.ARRAYS}
+    np.savez(path, pos=5, full=False, **{**arrays, "actions": np.zeros((6, 4, 2), np.float32)})
+    with pytest.raises(ValueError, match=r"actions of shape \(6, 4, 2\).*must be \(6, 4, 1\)"):
+        replay.load_replay_buffer(buffer, path)
+    np.savez(path, pos=-1, full=False, **arrays)
+    with pytest.raises(ValueError, match="pos -1, must be in"):
+        replay.load_replay_buffer(buffer, path)
+
+
+def test_sigterm_saves_where_training_is(tmp_path, returns, monkeypatch, capsys):
+    """Exit status 143, a checkpoint of the last step, handlers as before; the run goes on."""
+    handlers = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)]
+    left = [signal.SIGTERM]
+    monkeypatch.setattr(
+        callbacks.Saver, "evaluate", lambda saver: left and os.kill(os.getpid(), left.pop())
+    )
+    settings = small_config()
+    with pytest.raises(SystemExit) as stopped:
+        go(settings, tmp_path)
+    assert stopped.value.code == 143
+    state = runs.last_state(tmp_path)
+    done = models.read_tensors(state)[1]
+    assert KEPT <= done < STEPS and not (tmp_path / runs.FINAL).exists()
+    assert f"--resume {tmp_path}" in capsys.readouterr().out
+    assert [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)] == handlers
+    monkeypatch.undo()
+    monkeypatch.setattr(callbacks.Saver, "evaluate", lambda saver: None)
+    go(settings, tmp_path, state)
+    assert models.read_tensors(tmp_path / runs.FINAL)[1] == STEPS
+
+
+def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path):
+    """In a process of its own: exit status 130, no traceback."""
+    process = subprocess.Popen(
+        [sys.executable, "train.py", "--log-folder", str(tmp_path), "--n-envs", "2",
+         "--save-freq", "100", "--eval-freq", "0", "--tensorboard-log", "", "--no-progress"],
+        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )  # fmt: skip
+    folder = tmp_path / "ppo" / "JansenWalker-v0_1"
+    end = time.monotonic() + 300.0
+    while not (folder / "checkpoints" / "model_100_steps.zip").exists():
+        assert process.poll() is None and time.monotonic() < end
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in err and "stopping after this step" in err
+    steps = models.read_tensors(runs.last_state(folder))[1]
+    assert f"stopped at {steps} steps; python train.py --resume {folder} goes on" in out
+    assert steps > 100
+
+
+def test_second_signal_ends_at_once():
+    """Its own handler is gone after the first."""
+    with callbacks.Stop() as stop:
+        assert stop._on_step()
+        os.kill(os.getpid(), signal.SIGINT)
+        assert not stop._on_step() and stop.signal == signal.SIGINT
+        assert signal.getsignal(signal.SIGINT) == signal.SIG_DFL
+    assert signal.getsignal(signal.SIGINT) != signal.SIG_DFL
+
+
+@pytest.fixture
+def started(monkeypatch):
+    """The configurations that train.py would train and score."""
+    found = []
+    monkeypatch.setattr(
+        train, "train", lambda model, settings, *given, **more: found.append(settings)
+    )
+    monkeypatch.setattr(train, "_score", lambda *given: None)
+    return found
+
+
+def test_config_file_says_algorithm_environment_and_seed(tmp_path, started):
+    """Flags win."""
+    path = tmp_path / "my.yml"
+    path.write_text(yaml.safe_dump(small_config("JansenCrank-v0") | {"seed": 7}))
+    folder = train.main(["--config", str(path), "--log-folder", str(tmp_path)])
+    assert folder == tmp_path / "ppo" / "JansenCrank-v0_1"
+    assert [started[-1][name] for name in ("algo", "env", "seed")] == ["ppo", "JansenCrank-v0", 7]
+    assert config.load_config(folder / "config.yml")["seed"] == 7
+    train.main(["--config", str(path), "--log-folder", str(tmp_path), "--seed", "0",
+                "--env", "JansenWalker-v0"])  # fmt: skip
+    assert [started[-1][name] for name in ("env", "seed")] == ["JansenWalker-v0", 0]
+    path.write_text(yaml.safe_dump(small_config(algo="sac")))
+    assert train.main(["--config", str(path), "--log-folder", str(tmp_path)]).parent.name == "sac"
+    assert started[-1]["algo"] == "sac"
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [["--env-kwargs", "{friction: -1}"], ["--config", "CONFIG"], ["--env-kwargs", "{no_such: 1}"]],
+)
+def test_failed_start_leaves_no_folder(wrong, tmp_path, started):
+    """Neither bad arguments of the environment nor a bad configuration."""
+    settings = small_config(env=".." if "CONFIG" in wrong else "JansenWalker-v0")
+    (tmp_path / "my.yml").write_text(yaml.safe_dump(settings))
+    wrong = [str(tmp_path / "my.yml") if word == "CONFIG" else word for word in wrong]
+    with pytest.raises((SystemExit, TypeError)):
+        train.main([*wrong, "--log-folder", str(tmp_path / "logs")])
+    assert not (tmp_path / "logs").exists() and not started
+
+
+def test_failed_resume_changes_nothing(tmp_path, started):
+    """A checkpoint that is none, or of another network."""
+    checkpoint = tmp_path / "checkpoints" / "model_9_steps.zip"
+    models.save_model(training.prepare(small_config()), checkpoint)
+    settings = small_config() | {"policy_kwargs": {"net_arch": [8]}}
+    runs.record_run(tmp_path, settings, "python train.py")
+    before = [(tmp_path / name).read_bytes() for name in ("config.yml", "command.txt")]
+    for message in ("does not fit its configuration", "no Stable-Baselines3 model"):
+        with pytest.raises(SystemExit, match=message):
+            train.main(["--resume", str(tmp_path), "-n", "999"])
+        checkpoint.write_bytes(b"torn")
+    after = [(tmp_path / name).read_bytes() for name in ("config.yml", "command.txt")]
+    assert after == before and not (tmp_path / "monitor").exists()
+
+
+def test_run_folders_of_two_starts_at_once(tmp_path, monkeypatch):
+    """The number that the other one takes in between is passed over."""
+    first = runs.new_run_folder(tmp_path, "ppo", "JansenWalker-v0")
+    monkeypatch.setattr(Path, "iterdir", lambda path: iter(()))  # as seen before the other's start
+    second = runs.new_run_folder(tmp_path, "ppo", "JansenWalker-v0")
+    assert [p.name for p in (first, second)] == ["JansenWalker-v0_1", "JansenWalker-v0_2"]

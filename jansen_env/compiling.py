@@ -89,16 +89,20 @@ _told: set[str] = set()  # what has been looked at and said in this process
 class _Cache(_FunctionCache):  # type: ignore[misc]
     """Numba's cache of a function: what cannot be read is compiled again, and no error is raised.
 
-    A file may be damaged, the disk full, the folder gone.
+    A file may be damaged, or be for other types where two processes wrote at once; the disk may be
+    full, the folder gone.
     """
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
-            return super().load_overload(sig, target_context)
+            found = super().load_overload(sig, target_context)
+            if found is None or found.signature.args == getattr(sig, "args", sig):
+                return found
         except Exception:  # unpickling damaged files raises errors of many kinds
-            with contextlib.suppress(OSError):
-                self.flush()  # or saving would read them again
-            return None
+            pass
+        with contextlib.suppress(OSError):
+            self.flush()  # or saving would read them again
+        return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         try:

@@ -25,10 +25,10 @@ from jansen_env.validation import (
 Array = NDArray[np.float64]
 
 REACH = 1000.0  # m, how far the first and last segment are extended
-FARTHEST = 1e6  # m, largest coordinate of a point: beyond, a toe's grip drowns in rounding
-MOST_POINTS = 100_000  # of a random terrain
 GRADIENT_STEP = 1e-4  # m, to either side
 MAX_SLOPE = math.radians(80.0)
+FARTHEST = 1e6  # m, largest coordinate of a point: beyond, a toe's grip drowns in rounding
+MOST_POINTS = 100_000  # of a random terrain
 
 
 @dataclass(frozen=True)

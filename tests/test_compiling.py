@@ -135,6 +135,20 @@ def test_machine_code_is_read_again(monkeypatch, tmp_path):
             assert hits() == 0 and hits() == 1, (pattern, damage)
 
 
+def test_machine_code_for_other_types_is_not_run(monkeypatch, tmp_path):
+    """Two processes that write at once may leave an index that names the other's file."""
+    monkeypatch.setattr(compiling, "FOLDER", str(tmp_path))
+    function = compiled(successor)
+    assert function(1) == 2 and function(0.5) == 1.5
+    one, other = tmp_path.rglob("*.nbc")
+    content = one.read_bytes()
+    one.write_bytes(other.read_bytes())
+    other.write_bytes(content)
+    for _ in range(2):
+        function = compiled(successor)
+        assert function(0.5) == 1.5 and function(1) == 2
+
+
 def test_a_folder_that_cannot_be_written_to_later_does_no_harm(
     silent, monkeypatch, tmp_path, caplog
 ):

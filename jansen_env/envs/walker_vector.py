@@ -26,13 +26,12 @@ from jansen_env.envs.walking import (
     observation_space,
 )
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.batch import Batch
-from jansen_env.plants.make import plant_time_step
+from jansen_env.plants.batch import TIME_STEP, Batch
 from jansen_env.plants.plant import DIVERGED, check_converged
 from jansen_env.plants.projection import ProjectionPlant
 from jansen_env.robot import Payload, Robot
 from jansen_env.terrain import Terrain
-from jansen_env.validation import positive, positive_integer
+from jansen_env.validation import positive, positive_integer, shown
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -107,10 +106,10 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
         render_mode: str | None = None,
     ) -> None:
         self.num_envs = n = positive_integer("num_envs", num_envs, common.MOST_ROBOTS)
-        step = plant_time_step(plant, time_step)
-        if plant != "projection" or common.flag("track_joint_forces", track_joint_forces):
+        tracks = common.flag("track_joint_forces", track_joint_forces)
+        if not isinstance(plant, str) or plant != "projection" or tracks:
             raise ValueError(
-                f"plant is {plant!r} and track_joint_forces {track_joint_forces!r}, must be "
+                f"plant is {shown(plant)} and track_joint_forces {tracks}, must be "
                 "'projection' and False for robots that move together; "
                 "vectorization_mode='sync' has the others"
             )
@@ -123,6 +122,7 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
         self.torque_limit = positive("torque_limit", torque_limit)
         self.reset_noise_scale = common.noise_of_each(n, reset_noise_scale)
         self.terminate_when_fallen = common.flag("terminate_when_fallen", terminate_when_fallen)
+        step = TIME_STEP if time_step is None else time_step
         self.control_dt, step = common.control_period(control_dt, step)
         self.batch = Batch(self.robots, self.terrains, step, threads=threads)
         self._steps = round(self.control_dt / step)

@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 RENDER_MODES = ["human", "rgb_array"]
 SHORTEST_STEP, LONGEST_STEP = 1e-6, 1.0  # s, of the integration
-MOST_STEPS = 10_000  # time steps in a control period: one of them takes some seconds
+MOST_STEPS = 10_000  # time steps in a control period: seconds on the slowest plant
 MOST_ROBOTS = 1_000_000  # of a vector environment: gigabytes
 MOST_EPISODE_STEPS = 2**53  # the largest number up to which floats count one by one
 

@@ -2,21 +2,27 @@
 
 Numba's own cache looks at the file of the function alone: after a change in a function that it
 calls from another file, it would go on running the old machine code. Here the cache's folder is
-named after the contents of all compiled files.
+named after the contents of all compiled files, wherever it is.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import logging
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numba
+import numba.core.caching
+
+from jansen_env.files import remove_unused, writable
 
 _config: Any = numba.config
+_FunctionCache: Any = numba.core.caching.FunctionCache
 
 SOURCES = (
     "envs/rewards.py",
@@ -29,30 +35,102 @@ SOURCES = (
     "pinned_kernel.py",
     "plants/stance.py",
 )
+UNUSED = 30 * 24 * 3600.0  # s after which the folder of other sources is removed
+_DIGEST = 16  # hexadecimal digits of it in a folder's name
+
+
+def _user_cache() -> Path | None:
+    """The folder in which the system keeps a user's caches; None where a user has none."""
+    with contextlib.suppress(RuntimeError):  # no home
+        home, variables = Path.home(), os.environ
+        if sys.platform == "win32":
+            folder = Path(variables.get("LOCALAPPDATA") or home / "AppData" / "Local")
+        elif sys.platform == "darwin":
+            folder = home / "Library" / "Caches"
+        else:
+            folder = Path(variables.get("XDG_CACHE_HOME") or home / ".cache")
+        if folder.is_absolute() and (os.path.isdir(folder) or os.path.isdir(home)):
+            return folder
+    return None
 
 
 def _cache_folder() -> str:
-    """Beside the package, or in NUMBA_CACHE_DIR; "" (numba's choice) where that is not writable."""
+    """Where machine code is kept; "" where nothing can be written.
+
+    The first that can be written to of NUMBA_CACHE_DIR, the package and the user's caches, and in
+    there a folder named after the sources. A new one makes room: those that other sources have
+    not used for long are removed.
+    """
     here = Path(__file__).parent
     digest = hashlib.sha256()
     for name in SOURCES:
         digest.update((here / name).read_bytes())
-    folder = Path(_config.CACHE_DIR or here / "__pycache__") / f"jansen-{digest.hexdigest()[:16]}"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return ""
-    return str(folder) if os.access(folder, os.W_OK) else ""
+    user = _user_cache()
+    parents = [here / "__pycache__"]
+    if _config.CACHE_DIR:
+        parents.insert(0, Path(_config.CACHE_DIR).absolute())
+    if user is not None:
+        parents.append(user / "jansen_env")
+    for parent in parents:
+        folder = parent / f"jansen-{digest.hexdigest()[:_DIGEST]}"
+        new = not os.path.exists(folder)
+        if writable(folder):  # which also marks it as used now
+            if new:
+                others = set(parent.glob("jansen-" + _DIGEST * "[0-9a-f]")) - {folder}
+                remove_unused(others, UNUSED)
+            return str(folder)
+    return ""
 
 
 FOLDER = _cache_folder()
-_announced: set[str] = set()
+_told: set[str] = set()  # what has been looked at and said in this process
+
+
+class _Cache(_FunctionCache):  # type: ignore[misc]
+    """Numba's cache of a function: what cannot be read is compiled again, and no error is raised.
+
+    A file may be damaged, or be for other types where two processes wrote at once; the disk may be
+    full, the folder gone.
+    """
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            found = super().load_overload(sig, target_context)
+            if found is None or found.signature.args == getattr(sig, "args", sig):
+                return found
+        except Exception:  # unpickling damaged files raises errors of many kinds
+            pass
+        with contextlib.suppress(OSError):
+            self.flush()  # or saving would read them again
+        return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        try:
+            super().save_overload(sig, data)
+        except Exception as error:
+            _tell(
+                "saving", "jansen_env cannot keep its machine code in %s: %s", FOLDER, repr(error)
+            )
+
+
+def _cache(function: Callable[..., Any]) -> _Cache | None:
+    """A function's cache in :data:`FOLDER`; None where numba does not find it fit."""
+    before = _config.CACHE_DIR
+    _config.CACHE_DIR = FOLDER
+    try:
+        cache = _Cache(function)
+    except (RuntimeError, OSError):
+        return None
+    finally:
+        _config.CACHE_DIR = before
+    # Elsewhere old machine code would not be noticed.
+    return cache if Path(cache.cache_path).is_relative_to(FOLDER) else None
 
 
 def compiled(
     function: Callable[..., Any] | None = None, *, allocates: bool = False, **options: Any
 ) -> Any:
-    """Decorator: compile with numba, cached on disk, dividing by zero as numpy does.
+    """Decorator: compile with numba, cached on disk if possible, dividing by zero as numpy does.
 
     Args:
         allocates: whether it makes arrays. Where nothing does, numba need not count references to
@@ -60,28 +138,36 @@ def compiled(
     """
     if function is None:
         return lambda f: compiled(f, allocates=allocates, **options)
-    before = _config.CACHE_DIR
-    if FOLDER:
-        _config.CACHE_DIR = FOLDER
-    try:
-        chosen: dict[str, Any] = {"cache": True, "error_model": "numpy", "_nrt": allocates}
-        return numba.njit(**chosen, **options)(function)
-    finally:
-        _config.CACHE_DIR = before
+    chosen: dict[str, Any] = {"error_model": "numpy", "_nrt": allocates}
+    made = numba.njit(**chosen, **options)(function)
+    if FOLDER and not _config.DISABLE_JIT:
+        cache = _cache(function)
+        if cache is not None:
+            made._cache = cache  # as numba's cache=True does with its own
+    return made
 
 
 def announce(kernel: str) -> None:
-    """Say, once in a process, that a kernel is going to be compiled if it is not on disk yet.
+    """Say, once in a process, that kernels are going to be compiled if this is not on disk yet.
 
     Args:
         kernel: file and function, such as ``"kernels.advance"``.
     """
-    if kernel in _announced or _config.DISABLE_JIT:
+    if kernel in _told or _config.DISABLE_JIT:
         return
-    _announced.add(kernel)
+    _told.add(kernel)
     if not (FOLDER and any(Path(FOLDER).rglob(f"{kernel}-*.nbc"))):
-        kept = f"and keeps it in {FOLDER}" if FOLDER else "and cannot keep it: no folder to write"
-        logging.getLogger("jansen_env").warning(
+        _tell(
+            "compiling",
             "jansen_env compiles its time step for this machine, which takes a minute or so, %s",
-            kept,
+            f"and keeps it in {FOLDER}"
+            if FOLDER
+            else "and cannot keep it: there is no folder to write to, NUMBA_CACHE_DIR can name one",
         )
+
+
+def _tell(subject: str, message: str, *values: str) -> None:
+    """Warn, once in a process."""
+    if subject not in _told:
+        _told.add(subject)
+        logging.getLogger("jansen_env").warning(message, *values)

@@ -1,32 +1,50 @@
-"""Files written whole or not at all."""
+"""Files written whole or not at all, and the removal of those that nobody uses any more."""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import shutil
 import tempfile
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
+
+PART = ".part-"  # how the names of files begin that are being written
 
 
 def write_whole(path: str | Path, write: Callable[[str], object]) -> Path:
     """Let ``write`` fill a temporary file beside ``path``, then move it there in one go.
 
-    The temporary name keeps the suffix of ``path``, which some writers look at.
+    It is on the disk before it is moved, so that a crash leaves the old file or the new one. The
+    temporary name keeps the suffix of ``path``, which some writers look at.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=".part-", suffix=path.suffix)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=PART, suffix=path.suffix)
     os.close(handle)
     try:
         write(name)
         os.chmod(name, 0o644)  # mkstemp's files are private
+        _sync(name, os.O_RDWR)
         os.replace(name, path)
     finally:
         if os.path.exists(name):
             os.unlink(name)
+    with contextlib.suppress(OSError):  # Windows opens no folders
+        _sync(path.parent, os.O_RDONLY)
     return path
+
+
+def _sync(path: str | Path, flags: int) -> None:
+    """Wait until a file or folder is on the disk."""
+    handle = os.open(path, flags)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def write_text(path: str | Path, text: str) -> Path:
@@ -37,3 +55,41 @@ def write_text(path: str | Path, text: str) -> Path:
 def write_json(path: str | Path, value: Any) -> Path:
     """Write a JSON file whole or not at all."""
     return write_text(path, json.dumps(value, indent=1) + "\n")
+
+
+def writable(folder: Path) -> bool:
+    """Whether a folder can be written to: it is made, and a file in it, which is removed again.
+
+    Permissions tell too little: root ignores them, and file systems may be read-only or full.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=folder, prefix=PART)
+        try:
+            os.write(handle, b"0")
+        finally:
+            os.close(handle)
+            os.unlink(name)
+    except OSError:
+        return False
+    return True
+
+
+def remove(path: Path) -> None:
+    """Remove a file or a folder; what another process has removed already is no error.
+
+    Raises:
+        OSError: a file that may not be removed.
+    """
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def remove_unused(paths: Iterable[Path], seconds: float) -> None:
+    """Remove the files and folders that were last changed more than ``seconds`` ago."""
+    for path in paths:
+        with contextlib.suppress(OSError):  # gone already, or not ours
+            if time.time() - path.stat().st_mtime > seconds:
+                remove(path)

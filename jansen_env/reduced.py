@@ -49,6 +49,12 @@ ORDER = 8  # coefficients of each (the kernels' polynomials are written out for 
 
 BODY_FUNCTIONS = ("c_x", "c_y", "I", "b", "k", "f")
 PAD_FUNCTIONS = ("p_x", "p_y", "a")
+SHAPES = {
+    "body": (INTERVALS, len(BODY_FUNCTIONS), ORDER),
+    "pads": (2 * len(PAD_JOINTS), INTERVALS, len(PAD_FUNCTIONS), ORDER),
+    "tail": (),
+}
+"""Of the arrays of :class:`Tables`."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +92,7 @@ def compile_robot(robot: Robot) -> Tables:
 
 @functools.lru_cache(maxsize=32)
 def _compile(robot: Robot) -> Tables:
-    found = table_store.load(robot)
+    found = table_store.load(robot, SHAPES)
     if found is None:
         found = _tabulate(robot)
         table_store.save(robot, found)

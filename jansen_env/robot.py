@@ -23,18 +23,36 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
-from jansen_env.validation import finite, non_negative, positive, positive_integer
+from jansen_env.validation import (
+    entries,
+    finite,
+    instance,
+    non_negative,
+    positive,
+    positive_integer,
+    shown,
+)
 
 Side = Literal["fore", "back"]
 
-BODIES_PER_LEG = 8
+BODIES = ("frame", "crank", "upper_rod", "upper_triangle", "rocker", "lower_rod", "coupler", "foot")
+"""Bodies 1 to 8, by the names of :class:`Robot`'s fields."""
+BODIES_PER_LEG = len(BODIES)
 CRANK_RADIUS = 0.10834  # m, the paper's L2; every built-in design turns this crank
+MOST_PHASES = 100  # of crank pins
 JOINT_PAIRS = (
     (1, 2), (2, 3), (3, 4), (3, 6), (4, 5), (5, 6), (5, 8), (4, 7), (6, 8), (7, 8),
 )  # fmt: skip
 """Pairs of bodies with viscous friction between them, as in the paper's h_f."""
+
+
+def _set(part: Any, check: Callable[[str, Any], float], *names: str) -> None:
+    """Replace fields of a frozen dataclass by what ``check`` makes of them: floats."""
+    for name in names:
+        value = check(f"{type(part).__name__}.{name}", getattr(part, name))
+        object.__setattr__(part, name, value)
 
 
 @dataclass(frozen=True)
@@ -52,9 +70,8 @@ class Bar:
     inertia: float = 0.1
 
     def __post_init__(self) -> None:
-        positive("Bar.length", self.length)
-        positive("Bar.mass", self.mass)
-        non_negative("Bar.inertia", self.inertia)
+        _set(self, positive, "length", "mass")
+        _set(self, non_negative, "inertia")
 
     @property
     def half(self) -> float:
@@ -91,9 +108,8 @@ class Triangle:
     inertia: float = 0.1
 
     def __post_init__(self) -> None:
-        for name in ("d", "l", "h", "alpha", "gamma", "mass"):
-            positive(f"Triangle.{name}", getattr(self, name))
-        non_negative("Triangle.inertia", self.inertia)
+        _set(self, positive, "d", "l", "h", "alpha", "gamma", "mass")
+        _set(self, non_negative, "inertia")
         if self.alpha + self.gamma >= 2.0 * math.pi:
             raise ValueError(
                 f"Triangle: alpha + gamma is {self.alpha + self.gamma}, must be below 2 pi"
@@ -108,9 +124,9 @@ class Triangle:
         Raises:
             ValueError: the three lengths form no triangle.
         """
-        a, b, c = first_second, second_third, third_first
-        for name, side in (("first_second", a), ("second_third", b), ("third_first", c)):
-            positive(f"Triangle.from_sides: {name}", side)
+        a = positive("Triangle.from_sides: first_second", first_second)
+        b = positive("Triangle.from_sides: second_third", second_third)
+        c = positive("Triangle.from_sides: third_first", third_first)
         if 2.0 * max(a, b, c) >= a + b + c:
             raise ValueError(f"Triangle.from_sides: sides {a}, {b}, {c} m form no triangle")
         # Two thirds of each median: 9 d^2 = 2 a^2 + 2 c^2 - b^2, and so on around.
@@ -153,9 +169,9 @@ class Leg:
     phase: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.side not in ("fore", "back"):
-            raise ValueError(f"Leg.side is {self.side!r}, must be 'fore' or 'back'")
-        finite("Leg.phase", self.phase)
+        if not isinstance(self.side, str) or self.side not in ("fore", "back"):
+            raise ValueError(f"Leg.side is {shown(self.side)}, must be 'fore' or 'back'")
+        _set(self, finite, "phase")
 
 
 @dataclass(frozen=True)
@@ -172,18 +188,23 @@ class Payload:
     position: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        non_negative("Payload.mass", self.mass)
-        non_negative("Payload.inertia", self.inertia)
-        if len(self.position) != 2:
-            raise ValueError(f"Payload.position is {self.position!r}, must be two numbers (x, y)")
-        for value in self.position:
-            finite("Payload.position", value)
-        object.__setattr__(self, "position", (float(self.position[0]), float(self.position[1])))
+        _set(self, non_negative, "mass", "inertia")
+        position = entries("Payload.position", self.position, "two numbers (x, y)")
+        if len(position) != 2:
+            raise ValueError(
+                f"Payload.position is {shown(self.position)}, must be two numbers (x, y)"
+            )
+        position = tuple(finite("Payload.position", value) for value in position)
+        object.__setattr__(self, "position", position)
 
 
 def phased_legs(phases: int) -> tuple[Leg, ...]:
-    """A fore and a back leg for each of ``phases`` evenly spaced crank pins: fore legs first."""
-    positive_integer("phases", phases)
+    """A fore and a back leg for each of ``phases`` evenly spaced crank pins: fore legs first.
+
+    Raises:
+        ValueError: ``phases`` is not a whole number from 1 to :data:`MOST_PHASES`.
+    """
+    phases = positive_integer("phases", phases, MOST_PHASES)
     angles = [2.0 * math.pi * k / phases for k in range(phases)]
     return tuple(Leg(side, angle) for side in ("fore", "back") for angle in angles)
 
@@ -206,8 +227,9 @@ class Robot:
         payload: extra rigid load on the chassis.
 
     Raises:
-        ValueError: a number out of range. :func:`jansen_env.linkage.check_closure` refuses a
-            design that cannot turn (run when a robot is compiled).
+        ValueError: an argument of another kind or out of range.
+            :func:`jansen_env.linkage.check_closure` refuses a design that cannot turn (run when a
+            robot is compiled).
     """
 
     frame: Bar = Bar(0.32436)
@@ -225,22 +247,24 @@ class Robot:
     payload: Payload = Payload()
 
     def __post_init__(self) -> None:
-        finite("Robot.frame_angle", self.frame_angle)
-        positive("Robot.pad_radius", self.pad_radius)
-        if len(self.damping) != len(JOINT_PAIRS):
-            raise ValueError(
-                f"Robot.damping has {len(self.damping)} values, must have one for each of the "
-                f"{len(JOINT_PAIRS)} joint pairs {JOINT_PAIRS}"
-            )
-        for value in self.damping:
-            non_negative("Robot.damping", value)
-        object.__setattr__(self, "damping", tuple(float(value) for value in self.damping))
-        object.__setattr__(self, "legs", tuple(self.legs))
+        for name in BODIES:
+            kind = Triangle if name in ("upper_triangle", "foot") else Bar
+            instance(f"Robot.{name}", getattr(self, name), kind)
+        instance("Robot.payload", self.payload, Payload)
+        _set(self, finite, "frame_angle")
+        _set(self, positive, "pad_radius")
+        each = f"one number for each of the {len(JOINT_PAIRS)} joint pairs {JOINT_PAIRS}"
+        damping = entries("Robot.damping", self.damping, each)
+        if len(damping) != len(JOINT_PAIRS):
+            raise ValueError(f"Robot.damping has {len(damping)} values, must be {each}")
+        damping = tuple(non_negative("Robot.damping", value) for value in damping)
+        object.__setattr__(self, "damping", damping)
+        object.__setattr__(self, "legs", entries("Robot.legs", self.legs, "at least one Leg"))
         if not self.legs:
             raise ValueError("Robot.legs is empty, must have at least one Leg")
         if not all(isinstance(leg, Leg) for leg in self.legs):
             raise ValueError(
-                f"Robot.legs is {self.legs!r}, must be at least one Leg and nothing else"
+                f"Robot.legs is {shown(self.legs)}, must be at least one Leg and nothing else"
             )
         if self.legs[0].phase != 0.0:
             raise ValueError(
@@ -251,10 +275,7 @@ class Robot:
     @property
     def bodies(self) -> tuple[Bar | Triangle, ...]:
         """Bodies 1 to 8 of a leg."""
-        return (
-            self.frame, self.crank, self.upper_rod, self.upper_triangle,
-            self.rocker, self.lower_rod, self.coupler, self.foot,
-        )  # fmt: skip
+        return tuple(getattr(self, name) for name in BODIES)
 
     @property
     def mass(self) -> float:
@@ -275,9 +296,7 @@ class Robot:
 
     def with_slender_inertias(self) -> Robot:
         """The same robot with rods of inertia m L^2 / 12 and triangles as uniform plates."""
-        names = ("frame", "crank", "upper_rod", "upper_triangle", "rocker", "lower_rod",
-                 "coupler", "foot")  # fmt: skip
-        return replace(self, **{name: getattr(self, name).slender() for name in names})
+        return replace(self, **{name: getattr(self, name).slender() for name in BODIES})
 
 
 def paper_robot(phases: int = 2) -> Robot:

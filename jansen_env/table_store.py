@@ -6,8 +6,10 @@ digest of the robot and of all that its numbers come from.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
-import zipfile
+import os
+from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,15 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.compiling import FOLDER
-from jansen_env.files import write_whole
+from jansen_env.files import PART, remove, remove_unused, write_whole
 
 if TYPE_CHECKING:
     from jansen_env.robot import Robot
 
 Arrays = dict[str, NDArray[np.float64]]
+Shapes = Mapping[str, tuple[int, ...]]
 
 SOURCES = ("linkage.py", "pads.py", "projection.py", "reduced.py", "robot.py")
-KEPT = 20  # files; the oldest make room
+KEPT = 20  # files; those used longest ago make room
+ABANDONED = 3600.0  # s after which nobody goes on writing a file
 
 
 @lru_cache(maxsize=1)
@@ -43,25 +47,41 @@ def _place(robot: Robot) -> Path:
     return Path(FOLDER) / f"robot-{key}.npz"
 
 
-def load(robot: Robot) -> Arrays | None:
-    """The arrays that :func:`save` kept for a robot; None if there are none that can be read."""
+def load(robot: Robot, shapes: Shapes) -> Arrays | None:
+    """The arrays that :func:`save` kept for a robot, by their names and shapes.
+
+    None if there are none, or if what is there cannot be read or is anything but finite float64
+    numbers of these shapes.
+    """
     if not FOLDER:
         return None
+    path = _place(robot)
     try:
-        with _place(robot).open("rb") as file, np.load(file, allow_pickle=False) as found:
-            return {name: found[name] for name in found.files}
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as found:
+            arrays = {name: found[name] for name in shapes}
+    except Exception:  # missing or damaged, which NumPy and zipfile say by errors of many kinds
         return None
+    for name, shape in shapes.items():
+        array = arrays[name]
+        if array.dtype != np.float64 or array.shape != shape or not np.isfinite(array).all():
+            return None
+    with contextlib.suppress(OSError):  # a folder that is read-only by now
+        os.utime(path)  # it has been used
+    return arrays
 
 
 def save(robot: Robot, arrays: Arrays) -> None:
     """Keep arrays for a robot, if there is a folder to write to."""
     if not FOLDER:
         return
+    folder, path = Path(FOLDER), _place(robot)
     try:
-        write_whole(_place(robot), lambda name: np.savez(name, **arrays))  # type: ignore[arg-type]
-        kept = sorted(Path(FOLDER).glob("robot-*.npz"), key=lambda path: path.stat().st_mtime)
-        for path in kept[:-KEPT]:
-            path.unlink(missing_ok=True)
-    except OSError:  # full or read-only: it is compiled again the next time
-        return
+        if path.is_dir():
+            remove(path)
+        write_whole(path, lambda name: np.savez(name, **arrays))  # type: ignore[arg-type]
+        remove_unused(folder.glob(f"{PART}*"), ABANDONED)
+        kept = sorted(folder.glob("robot-*.npz"), key=lambda path: path.stat().st_mtime)
+        for old in kept[:-KEPT]:
+            remove(old)
+    except OSError:
+        return  # full, read-only, or another process is clearing up: it is done the next time

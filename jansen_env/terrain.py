@@ -3,21 +3,32 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pymunk
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.validation import finite, non_negative, positive, within
+from jansen_env.validation import (
+    entries,
+    finite,
+    instance,
+    non_negative,
+    positive,
+    shown,
+    within,
+)
 
 Array = NDArray[np.float64]
 
 REACH = 1000.0  # m, how far the first and last segment are extended as pymunk's shapes
 GRADIENT_STEP = 1e-4  # m, to either side
 MAX_SLOPE = math.radians(80.0)
+FARTHEST = 1e6  # m, largest coordinate of a point: beyond, a toe's grip drowns in rounding
+MOST_POINTS = 100_000  # of a random terrain
 
 
 def heights_of(line: Array, x: ArrayLike) -> Array:
@@ -40,8 +51,8 @@ class Terrain:
             gain energy by it, it bounces less.
 
     Raises:
-        ValueError: fewer than two points, x not increasing, a slope beyond 80 degrees, or a
-            coefficient out of range.
+        ValueError: fewer than two points, one farther than :data:`FARTHEST`, x not increasing, a
+            slope beyond 80 degrees, or a coefficient out of range.
     """
 
     points: tuple[tuple[float, float], ...] = ((-1.0, 0.0), (1.0, 0.0))
@@ -49,13 +60,18 @@ class Terrain:
     restitution: float = 0.0
 
     def __post_init__(self) -> None:
-        table = np.array(self.points, dtype=float)
+        table = _numbers("Terrain.points", self.points)
         if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2:
             raise ValueError(
                 f"Terrain.points has shape {table.shape}, must be at least two (x, y) pairs"
             )
         if not np.isfinite(table).all():
             raise ValueError("Terrain.points holds a number that is not finite")
+        if np.abs(table).max() > FARTHEST:
+            raise ValueError(
+                f"Terrain.points: a coordinate is {np.abs(table).max():g} m, must be within "
+                f"{FARTHEST:g} m of the origin"
+            )
         step = np.diff(table, axis=0)
         if (step[:, 0] <= 0.0).any():
             where = int(np.argmax(step[:, 0] <= 0.0))
@@ -69,8 +85,10 @@ class Terrain:
                 f"Terrain.points: a segment has a slope of {steepest:.3f} rad, allowed are "
                 f"{MAX_SLOPE:.3f}"
             )
-        non_negative("Terrain.friction", self.friction)
-        within("Terrain.restitution", self.restitution, 0.0, 1.0)
+        friction = non_negative("Terrain.friction", self.friction)
+        restitution = within("Terrain.restitution", self.restitution, 0.0, 1.0)
+        object.__setattr__(self, "friction", friction)
+        object.__setattr__(self, "restitution", restitution)
         object.__setattr__(self, "points", tuple((float(x), float(y)) for x, y in table))
         before = table[0] - REACH * step[0] / step[0, 0]
         after = table[-1] + REACH * step[-1] / step[-1, 0]
@@ -86,7 +104,7 @@ class Terrain:
     @classmethod
     def slope(cls, angle: float, friction: float = 0.8, restitution: float = 0.0) -> Terrain:
         """A constant slope through the origin, rising towards +x for ``angle`` > 0 (rad)."""
-        within("angle", angle, -MAX_SLOPE, MAX_SLOPE)
+        angle = within("angle", angle, -MAX_SLOPE, MAX_SLOPE)
         rise = math.tan(angle)
         return cls(((-1.0, -rise), (1.0, rise)), friction, restitution)
 
@@ -106,11 +124,19 @@ class Terrain:
         Args:
             rng: the generator the heights are drawn from.
             height, spacing, length, start: m.
+
+        Raises:
+            ValueError: an argument out of range, more than :data:`MOST_POINTS` vertices, or slopes
+                beyond 80 degrees.
         """
-        non_negative("height", height)
-        positive("spacing", spacing)
-        positive("length", length)
-        finite("start", start)
+        instance("rng", rng, np.random.Generator)
+        height = within("height", height, 0.0, FARTHEST)
+        spacing, length = positive("spacing", spacing), positive("length", length)
+        start = finite("start", start)
+        if length / spacing > MOST_POINTS:
+            raise ValueError(
+                f"length / spacing is {length / spacing:g}, must be at most {MOST_POINTS}"
+            )
         count = max(2, int(length / spacing))
         x = start + spacing * np.arange(1, count + 1)
         y = rng.uniform(-height, height, size=count)
@@ -158,6 +184,19 @@ class Terrain:
         return segments
 
 
+def _numbers(name: str, value: Any) -> Array:
+    """An array of floats from numbers nested in any way."""
+    try:
+        table = np.array(value)
+        if table.dtype.kind not in "iufO":  # text and flags are no numbers
+            raise TypeError
+        return table.astype(float)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(
+            f"{name} is {shown(value)}, must be at least two (x, y) pairs of numbers"
+        ) from None
+
+
 ALLOWED = "a Terrain, 'flat', 'slope:ANGLE' with an angle in rad, or (x, y) points"
 
 
@@ -180,15 +219,13 @@ def make_terrain(
     elif isinstance(terrain, str):
         name, _, number = terrain.partition(":")
         if name not in ("flat", "slope") or (name == "flat" and number):
-            raise ValueError(f"terrain is {terrain!r}, must be {ALLOWED}")
+            raise ValueError(f"terrain is {shown(terrain)}, must be {ALLOWED}")
         try:
             made = Terrain.flat() if name == "flat" else Terrain.slope(float(number))
         except ValueError as error:
-            raise ValueError(f"terrain is {terrain!r}, must be {ALLOWED}: {error}") from error
-    elif isinstance(terrain, Iterable):
-        made = Terrain(tuple(terrain))  # type: ignore[arg-type]
+            raise ValueError(f"terrain is {shown(terrain)}, must be {ALLOWED}: {error}") from error
     else:
-        raise ValueError(f"terrain is {terrain!r}, must be {ALLOWED}")
+        made = Terrain(entries("terrain", terrain, ALLOWED))
     return Terrain(
         made.points,
         made.friction if friction is None else friction,

@@ -2,15 +2,33 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+from collections.abc import Iterable, Mapping, Set
+from decimal import Decimal
 from numbers import Integral, Real
 from typing import Any
 
+LONGEST = 200  # characters of a value in a message
+
+
+def shown(value: Any) -> str:
+    """A value as a message shows it: what ``repr`` says, cut where it is long."""
+    try:
+        text = repr(value)
+    except Exception:  # integers of thousands of digits, for one
+        text = f"a {type(value).__name__} that cannot be printed"
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
+
 
 def _number(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
-        raise ValueError(f"{name} is {value!r}, must be a finite number")
-    return float(value)
+    number = math.nan
+    if not isinstance(value, bool) and isinstance(value, (Real, Decimal)):
+        with contextlib.suppress(OverflowError, ValueError):  # beyond a float's range
+            number = float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"{name} is {shown(value)}, must be a finite number")
+    return number
 
 
 def finite(name: str, value: Any) -> float:
@@ -20,34 +38,58 @@ def finite(name: str, value: Any) -> float:
 
 def positive(name: str, value: Any) -> float:
     """Return ``value`` as a float. Raises ValueError unless it is above 0."""
-    if _number(name, value) <= 0.0:
-        raise ValueError(f"{name} is {value!r}, must be above 0")
-    return float(value)
+    number = _number(name, value)
+    if number <= 0.0:
+        raise ValueError(f"{name} is {shown(value)}, must be above 0")
+    return number
 
 
 def non_negative(name: str, value: Any) -> float:
     """Return ``value`` as a float. Raises ValueError if it is below 0."""
-    if _number(name, value) < 0.0:
-        raise ValueError(f"{name} is {value!r}, must be 0 or above")
-    return float(value)
+    number = _number(name, value)
+    if number < 0.0:
+        raise ValueError(f"{name} is {shown(value)}, must be 0 or above")
+    return number
 
 
 def within(name: str, value: Any, low: float, high: float) -> float:
     """Return ``value`` as a float. Raises ValueError unless ``low <= value <= high``."""
-    if not low <= _number(name, value) <= high:
-        raise ValueError(f"{name} is {value!r}, must be between {low} and {high}")
-    return float(value)
+    number = _number(name, value)
+    if not low <= number <= high:
+        raise ValueError(f"{name} is {shown(value)}, must be between {low} and {high}")
+    return number
 
 
-def positive_integer(name: str, value: Any) -> int:
-    """Return ``value`` as an int. Raises ValueError unless it is a whole number above 0."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
-        raise ValueError(f"{name} is {value!r}, must be a whole number above 0")
+def positive_integer(name: str, value: Any, most: int | None = None) -> int:
+    """Return ``value`` as an int. Raises ValueError unless it is a whole number from 1 to ``most``.
+
+    Without ``most`` there is no upper bound.
+    """
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if not whole or value < 1 or (most is not None and value > most):
+        allowed = "above 0" if most is None else f"from 1 to {most}"
+        raise ValueError(f"{name} is {shown(value)}, must be a whole number {allowed}")
     return int(value)
 
 
 def whole_number(name: str, value: Any) -> int:
     """Return ``value`` as an int. Raises ValueError unless it is a whole number, 0 or above."""
     if isinstance(value, bool) or not isinstance(value, Integral) or value < 0:
-        raise ValueError(f"{name} is {value!r}, must be a whole number, 0 or above")
+        raise ValueError(f"{name} is {shown(value)}, must be a whole number, 0 or above")
     return int(value)
+
+
+def instance(name: str, value: Any, kind: type) -> None:
+    """Raises ValueError unless ``value`` is of a type."""
+    if not isinstance(value, kind):
+        raise ValueError(f"{name} is {shown(value)}, must be a {kind.__name__}")
+
+
+def entries(name: str, value: Any, allowed: str) -> tuple[Any, ...]:
+    """The entries of a list, tuple, array ... Raises ValueError if it is nothing of that kind."""
+    if isinstance(value, (str, bytes, Mapping, Set)) or not isinstance(value, Iterable):
+        raise ValueError(f"{name} is {shown(value)}, must be {allowed}")
+    try:
+        return tuple(value)
+    except TypeError:  # an array without dimensions
+        raise ValueError(f"{name} is {shown(value)}, must be {allowed}") from None

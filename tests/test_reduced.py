@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jansen_env import Bar, LinkageError, Payload, Robot, paper_robot, table_store
+from jansen_env import Bar, LinkageError, Payload, Robot, paper_robot
 from jansen_env import projection as pr
 from jansen_env import reduced as rd
 from jansen_env.linkage import coordinates, joint_positions
@@ -153,29 +153,3 @@ def test_equal_robots_are_compiled_once():
     tables = compile_robot(paper_robot())
     assert compile_robot(Robot()).body is tables.body
     assert not tables.body.flags.writeable and not tables.pads.flags.writeable
-
-
-def test_tables_are_kept_on_disk(tmp_path, monkeypatch):
-    """The next process reads the same bits; what cannot be read is made anew; the oldest go."""
-    monkeypatch.setattr(table_store, "FOLDER", str(tmp_path))
-    robots = [
-        replace(paper_robot(), pad_radius=1.0, damping=(0.1 + 0.01 * i,) * 10) for i in (0, 1)
-    ]
-    made = [rd._compile.__wrapped__(robot) for robot in robots]
-    assert len(list(tmp_path.glob("robot-*.npz"))) == 2
-    monkeypatch.setattr(rd, "_tabulate", None)
-    read = [rd._compile.__wrapped__(robot) for robot in robots]
-    for one, other in zip(made, read, strict=True):
-        assert np.array_equal(one.body, other.body) and np.array_equal(one.pads, other.pads)
-        assert one.tail == other.tail
-    monkeypatch.undo()
-    monkeypatch.setattr(table_store, "FOLDER", str(tmp_path))
-    for path in tmp_path.glob("robot-*.npz"):
-        path.write_bytes(path.read_bytes()[:1000])
-    assert np.array_equal(rd._compile.__wrapped__(robots[0]).body, made[0].body)
-    monkeypatch.setattr(table_store, "KEPT", 1)
-    rd._compile.__wrapped__(robots[1])
-    assert len(list(tmp_path.glob("*"))) == 1
-    monkeypatch.setattr(table_store, "FOLDER", "")
-    assert table_store.load(robots[0]) is None
-    table_store.save(robots[0], {})

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+import gc
 import pickle
+import sys
 
 import gymnasium as gym
 import numpy as np
@@ -281,6 +283,20 @@ def test_pictures():
 def test_bad_arguments(arguments, named):
     with pytest.raises(ValueError, match=named):
         JansenWalkerVectorEnv(**{"num_envs": 2, **arguments})
+
+
+@pytest.mark.parametrize(
+    "arguments", [{"num_envs": 0}, {"friction": -1.0}, {"control_dt": 0.0205}, {"fall_weight": -1}]
+)
+def test_what_was_refused_is_gone_quietly(arguments, monkeypatch, capsys):
+    """However far its making got, it can be closed, as some Gymnasium do when it is deleted."""
+    monkeypatch.setattr(JansenWalkerVectorEnv, "__del__", lambda env: env.close(), raising=False)
+    unraisable = []
+    monkeypatch.setattr(sys, "unraisablehook", unraisable.append)
+    with pytest.raises(ValueError):
+        gym.make_vec("JansenWalker-v0", **{"num_envs": 2, **arguments})
+    gc.collect()
+    assert not unraisable and capsys.readouterr().err == ""
 
 
 def test_bad_calls():

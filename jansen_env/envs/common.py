@@ -3,43 +3,65 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from numbers import Integral
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from jansen_env.robot import ROBOTS, Payload, Robot
 from jansen_env.terrain import Terrain, make_terrain
-from jansen_env.validation import non_negative, positive, positive_integer, within
+from jansen_env.validation import (
+    entries,
+    instance,
+    non_negative,
+    positive,
+    positive_integer,
+    shown,
+    whole_number,
+    within,
+)
 
 Array = NDArray[np.float64]
 
 RENDER_MODES = ["human", "rgb_array"]
+SHORTEST_STEP, LONGEST_STEP = 1e-6, 1.0  # s, of the integration
+MOST_STEPS = 10_000  # time steps in a control period: seconds on the slowest plant
+MOST_ROBOTS = 1_000_000  # of a vector environment: gigabytes
+MOST_EPISODE_STEPS = 2**53  # the largest number up to which floats count one by one
 
 
 def load_robot(robot: Robot | str, payload: Payload | float | None = None) -> Robot:
     """A robot by itself or by the name of a design, with a payload (or kg at the crank axis)."""
     if not isinstance(robot, Robot):
         if not isinstance(robot, str) or robot not in ROBOTS:
-            raise ValueError(f"robot is {robot!r}, must be a Robot or one of {sorted(ROBOTS)}")
+            raise ValueError(f"robot is {shown(robot)}, must be a Robot or one of {sorted(ROBOTS)}")
         robot = ROBOTS[robot]()
-    if payload is None:
-        return robot
-    load = payload if isinstance(payload, Payload) else Payload(non_negative("payload", payload))
-    return replace(robot, payload=load)
+    load = _load(payload)
+    return robot if load is None else replace(robot, payload=load)
+
+
+def _load(payload: Any) -> Payload | None:
+    """A payload by itself or by its mass, kg; None for the robot's own."""
+    if payload is None or isinstance(payload, Payload):
+        return payload
+    return Payload(non_negative("payload", payload))
 
 
 def command_range(command: Any, limit: float) -> tuple[float, float]:
     """``speed_command`` as (low, high): a number or a pair within +-``limit``."""
-    pair = command if isinstance(command, (tuple, list, np.ndarray)) else 2 * [command]
+    pair: tuple[Any, ...] = (command, command)
+    if isinstance(command, (tuple, list, np.ndarray)):
+        pair = entries("speed_command", command, "a number or (low, high)")
     if len(pair) != 2:
-        raise ValueError(f"speed_command is {command!r}, must be a number or (low, high)")
+        raise ValueError(f"speed_command is {shown(command)}, must be a number or (low, high)")
     low, high = (within("speed_command", value, -limit, limit) for value in pair)
     if low > high:
-        raise ValueError(f"speed_command is {command!r}, must be (low, high) with low <= high")
+        raise ValueError(f"speed_command is {shown(command)}, must be (low, high) with low <= high")
     return low, high
 
 
@@ -55,12 +77,18 @@ def terrain_of_each(
         isinstance(one, (Terrain, str)) for one in terrain
     )
     grounds = _each("terrain", terrain, count) if several else [terrain] * count
-    frictions = _each("friction", friction, count)
-    restitutions = _each("restitution", restitution, count)
+    frictions = [
+        None if one is None else non_negative("friction", one)
+        for one in _each("friction", friction, count)
+    ]
+    restitutions = [
+        None if one is None else within("restitution", one, 0.0, 1.0)
+        for one in _each("restitution", restitution, count)
+    ]
     made: dict[Any, Terrain] = {}  # robots on equal ground share it
     terrains = []
     for chosen in zip(grounds, frictions, restitutions, strict=True):
-        key = (id(chosen[0]), repr(chosen[1:]))
+        key = (id(chosen[0]), *chosen[1:])
         if key not in made:
             made[key] = make_terrain(*chosen)
         terrains.append(made[key])
@@ -84,12 +112,9 @@ def robot_of_each(count: int, robot: Robot | str, payload: Any = None) -> list[R
     Raises:
         ValueError: not one for each, or a value out of range.
     """
-    payloads = _each("payload", payload, count)
-    made: dict[str, Robot] = {}
-    for one in payloads:
-        if repr(one) not in made:
-            made[repr(one)] = load_robot(robot, one)
-    return [made[repr(one)] for one in payloads]
+    loads = [_load(one) for one in _each("payload", payload, count)]
+    made = {load: load_robot(robot, load) for load in dict.fromkeys(loads)}
+    return [made[load] for load in loads]
 
 
 def command_of_each(count: int, command: Any, limit: float) -> Array:
@@ -129,10 +154,13 @@ def limit_of_each(count: int, limit: Any) -> Array:
         ValueError: not one for each, or no whole number above 0.
     """
     name = "max_episode_steps"
-    limits = _each(name, limit, count)
-    return np.array(
-        [np.inf if one in (None, -1) else positive_integer(name, one) for one in limits]
-    )
+
+    def steps(one: Any) -> float:
+        if one is None or (isinstance(one, Integral) and one == -1):
+            return math.inf
+        return float(positive_integer(name, one, MOST_EPISODE_STEPS))
+
+    return np.array([steps(one) for one in _each(name, limit, count)])
 
 
 def seed_of_each(count: int, seed: Any) -> list[int | None]:
@@ -143,11 +171,13 @@ def seed_of_each(count: int, seed: Any) -> list[int | None]:
     """
     if seed is None:
         return [None] * count
+    allowed = f"a whole number, or {count} of them"
     if isinstance(seed, Integral):
-        return [int(seed) + i for i in range(count)]
-    if not isinstance(seed, (list, tuple, np.ndarray)) or len(seed) != count:
-        raise ValueError(f"seed is {seed!r}, must be a whole number, or {count} of them")
-    return [None if one is None else int(one) for one in seed]
+        return [whole_number("seed", seed) + i for i in range(count)]
+    seeds = entries("seed", seed, allowed)
+    if len(seeds) != count:
+        raise ValueError(f"seed is {shown(seed)}, must be {allowed}")
+    return [None if one is None else whole_number("seed", one) for one in seeds]
 
 
 def autoreset_mode(mode: Any) -> AutoresetMode:
@@ -156,7 +186,21 @@ def autoreset_mode(mode: Any) -> AutoresetMode:
         return AutoresetMode(mode)
     except ValueError:
         allowed = [one.value for one in AutoresetMode]
-        raise ValueError(f"autoreset_mode is {mode!r}, must be one of {allowed}") from None
+        raise ValueError(f"autoreset_mode is {shown(mode)}, must be one of {allowed}") from None
+
+
+def check_begun(begun: bool) -> None:
+    """Raises gymnasium.error.ResetNeeded before an environment's first ``reset``."""
+    if not begun:
+        raise gym.error.ResetNeeded("reset() must be called before the first step()")
+
+
+def reset_options(options: Any) -> dict[str, Any]:
+    """The options of ``reset``, a copy; none for None. Raises ValueError for anything else."""
+    if options is None:
+        return {}
+    instance("options", options, dict)
+    return dict(options)
 
 
 def options_of_each(count: int, options: dict[str, Any]) -> list[dict[str, Any]]:
@@ -169,28 +213,41 @@ def options_of_each(count: int, options: dict[str, Any]) -> list[dict[str, Any]]
     return [{name: values[i] for name, values in columns.items()} for i in range(count)]
 
 
-def control_period(control_dt: Any, time_step: Any) -> float:
-    """``control_dt`` in s: above 0 and a multiple of ``time_step``."""
-    steps = positive("control_dt", control_dt) / positive("time_step", time_step)
+def control_period(control_dt: Any, time_step: Any) -> tuple[float, float]:
+    """``control_dt`` and ``time_step`` in s: the first 1 to :data:`MOST_STEPS` times the second.
+
+    Raises:
+        ValueError: anything else, or a ``time_step`` that is not between :data:`SHORTEST_STEP` and
+            :data:`LONGEST_STEP`.
+    """
+    period = positive("control_dt", control_dt)
+    step = within("time_step", time_step, SHORTEST_STEP, LONGEST_STEP)
+    steps = period / step
+    if steps > MOST_STEPS * (1.0 + 1e-9):
+        raise ValueError(
+            f"control_dt is {shown(control_dt)}, must be at most {MOST_STEPS} times time_step, "
+            f"{shown(time_step)}"
+        )
     if steps < 1.0 - 1e-9 or abs(steps - round(steps)) > 1e-6 * steps:
         raise ValueError(
-            f"control_dt is {control_dt!r}, must be a multiple of time_step, {time_step!r}"
+            f"control_dt is {shown(control_dt)}, must be a multiple of time_step, "
+            f"{shown(time_step)}"
         )
-    return float(control_dt)
+    return period, step
 
 
 def flag(name: str, value: Any) -> bool:
     """A switch: True or False."""
     if not isinstance(value, (bool, np.bool_)):
-        raise ValueError(f"{name} is {value!r}, must be True or False")
+        raise ValueError(f"{name} is {shown(value)}, must be True or False")
     return bool(value)
 
 
-def render_mode(mode: Any) -> str | None:
-    """None or one of :data:`RENDER_MODES`."""
-    if mode is not None and mode not in RENDER_MODES:
-        raise ValueError(f"render_mode is {mode!r}, must be None or one of {RENDER_MODES}")
-    return mode
+def render_mode(mode: Any, allowed: Sequence[str] = RENDER_MODES) -> str | None:
+    """None or one of those allowed."""
+    if mode is None or (isinstance(mode, str) and mode in allowed):
+        return mode
+    raise ValueError(f"render_mode is {shown(mode)}, must be None or one of {allowed}")
 
 
 def torque_shares(actions: Any, counting: NDArray[np.bool_]) -> Array:
@@ -202,8 +259,10 @@ def torque_shares(actions: Any, counting: NDArray[np.bool_]) -> Array:
     count = len(counting)
     try:
         shares = np.asarray(actions, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"actions are {actions!r}, must be numbers, shape ({count}, 1)") from None
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(
+            f"actions are {shown(actions)}, must be numbers, shape ({count}, 1)"
+        ) from None
     if shares.shape != (count, 1):
         raise ValueError(f"actions have shape {shares.shape}, must have ({count}, 1)")
     shares = np.where(counting, shares[:, 0], 0.0)
@@ -215,8 +274,15 @@ def torque_shares(actions: Any, counting: NDArray[np.bool_]) -> Array:
 
 
 def torque_share(action: Any) -> float:
-    """The action (1,) as a share of the torque limit, clipped to -1 .. 1."""
-    values = np.asarray(action, dtype=float)
+    """The action (1,) as a share of the torque limit, clipped to -1 .. 1.
+
+    Raises:
+        ValueError: it is not one finite number.
+    """
+    try:
+        values = np.asarray(action, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        values = np.empty(0)
     if values.shape != (1,) or not math.isfinite(values[0]):
-        raise ValueError(f"action is {action!r}, must be one finite number, shape (1,)")
+        raise ValueError(f"action is {shown(action)}, must be one finite number, shape (1,)")
     return min(1.0, max(-1.0, float(values[0])))

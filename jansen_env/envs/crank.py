@@ -84,8 +84,8 @@ class JansenCrankEnv(gym.Env[Observation, NDArray[np.float32]]):
     | ``robot`` | ``"paper"`` | a :class:`jansen_env.Robot`, or the name of a built-in design |
     | ``speed_command`` | 1 | rad/s, a number or a range |
     | ``torque_limit`` | 5 | N m |
-    | ``control_dt`` | 0.01 | s for which an action is held (the paper's); a multiple of ``time_step`` |
-    | ``time_step`` | 0.001 | s, of the integration |
+    | ``control_dt`` | 0.01 | s for which an action is held (the paper's); a multiple of ``time_step``, at most 10,000 times as long |
+    | ``time_step`` | 0.001 | s, of the integration, 1e-6 to 1 |
     | ``tracking_weight``, ``torque_weight`` | 1, 1 | see Rewards |
     | ``reset_noise_scale`` | 0.1 | rad and rad/s, of the start |
     | ``track_joint_forces`` | False | adds the largest one to ``info``; a step then takes 1 ms more |
@@ -114,16 +114,17 @@ class JansenCrankEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.robot = common.load_robot(robot)
         self.speed_command_range = common.command_range(speed_command, FASTEST_COMMAND)
         self.torque_limit = positive("torque_limit", torque_limit)
-        self.control_dt = common.control_period(control_dt, time_step)
+        self.control_dt, time_step = common.control_period(control_dt, time_step)
         self.tracking_weight = non_negative("tracking_weight", tracking_weight)
         self.torque_weight = non_negative("torque_weight", torque_weight)
         self.reset_noise_scale = non_negative("reset_noise_scale", reset_noise_scale)
         self.track_joint_forces = common.flag("track_joint_forces", track_joint_forces)
-        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / control_dt))}
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.control_dt))}
         self.plant = PinnedPlant(self.robot, time_step=time_step)
         high = np.array([1.0, 1.0, np.inf, np.inf, FASTEST_COMMAND], np.float32)
         self.observation_space = spaces.Box(-high, high, dtype=np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
+        self._begun = False
         self._command = SPEED_COMMAND
         self._torque = 0.0
         self._steps = 0
@@ -138,17 +139,25 @@ class JansenCrankEnv(gym.Env[Observation, NDArray[np.float32]]):
             ValueError: an unknown option, or a value out of range.
         """
         super().reset(seed=seed)
-        options = dict(options or {})
+        options = common.reset_options(options)
         # Drawn in any case, so that fixing one leaves the others as they were.
         command = self.np_random.uniform(*self.speed_command_range)
         angle = START_ANGLE + self.reset_noise_scale * self.np_random.uniform(-1.0, 1.0)
         speed = self.reset_noise_scale * self.np_random.uniform(-1.0, 1.0)
         if "speed_command" in options:
-            command = options.pop("speed_command")
-            within("options['speed_command']", command, -FASTEST_COMMAND, FASTEST_COMMAND)
+            command = within(
+                "options['speed_command']",
+                options.pop("speed_command"),
+                -FASTEST_COMMAND,
+                FASTEST_COMMAND,
+            )
         if "crank_angle" in options:
-            angle = options.pop("crank_angle")
-            within("options['crank_angle']", angle, START_ANGLE - LOST, START_ANGLE + LOST)
+            angle = within(
+                "options['crank_angle']",
+                options.pop("crank_angle"),
+                START_ANGLE - LOST,
+                START_ANGLE + LOST,
+            )
         if "crank_speed" in options:
             speed = finite("options['crank_speed']", options.pop("crank_speed"))
         if options:
@@ -156,8 +165,9 @@ class JansenCrankEnv(gym.Env[Observation, NDArray[np.float32]]):
                 f"reset options {sorted(options)} are unknown, allowed are 'speed_command', "
                 "'crank_angle' and 'crank_speed'"
             )
-        self._command, self._torque, self._steps = float(command), 0.0, 0
+        self._command, self._torque, self._steps = command, 0.0, 0
         self.plant.reset(angle, speed)
+        self._begun = True
         if self.render_mode == "human":
             self.render()
         return self._observe(), self._info(PinnedResult(0.0, 0.0, 0.0))
@@ -170,7 +180,9 @@ class JansenCrankEnv(gym.Env[Observation, NDArray[np.float32]]):
         Raises:
             ValueError: the action is not one finite number.
             FloatingPointError: the simulation diverged.
+            gymnasium.error.ResetNeeded: before the first :meth:`reset`.
         """
+        common.check_begun(self._begun)
         share = common.torque_share(action)
         self._torque = share * self.torque_limit
         result = self.plant.step(self._torque, self.control_dt)
@@ -245,7 +257,7 @@ class JansenCrankEnv(gym.Env[Observation, NDArray[np.float32]]):
             raise ValueError(f"state lacks {sorted(missing)}, must come from get_state()")
         self.plant.state = state["plant"]
         self._command, self._torque = float(state["command"]), float(state["torque"])
-        self._steps = int(state["steps"])
+        self._steps, self._begun = int(state["steps"]), True
         self.np_random.bit_generator.state = state["generator"]
         return self._observe()
 

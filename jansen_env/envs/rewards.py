@@ -33,7 +33,7 @@ class RewardWeights:
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
-            non_negative(f"{name}_weight", value)
+            object.__setattr__(self, name, non_negative(f"{name}_weight", value))
 
 
 @compiled

@@ -21,7 +21,7 @@ from jansen_env.envs.walking import (
 )
 from jansen_env.gravity import GRAVITY
 from jansen_env.joint_forces import JointForces
-from jansen_env.plants.make import make_plant
+from jansen_env.plants.make import make_plant, plant_time_step
 from jansen_env.plants.plant import StepResult, no_step
 from jansen_env.plants.projection import ProjectionPlant
 from jansen_env.robot import Payload, Robot
@@ -117,8 +117,8 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
     | ``speed_command`` | (0.05, 0.8) | m/s, a number or a range |
     | ``torque_limit`` | 20 | N m |
     | ``payload`` | robot's (none) | a :class:`jansen_env.Payload`, or a mass in kg at the crank axis |
-    | ``control_dt`` | 0.02 | s for which an action is held; a multiple of ``time_step`` |
-    | ``time_step`` | the plant's | s, of the integration: 0.001, ``"rigid_body"`` 0.00025 |
+    | ``control_dt`` | 0.02 | s for which an action is held; a multiple of ``time_step``, at most 10,000 times as long |
+    | ``time_step`` | the plant's | s, of the integration, 1e-6 to 1: 0.001, ``"rigid_body"`` 0.00025 |
     | ``plant`` | ``"projection"`` | what moves the robot, see Plants |
     | ``tracking_weight`` ... ``fall_weight`` | 1, 4, 0.1, 0.5, 200 | see Rewards |
     | ``reset_noise_scale`` | 0.1 | rad/s, of the starting crank speed |
@@ -167,14 +167,16 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.terrain = make_terrain(terrain, friction, restitution)
         self.speed_command_range = common.command_range(speed_command, FASTEST_COMMAND)
         self.torque_limit = positive("torque_limit", torque_limit)
+        self.control_dt, time_step = common.control_period(
+            control_dt, plant_time_step(plant, time_step)
+        )
         self.plant = make_plant(plant, self.robot, self.terrain, time_step)
-        self.control_dt = common.control_period(control_dt, self.plant.time_step)
         self.weights = RewardWeights(
             tracking_weight, slip_weight, energy_weight, posture_weight, fall_weight
         )
         self.reset_noise_scale = non_negative("reset_noise_scale", reset_noise_scale)
         self.terminate_when_fallen = common.flag("terminate_when_fallen", terminate_when_fallen)
-        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / control_dt))}
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.control_dt))}
         self.track_joint_forces = common.flag("track_joint_forces", track_joint_forces)
         if self.track_joint_forces:
             self._traceable.tracing = True
@@ -185,6 +187,7 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         )
         self.observation_space = observation_space(toes)
         self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
+        self._begun = False
         self._time = 0.0
         self._result: StepResult | None = None
         self._diverged = False
@@ -200,7 +203,10 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         """
         super().reset(seed=seed)
         command, crank_angle, crank_speed = draw_start(
-            self.np_random, self.speed_command_range, self.reset_noise_scale, options
+            self.np_random,
+            self.speed_command_range,
+            self.reset_noise_scale,
+            common.reset_options(options),
         )
         self._time, self._diverged = 0.0, False
         self.plant.reset(0.0, crank_angle)
@@ -211,6 +217,7 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         state = self.plant.state
         state[7] = crank_speed
         self.plant.state = state
+        self._begun = True
         if self.render_mode == "human":
             self.render()
         return self._observe(state), self._info(state, self._result, float(state[4]), 0.0)
@@ -222,7 +229,9 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
 
         Raises:
             ValueError: the action is not one finite number.
+            gymnasium.error.ResetNeeded: before the first :meth:`reset`.
         """
+        common.check_begun(self._begun)
         task = self._task
         share = common.torque_share(action)
         torque = share * self.torque_limit
@@ -350,6 +359,7 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._time = float(state["time"])
         self.np_random.bit_generator.state = state["generator"]
         self._result = None
+        self._begun = True
         return self._observe(self.plant.state)
 
     def render(self) -> NDArray[np.uint8] | None:

@@ -30,7 +30,7 @@ from jansen_env.plants.batch import TIME_STEP, Batch
 from jansen_env.plants.projection import ProjectionPlant
 from jansen_env.robot import Payload, Robot
 from jansen_env.terrain import Terrain
-from jansen_env.validation import positive, positive_integer
+from jansen_env.validation import positive, positive_integer, shown
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -76,6 +76,7 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 50}
+    members: Sequence[Member] = ()  # until they are made: Gymnasium closes what was refused, too
 
     def __init__(
         self,
@@ -103,16 +104,15 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
         track_joint_forces: bool = False,
         render_mode: str | None = None,
     ) -> None:
-        self.num_envs = n = positive_integer("num_envs", num_envs)
-        if plant != "projection" or track_joint_forces:
+        self.num_envs = n = positive_integer("num_envs", num_envs, common.MOST_ROBOTS)
+        tracks = common.flag("track_joint_forces", track_joint_forces)
+        if not isinstance(plant, str) or plant != "projection" or tracks:
             raise ValueError(
-                f"plant is {plant!r} and track_joint_forces {track_joint_forces!r}, must be "
+                f"plant is {shown(plant)} and track_joint_forces {tracks}, must be "
                 "'projection' and False for robots that move together; "
                 "vectorization_mode='sync' has the others"
             )
-        if render_mode not in (None, "rgb_array"):
-            raise ValueError(f"render_mode is {render_mode!r}, must be None or 'rgb_array'")
-        self.render_mode = render_mode
+        self.render_mode = common.render_mode(render_mode, self.metadata["render_modes"])
         self.autoreset_mode = common.autoreset_mode(autoreset_mode)
         self.max_episode_steps = common.limit_of_each(n, max_episode_steps)
         self.terrains = common.terrain_of_each(n, terrain, friction, restitution)
@@ -122,12 +122,12 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
         self.reset_noise_scale = common.noise_of_each(n, reset_noise_scale)
         self.terminate_when_fallen = common.flag("terminate_when_fallen", terminate_when_fallen)
         step = TIME_STEP if time_step is None else time_step
-        self.control_dt = common.control_period(control_dt, step)
+        self.control_dt, step = common.control_period(control_dt, step)
         self.batch = Batch(self.robots, self.terrains, step, threads=threads)
         self._steps = round(self.control_dt / step)
         self.metadata = {
             **self.metadata,
-            "render_fps": max(1, round(1.0 / control_dt)),
+            "render_fps": max(1, round(1.0 / self.control_dt)),
             "autoreset_mode": self.autoreset_mode,
         }
         self.weights = RewardWeights(
@@ -164,7 +164,7 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
             ValueError: not one seed or option for each robot, an unknown option, or a value out of
                 range. TypeError: ``reset_mask`` is no array of flags.
         """
-        options = dict(options or {})
+        options = common.reset_options(options)
         mask = self._reset_mask(options.pop("reset_mask", None))
         seeds = common.seed_of_each(self.num_envs, seed)
         return self.reset_each(seeds, common.options_of_each(self.num_envs, options), mask)
@@ -421,7 +421,8 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
         """Let go of pictures and threads."""
         for member in self.members:
             member.close()
-        self.batch.close()
+        if self.members:
+            self.batch.close()
 
 
 def _masked(values: dict[str, Any], known: Flags) -> dict[str, Any]:

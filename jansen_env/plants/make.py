@@ -6,11 +6,23 @@ from jansen_env.plants import batch, projection, rigid_body
 from jansen_env.plants.plant import Plant
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
+from jansen_env.validation import shown
 
 PLANTS = {
     "projection": (projection.ProjectionPlant, batch.TIME_STEP),
     "rigid_body": (rigid_body.RigidBodyPlant, rigid_body.TIME_STEP),
 }
+
+
+def plant_time_step(name: str, time_step: float | None = None) -> float:
+    """The time step that :func:`make_plant` gives a plant, s; its own one for None.
+
+    Raises:
+        ValueError: not the name of a plant.
+    """
+    if not isinstance(name, str) or name not in PLANTS:
+        raise ValueError(f"plant is {shown(name)}, must be one of {sorted(PLANTS)}")
+    return PLANTS[name][1] if time_step is None else time_step
 
 
 def make_plant(name: str, robot: Robot, terrain: Terrain, time_step: float | None = None) -> Plant:
@@ -23,7 +35,5 @@ def make_plant(name: str, robot: Robot, terrain: Terrain, time_step: float | Non
     Raises:
         ValueError: another name, or an argument out of range.
     """
-    if not isinstance(name, str) or name not in PLANTS:
-        raise ValueError(f"plant is {name!r}, must be one of {sorted(PLANTS)}")
-    plant, own_step = PLANTS[name]
-    return plant(robot, terrain, own_step if time_step is None else time_step)
+    step = plant_time_step(name, time_step)
+    return PLANTS[name][0](robot, terrain, step)

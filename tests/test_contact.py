@@ -8,8 +8,10 @@ import numpy as np
 import pymunk
 import pytest
 
-from jansen_env import Terrain
+from jansen_env import Robot, Terrain
 from jansen_env.contact import MARGIN, PAD, STRIDE, ContactDetector
+from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.plants.rigid_body import RigidBodyPlant
 from jansen_env.terrain import make_terrain
 
 RADIUS = 0.01  # m, of the pads
@@ -273,3 +275,43 @@ def test_rough_terrain():
     assert 0.02 < rough.height(x).max() <= 0.03 and -0.03 <= rough.height(x).min() < -0.02
     assert rough == Terrain.rough(np.random.default_rng(3), height=0.03, start=2.0)
     assert rough != Terrain.rough(np.random.default_rng(4), height=0.03, start=2.0)
+
+
+@pytest.mark.parametrize("x", [-3e4, -1000.5, -999.5, 999.8, 1001.0, 2500.0, 1e5])
+@pytest.mark.parametrize("angle", [0.0, 0.1])
+def test_the_ground_has_no_end(x, angle):
+    """A kilometre away, where pymunk's shapes end, and far beyond: one plane a pad, gap to 1e-10 of
+    the way; the height goes on.
+    """
+    terrain = Terrain.slope(angle)
+    centres = above(terrain, np.array([x, x + 0.3]), math.tan(angle), 0.004)
+    planes, pad, gaps = look(terrain, centres)
+    assert pad.tolist() == [0, 1]
+    assert gaps == pytest.approx(0.004, abs=1e-12 + 1e-10 * abs(x) * math.tan(angle))
+    assert planes[:, :2] == pytest.approx(np.tile([-math.sin(angle), math.cos(angle)], (2, 1)))
+    assert terrain.height(x) == pytest.approx(x * math.tan(angle), rel=1e-12, abs=1e-12)
+
+
+def test_a_robot_walks_off_the_end_of_pymunks_ground():
+    """The same step at x = 0 and at 5 km: the same motion, to what is lost in adding 5000."""
+    motions = []
+    for x in (0.0, 5000.0):
+        plant = ProjectionPlant(Robot(), Terrain.flat(0.3))
+        start = plant.reset(x, 0.3)
+        for _ in range(50):
+            plant.step(8.0, 0.02)
+        motions.append(plant.state - start)
+    assert motions[1] == pytest.approx(motions[0], abs=1e-7)
+    assert abs(motions[0][0]) > 0.1
+
+
+def test_the_rigid_body_plant_says_where_its_ground_ends():
+    """A placement beyond it is refused, and so is a step that leads there."""
+    plant = RigidBodyPlant(Robot(), Terrain.flat())
+    with pytest.raises(ValueError, match=r"x is 5000\.0, must be between -99"):
+        plant.reset(5000.0)
+    state = plant.reset(990.0)
+    state[0], state[4] = 995.9, 50.0
+    plant.state = state
+    with pytest.raises(FloatingPointError, match="the ground of the rigid-body plant ends"):
+        plant.step(0.0, 0.02)

@@ -320,3 +320,28 @@ def test_bad_calls():
     ):
         with pytest.raises(ValueError, match=named):
             env.reset(**arguments)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.filterwarnings("ignore:.*the episode:UserWarning")
+def test_a_robot_that_diverges_ends_its_own_episode_only(mode):
+    """Robot 1 gets an absurd torque now and then: the others go on, each as alone, bit for bit."""
+    arguments = {"torque_limit": 1e8, "reset_noise_scale": 1.0}
+    ours, theirs = together(4, mode, limit=30, **arguments), side_by_side(4, mode, 30, **arguments)
+    rng, diverged = np.random.default_rng(0), np.zeros(4, int)
+    ours.reset(seed=3)
+    theirs.reset(seed=3)
+    for k in range(50):
+        action = rng.uniform(-1e-7, 1e-7, (4, 1)).astype(np.float32)
+        action[1] = 1.0 if k % 9 == 5 else action[1]
+        *a, info_a = ours.step(action)
+        *b, info_b = theirs.step(action)
+        for x, y in zip(a, b, strict=True):
+            assert np.array_equal(x, y) and np.isfinite(x).all()
+        same(info_a, info_b)
+        now = info_a["final_info"]["diverged"] if "final_info" in info_a else info_a["diverged"]
+        assert not (now & ~(a[2] | a[3])).any()
+        diverged += now
+    assert diverged[1] >= 5 and not diverged[[0, 2, 3]].any()
+    ours.close()
+    theirs.close()

@@ -26,6 +26,7 @@ from jansen_env.model import (
     mechanical_energy,
     parameters,
 )
+from jansen_env.plants.plant import check_time_step
 from jansen_env.reduced import compile_robot
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
@@ -88,7 +89,7 @@ class Batch:
         for robot in different:
             if replace(robot, payload=robots[0].payload) != robots[0]:
                 raise ValueError("robots are of several designs, must differ in payload only")
-        self.time_step = positive("time_step", time_step)
+        self.time_step = check_time_step(time_step)
         self.detection_interval = positive("detection_interval", detection_interval)
         self._stride = max(1, round(detection_interval / time_step))
         self.tables = compile_robot(robots[0])

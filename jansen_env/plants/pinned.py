@@ -12,6 +12,7 @@ from jansen_env.compiling import announce
 from jansen_env.gravity import GRAVITY
 from jansen_env.joint_forces import JointForces, joint_forces
 from jansen_env.model import kernel_model, parameters
+from jansen_env.plants.plant import check_time_step
 from jansen_env.reduced import compile_robot
 from jansen_env.robot import Robot
 from jansen_env.validation import finite, non_negative, positive
@@ -48,7 +49,7 @@ class PinnedPlant:
     def __init__(self, robot: Robot, time_step: float = 1e-3, gravity: float = GRAVITY) -> None:
         announce("pinned_kernel.turn")
         self.robot = robot
-        self.time_step = positive("time_step", time_step)
+        self.time_step = check_time_step(time_step)
         self.gravity = non_negative("gravity", gravity)
         self.tables = compile_robot(robot)
         self._body = kernel_model(self.tables).body

@@ -10,8 +10,12 @@ from numpy.typing import NDArray
 from jansen_env.kernels import DIVERGED
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
+from jansen_env.validation import within
 
 Array = NDArray[np.float64]
+
+
+SHORTEST_STEP, LONGEST_STEP = 1e-6, 1.0  # s, of the integration
 
 
 class StepResult(NamedTuple):
@@ -95,6 +99,11 @@ class Plant(Protocol):
     def contact_frames(self) -> tuple[Array, Array]:
         """(toes, 2) points of the ground nearest to each toe's pad and its tangents there."""
         ...
+
+
+def check_time_step(value: Any) -> float:
+    """A time step in s. Raises ValueError if it is not between the shortest and the longest."""
+    return within("time_step", value, SHORTEST_STEP, LONGEST_STEP)
 
 
 def check_state(value: Any) -> Array:

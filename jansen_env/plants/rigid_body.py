@@ -25,7 +25,14 @@ from jansen_env.linkage import check_closure
 from jansen_env.pads import pad_layout
 from jansen_env.plants import bodies as links
 from jansen_env.plants.bodies import CHASSIS, SHAFT
-from jansen_env.plants.plant import StepResult, believable, check_pressed, check_state, divergence
+from jansen_env.plants.plant import (
+    StepResult,
+    believable,
+    check_pressed,
+    check_state,
+    check_time_step,
+    divergence,
+)
 from jansen_env.plants.stance import set_down
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
@@ -74,7 +81,7 @@ class RigidBodyPlant:
     ) -> None:
         check_closure(robot)
         self.robot, self.terrain = robot, terrain
-        self.time_step = positive("time_step", time_step)
+        self.time_step = check_time_step(time_step)
         self.iterations = positive_integer("iterations", iterations)
         self.landing_iterations = positive_integer("landing_iterations", landing_iterations)
         self.pinned = bool(pinned)

@@ -95,8 +95,8 @@ def test_ten_thousand_walks_on_grooves(name, measured):
 
 
 def test_a_braced_robot_holds_little_and_stands_still(measured):
-    """Jammed in grooves of 58 degrees, friction 0.8, by random torques, then left alone for 3 s: the
-    force is finite, and the next second's motion is micrometres (half of the robots: others rock).
+    """Jammed in grooves of 58 degrees, friction 0.8, by random torques, then left alone for 3 s:
+    the force is finite, the next second's motion micrometres (half of the robots: others rock).
     """
     x = 0.05 * np.arange(-40, 41)
     ground = Terrain(tuple(zip(x, np.where(np.arange(81) % 2, -0.08, 0.0), strict=True)))

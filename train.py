@@ -25,7 +25,15 @@ from agents.config import TO_RESUME, check_config, load_config, shipped_config
 from agents.figures import score_figure, training_figure
 from agents.models import ALGORITHMS, load_policy
 from agents.rollout import make_env
-from agents.runs import BEST, FINAL, last_state, new_run_folder, read_evaluations, record_run
+from agents.runs import (
+    BEST,
+    FINAL,
+    best_return,
+    last_state,
+    new_run_folder,
+    read_evaluations,
+    record_run,
+)
 from agents.scores import markdown_table
 from agents.tasks import TASKS, find_task
 from agents.training import prepare, train
@@ -108,6 +116,8 @@ def _configure(args: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
             raise SystemExit(f"--resume takes these from the run's config.yml: {', '.join(given)}")
         config = load_config(Path(args.resume) / "config.yml", required=TO_RESUME)
         config["timesteps"] = args.timesteps or config["timesteps"]
+        best_return(Path(args.resume))  # what is damaged shows before anything is written
+        read_evaluations(Path(args.resume))
         return config, last_state(args.resume)
     config = load_config(args.config, args.algo, args.env) if args.config else {}
     algo = args.algo or config.get("algo", "ppo")

@@ -159,14 +159,23 @@ def restore(model: BaseAlgorithm, tensors: dict[str, Any]) -> None:
     Raises:
         ValueError: they are of another model.
     """
+    modules, variables = model._get_torch_save_params()  # names of what the model saves
     parameters = dict(tensors)
-    variables = parameters.pop("pytorch_variables", None) or {}
+    values = parameters.pop("pytorch_variables", None) or {}
+    for kind, found, needed in (("parts", parameters, modules), ("variables", values, variables)):
+        if set(found) != set(needed):
+            raise ValueError(
+                f"the saved model has the {kind} {sorted(found)}, must have {sorted(needed)}"
+            )
     try:
         model.set_parameters(parameters, exact_match=True)
-    except (KeyError, RuntimeError, ValueError) as error:
-        raise ValueError(f"the saved model does not fit its configuration: {error}") from error
-    for name, value in variables.items():  # such as SAC's entropy coefficient
-        getattr(model, name).data = value.data
+        for name, value in values.items():  # such as SAC's entropy coefficient
+            variable = getattr(model, name)
+            with torch.no_grad():
+                variable.copy_(value.reshape(variable.shape))
+    except Exception as error:  # torch and the optimisers raise most kinds for what does not fit
+        reason = " ".join(str(error).split())
+        raise ValueError(f"the saved model does not fit its configuration: {reason}") from error
 
 
 def save_model(model: BaseAlgorithm, path: Path, notes: dict[str, Any] | None = None) -> None:

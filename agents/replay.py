@@ -10,6 +10,7 @@ from stable_baselines3.common.buffers import ReplayBuffer
 
 from jansen_env.files import write_whole
 
+HEADERS = 4096  # bytes, more than the headers of all arrays take
 ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 
@@ -29,6 +30,11 @@ def load_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
     try:
         if not zipfile.is_zipfile(path):
             raise ValueError("not an .npz archive")
+        with zipfile.ZipFile(path) as archive:
+            unpacked = sum(member.file_size for member in archive.infolist())
+        largest = HEADERS + sum(getattr(buffer, name).nbytes for name in _names(buffer))
+        if unpacked > largest:
+            raise ValueError(f"it unpacks to {unpacked} bytes, must be {largest} at most")
         with np.load(path, allow_pickle=False) as file:
             pos, full = int(file["pos"]), bool(file["full"])
             arrays = {name: file[name] for name in _names(buffer)}

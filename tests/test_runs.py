@@ -259,6 +259,36 @@ def test_bad_replay_buffers_are_refused(tmp_path):
     np.savez(path, pos=-1, full=False, **arrays)
     with pytest.raises(ValueError, match="pos -1, must be in"):
         replay.load_replay_buffer(buffer, path)
+    np.savez_compressed(path, **arrays, bomb=np.zeros(10**8, np.uint8))
+    assert path.stat().st_size < 10**6
+    with pytest.raises(ValueError, match=r"it unpacks to \d+ bytes, must be"):
+        replay.load_replay_buffer(buffer, path)
+
+
+def test_only_what_a_model_saves_is_restored():
+    """Not what else a file names, nor what is missing or of another shape."""
+    model = training.prepare(small_config(algo="sac"))
+    given = {
+        "policy": model.policy.state_dict(),
+        "actor.optimizer": model.actor.optimizer.state_dict(),
+        "critic.optimizer": model.critic.optimizer.state_dict(),
+        "ent_coef_optimizer": model.ent_coef_optimizer.state_dict(),
+        "pytorch_variables": {"log_ent_coef": torch.full((1,), -0.5)},
+    }
+    models.restore(model, given)
+    assert model.log_ent_coef.item() == -0.5 and model.log_ent_coef.requires_grad
+    one = torch.zeros(1)
+    for change, reason in (
+        ({"pytorch_variables": {"log_ent_coef": one, "env": one}}, "has the variables"),
+        ({"pytorch_variables": {}}, "has the variables"),
+        ({"pytorch_variables": {"log_ent_coef": torch.zeros(2)}}, "does not fit"),
+        ({"pytorch_variables": {"log_ent_coef": "0"}}, "does not fit"),
+        ({"logger": {}}, "has the parts"),
+        ({"policy": {}}, "does not fit"),
+        ({"actor.optimizer": {"state": 1}}, "does not fit"),
+    ):
+        with pytest.raises(ValueError, match=f"the saved model {reason}"):
+            models.restore(model, {**given, **change})
 
 
 def test_sigterm_saves_where_training_is(tmp_path, returns, monkeypatch, capsys):

@@ -47,6 +47,7 @@ from jansen_env.model import (
     PHASE,
     RESTITUTION,
     SLOPE,
+    STEEPEST,
     TABLE,
     VALUE,
     WIDEST,
@@ -108,7 +109,7 @@ def advance(
             :data:`DIVERGED` or not finite stops at once, with -1 left.
         h: length of a time step, s. torque: (robots,) crank torque, N m.
         states: (robots, 8) crank-axis states, changed in place.
-        parameters: (robots, 13), body, pads, layout: see :mod:`jansen_env.model`.
+        parameters: (robots, 14), body, pads, layout: see :mod:`jansen_env.model`.
         spans, planes, contacts, margins: see :class:`jansen_env.contact.ContactDetector`.
         floats, ints: memory of :func:`work_space`.
         totals: (robots, 9) sums of energies (J), worst contact residual (N s), impulse on bumpers
@@ -280,7 +281,8 @@ def _step(
     # J v + (h / 2) J_dot v, which keeps a rolling or pivoting toe where it is to second order.
     radius = own[PAD_RADIUS]
     count = 0
-    impact = steep = False
+    impact = False
+    can_wedge = own[FRICTION] * own[STEEPEST] >= 1.0  # slope + atan(friction) reaches 90 degrees
     travel = _travel(pose, x, y, theta, psi, own)
     for k in range(begin, end):
         if clear[k - begin] > travel:
@@ -315,7 +317,6 @@ def _step(
         approach = J[i, 0] * vx + J[i, 1] * vy + J[i, 2] * w + J[i, 3] * n
         if distance - 0.5 * h * approach > 0.0:
             impact = True  # it was open when the step began
-        steep = steep or own[FRICTION] * abs(normal_x) >= normal_y
         mu[count] = own[FRICTION]
         mode[count] = contacts[k, MODE]
         which[count] = k
@@ -330,14 +331,14 @@ def _step(
                 MJ[i, 0] * J[j, 0] + MJ[i, 1] * J[j, 1] + MJ[i, 2] * J[j, 2] + MJ[i, 3] * J[j, 3]
             )
             W[j, i] = W[i, j]
-    wedged = steep and _can_wedge(count, which, planes, own[FRICTION])
+    wedged = can_wedge and _wedged(count, which, planes, own[FRICTION])
     if count > 0:
         soften(count, W, WEDGE_COMPLIANCE if wedged else COMPLIANCE)
 
     residual = 0.0
     bounce, least, most = 0.0 if wedged else own[RESTITUTION], 0.0, own[RESTITUTION]
     curved = not (impact or wedged)
-    settled = count == 0 or (bounce == 0.0 and not steep)
+    settled = count == 0 or (bounce == 0.0 and not can_wedge)
     lenient = False
     index[5 * count] = 0  # W is new
     for attempt in range(BOUNCE_ROUNDS):
@@ -440,13 +441,12 @@ def _travel(pose, x, y, theta, psi, own):
 
 
 @compiled(forceinline=True)
-def _can_wedge(count, which, planes, friction):
+def _wedged(count, which, planes, friction):
     """Whether two contacts' friction cones hold opposite forces: n . n' <= -cos(2 atan(friction)).
 
     Only then can the pads push on the ground with any force and no effect on the motion. Velocities
     that no motion of the robot has, as bounces and the path's curvature ask for, would make
-    that force as large as the arithmetic allows, so a wedged step goes without both. It does not
-    happen on ground whose slopes stay below 90 degrees less atan(friction).
+    that force as large as the arithmetic allows, so a wedged step goes without both.
     """
     limit = (friction * friction - 1.0) / (friction * friction + 1.0)
     for c in range(count):

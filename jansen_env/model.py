@@ -19,10 +19,11 @@ Array = NDArray[np.float64]
 
 # Columns of a robot's row of parameters: kg, kg m^2, m, m/s^2; whether the crank keeps its speed
 # whatever torque that takes (1 or 0); the ground's friction and restitution; m; the farthest that a
-# pad gets from the centre of mass, m, and its fastest motion against that per crank speed, m.
+# pad gets from the centre of mass, m, and its fastest motion against that per crank speed, m; the
+# largest slope of the ground, a tangent.
 MASS, LOAD_MASS, LOAD_INERTIA, LOAD_X, LOAD_Y, GRAVITY_X, GRAVITY_Y = range(7)
-DRIVEN, FRICTION, RESTITUTION, PAD_RADIUS, LONGEST, WIDEST = range(7, 13)
-PARAMETERS = 13
+DRIVEN, FRICTION, RESTITUTION, PAD_RADIUS, LONGEST, WIDEST, STEEPEST = range(7, 14)
+PARAMETERS = 14
 # Columns of the layout of pads: row of the pads' tables, and crank phase (rad).
 TABLE, PHASE = range(2)
 # Rows of what :func:`read_body` and :func:`read_pad` fill: values, first and second derivatives.
@@ -51,7 +52,7 @@ def kernel_model(tables: Tables) -> Model:
 
 
 def parameters(tables: Tables, gravity: tuple[float, float]) -> Array:
-    """(13,) the parameters of a robot with these tables, on frictionless ground, not driven."""
+    """(14,) the parameters of a robot with these tables, not driven, on level slippery ground."""
     robot, load = tables.robot, tables.robot.payload
     row = np.zeros(PARAMETERS)
     row[MASS : LOAD_Y + 1] = robot.mass, load.mass, load.inertia, *load.position

@@ -150,6 +150,12 @@ class Terrain:
         line: Array = self._line  # type: ignore[attr-defined]
         return line
 
+    @property
+    def steepest(self) -> float:
+        """The largest |dy/dx| of all segments."""
+        dx, dy = np.diff(self.polyline, axis=0).T
+        return float(np.abs(dy / dx).max())
+
     def height(self, x: ArrayLike) -> Array:
         """Surface height at ``x`` (any shape), m."""
         return heights_of(self.polyline, x)

@@ -22,6 +22,7 @@ from jansen_env.model import (
     GRAVITY_X,
     GRAVITY_Y,
     RESTITUTION,
+    STEEPEST,
     kernel_model,
     mechanical_energy,
     parameters,
@@ -57,7 +58,7 @@ class Batch:
     Attributes:
         states: (n, 8) x, y, theta, psi and their rates; x, y the crank axis, m, rad, s.
         model: the robots' tables, see :mod:`jansen_env.model`.
-        parameters: (n, 13) what may differ between them, see :mod:`jansen_env.model`.
+        parameters: (n, 14) what may differ between them, see :mod:`jansen_env.model`.
         totals: (n, 9), record: (n, pads, 3) sums over the last :meth:`step`, see
             :func:`jansen_env.kernels.advance`.
         diverged: (n,) whether the last :meth:`step` was refused, see there.
@@ -100,6 +101,7 @@ class Batch:
         self.parameters = np.array([rows[id(robot)] for robot in robots])
         self.parameters[:, FRICTION] = [terrain.friction for terrain in terrains]
         self.parameters[:, RESTITUTION] = [terrain.restitution for terrain in terrains]
+        self.parameters[:, STEEPEST] = [terrain.steepest for terrain in terrains]
         capacity = PLANES_PER_PAD * pads
         self.detector = ContactDetector(terrains, self.toes, robots[0].pad_radius, capacity)
         self._depths = self._bumper_depths(robots[0].pad_radius + MARGIN)
@@ -133,7 +135,7 @@ class Batch:
         """Make a robot another one, which differs in its payload only."""
         kept = self.parameters[row].copy()
         self.parameters[row] = parameters(compile_robot(robot), (0.0, 0.0))
-        where = [GRAVITY_X, GRAVITY_Y, DRIVEN, FRICTION, RESTITUTION]
+        where = [GRAVITY_X, GRAVITY_Y, DRIVEN, FRICTION, RESTITUTION, STEEPEST]
         self.parameters[row, where] = kept[where]
 
     def energy(self, row: int) -> float:

@@ -34,18 +34,13 @@ def grooves(rng: np.random.Generator) -> Terrain:
     return Terrain(tuple(zip(x, np.maximum(y, -0.6), strict=True)), friction, restitution)
 
 
-def is_steep(terrain: Terrain) -> bool:
-    """Whether slope + atan(friction) reaches 90 degrees somewhere."""
-    (dx, dy) = np.diff(terrain.polyline, axis=0).T
-    return bool((terrain.friction * np.abs(dy) >= dx).any())
-
-
 def walk(robot, seed: int, episodes: int, steps: int = 100):
     """Random torques for ``steps`` control periods of 20 ms, an episode for each robot of a batch.
 
     Returns:
         (episodes, 4) the worst of each: energy a time step's contacts added (J), energy unaccounted
-        for in a control period (J), mean force on a pad in one (N), contact residual (N s).
+        for in a control period (J), mean force on a pad in one (N), contact residual (N s);
+        (episodes,) whether pads can wedge or bounce there.
     """
     rng = np.random.default_rng([seed, len(robot.legs)])
     terrains = [grooves(rng) for _ in range(episodes)]
@@ -63,7 +58,9 @@ def walk(robot, seed: int, episodes: int, steps: int = 100):
         unaccounted = np.abs(motor - joint - slip - impact - change)
         worst = np.maximum(worst, np.stack([gain, unaccounted, force, residual], axis=1))
     batch.close()
-    return worst, np.array([is_steep(t) or t.restitution > 0.0 for t in terrains])
+    return worst, np.array(
+        [t.friction * t.steepest >= 1.0 or t.restitution > 0.0 for t in terrains]
+    )
 
 
 def check(name: str, seeds: range, episodes: int, measured) -> None:
@@ -77,7 +74,7 @@ def check(name: str, seeds: range, episodes: int, measured) -> None:
     )
     measured(f"{where}: energy added by rolling contacts", gain.max(), 2e-4, "J")
     measured(f"{where}: energy unaccounted for in 20 ms", unaccounted.max(), 0.1, "J")
-    measured(f"{where}: mean force on a pad over 20 ms", force.max(), 3e4, "N")
+    measured(f"{where}: mean force on a pad over 20 ms", force.max(), 1e5, "N")
     measured(f"{where}: contact law violated", residual.max(), 1e-9, "N s")
 
 
@@ -111,5 +108,5 @@ def test_a_braced_robot_holds_little_and_stands_still(measured):
         before = plant.state
         plant.step(0.0, 1.0)
         moved.append(np.abs(plant.state - before)[:3].max())
-    measured("wedged robot: mean force on a toe over 20 ms", force, 3e4, "N")
+    measured("wedged robot: mean force on a toe over 20 ms", force, 1e5, "N")
     measured("wedged robots left alone: motion in a second", float(np.median(moved)), 5e-5, "m")

@@ -108,7 +108,8 @@ WALKER = Task(
         "distance": Total("last", lambda info: info["x_position"]),
         "slip": Total("sum", lambda info: info["slip"].sum()),
         "work": Total("sum", lambda info: abs(info["energy"]["motor_work"])),
-        "fell": Total("flag", lambda info: info["fallen"]),
+        # A simulation that diverged is no walk either: it counts as a fall.
+        "fell": Total("flag", lambda info: info["fallen"] or info["diverged"]),
         **TORQUE,
     },
     metrics={

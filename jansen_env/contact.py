@@ -41,6 +41,10 @@ APART = 1000.0  # m, between the grounds of two robots
 PAD, MODE = range(2)
 # Columns of a row's owner.
 ROBOT, ITS_PAD = range(2)
+# Columns of a robot's status: time steps to go until all robots' planes are found again (-1: it has
+# diverged), m from its pads within which planes are listed, and whether (1 or 0) a pad is so deep
+# in the ground that there are none.
+STEPS_LEFT, SPECULATIVE_MARGIN, TOO_DEEP = range(3)
 
 _Arbiter = pymunk.batch.ArbiterFields
 _FIELDS = _Arbiter.BODY_A_ID | _Arbiter.POINT_B_1
@@ -64,17 +68,16 @@ class ContactDetector:
         planes: (robots * most, 3) unit normal pointing out of the ground, and its offset n . point:
             a pad's gap is n . centre - offset - radius.
         contacts: (robots * most, 2) of each plane its PAD and MODE.
-        margins: (robots,) m from a robot's pads within which planes are listed: until a pad has
-            moved by as much, they are all that it can touch.
-        lost: (robots,) whether a pad is so deep below the ground that none is near it.
+        status: (robots, 3) STEPS_LEFT, SPECULATIVE_MARGIN and TOO_DEEP of each robot. Until one of
+            its pads has moved by the margin, its planes are all that they can touch.
         owner: (rows, 2) ROBOT and ITS_PAD. centres: (rows, 2) pad centres, m.
     """
 
     def __init__(self, terrains: Sequence[Terrain], toes: int, radius: float, most: int) -> None:
         robots = len(terrains)
         self._toes, self._radius, self._far = toes, radius, radius + MARGIN + STRIDE
-        self.margins = np.full(robots, MARGIN)
-        self.lost = np.zeros(robots, bool)
+        self.status = np.zeros((robots, 3))
+        self.status[:, SPECULATIVE_MARGIN] = MARGIN
         self.surface, self.bounds, self.ground = surfaces(terrains)
         self._cells = _cells(self.surface, robots)
         self._space = pymunk.Space()
@@ -143,6 +146,7 @@ class ContactDetector:
         layout: Array,
         depths: Array,
         time_step: float,
+        some: bool = False,
     ) -> bool:
         """Find the planes near the pads where they are in ``states`` (robots, 8).
 
@@ -151,33 +155,35 @@ class ContactDetector:
             depths: m, how far below the crank axis a bumper can feel the ground, at pitches evenly
                 spread over one turn; and last, how far it can in any direction.
             time_step: s.
+            some: whether only for the robots that have steps left.
 
         Returns:
-            Whether a robot is :attr:`lost`.
+            Whether a pad of one of them is too deep in the ground.
         """
-        rows, stale = _place(
-            states, parameters, pads, layout, depths, time_step, self._toes, self.surface,
-            self.bounds, self.ground, self.margins, self.owner, self.centres, self._asked_at,
+        rows, stale, too_deep = _look(
+            states, parameters, pads, layout, depths, time_step, some, self._toes, self.surface,
+            self.bounds, self.ground, self._radius, self._far, self._most, self._stretch,
+            self.owner, self.centres, self._asked_at, self.status, self.spans, self.planes,
+            self.contacts, self._gaps,
         )  # fmt: skip
         if rows > len(self.owner):
             self._grow(max(rows, len(self.owner) * 3 // 2))
-            return self.look(states, parameters, pads, layout, depths, time_step)
-        return self.find(rows, stale)
+            return self.look(states, parameters, pads, layout, depths, time_step, some)
+        return self.find(rows, True, some) if stale else bool(too_deep)
 
-    def find(self, rows: int, ask: bool = True) -> bool:
+    def find(self, rows: int, ask: bool = True, some: bool = False) -> bool:
         """Find the planes near the first rows' :attr:`centres`, after asking pymunk or without.
 
-        Returns:
-            Whether a robot is :attr:`lost`.
+        Args, returns: as of :meth:`look`.
         """
         if ask:
             self._ask(rows)
-        lost: bool = _find_planes(
-            rows, self._stretch, self.owner, self.centres, self.surface, self.bounds, self.ground,
-            self._radius, self.margins, self._far, self._most, self.spans, self.planes,
-            self.contacts, self._gaps, self.lost,
+        too_deep: bool = _find_planes(
+            rows, some, self.surface, self.bounds, self.ground, self._radius, self._far, self._most,
+            self._stretch, self.owner, self.centres, self.status, self.spans, self.planes,
+            self.contacts, self._gaps,
         )  # fmt: skip
-        return lost
+        return too_deep
 
     def _ask(self, rows: int) -> None:
         """Let pymunk say which stretch of the ground is near each of the first rows."""
@@ -223,9 +229,32 @@ def _extended(array: NDArray[Any], rows: int) -> NDArray[Any]:
 
 
 @compiled
+def _look(
+    states, parameters, pads, layout, depths, time_step, some, toes, surface, bounds, ground,
+    radius, far, most, stretch, owner, centres, asked_at, status, spans, planes, contacts, gaps,
+):  # fmt: skip
+    """:func:`_place`, and unless pymunk must be asked before, :func:`_find_planes`, in one call.
+
+    Returns:
+        (rows needed, whether pymunk must be asked, whether a pad is too deep)
+    """
+    rows, stale = _place(
+        states, parameters, pads, layout, depths, time_step, some, toes, surface, bounds, ground,
+        status, owner, centres, asked_at,
+    )  # fmt: skip
+    if stale or rows > len(owner):
+        return rows, stale, False
+    too_deep = _find_planes(
+        rows, some, surface, bounds, ground, radius, far, most, stretch, owner, centres,
+        status, spans, planes, contacts, gaps,
+    )  # fmt: skip
+    return rows, stale, too_deep
+
+
+@compiled
 def _place(
-    states, parameters, pads, layout, depths, time_step, toes, surface, bounds, ground, margins,
-    owner, centres, asked_at,
+    states, parameters, pads, layout, depths, time_step, some, toes, surface, bounds, ground,
+    status, owner, centres, asked_at,
 ):  # fmt: skip
     """Choose which pads to look at, and put them where they are; how wide their margins are.
 
@@ -243,10 +272,10 @@ def _place(
         speed = abs(states[r, 4]) + abs(states[r, 5])  # no pad is faster
         speed += parameters[r, LONGEST] * abs(states[r, 6])
         speed += parameters[r, WIDEST] * abs(states[r, 7])
-        margins[r] = min(max(MARGIN, speed * time_step), WIDEST_MARGIN)
-        wider = margins[r] - MARGIN
-        depth = depths[locate(pitches, states[r, 2])[0]] + wider
-        if _reaches(surface, begin, end, x - reach - wider, x + reach + wider, y - depth):
+        status[r, SPECULATIVE_MARGIN] = min(max(MARGIN, speed * time_step), WIDEST_MARGIN)
+        extra = status[r, SPECULATIVE_MARGIN] - MARGIN
+        depth = depths[locate(pitches, states[r, 2])[0]] + extra
+        if _reaches(surface, begin, end, x - reach - extra, x + reach + extra, y - depth):
             for j in range(bumpers):
                 if rows < len(owner):
                     if owner[rows, ROBOT] != r or owner[rows, ITS_PAD] != toes + j:
@@ -259,6 +288,8 @@ def _place(
     cos, sin = 1.0, 0.0
     for i in range(rows):
         r, j = owner[i, ROBOT], owner[i, ITS_PAD]
+        if some and not status[r, STEPS_LEFT] > 0.0:
+            continue
         if r != last:
             last = r
             cos, sin = np.cos(states[r, 2]), np.sin(states[r, 2])
@@ -267,8 +298,8 @@ def _place(
         y = states[r, 1] + sin * px + cos * py
         centres[i, 0], centres[i, 1] = x, y
         moved_x, moved_y = x - asked_at[i, 0], y - asked_at[i, 1]
-        known = STRIDE - (margins[r] - MARGIN)
-        if not moved_x * moved_x + moved_y * moved_y <= known * known:
+        skin = STRIDE - (status[r, SPECULATIVE_MARGIN] - MARGIN)
+        if not moved_x * moved_x + moved_y * moved_y <= skin * skin:
             stale = True
     return rows, stale
 
@@ -374,45 +405,61 @@ def _find(known, key):
 
 @compiled
 def _find_planes(
-    rows, stretch, owner, centres, surface, bounds, ground, radius, margins, far, most,
-    spans, planes, contacts, gaps, lost,
+    rows, some, surface, bounds, ground, radius, far, most, stretch, owner, centres,
+    status, spans, planes, contacts, gaps,
 ):  # fmt: skip
-    """The planes of the stretches within each robot's margin of its pads; whether one is lost.
+    """The planes of the stretches within each robot's margin of its pads; whether one is too deep.
 
-    For a pad that is deeper than that in the ground, the nearest plane.
+    For a pad that is farther than that in the ground, the plane by which it comes out soonest.
     """
     for r in range(len(spans)):
-        spans[r, 1] = spans[r, 0]
-        lost[r] = False
-    any_lost = False
+        if not some or status[r, STEPS_LEFT] > 0.0:
+            spans[r, 1] = spans[r, 0]
+            status[r, TOO_DEEP] = 0.0
+    any_too_deep = False
     for i in range(rows):
         r, j = owner[i, ROBOT], owner[i, ITS_PAD]
+        if some and not status[r, STEPS_LEFT] > 0.0:
+            continue
         start, end = bounds[ground[r]], bounds[ground[r] + 1]
         x, y = centres[i, 0], centres[i, 1]
-        near = radius + margins[r]
-        none = True
+        near = radius + status[r, SPECULATIVE_MARGIN]
+        no_plane = True
         for k in range(stretch[i, 0], stretch[i, 1] + 1):
             found, nx, ny, offset = _plane(surface, start, end, k, x, y, near)
             if found:
-                none = False
+                no_plane = False
                 gap = nx * x + ny * y - offset
                 _list(r, j, nx, ny, offset, gap, most, spans, planes, contacts, gaps)
-        if none and not y >= height_at(surface, start, end, x):
-            highest, best_x, best_y, best_offset = -far, 0.0, 0.0, 0.0
-            for k in range(stretch[i, 0], stretch[i, 1] + 1):
-                found, nx, ny, offset = _plane(surface, start, end, k, x, y, far)
-                if found and nx * x + ny * y - offset > highest:
-                    highest = nx * x + ny * y - offset
-                    best_x, best_y, best_offset = nx, ny, offset
-            if highest > -far:
-                _list(
-                    r, j, best_x, best_y, best_offset, highest, most, spans, planes, contacts, gaps
-                )
+        if no_plane and y < height_at(surface, start, end, x):
+            found, nx, ny, offset = _way_out(surface, start, end, x, y, far)
+            if found:
+                gap = nx * x + ny * y - offset
+                _list(r, j, nx, ny, offset, gap, most, spans, planes, contacts, gaps)
             else:
-                lost[r] = any_lost = True
+                status[r, TOO_DEEP] = 1.0
+                any_too_deep = True
     for r in range(len(spans)):
-        _sort(spans[r, 0], spans[r, 1], planes, contacts, gaps)
-    return any_lost
+        if not some or status[r, STEPS_LEFT] > 0.0:
+            _sort(spans[r, 0], spans[r, 1], planes, contacts, gaps)
+    return any_too_deep
+
+
+@compiled
+def _way_out(surface, start, end, x, y, far):
+    """The nearest plane above a point in the ground.
+
+    Returns:
+        (whether there is one within ``far`` (m); normal x, y; offset)
+    """
+    highest, best_x, best_y, best_offset = -far, 0.0, 0.0, 0.0
+    first, last = _segment(surface, start, end, x - far), _segment(surface, start, end, x + far)
+    for k in range(first, last + 1):
+        found, nx, ny, offset = _plane(surface, start, end, k, x, y, far)
+        gap = nx * x + ny * y - offset
+        if found and highest < gap < 0.0:
+            highest, best_x, best_y, best_offset = gap, nx, ny, offset
+    return highest > -far, best_x, best_y, best_offset
 
 
 @compiled(forceinline=True)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.compiling import compiled
-from jansen_env.contact import MODE, PAD
+from jansen_env.contact import MODE, PAD, SPECULATIVE_MARGIN, STEPS_LEFT
 from jansen_env.contact_solver import COMPLIANCE, OPEN, STICK, WEDGE_COMPLIANCE, soften, solve
 from jansen_env.model import (
     C_X,
@@ -67,7 +67,7 @@ PENETRATION_ALLOWED = 2e-5  # m, left uncorrected so that a resting contact does
 CORRECTION_RATE = 0.2  # share of the rest that is taken back in every step
 CORRECTION_SWEEPS = 4
 PASSES = 2  # evaluations of the speed-dependent terms in a step
-BOUNCE_ROUNDS = 15  # tries of smaller coefficients of restitution, where it would create energy
+BOUNCE_TRIES = 11  # of smaller coefficients of restitution, where it would create energy
 PUSH_OUT_SPEED = 1.0  # m/s, the fastest that a pad is taken out of the ground
 DIVERGED = 1e4  # a speed (m/s, rad/s) beyond which a state is no longer believed
 ROUNDING = 1e-9  # share of the energy that a blow brings by which it may seem to gain
@@ -79,6 +79,10 @@ TOTALS = 9
 # Columns of a pad's record: slip (m), then tangential and normal impulse (N s).
 SLIP, IMPULSE_T, IMPULSE_N = range(3)
 RECORD = 3
+# What a step's contacts are asked for in turn, until they create no energy: the terrain's
+# restitution; none; as much again, if without it energy comes from other forces; the largest that
+# creates none, judged strictly or with these forces; neither bounce nor the path's curvature.
+AS_ASKED, WITHOUT_BOUNCE, LENIENT, SEARCH, LENIENT_SEARCH, WITHOUT_CURVATURE = range(6)
 TRAVEL = 4  # where, after the last pose, a robot's travel is
 SCRATCH = 36  # numbers: readings of the tables, 18 and 9, last pose and travel, 5, first pose, 4
 # Where what is in a row of a trace: pose at the middle of the step and velocity before and after it
@@ -97,20 +101,21 @@ def work_space(capacity: int) -> tuple[Array, Ints]:
 
 @compiled(nogil=True)
 def advance(
-    first, last, fresh, left, h, torque, states, parameters, body, pads, layout,
-    spans, planes, contacts, margins, floats, ints, totals, record, toes, trace,
+    first, last, fresh, steps, h, torque, states, parameters, body, pads, layout,
+    spans, planes, contacts, status, floats, ints, totals, record, toes, trace,
 ):  # fmt: skip
     """Advance robots ``first`` to ``last - 1`` with fixed contact planes, as far as these go.
 
     Args:
         fresh: whether to begin new sums in ``totals`` and ``record``.
-        left: (robots,) time steps to go, counted down. A robot whose pad gets farther than its
-            margin from where its planes were found stops before that; one that is faster than
-            :data:`DIVERGED` or not finite stops at once, with -1 left.
+        steps: time steps to take from here; 0 to go on with those that are left of an earlier call.
         h: length of a time step, s. torque: (robots,) crank torque, N m.
         states: (robots, 8) crank-axis states, changed in place.
         parameters: (robots, 14), body, pads, layout: see :mod:`jansen_env.model`.
-        spans, planes, contacts, margins: see :class:`jansen_env.contact.ContactDetector`.
+        spans, planes, contacts, status: see :class:`jansen_env.contact.ContactDetector`. STEPS_LEFT
+            is counted down. A robot whose pad gets farther than its SPECULATIVE_MARGIN from where
+            its planes were found stops before that; one that is faster than :data:`DIVERGED` or
+            not finite stops at once, with -1 steps left, and takes no more.
         floats, ints: memory of :func:`work_space`.
         totals: (robots, 9) sums of energies (J), worst contact residual (N s), impulse on bumpers
             (N s), mechanical energy when the sums were begun, and its change since, J, and the most
@@ -121,7 +126,7 @@ def advance(
             its last step; or without rows for no trace.
 
     Returns:
-        Whether all robots have no steps left.
+        Whether no robot has steps left, and none has diverged.
     """
     finished = True
     n = 2 * (len(ints) // 7)
@@ -145,7 +150,10 @@ def advance(
                 records[j, SLIP] = records[j, IMPULSE_T] = records[j, IMPULSE_N] = 0.0
             kinetic, potential = mechanical_energy(body, own, state, sums)
             total[BEFORE_IT] = kinetic + potential
-        if left[r] == 0:
+        if steps > 0 and status[r, STEPS_LEFT] >= 0.0:
+            status[r, STEPS_LEFT] = steps
+        left, done = int(status[r, STEPS_LEFT]), 0
+        if left <= 0:
             continue
         to_centroid(body, own, state, 1.0, sums)
         for i in range(4):
@@ -153,11 +161,11 @@ def advance(
         pose[TRAVEL] = 0.0
         for k in range(spans[r, 1] - spans[r, 0]):
             clear[k] = 0.0
-        steps, done = left[r], 0
-        while done < steps:
-            if done > 0 and _outruns(margins[r], h, state, pose, found_at, own, body, pads, layout):
+        while done < left:
+            margin = status[r, SPECULATIVE_MARGIN]
+            if done > 0 and _outruns(margin, h, state, pose, found_at, own, body, pads, layout):
                 break
-            k = len(trace) - steps + done
+            k = len(trace) - left + done
             if tracing:
                 for i in range(4):
                     trace[k, POSE + i] = state[i] + 0.5 * h * state[4 + i]
@@ -171,9 +179,9 @@ def advance(
                 _trace(trace[k], state, used, count, own, planes, contacts, P, mode, which)
             done += 1
             if not _believable(state):
-                done = steps + 1
-        left[r] = steps - done
-        finished = finished and done == steps
+                done = left + 1
+        status[r, STEPS_LEFT] = left - done
+        finished = finished and done == left
         total[BUMPS] = 0.0
         for j in range(toes, records.shape[0]):
             total[BUMPS] += records[j, IMPULSE_N]
@@ -194,7 +202,8 @@ def _believable(state):
 def _outruns(margin, h, state, pose, found_at, own, body, pads, layout):
     """Whether the next step's middle has a pad more than ``margin`` from where planes were found.
 
-    The bound on what pads have travelled nearly always shows that none has.
+    The bound on what pads have travelled nearly always shows that none has. It leaves out how far a
+    step lifts sunken pads, at most PUSH_OUT_SPEED h.
     """
     travel = pose[TRAVEL] + h * (abs(state[4]) + abs(state[5]))
     travel += h * (own[LONGEST] * abs(state[6]) + own[WIDEST] * abs(state[7]))
@@ -336,12 +345,12 @@ def _step(
         soften(count, W, WEDGE_COMPLIANCE if wedged else COMPLIANCE)
 
     residual = 0.0
-    bounce, least, most = 0.0 if wedged else own[RESTITUTION], 0.0, own[RESTITUTION]
+    asked = 0.0 if wedged else own[RESTITUTION]
+    stage, bounce, least, most, tries = AS_ASKED, asked, 0.0, asked, 0
     curved = not (impact or wedged)
-    settled = count == 0 or (bounce == 0.0 and not can_wedge)
-    lenient = False
+    checked = count > 0 and (asked > 0.0 or can_wedge)
     index[5 * count] = 0  # W is new
-    for attempt in range(BOUNCE_ROUNDS):
+    while True:
         nw, nn = w, n  # new velocities
         for _ in range(PASSES):
             mw, mn = 0.5 * (w + nw), 0.5 * (n + nn)
@@ -366,36 +375,42 @@ def _step(
                 ny += MJ[i, 1] * P[i]
                 nw += MJ[i, 2] * P[i]
                 nn += MJ[i, 3] * P[i]
-        if settled:
-            break
         # Newton's law with friction may create energy (Kane and Levinson, J. Appl. Mech. 52, 1985):
         # then the toes bounce as much as they can without that.
-        creates = _gain(count, vx, vy, w, n, nx, ny, nw, nn, J, P) > 0.0
-        if creates and (lenient or bounce == 0.0):
-            # Also more than the other forces alone would leave? If not, it is their doing.
-            excess = _gain(count, fx, fy, fw, fn, nx, ny, nw, nn, J, P) > 0.0
-            if bounce == 0.0 and excess:  # not the bounce's: without the curvature there is none
-                curved, settled = False, True
-                continue
-            creates = creates and excess if lenient else creates
-        if attempt == 0:
-            if bounce == 0.0 or not creates:
-                break
-            bounce = 0.0
-        elif attempt == 1 and creates:
-            bounce, lenient = own[RESTITUTION], True
-        elif attempt == 2 and lenient and not creates:
+        if not checked or stage == WITHOUT_CURVATURE:
             break
-        elif attempt == BOUNCE_ROUNDS - 2:
+        creates = _gain(count, vx, vy, w, n, nx, ny, nw, nn, J, P) > 0.0
+        lenient = stage in (LENIENT, LENIENT_SEARCH)
+        if creates and (lenient or bounce == 0.0):
+            # More than the other forces alone would leave, too? If not, it is their doing.
+            excess = _gain(count, fx, fy, fw, fn, nx, ny, nw, nn, J, P) > 0.0
+            if excess and bounce == 0.0:  # nor the bounce's: what else asks for more is curvature
+                stage = WITHOUT_CURVATURE
+                if not curved:
+                    break
+                curved = False
+                continue
+            creates = excess or not lenient
+        if stage == AS_ASKED:
+            if not creates or asked == 0.0:
+                break
+            stage, bounce = WITHOUT_BOUNCE, 0.0
+        elif stage == WITHOUT_BOUNCE and creates:
+            stage, bounce = LENIENT, asked
+        elif stage == LENIENT and not creates:
+            break
+        elif tries > BOUNCE_TRIES:  # that was the largest found
             if not creates:
                 break
-            bounce, curved, settled = 0.0, False, True
+            stage, bounce, curved = WITHOUT_CURVATURE, 0.0, False
         else:
             if creates:
                 most = bounce
             else:
                 least = bounce
-            bounce = least if attempt == BOUNCE_ROUNDS - 3 else 0.5 * (least + most)
+            stage = LENIENT_SEARCH if lenient else SEARCH
+            bounce = least if tries == BOUNCE_TRIES else 0.5 * (least + most)
+            tries += 1
 
     mean = 0.5 * (n + nn)
     if driven:  # what is left over in the crank's equation of motion
@@ -407,7 +422,7 @@ def _step(
     totals[MOTOR_WORK] += h * torque * mean
     totals[JOINT_LOSS] += h * damping * mean * mean
     totals[WORST_RESIDUAL] = max(totals[WORST_RESIDUAL], residual)
-    if settled and count > 0:  # else it is known to be 0
+    if count > 0 and (stage == WITHOUT_CURVATURE or not checked):  # else it is known to be 0
         gain = min(
             _gain(count, vx, vy, w, n, nx, ny, nw, nn, J, P),
             _gain(count, fx, fy, fw, fn, nx, ny, nw, nn, J, P),

@@ -345,3 +345,28 @@ def test_a_robot_that_diverges_ends_its_own_episode_only(mode):
     assert diverged[1] >= 5 and not diverged[[0, 2, 3]].any()
     ours.close()
     theirs.close()
+
+
+@pytest.mark.filterwarnings("ignore:.*the episode:UserWarning")
+def test_whatever_diverges_the_others_do_what_they_do_alone():
+    """Absurd torques at time steps of 20 ms: some diverge, some end steps deep in the ground."""
+    arguments = {"robot": "holy_slender", "torque_limit": 300.0, "time_step": 0.02}
+    diverged = 0
+    for seed in range(20, 40):
+        ours = together(6, AutoresetMode.DISABLED, terminate_when_fallen=False, **arguments)
+        theirs = [gym.make("JansenWalker-v0", terminate_when_fallen=False, **arguments)
+                  for _ in range(6)]  # fmt: skip
+        rng, over = np.random.default_rng(seed), np.zeros(6, bool)
+        ours.reset(seed=seed)
+        for i, env in enumerate(theirs):
+            env.reset(seed=seed + i)
+        while not over.any() and ours.unwrapped.elapsed[0] < 60:
+            action = rng.uniform(-1.0, 1.0, (6, 1)).astype(np.float32)
+            observations, rewards, _, over, infos = ours.step(action)
+            for i, env in enumerate(theirs):
+                observation, reward, _, truncated, info = env.step(action[i])
+                assert np.array_equal(observations[i], observation) and rewards[i] == reward
+                assert over[i] == truncated and infos["diverged"][i] == info["diverged"]
+        diverged += infos["diverged"].sum()
+        ours.close()
+    assert diverged >= 5

@@ -52,7 +52,8 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
 
     Spaces, rewards, information and arguments are those of the single environment, and so are the
     trajectories, bit for bit: robot i of ``reset(seed=s)`` does what the single environment does
-    after ``reset(seed=s + i)``. All robots share one pymunk space and are moved by all cores.
+    after ``reset(seed=s + i)``. All robots share one pymunk space and are moved by all cores. A
+    robot whose simulation diverges ends its own episode, no other's.
 
     Args:
         num_envs: robots.

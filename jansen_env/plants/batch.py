@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from jansen_env import kernels
 from jansen_env.compiling import announce
-from jansen_env.contact import MARGIN, ContactDetector
+from jansen_env.contact import MARGIN, STEPS_LEFT, ContactDetector
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.model import (
     DRIVEN,
@@ -110,7 +110,7 @@ class Batch:
         self.totals = np.zeros((n, kernels.TOTALS))
         self.record = np.zeros((n, pads, kernels.RECORD))
         self.diverged = np.zeros(n, bool)
-        self._left = np.zeros(n, np.int64)  # time steps to the next look for the ground
+        self._any_diverged = False
         self._no_trace = np.zeros((0, kernels.trace_width(pads)))
         count = _threads(n, threads)
         size = min(ROBOTS_AT_A_TIME, -(-n // count))
@@ -145,15 +145,14 @@ class Batch:
         )
         return float(kinetic + potential)
 
-    def look(self) -> bool:
+    def look(self, some: bool = False) -> bool:
         """Find the ground where the robots are now; bumpers look where they may reach it.
 
-        Returns:
-            Whether a robot has lost the ground: see :class:`jansen_env.contact.ContactDetector`.
+        Args, returns: see :meth:`jansen_env.contact.ContactDetector.look`.
         """
         _, pads, layout = self.model
         return self.detector.look(
-            self.states, self.parameters, pads, layout, self._depths, self.time_step
+            self.states, self.parameters, pads, layout, self._depths, self.time_step, some
         )
 
     def step(self, torque: Array, steps: int, trace: Array | None = None) -> None:
@@ -168,40 +167,42 @@ class Batch:
                 each time step, filled in; None for no trace.
         """
         before = self.states.copy()
-        self.diverged[:] = False
-        any_diverged = False
+        if self._any_diverged:
+            self.diverged[:] = self._any_diverged = False
+            self.detector.status[:, STEPS_LEFT] = 0
         done = 0
         while done < steps:
             count = min(self._stride, steps - done)
             rows = self._no_trace if trace is None else trace[done : done + count]
-            self._left[:] = count
-            fresh, finished = done == 0, False
-            while not finished:  # fast robots need several looks
-                if self.look() or any_diverged:
-                    any_diverged = self._stop(before)
-                finished = self._advance(fresh, torque, rows)
-                if not finished and (self._left < 0).any():
-                    any_diverged = self._stop(before)
-                fresh = False
+            if self.look():
+                self._refuse(before)
+            finished = self._advance(done == 0, count, torque, rows)
+            while not finished:  # fast robots need planes found several times
+                if (self.detector.status[:, STEPS_LEFT] < 0).any():
+                    self._refuse(before)
+                if self.look(some=True):
+                    self._refuse(before)
+                finished = self._advance(False, 0, torque, rows)
             done += count
-        if any_diverged:
+        if self._any_diverged:
             self.totals[self.diverged] = 0.0
             self.record[self.diverged] = 0.0
 
-    def _stop(self, before: Array) -> bool:
-        """Leave the robots that diverged, in this step so far, as they were before it."""
-        self.diverged |= self.detector.lost | (self._left < 0)
+    def _refuse(self, before: Array) -> None:
+        """Leave the robots that have diverged as they were before the step."""
+        left, _, too_deep = self.detector.status.T
+        left[too_deep > 0] = -1
+        self.diverged |= left < 0
         self.states[self.diverged] = before[self.diverged]
-        self._left[self.diverged] = 0
-        return bool(self.diverged.any())
+        self._any_diverged = True
 
-    def _advance(self, fresh: bool, torque: Array, trace: Array) -> bool:
-        """Advance all robots by what is left, on all threads; whether that was all of it."""
+    def _advance(self, fresh: bool, steps: int, torque: Array, trace: Array) -> bool:
+        """:func:`jansen_env.kernels.advance` of all robots, on all threads."""
         detector = self.detector
         common: tuple[Any, ...] = (
-            fresh, self._left, self.time_step, torque, self.states, self.parameters,
+            fresh, steps, self.time_step, torque, self.states, self.parameters,
             *self.model,
-            detector.spans, detector.planes, detector.contacts, detector.margins,
+            detector.spans, detector.planes, detector.contacts, detector.status,
         )  # fmt: skip
         out: tuple[Any, ...] = (self.totals, self.record, self.toes, trace)
         shares = iter(self._shares)
@@ -223,13 +224,14 @@ class Batch:
         """The arguments, and what has become of them: everything else is made anew from them."""
         return {
             "arguments": self._arguments, "states": self.states, "parameters": self.parameters,
-            "totals": self.totals, "record": self.record,
+            "totals": self.totals, "record": self.record, "diverged": self.diverged,
         }  # fmt: skip
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
         self.__init__(*saved["arguments"])  # type: ignore[misc]
-        for name in ("states", "parameters", "totals", "record"):
+        for name in ("states", "parameters", "totals", "record", "diverged"):
             getattr(self, name)[:] = saved[name]
+        self._any_diverged = bool(self.diverged.any())
 
     def close(self) -> None:
         """End the threads; a later :meth:`step` starts new ones."""

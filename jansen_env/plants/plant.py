@@ -29,8 +29,9 @@ class StepResult(NamedTuple):
         bumped: whether a joint other than a toe was pressed on the ground.
         residual: worst violation of the contact law, N s; NaN where it is not known.
         contact_gain: the most energy that the contact impulses of one time step added to what they
-            found, J, before the step or after the other forces' part of it, whichever was more: 0
-            but for rounding; NaN where it is not known.
+            found, J, before the step or after the other forces' part of it, whichever was more.
+            Rolling contacts may add some, as the time step is finite; where pads can bounce or
+            wedge it is 0. NaN where it is not known.
         joint_gap: the widest gap of any joint, m; 0 where joints cannot open.
     """
 

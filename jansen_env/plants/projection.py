@@ -241,6 +241,7 @@ class ProjectionPlant:
         trace = np.empty((steps, self._no_trace.shape[1])) if self.tracing else None
         self._batch.step(self._torque, steps, trace)
         if self._batch.diverged[0]:
+            self._pressed, self.landings = pressed, np.zeros(0, bool)
             raise divergence(self._state, torque)
         if trace is not None:
             self._trace, self.landings = trace, landings(trace, pressed)

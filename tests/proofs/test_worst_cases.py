@@ -17,6 +17,7 @@ from jansen_env import ROBOTS, Leg, Payload, Robot, Terrain
 from jansen_env import reduced as rd
 from jansen_env.gravity import GRAVITY
 from jansen_env.linkage import B, C, D, E, P, joint_positions
+from jansen_env.plants.batch import Batch
 from jansen_env.plants.projection import ProjectionPlant
 
 HOLD = 0.02  # s, for which a torque is held
@@ -242,22 +243,29 @@ FAST = {  # robot, largest torque
 
 @pytest.mark.parametrize("name", FAST)
 def test_fast_toes_do_not_tunnel(name, measured):
-    """Full torque back and forth for 3 s: no toe is deeper than it comes in half a time step, and
-    what the contacts give back by lifting it is millijoules.
+    """Full torque back and forth for 2 s: after no time step is a toe deeper than it comes in one,
+    and what the contacts give back by lifting it is millijoules.
+
+    A toe that is open at the middle of a step goes on to the middle of the next.
     """
     robot, torque = FAST[name]
-    worst = lifted = fastest = 0.0
-    for seed in range(8):
+    worst = lifted = 0.0
+    for seed in range(4):
         plant, rng = ProjectionPlant(robot, FLAT), np.random.default_rng(seed)
         plant.reset(0.0, rng.uniform(0.0, 2.0 * math.pi))
-        for _ in range(150):
-            result = plant.step(torque * rng.choice([-1.0, -0.3, 0.3, 1.0]), HOLD)
+        before = speed = now = 0.0
+        for k in range(2000):
+            if k % 20 == 0:
+                now = torque * rng.choice([-1.0, -0.3, 0.3, 1.0])
+            speed = max(0.999 * speed, float(np.abs(plant.state[4:]) @ [1.0, 1.0, 0.8, 0.4]))
+            result = plant.step(now, plant.time_step)
             lifted = max(lifted, -result.slip_loss - result.impact_loss)
-            speed = np.abs(plant.state[4:]) @ [1.0, 1.0, 0.8, 0.4]  # bounds that of any toe
-            fastest = max(fastest, speed)
-            worst = max(worst, depth(plant) - 0.5 * plant.time_step * fastest)
-    measured(f"fast toes, {name}: depth beyond half a step's way", worst, LEFT, "m")
-    measured(f"fast toes, {name}: energy given back in 20 ms", lifted, 0.1, "J")
+            deep = depth(plant)
+            if deep > before:
+                worst = max(worst, deep - before - plant.time_step * speed)
+            before = max(deep, 0.0)
+    measured(f"fast toes, {name}: depth gained in a step beyond its way", worst, 1e-4, "m")
+    measured(f"fast toes, {name}: energy given back in a step", lifted, 0.1, "J")
 
 
 def test_a_toe_deep_in_the_ground_is_found_again(measured):
@@ -272,10 +280,47 @@ def test_a_toe_deep_in_the_ground_is_found_again(measured):
 
 
 def test_a_toe_too_deep_is_refused():
-    """A metre below the ground: FloatingPointError, and the state stays as it was."""
+    """A metre below the ground: FloatingPointError, and all stays as it was."""
     plant = ProjectionPlant(Robot(), FLAT)
     state = plant.reset(0.0, 0.3) - np.array([0, 1.0, 0, 0, 0, 0, 0, 0])
-    plant.state = state
+    plant.tracing = True
+    plant.step(0.0, 0.02)
+    plant.state, plant.pressed = state, np.ones(22, bool)
     with pytest.raises(FloatingPointError, match="a pad too deep in the ground"):
         plant.step(0.0, 0.1)
-    assert (plant.state == state).all()
+    assert (plant.state == state).all() and plant.pressed.all()
+    assert len(plant.trace) == len(plant.landings) == 0
+
+
+def test_deep_toes_come_out_of_grooves(measured):
+    """Put 5 to 30 cm into grooves 25 cm wide and 40 cm deep: 3 s later nothing is in the ground."""
+    x = 0.125 * np.arange(-40, 41)
+    ground = Terrain(tuple(zip(x, np.where(np.arange(81) % 2, -0.4, 0.0), strict=True)), 0.3)
+    deepest = 0.0
+    for seed in range(20):
+        plant, rng = ProjectionPlant(Robot(), ground), np.random.default_rng(seed)
+        state = plant.reset(rng.uniform(-0.2, 0.2), rng.uniform(0.0, 2.0 * math.pi))
+        state[1] -= rng.uniform(0.05, 0.3)
+        plant.state = state
+        plant.step(0.0, 3.0)
+        deepest = max(deepest, depth(plant))
+    measured("put into grooves: penetration after 3 s", deepest, 1e-3, "m")
+
+
+def test_deep_toes_move_alike_beside_others():
+    """Put up to 40 cm into rough ground: the same alone and beside a fast robot, bit for bit."""
+    x = np.arange(-5.0, 5.01, 0.1)
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        ground = Terrain(tuple(zip(x, rng.uniform(-0.2, 0.2, len(x)), strict=True)), 0.5)
+        state = ProjectionPlant(Robot(), ground).reset(0.0, rng.uniform(0.0, 6.0))
+        state[1] -= rng.uniform(0.1, 0.4)
+        state[4:6] = 3.0 * rng.normal(size=2)
+        alone, beside = Batch([Robot()], [ground]), Batch([Robot()] * 2, [ground] * 2)
+        alone.states[0] = beside.states[0] = state
+        beside.states[1] = state + np.array([0.0, 3.0, 0.0, 0.0, 30.0, 0.0, 0.0, 0.0])
+        for _ in range(15):
+            alone.step(np.zeros(1), 20)
+            beside.step(np.zeros(2), 20)
+            assert np.array_equal(alone.states[0], beside.states[0])
+            assert alone.diverged[0] == beside.diverged[0]

@@ -122,7 +122,7 @@ def test_every_kind_of_number_is_taken(number):
     ("control_dt", "time_step", "named"),
     [
         (1e300, 1e-3, "control_dt is 1e[+]300, must be at most 10000 times time_step, 0.001"),
-        (0.02, 1e-300, "time_step is 1e-300, must be between 1e-06 and 1.0"),
+        (0.02, 1e-300, "time_step is 1e-300, must be between 1e-09 and 1.0"),
         (5e-324, 5e-324, "time_step is 5e-324"),
         (1e300, 1e300, "time_step is 1e[+]300"),
         (10.001, 1e-3, "control_dt is 10.001, must be at most"),

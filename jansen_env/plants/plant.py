@@ -15,7 +15,7 @@ from jansen_env.validation import within
 Array = NDArray[np.float64]
 
 
-SHORTEST_STEP, LONGEST_STEP = 1e-6, 1.0  # s, of the integration
+SHORTEST_STEP, LONGEST_STEP = 1e-9, 1.0  # s, of the integration
 
 
 class StepResult(NamedTuple):

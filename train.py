@@ -76,7 +76,10 @@ def main(arguments: list[str] | None = None) -> Path:
     except ValueError as error:
         raise SystemExit(f"train.py: error: {error}") from error
     algo, env_id, target = config["algo"], config["env"], config["timesteps"]
-    folder = Path(args.resume) if args.resume else new_run_folder(args.log_folder, algo, env_id)
+    try:
+        folder = Path(args.resume or new_run_folder(args.log_folder, algo, env_id))
+    except OSError as error:
+        raise SystemExit(f"train.py: error: --log-folder cannot be written to: {error}") from error
     if resume is not None and resume.name == FINAL and model.num_timesteps >= target:
         print(f"{folder} is finished: {model.num_timesteps} steps trained, {target} asked for")
     else:
@@ -127,7 +130,13 @@ def _configure(args: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
         config = load_config(shipped_config(env_id, algo), algo, env_id)
     config["timesteps"] = args.timesteps or config["timesteps"]
     config["n_envs"] = args.n_envs or config["n_envs"]
-    config["env_kwargs"] = {**config.get("env_kwargs", {}), **(args.env_kwargs or {})}
+    overrides: dict[str, Any] = args.env_kwargs or {}
+    config["env_kwargs"] = {**config.get("env_kwargs", {}), **overrides}
+    if "training_variants" in config:  # what is given on the command line holds for all of them
+        config["training_variants"] = [
+            {name: value for name, value in variant.items() if name not in overrides}
+            for variant in config["training_variants"]
+        ]
     seed = config.get("seed", 0) if args.seed is None else args.seed
     config.update(algo=algo, env=env_id, seed=seed)
     check_config(config, required=TO_RESUME)  # again, with what was given on the command line

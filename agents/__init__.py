@@ -7,6 +7,7 @@ NEEDED = ("PIL", "matplotlib", "rich", "stable_baselines3", "tensorboard", "torc
 missing = [name for name in NEEDED if find_spec(name) is None]
 if missing:
     raise ModuleNotFoundError(
-        f'agents needs {", ".join(missing)}: python -m pip install "jansen-env[train]"',
+        f"agents needs {', '.join(missing)}, which the extra 'train' installs: "
+        'python -m pip install "jansen-env[train]", or in a checkout -e ".[train]"',
         name=missing[0],
     )

@@ -174,9 +174,13 @@ def main(arguments: list[str] | None = None) -> None:
             policies = {
                 own + suffix: load(name, env) for own, name in zip(names, args.policy, strict=True)
             }
+            for command in [*commands, *([args.video_command] if args.video_command else [])]:
+                env.reset(options={"speed_command": command})
             env.close()
             scored.append((policies, env_kwargs))
-    except ValueError as error:
+        out = Path(args.out)
+        out.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
         parser.error(str(error))
     scores: dict[str, dict[str, Any]] = {}
     films: dict[str, tuple[Policy, dict[str, Any]]] = {}
@@ -185,7 +189,6 @@ def main(arguments: list[str] | None = None) -> None:
             policies, args.env, env_kwargs, tuple(commands), args.episodes, args.seed
         )
         films |= {name: (policy, env_kwargs) for name, policy in policies.items()}
-    out = Path(args.out)
     write_json(out / "scores.json", scores)
     score_figure(task, scores, out / "scores.png")
     print(markdown_table(task, scores))

@@ -178,6 +178,8 @@ def check_env_kwargs(env_id: str, env_kwargs: dict[str, Any]) -> None:
     creator: Any = gym.spec(env_id).entry_point
     constructor = load_env_creator(creator) if isinstance(creator, str) else creator
     allowed = {*inspect.signature(constructor).parameters, "max_episode_steps"}
+    if env_kwargs.get("render_mode") == "human":
+        raise ValueError("render_mode is 'human', must be None or 'rgb_array' for many robots")
     for name in env_kwargs:
         if name not in allowed:
             raise ValueError(f"{name!r} is no argument of {env_id}, must be in {sorted(allowed)}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -114,6 +115,7 @@ def train(
 
     Raises:
         SystemExit: a signal came (status 130 for SIGINT, 143 for SIGTERM); a checkpoint is saved.
+            Or the policy's actions are no longer finite.
     """
     venv = model.get_env()
     assert venv is not None
@@ -131,18 +133,26 @@ def train(
         callbacks.append(ProgressBarCallback())
     remaining = config["timesteps"] - model.num_timesteps
     if remaining > 0:
-        with Stop() as stop:
-            model.learn(
-                remaining,
-                callback=CallbackList([*callbacks, stop]),
-                reset_num_timesteps=False,
-                tb_log_name=folder.name,
-            )
+        try:
+            with Stop() as stop:
+                model.learn(
+                    remaining,
+                    callback=CallbackList([*callbacks, stop]),
+                    reset_num_timesteps=False,
+                    tb_log_name=folder.name,
+                )
+        except ValueError as error:
+            if "to satisfy the constraint" not in str(error):  # torch's, of a policy that is NaN
+                raise
+            raise SystemExit(
+                f"training diverged at {model.num_timesteps} steps: the policy's actions are no "
+                "longer finite; a lower learning_rate may help"
+            ) from error
         if stop.signal:
             saver.save_checkpoint()
             venv.close()
-            print(f"stopped at {model.num_timesteps} steps; python train.py --resume {folder} "
-                  "goes on from there")  # fmt: skip
+            print(f"stopped at {model.num_timesteps} steps; python train.py --resume "
+                  f"{shlex.quote(str(folder))} goes on from there")  # fmt: skip
             raise SystemExit(128 + stop.signal)
         saver.evaluate()
     saver.save(folder / FINAL)

@@ -258,7 +258,7 @@ def test_a_missing_extra_is_named(script):
     )
     assert done.returncode != 0
     last = done.stderr.splitlines()[-1]
-    assert 'agents needs torch, yaml: python -m pip install "jansen-env[train]"' in last
+    assert "agents needs torch, yaml, which the extra 'train' installs: python -m pip" in last
 
 
 def test_policies_keep_titles_of_their_own(tmp_path, monkeypatch):
@@ -274,3 +274,25 @@ def test_policies_keep_titles_of_their_own(tmp_path, monkeypatch):
     for twice in (["pid", "pid"], [first, f"./{first}"], [first, f"{first}/best_model.zip"]):
         with pytest.raises(ValueError, match="is given 2 times"):
             evaluate.titles(twice)
+
+
+def test_what_the_command_line_says_holds_for_all_variants():
+    """Of the shipped variants those arguments go that --env-kwargs gives."""
+    given = train.parse(["--env-kwargs", "{speed_command: 0.3, friction: 0.5}"])
+    settings, _ = train._configure(given)
+    assert settings["env_kwargs"] == {"speed_command": 0.3, "friction": 0.5}
+    assert settings["training_variants"] == [{"reset_noise_scale": 4.0}, {"reset_noise_scale": 2.0}]
+
+
+def test_evaluation_checks_commands_and_folders_before_it_runs(tmp_path, capsys):
+    """One line each, nothing written."""
+    (tmp_path / "file").touch()
+    for given, reason in (
+        (["--commands", "9"], "is 9.0, must be between"),
+        (["--video-command", "9"], "is 9.0, must be between"),
+        (["--out", str(tmp_path / "file" / "out")], "Not a directory"),
+        (["--env-kwargs", "{render_mode: human}"], "render_mode is 'human', must be"),
+    ):
+        with pytest.raises(SystemExit):
+            evaluate.main(["--policy", "pid", *given])
+        assert reason in capsys.readouterr().err

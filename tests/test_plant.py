@@ -12,6 +12,7 @@ import pytest
 
 from jansen_env import Bar, LinkageError, Robot, Terrain
 from jansen_env.plants.projection import SET_DOWN_DEPTH, ProjectionPlant
+from jansen_env.plants.rigid_body import RigidBodyPlant
 
 ROUGH = Terrain.rough(np.random.default_rng(7), start=-20.0)
 
@@ -171,3 +172,15 @@ def test_divergence_is_reported():
     ended = subprocess.run(code, capture_output=True, text=True, check=False)
     assert ended.returncode == 0
     assert ended.stdout.split() == ["reported"] * 27
+
+
+@pytest.mark.parametrize("plant", [ProjectionPlant, RigidBodyPlant])
+@pytest.mark.parametrize("argument", ["x", "crank_angle", "pitch"])
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), "a"])
+def test_placements_are_checked(plant, argument, value):
+    """Numbers that are none are named; the robot stays where it was."""
+    placed = plant(Robot(), Terrain.flat())
+    before = placed.reset(0.0, 0.3)
+    with pytest.raises(ValueError, match=f"{argument} is"):
+        placed.reset(**{argument: value})
+    assert (placed.state == before).all()

@@ -407,3 +407,18 @@ def test_run_folders_of_two_starts_at_once(tmp_path, monkeypatch):
     monkeypatch.setattr(Path, "iterdir", lambda path: iter(()))  # as seen before the other's start
     second = runs.new_run_folder(tmp_path, "ppo", "JansenWalker-v0")
     assert [p.name for p in (first, second)] == ["JansenWalker-v0_1", "JansenWalker-v0_2"]
+
+
+def test_training_that_diverges_says_so(tmp_path, returns):
+    """In one line, not by pages of torch's."""
+    settings = small_config()
+    settings["hyperparameters"] |= {"learning_rate": 1e30}
+    with pytest.raises(SystemExit, match=r"training diverged at \d+ steps: .* lower learning_rate"):
+        go(settings | {"timesteps": 4 * STEPS}, tmp_path)
+
+
+def test_a_log_folder_that_cannot_be_written_is_named(tmp_path, returns):
+    """In one line."""
+    (tmp_path / "file").touch()
+    with pytest.raises(SystemExit, match="--log-folder cannot be written to"):
+        train.main(["-n", "64", "--n-envs", "4", "--log-folder", str(tmp_path / "file")])

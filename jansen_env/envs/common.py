@@ -192,7 +192,7 @@ def autoreset_mode(mode: Any) -> AutoresetMode:
 def check_begun(begun: bool) -> None:
     """Raises gymnasium.error.ResetNeeded before an environment's first ``reset``."""
     if not begun:
-        raise gym.error.ResetNeeded("reset() must be called before the first step()")
+        raise gym.error.ResetNeeded("reset() must be called first")
 
 
 def reset_options(options: Any) -> dict[str, Any]:

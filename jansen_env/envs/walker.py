@@ -298,7 +298,9 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
 
         Raises:
             ValueError: the plant is another than ``"projection"``.
+            gymnasium.error.ResetNeeded: before the first :meth:`reset`.
         """
+        common.check_begun(self._begun)
         return self._traceable.joint_forces(self._torque)
 
     @property

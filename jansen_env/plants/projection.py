@@ -19,7 +19,7 @@ from jansen_env.plants.trace import PeakLoads, landings, pads_pressed, peak_load
 from jansen_env.reduced import body_sums, compile_robot
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
-from jansen_env.validation import positive
+from jansen_env.validation import finite, positive
 
 Array = NDArray[np.float64]
 
@@ -126,8 +126,11 @@ class ProjectionPlant:
 
         Returns:
             The new state (8,).
+
+        Raises:
+            ValueError: a number that is not finite.
         """
-        centre = body_sums(self.tables, crank_angle).c / self.robot.mass
+        centre = body_sums(self.tables, finite("crank_angle", crank_angle)).c / self.robot.mass
         y, theta = set_down(self.robot, centre, self.terrain, x, crank_angle, pitch)
         self._state[:] = (x, y, theta, crank_angle, 0.0, 0.0, 0.0, 0.0)
         self._pressed = None

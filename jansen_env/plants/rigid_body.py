@@ -36,7 +36,7 @@ from jansen_env.plants.plant import (
 from jansen_env.plants.stance import set_down
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
-from jansen_env.validation import positive, positive_integer, within
+from jansen_env.validation import finite, positive, positive_integer, within
 
 Array = NDArray[np.float64]
 
@@ -202,9 +202,10 @@ class RigidBodyPlant:
             The new state (8,).
 
         Raises:
-            ValueError: there is no ground at ``x``.
+            ValueError: there is no ground at ``x``, or a number is not finite.
         """
         within("x", x, *self._ends)
+        finite("crank_angle", crank_angle)
         level = links.poses(self.robot, np.array([0.0, 0.0, 0.0, crank_angle]))
         centre = self._inertias[:, 0] @ level[:, 1:] / self._inertias[:, 0].sum()
         y, theta = set_down(self.robot, centre, self.terrain, x, crank_angle, pitch)

@@ -12,6 +12,7 @@ from jansen_env.contact import height_at
 from jansen_env.linkage import T, joint_positions
 from jansen_env.robot import Robot
 from jansen_env.terrain import GRADIENT_STEP, Terrain
+from jansen_env.validation import finite
 
 Array = NDArray[np.float64]
 
@@ -38,7 +39,12 @@ def set_down(
 
     Returns:
         (y, theta): the lowest toe has no gap (toes taken as discs on their local slope).
+
+    Raises:
+        ValueError: a number that is not finite.
     """
+    x, crank_angle = finite("x", x), finite("crank_angle", crank_angle)
+    pitch = None if pitch is None else finite("pitch", pitch)
     # A back leg mirrors a fore leg whose crank is mirrored.
     back = np.array([leg.side == "back" for leg in robot.legs])
     angles = crank_angle + np.array([leg.phase for leg in robot.legs])

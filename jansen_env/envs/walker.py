@@ -300,8 +300,9 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
             ValueError: the plant is another than ``"projection"``.
             gymnasium.error.ResetNeeded: before the first :meth:`reset`.
         """
+        plant = self._traceable
         common.check_begun(self._begun)
-        return self._traceable.joint_forces(self._torque)
+        return plant.joint_forces(self._torque)
 
     @property
     def _torque(self) -> float:

@@ -174,8 +174,9 @@ def main(arguments: list[str] | None = None) -> None:
             policies = {
                 own + suffix: load(name, env) for own, name in zip(names, args.policy, strict=True)
             }
-            for command in [*commands, *([args.video_command] if args.video_command else [])]:
-                env.reset(options={"speed_command": command})
+            for command in [*commands, args.video_command]:
+                if command is not None:
+                    env.reset(options={"speed_command": command})
             env.close()
             scored.append((policies, env_kwargs))
         out = Path(args.out)

@@ -171,8 +171,8 @@ def check_env_kwargs(env_id: str, env_kwargs: dict[str, Any]) -> None:
     Gymnasium's own arguments, with which other code could be made to run, are not among them.
 
     Raises:
-        ValueError: no task is known for this id, the environment has no argument of a name, or
-            ``max_episode_steps`` is no limit.
+        ValueError: no task is known for this id, the environment has no argument of a name,
+            ``max_episode_steps`` is no limit, or ``render_mode`` opens windows.
     """
     find_task(env_id)
     creator: Any = gym.spec(env_id).entry_point

@@ -27,8 +27,8 @@ _FunctionCache: Any = numba.core.caching.FunctionCache
 SOURCES = (
     "envs/rewards.py",
     "envs/walking.py",
+    "collision.py",
     "compiling.py",
-    "contact.py",
     "contact_solver.py",
     "kernels.py",
     "model.py",

@@ -19,8 +19,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.collision import MODE, PAD, SPECULATIVE_MARGIN, STEPS_LEFT
 from jansen_env.compiling import compiled
-from jansen_env.contact import MODE, PAD, SPECULATIVE_MARGIN, STEPS_LEFT
 from jansen_env.contact_solver import COMPLIANCE, OPEN, STICK, WEDGE_COMPLIANCE, soften, solve
 from jansen_env.model import (
     C_X,

@@ -14,8 +14,9 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from jansen_env.collision import height_at
 from jansen_env.compiling import compiled
-from jansen_env.contact import height_at, surfaces
+from jansen_env.contact import surfaces
 from jansen_env.envs.rewards import RewardWeights, tracking_score
 from jansen_env.terrain import Terrain
 from jansen_env.validation import finite, within

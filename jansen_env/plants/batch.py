@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env import kernels
+from jansen_env.collision import MARGIN, STEPS_LEFT
 from jansen_env.compiling import announce
-from jansen_env.contact import MARGIN, STEPS_LEFT, ContactDetector
+from jansen_env.contact import ContactDetector
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.model import (
     DRIVEN,
@@ -145,14 +146,14 @@ class Batch:
         )
         return float(kinetic + potential)
 
-    def look(self, some: bool = False) -> bool:
+    def look(self, moving_only: bool = False) -> bool:
         """Find the ground where the robots are now; bumpers look where they may reach it.
 
         Args, returns: see :meth:`jansen_env.contact.ContactDetector.look`.
         """
         _, pads, layout = self.model
         return self.detector.look(
-            self.states, self.parameters, pads, layout, self._depths, self.time_step, some
+            self.states, self.parameters, pads, layout, self._depths, self.time_step, moving_only
         )
 
     def step(self, torque: Array, steps: int, trace: Array | None = None) -> None:
@@ -180,7 +181,7 @@ class Batch:
             while not finished:  # fast robots need planes found several times
                 if (self.detector.status[:, STEPS_LEFT] < 0).any():
                     self._refuse(before)
-                if self.look(some=True):
+                if self.look(moving_only=True):
                     self._refuse(before)
                 finished = self._advance(False, 0, torque, rows)
             done += count

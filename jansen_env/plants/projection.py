@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env import kernels
-from jansen_env.contact import PAD
+from jansen_env.collision import PAD
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.joint_forces import JointForces
 from jansen_env.model import DRIVEN, GRAVITY_X, GRAVITY_Y

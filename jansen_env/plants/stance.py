@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.collision import height_at
 from jansen_env.compiling import compiled
-from jansen_env.contact import height_at
 from jansen_env.linkage import T, joint_positions
 from jansen_env.robot import Robot
 from jansen_env.terrain import GRADIENT_STEP, Terrain

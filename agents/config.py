@@ -10,8 +10,8 @@ from typing import Any
 from agents.arguments import MOST
 from agents.plain_yaml import read_yaml
 from agents.tasks import TASKS, check_env_kwargs
-from jansen_env.envs.common import flag
-from jansen_env.validation import finite, non_negative, positive, within
+from jansen_env.checks import finite, non_negative, positive, within
+from jansen_env.envs.arguments import flag
 
 CONFIGS = Path(__file__).parent / "configs"
 WIDEST, DEEPEST = 1024, 8  # of a network: units of a layer, layers

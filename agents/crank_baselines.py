@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from agents.pid import Gains, PIDController
 from agents.policy import ConstantTorque, Policy, as_action, rows
-from jansen_env.inverse import crank_torque
+from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.robot import Robot
 
 Array = NDArray[np.float64]

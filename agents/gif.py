@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from jansen_env.checks import positive, positive_integer, within
 from jansen_env.files import write_whole
-from jansen_env.validation import positive, positive_integer, within
 
 Picture = NDArray[np.uint8]
 

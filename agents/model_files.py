@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 import torch
 
-from jansen_env.validation import finite, whole_number
+from jansen_env.checks import finite, whole_number
 
 LARGEST = 64 * 2**20  # bytes of tensors in a member; the shipped configurations' have 0.1 MB
 LARGEST_TEXT = 4 * 2**20  # bytes of the "data" member and of a pickle, which unpack to more

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from agents import crank_baselines, walker_baselines
 from agents.policy import Policy
+from jansen_env.checks import positive_integer
 from jansen_env.envs.crank import LOST
-from jansen_env.validation import positive_integer
 
 Array = NDArray[np.float64]
 Episodes = dict[str, NDArray[Any]]

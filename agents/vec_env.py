@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
 from agents.rollout import make_env
-from jansen_env.envs import common
+from jansen_env.envs import arguments
 from jansen_env.envs.walker_vector import JansenWalkerVectorEnv, Moved
 from jansen_env.envs.walking import FASTEST_COMMAND
 from jansen_env.terrain import make_terrain
@@ -82,7 +82,7 @@ def _together(
             made = {id(value): make_terrain(value) for value in values}
             values = [made[id(value)] for value in values]
         elif name == "speed_command":  # numbers and ranges, as ranges
-            values = [common.command_range(value, FASTEST_COMMAND) for value in values]
+            values = [arguments.command_range(value, FASTEST_COMMAND) for value in values]
         own[name] = values
     env: Any = gym.make_vec(
         "JansenWalker-v0", num_envs=count, autoreset_mode=AutoresetMode.DISABLED, **shared, **own

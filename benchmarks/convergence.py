@@ -30,7 +30,7 @@ from benchmarks.speed_single import rough_ground
 from jansen_env import Terrain, paper_robot
 from jansen_env.files import write_json, write_text
 from jansen_env.plants.batch import DETECTION_INTERVAL, TIME_STEP
-from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.plants.projected import ProjectionPlant
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env import Terrain, paper_robot
-from jansen_env.plants.pinned import PinnedPlant
+from jansen_env.plants.fixed_base import PinnedPlant
 from jansen_env.plants.rigid_body import TIME_STEP, RigidBodyPlant
 
 Array = NDArray[np.float64]

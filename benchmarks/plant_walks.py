@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from jansen_env import Payload, Terrain, paper_robot
 from jansen_env.gravity import GRAVITY
+from jansen_env.plants.base import Plant
 from jansen_env.plants.make import PLANTS
-from jansen_env.plants.plant import Plant
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from benchmarks.rounds import Goal, table, take_turns
 from benchmarks.speed_single import rough_ground
 from jansen_env import Robot, Terrain, paper_robot
 from jansen_env.plants.batch import TIME_STEP
-from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.plants.projected import ProjectionPlant
 
 NEEDS: tuple[str, ...] = ()
 CONTROL_DT = 0.02  # s for which a torque is held

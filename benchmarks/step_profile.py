@@ -20,8 +20,8 @@ import numpy as np
 
 import jansen_env  # noqa: F401 - registers the environments
 from benchmarks.rounds import FEWEST_ROUNDS, machine
-from jansen_env import model
-from jansen_env.compiling import compiled
+from jansen_env.engine import tables
+from jansen_env.engine.jit import compiled
 from jansen_env.envs.walker import JansenWalkerEnv
 from jansen_env.files import write_text
 
@@ -68,9 +68,9 @@ def read_tables(count, body, pads, layout, sums, place):  # type: ignore[no-unty
     total = 0.0
     for k in range(count):
         psi = 1e-4 * k
-        model.read_body(body, psi, sums)
-        row, t = model.read_pad(pads, int(layout[0, 0]), psi, place)
-        model.read_pad_motion(pads, int(layout[0, 0]), row, t, place)
+        tables.read_body(body, psi, sums)
+        row, t = tables.read_pad(pads, int(layout[0, 0]), psi, place)
+        tables.read_pad_motion(pads, int(layout[0, 0]), row, t, place)
         total += sums[0, 0] + place[0, 0]
     return total
 

@@ -2,7 +2,7 @@
 
 from gymnasium.envs.registration import register
 
-from jansen_env.linkage import LinkageError
+from jansen_env.kinematics import LinkageError
 from jansen_env.robot import (
     ROBOTS,
     Bar,

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jansen_env.validation import finite, non_negative
+from jansen_env.checks import finite, non_negative
 
 GRAVITY = 9.81  # m/s^2
 

@@ -15,11 +15,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jansen_env.checks import positive, positive_integer
 from jansen_env.gravity import GRAVITY
-from jansen_env.linkage import SKELETON, A, Array, B, C, D, E, O, P, T, direction, joint_positions
+from jansen_env.kinematics import (
+    SKELETON,
+    A,
+    Array,
+    B,
+    C,
+    D,
+    E,
+    O,
+    P,
+    T,
+    direction,
+    joint_positions,
+)
 from jansen_env.robot import Robot
 from jansen_env.terrain import heights_of
-from jansen_env.validation import positive, positive_integer
 
 Picture = NDArray[np.uint8]
 Color = tuple[int, int, int]

@@ -25,7 +25,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-from jansen_env.validation import (
+from jansen_env.checks import (
     entries,
     finite,
     instance,
@@ -228,8 +228,8 @@ class Robot:
 
     Raises:
         ValueError: an argument of another kind or out of range.
-            :func:`jansen_env.linkage.check_closure` refuses a design that cannot turn (run when a
-            robot is compiled).
+            :func:`jansen_env.kinematics.check_closure` refuses a design that cannot turn (run when
+            a robot is compiled).
     """
 
     frame: Bar = Bar(0.32436)

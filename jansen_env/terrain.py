@@ -12,7 +12,7 @@ import numpy as np
 import pymunk
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.validation import (
+from jansen_env.checks import (
     entries,
     finite,
     instance,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from jansen_env.reduced import Tables, compile_robot
+from jansen_env.dynamics.reduced import Tables, compile_robot
 from jansen_env.robot import ROBOTS, Leg, Robot, paper_robot
 
 ODD = Robot(legs=(Leg("back"), Leg("fore", 1.0), Leg("fore", 2.7), Leg("back", -2.0)))

@@ -14,7 +14,7 @@ import pytest
 
 import jansen_env
 from jansen_env import Bar, Leg, Payload, Robot, Terrain, Triangle
-from jansen_env.envs import common
+from jansen_env.envs import arguments
 from jansen_env.envs.crank import JansenCrankEnv
 from jansen_env.envs.walker import JansenWalkerEnv
 from jansen_env.envs.walker_vector import JansenWalkerVectorEnv
@@ -140,8 +140,8 @@ def test_control_periods_that_never_end_are_refused(make, control_dt, time_step,
 
 def test_the_longest_control_period():
     """10,000 time steps, of the plant's own length or another; Decimals are exact."""
-    assert common.control_period(10.0, 1e-3) == (10.0, 1e-3)
-    assert common.control_period(Decimal("0.03"), Fraction(1, 1000)) == (0.03, 0.001)
+    assert arguments.control_period(10.0, 1e-3) == (10.0, 1e-3)
+    assert arguments.control_period(Decimal("0.03"), Fraction(1, 1000)) == (0.03, 0.001)
     assert JansenWalkerEnv(plant="rigid_body", control_dt=2.5).control_dt == 2.5
     with pytest.raises(ValueError, match=r"control_dt is 3\.0"):
         JansenWalkerEnv(plant="rigid_body", control_dt=3.0)

@@ -22,7 +22,7 @@ from benchmarks import (
 from benchmarks.plant_tables import ALLOWED
 from benchmarks.plant_walks import Comparison, Walk, Way, make, measure
 from jansen_env import Terrain, paper_robot
-from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.plants.projected import ProjectionPlant
 
 
 def way(distance, cost=1.0, fell=False):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jansen_env.contact_solver import (
+from jansen_env.engine.contact_solver import (
     COMPLIANCE,
     OPEN,
     SLIDE_BACKWARD,

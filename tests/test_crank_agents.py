@@ -15,7 +15,7 @@ from agents import evaluate, tasks
 from agents.crank_baselines import BASELINES, InverseDynamics, load_baseline
 from agents.pid import Gains
 from agents.rollout import run_episodes
-from jansen_env.inverse import crank_torque
+from jansen_env.dynamics.inverse import crank_torque
 
 ENV = "JansenCrank-v0"
 PAPER_START = {"crank_angle": np.pi, "crank_speed": 0.0, "speed_command": 1.0}

@@ -13,9 +13,9 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import jansen_env
+from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.envs import crank
 from jansen_env.envs.crank import JansenCrankEnv
-from jansen_env.inverse import crank_torque
 
 
 @pytest.fixture
@@ -160,7 +160,7 @@ def test_reward_is_its_documented_terms(action):
 
 
 def test_inverse_dynamics_keeps_it_on_the_reference():
-    """The torque of :mod:`jansen_env.inverse` at every step's middle: within 1 mrad for a turn."""
+    """The inverse dynamics' torque at every step's middle: within 1 mrad for a turn."""
     env = JansenCrankEnv(reset_noise_scale=0.0)
     env.reset(seed=0, options={"crank_speed": 1.0})
     for k in range(628):

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from jansen_env import Payload
-from jansen_env import projection as pr
-from jansen_env import reduced as rd
+from jansen_env.dynamics import projection as pr
+from jansen_env.dynamics import reduced as rd
+from jansen_env.dynamics.joint_forces import CORNERS, PINS, joint_forces
+from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS, pad_layout
 from jansen_env.gravity import GRAVITY
-from jansen_env.joint_forces import CORNERS, PINS, joint_forces
-from jansen_env.linkage import JOINTS, T, coordinates, joint_positions
-from jansen_env.pads import PAD_BODIES, PAD_JOINTS, pad_layout
+from jansen_env.kinematics import JOINTS, T, coordinates, joint_positions
 from jansen_env.robot import JOINT_PAIRS
 
 G = GRAVITY

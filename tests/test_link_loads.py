@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from jansen_env import Bar, Payload, Robot, paper_robot
-from jansen_env import projection as pr
+from jansen_env.dynamics import projection as pr
+from jansen_env.dynamics.joint_forces import CORNERS, PINS, joint_forces
 from jansen_env.gravity import GRAVITY
-from jansen_env.joint_forces import CORNERS, PINS, joint_forces
-from jansen_env.linkage import JOINTS, coordinates, joint_positions
+from jansen_env.kinematics import JOINTS, coordinates, joint_positions
 
 
 @pytest.fixture

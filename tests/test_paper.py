@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jansen_env.inverse import crank_torque
+from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.paper import __main__ as command
 from jansen_env.paper import claims, model, readings, toes, walking
 from jansen_env.paper.results import FRICTIONS, LOADS, Results, compute

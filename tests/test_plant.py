@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from jansen_env import Bar, LinkageError, Robot, Terrain
-from jansen_env.plants.projection import SET_DOWN_DEPTH, ProjectionPlant
+from jansen_env.plants.projected import SET_DOWN_DEPTH, ProjectionPlant
 from jansen_env.plants.rigid_body import RigidBodyPlant
 
 ROUGH = Terrain.rough(np.random.default_rng(7), start=-20.0)
@@ -154,7 +154,7 @@ def test_bad_states_and_robots():
 
 ABSURD_TORQUES = """
 from jansen_env import Robot, Terrain
-from jansen_env.plants.projection import SET_DOWN_DEPTH, ProjectionPlant
+from jansen_env.plants.projected import SET_DOWN_DEPTH, ProjectionPlant
 plant = ProjectionPlant(Robot(), Terrain.flat())
 for power in range(6, 15):
     for crank_angle in (0.0, 0.3, 1.0):

@@ -11,8 +11,8 @@ import math
 import numpy as np
 import pytest
 
-from jansen_env import projection as pr
-from jansen_env.linkage import coordinates
+from jansen_env.dynamics import projection as pr
+from jansen_env.kinematics import coordinates
 from jansen_env.robot import JOINT_PAIRS, paper_robot
 
 TURN = np.linspace(0.0, 2.0 * math.pi, 120, endpoint=False)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from jansen_env import Bar, LinkageError, Payload, Robot, paper_robot
-from jansen_env import projection as pr
-from jansen_env import reduced as rd
-from jansen_env.linkage import coordinates, joint_positions
-from jansen_env.pads import PAD_BODIES, PAD_JOINTS
-from jansen_env.reduced import compile_robot
+from jansen_env.dynamics import projection as pr
+from jansen_env.dynamics import reduced as rd
+from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS
+from jansen_env.dynamics.reduced import compile_robot
+from jansen_env.kinematics import coordinates, joint_positions
 
 LOAD = Payload(mass=1.7, inertia=0.3, position=(0.2, 0.4))
 

@@ -14,12 +14,12 @@ import pytest
 
 import jansen_env
 from jansen_env import ROBOTS, LinkageError, Payload, Robot, Terrain, paper_robot
+from jansen_env.dynamics.reduced import compile_robot, energy, mass_matrix
 from jansen_env.envs.walker import JansenWalkerEnv
-from jansen_env.linkage import world_joints
-from jansen_env.plants.pinned import PinnedPlant
-from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.kinematics import world_joints
+from jansen_env.plants.fixed_base import PinnedPlant
+from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.rigid_body import RigidBodyPlant
-from jansen_env.reduced import compile_robot, energy, mass_matrix
 
 FLYING = np.array([0.3, 5.0, 0.2, 1.1, 0.4, 1.0, -0.7, 2.0])
 """A state high above the ground, everything moving."""

@@ -20,7 +20,7 @@ from jansen_env import (
     paper_robot,
     phased_legs,
 )
-from jansen_env.linkage import check_closure
+from jansen_env.kinematics import check_closure
 from jansen_env.robot import JOINT_PAIRS, ROBOTS
 from jansen_env.terrain import make_terrain
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from jansen_env import Robot, Terrain
-from jansen_env.linkage import T, coordinates, joint_positions
-from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.kinematics import T, coordinates, joint_positions
+from jansen_env.plants.projected import ProjectionPlant
 
 RADIUS = 0.03  # m, three times the default
 POSES = [(1.0, 0.15), (1.0, -0.1), (4.0, 0.15), (4.0, -0.1)]  # crank angle, pitch from the slope

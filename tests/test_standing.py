@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from jansen_env import Robot, Terrain
-from jansen_env.linkage import joint_positions
-from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.kinematics import joint_positions
+from jansen_env.plants.projected import ProjectionPlant
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.1])

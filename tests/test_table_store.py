@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jansen_env import Payload, files, paper_robot, table_store
-from jansen_env import reduced as rd
+from jansen_env import Payload, files, paper_robot
+from jansen_env.dynamics import reduced as rd
+from jansen_env.dynamics import table_store
 from jansen_env.files import PART, write_text, write_whole
 
 ROBOTS = [replace(paper_robot(), pad_radius=1.0, damping=(0.1 + 0.01 * i,) * 10) for i in range(4)]

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from jansen_env import Payload, Robot, Terrain
-from jansen_env import reduced as rd
+from jansen_env.dynamics import reduced as rd
+from jansen_env.dynamics.joint_forces import joint_forces
+from jansen_env.engine.integrator import IMPULSES, TORQUE
 from jansen_env.envs.walker import JansenWalkerEnv
 from jansen_env.gravity import GRAVITY
-from jansen_env.joint_forces import joint_forces
-from jansen_env.kernels import IMPULSES, TORQUE
-from jansen_env.linkage import world_joints
-from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.kinematics import world_joints
+from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.trace import PeakLoads, pads_pressed, peak_loads, trace_forces
 
 LADEN = replace(Robot(), payload=Payload(1.0, 0.1, (0.1, 0.2)))

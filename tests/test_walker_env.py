@@ -13,7 +13,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import jansen_env
-from jansen_env.envs.rewards import tracking_score
+from jansen_env.engine.task import tracking_score
 from jansen_env.envs.walker import JansenWalkerEnv
 
 

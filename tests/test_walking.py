@@ -9,7 +9,7 @@ import pytest
 
 from jansen_env import ROBOTS, Robot, Terrain
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.plants.projected import ProjectionPlant
 
 HOLD = 0.02  # s, for which a torque is held
 FALLEN = 1.2  # rad of pitch

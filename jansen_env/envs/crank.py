@@ -10,11 +10,11 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from jansen_env.envs import common
-from jansen_env.joint_forces import JointForces
-from jansen_env.plants.pinned import PinnedPlant, PinnedResult
+from jansen_env.checks import finite, non_negative, positive, within
+from jansen_env.dynamics.joint_forces import JointForces
+from jansen_env.envs import arguments
+from jansen_env.plants.fixed_base import PinnedPlant, PinnedResult
 from jansen_env.robot import Robot
-from jansen_env.validation import finite, non_negative, positive, within
 
 Observation = NDArray[np.float32]
 
@@ -95,7 +95,7 @@ class JansenCrankEnv(gym.Env[Observation, NDArray[np.float32]]):
     * v0: first release.
     """
 
-    metadata: dict[str, Any] = {"render_modes": common.RENDER_MODES, "render_fps": 100}
+    metadata: dict[str, Any] = {"render_modes": arguments.RENDER_MODES, "render_fps": 100}
 
     def __init__(
         self,
@@ -110,15 +110,15 @@ class JansenCrankEnv(gym.Env[Observation, NDArray[np.float32]]):
         track_joint_forces: bool = False,
         render_mode: str | None = None,
     ) -> None:
-        self.render_mode = common.render_mode(render_mode)
-        self.robot = common.load_robot(robot)
-        self.speed_command_range = common.command_range(speed_command, FASTEST_COMMAND)
+        self.render_mode = arguments.render_mode(render_mode)
+        self.robot = arguments.load_robot(robot)
+        self.speed_command_range = arguments.command_range(speed_command, FASTEST_COMMAND)
         self.torque_limit = positive("torque_limit", torque_limit)
-        self.control_dt, time_step = common.control_period(control_dt, time_step)
+        self.control_dt, time_step = arguments.control_period(control_dt, time_step)
         self.tracking_weight = non_negative("tracking_weight", tracking_weight)
         self.torque_weight = non_negative("torque_weight", torque_weight)
         self.reset_noise_scale = non_negative("reset_noise_scale", reset_noise_scale)
-        self.track_joint_forces = common.flag("track_joint_forces", track_joint_forces)
+        self.track_joint_forces = arguments.flag("track_joint_forces", track_joint_forces)
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.control_dt))}
         self.plant = PinnedPlant(self.robot, time_step=time_step)
         high = np.array([1.0, 1.0, np.inf, np.inf, FASTEST_COMMAND], np.float32)
@@ -139,7 +139,7 @@ class JansenCrankEnv(gym.Env[Observation, NDArray[np.float32]]):
             ValueError: an unknown option, or a value out of range.
         """
         super().reset(seed=seed)
-        options = common.reset_options(options)
+        options = arguments.reset_options(options)
         # Drawn in any case, so that fixing one leaves the others as they were.
         command = self.np_random.uniform(*self.speed_command_range)
         angle = START_ANGLE + self.reset_noise_scale * self.np_random.uniform(-1.0, 1.0)
@@ -182,8 +182,8 @@ class JansenCrankEnv(gym.Env[Observation, NDArray[np.float32]]):
             FloatingPointError: the simulation diverged.
             gymnasium.error.ResetNeeded: before the first :meth:`reset`.
         """
-        common.check_begun(self._begun)
-        share = common.torque_share(action)
+        arguments.check_begun(self._begun)
+        share = arguments.torque_share(action)
         self._torque = share * self.torque_limit
         result = self.plant.step(self._torque, self.control_dt)
         self._steps += 1

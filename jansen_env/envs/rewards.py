@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass
 
-from jansen_env.compiling import compiled
-from jansen_env.validation import non_negative
-
-TRACKING_WIDTH = 0.75  # of the command: speed error at which tracking has fallen to 1/e ...
-WIDEST_TRACKING = 0.25  # m/s ... but no wider than this
-NARROWEST_TRACKING = 0.002  # m/s ... nor narrower, so that a command of 0 can be tracked
+from jansen_env.checks import non_negative
 
 
 @dataclass(frozen=True)
@@ -34,14 +28,3 @@ class RewardWeights:
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
             object.__setattr__(self, name, non_negative(f"{name}_weight", value))
-
-
-@compiled
-def tracking_score(speed, command):
-    """Share of the tracking reward earned at ``speed`` for ``command`` (m/s), 0 to 1.
-
-    A bell of width min(0.75 |command|, 0.25 m/s): standing still earns exp(-1 / 0.75^2) = 0.17 of
-    it at slow commands and less at fast ones.
-    """
-    width = min(max(TRACKING_WIDTH * abs(command), NARROWEST_TRACKING), WIDEST_TRACKING)
-    return math.exp(-(((speed - command) / width) ** 2))

@@ -9,7 +9,9 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from jansen_env.envs import common
+from jansen_env.checks import non_negative, positive
+from jansen_env.dynamics.joint_forces import JointForces
+from jansen_env.envs import arguments
 from jansen_env.envs.rewards import RewardWeights
 from jansen_env.envs.walking import (
     FASTEST_COMMAND,
@@ -20,13 +22,11 @@ from jansen_env.envs.walking import (
     observation_space,
 )
 from jansen_env.gravity import GRAVITY
-from jansen_env.joint_forces import JointForces
+from jansen_env.plants.base import StepResult, no_step
 from jansen_env.plants.make import make_plant, plant_time_step
-from jansen_env.plants.plant import StepResult, no_step
-from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot import Payload, Robot
 from jansen_env.terrain import Terrain, make_terrain
-from jansen_env.validation import non_negative, positive
 
 Observation = NDArray[np.float32]
 
@@ -138,7 +138,7 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
     * v0: first release.
     """
 
-    metadata: dict[str, Any] = {"render_modes": common.RENDER_MODES, "render_fps": 50}
+    metadata: dict[str, Any] = {"render_modes": arguments.RENDER_MODES, "render_fps": 50}
 
     def __init__(
         self,
@@ -162,12 +162,12 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
         track_joint_forces: bool = False,
         render_mode: str | None = None,
     ) -> None:
-        self.render_mode = common.render_mode(render_mode)
-        self.robot = common.load_robot(robot, payload)
+        self.render_mode = arguments.render_mode(render_mode)
+        self.robot = arguments.load_robot(robot, payload)
         self.terrain = make_terrain(terrain, friction, restitution)
-        self.speed_command_range = common.command_range(speed_command, FASTEST_COMMAND)
+        self.speed_command_range = arguments.command_range(speed_command, FASTEST_COMMAND)
         self.torque_limit = positive("torque_limit", torque_limit)
-        self.control_dt, time_step = common.control_period(
+        self.control_dt, time_step = arguments.control_period(
             control_dt, plant_time_step(plant, time_step)
         )
         self.plant = make_plant(plant, self.robot, self.terrain, time_step)
@@ -175,9 +175,9 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
             tracking_weight, slip_weight, energy_weight, posture_weight, fall_weight
         )
         self.reset_noise_scale = non_negative("reset_noise_scale", reset_noise_scale)
-        self.terminate_when_fallen = common.flag("terminate_when_fallen", terminate_when_fallen)
+        self.terminate_when_fallen = arguments.flag("terminate_when_fallen", terminate_when_fallen)
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.control_dt))}
-        self.track_joint_forces = common.flag("track_joint_forces", track_joint_forces)
+        self.track_joint_forces = arguments.flag("track_joint_forces", track_joint_forces)
         if self.track_joint_forces:
             self._traceable.tracing = True
         self.weight = self.robot.mass * GRAVITY
@@ -206,7 +206,7 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
             self.np_random,
             self.speed_command_range,
             self.reset_noise_scale,
-            common.reset_options(options),
+            arguments.reset_options(options),
         )
         self._time, self._diverged = 0.0, False
         self.plant.reset(0.0, crank_angle)
@@ -231,9 +231,9 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
             ValueError: the action is not one finite number.
             gymnasium.error.ResetNeeded: before the first :meth:`reset`.
         """
-        common.check_begun(self._begun)
+        arguments.check_begun(self._begun)
         task = self._task
-        share = common.torque_share(action)
+        share = arguments.torque_share(action)
         torque = share * self.torque_limit
         x_before = self.plant.x
         self._diverged = False
@@ -301,7 +301,7 @@ class JansenWalkerEnv(gym.Env[Observation, NDArray[np.float32]]):
             gymnasium.error.ResetNeeded: before the first :meth:`reset`.
         """
         plant = self._traceable
-        common.check_begun(self._begun)
+        arguments.check_begun(self._begun)
         return plant.joint_forces(self._torque)
 
     @property

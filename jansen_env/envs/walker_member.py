@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.envs import common
+from jansen_env.checks import non_negative, within
+from jansen_env.engine.tables import FRICTION, RESTITUTION
+from jansen_env.envs import arguments
 from jansen_env.envs.walking import FASTEST_COMMAND
-from jansen_env.model import FRICTION, RESTITUTION
 from jansen_env.robot import Payload, Robot
 from jansen_env.terrain import Terrain
-from jansen_env.validation import non_negative, within
 
 if TYPE_CHECKING:
     from jansen_env.envs.walker_vector import JansenWalkerVectorEnv
@@ -35,7 +35,7 @@ class Member:
         friction, restitution: in force under its toes. payload: its :class:`Payload` (kg can be
             set).
         speed_command: m/s, (low, high) that the next episodes draw from (a number can be set).
-        robot, terrain, state, weight, np_random: to be read, as what all have in common.
+        robot, terrain, state, weight, np_random: to be read, as what all have in arguments.
     """
 
     def __init__(self, batched: JansenWalkerVectorEnv, index: int) -> None:
@@ -121,7 +121,7 @@ class Member:
     def payload(self, value: Payload | float) -> None:
         if value is None:
             raise ValueError("payload is None, must be a Payload or kg at the crank axis")
-        self._batched.carry(self._index, common.load_robot(self.robot, value))
+        self._batched.carry(self._index, arguments.load_robot(self.robot, value))
         self.close()  # its pictures show the old one
 
     @property
@@ -132,7 +132,7 @@ class Member:
 
     @speed_command.setter
     def speed_command(self, value: float | tuple[float, float]) -> None:
-        self._batched.commands[self._index] = common.command_range(value, FASTEST_COMMAND)
+        self._batched.commands[self._index] = arguments.command_range(value, FASTEST_COMMAND)
 
     def render(self) -> NDArray[np.uint8] | None:
         """Draw it as it stands, (H, W, 3); None without a ``render_mode``."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.plants.plant import Plant
+from jansen_env.plants.base import Plant
 from jansen_env.rendering import Frame
 
 Array = NDArray[np.float64]

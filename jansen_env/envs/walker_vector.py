@@ -13,8 +13,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from jansen_env import kernels
-from jansen_env.envs import common
+from jansen_env.checks import positive, positive_integer, shown
+from jansen_env.engine import integrator
+from jansen_env.envs import arguments
 from jansen_env.envs.rewards import RewardWeights
 from jansen_env.envs.walker_member import Member
 from jansen_env.envs.walking import (
@@ -27,10 +28,9 @@ from jansen_env.envs.walking import (
 )
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.batch import TIME_STEP, Batch
-from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot import Payload, Robot
 from jansen_env.terrain import Terrain
-from jansen_env.validation import positive, positive_integer, shown
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -105,25 +105,25 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
         track_joint_forces: bool = False,
         render_mode: str | None = None,
     ) -> None:
-        self.num_envs = n = positive_integer("num_envs", num_envs, common.MOST_ROBOTS)
-        tracks = common.flag("track_joint_forces", track_joint_forces)
+        self.num_envs = n = positive_integer("num_envs", num_envs, arguments.MOST_ROBOTS)
+        tracks = arguments.flag("track_joint_forces", track_joint_forces)
         if not isinstance(plant, str) or plant != "projection" or tracks:
             raise ValueError(
                 f"plant is {shown(plant)} and track_joint_forces {tracks}, must be "
                 "'projection' and False for robots that move together; "
                 "vectorization_mode='sync' has the others"
             )
-        self.render_mode = common.render_mode(render_mode, self.metadata["render_modes"])
-        self.autoreset_mode = common.autoreset_mode(autoreset_mode)
-        self.max_episode_steps = common.limit_of_each(n, max_episode_steps)
-        self.terrains = common.terrain_of_each(n, terrain, friction, restitution)
-        self.robots = common.robot_of_each(n, robot, payload)
-        self.commands = common.command_of_each(n, speed_command, FASTEST_COMMAND)
+        self.render_mode = arguments.render_mode(render_mode, self.metadata["render_modes"])
+        self.autoreset_mode = arguments.autoreset_mode(autoreset_mode)
+        self.max_episode_steps = arguments.limit_of_each(n, max_episode_steps)
+        self.terrains = arguments.terrain_of_each(n, terrain, friction, restitution)
+        self.robots = arguments.robot_of_each(n, robot, payload)
+        self.commands = arguments.command_of_each(n, speed_command, FASTEST_COMMAND)
         self.torque_limit = positive("torque_limit", torque_limit)
-        self.reset_noise_scale = common.noise_of_each(n, reset_noise_scale)
-        self.terminate_when_fallen = common.flag("terminate_when_fallen", terminate_when_fallen)
+        self.reset_noise_scale = arguments.noise_of_each(n, reset_noise_scale)
+        self.terminate_when_fallen = arguments.flag("terminate_when_fallen", terminate_when_fallen)
         step = TIME_STEP if time_step is None else time_step
-        self.control_dt, step = common.control_period(control_dt, step)
+        self.control_dt, step = arguments.control_period(control_dt, step)
         self.batch = Batch(self.robots, self.terrains, step, threads=threads)
         self._steps = round(self.control_dt / step)
         self.metadata = {
@@ -165,10 +165,10 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
             ValueError: not one seed or option for each robot, an unknown option, or a value out of
                 range. TypeError: ``reset_mask`` is no array of flags.
         """
-        options = common.reset_options(options)
+        options = arguments.reset_options(options)
         mask = self._reset_mask(options.pop("reset_mask", None))
-        seeds = common.seed_of_each(self.num_envs, seed)
-        return self.reset_each(seeds, common.options_of_each(self.num_envs, options), mask)
+        seeds = arguments.seed_of_each(self.num_envs, seed)
+        return self.reset_each(seeds, arguments.options_of_each(self.num_envs, options), mask)
 
     def reset_each(
         self,
@@ -240,7 +240,7 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
         """Slip (toes,) in m and mean forces (toes, 2) in N of a robot's last step."""
         record = self.batch.record[index, : self.batch.toes]
         steps = self._steps if self.elapsed[index] else 1
-        return record[:, kernels.SLIP], record[:, kernels.IMPULSE_T :] / (
+        return record[:, integrator.SLIP], record[:, integrator.IMPULSE_T :] / (
             steps * self.batch.time_step
         )
 
@@ -284,7 +284,7 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
             raise gym.error.ResetNeeded(
                 f"robots {np.flatnonzero(~self._begun).tolist()} must be reset before they move"
             )
-        task.share[:] = common.torque_shares(actions, ~self._done)
+        task.share[:] = arguments.torque_shares(actions, ~self._done)
         torque = task.share * self.torque_limit
         x_before = batch.states[:, 0].copy()
         batch.step(torque, self._steps)
@@ -295,9 +295,14 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
                 f"the episodes of robots {diverged} end: their simulation diverged under torques of "
                 f"{torque[diverged].tolist()} N m; try a smaller time_step"
             )
-        slip = batch.record[:, : batch.toes, kernels.SLIP].copy()
-        force = batch.record[:, : batch.toes, kernels.IMPULSE_T :] / (self._steps * batch.time_step)
-        work, bumped = batch.totals[:, kernels.MOTOR_WORK].copy(), batch.totals[:, kernels.BUMPS]
+        slip = batch.record[:, : batch.toes, integrator.SLIP].copy()
+        force = batch.record[:, : batch.toes, integrator.IMPULSE_T :] / (
+            self._steps * batch.time_step
+        )
+        work, bumped = (
+            batch.totals[:, integrator.MOTOR_WORK].copy(),
+            batch.totals[:, integrator.BUMPS],
+        )
         task.judge(batch.states, x_before, slip, force, work, bumped > 0.0)
         self.elapsed += 1
         return Moved(
@@ -353,8 +358,8 @@ class JansenWalkerVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], 
             "crank_speed": states[:, 7],
             "crank_torque": torque,
             "speed_command": task.command.copy(),
-            "slip": record[:, :, kernels.SLIP].copy(),
-            "contact_force": record[:, :, kernels.IMPULSE_T :] / elapsed,
+            "slip": record[:, :, integrator.SLIP].copy(),
+            "contact_force": record[:, :, integrator.IMPULSE_T :] / elapsed,
             "fallen": task.fallen.copy(),
             "energy": {
                 "motor_work": work,

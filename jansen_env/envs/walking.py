@@ -14,12 +14,11 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from jansen_env.collision import height_at
-from jansen_env.compiling import compiled
-from jansen_env.contact import surfaces
-from jansen_env.envs.rewards import RewardWeights, tracking_score
+from jansen_env.checks import finite, within
+from jansen_env.engine import task
+from jansen_env.envs.rewards import RewardWeights
+from jansen_env.plants.detector import surfaces
 from jansen_env.terrain import Terrain
-from jansen_env.validation import finite, within
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -27,7 +26,6 @@ Flags = NDArray[np.bool_]
 
 SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
 FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
-FALLEN_PITCH = 1.2  # rad
 REWARD_KEYS = ("reward/tracking", "reward/slip", "reward/energy", "reward/posture", "reward/fall")
 # Entries of an observation before and after the toes' loads.
 BEFORE_LOADS, AFTER_LOADS = 10, 2
@@ -120,7 +118,7 @@ class WalkingTask:
 
     def observe(self, states: Array) -> NDArray[np.float32]:
         """Fill and return :attr:`observation` for states (n, 8)."""
-        _observe(
+        task.observe(
             states, self.command, self.share, self.farthest, self.loads,
             self._surface, self._bounds, self._ground, self.observation,
         )  # fmt: skip
@@ -139,64 +137,9 @@ class WalkingTask:
         Returns:
             (n,) whether the robot has fallen since the last reset.
         """
-        _judge(
+        task.judge(
             states, x_before, slip, force, work, bumped, self.command, self.farthest, self.fallen,
             self.loads, self.weight, self.period, self._weights, self.reward, self.terms, self.speed,
         )  # fmt: skip
         self.observe(states)
         return self.fallen
-
-
-@compiled
-def _observe(states, command, share, farthest, loads, surface, bounds, ground, out):
-    toes = loads.shape[1]
-    for r in range(len(states)):
-        x, theta, psi = states[r, 0], states[r, 2], states[r, 3]
-        out[r, 0], out[r, 1], out[r, 2] = math.cos(psi), math.sin(psi), states[r, 7]
-        out[r, 3], out[r, 4], out[r, 5] = math.sin(theta), math.cos(theta), states[r, 6]
-        out[r, 6], out[r, 7] = states[r, 4], states[r, 5]
-        begin, end = bounds[ground[r]], bounds[ground[r] + 1]
-        out[r, 8] = states[r, 1] - height_at(surface, begin, end, x)
-        out[r, 9] = command[r]
-        for j in range(toes):
-            out[r, 10 + j] = loads[r, j]
-        out[r, 10 + toes] = share[r]
-        direction = math.copysign(1.0, command[r])
-        out[r, 11 + toes] = max(0.0, farthest[r] - direction * x)
-
-
-@compiled
-def _judge(
-    states, x_before, slip, force, work, bumped, command, farthest, fallen,
-    loads, weight, period, weights, reward, terms, speeds,
-):  # fmt: skip
-    """Work of :meth:`WalkingTask.judge`."""
-    for r in range(len(states)):
-        x, pitch = states[r, 0], states[r, 2]
-        speed = (x - x_before[r]) / period
-        falls = (bumped[r] or abs(pitch) > FALLEN_PITCH) and not fallen[r]
-        fallen[r] = fallen[r] or falls
-        # The mean speed onto new ground in the commanded direction; at most 0 on old ground.
-        gained = speed
-        if command[r] != 0.0:
-            direction = math.copysign(1.0, command[r])
-            new = direction * x - farthest[r]
-            if new <= 0.0:
-                gained = direction * min(direction * speed, 0.0)
-            else:
-                farthest[r] += new
-                gained = direction * new / period
-        slipped = 0.0
-        for j in range(slip.shape[1]):
-            slipped += slip[r, j]
-            loads[r, j] = force[r, j, 1] / weight[r]
-        power = abs(work[r]) / period
-        terms[r, 0] = weights[0] * tracking_score(gained, command[r])
-        terms[r, 1] = -weights[1] * (slipped / period)
-        terms[r, 2] = -weights[2] * power / weight[r]
-        terms[r, 3] = -weights[3] * pitch**2
-        terms[r, 4] = -weights[4] if falls else 0.0
-        total = 0.0
-        for i in range(5):
-            total += terms[r, i]
-        reward[r], speeds[r] = total, speed

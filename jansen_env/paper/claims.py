@@ -12,11 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.gravity import GRAVITY
-from jansen_env.paper import readings, toes
-from jansen_env.paper.model import SETTLED
-from jansen_env.paper.results import FRICTIONS, SLOW, WALK, Results
-from jansen_env.projection import (
+from jansen_env.dynamics.projection import (
     COORDINATES,
     FREEDOMS,
     constraint_matrix,
@@ -24,6 +20,10 @@ from jansen_env.projection import (
     system_constraint_matrix,
     system_coordinates,
 )
+from jansen_env.gravity import GRAVITY
+from jansen_env.paper import readings, toes
+from jansen_env.paper.model import SETTLED
+from jansen_env.paper.results import FRICTIONS, SLOW, WALK, Results
 from jansen_env.robot import paper_robot
 
 Array = NDArray[np.float64]

@@ -12,11 +12,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from jansen_env.dynamics.inverse import crank_torque, walking_torque
+from jansen_env.dynamics.joint_forces import CORNERS
 from jansen_env.files import write_whole
 from jansen_env.gravity import GRAVITY
-from jansen_env.inverse import crank_torque, walking_torque
-from jansen_env.joint_forces import CORNERS
-from jansen_env.linkage import SKELETON, O, P, T, world_joints
+from jansen_env.kinematics import SKELETON, O, P, T, world_joints
 from jansen_env.paper import toes
 from jansen_env.paper.model import SETTLED
 from jansen_env.paper.readings import PRINTED_LEVEL

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.joint_forces import joint_forces
-from jansen_env.plants.pinned import PinnedPlant
-from jansen_env.projection import Projection, project
+from jansen_env.checks import positive
+from jansen_env.dynamics.joint_forces import joint_forces
+from jansen_env.dynamics.projection import Projection, project
+from jansen_env.plants.fixed_base import PinnedPlant
 from jansen_env.robot import Robot
-from jansen_env.validation import positive
 
 Array = NDArray[np.float64]
 

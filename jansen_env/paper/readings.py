@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.joint_forces import joint_forces
+from jansen_env.dynamics.joint_forces import joint_forces
+from jansen_env.dynamics.projection import system_coordinates
 from jansen_env.paper.model import pinned_projection, simulate_pid, tables_advance
 from jansen_env.paper.toes import turn
-from jansen_env.projection import system_coordinates
 from jansen_env.robot import (
     JOINT_PAIRS,
     Bar,

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.inverse import crank_torque
-from jansen_env.joint_forces import joint_forces
+from jansen_env.dynamics.inverse import crank_torque
+from jansen_env.dynamics.joint_forces import joint_forces
 from jansen_env.paper import model, readings, toes, walking
 from jansen_env.robot import Robot, paper_robot
 

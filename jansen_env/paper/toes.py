@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.linkage import JOINTS, coordinates, joint_positions, world_joints
-from jansen_env.plants.stance import set_down
-from jansen_env.projection import constraints
-from jansen_env.reduced import body_sums, compile_robot
+from jansen_env.checks import positive_integer
+from jansen_env.dynamics.projection import constraints
+from jansen_env.dynamics.reduced import body_sums, compile_robot
+from jansen_env.kinematics import JOINTS, coordinates, joint_positions, world_joints
+from jansen_env.plants.initial_pose import set_down
 from jansen_env.robot import Robot, paper_robot
 from jansen_env.terrain import Terrain
-from jansen_env.validation import positive_integer
 
 Array = NDArray[np.float64]
 

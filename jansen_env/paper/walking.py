@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env import kernels
-from jansen_env.joint_forces import CORNERS, JointForces, corner_name
-from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.checks import positive, positive_integer
+from jansen_env.dynamics.joint_forces import CORNERS, JointForces, corner_name
+from jansen_env.engine import integrator
+from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.trace import pads_pressed, trace_forces
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
-from jansen_env.validation import positive, positive_integer
 
 Array = NDArray[np.float64]
 
@@ -142,7 +142,7 @@ def walking_ripple(robot: Robot, torque: float, duration: float = 20.0) -> Rippl
         fell = plant.step(torque, 0.1).bumped or abs(plant.state[2]) > FALLEN_PITCH
         if fell:
             break
-        speeds.append(plant.trace[:, kernels.AFTER + 3])
+        speeds.append(plant.trace[:, integrator.AFTER + 3])
     late = np.concatenate(speeds[len(speeds) // 2 :])
     return Ripple(float(late.mean()), float(0.5 * np.ptp(late) / abs(late.mean())), bool(fell))
 
@@ -153,7 +153,8 @@ class Loads:
 
     Attributes:
         moment: N m, and force: N, of all constraints on each body, M x_ddot - h.
-        bearing: N, of each link on each of its joints (:data:`jansen_env.joint_forces.CORNERS`).
+        bearing: N, of each link on each of its joints, see
+            :data:`jansen_env.dynamics.joint_forces.CORNERS`.
     """
 
     moment: Array

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env import kernels
-from jansen_env.collision import MARGIN, STEPS_LEFT
-from jansen_env.compiling import announce
-from jansen_env.contact import ContactDetector
-from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.model import (
+from jansen_env.checks import positive, positive_integer
+from jansen_env.dynamics.reduced import compile_robot
+from jansen_env.engine import integrator
+from jansen_env.engine.collision import MARGIN, STEPS_LEFT
+from jansen_env.engine.jit import announce
+from jansen_env.engine.tables import (
     DRIVEN,
     FRICTION,
     GRAVITY_X,
@@ -28,11 +28,11 @@ from jansen_env.model import (
     mechanical_energy,
     parameters,
 )
-from jansen_env.plants.plant import check_time_step
-from jansen_env.reduced import compile_robot
+from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
+from jansen_env.plants.base import check_time_step
+from jansen_env.plants.detector import ContactDetector
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
-from jansen_env.validation import positive, positive_integer
 
 Array = NDArray[np.float64]
 
@@ -58,10 +58,10 @@ class Batch:
 
     Attributes:
         states: (n, 8) x, y, theta, psi and their rates; x, y the crank axis, m, rad, s.
-        model: the robots' tables, see :mod:`jansen_env.model`.
-        parameters: (n, 14) what may differ between them, see :mod:`jansen_env.model`.
+        model: the robots' tables, see :mod:`jansen_env.engine.tables`.
+        parameters: (n, 14) what may differ between them, see :mod:`jansen_env.engine.tables`.
         totals: (n, 9), record: (n, pads, 3) sums over the last :meth:`step`, see
-            :func:`jansen_env.kernels.advance`.
+            :func:`jansen_env.engine.integrator.advance`.
         diverged: (n,) whether the last :meth:`step` was refused, see there.
 
     Raises:
@@ -78,7 +78,7 @@ class Batch:
         detection_interval: float = DETECTION_INTERVAL,
         threads: int | None = None,
     ) -> None:
-        announce("kernels.advance")
+        announce("integrator.advance")
         self._arguments = (
             list(robots), list(terrains), time_step, gravity, detection_interval, threads,
         )  # fmt: skip
@@ -108,15 +108,15 @@ class Batch:
         self._depths = self._bumper_depths(robots[0].pad_radius + MARGIN)
         n = len(robots)
         self.states = np.zeros((n, 8))
-        self.totals = np.zeros((n, kernels.TOTALS))
-        self.record = np.zeros((n, pads, kernels.RECORD))
+        self.totals = np.zeros((n, integrator.TOTALS))
+        self.record = np.zeros((n, pads, integrator.RECORD))
         self.diverged = np.zeros(n, bool)
         self._any_diverged = False
-        self._no_trace = np.zeros((0, kernels.trace_width(pads)))
+        self._no_trace = np.zeros((0, integrator.trace_width(pads)))
         count = _threads(n, threads)
         size = min(ROBOTS_AT_A_TIME, -(-n // count))
         self._shares = [(first, min(first + size, n)) for first in range(0, n, size)]
-        self._work: list[tuple[Any, ...]] = [kernels.work_space(capacity) for _ in range(count)]
+        self._work: list[tuple[Any, ...]] = [integrator.work_space(capacity) for _ in range(count)]
         self._pool: tuple[int, ThreadPoolExecutor] | None = None
 
     def _bumper_depths(self, margin: float) -> Array:
@@ -149,7 +149,7 @@ class Batch:
     def look(self, moving_only: bool = False) -> bool:
         """Find the ground where the robots are now; bumpers look where they may reach it.
 
-        Args, returns: see :meth:`jansen_env.contact.ContactDetector.look`.
+        Args, returns: see :meth:`jansen_env.plants.detector.ContactDetector.look`.
         """
         _, pads, layout = self.model
         return self.detector.look(
@@ -159,13 +159,14 @@ class Batch:
     def step(self, torque: Array, steps: int, trace: Array | None = None) -> None:
         """Hold crank torques (n,), N m, for some time steps.
 
-        A robot that becomes faster than :data:`jansen_env.kernels.DIVERGED`, or gets so deep into
-        the ground that it is not found, stays as it was before, without entries in :attr:`totals`
-        and :attr:`record`, and is named in :attr:`diverged`. The others go on.
+        A robot that becomes faster than :data:`jansen_env.engine.integrator.DIVERGED`, or
+        gets so deep into the ground that it is not found, stays as it was before, without
+        entries in :attr:`totals` and :attr:`record`, and is named in :attr:`diverged`.
+        The others go on.
 
         Args:
-            trace: (steps, :func:`jansen_env.kernels.trace_width`) what the first robot does in
-                each time step, filled in; None for no trace.
+            trace: (steps, :func:`jansen_env.engine.integrator.trace_width`) what the first robot
+                does in each time step, filled in; None for no trace.
         """
         before = self.states.copy()
         if self._any_diverged:
@@ -198,7 +199,7 @@ class Batch:
         self._any_diverged = True
 
     def _advance(self, fresh: bool, steps: int, torque: Array, trace: Array) -> bool:
-        """:func:`jansen_env.kernels.advance` of all robots, on all threads."""
+        """:func:`jansen_env.engine.integrator.advance` of all robots, on all threads."""
         detector = self.detector
         common: tuple[Any, ...] = (
             fresh, steps, self.time_step, torque, self.states, self.parameters,
@@ -211,7 +212,7 @@ class Batch:
         def work(memory: tuple[Any, ...]) -> bool:
             finished = True
             for share in shares:  # each thread takes the next one
-                finished &= kernels.advance(*share, *common, *memory, *out)
+                finished &= integrator.advance(*share, *common, *memory, *out)
             return finished
 
         waiting = [self._threads().submit(work, memory) for memory in self._work[1:]]

@@ -12,8 +12,8 @@ import numpy as np
 import pymunk
 from numpy.typing import NDArray
 
-from jansen_env.linkage import JOINTS, coordinates, joint_positions
-from jansen_env.pads import PAD_BODIES, PAD_JOINTS, Pads
+from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS, Pads
+from jansen_env.kinematics import JOINTS, coordinates, joint_positions
 from jansen_env.robot import BODIES_PER_LEG, JOINT_PAIRS, Robot
 
 Array = NDArray[np.float64]

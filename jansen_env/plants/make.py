@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from jansen_env.plants import batch, projection, rigid_body
-from jansen_env.plants.plant import Plant
+from jansen_env.checks import shown
+from jansen_env.plants import batch, projected, rigid_body
+from jansen_env.plants.base import Plant
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
-from jansen_env.validation import shown
 
 PLANTS = {
-    "projection": (projection.ProjectionPlant, batch.TIME_STEP),
+    "projection": (projected.ProjectionPlant, batch.TIME_STEP),
     "rigid_body": (rigid_body.RigidBodyPlant, rigid_body.TIME_STEP),
 }
 

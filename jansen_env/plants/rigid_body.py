@@ -20,12 +20,12 @@ import pymunk
 import pymunk.batch
 from numpy.typing import NDArray
 
+from jansen_env.checks import finite, positive, positive_integer, within
+from jansen_env.dynamics.pads import pad_layout
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.linkage import check_closure
-from jansen_env.pads import pad_layout
+from jansen_env.kinematics import check_closure
 from jansen_env.plants import bodies as links
-from jansen_env.plants.bodies import CHASSIS, SHAFT
-from jansen_env.plants.plant import (
+from jansen_env.plants.base import (
     StepResult,
     believable,
     check_pressed,
@@ -33,10 +33,10 @@ from jansen_env.plants.plant import (
     check_time_step,
     divergence,
 )
-from jansen_env.plants.stance import set_down
+from jansen_env.plants.bodies import CHASSIS, SHAFT
+from jansen_env.plants.initial_pose import set_down
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
-from jansen_env.validation import finite, positive, positive_integer, within
 
 Array = NDArray[np.float64]
 

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env import kernels
+from jansen_env.dynamics.joint_forces import JointForces, joint_forces
+from jansen_env.dynamics.reduced import Tables, body_sums
+from jansen_env.engine import integrator
 from jansen_env.gravity import GRAVITY, Gravity
-from jansen_env.joint_forces import JointForces, joint_forces
-from jansen_env.reduced import Tables, body_sums
 
 Array = NDArray[np.float64]
 
@@ -42,9 +42,9 @@ def trace_forces(
     """
     if len(trace) == 0:
         raise ValueError("the trace has no rows, set the plant's tracing before its step()")
-    pose = trace[:, kernels.POSE : kernels.POSE + 4]
-    before = trace[:, kernels.BEFORE : kernels.BEFORE + 4]
-    after = trace[:, kernels.AFTER : kernels.AFTER + 4]
+    pose = trace[:, integrator.POSE : integrator.POSE + 4]
+    before = trace[:, integrator.BEFORE : integrator.BEFORE + 4]
+    after = trace[:, integrator.AFTER : integrator.AFTER + 4]
     speed, acceleration = 0.5 * (before + after), (after - before) / time_step
     q, q_dot, q_ddot = pose.copy(), speed.copy(), acceleration.copy()
     # From the centre of mass, Y, to the crank axis: Y = X + R s(psi), differentiated twice.
@@ -64,7 +64,7 @@ def trace_forces(
     q[:, :2] -= s
     q_dot[:, :2] -= w * left(s) + n * ds
     q_ddot[:, :2] -= w_dot * left(s) - w * w * s + n_dot * ds + n * n * dds + 2 * w * n * left(ds)
-    contact = trace[:, kernels.IMPULSES :].reshape(len(trace), -1, 3) / time_step
+    contact = trace[:, integrator.IMPULSES :].reshape(len(trace), -1, 3) / time_step
     return joint_forces(tables.robot, q, q_dot, contact=contact, q_ddot=q_ddot, gravity=gravity)
 
 
@@ -83,7 +83,7 @@ def landings(trace: Array, pressed: NDArray[np.bool_] | None) -> NDArray[np.bool
 
 def pads_pressed(trace: Array) -> NDArray[np.bool_]:
     """(steps, pads) whether the ground pushed a pad."""
-    impulses = trace[:, kernels.IMPULSES :].reshape(len(trace), -1, 3)
+    impulses = trace[:, integrator.IMPULSES :].reshape(len(trace), -1, 3)
     return np.asarray((impulses != 0.0).any(axis=2))
 
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from jansen_env import Payload, Robot, Terrain
-from jansen_env import reduced as rd
+from jansen_env.dynamics import reduced as rd
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.plants.projected import ProjectionPlant
 
 HOLD = 0.02  # s, for which a torque is held
 FLIGHT = np.array([0.3, 50.0, 0.4, 2.0, 0.5, 1.0, 1.0, 5.0])  # thrown up high, spinning

@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jansen_env import Robot, Terrain, kernels
-from jansen_env.plants.projection import ProjectionPlant
+from jansen_env import Robot, Terrain
+from jansen_env.engine import integrator
+from jansen_env.plants.projected import ProjectionPlant
 
 SUNK = 1e-5  # m
 STEPS = np.array([4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4])  # s
@@ -25,7 +26,7 @@ def run(step, duration, terrain, change, torque=0.0, psi=0.3, pitch=None, locked
     plant.state = change(plant.state)
     plant.crank_driven, plant.tracing = locked, True
     result = plant.step(torque, duration)
-    return plant.state, plant.trace[:, kernels.IMPULSES + 1 :: 3] > 0.0, result
+    return plant.state, plant.trace[:, integrator.IMPULSES + 1 :: 3] > 0.0, result
 
 
 def moved(**by):

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jansen_env.projection import orthogonal_complement, orthogonal_complement_rate
+from jansen_env.dynamics.projection import orthogonal_complement, orthogonal_complement_rate
 
 G, LOOPS, DURATION = 9.81, 2, 10.0  # m/s^2, 1, s
 CRANKS, COUPLERS = range(LOOPS + 1), range(LOOPS + 1, 2 * LOOPS + 1)

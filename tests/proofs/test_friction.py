@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from jansen_env import Leg, Payload, Robot, Terrain
-from jansen_env import reduced as rd
+from jansen_env.dynamics import reduced as rd
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot import holy_numbers_robot, paper_robot
 
 STEP = 1e-3  # s

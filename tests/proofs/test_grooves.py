@@ -12,7 +12,7 @@ import pytest
 
 from jansen_env import ROBOTS, Terrain, paper_robot
 from jansen_env.plants.batch import Batch
-from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.plants.projected import ProjectionPlant
 
 TORQUE = 20.0  # N m
 DESIGNS = {**{name: make() for name, make in ROBOTS.items()}, "phases3": paper_robot(3)}

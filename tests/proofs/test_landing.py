@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from jansen_env import Leg, Payload, Robot, Terrain
-from jansen_env import reduced as rd
+from jansen_env.dynamics import reduced as rd
 from jansen_env.gravity import GRAVITY
-from jansen_env.linkage import T, coordinates, joint_positions
-from jansen_env.plants.projection import SET_DOWN_DEPTH, ProjectionPlant
+from jansen_env.kinematics import T, coordinates, joint_positions
+from jansen_env.plants.projected import SET_DOWN_DEPTH, ProjectionPlant
 
 PSI = 2.75  # rad
 BLOW = 1e-8  # s, time step in which a blow is dealt: nothing else matters in it

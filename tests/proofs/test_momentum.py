@@ -7,10 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from jansen_env import Payload, Robot, Terrain, kernels
-from jansen_env import reduced as rd
+from jansen_env import Payload, Robot, Terrain
+from jansen_env.dynamics import reduced as rd
+from jansen_env.engine import integrator
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot import ROBOTS, paper_robot
 
 HOLD = 0.02  # s, for which a torque is held
@@ -104,7 +105,7 @@ def test_rough_ground_accounts_for_all_momentum(name, restitution, rng, measured
     for _ in range(80):
         before = momentum(plant)
         plant.step(wild(plant, rng), HOLD)
-        impulses = plant.trace[:, kernels.IMPULSES :].reshape(len(plant.trace), -1, 3)
+        impulses = plant.trace[:, integrator.IMPULSES :].reshape(len(plant.trace), -1, 3)
         change = momentum(plant) - before
         total = impulses[:, :, :2].sum(axis=(0, 1)) + weight * HOLD
         error = max(error, np.abs(change - total).max())

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from jansen_env import Leg, Payload, Robot, Terrain
-from jansen_env import reduced as rd
+from jansen_env.dynamics import reduced as rd
 from jansen_env.gravity import GRAVITY
-from jansen_env.linkage import T, coordinates, joint_positions
-from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.kinematics import T, coordinates, joint_positions
+from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot import ROBOTS, paper_robot
 
 FRICTION = 0.8

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jansen_env import ROBOTS, Payload, Robot, Terrain
-from jansen_env.plants.projection import SET_DOWN_DEPTH, ProjectionPlant
+from jansen_env.plants.projected import SET_DOWN_DEPTH, ProjectionPlant
 
 STEP = 1e-6  # s
 HEAVY = Robot(payload=Payload(60.0, 1.0, (0.1, 0.0)))

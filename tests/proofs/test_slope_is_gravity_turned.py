@@ -9,7 +9,7 @@ import pytest
 
 from jansen_env import Terrain
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot import holy_numbers_robot, paper_robot
 
 WALKS = {  # robot, crank angle, friction, torque

@@ -12,8 +12,8 @@ import itertools
 import numpy as np
 import pytest
 
-from jansen_env.contact_solver import COMPLIANCE as SOLVERS_OWN
-from jansen_env.contact_solver import (
+from jansen_env.engine.contact_solver import COMPLIANCE as SOLVERS_OWN
+from jansen_env.engine.contact_solver import (
     OPEN,
     SLIDE_BACKWARD,
     SLIDE_FORWARD,

@@ -1,8 +1,8 @@
-"""``compiled``: numba's njit with a cache that notices a change in any of the compiled files.
+"""``compiled``: numba's njit with a cache that notices a change in any file of this folder.
 
 Numba's own cache looks at the file of the function alone: after a change in a function that it
 calls from another file, it would go on running the old machine code. Here the cache's folder is
-named after the contents of all compiled files, wherever it is.
+named after the contents of all files beside this one, so all that is compiled stands here.
 """
 
 from __future__ import annotations
@@ -24,17 +24,6 @@ from jansen_env.files import remove_unused, writable
 _config: Any = numba.config
 _FunctionCache: Any = numba.core.caching.FunctionCache
 
-SOURCES = (
-    "envs/rewards.py",
-    "envs/walking.py",
-    "collision.py",
-    "compiling.py",
-    "contact_solver.py",
-    "kernels.py",
-    "model.py",
-    "pinned_kernel.py",
-    "plants/stance.py",
-)
 UNUSED = 30 * 24 * 3600.0  # s after which the folder of other sources is removed
 _DIGEST = 16  # hexadecimal digits of it in a folder's name
 
@@ -63,10 +52,10 @@ def _cache_folder() -> str:
     """
     here = Path(__file__).parent
     digest = hashlib.sha256()
-    for name in SOURCES:
-        digest.update((here / name).read_bytes())
+    for path in sorted(here.glob("*.py")):
+        digest.update(path.read_bytes())
     user = _user_cache()
-    parents = [here / "__pycache__"]
+    parents = [here.parent / "__pycache__"]
     if _config.CACHE_DIR:
         parents.insert(0, Path(_config.CACHE_DIR).absolute())
     if user is not None:
@@ -151,7 +140,7 @@ def announce(kernel: str) -> None:
     """Say, once in a process, that kernels are going to be compiled if this is not on disk yet.
 
     Args:
-        kernel: file and function, such as ``"kernels.advance"``.
+        kernel: file and function, such as ``"integrator.advance"``.
     """
     if kernel in _told or _config.DISABLE_JIT:
         return

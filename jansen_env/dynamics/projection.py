@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.linkage import coordinates
+from jansen_env.kinematics import coordinates
 from jansen_env.robot import BODIES_PER_LEG, JOINT_PAIRS, Robot, Side
 
 Array = NDArray[np.float64]

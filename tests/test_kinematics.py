@@ -7,7 +7,19 @@ import math
 import numpy as np
 import pytest
 
-from jansen_env.linkage import A, B, C, D, E, O, P, T, check_closure, coordinates, joint_positions
+from jansen_env.kinematics import (
+    A,
+    B,
+    C,
+    D,
+    E,
+    O,
+    P,
+    T,
+    check_closure,
+    coordinates,
+    joint_positions,
+)
 from jansen_env.robot import paper_robot
 
 TURN = np.linspace(0.0, 2.0 * math.pi, 1440, endpoint=False)  # rad, a quarter of a degree apart

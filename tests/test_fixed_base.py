@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from jansen_env import Bar, LinkageError, Payload, Robot, Terrain, paper_robot
-from jansen_env import projection as pr
+from jansen_env.dynamics import projection as pr
+from jansen_env.dynamics.inverse import crank_torque, walking_torque
 from jansen_env.gravity import GRAVITY
-from jansen_env.inverse import crank_torque, walking_torque
-from jansen_env.plants.pinned import PinnedPlant
-from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.plants.fixed_base import PinnedPlant
+from jansen_env.plants.projected import ProjectionPlant
 
 TURN = np.linspace(0.0, 2.0 * math.pi, 720, endpoint=False)
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.compiling import compiled
+from jansen_env.engine.jit import compiled
 
 Array = NDArray[np.float64]
 

@@ -19,10 +19,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.collision import MODE, PAD, SPECULATIVE_MARGIN, STEPS_LEFT
-from jansen_env.compiling import compiled
-from jansen_env.contact_solver import COMPLIANCE, OPEN, STICK, WEDGE_COMPLIANCE, soften, solve
-from jansen_env.model import (
+from jansen_env.engine.collision import MODE, PAD, SPECULATIVE_MARGIN, STEPS_LEFT
+from jansen_env.engine.contact_solver import (
+    COMPLIANCE,
+    OPEN,
+    STICK,
+    WEDGE_COMPLIANCE,
+    soften,
+    solve,
+)
+from jansen_env.engine.jit import compiled
+from jansen_env.engine.tables import (
     C_X,
     C_Y,
     COUPLING,
@@ -111,11 +118,11 @@ def advance(
         steps: time steps to take from here; 0 to go on with those that are left of an earlier call.
         h: length of a time step, s. torque: (robots,) crank torque, N m.
         states: (robots, 8) crank-axis states, changed in place.
-        parameters: (robots, 14), body, pads, layout: see :mod:`jansen_env.model`.
-        spans, planes, contacts, status: see :class:`jansen_env.contact.ContactDetector`. STEPS_LEFT
-            is counted down. A robot whose pad gets farther than its SPECULATIVE_MARGIN from where
-            its planes were found stops before that; one that is faster than :data:`DIVERGED` or
-            not finite stops at once, with -1 steps left, and takes no more.
+        parameters: (robots, 14), body, pads, layout: see :mod:`jansen_env.engine.tables`.
+        spans, planes, contacts, status: see :class:`jansen_env.plants.detector.ContactDetector`.
+            STEPS_LEFT is counted down. A robot whose pad gets farther than its SPECULATIVE_MARGIN
+            from where its planes were found stops before that; one faster than :data:`DIVERGED`
+            or not finite stops at once, with -1 steps left, and takes no more.
         floats, ints: memory of :func:`work_space`.
         totals: (robots, 9) sums of energies (J), worst contact residual (N s), impulse on bumpers
             (N s), mechanical energy when the sums were begun, and its change since, J, and the most

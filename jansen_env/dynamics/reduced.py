@@ -26,16 +26,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env import table_store
-from jansen_env.gravity import GRAVITY
-from jansen_env.linkage import check_closure, coordinates, joint_positions
-from jansen_env.pads import PAD_BODIES, PAD_JOINTS, Pads, pad_layout
-from jansen_env.projection import (
+from jansen_env.dynamics import table_store
+from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS, Pads, pad_layout
+from jansen_env.dynamics.projection import (
     COORDINATES,
     FREEDOMS,
     constraint_matrix,
     orthogonal_complement,
 )
+from jansen_env.gravity import GRAVITY
+from jansen_env.kinematics import check_closure, coordinates, joint_positions
 from jansen_env.robot import BODIES_PER_LEG, JOINT_PAIRS, Leg, Payload, Robot, Side
 
 Array = NDArray[np.float64]

@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jansen_env import ROBOTS, Payload, Robot, Terrain, kernels, paper_robot
-from jansen_env import reduced as rd
+from jansen_env import ROBOTS, Payload, Robot, Terrain, paper_robot
+from jansen_env.dynamics import reduced as rd
+from jansen_env.engine import integrator
 from jansen_env.gravity import GRAVITY
-from jansen_env.linkage import T, joint_positions
-from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.kinematics import T, joint_positions
+from jansen_env.plants.projected import ProjectionPlant
 
 HIGH = 50.0  # m above the ground: nothing touches within a second
 FLIGHT = np.array([0.3, HIGH, 0.4, 2.0, 0.5, 1.0, 1.0, 5.0])
@@ -176,7 +177,7 @@ def test_a_driven_cranks_torque_is_the_reduced_models(robot, random_state):
             plant = flying(robot, state, step, damping=0.1)
             plant.crank_driven = plant.tracing = True
             plant.step(0.0, step)
-            mean.append(plant.trace[0, kernels.TORQUE])
+            mean.append(plant.trace[0, integrator.TORQUE])
         q, v = np.split(state, 2)
         M = rd.mass_matrix(plant.tables, q)
         terms = rd.velocity_terms(plant.tables, q, v)

@@ -2,16 +2,16 @@
 
     k psi'' + k' psi'^2 / 2 = torque - f psi' - g c_y'
 
-with the sums of :mod:`jansen_env.reduced`. There are no impacts, so classical Runge-Kutta of fourth
-order does.
+with the sums of :mod:`jansen_env.dynamics.reduced`. There are no impacts, so classical
+Runge-Kutta of fourth order does.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from jansen_env.compiling import compiled
-from jansen_env.model import (
+from jansen_env.engine.jit import compiled
+from jansen_env.engine.tables import (
     C_Y,
     CRANK,
     DAMPING,
@@ -41,7 +41,7 @@ def _rates(psi, n, torque, body, own, sums):
 def turn(steps, h, torque, state, body, own):
     """Advance a state (3,) by ``steps`` steps of ``h`` seconds under a constant torque (N m).
 
-    ``body`` and ``own`` are the robot's table and parameters, see :mod:`jansen_env.model`.
+    ``body`` and ``own`` are the robot's table and parameters, see :mod:`jansen_env.engine.tables`.
     """
     sums = np.empty((3, 6))
     psi, n, loss = state[ANGLE], state[SPEED], state[LOSS]

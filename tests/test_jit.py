@@ -13,18 +13,19 @@ from pathlib import Path
 
 import pytest
 
-from jansen_env import Terrain, compiling, paper_robot
-from jansen_env.compiling import compiled
-from jansen_env.plants.projection import ProjectionPlant
+from jansen_env import Terrain, paper_robot
+from jansen_env.engine import jit
+from jansen_env.engine.jit import compiled
+from jansen_env.plants.projected import ProjectionPlant
 
-PACKAGE = Path(compiling.__file__).parent
+PACKAGE = Path(jit.__file__).parents[1]
 NAME = re.compile("jansen-[0-9a-f]{16}")
 
 
 @pytest.fixture
 def silent(monkeypatch):
     """Nothing has been said in this process yet."""
-    monkeypatch.setattr(compiling, "_told", set())
+    monkeypatch.setattr(jit, "_told", set())
 
 
 @pytest.fixture
@@ -33,9 +34,9 @@ def places(monkeypatch, tmp_path):
     package, numba_cache, user = (tmp_path / name for name in ("package", "numba", "user"))
     shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
     numba_cache.mkdir(), user.mkdir()
-    monkeypatch.setattr(compiling, "__file__", str(package / "compiling.py"))
-    monkeypatch.setattr(compiling, "_user_cache", lambda: user)
-    monkeypatch.setattr(compiling._config, "CACHE_DIR", str(numba_cache))
+    monkeypatch.setattr(jit, "__file__", str(package / "engine" / "jit.py"))
+    monkeypatch.setattr(jit, "_user_cache", lambda: user)
+    monkeypatch.setattr(jit._config, "CACHE_DIR", str(numba_cache))
     return numba_cache, package / "__pycache__", user / "jansen_env"
 
 
@@ -51,19 +52,19 @@ def successor(x):
 
 def test_compilation_is_announced_once(silent, monkeypatch, tmp_path, caplog):
     """Where no compiled kernel lies on disk, with the folder; not again, and not where one lies."""
-    monkeypatch.setattr(compiling, "FOLDER", str(tmp_path))
+    monkeypatch.setattr(jit, "FOLDER", str(tmp_path))
     with caplog.at_level(logging.WARNING, logger="jansen_env"):
         for _ in range(2):
             ProjectionPlant(paper_robot(), Terrain.flat())
-        compiling.announce("pinned_kernel.turn")
+        jit.announce("runge_kutta.turn")
         assert len(caplog.records) == 1 and str(tmp_path) in caplog.text
         (tmp_path / "numba").mkdir()
-        (tmp_path / "numba" / "kernels.advance-7.py311.1.nbc").touch()
-        monkeypatch.setattr(compiling, "_told", set())
-        compiling.announce("kernels.advance")
+        (tmp_path / "numba" / "integrator.advance-7.py311.1.nbc").touch()
+        monkeypatch.setattr(jit, "_told", set())
+        jit.announce("integrator.advance")
         assert len(caplog.records) == 1
-        monkeypatch.setattr(compiling, "FOLDER", "")
-        compiling.announce("pinned_kernel.turn")
+        monkeypatch.setattr(jit, "FOLDER", "")
+        jit.announce("runge_kutta.turn")
     assert "cannot keep it" in caplog.records[-1].message
 
 
@@ -71,21 +72,21 @@ def test_the_first_folder_that_can_be_written_to(places):
     """NUMBA_CACHE_DIR, the package, the user's caches, none; named after the sources in each."""
     names = set()
     for place in places:
-        folder = Path(compiling._cache_folder())
+        folder = Path(jit._cache_folder())
         assert folder.parent == place and folder.is_dir() and not any(folder.iterdir())
         names.add(folder.name)
         block(place)
-    assert compiling._cache_folder() == ""
+    assert jit._cache_folder() == ""
     assert len(names) == 1 and NAME.fullmatch(names.pop())
 
 
 def test_changed_sources_have_another_folder(places):
     """In the user's caches too, where numba's own folder would stay the same."""
     block(places[0]), block(places[1])
-    before = compiling._cache_folder()
-    with (places[1].parent / "envs" / "rewards.py").open("a") as file:
+    before = jit._cache_folder()
+    with (places[1].parent / "engine" / "task.py").open("a") as file:
         file.write("# changed\n")
-    after = compiling._cache_folder()
+    after = jit._cache_folder()
     assert after != before and Path(after).parent == places[2]
 
 
@@ -94,11 +95,11 @@ def test_the_users_caches(monkeypatch, tmp_path):
     """XDG_CACHE_HOME or ~/.cache; none without a home."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("HOME", str(tmp_path))
-    assert compiling._user_cache() == tmp_path / "cache"
+    assert jit._user_cache() == tmp_path / "cache"
     monkeypatch.delenv("XDG_CACHE_HOME")
-    assert compiling._user_cache() == tmp_path / ".cache"
+    assert jit._user_cache() == tmp_path / ".cache"
     monkeypatch.setenv("HOME", str(tmp_path / "nowhere"))
-    assert compiling._user_cache() is None
+    assert jit._user_cache() is None
 
 
 def test_folders_of_other_sources_are_removed_when_unused(places):
@@ -110,17 +111,17 @@ def test_folders_of_other_sources_are_removed_when_unused(places):
         (places[0] / name / "deeper").mkdir(parents=True)
         (places[0] / name / "deeper" / "code.nbc").touch()
         os.utime(places[0] / name, (used, used))
-    new = Path(compiling._cache_folder())
+    new = Path(jit._cache_folder())
     left = {path.name for path in places[0].iterdir()}
     assert left == {*names, new.name} - {"jansen-0123456789abcdef"}
     os.utime(new, (long_ago, long_ago))
-    assert Path(compiling._cache_folder()) == new
+    assert Path(jit._cache_folder()) == new
     assert time.time() - new.stat().st_mtime < 3600.0  # marked as used
 
 
 def test_machine_code_is_read_again(monkeypatch, tmp_path):
     """By the next process; a damaged file is compiled again and replaced."""
-    monkeypatch.setattr(compiling, "FOLDER", str(tmp_path))
+    monkeypatch.setattr(jit, "FOLDER", str(tmp_path))
 
     def hits():
         function = compiled(successor)
@@ -137,7 +138,7 @@ def test_machine_code_is_read_again(monkeypatch, tmp_path):
 
 def test_machine_code_for_other_types_is_not_run(monkeypatch, tmp_path):
     """Two processes that write at once may leave an index that names the other's file."""
-    monkeypatch.setattr(compiling, "FOLDER", str(tmp_path))
+    monkeypatch.setattr(jit, "FOLDER", str(tmp_path))
     function = compiled(successor)
     assert function(1) == 2 and function(0.5) == 1.5
     one, other = tmp_path.rglob("*.nbc")
@@ -155,7 +156,7 @@ def test_a_folder_that_cannot_be_written_to_later_does_no_harm(
     """It has become a file since: the function runs, and it is said once."""
     folder = tmp_path / "cache"
     folder.mkdir()
-    monkeypatch.setattr(compiling, "FOLDER", str(folder))
+    monkeypatch.setattr(jit, "FOLDER", str(folder))
     with caplog.at_level(logging.WARNING, logger="jansen_env"):
         first, second = compiled(successor), compiled(successor)
         block(folder)
@@ -170,10 +171,10 @@ def test_the_package_runs_where_nothing_can_be_written(tmp_path):
     block(tmp_path / "jansen_env" / "__pycache__")
     nowhere = str(tmp_path / "jansen_env" / "__pycache__" / "cache")
     code = (
-        "from jansen_env.compiling import FOLDER, announce\n"
-        "from jansen_env.envs.rewards import tracking_score\n"
-        "import jansen_env.kernels\n"
-        "announce('kernels.advance'), announce('pinned_kernel.turn')\n"
+        "from jansen_env.engine.jit import FOLDER, announce\n"
+        "from jansen_env.engine.task import tracking_score\n"
+        "import jansen_env.engine.integrator\n"
+        "announce('integrator.advance'), announce('runge_kutta.turn')\n"
         "print(repr(FOLDER), tracking_score(0.3, 0.3))"
     )
     names = ("HOME", "LOCALAPPDATA", "NUMBA_CACHE_DIR", "USERPROFILE", "XDG_CACHE_HOME")

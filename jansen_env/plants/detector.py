@@ -21,8 +21,8 @@ import pymunk
 import pymunk.batch
 from numpy.typing import NDArray
 
-from jansen_env import collision
-from jansen_env.collision import ITS_PAD, MARGIN, PARK, ROBOT, SPECULATIVE_MARGIN, STRIDE
+from jansen_env.engine import collision
+from jansen_env.engine.collision import ITS_PAD, MARGIN, PARK, ROBOT, SPECULATIVE_MARGIN, STRIDE
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
@@ -135,7 +135,7 @@ class ContactDetector:
         """Find the planes near the pads where they are in ``states`` (robots, 8).
 
         Args:
-            parameters, pads, layout: of the robots, see :mod:`jansen_env.model`.
+            parameters, pads, layout: of the robots, see :mod:`jansen_env.engine.tables`.
             depths: m, how far below the crank axis a bumper can feel the ground, at pitches evenly
                 spread over one turn; and last, how far it can in any direction.
             time_step: s.

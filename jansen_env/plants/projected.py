@@ -7,19 +7,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env import kernels
-from jansen_env.collision import PAD
+from jansen_env.checks import finite, positive
+from jansen_env.dynamics.joint_forces import JointForces
+from jansen_env.dynamics.reduced import body_sums, compile_robot
+from jansen_env.engine import integrator
+from jansen_env.engine.collision import PAD
+from jansen_env.engine.tables import DRIVEN, GRAVITY_X, GRAVITY_Y
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.joint_forces import JointForces
-from jansen_env.model import DRIVEN, GRAVITY_X, GRAVITY_Y
+from jansen_env.plants.base import StepResult, check_pressed, check_state, divergence
 from jansen_env.plants.batch import DETECTION_INTERVAL, TIME_STEP, Batch
-from jansen_env.plants.plant import StepResult, check_pressed, check_state, divergence
-from jansen_env.plants.stance import set_down
+from jansen_env.plants.initial_pose import set_down
 from jansen_env.plants.trace import PeakLoads, landings, pads_pressed, peak_loads, trace_forces
-from jansen_env.reduced import body_sums, compile_robot
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
-from jansen_env.validation import finite, positive
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ class ProjectionPlant:
         self._totals, self._record = self._batch.totals[0], self._batch.record[0]
         self._torque = np.zeros(1)
         self.tracing = False
-        self._trace = self._no_trace = np.zeros((0, kernels.trace_width(len(self._record))))
+        self._trace = self._no_trace = np.zeros((0, integrator.trace_width(len(self._record))))
         self.landings = np.zeros(0, bool)
         self._pressed: NDArray[np.bool_] | None = None
 
@@ -159,7 +159,7 @@ class ProjectionPlant:
     def trace(self) -> Array:
         """(steps, columns) what each time step of the last :meth:`step` or :meth:`peek` did.
 
-        Columns as named in :mod:`jansen_env.kernels`; no rows unless :attr:`tracing`.
+        Columns as named in :mod:`jansen_env.engine.integrator`; no rows unless :attr:`tracing`.
         """
         return self._trace
 
@@ -252,8 +252,9 @@ class ProjectionPlant:
         record, elapsed = self._record, steps * self.time_step
         motor, joints, slip, impact, residual, bumps, _, change, gain = self._totals.tolist()
         return StepResult(
-            slip=record[: self.toes, kernels.SLIP].copy(),
-            contact_force=record[: self.toes, kernels.IMPULSE_T : kernels.IMPULSE_N + 1] / elapsed,
+            slip=record[: self.toes, integrator.SLIP].copy(),
+            contact_force=record[: self.toes, integrator.IMPULSE_T : integrator.IMPULSE_N + 1]
+            / elapsed,
             motor_work=motor,
             joint_loss=joints,
             slip_loss=slip,

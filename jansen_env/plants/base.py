@@ -7,10 +7,10 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.kernels import DIVERGED
+from jansen_env.checks import within
+from jansen_env.engine.integrator import DIVERGED
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
-from jansen_env.validation import within
 
 Array = NDArray[np.float64]
 

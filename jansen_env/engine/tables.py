@@ -1,8 +1,8 @@
 """A compiled robot as the kernels see it: its tables, how they are read, and what a state means.
 
-The tables are those of :class:`jansen_env.reduced.Tables`, the functions innermost, as a kernel
-reads all of them at one angle. What may differ between robots of one design is a row of parameters.
-Kernels take plain arrays only: tuples of arrays cost microseconds to pass.
+The tables are those of :class:`jansen_env.dynamics.reduced.Tables`, the functions innermost, as
+a kernel reads all of them at one angle. What may differ between robots of one design is a row of
+parameters. Kernels take plain arrays only: tuples of arrays cost microseconds to pass.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.compiling import compiled
-from jansen_env.reduced import Tables
+from jansen_env.dynamics.reduced import Tables
+from jansen_env.engine.jit import compiled
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ BOUND = 1.1  # what lies between the angles of the tables is less than so much l
 
 
 class Model(NamedTuple):
-    """The kernels' view of a compiled robot: see :class:`jansen_env.reduced.Tables`."""
+    """The kernels' view of a compiled robot: see :class:`jansen_env.dynamics.reduced.Tables`."""
 
     body: Array  # (intervals, order, 6) c_x, c_y, I, b, k, f
     pads: Array  # (tables, intervals, order, 3) p_x, p_y, a

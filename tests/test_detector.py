@@ -9,9 +9,9 @@ import pymunk
 import pytest
 
 from jansen_env import Robot, Terrain
-from jansen_env.collision import MARGIN, PAD, STRIDE
-from jansen_env.contact import ContactDetector
-from jansen_env.plants.projection import ProjectionPlant
+from jansen_env.engine.collision import MARGIN, PAD, STRIDE
+from jansen_env.plants.detector import ContactDetector
+from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.rigid_body import RigidBodyPlant
 from jansen_env.terrain import make_terrain
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.linkage import B, C, D, E, P, T
+from jansen_env.kinematics import B, C, D, E, P, T
 from jansen_env.robot import Robot, Side
 
 Array = NDArray[np.float64]
@@ -24,7 +24,8 @@ class Pads:
 
     Attributes:
         leg: (n,) index of the leg. joint: (n,) index into :data:`PAD_JOINTS`.
-        table: (n,) row of :attr:`jansen_env.reduced.Tables.pads`. phase: (n,) crank phase, rad.
+        table: (n,) row of :attr:`jansen_env.dynamics.reduced.Tables.pads`.
+        phase: (n,) crank phase, rad.
         toes: how many of them are toes.
     """
 

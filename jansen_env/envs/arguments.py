@@ -13,10 +13,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from jansen_env.plants.plant import check_time_step
-from jansen_env.robot import ROBOTS, Payload, Robot
-from jansen_env.terrain import Terrain, make_terrain
-from jansen_env.validation import (
+from jansen_env.checks import (
     entries,
     instance,
     non_negative,
@@ -26,6 +23,9 @@ from jansen_env.validation import (
     whole_number,
     within,
 )
+from jansen_env.plants.base import check_time_step
+from jansen_env.robot import ROBOTS, Payload, Robot
+from jansen_env.terrain import Terrain, make_terrain
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ import llvmlite.binding
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.compiling import FOLDER
+from jansen_env.engine.jit import FOLDER
 from jansen_env.files import PART, remove, remove_unused, write_whole
 
 if TYPE_CHECKING:
@@ -27,7 +27,11 @@ if TYPE_CHECKING:
 Arrays = dict[str, NDArray[np.float64]]
 Shapes = Mapping[str, tuple[int, ...]]
 
-SOURCES = ("linkage.py", "pads.py", "projection.py", "reduced.py", "robot.py")
+SOURCES = (
+    "kinematics.py",
+    "robot.py",
+    *(f"dynamics/{name}.py" for name in ("pads", "projection", "reduced")),
+)
 KEPT = 20  # files; those used longest ago make room
 ABANDONED = 3600.0  # s after which nobody goes on writing a file
 
@@ -38,7 +42,7 @@ def _origin() -> bytes:
     processor = llvmlite.binding.get_host_cpu_name()
     digest = hashlib.sha256(f"{np.__version__} {processor}".encode())
     for name in SOURCES:
-        digest.update((Path(__file__).parent / name).read_bytes())
+        digest.update((Path(__file__).parents[1] / name).read_bytes())
     return digest.digest()
 
 

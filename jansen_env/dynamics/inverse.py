@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env import kernels
+from jansen_env.checks import finite, positive, positive_integer, whole_number
+from jansen_env.dynamics.reduced import body_sums, compile_robot
+from jansen_env.engine import integrator
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.projection import ProjectionPlant
-from jansen_env.reduced import body_sums, compile_robot
+from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
-from jansen_env.validation import finite, positive, positive_integer, whole_number
 
 Array = NDArray[np.float64]
 
@@ -127,7 +127,7 @@ def walking_torque(
         fallen = fallen or plant.step(0.0, period).bumped
         if fallen:
             break
-        psi, torque = plant.trace[:, kernels.POSE + 3], plant.trace[:, kernels.TORQUE]
+        psi, torque = plant.trace[:, integrator.POSE + 3], plant.trace[:, integrator.TORQUE]
         index = (psi % (2.0 * math.pi) / (2.0 * math.pi) * bins).astype(int) % bins
         count = np.bincount(index, minlength=bins)
         rows.append(np.bincount(index, torque, minlength=bins) / np.maximum(count, 1))

@@ -7,15 +7,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env import pinned_kernel
-from jansen_env.compiling import announce
+from jansen_env.checks import finite, non_negative, positive
+from jansen_env.dynamics.joint_forces import JointForces, joint_forces
+from jansen_env.dynamics.reduced import compile_robot
+from jansen_env.engine import runge_kutta
+from jansen_env.engine.jit import announce
+from jansen_env.engine.tables import kernel_model, parameters
 from jansen_env.gravity import GRAVITY
-from jansen_env.joint_forces import JointForces, joint_forces
-from jansen_env.model import kernel_model, parameters
-from jansen_env.plants.plant import check_time_step
-from jansen_env.reduced import compile_robot
+from jansen_env.plants.base import check_time_step
 from jansen_env.robot import Robot
-from jansen_env.validation import finite, non_negative, positive
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ class PinnedPlant:
     """
 
     def __init__(self, robot: Robot, time_step: float = 1e-3, gravity: float = GRAVITY) -> None:
-        announce("pinned_kernel.turn")
+        announce("runge_kutta.turn")
         self.robot = robot
         self.time_step = check_time_step(time_step)
         self.gravity = non_negative("gravity", gravity)
@@ -59,14 +59,14 @@ class PinnedPlant:
     @property
     def state(self) -> Array:
         """(2,) crank angle (rad, not wrapped) and crank speed (rad/s), a copy."""
-        return self._state[: pinned_kernel.LOSS].copy()
+        return self._state[: runge_kutta.LOSS].copy()
 
     @state.setter
     def state(self, value: Array) -> None:
         state = np.asarray(value, dtype=float)
         if state.shape != (2,) or not np.isfinite(state).all():
             raise ValueError(f"state is {value!r}, must be 2 finite numbers")
-        self._state[: pinned_kernel.LOSS] = state
+        self._state[: runge_kutta.LOSS] = state
 
     def reset(self, crank_angle: float = 0.0, crank_speed: float = 0.0) -> Array:
         """Start from a crank angle (rad) and speed (rad/s); returns the new state (2,)."""
@@ -75,9 +75,7 @@ class PinnedPlant:
 
     def energy(self) -> float:
         """Kinetic plus potential energy, J (potential 0 with the centre of mass at the axis)."""
-        return float(
-            sum(pinned_kernel.pinned_energy(self._body, self._parameters, *self._state[:2]))
-        )
+        return float(sum(runge_kutta.pinned_energy(self._body, self._parameters, *self._state[:2])))
 
     def step(self, torque: float, duration: float) -> PinnedResult:
         """Hold a crank torque (N m) for a while (s, rounded to whole time steps).
@@ -88,16 +86,16 @@ class PinnedPlant:
         """
         steps = max(1, round(positive("duration", duration) / self.time_step))
         finite("torque", torque)
-        energy, angle = self.energy(), self._state[pinned_kernel.ANGLE]
-        self._state[pinned_kernel.LOSS] = 0.0
-        pinned_kernel.turn(steps, self.time_step, torque, self._state, self._body, self._parameters)
-        if not -DIVERGED < self._state[pinned_kernel.SPEED] < DIVERGED:
+        energy, angle = self.energy(), self._state[runge_kutta.ANGLE]
+        self._state[runge_kutta.LOSS] = 0.0
+        runge_kutta.turn(steps, self.time_step, torque, self._state, self._body, self._parameters)
+        if not -DIVERGED < self._state[runge_kutta.SPEED] < DIVERGED:
             raise FloatingPointError(
                 f"the state diverged to {self.state.tolist()} under a torque of {torque} N m; "
                 "try a smaller time_step"
             )
-        turned = float(self._state[pinned_kernel.ANGLE] - angle)
-        loss = float(self._state[pinned_kernel.LOSS])
+        turned = float(self._state[runge_kutta.ANGLE] - angle)
+        loss = float(self._state[runge_kutta.LOSS])
         return PinnedResult(torque * turned, loss, self.energy() - energy)
 
     def joint_forces(self, torque: float = 0.0) -> JointForces:

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from jansen_env.compiling import compiled
-from jansen_env.contact_solver import STICK
-from jansen_env.model import LONGEST, PHASE, TABLE, WIDEST, locate, pad_place
+from jansen_env.engine.contact_solver import STICK
+from jansen_env.engine.jit import compiled
+from jansen_env.engine.tables import LONGEST, PHASE, TABLE, WIDEST, locate, pad_place
 
 MARGIN = 0.05  # m from a pad within which a plane counts, or as far as it gets in a time step
 STRIDE = 0.3  # m that a pad may move before pymunk is asked again, with a margin of MARGIN

@@ -1,64 +1,19 @@
-"""Setting a robot down: the chassis pose in which the ground carries it on both sides."""
+"""Placing a robot on the ground: the heights by which its toes clear it, and the level pitch."""
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
+from jansen_env.engine.collision import height_at
+from jansen_env.engine.jit import compiled
 
-from jansen_env.collision import height_at
-from jansen_env.compiling import compiled
-from jansen_env.linkage import T, joint_positions
-from jansen_env.robot import Robot
-from jansen_env.terrain import GRADIENT_STEP, Terrain
-from jansen_env.validation import finite
-
-Array = NDArray[np.float64]
-
+GRADIENT_STEP = 1e-4  # m, to either side of where a slope is measured
 WIDEST_PITCH = 0.7  # rad, tried to either side
 TRIES, LEVELS = 33, 4  # pitches tried at once, and how often around the best of them
 
 
-def set_down(
-    robot: Robot,
-    centre: Array,
-    terrain: Terrain,
-    x: float,
-    crank_angle: float,
-    pitch: float | None,
-) -> tuple[float, float]:
-    """Height and pitch of the chassis when the robot is lowered onto the ground.
-
-    Args:
-        robot, terrain: the robot and the ground.
-        centre: (2,) centre of mass in the chassis frame, m.
-        x: crank axis, m. crank_angle: rad.
-        pitch: rad, or None for the pitch at which the lowest toe ahead of the centre of mass and
-            the lowest one behind it touch together; level if all toes are on one side.
-
-    Returns:
-        (y, theta): the lowest toe has no gap (toes taken as discs on their local slope).
-
-    Raises:
-        ValueError: a number that is not finite.
-    """
-    x, crank_angle = finite("x", x), finite("crank_angle", crank_angle)
-    pitch = None if pitch is None else finite("pitch", pitch)
-    # A back leg mirrors a fore leg whose crank is mirrored.
-    back = np.array([leg.side == "back" for leg in robot.legs])
-    angles = crank_angle + np.array([leg.phase for leg in robot.legs])
-    toes = joint_positions(robot, "fore", np.where(back, math.pi - angles, angles))[:, T]
-    toes[back, 0] *= -1.0
-    surface, radius = terrain.polyline, robot.pad_radius
-    if pitch is None:
-        pitch = _level_pitch(toes, centre, surface, x, radius)
-    clearance, _, _ = _clearance(toes, centre, surface, x, radius, pitch)
-    return float(-clearance), float(pitch)
-
-
 @compiled
-def _clearance(toes, centre, surface, x, radius, pitch):
+def clearance(toes, centre, surface, x, radius, pitch):
     """Heights by which the toes clear the ground with the axis at y = 0.
 
     Returns:
@@ -87,14 +42,14 @@ def _clearance(toes, centre, surface, x, radius, pitch):
 @compiled(forceinline=True)
 def _tip(toes, centre, surface, x, radius, pitch):
     """How much higher the front toes clear the ground than the rear ones, m; +-inf for one side."""
-    _, front, rear = _clearance(toes, centre, surface, x, radius, pitch)
+    _, front, rear = clearance(toes, centre, surface, x, radius, pitch)
     if front < math.inf and rear < math.inf:
         return front - rear
     return math.inf if rear < math.inf else -math.inf
 
 
 @compiled
-def _level_pitch(toes, centre, surface, x, radius):
+def level_pitch(toes, centre, surface, x, radius):
     """The pitch at which front and rear toes touch together, of several the most level one, rad."""
     low, high = -WIDEST_PITCH, WIDEST_PITCH
     pitch = 0.0

@@ -18,10 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.linkage import JOINTS, world_joints
-from jansen_env.pads import PAD_BODIES, PAD_JOINTS, pad_layout
-from jansen_env.projection import (
+from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS, pad_layout
+from jansen_env.dynamics.projection import (
     FREEDOMS,
     constraint_matrix,
     forces,
@@ -31,6 +29,8 @@ from jansen_env.projection import (
     masses,
     system_coordinates,
 )
+from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
+from jansen_env.kinematics import JOINTS, world_joints
 from jansen_env.robot import BODIES_PER_LEG, Robot
 
 Array = NDArray[np.float64]

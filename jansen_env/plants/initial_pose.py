@@ -1,0 +1,53 @@
+"""Setting a robot down: the chassis pose in which the ground carries it on both sides."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.checks import finite
+from jansen_env.engine.placement import clearance, level_pitch
+from jansen_env.kinematics import T, joint_positions
+from jansen_env.robot import Robot
+from jansen_env.terrain import Terrain
+
+Array = NDArray[np.float64]
+
+
+def set_down(
+    robot: Robot,
+    centre: Array,
+    terrain: Terrain,
+    x: float,
+    crank_angle: float,
+    pitch: float | None,
+) -> tuple[float, float]:
+    """Height and pitch of the chassis when the robot is lowered onto the ground.
+
+    Args:
+        robot, terrain: the robot and the ground.
+        centre: (2,) centre of mass in the chassis frame, m.
+        x: crank axis, m. crank_angle: rad.
+        pitch: rad, or None for the pitch at which the lowest toe ahead of the centre of mass and
+            the lowest one behind it touch together; level if all toes are on one side.
+
+    Returns:
+        (y, theta): the lowest toe has no gap (toes taken as discs on their local slope).
+
+    Raises:
+        ValueError: a number that is not finite.
+    """
+    x, crank_angle = finite("x", x), finite("crank_angle", crank_angle)
+    pitch = None if pitch is None else finite("pitch", pitch)
+    # A back leg mirrors a fore leg whose crank is mirrored.
+    back = np.array([leg.side == "back" for leg in robot.legs])
+    angles = crank_angle + np.array([leg.phase for leg in robot.legs])
+    toes = joint_positions(robot, "fore", np.where(back, math.pi - angles, angles))[:, T]
+    toes[back, 0] *= -1.0
+    surface, radius = terrain.polyline, robot.pad_radius
+    if pitch is None:
+        pitch = level_pitch(toes, centre, surface, x, radius)
+    height, _, _ = clearance(toes, centre, surface, x, radius, pitch)
+    return float(-height), float(pitch)

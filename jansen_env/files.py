@@ -1,4 +1,4 @@
-"""Files written whole or not at all, and the removal of those that nobody uses any more."""
+"""Files written atomically, and the removal of folders that nobody uses any more."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ def _sync(path: str | Path, flags: int) -> None:
 
 
 def write_text(path: str | Path, text: str) -> Path:
-    """Write a text file whole or not at all."""
+    """Write a text file atomically."""
     return write_whole(path, lambda name: Path(name).write_text(text, encoding="utf-8"))
 
 
 def write_json(path: str | Path, value: Any) -> Path:
-    """Write a JSON file whole or not at all."""
+    """Write a JSON file atomically."""
     return write_text(path, json.dumps(value, indent=1) + "\n")
 
 
@@ -75,21 +75,9 @@ def writable(folder: Path) -> bool:
     return True
 
 
-def remove(path: Path) -> None:
-    """Remove a file or a folder; what another process has removed already is no error.
-
-    Raises:
-        OSError: a file that may not be removed.
-    """
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        path.unlink(missing_ok=True)
-
-
 def remove_unused(paths: Iterable[Path], seconds: float) -> None:
-    """Remove the files and folders that were last changed more than ``seconds`` ago."""
+    """Remove the folders that were last changed more than ``seconds`` ago."""
     for path in paths:
         with contextlib.suppress(OSError):  # gone already, or not ours
             if time.time() - path.stat().st_mtime > seconds:
-                remove(path)
+                shutil.rmtree(path, ignore_errors=True)

@@ -26,10 +26,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.dynamics import table_store
 from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS, Pads, pad_layout
 from jansen_env.dynamics.projection import (
-    COORDINATES,
     FREEDOMS,
     constraint_matrix,
     orthogonal_complement,
@@ -49,12 +47,6 @@ ORDER = 8  # coefficients of each (the kernels' polynomials are written out for 
 
 BODY_FUNCTIONS = ("c_x", "c_y", "I", "b", "k", "f")
 PAD_FUNCTIONS = ("p_x", "p_y", "a")
-SHAPES = {
-    "body": (INTERVALS, len(BODY_FUNCTIONS), ORDER),
-    "pads": (2 * len(PAD_JOINTS), INTERVALS, len(PAD_FUNCTIONS), ORDER),
-    "tail": (),
-}
-"""Of the arrays of :class:`Tables`."""
 
 
 @dataclass(frozen=True)
@@ -92,38 +84,24 @@ def compile_robot(robot: Robot) -> Tables:
 
 @functools.lru_cache(maxsize=32)
 def _compile(robot: Robot) -> Tables:
-    found = table_store.load(robot, SHAPES)
-    if found is None:
-        found = _tabulate(robot)
-        table_store.save(robot, found)
-    body, pads = found["body"], found["pads"]
-    for table in (body, pads):
-        table.setflags(write=False)
-    return Tables(robot, body, pads, pad_layout(robot), float(found["tail"]))
-
-
-def _tabulate(robot: Robot) -> dict[str, Array]:
-    """The arrays of a robot's :class:`Tables`."""
     check_closure(robot)
-    sides: tuple[Side, Side] = ("fore", "back")
     linkage = replace(robot, legs=(Leg("fore"),))  # the legs do not change what one of them does
-    body_series: dict[Side, Series] = {}
-    pad_series: dict[Side, Series] = {}
-    for side in sides:
-        body_series[side], pad_series[side] = _series(linkage, side)
-    tail = max(_tail(series) for group in (body_series, pad_series) for series in group.values())
+    sides: tuple[Side, Side] = ("fore", "back")
+    series = {side: _series(linkage, side) for side in sides}
+    tail = max(_tail(part) for both in series.values() for part in both)
     if tail > TAIL_TOLERANCE:
         raise ValueError(
             f"robot's tables have not converged: harmonics beyond {HARMONICS * 7 // 8} still reach "
             f"{tail:.1e} of the largest, allowed is {TAIL_TOLERANCE:.0e}; its linkage passes too "
             "near a singular position"
         )
-    shares = [_advance(body_series[leg.side], leg.phase) for leg in robot.legs]
-    body = _taylor(np.sum(shares, axis=0))
+    body = _taylor(np.sum([_advance(series[leg.side][0], leg.phase) for leg in robot.legs], axis=0))
     pads = np.stack(
-        [_taylor(pad_series[side][:, j]) for side in sides for j in range(len(PAD_JOINTS))]
+        [_taylor(series[side][1][:, joint]) for side in sides for joint in range(len(PAD_JOINTS))]
     )
-    return {"body": body, "pads": pads, "tail": np.array(tail)}
+    for table in (body, pads):
+        table.setflags(write=False)
+    return Tables(robot, body, pads, pad_layout(robot), tail)
 
 
 @functools.lru_cache(maxsize=32)
@@ -141,19 +119,22 @@ def _leg_sums(robot: Robot, side: Side, psi: Array) -> Array:
     mass = np.array([body.mass for body in robot.bodies])
     inertia = np.array([body.inertia for body in robot.bodies])
     first, second = np.array(JOINT_PAIRS).T - 1
-    sums = np.empty((len(psi), len(BODY_FUNCTIONS)))
-    for row, angle in enumerate(psi):
-        x = coordinates(robot, side, angle)
-        # The last column of D: every body's motion per crank rate, with the frame at rest.
-        slope = orthogonal_complement(constraint_matrix(robot, side, x), FREEDOMS)[:, 3]
-        r, dr = (v.reshape(BODIES_PER_LEG, 3)[:, 1:] for v in (x, slope))
-        da = slope[0:COORDINATES:3]
-        sums[row, 0:2] = mass @ r
-        sums[row, 2] = mass @ (r**2).sum(axis=1) + inertia.sum()
-        sums[row, 3] = mass @ (r[:, 0] * dr[:, 1] - r[:, 1] * dr[:, 0]) + inertia @ da
-        sums[row, 4] = mass @ (dr**2).sum(axis=1) + inertia @ da**2
-        sums[row, 5] = np.dot(robot.damping, (da[second] - da[first]) ** 2)
-    return sums
+    x = coordinates(robot, side, psi)
+    # The last column of D: every body's motion per crank rate, with the frame at rest.
+    slope = orthogonal_complement(constraint_matrix(robot, side, x), FREEDOMS)[..., 3]
+    r, dr = (v.reshape(-1, BODIES_PER_LEG, 3)[..., 1:] for v in (x, slope))
+    da = slope[:, 0::3]
+    joint_rate = np.take(da, second, axis=1) - np.take(da, first, axis=1)
+
+    def total(weight: ArrayLike, value: Array) -> Array:  # over bodies or joints: (n, m) to (n,)
+        return (np.asarray(weight) @ value[..., None])[..., 0]
+
+    c = mass @ r
+    I = total(mass, (r**2).sum(axis=-1)) + inertia.sum()  # noqa: E741 - the sum's symbol
+    b = total(mass, r[..., 0] * dr[..., 1] - r[..., 1] * dr[..., 0]) + total(inertia, da)
+    k = total(mass, (dr**2).sum(axis=-1)) + total(inertia, da**2)
+    f = total(robot.damping, joint_rate**2)
+    return np.column_stack([c, I, b, k, f])
 
 
 def _pad_motion(robot: Robot, side: Side, psi: Array) -> Array:
@@ -185,13 +166,22 @@ def _taylor(series: Series) -> Array:
     n = np.arange(HARMONICS)
     series = series[:HARMONICS].copy()
     series[1:] *= 2.0  # one-sided series of a real function
-    middle = 2.0 * math.pi * (np.arange(INTERVALS) + 0.5) / INTERVALS
-    waves = np.exp(1j * np.outer(middle, n))
     table = np.empty((INTERVALS, series.shape[1], ORDER))
     for order in range(ORDER):
-        derivative = waves @ (series * ((1j * n) ** order)[:, None])
-        table[:, :, order] = derivative.real / math.factorial(order)
+        derivative = _waves() @ (series * ((1j * n) ** order)[:, None])
+        table[:, :, order] = derivative.real.reshape(INTERVALS, -1) / math.factorial(order)
     return table
+
+
+@functools.cache
+def _waves() -> Series:
+    """exp(i n psi) of all harmonics in the middle of every interval.
+
+    (8, INTERVALS / 8, HARMONICS): products that BLAS does not share out to threads, which would
+    wait for one another longer than they work.
+    """
+    middle = 2.0 * math.pi * (np.arange(INTERVALS) + 0.5) / INTERVALS
+    return np.exp(1j * np.outer(middle, np.arange(HARMONICS))).reshape(8, -1, HARMONICS)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,36 @@
+"""Files are written atomically: the old one or the new one, and nothing beside it."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+import pytest
+
+from jansen_env import files
+from jansen_env.files import PART, write_text, write_whole
+
+
+def test_files_are_on_the_disk_before_they_are_moved(tmp_path, monkeypatch):
+    """The file is synced under its temporary name, then moved, then the folder is synced."""
+    events = []
+    sync, move = files._sync, os.replace
+    monkeypatch.setattr(files, "_sync", lambda p, f: (events.append(Path(p).name), sync(p, f)))
+    monkeypatch.setattr(os, "replace", lambda a, b: (events.append("moved"), move(a, b)))
+    path = write_text(tmp_path / "note.txt", "whole")
+    assert path.read_text() == "whole"
+    assert events[0].startswith(PART) and events[1:] == ["moved", tmp_path.name]
+
+
+def test_a_file_that_fails_leaves_the_old_one(tmp_path):
+    """And nothing beside it."""
+    path = write_text(tmp_path / "note.txt", "old")
+
+    def fail(name):
+        Path(name).write_text("half")
+        raise OSError(errno.ENOSPC, "full")
+
+    with pytest.raises(OSError, match="full"):
+        write_whole(path, fail)
+    assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]

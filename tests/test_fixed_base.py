@@ -11,8 +11,9 @@ import pytest
 
 from jansen_env import Bar, LinkageError, Payload, Robot, Terrain, paper_robot
 from jansen_env.dynamics import projection as pr
-from jansen_env.dynamics.inverse import crank_torque, walking_torque
+from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.gravity import GRAVITY
+from jansen_env.paper.free_walk import walking_torque
 from jansen_env.plants.fixed_base import PinnedPlant
 from jansen_env.plants.projected import ProjectionPlant
 
@@ -42,7 +43,7 @@ def test_accelerations_are_the_dense_projections(robot, random_state, rng):
         psi, n, torque = *random_state()[[3, 7]], rng.uniform(-5.0, 5.0)
         plant = started(robot, 1e-3, psi, n)
         q, v = np.array([[0.0, 0.0, 0.0, psi], [0.0, 0.0, 0.0, n]])
-        (expected,) = pr.project(robot, q, v, torque, pinned=True).acceleration()
+        (expected,) = pr.project(robot, q, v, torque, fixed_base=True).acceleration()
         size = max(1.0, abs(expected))
         forces = plant.joint_forces(torque)
         assert forces.q_ddot == pytest.approx([0.0, 0.0, 0.0, expected], abs=1e-9 * size)
@@ -173,7 +174,7 @@ def test_crank_torque_is_equation_12_solved_for_tau(robot, random_state, rng):
     assert (parts.total == parts.gravity + parts.inertia + parts.friction).all()
     for k, torque in enumerate(parts.total):
         q, v = np.array([[0.0, 0.0, 0.0, psi[k]], [0.0, 0.0, 0.0, n[k]]])
-        p = pr.project(robot, q, v, torque, pinned=True)
+        p = pr.project(robot, q, v, torque, fixed_base=True)
         assert p.acceleration() == pytest.approx(n_dot[k], abs=1e-10 * max(1.0, abs(torque)))
     rest, back = crank_torque(robot, psi, 0.0), crank_torque(robot, psi, -n, n_dot)
     assert (rest.total == parts.gravity).all()

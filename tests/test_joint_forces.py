@@ -25,7 +25,7 @@ from jansen_env.robot import JOINT_PAIRS
 G = GRAVITY
 LOAD = Payload(mass=1.7, inertia=0.3, position=(0.2, 0.4))
 SAMPLES = 256
-PINNED = pytest.mark.parametrize("pinned", [False, True], ids=["free", "pinned"])
+FIXED_BASE = pytest.mark.parametrize("fixed_base", [False, True], ids=["free", "fixed"])
 
 
 @pytest.fixture
@@ -115,24 +115,24 @@ def misses(forces, moving, contact):
     return np.concatenate([np.abs(force), np.abs(moment)])
 
 
-def draw(robot, random_state, rng, pinned):
+def draw(robot, random_state, rng, fixed_base):
     """A state, a torque, and a wrench on every pad."""
     q, v = np.split(random_state(), 2)
-    if pinned:
+    if fixed_base:
         v[:3] = 0.0
     return q, v, rng.uniform(-10.0, 10.0), rng.uniform(-20.0, 20.0, (len(pads(robot)), 3))
 
 
-@PINNED
-def test_newton_and_euler_hold_for_every_body(laden, random_state, rng, pinned):
+@FIXED_BASE
+def test_newton_and_euler_hold_for_every_body(laden, random_state, rng, fixed_base):
     """Pins, frame, shaft, contact, weight and viscous torques add up to m a and J alpha.
 
     At random states, torques and wrenches on all pads, for each of a leg's eight bodies, to
     rounding: 1e-11 of the largest force.
     """
     for _ in range(3):
-        q, v, torque, contact = draw(laden, random_state, rng, pinned)
-        forces = joint_forces(laden, q, v, torque, contact, pinned=pinned)
+        q, v, torque, contact = draw(laden, random_state, rng, fixed_base)
+        forces = joint_forces(laden, q, v, torque, contact, fixed_base=fixed_base)
         assert (forces.toe == contact[: len(laden.legs), :2]).all()
         moving = Moving(laden, q, v, forces.q_ddot)
         assert misses(forces, moving, contact).max() <= 1e-11 * forces.magnitude.max()
@@ -165,13 +165,13 @@ def test_newton_and_euler_with_accelerations_from_differences(robot, random_stat
             assert np.abs(found - wanted[:, body]).max() <= 1e-7
 
 
-@PINNED
-def test_accelerations_are_the_reduced_models(laden, random_state, rng, pinned):
+@FIXED_BASE
+def test_accelerations_are_the_reduced_models(laden, random_state, rng, fixed_base):
     """M a = h - velocity terms + virtual work on all pads, load included: 1e-9 of the largest."""
     tables = rd.compile_robot(laden)
     leg, joint, body = np.transpose(pads(laden))
     for _ in range(5):
-        q, v, torque, contact = draw(laden, random_state, rng, pinned)
+        q, v, torque, contact = draw(laden, random_state, rng, fixed_base)
         moving = Moving(laden, q, v, np.zeros(4))
         push, twist = contact[:, :2] @ [1.0, 1.0j], contact[:, 2]
         arm = moving.joint[leg, joint] - moving.axis
@@ -181,8 +181,8 @@ def test_accelerations_are_the_reduced_models(laden, random_state, rng, pinned):
         right = rd.generalised_forces(tables, q, v, torque) - rd.velocity_terms(tables, q, v)
         right += np.sum(work, axis=1)
         M = rd.mass_matrix(tables, q)
-        a = joint_forces(laden, q, v, torque, contact, pinned=pinned).q_ddot
-        if pinned:
+        a = joint_forces(laden, q, v, torque, contact, fixed_base=fixed_base).q_ddot
+        if fixed_base:
             assert (a[:3] == 0.0).all()
             expected = np.array([0.0, 0.0, 0.0, right[3] / M[3, 3]])
         else:
@@ -205,13 +205,13 @@ def test_a_free_chassis_passes_on_the_motor_and_the_load(laden, random_state, rn
         assert moment - torque == pytest.approx(about_axis, abs=scale)
 
 
-def test_a_pinned_chassis_passes_on_weight_and_inertia(robot, random_state):
+def test_a_fixed_base_passes_on_weight_and_inertia(robot, random_state):
     """Frames = (0, m g) + d/dt momentum, and their moment + torque = g c_x + d/dt spin; level."""
     tables = rd.compile_robot(robot)
     for _ in range(5):
         q, v = np.split(random_state(), 2)
         q[2] = v[:3] = 0.0
-        forces = joint_forces(robot, q, v, 2.0, pinned=True)
+        forces = joint_forces(robot, q, v, 2.0, fixed_base=True)
         s, n, n_dot = rd.body_sums(tables, q[3]), v[3], forces.q_ddot[3]
         x, y, moment = forces.frame.sum(axis=0)
         scale = 1e-9 * forces.magnitude.max()
@@ -228,22 +228,22 @@ def test_held_at_rest(robot, rng):
     for psi in rng.uniform(-3.0, 3.0, 10):
         q, rest = np.array([0.3, -0.2, 0.0, psi]), np.zeros(4)
         torque = G * rd.body_sums(tables, psi).dc[1]
-        forces = joint_forces(robot, q, rest, torque, pinned=True)
+        forces = joint_forces(robot, q, rest, torque, fixed_base=True)
         assert np.abs(forces.q_ddot).max() <= 1e-9
         support = forces.frame.sum(axis=0)[:2]
         assert support == pytest.approx([0.0, robot.mass * G], abs=1e-9)
 
 
-@PINNED
-def test_constraint_forces_of_the_projection(robot, random_state, rng, pinned):
+@FIXED_BASE
+def test_constraint_forces_of_the_projection(robot, random_state, rng, fixed_base):
     """The paper's C^T lambda of every body (4) is the sum of its pins, its frame's and its shaft's.
 
     There the motor is an applied force in h: +tau on the first leg's crank, -tau on its frame.
     """
-    q, v, torque, _ = draw(robot, random_state, rng, pinned)
-    if pinned:
+    q, v, torque, _ = draw(robot, random_state, rng, fixed_base)
+    if fixed_base:
         q[:3] = 0.0
-    forces = joint_forces(robot, q, v, torque, pinned=pinned)
+    forces = joint_forces(robot, q, v, torque, fixed_base=fixed_base)
     moving = Moving(robot, q, v, np.zeros(4))
     total = np.zeros((len(robot.legs), 8, 3))  # moment, x, y
 
@@ -260,17 +260,19 @@ def test_constraint_forces_of_the_projection(robot, random_state, rng, pinned):
     total[:, 0, 0] += forces.frame[:, 2]
     total[:, 1, 0] += forces.shaft
     total[0, :2, 0] += torque, -torque
-    paper = pr.project(robot, q, v, torque, pinned=pinned).constraint_forces()
+    paper = pr.project(robot, q, v, torque, fixed_base=fixed_base).constraint_forces()
     assert np.abs(total.ravel() - paper).max() <= 1e-9 * np.abs(paper).max()
     assert np.abs(forces.body.ravel() - paper).max() <= 1e-12 * np.abs(paper).max()
 
 
-@PINNED
-def test_prescribed_accelerations_give_back_the_torque(laden, random_state, rng, pinned):
+@FIXED_BASE
+def test_prescribed_accelerations_give_back_the_torque(laden, random_state, rng, fixed_base):
     """Inverse after forward dynamics: the same forces everywhere, the torque not being told."""
-    q, v, torque, contact = draw(laden, random_state, rng, pinned)
-    forward = joint_forces(laden, q, v, torque, contact, pinned=pinned)
-    inverse = joint_forces(laden, q, v, contact=contact, pinned=pinned, q_ddot=forward.q_ddot)
+    q, v, torque, contact = draw(laden, random_state, rng, fixed_base)
+    forward = joint_forces(laden, q, v, torque, contact, fixed_base=fixed_base)
+    inverse = joint_forces(
+        laden, q, v, contact=contact, fixed_base=fixed_base, q_ddot=forward.q_ddot
+    )
     for name in ("pin", "frame", "shaft"):
         assert (getattr(inverse, name) == getattr(forward, name)).all()
 

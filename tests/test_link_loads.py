@@ -38,7 +38,7 @@ def test_virtual_work_of_a_longer_bar(robot, rng, body, name):
     V is differenced to fourth order with 0.1 mm: 1e-8 N.
     """
     link, psi, h = getattr(robot, name), rng.uniform(-3.0, 3.0), 1e-4
-    forces = joint_forces(robot, np.array([0.0, 0.0, 0.0, psi]), np.zeros(4), pinned=True,
+    forces = joint_forces(robot, np.array([0.0, 0.0, 0.0, psi]), np.zeros(4), fixed_base=True,
                           q_ddot=np.zeros(4))  # fmt: skip
     ends = [k for k, (other, _) in enumerate(CORNERS) if other == body]
     weight = GRAVITY * np.array([part.mass for part in robot.bodies])
@@ -122,7 +122,7 @@ def test_the_largest_force_is_named():
     """1 kN under the toe of the third leg: most goes through its rocker, from knee to pivot."""
     contact = np.zeros((4, 3))
     contact[2, 1] = 1000.0
-    forces = joint_forces(paper_robot(), np.zeros(4), np.zeros(4), contact=contact, pinned=True)
+    forces = joint_forces(paper_robot(), np.zeros(4), np.zeros(4), contact=contact, fixed_base=True)
     knee = forces.corner_forces()[2, CORNERS.index((5, "C"))]
     assert forces.largest() == (math.hypot(*knee), "rb", "link 5 at C")
     assert forces.largest()[0] > 1000.0
@@ -151,14 +151,14 @@ REST = {"q": np.zeros(4), "q_dot": np.zeros(4)}
     [
         ({"q": np.zeros(3), "q_dot": np.zeros(3)}, r"shapes \(3,\), \(3,\), must be"),
         ({"q_dot": np.zeros((2, 4))}, r"must be \(\.\.\., 4\) both"),
-        ({"q_dot": np.ones(4), "pinned": True}, "first three must be 0"),
+        ({"q_dot": np.ones(4), "fixed_base": True}, "first three must be 0"),
         ({"contact": np.zeros(3)}, r"contact has shape \(3,\)"),
         ({"contact": np.zeros((4, 2))}, r"contact has shape \(4, 2\)"),
         ({"contact": np.zeros((5, 4, 3))}, r"contact has shape \(5, 4, 3\)"),
         ({"contact": np.zeros((23, 3))}, "contact is for 23 pads, the robot has 22"),
         ({"q_ddot": np.zeros(3)}, r"q_ddot has shape \(3,\), must be \(4,\)"),
         ({"q_ddot": np.zeros((5, 4))}, r"q_ddot has shape \(5, 4\), must be \(4,\)"),
-        ({"q_ddot": np.ones(4), "pinned": True}, "first three must be 0"),
+        ({"q_ddot": np.ones(4), "fixed_base": True}, "first three must be 0"),
         ({"torque": np.zeros(4)}, r"torque has shape \(4,\), must be \(\)"),
     ],
 )

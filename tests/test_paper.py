@@ -1,4 +1,4 @@
-"""The paper run again: every claim's number, the tolerance it is held to, and why that one.
+"""The paper reproduced: every claim's number, the tolerance it is held to, and why that one.
 
 Numbers of walks come from chaotic motions: where one is held, the reason says how far it may move.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,14 +16,14 @@ import pytest
 
 from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.paper import __main__ as command
-from jansen_env.paper import claims, model, readings, toes, walking
+from jansen_env.paper import claims, fixed_model, free_walk, interpretations, toes
 from jansen_env.paper.results import FRICTIONS, LOADS, Results, compute
 from jansen_env.robot import Bar, paper_robot
 
 DOCS = Path(__file__).parents[1] / "docs" / "paper.md"
 VERDICTS = {
-    "leg_freedoms": "holds",
-    "system_freedoms": "holds",
+    "leg_degrees_of_freedom": "holds",
+    "system_degrees_of_freedom": "holds",
     "torque_is_periodic": "holds",
     "torque_level": "does not hold",
     "constant_torque": "holds with a condition",
@@ -44,7 +45,7 @@ def results() -> Results:
 
 @pytest.fixture(scope="module")
 def judged(results) -> dict[str, claims.Claim]:
-    return {claim.key: claim for claim in claims.judge(results)}
+    return {claim.key: claim for claim in claims.check_claims(results)}
 
 
 CHAOTIC = {"constant_torque", "stable_walking", "toe_speeds", "no_walking_without_slip",
@@ -60,8 +61,9 @@ def test_documentation(judged, results):
         row = next(row for row in text.splitlines() if row.startswith(f"| {key} ("))
         assert f"| **{claim.verdict}** |" in row and claim.says in row, key
         if key not in CHAOTIC:
-            assert row in claims.markdown([claim]), key
-    assert claims.levels_markdown(results.levels) in text
+            assert row in claims.claims_table([claim]), key
+    head, _, *rows = claims.levels_table(results.levels).splitlines()
+    assert all(f"\n{row}\n" in text for row in (head, *rows))
     assert len(judged) == len(VERDICTS)
 
 
@@ -74,15 +76,18 @@ def test_projection_and_tables_agree(results):
 
 def test_time_step_of_the_fixed_model(results):
     """A tenth of the step moves the angle by less than 1e-9 rad: Runge-Kutta's h^4, h = 0.01."""
-    fine = model.simulate_pid(model.tables_advance(paper_robot(), time_step=1e-3))
+    fine = fixed_model.simulate_pid(fixed_model.tables_advance(paper_robot(), time_step=1e-3))
     assert np.abs(fine.angle - results.run.angle).max() <= 1e-9
 
 
 def test_degrees_of_freedom(judged):
     """Ranks are whole numbers; the smallest singular value is far from 0."""
-    leg, system = judged["leg_freedoms"].numbers, judged["system_freedoms"].numbers
-    assert (leg["rank"], leg["freedoms"]) == (20, 4) and leg["smallest_singular_value"] > 0.01
-    assert (system["pinned"], system["walking"]) == (1, 4)
+    leg, system = (
+        judged["leg_degrees_of_freedom"].numbers,
+        judged["system_degrees_of_freedom"].numbers,
+    )
+    assert (leg["rank"], leg["dof"]) == (20, 4) and leg["smallest_singular_value"] > 0.01
+    assert (system["fixed_base"], system["walking"]) == (1, 4)
 
 
 def test_torque_after_three_seconds(judged):
@@ -97,7 +102,8 @@ def test_torque_after_three_seconds(judged):
 def test_torque_level(judged, results):
     """Mean torque x speed = mean friction loss, from the joints' rates: differences, so 1e-9.
 
-    Of every reading with action and reaction; without C58's reaction energy comes from nowhere.
+    Of every interpretation with action and reaction; without C58's reaction energy comes from
+    nowhere.
     """
     numbers = judged["torque_level"].numbers
     assert numbers["mean"] == pytest.approx(1.562154, abs=1e-6)
@@ -124,21 +130,22 @@ def test_torque_of_a_constant_speed():
     assert math.sqrt((torque**2).mean()) == pytest.approx(1.592, abs=5e-4)
 
 
-def test_readings_differ_in_what_they_say():
+def test_interpretations_differ_in_what_they_say():
     """Turning back is the torque's mirror image in time; friction off leaves mean 0."""
-    levels = {level.name: level for level in readings.torque_levels()}
+    levels = {level.name: level for level in interpretations.torque_levels()}
     ours = levels["as read here"]
     back = levels["reference turning the other way, r = pi - t"]
     assert (back.low, back.high) == pytest.approx((-ours.high, -ours.low), abs=1e-4)  # 360 angles
     assert levels["no joint friction"].mean == pytest.approx(0.0, abs=1e-12)
     assert levels["one leg alone"].mean == pytest.approx(0.25 * ours.mean, abs=1e-12)
-    assert readings.printed_controller_torque() == pytest.approx(211.0, abs=0.05)
+    assert interpretations.printed_controller_torque() == pytest.approx(211.0, abs=0.05)
 
 
 def test_constant_torque(judged, results):
-    """Ripple of the speed: 67 % to 8 % pinned, 41 % slender, to 1 % of the mean (smooth motions).
+    """Ripple of the speed on a fixed base: 67 % to 8 %, slender links 41 %, to 1 % of the mean.
 
-    Walking, with landings, it is chaotic: between 15 and 160 %, and at some torque it falls.
+    Those motions are smooth. Walking, with touchdowns, it is chaotic: between 15 and 160 %, and at
+    some torque it falls.
     """
     numbers = judged["constant_torque"].numbers
     assert numbers["mean"] == pytest.approx(1.0, abs=0.01)
@@ -170,7 +177,7 @@ def test_standing_toes_part(judged, results):
     point = toes.double_support(replace(paper_robot(), pad_radius=1e-9), samples=720)
     assert point.per_turn == pytest.approx(numbers["slip_of_points"], rel=5e-3)
     assert numbers["apart"] > 0.9
-    # The paper's own argument, x speeds with the chassis pinned: 0 at the same four angles.
+    # The paper's own argument, x speeds on a fixed base: 0 at the same four angles.
     assert numbers["mean_x_speed"] == pytest.approx(0.1056, abs=1e-3)
     assert numbers["smallest_x_speed"] < 5e-4  # half a crank angle's step off
     coarse = toes.double_support(paper_robot(), samples=720)
@@ -181,8 +188,8 @@ def test_standing_toes_part(judged, results):
 def test_a_slow_walk_slips_as_its_geometry_says(results):
     """No dynamics against all of it: 2 % (a turn is not quite slow); half of it where toes grip.
 
-    With a friction of 0.6 or more a landing toe sticks and lifts the other in half of each step:
-    the robot then stands on one toe for half of the time, else for a twentieth.
+    With a friction of 0.6 or more a toe that touches down sticks and lifts the other in half of
+    each step: the robot then stands on one toe for half of the time, else for a twentieth.
     """
     certain = results.support.per_turn
     for mu, walk in results.slow.items():
@@ -195,10 +202,9 @@ def test_a_slow_walk_slips_as_its_geometry_says(results):
     assert set(results.slow) == set(FRICTIONS)
 
 
-def test_slip_of_a_rattling_walk_is_not_the_time_steps(results, monkeypatch):
+def test_slip_of_a_rattling_walk_is_not_the_time_steps(results):
     """Friction 0.8, half the time step: the same slip within 4 % (a chaotic rattle, two turns)."""
-    monkeypatch.setattr(walking, "TIME_STEP", 5e-4)
-    walk = walking.walk(paper_robot(), 0.25, turns=2)
+    walk = free_walk.walk(paper_robot(), 0.25, turns=2, time_step=5e-4)
     assert walk.slip == pytest.approx(results.slow[0.8].slip, rel=0.04)
 
 
@@ -229,13 +235,13 @@ def test_walks_that_cannot_be(capsys):
     robot = paper_robot()
     for change in ({"speed": 0.0}, {"speed": -1.0}, {"turns": 0}):
         with pytest.raises(ValueError, match=next(iter(change))):
-            walking.walk(robot, **{"speed": 1.0, "turns": 1, **change})
+            free_walk.walk(robot, **{"speed": 1.0, "turns": 1, **change})
     with pytest.raises(ValueError, match="every is 0"):
-        walking.walking_forces(robot, 1.0, 1, every=0)
+        free_walk.walking_forces(robot, 1.0, 1, every=0)
     with pytest.raises(ValueError, match=r"falls at a crank speed of 2\.5"):
-        walking.walking_forces(robot, 2.5, 6)
+        free_walk.walking_forces(robot, 2.5, 6)
     with pytest.raises(ValueError, match=r"time_step is 0\.02, must divide 0\.01"):
-        model.tables_advance(robot, time_step=0.02)
+        fixed_model.tables_advance(robot, time_step=0.02)
     with pytest.raises(ValueError, match="legs on one side only"):
         toes.double_support(replace(robot, legs=robot.legs[:2]))
 
@@ -268,8 +274,8 @@ def test_odd_numbers_of_phases_interleave(results):
 def test_constraint_forces_of_the_fixed_model(judged):
     """Fig. 8: link 1, 1.99 N m; Fig. 9: link 7, 1.019 N, of 0.981 N weight: last digits."""
     moment, force = judged["rotation"].numbers, judged["translation"].numbers
-    assert moment["pinned_link"] == 1 and moment["pinned"] == pytest.approx(1.99, abs=0.005)
-    assert force["pinned_link"] == 7 and force["pinned"] == pytest.approx(1.019, abs=5e-4)
+    assert moment["fixed_base_link"] == 1 and moment["fixed_base"] == pytest.approx(1.99, abs=0.005)
+    assert force["fixed_base_link"] == 7 and force["fixed_base"] == pytest.approx(1.019, abs=5e-4)
     assert force["bearing"] == pytest.approx(9.08, abs=0.005)
     assert force["bearing_7"] == pytest.approx(3.07, abs=0.005)
 
@@ -278,7 +284,9 @@ def test_constraint_forces_are_the_projections(results):
     """Figs. 8 and 9 against M x_ddot - h of the dense projection: 1e-12."""
     for k in (0, 400, 999):
         run = results.run
-        p = model.pinned_projection(paper_robot(), run.angle[k], run.speed[k], run.torque[k])
+        p = fixed_model.fixed_base_projection(
+            paper_robot(), run.angle[k], run.speed[k], run.torque[k]
+        )
         expected = p.constraint_forces().reshape(4, 8, 3)[0]
         assert results.forces[k] == pytest.approx(expected, abs=1e-12)
 
@@ -296,18 +304,17 @@ def test_loads_of_the_walking_robot(judged, results):
     assert judged["rotation"].numbers["others"] == 1
 
 
-def test_loads_do_not_depend_on_the_time_step(monkeypatch):
+def test_loads_do_not_depend_on_the_time_step():
     """With half the time step the largest joint force of a walk is the same within 1 %."""
     peaks = []
     for step in (1e-3, 5e-4):
-        monkeypatch.setattr(walking, "TIME_STEP", step)
-        forces = walking.walking_forces(paper_robot(), 1.0, turns=1, every=2)
-        peaks.append(walking.largest_loads(forces).bearing.max())
+        forces = free_walk.walking_forces(paper_robot(), 1.0, turns=1, every=2, time_step=step)
+        peaks.append(free_walk.largest_loads(forces).bearing.max())
     assert peaks[1] == pytest.approx(peaks[0], rel=0.01)
 
 
 def test_other_lengths_are_not_the_papers():
-    """L6 and L11 swapped heave 38 mm, a frame of 0.32765 m 34.7 mm: the readings of the errata."""
+    """L6 and L11 swapped heave 38 mm, a frame of 0.32765 m 34.7 mm: as the errata have it."""
     paper = paper_robot()
 
     def level(robot):
@@ -329,7 +336,7 @@ def test_command(results, monkeypatch, tmp_path, capsys):
     assert [claim["key"] for claim in data["claims"]] == list(VERDICTS)
     assert all(claim["why"] in printed for claim in data["claims"])
     table = (folder / "claims.md").read_text()
-    assert table.count("\n| ") == 2 + 13 + 14 + 2  # two heads and rules, claims, readings
+    assert table.count("\n| ") == 2 + 13 + 14  # two heads, claims, interpretations
     pictures = sorted(folder.glob("*.png"))
     assert len(pictures) == 11 and all(p.stat().st_size > 20_000 for p in pictures)
     assert {p.suffix for p in folder.iterdir()} == {".md", ".json", ".png"}
@@ -349,3 +356,14 @@ def test_command_refuses_a_file_for_a_folder(tmp_path, capsys, monkeypatch):
     with pytest.raises(SystemExit):
         command.main(["--out", str(tmp_path / "taken")])
     assert "must be a folder that can be written to" in capsys.readouterr().err
+
+
+def test_command_says_what_to_install(monkeypatch, tmp_path):
+    """Without matplotlib, before any work; --help needs nothing."""
+    monkeypatch.setattr(command, "compute", lambda workers: pytest.fail("computes first"))
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    monkeypatch.delitem(sys.modules, "jansen_env.paper.figures", raising=False)
+    monkeypatch.delattr("jansen_env.paper.figures", raising=False)
+    with pytest.raises(SystemExit, match=r'pip install -c constraints\.txt -e "\.\[paper\]"'):
+        command.main(["--out", str(tmp_path / "new")])
+    assert not (tmp_path / "new").exists()

@@ -34,20 +34,20 @@ def along(f, h=1e-3):
     return (8.0 * step(h) - step(2.0 * h)) / (12.0 * h)
 
 
-def full_constraints(robot, q, q_dot, pinned):
+def full_constraints(robot, q, q_dot, fixed_base):
     """C (20 n + system rows, 24 n) of all legs and what ties them, C_dot, and X_dot by hand."""
     legs, X = len(robot.legs), pr.system_coordinates(robot, q)
     X_dot = along(lambda t: pr.system_coordinates(robot, q + t * q_dot))
     independent = (24 * np.arange(legs)[:, None] + np.arange(4)).ravel()
-    count = 4 * legs - (1 if pinned else 4)
+    count = 4 * legs - (1 if fixed_base else 4)
     C, C_dot = np.zeros((2, 20 * legs + count, 24 * legs))
     for i, leg in enumerate(robot.legs):
         block = slice(20 * i, 20 * i + 20), slice(24 * i, 24 * i + 24)
         C[block] = pr.constraint_matrix(robot, leg.side, X[i])
         C_dot[block] = pr.constraint_matrix_rate(robot, leg.side, X[i], X_dot[i])
     Q, Q_dot = X[:, :4].ravel(), X_dot[:, :4].ravel()
-    C[20 * legs :, independent] = pr.system_constraint_matrix(robot, Q, pinned)
-    C_dot[20 * legs :, independent] = pr.system_constraint_matrix_rate(robot, Q, Q_dot, pinned)
+    C[20 * legs :, independent] = pr.system_constraint_matrix(robot, Q, fixed_base)
+    C_dot[20 * legs :, independent] = pr.system_constraint_matrix_rate(robot, Q, Q_dot, fixed_base)
     return C, C_dot, X_dot.ravel()
 
 
@@ -101,28 +101,28 @@ def test_D_and_D_dot_against_differences(index, rng):
         assert np.abs(pr.orthogonal_complement_rate(C, C_dot, D) - D_dot).max() <= 1e-8
 
 
-@pytest.mark.parametrize("pinned, freedoms", [(True, 1), (False, 4)])
-def test_degrees_of_freedom(robot, pinned, freedoms, rng):
-    """24 - 20 = 4 a leg; n legs 4 n - (4 n - 1) = 1 pinned, 4 n - (4 n - 4) = 4 let go."""
+@pytest.mark.parametrize("fixed_base, dof", [(True, 1), (False, 4)])
+def test_degrees_of_freedom(robot, fixed_base, dof, rng):
+    """24 - 20 = 4 a leg; n legs 4 n - (4 n - 1) = 1 on a fixed base, 4 n - (4 n - 4) = 4 free."""
     q = rng.uniform(-3.0, 3.0, 4)
-    if pinned:
+    if fixed_base:
         q[:3] = 0.0
     n = len(robot.legs)
     Q = pr.system_coordinates(robot, q)[:, :4].ravel()
-    C = pr.system_constraint_matrix(robot, Q, pinned)
-    assert C.shape == (4 * n - freedoms, 4 * n)
-    assert np.linalg.matrix_rank(C) == 4 * n - freedoms
-    assert np.abs(pr.system_constraints(robot, Q, pinned)).max() <= 1e-12
-    whole, _, X_dot = full_constraints(robot, q, np.array([0.0, 0.0, 0.0, 1.0]), pinned)
-    assert 24 * n - np.linalg.matrix_rank(whole) == freedoms
+    C = pr.system_constraint_matrix(robot, Q, fixed_base)
+    assert C.shape == (4 * n - dof, 4 * n)
+    assert np.linalg.matrix_rank(C) == 4 * n - dof
+    assert np.abs(pr.system_constraints(robot, Q, fixed_base)).max() <= 1e-12
+    whole, _, X_dot = full_constraints(robot, q, np.array([0.0, 0.0, 0.0, 1.0]), fixed_base)
+    assert 24 * n - np.linalg.matrix_rank(whole) == dof
     assert np.abs(whole @ X_dot).max() <= 1e-8  # the differences' error
 
 
 def test_four_legs_have_the_papers_15_and_12_system_rows():
     """16 - 15 = 1 with the frame pinned, 16 - 12 = 4 without: the walking robot."""
     Q = pr.system_coordinates(paper_robot(), np.zeros(4))[:, :4].ravel()
-    assert pr.system_constraint_matrix(paper_robot(), Q, pinned=True).shape == (15, 16)
-    assert pr.system_constraint_matrix(paper_robot(), Q, pinned=False).shape == (12, 16)
+    assert pr.system_constraint_matrix(paper_robot(), Q, fixed_base=True).shape == (15, 16)
+    assert pr.system_constraint_matrix(paper_robot(), Q, fixed_base=False).shape == (12, 16)
 
 
 def test_a_wrong_pose_violates_the_system_constraints():
@@ -132,28 +132,47 @@ def test_a_wrong_pose_violates_the_system_constraints():
     for column, row in ((1, 1), (2, 2), (3, 3)):
         wrong = Q.copy()
         wrong[2, column] += 0.1
-        rows = pr.system_constraints(robot, wrong.ravel(), pinned=False).reshape(3, 4)
+        rows = pr.system_constraints(robot, wrong.ravel(), fixed_base=False).reshape(3, 4)
         assert rows[1, row] == pytest.approx(0.1, abs=1e-12)
         assert np.abs(rows[[0, 2]]).max() <= 1e-12
 
 
-@pytest.mark.parametrize("pinned", [True, False])
-def test_projection_against_all_multipliers(robot, pinned, rng):
+@pytest.mark.parametrize("fixed_base", [True, False])
+def test_projection_against_all_multipliers(robot, fixed_base, rng):
     """Accelerations and constraint forces of a dense solve of M a - C^T lambda = h, C a = -C_dot v.
 
     Nothing is projected there. Speeds come from differences (1e-10), squared and amplified: 1e-7.
     """
     q, q_dot = rng.uniform(-1.0, 1.0, (2, 4))
-    if pinned:
+    if fixed_base:
         q[:3], q_dot[:3] = 0.0, 0.0
-    p = pr.project(robot, q, q_dot, torque=2.0, pinned=pinned)
-    C, C_dot, X_dot = full_constraints(robot, q, q_dot, pinned)
+    p = pr.project(robot, q, q_dot, torque=2.0, fixed_base=fixed_base)
+    C, C_dot, X_dot = full_constraints(robot, q, q_dot, fixed_base)
     rows, columns = C.shape
     system = np.block([[np.diag(p.M), -C.T], [C, np.zeros((rows, rows))]])
     solution = np.linalg.solve(system, np.concatenate([p.h, -C_dot @ X_dot]))
     acceleration, multipliers = solution[:columns], solution[columns:]
     assert p.D @ p.acceleration() + p.bias == pytest.approx(acceleration, abs=1e-7)
     assert p.constraint_forces() == pytest.approx(C.T @ multipliers, abs=1e-7)
+
+
+@pytest.mark.parametrize("fixed_base", [True, False])
+def test_many_states_at_once_are_one_by_one(robot, fixed_base, rng):
+    """Leading axes of q, q_dot and torque come back in every result: 1e-12 of the largest."""
+    q, q_dot = rng.uniform(-1.0, 1.0, (2, 3, 2, 4))
+    torque = rng.uniform(-5.0, 5.0, (3, 2))
+    if fixed_base:
+        q[..., :3] = q_dot[..., :3] = 0.0
+    many = pr.project(robot, q, q_dot, torque, fixed_base)
+    for at in np.ndindex(3, 2):
+        one = pr.project(robot, q[at], q_dot[at], torque[at], fixed_base)
+        for name in ("D", "bias", "mass", "velocity_terms", "generalised_forces", "h"):
+            found, expected = getattr(many, name)[at], getattr(one, name)
+            assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max(), name
+        forces = one.constraint_forces()
+        assert many.constraint_forces()[at] == pytest.approx(forces, abs=1e-9)
+    Q = pr.system_coordinates(robot, q)[..., :4].reshape(3, 2, -1)
+    assert np.abs(pr.system_constraints(robot, Q, fixed_base)).max() <= 1e-12
 
 
 def test_constraint_forces_do_no_work(robot, rng):
@@ -187,7 +206,7 @@ def test_mean_torque_is_the_viscous_loss(robot):
     q_dot = np.array([0.0, 0.0, 0.0, 1.0])
     torque, loss = [], []
     for psi in TURN:
-        p = pr.project(robot, np.array([0.0, 0.0, 0.0, psi]), q_dot, pinned=True)
+        p = pr.project(robot, np.array([0.0, 0.0, 0.0, psi]), q_dot, fixed_base=True)
         torque.append((p.velocity_terms - p.generalised_forces)[0])
         w = p.D[:, 0].reshape(-1, 24)[:, 0::3]
         pairs = zip(JOINT_PAIRS, robot.damping, strict=True)

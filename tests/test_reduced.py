@@ -25,7 +25,7 @@ def dense(robot, q, v, torque):
     """
 
     def T_at(turn):
-        return pr.independent_speed_matrix(robot, q + np.array([0.0, 0.0, turn, 0.0]))
+        return pr.tangent_matrix(robot, q + np.array([0.0, 0.0, turn, 0.0]))[0]
 
     p, T = pr.project(robot, q, v, torque), T_at(0.0)
     T_dot = v[2] * (T_at(0.5 * math.pi) - T_at(-0.5 * math.pi)) / 2.0

@@ -20,14 +20,16 @@ from numpy.typing import NDArray
 
 from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS, pad_layout
 from jansen_env.dynamics.projection import (
-    FREEDOMS,
+    DOF,
     constraint_matrix,
     forces,
-    frame_angle,
     leg_motion,
     leg_sides,
     masses,
     system_coordinates,
+    tangent_bias,
+    tangent_matrix,
+    times,
 )
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.kinematics import JOINTS, world_joints
@@ -59,6 +61,12 @@ CORNERS = (
 )  # fmt: skip
 """(body, joint) of every end of a bar and corner of a triangle; T is the toe."""
 
+PIN_SIGNS = np.array([
+    [(pin.joint == joint) * (float(pin.body == body) - float(pin.other == body)) for pin in PINS]
+    for body, joint in CORNERS
+])  # fmt: skip
+"""(18, 10) what each corner's link gets of each pin's force: 1, -1 or 0 of it."""
+
 
 def corner_name(index: int) -> str:
     """Such as ``"link 1 at P"``, for one of :data:`CORNERS`."""
@@ -74,7 +82,7 @@ class JointForces:
         robot: whose legs these are.
         pin: (..., legs, 10, 2) force in each of :data:`PINS`.
         frame: (..., legs, 3) force x, y and moment about the crank axis with which the chassis
-            holds the leg's frame; with the chassis pinned it passes on to the support.
+            holds the leg's frame; with a fixed base it passes on to the support.
         shaft: (..., legs) torque with which the shaft turns the leg's crank. The motor's torque is
             their sum, and acts on the chassis the other way round.
         toe: (..., legs, 2) contact force on each toe.
@@ -134,14 +142,10 @@ class JointForces:
     def corner_forces(self) -> Array:
         """(..., legs, 18, 2) force on each of :data:`CORNERS`, world frame, N.
 
-        From the other links on its joint; on the toe from the ground. Contact on bumpers is not in
-        it.
+        From the other links on its joint; on the toe from the ground. Non-toe contact is
+        not in it.
         """
-        corner = np.zeros((*self.pin.shape[:-2], len(CORNERS), 2))
-        for i, (body, joint) in enumerate(CORNERS):
-            for k, pin in enumerate(PINS):
-                if pin.joint == joint and body in (pin.body, pin.other):
-                    corner[..., i, :] += self.pin[..., k, :] * (1.0 if body == pin.body else -1.0)
+        corner = PIN_SIGNS @ self.pin
         corner[..., -1, :] = self.toe
         return corner
 
@@ -168,7 +172,7 @@ def joint_forces(
     torque: Array | float = 0.0,
     contact: Array | None = None,
     *,
-    pinned: bool = False,
+    fixed_base: bool = False,
     q_ddot: Array | None = None,
     gravity: Gravity = GRAVITY,
 ) -> JointForces:
@@ -180,14 +184,14 @@ def joint_forces(
         torque: (...) or a number, of the crank, N m. Not used if ``q_ddot`` is given.
         contact: (..., k, 3) on the first k pads (toes first, in the order of the legs): force x, y
             in the world frame (N) and moment about the pad's centre (N m); None for none.
-        pinned: the chassis is held still, level or not (the first three of q_dot, and of q_ddot
+        fixed_base: the chassis is held still, level or not (the first three of q_dot, and of q_ddot
             if it is given, must be 0).
         q_ddot: (..., 4) accelerations, where they are known (prescribed, or measured) and not to be
             worked out from the torque.
         gravity: m/s^2, downwards, or a vector (x, y).
 
     Raises:
-        ValueError: shapes that do not fit, or a pinned chassis that moves.
+        ValueError: shapes that do not fit, or a fixed base that moves.
     """
     q, q_dot = np.asarray(q, dtype=float), np.asarray(q_dot, dtype=float)
     if q.shape[-1:] != (4,) or q_dot.shape != q.shape:
@@ -199,28 +203,23 @@ def joint_forces(
     if q_ddot is not None and np.shape(q_ddot) != q.shape:
         raise ValueError(f"q_ddot has shape {np.shape(q_ddot)}, must be {q.shape} as q")
     for name, rate in (("q_dot", q_dot), ("q_ddot", q_ddot)):
-        if pinned and rate is not None and np.any(np.asarray(rate)[..., :3] != 0.0):
-            raise ValueError(f"{name} is {rate}, its first three must be 0 with the chassis pinned")
-    sides = leg_sides(robot)
+        if fixed_base and rate is not None and np.any(np.asarray(rate)[..., :3] != 0.0):
+            raise ValueError(f"{name} is {rate}, its first three must be 0 with a fixed base")
     X, joints = system_coordinates(robot, q), world_joints(robot, q)
-    T, T_bias = _tangent(robot, q, q_dot)
-    speeds = (T @ q_dot[..., None, :, None])[..., 0]
-    x_dot, D, bias = leg_motion(robot, sides, X, speeds)
-    bias = bias + (D @ T_bias[..., None])[..., 0]
+    T = tangent_matrix(robot, q)
+    x_dot, D, bias = leg_motion(robot, leg_sides(robot), X, times(T, q_dot[..., None, :]))
+    bias = bias + times(D, tangent_bias(robot, q, q_dot))
     D_q = D @ T  # x_ddot = D_q q_ddot + bias
     M = masses(robot)
     h = forces(robot, x_dot, 0.0, gravity)  # the motor comes in through the shaft, below
     f, toe = _contact_forces(robot, X, joints, contact)
     if q_ddot is None:
-        q_ddot = _acceleration(robot, q, q_dot, D_q, bias, M, h + f, torque, pinned, gravity)
-    else:
-        q_ddot = np.asarray(q_ddot, dtype=float)
-    x_ddot = (D_q @ q_ddot[..., None, :, None])[..., 0] + bias
-    missing = M * x_ddot - h - f
-    C = constraint_matrix(robot, sides, X)
-    C_1, C_2 = C[..., :FREEDOMS], C[..., FREEDOMS:]
-    multipliers = np.linalg.solve(np.swapaxes(C_2, -1, -2), missing[..., FREEDOMS:, None])
-    rest = missing[..., :FREEDOMS] - (np.swapaxes(C_1, -1, -2) @ multipliers)[..., 0]
+        q_ddot = _acceleration(robot, q, q_dot, D_q, bias, M, h + f, torque, fixed_base, gravity)
+    q_ddot = np.asarray(q_ddot, dtype=float)
+    missing = M * (times(D_q, q_ddot[..., None, :]) + bias) - h - f
+    C_T = np.swapaxes(constraint_matrix(robot, leg_sides(robot), X), -1, -2)
+    multipliers = np.linalg.solve(C_T[..., DOF:, :], missing[..., DOF:, None])
+    rest = missing[..., :DOF] - (C_T[..., :DOF, :] @ multipliers)[..., 0]
     # The frame's rows are about its centre of mass; move the moment to the crank axis.
     centres = X.reshape(*X.shape[:-1], BODIES_PER_LEG, 3)[..., 1:]
     arm = centres[..., 0, :] - q[..., None, :2]
@@ -240,22 +239,6 @@ def joint_forces(
         centres=centres,
         q_ddot=q_ddot,
     )
-
-
-def _tangent(robot: Robot, q: Array, q_dot: Array) -> tuple[Array, Array]:
-    """T (..., legs, 4, 4) and T_dot q_dot (..., legs, 4) of each leg.
-
-    T takes the rates of (x, y, theta, psi) to the leg's tangent speeds theta_1, x_1, y_1, theta_2.
-    """
-    angle = q[..., None, 2] + np.array([frame_angle(robot, side) for side in leg_sides(robot)])
-    half = robot.frame.half
-    T = np.zeros((*angle.shape, FREEDOMS, 4))
-    T[..., 0, 2] = T[..., 1, 0] = T[..., 2, 1] = T[..., 3, 2] = T[..., 3, 3] = 1.0
-    T[..., 1, 2], T[..., 2, 2] = half * np.sin(angle), -half * np.cos(angle)
-    bias = np.zeros((*angle.shape, FREEDOMS))
-    spin = half * q_dot[..., None, 2] ** 2
-    bias[..., 1], bias[..., 2] = spin * np.cos(angle), spin * np.sin(angle)
-    return T, bias
 
 
 def _contact_forces(
@@ -289,7 +272,7 @@ def _contact_forces(
 
 def _acceleration(
     robot: Robot, q: Array, q_dot: Array, D: Array, bias: Array, M: Array, h: Array,
-    torque: Array | float, pinned: bool, gravity: Gravity,
+    torque: Array | float, fixed_base: bool, gravity: Gravity,
 ) -> Array:  # fmt: skip
     """(..., 4) accelerations of (x, y, theta, psi): (12), payload and contact forces included."""
     mass = np.einsum("...lij,i,...lik->...jk", D, M, D)
@@ -309,7 +292,7 @@ def _acceleration(
         h_load[..., 1:] += load.mass * np.array(gravity_vector(gravity))
         mass += np.einsum("...ij,i,...ik->...jk", J, M_load, J)
         force += np.einsum("...ij,...i->...j", J, h_load)
-    if pinned:
+    if fixed_base:
         q_ddot = np.zeros(q.shape)
         q_ddot[..., 3] = force[..., 3] / mass[..., 3, 3]
         return q_ddot

@@ -1,4 +1,4 @@
-"""Where a robot can touch the ground: a round pad at every toe, and bumpers at other joints."""
+"""Where a robot can touch the ground: a round pad at every toe and at other joints."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from jansen_env.robot import Robot, Side
 Array = NDArray[np.float64]
 
 PAD_JOINTS = (T, C, E, D, B, P)
-"""Joints that can touch the ground: the toe, and the bumpers knee, ankle, hip corners and pivot."""
+"""Joints that can touch the ground: the toe; and knee, ankle, hip corners and pivot (non-toe
+contact)."""
 PAD_BODIES = (8, 8, 8, 4, 4, 1)
 """The body each of them is rounded on: its pad turns with that body."""
 
@@ -37,7 +38,7 @@ class Pads:
 
 
 def pad_layout(robot: Robot) -> Pads:
-    """Toes of all legs first; then bumpers leg by leg, a pivot once for each side."""
+    """Toes of all legs first; then the other pads leg by leg, a pivot once for each side."""
     rows = [(i, 0) for i in range(len(robot.legs))]
     seen: set[Side] = set()
     for i, leg in enumerate(robot.legs):

@@ -6,7 +6,7 @@ coordinates (1), three a body: theta_i, x_i, y_i. Subscripts: f forepaw, b backp
 equations differ from the forepaw's in the sign of alpha_4, gamma_4 and alpha_8 alone.
 
 Shapes: x, x_dot (24,); Phi (20,); C (20, 24); D (24, 4), all with any number of leading axes (legs,
-instants); n legs stacked: X (24 n,).
+instants); n legs stacked: X (..., 24 n).
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.kinematics import coordinates
+from jansen_env.kinematics import coordinates, direction
 from jansen_env.robot import BODIES_PER_LEG, JOINT_PAIRS, Robot, Side
 
 Array = NDArray[np.float64]
 
 COORDINATES = 3 * BODIES_PER_LEG  # a leg's coordinates, (1)
 CONSTRAINTS = 20  # a leg's holonomic constraints
-FREEDOMS = COORDINATES - CONSTRAINTS  # theta_1, x_1, y_1, theta_2: the tangent speed of (5)
-PINNING_ROWS = 3  # rows of the system's constraints that hold the frame
+DOF = COORDINATES - CONSTRAINTS  # theta_1, x_1, y_1, theta_2: the tangent speed of (5)
+PINNING_ROWS = [1, 2, 0]  # of the first leg: axis x, axis y, theta_1, in the paper's order
 
 
 @dataclass(frozen=True)
@@ -135,23 +135,28 @@ def constraint_matrix_rate(robot: Robot, side: Sides, x: Array, x_dot: Array) ->
     return C_dot
 
 
-def orthogonal_complement(C: Array, freedoms: int) -> Array:
-    """D = [1; -C_2^-1 C_1] with C D = 0, the first ``freedoms`` coordinates independent.
+def orthogonal_complement(C: Array, dof: int) -> Array:
+    """D = [1; -C_2^-1 C_1] with C D = 0, the first ``dof`` coordinates independent.
 
-    The paper's partition before (5); C (..., r, n) gives D (..., n, freedoms).
+    The paper's partition before (5); C (..., r, n) gives D (..., n, dof).
     """
-    return _below(np.eye(freedoms), -np.linalg.solve(C[..., freedoms:], C[..., :freedoms]))
+    return _below(np.eye(dof), -np.linalg.solve(C[..., dof:], C[..., :dof]))
 
 
 def orthogonal_complement_rate(C: Array, C_dot: Array, D: Array) -> Array:
-    """D_dot (..., n, freedoms), from C_dot D + C D_dot = 0; its independent rows are constant."""
-    freedoms = D.shape[-1]
-    return _below(np.zeros((freedoms, freedoms)), -np.linalg.solve(C[..., freedoms:], C_dot @ D))
+    """D_dot (..., n, dof), from C_dot D + C D_dot = 0; its independent rows are constant."""
+    dof = D.shape[-1]
+    return _below(np.zeros((dof, dof)), -np.linalg.solve(C[..., dof:], C_dot @ D))
 
 
 def _below(head: Array, lower: NDArray[Any]) -> Array:
     """The rows of ``head`` over those of each matrix ``lower``."""
     return np.concatenate([np.broadcast_to(head, (*lower.shape[:-2], *head.shape)), lower], axis=-2)
+
+
+def times(A: Array, v: Array) -> Array:
+    """A v for matrices (..., m, n) and vectors (..., n)."""
+    return (A @ v[..., None])[..., 0]
 
 
 def masses(robot: Robot) -> Array:
@@ -177,72 +182,62 @@ def forces(robot: Robot, x_dot: Array, torque: float | Array, gravity: Gravity =
     return h
 
 
-# The system: n legs on one crank shaft. Coordinates Q (4 n,): theta_1, x_1, y_1, theta_2 per leg.
+# The system: n legs on one crank shaft. Coordinates Q (..., 4 n): theta_1, x_1, y_1, theta_2 a leg.
+# By each leg the chassis has the pose g = (theta_1 - its level value, crank axis x, y, theta_2 -
+# its phase). The tying rows demand the same g of all legs, the pinning rows g = (0, 0, 0, any).
 
 
-def system_constraints(robot: Robot, Q: Array, pinned: bool = True) -> Array:
-    """System Phi_h: 3 rows that pin the first frame (if ``pinned``), 4 that tie each other leg.
+def system_constraints(robot: Robot, Q: Array, fixed_base: bool = True) -> Array:
+    """System Phi_h: 3 rows that pin the first frame (if ``fixed_base``), 4 that tie each other leg.
 
     The paper's 15 rows for four legs. Every leg is tied to the first one; the paper ties lb to lf,
     which spans the same rows. Frame angle atan(h_0 / l_0), rows 9 and 10 read as rf against lf
     (``docs/paper.md``).
     """
-    q = Q.reshape(-1, FREEDOMS)
-    first = robot.legs[0]
-    rows: list[float] = []
-    if pinned:
-        rows += list(q[0, 1:3] + robot.frame.half * _unit(q[0, 0]))
-        rows.append(q[0, 0] - frame_angle(robot, first.side))
-    for leg, coordinate in zip(robot.legs[1:], q[1:], strict=True):
-        turn = frame_angle(robot, leg.side) - frame_angle(robot, first.side)
-        rows.append(coordinate[0] - q[0, 0] - turn)
-        axis = coordinate[1:3] + robot.frame.half * _unit(coordinate[0])
-        rows += list(axis - q[0, 1:3] - robot.frame.half * _unit(q[0, 0]))
-        rows.append(coordinate[3] - q[0, 3] - leg.phase)
-    return np.array(rows)
+    q = _by_leg(Q)
+    g = q.copy()
+    g[..., 0] -= [frame_angle(robot, leg.side) for leg in robot.legs]
+    g[..., 1:3] += robot.frame.half * direction(q[..., 0])
+    g[..., 3] -= [leg.phase for leg in robot.legs]
+    ties = (g[..., 1:, :] - g[..., :1, :]).reshape(*Q.shape[:-1], -1)
+    return np.concatenate([g[..., 0, PINNING_ROWS], ties], axis=-1) if fixed_base else ties
 
 
-def system_constraint_matrix(robot: Robot, Q: Array, pinned: bool = True) -> Array:
-    """C of the system: (4 n - 1, 4 n) pinned, (4 n - 4, 4 n) free."""
-    return _system_rows(robot, Q.reshape(-1, FREEDOMS), None, pinned)
+def system_constraint_matrix(robot: Robot, Q: Array, fixed_base: bool = True) -> Array:
+    """C of the system: (..., 4 n - 1, 4 n) with a fixed base, (..., 4 n - 4, 4 n) free."""
+    q = _by_leg(Q)
+    G = np.zeros((*q.shape, DOF))  # dg/dq of each leg
+    G[...] = np.eye(DOF)
+    G[..., 1:3, 0] = robot.frame.half * direction(q[..., 0] + 0.5 * np.pi)
+    return _system_rows(G, fixed_base)
 
 
 def system_constraint_matrix_rate(
-    robot: Robot, Q: Array, Q_dot: Array, pinned: bool = True
+    robot: Robot, Q: Array, Q_dot: Array, fixed_base: bool = True
 ) -> Array:
     """C_dot of the system, shaped like :func:`system_constraint_matrix`."""
-    return _system_rows(robot, Q.reshape(-1, FREEDOMS), Q_dot.reshape(-1, FREEDOMS), pinned)
+    q, q_dot = _by_leg(Q), _by_leg(Q_dot)
+    G_dot = np.zeros((*q.shape, DOF))
+    G_dot[..., 1:3, 0] = robot.frame.half * direction(q[..., 0] + np.pi) * q_dot[..., :1]
+    return _system_rows(G_dot, fixed_base)
 
 
-def _system_rows(robot: Robot, q: Array, q_dot: Array | None, pinned: bool) -> Array:
-    """Rows of C (``q_dot`` None) or of C_dot."""
-    legs, half = len(robot.legs), robot.frame.half
-    constant = 1.0 if q_dot is None else 0.0
+def _by_leg(Q: Array) -> Array:
+    """(..., legs, 4) of (..., 4 n)."""
+    return Q.reshape(*Q.shape[:-1], -1, DOF)
 
-    def axis_slope(leg: int) -> Array:  # d(axis)/d(theta_1) of that leg, or its rate
-        left = half * _unit(q[leg, 0] + 0.5 * np.pi)
-        return left if q_dot is None else half * _unit(q[leg, 0] + np.pi) * q_dot[leg, 0]
 
-    rows = []
-    if pinned:
-        block = np.zeros((PINNING_ROWS, FREEDOMS * legs))
-        block[0:2, 0] = axis_slope(0)
-        block[0, 1] = block[1, 2] = block[2, 0] = constant
-        rows.append(block)
+def _system_rows(G: Array, fixed_base: bool) -> Array:
+    """C from G = dg/dq (..., legs, 4, 4) of each leg, or C_dot from its rate."""
+    *shape, legs, _, _ = G.shape
+    rows = np.zeros((*shape, legs, DOF, legs, DOF))
+    rows[..., 0, :, 0, :] = first = G[..., 0, :, :]
     for leg in range(1, legs):
-        column = FREEDOMS * leg
-        block = np.zeros((FREEDOMS, FREEDOMS * legs))
-        block[0, column], block[0, 0] = constant, -constant
-        block[1:3, column], block[1:3, 0] = axis_slope(leg), -axis_slope(0)
-        block[1, column + 1] = block[2, column + 2] = constant
-        block[1, 1] = block[2, 2] = -constant
-        block[3, column + 3], block[3, 3] = constant, -constant
-        rows.append(block)
-    return np.vstack(rows) if rows else np.zeros((0, FREEDOMS))
-
-
-def _unit(angle: float) -> Array:
-    return np.array([np.cos(angle), np.sin(angle)])
+        rows[..., leg, :, leg, :] = G[..., leg, :, :]
+        rows[..., leg, :, 0, :] = -first
+    C = rows.reshape(*shape, DOF * legs, DOF * legs)
+    pins, ties = C[..., PINNING_ROWS, :], C[..., DOF:, :]
+    return np.concatenate([pins, ties], axis=-2) if fixed_base else ties
 
 
 def frame_angle(robot: Robot, side: Side) -> float:
@@ -274,14 +269,14 @@ def system_coordinates(robot: Robot, q: Array) -> Array:
 
 @dataclass(frozen=True)
 class Projection:
-    """The system projected to its independent speeds, at one state.
+    """The system projected to its independent speeds, at one state or several (...).
 
     Attributes:
-        D: (24 n, k) from the independent speeds to X_dot; k is 1 pinned, 4 free.
-        bias: D_dot times the independent speeds (24 n,): accelerations at zero q_ddot.
-        mass: D^T M D (k, k), eq. (12). velocity_terms: D^T M D_dot q_dot (k,).
-        generalised_forces: D^T h (k,).
-        M: diagonal of the mass matrix (24 n,). h: the forces (24 n,).
+        D: (..., 24 n, k) from the independent speeds to X_dot; k is 1 with a fixed base, else 4.
+        bias: D_dot times the independent speeds (..., 24 n): accelerations at zero q_ddot.
+        mass: D^T M D (..., k, k), eq. (12). velocity_terms: D^T M D_dot q_dot (..., k).
+        generalised_forces: D^T h (..., k).
+        M: diagonal of the mass matrix (24 n,). h: the forces (..., 24 n).
     """
 
     D: Array
@@ -293,61 +288,65 @@ class Projection:
     h: Array
 
     def acceleration(self) -> Array:
-        """Independent accelerations (k,), eq. (12)."""
-        solution = np.linalg.solve(self.mass, self.generalised_forces - self.velocity_terms)
-        return np.asarray(solution, np.float64)
+        """Independent accelerations (..., k), eq. (12)."""
+        force = self.generalised_forces - self.velocity_terms
+        return np.asarray(np.linalg.solve(self.mass, force[..., None])[..., 0], np.float64)
 
     def constraint_forces(self, q_ddot: Array | None = None) -> Array:
-        """C^T lambda = M x_ddot - h (24 n,), eq. (4): what the joints add to each body."""
+        """C^T lambda = M x_ddot - h (..., 24 n), eq. (4): what the joints add to each body."""
         q_ddot = self.acceleration() if q_ddot is None else q_ddot
-        return self.M * (self.D @ q_ddot + self.bias) - self.h
+        return self.M * (times(self.D, q_ddot) + self.bias) - self.h
 
 
 def project(
     robot: Robot,
     q: Array,
     q_dot: Array,
-    torque: float = 0.0,
-    pinned: bool = False,
+    torque: float | Array = 0.0,
+    fixed_base: bool = False,
     gravity: Gravity = GRAVITY,
 ) -> Projection:
-    """Equations (2)-(12) at one state; the payload is no part of the paper and left out.
+    """Equations (2)-(12) at one state or several; the payload is no part of the paper and left out.
 
     Args:
         robot: the machine.
-        q, q_dot: (4,) crank axis x, y (m), pitch theta, crank angle psi (rad), and their rates.
-        torque: crank torque, N m. pinned: hold the chassis (q_dot[:3] must then be 0).
+        q, q_dot: (..., 4) crank axis x, y (m), pitch theta, crank angle psi (rad), and their rates.
+        torque: (...) or a number, of the crank, N m.
+        fixed_base: hold the chassis (the first three of q_dot must then be 0).
 
     Returns:
         :class:`Projection` in the paper's independent speeds: the first leg's (theta_1, x_1, y_1,
-        theta_2), or its theta_2 alone when pinned.
+        theta_2), or its theta_2 alone with a fixed base.
     """
-    count = len(robot.legs)
-    sides = leg_sides(robot)
+    legs = len(robot.legs)
     X = system_coordinates(robot, q)
-    Q = X[:, :FREEDOMS].ravel()
-    C = system_constraint_matrix(robot, Q, pinned)
-    # The tangent speed is theta_2 alone when pinned (after (11)): bring it to the front.
-    order = np.arange(FREEDOMS * count)
-    if pinned:
-        order[:FREEDOMS] = [3, 0, 1, 2]
-    first = independent_speeds(robot, q, q_dot)
-    speeds = first[3:] if pinned else first
-    back = np.argsort(order)
-    D_system = orthogonal_complement(C[:, order], len(speeds))[back]
-    Q_dot = D_system @ speeds
-    C_dot = system_constraint_matrix_rate(robot, Q, Q_dot, pinned)
-    D_system_rate = orthogonal_complement_rate(C[:, order], C_dot[:, order], D_system[order])[back]
-    per_leg = (count, FREEDOMS, len(speeds))
-    Q_bias = (D_system_rate @ speeds).reshape(count, FREEDOMS, 1)
-    x_dot, D_legs, bias = leg_motion(robot, sides, X, Q_dot.reshape(count, FREEDOMS))
-    D = (D_legs @ D_system.reshape(per_leg)).reshape(-1, len(speeds))
-    b = (bias[..., None] + D_legs @ Q_bias).ravel()
-    motor = np.zeros(count)
-    motor[0] = torque
-    h = forces(robot, x_dot, motor, gravity).ravel()
-    M = np.tile(masses(robot), count)
-    return Projection(D, b, D.T @ (M[:, None] * D), D.T @ (M * b), D.T @ h, M, h)
+    shape = X.shape[:-2]
+    Q = X[..., :DOF].reshape(*shape, -1)
+    speeds = independent_speeds(robot, q, q_dot)
+    # The tangent speed is theta_2 alone with a fixed base (after (11)): bring it to the front.
+    order = np.arange(DOF * legs)
+    if fixed_base:
+        order[:DOF] = [3, 0, 1, 2]
+        speeds = speeds[..., 3:]
+    back, k = np.argsort(order), speeds.shape[-1]
+    C = system_constraint_matrix(robot, Q, fixed_base)[..., order]
+    D = orthogonal_complement(C, k)
+    Q_dot = times(D, speeds)[..., back]
+    C_dot = system_constraint_matrix_rate(robot, Q, Q_dot, fixed_base)[..., order]
+    D_dot = orthogonal_complement_rate(C, C_dot, D)
+    # From the system's coordinates to those of each leg, (11).
+    x_dot, D_leg, bias = leg_motion(robot, leg_sides(robot), X, _by_leg(Q_dot))
+    D_all = (D_leg @ D[..., back, :].reshape(*shape, legs, DOF, k)).reshape(*shape, -1, k)
+    bias = bias + times(D_leg, _by_leg(times(D_dot, speeds)[..., back]))
+    bias = bias.reshape(*shape, -1)
+    motor = np.zeros((*shape, legs))
+    motor[..., 0] = torque
+    h = forces(robot, x_dot, motor, gravity).reshape(*shape, -1)
+    M = np.tile(masses(robot), legs)
+    D_T = np.swapaxes(D_all, -1, -2)
+    return Projection(
+        D_all, bias, D_T @ (M[:, None] * D_all), times(D_T, M * bias), times(D_T, h), M, h
+    )
 
 
 def leg_sides(robot: Robot) -> tuple[Side, ...]:
@@ -362,25 +361,32 @@ def leg_motion(robot: Robot, side: Sides, x: Array, q_dot: Array) -> tuple[Array
         x: (..., 24) coordinates (1). q_dot: (..., 4) tangent speeds theta_1, x_1, y_1, theta_2.
     """
     C = constraint_matrix(robot, side, x)
-    D = orthogonal_complement(C, FREEDOMS)
-    x_dot = (D @ q_dot[..., None])[..., 0]
+    D = orthogonal_complement(C, DOF)
+    x_dot = times(D, q_dot)
     C_dot = constraint_matrix_rate(robot, side, x, x_dot)
     D_dot = orthogonal_complement_rate(C, C_dot, D)
-    return x_dot, D, (D_dot @ q_dot[..., None])[..., 0]
+    return x_dot, D, times(D_dot, q_dot)
 
 
 def independent_speeds(robot: Robot, q: Array, q_dot: Array) -> Array:
     """The first leg's (theta_1, x_1, y_1, theta_2) rates from those of q = (x, y, theta, psi)."""
-    return independent_speed_matrix(robot, q) @ q_dot
+    return times(tangent_matrix(robot, q)[..., 0, :, :], q_dot)
 
 
-def independent_speed_matrix(robot: Robot, q: Array) -> Array:
-    """T (4, 4): paper's independent speeds = T (x_dot, y_dot, theta_dot, psi_dot)."""
-    angle = q[2] + frame_angle(robot, robot.legs[0].side)
-    slope = -robot.frame.half * _unit(angle + 0.5 * np.pi)
-    T = np.zeros((FREEDOMS, FREEDOMS))
-    T[0, 2] = 1.0
-    T[1, 0] = T[2, 1] = 1.0
-    T[1:3, 2] = slope
-    T[3, 2] = T[3, 3] = 1.0
+def tangent_matrix(robot: Robot, q: Array) -> Array:
+    """T (..., legs, 4, 4): a leg's tangent speeds theta_1, x_1, y_1, theta_2 = T q_dot."""
+    angle = q[..., None, 2] + np.array([frame_angle(robot, side) for side in leg_sides(robot)])
+    T = np.zeros((*angle.shape, DOF, 4))
+    T[..., 0, 2] = T[..., 1, 0] = T[..., 2, 1] = T[..., 3, 2] = T[..., 3, 3] = 1.0
+    T[..., 1, 2] = robot.frame.half * np.sin(angle)
+    T[..., 2, 2] = -robot.frame.half * np.cos(angle)
     return T
+
+
+def tangent_bias(robot: Robot, q: Array, q_dot: Array) -> Array:
+    """T_dot q_dot (..., legs, 4) of :func:`tangent_matrix`."""
+    angle = q[..., None, 2] + np.array([frame_angle(robot, side) for side in leg_sides(robot)])
+    bias = np.zeros((*angle.shape, DOF))
+    spin = robot.frame.half * q_dot[..., None, 2] ** 2
+    bias[..., 1], bias[..., 2] = spin * np.cos(angle), spin * np.sin(angle)
+    return bias

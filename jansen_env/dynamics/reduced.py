@@ -1,9 +1,9 @@
 """Robot -> periodic tables: the projected equations as functions of the crank angle alone.
 
-The chassis carries one internal freedom, the crank angle psi, so all that the projected equations
-need is periodic in psi. :func:`compile_robot` runs the dense projection over one turn of one fore
-and one back leg, takes Fourier series (they converge geometrically), sums them over the legs with
-their phases, and cuts them into short Taylor polynomials that the kernels read.
+The mechanism has one internal degree of freedom, the crank angle psi, so all that the projected
+equations need is periodic in psi. :func:`compile_robot` runs the dense projection over one turn of
+one fore and one back leg, takes Fourier series (they converge geometrically), sums them over the
+legs with their phases, and cuts them into short Taylor polynomials that the engine reads.
 
 Chassis frame, crank axis at the origin, r_i(psi) centre of mass and a_i(psi) angle of body i,
 ' = d/dpsi, sums over all bodies of all legs:
@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS, Pads, pad_layout
 from jansen_env.dynamics.projection import (
-    FREEDOMS,
+    DOF,
     constraint_matrix,
     orthogonal_complement,
 )
@@ -43,7 +43,7 @@ SAMPLES = 512  # crank angles at which the dense projection is run
 HARMONICS = 128  # kept; the paper's linkage needs about 40 for 1e-14
 TAIL_TOLERANCE = 1e-10  # largest coefficient allowed in the last eighth, relative to the largest
 INTERVALS = 512  # Taylor polynomials a turn
-ORDER = 8  # coefficients of each (the kernels' polynomials are written out for eight)
+ORDER = 8  # coefficients of each (the engine's polynomials are written out for eight)
 
 BODY_FUNCTIONS = ("c_x", "c_y", "I", "b", "k", "f")
 PAD_FUNCTIONS = ("p_x", "p_y", "a")
@@ -121,7 +121,7 @@ def _leg_sums(robot: Robot, side: Side, psi: Array) -> Array:
     first, second = np.array(JOINT_PAIRS).T - 1
     x = coordinates(robot, side, psi)
     # The last column of D: every body's motion per crank rate, with the frame at rest.
-    slope = orthogonal_complement(constraint_matrix(robot, side, x), FREEDOMS)[..., 3]
+    slope = orthogonal_complement(constraint_matrix(robot, side, x), DOF)[..., 3]
     r, dr = (v.reshape(-1, BODIES_PER_LEG, 3)[..., 1:] for v in (x, slope))
     da = slope[:, 0::3]
     joint_rate = np.take(da, second, axis=1) - np.take(da, first, axis=1)

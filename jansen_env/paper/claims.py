@@ -1,28 +1,29 @@
 """Claim by claim: what the paper says, what is computed here, whether it holds, and why.
 
-Verdicts follow from the numbers by the criterion in each function; nothing is judged by hand.
+Verdicts follow from the numbers by the criterion in each function, none is set by hand.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from tabulate import tabulate
 
 from jansen_env.dynamics.projection import (
     COORDINATES,
-    FREEDOMS,
+    DOF,
     constraint_matrix,
     leg_sides,
     system_constraint_matrix,
     system_coordinates,
 )
 from jansen_env.gravity import GRAVITY
-from jansen_env.paper import readings, toes
-from jansen_env.paper.model import SETTLED
+from jansen_env.paper import interpretations, toes
+from jansen_env.paper.fixed_model import SETTLED, crank_only
 from jansen_env.paper.results import FRICTIONS, SLOW, WALK, Results
 from jansen_env.robot import paper_robot
 
@@ -55,12 +56,12 @@ class Claim:
     numbers: dict[str, float]
 
 
-def judge(results: Results) -> list[Claim]:
+def check_claims(results: Results) -> list[Claim]:
     """All claims in the order of the paper."""
     every: tuple[Callable[[Results], Claim], ...] = (
-        leg_freedoms, system_freedoms, torque_is_periodic, torque_level, constant_torque,
-        toe_paths, stable_walking, toe_speeds, no_walking_without_slip, heave_of_four_legs,
-        more_legs, rotation, translation,
+        leg_degrees_of_freedom, system_degrees_of_freedom, torque_is_periodic, torque_level,
+        constant_torque, toe_paths, stable_walking, toe_speeds, no_walking_without_slip,
+        heave_of_four_legs, more_legs, rotation, translation,
     )  # fmt: skip
     return [claim(results) for claim in every]
 
@@ -69,45 +70,40 @@ def _verdict(holds: bool, with_condition: bool = False) -> str:
     return HOLDS if holds else CONDITION if with_condition else FAILS
 
 
-def leg_freedoms(_: Results) -> Claim:
+def leg_degrees_of_freedom(_: Results) -> Claim:
     """Rank of C over a turn, all four legs."""
     robot = paper_robot()
-    q = np.zeros((toes.PHASES[-1] * 30, 4))
-    q[:, 3] = toes.turn(len(q))
+    q = crank_only(toes.turn(360))
     C = constraint_matrix(robot, leg_sides(robot), system_coordinates(robot, q))
     values = np.linalg.svd(C, compute_uv=False)
     rank = (values > SINGULAR).sum(axis=-1)
     left = COORDINATES - int(rank.min())
     return Claim(
-        "leg_freedoms", "2.1, before (5)",
+        "leg_degrees_of_freedom", "2.1, before (5)",
         "24 coordinates less 20 constraints: 4 degrees of freedom a leg",
         f"24 - {rank.min()} = {left} at every crank angle",
-        _verdict(left == FREEDOMS and rank.min() == rank.max()),
+        _verdict(left == DOF and rank.min() == rank.max()),
         f"C has full rank all round: no singular value below {values.min():.2g}",
-        {"rank": float(rank.min()), "freedoms": left, "smallest_singular_value": values.min()},
+        {"rank": float(rank.min()), "dof": left, "smallest_singular_value": values.min()},
     )  # fmt: skip
 
 
-def system_freedoms(_: Results) -> Claim:
+def system_degrees_of_freedom(_: Results) -> Claim:
     """Ranks of the system's C with the frame pinned and let go."""
     robot = paper_robot()
-    freedoms = {}
-    for pinned in (True, False):
-        ranks = []
-        for psi in toes.turn(60):
-            X = system_coordinates(robot, np.array([0.0, 0.0, 0.0, psi]))
-            C = system_constraint_matrix(robot, X[:, :FREEDOMS].ravel(), pinned)
-            ranks.append(int(np.linalg.matrix_rank(C)))
-        freedoms[pinned] = 16 - min(ranks)
+    Q = system_coordinates(robot, crank_only(toes.turn(60)))[..., :DOF].reshape(60, -1)
+    fixed, free = (
+        16 - int(np.linalg.matrix_rank(system_constraint_matrix(robot, Q, fixed_base)).min())
+        for fixed_base in (True, False)
+    )
     return Claim(
-        "system_freedoms", "2.3, before (12)",
+        "system_degrees_of_freedom", "2.3, before (12)",
         "16 coordinates less 15 constraints: 1 degree of freedom for the four legs",
-        f"16 - {16 - freedoms[True]} = {freedoms[True]}; with the frame let go 16 - "
-        f"{16 - freedoms[False]} = {freedoms[False]}",
-        _verdict(freedoms[True] == 1 and freedoms[False] == 4),
+        f"16 - {16 - fixed} = {fixed}; with the frame let go 16 - {16 - free} = {free}",
+        _verdict(fixed == 1 and free == 4),
         "rows 9 and 10 read as rf1 against lf1; the three rows that pin the frame are dropped "
         "for the robot that walks",
-        {"pinned": freedoms[True], "walking": freedoms[False]},
+        {"fixed_base": fixed, "walking": free},
     )  # fmt: skip
 
 
@@ -135,8 +131,8 @@ def torque_is_periodic(r: Results) -> Claim:
 
 
 def torque_level(r: Results) -> Claim:
-    """The mean torque of every reading, and of the PID's run, against the printed level."""
-    ours, goal = r.levels[0], readings.PRINTED_LEVEL
+    """The mean torque of every interpretation, and of the PID's run, against the printed level."""
+    ours, goal = r.levels[0], interpretations.PRINTED_LEVEL
     means = {level.name: level.mean for level in r.levels}
     pid = means["the PID's run"] = float(r.run.torque[r.run.settled].mean())
     nearest = min(means, key=lambda name: abs(means[name] - goal))
@@ -147,8 +143,8 @@ def torque_level(r: Results) -> Claim:
         "the input torque is almost constant at around -0.9 N m, except the case when the rotation "
         "speed is a constant",
         f"+{ours.mean:.3f} N m in the mean at a constant 1 rad/s, {pid:.3f} in "
-        f"the PID's run; of {len(r.levels)} readings the nearest mean is {means[nearest]:.3f} "
-        f"({nearest})",
+        f"the PID's run; of {len(r.levels)} interpretations the nearest mean is "
+        f"{means[nearest]:.3f} ({nearest})",
         _verdict(reached),
         f"over a turn weight and inertia give back what they took, so the motor feeds the joints: "
         f"mean torque x 1 rad/s = {ours.loss:.3f} W of friction, positive as it drives the crank. "
@@ -160,27 +156,27 @@ def torque_level(r: Results) -> Claim:
 
 
 def constant_torque(r: Results) -> Claim:
-    """Speed ripple at constant torques: pinned, with slender links, walking."""
-    pinned = {torque: ripple.ripple for torque, ripple in r.ripples.items()}
+    """Speed ripple at constant torques: fixed base, with slender links, walking."""
+    fixed = {torque: ripple.ripple for torque, ripple in r.ripples.items()}
     middle = list(r.ripples.values())[2]
     standing = {t: ripple for t, ripple in r.walking_ripples.items() if not ripple.fell}
     fallen = [torque for torque, ripple in r.walking_ripples.items() if ripple.fell]
     walking = {torque: ripple.ripple for torque, ripple in standing.items()}
-    every = [*pinned.values(), r.slender_ripple.ripple, *walking.values()]
+    every = [*fixed.values(), r.slender_ripple.ripple, *walking.values()]
     return Claim(
         "constant_torque", "4 and summary",
         "constant torque keeps a constant speed, without any complicated considerations for the "
         "dynamics",
-        f"pinned at {_list(list(pinned))} N m the speed swings by "
-        f"+-{_list([round(100 * v) for v in pinned.values()])} %, with slender links at "
-        f"{list(pinned)[2]} N m by {100 * r.slender_ripple.ripple:.0f} %; walking at "
+        f"on a fixed base at {_list(list(fixed))} N m the speed swings by "
+        f"+-{_list([round(100 * v) for v in fixed.values()])} %, with slender links at "
+        f"{list(fixed)[2]} N m by {100 * r.slender_ripple.ripple:.0f} %; walking at "
         f"{_list(list(walking))} N m by {_list([round(100 * v) for v in walking.values()])} %, and "
         f"it falls at {_list(fallen)}",
         _verdict(max(every) < CLOSE, min(every) < ROUGHLY),
         "joint friction holds the mean speed, and the better the faster it turns; the weight of "
-        "the legs and the changing friction make it swing, and landings kick it when walking",
-        {"mean": middle.mean, "ripple": middle.ripple, "slowest": max(pinned.values()),
-         "fastest": min(pinned.values()), "slender_ripple": r.slender_ripple.ripple,
+        "the legs and the changing friction make it swing, and touchdowns kick it when walking",
+        {"mean": middle.mean, "ripple": middle.ripple, "slowest": max(fixed.values()),
+         "fastest": min(fixed.values()), "slender_ripple": r.slender_ripple.ripple,
          "walking_low": min(walking.values()), "walking_high": max(walking.values())},
     )  # fmt: skip
 
@@ -257,8 +253,9 @@ def no_walking_without_slip(r: Results) -> Claim:
         f"{free.turns * free.distance:.1f} m",
         _verdict(free.fell or free.slip_per_metre > NONE),
         "the two toes need not both stay down: at the right speed the robot stands on one toe at a "
-        "time, and nothing makes that one slip. Slowly, with enough friction, a landing toe sticks "
-        "and throws the other one up, so that it rocks through the phases in which the toes part",
+        "time, and nothing makes that one slip. Slowly, with enough friction, a toe that touches "
+        "down sticks and throws the other one up, so that it rocks through the phases in which the "
+        "toes part",
         {"slow_loose": loose.slip, "slow_grip": grip.slip, "one_toe_loose": loose.one_toe,
          "one_toe_grip": grip.one_toe, "best_slip_per_metre": fast.slip_per_metre,
          "free": free.slip_per_metre, "free_distance": free.turns * free.distance},
@@ -306,11 +303,11 @@ def more_legs(r: Results) -> Claim:
 
 
 def rotation(r: Results) -> Claim:
-    """The largest constraint moment by body, pinned and walking."""
-    pinned = np.abs(r.forces[r.run.settled][..., 0]).max(axis=0)
+    """The largest constraint moment by body, on a fixed base and walking."""
+    fixed = np.abs(r.forces[r.run.settled][..., 0]).max(axis=0)
     leading = {at: int(loads.moment.argmax()) + 1 for at, loads in r.walking_loads.items()}
     others = {at: link for at, link in leading.items() if link != 1}
-    first = int(pinned.argmax()) == 0
+    first = int(fixed.argmax()) == 0
     shown = ", ".join(
         f"{r.walking_loads[at].moment.max():.1f} N m on link {link} at {at[0]:g} rad/s, friction "
         f"{at[1]}" for at, link in others.items()
@@ -318,21 +315,21 @@ def rotation(r: Results) -> Claim:
     return Claim(
         "rotation", "4, Fig. 8",
         "the rotational constraint force is largest on link 1",
-        f"pinned: link {pinned.argmax() + 1} ({pinned.max():.2f} N m; link 2 {pinned[1]:.2f}, the "
-        f"others at most {pinned[2:].max():.2f}). Walking: link 1 in {len(leading) - len(others)} "
+        f"fixed base: link {fixed.argmax() + 1} ({fixed.max():.2f} N m; link 2 {fixed[1]:.2f}, the "
+        f"others at most {fixed[2:].max():.2f}). Walking: link 1 in {len(leading) - len(others)} "
         f"of {len(leading)} walks; {shown or 'in all of them'}",
         _verdict(first and not others, first),
         "in the first leg link 1 takes the motor's reaction and link 2 the motor; where the toes "
         "grip, the push on one of them has a long arm on link 8",
-        {"pinned_link": int(pinned.argmax()) + 1, "pinned": pinned.max(), "pinned_2": pinned[1],
-         "walks": len(leading), "others": len(others)},
+        {"fixed_base_link": int(fixed.argmax()) + 1, "fixed_base": fixed.max(),
+         "fixed_base_2": fixed[1], "walks": len(leading), "others": len(others)},
     )  # fmt: skip
 
 
 def translation(r: Results) -> Claim:
     """The largest constraint force by body, and what the joints carry."""
     force = np.hypot(r.forces[..., 1], r.forces[..., 2])[r.run.settled].max(axis=0)
-    pins, walks = r.pinned_loads, r.walking_loads
+    pins, walks = r.fixed_loads, r.walking_loads
     weight = float(paper_robot().bodies[6].mass) * GRAVITY
     seventh = int(force.argmax()) == 6
     on_ground = {int(loads.force.argmax()) + 1 for loads in walks.values()}
@@ -344,7 +341,7 @@ def translation(r: Results) -> Claim:
     return Claim(
         "translation", "4, Fig. 9",
         "the translational constraint force is largest on link 7, which therefore needs strength",
-        f"pinned: link {force.argmax() + 1} ({force.max():.3f} N; link 8 {force[7]:.3f}, its "
+        f"fixed base: link {force.argmax() + 1} ({force.max():.3f} N; link 8 {force[7]:.3f}, its "
         f"weight {weight:.3f}); on its joints it bears {pins.on(7):.1f} N, {pins.place} "
         f"{pins.bearing.max():.1f} N. Walking: link {_list(sorted(on_ground))}; most on its joints "
         f"bears {' or '.join(sorted(places))}: {shown}",
@@ -352,8 +349,8 @@ def translation(r: Results) -> Claim:
         f"the sum of the forces on a link is its weight and inertia, for these equal masses the "
         f"same to {100 * (force.max() / weight - 1.0):.0f} %; what loads a link is its force on "
         f"each joint, which cancels in that sum. On the ground the foot's sum carries the robot",
-        {"pinned_link": int(force.argmax()) + 1, "pinned": force.max(), "pinned_8": force[7],
-         "bearing_7": float(pins.on(7)), "bearing": pins.bearing.max(),
+        {"fixed_base_link": int(force.argmax()) + 1, "fixed_base": force.max(),
+         "fixed_base_8": force[7], "bearing_7": float(pins.on(7)), "bearing": pins.bearing.max(),
          **{f"walking_{at[0]:g}_{at[1]}": loads.bearing.max() for at, loads in walks.items()}},
     )  # fmt: skip
 
@@ -365,31 +362,31 @@ def _list(values: list[float] | list[int]) -> str:
     return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} and {texts[-1]}"
 
 
-def markdown(claims: list[Claim]) -> str:
-    """The claims as a Markdown table."""
-    rows = ["| claim | says | computed | verdict | why |", "| --- | --- | --- | --- | --- |"]
-    rows += [
-        f"| {c.key} ({c.where}) | {c.says} | {c.computed} | **{c.verdict}** | {c.why} |"
-        for c in claims
-    ]
-    return "\n".join(rows) + "\n"
+def claims_table(claims: list[Claim]) -> str:
+    """The claims in Markdown."""
+    head = ("claim", "says", "computed", "verdict", "why")
+    return _table(
+        head,
+        [(f"{c.key} ({c.where})", c.says, c.computed, f"**{c.verdict}**", c.why) for c in claims],
+    )
 
 
-def levels_markdown(levels: list[readings.Level]) -> str:
-    """The readings of the torque as a Markdown table."""
-    rows = [
-        "| reading | lowest (N m) | mean (N m) | highest (N m) | joint loss (W) |",
-        "| --- | --- | --- | --- | --- |",
-    ]
-    rows += [
-        f"| {level.name} | {level.low:.3f} | {round(level.mean, 3) + 0.0:.3f} | {level.high:.3f} | "
-        f"{level.loss:.3f} |"
-        for level in levels
-    ]
-    return "\n".join(rows) + "\n"
+def levels_table(levels: list[interpretations.Level]) -> str:
+    """The torque by interpretation, in Markdown."""
+    head = ("interpretation", "lowest (N m)", "mean (N m)", "highest (N m)", "joint loss (W)")
+    rows = []
+    for level in levels:
+        values = (level.low, level.mean, level.high, level.loss)
+        rows.append((level.name, *(f"{round(value, 3) + 0.0:.3f}" for value in values)))
+    return _table(head, rows)
 
 
-def screen(claims: list[Claim]) -> str:
+def _table(head: Sequence[str], rows: list[tuple[str, ...]]) -> str:
+    # Cells of whole sentences: not padded to one width.
+    return tabulate(rows, head, "github", disable_numparse=True, stralign=None) + "\n"
+
+
+def as_text(claims: list[Claim]) -> str:
     """The claims as plain text."""
     blocks = [
         f"{c.verdict.upper()}: {c.says} ({c.where})\n    computed: {c.computed}\n    why: {c.why}"

@@ -1,4 +1,4 @@
-"""The paper's Figs. 4 to 9 drawn again, and what we would have liked to see beside them."""
+"""The paper's Figs. 4 to 9 reproduced, and figures that it lacks."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from jansen_env.dynamics.inverse import crank_torque, walking_torque
+from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.dynamics.joint_forces import CORNERS
 from jansen_env.files import write_whole
 from jansen_env.gravity import GRAVITY
 from jansen_env.kinematics import SKELETON, O, P, T, world_joints
 from jansen_env.paper import toes
-from jansen_env.paper.model import SETTLED
-from jansen_env.paper.readings import PRINTED_LEVEL
+from jansen_env.paper.fixed_model import SETTLED
+from jansen_env.paper.free_walk import walking_torque
+from jansen_env.paper.interpretations import PRINTED_LEVEL
 from jansen_env.paper.results import FRICTIONS, SLOW, Results
 from jansen_env.robot import paper_robot
 
@@ -99,7 +100,7 @@ def toe_paths(r: Results) -> Figure:
         behind = name in ("lf", "lb")
         axes.plot(*path[:, i].T, color=color, lw=1.2 if behind else 3.0, label=name,
                   zorder=3 if behind else 2, ls="--" if behind else "-")  # fmt: skip
-    axes.set(title="Toe paths, chassis pinned, crank axis at the origin (Fig. 5)",
+    axes.set(title="Toe paths, fixed base, crank axis at the origin (Fig. 5)",
              xlabel="x (m)", ylabel="y (m)", aspect="equal", ylim=(-0.66, -0.42))  # fmt: skip
     axes.legend(ncols=4, loc="upper center")
     return figure
@@ -162,7 +163,7 @@ def translation(r: Results) -> Figure:
 
 
 def torque_split(_: Results) -> Figure:
-    """The torque at a constant 1 rad/s by cause, pinned; and walking."""
+    """The torque at a constant 1 rad/s: by cause on a fixed base, and walking."""
     figure, (left, right) = _figure(10.0, 3.8, 1, 2)
     robot, angle = paper_robot(), toes.turn(720)
     split = crank_torque(robot, angle)
@@ -172,7 +173,7 @@ def torque_split(_: Results) -> Figure:
     ):  # fmt: skip
         left.plot(angle, value, color=color, lw=2.2 if name == "total" else 1.5,
                   label=f"{name}, mean {round(value.mean(), 3) + 0.0:.3f} N m")  # fmt: skip
-    left.set(title="Torque at a constant 1 rad/s, pinned", xlabel="crank angle (rad)",
+    left.set(title="Torque at a constant 1 rad/s, fixed base", xlabel="crank angle (rad)",
              ylabel="torque (N m)", ylim=(-0.6, 2.9))  # fmt: skip
     left.legend(loc="upper center", ncols=2)
     walk = walking_torque(robot, speed=1.0, turns=6, settle=1, bins=60)
@@ -180,7 +181,11 @@ def torque_split(_: Results) -> Figure:
                        color="#ddd6fe", lw=0, label="standard deviation between turns")  # fmt: skip
     right.plot(walk.angle, walk.torque, color=ACCENT, label=f"walking, mean {walk.mean:.2f} N m")
     right.plot(
-        angle, split.total, color=INK, lw=1.2, label=f"pinned, mean {split.total.mean():.2f} N m"
+        angle,
+        split.total,
+        color=INK,
+        lw=1.2,
+        label=f"fixed base, mean {split.total.mean():.2f} N m",
     )
     right.set(title="The same crank speed on the ground", xlabel="crank angle (rad)",
               ylabel="torque (N m)")  # fmt: skip
@@ -292,11 +297,11 @@ def slip(r: Results) -> Figure:
 
 
 def joint_forces(r: Results) -> Figure:
-    """The largest force of every link on each of its joints, pinned and walking."""
+    """The largest force of every link on each of its joints, on a fixed base and walking."""
     figure, axes = _figure(11.5, 3.8)
     names = [f"{body} at {joint}" for body, joint in CORNERS[:-1]]
     shown = {(1.0, 0.3): "#c4b5fd", (1.0, 0.8): "#7c3aed", (3.5, 0.8): "#c2410c"}
-    sets = [("pinned, 1 rad/s", r.pinned_loads, "#94a3b8")]
+    sets = [("fixed base, 1 rad/s", r.fixed_loads, "#94a3b8")]
     sets += [
         (f"walking, {at[0]:g} rad/s, friction {at[1]}", r.walking_loads[at], color)
         for at, color in shown.items()

@@ -77,18 +77,19 @@ def heave(phases: int, samples: int = 1440, poses: int = 48) -> Heave:
 
     Args:
         phases: of the crank pins, evenly spaced; all repeats ``phases`` times a turn.
-        samples: crank angles in such a period. poses: those at which the robot is set down.
+        samples: crank angles in such a period.
+        poses: crank angles at which the robot is placed on the ground.
     """
     robot = paper_robot(phases)
     fore, back = lowest_toes(robot, turn(samples) / phases)
-    standing = set_down_poses(robot, turn(poses) / phases)
+    standing = standing_poses(robot, turn(poses) / phases)
     return Heave(
         2 * phases, float(np.ptp(np.minimum(fore, back))), float(np.ptp(fore)),
         float(np.ptp(standing[:, 0])), float(np.ptp(standing[:, 1])),
     )  # fmt: skip
 
 
-def set_down_poses(robot: Robot, angle: Array) -> Array:
+def standing_poses(robot: Robot, angle: Array) -> Array:
     """(n, 2) height (m) and pitch (rad) of the chassis standing on flat ground at crank angles."""
     centres = body_sums(compile_robot(robot), angle).c / robot.mass
     flat = Terrain.flat()
@@ -107,7 +108,7 @@ class DoubleSupport:
     Attributes:
         angle: (n,) crank angle, rad.
         front, rear: (n,) legs whose toes carry.
-        x_speed: (n,) difference of their x velocities with the chassis pinned and level, m/rad:
+        x_speed: (n,) difference of their x velocities with the chassis fixed and level, m/rad:
             the paper's argument (Fig. 6).
         slip: (n,) speed at which their contact points part along the ground, m/rad, with the
             chassis free to heave and pitch and the pads rolling: 0 would let both stick.
@@ -149,7 +150,7 @@ def double_support(robot: Robot, samples: int = 1440) -> DoubleSupport:
     if {leg.side for leg in robot.legs} != {"fore", "back"}:
         raise ValueError("robot has legs on one side only, must have fore and back legs")
     angle = turn(samples) + math.pi / samples  # off the symmetric positions
-    poses = set_down_poses(robot, angle)
+    poses = standing_poses(robot, angle)
     q = np.stack([np.zeros(samples), poses[:, 0], poses[:, 1], angle], axis=-1)
     toes = world_joints(robot, q)[:, :, TOE]
     c = body_sums(compile_robot(robot), angle).c / robot.mass

@@ -102,7 +102,7 @@ class PinnedPlant:
         """Forces in every joint at the present state under a crank torque (N m)."""
         angle, speed = self.state
         q, q_dot = np.array([0.0, 0.0, 0.0, angle]), np.array([0.0, 0.0, 0.0, speed])
-        return joint_forces(self.robot, q, q_dot, torque, pinned=True, gravity=self.gravity)
+        return joint_forces(self.robot, q, q_dot, torque, fixed_base=True, gravity=self.gravity)
 
     def __getstate__(self) -> dict[str, Any]:
         """The arguments and the state: everything else is made anew from them."""

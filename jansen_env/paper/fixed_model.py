@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.checks import positive
+from jansen_env.control import PID
 from jansen_env.dynamics.joint_forces import joint_forces
 from jansen_env.dynamics.projection import Projection, project
 from jansen_env.plants.fixed_base import PinnedPlant
@@ -20,7 +22,6 @@ Array = NDArray[np.float64]
 START = math.pi  # rad, crank angle and reference at time 0
 DURATION = 10.0  # s
 SAMPLING = 0.01  # s, of the controller; the torque is held in between
-KP, KI, KD = 10.0, 1.0, 1.0  # gains of (13): N m/rad, N m/(rad s), N m s/rad
 SETTLED = 3.0  # s, from where on the motion is taken to be periodic
 
 
@@ -68,32 +69,33 @@ def tables_advance(robot: Robot, time_step: float = SAMPLING) -> Advance:
 
 
 def projection_advance(robot: Robot) -> Advance:
-    """Equations (1)-(12) themselves, solved anew at every stage of a Runge-Kutta step."""
+    """Equations (1)-(12) themselves, solved again at every stage of a Runge-Kutta step."""
 
-    def acceleration(angle: float, speed: float, torque: float) -> float:
-        return float(pinned_projection(robot, angle, speed, torque).acceleration()[0])
+    def advance(angle: float, speed: float, torque: float) -> tuple[float, float]:
+        def rate(state: Array) -> Array:
+            projected = fixed_base_projection(robot, state[0], state[1], torque)
+            return np.array([state[1], projected.acceleration()[0]])
 
-    def advance(psi: float, n: float, torque: float) -> tuple[float, float]:
-        h = SAMPLING
-        a1 = acceleration(psi, n, torque)
-        n2 = n + 0.5 * h * a1
-        a2 = acceleration(psi + 0.5 * h * n, n2, torque)
-        n3 = n + 0.5 * h * a2
-        a3 = acceleration(psi + 0.5 * h * n2, n3, torque)
-        n4 = n + h * a3
-        a4 = acceleration(psi + h * n3, n4, torque)
-        return (
-            psi + h * (n + 2.0 * n2 + 2.0 * n3 + n4) / 6.0,
-            n + h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0,
-        )
+        h, start = SAMPLING, np.array([angle, speed])
+        k1 = rate(start)
+        k2 = rate(start + 0.5 * h * k1)
+        k3 = rate(start + 0.5 * h * k2)
+        k4 = rate(start + h * k3)
+        psi, n = start + h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
+        return float(psi), float(n)
 
     return advance
 
 
-def pinned_projection(robot: Robot, angle: float, speed: float, torque: float) -> Projection:
-    """The system's projection (12) with the frame pinned at the origin."""
-    q, q_dot = np.array([0.0, 0.0, 0.0, angle]), np.array([0.0, 0.0, 0.0, speed])
-    return project(robot, q, q_dot, torque, pinned=True)
+def fixed_base_projection(robot: Robot, angle: Any, speed: Any, torque: Any) -> Projection:
+    """The system's projection (12) with the frame pinned at the origin; numbers or arrays (n,)."""
+    return project(robot, crank_only(angle), crank_only(speed), torque, fixed_base=True)
+
+
+def crank_only(value: ArrayLike) -> Array:
+    """q or q_dot (..., 4) of a chassis at rest from the crank's angle or speed (...)."""
+    psi = np.asarray(value, dtype=float)
+    return np.stack([np.zeros(psi.shape)] * 3 + [psi], axis=-1)
 
 
 def simulate_pid(advance: Advance, direction: float = 1.0, duration: float = DURATION) -> Run:
@@ -103,15 +105,15 @@ def simulate_pid(advance: Advance, direction: float = 1.0, duration: float = DUR
         advance: the mechanism. direction: of r, 1 or -1 (r = pi - t).
         duration: s.
     """
-    integral = 0.0
+    pid, integral = PID(), np.zeros(())
 
-    def pid(time: float, angle: float, speed: float) -> float:
+    def controller(time: float, angle: float, speed: float) -> float:
         nonlocal integral
         error = direction * time + START - angle
-        integral += error * SAMPLING
-        return KP * error + KI * integral + KD * (direction - speed)
+        torque, integral = pid.torque(error, direction - speed, integral, SAMPLING)
+        return float(torque)
 
-    return simulate(advance, pid, duration)
+    return simulate(advance, controller, duration)
 
 
 def simulate(
@@ -140,6 +142,5 @@ def constraint_forces(robot: Robot, run: Run, leg: int = 0) -> Array:
 
     What is drawn in Figs. 8 and 9, at every sample of a run but the last.
     """
-    q, q_dot = np.zeros((2, len(run.torque), 4))
-    q[:, 3], q_dot[:, 3] = run.angle[:-1], run.speed[:-1]
-    return joint_forces(robot, q, q_dot, run.torque, pinned=True).body[:, leg]
+    q, q_dot = crank_only(run.angle[:-1]), crank_only(run.speed[:-1])
+    return joint_forces(robot, q, q_dot, run.torque, fixed_base=True).body[:, leg]

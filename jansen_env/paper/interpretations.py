@@ -1,4 +1,4 @@
-"""Every way we found to read the paper's torque: does any of them give its -0.9 N m?
+"""Every interpretation of the paper's torque we found: does any of them give its -0.9 N m?
 
 At a constant crank speed the mechanism is back where it was after a turn, so the motor's work is
 what the joints took: mean torque x speed = mean viscous loss, whatever masses and weight are.
@@ -14,7 +14,12 @@ from numpy.typing import NDArray
 
 from jansen_env.dynamics.joint_forces import joint_forces
 from jansen_env.dynamics.projection import system_coordinates
-from jansen_env.paper.model import pinned_projection, simulate_pid, tables_advance
+from jansen_env.paper.fixed_model import (
+    crank_only,
+    fixed_base_projection,
+    simulate_pid,
+    tables_advance,
+)
 from jansen_env.paper.toes import turn
 from jansen_env.robot import (
     JOINT_PAIRS,
@@ -34,10 +39,10 @@ ANGLES = 360  # crank angles in a turn
 
 @dataclass(frozen=True)
 class Level:
-    """The torque of one reading, N m.
+    """The torque of one interpretation, N m.
 
     Attributes:
-        name: what is read differently.
+        name: what is understood differently.
         low, mean, high: over a turn at a constant 1 rad/s (or -1, where so read).
         loss: the joints' mean loss of power at that speed, W, from their rates alone.
     """
@@ -50,7 +55,7 @@ class Level:
 
 
 def torque_levels() -> list[Level]:
-    """The readings, ours first."""
+    """The interpretations, ours first."""
     paper = paper_robot()
     lengths = (paper.rocker.length, paper.coupler.length)
     swapped = replace(paper, rocker=Bar(lengths[1]), coupler=Bar(lengths[0]))
@@ -79,22 +84,21 @@ def _printed_angle() -> float:
 
 
 def _level(name: str, robot: Robot, direction: float = 1.0, motors: int = 1) -> Level:
-    q, q_dot = np.zeros((2, ANGLES, 4))
-    q[:, 3], q_dot[:, 3] = turn(ANGLES), direction
+    q, q_dot = crank_only(turn(ANGLES)), crank_only(np.full(ANGLES, direction))
     # The dense equations at a constant crank speed.
-    forces = joint_forces(robot, q, q_dot, pinned=True, q_ddot=np.zeros(q.shape))
-    each = forces.torque / motors
-    loss = _loss(robot)
-    return Level(name, float(each.min()), float(each.mean()), float(each.max()), loss)
+    forces = joint_forces(robot, q, q_dot, fixed_base=True, q_ddot=np.zeros(q.shape))
+    return _summary(name, forces.torque / motors, robot)
+
+
+def _summary(name: str, torque: Array, robot: Robot) -> Level:
+    return Level(name, float(torque.min()), float(torque.mean()), float(torque.max()), _loss(robot))
 
 
 def _loss(robot: Robot) -> float:
     """Mean over a turn at 1 rad/s of the sum of C_ij (theta_i' - theta_j')^2, W."""
-    q, h = np.zeros((ANGLES, 4)), 1e-5
-    q[:, 3] = turn(ANGLES)
-    step = np.array([0.0, 0.0, 0.0, h])
-    moved = system_coordinates(robot, q + step) - system_coordinates(robot, q - step)
-    rate = np.angle(np.exp(1j * moved[..., 0::3])) / (2.0 * h)
+    h = 1e-5
+    before, after = (system_coordinates(robot, crank_only(turn(ANGLES) + s)) for s in (-h, h))
+    rate = np.angle(np.exp(1j * (after - before)[..., 0::3])) / (2.0 * h)
     first, second = np.array(JOINT_PAIRS).T - 1
     power = (rate[..., first] - rate[..., second]) ** 2 @ np.array(robot.damping)
     return float(power.sum(axis=-1).mean())
@@ -102,18 +106,13 @@ def _loss(robot: Robot) -> float:
 
 def _without_reaction(robot: Robot) -> Level:
     """h_f with its last moment row as printed: no C58 (theta_8' - theta_5') on body 8."""
-    torque = []
-    damping = robot.damping[6]
-    for angle in turn(ANGLES)[::3]:
-        p = pinned_projection(robot, angle, 1.0, 0.0)
-        x_dot, h = (v.reshape(-1, 8, 3).copy() for v in (p.D[:, 0], p.h))
-        h[:, 7, 0] += damping * (x_dot[:, 7, 0] - x_dot[:, 4, 0])
-        torque.append(float(p.velocity_terms[0] - p.D[:, 0] @ h.ravel()))
-    every = np.array(torque)
-    return Level(
-        "no C58 term in h_f's last row, as printed",
-        float(every.min()), float(every.mean()), float(every.max()), _loss(robot),
-    )  # fmt: skip
+    angle = turn(ANGLES)[::3]
+    p = fixed_base_projection(robot, angle, np.ones(len(angle)), 0.0)
+    D = p.D[..., 0]
+    x_dot, h = (v.reshape(len(angle), -1, 8, 3).copy() for v in (D, p.h))  # by leg and body
+    h[..., 7, 0] += robot.damping[6] * (x_dot[..., 7, 0] - x_dot[..., 4, 0])
+    torque = p.velocity_terms[:, 0] - (D * h.reshape(D.shape)).sum(axis=-1)
+    return _summary("no C58 term in h_f's last row, as printed", torque, robot)
 
 
 def printed_controller_torque() -> float:

@@ -178,7 +178,7 @@ def torque_split(_: Results) -> Figure:
     left.legend(loc="upper center", ncols=2)
     walk = walking_torque(robot, speed=1.0, turns=6, settle=1, bins=60)
     right.fill_between(walk.angle, walk.torque - walk.spread, walk.torque + walk.spread,
-                       color="#ddd6fe", lw=0, label="standard deviation between turns")  # fmt: skip
+                       color="#ddd6fe", lw=0, label="SD between turns")  # fmt: skip
     right.plot(walk.angle, walk.torque, color=ACCENT, label=f"walking, mean {walk.mean:.2f} N m")
     right.plot(
         angle,

@@ -67,6 +67,7 @@ def walk(
     positive_integer("turns", turns)
     terrain = Terrain.flat(friction=friction)
     plant = _driven(robot, terrain, positive("speed", speed), start, time_step)
+    plant.tracing = True
     period = 2.0 * math.pi / speed
     done, slip, work, begin = 0, 0.0, 0.0, plant.x
     end = plant.x
@@ -116,6 +117,7 @@ def walking_forces(
     plant = _driven(robot, terrain, positive("speed", speed), 0.0, time_step)
     period = 2.0 * math.pi / speed
     plant.step(0.0, SETTLE * period)
+    plant.tracing = True
     if _fallen(plant, plant.step(0.0, turns * period)):
         raise ValueError(f"the robot falls at a crank speed of {speed} rad/s")
     rows = plant.trace[~plant.landings][::every]
@@ -128,7 +130,7 @@ class WalkingTorque:
 
     Attributes:
         angle: (bins,) middle of each bin of crank angle, rad, within 0 .. 2 pi.
-        torque: (bins,) mean torque in each bin over all turns, landings included, N m.
+        torque: (bins,) mean torque in each bin over all turns, touchdowns included, N m.
         spread: (bins,) standard deviation between the turns' own means, N m.
         mean: over the time of all turns, N m.
         distance: walked per turn, m.
@@ -154,8 +156,8 @@ def walking_torque(
 ) -> WalkingTorque:
     """The torque that keeps the crank at a constant speed while the robot walks.
 
-    The crank's speed is prescribed and the torque is what that takes, in every time step; a landing
-    takes an impulse, which the mean over a bin contains and a single value could not show.
+    The crank's speed is prescribed and the torque is what that takes, in every time step. A
+    touchdown takes an impulse: the mean over a bin contains it, a single value could not show it.
 
     Args:
         robot, terrain: who walks where; None is flat ground.
@@ -177,6 +179,7 @@ def walking_torque(
         raise ValueError(f"bins is {bins}, must be at most {most}, half the time steps of a turn")
     plant = _driven(robot, Terrain.flat() if terrain is None else terrain, speed, 0.0, time_step)
     fallen = settle > 0 and _fallen(plant, plant.step(0.0, settle * period))
+    plant.tracing = True
     rows, means, places = [], [], [plant.x]
     for _ in range(turns):
         fallen = fallen or _fallen(plant, plant.step(0.0, period))
@@ -204,13 +207,13 @@ def walking_torque(
 def _driven(
     robot: Robot, terrain: Terrain, speed: float, start: float, time_step: float
 ) -> ProjectionPlant:
-    """A robot standing at a crank angle, its crank turning at a speed that is kept; traced."""
+    """A robot standing at a crank angle, its crank turning at a speed that is kept."""
     plant = ProjectionPlant(robot, terrain, time_step)
     plant.reset(0.0, start)
     state = plant.state
     state[7] = speed
     plant.state = state
-    plant.crank_driven = plant.tracing = True
+    plant.crank_driven = True
     return plant
 
 

@@ -61,6 +61,7 @@ def torque_levels() -> list[Level]:
     swapped = replace(paper, rocker=Bar(lengths[1]), coupler=Bar(lengths[0]))
     # L4, L10, L5 as printed, where the centroid data gives a triangle 1.0101 times as large.
     small = replace(paper, upper_triangle=Triangle.from_sides(0.23529, 0.32338, 0.25134))
+    printed_angle = replace(paper, frame_angle=math.atan2(0.32436, 0.04632))
     return [
         _level("as read here", paper),
         _level("reference turning the other way, r = pi - t", paper, direction=-1.0),
@@ -71,16 +72,12 @@ def torque_levels() -> list[Level]:
         _level("L6 and L11 swapped", swapped),
         _level("frame of hypot(l0, h0) = 0.32765 m", replace(paper, frame=Bar(0.32765))),
         _level("triangle 4 from L4, L10, L5", small),
-        _level("frame angle as printed, atan(l0/h0)", replace(paper, frame_angle=_printed_angle())),
+        _level("frame angle as printed, atan(l0/h0)", printed_angle),
         _without_reaction(paper),
         _level("no joint friction", replace(paper, damping=(0.0,) * 10)),
         _level("slender rods and plates", paper.with_slender_inertias()),
         _level("Theo Jansen's own numbers", holy_numbers_robot()),
     ]
-
-
-def _printed_angle() -> float:
-    return math.atan2(0.32436, 0.04632)
 
 
 def _level(name: str, robot: Robot, direction: float = 1.0, motors: int = 1) -> Level:

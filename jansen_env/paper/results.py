@@ -70,18 +70,16 @@ class Results:
 
 def compute(workers: int = 2) -> Results:
     """Compute everything in ``workers`` processes; about half a minute on two cores."""
-    first: dict[str, Callable[[], Any]] = {  # need nothing that has to be compiled; long ones first
+    parts: dict[str, Callable[[], Any]] = {  # long ones first
         "dense": _dense,
+        "walks": _walks,
+        "slow": _slow,
         "heaves": _heaves,
         "levels": interpretations.torque_levels,
         "support": functools.partial(toes.double_support, paper_robot()),
-        "fixed_loads": _fixed_loads,
-    }
-    then: dict[str, Callable[[], Any]] = {
-        "walks": _walks,
-        "slow": _slow,
         "walking_loads": _walking_loads,
         "walking_ripples": _walking_ripples,
+        "fixed_loads": _fixed_loads,
         "forces": _forces,
         "run": functools.partial(_run, fixed_model.DURATION),
         "long": functools.partial(_run, LONG),
@@ -90,18 +88,13 @@ def compute(workers: int = 2) -> Results:
         "no_slip": _no_slip,
         "reversed_valley": interpretations.reversed_valley,
     }
-    # Spawned, not forked: a process with threads (torch's, say) must not be forked.
-    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
-        futures = {name: pool.submit(part) for name, part in first.items()}
-        _compile()
-        futures.update({name: pool.submit(part) for name, part in then.items()})
-        return Results(**{name: future.result() for name, future in futures.items()})
-
-
-def _compile() -> None:
-    """Compile the engine here, if that is due: the processes then find it in the cache."""
+    # What is due is compiled here: the processes then find it in the cache.
     free_walk.walk(paper_robot(), 50.0, 1)
     _run(fixed_model.SAMPLING)
+    # Spawned, not forked: a process with threads (torch's, say) must not be forked.
+    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+        futures = {name: pool.submit(part) for name, part in parts.items()}
+        return Results(**{name: future.result() for name, future in futures.items()})
 
 
 def _run(duration: float) -> fixed_model.Run:

@@ -322,7 +322,7 @@ def project(
     X = system_coordinates(robot, q)
     shape = X.shape[:-2]
     Q = X[..., :DOF].reshape(*shape, -1)
-    speeds = independent_speeds(robot, q, q_dot)
+    speeds = times(tangent_matrix(robot, q)[..., 0, :, :], q_dot)  # of the first leg
     # The tangent speed is theta_2 alone with a fixed base (after (11)): bring it to the front.
     order = np.arange(DOF * legs)
     if fixed_base:
@@ -366,11 +366,6 @@ def leg_motion(robot: Robot, side: Sides, x: Array, q_dot: Array) -> tuple[Array
     C_dot = constraint_matrix_rate(robot, side, x, x_dot)
     D_dot = orthogonal_complement_rate(C, C_dot, D)
     return x_dot, D, times(D_dot, q_dot)
-
-
-def independent_speeds(robot: Robot, q: Array, q_dot: Array) -> Array:
-    """The first leg's (theta_1, x_1, y_1, theta_2) rates from those of q = (x, y, theta, psi)."""
-    return times(tangent_matrix(robot, q)[..., 0, :, :], q_dot)
 
 
 def tangent_matrix(robot: Robot, q: Array) -> Array:

@@ -221,21 +221,14 @@ def iterated(walk: Walk, iterations: int) -> Outcome:
 
 
 class Fixed(NamedTuple):
-    """How far the plants are apart with a fixed base.
+    """How far the plants are apart with a fixed base."""
 
-    Attributes:
-        what: was done. time_step: of the rigid-body plant, s.
-        difference: of the crank's angle (rad) or of the torque (N m, root mean square).
-        of: what it is to be compared with: the angle turned, or the RMS torque.
-        joint_gap: m. curve: (n, 3) angle and both torques.
-    """
-
-    what: str
-    time_step: float
-    difference: float
-    of: float
-    joint_gap: float
-    curve: Array
+    what: str  # was done
+    time_step: float  # of the rigid-body plant, s
+    difference: float  # of the crank's angle, rad, or of the torque, N m (root mean square)
+    of: float  # what it is to be compared with: the angle turned, or the RMS torque
+    joint_gap: float  # m
+    curve: Array  # (n, 3) angle and both torques
 
 
 def fixed_base(angle: float, rate: float, time_step: float) -> tuple[PinnedPlant, RigidBodyPlant]:
@@ -307,14 +300,8 @@ def walk_table(compared: list[Comparison]) -> str:
             "falls" if math.isinf(c.spread) else f"{100 * c.spread:.1f}",
             f"{reach[0]:.3g} to {reach[-1]:.3g}" if reach else "all fall", c.verdict,
         ))  # fmt: skip
-    head = (
-        "walk",
-        *columns.values(),
-        "joint gap (mm)",
-        "spread (%)",
-        "other starts (m)",
-        "verdict",
-    )
+    others = ("joint gap (mm)", "spread (%)", "other starts (m)", "verdict")
+    head = ("walk", *columns.values(), *others)
     return table(head, rows)
 
 
@@ -367,12 +354,10 @@ def draw_torque(curves: dict[float, Array], path: Path) -> None:
     )  # fmt: skip
     for (top, bottom), (speed, curve) in zip(axes.T, curves.items(), strict=True):
         angle, exact, rigid = curve.T
-        top.plot(
-            angle - 2.0 * np.pi, exact, color="tab:blue", lw=2.5, alpha=0.5, label="fixed base"
-        )
-        top.plot(angle - 2.0 * np.pi, rigid, color="black", lw=0.8,
-                 label="rigid-body plant, fixed base")  # fmt: skip
-        bottom.plot(angle - 2.0 * np.pi, 1e3 * (rigid - exact), color="#dc2626", lw=0.8)
+        turn = angle - 2.0 * np.pi
+        top.plot(turn, exact, color="tab:blue", lw=2.5, alpha=0.5, label="fixed-base plant")
+        top.plot(turn, rigid, color="black", lw=0.8, label="rigid-body plant, base fixed")
+        bottom.plot(turn, 1e3 * (rigid - exact), color="tab:red", lw=0.8)
         top.set_title(f"{speed:g} rad/s", fontsize=10)
         bottom.set_xlabel("crank angle, rad")
         top.grid(alpha=0.3)

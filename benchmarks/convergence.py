@@ -1,34 +1,32 @@
-"""Why the time step is 1 ms and the ground is looked for every 10 ms.
+"""Why the time step is 1 ms and the terrain is queried every 10 ms.
 
-    python -m benchmarks.convergence [--out docs/performance] [--jobs 2] [--quick]
+    python -m benchmarks.convergence [--out logs/convergence] [--jobs 2] [--quick]
 
 Walks from many starts with larger and smaller values, against the same walks with a far smaller
 one: where the robot is after a second; what the whole walk comes to in the mean; what the energy
 audit leaves over; how deep toes are in the ground. Beside it what a control step costs. With much
 friction a walk is chaotic: after some seconds only its means can converge. Writes
-``convergence.json``, ``convergence.md``, ``time_step.png`` and ``detection_interval.png``.
+``convergence.md``, ``time_step.png`` and ``detection_interval.png``.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
+import time
 from collections.abc import Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from statistics import median
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.rounds import FEWEST_ROUNDS, machine, missing, table, take_turns
-from benchmarks.speed_kernel import FALLEN_PITCH, Replay, walking_torque
-from benchmarks.speed_single import rough_ground
+from benchmarks import measure
 from jansen_env import Terrain, paper_robot
-from jansen_env.files import write_json, write_text
 from jansen_env.plants.batch import DETECTION_INTERVAL, TIME_STEP
 from jansen_env.plants.projected import ProjectionPlant
 
@@ -37,18 +35,16 @@ Array = NDArray[np.float64]
 MS = 1e-3  # s
 TIME_STEPS = (0.125 * MS, 0.25 * MS, 0.5 * MS, 1.0 * MS, 2.0 * MS, 4.0 * MS)
 FINEST_STEP = MS / 32.0
-FRICTIONS = (0.3, 0.8)
 INTERVALS = (1.0 * MS, 2.0 * MS, 5.0 * MS, 10.0 * MS, 20.0 * MS, 40.0 * MS)
-SPACINGS = (0.2, 0.05)  # m between the vertices of rough ground
-ROUGH_FRICTION = 0.3
+FRICTIONS = (0.3, 0.8)  # of level ground
+SPACINGS, ROUGH_FRICTION = (0.2, 0.05), 0.3  # m between the vertices of rough ground
 SPAN = 12.0  # m of it
-STARTS, QUICK_STARTS = 24, 2  # crank angles over half a turn, each on a ground of its own
 CONTROL_DT = 0.02  # s for which a torque is held on level ground
-HELD = 0.04  # s for which it is on rough ground: every step() looks for the ground
+HELD = 0.04  # s for which it is on rough ground: every step() queries the terrain
 WINDOW = 1.0  # s after which positions are compared
-DURATION, QUICK_DURATION = 4.0, 1.0  # s of a walk
-COST_TIME = 1.0  # s of the walk whose control steps are timed
 MEANS = ("distance", "slip", "work")
+ROUNDS, COST_TIME = 5, 4.0  # of the costs; s of the walk whose control steps are timed
+NOTHING = 1e-7  # m; an error below that is drawn there
 
 
 @dataclass(frozen=True)
@@ -67,11 +63,11 @@ class Setting:
     control_dt: float = CONTROL_DT
 
     def plant(self, seed: int = 0) -> ProjectionPlant:
-        """A plant on its ground; rough ground differs by seed."""
+        """A plant on its terrain; rough ground differs by seed."""
         terrain = Terrain.flat(self.friction)
         if self.spacing:
-            count = round(SPAN / self.spacing)
-            terrain = rough_ground(count, self.spacing, seed, friction=self.friction)
+            segments = round(SPAN / self.spacing)
+            terrain = measure.rough_ground(segments, self.spacing, seed, friction=self.friction)
         return ProjectionPlant(
             paper_robot(), terrain, self.time_step, detection_interval=self.detection_interval
         )
@@ -82,8 +78,7 @@ class Walk(NamedTuple):
 
     Attributes:
         early: position after :data:`WINDOW`, m. distance: m. slip: of all toes, m.
-        work: of the motor, J.
-        audit: energy that the audit leaves over, as a share of the motor's work.
+        work: of the motor, J. audit: energy left unaccounted for, as a share of the motor's work.
         penetration: deepest of a toe in the ground at the end of a control step, m.
         fell: 1 if it fell, else 0.
     """
@@ -97,20 +92,40 @@ class Walk(NamedTuple):
     fell: float
 
 
+class Error(NamedTuple):
+    """Walks with one value against those of the finest, start by start.
+
+    Attributes:
+        value: s. error: (starts,) of the early position, m.
+        changes: mean and standard error of the relative change of each of :data:`MEANS`.
+        walks: with the value. walked: by the finest in the mean at the early position, m.
+    """
+
+    value: float
+    error: Array
+    changes: dict[str, tuple[float, float]]
+    walks: Walk
+    walked: float
+
+
+def torque(plant: ProjectionPlant) -> float:
+    """N m that hold the crank at about 2.7 rad/s: every leg adds its own weight and friction."""
+    return len(plant.robot.legs) * (1.0 + 2.5 * (2.7 - float(plant.state[7])))
+
+
 def walk(setting: Setting, number: int, starts: int, duration: float) -> Walk:
-    """Walk from start ``number`` of so many for a while (s)."""
+    """Walk from start ``number`` of so many, over half a turn, for a while (s)."""
     plant = setting.plant(number)
     plant.reset(0.0, np.pi * number / starts)
     slip = work = left = deepest = early = 0.0
     fell = False
     for k in range(1, round(duration / setting.control_dt) + 1):
-        torque = walking_torque(plant.robot, float(plant.state[7]))
-        result = plant.step(torque, setting.control_dt)
+        result = plant.step(torque(plant), setting.control_dt)
         slip += float(result.slip.sum())
         work += result.motor_work
         left += abs(result.energy_residual)
         deepest = max(deepest, penetration(plant))
-        fell = fell or result.bumped or abs(float(plant.state[2])) > FALLEN_PITCH
+        fell = fell or measure.fallen(plant, result)
         if k == round(WINDOW / setting.control_dt):
             early = plant.x
     return Walk(early, plant.x, slip, work, left / work, deepest, float(fell))
@@ -127,167 +142,185 @@ def penetration(plant: ProjectionPlant) -> float:
     return float((plant.robot.pad_radius - above).max())
 
 
-def walks(pool: Executor, setting: Setting, quick: bool) -> Array:
-    """(starts, columns of :class:`Walk`) from all starts."""
-    starts, duration = (QUICK_STARTS, QUICK_DURATION) if quick else (STARTS, DURATION)
-    jobs = [pool.submit(walk, setting, number, starts, duration) for number in range(starts)]
-    return np.array([job.result() for job in jobs])
-
-
-def sweep(
-    pool: Executor, setting: Setting, what: str, values: Sequence[float], finest: float, quick: bool
-) -> list[dict[str, Any]]:
-    """A setting's walks with each value (s) of ``what``, compared with those of the finest."""
-    reference = walks(pool, replace(setting, **{what: finest}), quick)
-    rows = []
-    for value in values:
-        same = value == finest
-        found = reference if same else walks(pool, replace(setting, **{what: value}), quick)
-        rows.append(compare(value, found, reference))
-    return rows
-
-
-def compare(value: float, found: Array, reference: Array) -> dict[str, Any]:
-    """Walks with a value against those of the finest, start by start; ready for JSON."""
-    ours, exact = Walk(*found.T), Walk(*reference.T)
+def compare(value: float, found: Walk, exact: Walk) -> Error:
+    """Walks (arrays, an entry for each start) with a value against those of the finest."""
     changes = {}
     for name in MEANS:
-        change = (getattr(ours, name) - getattr(exact, name)) / getattr(exact, name).mean()
-        changes[name] = {
-            "mean": float(change.mean()),
-            "standard_error": float(change.std(ddof=1) / math.sqrt(len(change))),
-        }
-    return {
-        "value": value,
-        "error": quantiles(np.abs(ours.early - exact.early)),
-        "walked": float(np.mean(exact.early)),
-        "changes": changes,
-        "audit": quantiles(ours.audit),
-        "penetration": quantiles(ours.penetration),
-        "falls": float(np.mean(ours.fell)),
-    }
+        change = (getattr(found, name) - getattr(exact, name)) / np.mean(getattr(exact, name))
+        deviation = float(np.std(change, ddof=1))
+        changes[name] = float(np.mean(change)), deviation / math.sqrt(len(change))
+    error = np.abs(np.subtract(found.early, exact.early))
+    return Error(value, error, changes, found, float(np.mean(exact.early)))
 
 
-def quantiles(values: Any) -> dict[str, float]:
-    """One start in ten is below ``low``, one above ``high``."""
-    low, middle, high = np.quantile(values, (0.1, 0.5, 0.9)).tolist()
-    return {"low": low, "median": middle, "high": high, "worst": float(np.max(values))}
+@dataclass(frozen=True)
+class Study:
+    """Walks with several values of one setting.
+
+    Attributes:
+        pool: in which they run. starts: crank angles. duration: s.
+    """
+
+    pool: Executor
+    starts: int
+    duration: float
+
+    def walks(self, setting: Setting) -> Walk:
+        """Arrays (starts,) from all starts."""
+        jobs = [self.pool.submit(walk, setting, number, self.starts, self.duration)
+                for number in range(self.starts)]  # fmt: skip
+        return Walk(*np.array([job.result() for job in jobs]).T)
+
+    def sweep(
+        self, setting: Setting, what: str, values: Sequence[float], finest: float
+    ) -> list[Error]:
+        """A setting's walks with each value (s) of ``what``, compared with those of the finest."""
+        exact = self.walks(replace(setting, **{what: finest}))
+        return [
+            compare(v, exact if v == finest else self.walks(replace(setting, **{what: v})), exact)
+            for v in values
+        ]
 
 
-def costs(setting: Setting, what: str, values: Sequence[float], rounds: int) -> dict[str, Any]:
-    """Seconds that 20 ms of a walk take with each value, in interleaved rounds."""
-    share = CONTROL_DT / setting.control_dt
-    replays = {
-        str(value): Replay(
-            replace(setting, **{what: value}).plant(), setting.control_dt, COST_TIME
-        ).play
-        for value in values
-    }
-    found = take_turns(replays, rounds)
-    return {name: share * median(seconds) for name, seconds in found.items()}
+def costs(setting: Setting, what: str, values: Sequence[float], rounds: int) -> dict[float, float]:
+    """Seconds that 20 ms of a walk take with each value, in turns."""
+
+    def play(plant: ProjectionPlant) -> float:
+        plant.reset()
+        spent = 0.0
+        for _ in range(round(COST_TIME / setting.control_dt)):
+            wanted, start = torque(plant), time.perf_counter()
+            plant.step(wanted, setting.control_dt)
+            spent += time.perf_counter() - start
+        return spent * CONTROL_DT / COST_TIME
+
+    plays = {v: partial(play, replace(setting, **{what: v}).plant()) for v in values}
+    found = measure.take_turns(plays, rounds)
+    return {v: median(found[v]) for v in values}
 
 
-def run(quick: bool, jobs: int) -> dict[str, Any]:
-    """All of it; ready for JSON."""
+def error_table(rows: list[Error], cost: dict[float, float]) -> str:
+    """A row for each value."""
+    head = (
+        "ms", "error after 1 s, mm", "9 of 10 below", "distance, %", "slip, %",
+        "motor work, %", "audit", "deepest, mm", "falls", "us per 20 ms",
+    )  # fmt: skip
+    cells = [
+        (
+            f"{1e3 * row.value:g}", f"{1e3 * np.median(row.error):.2g}",
+            f"{1e3 * np.quantile(row.error, 0.9):.2g}",
+            *(f"{100 * mean:+.2f} ± {100 * error:.2f}" for mean, error in row.changes.values()),
+            f"{np.median(row.walks.audit):.1e}", f"{1e3 * np.max(row.walks.penetration):.2f}",
+            f"{np.mean(row.walks.fell):.2f}", f"{1e6 * cost[row.value]:.0f}",
+        )
+        for row in rows
+    ]  # fmt: skip
+    return measure.table(head, cells)
+
+
+def draw(
+    what: str,
+    default: float,
+    sweeps: dict[str, list[Error]],
+    cost: dict[float, float],
+    own: dict[str, float],
+    path: Path,
+) -> None:
+    """Error, changes of the means, energy audit, penetration and cost against the values.
+
+    ``own`` has the error (m) of the time step itself on each terrain, where that is to be drawn.
+    """
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(2, 3, figsize=(13.0, 6.8), layout="constrained")
+    colours = dict(zip(sweeps, ("tab:blue", "tab:orange"), strict=True))
+    for (name, rows), axis in zip(sweeps.items(), axes[0, 1:], strict=True):
+        values = np.array([1e3 * row.value for row in rows])
+        inexact = np.array([row.error.any() for row in rows])  # without the finest itself
+        error = [np.quantile(row.error, (0.1, 0.5, 0.9)) for row in rows]
+        low, middle, high = 1e3 * np.maximum(np.array(error)[inexact].T, NOTHING)
+        axes[0, 0].plot(values[inexact], middle, "o-", color=colours[name], label=name)
+        axes[0, 0].fill_between(values[inexact], low, high, color=colours[name], alpha=0.15)
+        if name in own:
+            axes[0, 0].axhline(1e3 * own[name], color=colours[name], ls=":",
+                               label="the time step's own")  # fmt: skip
+        elif name == next(iter(sweeps)):
+            order = middle[-1] * values / values[-1]
+            axes[0, 0].plot(values, order, color="black", lw=0.8, label="order 1")
+        for number, (mean, marker) in enumerate(zip(MEANS, "os^", strict=True)):
+            change, deviation = np.array([row.changes[mean] for row in rows])[inexact].T
+            shifted = 1.06 ** (number - 1) * values[inexact]  # so that they do not hide each other
+            axis.errorbar(shifted, 100 * change, 100 * deviation, fmt=marker, ms=4, label=mean)
+        axis.axhline(0.0, color="black", lw=0.8)
+        axis.set_ylabel("change, %, with standard error")
+        axis.set_title(f"means of a walk: {name}", fontsize=10)
+        for panel, quantity in (
+            (axes[1, 0], [row.walks.audit for row in rows]),
+            (axes[1, 1], [1e3 * np.asarray(row.walks.penetration) for row in rows]),
+        ):
+            panel.plot(values, np.median(quantity, axis=1), "o-", color=colours[name], label=name)
+            panel.plot(values, np.max(quantity, axis=1), "x", color=colours[name])
+    for panel, label in (
+        (axes[0, 0], "error of the position after 1 s, mm, 8 of 10 starts"),
+        (axes[1, 0], "energy unaccounted for / motor work (x: worst start)"),
+        (axes[1, 1], "deepest toe in the ground, mm (x: worst start)"),
+        (axes[1, 2], "cost of 20 ms of a walk, us"),
+    ):
+        panel.set_yscale("linear" if panel is axes[1, 2] else "log")
+        panel.set_title(label, fontsize=10)
+    axes[1, 2].plot([1e3 * v for v in cost], [1e6 * s for s in cost.values()], "o-", color="black")
+    axes[1, 2].set_ylim(0.0, None)
+    for axis in axes.flat:
+        axis.axvline(1e3 * default, color="tab:gray", ls="--", lw=1.0, zorder=0)
+        axis.set_xscale("log")
+        axis.set_xticks([1e3 * v for v in cost], [f"{1e3 * v:g}" for v in cost])
+        axis.minorticks_off()
+        axis.set_xlabel(f"{what.replace('_', ' ')}, ms")
+        axis.grid(alpha=0.3)
+        if axis is not axes[1, 2]:
+            axis.legend(fontsize=8)
+    measure.save(figure, path)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Command line."""
+    parser = measure.options(__doc__, "logs/convergence")
+    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (2)")
+    found = measure.chosen(parser, arguments)
+    measure.require("matplotlib")
+    starts, duration, rounds = (2, 1.0, 1) if found.quick else (24, 4.0, ROUNDS)
+    parts = [
+        "# Time step and detection interval",
+        f"{starts} starts, walks of {duration:g} s at about 2.7 rad/s; changes with their standard "
+        f"errors. {measure.machine()}",
+    ]
     level = {f"level, friction {mu:g}": Setting(mu) for mu in FRICTIONS}
     rough = {
         f"rough, {100 * spacing:g} cm": Setting(ROUGH_FRICTION, spacing, control_dt=HELD)
         for spacing in SPACINGS
     }
-    studies: list[dict[str, Any]] = []
-    with ProcessPoolExecutor(jobs) as pool:
+    with ProcessPoolExecutor(found.jobs) as pool:
+        study = Study(pool, starts, duration)
         for what, values, finest, settings in (
             ("time_step", TIME_STEPS, FINEST_STEP, level),
             ("detection_interval", INTERVALS, INTERVALS[0], rough),
         ):
-            grounds = {}
+            default: float = getattr(Setting(0.0), what)
+            parts.append(f"## {what.replace('_', ' ').capitalize()}: {1e3 * default:g} ms")
+            cost = costs(next(iter(settings.values())), what, values, rounds)
+            sweeps, own = {}, {}
             for name, setting in settings.items():
                 print(f"{what.replace('_', ' ')}, {name} ...", file=sys.stderr, flush=True)
-                grounds[name] = sweep(pool, setting, what, values, finest, quick)
-            default = getattr(Setting(0.0), what)
-            studies.append({"what": what, "default": default, "finest": finest, "grounds": grounds})
-        print("time step on rough ground ...", file=sys.stderr, flush=True)
-        studies[1]["time_step_error"] = {
-            name: sweep(
-                pool, replace(setting, detection_interval=INTERVALS[0]), "time_step",
-                (TIME_STEP,), FINEST_STEP, quick,
-            )[0]["error"]["median"]
-            for name, setting in rough.items()
-        }  # fmt: skip
-    print("costs ...", file=sys.stderr, flush=True)
-    rounds = 1 if quick else FEWEST_ROUNDS
-    studies[0]["cost"] = costs(Setting(FRICTIONS[0]), "time_step", TIME_STEPS, rounds)
-    coarse = next(iter(rough.values()))
-    studies[1]["cost"] = costs(coarse, "detection_interval", INTERVALS, rounds)
-    return {
-        "machine": machine(),
-        "quick": quick,
-        "starts": QUICK_STARTS if quick else STARTS,
-        "duration": QUICK_DURATION if quick else DURATION,
-        "studies": studies,
-    }
-
-
-def report(result: dict[str, Any]) -> str:
-    """The result as Markdown."""
-    parts = [
-        "# Time step and detection interval",
-        f"{result['starts']} starts, walks of {result['duration']:g} s at about 2.7 rad/s; changes "
-        f"with their standard errors; costs on {result['machine']['cpu']}.",
-    ]
-    head = (
-        "ms", "error after 1 s, mm", "9 of 10 below", "distance, %", "slip, %",
-        "motor work, %", "audit", "deepest, mm", "falls", "us per 20 ms",
-    )  # fmt: skip
-    for found in result["studies"]:
-        default = 1e3 * found["default"]
-        parts.append(f"## {found['what'].replace('_', ' ').capitalize()}: {default:g} ms")
-        for name, rows in found["grounds"].items():
-            parts.append(f"{name}, {rows[0]['walked']:.2f} m walked in the first second:")
-            cells = [_cells(row, found["cost"][str(row["value"])]) for row in rows]
-            parts.append(table(head, cells))
-            if "time_step_error" in found:
-                error = 1e3 * found["time_step_error"][name]
-                parts.append(f"The time step's own error there: {error:.2g} mm.")
-    return "\n\n".join(parts) + "\n"
-
-
-def _cells(row: dict[str, Any], cost: float) -> tuple[str, ...]:
-    changes = (
-        f"{100 * change['mean']:+.2f} ± {100 * change['standard_error']:.2f}"
-        for change in row["changes"].values()
-    )
-    error, audit = row["error"], row["audit"]["median"]
-    return (
-        f"{1e3 * row['value']:g}", f"{1e3 * error['median']:.2g}", f"{1e3 * error['high']:.2g}",
-        *changes, f"{audit:.1e}", f"{1e3 * row['penetration']['worst']:.2f}",
-        f"{row['falls']:.2f}", f"{1e6 * cost:.0f}",
-    )  # fmt: skip
-
-
-def main(arguments: list[str] | None = None) -> None:
-    """Command line."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--out", type=Path, default=Path("docs/performance"), metavar="DIR",
-                        help="where it all goes (docs/performance)")  # fmt: skip
-    parser.add_argument("--jobs", type=int, default=2, help="processes side by side (2)")
-    parser.add_argument("--quick", action="store_true", help="a few short walks, to try it")
-    chosen = parser.parse_args(arguments)
-    if chosen.jobs < 1:
-        parser.error(f"--jobs is {chosen.jobs}, must be at least 1")
-    if chosen.out.exists() and not chosen.out.is_dir():
-        parser.error(f"--out is {chosen.out}, which is no folder")
-    lacking = missing(["matplotlib"])
-    if lacking:
-        parser.exit(2, lacking)
-    from benchmarks import convergence_figures
-
-    result = run(chosen.quick, chosen.jobs)
-    write_json(chosen.out / "convergence.json", result)
-    text = report(result)
-    write_text(chosen.out / "convergence.md", text)
-    convergence_figures.draw(result, chosen.out)
-    print(text)
+                sweeps[name] = rows = study.sweep(setting, what, values, finest)
+                parts.append(f"{name}, {rows[0].walked:.2f} m walked in the first second:")
+                parts.append(error_table(rows, cost))
+                if what == "detection_interval":
+                    often = replace(setting, detection_interval=INTERVALS[0])
+                    (row,) = study.sweep(often, "time_step", (TIME_STEP,), FINEST_STEP)
+                    own[name] = float(np.median(row.error))
+                    parts.append(f"The time step's own error there: {1e3 * own[name]:.2g} mm.")
+            draw(what, default, sweeps, cost, own, found.out / f"{what}.png")
+    measure.report(found.out / "convergence.md", *parts)
 
 
 if __name__ == "__main__":

@@ -1,104 +1,426 @@
-"""Do the two plants agree? ``python -m benchmarks.plants [--out DIR] [--jobs N] [--quick]``
+"""Do the two plants agree?
 
-Runs the projection plant and the rigid-body plant side by side, with the time step halved on both:
-the fixed frame, walks on level ground at many crank speeds and frictions, slopes and loads, and
-what becomes of a steady walk when pymunk's solver iterates longer. Writes ``plants.json``,
-``plants.md`` and the pictures.
+    python -m benchmarks.plants [--out logs/plants] [--jobs 2] [--quick]
+
+The projection plant and the rigid-body plant side by side, with the time step halved on both: with
+a fixed base; walks at many crank speeds and frictions, on slopes, with loads; and a steady walk as
+pymunk's solver iterates longer. Writes ``plants.md``, ``walks.png`` and ``torque.png``.
 """
 
 from __future__ import annotations
 
-import argparse
+import math
 import sys
+from collections import Counter
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from benchmarks import plant_figures, plant_fixed, plant_tables
-from benchmarks.plant_walks import Comparison, Walk, Way, compare, make, measure
-from benchmarks.rounds import cpu_name
-from jansen_env.files import write_json, write_text
+import numpy as np
+from numpy.typing import NDArray
 
-SPEEDS = (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)  # rad/s
+from benchmarks.measure import chosen, fallen, machine, options, report, require, save, table
+from jansen_env import Robot, Terrain, paper_robot
+from jansen_env.control import PID
+from jansen_env.gravity import GRAVITY
+from jansen_env.plants.base import Plant
+from jansen_env.plants.fixed_base import PinnedPlant
+from jansen_env.plants.make import PLANTS
+from jansen_env.plants.rigid_body import TIME_STEP, RigidBodyPlant
+from jansen_env.robot import Payload
+
+Array = NDArray[np.float64]
+
+SPEEDS = (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)  # of the crank, rad/s
 FRICTIONS = (0.1, 0.3, 0.6, 1.0)
-SLOPES = (-0.15, -0.05, 0.05, 0.15)  # rad
-PAYLOADS = (1.0, 5.0)  # kg
-HARDER = 4.0  # rad/s, at which slopes and loads are walked
-ITERATED = Walk(6.0, 0.3, duration=3.0)
-ITERATIONS = (60, 200, 600, 2000)
-"""A walk that is steady on the projection plant, and pymunk's iterations in every time step."""
+SLOPES, PAYLOADS, HARDER = (-0.15, -0.05, 0.05, 0.15), (1.0, 5.0), 4.0  # rad; kg; at so many rad/s
+ITERATIONS = (60, 200, 600, 2000)  # of pymunk's solver in a time step, in a walk that is steady
+CONTROL_DT = 0.02  # s for which the PID holds a torque
+TORQUE_LIMIT = 20.0  # N m
+SETTLE = 2.0  # s of walking that are not measured
+STARTS = (0.0, 2.5e-4, 5e-4, 7.5e-4, 1e-3)  # rad, crank angles of an ensemble
+OTHER_STARTS = tuple(math.pi * k / 12.0 for k in range(12))  # rad; half a turn on, all is the same
+ALLOWED = 0.05  # difference in distance and cost of transport up to which the plants agree
+
+HEIGHT = 5.0  # m, at which the rigid-body plant's base is fixed, clear of the ground
 SERVO_SPEEDS = (1.0, 3.0, 6.0)  # rad/s
+SERVO, SERVO_DT = PID(kp=400.0, ki=0.0, kd=20.0), 1e-3  # s
+SWING, SWING_TIME = (0.5, 3.0), 3.0  # rad and rad/s, from where the crank swings free; s
+HALVED = (TIME_STEP, 0.5 * TIME_STEP)  # s, of the rigid-body plant
+VERDICTS = {
+    "agree": "#15803d", "chaotic": "#ca8a04", "falls at times": "#a21caf",
+    "falls on both": "#6b7280", "other gait": "#0891b2", "differ": "#dc2626",
+}  # fmt: skip
+"""Their colours."""
 
 
-def walks(quick: bool) -> list[Walk]:
-    """Those compared; a few short ones to try the program."""
-    if quick:
-        return [Walk(speed, 0.3, duration=1.0) for speed in (1.0, 4.0)]
-    level = [Walk(speed, friction) for friction in FRICTIONS for speed in SPEEDS]
-    slopes = [Walk(HARDER, slope=slope) for slope in SLOPES]
-    return level + slopes + [Walk(HARDER, payload=load) for load in PAYLOADS]
+@dataclass(frozen=True)
+class Walk:
+    """The crank held at a speed by the paper's PID.
+
+    Attributes:
+        speed: of the crank, rad/s. friction: Coulomb coefficient. slope: rad, uphill positive.
+        payload: kg at the crank axis. duration: s, measured after :data:`SETTLE`; about, as
+            :attr:`measured` is a whole number of half turns.
+    """
+
+    speed: float
+    friction: float = 0.8
+    slope: float = 0.0
+    payload: float = 0.0
+    duration: float = 6.0
+
+    @property
+    def measured(self) -> float:
+        """s."""
+        half_turn = math.pi / self.speed
+        return max(1, round(self.duration / half_turn)) * half_turn
+
+    @property
+    def label(self) -> str:
+        """What it is called in tables."""
+        words = [f"{self.speed:g} rad/s, friction {self.friction:g}"]
+        words += [f"slope {self.slope:+g}"] if self.slope else []
+        words += [f"{self.payload:g} kg"] if self.payload else []
+        return ", ".join(words)
+
+    def plant(self, name: str, halvings: int = 0, **arguments: Any) -> Plant:
+        """A plant for it by its name, its own time step halved so many times."""
+        robot = Robot(payload=Payload(self.payload)) if self.payload else paper_robot()
+        terrain = Terrain.slope(self.slope, friction=self.friction)
+        kind, time_step = PLANTS[name]
+        made: Plant = kind(robot, terrain, time_step / 2**halvings, **arguments)
+        return made
 
 
-def iterated(iterations: int, walk: Walk) -> Way:
-    """A walk with so many of pymunk's iterations in every time step, landing or not."""
-    plant = make(walk, "rigid_body", iterations=iterations, landing_iterations=iterations)
+class Outcome(NamedTuple):
+    """What came out of a walk.
+
+    Attributes:
+        distance: m along x. cost_of_transport: |motor work| / (weight * distance).
+        rms_torque: N m. heave: highest less lowest position of the crank axis over the ground, m.
+        slip: m of all toes for each m of distance. joint_gap: m. fell: the rest is until then.
+    """
+
+    distance: float
+    cost_of_transport: float
+    rms_torque: float
+    heave: float
+    slip: float
+    joint_gap: float
+    fell: bool
+
+
+def measure(walk: Walk, plant: Plant, start: float = 0.0) -> Outcome:
+    """Walk and measure; ``start`` is the crank angle to begin at, rad."""
+    plant.reset(crank_angle=start)
+    pid, reference, integral = PID(), start, np.zeros(())
+    settle, steps = round(SETTLE / CONTROL_DT), round((SETTLE + walk.measured) / CONTROL_DT)
+    work = slip = square = gap = from_x = 0.0
+    heights: list[float] = []
+    fell = False
+    for k in range(steps):
+        if k == settle:
+            from_x = plant.x
+        angle, rate = plant.state[[3, 7]].tolist()
+        wanted, integral = pid.torque(reference - angle, walk.speed - rate, integral, CONTROL_DT)
+        torque = min(TORQUE_LIMIT, max(-TORQUE_LIMIT, float(wanted)))
+        reference += walk.speed * CONTROL_DT
+        result = plant.step(torque, CONTROL_DT)
+        gap = max(gap, result.joint_gap)
+        fell = fallen(plant, result)
+        if fell:
+            break
+        if k >= settle:
+            work += abs(result.motor_work)
+            slip += float(result.slip.sum())
+            square += torque**2
+            x, y = plant.state[:2].tolist()
+            heights.append(y - float(plant.terrain.height(x)))
+    distance = plant.x - from_x if heights else 0.0
+    path = max(abs(distance), 1e-9)
+    return Outcome(
+        distance,
+        work / (plant.robot.mass * GRAVITY * path),
+        math.sqrt(square / max(len(heights), 1)),
+        float(np.ptp(heights)) if heights else 0.0,
+        slip / path,
+        gap,
+        fell,
+    )
+
+
+class Comparison(NamedTuple):
+    """One walk on both plants.
+
+    Attributes:
+        ensemble: on the projection plant, from each of :data:`STARTS`, then from the first with
+            the time step halved. others: the same from each of :data:`OTHER_STARTS`.
+        rigid: on the rigid-body plant, with its time step and half of it.
+    """
+
+    walk: Walk
+    ensemble: list[Outcome]
+    others: list[Outcome]
+    rigid: list[Outcome]
+
+    def projection(self, name: str) -> float:
+        """Median over the ensemble."""
+        return float(np.median([getattr(run, name) for run in self.ensemble]))
+
+    @property
+    def spread(self) -> float:
+        """Of the ensemble's distances: (largest - smallest) / median; infinite after a fall."""
+        if any(run.fell for run in self.ensemble):
+            return math.inf
+        median = max(abs(self.projection("distance")), 1e-9)
+        return float(np.ptp([run.distance for run in self.ensemble])) / median
+
+    @property
+    def verdict(self) -> str:
+        """One of :data:`VERDICTS`: "agree" within :data:`ALLOWED`.
+
+        "chaotic": starts 1 mrad apart come apart by more on the projection plant alone. "other
+        gait": a walk like the rigid-body plant's is found there from another crank angle.
+        """
+        fell = [[run.fell for run in runs] for runs in (self.ensemble, self.rigid)]
+        if all(map(all, fell)):
+            return "falls on both"
+        if any(map(any, fell)):
+            return "falls at times"
+        if self.spread > ALLOWED:
+            return "chaotic"
+
+        def like(distance: float, cost: float) -> bool:
+            last = self.rigid[-1]
+            off = abs(last.distance / distance - 1.0), abs(last.cost_of_transport / cost - 1.0)
+            return max(off) <= ALLOWED
+
+        if like(self.projection("distance"), self.projection("cost_of_transport")):
+            return "agree"
+        gaits = [run for run in (*self.ensemble, *self.others) if not run.fell]
+        found = any(like(run.distance, run.cost_of_transport) for run in gaits)
+        return "other gait" if found else "differ"
+
+
+def compare(walk: Walk) -> Comparison:
+    """Run one walk on both plants."""
+    ensemble = [measure(walk, walk.plant("projection"), start) for start in STARTS]
+    ensemble.append(measure(walk, walk.plant("projection", 1)))
+    others = [measure(walk, walk.plant("projection"), start) for start in OTHER_STARTS]
+    rigid = [measure(walk, walk.plant("rigid_body", halvings)) for halvings in (0, 1)]
+    return Comparison(walk, ensemble, others, rigid)
+
+
+def iterated(walk: Walk, iterations: int) -> Outcome:
+    """A walk with so many of pymunk's iterations in every time step, touchdown or not."""
+    plant = walk.plant("rigid_body", iterations=iterations, landing_iterations=iterations)
     return measure(walk, plant)
 
 
-def run(quick: bool, jobs: int) -> dict[str, Any]:
-    """All of it; ready for JSON."""
-    chosen = walks(quick)
-    steps = plant_fixed.STEPS
-    speeds = SERVO_SPEEDS[-1:] if quick else SERVO_SPEEDS
-    walk = ITERATED if not quick else Walk(6.0, 0.3, duration=0.5)
-    with ProcessPoolExecutor(jobs) as pool:
-        compared = [pool.submit(compare, walk) for walk in chosen]
-        swings = [pool.submit(plant_fixed.free_swing, step) for step in steps]
-        servos = [pool.submit(plant_fixed.constant_speed, w, h) for w in speeds for h in steps]
-        iterating = [pool.submit(iterated, n, walk) for n in ITERATIONS[: 2 if quick else None]]
-        for number, future in enumerate(compared, 1):
-            print(f"{number}/{len(compared)} {future.result().walk.title}", file=sys.stderr)
-        fixed = [s.result() for s in swings] + [s.result()[0] for s in servos]
-        return {
-            "cpu": cpu_name(),
-            "comparisons": [_plain(future.result()) for future in compared],
-            "fixed": [f._asdict() for f in fixed],
-            "torques": {str(w): servos[2 * i].result()[1][::10].tolist()
-                        for i, w in enumerate(speeds)},
-            "iterated": {
-                "walk": vars(walk),
-                "projection": measure(walk, make(walk, "projection"))._asdict(),
-                "rigid": {str(n): f.result()._asdict()
-                          for n, f in zip(ITERATIONS, iterating, strict=False)},
-            },
-        }  # fmt: skip
+class Fixed(NamedTuple):
+    """How far the plants are apart with a fixed base."""
+
+    what: str  # was done
+    time_step: float  # of the rigid-body plant, s
+    difference: float  # of the crank's angle, rad, or of the torque, N m (root mean square)
+    of: float  # what it is to be compared with: the angle turned, or the RMS torque
+    joint_gap: float  # m
+    curve: Array  # (n, 3) angle and both torques
 
 
-def _plain(comparison: Comparison) -> dict[str, Any]:
-    return {
-        "walk": vars(comparison.walk),
-        "ensemble": [way._asdict() for way in comparison.ensemble],
-        "others": [way._asdict() for way in comparison.others],
-        "rigid": [way._asdict() for way in comparison.rigid],
-    }
+def fixed_base(angle: float, rate: float, time_step: float) -> tuple[PinnedPlant, RigidBodyPlant]:
+    """Both plants with a fixed base, started alike."""
+    exact = PinnedPlant(paper_robot())
+    exact.reset(angle, rate)
+    rigid = RigidBodyPlant(paper_robot(), Terrain.flat(), time_step, pinned=True)
+    rigid.state = np.array([0.0, HEIGHT, 0.0, angle, 0.0, 0.0, 0.0, rate])
+    return exact, rigid
+
+
+def free_swing(time_step: float) -> Fixed:
+    """The largest difference of the crank angle in :data:`SWING_TIME` without torque."""
+    exact, rigid = fixed_base(*SWING, time_step)
+    angles, gap = [], 0.0
+    for _ in range(round(SWING_TIME / 0.01)):
+        exact.step(0.0, 0.01)
+        gap = max(gap, rigid.step(0.0, 0.01).joint_gap)
+        angles.append((float(exact.state[0]), float(rigid.state[3])))
+    ours, theirs = np.array(angles).T
+    difference = float(np.abs(ours - theirs).max())
+    return Fixed("free swing, rad", time_step, difference, float(np.ptp(ours)), gap, np.array([]))
+
+
+def constant_speed(speed: float, time_step: float) -> Fixed:
+    """The torque of a stiff servo over the second turn."""
+    exact, rigid = fixed_base(0.0, speed, time_step)
+    rows, gap = [], 0.0
+    for k in range(round(4.0 * math.pi / speed / SERVO_DT)):
+        wanted, torques = speed * k * SERVO_DT, []
+        for angle, rate in (exact.state, rigid.state[[3, 7]]):
+            torque, _ = SERVO.torque(wanted - angle, speed - rate, 0.0, SERVO_DT)
+            torques.append(float(torque))
+        exact.step(torques[0], SERVO_DT)
+        gap = max(gap, rigid.step(torques[1], SERVO_DT).joint_gap)
+        rows.append((wanted, *torques))
+    curve = np.array(rows)[len(rows) // 2 :]
+    difference = float(np.sqrt(np.mean((curve[:, 1] - curve[:, 2]) ** 2)))
+    rms = float(np.sqrt(np.mean(curve[:, 1] ** 2)))
+    return Fixed(f"torque at {speed:g} rad/s, N m", time_step, difference, rms, gap, curve)
+
+
+def fixed_table(rows: list[Fixed]) -> str:
+    """How far apart the plants are with a fixed base."""
+    head = ("", "time step (ms)", "difference", "of", "relative", "joint gap (mm)")
+    cells = [
+        (row.what, f"{1e3 * row.time_step:g}", f"{row.difference:.2g}", f"{row.of:.3g}",
+         f"{row.difference / row.of:.1e}", f"{1e3 * row.joint_gap:.2g}")
+        for row in rows
+    ]  # fmt: skip
+    return table(head, cells)
+
+
+def walk_table(compared: list[Comparison]) -> str:
+    """A row for each walk."""
+    columns = {
+        "distance": "distance (m)", "cost_of_transport": "cost of transport",
+        "rms_torque": "RMS torque (N m)", "heave": "heave (mm)", "slip": "slip (m/m)",
+    }  # fmt: skip
+    rows = []
+    for c in compared:
+        cells = []
+        for name in columns:
+            values = (c.projection(name), *(getattr(run, name) for run in c.rigid))
+            cells.append(" / ".join(f"{v * (1e3 if name == 'heave' else 1.0):.3g}" for v in values))
+        reach = sorted(run.distance for run in c.others if not run.fell)
+        rows.append((
+            c.walk.label, *cells, f"{1e3 * c.rigid[0].joint_gap:.2g}",
+            "falls" if math.isinf(c.spread) else f"{100 * c.spread:.1f}",
+            f"{reach[0]:.3g} to {reach[-1]:.3g}" if reach else "all fall", c.verdict,
+        ))  # fmt: skip
+    others = ("joint gap (mm)", "spread (%)", "other starts (m)", "verdict")
+    head = ("walk", *columns.values(), *others)
+    return table(head, rows)
+
+
+def draw_walks(compared: list[Comparison], path: Path) -> None:
+    """Walking speed and cost of transport on level ground against the crank speed."""
+    import matplotlib.pyplot as plt
+
+    level = [c for c in compared if not c.walk.slope and not c.walk.payload]
+    frictions = sorted({c.walk.friction for c in level})
+    figure, axes = plt.subplots(
+        2, len(frictions), figsize=(max(6.4, 3.2 * len(frictions)), 6.0), layout="constrained",
+        sharex=True, sharey="row", squeeze=False,
+    )  # fmt: skip
+    for (row, column), axis in np.ndenumerate(axes):
+        name = ("distance", "cost_of_transport")[row]
+        line = []
+        for c in (c for c in level if c.walk.friction == frictions[column]):
+            scale = 1.0 / c.walk.measured if name == "distance" else 1.0
+            runs = [scale * getattr(run, name) for run in c.ensemble if not run.fell]
+            if runs:
+                line.append((c.walk.speed, np.median(runs), min(runs), max(runs)))
+            for run, marker in zip(c.rigid, "ox", strict=True):
+                if not run.fell:
+                    axis.plot(c.walk.speed, scale * getattr(run, name), marker, ms=6, mfc="none",
+                              color=VERDICTS[c.verdict])  # fmt: skip
+        speed, middle, low, high = np.array(line).reshape(-1, 4).T
+        axis.plot(speed, middle, color="tab:blue", lw=1.2, label="projection plant")
+        axis.fill_between(speed, low, high, color="tab:blue", alpha=0.2)
+        axis.grid(alpha=0.3)
+        axis.set(yscale=("linear", "log")[row], xlabel=("", "crank speed, rad/s")[row])
+        axis.set_title("" if row else f"friction {frictions[column]:g}", fontsize=10)
+    axes[0, 0].set_ylabel("walking speed, m/s")
+    axes[1, 0].set_ylabel("cost of transport")
+    axes[0, 0].plot([], [], "ok", mfc="none", label="rigid-body plant")
+    axes[0, 0].plot([], [], "xk", label="half its time step")
+    for name, colour in VERDICTS.items():
+        axes[0, 0].plot([], [], "s", color=colour, label=name)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4,
+                  frameon=False)  # fmt: skip
+    save(figure, path)
+
+
+def draw_torque(curves: dict[float, Array], path: Path) -> None:
+    """The torque of a constant crank speed with a fixed base on both plants, and its difference."""
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(
+        2, len(curves), figsize=(max(6.4, 3.6 * len(curves)), 4.8), layout="constrained",
+        squeeze=False, sharex=True, height_ratios=[2, 1],
+    )  # fmt: skip
+    for (top, bottom), (speed, curve) in zip(axes.T, curves.items(), strict=True):
+        angle, exact, rigid = curve.T
+        turn = angle - 2.0 * np.pi
+        top.plot(turn, exact, color="tab:blue", lw=2.5, alpha=0.5, label="fixed-base plant")
+        top.plot(turn, rigid, color="black", lw=0.8, label="rigid-body plant, base fixed")
+        bottom.plot(turn, 1e3 * (rigid - exact), color="tab:red", lw=0.8)
+        top.set_title(f"{speed:g} rad/s", fontsize=10)
+        bottom.set_xlabel("crank angle, rad")
+        top.grid(alpha=0.3)
+        bottom.grid(alpha=0.3)
+    axes[0, 0].set_ylabel("torque, N m")
+    axes[1, 0].set_ylabel("difference, mN m")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2,
+                  frameon=False)  # fmt: skip
+    save(figure, path)
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--out", type=Path, default=Path("logs/plants"), metavar="DIR",
-                        help="where it all goes (logs/plants)")  # fmt: skip
-    parser.add_argument("--jobs", type=int, default=2, help="processes side by side (2)")
-    parser.add_argument("--quick", action="store_true", help="a few short walks, to try it")
-    chosen = parser.parse_args(arguments)
-    if chosen.jobs < 1:
-        parser.error(f"--jobs is {chosen.jobs}, must be at least 1")
-    result = run(chosen.quick, chosen.jobs)
-    write_json(chosen.out / "plants.json", result)
-    text = plant_tables.report(result)
-    write_text(chosen.out / "plants.md", text)
-    plant_figures.draw(result, chosen.out)
-    print(text)
+    parser = options(__doc__, "logs/plants")
+    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (2)")
+    found = chosen(parser, arguments)
+    require("matplotlib")
+    walks = [Walk(speed, friction) for friction in FRICTIONS for speed in SPEEDS]
+    walks += [Walk(HARDER, slope=slope) for slope in SLOPES]
+    walks += [Walk(HARDER, payload=payload) for payload in PAYLOADS]
+    speeds: Sequence[float] = SERVO_SPEEDS
+    numbers: Sequence[int] = ITERATIONS
+    steady = Walk(6.0, 0.3, duration=3.0)
+    if found.quick:
+        walks = [Walk(speed, 0.3, duration=1.0) for speed in (1.0, 4.0)]
+        speeds, numbers, steady = SERVO_SPEEDS[-1:], ITERATIONS[:2], Walk(6.0, 0.3, duration=0.5)
+    head = machine()
+    with ProcessPoolExecutor(found.jobs) as pool:
+        comparing = [pool.submit(compare, walk) for walk in walks]
+        swings = [pool.submit(free_swing, step) for step in HALVED]
+        servos = [pool.submit(constant_speed, speed, step) for speed in speeds for step in HALVED]
+        iterating = {str(n): pool.submit(iterated, steady, n) for n in numbers}
+        compared = []
+        for number, future in enumerate(comparing, 1):
+            compared.append(future.result())
+            print(f"{number}/{len(walks)} {walks[number - 1].label}", file=sys.stderr)
+        fixed = [future.result() for future in (*swings, *servos)]
+        runs = {name: future.result() for name, future in iterating.items()}
+    runs["projection plant"] = measure(steady, steady.plant("projection"))
+    verdicts = Counter(c.verdict for c in compared)
+    rows = [(name, f"{run.distance:.3f}", f"{run.cost_of_transport:.3f}", f"{run.slip:.3f}")
+            for name, run in runs.items()]  # fmt: skip
+    report(
+        found.out / "plants.md",
+        "# Two plants, walk by walk",
+        f"`python -m benchmarks.plants`. {head}",
+        "## Fixed base",
+        fixed_table(fixed),
+        "## Walks",
+        "Projection plant (median of six runs) / rigid-body plant (time step / half of it). "
+        "Spread: of the six runs' distances, which start within 1 mrad of one another or have half "
+        "the time step. Other starts: distances on the projection plant from crank angles over "
+        f"half a turn. Agree: distance and cost of transport within {100 * ALLOWED:.0f} %.",
+        walk_table(compared),
+        f"{len(compared)} walks; {', '.join(f'{n}: {k}' for n, k in sorted(verdicts.items()))}.",
+        "## More iterations",
+        f"{steady.label}, {steady.measured:.2f} s.",
+        table(("iterations in every time step", "distance (m)", "cost of transport", "slip (m/m)"),
+              rows),
+    )  # fmt: skip
+    draw_walks(compared, found.out / "walks.png")
+    draw_torque({s: fixed[len(HALVED) * (k + 1)].curve for k, s in enumerate(speeds)},
+                found.out / "torque.png")  # fmt: skip
 
 
 if __name__ == "__main__":

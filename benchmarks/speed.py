@@ -1,116 +1,286 @@
-"""How fast it is, beside what else there is.
+"""How fast the environments are: one, many, larger ones, the first one.
 
-    python -m benchmarks.speed [--rounds 7] [--out logs/speed] [--quick] [--only PART ...]
+    python -m benchmarks.speed [--only PART ...] [--rounds 7] [--out logs/speed] [--quick]
+    python -m benchmarks.speed --against TREE
 
-Five parts: ``single`` environments, the ``kernel`` of the time step, a ``batch`` of robots,
-training by ``ppo``, and ``startup``. Whatever is compared takes turns in one run. Writes
-``speed.json``, ``speed.md`` and ``speed.png``.
+Peers take turns with it in the same run. Writes ``speed.md`` and ``speed.png``; with ``--against``,
+which compares this tree with the checkout TREE of another commit, ``against.md``.
 """
 
 from __future__ import annotations
 
-import argparse
+import importlib.util
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+from statistics import median
 from typing import Any, NamedTuple
 
-from benchmarks import speed_batch, speed_kernel, speed_ppo, speed_single, speed_startup
-from benchmarks.rounds import FEWEST_ROUNDS, Goal, goal_table, machine, missing
-from jansen_env.files import write_json, write_text
+import numpy as np
 
-ROUNDS, QUICK_ROUNDS = 7, 2
+from benchmarks import measure
+from benchmarks.probe import OURS, STAGES, Many, Single, Tree, robots
+from jansen_env import paper_robot
+
+MUJOCO, BOX2D = "Walker2d-v5", "BipedalWalker-v3"
+FLAT, ROUGH = f"{OURS}, flat", f"{OURS}, rough"
+SEGMENTS = 100  # of the rough ground
+ROUNDS = 7
 
 
 class Part(NamedTuple):
-    """A part of the measurement.
+    """What a part of the measurement found: Markdown, and what draws its panels."""
 
-    Attributes:
-        title: of its section. needs: modules it imports beyond the package's own.
-        measure: (rounds, quick) to a result ready for JSON.
-        report: the result to Markdown. goals: the result to what it should be.
-    """
-
-    title: str
-    needs: tuple[str, ...]
-    measure: Callable[[int, bool], dict[str, Any]]
-    report: Callable[[dict[str, Any]], str]
-    goals: Callable[[dict[str, Any]], list[Goal]]
+    text: str
+    panels: Sequence[Callable[[Any], None]]
 
 
-PARTS = {
-    name: Part(title, module.NEEDS, module.measure, module.report, module.goals)
-    for name, title, module in (
-        ("single", "One environment", speed_single),
-        ("kernel", "The time step", speed_kernel),
-        ("batch", "Many robots", speed_batch),
-        ("ppo", "Training", speed_ppo),
-        ("startup", "Starting", speed_startup),
-    )
-}
-
-
-def run(names: list[str], rounds: int, quick: bool) -> dict[str, Any]:
-    """Measure these parts; ready for JSON."""
-    result: dict[str, Any] = {"machine": machine(), "rounds": rounds, "quick": quick, "parts": {}}
-    for name in names:
-        print(f"{PARTS[name].title.lower()} ...", file=sys.stderr, flush=True)
-        result["parts"][name] = PARTS[name].measure(rounds, quick)
-    result["goals"] = [goal._asdict() for goal in goals(result)]
-    return result
-
-
-def goals(result: dict[str, Any]) -> list[Goal]:
-    """The goals of all parts measured."""
-    return [goal for name, found in result["parts"].items() for goal in PARTS[name].goals(found)]
-
-
-def report(result: dict[str, Any]) -> str:
-    """A result as Markdown."""
-    found = result["machine"]
-    versions = ", ".join(f"{name} {number}" for name, number in found["versions"].items())
-    head = (
-        f"# Speed\n\n{found['cpu']}, {found['cores']} cores, load average {found['load_average']} "
-        f"at the start; {versions}. Medians of {result['rounds']} interleaved rounds"
-        + (", shortened to try the program." if result["quick"] else ".")
-    )
-    sections = [
-        f"## {PARTS[name].title}\n\n{PARTS[name].report(part)}"
-        for name, part in result["parts"].items()
+def one(rounds: int, quick: bool) -> Part:
+    """``gym.make`` beside its peers: random actions, wrappers and resets included."""
+    steps = 200 if quick else 5000
+    players = {
+        FLAT: Single(OURS, steps),
+        ROUGH: Single(OURS, steps, terrain=measure.rough_ground(SEGMENTS)),
+        MUJOCO: Single(MUJOCO, steps),
+        BOX2D: Single(BOX2D, steps),
+    }
+    rates = measure.take_turns({name: player.play for name, player in players.items()}, rounds)
+    duration = {name: player.step_duration for name, player in players.items()}
+    rows = [
+        (name, *measure.spread(rates[name]), player.resets, f"{1e3 * duration[name]:g}",
+         f"{median(rates[name]) * duration[name]:,.0f}")
+        for name, player in players.items()
+    ]  # fmt: skip
+    ratios = [
+        (f"{ours} / {peer}", found, f"{found.value * duration[ours] / duration[peer]:.2f}")
+        for ours in (FLAT, ROUGH)
+        for peer in (MUJOCO, BOX2D)
+        for found in [measure.ratio(rates[ours], rates[peer])]
     ]
-    return "\n\n".join([head, *sections, f"## Goals\n\n{goal_table(goals(result))}"]) + "\n"
+    head = ("environment", "steps/s", "lowest", "highest", "resets", "ms/step", "simulated s/s")
+    text = f"## One environment\n\n{measure.table(head, rows)}\n\n" + measure.table(
+        ("ratio", "steps/s (by round)", "simulated s/s"), ratios
+    )
+    simulated = {name: [rate * duration[name] for rate in found] for name, found in rates.items()}
+    panels = [
+        partial(draw_bars, rates, "steps / s"),
+        partial(draw_bars, simulated, "simulated s / s"),
+    ]
+    return Part(text, panels)
+
+
+def many(rounds: int, quick: bool) -> Part:
+    """``gym.make_vec`` beside a single peer and, where there is envpool, many."""
+    counts = (1, 4) if quick else (1, 4, 16, 64, 256, 1024, 4096)
+    compared, steps = (4, 100) if quick else (256, 60_000)
+    players: dict[tuple[str, int], Single | Many] = {("flat", n): robots(n, steps) for n in counts}
+    rough = measure.rough_ground(SEGMENTS)
+    players["rough", compared] = robots(compared, steps, terrain=rough)
+    players[MUJOCO, 1] = Single(MUJOCO, 200 if quick else 5000)
+    for threads in sorted({1, measure.cores()}) if importlib.util.find_spec("envpool") else ():
+        name = f"envpool {MUJOCO}, {threads} thread{'s' * (threads > 1)}"
+        players[name, compared] = envpool(compared, threads, 16 if quick else 100)
+    rates = measure.take_turns({key: player.play for key, player in players.items()}, rounds)
+    rows = [(*key, *measure.spread(found)) for key, found in rates.items()]
+    ratios = [
+        (f"{compared} robots / {name}", measure.ratio(rates["flat", compared], rates[name, n]))
+        for name, n in players
+        if MUJOCO in name
+    ]
+    text = "\n\n".join([
+        "## Many environments",
+        measure.table(("environments", "at once", "steps/s", "lowest", "highest"), rows),
+        measure.table(("ratio", "steps/s (by round)"), ratios),
+    ])  # fmt: skip
+
+    def draw(axis: Any) -> None:
+        for label in dict.fromkeys(name for name, _ in players):
+            series = {count: found for (name, count), found in rates.items() if name == label}
+            draw_series(axis, series, label=label)
+        axis.set(xscale="log", ylim=(0.0, None), xlabel="environments at once", ylabel="steps / s")
+        axis.set_xticks(counts, map(str, counts))
+        axis.set_title("many environments", fontsize=10)
+        axis.minorticks_off()
+        axis.legend(fontsize=8)
+
+    return Part(text, [draw])
+
+
+def envpool(count: int, threads: int, steps: int) -> Many:
+    """envpool's ``Walker2d-v5`` on so many threads; its episodes last some 25 steps."""
+    from envpool import make_gymnasium
+
+    venv = make_gymnasium(MUJOCO, num_envs=count, num_threads=threads, seed=0)
+    venv.reset()
+    return Many(venv, count, venv.action_space, steps)
+
+
+def size(rounds: int, quick: bool) -> Part:
+    """A step of walking against the number of legs and of the ground's segments, and at rest."""
+    steps = 20 if quick else 400  # within an episode
+    legs = (4, 24) if quick else tuple(range(4, 25, 4))
+    segments = (10, 100) if quick else (10, 30, 100, 300, 1000, 3000, 10_000)
+    sweeps = {
+        "legs": {n: walker(steps, n) for n in legs},
+        "segments of the ground": {
+            n: walker(steps, terrain=measure.rough_ground(n, 100.0 / n)) for n in segments
+        },
+    }
+    parts, panels = ["## Larger environments\n\nA step of 20 ms of a walk at 2.7 rad/s:"], []
+    for name, players in sweeps.items():
+        rates = measure.take_turns({n: player.play for n, player in players.items()}, rounds)
+        cost = {n: [1e6 / rate for rate in found] for n, found in rates.items()}
+        rows = [
+            (n, *measure.spread(cost[n], ".1f"), player.resets) for n, player in players.items()
+        ]
+        parts.append(measure.table((name, "us", "lowest", "highest", "resets"), rows))
+        growth = measure.ratio(cost[max(cost)], cost[min(cost)])
+        parts.append(f"{max(cost)} {name} cost {growth} times as much as {min(cost)}.")
+        panels.append(partial(draw_sweep, cost, name))
+    resting = {dt: Single(OURS, steps, lambda _: np.zeros(1, np.float32), control_dt=dt)
+               for dt in (0.02, 0.1)}  # fmt: skip
+    found = measure.take_turns({dt: player.play for dt, player in resting.items()}, rounds)
+    short, long = (1e6 / median(found[dt]) for dt in resting)
+    each = (long - short) / 80  # time steps of 1 ms
+    parts.append(f"A step at rest takes {short:.1f} us, each of its 20 time steps {each:.2f} us.")
+    return Part("\n\n".join(parts), panels)
+
+
+def walker(steps: int, legs: int = 4, **arguments: Any) -> Single:
+    """The paper's robot with so many legs; each adds the torque of its own weight and friction."""
+    most = 8.0  # N m a leg
+
+    def policy(observation: Any) -> Any:
+        torque = 1.0 + 2.5 * (2.7 - observation[2])  # N m a leg
+        return np.array([min(1.0, max(-1.0, torque / most))], np.float32)
+
+    return Single(OURS, steps, policy, robot=paper_robot(legs // 2), torque_limit=legs * most,
+                  **arguments)  # fmt: skip
+
+
+def start(rounds: int, quick: bool) -> Part:
+    """The first environment on a machine, and one in a later process."""
+    tree = Tree(Path(__file__).parents[1])
+    cold = [tree.first() for _ in range(1 if quick else min(rounds, 3))]
+    warm = [tree.later() for _ in range(rounds)]
+    rows = [
+        (name, *(measure.spread(column, ".2f")[0] for column in zip(*times, strict=True)),
+         " to ".join(f"{bound:.2f}" for bound in (min(map(sum, times)), max(map(sum, times)))))
+        for name, times in (("nothing compiled yet", cold), ("compiled before", warm))
+    ]  # fmt: skip
+    head = ("seconds in a new process", *STAGES, "all")
+    return Part(f"## Starting\n\n{measure.table(head, rows)}", [])
+
+
+PARTS = {"one": one, "many": many, "size": size, "start": start}
+
+
+def against(other: Path, rounds: int, quick: bool) -> str:
+    """This tree beside another: steps/s and seconds of starting, in turns."""
+    trees = {"here": Tree(Path(__file__).parents[1]), "there": Tree(other)}
+    steps, counts = (200, (1, 4)) if quick else (4000, (1, 16, 256))
+    rows: list[tuple[Any, ...]] = []
+
+    def compare(what: str, found: dict[str, list[float]], form: str) -> None:
+        cells = [measure.spread(found[name], form)[0] for name in trees]
+        rows.append((what, *cells, measure.ratio(found["here"], found["there"])))
+
+    try:
+        for label, plays, number in (
+            ("nothing compiled", {n: tree.first for n, tree in trees.items()}, 1 if quick else 3),
+            ("compiled", {n: tree.later for n, tree in trees.items()}, rounds),
+        ):
+            found = measure.take_turns(plays, number, warm_up=False)
+            for k, stage in enumerate(STAGES):
+                column = {name: [times[k] for times in found[name]] for name in trees}
+                compare(f"{label}: {stage}, s", column, ".3g")
+            compare(f"{label}: all, s", {n: list(map(sum, found[n])) for n in trees}, ".3g")
+        for count in counts:
+            rates = measure.take_turns(
+                {name: partial(tree.rate, count, steps) for name, tree in trees.items()}, 3 * rounds
+            )
+            compare(f"{count} at once, steps/s", rates, ",.0f")
+    finally:
+        for tree in trees.values():
+            tree.close()
+    return measure.table(("JansenWalker-v0", *trees, "here / there (by round)"), rows)
+
+
+def draw_series(axis: Any, series: dict[int, list[float]], **style: Any) -> None:
+    """Medians against a number, with the range of their rounds."""
+    middle = np.array([median(values) for values in series.values()])
+    low, high = (np.array([f(values) for values in series.values()]) for f in (min, max))
+    axis.errorbar(list(series), middle, [middle - low, high - middle], fmt="o-", **style)
+
+
+def draw_bars(series: dict[str, list[float]], label: str, axis: Any) -> None:
+    """A bar for each environment, with the range of its rounds."""
+    for name, values in reversed(series.items()):
+        middle = median(values)
+        axis.barh(name, middle, xerr=[[middle - min(values)], [max(values) - middle]], height=0.6,
+                  color="tab:blue" if name.startswith(OURS) else "tab:gray")  # fmt: skip
+    axis.locator_params(axis="x", nbins=4)
+    axis.set_xlabel(label)
+    axis.set_title("one environment", fontsize=10)
+
+
+def draw_sweep(cost: dict[int, list[float]], name: str, axis: Any) -> None:
+    """Microseconds of a step against a number."""
+    draw_series(axis, cost)
+    if name != "legs":
+        axis.set_xscale("log")
+    axis.set_ylim(0.0, 1.2 * max(map(max, cost.values())))
+    axis.set(xlabel=name, ylabel="us")
+    axis.set_title("a step of 20 ms", fontsize=10)
+
+
+def draw(panels: list[Callable[[Any], None]], path: Path) -> None:
+    """All panels in one figure, three in a row."""
+    import matplotlib.pyplot as plt
+
+    rows = -(-len(panels) // 3)
+    figure, axes = plt.subplots(
+        rows, 3, figsize=(13.8, 3.6 * rows), layout="constrained", squeeze=False
+    )
+    for axis, panel in zip(axes.flat, panels, strict=False):
+        panel(axis)
+        axis.grid(alpha=0.3)
+        axis.set_axisbelow(True)
+    for axis in axes.flat[len(panels) :]:
+        axis.remove()
+    measure.save(figure, path)
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--rounds", type=int, metavar="N",
-                        help=f"at least {FEWEST_ROUNDS} ({ROUNDS})")  # fmt: skip
-    parser.add_argument("--out", type=Path, default=Path("logs/speed"), metavar="DIR",
-                        help="where it all goes (logs/speed)")  # fmt: skip
-    parser.add_argument("--quick", action="store_true", help="short, to try it; proves nothing")
-    parser.add_argument("--only", nargs="+", choices=PARTS, metavar="PART",
+    parser = measure.options(__doc__, "logs/speed")
+    parser.add_argument("--rounds", type=int, default=ROUNDS, metavar="N", help=f"({ROUNDS})")
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART",
                         help=f"of {', '.join(PARTS)}; all without it")  # fmt: skip
-    chosen = parser.parse_args(arguments)
-    rounds, fewest = chosen.rounds, 1 if chosen.quick else FEWEST_ROUNDS
-    if rounds is None:
-        rounds = QUICK_ROUNDS if chosen.quick else ROUNDS
-    if rounds < fewest:
-        parser.error(f"--rounds is {rounds}, must be at least {fewest}")
-    if chosen.out.exists() and not chosen.out.is_dir():
-        parser.error(f"--out is {chosen.out}, which is no folder")
-    names = [name for name in PARTS if chosen.only is None or name in chosen.only]
-    lacking = missing(["matplotlib", *(need for name in names for need in PARTS[name].needs)])
-    if lacking:
-        parser.exit(2, lacking)
-    result = run(names, rounds, chosen.quick)
-    write_json(chosen.out / "speed.json", result)
-    text = report(result)
-    write_text(chosen.out / "speed.md", text)
-    from benchmarks import speed_figures
-
-    speed_figures.draw(result, chosen.out / "speed.png")
-    print(text)
+    parser.add_argument("--against", type=Path, metavar="TREE",
+                        help="compare with this checkout of another commit instead")  # fmt: skip
+    found = measure.chosen(parser, arguments)
+    rounds = 1 if found.quick else found.rounds
+    head = f"{measure.machine()} Medians of {rounds} rounds in turns."
+    if found.against is not None:
+        measure.report(
+            found.out / "against.md",
+            "# Two commits",
+            head,
+            against(found.against, rounds, found.quick),
+        )
+        return
+    measure.require("mujoco", "Box2D", "matplotlib")
+    parts = []
+    for name, part in PARTS.items():
+        if name in found.only:
+            print(f"{name} ...", file=sys.stderr, flush=True)
+            parts.append(part(rounds, found.quick))
+    measure.report(found.out / "speed.md", "# Speed", head, *(p.text for p in parts))
+    panels = [panel for p in parts for panel in p.panels]
+    if panels:
+        draw(panels, found.out / "speed.png")
 
 
 if __name__ == "__main__":

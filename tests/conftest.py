@@ -17,7 +17,7 @@ DESIGNS = {**{name: make() for name, make in ROBOTS.items()}, "phases3": paper_r
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--numbers", metavar="FILE", help="table of what tests/proofs measures")
+    parser.addoption("--numbers", metavar="FILE", help="table of what tests/verification measures")
 
 
 @pytest.fixture

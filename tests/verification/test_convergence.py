@@ -1,4 +1,4 @@
-"""Order of convergence in the time step: 2 while no toe lands, 1 across a landing.
+"""Order of convergence in the time step: 2 while no toe touches down, 1 across a touchdown.
 
 Against a much finer step's answer. What is sunk 10 um into the ground at the start stays in
 contact: the plant leaves that depth alone, and the step's error does not lift the toes out of it.
@@ -93,8 +93,8 @@ def cranked(d):
 LEVEL = dict(terrain=Terrain.flat(), duration=0.1, psi=1.0, pitch=0.1)
 SLIPPERY = dict(LEVEL, terrain=Terrain.flat(friction=0.3), torque=1.0)
 EVENTS = {  # start, motion, order, mean error allowed at 1 ms
-    "landing of a rigid body": (fallen, dict(LEVEL, locked=True), 1, 1e-4),
-    "landing, crank free": (fallen, LEVEL, 1, 3e-4),
+    "touchdown of a rigid body": (fallen, dict(LEVEL, locked=True), 1, 1e-4),
+    "touchdown, crank free": (fallen, LEVEL, 1, 3e-4),
     "bounce, restitution 0.5": (
         fallen,
         dict(LEVEL, terrain=Terrain.flat(restitution=0.5)),
@@ -120,11 +120,11 @@ ALL_BUT_HEIGHT = [0, 2, 3, 4, 5, 6, 7]
 
 @pytest.mark.parametrize("name", EVENTS)
 def test_order_across_events(name, measured):
-    """A landing falls anywhere in a step: order 1. So does a change between sticking and sliding,
+    """A touchdown falls anywhere in a step: order 1. So does a change between sticking and sliding,
     but no velocity jumps there, so that its time need not be known so well: order 2.
 
     The mean error over twelve starts, since that of one depends on where in its step it falls.
-    Without the height, which a landing leaves up to 20 um off whatever the step.
+    Without the height, which a touchdown leaves up to 20 um off whatever the step.
     """
     start, motion, order, limit = EVENTS[name]
     steps, errors, height = STEPS[1:], np.zeros(len(STEPS) - 1), 0.0
@@ -140,5 +140,5 @@ def test_order_across_events(name, measured):
             height = max(height, error[1]) if step == 1e-3 else height
     measured(f"mean error at 1 ms, {name}", errors[1], limit, "m, rad, 1/s")
     measured(f"order lost of {order}, {name}", order - fitted_order(steps, errors), 0.1)
-    if name.startswith("landing"):
+    if name.startswith("touchdown"):
         measured(f"largest error of height at 1 ms, {name}", height, 1e-4, "m")

@@ -1,6 +1,6 @@
-"""Proofs note the numbers they measure.
+"""Verification tests note the numbers they measure.
 
-``python -m pytest tests/proofs -m "slow or not slow" --numbers FILE`` writes them as a table.
+``python -m pytest tests/verification -m "slow or not slow" --numbers FILE`` writes them as a table.
 """
 
 from __future__ import annotations

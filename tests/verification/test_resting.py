@@ -30,7 +30,7 @@ some_and_more = pytest.mark.parametrize(
 
 
 def standing(name, slope, psi, locked):
-    """The design set down on a slope."""
+    """The design placed on a slope."""
     plant = ProjectionPlant(DESIGNS[name], Terrain.slope(slope, friction=FRICTION))
     plant.crank_driven = locked
     plant.reset(0.0, psi)
@@ -40,8 +40,9 @@ def standing(name, slope, psi, locked):
 def friction_needed(plant, slope):
     """Largest |tangential| / normal load with which two toes hold all of a robot with free crank.
 
-    Two toes have four load components for its four freedoms: J^T P = dV/dq. None where there are
-    not two toes, or where they leave a freedom; infinite where one of them would have to pull.
+    Two toes have four load components for its four degrees of freedom: J^T P = dV/dq. None where
+    there are not two toes, or where they leave one free; infinite where one of them would have to
+    pull.
     """
     q, d = plant.state[:4], 1e-5
     on = np.flatnonzero(plant.peek().contact_force[:, 1])

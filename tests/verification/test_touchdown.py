@@ -1,4 +1,4 @@
-"""Landing: Newton's restitution, bounce heights, and several toes that strike at once.
+"""Touchdown: Newton's restitution, bounce heights, and several toes that strike at once.
 
 ``level(n)`` are robots with n toes level at crank angle ``PSI``: on opposite flanks of the foot's
 path two crank angles give one toe height, and back legs mirror fore legs. With three and four the
@@ -21,7 +21,7 @@ from jansen_env.kinematics import T, coordinates, joint_positions
 from jansen_env.plants.projected import SET_DOWN_DEPTH, ProjectionPlant
 
 PSI = 2.75  # rad
-BLOW = 1e-8  # s, time step in which a blow is dealt: nothing else matters in it
+IMPACT = 1e-8  # s, time step in which an impact is dealt: nothing else matters in it
 locked = pytest.mark.parametrize("locked", [True, False], ids=["locked", "free"])
 
 
@@ -43,7 +43,7 @@ def level(toes):
 
 
 def plant_on(robot, ground, locked, psi=PSI, pitch=0.0, **arguments):
-    """A plant with the robot set down at a pitch."""
+    """A plant with the robot placed at a pitch."""
     plant = ProjectionPlant(robot, ground, **arguments)
     plant.crank_driven = locked
     plant.reset(0.0, psi, pitch)
@@ -82,7 +82,7 @@ def inverse_mass(plant, q):
 
 
 def least_impulse(inverse, normal, v, restitution):
-    """Velocity after a smooth blow: of all that obey J v+ >= -e J v the nearest in M.
+    """Velocity after a smooth impact: of all that obey J v+ >= -e J v the nearest in M.
 
     By trying which toes keep to equality; the answer is one of these, and all that are allowed
     are at least as far.
@@ -100,7 +100,7 @@ def least_impulse(inverse, normal, v, restitution):
 
 
 def coulomb(inverse, normal, tangential, v, mu):
-    """All velocities after a plastic blow with friction, by trying every toe's mode."""
+    """All velocities after a plastic impact with friction, by trying every toe's mode."""
     toes, answers = len(normal), []
     J = np.vstack([normal, tangential])
     W, q = J @ inverse @ J.T, J @ v
@@ -136,17 +136,17 @@ def strike(robot, v, mu, restitution, locked, psi=PSI):
     """Let it strike with velocity v.
 
     Returns:
-        The plant, its pose at the blow, the velocity just after, the kinetic energy gained, and
+        The plant, its pose at the impact, the velocity just after, the kinetic energy gained, and
         that less what is booked, J.
     """
     ground = Terrain.flat(friction=mu, restitution=restitution)
-    plant = plant_on(robot, ground, locked, psi, gravity=0.0, time_step=BLOW)
+    plant = plant_on(robot, ground, locked, psi, gravity=0.0, time_step=IMPACT)
     state = plant.state
-    state[1] += SET_DOWN_DEPTH + 0.01 * BLOW  # all but touching: it lands in the next step
+    state[1] += SET_DOWN_DEPTH + 0.01 * IMPACT  # all but touching: it touches down in the next step
     state[4:] = v
     plant.state, plant.tracing = state, True
-    pose = state[:4] + 0.5 * BLOW * state[4:]
-    result = plant.step(0.0, BLOW)
+    pose = state[:4] + 0.5 * IMPACT * state[4:]
+    result = plant.step(0.0, IMPACT)
     assert plant.landings.all()
     M = rd.mass_matrix(plant.tables, pose)
     after = plant.state[4:]
@@ -161,7 +161,7 @@ VELOCITIES = [(0.0, -1.0, 0.0, 0.0), (0.3, -1.0, 0.6, 0.0), (-0.5, -0.7, -0.4, 2
 @locked
 @pytest.mark.parametrize("toes", [1, 2, 3, 4])
 @pytest.mark.parametrize("restitution", [0.0, 0.3, 0.8, 1.0])
-def test_smooth_blow_is_the_least_impulse(toes, restitution, locked, measured):
+def test_smooth_impact_is_the_least_impulse(toes, restitution, locked, measured):
     """mu = 0: v+ is the velocity nearest to v in M's metric with J v+ >= -e J v; 1 to 4 toes.
 
     That problem is strictly convex: the velocity is unique, however loads are shared.
@@ -178,7 +178,7 @@ def test_smooth_blow_is_the_least_impulse(toes, restitution, locked, measured):
         if toes == 1:
             newton = max(newton, abs(normal[0] @ after + restitution * normal[0] @ v))
         assert np.abs(after - v).max() > 0.1
-    measured(f"velocity after a blow, {toes} toe(s)", worst, 2e-7, "m/s")
+    measured(f"velocity after an impact, {toes} toe(s)", worst, 2e-7, "m/s")
     measured("rebound + e * approach of a single toe", newton, 1e-8, "m/s")
     measured("energy gained", most, 5e-7 if restitution == 1.0 else 0.0, "J")
     measured("loss not booked", unbooked, 5e-7, "J")
@@ -187,7 +187,7 @@ def test_smooth_blow_is_the_least_impulse(toes, restitution, locked, measured):
 @locked
 @pytest.mark.parametrize("toes", [1, 2, 3, 4])
 @pytest.mark.parametrize("mu", [0.3, 0.8])
-def test_rough_blow_is_coulombs(toes, mu, locked, measured):
+def test_rough_impact_is_coulombs(toes, mu, locked, measured):
     """e = 0: v+ is what trying all modes (open, stick, slide) of all toes finds, and only that."""
     worst, most, unbooked = 0.0, -math.inf, 0.0
     for v in np.array(VELOCITIES):
@@ -198,7 +198,7 @@ def test_rough_blow_is_coulombs(toes, mu, locked, measured):
         found = coulomb(inverse_mass(plant, pose), *jacobians(plant.robot, pose), v, mu)
         assert len(found) > 0
         worst = max(worst, np.abs(found - after).max())
-    measured(f"velocity after a rough blow, {toes} toe(s)", worst, 2e-7, "m/s")
+    measured(f"velocity after a rough impact, {toes} toe(s)", worst, 2e-7, "m/s")
     measured("energy gained in it", most, 0.0, "J")
     measured("loss not booked in it", unbooked, 5e-7, "J")
 
@@ -257,7 +257,7 @@ def test_bounce_heights(toes, restitution, bounces, measured):
     """Dropped flat it rises to h_k = e^2k h_0, flying for 2 sqrt(2 h_k / g); e = 1: for ever.
 
     On one toe the centre of mass is over it (a payload's doing), so that it does not turn. A
-    blow is dealt within v h of the ground, v the speed it comes with: so far may heights be off.
+    impact is dealt within v h of the ground, v the speed it comes with: so far may heights be off.
     """
     step, chunk, robot = 1e-5, 1e-4, level(toes)
     if toes == 1:  # c + load * (x, y) = (mass + load) * toe's x

@@ -65,8 +65,8 @@ def depth(plant):
 def test_contact_law_and_penetration(name, measured):
     """3 s of walking or trying to, thrown from 5 cm: residual over m g h; depth below v h / 2.
 
-    A toe lands anywhere in a step, half of which it goes on with up to 0.4 m/s (at 100 N m the
-    robot flies off at once); after the first half second, in which sunken toes come up.
+    A toe touches down anywhere in a step, half of which it goes on with up to 0.4 m/s (at 100 N m
+    the robot flies off at once); after the first half second, in which sunken toes come up.
     """
     robot, terrain, step, sunk, most = CASES[name]
     plant = ProjectionPlant(robot, terrain, step)
@@ -146,7 +146,9 @@ def test_painleve(mu, measured):
         plant.state = state
         kinetic = 0.5 * thin.mass
         first = plant.step(0.0, plant.time_step)
-        assert first.contact_force[toe, 1] > 10.0 * thin.mass * GRAVITY  # no force balance: a blow
+        assert (
+            first.contact_force[toe, 1] > 10.0 * thin.mass * GRAVITY
+        )  # no force balance: an impact
         sliding = max(sliding, first.slip[toe])
         for result in [first, *(plant.step(0.0, HOLD) for _ in range(10))]:
             residual = max(residual, result.residual / (thin.mass * 1.0))
@@ -155,7 +157,7 @@ def test_painleve(mu, measured):
         assert np.isfinite(plant.state).all()
     measured(f"Painleve, friction {mu:g}: contact law violated", residual, 1e-14)
     measured(f"Painleve, friction {mu:g}: energy gained in 20 ms", gained, 1e-9)
-    measured(f"Painleve, friction {mu:g}: slip in the step of the blow", sliding, 1e-12, "m")
+    measured(f"Painleve, friction {mu:g}: slip in the step of the impact", sliding, 1e-12, "m")
     measured(f"Painleve, friction {mu:g}: penetration", deepest, 2.0 * LEFT, "m")
 
 
@@ -186,8 +188,8 @@ def test_restitution_1_keeps_the_energy(measured):
     measured("bouncing with e = 1: energy unaccounted for", missed, 1e-12)
 
 
-def farthest_bumper(plant):
-    """Crank angle at which a bumper is farthest from the crank axis, how far, in what direction."""
+def farthest_outer_joint(plant):
+    """Crank angle at which an outer joint is farthest from the crank axis, how far, and where."""
     best = (0.0, 0.0, 0.0)
     for leg in plant.robot.legs:
         for psi in np.linspace(0.0, 2.0 * math.pi, 360, endpoint=False):
@@ -198,15 +200,15 @@ def farthest_bumper(plant):
     return best
 
 
-def test_a_bumper_is_found_before_it_strikes(measured):
-    """The farthest bumper first, straight down at 2.2 m/s: it is no deeper than v h / 2 after the
-    blow, and lifting it by a fifth of that is all the energy gained; in units of m g v h / 2.
+def test_an_outer_joint_is_found_before_it_strikes(measured):
+    """The farthest outer joint first, straight down at 2.2 m/s: it is no deeper than v h / 2 after
+    the impact, and lifting it by a fifth of that is all the energy gained; in units of m g v h / 2.
 
     Found late it would be 2 cm deep (10 ms of falling), and be lifted all the way.
     """
     plant = ProjectionPlant(Robot(), Terrain.flat(friction=0.0, restitution=1.0))
     plant.crank_driven = True
-    reach, psi, direction = farthest_bumper(plant)
+    reach, psi, direction = farthest_outer_joint(plant)
     depth_allowed = math.hypot(2.0, math.sqrt(2.0 * GRAVITY * 0.06)) * 0.5 * plant.time_step
     gained = 0.0
     for extra in np.linspace(0.0, 0.02, 11):
@@ -215,12 +217,14 @@ def test_a_bumper_is_found_before_it_strikes(measured):
         assert plant.step(0.0, 0.1).bumped
         gained = max(gained, plant.energy() - start)
     unit = plant.robot.mass * GRAVITY * depth_allowed
-    measured("farthest bumper landing: energy gained over m g v h / 2", gained / unit, 0.25)
+    measured(
+        "farthest outer joint touches down: energy gained over m g v h / 2", gained / unit, 0.25
+    )
 
 
 @pytest.mark.parametrize("height", [5.0, 80.0])
-def test_fast_landing(height, measured):
-    """Dropped from 5 and 80 m, landing at 10 and 40 m/s: nothing stays below the ground."""
+def test_fast_touchdown(height, measured):
+    """Dropped from 5 and 80 m, touching down at 10 and 40 m/s: nothing stays below the ground."""
     plant = ProjectionPlant(Robot(), FLAT)
     deepest = 0.0
     for extra in np.linspace(0.0, 0.2, 8):
@@ -265,7 +269,7 @@ def test_fast_toes_do_not_tunnel(name, measured):
             if deep > before:
                 worst = max(worst, deep - before - plant.time_step * speed)
             before = max(deep, 0.0)
-    measured(f"fast toes, {name}: depth gained in a step beyond its way", worst, 1e-4, "m")
+    measured(f"fast toes, {name}: depth gained in a step beyond its path", worst, 1e-4, "m")
     measured(f"fast toes, {name}: energy given back in a step over energy", lifted, 0.03)
 
 

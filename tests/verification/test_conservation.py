@@ -58,7 +58,7 @@ MOTIONS = {
         motion(held(0.0), 2.0, BOUNCY, state=[0.0, 0.8, 0.1, 0.3, 0.0, 0.0, 0.0, 0.0]),
         1e-5,
     ),
-    "tumbling on bumpers": (motion(held(0.0), 3.0, state=THROWN), 6e-5),
+    "tumbling on outer joints": (motion(held(0.0), 3.0, state=THROWN), 6e-5),
     "tumbling, crank locked": (motion(held(0.0), 3.0, state=THROWN, locked=True), 2e-13),
 }
 
@@ -111,7 +111,7 @@ ORDERS = {  # of the energy error: the midpoint rule's between impacts, the impa
     "walk on rough ground": (1.0, 0.3),
     "fast walk": (1.0, 0.3),
     "dropped, restitution 0.5": (1.0, 0.3),
-    "tumbling on bumpers": (1.0, 0.3),
+    "tumbling on outer joints": (1.0, 0.3),
 }
 
 

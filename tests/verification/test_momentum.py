@@ -25,7 +25,7 @@ designs = pytest.mark.parametrize("name", DESIGNS)
 
 
 def standing(name, terrain):
-    """The design set down."""
+    """The design placed on the terrain."""
     plant = ProjectionPlant(DESIGNS[name], terrain)
     plant.reset(0.0, 0.3)
     return plant
@@ -45,7 +45,7 @@ def momentum(plant):
 @designs
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 def test_smooth_ground_cannot_push_it_along(name, restitution, rng, measured):
-    """mu = 0: horizontal momentum keeps its value through landings, falls and random torques."""
+    """mu = 0: horizontal momentum keeps its value through touchdowns, falls and random torques."""
     plant = standing(name, Terrain.flat(0.0, restitution))
     state = plant.state
     state[4] = 0.5
@@ -95,7 +95,7 @@ def test_contact_forces_account_for_all_momentum(name, angle, rng, measured):
 def test_rough_ground_accounts_for_all_momentum(name, restitution, rng, measured):
     """On kinked ground, where normals change within a hold: by the trace of every time step.
 
-    Its impulses add up to the change of momentum, toes and bumpers together.
+    Its impulses add up to the change of momentum, toes and outer joints together.
     """
     ground = Terrain.rough(np.random.default_rng(1), start=-20.0, restitution=restitution)
     plant = standing(name, ground)

@@ -86,7 +86,7 @@ def governor(speed, angle_rate):
 def test_mirrored_walk(name, measured):
     """5 s of walking and its mirror image: pose, rates, slip and forces; only rounding differs.
 
-    A difference grows in landings and slips; forces are velocity changes over 1 ms.
+    A difference grows in touchdowns and slips; forces are velocity changes over 1 ms.
     """
     robot, terrain = WALKS[name]
     plant, image = (
@@ -171,10 +171,10 @@ SCALED = {  # no toe is ever pushed out of the ground here
 def test_scaled_robot(name, measured):
     """4 times as long, 8 times as heavy: the same motion, forces and energies in scaled units.
 
-    To rounding, which is why the walk's time step is so small: landing at 1 m/s, a toe goes no
-    deeper than 20 um, which the kernels leave alone (and to larger depths they apply a length).
-    In flight the ground is looked for after 5 cm, whatever the scale: energies are 1500 J there,
-    rounded to 2e-13 J at every look.
+    To rounding, which is why the walk's time step is so small: a toe that touches down at 1 m/s
+    goes no deeper than 20 um, which the kernels leave alone (and to larger depths they apply a
+    length). In flight collision detection runs after 5 cm, whatever the scale: energies are 1500 J
+    there, rounded to 2e-13 J at every query.
     """
     apart, force, slip, energy = compare_scales(*SCALED[name])
     measured(f"scaled robot, {name}: state", apart.max(), 1e-13, "m, rad, 1/s")

@@ -39,7 +39,7 @@ machines = pytest.mark.parametrize("name", MACHINES)
 
 
 def standing(name, terrain, time_step=STEP):
-    """The machine set down, its crank locked."""
+    """The machine placed, its crank locked."""
     robot, psi, _ = MACHINES[name]
     plant = ProjectionPlant(robot, terrain, time_step)
     plant.crank_driven = True
@@ -91,7 +91,7 @@ def test_sliding_to_a_stop(name, mu, speed, measured):
     """It stops after v / (mu g) at v^2 / (2 mu g); each toe slid that far, friction took m v^2 / 2.
 
     The stop falls inside a time step h: mu g h^2 / 8 is the most this can add to the distance.
-    Slip misses the way in that step, mu g h^2 / 2 at most, as the toe sticks at its end.
+    Slip misses the path in that step, mu g h^2 / 2 at most, as the toe sticks at its end.
     """
     plant = standing(name, Terrain.flat(friction=mu))
     mass, x0 = plant.robot.mass, plant.x
@@ -104,12 +104,12 @@ def test_sliding_to_a_stop(name, mu, speed, measured):
     assert plant.state[4] * speed > 0.0
     last = plant.step(0.0, STEP)
     measured("speed after the time to stop", np.abs(plant.state[4:]).max(), 1e-12, "m/s")
-    way = speed * abs(speed) / (2.0 * mu * GRAVITY)
+    distance = speed * abs(speed) / (2.0 * mu * GRAVITY)
     inside = mu * GRAVITY * STEP**2 / 8.0
-    measured("stop distance's error", abs(plant.x - x0 - way), inside + 1e-10, "m")
-    measured("the same, relative", abs((plant.x - x0) / way - 1.0), 2e-5)
+    measured("stop distance's error", abs(plant.x - x0 - distance), inside + 1e-10, "m")
+    measured("the same, relative", abs((plant.x - x0) / distance - 1.0), 2e-5)
     slid = np.sort(result.slip + last.slip)[-2:]
-    measured("slip less distance", np.abs(slid - abs(way)).max(), 5.0 * inside + 1e-10, "m")
+    measured("slip less distance", np.abs(slid - abs(distance)).max(), 5.0 * inside + 1e-10, "m")
     loss = sum(r.slip_loss + r.impact_loss for r in (result, last))
     energy = 0.5 * mass * speed**2
     measured("friction's work, relative", abs(loss / energy - 1.0), 1e-11)
@@ -152,9 +152,9 @@ def test_sliding_to_a_stop_on_one_toe(mu, speed, measured):
     measured("pitch rate meanwhile", abs(plant.state[6]), 1e-8, "rad/s")
     left = speed - math.copysign(mu * GRAVITY * (steps - 1) * STEP, speed)
     measured("speed on one toe", abs(plant.state[4] - left), 1e-9, "m/s")
-    way = (speed * abs(speed) - left * abs(left)) / (2.0 * mu * GRAVITY)
-    measured("way on one toe, relative", abs(plant.x / way - 1.0), 2e-9)
-    measured("slip on one toe, relative", abs(result.slip.sum() / abs(way) - 1.0), 4e-9)
+    distance = (speed * abs(speed) - left * abs(left)) / (2.0 * mu * GRAVITY)
+    measured("distance on one toe, relative", abs(plant.x / distance - 1.0), 2e-9)
+    measured("slip on one toe, relative", abs(result.slip.sum() / abs(distance) - 1.0), 4e-9)
     loss = result.slip_loss / (0.5 * robot.mass * (speed**2 - left**2))
     measured("friction's work on one toe, relative", abs(loss - 1.0), 4e-9)
     last = plant.step(0.0, STEP)
@@ -285,5 +285,5 @@ def test_friction_reverses_with_the_motion(name, measured):
         error = abs(result.contact_force[:, 0].sum() - force)
         measured(f"friction, {name}", error, 2e-11, "N")
     time = turning + 2.0 * STEP - speed / slowing  # since it turned
-    way = speed**2 / (2.0 * slowing) - 0.5 * gaining * time**2
-    measured("place after turning", abs(middle[0] - way), pull * STEP**2, "m")
+    distance = speed**2 / (2.0 * slowing) - 0.5 * gaining * time**2
+    measured("place after turning", abs(middle[0] - distance), pull * STEP**2, "m")

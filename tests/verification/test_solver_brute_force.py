@@ -27,18 +27,18 @@ COMPLIANCE = 1e-6  # of W's mean diagonal, so that the trials' systems are well 
 SLACK = 1e-8  # of the speeds and impulses at play, by which a trial's inequalities may be missed
 
 
-def random_problems(rng, problems, count, freedoms=4, twins="none"):
-    """Jacobians of random directions (problems, 2 count, freedoms), W and q = J v.
+def random_problems(rng, problems, count, dof=4, twins="none"):
+    """Jacobians of random directions (problems, 2 count, dof), W and q = J v.
 
-    With more than freedoms / 2 contacts W is singular; ``twins``: the last contact is the first
+    With more than dof / 2 contacts W is singular; ``twins``: the last contact is the first
     again, "equal" or "near" by 1e-6.
     """
-    root = rng.normal(size=(problems, freedoms, freedoms))
-    mobility = root @ root.transpose(0, 2, 1) + 0.1 * np.eye(freedoms)
-    J = rng.normal(size=(problems, 2 * count, freedoms))
+    root = rng.normal(size=(problems, dof, dof))
+    mobility = root @ root.transpose(0, 2, 1) + 0.1 * np.eye(dof)
+    J = rng.normal(size=(problems, 2 * count, dof))
     if twins != "none" and count > 1:
         J[:, -2:] = J[:, :2] + (1e-6 * rng.normal(size=J[:, :2].shape) if twins == "near" else 0.0)
-    q = (J @ rng.normal(size=(problems, freedoms, 1)))[..., 0]
+    q = (J @ rng.normal(size=(problems, dof, 1)))[..., 0]
     return J @ mobility @ J.transpose(0, 2, 1), q
 
 
@@ -110,9 +110,9 @@ def nearest_solution(W, q, mu, u):
     return nearest, apart, fitting
 
 
-KINDS = {  # freedoms, twins
-    "four freedoms": (4, "none"),
-    "three freedoms, crank locked": (3, "none"),
+KINDS = {  # dof, twins
+    "four degrees of freedom": (4, "none"),
+    "three degrees of freedom, crank locked": (3, "none"),
     "twins": (4, "equal"),
     "near twins": (4, "near"),
 }
@@ -121,8 +121,8 @@ KINDS = {  # freedoms, twins
 def draw(kind, count, problems):
     """W, q and mu of random problems: mu from 0 to 5, an eighth of them 0."""
     rng = np.random.default_rng([20240229, list(KINDS).index(kind), count])
-    freedoms, twins = KINDS[kind]
-    W, q = random_problems(rng, problems, count, freedoms, twins)
+    dof, twins = KINDS[kind]
+    W, q = random_problems(rng, problems, count, dof, twins)
     mu = rng.uniform(0.0, 5.0, (problems, count)) * (rng.random((problems, count)) > 0.125)
     return W, q, mu
 
@@ -166,7 +166,7 @@ def test_singular_problems_obey_the_law(kind, count, measured):
 
 def test_first_guess_decides_only_among_solutions(measured):
     """From each of the four modes as first guess: always one of the solutions of the trial."""
-    W, q, mu = draw("four freedoms", 3, 200)
+    W, q, mu = draw("four degrees of freedom", 3, 200)
     W += COMPLIANCE * (np.trace(W, axis1=1, axis2=2) / 6.0)[:, None, None] * np.eye(6)
     worst = 0.0
     for guess in (OPEN, STICK, SLIDE_FORWARD, SLIDE_BACKWARD):

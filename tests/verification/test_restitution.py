@@ -1,4 +1,4 @@
-"""Blows with restitution and friction: Newton's law as far as it creates no energy."""
+"""Impacts with restitution and friction: Newton's law as far as it creates no energy."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ STEP = 1e-6  # s
 HEAVY = Robot(payload=Payload(60.0, 1.0, (0.1, 0.0)))
 
 
-def blows(robot, friction, restitution, rng, count=300):
-    """(n, 2) energies before and after random single blows in weightlessness, crank free.
+def impacts(robot, friction, restitution, rng, count=300):
+    """(n, 2) energies before and after random single impacts in weightlessness, crank free.
 
-    All but set down on level ground at any pitch, and thrown at it.
+    All but placed on level ground at any pitch, and thrown at it.
     """
     ground = Terrain.flat(friction, restitution)
     plant = ProjectionPlant(robot, ground, time_step=STEP, gravity=0.0)
@@ -24,7 +24,9 @@ def blows(robot, friction, restitution, rng, count=300):
     for _ in range(count):
         state = plant.reset(0.0, rng.uniform(0.0, 2.0 * np.pi), rng.uniform(-0.3, 0.3))
         state[4:] = rng.normal(size=4) * (1.0, 0.0, 1.0, 3.0) - (0.0, 1.0, 0.0, 0.0)
-        state[1] += SET_DOWN_DEPTH + 0.2 * STEP  # it lands in the next step, if it comes near
+        state[1] += (
+            SET_DOWN_DEPTH + 0.2 * STEP
+        )  # it touches down in the next step, if it comes near
         plant.state = state
         before = plant.energy()
         plant.step(0.0, STEP)
@@ -37,14 +39,14 @@ def blows(robot, friction, restitution, rng, count=300):
 @pytest.mark.parametrize("friction", [0.0, 0.3, 0.8, 2.0])
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 0.8, 1.0])
 @pytest.mark.parametrize("robot", [ROBOTS["holy_slender"](2), HEAVY], ids=["holy_slender", "60 kg"])
-def test_no_blow_creates_energy(robot, friction, restitution, rng, measured):
+def test_no_impact_creates_energy(robot, friction, restitution, rng, measured):
     """Kinetic energy after <= before, for any friction and restitution: 2e-6, from its length.
 
     Newton's law alone gives more than twice as much (60 kg, friction 0.8, e = 1).
     """
-    energies = blows(robot, friction, restitution, rng)
+    energies = impacts(robot, friction, restitution, rng)
     gain = (energies[:, 1] / energies[:, 0]).max() - 1.0
-    measured(f"energy gained in a blow, friction {friction}, e = {restitution}", gain, 2e-6)
+    measured(f"energy gained in an impact, friction {friction}, e = {restitution}", gain, 2e-6)
 
 
 def test_what_bounces_lawfully_bounces_as_asked(rng, measured):

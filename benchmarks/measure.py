@@ -1,0 +1,161 @@
+"""What the benchmarks share: turns, ratios, the machine, walks, tables and figures."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import platform
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from statistics import median
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from tabulate import tabulate
+
+import jansen_env
+from jansen_env import Terrain
+from jansen_env.engine.task import FALLEN_PITCH
+from jansen_env.files import write_text, write_whole
+from jansen_env.plants.base import Plant, StepResult
+
+K = TypeVar("K")
+T = TypeVar("T")
+
+PACKAGES = (
+    "box2d", "envpool", "gymnasium", "mujoco", "numba", "numpy", "pymunk", "stable-baselines3",
+    "torch",
+)  # fmt: skip
+STEEPNESS = 0.1  # heights of rough ground are +- so much of the distance between its vertices
+
+
+class Ratio(NamedTuple):
+    """Ratio of the medians of two series, and the lowest and highest ratio within a round."""
+
+    value: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{self.value:.2f} ({self.low:.2f} to {self.high:.2f})"
+
+
+def ratio(ours: Sequence[float], theirs: Sequence[float]) -> Ratio:
+    """Ours over theirs; entry k of both was measured in round k."""
+    by_round = [a / b for a, b in zip(ours, theirs, strict=True)]
+    return Ratio(median(ours) / median(theirs), min(by_round), max(by_round))
+
+
+def spread(values: Sequence[float], form: str = ",.0f") -> tuple[str, str, str]:
+    """Median, lowest and highest of the rounds, as cells of a table."""
+    middle, low, high = (format(v, form) for v in (median(values), min(values), max(values)))
+    return middle, low, high
+
+
+def take_turns(
+    plays: Mapping[K, Callable[[], T]], rounds: int, warm_up: bool = True
+) -> dict[K, list[T]]:
+    """What each contestant's play returned in each round.
+
+    After a warm-up that does not count they take turns, in reverse order every other round, so
+    that a change of load meets all of them.
+    """
+    found: dict[K, list[T]] = {name: [] for name in plays}
+    for play in plays.values() if warm_up else ():
+        play()
+    for number in range(rounds):
+        for name in list(plays) if number % 2 == 0 else reversed(list(plays)):
+            found[name].append(plays[name]())
+    return found
+
+
+def cores() -> int:
+    """Processor cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def machine() -> str:
+    """Processor, cores, load, and the versions of all that is measured."""
+    listing = Path("/proc/cpuinfo")
+    lines = listing.read_text(encoding="utf-8").splitlines() if listing.exists() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    parts = [names[0] if names else platform.processor() or platform.machine(), f"{cores()} cores"]
+    if hasattr(os, "getloadavg"):
+        parts.append(f"load average {os.getloadavg()[0]:.2f} at the start")
+    versions = {"jansen_env": jansen_env.__version__, "Python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return f"{', '.join(parts)}; {', '.join(f'{n} {number}' for n, number in versions.items())}."
+
+
+def rough_ground(segments: int, spacing: float = 0.2, seed: int = 0, **arguments: Any) -> Terrain:
+    """Rough ground of so many segments around x = 0, equally steep whatever the spacing (m).
+
+    Raises:
+        ValueError: fewer than five segments: two before and two after the rough ones are level.
+    """
+    if segments < 5:
+        raise ValueError(f"segments is {segments}, must be at least 5")
+    length, rng = (segments - 2.5) * spacing, np.random.default_rng(seed)
+    return Terrain.rough(rng, STEEPNESS * spacing, spacing, length, -0.5 * length, **arguments)
+
+
+def fallen(plant: Plant, result: StepResult) -> bool:
+    """Whether the step ended in a fall, as the walking task defines it."""
+    return bool(result.bumped) or abs(float(plant.state[2])) > FALLEN_PITCH
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """A Markdown table, the first column aligned to the left, the others to the right."""
+    align = ("left", *["right"] * (len(head) - 1))
+    return tabulate(list(rows), head, tablefmt="pipe", disable_numparse=True, colalign=align)
+
+
+def options(doc: str | None, out: str) -> argparse.ArgumentParser:
+    """A command line with what all benchmarks have: ``--out`` and ``--quick``."""
+    parser = argparse.ArgumentParser(description=(doc or "").partition("\n")[0])
+    parser.add_argument("--out", type=Path, default=Path(out), metavar="DIR",
+                        help=f"folder for tables and figures ({out})")  # fmt: skip
+    parser.add_argument("--quick", action="store_true", help="try the program; proves nothing")
+    return parser
+
+
+def chosen(parser: argparse.ArgumentParser, arguments: list[str] | None) -> argparse.Namespace:
+    """The parsed command line; exits if it cannot be followed."""
+    found = parser.parse_args(arguments)
+    for name in ("rounds", "jobs"):
+        if getattr(found, name, 1) < 1:
+            parser.error(f"--{name} is {getattr(found, name)}, must be at least 1")
+    if found.out.exists() and not found.out.is_dir():
+        parser.error(f"--out is {found.out}, must be a folder")
+    return found
+
+
+def require(*modules: str) -> None:
+    """Exit with what to install unless these modules are there."""
+    missing = [name for name in modules if importlib.util.find_spec(name) is None]
+    if missing:
+        install = 'python -m pip install -c constraints.txt -e ".[bench]"'
+        raise SystemExit(
+            f"not installed: {', '.join(missing)}; all that is needed comes with\n{install}"
+        )
+
+
+def report(path: Path, *parts: str) -> None:
+    """Write the parts as paragraphs of a Markdown file, and print them."""
+    text = "\n\n".join(parts) + "\n"
+    write_text(path, text)
+    print(text)
+
+
+def save(figure: Any, path: Path) -> None:
+    """Write a matplotlib figure and close it."""
+    import matplotlib.pyplot as plt
+
+    write_whole(path, lambda name: figure.savefig(name, dpi=110))
+    plt.close(figure)

@@ -1,0 +1,107 @@
+"""How fast Stable-Baselines3's PPO trains, and the environments' share of the time.
+
+    python -m benchmarks.training [--rounds 7] [--out logs/training] [--quick]
+
+``JansenWalker-v0`` in one batch and ``Walker2d-v5`` in Stable-Baselines3's own default, with the
+same setting, in turns. Writes ``training.md``.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from benchmarks import measure
+
+OURS, PEER = "JansenWalker-v0", "Walker2d-v5"
+ENVIRONMENTS, ROLLOUTS = 64, 5  # side by side; of a round, each with its update
+SETTING: dict[str, Any] = {"n_steps": 64, "batch_size": 1024, "n_epochs": 6}
+LAYERS = (64, 64)
+ROUNDS = 7
+NEVER = 10**9  # updates between two lines of a log
+
+
+class Trainee:
+    """PPO and its environments.
+
+    Args:
+        venv: a vector environment of Stable-Baselines3's. setting: PPO's arguments.
+    """
+
+    def __init__(self, venv: Any, setting: dict[str, Any]) -> None:
+        from stable_baselines3 import PPO
+
+        self.inside = 0.0  # s spent in the environments
+        for name in ("reset", "step_async", "step_wait"):
+            setattr(venv, name, self._timed(getattr(venv, name)))
+        self.label = type(venv).__name__
+        self.steps = ROLLOUTS * setting["n_steps"] * venv.num_envs
+        self.model = PPO("MlpPolicy", venv, policy_kwargs={"net_arch": list(LAYERS)}, seed=0,
+                         device="cpu", **setting)  # fmt: skip
+
+    def _timed(self, call: Callable[..., Any]) -> Callable[..., Any]:
+        def timed(*arguments: Any) -> Any:
+            start = time.perf_counter()
+            try:
+                return call(*arguments)
+            finally:
+                self.inside += time.perf_counter() - start
+
+        return timed
+
+    def play(self) -> tuple[float, float]:
+        """Train some rollouts on; steps/s, and the environments' share of the time."""
+        before, start = self.inside, time.perf_counter()
+        self.model.learn(self.steps, log_interval=NEVER, reset_num_timesteps=False)
+        spent = time.perf_counter() - start
+        return self.steps / spent, (self.inside - before) / spent
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Command line."""
+    parser = measure.options(__doc__, "logs/training")
+    parser.add_argument("--rounds", type=int, default=ROUNDS, metavar="N", help=f"({ROUNDS})")
+    found = measure.chosen(parser, arguments)
+    measure.require("stable_baselines3", "mujoco")
+    import torch
+    from stable_baselines3.common.env_util import make_vec_env as peers_vec_env
+
+    from agents.vec_env import make_vec_env
+
+    count, setting, rounds = ENVIRONMENTS, SETTING, found.rounds
+    if found.quick:
+        count, setting, rounds = 4, {"n_steps": 8, "batch_size": 16, "n_epochs": 1}, 1
+    torch.set_num_threads(1)  # these networks are small, more threads cost more than they bring
+    head = f"{measure.machine()} Medians of {rounds} rounds in turns."
+    trainees = {
+        OURS: Trainee(make_vec_env(OURS, count), setting),
+        PEER: Trainee(peers_vec_env(PEER, count), setting),
+    }
+    plays = measure.take_turns({name: trainee.play for name, trainee in trainees.items()}, rounds)
+    rates = {name: [rate for rate, _ in pairs] for name, pairs in plays.items()}
+    shares = {name: [share for _, share in pairs] for name, pairs in plays.items()}
+    rows = [
+        (
+            name,
+            f"`{trainee.label}`",
+            *measure.spread(rates[name]),
+            measure.spread(shares[name], ".1%")[0],
+        )
+        for name, trainee in trainees.items()
+    ]
+    listed = ", ".join(f"{name} {value}" for name, value in setting.items())
+    measure.report(
+        found.out / "training.md",
+        "# Training",
+        head,
+        f"PPO, {count} environments, {listed}, layers {LAYERS}, one thread.",
+        measure.table(
+            ("trained on", "in", "steps/s", "lowest", "highest", "in the environments"), rows
+        ),
+        f"Ratio of the steps/s {measure.ratio(rates[OURS], rates[PEER])}.",
+    )
+
+
+if __name__ == "__main__":
+    main()

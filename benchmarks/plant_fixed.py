@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env import Terrain, paper_robot
-from jansen_env.plants.fixed_base import PinnedPlant
+from jansen_env.plants.fixed_base import FixedBasePlant
 from jansen_env.plants.rigid_body import TIME_STEP, RigidBodyPlant
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ class Pair:
     """The pinned plant and the rigid-body plant with its frame held, started alike."""
 
     def __init__(self, angle: float, rate: float, time_step: float) -> None:
-        self.exact = PinnedPlant(paper_robot())
+        self.exact = FixedBasePlant(paper_robot())
         self.exact.reset(angle, rate)
         self.rigid = RigidBodyPlant(paper_robot(), Terrain.flat(), time_step, pinned=True)
         self.rigid.state = np.array([0.0, HEIGHT, 0.0, angle, 0.0, 0.0, 0.0, rate])

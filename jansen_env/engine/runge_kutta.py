@@ -60,6 +60,21 @@ def turn(steps, h, torque, state, body, own):
 
 
 @compiled(allocates=True)
+def turn_each(steps, h, torques, states, body, own):
+    """:func:`turn` for robots with states (n, 3) and torques (n,)."""
+    for r in range(len(states)):
+        turn(steps, h, torques[r], states[r], body, own)
+
+
+@compiled(allocates=True)
+def energy_of_each(body, own, states, out):
+    """Kinetic plus potential energy (n,) of states (n, 3), J."""
+    for r in range(len(states)):
+        kinetic, potential = pinned_energy(body, own, states[r, ANGLE], states[r, SPEED])
+        out[r] = kinetic + potential
+
+
+@compiled(allocates=True)
 def pinned_energy(body, own, psi, n):
     """Kinetic and potential energy, J; potential is 0 with the centre of mass at the axis."""
     sums = np.empty((3, 6))

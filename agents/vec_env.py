@@ -112,7 +112,7 @@ class BatchVecEnv(VecEnv):
         self.env = env
         self.info_keys = info_keys
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
-        known = sorted(env.task.information.keys())
+        known = sorted(env.task.information.keys)
         unknown = sorted(set(info_keys or ()) - set(known))
         if unknown:
             raise ValueError(f"info_keys has {unknown}, must be of {known}")

@@ -123,7 +123,7 @@ def test_falls_look_with_the_bumpers():
     arguments = {"terminate_when_fallen": False, "terrain": "slope:-0.5"}
     ours, theirs = together(12, **arguments), side_by_side(12, **arguments)
     compare(ours, theirs, 150, seed=0)
-    assert ours.task.information.scalars["fallen"].sum() >= 6
+    assert ours.task.rows["info"]["fallen"].sum() >= 6
 
 
 def test_a_mask_resets_some():

@@ -25,6 +25,7 @@ from jansen_env.engine.tables import (
 
 # Entries of a pinned state: crank angle, its rate, and what the joints have taken since the start.
 ANGLE, SPEED, LOSS = range(3)
+DIVERGED = 1e4  # rad/s, beyond which a crank speed is taken for a simulation that diverged
 
 
 @compiled(inline="always")
@@ -60,18 +61,32 @@ def turn(steps, h, torque, state, body, own):
 
 
 @compiled(allocates=True)
-def turn_each(steps, h, torques, states, body, own):
-    """:func:`turn` for robots with states (n, 3) and torques (n,)."""
-    for r in range(len(states)):
-        turn(steps, h, torques[r], states[r], body, own)
+def turn_each(steps, h, torques, states, body, own, work, loss, change, diverged):
+    """:func:`turn` for n robots with states (n, 3) and torques (n,).
 
+    Args:
+        work, loss, change: (n,) of the motor, the joints and in mechanical energy, J; out.
+        diverged: (n,) whether a crank became faster than :data:`DIVERGED`: it stays as it was; out.
 
-@compiled(allocates=True)
-def energy_of_each(body, own, states, out):
-    """Kinetic plus potential energy (n,) of states (n, 3), J."""
+    Returns:
+        Whether one has.
+    """
+    any_diverged = False
     for r in range(len(states)):
-        kinetic, potential = pinned_energy(body, own, states[r, ANGLE], states[r, SPEED])
-        out[r] = kinetic + potential
+        state = states[r]
+        angle, speed = state[ANGLE], state[SPEED]
+        kinetic, potential = pinned_energy(body, own, angle, speed)
+        before = kinetic + potential
+        state[LOSS] = 0.0
+        turn(steps, h, torques[r], state, body, own)
+        diverged[r] = not abs(state[SPEED]) < DIVERGED
+        if diverged[r]:
+            state[ANGLE], state[SPEED], state[LOSS] = angle, speed, 0.0
+            any_diverged = True
+        kinetic, potential = pinned_energy(body, own, state[ANGLE], state[SPEED])
+        work[r], loss[r] = torques[r] * (state[ANGLE] - angle), state[LOSS]
+        change[r] = kinetic + potential - before
+    return any_diverged
 
 
 @compiled(allocates=True)

@@ -304,12 +304,12 @@ def one_action(action: Any) -> Array:
         ValueError: it is not one finite number.
     """
     try:
-        values = np.asarray(action, dtype=float)
+        values: Array = np.asarray(action, dtype=float)
     except (TypeError, ValueError, OverflowError):
         values = np.empty(0)
-    if values.shape != (1,) or not math.isfinite(values[0]):
+    if values.shape != (1,) or not math.isfinite(values.item()):
         raise ValueError(f"action is {shown(action)}, must be one finite number, shape (1,)")
-    return values.reshape(1, 1)
+    return values[None]
 
 
 def known_options(options: dict[str, Any], allowed: Sequence[str]) -> None:

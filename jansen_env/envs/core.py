@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -22,68 +21,56 @@ Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
 
-@dataclass
 class Information:
-    """What an environment's ``info`` tells of n robots, an entry for each: the task's own arrays.
+    """What an environment's ``info`` tells of n robots: the task's own arrays, put into dictionaries.
 
-    Attributes:
-        scalars: (n,) a structured row of numbers and flags.
-        groups: (n,) rows that become dictionaries of their own.
-        arrays: (n, ...).
-        step_scalars: (n,) rows of a step alone, not of a reset, by the prefix of their names.
-        step_arrays: (n,) of a step alone.
+    Args:
+        rows: (n,) a task's structured rows. Their field ``info`` has numbers and flags, ``energy``
+            becomes a dictionary of its own, ``reward`` has the reward's terms, which only a step has.
+        arrays: (n, ...) more of it. step_arrays: (n,) more numbers that only a step has.
     """
 
-    scalars: NDArray[Any]
-    groups: dict[str, NDArray[Any]]
-    arrays: dict[str, NDArray[Any]]
-    step_scalars: dict[str, NDArray[Any]]
-    step_arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
+    def __init__(
+        self,
+        rows: NDArray[Any],
+        arrays: dict[str, NDArray[Any]],
+        step_arrays: dict[str, NDArray[Any]],
+    ) -> None:
+        self._rows, self._arrays, self._step_arrays = rows, arrays, step_arrays
+        fields: Any = rows.dtype.names
+        self._place = {name: fields.index(name) for name in ("info", "energy", "reward")}
+        self._info, self._energy, self._reward = (
+            tuple(rows.dtype[name].names or ()) for name in self._place
+        )
+        self._terms = tuple(f"reward/{name}" for name in self._reward)
+        self.keys = (*self._info, "energy", *arrays, *self._terms, *step_arrays)
+        """All that a step's information has."""
 
     def of_one(self, row: int, stepped: bool) -> dict[str, Any]:
         """Of one robot, in Python's own types; ``stepped``: whether of a step, not of a reset."""
-        info = _row(self.scalars, row)
-        for name, group in self.groups.items():
-            info[name] = _row(group, row)
-        for name, array in self.arrays.items():
+        values, place = self._rows[row].item(), self._place
+        info = dict(zip(self._info, values[place["info"]], strict=True))
+        info["energy"] = dict(zip(self._energy, values[place["energy"]], strict=True))
+        for name, array in self._arrays.items():
             info[name] = array[row].copy()
         if stepped:
-            for prefix, group in self.step_scalars.items():
-                info.update(_row(group, row, prefix))
-            for name, array in self.step_arrays.items():
+            info.update(zip(self._terms, values[place["reward"]], strict=True))
+            for name, array in self._step_arrays.items():
                 info[name] = array[row].item()
         return info
 
     def of_all(self, known: Bools, stepped: Bools) -> dict[str, Any]:
         """Gymnasium's vector information: arrays, 0 where not ``known``, each with a mask."""
-        infos = _masked(_columns(self.scalars), known)
-        for name, group in self.groups.items():
-            infos[name], infos[f"_{name}"] = _masked(_columns(group), known), known.copy()
-        infos.update(_masked(self.arrays, known))
+        info, energy, reward = (self._rows[name] for name in self._place)
+        infos = _masked({name: info[name] for name in self._info}, known)
+        infos["energy"] = _masked({name: energy[name] for name in self._energy}, known)
+        infos["_energy"] = known.copy()
+        infos.update(_masked(self._arrays, known))
         if stepped.any():
-            for prefix, group in self.step_scalars.items():
-                infos.update(_masked(_columns(group, prefix), stepped))
-            infos.update(_masked(self.step_arrays, stepped))
+            terms = zip(self._terms, self._reward, strict=True)
+            infos.update(_masked({name: reward[term] for name, term in terms}, stepped))
+            infos.update(_masked(self._step_arrays, stepped))
         return infos
-
-    def keys(self) -> list[str]:
-        """All that a step's information has."""
-        names = [*_columns(self.scalars), *self.groups, *self.arrays, *self.step_arrays]
-        return names + [k for p, group in self.step_scalars.items() for k in _columns(group, p)]
-
-
-def _row(table: NDArray[Any], row: int, prefix: str = "") -> dict[str, Any]:
-    """The fields of one structured row."""
-    names: Any = table.dtype.names
-    if prefix:
-        names = [prefix + name for name in names]
-    return dict(zip(names, table[row].item(), strict=True))
-
-
-def _columns(table: NDArray[Any], prefix: str = "") -> dict[str, NDArray[Any]]:
-    """The fields of structured rows."""
-    names: Any = table.dtype.names
-    return {prefix + name: table[name] for name in names}
 
 
 def _masked(arrays: dict[str, NDArray[Any]], known: Bools) -> dict[str, Any]:

@@ -93,17 +93,12 @@ class CrankTask(Task):
         self.torque, self.reward = np.zeros((2, n))
         self.terminated, self.truncated = np.zeros((2, n), bool)
         self.observation = np.zeros((n, 5), np.float32)
+        self._joint_force = np.zeros(1)
         self.information = self._inform()
 
     def _inform(self) -> Information:
-        rows = self.rows
-        return Information(
-            scalars=rows["info"],
-            groups={"energy": rows["energy"]},
-            arrays={},
-            step_scalars={"reward/": rows["reward"]},
-            step_arrays={"joint_force_max": np.zeros(1)} if self.track_joint_forces else {},
-        )
+        loads = {"joint_force_max": self._joint_force} if self.track_joint_forces else {}
+        return Information(self.rows, {}, loads)
 
     def reset(
         self,
@@ -160,12 +155,12 @@ class CrankTask(Task):
             self._weights, self.rows, self.reward, self.terminated, self.observation,
         )  # fmt: skip
         if batch.any_diverged or self.truncated.any():
-            self.truncated[:] = self.information.scalars["diverged"] = batch.diverged & active
+            self.truncated[:] = self.rows["info"]["diverged"] = batch.diverged & active
             if self.truncated.any():
                 self._warn_of_divergence(self.truncated)
         if self.track_joint_forces:
             forces = batch.joint_forces(0, float(self.torque[0]))
-            self.information.step_arrays["joint_force_max"][0] = forces.largest()[0]
+            self._joint_force[0] = forces.largest()[0]
 
     def reference(self, row: int) -> float:
         """r(t) = w t + pi, rad: where a robot's crank should be now."""

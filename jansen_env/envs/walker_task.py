@@ -34,7 +34,6 @@ Array = NDArray[np.float64]
 
 SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
 FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
-JOINT_LOADS = ("joint_force_max", "joint_impulse_max")
 SLIPPING = 0.01  # m/s of mean slip speed from which a toe is drawn as slipping
 
 
@@ -126,17 +125,16 @@ class WalkerTask(Task):
         self._ground = surfaces(self.terrains)
         if self.track_joint_forces:
             self.traceable.tracing = True
+        self._joint_loads = np.zeros(2)
         self.information = self._inform()
 
     def _inform(self) -> Information:
-        rows, batch = self.rows, self.batch
-        return Information(
-            scalars=rows["info"],
-            groups={"energy": rows["energy"]},
-            arrays={"slip": batch.slip, "contact_force": batch.contact_force},
-            step_scalars={"reward/": rows["reward"]},
-            step_arrays={name: np.zeros(1) for name in JOINT_LOADS if self.track_joint_forces},
-        )
+        arrays = {"slip": self.batch.slip, "contact_force": self.batch.contact_force}
+        loads = {
+            "joint_force_max": self._joint_loads[:1],
+            "joint_impulse_max": self._joint_loads[1:],
+        }
+        return Information(self.rows, arrays, loads if self.track_joint_forces else {})
 
     def _plants(
         self, name: str, time_step: float, threads: int | None
@@ -230,21 +228,20 @@ class WalkerTask(Task):
         )  # fmt: skip
         self.elapsed += 1
         if self.terminate_when_fallen:
-            self.terminated[:] = self.information.scalars["fallen"]
+            self.terminated[:] = self.rows["info"]["fallen"]
         if not isinstance(batch, Batch):  # whose joints cannot open
-            self.information.scalars["joint_gap"] = batch.joint_gap
+            self.rows["info"]["joint_gap"] = batch.joint_gap
         if batch.any_diverged or self._any_diverged:
             self._note_divergence(active)
         if self.track_joint_forces:
-            loads = (0.0, 0.0) if batch.any_diverged else self.traceable.peak_loads()
-            for array, load in zip(self.information.step_arrays.values(), loads, strict=True):
-                array[0] = load
+            diverged = batch.any_diverged
+            self._joint_loads[:] = (0.0, 0.0) if diverged else self.traceable.peak_loads()
 
     def _note_divergence(self, active: Bools) -> None:
         """Truncate the episodes of active robots whose simulation has just diverged, if any."""
         self._any_diverged = self.batch.any_diverged
         self.truncated[:] = self.batch.diverged & active
-        self.information.scalars["diverged"] = self.truncated
+        self.rows["info"]["diverged"] = self.truncated
         if self.truncated.any():
             self._warn_of_divergence(self.truncated)
 

@@ -16,6 +16,7 @@ from jansen_env.checks import finite, positive, positive_integer
 from jansen_env.dynamics.reduced import body_sums, compile_robot
 from jansen_env.engine import integrator
 from jansen_env.engine.collision import MARGIN, PAD, STEPS_LEFT
+from jansen_env.engine.contact_means import contact_means
 from jansen_env.engine.jit import announce
 from jansen_env.engine.tables import (
     DRIVEN,
@@ -313,11 +314,7 @@ class Batch:
         if self.any_diverged:
             self.totals[self.diverged] = 0.0
             self.record[self.diverged] = 0.0
-        toes = self.record[:, : self.toes]
-        self.slip[:] = toes[:, :, integrator.SLIP]
-        np.divide(
-            toes[:, :, integrator.IMPULSE_T :], steps * self.time_step, out=self.contact_force
-        )
+        contact_means(self.record, steps * self.time_step, self.slip, self.contact_force)
         self._keep_trace(trace)
 
     def _keep_trace(self, trace: Array) -> None:

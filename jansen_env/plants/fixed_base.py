@@ -19,8 +19,6 @@ from jansen_env.robot import Robot
 
 Array = NDArray[np.float64]
 
-DIVERGED = 1e4  # rad/s, beyond which a crank speed is taken for a simulation that diverged
-
 
 class FixedBaseBatch:
     """``count`` equal robots with their chassis held level in the air, each with its own crank.
@@ -53,31 +51,21 @@ class FixedBaseBatch:
         self.motor_work, self.joint_loss, self.energy_change = np.zeros((3, count))
         self.diverged, self.any_diverged = np.zeros(count, bool), False
 
-    def energy(self) -> Array:
-        """(n,) kinetic plus potential energy, J (0 potential: the centre of mass at the axis)."""
-        out = np.empty(len(self._rows))
-        runge_kutta.energy_of_each(self._body, self._parameters, self._rows, out)
-        return out
+    def energy(self, row: int) -> float:
+        """Kinetic plus potential energy of a robot, J (0 potential: mass centre at the axis)."""
+        state = self.states[row].tolist()
+        return float(sum(runge_kutta.pinned_energy(self._body, self._parameters, *state)))
 
     def step(self, torque: Array, steps: int) -> None:
         """Hold crank torques (n,), N m, for some time steps.
 
-        A crank that becomes faster than :data:`DIVERGED` stays as it was, and is named in
-        :attr:`diverged`.
+        A crank that becomes faster than :data:`jansen_env.engine.runge_kutta.DIVERGED` stays as it
+        was, and is named in :attr:`diverged`.
         """
-        before, energy = self._rows.copy(), self.energy()
-        self._rows[:, runge_kutta.LOSS] = 0.0
-        runge_kutta.turn_each(
-            steps, self.time_step, torque, self._rows, self._body, self._parameters
-        )
-        self.diverged = ~(np.abs(self._rows[:, runge_kutta.SPEED]) < DIVERGED)
-        self.any_diverged = bool(self.diverged.any())
-        if self.any_diverged:
-            self._rows[self.diverged] = before[self.diverged]
-            self._rows[self.diverged, runge_kutta.LOSS] = 0.0
-        self.motor_work = torque * (self._rows[:, runge_kutta.ANGLE] - before[:, runge_kutta.ANGLE])
-        self.joint_loss = self._rows[:, runge_kutta.LOSS].copy()
-        self.energy_change = self.energy() - energy
+        self.any_diverged = runge_kutta.turn_each(
+            steps, self.time_step, torque, self._rows, self._body, self._parameters,
+            self.motor_work, self.joint_loss, self.energy_change, self.diverged,
+        )  # fmt: skip
 
     def joint_forces(self, row: int, torque: float = 0.0) -> JointForces:
         """Forces in every joint of a robot at its present state under a crank torque (N m)."""
@@ -95,6 +83,7 @@ class FixedBaseBatch:
         self.__init__(*saved["arguments"])  # type: ignore[misc]
         self.states[:] = saved["states"]
         self.motor_work, self.joint_loss, self.energy_change, self.diverged = saved["results"]
+        self.any_diverged = bool(self.diverged.any())
 
 
 class FixedBaseResult(NamedTuple):
@@ -141,7 +130,7 @@ class FixedBasePlant:
 
     def energy(self) -> float:
         """Kinetic plus potential energy, J (potential 0 with the centre of mass at the axis)."""
-        return float(self.batch.energy()[0])
+        return self.batch.energy(0)
 
     def step(self, torque: float, duration: float) -> FixedBaseResult:
         """Hold a crank torque (N m) for a while (s, rounded to whole time steps).

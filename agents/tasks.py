@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from agents import crank_baselines, walker_baselines
 from agents.policy import Policy
 from jansen_env.checks import positive_integer
-from jansen_env.envs.crank import LOST
+from jansen_env.envs.crank_task import LOST
 
 Array = NDArray[np.float64]
 Episodes = dict[str, NDArray[Any]]

@@ -1,4 +1,4 @@
-"""Stable-Baselines3's ``VecEnv`` over robots that move together."""
+"""Stable-Baselines3's ``VecEnv`` over robots that are simulated together."""
 
 from __future__ import annotations
 
@@ -8,20 +8,15 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import load_env_creator
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
 from agents.rollout import make_env
-from jansen_env.envs import arguments
-from jansen_env.envs.walker_vector import JansenWalkerVectorEnv, Moved
-from jansen_env.envs.walking import FASTEST_COMMAND
-from jansen_env.terrain import make_terrain
-
-PER_ROBOT = ("friction", "max_episode_steps", "payload", "reset_noise_scale", "restitution",
-             "speed_command", "terrain")  # fmt: skip
-"""Arguments in which the robots of one batch may differ."""
+from jansen_env.envs.arguments import Each
+from jansen_env.envs.vector import TaskVectorEnv
 
 
 def make_vec_env(
@@ -31,10 +26,10 @@ def make_vec_env(
     variants: Sequence[dict[str, Any]] = ({},),
     info_keys: Sequence[str] | None = (),
 ) -> VecEnv:
-    """``num_envs`` environments for Stable-Baselines3, moved together where that is possible.
+    """``num_envs`` environments for Stable-Baselines3, simulated together where that is possible.
 
     Args:
-        env_id: ``"JansenWalker-v0"``, or another task, of which single environments take turns.
+        env_id: ``"JansenWalker-v0"`` or ``"JansenCrank-v0"``.
         env_kwargs: arguments of all of them.
         variants: further ones; environment i takes number i, counted around.
         info_keys: as of :class:`BatchVecEnv`; single environments give all of their information.
@@ -46,8 +41,8 @@ def make_vec_env(
         raise ValueError("variants is empty, must have at least one entry, such as {}")
     kwargs = dict(env_kwargs or {})
     each = [{**kwargs, **variants[i % len(variants)]} for i in range(num_envs)]
-    if can_move_together(env_id, kwargs, variants):
-        return BatchVecEnv(_together(num_envs, kwargs, each), info_keys)
+    if can_be_batched(env_id, kwargs, variants):
+        return BatchVecEnv(_together(env_id, kwargs, each), info_keys)
 
     def make(index: int) -> Any:
         return lambda: make_env(env_id, each[index])
@@ -55,69 +50,69 @@ def make_vec_env(
     return DummyVecEnv([make(i) for i in range(num_envs)])
 
 
-def can_move_together(
+def can_be_batched(
     env_id: str, env_kwargs: dict[str, Any], variants: Sequence[dict[str, Any]] = ({},)
 ) -> bool:
     """Whether one batch can hold environments with these arguments."""
+    task = _vector_env(env_id).TASK
     return (
-        env_id == "JansenWalker-v0"
-        and env_kwargs.get("plant", "projection") == "projection"
-        and not env_kwargs.get("track_joint_forces", False)
+        all(env_kwargs.get(name, value) == value for name, value in task.ONE_ALONE.items())
         and env_kwargs.get("render_mode") in (None, "rgb_array")
-        and all(set(variant) <= set(PER_ROBOT) for variant in variants)
+        and all(set(variant) <= {*task.OF_EACH, "max_episode_steps"} for variant in variants)
     )
+
+
+def _vector_env(env_id: str) -> type[TaskVectorEnv[Any]]:
+    """The vector environment of a task."""
+    entry: Any = gym.spec(env_id).vector_entry_point
+    found: Any = load_env_creator(entry)
+    return found
 
 
 def _together(
-    count: int, kwargs: dict[str, Any], each: Sequence[dict[str, Any]]
-) -> JansenWalkerVectorEnv:
+    env_id: str, kwargs: dict[str, Any], each: Sequence[dict[str, Any]]
+) -> TaskVectorEnv[Any]:
     """One batch with the arguments of each environment."""
-    shared = {name: value for name, value in kwargs.items() if name not in PER_ROBOT}
-    own: dict[str, Any] = {}
-    for name in PER_ROBOT:
-        if not any(name in one for one in each):
-            continue
-        values = [one.get(name, _default(name)) for one in each]
-        if name == "terrain":  # which may be points, in YAML a list
-            made = {id(value): make_terrain(value) for value in values}
-            values = [made[id(value)] for value in values]
-        elif name == "speed_command":  # numbers and ranges, as ranges
-            values = [arguments.command_range(value, FASTEST_COMMAND) for value in values]
-        own[name] = values
+    default = inspect.signature(_vector_env(env_id)).parameters
+    own = {
+        name: Each(one.get(name, default[name].default) for one in each)
+        for name in _vector_env(env_id).TASK.OF_EACH
+        if any(name in one for one in each)
+    }
+    limit = gym.spec(env_id).max_episode_steps
+    own["max_episode_steps"] = Each(one.get("max_episode_steps", limit) for one in each)
     env: Any = gym.make_vec(
-        "JansenWalker-v0", num_envs=count, autoreset_mode=AutoresetMode.DISABLED, **shared, **own
+        env_id, num_envs=len(each), autoreset_mode=AutoresetMode.SAME_STEP, **{**kwargs, **own}
     )
-    batched: JansenWalkerVectorEnv = env.unwrapped
+    batched: TaskVectorEnv[Any] = env.unwrapped
     return batched
 
 
-def _default(name: str) -> Any:
-    """What an argument is where a variant leaves it out."""
-    return inspect.signature(JansenWalkerVectorEnv).parameters[name].default
-
-
 class BatchVecEnv(VecEnv):
-    """Robots that move together, as Stable-Baselines3 wants its environments.
+    """Robots that are simulated together, as Stable-Baselines3 wants its environments.
 
     An episode that ends is followed by the next one's first observation in the same step; its
     information has the last one, a copy, as ``terminal_observation``, and
-    ``TimeLimit.truncated``. ``env_method``, ``get_attr`` and ``set_attr`` speak to
-    :class:`jansen_env.envs.walker_member.Member`.
+    ``TimeLimit.truncated``. ``set_attr`` is ``set_parameters`` of the robots; ``env_method`` calls
+    one of :data:`jansen_env.envs.vector.METHODS`.
 
     Args:
-        env: the robots.
+        env: the robots, with ``AutoresetMode.SAME_STEP``.
         info_keys: what each step's information has of the single environment's, such as
-            ``"slip"``; None for all. Dictionaries for every robot and step cost more than the
-            steps do; the last step of an episode always has all, and alone
+            ``"slip"``; None for all. The last step of an episode always has all, and alone
             ``TimeLimit.truncated``.
+
+    Raises:
+        ValueError: an unknown key, or another autoreset mode.
     """
 
-    def __init__(self, env: JansenWalkerVectorEnv, info_keys: Sequence[str] | None = ()) -> None:
+    def __init__(self, env: TaskVectorEnv[Any], info_keys: Sequence[str] | None = ()) -> None:
+        if env.autoreset_mode != AutoresetMode.SAME_STEP:
+            raise ValueError(f"autoreset_mode is {env.autoreset_mode}, must be SAME_STEP")
         self.env = env
         self.info_keys = info_keys
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
-        nothing, every = np.zeros(env.num_envs), np.ones(env.num_envs, bool)
-        known = sorted(key for key in env.infos(nothing, nothing, stepped=every) if key[0] != "_")
+        known = sorted(env.task.information.keys)
         unknown = sorted(set(info_keys or ()) - set(known))
         if unknown:
             raise ValueError(f"info_keys has {unknown}, must be of {known}")
@@ -128,8 +123,9 @@ class BatchVecEnv(VecEnv):
         seeds, options = self._seeds, self._options
         self._reset_seeds()
         self._reset_options()
-        observations, infos = self.env.reset_each(seeds, options)
-        self.reset_infos = [_of_one(infos, i) for i in range(self.num_envs)]
+        observations, _ = self.env.reset_each(seeds, options)
+        information = self.env.task.information
+        self.reset_infos = [information.of_one(i, False) for i in range(self.num_envs)]
         return observations
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
@@ -140,34 +136,20 @@ class BatchVecEnv(VecEnv):
         self,
     ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], list[dict[str, Any]]]:
         """Take the step: observations (n, d), rewards (n,), dones (n,), and n dictionaries."""
-        env = self.env
-        moved = env.move(self._actions)
-        dones = moved.terminated | moved.truncated
-        infos = self._infos(moved)
-        if dones.any():
-            ended = np.flatnonzero(dones)
-            final = env.infos(moved.speed, moved.torque, known=dones, stepped=dones)
-            for i in ended.tolist():
-                infos[i] = _of_one(final, i)
-                infos[i]["terminal_observation"] = env.task.observation[i].copy()
-                infos[i]["TimeLimit.truncated"] = bool(
-                    moved.truncated[i] and not moved.terminated[i]
-                )
-            env.restart(ended)
-            first = env.infos(env.batch.states[:, 4], np.zeros(self.num_envs), known=dones)
-            for i in ended.tolist():
-                self.reset_infos[i] = _of_one(first, i)
-        return env.task.observation.copy(), moved.rewards, dones, infos
-
-    def _infos(self, moved: Moved) -> list[dict[str, Any]]:
-        """What each robot's step tells, of :attr:`info_keys`."""
-        if self.info_keys is not None and not self.info_keys:
-            return [{} for _ in range(self.num_envs)]
-        every = np.ones(self.num_envs, bool)
-        whole = self.env.infos(moved.speed, moved.torque, stepped=every)
-        if self.info_keys is not None:
-            whole = {name: whole[name] for key in self.info_keys for name in (key, f"_{key}")}
-        return [_of_one(whole, i) for i in range(self.num_envs)]
+        observations, rewards, terminated, truncated, last = self.env.step(self._actions)
+        information, dones = self.env.task.information, terminated | truncated
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        if self.info_keys is None or self.info_keys:
+            for i in np.flatnonzero(~dones).tolist():
+                info = information.of_one(i, True)
+                keys = info if self.info_keys is None else self.info_keys
+                infos[i] = {key: info[key] for key in keys}
+        for i in np.flatnonzero(dones).tolist():
+            infos[i] = _of_one(last["final_info"], i)
+            infos[i]["terminal_observation"] = last["final_obs"][i]
+            infos[i]["TimeLimit.truncated"] = bool(truncated[i] and not terminated[i])
+            self.reset_infos[i] = information.of_one(i, False)
+        return observations, rewards, dones, infos
 
     def close(self) -> None:
         """Let go of threads and pictures."""
@@ -179,24 +161,27 @@ class BatchVecEnv(VecEnv):
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """An attribute of each robot."""
-        return [getattr(self.env.members[i], attr_name) for i in self._get_indices(indices)]
+        values = self.env.get_attr(attr_name)
+        return [values[i] for i in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set an attribute of robots; a new command counts from the next episode on."""
+        """Change a parameter of robots; a new command counts from the next episode on."""
         for i in self._get_indices(indices):
-            setattr(self.env.members[i], attr_name, value)
+            self.env.set_parameters(i, **{attr_name: value})
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **kwargs: Any
     ) -> list[Any]:
-        """Call a method of each robot."""
-        members = [self.env.members[i] for i in self._get_indices(indices)]
-        return [getattr(member, method_name)(*method_args, **kwargs) for member in members]
+        """Call a method of each robot; ``get_wrapper_attr`` asks for an attribute."""
+        rows = self._get_indices(indices)
+        if method_name == "get_wrapper_attr":
+            return self.get_attr(method_args[0], rows)
+        return [self.env.call_one(i, method_name, *method_args, **kwargs) for i in rows]
 
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
     ) -> list[bool]:
-        """False for each: robots that move together have no wrappers of their own."""
+        """False for each: robots of a batch have no wrappers of their own."""
         return [False for _ in self._get_indices(indices)]
 
 

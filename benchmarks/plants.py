@@ -26,7 +26,7 @@ from jansen_env import Robot, Terrain, paper_robot
 from jansen_env.control import PID
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import Plant
-from jansen_env.plants.fixed_base import PinnedPlant
+from jansen_env.plants.fixed_base import FixedBasePlant
 from jansen_env.plants.make import PLANTS
 from jansen_env.plants.rigid_body import TIME_STEP, RigidBodyPlant
 from jansen_env.robot import Payload
@@ -231,9 +231,11 @@ class Fixed(NamedTuple):
     curve: Array  # (n, 3) angle and both torques
 
 
-def fixed_base(angle: float, rate: float, time_step: float) -> tuple[PinnedPlant, RigidBodyPlant]:
+def fixed_base(
+    angle: float, rate: float, time_step: float
+) -> tuple[FixedBasePlant, RigidBodyPlant]:
     """Both plants with a fixed base, started alike."""
-    exact = PinnedPlant(paper_robot())
+    exact = FixedBasePlant(paper_robot())
     exact.reset(angle, rate)
     rigid = RigidBodyPlant(paper_robot(), Terrain.flat(), time_step, pinned=True)
     rigid.state = np.array([0.0, HEIGHT, 0.0, angle, 0.0, 0.0, 0.0, rate])

@@ -35,12 +35,13 @@ __all__ = [
 register(
     id="JansenWalker-v0",
     entry_point="jansen_env.envs.walker:JansenWalkerEnv",
-    vector_entry_point="jansen_env.envs.walker_vector:JansenWalkerVectorEnv",
+    vector_entry_point="jansen_env.envs.walker:JansenWalkerVectorEnv",
     max_episode_steps=500,
 )
 
 register(
     id="JansenCrank-v0",
     entry_point="jansen_env.envs.crank:JansenCrankEnv",
+    vector_entry_point="jansen_env.envs.crank:JansenCrankVectorEnv",
     max_episode_steps=1000,
 )

@@ -16,8 +16,7 @@ import jansen_env
 from jansen_env import Bar, Leg, Payload, Robot, Terrain, Triangle
 from jansen_env.envs import arguments
 from jansen_env.envs.crank import JansenCrankEnv
-from jansen_env.envs.walker import JansenWalkerEnv
-from jansen_env.envs.walker_vector import JansenWalkerVectorEnv
+from jansen_env.envs.walker import JansenWalkerEnv, JansenWalkerVectorEnv
 
 WRONG = {
     "None": None,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import inspect
 import math
 import pickle
 import warnings
@@ -14,7 +15,7 @@ from gymnasium.utils.env_checker import check_env
 
 import jansen_env
 from jansen_env.dynamics.inverse import crank_torque
-from jansen_env.envs import crank
+from jansen_env.engine.crank_tracking import TRACKING_WIDTH
 from jansen_env.envs.crank import JansenCrankEnv
 
 
@@ -132,8 +133,8 @@ def test_states_that_are_none():
     env = JansenCrankEnv()
     env.reset(seed=0)
     state = env.get_state()
-    with pytest.raises(ValueError, match=r"state lacks \['steps', 'torque'\]"):
-        env.set_state({k: v for k, v in state.items() if k not in ("steps", "torque")})
+    with pytest.raises(ValueError, match=r"state lacks \['action', 'steps'\]"):
+        env.set_state({k: v for k, v in state.items() if k not in ("steps", "action")})
     with pytest.raises(ValueError, match="must be 2 finite numbers"):
         env.set_state({**state, "plant": np.zeros(8)})
 
@@ -146,17 +147,17 @@ def test_reward_is_its_documented_terms(action):
     for _ in range(20):
         _, reward, terminated, _, info = env.step(np.array([action]))
         share = min(1.0, max(-1.0, action))
-        tracking = 3.0 / (1.0 + (info["tracking_error"] / crank.TRACKING_WIDTH) ** 2)
+        tracking = 3.0 / (1.0 + (info["tracking_error"] / TRACKING_WIDTH) ** 2)
         assert info["reward/tracking"] == pytest.approx(tracking, abs=1e-12)
         assert info["reward/torque"] == pytest.approx(-0.7 * share**2, abs=1e-12)
         terms = {key for key in info if key.startswith("reward/")}
         assert terms == {"reward/tracking", "reward/torque"}
         assert reward == pytest.approx(sum(info[key] for key in terms), abs=1e-12)
         assert info["crank_torque"] == share * 5.0 and not terminated
-    assert f"(e / {crank.TRACKING_WIDTH} rad)^2" in (JansenCrankEnv.__doc__ or "")
-    default = JansenCrankEnv()
-    weights = f"| {default.tracking_weight:g}, {default.torque_weight:g} | see Rewards |"
-    assert weights in (JansenCrankEnv.__doc__ or "")
+    assert f"(e / {TRACKING_WIDTH} rad)^2" in (JansenCrankEnv.__doc__ or "")
+    default = inspect.signature(JansenCrankEnv).parameters
+    weights = [default[f"{name}_weight"].default for name in ("tracking", "torque")]
+    assert f"| {weights[0]:g}, {weights[1]:g} | see Rewards |" in (JansenCrankEnv.__doc__ or "")
 
 
 def test_inverse_dynamics_keeps_it_on_the_reference():

@@ -14,14 +14,14 @@ from jansen_env.dynamics import projection as pr
 from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.gravity import GRAVITY
 from jansen_env.paper.free_walk import walking_torque
-from jansen_env.plants.fixed_base import PinnedPlant
+from jansen_env.plants.fixed_base import FixedBasePlant
 from jansen_env.plants.projected import ProjectionPlant
 
 TURN = np.linspace(0.0, 2.0 * math.pi, 720, endpoint=False)
 
 
 def started(robot, time_step=1e-3, psi=0.3, speed=2.0, **arguments):
-    plant = PinnedPlant(robot, time_step, **arguments)
+    plant = FixedBasePlant(robot, time_step, **arguments)
     plant.reset(psi, speed)
     return plant
 
@@ -72,7 +72,7 @@ def test_a_heavy_load_pins_the_walker_as_well(robot):
 def test_energy_is_the_free_plants(robot, random_state):
     """Kinetic and potential energy of the chassis at rest at the origin, load included; 1e-12."""
     laden = replace(robot, payload=Payload(1.7, 0.3, (0.2, 0.4)))
-    free, plant = ProjectionPlant(laden, Terrain.flat()), PinnedPlant(laden)
+    free, plant = ProjectionPlant(laden, Terrain.flat()), FixedBasePlant(laden)
     for _ in range(5):
         psi, n = random_state()[[3, 7]]
         free.state = np.array([0.0, 0.0, 0.0, psi, 0.0, 0.0, 0.0, n])
@@ -137,7 +137,10 @@ def test_states_copies_and_pickles():
     plant.state[:] = 7.0
     assert plant.state.tolist() == [0.3, 2.0]
     plant.step(1.0, 0.1)
-    copy, other = pickle.loads(pickle.dumps(plant)), PinnedPlant(paper_robot(), 5e-4, gravity=1.62)
+    copy, other = (
+        pickle.loads(pickle.dumps(plant)),
+        FixedBasePlant(paper_robot(), 5e-4, gravity=1.62),
+    )
     other.state = plant.state
     for one in (plant, copy, other):
         one.step(2.0, 0.1)
@@ -149,10 +152,10 @@ def test_what_the_plant_refuses():
     """Arguments by name; states that are not two finite numbers; states that diverge."""
     for name, value in (("time_step", 0.0), ("gravity", -9.81)):
         with pytest.raises(ValueError, match=f"{name} is {value}"):
-            PinnedPlant(Robot(), **{name: value})
+            FixedBasePlant(Robot(), **{name: value})
     with pytest.raises(LinkageError, match="joint C"):
-        PinnedPlant(replace(Robot(), crank=Bar(0.2)))
-    plant = PinnedPlant(Robot())
+        FixedBasePlant(replace(Robot(), crank=Bar(0.2)))
+    plant = FixedBasePlant(Robot())
     for state in ([0.0], [0.0, math.nan], np.zeros((2, 1))):
         with pytest.raises(ValueError, match="must be 2 finite numbers"):
             plant.state = state

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from jansen_env import Bar, LinkageError, Robot, Terrain
-from jansen_env.plants.projected import SET_DOWN_DEPTH, ProjectionPlant
+from jansen_env.plants.batch import PLACEMENT_DEPTH
+from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.rigid_body import RigidBodyPlant
 
 ROUGH = Terrain.rough(np.random.default_rng(7), start=-20.0)
@@ -114,7 +115,7 @@ def test_set_down_on_the_lowest_toes(terrain, pitch):
     # A toe's lowest point along the normal is where its pad meets the ground, if it has no gap.
     depth = terrain.height(points[:, 0]) - points[:, 1]
     assert toes == pytest.approx(points + plant.robot.pad_radius * normals, abs=1e-12)
-    assert depth.max() == pytest.approx(SET_DOWN_DEPTH, abs=1e-8)
+    assert depth.max() == pytest.approx(PLACEMENT_DEPTH, abs=1e-8)
     assert plant.peek().contact_force[:, 1].max() > 0.0
 
 
@@ -154,7 +155,8 @@ def test_bad_states_and_robots():
 
 ABSURD_TORQUES = """
 from jansen_env import Robot, Terrain
-from jansen_env.plants.projected import SET_DOWN_DEPTH, ProjectionPlant
+from jansen_env.plants.batch import PLACEMENT_DEPTH
+from jansen_env.plants.projected import ProjectionPlant
 plant = ProjectionPlant(Robot(), Terrain.flat())
 for power in range(6, 15):
     for crank_angle in (0.0, 0.3, 1.0):

@@ -17,7 +17,7 @@ from jansen_env import ROBOTS, LinkageError, Payload, Robot, Terrain, paper_robo
 from jansen_env.dynamics.reduced import compile_robot, energy, mass_matrix
 from jansen_env.envs.walker import JansenWalkerEnv
 from jansen_env.kinematics import world_joints
-from jansen_env.plants.fixed_base import PinnedPlant
+from jansen_env.plants.fixed_base import FixedBasePlant
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.rigid_body import RigidBodyPlant
 
@@ -144,7 +144,7 @@ def test_pinned_it_follows_the_pinned_plant():
     """The paper's fixed model from rest under 2 N m: crank angle within 1e-3 rad after 3 s."""
     plant = plant_on(pinned=True)
     plant.state = np.array([0.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # clear of the ground
-    exact = PinnedPlant(paper_robot())
+    exact = FixedBasePlant(paper_robot())
     exact.reset()
     for _ in range(150):
         plant.step(2.0, 0.02)

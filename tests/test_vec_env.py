@@ -9,7 +9,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from agents.rollout import make_env
-from agents.vec_env import BatchVecEnv, can_move_together, make_vec_env
+from agents.vec_env import BatchVecEnv, can_be_batched, make_vec_env
 from jansen_env import Payload, Terrain
 
 ENV = "JansenWalker-v0"
@@ -137,12 +137,13 @@ def test_pictures():
 
 def test_what_cannot_move_together_takes_turns():
     """Another plant, joint forces, other tasks and variants of other arguments."""
-    assert can_move_together(ENV, {"friction": 0.5}, [{"payload": 1.0}, {}])
-    assert not can_move_together(ENV, {"plant": "rigid_body"})
-    assert not can_move_together(ENV, {"track_joint_forces": True})
-    assert not can_move_together(ENV, {}, [{"torque_limit": 5.0}])
-    assert not can_move_together("JansenCrank-v0", {})
-    assert isinstance(make_vec_env("JansenCrank-v0", 2), DummyVecEnv)
+    assert can_be_batched(ENV, {"friction": 0.5}, [{"payload": 1.0}, {}])
+    assert not can_be_batched(ENV, {"plant": "rigid_body"})
+    assert not can_be_batched(ENV, {"track_joint_forces": True})
+    assert not can_be_batched(ENV, {}, [{"torque_limit": 5.0}])
+    assert can_be_batched("JansenCrank-v0", {"reset_noise_scale": 1.0})
+    assert not can_be_batched("JansenCrank-v0", {"track_joint_forces": True})
+    assert isinstance(make_vec_env("JansenCrank-v0", 2, {"track_joint_forces": True}), DummyVecEnv)
 
 
 def test_it_trains_and_wraps():

@@ -13,7 +13,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import jansen_env
-from jansen_env.engine.task import tracking_score
+from jansen_env.engine.integrator import BUMPS, WORST_RESIDUAL
+from jansen_env.engine.task import REWARD, compute_reward, tracking_score
 from jansen_env.envs.walker import JansenWalkerEnv
 
 
@@ -147,17 +148,13 @@ def test_moving_to_and_fro_earns_no_more_than_standing():
     """Only new ground counts: creeping ahead at the command for 19 steps, leaping back in one."""
     env = JansenWalkerEnv()
     env.reset(seed=0, options={"speed_command": 0.1})
-    task = env._task
+    (row,), weights = env.task.rows, np.ones((), REWARD)[()]
 
     def tracking(x, before):
-        state = np.zeros((1, 8))
-        state[0, 0] = x
-        nothing, toes = np.zeros(1), env.plant.toes
-        task.judge(
-            state, np.array([before]), np.zeros((1, toes)), np.zeros((1, toes, 2)), nothing,
-            np.zeros(1, bool),
-        )  # fmt: skip
-        return task.terms[0, 0]
+        state = np.array([x, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+        row["x_before"] = before
+        compute_reward(state, 0.0, 0.0, True, env.dt, weights, row)
+        return row["reward"]["tracking"]
 
     step, x, total = 0.1 * env.control_dt, 0.0, 0.0
     for k in range(200):
@@ -251,7 +248,7 @@ def test_a_simulation_that_diverges_ends_the_episode(plant):
     env = JansenWalkerEnv(plant=plant, torque_limit=1e12)
     env.reset(seed=0)
     before = env.plant.state
-    with pytest.warns(UserWarning, match="the episode ends: the simulation diverged"):
+    with pytest.warns(UserWarning, match="their simulation diverged"):
         observation, reward, terminated, truncated, info = env.step(np.array([1.0], np.float32))
     assert truncated and not terminated and info["diverged"] and np.isfinite(reward)
     assert np.isfinite(observation).all() and (env.plant.state == before).all()
@@ -299,7 +296,7 @@ def test_every_design_walks_without_harm(robot):
     for _ in range(100):
         obs, _, terminated, _, _ = env.step(rng.uniform(-1, 1, 1).astype(np.float32))
         assert env.observation_space.contains(obs)
-        assert env._result.residual < 1e-9
+        assert env.task.batch.totals[0, WORST_RESIDUAL] < 1e-9
         if terminated:
             env.reset()
 
@@ -353,7 +350,7 @@ def test_a_fall_is_a_fall():
             continue
         for step in range(400):
             hold(0.0 if step < 100 else 3.0)
-            level = abs(env.plant.state[2]) < 0.5 and not env._result.bumped
+            level = abs(env.plant.state[2]) < 0.5 and not env.task.batch.totals[0, BUMPS] > 0.0
             up = up + 1 if level else 0
             if up > 50:
                 recovered += 1

@@ -25,6 +25,7 @@ from jansen_env.engine.tables import (
 
 # Entries of a pinned state: crank angle, its rate, and what the joints have taken since the start.
 ANGLE, SPEED, LOSS = range(3)
+DIVERGED = 1e4  # rad/s, beyond which a crank speed is taken for a simulation that diverged
 
 
 @compiled(inline="always")
@@ -57,6 +58,35 @@ def turn(steps, h, torque, state, body, own):
         n += h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
         loss += h * (p1 + 2.0 * p2 + 2.0 * p3 + p4) / 6.0
     state[ANGLE], state[SPEED], state[LOSS] = psi, n, loss
+
+
+@compiled(allocates=True)
+def turn_each(steps, h, torques, states, body, own, work, loss, change, diverged):
+    """:func:`turn` for n robots with states (n, 3) and torques (n,).
+
+    Args:
+        work, loss, change: (n,) of the motor, the joints and in mechanical energy, J; out.
+        diverged: (n,) whether a crank became faster than :data:`DIVERGED`: it stays as it was; out.
+
+    Returns:
+        Whether one has.
+    """
+    any_diverged = False
+    for r in range(len(states)):
+        state = states[r]
+        angle, speed = state[ANGLE], state[SPEED]
+        kinetic, potential = pinned_energy(body, own, angle, speed)
+        before = kinetic + potential
+        state[LOSS] = 0.0
+        turn(steps, h, torques[r], state, body, own)
+        diverged[r] = not abs(state[SPEED]) < DIVERGED
+        if diverged[r]:
+            state[ANGLE], state[SPEED], state[LOSS] = angle, speed, 0.0
+            any_diverged = True
+        kinetic, potential = pinned_energy(body, own, state[ANGLE], state[SPEED])
+        work[r], loss[r] = torques[r] * (state[ANGLE] - angle), state[LOSS]
+        change[r] = kinetic + potential - before
+    return any_diverged
 
 
 @compiled(allocates=True)

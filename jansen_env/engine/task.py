@@ -1,16 +1,128 @@
-"""What each robot of the walking task observes, and what its step is worth."""
+"""The walking task of n robots: actions, observations, rewards and what is told of a step."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from jansen_env.engine.collision import height_at
+from jansen_env.engine.integrator import (
+    BUMPS,
+    ENERGY,
+    IMPACT_LOSS,
+    JOINT_LOSS,
+    MOTOR_WORK,
+    SLIP_LOSS,
+)
 from jansen_env.engine.jit import compiled
 
 FALLEN_PITCH = 1.2  # rad
 TRACKING_WIDTH = 0.75  # of the command: speed error at which tracking has fallen to 1/e ...
 WIDEST_TRACKING = 0.25  # m/s ... but no wider than this
 NARROWEST_TRACKING = 0.002  # m/s ... nor narrower, so that a command of 0 can be tracked
+
+# The reward's terms, and likewise their weights.
+REWARD = np.dtype([(name, float) for name in ("tracking", "slip", "energy", "posture", "fall")])
+# What the environment's information has of a robot, but for arrays; its units are listed there.
+INFORMATION = np.dtype(
+    [
+        ("x_position", float),
+        ("x_velocity", float),
+        ("pitch", float),
+        ("crank_angle", float),
+        ("crank_speed", float),
+        ("crank_torque", float),
+        ("speed_command", float),
+        ("fallen", bool),
+        ("joint_gap", float),
+        ("diverged", bool),
+    ]
+)
+ENERGIES = np.dtype(
+    [
+        ("motor_work", float),
+        ("joint_loss", float),
+        ("slip_loss", float),
+        ("impact_loss", float),
+        ("mechanical_energy_change", float),
+        ("residual", float),
+    ]
+)
+# A robot's row: what is kept of its episode, and what its last step was. The last action; the
+# farthest point reached in the commanded direction, m; where the step began, m; its weight, N.
+ROW = np.dtype(
+    [
+        ("action", float),
+        ("farthest", float),
+        ("x_before", float),
+        ("weight", float),
+        ("info", INFORMATION),
+        ("energy", ENERGIES),
+        ("reward", REWARD),
+    ]
+)
+
+
+@compiled
+def finish_step(
+    states, slip, force, totals, period, weights, rows, loads, reward, surface, bounds, ground, out
+):
+    """Reward the step of ``period`` seconds that led to ``states`` (n, 8), and :func:`describe` it.
+
+    Args:
+        slip: (n, toes) m. force: (n, toes, 2) N. totals: of the plant.
+        weights: (1,) of :data:`REWARD`. rows: (n,) of :data:`ROW`.
+        loads: (n, toes) normal forces / weight. reward: (n,).
+        surface, bounds, ground, out: see :func:`describe`.
+    """
+    for r in range(len(states)):
+        row, total = rows[r], totals[r]
+        slipped = 0.0
+        for j in range(slip.shape[1]):
+            slipped += slip[r, j]
+            loads[r, j] = force[r, j, 1] / row.weight
+        toes_only = total[BUMPS] <= 0.0
+        compute_reward(states[r], total[MOTOR_WORK], slipped, toes_only, period, weights[0], row)
+        term = row.reward
+        reward[r] = term.tracking + term.slip + term.energy + term.posture + term.fall
+    describe(states, totals, rows, loads, surface, bounds, ground, out)
+
+
+@compiled
+def compute_reward(state, work, slipped, toes_only, period, weight, row):
+    """The reward's terms of a robot, into its row.
+
+    Args:
+        state: (8,). work: of the motor, J. slipped: by all toes, m. toes_only: whether nothing else
+            touched the ground. weight: of :data:`REWARD`.
+    """
+    info, term = row.info, row.reward
+    x, pitch = state[0], state[2]
+    info.x_velocity = (x - row.x_before) / period
+    falls = (not toes_only or abs(pitch) > FALLEN_PITCH) and not info.fallen
+    info.fallen = info.fallen or falls
+    power = abs(work) / period
+    gained = speed_gained(row, x, period)
+    term.tracking = weight.tracking * tracking_score(gained, info.speed_command)
+    term.slip = -weight.slip * (slipped / period)
+    term.energy = -weight.energy * power / row.weight
+    term.posture = -weight.posture * pitch**2
+    term.fall = -weight.fall if falls else 0.0
+
+
+@compiled
+def speed_gained(row, x, period):
+    """Mean speed onto new ground in the commanded direction; at most 0 on old ground, m/s."""
+    command, speed = row.info.speed_command, row.info.x_velocity
+    if command == 0.0:
+        return speed
+    direction = math.copysign(1.0, command)
+    new = direction * x - row.farthest
+    if new <= 0.0:
+        return direction * min(direction * speed, 0.0)
+    row.farthest += new
+    return direction * new / period
 
 
 @compiled
@@ -25,55 +137,43 @@ def tracking_score(speed, command):
 
 
 @compiled
-def observe(states, command, share, farthest, loads, surface, bounds, ground, out):
-    toes = loads.shape[1]
+def describe(states, totals, rows, loads, surface, bounds, ground, out):
+    """Observations (n, 12 + toes) into ``out``, and information into ``rows``.
+
+    Args:
+        states: (n, 8). totals: of the plant. loads: (n, toes). surface, bounds, ground: see
+            :func:`jansen_env.plants.detector.surfaces`.
+    """
     for r in range(len(states)):
-        x, theta, psi = states[r, 0], states[r, 2], states[r, 3]
-        out[r, 0], out[r, 1], out[r, 2] = math.cos(psi), math.sin(psi), states[r, 7]
-        out[r, 3], out[r, 4], out[r, 5] = math.sin(theta), math.cos(theta), states[r, 6]
-        out[r, 6], out[r, 7] = states[r, 4], states[r, 5]
         begin, end = bounds[ground[r]], bounds[ground[r] + 1]
-        out[r, 8] = states[r, 1] - height_at(surface, begin, end, x)
-        out[r, 9] = command[r]
-        for j in range(toes):
-            out[r, 10 + j] = loads[r, j]
-        out[r, 10 + toes] = share[r]
-        direction = math.copysign(1.0, command[r])
-        out[r, 11 + toes] = max(0.0, farthest[r] - direction * x)
+        height = states[r, 1] - height_at(surface, begin, end, states[r, 0])
+        observe(states[r], height, rows[r], loads[r], out[r])
+        inform(states[r], totals[r], rows[r])
 
 
 @compiled
-def judge(
-    states, x_before, slip, force, work, bumped, command, farthest, fallen,
-    loads, weight, period, weights, reward, terms, speeds,
-):  # fmt: skip
-    """Work of :meth:`WalkingTask.judge`."""
-    for r in range(len(states)):
-        x, pitch = states[r, 0], states[r, 2]
-        speed = (x - x_before[r]) / period
-        falls = (bumped[r] or abs(pitch) > FALLEN_PITCH) and not fallen[r]
-        fallen[r] = fallen[r] or falls
-        # The mean speed onto new ground in the commanded direction; at most 0 on old ground.
-        gained = speed
-        if command[r] != 0.0:
-            direction = math.copysign(1.0, command[r])
-            new = direction * x - farthest[r]
-            if new <= 0.0:
-                gained = direction * min(direction * speed, 0.0)
-            else:
-                farthest[r] += new
-                gained = direction * new / period
-        slipped = 0.0
-        for j in range(slip.shape[1]):
-            slipped += slip[r, j]
-            loads[r, j] = force[r, j, 1] / weight[r]
-        power = abs(work[r]) / period
-        terms[r, 0] = weights[0] * tracking_score(gained, command[r])
-        terms[r, 1] = -weights[1] * (slipped / period)
-        terms[r, 2] = -weights[2] * power / weight[r]
-        terms[r, 3] = -weights[3] * pitch**2
-        terms[r, 4] = -weights[4] if falls else 0.0
-        total = 0.0
-        for i in range(5):
-            total += terms[r, i]
-        reward[r], speeds[r] = total, speed
+def observe(state, height, row, loads, out):
+    """What a robot observes, see ``JansenWalkerEnv``; height: over the ground, m."""
+    theta, psi, command, toes = state[2], state[3], row.info.speed_command, len(loads)
+    out[0], out[1], out[2] = math.cos(psi), math.sin(psi), state[7]
+    out[3], out[4], out[5] = math.sin(theta), math.cos(theta), state[6]
+    out[6], out[7] = state[4], state[5]
+    out[8], out[9] = height, command
+    for j in range(toes):
+        out[10 + j] = loads[j]
+    out[10 + toes] = row.action
+    direction = math.copysign(1.0, command)
+    out[11 + toes] = max(0.0, row.farthest - direction * state[0])
+
+
+@compiled
+def inform(state, total, row):
+    """What is told of a robot's state and of its last step's energies."""
+    info, energy = row.info, row.energy
+    info.x_position, info.pitch = state[0], state[2]
+    info.crank_angle, info.crank_speed = state[3], state[7]
+    energy.motor_work, energy.joint_loss = total[MOTOR_WORK], total[JOINT_LOSS]
+    energy.slip_loss, energy.impact_loss = total[SLIP_LOSS], total[IMPACT_LOSS]
+    energy.mechanical_energy_change = total[ENERGY]
+    losses = energy.joint_loss + energy.slip_loss + energy.impact_loss
+    energy.residual = energy.motor_work - losses - energy.mechanical_energy_change

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from numbers import Integral
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
@@ -41,15 +41,12 @@ def load_robot(robot: Robot | str, payload: Payload | float | None = None) -> Ro
         if not isinstance(robot, str) or robot not in ROBOTS:
             raise ValueError(f"robot is {shown(robot)}, must be a Robot or one of {sorted(ROBOTS)}")
         robot = ROBOTS[robot]()
-    load = _load(payload)
-    return robot if load is None else replace(robot, payload=load)
+    return robot if payload is None else replace(robot, payload=load_payload(payload))
 
 
-def _load(payload: Any) -> Payload | None:
-    """A payload by itself or by its mass, kg; None for the robot's own."""
-    if payload is None or isinstance(payload, Payload):
-        return payload
-    return Payload(non_negative("payload", payload))
+def load_payload(payload: Any) -> Payload:
+    """A payload by itself or by its mass at the crank axis, kg."""
+    return payload if isinstance(payload, Payload) else Payload(non_negative("payload", payload))
 
 
 def command_range(command: Any, limit: float) -> tuple[float, float]:
@@ -65,6 +62,10 @@ def command_range(command: Any, limit: float) -> tuple[float, float]:
     return low, high
 
 
+class Each(tuple[Any, ...]):
+    """One value for each robot, where a plain sequence could as well be one value for all."""
+
+
 def terrain_of_each(
     count: int, terrain: Any, friction: Any = None, restitution: Any = None
 ) -> list[Terrain]:
@@ -73,8 +74,9 @@ def terrain_of_each(
     Raises:
         ValueError: not one for each, or a value out of range.
     """
-    several = isinstance(terrain, (list, tuple)) and all(
-        isinstance(one, (Terrain, str)) for one in terrain
+    several = isinstance(terrain, Each) or (
+        isinstance(terrain, (list, tuple))
+        and all(isinstance(one, (Terrain, str)) for one in terrain)
     )
     grounds = _each("terrain", terrain, count) if several else [terrain] * count
     frictions = [
@@ -112,7 +114,7 @@ def robot_of_each(count: int, robot: Robot | str, payload: Any = None) -> list[R
     Raises:
         ValueError: not one for each, or a value out of range.
     """
-    loads = [_load(one) for one in _each("payload", payload, count)]
+    loads = [None if one is None else load_payload(one) for one in _each("payload", payload, count)]
     made = {load: load_robot(robot, load) for load in dict.fromkeys(loads)}
     return [made[load] for load in loads]
 
@@ -127,7 +129,7 @@ def command_of_each(count: int, command: Any, limit: float) -> Array:
     Raises:
         ValueError: not one for each, or a value out of range.
     """
-    several = isinstance(command, np.ndarray) or (
+    several = isinstance(command, (np.ndarray, Each)) or (
         isinstance(command, (list, tuple))
         and any(isinstance(one, (list, tuple, np.ndarray)) for one in command)
     )
@@ -189,10 +191,39 @@ def autoreset_mode(mode: Any) -> AutoresetMode:
         raise ValueError(f"autoreset_mode is {shown(mode)}, must be one of {allowed}") from None
 
 
-def check_begun(begun: bool) -> None:
-    """Raises gymnasium.error.ResetNeeded before an environment's first ``reset``."""
-    if not begun:
-        raise gym.error.ResetNeeded("reset() must be called first")
+def signature_of(task: type, without: Sequence[str] = ()) -> inspect.Signature:
+    """The signature of a task's constructor, less some of its arguments."""
+    found = inspect.signature(task)
+    kept = [p for name, p in found.parameters.items() if name not in without]
+    return found.replace(parameters=kept)
+
+
+def known_arguments(environment: type, given: Mapping[str, Any]) -> None:
+    """Raises TypeError for arguments that an environment does not have."""
+    allowed = inspect.signature(environment).parameters
+    unknown = sorted({*given} - {*allowed})
+    if unknown:
+        raise TypeError(
+            f"{environment.__name__} has no argument {unknown[0]!r}, must be in {sorted(allowed)}"
+        )
+
+
+def reset_mask(count: int, mask: Any) -> NDArray[np.bool_]:
+    """Which robots to reset (count,), all for None.
+
+    Raises:
+        TypeError: no array of bools. ValueError: not one for each, or none of them set.
+    """
+    if mask is None:
+        return np.ones(count, bool)
+    if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
+        raise TypeError(f"options['reset_mask'] is {mask!r}, must be an array of bools")
+    if mask.shape != (count,) or not mask.any():
+        raise ValueError(
+            f"options['reset_mask'] is {mask!r}, must have shape ({count},) and name one robot at "
+            "least"
+        )
+    return mask
 
 
 def reset_options(options: Any) -> dict[str, Any]:
@@ -249,39 +280,54 @@ def render_mode(mode: Any, allowed: Sequence[str] = RENDER_MODES) -> str | None:
     raise ValueError(f"render_mode is {shown(mode)}, must be None or one of {allowed}")
 
 
-def torque_shares(actions: Any, counting: NDArray[np.bool_]) -> Array:
-    """Actions (n, 1) as shares (n,) of the torque limit, clipped to -1 .. 1, 0 if not ``counting``.
+def actions_of_each(count: int, actions: Any) -> Array:
+    """Actions (count, 1) as an array of floats.
 
     Raises:
-        ValueError: not one finite number for each that counts.
+        ValueError: no numbers, or of another shape.
     """
-    count = len(counting)
     try:
-        shares = np.asarray(actions, dtype=float)
+        values: Array = np.ascontiguousarray(actions, dtype=float)
     except (TypeError, ValueError, OverflowError):
         raise ValueError(
             f"actions are {shown(actions)}, must be numbers, shape ({count}, 1)"
         ) from None
-    if shares.shape != (count, 1):
-        raise ValueError(f"actions have shape {shares.shape}, must have ({count}, 1)")
-    shares = np.where(counting, shares[:, 0], 0.0)
-    if not np.isfinite(shares).all():
-        bad = int(np.argmin(np.isfinite(shares)))
-        raise ValueError(f"actions[{bad}] is {shares[bad]}, must be finite")
-    clipped: Array = np.minimum(1.0, np.maximum(-1.0, shares))
-    return clipped
+    if values.shape != (count, 1):
+        raise ValueError(f"actions have shape {values.shape}, must have ({count}, 1)")
+    return values
 
 
-def torque_share(action: Any) -> float:
-    """The action (1,) as a share of the torque limit, clipped to -1 .. 1.
+def one_action(action: Any) -> Array:
+    """The action (1,) of one robot as (1, 1).
 
     Raises:
         ValueError: it is not one finite number.
     """
     try:
-        values = np.asarray(action, dtype=float)
+        values: Array = np.asarray(action, dtype=float)
     except (TypeError, ValueError, OverflowError):
         values = np.empty(0)
-    if values.shape != (1,) or not math.isfinite(values[0]):
+    if values.shape != (1,) or not math.isfinite(values.item()):
         raise ValueError(f"action is {shown(action)}, must be one finite number, shape (1,)")
-    return min(1.0, max(-1.0, float(values[0])))
+    return values[None]
+
+
+def known_options(options: dict[str, Any], allowed: Sequence[str]) -> None:
+    """Raises ValueError for options of ``reset`` that are not ``allowed``."""
+    unknown = sorted({*options} - {*allowed})
+    if unknown:
+        raise ValueError(f"reset options {unknown} are unknown, must be in {sorted(allowed)}")
+
+
+def known_parameters(changes: dict[str, Any], allowed: Sequence[str]) -> None:
+    """Raises TypeError for what cannot be changed of one robot."""
+    unknown = sorted({*changes} - {*allowed})
+    if unknown:
+        raise TypeError(f"{unknown} cannot be changed, must be in {sorted(allowed)}")
+
+
+def complete_state(state: Mapping[str, Any], example: Mapping[str, Any]) -> None:
+    """Raises ValueError where a state to go on from has not all that ``example`` has."""
+    missing = sorted({*example} - {*state})
+    if missing:
+        raise ValueError(f"state lacks {missing}, must come from get_state()")

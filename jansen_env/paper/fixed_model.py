@@ -14,7 +14,7 @@ from jansen_env.checks import positive
 from jansen_env.control import PID
 from jansen_env.dynamics.joint_forces import joint_forces
 from jansen_env.dynamics.projection import Projection, project
-from jansen_env.plants.fixed_base import PinnedPlant
+from jansen_env.plants.fixed_base import FixedBasePlant
 from jansen_env.robot import Robot
 
 Array = NDArray[np.float64]
@@ -57,7 +57,7 @@ def tables_advance(robot: Robot, time_step: float = SAMPLING) -> Advance:
     """
     if abs(SAMPLING / positive("time_step", time_step) % 1.0) > 1e-9 or time_step > SAMPLING:
         raise ValueError(f"time_step is {time_step!r}, must divide {SAMPLING}")
-    plant = PinnedPlant(robot, time_step)
+    plant = FixedBasePlant(robot, time_step)
 
     def advance(angle: float, speed: float, torque: float) -> tuple[float, float]:
         plant.reset(angle, speed)

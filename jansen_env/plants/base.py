@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.checks import within
 from jansen_env.engine.integrator import DIVERGED
@@ -54,19 +54,67 @@ class StepResult(NamedTuple):
         return self.motor_work - losses - self.energy_change
 
 
+class BatchedPlant(Protocol):
+    """What the walking task asks of n robots: :class:`jansen_env.plants.batch.Batch` has it all.
+
+    Attributes:
+        states: (n, 8), see :class:`Plant`; to be read.
+        slip, contact_force, totals, joint_gap, diverged: (n, ...) of the last step.
+        any_diverged: whether one has.
+    """
+
+    robots: list[Robot]
+    terrains: list[Terrain]
+    toes: int
+    time_step: float
+    slip: Array
+    contact_force: Array
+    totals: Array
+    joint_gap: Array
+    diverged: NDArray[np.bool_]
+    any_diverged: bool
+    in_contact: NDArray[np.bool_] | None
+
+    @property
+    def states(self) -> Array: ...
+
+    def set_state(self, row: int, state: ArrayLike) -> None:
+        """Put a robot into a state (8,)."""
+        ...
+
+    def place(self, row: int, crank_angle: float) -> None:
+        """Place a robot at rest; its slip, forces and totals are those of its next time step."""
+        ...
+
+    def step(self, torque: Array, steps: int) -> None:
+        """Hold crank torques (n,), N m, for some time steps."""
+        ...
+
+    def contact_frames(self, row: int) -> tuple[Array, Array]:
+        """See :meth:`Plant.contact_frames`, of a robot."""
+        ...
+
+    def close(self) -> None:
+        """Let go of threads."""
+        ...
+
+
 class Plant(Protocol):
-    """What the walking task asks of a plant.
+    """A robot on a terrain that answers a crank torque with its motion.
 
     Attributes:
         robot, terrain: what walks where. toes: how many toes it has.
         state: (8,) x, y, theta, psi and their rates; x, y the crank axis, m, rad, s. Can be set.
-        x: position of the crank axis along the ground, m.
     """
 
-    robot: Robot
-    terrain: Terrain
     toes: int
     time_step: float
+
+    @property
+    def robot(self) -> Robot: ...
+
+    @property
+    def terrain(self) -> Terrain: ...
 
     @property
     def state(self) -> Array: ...
@@ -75,15 +123,17 @@ class Plant(Protocol):
     def state(self, value: Array) -> None: ...
 
     @property
+    def x(self) -> float:
+        """Position of the crank axis along the ground, m."""
+        ...
+
+    @property
     def pressed(self) -> NDArray[np.bool_] | None:
         """(pads,) the pads on the ground just before, None if not known: set it after the state."""
         ...
 
     @pressed.setter
     def pressed(self, value: Any) -> None: ...
-
-    @property
-    def x(self) -> float: ...
 
     def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
         """Set the robot down at rest; returns the new state."""
@@ -126,15 +176,6 @@ def check_pressed(value: Any, pads: int) -> NDArray[np.bool_] | None:
 def believable(state: Array) -> bool:
     """Whether the speeds of a state (8,) are finite and such as can be."""
     return all(-DIVERGED < speed < DIVERGED for speed in state[4:].tolist())
-
-
-def no_step(toes: int) -> StepResult:
-    """What a step that was refused has done: nothing."""
-    return StepResult(
-        slip=np.zeros(toes), contact_force=np.zeros((toes, 2)), motor_work=0.0, joint_loss=0.0,
-        slip_loss=0.0, impact_loss=0.0, energy_change=0.0, bumped=False, residual=0.0,
-        contact_gain=0.0,
-    )  # fmt: skip
 
 
 def divergence(state: Array, torque: float) -> FloatingPointError:

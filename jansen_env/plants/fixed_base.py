@@ -1,4 +1,4 @@
-"""The pinned plant: the paper's fixed model, chassis held in the air, one freedom, the crank."""
+"""The fixed-base plant: the paper's fixed model, chassis held in the air, one degree of freedom."""
 
 from __future__ import annotations
 
@@ -19,11 +19,75 @@ from jansen_env.robot import Robot
 
 Array = NDArray[np.float64]
 
-DIVERGED = 1e4  # rad/s, beyond which a state is no longer believed
+
+class FixedBaseBatch:
+    """``count`` equal robots with their chassis held level in the air, each with its own crank.
+
+    Args:
+        robot: whose cranks turn. count: how many. time_step: of the integration (Runge-Kutta,
+            order 4), s. gravity: m/s^2.
+
+    Attributes:
+        states: (n, 2) crank angle (rad, not wrapped) and crank speed (rad/s); can be written to.
+        motor_work, joint_loss, energy_change: (n,) J, over the last :meth:`step`.
+        diverged: (n,) whether the last :meth:`step` was refused. any_diverged: whether one was.
+
+    Raises:
+        ValueError: an argument out of range; LinkageError: the robot cannot turn its crank.
+    """
+
+    def __init__(
+        self, robot: Robot, count: int = 1, time_step: float = 1e-3, gravity: float = GRAVITY
+    ) -> None:
+        announce("runge_kutta.turn")
+        self.robot = robot
+        self.time_step = check_time_step(time_step)
+        self.gravity = non_negative("gravity", gravity)
+        tables = compile_robot(robot)
+        self._body = kernel_model(tables).body
+        self._parameters = parameters(tables, (0.0, -self.gravity))
+        self._rows = np.zeros((count, 3))  # states, and what the joints have taken in the step
+        self.states = self._rows[:, : runge_kutta.LOSS]
+        self.motor_work, self.joint_loss, self.energy_change = np.zeros((3, count))
+        self.diverged, self.any_diverged = np.zeros(count, bool), False
+
+    def energy(self, row: int) -> float:
+        """Kinetic plus potential energy of a robot, J (0 potential: mass centre at the axis)."""
+        state = self.states[row].tolist()
+        return float(sum(runge_kutta.pinned_energy(self._body, self._parameters, *state)))
+
+    def step(self, torque: Array, steps: int) -> None:
+        """Hold crank torques (n,), N m, for some time steps.
+
+        A crank that becomes faster than :data:`jansen_env.engine.runge_kutta.DIVERGED` stays as it
+        was, and is named in :attr:`diverged`.
+        """
+        self.any_diverged = runge_kutta.turn_each(
+            steps, self.time_step, torque, self._rows, self._body, self._parameters,
+            self.motor_work, self.joint_loss, self.energy_change, self.diverged,
+        )  # fmt: skip
+
+    def joint_forces(self, row: int, torque: float = 0.0) -> JointForces:
+        """Forces in every joint of a robot at its present state under a crank torque (N m)."""
+        angle, speed = self.states[row]
+        q, q_dot = np.array([0.0, 0.0, 0.0, angle]), np.array([0.0, 0.0, 0.0, speed])
+        return joint_forces(self.robot, q, q_dot, torque, fixed_base=True, gravity=self.gravity)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The arguments and the states: everything else is made again from them."""
+        arguments = (self.robot, len(self.states), self.time_step, self.gravity)
+        results = (self.motor_work, self.joint_loss, self.energy_change, self.diverged)
+        return {"arguments": arguments, "states": self.states.copy(), "results": results}
+
+    def __setstate__(self, saved: dict[str, Any]) -> None:
+        self.__init__(*saved["arguments"])  # type: ignore[misc]
+        self.states[:] = saved["states"]
+        self.motor_work, self.joint_loss, self.energy_change, self.diverged = saved["results"]
+        self.any_diverged = bool(self.diverged.any())
 
 
-class PinnedResult(NamedTuple):
-    """What happened during one :meth:`PinnedPlant.step`, J."""
+class FixedBaseResult(NamedTuple):
+    """What happened during one :meth:`FixedBasePlant.step`, J."""
 
     motor_work: float
     joint_loss: float
@@ -35,38 +99,29 @@ class PinnedResult(NamedTuple):
         return self.motor_work - self.joint_loss - self.energy_change
 
 
-class PinnedPlant:
+class FixedBasePlant:
     """A robot with its chassis held level in the air: reset, step(torque), state.
 
-    Args:
-        robot: whose crank turns. time_step: of the integration (Runge-Kutta, order 4), s.
-        gravity: m/s^2.
-
-    Raises:
-        ValueError: an argument out of range; LinkageError: the robot cannot turn its crank.
+    It is a :attr:`batch` of one; arguments and errors are those of :class:`FixedBaseBatch`.
     """
 
     def __init__(self, robot: Robot, time_step: float = 1e-3, gravity: float = GRAVITY) -> None:
-        announce("runge_kutta.turn")
-        self.robot = robot
-        self.time_step = check_time_step(time_step)
-        self.gravity = non_negative("gravity", gravity)
-        self.tables = compile_robot(robot)
-        self._body = kernel_model(self.tables).body
-        self._parameters = parameters(self.tables, (0.0, -self.gravity))
-        self._state = np.zeros(3)
+        self.batch = FixedBaseBatch(robot, 1, time_step, gravity)
+        self.robot, self.time_step = robot, self.batch.time_step
+
+    @property
+    def gravity(self) -> float:
+        """m/s^2."""
+        return self.batch.gravity
 
     @property
     def state(self) -> Array:
         """(2,) crank angle (rad, not wrapped) and crank speed (rad/s), a copy."""
-        return self._state[: runge_kutta.LOSS].copy()
+        return self.batch.states[0].copy()
 
     @state.setter
     def state(self, value: Array) -> None:
-        state = np.asarray(value, dtype=float)
-        if state.shape != (2,) or not np.isfinite(state).all():
-            raise ValueError(f"state is {value!r}, must be 2 finite numbers")
-        self._state[: runge_kutta.LOSS] = state
+        self.batch.states[0] = check_crank_state(value)
 
     def reset(self, crank_angle: float = 0.0, crank_speed: float = 0.0) -> Array:
         """Start from a crank angle (rad) and speed (rad/s); returns the new state (2,)."""
@@ -75,43 +130,36 @@ class PinnedPlant:
 
     def energy(self) -> float:
         """Kinetic plus potential energy, J (potential 0 with the centre of mass at the axis)."""
-        return float(sum(runge_kutta.pinned_energy(self._body, self._parameters, *self._state[:2])))
+        return self.batch.energy(0)
 
-    def step(self, torque: float, duration: float) -> PinnedResult:
+    def step(self, torque: float, duration: float) -> FixedBaseResult:
         """Hold a crank torque (N m) for a while (s, rounded to whole time steps).
 
         Raises:
             ValueError: a torque that is not finite, or a duration not above 0.
-            FloatingPointError: the state is no longer finite, or faster than anything believable.
+            FloatingPointError: the crank became too fast, see :class:`FixedBaseBatch`; its state
+                is as it was before.
         """
         steps = max(1, round(positive("duration", duration) / self.time_step))
-        finite("torque", torque)
-        energy, angle = self.energy(), self._state[runge_kutta.ANGLE]
-        self._state[runge_kutta.LOSS] = 0.0
-        runge_kutta.turn(steps, self.time_step, torque, self._state, self._body, self._parameters)
-        if not -DIVERGED < self._state[runge_kutta.SPEED] < DIVERGED:
+        batch = self.batch
+        batch.step(np.array([finite("torque", torque)]), steps)
+        if batch.diverged[0]:
             raise FloatingPointError(
-                f"the state diverged to {self.state.tolist()} under a torque of {torque} N m; "
-                "try a smaller time_step"
+                f"the simulation diverged from {self.state.tolist()} under a torque of {torque} "
+                "N m; try a smaller time_step"
             )
-        turned = float(self._state[runge_kutta.ANGLE] - angle)
-        loss = float(self._state[runge_kutta.LOSS])
-        return PinnedResult(torque * turned, loss, self.energy() - energy)
+        return FixedBaseResult(
+            float(batch.motor_work[0]), float(batch.joint_loss[0]), float(batch.energy_change[0])
+        )
 
     def joint_forces(self, torque: float = 0.0) -> JointForces:
         """Forces in every joint at the present state under a crank torque (N m)."""
-        angle, speed = self.state
-        q, q_dot = np.array([0.0, 0.0, 0.0, angle]), np.array([0.0, 0.0, 0.0, speed])
-        return joint_forces(self.robot, q, q_dot, torque, fixed_base=True, gravity=self.gravity)
+        return self.batch.joint_forces(0, torque)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """The arguments and the state: everything else is made anew from them."""
-        return {
-            "robot": self.robot, "time_step": self.time_step, "gravity": self.gravity,
-            "state": self.state,
-        }  # fmt: skip
 
-    def __setstate__(self, saved: dict[str, Any]) -> None:
-        state = saved.pop("state")
-        self.__init__(**saved)  # type: ignore[misc]
-        self.state = state
+def check_crank_state(value: Any) -> Array:
+    """A crank's angle and speed as an array. Raises ValueError unless it is 2 finite numbers."""
+    state = np.asarray(value, dtype=float)
+    if state.shape != (2,) or not np.isfinite(state).all():
+        raise ValueError(f"state is {value!r}, must be 2 finite numbers")
+    return state

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from jansen_env import ROBOTS, Payload, Robot, Terrain
-from jansen_env.plants.projected import SET_DOWN_DEPTH, ProjectionPlant
+from jansen_env.plants.batch import PLACEMENT_DEPTH
+from jansen_env.plants.projected import ProjectionPlant
 
 STEP = 1e-6  # s
 HEAVY = Robot(payload=Payload(60.0, 1.0, (0.1, 0.0)))
@@ -24,9 +25,7 @@ def impacts(robot, friction, restitution, rng, count=300):
     for _ in range(count):
         state = plant.reset(0.0, rng.uniform(0.0, 2.0 * np.pi), rng.uniform(-0.3, 0.3))
         state[4:] = rng.normal(size=4) * (1.0, 0.0, 1.0, 3.0) - (0.0, 1.0, 0.0, 0.0)
-        state[1] += (
-            SET_DOWN_DEPTH + 0.2 * STEP
-        )  # it touches down in the next step, if it comes near
+        state[1] += PLACEMENT_DEPTH + 0.2 * STEP  # it touches down next, if it comes near
         plant.state = state
         before = plant.energy()
         plant.step(0.0, STEP)

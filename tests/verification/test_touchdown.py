@@ -18,7 +18,8 @@ from jansen_env import Leg, Payload, Robot, Terrain
 from jansen_env.dynamics import reduced as rd
 from jansen_env.gravity import GRAVITY
 from jansen_env.kinematics import T, coordinates, joint_positions
-from jansen_env.plants.projected import SET_DOWN_DEPTH, ProjectionPlant
+from jansen_env.plants.batch import PLACEMENT_DEPTH
+from jansen_env.plants.projected import ProjectionPlant
 
 PSI = 2.75  # rad
 IMPACT = 1e-8  # s, time step in which an impact is dealt: nothing else matters in it
@@ -142,7 +143,9 @@ def strike(robot, v, mu, restitution, locked, psi=PSI):
     ground = Terrain.flat(friction=mu, restitution=restitution)
     plant = plant_on(robot, ground, locked, psi, gravity=0.0, time_step=IMPACT)
     state = plant.state
-    state[1] += SET_DOWN_DEPTH + 0.01 * IMPACT  # all but touching: it touches down in the next step
+    state[1] += (
+        PLACEMENT_DEPTH + 0.01 * IMPACT
+    )  # all but touching: it touches down in the next step
     state[4:] = v
     plant.state, plant.tracing = state, True
     pose = state[:4] + 0.5 * IMPACT * state[4:]
@@ -269,7 +272,7 @@ def test_bounce_heights(toes, restitution, bounces, measured):
     ground = Terrain.flat(friction=0.0, restitution=restitution)
     plant = plant_on(robot, ground, True, time_step=step)
     state = plant.state
-    rest = state[1] + SET_DOWN_DEPTH
+    rest = state[1] + PLACEMENT_DEPTH
     state[1] = rest + DROP
     plant.state = state
     start, heights, times, steps = plant.energy(), [], [], 0

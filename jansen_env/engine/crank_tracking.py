@@ -1,0 +1,79 @@
+"""The crank task of n robots: actions, observations, rewards and what is told of a step."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from jansen_env.engine.jit import compiled
+
+START_ANGLE = math.pi  # rad, of the reference at time 0, as in the paper
+LOST = math.pi  # rad, tracking error at which an episode ends
+TRACKING_WIDTH = 0.8  # rad, tracking error at which half of the tracking reward is left
+
+# The reward's terms, and likewise their weights.
+REWARD = np.dtype([("tracking", float), ("torque", float)])
+# What the environment's information has of a robot; its units are listed there.
+INFORMATION = np.dtype(
+    [
+        ("crank_angle", float),
+        ("crank_speed", float),
+        ("crank_torque", float),
+        ("tracking_error", float),
+        ("speed_command", float),
+        ("diverged", bool),
+    ]
+)
+ENERGIES = np.dtype(
+    [
+        ("motor_work", float),
+        ("joint_loss", float),
+        ("mechanical_energy_change", float),
+        ("residual", float),
+    ]
+)
+# A robot's row: the last action, steps taken, and what its last step was.
+ROW = np.dtype(
+    [
+        ("action", float),
+        ("steps", float),
+        ("info", INFORMATION),
+        ("energy", ENERGIES),
+        ("reward", REWARD),
+    ]
+)
+
+
+@compiled
+def finish_step(states, work, loss, change, period, weights, rows, reward, terminated, out):
+    """Reward the step of ``period`` seconds that led to ``states`` (n, 2), and describe it.
+
+    Args:
+        work, loss, change: (n,) of the motor, the joints and in mechanical energy, J.
+        weights: (1,) of :data:`REWARD`. rows: (n,) of :data:`ROW`. reward, terminated: (n,).
+        out: (n, 5) observations.
+    """
+    for r in range(len(states)):
+        rows[r].steps += 1.0
+        energy = rows[r].energy
+        energy.motor_work, energy.joint_loss = work[r], loss[r]
+        energy.mechanical_energy_change, energy.residual = change[r], work[r] - loss[r] - change[r]
+    describe(states, period, rows, out)
+    for r in range(len(states)):
+        term, error = rows[r].reward, rows[r].info.tracking_error
+        term.tracking = weights[0].tracking / (1.0 + (error / TRACKING_WIDTH) ** 2)
+        term.torque = -weights[0].torque * rows[r].action ** 2
+        reward[r] = term.tracking + term.torque
+        terminated[r] = abs(error) > LOST
+
+
+@compiled
+def describe(states, period, rows, out):
+    """Observations (n, 5) into ``out``, and information into ``rows``, of states (n, 2)."""
+    for r in range(len(states)):
+        info, angle, speed = rows[r].info, states[r, 0], states[r, 1]
+        info.crank_angle, info.crank_speed = angle, speed
+        info.tracking_error = info.speed_command * rows[r].steps * period + START_ANGLE - angle
+        out[r, 0], out[r, 1], out[r, 2] = math.cos(angle), math.sin(angle), speed
+        out[r, 3], out[r, 4] = info.tracking_error, info.speed_command

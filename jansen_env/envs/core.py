@@ -1,0 +1,207 @@
+"""What a task is: n robots, arrays in and arrays out. The environments translate it, no more."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from jansen_env.engine.actions import take_actions
+from jansen_env.envs.arguments import actions_of_each
+from jansen_env.rendering import Frame
+from jansen_env.robot import Robot
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+
+
+class Information:
+    """What an environment's ``info`` tells of n robots: the task's own arrays, put into dictionaries.
+
+    Args:
+        rows: (n,) a task's structured rows. Their field ``info`` has numbers and flags, ``energy``
+            becomes a dictionary of its own, ``reward`` has the reward's terms, which only a step has.
+        arrays: (n, ...) more of it. step_arrays: (n,) more numbers that only a step has.
+    """
+
+    def __init__(
+        self,
+        rows: NDArray[Any],
+        arrays: dict[str, NDArray[Any]],
+        step_arrays: dict[str, NDArray[Any]],
+    ) -> None:
+        self._rows, self._arrays, self._step_arrays = rows, arrays, step_arrays
+        fields: Any = rows.dtype.names
+        self._place = {name: fields.index(name) for name in ("info", "energy", "reward")}
+        self._info, self._energy, self._reward = (
+            tuple(rows.dtype[name].names or ()) for name in self._place
+        )
+        self._terms = tuple(f"reward/{name}" for name in self._reward)
+        self.keys = (*self._info, "energy", *arrays, *self._terms, *step_arrays)
+        """All that a step's information has."""
+
+    def of_one(self, row: int, stepped: bool) -> dict[str, Any]:
+        """Of one robot, in Python's own types; ``stepped``: whether of a step, not of a reset."""
+        values, place = self._rows[row].item(), self._place
+        info = dict(zip(self._info, values[place["info"]], strict=True))
+        info["energy"] = dict(zip(self._energy, values[place["energy"]], strict=True))
+        for name, array in self._arrays.items():
+            info[name] = array[row].copy()
+        if stepped:
+            info.update(zip(self._terms, values[place["reward"]], strict=True))
+            for name, array in self._step_arrays.items():
+                info[name] = array[row].item()
+        return info
+
+    def of_all(self, known: Bools, stepped: Bools) -> dict[str, Any]:
+        """Gymnasium's vector information: arrays, 0 where not ``known``, each with a mask."""
+        info, energy, reward = (self._rows[name] for name in self._place)
+        infos = _masked({name: info[name] for name in self._info}, known)
+        infos["energy"] = _masked({name: energy[name] for name in self._energy}, known)
+        infos["_energy"] = known.copy()
+        infos.update(_masked(self._arrays, known))
+        if stepped.any():
+            terms = zip(self._terms, self._reward, strict=True)
+            infos.update(_masked({name: reward[term] for name, term in terms}, stepped))
+            infos.update(_masked(self._step_arrays, stepped))
+        return infos
+
+
+def _masked(arrays: dict[str, NDArray[Any]], known: Bools) -> dict[str, Any]:
+    """Copies, 0 where not ``known``, each with its mask."""
+    every = bool(known.all())
+    infos: dict[str, Any] = {}
+    for name, array in arrays.items():
+        infos[name], infos[f"_{name}"] = array.copy(), known.copy()
+        if not every:
+            infos[name][~known] = 0
+    return infos
+
+
+class Task(ABC):
+    """A task of ``num_envs`` robots: arguments, reset, physics, observation, reward, end of episode.
+
+    Environments of one robot and of many are made of it (:mod:`jansen_env.envs.single`,
+    :mod:`jansen_env.envs.vector`); what is added here appears in all of them.
+
+    Attributes:
+        OF_EACH: arguments that may be one for all robots or one for each.
+        ONE_ALONE: arguments with which, unless they have this value, there is but one robot.
+        SETTABLE: what :meth:`set_parameters` changes.
+        robots: what moves. observation_space, action_space: of one robot.
+        control_dt: s for which an action is held.
+        observation: (n, d) the last ones. reward: (n,) of the last step. terminated: (n,) whether
+            the episode is over. truncated: (n,) whether the simulation diverged.
+        information: of the last step.
+        torque_limit: N m. torque: (n,) of the last step, N m. rows: (n,) what is kept of
+            each robot's episode, and what its last step was.
+    """
+
+    OF_EACH: ClassVar[tuple[str, ...]]
+    ONE_ALONE: ClassVar[Mapping[str, Any]] = {}
+    SETTABLE: ClassVar[tuple[str, ...]]
+    num_envs: int
+    robots: list[Robot]
+    observation_space: spaces.Box
+    action_space: spaces.Box
+    control_dt: float
+    observation: NDArray[np.float32]
+    reward: Array
+    terminated: Bools
+    truncated: Bools
+    information: Information
+    torque_limit: float
+    torque: Array
+    rows: NDArray[Any]
+
+    @abstractmethod
+    def reset(
+        self,
+        rows: Ints,
+        generators: Sequence[np.random.Generator],
+        options: Sequence[dict[str, Any]] | None = None,
+    ) -> None:
+        """Start episodes of some robots.
+
+        Args:
+            rows: indices of the robots. generators: the random numbers of each of them.
+            options: of ``reset`` for each of them.
+
+        Raises:
+            ValueError: an unknown option, or a value out of range.
+        """
+
+    @abstractmethod
+    def step(self, actions: Any, active: Bools) -> None:
+        """Hold actions (n, 1) for ``control_dt`` seconds; robots not ``active`` get 0, whatever theirs.
+
+        Raises:
+            ValueError: the actions are not one finite number for each active robot.
+        """
+
+    @abstractmethod
+    def _inform(self) -> Information:
+        """Make :attr:`information`."""
+
+    @abstractmethod
+    def set_parameters(self, row: int, **changes: Any) -> None:
+        """Change some of :attr:`SETTABLE` of one robot.
+
+        Raises:
+            ValueError: a value out of range. TypeError: another name.
+        """
+
+    @abstractmethod
+    def of_each(self, name: str) -> list[Any] | None:
+        """What robots have of their own by that name, an entry for each; None for anything else."""
+
+    @abstractmethod
+    def get_state(self, row: int) -> dict[str, Any]:
+        """All that a robot's future depends on but its random numbers."""
+
+    @abstractmethod
+    def set_state(self, row: int, state: Mapping[str, Any]) -> None:
+        """Go on from a state of :meth:`get_state`; fills :attr:`observation`.
+
+        Raises:
+            ValueError: an entry is missing or out of range.
+        """
+
+    @abstractmethod
+    def scene(self, row: int) -> dict[str, Any]:
+        """Arguments of :class:`jansen_env.rendering.Renderer` to draw a robot."""
+
+    @abstractmethod
+    def frame(self, row: int) -> Frame:
+        """What is to be drawn of a robot as it stands."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "information": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self.information = self._inform()  # of this copy's arrays
+
+    @abstractmethod
+    def close(self) -> None:
+        """Let go of threads."""
+
+    def _take_actions(self, actions: Any, active: Bools) -> None:
+        """Actions (n, 1) into the rows and as torques, see :meth:`step`."""
+        values = actions_of_each(self.num_envs, actions)
+        bad = take_actions(values, active, self.torque_limit, self.rows, self.torque)
+        if bad >= 0:
+            raise ValueError(f"actions[{bad}] is {values[bad, 0]}, must be finite")
+
+    def _warn_of_divergence(self, diverged: Bools) -> None:
+        gym.logger.warn(
+            f"the episodes of robots {np.flatnonzero(diverged).tolist()} end: their simulation "
+            f"diverged under torques of {self.torque[diverged].tolist()} N m; "
+            "try a smaller time_step"
+        )

@@ -1,0 +1,236 @@
+"""The crank task of n robots, whole: arguments, reset, physics, observation, reward, information.
+
+The numbers of a step are worked out in :mod:`jansen_env.engine.crank_tracking`. What they mean is
+documented in :class:`jansen_env.envs.crank.JansenCrankEnv`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from jansen_env.checks import finite, non_negative, positive, within
+from jansen_env.engine import crank_tracking as task
+from jansen_env.envs import arguments
+from jansen_env.envs.core import Bools, Information, Ints, Task
+from jansen_env.plants.fixed_base import FixedBaseBatch, FixedBasePlant, check_crank_state
+from jansen_env.rendering import Frame
+from jansen_env.robot import Robot
+
+Array = NDArray[np.float64]
+
+SPEED_COMMAND = 1.0  # rad/s, the paper's
+FASTEST_COMMAND = 10.0  # rad/s
+START_ANGLE, LOST = task.START_ANGLE, task.LOST
+
+
+class CrankTask(Task):
+    """Turn the crank of a Jansen linkage along a reference; the chassis is held in the air.
+
+    Args:
+        num_envs: robots. threads: taken as the walker's, of no use here.
+        robot ... track_joint_forces: see :class:`jansen_env.envs.crank.JansenCrankEnv`;
+            ``speed_command`` and ``reset_noise_scale`` may be one for all robots or one for each.
+
+    Attributes:
+        speed_command: (n, 2) rad/s, range of the next commands. torque_limit: N m.
+        plant: the plant of a robot that is alone, else None. batch: what moves the robots.
+
+    Raises:
+        ValueError: an argument out of range, or not one for each robot; LinkageError: the robot
+            cannot turn its crank.
+    """
+
+    OF_EACH = ("speed_command", "reset_noise_scale")
+    ONE_ALONE = {"track_joint_forces": False}
+    SETTABLE = ("speed_command",)
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        threads: int | None = None,
+        *,
+        robot: Robot | str = "paper",
+        speed_command: float | tuple[float, float] | Any = SPEED_COMMAND,
+        torque_limit: float = 5.0,
+        control_dt: float = 0.01,
+        time_step: float = 0.001,
+        tracking_weight: float = 1.0,
+        torque_weight: float = 1.0,
+        reset_noise_scale: float | Any = 0.1,
+        track_joint_forces: bool = False,
+    ) -> None:
+        self.num_envs = n = num_envs
+        self.robots = [arguments.load_robot(robot)] * n
+        self.speed_command = arguments.command_of_each(n, speed_command, FASTEST_COMMAND)
+        self.torque_limit = positive("torque_limit", torque_limit)
+        self.control_dt, step = arguments.control_period(control_dt, time_step)
+        self._weights = np.zeros(1, task.REWARD)
+        self._weights[0] = (
+            non_negative("tracking_weight", tracking_weight),
+            non_negative("torque_weight", torque_weight),
+        )
+        self.reset_noise_scale = arguments.noise_of_each(n, reset_noise_scale)
+        self.track_joint_forces = arguments.flag("track_joint_forces", track_joint_forces)
+        if self.track_joint_forces and n > 1:
+            raise ValueError(
+                "track_joint_forces is True, must be False for several robots at once; "
+                "vectorization_mode='sync' has it"
+            )
+        self.plant = FixedBasePlant(self.robots[0], step) if n == 1 else None
+        self.batch = (
+            FixedBaseBatch(self.robots[0], n, step) if self.plant is None else self.plant.batch
+        )
+        self._steps = round(self.control_dt / step)
+        high = np.array([1.0, 1.0, np.inf, np.inf, FASTEST_COMMAND], np.float32)
+        self.observation_space = spaces.Box(-high, high, dtype=np.float32)
+        self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
+        self.rows = np.zeros(n, task.ROW)
+        self.torque, self.reward = np.zeros((2, n))
+        self.terminated, self.truncated = np.zeros((2, n), bool)
+        self.observation = np.zeros((n, 5), np.float32)
+        self._joint_force = np.zeros(1)
+        self.information = self._inform()
+
+    def _inform(self) -> Information:
+        loads = {"joint_force_max": self._joint_force} if self.track_joint_forces else {}
+        return Information(self.rows, {}, loads)
+
+    def reset(
+        self,
+        rows: Ints,
+        generators: Sequence[np.random.Generator],
+        options: Sequence[dict[str, Any]] | None = None,
+    ) -> None:
+        """Start episodes of some robots, see :class:`Task`."""
+        for k, i in enumerate(rows.tolist()):
+            command, angle, speed = self._draw(
+                i, generators[k], None if options is None else options[k]
+            )
+            self.batch.states[i] = angle, speed
+            self._begin(i, command)
+        self.terminated[rows] = self.truncated[rows] = False
+        self._describe()
+
+    def _begin(self, row: int, command: float, action: float = 0.0, steps: int = 0) -> None:
+        """Begin a robot's episode: nothing is left of the one before."""
+        self.rows[row] = np.zeros((), task.ROW)
+        kept = self.rows[row]
+        kept["action"], kept["steps"] = action, steps
+        kept["info"]["speed_command"] = command
+        self.torque[row], self.reward[row] = action * self.torque_limit, 0.0
+
+    def _draw(
+        self, row: int, rng: np.random.Generator, options: dict[str, Any] | None
+    ) -> tuple[float, float, float]:
+        """How an episode starts: command (rad/s), crank angle (rad) and crank speed (rad/s)."""
+        # Drawn in any case, so that fixing one leaves the others as they were.
+        command = rng.uniform(*self.speed_command[row])
+        noise = self.reset_noise_scale[row]
+        angle = START_ANGLE + noise * rng.uniform(-1.0, 1.0)
+        speed = noise * rng.uniform(-1.0, 1.0)
+        if options:
+            arguments.known_options(options, ("speed_command", "crank_angle", "crank_speed"))
+            name = "options['speed_command']"
+            command = within(
+                name, options.get("speed_command", command), -FASTEST_COMMAND, FASTEST_COMMAND
+            )
+            angle = options.get("crank_angle", angle)
+            if "crank_angle" in options:
+                within("options['crank_angle']", angle, START_ANGLE - LOST, START_ANGLE + LOST)
+            speed = finite("options['crank_speed']", options.get("crank_speed", speed))
+        return command, float(angle), speed
+
+    def step(self, actions: Any, active: Bools) -> None:
+        """Hold torques for ``control_dt`` seconds, see :class:`Task`."""
+        batch = self.batch
+        self._take_actions(actions, active)
+        batch.step(self.torque, self._steps)
+        task.finish_step(
+            batch.states, batch.motor_work, batch.joint_loss, batch.energy_change, self.control_dt,
+            self._weights, self.rows, self.reward, self.terminated, self.observation,
+        )  # fmt: skip
+        if batch.any_diverged or self.truncated.any():
+            self.truncated[:] = self.rows["info"]["diverged"] = batch.diverged & active
+            if self.truncated.any():
+                self._warn_of_divergence(self.truncated)
+        if self.track_joint_forces:
+            forces = batch.joint_forces(0, float(self.torque[0]))
+            self._joint_force[0] = forces.largest()[0]
+
+    def reference(self, row: int) -> float:
+        """r(t) = w t + pi, rad: where a robot's crank should be now."""
+        kept = self.rows[row]
+        return float(kept["info"]["speed_command"] * kept["steps"] * self.control_dt + START_ANGLE)
+
+    def _describe(self) -> None:
+        """Fill observations and information with what is the case now."""
+        task.describe(self.batch.states, self.control_dt, self.rows, self.observation)
+
+    def set_parameters(self, row: int, **changes: Any) -> None:
+        """Change a robot's ``speed_command``, rad/s, a number or a range, of its next episodes.
+
+        Raises:
+            ValueError: a value out of range. TypeError: another name.
+        """
+        arguments.known_parameters(changes, self.SETTABLE)
+        for value in changes.values():
+            self.speed_command[row] = arguments.command_range(value, FASTEST_COMMAND)
+
+    def of_each(self, name: str) -> list[Any] | None:
+        """``speed_command``, ``robot`` and ``state`` of each robot; None for another name."""
+        if name == "speed_command":
+            return [(low, high) for low, high in self.speed_command.tolist()]
+        if name == "robot":
+            return list(self.robots)
+        return list(self.batch.states.copy()) if name == "state" else None
+
+    def get_state(self, row: int) -> dict[str, Any]:
+        """All that a robot's future depends on but its random numbers, see :class:`Task`."""
+        kept = self.rows[row]
+        return {
+            "plant": self.batch.states[row].copy(),
+            "command": float(kept["info"]["speed_command"]),
+            "action": float(kept["action"]),
+            "steps": int(kept["steps"]),
+        }
+
+    def set_state(self, row: int, state: Mapping[str, Any]) -> None:
+        """Go on from a state of :meth:`get_state`, see :class:`Task`."""
+        arguments.complete_state(state, self.get_state(row))
+        self.batch.states[row] = check_crank_state(state["plant"])
+        self._begin(row, float(state["command"]), float(state["action"]), int(state["steps"]))
+        self._describe()
+
+    def scene(self, row: int) -> dict[str, Any]:
+        """Arguments of the renderer."""
+        return {
+            "robot": self.robots[row],
+            "terrain_points": None,
+            "speed_range": 2.0 * max(1e-3, *map(abs, self.speed_command[row].tolist())),
+            "speed_unit": "rad/s",
+        }
+
+    def frame(self, row: int) -> Frame:
+        """What is to be drawn of a robot as it stands."""
+        angle, speed = self.batch.states[row].tolist()
+        toes = len(self.robots[row].legs)
+        return Frame(
+            q=np.array([0.0, 0.0, 0.0, angle]),
+            contact_point=np.zeros((toes, 2)),
+            contact_tangent=np.zeros((toes, 2)),
+            contact_force=np.zeros((toes, 2)),
+            slipping=np.zeros(toes, bool),
+            command=float(self.rows[row]["info"]["speed_command"]),
+            speed=speed,
+            torque=float(self.torque[row]),
+            torque_limit=self.torque_limit,
+            time=float(self.rows[row]["steps"]) * self.control_dt,
+        )
+
+    def close(self) -> None:
+        """Nothing is held."""

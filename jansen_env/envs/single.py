@@ -1,0 +1,157 @@
+"""Gymnasium's environment of one robot, of any task: it translates, no more."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any, ClassVar, Generic, TypeVar
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.envs import arguments
+from jansen_env.envs.core import Task
+from jansen_env.robot import Robot
+
+Observation = NDArray[np.float32]
+ATask = TypeVar("ATask", bound=Task)
+
+ROW = np.zeros(1, np.int64)
+ACTIVE = np.ones(1, bool)
+
+
+class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
+    """One robot that does a task; ``arguments`` are the task's.
+
+    Attributes:
+        task: the task of this one robot. dt, control_dt: s for which an action is held.
+        robot: what moves.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": arguments.RENDER_MODES, "render_fps": 50}
+    TASK: ClassVar[Any]
+    task: ATask
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Show the task's arguments as those of the environment."""
+        super().__init_subclass__(**kwargs)
+        shown = arguments.signature_of(cls.TASK, without=("num_envs", "threads"))
+        mode = inspect.Parameter("render_mode", inspect.Parameter.KEYWORD_ONLY, default=None)
+        cls.__signature__ = shown.replace(parameters=[*shown.parameters.values(), mode])  # type: ignore[attr-defined]
+
+    def __init__(self, *, render_mode: str | None = None, **task_arguments: Any) -> None:
+        self.render_mode = arguments.render_mode(render_mode)
+        arguments.known_arguments(type(self), task_arguments)
+        own = {
+            name: arguments.Each([value]) if name in self.TASK.OF_EACH else value
+            for name, value in task_arguments.items()
+        }
+        self.task = self.TASK(1, **own)
+        self.observation_space: Any = self.task.observation_space
+        self.action_space: Any = self.task.action_space
+        self.control_dt = self.dt = self.task.control_dt
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.dt))}
+        self._begun = False
+        self._renderer: Any = None
+
+    @property
+    def robot(self) -> Robot:
+        """What moves."""
+        return self.task.robots[0]
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode; what ``options`` may fix stands under Starting State.
+
+        Raises:
+            ValueError: an unknown option, or a value out of range.
+        """
+        super().reset(seed=seed)
+        self.task.reset(ROW, [self.np_random], [arguments.reset_options(options)])
+        self._begun = True
+        if self.render_mode == "human":
+            self.render()
+        return self.task.observation[0].copy(), self.task.information.of_one(0, stepped=False)
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Hold an action for ``control_dt`` seconds.
+
+        Raises:
+            ValueError: the action is not one finite number.
+            gymnasium.error.ResetNeeded: before the first :meth:`reset`.
+        """
+        self._check_begun()
+        task = self.task
+        task.step(arguments.one_action(action), ACTIVE)
+        if self.render_mode == "human":
+            self.render()
+        return (
+            task.observation[0].copy(),
+            float(task.reward[0]),
+            bool(task.terminated[0]),
+            bool(task.truncated[0]),
+            task.information.of_one(0, stepped=True),
+        )
+
+    def _check_begun(self) -> None:
+        if not self._begun:
+            raise gym.error.ResetNeeded("reset() must be called first")
+
+    def set_parameters(self, **changes: Any) -> None:
+        """Change the robot from now on, see the task's ``set_parameters``."""
+        self.task.set_parameters(0, **changes)
+        self.close()  # pictures show the old one
+
+    def get_state(self) -> dict[str, Any]:
+        """All that the future depends on; :meth:`set_state` continues from it bit for bit."""
+        return {**self.task.get_state(0), "generator": self.np_random.bit_generator.state}
+
+    def set_state(self, state: dict[str, Any]) -> Observation:
+        """Go on from a state of :meth:`get_state`; returns its observation.
+
+        A time limit outside the environment (``TimeLimit``) keeps its own count.
+
+        Raises:
+            ValueError: an entry is missing, or out of range.
+        """
+        arguments.complete_state(state, self.get_state())
+        self.task.set_state(0, state)
+        self.np_random.bit_generator.state = state["generator"]
+        self._begun = True
+        return self.task.observation[0].copy()
+
+    def get_keys_to_action(self) -> dict[tuple[int, ...], NDArray[np.float32]]:
+        """For :func:`gymnasium.utils.play.play`: right and left turn the crank, no key lets it go."""
+        left, right = 1073741904, 1073741903  # pygame's K_LEFT and K_RIGHT
+        torques = {(): 0.0, (right,): 1.0, (left,): -1.0, (right, left): 0.0}
+        return {
+            tuple(sorted(keys)): np.full(1, torque, np.float32) for keys, torque in torques.items()
+        }
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Draw the robot as it stands; (H, W, 3) uint8 in ``rgb_array`` mode, else None."""
+        if self.render_mode is None:
+            gym.logger.warn(
+                "render() was called without a render_mode; pass render_mode='rgb_array' or 'human'"
+            )
+            return None
+        from jansen_env.rendering import Renderer
+
+        if self._renderer is None:
+            self._renderer = Renderer(
+                **self.task.scene(0), mode=self.render_mode, fps=self.metadata["render_fps"]
+            )
+        picture: NDArray[np.uint8] | None = self._renderer.draw(self.task.frame(0))
+        return picture
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_renderer": None}

@@ -1,0 +1,286 @@
+"""Gymnasium's vector environment of many robots, of any task: it translates, no more."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Sequence
+from typing import Any, ClassVar, Generic
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from jansen_env.checks import positive_integer
+from jansen_env.envs import arguments
+from jansen_env.envs.core import Array, Bools, Ints
+from jansen_env.envs.single import ATask
+
+Observations = NDArray[np.float32]
+METHODS = ("get_state", "render", "set_parameters", "set_state")
+"""What can be asked of single robots, see :meth:`TaskVectorEnv.call_one`."""
+
+
+class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], Generic[ATask]):
+    """``num_envs`` robots that do a task together; ``arguments`` are the task's.
+
+    Spaces, rewards, information and arguments are those of the single environment, and so are the
+    trajectories, bit for bit: robot i of ``reset(seed=s)`` does what the single environment does
+    after ``reset(seed=s + i)``. A robot whose simulation diverges ends its own episode, no other's.
+
+    Args:
+        num_envs: robots.
+        max_episode_steps: after which an episode is truncated, one number or one for each robot;
+            None for never.
+        autoreset_mode: ``NEXT_STEP`` (Gymnasium's default: the step after an episode's last one
+            resets and ignores the action), ``SAME_STEP`` (that very step returns the next
+            episode's first observation; ``infos["final_obs"]`` has the last one) or ``DISABLED``.
+        threads: cores to use; None for as many as pay.
+        render_mode: None or ``"rgb_array"``.
+        task_arguments: as for one robot; those in the task's ``OF_EACH`` may be one for each.
+
+    Attributes:
+        task: the task of all robots. dt, control_dt: s for which an action is held.
+
+    Raises:
+        ValueError: an argument out of range, or not one for each robot.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 50}
+    TASK: ClassVar[Any]
+    task: ATask
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Show the task's arguments as those of the environment."""
+        super().__init_subclass__(**kwargs)
+        own = inspect.signature(TaskVectorEnv.__init__).parameters
+        shown = arguments.signature_of(cls.TASK, without=("num_envs", "threads"))
+        before = [p for name, p in own.items() if name not in ("self", "task_arguments")]
+        cls.__signature__ = shown.replace(parameters=[*before, *shown.parameters.values()])  # type: ignore[attr-defined]
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        max_episode_steps: int | Sequence[int | None] | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        *,
+        threads: int | None = None,
+        render_mode: str | None = None,
+        **task_arguments: Any,
+    ) -> None:
+        self._renderers: dict[int, Any] = {}
+        self.num_envs = n = positive_integer("num_envs", num_envs, arguments.MOST_ROBOTS)
+        self.render_mode = arguments.render_mode(render_mode, self.metadata["render_modes"])
+        self.autoreset_mode = arguments.autoreset_mode(autoreset_mode)
+        self.max_episode_steps = arguments.limit_of_each(n, max_episode_steps)
+        arguments.known_arguments(type(self), task_arguments)
+        self.task = task = self.TASK(n, threads, **task_arguments)
+        self.control_dt = self.dt = task.control_dt
+        self.metadata = {
+            **self.metadata,
+            "render_fps": max(1, round(1.0 / self.dt)),
+            "autoreset_mode": self.autoreset_mode,
+        }
+        self.single_observation_space = task.observation_space
+        self.single_action_space = task.action_space
+        self.observation_space = batch_space(self.single_observation_space, n)
+        self.action_space = batch_space(self.single_action_space, n)
+        self._elapsed = np.zeros(n, np.int64)  # steps of each episode
+        self._done = np.ones(n, bool)  # must be reset before it goes on
+        self._begun = np.zeros(n, bool)
+        self._generators: list[np.random.Generator | None] = [None] * n
+        self._seeds = [-1] * n
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observations, dict[str, Any]]:
+        """Start episodes: of all robots, or of those in ``options["reset_mask"]`` (num_envs,).
+
+        Args:
+            seed: robot i gets seed + i, or entry i.
+            options: those of the single environment, for all or one for each.
+
+        Raises:
+            ValueError: not one seed or option for each robot, an unknown option, or a value out of
+                range. TypeError: ``reset_mask`` is no array of bools.
+        """
+        options = arguments.reset_options(options)
+        mask = arguments.reset_mask(self.num_envs, options.pop("reset_mask", None))
+        seeds = arguments.seed_of_each(self.num_envs, seed)
+        return self.reset_each(seeds, arguments.options_of_each(self.num_envs, options), mask)
+
+    def reset_each(
+        self,
+        seeds: Sequence[int | None],
+        options: Sequence[dict[str, Any]],
+        mask: Bools | None = None,
+    ) -> tuple[Observations, dict[str, Any]]:
+        """:meth:`reset` with a seed and options for each robot; ``mask`` (num_envs,) names some."""
+        mask = np.ones(self.num_envs, bool) if mask is None else mask
+        rows = np.flatnonzero(mask)
+        for i in rows.tolist():
+            if seeds[i] is not None:
+                self._generators[i], self._seeds[i] = seeding.np_random(seeds[i])
+        self._restart(rows, [options[i] for i in rows.tolist()])
+        self._begun |= mask
+        infos = self.task.information.of_all(mask, np.zeros(self.num_envs, bool))
+        return self.task.observation.copy(), infos
+
+    def _restart(self, rows: Ints, options: Sequence[dict[str, Any]] | None = None) -> None:
+        """Start the next episodes of some robots."""
+        self.task.reset(rows, [self._generator(i) for i in rows.tolist()], options)
+        self._elapsed[rows] = 0
+        self._done[rows] = False
+
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[Observations, Array, Bools, Bools, dict[str, Any]]:
+        """Hold each robot's action for ``control_dt`` seconds.
+
+        Raises:
+            ValueError: the actions are not one finite number for each robot.
+            gymnasium.error.ResetNeeded: before the first :meth:`reset`, and with
+                ``AutoresetMode.DISABLED`` while an episode is over.
+        """
+        self._check_reset()
+        task, over = self.task, self._done.copy()
+        task.step(actions, ~over)
+        self._elapsed += 1
+        if over.any():  # NEXT_STEP: they only start again
+            self._restart(np.flatnonzero(over))
+        rewards, terminated = task.reward.copy(), task.terminated.copy()
+        truncated = task.truncated | (self._elapsed >= self.max_episode_steps)
+        self._done[:] = done = terminated | truncated
+        if self.autoreset_mode == AutoresetMode.SAME_STEP and done.any():
+            infos = self._restart_in_step(done)
+        else:
+            infos = task.information.of_all(np.ones(self.num_envs, bool), ~over)
+        return task.observation.copy(), rewards, terminated, truncated, infos
+
+    def _restart_in_step(self, done: Bools) -> dict[str, Any]:
+        """Start the next episodes where ``done``; what was last seen goes into the information."""
+        final = np.full(self.num_envs, None, object)
+        for i in np.flatnonzero(done).tolist():
+            final[i] = self.task.observation[i].copy()
+        last = self.task.information.of_all(done, done)
+        self._restart(np.flatnonzero(done))
+        infos = self.task.information.of_all(np.ones(self.num_envs, bool), ~done)
+        infos["final_obs"], infos["_final_obs"] = final, done.copy()
+        infos["final_info"], infos["_final_info"] = last, done.copy()
+        return infos
+
+    def _check_reset(self) -> None:
+        """Raises gymnasium.error.ResetNeeded if a robot cannot take a step."""
+        needed = ~self._begun
+        if self.autoreset_mode == AutoresetMode.DISABLED:
+            needed |= self._done
+        if needed.any():
+            raise gym.error.ResetNeeded(
+                f"robots {np.flatnonzero(needed).tolist()} must be reset before the next step()"
+            )
+
+    def set_parameters(self, row: int, **changes: Any) -> None:
+        """Change robot ``row`` from now on, see the task's ``set_parameters``."""
+        self.task.set_parameters(row, **changes)
+        self._forget(row)  # its pictures show the old one
+
+    def get_state(self, row: int) -> dict[str, Any]:
+        """All that the future of robot ``row`` depends on, as of the single environment."""
+        generator = self._generator(row).bit_generator.state
+        return {**self.task.get_state(row), "generator": generator}
+
+    def set_state(self, row: int, state: dict[str, Any]) -> Observations:
+        """Let robot ``row`` go on from a state of :meth:`get_state`; returns its observation.
+
+        Its count towards ``max_episode_steps`` stays.
+        """
+        arguments.complete_state(state, self.get_state(row))
+        self.task.set_state(row, state)
+        self._generator(row).bit_generator.state = state["generator"]
+        self._begun[row], self._done[row] = True, False
+        return self.task.observation[row].copy()
+
+    def _generator(self, row: int) -> np.random.Generator:
+        """A robot's random numbers; seeded by the system where :meth:`reset` has got no seed."""
+        found = self._generators[row]
+        if found is None:
+            found, self._seeds[row] = seeding.np_random()
+            self._generators[row] = found
+        return found
+
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """Every robot's random numbers."""
+        return tuple(self._generator(i) for i in range(self.num_envs))
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """Every robot's seed; -1 where it has none yet."""
+        return tuple(self._seeds)
+
+    def call_one(self, row: int, name: str, *args: Any, **kwargs: Any) -> Any:
+        """What robot ``row`` answers to one of :data:`METHODS`."""
+        if name not in METHODS:
+            raise AttributeError(f"{name!r} cannot be asked of a robot, must be in {METHODS}")
+        if name == "render":
+            return self._draw(row)
+        return getattr(self, name)(row, *args, **kwargs)
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """What each robot answers to one of :data:`METHODS`, or its attribute of that name."""
+        if name in METHODS:
+            return tuple(self.call_one(i, name, *args, **kwargs) for i in range(self.num_envs))
+        return self.get_attr(name)
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """An attribute of each robot: its own, or what all have in common."""
+        single = f"single_{name}" if name in ("observation_space", "action_space") else name
+        own = self.task.of_each(name)
+        return tuple(own) if own is not None else (getattr(self, single),) * self.num_envs
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """:meth:`set_parameters` of all robots: to one value, or to the entries of a list."""
+        values = values if isinstance(values, (list, tuple)) else [values] * self.num_envs
+        if len(values) != self.num_envs:
+            raise ValueError(f"values has {len(values)} entries, must have {self.num_envs}")
+        for i, value in enumerate(values):
+            self.set_parameters(i, **{name: value})
+
+    def render(self) -> tuple[Any, ...] | None:
+        """A picture (H, W, 3) of each robot; None without a ``render_mode``."""
+        if self.render_mode is None:
+            gym.logger.warn("render() was called without a render_mode; pass 'rgb_array'")
+            return None
+        return tuple(self._draw(i) for i in range(self.num_envs))
+
+    def _draw(self, row: int) -> NDArray[np.uint8] | None:
+        if self.render_mode is None:
+            return None
+        from jansen_env.rendering import Renderer
+
+        if row not in self._renderers:
+            self._renderers[row] = Renderer(
+                **self.task.scene(row), mode="rgb_array", fps=self.metadata["render_fps"]
+            )
+        picture: NDArray[np.uint8] | None = self._renderers[row].draw(self.task.frame(row))
+        return picture
+
+    def _forget(self, row: int) -> None:
+        renderer = self._renderers.pop(row, None)
+        if renderer is not None:
+            renderer.close()
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Let go of pictures and threads."""
+        for row in list(self._renderers):
+            self._forget(row)
+        if hasattr(self, "task"):  # Gymnasium closes what was refused, too
+            self.task.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_renderers": {}}

@@ -1,0 +1,378 @@
+"""The walking task of n robots, whole: arguments, reset, physics, observation, reward, information.
+
+The numbers of a step are worked out in :mod:`jansen_env.engine.task`. What they mean is documented
+in :class:`jansen_env.envs.walker.JansenWalkerEnv`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from jansen_env.checks import finite, non_negative, positive, within
+from jansen_env.dynamics.pads import pad_layout
+from jansen_env.engine import task
+from jansen_env.envs import arguments
+from jansen_env.envs.core import Bools, Information, Ints, Task
+from jansen_env.gravity import GRAVITY
+from jansen_env.plants.base import BatchedPlant, Plant, check_pressed, check_state
+from jansen_env.plants.batch import Batch
+from jansen_env.plants.detector import surfaces
+from jansen_env.plants.make import make_plant, plant_time_step
+from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.single import SinglePlant
+from jansen_env.rendering import Frame
+from jansen_env.robot import Payload, Robot
+from jansen_env.terrain import Terrain
+
+Array = NDArray[np.float64]
+
+SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
+FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
+SLIPPING = 0.01  # m/s of mean slip speed from which a toe is drawn as slipping
+
+
+class WalkerTask(Task):
+    """Walk at a commanded speed by the torque on one crank.
+
+    Args:
+        num_envs: robots. threads: cores to use; None for as many as pay.
+        robot ... track_joint_forces: see :class:`jansen_env.envs.walker.JansenWalkerEnv`. Those
+            in :attr:`OF_EACH` may be one for all robots or one for each: a sequence of terrains
+            (or their names), arrays (n,), a sequence of payloads; ``speed_command`` an array (n,)
+            of numbers or (n, 2) of ranges; anything in :class:`jansen_env.envs.arguments.Each`.
+
+    Attributes:
+        robots, terrains: of each robot. speed_command: (n, 2) m/s, range of the next commands.
+        torque_limit: N m. weight: (n,) N. plant: the plant of a robot that is alone, else None.
+        batch: what moves the robots.
+
+    Raises:
+        ValueError: an argument out of range, or not one for each robot; LinkageError: the robot
+            cannot turn its crank.
+    """
+
+    OF_EACH = (
+        "terrain", "friction", "restitution", "payload", "speed_command", "reset_noise_scale",
+    )  # fmt: skip
+    ONE_ALONE = {"plant": "projection", "track_joint_forces": False}
+    SETTABLE = ("friction", "restitution", "payload", "speed_command")
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        threads: int | None = None,
+        *,
+        robot: Robot | str = "paper",
+        terrain: Terrain | str | Any = "flat",
+        friction: float | Any = None,
+        restitution: float | Any = None,
+        speed_command: float | tuple[float, float] | Any = SPEED_COMMAND,
+        torque_limit: float = 20.0,
+        payload: Payload | float | Any = None,
+        control_dt: float = 0.02,
+        time_step: float | None = None,
+        plant: str = "projection",
+        tracking_weight: float = 1.0,
+        slip_weight: float = 4.0,
+        energy_weight: float = 0.1,
+        posture_weight: float = 0.5,
+        fall_weight: float = 200.0,
+        reset_noise_scale: float | Any = 0.1,
+        terminate_when_fallen: bool = True,
+        track_joint_forces: bool = False,
+    ) -> None:
+        self.num_envs = n = num_envs
+        self.terrains = arguments.terrain_of_each(n, terrain, friction, restitution)
+        self.robots = arguments.robot_of_each(n, robot, payload)
+        self.speed_command = arguments.command_of_each(n, speed_command, FASTEST_COMMAND)
+        self.torque_limit = positive("torque_limit", torque_limit)
+        self.control_dt, step = arguments.control_period(
+            control_dt, plant_time_step(plant, time_step)
+        )
+        self.reset_noise_scale = arguments.noise_of_each(n, reset_noise_scale)
+        self.terminate_when_fallen = arguments.flag("terminate_when_fallen", terminate_when_fallen)
+        self.track_joint_forces = arguments.flag("track_joint_forces", track_joint_forces)
+        self._weights = np.zeros(1, task.REWARD)
+        self._weights[0] = tuple(
+            non_negative(f"{name}_weight", value)
+            for name, value in (
+                ("tracking", tracking_weight),
+                ("slip", slip_weight),
+                ("energy", energy_weight),
+                ("posture", posture_weight),
+                ("fall", fall_weight),
+            )
+        )
+        self.plant, self.batch = self._plants(plant, step, threads)
+        self._steps = round(self.control_dt / step)
+        self._any_diverged = False
+        toes = self.batch.toes
+        self.observation_space = _observation_space(toes)
+        self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
+        self.rows = np.zeros(n, task.ROW)
+        self.rows["weight"] = [robot.mass * GRAVITY for robot in self.robots]
+        self.loads = np.zeros((n, toes))
+        self.elapsed = np.zeros(n, np.int64)
+        self.torque, self.reward = np.zeros((2, n))
+        self.terminated, self.truncated = np.zeros((2, n), bool)
+        self.observation = np.zeros((n, *self.observation_space.shape), np.float32)
+        self._ground = surfaces(self.terrains)
+        if self.track_joint_forces:
+            self.traceable.tracing = True
+        self._joint_loads = np.zeros(2)
+        self.information = self._inform()
+
+    def _inform(self) -> Information:
+        arrays = {"slip": self.batch.slip, "contact_force": self.batch.contact_force}
+        loads = {
+            "joint_force_max": self._joint_loads[:1],
+            "joint_impulse_max": self._joint_loads[1:],
+        }
+        return Information(self.rows, arrays, loads if self.track_joint_forces else {})
+
+    def _plants(
+        self, name: str, time_step: float, threads: int | None
+    ) -> tuple[Plant | None, BatchedPlant]:
+        """The plant of one robot, if it is alone, and what moves all of them."""
+        if self.num_envs > 1:
+            if name != "projection" or self.track_joint_forces:
+                raise ValueError(
+                    f"plant is {name!r} and track_joint_forces {self.track_joint_forces}, must be "
+                    "'projection' and False for several robots at once; "
+                    "vectorization_mode='sync' has the others"
+                )
+            return None, Batch(self.robots, self.terrains, time_step, threads=threads)
+        plant = make_plant(name, self.robots[0], self.terrains[0], time_step)
+        return plant, plant.batch if isinstance(plant, ProjectionPlant) else SinglePlant(plant)
+
+    @property
+    def traceable(self) -> ProjectionPlant:
+        """The plant, if it knows the forces in its joints; ValueError if not."""
+        if isinstance(self.plant, ProjectionPlant):
+            return self.plant
+        raise ValueError(
+            "joint forces are known of one robot with plant='projection' only: track_joint_forces "
+            "must be False"
+        )
+
+    @property
+    def weight(self) -> Array:
+        """(n,) N."""
+        weight: Array = self.rows["weight"]
+        return weight
+
+    def reset(
+        self,
+        rows: Ints,
+        generators: Sequence[np.random.Generator],
+        options: Sequence[dict[str, Any]] | None = None,
+    ) -> None:
+        """Start episodes of some robots, see :class:`Task`."""
+        for k, i in enumerate(rows.tolist()):
+            command, crank_angle, crank_speed = self._draw(
+                i, generators[k], None if options is None else options[k]
+            )
+            self.batch.place(i, crank_angle)
+            state = self.batch.states[i].copy()
+            self.loads[i] = self.batch.contact_force[i, :, 1] / self.weight[i]
+            state[7] = crank_speed
+            self.batch.set_state(i, state)
+            self._begin(i, command)
+        self.terminated[rows] = self.truncated[rows] = False
+        self._describe()
+
+    def _begin(self, row: int, command: float, action: float = 0.0) -> None:
+        """Begin a robot's episode: nothing but its weight is left of the one before."""
+        weight = self.rows[row]["weight"]
+        self.rows[row] = np.zeros((), task.ROW)
+        kept = self.rows[row]
+        kept["weight"], kept["action"] = weight, action
+        kept["info"]["speed_command"] = command
+        kept["info"]["x_velocity"] = self.batch.states[row, 4]
+        kept["info"]["joint_gap"] = self.batch.joint_gap[row]
+        self.torque[row] = action * self.torque_limit
+        self.reward[row], self.elapsed[row] = 0.0, 0
+
+    def _draw(
+        self, row: int, rng: np.random.Generator, options: dict[str, Any] | None
+    ) -> tuple[float, float, float]:
+        """How an episode starts: command (m/s), crank angle (rad) and crank speed (rad/s)."""
+        # Drawn in any case, so that fixing one leaves the others as they were.
+        crank_angle = rng.uniform(0.0, 2.0 * math.pi)
+        command = rng.uniform(*self.speed_command[row])
+        crank_speed = self.reset_noise_scale[row] * rng.uniform(-1.0, 1.0)
+        if options:
+            arguments.known_options(options, ("speed_command", "crank_angle"))
+            name = "options['speed_command']"
+            command = within(
+                name, options.get("speed_command", command), -FASTEST_COMMAND, FASTEST_COMMAND
+            )
+            crank_angle = finite("options['crank_angle']", options.get("crank_angle", crank_angle))
+        return command, crank_angle, crank_speed
+
+    def step(self, actions: Any, active: Bools) -> None:
+        """Hold torques for ``control_dt`` seconds, see :class:`Task`."""
+        batch = self.batch
+        self._take_actions(actions, active)
+        self.rows["x_before"] = batch.states[:, 0]
+        batch.step(self.torque, self._steps)
+        task.finish_step(
+            batch.states, batch.slip, batch.contact_force, batch.totals, self.control_dt,
+            self._weights, self.rows, self.loads, self.reward, *self._ground, self.observation,
+        )  # fmt: skip
+        self.elapsed += 1
+        if self.terminate_when_fallen:
+            self.terminated[:] = self.rows["info"]["fallen"]
+        if not isinstance(batch, Batch):  # whose joints cannot open
+            self.rows["info"]["joint_gap"] = batch.joint_gap
+        if batch.any_diverged or self._any_diverged:
+            self._note_divergence(active)
+        if self.track_joint_forces:
+            diverged = batch.any_diverged
+            self._joint_loads[:] = (0.0, 0.0) if diverged else self.traceable.peak_loads()
+
+    def _note_divergence(self, active: Bools) -> None:
+        """Truncate the episodes of active robots whose simulation has just diverged, if any."""
+        self._any_diverged = self.batch.any_diverged
+        self.truncated[:] = self.batch.diverged & active
+        self.rows["info"]["diverged"] = self.truncated
+        if self.truncated.any():
+            self._warn_of_divergence(self.truncated)
+
+    def _describe(self) -> None:
+        """Fill observations and information with what is the case now."""
+        task.describe(
+            self.batch.states, self.batch.totals, self.rows, self.loads, *self._ground,
+            self.observation,
+        )  # fmt: skip
+
+    def set_parameters(self, row: int, **changes: Any) -> None:
+        """Change a robot from now on.
+
+        Args:
+            friction, restitution: between its toes and its ground. payload: a :class:`Payload`, or
+                a mass in kg at the crank axis. speed_command: m/s, a number or a range, of its next
+                episodes.
+
+        Raises:
+            ValueError: a value out of range, or anything but the command on the plant
+                ``"rigid_body"``.
+            TypeError: another name.
+        """
+        arguments.known_parameters(changes, self.SETTABLE)
+        batch = self.batch
+        for name, value in changes.items():
+            if name == "speed_command":
+                self.speed_command[row] = arguments.command_range(value, FASTEST_COMMAND)
+            elif not isinstance(batch, Batch):
+                raise ValueError(f"{name} cannot be changed with plant='rigid_body'")
+            elif name == "friction":
+                batch.set_friction(row, non_negative(name, value))
+            elif name == "restitution":
+                batch.set_restitution(row, within(name, value, 0.0, 1.0))
+            else:
+                batch.set_payload(row, arguments.load_payload(value))
+                self.robots[row] = batch.robots[row]
+                self.rows[row]["weight"] = self.robots[row].mass * GRAVITY
+
+    def of_each(self, name: str) -> list[Any] | None:
+        """``friction``, ``restitution``, ``payload``, ``robot``, ``terrain``, ``state``, ``weight``,
+        ``speed_command`` of each robot; None for another name.
+        """
+        batch = self.batch
+        if name == "robot":
+            return list(self.robots)
+        if name == "terrain":
+            return list(self.terrains)
+        if name == "payload":
+            return [robot.payload for robot in self.robots]
+        if name == "speed_command":
+            return [(low, high) for low, high in self.speed_command.tolist()]
+        if name == "weight":
+            return self.weight.tolist()
+        if name == "state":
+            return list(batch.states.copy())
+        if name in ("friction", "restitution"):
+            if isinstance(batch, Batch):
+                found: list[float] = getattr(batch, name).tolist()
+                return found
+            return [getattr(terrain, name) for terrain in self.terrains]
+        return None
+
+    def get_state(self, row: int) -> dict[str, Any]:
+        """All that a robot's future depends on but its random numbers, see :class:`Task`."""
+        kept = self.rows[row]
+        in_contact = self.batch.in_contact
+        return {
+            "plant": self.batch.states[row].copy(),
+            "in_contact": None if row > 0 or in_contact is None else in_contact.copy(),
+            "command": float(kept["info"]["speed_command"]),
+            "action": float(kept["action"]),
+            "fallen": bool(kept["info"]["fallen"]),
+            "farthest": float(kept["farthest"]),
+            "steps": int(self.elapsed[row]),
+            "loads": self.loads[row].copy(),
+        }
+
+    def set_state(self, row: int, state: Mapping[str, Any]) -> None:
+        """Go on from a state of :meth:`get_state`, see :class:`Task`."""
+        arguments.complete_state(state, self.get_state(row))
+        loads = np.array(state["loads"], dtype=float)
+        if loads.shape != self.loads[row].shape:
+            raise ValueError(
+                f"state['loads'] has shape {loads.shape}, must be {self.loads[row].shape}"
+            )
+        batch = self.batch
+        batch.set_state(row, check_state(state["plant"]))
+        if row == 0:
+            pads = len(pad_layout(self.robots[0]).leg)
+            batch.in_contact = check_pressed(state["in_contact"], pads)
+        batch.slip[row] = batch.contact_force[row] = 0.0
+        self.loads[row] = loads
+        self._begin(row, float(state["command"]), float(state["action"]))
+        self.elapsed[row] = int(state["steps"])
+        self.rows[row]["farthest"] = float(state["farthest"])
+        self.rows[row]["info"]["fallen"] = bool(state["fallen"])
+        self._describe()
+
+    def scene(self, row: int) -> dict[str, Any]:
+        """Arguments of the renderer."""
+        return {"robot": self.robots[row], "terrain_points": self.terrains[row].polyline}
+
+    def frame(self, row: int) -> Frame:
+        """What is to be drawn of a robot as it stands."""
+        batch = self.batch
+        state = batch.states[row]
+        points, tangents = batch.contact_frames(row)
+        return Frame(
+            q=state[:4],
+            contact_point=points,
+            contact_tangent=tangents,
+            contact_force=batch.contact_force[row],
+            slipping=batch.slip[row] > SLIPPING * self.control_dt,
+            command=float(self.rows[row]["info"]["speed_command"]),
+            speed=float(state[4]),
+            torque=float(self.torque[row]),
+            torque_limit=self.torque_limit,
+            time=float(self.elapsed[row]) * self.control_dt,
+        )
+
+    def close(self) -> None:
+        """Let go of threads."""
+        self.batch.close()
+
+
+def _observation_space(toes: int) -> spaces.Box:
+    """Of a robot with so many toes; its entries are listed in ``JansenWalkerEnv``."""
+    high = [1, 1, np.inf, 1, 1, np.inf, np.inf, np.inf, np.inf, FASTEST_COMMAND]
+    high += [np.inf] * toes + [1, np.inf]
+    low = [-bound for bound in high]
+    low[10 : 10 + toes] = [0.0] * toes
+    low[-1] = 0.0
+    return spaces.Box(np.array(low, np.float32), np.array(high, np.float32), dtype=np.float32)

@@ -1,0 +1,70 @@
+"""One robot of any plant as a batch of one, for the walking task."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jansen_env.engine import integrator
+from jansen_env.plants.base import Plant, StepResult
+
+Array = NDArray[np.float64]
+
+
+class SinglePlant:
+    """A :class:`jansen_env.plants.base.BatchedPlant` of the one robot of ``plant``."""
+
+    def __init__(self, plant: Plant) -> None:
+        self._plant = plant
+        self.robots, self.terrains = [plant.robot], [plant.terrain]
+        self.toes, self.time_step = plant.toes, plant.time_step
+        self.slip, self.contact_force = np.zeros((1, self.toes)), np.zeros((1, self.toes, 2))
+        self.totals, self.joint_gap = np.zeros((1, integrator.TOTALS)), np.zeros(1)
+        self.diverged, self.any_diverged = np.zeros(1, bool), False
+
+    @property
+    def states(self) -> Array:
+        """(1, 8) a copy."""
+        return self._plant.state[None]
+
+    @property
+    def in_contact(self) -> NDArray[np.bool_] | None:
+        """(pads,) the pads on the ground."""
+        return self._plant.pressed
+
+    @in_contact.setter
+    def in_contact(self, value: NDArray[np.bool_] | None) -> None:
+        self._plant.pressed = value
+
+    def set_state(self, row: int, state: ArrayLike) -> None:
+        """Put the robot into a state (8,)."""
+        self._plant.state = np.asarray(state, dtype=float)
+
+    def place(self, row: int, crank_angle: float) -> None:
+        """Place the robot at rest; what is known of its last step is what comes next."""
+        self._plant.reset(0.0, crank_angle)
+        self._keep(self._plant.peek())
+
+    def step(self, torque: Array, steps: int) -> None:
+        """Hold a crank torque (1,), N m, for some time steps."""
+        try:
+            self._keep(self._plant.step(float(torque[0]), steps * self.time_step))
+        except FloatingPointError:
+            self.totals[:] = self.slip[:] = self.contact_force[:] = self.joint_gap[:] = 0.0
+            self.diverged[:] = self.any_diverged = True
+
+    def _keep(self, result: StepResult) -> None:
+        self.diverged[:] = self.any_diverged = False
+        self.slip[0], self.contact_force[0] = result.slip, result.contact_force
+        self.joint_gap[0] = result.joint_gap
+        self.totals[0] = (
+            result.motor_work, result.joint_loss, result.slip_loss, result.impact_loss,
+            result.residual, float(result.bumped), 0.0, result.energy_change, result.contact_gain,
+        )  # fmt: skip
+
+    def contact_frames(self, row: int) -> tuple[Array, Array]:
+        """See :meth:`jansen_env.plants.base.Plant.contact_frames`."""
+        return self._plant.contact_frames()
+
+    def close(self) -> None:
+        """Nothing is held."""

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import inspect
 import re
+import sys
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 from sphinx.application import Sphinx
 
 import jansen_env
+
+sys.path.insert(0, str(Path(__file__).parent))
 
 project = "jansen_env"
 author = "the jansen_env developers"
@@ -22,6 +26,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
+    "docstrings",  # beside this file
 ]
 exclude_patterns = ["_build"]
 templates_path = ["_templates"]
@@ -32,8 +37,10 @@ myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 
 autodoc_default_options = {"members": True, "member-order": "bysource"}
-autodoc_typehints = "none"  # types stand in the signatures; shapes and units in the text
+autodoc_typehints = "none"  # aliases of arrays would be spelt out; shapes and units are in the text
+napoleon_attr_annotations = False
 napoleon_use_ivar = True
+highlight_language = "none"  # of equations in docstrings
 
 # Shown as text, not as links: other packages' names (their inventories are not fetched, so that a
 # build needs no network), compiled code, and constants and attributes without a docstring.
@@ -72,41 +79,6 @@ def insert_environment(app: Sphinx, page: str, source: list[str]) -> None:
     )
 
 
-def adapt_docstring(
-    app: Sphinx, what: str, name: str, member: Any, options: Any, lines: list[str]
-) -> None:
-    """From this project's docstrings, which are for reading as they are, to reStructuredText."""
-    pages = {
-        str(spec.entry_point).replace(":", "."): env_id for env_id, spec in gym.registry.items()
-    }
-    if name in pages:  # its docstring is Markdown, and a page of its own
-        lines[:] = [lines[0], "", f":doc:`Its documentation </environments/{pages[name]}>`."]
-        return
-    text = (
-        ["..", ""] if what in ("attribute", "data", "property") else []
-    )  # no "type: text" for napoleon
-    block, before = 0, 0  # indentation of the block of equations, 0 outside; and of the line before
-    for i, line in enumerate(lines):
-        indent = len(line) - len(line.lstrip())
-        if line and indent < block:
-            block = 0
-        if line and not block and i and not lines[i - 1] and indent >= before + 4:
-            block = indent
-            text += [" " * before + "::", ""]
-        text.append(line if block or "``" in line else line.replace("|", r"\|"))
-        before = indent if line else before
-    lines[:] = text
-
-
-def join_names(
-    app: Sphinx, what: str, name: str, member: Any, options: Any, lines: list[str]
-) -> None:
-    """Several arguments described at once, ``x, y: ...``: Sphinx takes the first for a type."""
-    for i, line in enumerate(lines):
-        if found := re.match(r":(param|ivar) ([^:]*, [^:]*):", line):
-            lines[i] = f":{found[1]} {found[2].replace(' ', '')}:{line[found.end() :]}"
-
-
 def find_reference(app: Sphinx, env: Any, node: Any, content: Any) -> Any:
     """Resolve what the package hands on, such as ``jansen_env.Robot``, where it is documented."""
     package, _, name = node.get("reftarget", "").rpartition(".")
@@ -121,6 +93,4 @@ def find_reference(app: Sphinx, env: Any, node: Any, content: Any) -> Any:
 def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
     app.connect("source-read", insert_environment)
-    app.connect("autodoc-process-docstring", adapt_docstring, priority=400)
-    app.connect("autodoc-process-docstring", join_names, priority=600)  # napoleon's is 500
     app.connect("missing-reference", find_reference)

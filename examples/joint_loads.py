@@ -1,0 +1,37 @@
+"""What the links of a walking robot carry on their joints; writes joint_loads.png.
+
+python examples/joint_loads.py [STEPS]   (250 steps of 20 ms by default)
+"""
+
+import sys
+
+import gymnasium as gym
+import matplotlib.pyplot as plt
+import numpy as np
+
+from jansen_env.dynamics.joint_forces import CORNERS, corner_name
+
+steps = int(sys.argv[1]) if len(sys.argv) > 1 else 250
+
+env = gym.make("JansenWalker-v0", track_joint_forces=True, friction=0.3)
+observation, info = env.reset(seed=0, options={"crank_angle": 0.0})
+bearing, largest = [], []
+for _ in range(steps):
+    torque = 20.0 * (1.0 - observation[2]) + 2.0
+    observation, *_, info = env.step([torque / 20.0])
+    bearing.append(env.unwrapped.joint_forces().bearing)  # (legs, 17) N, at the end of the step
+    largest.append(info["joint_force_max"])  # N, within the step
+time = 0.02 * np.arange(1, steps + 1)
+loads = np.array(bearing)
+worst = np.argsort(loads.max(axis=(0, 1)))[::-1][:3]
+
+figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+for corner in worst:
+    left.plot(time, loads[:, 0, corner], label=corner_name(corner))
+left.plot(time, largest, "k:", label="largest of all legs, links and time steps")
+left.set(xlabel="time (s)", ylabel="force (N)", title=env.unwrapped.robot.leg_names[0])
+left.legend()
+right.barh([corner_name(i) for i in range(len(CORNERS) - 1)], np.percentile(loads, 95, (0, 1)))
+right.set(xlabel="95th percentile of the force (N)", title="all legs")
+figure.savefig("joint_loads.png", dpi=120)
+print(f"largest: {max(largest):.0f} N; the robot weighs {9.81 * env.unwrapped.robot.mass:.0f} N")

@@ -1,0 +1,29 @@
+"""The paper's PID walks at a commanded speed; writes walk.gif.
+
+python examples/walk_with_pid.py [STEPS]   (300 steps of 20 ms by default)
+"""
+
+import sys
+
+import gymnasium as gym
+import numpy as np
+from PIL import Image
+
+import jansen_env  # noqa: F401  # registers the environments
+from agents.walker_baselines import load_baseline
+
+steps = int(sys.argv[1]) if len(sys.argv) > 1 else 300
+
+env = gym.make("JansenWalker-v0", speed_command=0.3, render_mode="rgb_array")
+pid = load_baseline("pid", env.unwrapped)
+observation, info = env.reset(seed=0)
+frames, memory = [], None
+for step in range(steps):
+    action, memory = pid.predict(observation, memory, np.array([step == 0]))
+    observation, reward, terminated, truncated, info = env.step(action)
+    if step % 3 == 0:
+        frames.append(Image.fromarray(env.render()))
+    if terminated or truncated:
+        break
+print(f"{info['x_position']:.2f} m in {0.02 * (step + 1):.2f} s")
+frames[0].save("walk.gif", save_all=True, append_images=frames[1:], duration=60, loop=0)

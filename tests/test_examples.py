@@ -1,0 +1,48 @@
+"""Each example runs, at a small size."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+SIZES = {  # the argument that makes it short, and a word of what it prints
+    "joint_loads": ("20", "largest"),
+    "own_linkage": ("20", "does not close"),
+    "own_terrain_and_reward": ("20", "return"),
+    "thousand_robots": ("8", "steps/s"),
+    "train_and_watch": ("1", "return"),
+    "walk_with_pid": ("20", " m in "),
+}
+
+
+def test_all_examples_are_tried() -> None:
+    assert {path.stem for path in EXAMPLES.glob("*.py")} == {*SIZES}
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_example(name: str, tmp_path: Path) -> None:
+    size, printed = SIZES[name]
+    headless = {**os.environ, "SDL_VIDEODRIVER": "dummy", "MPLBACKEND": "Agg"}
+    run = subprocess.run(
+        [sys.executable, EXAMPLES / f"{name}.py", size],
+        cwd=tmp_path, env=headless, capture_output=True, text=True,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    assert printed in run.stdout
+    source = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
+    assert len(source.splitlines()) <= 40
+    for word in source.split('"""')[1].split():  # the files that its docstring promises
+        if word.strip(".").endswith((".gif", ".png")):
+            assert (tmp_path / word.strip(".")).stat().st_size > 1000
+
+
+def test_notebook_is_stored_without_output() -> None:
+    cells = json.loads((EXAMPLES / "walk_and_train.ipynb").read_text(encoding="utf-8"))["cells"]
+    code = [cell for cell in cells if cell["cell_type"] == "code"]
+    assert code and not any(cell["outputs"] or cell["execution_count"] for cell in code)

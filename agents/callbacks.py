@@ -1,4 +1,4 @@
-"""What happens while a model trains: checkpoints, evaluations, the observations' scale, its end."""
+"""What happens while a model trains: checkpoints, evaluations, observation statistics, signals."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
+from agents.metrics import point_estimates
 from agents.models import save_model
 from agents.normalizer import NormalizedObservation
 from agents.replay import save_replay_buffer
 from agents.rollout import make_env, run_episodes
 from agents.runs import BEST, REPLAY, best_return, monitor_sizes, read_evaluations
-from agents.scores import values
 from agents.tasks import find_task
 from jansen_env.files import write_json
 
@@ -31,6 +31,9 @@ SELECTION_SEED = 30_000  # of the episodes that choose the best model, apart fro
 
 class Saver(BaseCallback):
     """Saves checkpoints, and evaluates now and then to keep the best model.
+
+    Unlike Stable-Baselines3's callbacks it writes atomically, all that resuming needs, and
+    evaluates on the task's grid of commands.
 
     Args:
         folder: the run's. save_every, eval_every: environment steps; 0 for never.
@@ -90,7 +93,7 @@ class Saver(BaseCallback):
         self.model.policy.set_training_mode(False)
         run = run_episodes(self.model.policy, self.env_id, self.env_kwargs, self.commands, seeds)
         env = make_env(self.env_id, self.env_kwargs)
-        scored = values(self.task, run, env)
+        scored = point_estimates(self.task.metrics, run, env)
         env.close()
         for name, value in scored.items():
             self.logger.record(f"eval/{name}", value)
@@ -142,7 +145,7 @@ class NormalizerUpdate(BaseCallback):
         return True
 
 
-class Stop(BaseCallback):
+class StopOnSignal(BaseCallback):
     """Ends training at the next step after SIGINT (Ctrl-C) or SIGTERM; a second one kills at once.
 
     By the next step an update in progress has come to its end, so model and optimiser are whole.
@@ -157,7 +160,7 @@ class Stop(BaseCallback):
         self.signal = 0
         self._handlers: dict[int, Any] = {}
 
-    def __enter__(self) -> Stop:
+    def __enter__(self) -> StopOnSignal:
         if threading.current_thread() is threading.main_thread():  # no other may take signals
             for number in (signal.SIGINT, signal.SIGTERM):
                 if signal.getsignal(number) != signal.SIG_IGN:  # as in the background of a shell

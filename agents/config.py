@@ -5,42 +5,44 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
-from agents.arguments import MOST
+from agents.command_line import MAX_STEPS
 from agents.plain_yaml import read_yaml
 from agents.tasks import TASKS, check_env_kwargs
-from jansen_env.checks import finite, non_negative, positive, within
+from jansen_env.checks import finite, non_negative, positive, shown, within
 from jansen_env.envs.arguments import flag
 
 CONFIGS = Path(__file__).parent / "configs"
-WIDEST, DEEPEST = 1024, 8  # of a network: units of a layer, layers
+MAX_UNITS, MAX_LAYERS = 1024, 8  # of a network
 
-Check = Callable[[str, Any], object]
+Check: TypeAlias = Callable[[str, Any], object]
 """Takes a value's name and the value; raises ValueError unless it is allowed."""
+
+
+def check_that(allowed: str, condition: Callable[[Any], bool]) -> Check:
+    """Values that meet a condition; ``allowed`` says which."""
+
+    def check(name: str, value: Any) -> None:
+        if not condition(value):
+            raise ValueError(f"{name} is {shown(value)}, must be {allowed}")
+
+    return check
 
 
 def integer(low: int, high: int) -> Check:
     """A whole number within bounds."""
-
-    def check(name: str, value: Any) -> None:
-        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            raise ValueError(f"{name} is {value!r}, must be a whole number from {low} to {high}")
-
-    return check
+    return check_that(
+        f"a whole number from {low} to {high}", lambda v: type(v) is int and low <= v <= high
+    )
 
 
 def one_of(names: Collection[str]) -> Check:
     """One of some names."""
-
-    def check(name: str, value: Any) -> None:
-        if not isinstance(value, str) or value not in names:
-            raise ValueError(f"{name} is {value!r}, must be one of {sorted(names)}")
-
-    return check
+    return check_that(f"one of {sorted(names)}", lambda v: isinstance(v, str) and v in names)
 
 
-def either(pattern: str, shown: str, other: Check) -> Check:
+def text_or(pattern: str, allowed: str, other: Check) -> Check:
     """Text of a pattern, its group (if any) a positive number, or what another check allows."""
 
     def check(name: str, value: Any) -> None:
@@ -51,7 +53,7 @@ def either(pattern: str, shown: str, other: Check) -> Check:
             elif match.lastindex:
                 positive(name, float(match[1]))
         except ValueError as error:
-            raise ValueError(f"{error}, or {shown}") from error
+            raise ValueError(f"{error}, or {allowed}") from error
 
     return check
 
@@ -63,22 +65,26 @@ def optional(other: Check) -> Check:
 
 def layers(*networks: str) -> Check:
     """Units of each layer, in one list or in one for each of the named networks."""
-    unit = integer(1, WIDEST)
 
-    def check(name: str, value: Any) -> None:
-        lists = [value]
-        if isinstance(value, dict) and set(value) == set(networks):
-            lists = list(value.values())
-        if not all(isinstance(one, list) and len(one) <= DEEPEST for one in lists):
-            raise ValueError(
-                f"{name} is {value!r}, must be a list of up to {DEEPEST} layers, or a mapping of "
-                f"{list(networks)} to such lists"
-            )
-        for one in lists:
-            for units in one:
-                unit(name, units)
+    def units(value: Any) -> bool:
+        return (
+            isinstance(value, list)
+            and len(value) <= MAX_LAYERS
+            and all(type(one) is int and 1 <= one <= MAX_UNITS for one in value)
+        )
 
-    return check
+    def each(value: Any) -> bool:
+        return (
+            isinstance(value, dict)
+            and set(value) == {*networks}
+            and all(map(units, value.values()))
+        )
+
+    return check_that(
+        f"a list of up to {MAX_LAYERS} layers of 1 to {MAX_UNITS} units, or a mapping of "
+        f"{list(networks)} to such lists",
+        lambda value: units(value) or each(value),
+    )
 
 
 def fraction(name: str, value: Any) -> None:
@@ -86,22 +92,13 @@ def fraction(name: str, value: Any) -> None:
     within(name, value, 0, 1)
 
 
-def mapping(name: str, value: Any) -> None:
-    """A mapping; what is in it is checked apart."""
-    if not isinstance(value, dict):
-        raise ValueError(f"{name} is {value!r}, must be a mapping, such as {{}}")
-
-
-def mappings(name: str, value: Any) -> None:
-    """A list of mappings, at least one."""
-    if not isinstance(value, list) or not value:
-        raise ValueError(f"{name} is {value!r}, must be a list of mappings, at least one")
-    for one in value:
-        mapping(f"an entry of {name}", one)
-
-
+mapping = check_that("a mapping, such as {}", lambda v: isinstance(v, dict))
+mappings = check_that(
+    "a list of mappings, at least one",
+    lambda v: isinstance(v, list) and v != [] and all(isinstance(one, dict) for one in v),
+)
 NUMBER = r"((?:[0-9]+\.?|[0-9]*\.[0-9]+)(?:[eE][-+]?[0-9]+)?)"
-SCHEDULE = either(f"linear_{NUMBER}", "'linear_NUMBER'", positive)
+SCHEDULE = text_or(f"linear_{NUMBER}", "'linear_NUMBER'", positive)
 
 # Of the arguments in Stable-Baselines3 those that are plain data and not set by train.py itself:
 # no classes, no files, no devices.
@@ -131,13 +128,13 @@ HYPERPARAMETERS: dict[str, dict[str, Check]] = {
     "sac": {
         **COMMON,
         "buffer_size": integer(1, 10**8),
-        "learning_starts": integer(0, MOST),
+        "learning_starts": integer(0, MAX_STEPS),
         "tau": fraction,
         "train_freq": integer(1, 10**6),
         "gradient_steps": integer(-1, 10**5),  # -1: as many as steps were taken
-        "ent_coef": either(f"auto(?:_{NUMBER})?", "'auto' or 'auto_NUMBER'", positive),
+        "ent_coef": text_or(f"auto(?:_{NUMBER})?", "'auto' or 'auto_NUMBER'", positive),
         "target_update_interval": integer(1, 10**6),
-        "target_entropy": either("auto", "'auto'", finite),
+        "target_entropy": text_or("auto", "'auto'", finite),
         "use_sde_at_warmup": flag,
     },
 }
@@ -165,7 +162,7 @@ POLICY_KWARGS: dict[str, dict[str, Check]] = {
 }
 KEYS: dict[str, Check] = {
     "policy": one_of(("MlpPolicy",)),
-    "timesteps": integer(1, MOST),
+    "timesteps": integer(1, MAX_STEPS),
     "n_envs": integer(1, 10_000),
     "reward_scale": positive,
     "env_kwargs": mapping,

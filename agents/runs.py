@@ -15,8 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from stable_baselines3.common.utils import get_latest_run_id
 
-from agents.models import read_notes, read_tensors
+from agents.model_files import read_model
+from agents.models import read_notes
 from jansen_env.files import write_text, write_whole
 
 FINAL, BEST, REPLAY = "final_model.zip", "best_model.zip", "replay_buffer.npz"
@@ -26,9 +28,7 @@ def new_run_folder(root: str | Path, algo: str, env_id: str) -> Path:
     """``root/ALGO/ENV_N``, N one above the last; created."""
     parent = Path(root) / algo
     parent.mkdir(parents=True, exist_ok=True)
-    pattern = re.compile(re.escape(env_id) + r"_(\d+)")
-    found = [int(m.group(1)) for p in parent.iterdir() if (m := pattern.fullmatch(p.name))]
-    for number in itertools.count(max(found, default=0) + 1):
+    for number in itertools.count(get_latest_run_id(str(parent), env_id) + 1):
         folder = parent / f"{env_id}_{number}"
         with suppress(FileExistsError):  # another run has taken the number in the meantime
             folder.mkdir()
@@ -39,8 +39,10 @@ def new_run_folder(root: str | Path, algo: str, env_id: str) -> Path:
 def last_state(folder: str | Path) -> Path:
     """The model with the most steps in a run's folder: final_model.zip or a checkpoint.
 
+    A damaged final_model.zip is passed over where there are checkpoints.
+
     Raises:
-        ValueError: there is none, or final_model.zip is no model.
+        ValueError: there is none.
     """
     found = {
         int(m.group(1)): p
@@ -48,8 +50,13 @@ def last_state(folder: str | Path) -> Path:
         if (m := re.fullmatch(r"model_(\d+)_steps", p.stem))
     }
     final = Path(folder) / FINAL
-    if final.is_file():  # after the update that a checkpoint of as many steps comes before
-        found[read_tensors(final)[1]] = final
+    if final.is_file():
+        try:  # after the update that a checkpoint of as many steps comes before
+            found[read_model(final)[1]] = final
+        except ValueError as error:
+            if not found:
+                raise
+            print(f"{error}; the last checkpoint takes its place")
     if not found:
         raise ValueError(f"no checkpoint and no {FINAL} in {folder}, nothing to resume from")
     return found[max(found)]
@@ -121,9 +128,9 @@ def rewind_monitors(folder: Path, sizes: dict[str, int]) -> None:
         if kept == 0:  # begun after the checkpoint
             path.unlink()
         elif kept < size:
-            _cut(path, kept)
+            _truncate(path, kept)
 
 
-def _cut(path: Path, size: int) -> None:
+def _truncate(path: Path, size: int) -> None:
     start = path.read_bytes()[:size]
     write_whole(path, lambda part: Path(part).write_bytes(start))

@@ -111,7 +111,7 @@ class Saver(BaseCallback):
 
 
 class NormalizerUpdate(BaseCallback):
-    """Lets the policy's normalizer see the last rollout before the next one begins.
+    """Updates the policy's normalizer with the last rollout before the next one begins.
 
     Within a rollout and the update on it the normalizer stands still: the update compares with
     probabilities that the rollout's policy gave.
@@ -119,27 +119,28 @@ class NormalizerUpdate(BaseCallback):
 
     def __init__(self) -> None:
         super().__init__()
-        self._seen: NDArray[np.float32] | None = None
+        self._observations: NDArray[np.float32] | None = None
 
     def _on_rollout_start(self) -> None:
         self._begun = self.model.num_timesteps
-        if self._seen is None:
+        if self._observations is None:
             return
         for module in self.model.policy.modules():
             if isinstance(module, NormalizedObservation):
-                module.update(torch.as_tensor(self._seen))
-        self._seen = None
+                module.update(torch.as_tensor(self._observations))
+        self._observations = None
 
     def _on_rollout_end(self) -> None:
         # Now, not when the next rollout begins: Stable-Baselines3 has emptied the buffer by then.
         model: Any = self.model
         if isinstance(model, OnPolicyAlgorithm):
-            seen = model.rollout_buffer.observations
+            observations = model.rollout_buffer.observations
         else:  # of the replay buffer, what is new in it
             buffer = model.replay_buffer
             rows = min((model.num_timesteps - self._begun) // buffer.n_envs, buffer.size())
-            seen = buffer.observations[np.arange(buffer.pos - rows, buffer.pos)]
-        self._seen = np.array(seen, np.float32).reshape(-1, flatdim(model.observation_space))
+            observations = buffer.observations[np.arange(buffer.pos - rows, buffer.pos)]
+        size = flatdim(model.observation_space)
+        self._observations = np.array(observations, np.float32).reshape(-1, size)
 
     def _on_step(self) -> bool:
         return True
@@ -148,7 +149,7 @@ class NormalizerUpdate(BaseCallback):
 class StopOnSignal(BaseCallback):
     """Ends training at the next step after SIGINT (Ctrl-C) or SIGTERM; a second one kills at once.
 
-    By the next step an update in progress has come to its end, so model and optimiser are whole.
+    By the next step an update in progress has come to its end, so model and optimiser are complete.
     As a context manager it takes these signals, and gives them back.
 
     Attributes:

@@ -11,7 +11,6 @@ from agents.command_line import MAX_STEPS
 from agents.plain_yaml import read_yaml
 from agents.tasks import TASKS, check_env_kwargs
 from jansen_env.checks import finite, non_negative, positive, shown, within
-from jansen_env.envs.arguments import flag
 
 CONFIGS = Path(__file__).parent / "configs"
 MAX_UNITS, MAX_LAYERS = 1024, 8  # of a network
@@ -92,6 +91,7 @@ def fraction(name: str, value: Any) -> None:
     within(name, value, 0, 1)
 
 
+boolean = check_that("True or False", lambda v: isinstance(v, bool))
 mapping = check_that("a mapping, such as {}", lambda v: isinstance(v, dict))
 mappings = check_that(
     "a list of mappings, at least one",
@@ -107,7 +107,7 @@ COMMON: dict[str, Check] = {
     "n_steps": integer(1, 10**6),
     "batch_size": integer(2, 10**6),
     "gamma": fraction,
-    "use_sde": flag,
+    "use_sde": boolean,
     "sde_sample_freq": integer(-1, 10**6),  # -1: once a rollout
     "stats_window_size": integer(1, 10**6),
     "verbose": integer(0, 2),
@@ -119,7 +119,7 @@ HYPERPARAMETERS: dict[str, dict[str, Check]] = {
         "gae_lambda": fraction,
         "clip_range": SCHEDULE,
         "clip_range_vf": optional(positive),
-        "normalize_advantage": flag,
+        "normalize_advantage": boolean,
         "ent_coef": non_negative,
         "vf_coef": non_negative,
         "max_grad_norm": positive,
@@ -135,23 +135,23 @@ HYPERPARAMETERS: dict[str, dict[str, Check]] = {
         "ent_coef": text_or(f"auto(?:_{NUMBER})?", "'auto' or 'auto_NUMBER'", positive),
         "target_update_interval": integer(1, 10**6),
         "target_entropy": text_or("auto", "'auto'", finite),
-        "use_sde_at_warmup": flag,
+        "use_sde_at_warmup": boolean,
     },
 }
 POLICY: dict[str, Check] = {
     "activation": one_of(("tanh", "relu", "elu")),
-    "normalize": flag,
+    "normalize": boolean,
     "log_std_init": finite,
-    "use_expln": flag,
-    "share_features_extractor": flag,
+    "use_expln": boolean,
+    "share_features_extractor": boolean,
 }
 POLICY_KWARGS: dict[str, dict[str, Check]] = {
     "ppo": {
         **POLICY,
         "net_arch": layers("pi", "vf"),
-        "ortho_init": flag,
-        "full_std": flag,
-        "squash_output": flag,
+        "ortho_init": boolean,
+        "full_std": boolean,
+        "squash_output": boolean,
     },
     "sac": {
         **POLICY,

@@ -16,6 +16,8 @@ Reference: TypeAlias = Callable[[Array, Any, NDArray[np.bool_]], tuple[Array, Ar
 returned at the step before (None at first) and whether an episode starts (n,), to the error of the
 crank's angle (n,), rad, of its speed (n,), rad/s, and the memory to pass next."""
 
+PAPER_PID = PID()
+
 
 class PIDState(NamedTuple):
     """Memory for n environments: the reference's, and the error's integral (n,), rad s."""
@@ -28,14 +30,14 @@ class PIDPolicy:
     """Torque from (13); the integral waits while the torque is at its limit.
 
     Args:
-        reference: says the errors. torque_limit: of the environment, N m. control_dt: s.
-        pid: gains.
+        reference: gives the errors. torque_limit: of the environment, N m. control_dt: s.
+        pid: gains; default: the paper's.
     """
 
     def __init__(
-        self, reference: Reference, torque_limit: float, control_dt: float, pid: PID | None = None
+        self, reference: Reference, torque_limit: float, control_dt: float, pid: PID = PAPER_PID
     ) -> None:
-        self.reference, self.pid = reference, pid or PID()
+        self.reference, self.pid = reference, pid
         self.torque_limit, self.control_dt = torque_limit, control_dt
 
     def predict(

@@ -70,5 +70,5 @@ def load_baseline(name: str, env: Any) -> Policy:
         return inverse_dynamics(env.robot, env.torque_limit)
     if name == "constant":
         friction = mean_friction(env.robot)
-        return TorquePolicy(lambda seen: friction * seen[:, COMMAND], env.torque_limit)
+        return TorquePolicy(lambda batch: friction * batch[:, COMMAND], env.torque_limit)
     return PIDPolicy(observed_reference, env.torque_limit, env.control_dt)

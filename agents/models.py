@@ -1,7 +1,7 @@
 """Models: built from a configuration, and read from files without running code from them.
 
 Models are Stable-Baselines3's own zip files. Only the tensors in them are used (see
-:mod:`agents.model_files`), and the rest is built anew from config.yml.
+:mod:`agents.model_files`), and the rest is built from config.yml.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import os
 import re
 from contextlib import suppress
 from pathlib import Path
@@ -19,7 +20,7 @@ from stable_baselines3.common.utils import get_latest_run_id
 
 from agents.model_files import read_model
 from agents.models import read_notes
-from jansen_env.files import write_text, write_whole
+from jansen_env.files import write_text
 
 FINAL, BEST, REPLAY = "final_model.zip", "best_model.zip", "replay_buffer.npz"
 
@@ -74,7 +75,7 @@ def read_evaluations(folder: Path) -> list[dict[str, Any]]:
     """The rows of evaluations.json; none where there is no such file.
 
     Raises:
-        ValueError: it is no such file.
+        ValueError: it is damaged.
     """
     path = folder / "evaluations.json"
     try:
@@ -90,7 +91,7 @@ def best_return(folder: Path) -> float:
     """The return of best_model.zip at its evaluation; -inf where there is none.
 
     Raises:
-        ValueError: a file of the two is none such.
+        ValueError: best_model.zip or evaluations.json is damaged.
     """
     if not (folder / BEST).is_file():
         return -math.inf
@@ -108,7 +109,7 @@ def next_monitor(folder: Path) -> Path:
 
 
 def monitor_sizes(folder: Path) -> dict[str, int]:
-    """Bytes in each monitor file: saved with a checkpoint, they tell its episodes from later ones.
+    """Bytes in each monitor file: with a checkpoint they separate its episodes from later ones.
 
     Each row is on disk when its episode's last step has been taken.
     """
@@ -128,9 +129,4 @@ def rewind_monitors(folder: Path, sizes: dict[str, int]) -> None:
         if kept == 0:  # begun after the checkpoint
             path.unlink()
         elif kept < size:
-            _truncate(path, kept)
-
-
-def _truncate(path: Path, size: int) -> None:
-    start = path.read_bytes()[:size]
-    write_whole(path, lambda part: Path(part).write_bytes(start))
+            os.truncate(path, kept)

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controllers import PIDPolicy, Reference, TorquePolicy
+from agents.controllers import PAPER_PID, PIDPolicy, Reference, TorquePolicy
 from agents.policy import Array, Policy
 from jansen_env.control import PID
 
@@ -44,7 +44,7 @@ class SpeedMap:
     def setting_for(self, command: Array) -> Array:
         """The setting whose episodes came closest to each commanded speed (n,), m/s.
 
-        A negative command turns the crank the other way: the machine is its own mirror image.
+        A negative command turns the crank backwards: the machine is its own mirror image.
         """
         target = np.abs(np.asarray(command, dtype=float))
         error = np.abs(self.speeds[None] - target[:, None, None]).mean(axis=2)
@@ -81,7 +81,7 @@ def turning_reference(crank_speed: Setting, control_dt: float) -> Reference:
 
 
 def walking_pid(
-    crank_speed: Setting, torque_limit: float, control_dt: float, pid: PID | None = None
+    crank_speed: Setting, torque_limit: float, control_dt: float, pid: PID = PAPER_PID
 ) -> PIDPolicy:
     """The PID (13) behind a :func:`turning_reference`."""
     return PIDPolicy(turning_reference(crank_speed, control_dt), torque_limit, control_dt, pid)

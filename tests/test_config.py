@@ -42,9 +42,10 @@ def one_line(error):
 
 def test_yaml_numbers_and_words():
     """Of YAML 1.2; quoted, all is text."""
-    text = "[2e2, 5e-1, .5, -3, +7, 010, 1_000, ~, '', true, yes, 1:30, 2020-01-01, '5', .inf]"
+    text = "[2e2, 5e-1, .5, -3, +7, 010, 1_000, ~, '', true, yes, 1:30, 2020-01-01, '5', .inf, "
+    text += 19 * "9" + "]"
     expected = [200.0, 0.5, 0.5, -3, 7, 10, 1000, None, "", True, "yes", "1:30", "2020-01-01",
-                "5", ".inf"]  # fmt: skip
+                "5", ".inf", "9" * 19]  # fmt: skip
     read = parse_yaml(text, "it")
     assert read == expected and [type(r) for r in read] == [type(e) for e in expected]
     assert parse_yaml("a:\nb: {c: 1e-3}", "it") == {"a": None, "b": {"c": 1e-3}}

@@ -336,7 +336,7 @@ def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path):
     assert "Traceback" not in err and "stopping after this step" in err
     steps = read_model(runs.last_state(folder))[1]
     assert f"stopped at {steps} steps; python train.py --resume {folder} goes on" in out
-    assert steps > 100
+    assert steps >= 100
 
 
 def test_second_signal_ends_at_once():

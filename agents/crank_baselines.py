@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controllers import PIDPolicy, TorquePolicy
-from agents.policy import Array, Policy
+from agents.policy import Array, PIDPolicy, Policy, TorquePolicy
 from jansen_env.control import PID
 from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.robot import Robot

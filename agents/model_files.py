@@ -102,11 +102,13 @@ def _unzip(archive: zipfile.ZipFile, name: str, limit: int = MAX_BYTES) -> bytes
 
 def _read_tensors(data: bytes) -> Any:
     """What torch.save wrote: nested dictionaries and lists of numbers, text and tensors."""
+    if not data.startswith(b"PK\3\4"):  # with anything before, torch takes other formats for it
+        raise ValueError("a member is no zip file")
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         sizes = sum(info.file_size for info in archive.infolist())
         if sizes > MAX_BYTES:
             raise ValueError(f"it unpacks to {sizes} bytes, must be {MAX_BYTES} at most")
-        pickles = [name for name in archive.namelist() if name.endswith("/data.pkl")]
+        pickles = [name for name in archive.namelist() if name.lower().endswith("/data.pkl")]
         if len(pickles) != 1:
             raise ValueError(f"it has {len(pickles)} files data.pkl, must have 1")
         for opcode, argument, _ in pickletools.genops(_unzip(archive, pickles[0], MAX_TEXT)):

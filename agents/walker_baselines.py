@@ -17,8 +17,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controllers import PAPER_PID, PIDPolicy, Reference, TorquePolicy
-from agents.policy import Array, Policy
+from agents.policy import PAPER_PID, Array, PIDPolicy, Policy, Reference, TorquePolicy
 from jansen_env.control import PID
 
 COS_CRANK, SIN_CRANK, CRANK_SPEED, COMMAND = 0, 1, 2, 9  # places in the observation

@@ -215,6 +215,21 @@ def test_pickles_that_are_no_state_dict(structure, reason, folder):
     refused(hostile(folder / "best_model.zip", structure), reason, model_files.read_model)
 
 
+def test_torch_reads_the_pickle_that_was_checked(folder):
+    """Not another of the same name, in capitals or not, nor one in front of the zip file."""
+
+    def in_front(name, data):
+        return pickle.dumps({}, 2) + data if name == "policy.pth" else data
+
+    refused(spoil(folder, in_front), "a member is no zip file", model_files.read_model)
+    inner = io.BytesIO()
+    with zipfile.ZipFile(inner, "w") as archive:
+        for name in ("archive/DATA.PKL", "archive/data.pkl"):
+            archive.writestr(name, pickle.dumps({}, 2))
+    path = spoil(folder, lambda name, data: inner.getvalue() if name == "policy.pth" else data)
+    refused(path, "2 files data.pkl", model_files.read_model)
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_weights_are_finite(value, folder):
     """In a tensor and as a number on its own."""

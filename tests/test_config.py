@@ -100,7 +100,7 @@ def test_files_that_are_no_yaml(tmp_path):
         ({"timesteps": "5"}, "timesteps is '5', must be"),
         ({"timesteps": True}, "timesteps is True, must be"),
         ({"n_envs": 0}, "n_envs is 0, must be"),
-        ({"reward_scale": 0}, "reward_scale is 0, must be above 0"),
+        ({"reward_scale": 0}, "reward_scale is 0, must be a number above 0"),
         ({"hyperparameters": None}, "hyperparameters is None, must be a mapping"),
         ({"env_kwargs": None}, "env_kwargs is None, must be a mapping"),
         ({"policy_kwargs": []}, r"policy_kwargs is \[\], must be a mapping"),
@@ -119,26 +119,29 @@ def test_files_that_are_no_yaml(tmp_path):
         ({"policy_kwargs": {"activation": "os.x"}}, "policy_kwargs.activation is 'os.x', must be"),
         ({"policy_kwargs": {"net_arch": [10**9]}}, r"net_arch is \[1000000000\], must be"),
         ({"policy_kwargs": {"net_arch": [1] * 99}}, "must be a list of up to 8 layers"),
-        ({"policy_kwargs": {"net_arch": {"pi": [8], "qf": [8]}}}, "or a mapping of"),
+        (
+            {"policy_kwargs": {"net_arch": {"pi": [8], "qf": [8]}}},
+            r"mapping of \['pi', 'vf'\]",
+        ),
         *(
             (
                 {"hyperparameters": {name: value}},
                 rf"hyperparameters.{name} is .*, must be {allowed}",
             )
             for name, value, allowed in (
-                ("learning_rate", -1e-3, "above 0, or 'linear_NUMBER'"),
+                ("learning_rate", -1e-3, "a number above 0, or 'linear_NUMBER'"),
                 *(
-                    ("learning_rate", value, "a finite number, or 'linear_NUMBER'")
+                    ("learning_rate", value, "a number above 0, or 'linear_NUMBER'")
                     for value in ("linear_1.2.3", "linear_", "linear_-1", "linear_inf", "cosine_1")
                 ),
-                ("clip_range", "linear_0", "above 0, or 'linear_NUMBER'"),
-                ("gamma", 1.1, "between 0 and 1"),
-                ("gamma", "0.9", "a finite number"),
+                ("clip_range", "linear_0", "a number above 0, or 'linear_NUMBER'"),
+                ("gamma", 1.1, "a number between 0 and 1"),
+                ("gamma", "0.9", "a number between 0 and 1"),
                 ("n_steps", 0, "a whole number"),
                 ("batch_size", 1, "a whole number"),
                 ("n_epochs", 2.5, "a whole number"),
-                ("ent_coef", "auto", "a finite number"),
-                ("target_kl", 0, "above 0"),
+                ("ent_coef", "auto", "a number 0 or above"),
+                ("target_kl", 0, "a number above 0, or null"),
                 ("use_sde", "yes", "True or False"),
             )
         ),

@@ -25,7 +25,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
 
     Attributes:
         task: the task of this one robot. dt, control_dt: s for which an action is held.
-        robot: what moves.
+        torque_limit: N m. robot: what moves.
     """
 
     metadata: dict[str, Any] = {"render_modes": arguments.RENDER_MODES, "render_fps": 50}
@@ -50,6 +50,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         self.observation_space: Any = self.task.observation_space
         self.action_space: Any = self.task.action_space
         self.control_dt = self.dt = self.task.control_dt
+        self.torque_limit = self.task.torque_limit
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.dt))}
         self._begun = False
         self._renderer: Any = None

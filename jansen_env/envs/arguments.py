@@ -298,11 +298,13 @@ def actions_of_each(count: int, actions: Any) -> Array:
 
 
 def one_action(action: Any) -> Array:
-    """The action (1,) of one robot as (1, 1).
+    """The action (1,) of one robot as (1, 1); the number 0 stands for no torque.
 
     Raises:
         ValueError: it is not one finite number.
     """
+    if isinstance(action, int) and action == 0:  # what gymnasium.utils.play does without a key
+        return np.zeros((1, 1))
     try:
         values: Array = np.asarray(action, dtype=float)
     except (TypeError, ValueError, OverflowError):

@@ -74,7 +74,9 @@ class CrankTask(Task):
             non_negative("tracking_weight", tracking_weight),
             non_negative("torque_weight", torque_weight),
         )
-        self.reset_noise_scale = arguments.noise_of_each(n, reset_noise_scale)
+        self.reset_noise_scale = arguments.numbers_of_each(
+            n, "reset_noise_scale", reset_noise_scale, non_negative
+        )
         self.track_joint_forces = arguments.flag("track_joint_forces", track_joint_forces)
         if self.track_joint_forces and n > 1:
             raise ValueError(

@@ -95,7 +95,9 @@ class WalkerTask(Task):
         self.control_dt, step = arguments.control_period(
             control_dt, plant_time_step(plant, time_step)
         )
-        self.reset_noise_scale = arguments.noise_of_each(n, reset_noise_scale)
+        self.reset_noise_scale = arguments.numbers_of_each(
+            n, "reset_noise_scale", reset_noise_scale, non_negative
+        )
         self.terminate_when_fallen = arguments.flag("terminate_when_fallen", terminate_when_fallen)
         self.track_joint_forces = arguments.flag("track_joint_forces", track_joint_forces)
         self._weights = np.zeros(1, task.REWARD)
@@ -348,9 +350,16 @@ class WalkerTask(Task):
 
 def _observation_space(toes: int) -> spaces.Box:
     """Of a robot with so many toes; its entries are listed in ``JansenWalkerEnv``."""
-    high = [1, 1, np.inf, 1, 1, np.inf, np.inf, np.inf, np.inf, FASTEST_COMMAND]
-    high += [np.inf] * toes + [1, np.inf]
-    low = [-bound for bound in high]
-    low[10 : 10 + toes] = [0.0] * toes
-    low[-1] = 0.0
-    return spaces.Box(np.array(low, np.float32), np.array(high, np.float32), dtype=np.float32)
+    any_number, unit, positive_number = (-np.inf, np.inf), (-1.0, 1.0), (0.0, np.inf)
+    bounds = [
+        unit, unit, any_number,  # crank angle and speed
+        unit, unit, any_number,  # pitch and its rate
+        any_number, any_number,  # velocity
+        any_number,  # height
+        (-FASTEST_COMMAND, FASTEST_COMMAND),
+        *[positive_number] * toes,  # loads
+        unit,  # last action
+        positive_number,  # distance behind the farthest point
+    ]  # fmt: skip
+    low, high = np.array(bounds, np.float32).T
+    return spaces.Box(low, high, dtype=np.float32)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import pydoc
 import re
 import sys
 from pathlib import Path
@@ -43,14 +44,9 @@ napoleon_attr_annotations = False
 napoleon_use_ivar = True
 highlight_language = "none"  # of equations in docstrings
 
-# Shown as text, not as links: other packages' names (their inventories are not fetched, so that a
-# build needs no network), compiled code, and constants and attributes without a docstring.
 nitpick_ignore_regex = [
-    (r"py:.*", r"(collections|gymnasium|gym|np|numpy|pymunk|stable_baselines3|torch)\..*"),
-    (r"py:.*", r"jansen_env\.engine.*"),
-    (r"py:(attr|data)", r".*"),
+    (r"py:attr", r".*"),  # of instances: Python does not know them before there is one
     (r"py:class", r"[\d{].*"),  # shapes and mappings that are returned
-    (r"py:(func|mod|class)", r"agents\..*"),  # of which the API has a choice
 ]
 
 
@@ -81,14 +77,22 @@ def insert_environment(app: Sphinx, page: str, source: list[str]) -> None:
 
 
 def find_reference(app: Sphinx, env: Any, node: Any, content: Any) -> Any:
-    """Resolve what the package hands on, such as ``jansen_env.Robot``, where it is documented."""
-    package, _, name = node.get("reftarget", "").rpartition(".")
-    if node.get("refdomain") != "py" or package != "jansen_env":
+    """Names as Python finds them, imported and inherited ones too, lead to where they are defined.
+
+    What has no page of its own, such as other packages (a build needs no network), is text.
+    """
+    if node.get("refdomain") != "py":
         return None
-    target = f"{getattr(getattr(jansen_env, name, None), '__module__', '')}.{name}"
-    return env.get_domain("py").resolve_xref(
-        env, node["refdoc"], app.builder, node["reftype"], target, node, content
+    scopes = [part for part in (node.get("py:module"), node.get("py:class")) if part]
+    names = [".".join([*scopes[:n], node["reftarget"]]) for n in range(len(scopes), -1, -1)]
+    found = next((found for name in names if (found := pydoc.locate(name)) is not None), None)
+    if found is None:
+        return None
+    home = f"{getattr(found, '__module__', '')}.{getattr(found, '__qualname__', '')}"
+    link = env.get_domain("py").resolve_xref(
+        env, node["refdoc"], app.builder, node["reftype"], home, node, content
     )
+    return link or content
 
 
 def setup(app: Sphinx) -> None:

@@ -86,3 +86,13 @@ def test_links_lead_somewhere(page: Path) -> None:
         assert linked.exists(), target
         if anchor:
             assert anchor in anchors(linked), target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=IDS)
+def test_files_that_are_named_exist(page: Path) -> None:
+    if page.name == "CHANGELOG.md":  # of what was
+        return
+    folders = ("agents", "benchmarks", "docs", "examples", "jansen_env", "tests")
+    files = [str(path) for folder in folders for path in (ROOT / folder).glob("**/*.py")]
+    for name in set(re.findall(r"\w[\w/]*\.py\b", page.read_text(encoding="utf-8"))):
+        assert name == "train.py" or any(file.endswith(f"/{name}") for file in files), name

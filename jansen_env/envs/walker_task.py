@@ -22,10 +22,10 @@ from jansen_env.envs.core import Bools, Information, Task
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import BatchedPlant, Plant, check_pressed, check_state
 from jansen_env.plants.batch import Batch
+from jansen_env.plants.batch_of_one import BatchOfOne
 from jansen_env.plants.detector import surfaces
 from jansen_env.plants.make import make_plant, plant_time_step
 from jansen_env.plants.projected import ProjectionPlant
-from jansen_env.plants.single import SinglePlant
 from jansen_env.rendering import Frame
 from jansen_env.robot import Payload, Robot
 from jansen_env.terrain import Terrain
@@ -144,7 +144,7 @@ class WalkerTask(Task):
                 )
             return None, Batch(self.robots, self.terrains, time_step, threads=threads)
         plant = make_plant(name, self.robots[0], self.terrains[0], time_step)
-        return plant, plant.batch if isinstance(plant, ProjectionPlant) else SinglePlant(plant)
+        return plant, plant.batch if isinstance(plant, ProjectionPlant) else BatchOfOne(plant)
 
     @property
     def traceable(self) -> ProjectionPlant:

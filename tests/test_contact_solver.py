@@ -15,13 +15,13 @@ from jansen_env.engine.contact_solver import (
     SLIDE_BACKWARD,
     SLIDE_FORWARD,
     STICK,
-    index_space,
-    soften,
+    problem,
+    regularise,
     solve,
 )
 
 
-def problem(rng, count, twins=False):
+def random_problem(rng, count, twins=False):
     """W (without compliance) and q of random contacts; with twins the last repeats the first."""
     root = rng.normal(size=(4, 4))
     J = rng.normal(size=(2 * count, 4))
@@ -33,9 +33,9 @@ def problem(rng, count, twins=False):
 def impulses(W, q, mu, guess=STICK):
     """P, u and the modes; the solver's own residual must be the returned one."""
     count = len(mu)
-    P, u, rhs = np.zeros((3, 2 * count))
-    mode = np.full(count, guess, np.int64)
-    solve(count, W, q, mu, mode, P, u, np.zeros_like(W), rhs, index_space(count))
+    posed = problem(count)._replace(W=W, v_free=q, mu=mu, mode=np.full(count, guess, np.int64))
+    solve(count, posed)
+    P, u, mode = posed.P, posed.u, posed.mode
     assert np.abs(W @ P + q - u).max() <= 1e-12 * max(1.0, np.abs(W @ np.diag(P)).max())
     return P, u, mode
 
@@ -68,7 +68,7 @@ def test_stick_slip_threshold_is_exact(mu, sign):
 def test_a_leaving_contact_gets_no_impulse(rng):
     """u_n > 0 without impulse stays so: P is exactly 0 and u exactly q."""
     for _ in range(20):
-        W, q = problem(rng, 1)
+        W, q = random_problem(rng, 1)
         q[0] = abs(q[0])
         P, u, mode = impulses(W, q, np.array([0.8]))
         assert mode[0] == OPEN and (P == 0.0).all() and (u == q).all()
@@ -78,8 +78,8 @@ def test_a_leaving_contact_gets_no_impulse(rng):
 def test_frictionless(count, rng):
     """mu = 0: no tangential impulse, and u_n, P_n solve the linear complementarity problem."""
     for _ in range(100):
-        W, q = problem(rng, count)
-        soften(count, W, COMPLIANCE)
+        W, q = random_problem(rng, count)
+        regularise(count, W, COMPLIANCE)
         P, u, _ = impulses(W, q, np.zeros(count))
         assert (P[1::2] == 0.0).all() and P[0::2].min() >= 0.0 and u[0::2].min() >= -1e-9
         assert np.abs(P[0::2] * u[0::2]).max() <= 1e-9 * np.abs(P * q).max() + 1e-30
@@ -89,8 +89,8 @@ def test_frictionless(count, rng):
 def test_large_friction_stays_finite(count, rng):
     """mu = 5, where several or no mode combinations may be near: no NaN, nothing pulls."""
     for k in range(300):
-        W, q = problem(rng, count, twins=k % 3 == 0)
-        soften(count, W, COMPLIANCE)
+        W, q = random_problem(rng, count, twins=k % 3 == 0)
+        regularise(count, W, COMPLIANCE)
         P, u, _ = impulses(W, q, np.full(count, 5.0))
         assert np.isfinite(P).all() and np.isfinite(u).all()
         assert P[0::2].min() >= -1e-9 * np.abs(P).max()
@@ -102,7 +102,7 @@ def test_twins_share_their_load():
     J = np.array([[0.0, 1.0, 0.3, 0.0], [1.0, 0.0, 0.5, 0.0]] * 2)
     W = J @ J.T
     q = np.array([-1.0, 0.1] * 2)
-    soften(2, W, COMPLIANCE)
+    regularise(2, W, COMPLIANCE)
     P, u, _ = impulses(W, q, np.array([0.8, 0.8]))
     assert np.abs(u).max() <= 1e-10
     assert P[0] == pytest.approx(P[2], rel=1e-4) and P[1] == pytest.approx(P[3], rel=1e-4)

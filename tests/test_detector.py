@@ -9,7 +9,8 @@ import pymunk
 import pytest
 
 from jansen_env import Robot, Terrain
-from jansen_env.engine.collision import MARGIN, PAD, STRIDE
+from jansen_env.engine.collision import SKIN, SPECULATIVE_MARGIN
+from jansen_env.engine.records import ROBOT
 from jansen_env.plants.detector import ContactDetector
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.rigid_body import RigidBodyPlant
@@ -19,20 +20,31 @@ RADIUS = 0.01  # m, of the pads
 HILLS = Terrain(((-2.0, 0.5), (-1.0, 0.0), (0.0, 0.2), (1.0, 0.1), (2.0, 0.6)))
 
 
-def look(terrain, centres, count=None, capacity=None):
+def make(terrains, toes, capacity):
+    """A detector for robots on these terrains."""
+    return ContactDetector(np.zeros(len(terrains), ROBOT), terrains, toes, RADIUS, capacity)
+
+
+def place(detector, centres):
+    """Let the queries' pads be at ``centres``."""
+    detector.queries["x"], detector.queries["y"] = np.transpose(centres)
+
+
+def detect(terrain, centres, count=None, capacity=None):
     """Planes (normal, offset), pads and gaps found for pads at ``centres``."""
     centres = np.asarray(centres, dtype=float)
-    detector = ContactDetector([terrain], len(centres), RADIUS, capacity or 4 * len(centres))
-    detector.centres[:] = centres
-    detector.find(len(centres) if count is None else count)
+    detector = make([terrain], len(centres), capacity or 4 * len(centres))
+    place(detector, centres)
+    detector.find_planes(len(centres) if count is None else count)
     planes, pad = found(detector)
     return planes, pad, (planes[:, :2] * centres[pad]).sum(axis=1) - planes[:, 2] - RADIUS
 
 
 def found(detector, robot=0):
     """A robot's planes and the pads they are for."""
-    begin, end = detector.spans[robot]
-    return detector.planes[begin:end].copy(), detector.contacts[begin:end, PAD].copy()
+    rows = detector.planes_of(robot)
+    planes = np.stack([rows["normal_x"], rows["normal_y"], rows["offset"]], axis=1)
+    return planes, rows["pad"].copy()
 
 
 def normal_of(slope):
@@ -50,16 +62,16 @@ def test_slopes(angle, gap):
     """One plane a pad, gap to 1e-12 m; normal to 1e-11, as the ground's ends are 1 km away."""
     terrain = Terrain.slope(angle)
     centres = above(terrain, np.linspace(-5.0, 50.0, 30), math.tan(angle), gap)
-    planes, pad, gaps = look(terrain, centres)
+    planes, pad, gaps = detect(terrain, centres)
     assert pad.tolist() == list(range(30))
     assert np.abs(gaps - gap).max() <= 1e-12
     assert np.abs(planes[:, :2] - [-math.sin(angle), math.cos(angle)]).max() <= 1e-11
 
 
 def test_pads_out_of_reach_are_not_listed():
-    """Planes are found up to MARGIN from the pad, and no farther."""
-    near, far = RADIUS + MARGIN - 1e-6, RADIUS + MARGIN + 1e-6
-    assert look(Terrain.flat(), [[0.0, far], [1.0, near], [2.0, 5.0]])[1].tolist() == [1]
+    """Planes are found up to SPECULATIVE_MARGIN from the pad, and no farther."""
+    near, far = RADIUS + SPECULATIVE_MARGIN - 1e-6, RADIUS + SPECULATIVE_MARGIN + 1e-6
+    assert detect(Terrain.flat(), [[0.0, far], [1.0, near], [2.0, 5.0]])[1].tolist() == [1]
 
 
 def test_stretches_of_a_polyline():
@@ -68,7 +80,7 @@ def test_stretches_of_a_polyline():
     for x1, y1 in rest:
         slope = (y1 - y0) / (x1 - x0)
         centres = above(HILLS, np.linspace(x0 + 0.1, x1 - 0.1, 9), slope, 0.002)
-        planes, pad, gaps = look(HILLS, centres)
+        planes, pad, gaps = detect(HILLS, centres)
         assert pad.tolist() == list(range(9))
         assert np.abs(gaps - 0.002).max() <= 1e-12
         assert np.abs(planes[:, :2] - normal_of(slope)).max() <= 1e-11
@@ -79,7 +91,7 @@ def test_no_ghost_at_a_joint_of_collinear_segments():
     """Pads over 21 vertices of one straight line see that line alone, wherever they are."""
     terrain = Terrain(tuple((x, 0.1 * x) for x in np.linspace(-1.0, 1.0, 21)))
     for gap in (0.001, -0.004):
-        planes, pad, gaps = look(terrain, above(terrain, np.linspace(-0.5, 0.5, 501), 0.1, gap))
+        planes, pad, gaps = detect(terrain, above(terrain, np.linspace(-0.5, 0.5, 501), 0.1, gap))
         assert set(pad) == set(range(501))
         assert np.abs(gaps - gap).max() <= 1e-12
         assert np.abs(planes[:, :2] - normal_of(0.1)).max() <= 1e-12
@@ -90,7 +102,7 @@ def test_a_concave_corner_gives_two_planes(kink):
     """A pad in a valley is held by both sides, nearest first; gap to either side's line, 1e-12."""
     valley = Terrain(((-1.0, kink), (0.0, 0.0), (1.0, kink)))
     centre = np.array([0.001, 0.03])
-    planes, pad, gaps = look(valley, [centre])
+    planes, pad, gaps = detect(valley, [centre])
     expected = [centre @ normal_of(slope) - RADIUS for slope in (kink, -kink)]
     assert pad.tolist() == [0, 0] and gaps == pytest.approx(expected, abs=1e-12)
     assert planes[0, :2] == pytest.approx(normal_of(kink), abs=1e-11)
@@ -101,7 +113,7 @@ def test_a_ridge_is_sharp():
     """At a convex vertex the normal points from the vertex to the pad: one plane, to 1e-12."""
     ridge = Terrain(((-1.0, -0.2), (0.0, 0.0), (1.0, -0.2)))
     centre = np.array([0.003, 0.02])
-    planes, _, gaps = look(ridge, [centre])
+    planes, _, gaps = detect(ridge, [centre])
     assert gaps == pytest.approx([np.hypot(*centre) - RADIUS], abs=1e-12)
     assert planes[:, :2] == pytest.approx((centre / np.hypot(*centre))[None], abs=1e-12)
 
@@ -111,21 +123,21 @@ def test_a_bump_is_felt_where_it_is(width):
     """However narrow: 3 cm high, the gap of a pad over its top is exact."""
     bump = Terrain(((-1.0, 0.0), (0.0, 0.0), (0.5 * width, 0.03), (width, 0.0), (1.0, 0.0)))
     centre = [0.5 * width, 0.03 + RADIUS + 1e-3]
-    _, _, gaps = look(bump, [centre])
+    _, _, gaps = detect(bump, [centre])
     assert gaps.min() == pytest.approx(1e-3, abs=1e-12)
 
 
 def test_the_far_side_of_a_ridge_is_not_felt():
     """Beside a narrow ridge a pad feels the side that faces it and the ground, not the other."""
     ridge = Terrain(((-1.0, 0.0), (0.0, 0.0), (0.01, 0.04), (0.02, 0.0), (1.0, 0.0)))
-    planes, _, gaps = look(ridge, [[0.035, 0.012]])
+    planes, _, gaps = detect(ridge, [[0.035, 0.012]])
     assert len(gaps) == 2 and gaps.min() > 0.0
     assert (planes[:, 0] >= 0.0).all()
 
 
 def test_a_pad_that_sank_in_is_pushed_up():
     """With its centre below the surface the normal still points out of the ground."""
-    planes, _, gaps = look(
+    planes, _, gaps = detect(
         Terrain.slope(0.2), above(Terrain.slope(0.2), [0.5], math.tan(0.2), -0.03)
     )
     assert gaps == pytest.approx([-0.03], abs=1e-12)
@@ -139,21 +151,21 @@ def test_order_is_by_pad_then_nearest_first():
     centres = np.column_stack([x, HILLS.height(x) + rng.uniform(0.0, 0.05, 40)])
     centres[:3, 0] = -1.0  # three in the valley, which see two planes each
     centres[:3, 1] = [0.02, 0.03, 0.04]
-    planes, pad, gaps = look(HILLS, centres)
+    planes, pad, gaps = detect(HILLS, centres)
     assert (np.diff(pad) >= 0).all() and (np.diff(gaps)[np.diff(pad) == 0] >= -1e-15).all()
     assert (pad[:6] == [0, 0, 1, 1, 2, 2]).all()
-    again, pad_again, _ = look(HILLS, centres)
+    again, pad_again, _ = detect(HILLS, centres)
     assert (planes == again).all() and (pad == pad_again).all()
 
 
-def test_nothing_is_remembered_between_looks():
-    """Looking elsewhere in between, or at the toes alone, changes no bit of the next look."""
-    detector = ContactDetector([HILLS], 3, RADIUS, 12)
+def test_nothing_is_kept_between_detections():
+    """Detection elsewhere in between, or of the toes alone, changes no bit of the next one."""
+    detector = make([HILLS], 3, 12)
     places = np.array([[-1.0, 0.02], [0.3, 0.18], [2.0, 0.6]])
     seen = []
     for centres, count in ((places, 3), (places + 5.0, 3), (places, 1), (places, 3)):
-        detector.centres[:] = centres
-        detector.find(count)
+        place(detector, centres)
+        detector.find_planes(count)
         planes, pad = found(detector)
         seen.append((len(pad), planes.tobytes(), pad.tobytes()))
     assert [number for number, *_ in seen] == [4, 0, 2, 4]
@@ -166,22 +178,22 @@ def jagged(rng, spacing=0.05, count=200):
     return Terrain(tuple(zip(x, rng.uniform(-0.06, 0.06, count), strict=True)))
 
 
-def test_planes_are_the_same_until_pymunk_is_asked_again(rng):
-    """Pads moved by up to STRIDE see what a detector sees that asks there, bit for bit."""
+def test_planes_are_the_same_until_the_next_broad_phase(rng):
+    """Pads moved by up to SKIN see what a detector sees whose broad phase is there, bit for bit."""
     for _ in range(20):
         terrain = jagged(rng)
         x = rng.uniform(1.0, 9.0, 50)
         start = np.column_stack([x, terrain.height(x) + rng.uniform(-0.03, 0.2, 50)])
         turn = rng.uniform(0.0, 2.0 * np.pi, 50)
-        way = STRIDE * rng.uniform(0.0, 1.0, 50)[:, None]
+        way = SKIN * rng.uniform(0.0, 1.0, 50)[:, None]
         moved = start + way * np.column_stack([np.cos(turn), np.sin(turn)])
-        detector = ContactDetector([terrain], 50, RADIUS, 400)
-        detector.centres[:] = start
-        detector.find(50)
-        detector.centres[:] = moved
-        detector.find(50, ask=False)
+        detector = make([terrain], 50, 400)
+        place(detector, start)
+        detector.find_planes(50)
+        place(detector, moved)
+        detector.find_planes(50, broad_phase=False)
         planes, pad = found(detector)
-        expected, expected_pad, _ = look(terrain, moved, capacity=400)
+        expected, expected_pad, _ = detect(terrain, moved, capacity=400)
         assert len(pad) > 10
         assert np.array_equal(pad, expected_pad) and np.array_equal(planes, expected)
 
@@ -190,16 +202,17 @@ def test_robots_in_one_space_see_what_each_sees_alone(rng):
     """30 robots, on three grounds, bit for bit."""
     grounds = [jagged(rng), HILLS, Terrain.slope(-0.3)]
     terrains = [grounds[i % 3] for i in range(30)]
-    detector = ContactDetector(terrains, 4, RADIUS, 40)
+    detector = make(terrains, 4, 40)
     x = rng.uniform(-1.0, 5.0, 30)[:, None] + rng.uniform(-0.5, 0.5, (30, 4))
+    centres = np.zeros((120, 2))
     for robot, terrain in enumerate(terrains):
         places = np.column_stack([x[robot], terrain.height(x[robot]) + rng.uniform(0.0, 0.06, 4)])
-        detector.centres[4 * robot : 4 * robot + 4] = places
-    detector.find(120)
+        centres[4 * robot : 4 * robot + 4] = places
+    place(detector, centres)
+    detector.find_planes(120)
     for robot, terrain in enumerate(terrains):
         planes, pad = found(detector, robot)
-        centres = detector.centres[4 * robot : 4 * robot + 4]
-        alone, alone_pad, _ = look(terrain, centres, capacity=40)
+        alone, alone_pad, _ = detect(terrain, centres[4 * robot : 4 * robot + 4], capacity=40)
         assert np.array_equal(planes, alone) and np.array_equal(pad, alone_pad)
 
 
@@ -214,14 +227,14 @@ def test_planes_are_pymunks_own_contacts(rng):
         centre = np.array([x, terrain.height(x) + rng.uniform(0.0, 0.06)])
         body = pymunk.Body(1.0, math.inf)
         body.position = tuple(centre)
-        circle = pymunk.Circle(body, RADIUS + MARGIN)
+        circle = pymunk.Circle(body, RADIUS + SPECULATIVE_MARGIN)
         space.add(body, circle)
         for hit in space.shape_query(circle):
             points = hit.contact_point_set
             normal = -np.array(points.normal)
             if normal[1] > 0.0:
                 seen.append([*normal, np.hypot(*(centre - points.points[0].point_b)) - RADIUS])
-        planes, _, gaps = look(terrain, [centre], capacity=40)
+        planes, _, gaps = detect(terrain, [centre], capacity=40)
         for normal_x, normal_y, gap in seen:
             apart = np.abs(planes[:, :2] - [normal_x, normal_y]).sum(axis=1) + np.abs(gaps - gap)
             assert apart.min() < 1e-11
@@ -229,11 +242,11 @@ def test_planes_are_pymunks_own_contacts(rng):
     assert compared > 40
 
 
-def test_only_the_first_pads_are_looked_at():
+def test_only_the_first_queries_are_answered():
     """With count 2 of 4, the toes are found as ever and the others not at all."""
     centres = [[-0.4, RADIUS], [0.4, RADIUS], [-0.2, RADIUS], [0.2, RADIUS]]
-    whole, pads, _ = look(Terrain.flat(), centres)
-    part, pad, _ = look(Terrain.flat(), centres, count=2)
+    whole, pads, _ = detect(Terrain.flat(), centres)
+    part, pad, _ = detect(Terrain.flat(), centres, count=2)
     assert pads.tolist() == [0, 1, 2, 3] and pad.tolist() == [0, 1]
     assert (part == whole[:2]).all()
 
@@ -242,7 +255,7 @@ def test_the_nearest_planes_are_kept_when_there_is_no_room():
     """Six pads, room for three planes: those with the smallest gaps stay, in order of pads."""
     gaps = np.array([0.04, 0.01, 0.03, 0.0, 0.02, 0.045])
     centres = np.column_stack([np.arange(6.0), RADIUS + gaps])
-    _, pad, found = look(Terrain.flat(), centres, capacity=3)
+    _, pad, found = detect(Terrain.flat(), centres, capacity=3)
     assert pad.tolist() == [1, 3, 4]
     assert found == pytest.approx(gaps[[1, 3, 4]], abs=1e-12)
 
@@ -286,7 +299,7 @@ def test_the_ground_has_no_end(x, angle):
     """
     terrain = Terrain.slope(angle)
     centres = above(terrain, np.array([x, x + 0.3]), math.tan(angle), 0.004)
-    planes, pad, gaps = look(terrain, centres)
+    planes, pad, gaps = detect(terrain, centres)
     assert pad.tolist() == [0, 1]
     assert gaps == pytest.approx(0.004, abs=1e-12 + 1e-10 * abs(x) * math.tan(angle))
     assert planes[:, :2] == pytest.approx(np.tile([-math.sin(angle), math.cos(angle)], (2, 1)))

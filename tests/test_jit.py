@@ -15,7 +15,7 @@ import pytest
 
 from jansen_env import Terrain, paper_robot
 from jansen_env.engine import jit
-from jansen_env.engine.jit import compiled
+from jansen_env.engine.jit import Kernel, compiled, prepare
 from jansen_env.plants.projected import ProjectionPlant
 
 PACKAGE = Path(jit.__file__).parents[1]
@@ -50,22 +50,75 @@ def successor(x):
     return x + 1
 
 
-def test_compilation_is_announced_once(silent, monkeypatch, tmp_path, caplog):
-    """Where no compiled kernel lies on disk, with the folder; not again, and not where one lies."""
+def predecessor(x):
+    return x - 1
+
+
+def test_preparing_says_how_far_it_is(silent, monkeypatch, tmp_path, caplog):
+    """Where machine code is kept, once, and what is compiled; nothing where all is on disk."""
     monkeypatch.setattr(jit, "FOLDER", str(tmp_path))
+
+    def messages():
+        caplog.clear()
+        kernels = compiled(successor), compiled(predecessor)
+        prepare(*(Kernel(f"number {k}", kernels[k], (0.5,)) for k in (0, 1)))
+        assert all(len(kernel.overloads) == 1 for kernel in kernels)
+        assert kernels[0](1.5) == 2.5 and len(kernels[0].overloads) == 1
+        return [record.message for record in caplog.records]
+
     with caplog.at_level(logging.WARNING, logger="jansen_env"):
-        for _ in range(2):
-            ProjectionPlant(paper_robot(), Terrain.flat())
-        jit.announce("runge_kutta.turn")
-        assert len(caplog.records) == 1 and str(tmp_path) in caplog.text
-        (tmp_path / "numba").mkdir()
-        (tmp_path / "numba" / "integrator.advance-7.py311.1.nbc").touch()
-        monkeypatch.setattr(jit, "_told", set())
-        jit.announce("integrator.advance")
-        assert len(caplog.records) == 1
+        where, first, second = messages()
+        assert str(tmp_path) in where
+        assert first.endswith("compiles 1 of 2: number 0")
+        assert second.endswith("compiles 2 of 2: number 1")
+        assert messages() == []
         monkeypatch.setattr(jit, "FOLDER", "")
-        jit.announce("runge_kutta.turn")
-    assert "cannot keep it" in caplog.records[-1].message
+        assert len(messages()) == 2
+        monkeypatch.setattr(jit, "_told", set())
+        assert "cannot keep it" in messages()[0]
+
+
+def test_nothing_is_compiled_after_make():
+    """In a process of its own: reset and step, alone and batched, on both plants and the crank."""
+    code = """
+import gymnasium as gym
+import numba.core.event as event
+import jansen_env
+
+class Compiled(event.Listener):
+    def on_start(self, e): assert not made, e.data["dispatcher"]
+    def on_end(self, e): pass
+
+event.register("numba:compile", Compiled())
+for make, name, more in (
+    (gym.make, "JansenWalker-v0", {}),
+    (gym.make, "JansenWalker-v0", {"terrain": "slope:0.1", "payload": 1.0, "robot": "holy"}),
+    (gym.make_vec, "JansenWalker-v0", {"num_envs": 3, "terrain": ["flat", "slope:0.1", "flat"]}),
+    (gym.make, "JansenWalker-v0", {"plant": "rigid_body"}),
+    (gym.make, "JansenCrank-v0", {}),
+):
+    made = False
+    env = make(name, **more)
+    made = True
+    env.reset(seed=0)
+    for _ in range(100):
+        env.step(env.action_space.sample())
+print("done")
+"""
+    ended = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, timeout=600
+    )
+    assert ended.returncode == 0 and ended.stdout == "done\n", ended.stderr
+
+
+def test_kernels_that_allocate_nothing_count_no_references():
+    """No call of numba's NRT_incref or NRT_decref in their machine code: ``_nrt=False`` works."""
+    ProjectionPlant(paper_robot(), Terrain.flat())
+    for name in ("integrator.advance", "collision.detect", "contact_solver.search"):
+        files = list(Path(jit.FOLDER).rglob(f"{name}-*.nbc"))
+        assert files
+        for file in files:
+            assert b"NRT_" not in file.read_bytes(), name
 
 
 def test_the_first_folder_that_can_be_written_to(places):
@@ -171,10 +224,9 @@ def test_the_package_runs_where_nothing_can_be_written(tmp_path):
     block(tmp_path / "jansen_env" / "__pycache__")
     nowhere = str(tmp_path / "jansen_env" / "__pycache__" / "cache")
     code = (
-        "from jansen_env.engine.jit import FOLDER, announce\n"
+        "from jansen_env.engine.jit import FOLDER, Kernel, prepare\n"
         "from jansen_env.engine.task import tracking_score\n"
-        "import jansen_env.engine.integrator\n"
-        "announce('integrator.advance'), announce('runge_kutta.turn')\n"
+        "for _ in range(2): prepare(Kernel('score', tracking_score, (0.3, 0.3)))\n"
         "print(repr(FOLDER), tracking_score(0.3, 0.3))"
     )
     names = ("HOME", "LOCALAPPDATA", "NUMBA_CACHE_DIR", "USERPROFILE", "XDG_CACHE_HOME")

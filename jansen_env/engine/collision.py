@@ -1,7 +1,8 @@
-"""Contact planes near pads, worked out from the ground's segments: compiled geometry, no pymunk.
+"""Collision detection: from each pad's candidate segments to its contact planes, without pymunk.
 
-Which segments may be near a pad is remembered from pymunk's answer (``contact.py``); a pad's planes
-are those of its segments within its robot's margin.
+The broad phase is pymunk's (``plants/detector.py``): it says which segments of its terrain may be
+near a pad, for as long as the pad stays within a skin of where it was then. A pad's planes are
+those of these candidates within its robot's speculative margin.
 """
 
 from __future__ import annotations
@@ -9,105 +10,116 @@ from __future__ import annotations
 import numpy as np
 
 from jansen_env.engine.contact_solver import STICK
-from jansen_env.engine.jit import compiled
-from jansen_env.engine.tables import LONGEST, PHASE, TABLE, WIDEST, locate, pad_place
+from jansen_env.engine.jit import compiled, macro, stage
+from jansen_env.engine.records import Terrains
+from jansen_env.engine.tables import locate, pad_place
 
-MARGIN = 0.05  # m from a pad within which a plane counts, or as far as it gets in a time step
-STRIDE = 0.3  # m that a pad may move before pymunk is asked again, with a margin of MARGIN
-WIDEST_MARGIN = MARGIN + 0.5 * STRIDE  # m: pads that moved by half a STRIDE are not asked about
+SPECULATIVE_MARGIN = 0.05  # m within which a plane counts, or as far as a pad gets in a time step
+SKIN = 0.3  # m that a pad may move before the next broad phase, with a margin of the above
+LARGEST_MARGIN = SPECULATIVE_MARGIN + 0.5 * SKIN  # m: pads that moved by half a SKIN are not moved
 FACE = 1e-6  # rad, how far a contact's normal may be off a segment's to be taken as the face's
 SAME = 1e-9  # difference of two planes' numbers below which they are one
-PARK = 1e7  # m, where pads wait that are not looked at, and how far apart
-
-# Columns of a contact: its pad, and the last step's contact mode, a first guess.
-PAD, MODE = range(2)
-# Columns of a row's owner.
-ROBOT, ITS_PAD = range(2)
-# Columns of a robot's status: time steps to go until all robots' planes are found again (-1: it has
-# diverged), m from its pads within which planes are listed, and whether (1 or 0) a pad is so deep
-# in the ground that there are none.
-STEPS_LEFT, SPECULATIVE_MARGIN, TOO_DEEP = range(3)
+PARK = 1e7  # m, where pads wait that are not in use, and how far apart
 
 
 @compiled
-def look(
-    states, parameters, pads, layout, depths, time_step, moving_only, toes, surface, bounds, ground,
-    radius, far, most, stretch, owner, centres, asked_at, status, spans, planes, contacts, gaps,
+def detect(
+    states, robots, pads, layout, depths, time_step, moving_only, toes, surface, radius, reach,
+    capacity, queries, planes,
 ):  # fmt: skip
-    """:func:`_place`, and unless pymunk must be asked before, :func:`find_planes`, in one call.
+    """Find the planes near the pads, unless the broad phase must be asked before.
+
+    Args:
+        states: (robots, 8). robots: (robots,) ROBOT.
+        pads, layout: of a :class:`jansen_env.engine.records.Model`.
+        depths: m, how far below the crank axis a pad that is no toe can feel the ground, at pitches
+            evenly spread over one turn; and last, how far it can in any direction.
+        time_step: s. moving_only: whether only for the robots that have steps left.
+        toes: the first so many pads are toes.
+        surface, radius, reach, capacity: of :class:`jansen_env.engine.records.Terrains`.
+        queries: (rows,) QUERY. planes: (robots * capacity,) PLANE.
 
     Returns:
-        (rows needed, whether pymunk must be asked, whether a pad is too deep)
+        (rows needed; whether the broad phase must be asked; whether a pad is too deep)
     """
-    rows, stale = _place(
-        states, parameters, pads, layout, depths, time_step, moving_only, toes, surface, bounds,
-        ground, status, owner, centres, asked_at,
-    )  # fmt: skip
-    if stale or rows > len(owner):
-        return rows, stale, False
+    _set_margins(states, robots, time_step)
+    rows = _list_queries(states, robots, len(layout), toes, depths, surface, queries)
+    if rows > len(queries):
+        return rows, False, False
+    stale = _place(rows, states, robots, pads, layout, moving_only, queries)
+    if stale:
+        return rows, True, False
     too_deep = find_planes(
-        rows, moving_only, surface, bounds, ground, radius, far, most, stretch, owner, centres,
-        status, spans, planes, contacts, gaps,
-    )  # fmt: skip
-    return rows, stale, too_deep
+        rows, robots, moving_only, surface, radius, reach, capacity, queries, planes
+    )
+    return rows, False, too_deep
 
 
-@compiled
-def _place(
-    states, parameters, pads, layout, depths, time_step, moving_only, toes, surface, bounds, ground,
-    status, owner, centres, asked_at,
-):  # fmt: skip
-    """Choose which pads to look at, where they are, and how wide each robot's margin is.
+@macro
+def _set_margins(states, robots, time_step):
+    """Let each robot's speculative margin be as far as its fastest pad gets in a time step."""
+    for r in range(len(states)):
+        params = robots[r].params
+        speed = abs(states[r, 4]) + abs(states[r, 5])  # no pad is faster
+        speed += params.pitch_arm * abs(states[r, 6])
+        speed += params.crank_arm * abs(states[r, 7])
+        robots[r].status.margin = min(max(SPECULATIVE_MARGIN, speed * time_step), LARGEST_MARGIN)
+
+
+@macro
+def _list_queries(states, robots, pads, toes, depths, surface, queries):
+    """List the pads to ask about: all toes, and what else has come near the ground.
 
     Returns:
-        (rows needed, nothing is placed where they are more than there are; whether one of them is
-        too far from where pymunk was asked about it)
+        Rows needed; those beyond the length of ``queries`` are only counted.
     """
-    robots, bumpers = len(states), len(layout) - toes
-    rows = robots * toes
-    pitches, reach = len(depths) - 1, depths[-1]
-    stale = False
-    for r in range(robots):
-        x, y = states[r, 0], states[r, 1]
-        begin, end = bounds[ground[r]], bounds[ground[r] + 1]
-        speed = abs(states[r, 4]) + abs(states[r, 5])  # no pad is faster
-        speed += parameters[r, LONGEST] * abs(states[r, 6])
-        speed += parameters[r, WIDEST] * abs(states[r, 7])
-        status[r, SPECULATIVE_MARGIN] = min(max(MARGIN, speed * time_step), WIDEST_MARGIN)
-        extra = status[r, SPECULATIVE_MARGIN] - MARGIN
+    rows = len(robots) * toes
+    pitches, farthest = len(depths) - 1, depths[-1]
+    for r in range(len(robots)):
+        x, y, status = states[r, 0], states[r, 1], robots[r].status
+        extra = status.margin - SPECULATIVE_MARGIN
         depth = depths[locate(pitches, states[r, 2])[0]] + extra
-        if _reaches(surface, begin, end, x - reach - extra, x + reach + extra, y - depth):
-            for j in range(bumpers):
-                if rows < len(owner):
-                    if owner[rows, ROBOT] != r or owner[rows, ITS_PAD] != toes + j:
-                        asked_at[rows, 0] = np.inf
-                    owner[rows, ROBOT], owner[rows, ITS_PAD] = r, toes + j
-                rows += 1
-    if rows > len(owner):
-        return rows, stale
+        left, right = x - farthest - extra, x + farthest + extra
+        if not _rises_above(surface, status, left, right, y - depth):
+            continue
+        for j in range(toes, pads):
+            if rows < len(queries):
+                query = queries[rows]
+                if query.robot != r or query.pad != j:
+                    query.known_x = np.inf
+                query.robot, query.pad = r, j
+            rows += 1
+    return rows
+
+
+@macro
+def _place(rows, states, robots, pads, layout, moving_only, queries):
+    """Place the first rows' pads; whether one of them has left its skin."""
+    stale = False
     last = -1
     cos, sin = 1.0, 0.0
     for i in range(rows):
-        r, j = owner[i, ROBOT], owner[i, ITS_PAD]
-        if moving_only and not status[r, STEPS_LEFT] > 0.0:
+        query = queries[i]
+        r, pad, status = query.robot, layout[query.pad], robots[query.robot].status
+        if moving_only and not status.steps_left > 0:
             continue
         if r != last:
             last = r
             cos, sin = np.cos(states[r, 2]), np.sin(states[r, 2])
-        px, py = pad_place(pads, int(layout[j, TABLE]), states[r, 3] + layout[j, PHASE])
-        x = states[r, 0] + cos * px - sin * py
-        y = states[r, 1] + sin * px + cos * py
-        centres[i, 0], centres[i, 1] = x, y
-        moved_x, moved_y = x - asked_at[i, 0], y - asked_at[i, 1]
-        skin = STRIDE - (status[r, SPECULATIVE_MARGIN] - MARGIN)
+        px, py = pad_place(pads, pad.table, states[r, 3] + pad.phase)
+        query.x = states[r, 0] + cos * px - sin * py
+        query.y = states[r, 1] + sin * px + cos * py
+        moved_x, moved_y = query.x - query.known_x, query.y - query.known_y
+        skin = SKIN - (status.margin - SPECULATIVE_MARGIN)
         if not moved_x * moved_x + moved_y * moved_y <= skin * skin:
             stale = True
-    return rows, stale
+    return stale
 
 
-@compiled(forceinline=True)
-def _reaches(surface, begin, end, left, right, height):
-    """Whether the ground surface[begin:end] rises above a height between two x."""
+@macro
+def _rises_above(surface, status, left, right, height):
+    """Whether a robot's terrain rises above a height between two x."""
+    begin, end = status.first_vertex, status.end_vertex
     first, last = _segment(surface, begin, end, left), _segment(surface, begin, end, right)
     above = _height(surface, first, left) > height or _height(surface, last, right) > height
     for k in range(first + 1, last + 1):
@@ -115,9 +127,9 @@ def _reaches(surface, begin, end, left, right, height):
     return above
 
 
-@compiled(forceinline=True)
+@stage
 def _segment(surface, begin, end, x):
-    """Index of the segment of the ground surface[begin:end] above or below ``x``."""
+    """Index of the segment of the terrain surface[begin:end] above or below ``x``."""
     low, high = begin, end - 1
     while high - low > 1:
         middle = (low + high) // 2
@@ -128,70 +140,78 @@ def _segment(surface, begin, end, x):
     return low
 
 
-@compiled(forceinline=True)
+@macro
 def _height(surface, k, x):
     """Height of segment ``k`` at ``x``."""
     slope = (surface[k + 1, 1] - surface[k, 1]) / (surface[k + 1, 0] - surface[k, 0])
     return surface[k, 1] + slope * (x - surface[k, 0])
 
 
-@compiled(forceinline=True)
+@stage
 def height_at(surface, begin, end, x):
-    """Height of the ground surface[begin:end] at ``x``, m; it goes on beyond its ends."""
+    """Height of the terrain surface[begin:end] at ``x``, m; it goes on beyond its ends."""
     return _height(surface, _segment(surface, begin, end, x), x)
 
 
 @compiled
-def move_pads(rows, centres, owner, cells, asked_at, placed):
-    """Move pymunk's pads to where they are; those that are near enough stay, which spares its tree.
+def move_pads(rows, robots, queries, placed):
+    """Move pymunk's pads to the queries; those that are near enough stay, which spares its tree.
 
-    The pads beyond the first ``rows`` are parked.
+    Args:
+        rows: in use; the pads beyond are parked.
+        placed: (bodies, 2) m, out: where the pads are in pymunk's space.
     """
-    for i in range(len(asked_at)):
+    for i in range(len(queries)):
+        query = queries[i]
         if i >= rows:
-            asked_at[i, 0] = asked_at[i, 1] = np.inf
+            query.known_x = query.known_y = np.inf
             placed[i, 0] = placed[i, 1] = PARK * (i + 1)
             continue
-        x, y = centres[i, 0] - asked_at[i, 0], centres[i, 1] - asked_at[i, 1]
-        if not x * x + y * y <= 0.25 * STRIDE * STRIDE:
-            asked_at[i, 0], asked_at[i, 1] = centres[i, 0], centres[i, 1]
-            r = owner[i, ROBOT]
-            placed[i, 0], placed[i, 1] = centres[i, 0] + cells[r, 0], centres[i, 1] + cells[r, 1]
+        x, y = query.x - query.known_x, query.y - query.known_y
+        if not x * x + y * y <= 0.25 * SKIN * SKIN:
+            query.known_x, query.known_y = query.x, query.y
+            status = robots[query.robot].status
+            placed[i, 0], placed[i, 1] = query.x + status.cell_x, query.y + status.cell_y
 
 
 @compiled
-def remember(
-    ids, points, known, row_of, owner, asked_at, cells, surface, bounds, ground, far, stretch
-):  # fmt: skip
-    """From pymunk's contacts, (n,) body ids and 2 n numbers, the points: the stretch near each row.
+def keep_candidates(ids, points, known_ids, row_of, robots, surface, reach, queries):
+    """The candidates of each query, from what pymunk's circles touch.
 
     pymunk leaves out segments that only their ends bring near; as far as the circle goes in x,
-    neighbours belong to the stretch, too. So does what goes on beyond the ends of the ground, where
-    pymunk has nothing.
+    neighbours are candidates, too. So is what goes on beyond the ends of the terrain, where pymunk
+    has nothing.
+
+    Args:
+        ids: (n,) pymunk's bodies. points: (2 n,) m, where each touches.
+        known_ids: (rows,) bodies, sorted. row_of: (rows,) the query of each.
+        robots, surface, reach, queries: see :func:`detect`.
     """
-    for i in range(len(stretch)):
-        stretch[i, 0], stretch[i, 1] = 0, -1
-        r = owner[i, ROBOT]
-        start, end = bounds[ground[r]], bounds[ground[r] + 1]
-        if asked_at[i, 0] - far < surface[start, 0]:
-            stretch[i, 0], stretch[i, 1] = start, start
-        elif asked_at[i, 0] + far > surface[end - 1, 0]:
-            stretch[i, 0], stretch[i, 1] = end - 2, end - 2
+    for i in range(len(queries)):
+        query = queries[i]
+        query.first_segment, query.last_segment = 0, -1
+        status = robots[query.robot].status
+        start, end = status.first_vertex, status.end_vertex
+        if query.known_x - reach < surface[start, 0]:
+            query.first_segment = query.last_segment = start
+        elif query.known_x + reach > surface[end - 1, 0]:
+            query.first_segment = query.last_segment = end - 2
     for n in range(len(ids)):
-        i = row_of[_find(known, ids[n])]
-        r = owner[i, ROBOT]
-        start, end = bounds[ground[r]], bounds[ground[r] + 1]
-        first = last = _segment(surface, start, end, points[2 * n] - cells[r, 0])
-        while first > start and surface[first, 0] > asked_at[i, 0] - far:
+        query = queries[row_of[_find(known_ids, ids[n])]]
+        status = robots[query.robot].status
+        start, end = status.first_vertex, status.end_vertex
+        first = last = _segment(surface, start, end, points[2 * n] - status.cell_x)
+        while first > start and surface[first, 0] > query.known_x - reach:
             first -= 1
-        while last < end - 2 and surface[last + 1, 0] < asked_at[i, 0] + far:
+        while last < end - 2 and surface[last + 1, 0] < query.known_x + reach:
             last += 1
-        if stretch[i, 1] < 0:
-            stretch[i, 0], stretch[i, 1] = first, last
-        stretch[i, 0], stretch[i, 1] = min(stretch[i, 0], first), max(stretch[i, 1], last)
+        if query.last_segment < 0:
+            query.first_segment, query.last_segment = first, last
+        query.first_segment = min(query.first_segment, first)
+        query.last_segment = max(query.last_segment, last)
 
 
-@compiled(forceinline=True)
+@macro
 def _find(known, key):
     """Place of ``key`` in the sorted ``known``."""
     low, high = 0, len(known)
@@ -205,65 +225,70 @@ def _find(known, key):
 
 
 @compiled
-def find_planes(
-    rows, moving_only, surface, bounds, ground, radius, far, most, stretch, owner, centres,
-    status, spans, planes, contacts, gaps,
-):  # fmt: skip
-    """The planes of the stretches within each robot's margin of its pads; whether one is too deep.
+def find_planes(rows, robots, moving_only, surface, radius, reach, capacity, queries, planes):
+    """The planes of the first rows' candidates within each robot's margin; whether one is too deep.
 
     For a pad that is farther than that in the ground, the plane by which it comes out soonest.
     """
-    for r in range(len(spans)):
-        if not moving_only or status[r, STEPS_LEFT] > 0.0:
-            spans[r, 1] = spans[r, 0]
-            status[r, TOO_DEEP] = 0.0
+    terrains = Terrains(surface, radius, reach, capacity)
+    for r in range(len(robots)):
+        status = robots[r].status
+        if not moving_only or status.steps_left > 0:
+            status.end_plane = status.first_plane
+            status.too_deep = False
     any_too_deep = False
     for i in range(rows):
-        r, j = owner[i, ROBOT], owner[i, ITS_PAD]
-        if moving_only and not status[r, STEPS_LEFT] > 0.0:
+        status = robots[queries[i].robot].status
+        if moving_only and not status.steps_left > 0:
             continue
-        start, end = bounds[ground[r]], bounds[ground[r] + 1]
-        x, y = centres[i, 0], centres[i, 1]
-        near = radius + status[r, SPECULATIVE_MARGIN]
-        no_plane = True
-        for k in range(stretch[i, 0], stretch[i, 1] + 1):
-            found, nx, ny, offset = _plane(surface, start, end, k, x, y, near)
-            if found:
-                no_plane = False
-                gap = nx * x + ny * y - offset
-                _list(r, j, nx, ny, offset, gap, most, spans, planes, contacts, gaps)
-        if no_plane and y < height_at(surface, start, end, x):
-            found, nx, ny, offset = _way_out(surface, start, end, x, y, far)
-            if found:
-                gap = nx * x + ny * y - offset
-                _list(r, j, nx, ny, offset, gap, most, spans, planes, contacts, gaps)
-            else:
-                status[r, TOO_DEEP] = 1.0
-                any_too_deep = True
-    for r in range(len(spans)):
-        if not moving_only or status[r, STEPS_LEFT] > 0.0:
-            _sort(spans[r, 0], spans[r, 1], planes, contacts, gaps)
+        if not _find_planes_of(queries[i], status, terrains, planes):
+            status.too_deep = True
+            any_too_deep = True
+    for r in range(len(robots)):
+        status = robots[r].status
+        if not moving_only or status.steps_left > 0:
+            _sort(status.first_plane, status.end_plane, planes)
     return any_too_deep
 
 
+@macro
+def _find_planes_of(query, status, terrains, planes):
+    """List one pad's planes; False where it is too deep in the ground for any."""
+    surface, x, y = terrains.surface, query.x, query.y
+    start, end = status.first_vertex, status.end_vertex
+    near = terrains.radius + status.margin
+    no_plane = True
+    for k in range(query.first_segment, query.last_segment + 1):
+        found, nx, ny, offset = _plane(surface, start, end, k, x, y, near)
+        if found:
+            no_plane = False
+            _list(query, status, nx, ny, offset, terrains.capacity, planes)
+    if not (no_plane and y < height_at(surface, start, end, x)):
+        return True
+    found, nx, ny, offset = _way_out(surface, start, end, x, y, terrains.reach)
+    if found:
+        _list(query, status, nx, ny, offset, terrains.capacity, planes)
+    return found
+
+
 @compiled
-def _way_out(surface, start, end, x, y, far):
+def _way_out(surface, start, end, x, y, reach):
     """The nearest plane whose ground a point is in.
 
     Returns:
-        (whether there is one within ``far`` (m); normal x, y; offset)
+        (whether there is one within ``reach`` (m); normal x, y; offset)
     """
-    highest, best_x, best_y, best_offset = -far, 0.0, 0.0, 0.0
-    first, last = _segment(surface, start, end, x - far), _segment(surface, start, end, x + far)
+    highest, best_x, best_y, best_offset = -reach, 0.0, 0.0, 0.0
+    first, last = _segment(surface, start, end, x - reach), _segment(surface, start, end, x + reach)
     for k in range(first, last + 1):
-        found, nx, ny, offset = _plane(surface, start, end, k, x, y, far)
-        gap = nx * x + ny * y - offset
-        if found and highest < gap < 0.0:
-            highest, best_x, best_y, best_offset = gap, nx, ny, offset
-    return highest > -far, best_x, best_y, best_offset
+        found, nx, ny, offset = _plane(surface, start, end, k, x, y, reach)
+        distance = nx * x + ny * y - offset
+        if found and highest < distance < 0.0:
+            highest, best_x, best_y, best_offset = distance, nx, ny, offset
+    return highest > -reach, best_x, best_y, best_offset
 
 
-@compiled(forceinline=True)
+@compiled
 def _plane(surface, start, end, k, x, y, near):
     """Plane by which segment ``k`` of surface[start:end] faces a point (x, y).
 
@@ -306,40 +331,52 @@ def _plane(surface, start, end, k, x, y, near):
     return found, nx, ny, offset
 
 
-@compiled(forceinline=True)
-def _list(r, pad, nx, ny, offset, gap, most, spans, planes, contacts, gaps):
-    """Add a plane to robot ``r``'s, unless it is there, or there are ``most`` nearer ones."""
-    begin, end = spans[r, 0], spans[r, 1]
+@compiled
+def _list(query, status, nx, ny, offset, capacity, planes):
+    """Add a plane to a robot's, unless it is there, or there are ``capacity`` nearer ones."""
+    distance = nx * query.x + ny * query.y - offset
+    begin, end = status.first_plane, status.end_plane
     for k in range(begin, end):
-        if contacts[k, PAD] == pad:
-            apart = abs(planes[k, 0] - nx) + abs(planes[k, 1] - ny) + abs(planes[k, 2] - offset)
+        other = planes[k]
+        if other.pad == query.pad:
+            apart = abs(other.normal_x - nx) + abs(other.normal_y - ny) + abs(other.offset - offset)
             if apart < SAME:
                 return  # a vertex is found from both its sides
     place = end
-    if end - begin == most:
+    if end - begin == capacity:
         place = begin
         for k in range(begin, end):
-            if gaps[k] > gaps[place]:
+            if planes[k].distance > planes[place].distance:
                 place = k
-        if gap >= gaps[place]:
+        if distance >= planes[place].distance:
             return
     else:
-        spans[r, 1] += 1
-    contacts[place, PAD], contacts[place, MODE], gaps[place] = pad, STICK, gap
-    planes[place, 0], planes[place, 1], planes[place, 2] = nx, ny, offset
+        status.end_plane += 1
+    plane = planes[place]
+    plane.normal_x, plane.normal_y, plane.offset, plane.distance = nx, ny, offset, distance
+    plane.pad, plane.mode = query.pad, STICK
 
 
 @compiled
-def _sort(begin, end, planes, contacts, gaps):
-    """Insertion sort by pad, then gap."""
+def _sort(begin, end, planes):
+    """Insertion sort by pad, then distance."""
     for i in range(begin + 1, end):
         k = i
-        while k > begin and (
-            contacts[k, PAD] < contacts[k - 1, PAD]
-            or (contacts[k, PAD] == contacts[k - 1, PAD] and gaps[k] < gaps[k - 1])
-        ):
-            contacts[k, PAD], contacts[k - 1, PAD] = contacts[k - 1, PAD], contacts[k, PAD]
-            gaps[k], gaps[k - 1] = gaps[k - 1], gaps[k]
-            for j in range(3):
-                planes[k, j], planes[k - 1, j] = planes[k - 1, j], planes[k, j]
+        while k > begin and _comes_before(planes[k], planes[k - 1]):
+            _swap(planes[k], planes[k - 1])
             k -= 1
+
+
+@macro
+def _comes_before(a, b):
+    return a.pad < b.pad or (a.pad == b.pad and a.distance < b.distance)
+
+
+@macro
+def _swap(a, b):
+    a.normal_x, b.normal_x = b.normal_x, a.normal_x
+    a.normal_y, b.normal_y = b.normal_y, a.normal_y
+    a.offset, b.offset = b.offset, a.offset
+    a.distance, b.distance = b.distance, a.distance
+    a.pad, b.pad = b.pad, a.pad
+    a.mode, b.mode = b.mode, a.mode

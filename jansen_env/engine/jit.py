@@ -12,9 +12,9 @@ import hashlib
 import logging
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numba.core.caching
@@ -22,6 +22,7 @@ import numba.core.caching
 from jansen_env.files import remove_unused, writable
 
 _config: Any = numba.config
+_njit: Any = numba.njit  # _nrt is not among its documented options
 _FunctionCache: Any = numba.core.caching.FunctionCache
 
 UNUSED = 30 * 24 * 3600.0  # s after which the folder of other sources is removed
@@ -72,7 +73,9 @@ def _cache_folder() -> str:
 
 
 FOLDER = _cache_folder()
-_told: set[str] = set()  # what has been looked at and said in this process
+NOT_KEPT = "and cannot keep it: there is no folder to write to, NUMBA_CACHE_DIR can name one"
+_log = logging.getLogger("jansen_env")
+_told: set[str] = set()  # what has been said in this process
 
 
 class _Cache(_FunctionCache):  # type: ignore[misc]
@@ -127,8 +130,7 @@ def compiled(
     """
     if function is None:
         return lambda f: compiled(f, allocates=allocates, **options)
-    chosen: dict[str, Any] = {"error_model": "numpy", "_nrt": allocates}
-    made = numba.njit(**chosen, **options)(function)
+    made = _njit(error_model="numpy", _nrt=allocates, **options)(function)
     if FOLDER and not _config.DISABLE_JIT:
         cache = _cache(function)
         if cache is not None:
@@ -136,27 +138,51 @@ def compiled(
     return made
 
 
-def announce(kernel: str) -> None:
-    """Say, once in a process, that kernels are going to be compiled if this is not on disk yet.
+def stage(function: Callable[..., Any]) -> Any:
+    """Decorator: part of compiled functions, compiled once and put into their machine code."""
+    return _njit(error_model="numpy", _nrt=False, forceinline=True)(function)
 
-    Args:
-        kernel: file and function, such as ``"integrator.advance"``.
+
+def macro(function: Callable[..., Any]) -> Any:
+    """Decorator: part of compiled functions, put into their source; for what is short or used once.
+
+    That spares the machine code in between, but its types are inferred again at every place.
     """
-    if kernel in _told or _config.DISABLE_JIT:
+    return _njit(error_model="numpy", _nrt=False, inline="always")(function)
+
+
+class Kernel(NamedTuple):
+    """A compiled function that Python calls: what it does, and arguments like those it gets."""
+
+    subject: str
+    function: Any
+    arguments: Sequence[Any]
+
+
+def prepare(*kernels: Kernel) -> None:
+    """Compile kernels for the types of their arguments, or read them from the disk.
+
+    What is not there is compiled, and it is said how far that is.
+    """
+    if _config.DISABLE_JIT:
         return
-    _told.add(kernel)
-    if not (FOLDER and any(Path(FOLDER).rglob(f"{kernel}-*.nbc"))):
-        _tell(
-            "compiling",
-            "jansen_env compiles its time step for this machine, which takes a minute or so, %s",
-            f"and keeps it in {FOLDER}"
-            if FOLDER
-            else "and cannot keep it: there is no folder to write to, NUMBA_CACHE_DIR can name one",
-        )
+    for number, (subject, function, arguments) in enumerate(kernels, start=1):
+        types = tuple(map(numba.typeof, arguments))
+        if types in function.overloads:
+            continue
+        name = f"{Path(function.py_func.__code__.co_filename).stem}.{function.py_func.__name__}"
+        if not (FOLDER and any(Path(FOLDER).rglob(f"{name}-*.nbc"))):
+            _tell(
+                "compiling",
+                "jansen_env compiles its time step for this machine, %s",
+                f"and keeps it in {FOLDER}" if FOLDER else NOT_KEPT,
+            )
+            _log.warning("jansen_env compiles %d of %d: %s", number, len(kernels), subject)
+        function.compile(types)
 
 
 def _tell(subject: str, message: str, *values: str) -> None:
     """Warn, once in a process."""
     if subject not in _told:
         _told.add(subject)
-        logging.getLogger("jansen_env").warning(message, *values)
+        _log.warning(message, *values)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from jansen_env.engine.collision import height_at
-from jansen_env.engine.jit import compiled
+from jansen_env.engine.jit import compiled, macro
 
 GRADIENT_STEP = 1e-4  # m, to either side of where a slope is measured
 WIDEST_PITCH = 0.7  # rad, tried to either side
@@ -39,7 +39,7 @@ def clearance(toes, centre, surface, x, radius, pitch):
     return min(front, rear), front, rear
 
 
-@compiled(forceinline=True)
+@macro
 def _tip(toes, centre, surface, x, radius, pitch):
     """How much higher the front toes clear the ground than the rear ones, m; +-inf for one side."""
     _, front, rear = clearance(toes, centre, surface, x, radius, pitch)

@@ -1,72 +1,55 @@
 """A compiled robot as the kernels see it: its tables, how they are read, and what a state means.
 
 The tables are those of :class:`jansen_env.dynamics.reduced.Tables`, the functions innermost, as
-a kernel reads all of them at one angle. What may differ between robots of one design is a row of
-parameters. Kernels take plain arrays only: tuples of arrays cost microseconds to pass.
+a kernel reads all of them at one angle. What may differ between robots of one design is its
+:data:`jansen_env.engine.records.PARAMS`.
 """
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.dynamics.reduced import Tables
-from jansen_env.engine.jit import compiled
+from jansen_env.engine.jit import compiled, stage
+from jansen_env.engine.records import PAD, PARAMS, Model
 
-Array = NDArray[np.float64]
-
-# Columns of a robot's row of parameters: kg, kg m^2, m, m/s^2; whether the crank keeps its speed
-# whatever torque that takes (1 or 0); the ground's friction and restitution; m; the farthest that a
-# pad gets from the centre of mass, m, and its fastest motion against that per crank speed, m; the
-# largest slope of the ground, a tangent.
-MASS, LOAD_MASS, LOAD_INERTIA, LOAD_X, LOAD_Y, GRAVITY_X, GRAVITY_Y = range(7)
-DRIVEN, FRICTION, RESTITUTION, PAD_RADIUS, LONGEST, WIDEST, STEEPEST = range(7, 14)
-PARAMETERS = 14
-# Columns of the layout of pads: row of the pads' tables, and crank phase (rad).
-TABLE, PHASE = range(2)
-# Rows of what :func:`read_body` and :func:`read_pad` fill: values, first and second derivatives.
-VALUE, SLOPE, CURVE = range(3)
+# Rows of what :func:`read_body` and :func:`read_pad` fill: value, first and second derivative.
+VALUE, FIRST, SECOND = range(3)
 # Columns of the same: functions of the body's sums, and of a pad.
 C_X, C_Y, INERTIA, COUPLING, CRANK, DAMPING = range(6)
 PAD_X, PAD_Y, PAD_ANGLE = range(3)
 BOUND = 1.1  # what lies between the angles of the tables is less than so much larger
 
 
-class Model(NamedTuple):
-    """The kernels' view of a compiled robot: see :class:`jansen_env.dynamics.reduced.Tables`."""
-
-    body: Array  # (intervals, order, 6) c_x, c_y, I, b, k, f
-    pads: Array  # (tables, intervals, order, 3) p_x, p_y, a
-    layout: Array  # (pads, 2) TABLE, PHASE
-
-
 def kernel_model(tables: Tables) -> Model:
     """The kernels' view of a compiled robot."""
+    layout = np.zeros(len(tables.layout.table), PAD)
+    layout["table"], layout["phase"] = tables.layout.table, tables.layout.phase
     return Model(
         np.ascontiguousarray(tables.body.swapaxes(-1, -2)),
         np.ascontiguousarray(tables.pads.swapaxes(-1, -2)),
-        np.column_stack([tables.layout.table, tables.layout.phase]),
+        layout,
     )
 
 
-def parameters(tables: Tables, gravity: tuple[float, float]) -> Array:
-    """(14,) the parameters of a robot with these tables, not driven, on level slippery ground."""
+def parameters(tables: Tables, gravity: tuple[float, float]) -> NDArray[np.void]:
+    """(1,) PARAMS of a robot with these tables, its crank free, on level slippery ground."""
     robot, load = tables.robot, tables.robot.payload
-    row = np.zeros(PARAMETERS)
-    row[MASS : LOAD_Y + 1] = robot.mass, load.mass, load.inertia, *load.position
-    row[GRAVITY_X : GRAVITY_Y + 1] = gravity
-    row[PAD_RADIUS] = robot.pad_radius
+    row = np.zeros(1, PARAMS)
+    row["mass"], row["load_mass"], row["load_inertia"] = robot.mass, load.mass, load.inertia
+    row["load_x"], row["load_y"] = load.position
+    row["gravity_x"], row["gravity_y"] = gravity
+    row["pad_radius"] = robot.pad_radius
     used = np.unique(tables.layout.table)
     centre = np.hypot(*tables.body[:, :2, :2].swapaxes(0, 1)).max(axis=0) / robot.mass
     pad = np.hypot(*tables.pads[used][:, :, :2, :2].transpose(2, 0, 1, 3)).max(axis=(0, 1))
-    row[LONGEST], row[WIDEST] = BOUND * (centre + pad)
-    row[LONGEST] += load.mass * np.hypot(*load.position) / robot.mass
+    row["pitch_arm"], row["crank_arm"] = BOUND * (centre + pad)
+    row["pitch_arm"] += load.mass * np.hypot(*load.position) / robot.mass
     return row
 
 
-@compiled(inline="always")
+@stage
 def locate(intervals, angle):
     """Row of a table at ``angle``, and the distance from the middle of its interval, rad."""
     width = 2.0 * np.pi / intervals
@@ -75,7 +58,7 @@ def locate(intervals, angle):
     return row, reduced - (row + 0.5) * width
 
 
-@compiled(forceinline=True)
+@stage
 def _value(table, row, f, t):
     """Taylor polynomial of function ``f`` of a table (intervals, 8, functions)."""
     c0, c1, c2, c3 = table[row, 0, f], table[row, 1, f], table[row, 2, f], table[row, 3, f]
@@ -83,29 +66,29 @@ def _value(table, row, f, t):
     return c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * (c5 + t * (c6 + t * c7))))))
 
 
-@compiled(forceinline=True)
+@stage
 def _read_motion(table, row, f, t, out):
-    """Its first and second derivatives, into out[SLOPE, f] and out[CURVE, f]."""
+    """Its first and second derivative, into out[FIRST, f] and out[SECOND, f]."""
     c1, c2, c3 = table[row, 1, f], table[row, 2, f], table[row, 3, f]
     c4, c5, c6, c7 = table[row, 4, f], table[row, 5, f], table[row, 6, f], table[row, 7, f]
-    out[SLOPE, f] = c1 + t * (
+    out[FIRST, f] = c1 + t * (
         2.0 * c2 + t * (3.0 * c3 + t * (4.0 * c4 + t * (5.0 * c5 + t * (6.0 * c6 + t * 7.0 * c7))))
     )
-    out[CURVE, f] = 2.0 * c2 + t * (
+    out[SECOND, f] = 2.0 * c2 + t * (
         6.0 * c3 + t * (12.0 * c4 + t * (20.0 * c5 + t * (30.0 * c6 + t * 42.0 * c7)))
     )
 
 
-@compiled(forceinline=True)
+@stage
 def read_body(body, psi, out):
-    """Values, slopes and curvatures of the body's sums at a crank angle, into (3, 6)."""
+    """Values and derivatives of the body's sums at a crank angle, into (3, 6)."""
     row, t = locate(body.shape[0], psi)
     for f in range(6):
         out[VALUE, f] = _value(body, row, f, t)
         _read_motion(body, row, f, t, out)
 
 
-@compiled(forceinline=True)
+@stage
 def read_pad(pads, table, psi, out):
     """Place of a pad (chassis frame, m) and angle of its body at a crank angle, into out[VALUE].
 
@@ -118,40 +101,40 @@ def read_pad(pads, table, psi, out):
     return row, t
 
 
-@compiled(forceinline=True)
+@stage
 def read_pad_motion(pads, table, row, t, out):
-    """First and second derivatives of what :func:`read_pad` read, into out[SLOPE], out[CURVE]."""
+    """First and second derivatives of what :func:`read_pad` read, into out[FIRST], out[SECOND]."""
     for f in range(3):
         _read_motion(pads[table], row, f, t, out)
 
 
-@compiled(forceinline=True)
+@stage
 def pad_place(pads, table, angle):
     """(x, y) of a pad in the chassis frame at a crank angle, m."""
     row, t = locate(pads.shape[1], angle)
     return _value(pads[table], row, PAD_X, t), _value(pads[table], row, PAD_Y, t)
 
 
-@compiled(forceinline=True)
-def centre_of_mass(body, own, psi):
+@stage
+def centre_of_mass(body, params, psi):
     """(x, y) of the centre of mass in the chassis frame at a crank angle, m, load included."""
     row, t = locate(body.shape[0], psi)
-    load, m = own[LOAD_MASS], own[MASS]
-    x = (_value(body, row, C_X, t) + load * own[LOAD_X]) / m
-    return x, (_value(body, row, C_Y, t) + load * own[LOAD_Y]) / m
+    load, m = params.load_mass, params.mass
+    x = (_value(body, row, C_X, t) + load * params.load_x) / m
+    return x, (_value(body, row, C_Y, t) + load * params.load_y) / m
 
 
 @compiled
-def to_centroid(body, own, state, sign, sums):
+def to_centroid(body, params, state, sign, sums):
     """Shift a state (8,) in place from the crank axis to the centre of mass (sign 1), or back (-1).
 
-    ``own`` is the robot's row of parameters, ``sums`` (3, 6) work space.
+    ``sums`` (3, 6) is work space.
     """
     read_body(body, state[3], sums)
-    m = own[MASS]
-    sx = (sums[VALUE, C_X] + own[LOAD_MASS] * own[LOAD_X]) / m
-    sy = (sums[VALUE, C_Y] + own[LOAD_MASS] * own[LOAD_Y]) / m
-    dx, dy = sums[SLOPE, C_X] / m, sums[SLOPE, C_Y] / m
+    m = params.mass
+    sx = (sums[VALUE, C_X] + params.load_mass * params.load_x) / m
+    sy = (sums[VALUE, C_Y] + params.load_mass * params.load_y) / m
+    dx, dy = sums[FIRST, C_X] / m, sums[FIRST, C_Y] / m
     cos, sin = np.cos(state[2]), np.sin(state[2])
     w, n = state[6], state[7]
     rx, ry = cos * sx - sin * sy, sin * sx + cos * sy
@@ -162,21 +145,27 @@ def to_centroid(body, own, state, sign, sums):
 
 
 @compiled
-def mechanical_energy(body, own, state, sums):
-    """Kinetic and potential energy of a crank-axis state, J; potential is 0 at y = 0."""
+def mechanical_energy(body, params, state, sums):
+    """Kinetic plus potential energy of a crank-axis state, J; potential is 0 at y = 0."""
     read_body(body, state[3], sums)
-    load, px, py = own[LOAD_MASS], own[LOAD_X], own[LOAD_Y]
+    load, px, py = params.load_mass, params.load_x, params.load_y
     cx, cy = sums[VALUE, C_X] + load * px, sums[VALUE, C_Y] + load * py
-    inertia = sums[VALUE, INERTIA] + load * (px * px + py * py) + own[LOAD_INERTIA]
+    inertia = sums[VALUE, INERTIA] + load * (px * px + py * py) + params.load_inertia
     cos, sin = np.cos(state[2]), np.sin(state[2])
     rx, ry = cos * cx - sin * cy, sin * cx + cos * cy
-    sx, sy = sums[SLOPE, C_X], sums[SLOPE, C_Y]
+    sx, sy = sums[FIRST, C_X], sums[FIRST, C_Y]
     dx, dy = cos * sx - sin * sy, sin * sx + cos * sy
     vx, vy, w, n = state[4], state[5], state[6], state[7]
-    kinetic = 0.5 * own[MASS] * (vx * vx + vy * vy)
+    kinetic = 0.5 * params.mass * (vx * vx + vy * vy)
     kinetic += w * (-ry * vx + rx * vy) + n * (dx * vx + dy * vy)
     kinetic += (
         0.5 * inertia * w * w + sums[VALUE, COUPLING] * w * n + 0.5 * sums[VALUE, CRANK] * n * n
     )
-    gx, gy = own[GRAVITY_X], own[GRAVITY_Y]
-    return kinetic, -gx * (own[MASS] * state[0] + rx) - gy * (own[MASS] * state[1] + ry)
+    gx, gy = params.gravity_x, params.gravity_y
+    return kinetic + (-gx * (params.mass * state[0] + rx) - gy * (params.mass * state[1] + ry))
+
+
+@compiled
+def energy(r, states, robots, body, sums):
+    """:func:`mechanical_energy` of robot ``r``; ``sums`` (3, 6) is work space."""
+    return mechanical_energy(body, robots[r].params, states[r], sums)

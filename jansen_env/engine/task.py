@@ -7,14 +7,6 @@ import math
 import numpy as np
 
 from jansen_env.engine.collision import height_at
-from jansen_env.engine.integrator import (
-    BUMPS,
-    ENERGY,
-    IMPACT_LOSS,
-    JOINT_LOSS,
-    MOTOR_WORK,
-    SLIP_LOSS,
-)
 from jansen_env.engine.jit import compiled
 
 FALLEN_PITCH = 1.2  # rad
@@ -66,27 +58,28 @@ ROW = np.dtype(
 
 @compiled
 def finish_step(
-    states, slip, force, totals, period, weights, rows, loads, reward, surface, bounds, ground, out
-):
+    states, slip, force, accumulators, period, weights, rows, loads, reward, surface, bounds,
+    ground, out,
+):  # fmt: skip
     """Reward the step of ``period`` seconds that led to ``states`` (n, 8), and :func:`describe` it.
 
     Args:
-        slip: (n, toes) m. force: (n, toes, 2) N. totals: of the plant.
+        slip: (n, toes) m. force: (n, toes, 2) N. accumulators: of the plant.
         weights: (1,) of :data:`REWARD`. rows: (n,) of :data:`ROW`.
         loads: (n, toes) normal forces / weight. reward: (n,).
         surface, bounds, ground, out: see :func:`describe`.
     """
     for r in range(len(states)):
-        row, total = rows[r], totals[r]
+        row, total = rows[r], accumulators[r]
         slipped = 0.0
         for j in range(slip.shape[1]):
             slipped += slip[r, j]
             loads[r, j] = force[r, j, 1] / row.weight
-        toes_only = total[BUMPS] <= 0.0
-        compute_reward(states[r], total[MOTOR_WORK], slipped, toes_only, period, weights[0], row)
+        toes_only = total.non_toe_impulse <= 0.0
+        compute_reward(states[r], total.motor_work, slipped, toes_only, period, weights[0], row)
         term = row.reward
         reward[r] = term.tracking + term.slip + term.energy + term.posture + term.fall
-    describe(states, totals, rows, loads, surface, bounds, ground, out)
+    describe(states, accumulators, rows, loads, surface, bounds, ground, out)
 
 
 @compiled
@@ -137,18 +130,18 @@ def tracking_score(speed, command):
 
 
 @compiled
-def describe(states, totals, rows, loads, surface, bounds, ground, out):
+def describe(states, accumulators, rows, loads, surface, bounds, ground, out):
     """Observations (n, 12 + toes) into ``out``, and information into ``rows``.
 
     Args:
-        states: (n, 8). totals: of the plant. loads: (n, toes). surface, bounds, ground: see
+        states: (n, 8). accumulators: of the plant. loads: (n, toes). surface, bounds, ground: see
             :func:`jansen_env.plants.detector.surfaces`.
     """
     for r in range(len(states)):
         begin, end = bounds[ground[r]], bounds[ground[r] + 1]
         height = states[r, 1] - height_at(surface, begin, end, states[r, 0])
         observe(states[r], height, rows[r], loads[r], out[r])
-        inform(states[r], totals[r], rows[r])
+        inform(states[r], accumulators[r], rows[r])
 
 
 @compiled
@@ -172,8 +165,8 @@ def inform(state, total, row):
     info, energy = row.info, row.energy
     info.x_position, info.pitch = state[0], state[2]
     info.crank_angle, info.crank_speed = state[3], state[7]
-    energy.motor_work, energy.joint_loss = total[MOTOR_WORK], total[JOINT_LOSS]
-    energy.slip_loss, energy.impact_loss = total[SLIP_LOSS], total[IMPACT_LOSS]
-    energy.mechanical_energy_change = total[ENERGY]
+    energy.motor_work, energy.joint_loss = total.motor_work, total.joint_loss
+    energy.slip_loss, energy.impact_loss = total.slip_loss, total.impact_loss
+    energy.mechanical_energy_change = total.energy_change
     losses = energy.joint_loss + energy.slip_loss + energy.impact_loss
     energy.residual = energy.motor_work - losses - energy.mechanical_energy_change

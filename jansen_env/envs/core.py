@@ -12,6 +12,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from jansen_env.engine.actions import take_actions
+from jansen_env.engine.jit import Kernel
 from jansen_env.envs.arguments import actions_of_each
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
@@ -212,6 +213,13 @@ class Task(ABC):
     @abstractmethod
     def close(self) -> None:
         """Let go of threads."""
+
+    def _kernels(self) -> list[Kernel]:
+        """What is compiled of any task."""
+        n = self.num_envs
+        actions, active = np.zeros((n, 1)), np.ones(n, bool)
+        arguments = actions, active, self.torque_limit, self.rows, self.torque
+        return [Kernel("actions", take_actions, arguments)]
 
     def _take_actions(self, actions: Any, active: Bools) -> None:
         """Actions (n, 1) into the rows and as torques, see :meth:`step`."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import finite, non_negative, positive, within
 from jansen_env.engine import crank_tracking as task
+from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.envs import arguments
 from jansen_env.envs.core import Bools, Information, Task
 from jansen_env.plants.fixed_base import FixedBaseBatch, FixedBasePlant, check_crank_state
@@ -92,6 +93,11 @@ class CrankTask(Task):
         self._allocate(task.ROW, spaces.Box(-high, high, dtype=np.float32))
         self._joint_force = np.zeros(1)
         self.information = self._inform()
+        prepare(
+            *self._kernels(),
+            Kernel("observation", task.describe, self._arguments_of_description()),
+            Kernel("reward", task.finish_step, self._arguments_of_step()),
+        )
 
     def _inform(self) -> Information:
         loads = {"joint_force_max": self._joint_force} if self.track_joint_forces else {}
@@ -144,10 +150,7 @@ class CrankTask(Task):
         batch = self.batch
         self._take_actions(actions, active)
         batch.step(self.torque, self._steps)
-        task.finish_step(
-            batch.states, batch.motor_work, batch.joint_loss, batch.energy_change, self.control_dt,
-            self._weights, self.rows, self.reward, self.terminated, self.observation,
-        )  # fmt: skip
+        task.finish_step(*self._arguments_of_step())
         if batch.any_diverged or self.truncated.any():
             self._truncate(batch.diverged & active)
         if self.track_joint_forces:
@@ -161,7 +164,17 @@ class CrankTask(Task):
 
     def _describe(self) -> None:
         """Fill observations and information with what is the case now."""
-        task.describe(self.batch.states, self.control_dt, self.rows, self.observation)
+        task.describe(*self._arguments_of_description())
+
+    def _arguments_of_step(self) -> tuple[Any, ...]:
+        batch = self.batch
+        return (
+            batch.states, batch.motor_work, batch.joint_loss, batch.energy_change, self.control_dt,
+            self._weights, self.rows, self.reward, self.terminated, self.observation,
+        )  # fmt: skip
+
+    def _arguments_of_description(self) -> tuple[Any, ...]:
+        return self.batch.states, self.control_dt, self.rows, self.observation
 
     def set_parameters(self, row: int, **changes: Any) -> None:
         """Change a robot's ``speed_command``, rad/s, a number or a range, of its next episodes.

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from jansen_env.checks import finite, non_negative, positive, within
 from jansen_env.dynamics.pads import pad_layout
 from jansen_env.engine import task
+from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.envs import arguments
 from jansen_env.envs.core import Bools, Information, Task
 from jansen_env.gravity import GRAVITY
@@ -122,6 +123,11 @@ class WalkerTask(Task):
             self.traceable.tracing = True
         self._joint_loads = np.zeros(2)
         self.information = self._inform()
+        prepare(
+            *self._kernels(),
+            Kernel("observation", task.describe, self._arguments_of_description()),
+            Kernel("reward", task.finish_step, self._arguments_of_step()),
+        )
 
     def _inform(self) -> Information:
         arrays = {"slip": self.batch.slip, "contact_force": self.batch.contact_force}
@@ -210,10 +216,7 @@ class WalkerTask(Task):
         self._take_actions(actions, active)
         self.rows["x_before"] = batch.states[:, 0]
         batch.step(self.torque, self._steps)
-        task.finish_step(
-            batch.states, batch.slip, batch.contact_force, batch.totals, self.control_dt,
-            self._weights, self.rows, self.loads, self.reward, *self._ground, self.observation,
-        )  # fmt: skip
+        task.finish_step(*self._arguments_of_step())
         self.elapsed += 1
         if self.terminate_when_fallen:
             self.terminated[:] = self.rows["info"]["fallen"]
@@ -227,8 +230,18 @@ class WalkerTask(Task):
 
     def _describe(self) -> None:
         """Fill observations and information with what is the case now."""
-        task.describe(
-            self.batch.states, self.batch.totals, self.rows, self.loads, *self._ground,
+        task.describe(*self._arguments_of_description())
+
+    def _arguments_of_step(self) -> tuple[Any, ...]:
+        batch = self.batch
+        return (
+            batch.states, batch.slip, batch.contact_force, batch.accumulators, self.control_dt,
+            self._weights, self.rows, self.loads, self.reward, *self._ground, self.observation,
+        )  # fmt: skip
+
+    def _arguments_of_description(self) -> tuple[Any, ...]:
+        return (
+            self.batch.states, self.batch.accumulators, self.rows, self.loads, *self._ground,
             self.observation,
         )  # fmt: skip
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import finite, positive, positive_integer, whole_number
 from jansen_env.dynamics.joint_forces import CORNERS, JointForces, corner_name
-from jansen_env.engine import integrator
 from jansen_env.engine.task import FALLEN_PITCH
 from jansen_env.plants.base import StepResult
 from jansen_env.plants.projected import ProjectionPlant
@@ -185,7 +184,7 @@ def walking_torque(
         fallen = fallen or _fallen(plant, plant.step(0.0, period))
         if fallen:
             break
-        psi, torque = plant.trace[:, integrator.POSE + 3], plant.trace[:, integrator.TORQUE]
+        psi, torque = plant.trace["pose"][:, 3], plant.trace["torque"]
         index = (psi % (2.0 * math.pi) / (2.0 * math.pi) * bins).astype(int) % bins
         count = np.bincount(index, minlength=bins)
         rows.append(np.bincount(index, torque, minlength=bins) / np.maximum(count, 1))
@@ -246,7 +245,7 @@ def walking_ripple(robot: Robot, torque: float, duration: float = 20.0) -> Rippl
         fell = _fallen(plant, plant.step(torque, 0.1))
         if fell:
             break
-        speeds.append(plant.trace[:, integrator.AFTER + 3])
+        speeds.append(plant.trace["velocity_after"][:, 3])
     return Ripple.of(np.concatenate(speeds[len(speeds) // 2 :]), fell)
 
 

@@ -59,7 +59,7 @@ class BatchedPlant(Protocol):
 
     Attributes:
         states: (n, 8), see :class:`Plant`; to be read.
-        slip, contact_force, totals, joint_gap, diverged: (n, ...) of the last step.
+        slip, contact_force, accumulators, joint_gap, diverged: (n, ...) of the last step.
         any_diverged: whether one has.
     """
 
@@ -69,7 +69,7 @@ class BatchedPlant(Protocol):
     time_step: float
     slip: Array
     contact_force: Array
-    totals: Array
+    accumulators: NDArray[np.void]
     joint_gap: Array
     diverged: NDArray[np.bool_]
     any_diverged: bool
@@ -83,7 +83,7 @@ class BatchedPlant(Protocol):
         ...
 
     def place(self, row: int, crank_angle: float) -> None:
-        """Place a robot at rest; its slip, forces and totals are those of its next time step."""
+        """Place a robot at rest; slip, forces and sums are those of its next time step."""
         ...
 
     def step(self, torque: Array, steps: int) -> None:

@@ -15,24 +15,16 @@ from numpy.typing import ArrayLike, NDArray
 from jansen_env.checks import finite, positive, positive_integer
 from jansen_env.dynamics.reduced import body_sums, compile_robot
 from jansen_env.engine import integrator
-from jansen_env.engine.collision import MARGIN, PAD, STEPS_LEFT
+from jansen_env.engine.collision import SPECULATIVE_MARGIN
 from jansen_env.engine.contact_means import contact_means
-from jansen_env.engine.jit import announce
-from jansen_env.engine.tables import (
-    DRIVEN,
-    FRICTION,
-    GRAVITY_X,
-    GRAVITY_Y,
-    RESTITUTION,
-    STEEPEST,
-    kernel_model,
-    mechanical_energy,
-    parameters,
-)
+from jansen_env.engine.contact_solver import problem, search
+from jansen_env.engine.jit import Kernel, prepare
+from jansen_env.engine.records import CONTACT_STATISTICS, ROBOT
+from jansen_env.engine.tables import energy, kernel_model, parameters
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.plants.base import check_time_step
 from jansen_env.plants.detector import ContactDetector
-from jansen_env.plants.initial_pose import set_down
+from jansen_env.plants.initial_pose import prepare_placement, set_down
 from jansen_env.plants.trace import landings, pads_pressed
 from jansen_env.robot import Payload, Robot
 from jansen_env.terrain import Terrain
@@ -45,7 +37,12 @@ PITCHES = 256  # at which it is known how deep the bumpers reach
 PLANES_PER_PAD = 4  # kept of a robot, on average over its pads
 PLACEMENT_ROUNDS = 3  # Newton steps of lowering a robot onto the ground
 PLACEMENT_DEPTH = 1e-9  # m, by which it is placed in the ground: its toes carry at once
-CHANGING = ("states", "parameters", "totals", "record", "slip", "contact_force", "diverged")
+RESULTS = ("states", "accumulators", "contact_statistics", "slip", "contact_force")
+CHANGING = (*RESULTS, "params", "diverged")
+NOT_THE_ROBOT = (
+    "gravity_x", "gravity_y", "prescribed_speed", "friction", "restitution", "steepest"
+)  # fmt: skip
+"""Parameters that are not the robot's own."""
 ROBOTS_PER_THREAD = 16  # at least, or starting a thread takes longer than it saves
 ROBOTS_AT_A_TIME = 32  # at most, moved by a thread before it takes the next ones
 
@@ -66,15 +63,15 @@ class Batch:
         robots, terrains: what walks where.
         states: (n, 8) x, y, theta, psi and their rates; x, y the crank axis, m, rad, s.
         model: the robots' tables, see :mod:`jansen_env.engine.tables`.
-        parameters: (n, 14) what may differ between them, see :mod:`jansen_env.engine.tables`.
-        totals: (n, 9), record: (n, pads, 3) sums over the last :meth:`step`, see
-            :func:`jansen_env.engine.integrator.advance`.
+        params: (n,) PARAMS, what may differ between them; accumulators: (n,) ACCUMULATORS and
+            contact_statistics: (n, pads) CONTACT_STATISTICS, sums over the last :meth:`step`; see
+            :mod:`jansen_env.engine.records`.
         slip: (n, toes) path each toe slid while loaded, m, and contact_force: (n, toes, 2) mean
             tangential and normal force on each toe, N, over the last :meth:`step`.
         joint_gap: (n,) the widest gap of any joint, m: these cannot open, 0.
         diverged: (n,) whether the last :meth:`step` was refused, see there.
         tracing: whether :meth:`step` keeps a record of the first robot's time steps: its
-            :attr:`trace`, (steps, columns) named in :mod:`jansen_env.engine.integrator`, and
+            :attr:`trace`, (steps,) of :func:`jansen_env.engine.integrator.trace_dtype`, and
             :attr:`touchdowns`, (steps,) whether a pad touched down in each.
         in_contact: (pads,) the first robot's pads on the ground, as traced last; None where that is
             not known. It says what touches down next, and nothing else.
@@ -93,7 +90,6 @@ class Batch:
         detection_interval: float = DETECTION_INTERVAL,
         threads: int | None = None,
     ) -> None:
-        announce("integrator.advance")
         self.robots, self.terrains = list(robots), list(terrains)
         self._arguments = (time_step, gravity, detection_interval, threads)
         if len(robots) != len(terrains) or not robots:
@@ -113,23 +109,25 @@ class Batch:
         self.toes, pads = self.tables.layout.toes, len(self.model.layout)
         vector = gravity_vector(gravity)
         rows = {id(robot): parameters(compile_robot(robot), vector) for robot in different}
-        self.parameters = np.array([rows[id(robot)] for robot in robots])
-        self.parameters[:, FRICTION] = [terrain.friction for terrain in terrains]
-        self.parameters[:, RESTITUTION] = [terrain.restitution for terrain in terrains]
-        self.parameters[:, STEEPEST] = [terrain.steepest for terrain in terrains]
-        capacity = PLANES_PER_PAD * pads
-        self.detector = ContactDetector(terrains, self.toes, robots[0].pad_radius, capacity)
-        self._depths = self._bumper_depths(robots[0].pad_radius + MARGIN)
         n = len(robots)
+        self._robots = np.zeros(n, ROBOT)
+        self.params, self.accumulators = self._robots["params"], self._robots["accumulators"]
+        self.params[:] = np.concatenate([rows[id(robot)] for robot in robots])
+        self.params["friction"] = [terrain.friction for terrain in terrains]
+        self.params["restitution"] = [terrain.restitution for terrain in terrains]
+        self.params["steepest"] = [terrain.steepest for terrain in terrains]
+        capacity, radius = PLANES_PER_PAD * pads, robots[0].pad_radius
+        self.detector = ContactDetector(self._robots, terrains, self.toes, radius, capacity)
+        self._depths = self._non_toe_depths(radius + SPECULATIVE_MARGIN)
         self.states = np.zeros((n, 8))
-        self.totals = np.zeros((n, integrator.TOTALS))
-        self.record = np.zeros((n, pads, integrator.RECORD))
+        self.contact_statistics = np.zeros((n, pads), CONTACT_STATISTICS)
         self.slip, self.contact_force = np.zeros((n, self.toes)), np.zeros((n, self.toes, 2))
         self.joint_gap = np.zeros(n)
         self.diverged = np.zeros(n, bool)
         self.any_diverged = False
         self.tracing = False
-        self.trace = self._no_trace = np.zeros((0, integrator.trace_width(pads)))
+        self._no_trace: NDArray[Any] = np.zeros(0, integrator.trace_dtype(pads))
+        self.trace = self._no_trace
         self.touchdowns = np.zeros(0, bool)
         self.in_contact: NDArray[np.bool_] | None = None
         self._scratch: dict[Any, Batch] = {}  # by the shape of the ground
@@ -138,11 +136,27 @@ class Batch:
         self._shares = [(first, min(first + size, n)) for first in range(0, n, size)]
         self._work: list[tuple[Any, ...]] = [integrator.work_space(capacity) for _ in range(count)]
         self._pool: tuple[int, ThreadPoolExecutor] | None = None
+        self._sums = np.empty((3, 6))
+        prepare_placement(robots[0], terrains[0])
+        prepare(*self._kernels())
 
-    def _bumper_depths(self, margin: float) -> Array:
-        """How far below the axis a bumper may feel the ground, m, by pitch over one turn.
+    def _kernels(self) -> list[Kernel]:
+        """What is compiled of a batch."""
+        step = self._arguments_of_advance(
+            0, 0, True, 0, np.zeros(1), _plain(self._no_trace), self._work[0]
+        )
+        return [
+            *self.detector.kernels(self.states, self.model, self._depths),
+            Kernel("energy", energy, (0, self.states, self._robots, self.model.body, self._sums)),
+            Kernel("contact solver", search, (2, problem(2), 0.0, 0.0)),
+            Kernel("time step", integrator.advance, step),
+            Kernel("contact forces", contact_means, self._arguments_of_means(1)),
+        ]
 
-        The last entry is the largest of all.
+    def _non_toe_depths(self, margin: float) -> Array:
+        """How far below the axis a pad that is no toe may feel the ground, m, by pitch.
+
+        Over one turn; the last entry is the largest of all.
         """
         rows = np.unique(self.tables.layout.table[self.toes :])
         x, y = self.tables.pads[rows][:, :, :2, 0].reshape(-1, 2).T
@@ -155,38 +169,38 @@ class Batch:
     def set_payload(self, row: int, payload: Payload) -> None:
         """Change what a robot carries."""
         robot = self.robots[row] = replace(self.robots[row], payload=payload)
-        kept = self.parameters[row].copy()
-        self.parameters[row] = parameters(compile_robot(robot), (0.0, 0.0))
-        where = [GRAVITY_X, GRAVITY_Y, DRIVEN, FRICTION, RESTITUTION, STEEPEST]
-        self.parameters[row, where] = kept[where]
+        kept = self.params[row].copy()
+        self.params[row] = parameters(compile_robot(robot), (0.0, 0.0))[0]
+        for name in NOT_THE_ROBOT:
+            self.params[name][row] = kept[name]
 
     @property
     def friction(self) -> Array:
         """(n,) Coulomb coefficients between robots' pads and their grounds, a copy."""
-        return self.parameters[:, FRICTION].copy()
+        return self.params["friction"].copy()
 
     @property
     def restitution(self) -> Array:
         """(n,) Newton's coefficients of restitution between pads and grounds, a copy."""
-        return self.parameters[:, RESTITUTION].copy()
+        return self.params["restitution"].copy()
 
     def set_friction(self, row: int, friction: float) -> None:
         """Change the Coulomb coefficient between a robot's pads and its ground."""
-        self.parameters[row, FRICTION] = friction
+        self.params["friction"][row] = friction
 
     def set_restitution(self, row: int, restitution: float) -> None:
         """Change Newton's coefficient of restitution between a robot's pads and its ground."""
-        self.parameters[row, RESTITUTION] = restitution
+        self.params["restitution"][row] = restitution
 
     def place(self, row: int, crank_angle: float) -> None:
         """Place a robot at rest at x = 0, see :meth:`place_first`.
 
-        :attr:`totals`, :attr:`slip` and so on then have what its next time step would do.
+        :attr:`accumulators`, :attr:`slip` and so on then have what its next time step would do.
         """
         if len(self.states) > 1:
             scratch = self.scratch(row)
             scratch.place(0, crank_angle)
-            for name in ("states", "totals", "record", "slip", "contact_force"):
+            for name in RESULTS:
                 getattr(self, name)[row] = getattr(scratch, name)[0]
         else:
             self.place_first(0.0, crank_angle)
@@ -210,10 +224,10 @@ class Batch:
         y, theta = set_down(robot, centre, self.terrains[0], x, crank_angle, pitch)
         self.set_state(0, (x, y, theta, crank_angle, 0.0, 0.0, 0.0, 0.0))
         for _ in range(PLACEMENT_ROUNDS):  # to the true gap, where the ground is not straight
-            planes, pad, centres = self.contact_planes()
-            if len(pad):
-                gap = (planes[:, :2] * centres[pad]).sum(axis=1) - planes[:, 2]
-                state[1] -= ((gap - robot.pad_radius) / planes[:, 1]).min()
+            planes, normals, centres = self.contact_planes()
+            if len(planes):
+                gap = (normals * centres[planes["pad"]]).sum(axis=1) - planes["offset"]
+                state[1] -= ((gap - robot.pad_radius) / normals[:, 1]).min()
         state[1] -= PLACEMENT_DEPTH
 
     def scratch(self, row: int) -> Batch:
@@ -224,7 +238,7 @@ class Batch:
             batch = Batch([robot], [terrain], *self._arguments[:-1], threads=1)
             self._scratch[terrain.points] = batch
         batch.robots[0] = robot
-        batch.parameters[0] = self.parameters[row]
+        batch.params[0] = self.params[row]
         batch.set_state(0, self.states[row])
         return batch
 
@@ -242,12 +256,12 @@ class Batch:
         if row == 0:
             self.in_contact = None
 
-    def contact_planes(self) -> tuple[Array, NDArray[np.int64], Array]:
-        """Of the first robot: planes (k, 3), the pad that each is for (k,), centres of the pads."""
-        self.look()
-        begin, end = self.detector.spans[0].tolist()
-        pads = self.detector.contacts[begin:end, PAD]
-        return self.detector.planes[begin:end], pads, self.detector.centres
+    def contact_planes(self) -> tuple[NDArray[np.void], Array, Array]:
+        """Of the first robot: planes (k,), their normals (k, 2), and the centres of the pads."""
+        self.detect()
+        planes = self.detector.planes_of(0)
+        normals = np.stack([planes["normal_x"], planes["normal_y"]], axis=1)
+        return planes, normals, self.detector.centres
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:
         """(toes, 2) points of the ground nearest to each toe's pad and its tangents there.
@@ -257,31 +271,27 @@ class Batch:
         if len(self.states) > 1:
             return self.scratch(row).contact_frames(0)
         radius = self.robots[0].pad_radius
-        planes, pads, centres = self.contact_planes()
+        planes, normals, centres = self.contact_planes()
         points = centres[: self.toes] - np.array([0.0, radius])
         tangents = np.tile([1.0, 0.0], (self.toes, 1))
-        for plane, pad in zip(planes[::-1], pads[::-1], strict=True):  # a pad's nearest comes last
+        backwards = zip(normals[::-1], planes["pad"][::-1], strict=True)
+        for normal, pad in backwards:  # a pad's nearest comes last
             if pad < self.toes:
-                normal = plane[:2]
                 points[pad] = centres[pad] - radius * normal
                 tangents[pad] = normal[1], -normal[0]
         return points, tangents
 
     def energy(self, row: int) -> float:
         """Kinetic plus potential energy of a robot, J (potential 0 with its mass at y = 0)."""
-        kinetic, potential = mechanical_energy(
-            self.model.body, self.parameters[row], self.states[row], np.empty((3, 6))
-        )
-        return float(kinetic + potential)
+        return float(energy(row, self.states, self._robots, self.model.body, self._sums))
 
-    def look(self, moving_only: bool = False) -> bool:
-        """Find the ground where the robots are now; bumpers look where they may reach it.
+    def detect(self, moving_only: bool = False) -> bool:
+        """Find the ground where the robots are now.
 
-        Args, returns: see :meth:`jansen_env.plants.detector.ContactDetector.look`.
+        Args, returns: see :meth:`jansen_env.plants.detector.ContactDetector.detect`.
         """
-        _, pads, layout = self.model
-        return self.detector.look(
-            self.states, self.parameters, pads, layout, self._depths, self.time_step, moving_only
+        return self.detector.detect(
+            self.states, self.model, self._depths, self.time_step, moving_only
         )
 
     def step(self, torque: Array, steps: int) -> None:
@@ -289,35 +299,38 @@ class Batch:
 
         A robot that becomes faster than :data:`jansen_env.engine.integrator.DIVERGED`, or
         gets so deep into the ground that it is not found, stays as it was before, without
-        entries in :attr:`totals` and :attr:`record`, and is named in :attr:`diverged`.
-        The others go on.
+        entries in :attr:`accumulators` and :attr:`contact_statistics`, and is named in
+        :attr:`diverged`. The others go on.
         """
         before = self.states.copy()
         if self.any_diverged:
             self.diverged[:] = self.any_diverged = False
-            self.detector.status[:, STEPS_LEFT] = 0
-        trace = np.empty((steps, self._no_trace.shape[1])) if self.tracing else self._no_trace
+            self._robots["status"]["steps_left"] = 0
+        trace: NDArray[Any] = self._no_trace
+        if self.tracing:
+            trace = np.empty(steps, trace.dtype)
+        plain = _plain(trace)
         done = 0
         while done < steps:
             count = min(self._stride, steps - done)
-            rows = trace[done : done + count]
-            if self.look():
+            rows = plain[done : done + count]
+            if self.detect():
                 self._refuse(before)
             finished = self._advance(done == 0, count, torque, rows)
             while not finished:  # fast robots need planes found several times
-                if (self.detector.status[:, STEPS_LEFT] < 0).any():
+                if (self._robots["status"]["steps_left"] < 0).any():
                     self._refuse(before)
-                if self.look(moving_only=True):
+                if self.detect(moving_only=True):
                     self._refuse(before)
                 finished = self._advance(False, 0, torque, rows)
             done += count
         if self.any_diverged:
-            self.totals[self.diverged] = 0.0
-            self.record[self.diverged] = 0.0
-        contact_means(self.record, steps * self.time_step, self.slip, self.contact_force)
+            self.accumulators[self.diverged] = 0.0
+            self.contact_statistics[self.diverged] = 0.0
+        contact_means(*self._arguments_of_means(steps))
         self._keep_trace(trace)
 
-    def _keep_trace(self, trace: Array) -> None:
+    def _keep_trace(self, trace: NDArray[np.void]) -> None:
         """Keep the trace of a step (no rows: of none), unless the first robot has diverged."""
         if self.any_diverged and self.diverged[0]:
             self.trace, self.touchdowns = self._no_trace, np.zeros(0, bool)
@@ -331,27 +344,22 @@ class Batch:
 
     def _refuse(self, before: Array) -> None:
         """Leave the robots that have diverged as they were before the step."""
-        left, _, too_deep = self.detector.status.T
-        left[too_deep > 0] = -1
-        self.diverged |= left < 0
+        status = self._robots["status"]
+        status["steps_left"][status["too_deep"]] = -1
+        self.diverged |= status["steps_left"] < 0
         self.states[self.diverged] = before[self.diverged]
         self.any_diverged = True
 
     def _advance(self, fresh: bool, steps: int, torque: Array, trace: Array) -> bool:
         """:func:`jansen_env.engine.integrator.advance` of all robots, on all threads."""
-        detector = self.detector
-        common: tuple[Any, ...] = (
-            fresh, steps, self.time_step, torque, self.states, self.parameters,
-            *self.model,
-            detector.spans, detector.planes, detector.contacts, detector.status,
-        )  # fmt: skip
-        out: tuple[Any, ...] = (self.totals, self.record, self.toes, trace)
         shares = iter(self._shares)
 
         def work(memory: tuple[Any, ...]) -> bool:
             finished = True
             for share in shares:  # each thread takes the next one
-                finished &= integrator.advance(*share, *common, *memory, *out)
+                finished &= integrator.advance(
+                    *self._arguments_of_advance(*share, fresh, steps, torque, trace, memory)
+                )
             return finished
 
         waiting = [self._threads().submit(work, memory) for memory in self._work[1:]]
@@ -360,6 +368,19 @@ class Batch:
         finally:  # whatever happens here, nothing goes on in the background
             others = [future.result() for future in waiting]
         return finished and all(others)
+
+    def _arguments_of_advance(
+        self, first: int, last: int, fresh: bool, steps: int, torque: Array, trace: Array,
+        memory: tuple[Any, ...],
+    ) -> tuple[Any, ...]:  # fmt: skip
+        return (
+            first, last, fresh, steps, self.time_step, torque, self.states, self._robots,
+            *self.model, self.detector.planes, *memory, self.contact_statistics, self.toes, trace,
+        )  # fmt: skip
+
+    def _arguments_of_means(self, steps: int) -> tuple[Any, ...]:
+        elapsed = steps * self.time_step
+        return self.contact_statistics, elapsed, self.slip, self.contact_force
 
     def __getstate__(self) -> dict[str, Any]:
         """The arguments, and what has become of them: everything else is made again from them."""
@@ -384,6 +405,11 @@ class Batch:
         if self._pool is None or self._pool[0] != os.getpid():
             self._pool = os.getpid(), ThreadPoolExecutor(len(self._work) - 1, "jansen")
         return self._pool[1]
+
+
+def _plain(trace: NDArray[np.void]) -> Array:
+    """A trace as plain numbers (steps, numbers)."""
+    return trace.view(float).reshape(len(trace), trace.dtype.itemsize // 8)
 
 
 def _threads(robots: int, threads: int | None) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.engine import integrator
+from jansen_env.engine.records import ROBOT
 from jansen_env.plants.base import Plant, StepResult
 
 Array = NDArray[np.float64]
@@ -19,7 +19,7 @@ class BatchOfOne:
         self.robots, self.terrains = [plant.robot], [plant.terrain]
         self.toes, self.time_step = plant.toes, plant.time_step
         self.slip, self.contact_force = np.zeros((1, self.toes)), np.zeros((1, self.toes, 2))
-        self.totals, self.joint_gap = np.zeros((1, integrator.TOTALS)), np.zeros(1)
+        self.accumulators, self.joint_gap = np.zeros(1, ROBOT)["accumulators"], np.zeros(1)
         self.diverged, self.any_diverged = np.zeros(1, bool), False
 
     @property
@@ -50,17 +50,20 @@ class BatchOfOne:
         try:
             self._keep(self._plant.step(float(torque[0]), steps * self.time_step))
         except FloatingPointError:
-            self.totals[:] = self.slip[:] = self.contact_force[:] = self.joint_gap[:] = 0.0
+            self.accumulators[:] = 0.0
+            self.slip[:] = self.contact_force[:] = self.joint_gap[:] = 0.0
             self.diverged[:] = self.any_diverged = True
 
     def _keep(self, result: StepResult) -> None:
         self.diverged[:] = self.any_diverged = False
         self.slip[0], self.contact_force[0] = result.slip, result.contact_force
         self.joint_gap[0] = result.joint_gap
-        self.totals[0] = (
-            result.motor_work, result.joint_loss, result.slip_loss, result.impact_loss,
-            result.residual, float(result.bumped), 0.0, result.energy_change, result.contact_gain,
-        )  # fmt: skip
+        sums = self.accumulators
+        sums["non_toe_impulse"], sums["worst_residual"] = float(result.bumped), result.residual
+        for name in (
+            "motor_work", "joint_loss", "slip_loss", "impact_loss", "energy_change", "contact_gain"
+        ):  # fmt: skip
+            sums[name] = getattr(result, name)
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:
         """See :meth:`jansen_env.plants.base.Plant.contact_frames`."""

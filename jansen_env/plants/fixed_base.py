@@ -11,7 +11,7 @@ from jansen_env.checks import finite, non_negative, positive
 from jansen_env.dynamics.joint_forces import JointForces, joint_forces
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.engine import runge_kutta
-from jansen_env.engine.jit import announce
+from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.engine.tables import kernel_model, parameters
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import check_time_step
@@ -39,22 +39,25 @@ class FixedBaseBatch:
     def __init__(
         self, robot: Robot, count: int = 1, time_step: float = 1e-3, gravity: float = GRAVITY
     ) -> None:
-        announce("runge_kutta.turn")
         self.robot = robot
         self.time_step = check_time_step(time_step)
         self.gravity = non_negative("gravity", gravity)
         tables = compile_robot(robot)
         self._body = kernel_model(tables).body
-        self._parameters = parameters(tables, (0.0, -self.gravity))
+        self._params = parameters(tables, (0.0, -self.gravity))
         self._rows = np.zeros((count, 3))  # states, and what the joints have taken in the step
         self.states = self._rows[:, : runge_kutta.LOSS]
         self.motor_work, self.joint_loss, self.energy_change = np.zeros((3, count))
         self.diverged, self.any_diverged = np.zeros(count, bool), False
+        prepare(
+            Kernel("energy", runge_kutta.fixed_base_energy, (self._body, self._params, 0.0, 0.0)),
+            Kernel("crank", runge_kutta.turn_each, self._arguments_of_turn(np.zeros(count), 0)),
+        )
 
     def energy(self, row: int) -> float:
         """Kinetic plus potential energy of a robot, J (0 potential: mass centre at the axis)."""
         state = self.states[row].tolist()
-        return float(sum(runge_kutta.pinned_energy(self._body, self._parameters, *state)))
+        return float(sum(runge_kutta.fixed_base_energy(self._body, self._params, *state)))
 
     def step(self, torque: Array, steps: int) -> None:
         """Hold crank torques (n,), N m, for some time steps.
@@ -62,8 +65,11 @@ class FixedBaseBatch:
         A crank that becomes faster than :data:`jansen_env.engine.runge_kutta.DIVERGED` stays as it
         was, and is named in :attr:`diverged`.
         """
-        self.any_diverged = runge_kutta.turn_each(
-            steps, self.time_step, torque, self._rows, self._body, self._parameters,
+        self.any_diverged = runge_kutta.turn_each(*self._arguments_of_turn(torque, steps))
+
+    def _arguments_of_turn(self, torque: Array, steps: int) -> tuple[Any, ...]:
+        return (
+            steps, self.time_step, torque, self._rows, self._body, self._params,
             self.motor_work, self.joint_loss, self.energy_change, self.diverged,
         )  # fmt: skip
 

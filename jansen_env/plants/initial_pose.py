@@ -8,12 +8,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.checks import finite
+from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.engine.placement import clearance, level_pitch
 from jansen_env.kinematics import T, joint_positions
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
+
+
+def prepare_placement(robot: Robot, terrain: Terrain) -> None:
+    """Compile what :func:`set_down` needs."""
+    toes, centre, surface = np.zeros((len(robot.legs), 2)), np.zeros(2), terrain.polyline
+    common = toes, centre, surface, 0.0, robot.pad_radius
+    prepare(
+        Kernel("clearance", clearance, (*common, 0.0)), Kernel("level pitch", level_pitch, common)
+    )
 
 
 def set_down(
@@ -44,7 +54,7 @@ def set_down(
     # A back leg mirrors a fore leg whose crank is mirrored.
     back = np.array([leg.side == "back" for leg in robot.legs])
     angles = crank_angle + np.array([leg.phase for leg in robot.legs])
-    toes = joint_positions(robot, "fore", np.where(back, math.pi - angles, angles))[:, T]
+    toes = joint_positions(robot, "fore", np.where(back, math.pi - angles, angles))[:, T].copy()
     toes[back, 0] *= -1.0
     surface, radius = terrain.polyline, robot.pad_radius
     if pitch is None:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from jansen_env.checks import positive
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.reduced import Tables, compile_robot
-from jansen_env.engine.tables import DRIVEN, GRAVITY_X, GRAVITY_Y
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.plants.base import StepResult, check_pressed, check_state, divergence
 from jansen_env.plants.batch import DETECTION_INTERVAL, TIME_STEP, Batch
@@ -79,21 +78,22 @@ class ProjectionPlant:
     @property
     def gravity(self) -> tuple[float, float]:
         """(x, y) m/s^2."""
-        row = self.batch.parameters[0]
-        return float(row[GRAVITY_X]), float(row[GRAVITY_Y])
+        params = self.batch.params[0]
+        return float(params["gravity_x"]), float(params["gravity_y"])
 
     @gravity.setter
     def gravity(self, value: Gravity) -> None:
-        self.batch.parameters[0, [GRAVITY_X, GRAVITY_Y]] = gravity_vector(value)
+        params = self.batch.params
+        params["gravity_x"], params["gravity_y"] = gravity_vector(value)
 
     @property
     def crank_driven(self) -> bool:
         """Whether the crank keeps its speed whatever torque that takes: locked, if it stands."""
-        return bool(self.batch.parameters[0, DRIVEN])
+        return bool(self.batch.params["prescribed_speed"][0])
 
     @crank_driven.setter
     def crank_driven(self, driven: bool) -> None:
-        self.batch.parameters[0, DRIVEN] = bool(driven)
+        self.batch.params["prescribed_speed"] = bool(driven)
 
     @property
     def pressed(self) -> NDArray[np.bool_] | None:
@@ -106,7 +106,7 @@ class ProjectionPlant:
 
     @pressed.setter
     def pressed(self, value: Any) -> None:
-        self.batch.in_contact = check_pressed(value, len(self.batch.record[0]))
+        self.batch.in_contact = check_pressed(value, len(self.batch.contact_statistics[0]))
 
     @property
     def tracing(self) -> bool:
@@ -118,10 +118,10 @@ class ProjectionPlant:
         self.batch.tracing = bool(value)
 
     @property
-    def trace(self) -> Array:
-        """(steps, columns) what each time step of the last :meth:`step` or :meth:`peek` did.
+    def trace(self) -> NDArray[np.void]:
+        """(steps,) what each time step of the last :meth:`step` or :meth:`peek` did.
 
-        Columns as named in :mod:`jansen_env.engine.integrator`; no rows unless :attr:`tracing`.
+        See :func:`jansen_env.engine.integrator.trace_dtype`; no rows unless :attr:`tracing`.
         """
         return self.batch.trace
 
@@ -166,18 +166,18 @@ class ProjectionPlant:
         batch = self.batch
         if batch.any_diverged:
             raise divergence(batch.states[0], torque)
-        motor, joints, slip, impact, residual, bumps, _, change, gain = batch.totals[0].tolist()
+        sums = batch.accumulators[0]
         return StepResult(
             slip=batch.slip[0].copy(),
             contact_force=batch.contact_force[0].copy(),
-            motor_work=motor,
-            joint_loss=joints,
-            slip_loss=slip,
-            impact_loss=impact,
-            energy_change=change,
-            bumped=bumps > 0.0,
-            residual=residual,
-            contact_gain=gain,
+            motor_work=float(sums["motor_work"]),
+            joint_loss=float(sums["joint_loss"]),
+            slip_loss=float(sums["slip_loss"]),
+            impact_loss=float(sums["impact_loss"]),
+            energy_change=float(sums["energy_change"]),
+            bumped=bool(sums["non_toe_impulse"] > 0.0),
+            residual=float(sums["worst_residual"]),
+            contact_gain=float(sums["contact_gain"]),
         )
 
     def joint_forces(self, torque: float = 0.0) -> JointForces:

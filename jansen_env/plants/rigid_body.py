@@ -34,7 +34,7 @@ from jansen_env.plants.base import (
     divergence,
 )
 from jansen_env.plants.bodies import CHASSIS, SHAFT
-from jansen_env.plants.initial_pose import set_down
+from jansen_env.plants.initial_pose import prepare_placement, set_down
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
@@ -93,6 +93,7 @@ class RigidBodyPlant:
         self._friction = links.joint_friction(robot)
         first, last = terrain.polyline[[0, -1], 0].tolist()
         self._ends = first + BEFORE_END, last - BEFORE_END
+        prepare_placement(robot, terrain)
         self._build(np.zeros(8))
 
     def _build(self, state: Array) -> None:

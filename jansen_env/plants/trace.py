@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from jansen_env.dynamics.joint_forces import JointForces, joint_forces
 from jansen_env.dynamics.reduced import Tables, body_sums
-from jansen_env.engine import integrator
 from jansen_env.gravity import GRAVITY, Gravity
 
 Array = NDArray[np.float64]
@@ -30,9 +29,9 @@ class PeakLoads(NamedTuple):
 
 
 def trace_forces(
-    tables: Tables, trace: Array, time_step: float, gravity: Gravity = GRAVITY
+    tables: Tables, trace: NDArray[np.void], time_step: float, gravity: Gravity = GRAVITY
 ) -> JointForces:
-    """Mean joint forces of each time step in a trace (steps, columns) of the projection plant.
+    """Mean joint forces of each time step in a trace (steps,) of the projection plant.
 
     Positions are those of the middle of the step, accelerations the change of velocity over it,
     contact forces its impulses / ``time_step``: what the time step itself balances.
@@ -42,9 +41,9 @@ def trace_forces(
     """
     if len(trace) == 0:
         raise ValueError("the trace has no rows, set the plant's tracing before its step()")
-    pose = trace[:, integrator.POSE : integrator.POSE + 4]
-    before = trace[:, integrator.BEFORE : integrator.BEFORE + 4]
-    after = trace[:, integrator.AFTER : integrator.AFTER + 4]
+    pose = trace["pose"]
+    before = trace["velocity_before"]
+    after = trace["velocity_after"]
     speed, acceleration = 0.5 * (before + after), (after - before) / time_step
     q, q_dot, q_ddot = pose.copy(), speed.copy(), acceleration.copy()
     # From the centre of mass, Y, to the crank axis: Y = X + R s(psi), differentiated twice.
@@ -64,15 +63,15 @@ def trace_forces(
     q[:, :2] -= s
     q_dot[:, :2] -= w * left(s) + n * ds
     q_ddot[:, :2] -= w_dot * left(s) - w * w * s + n_dot * ds + n * n * dds + 2 * w * n * left(ds)
-    contact = trace[:, integrator.IMPULSES :].reshape(len(trace), -1, 3) / time_step
+    contact = trace["impulses"] / time_step
     return joint_forces(tables.robot, q, q_dot, contact=contact, q_ddot=q_ddot, gravity=gravity)
 
 
-def landings(trace: Array, pressed: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
+def landings(trace: NDArray[np.void], pressed: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
     """(steps,) whether a pad that was free one time step before is pressed on the ground.
 
     Args:
-        trace: (steps, columns). pressed: (pads,) the pads pressed just before it; None where that
+        trace: (steps,). pressed: (pads,) the pads pressed just before it; None where that
             is not known: a state that was set may have to stop at once, so that every pad pressed
             in the first time step counts as landing.
     """
@@ -81,10 +80,9 @@ def landings(trace: Array, pressed: NDArray[np.bool_] | None) -> NDArray[np.bool
     return np.asarray((now & ~np.concatenate([first, now[:-1]])).any(axis=1))
 
 
-def pads_pressed(trace: Array) -> NDArray[np.bool_]:
+def pads_pressed(trace: NDArray[np.void]) -> NDArray[np.bool_]:
     """(steps, pads) whether the ground pushed a pad."""
-    impulses = trace[:, integrator.IMPULSES :].reshape(len(trace), -1, 3)
-    return np.asarray((impulses != 0.0).any(axis=2))
+    return np.asarray((trace["impulses"] != 0.0).any(axis=2))
 
 
 def peak_loads(size: Array, landing: NDArray[np.bool_], time_step: float) -> PeakLoads:

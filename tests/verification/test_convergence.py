@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from jansen_env import Robot, Terrain
-from jansen_env.engine import integrator
 from jansen_env.plants.projected import ProjectionPlant
 
 SUNK = 1e-5  # m
@@ -26,7 +25,7 @@ def run(step, duration, terrain, change, torque=0.0, psi=0.3, pitch=None, locked
     plant.state = change(plant.state)
     plant.crank_driven, plant.tracing = locked, True
     result = plant.step(torque, duration)
-    return plant.state, plant.trace[:, integrator.IMPULSES + 1 :: 3] > 0.0, result
+    return plant.state, plant.trace["impulses"][:, :, 1] > 0.0, result
 
 
 def moved(**by):

@@ -53,10 +53,13 @@ def walk(robot, seed: int, episodes: int, time_step: float = 1e-3):
         share = np.clip(mean + spread * rng.uniform(-1.0, 1.0, episodes), -1.0, 1.0)
         batch.step(TORQUE * share, round(0.02 / time_step))
         assert not batch.diverged.any()
-        motor, joint, slip, impact, residual, _, _, change, gain = batch.totals.T
-        force = np.hypot(*np.moveaxis(batch.record[:, :, 1:], -1, 0)).max(axis=1) / 0.02
-        unaccounted = np.abs(motor - joint - slip - impact - change)
-        worst = np.maximum(worst, np.stack([gain, unaccounted, force, residual], axis=1))
+        sums, impulse = batch.accumulators, batch.contact_statistics["impulse"]
+        force = np.hypot(*np.moveaxis(impulse, -1, 0)).max(axis=1) / 0.02
+        unaccounted = sums["motor_work"] - sums["energy_change"]
+        for loss in ("joint_loss", "slip_loss", "impact_loss"):
+            unaccounted -= sums[loss]
+        found = sums["contact_gain"], np.abs(unaccounted), force, sums["worst_residual"]
+        worst = np.maximum(worst, np.stack(found, axis=1))
     batch.close()
     return worst, np.array(
         [t.friction * t.steepest >= 1.0 or t.restitution > 0.0 for t in terrains]

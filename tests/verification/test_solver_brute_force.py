@@ -18,8 +18,8 @@ from jansen_env.engine.contact_solver import (
     SLIDE_BACKWARD,
     SLIDE_FORWARD,
     STICK,
-    index_space,
-    soften,
+    problem,
+    regularise,
     solve,
 )
 
@@ -46,10 +46,10 @@ def solved(W, q, mu, guess=STICK):
     """The solver's P and u for each problem, (problems, 2 n)."""
     n = mu.shape[1]
     P, u = np.zeros_like(q), np.zeros_like(q)
-    A, rhs = np.zeros((2 * n, 2 * n)), np.zeros(2 * n)
+    memory = problem(n)
     for k in range(len(q)):
-        mode = np.full(n, guess, np.int64)
-        solve(n, W[k], q[k], mu[k], mode, P[k], u[k], A, rhs, index_space(n))
+        memory.mode[:], memory.indices[:] = guess, 0
+        solve(n, memory._replace(W=W[k], v_free=q[k], mu=mu[k], P=P[k], u=u[k]))
     return P, u
 
 
@@ -158,7 +158,7 @@ def test_singular_problems_obey_the_law(kind, count, measured):
     """
     W, q, mu = draw(kind, count, 625)
     for w in W:
-        soften(count, w, SOLVERS_OWN)
+        regularise(count, w, SOLVERS_OWN)
     P, _ = solved(W, q, mu)
     wrong = violations(W, q, mu, P).max()
     measured(f"contact law violated, singular, {count} contacts, {kind}", wrong, 3e-8)

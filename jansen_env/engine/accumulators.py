@@ -1,0 +1,78 @@
+"""What a control step adds up: work, losses, slip and impulses."""
+
+from __future__ import annotations
+
+from jansen_env.engine.contact_solver import OPEN, STICK
+from jansen_env.engine.contacts import rate
+from jansen_env.engine.jit import stage
+from jansen_env.engine.restitution import contact_gain
+from jansen_env.engine.tables import mechanical_energy
+
+
+@stage
+def begin(robot, state, statistics, body, sums):
+    """Begin new sums, in a crank-axis state."""
+    total = robot.accumulators
+    total.motor_work = total.joint_loss = total.slip_loss = total.impact_loss = 0.0
+    total.worst_residual = total.contact_gain = 0.0
+    total.non_toe_impulse = total.energy_change = 0.0
+    for j in range(len(statistics)):
+        statistics[j].slip = 0.0
+        statistics[j].impulse[0] = statistics[j].impulse[1] = 0.0
+    total.initial_energy = mechanical_energy(body, robot.params, state, sums)
+
+
+@stage
+def end(robot, state, statistics, toes, body, sums):
+    """Complete the sums, in a crank-axis state."""
+    total = robot.accumulators
+    total.non_toe_impulse = 0.0
+    for j in range(toes, len(statistics)):
+        total.non_toe_impulse += statistics[j].impulse[1]
+    total.energy_change = mechanical_energy(body, robot.params, state, sums) - total.initial_energy
+
+
+@stage
+def accumulate_step(h, torque, velocity, outcome, inertia, count, contacts, total):
+    """Add a time step's work, joint loss and worst figures."""
+    mean = 0.5 * (velocity.crank + outcome.end.crank)
+    total.motor_work += h * torque * mean
+    total.joint_loss += h * inertia.damping * mean * mean
+    total.worst_residual = max(total.worst_residual, outcome.residual)
+    if outcome.may_gain:
+        gain = min(
+            contact_gain(count, velocity, outcome.end, contacts),
+            contact_gain(count, outcome.free, outcome.end, contacts),
+        )
+        total.contact_gain = max(total.contact_gain, gain)
+
+
+@stage
+def accumulate_contacts(h, count, velocity, after, contacts, planes, total, statistics):
+    """Add a time step's slip, impulses and contact losses; keep the modes with the planes.
+
+    A contact's work is impulse times mean velocity, which is exact for the step. What friction
+    takes while sliding is slip loss, all else (touchdown, tangential stops) impact loss. A toe that
+    touches down in the step slides from its middle on, with its new velocity alone.
+    """
+    J, P, mode = contacts.J, contacts.problem.P, contacts.problem.mode
+    for c in range(count):
+        i, plane = 2 * c, planes[contacts.plane[c]]
+        plane.mode = mode[c]
+        if mode[c] == OPEN:
+            continue
+        pad = statistics[plane.pad]
+        old_n, new_n = rate(J, i, velocity), rate(J, i, after)
+        old_t, new_t = rate(J, i + 1, velocity), rate(J, i + 1, after)
+        touchdown = contacts.gap[c] - 0.5 * h * old_n > 0.0
+        friction_loss = -0.5 * P[i + 1] * (old_t + new_t)
+        if touchdown or mode[c] == STICK:
+            total.impact_loss += friction_loss
+        else:
+            total.slip_loss += friction_loss
+        total.impact_loss -= 0.5 * P[i] * (old_n + new_n)
+        if mode[c] != STICK:
+            slid = new_t if touchdown else old_t + new_t
+            pad.slip += 0.5 * h * abs(slid)
+        pad.impulse[0] += P[i + 1]
+        pad.impulse[1] += P[i]

@@ -1,0 +1,229 @@
+"""The pads that touch in a time step: their Jacobian, the Delassus matrix, and what penetrates."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jansen_env.engine.contact_solver import COMPLIANCE, OPEN, WEDGE_COMPLIANCE, regularise
+from jansen_env.engine.jit import macro, stage
+from jansen_env.engine.tables import (
+    FIRST,
+    PAD_ANGLE,
+    PAD_X,
+    PAD_Y,
+    SECOND,
+    VALUE,
+    centre_of_mass,
+    pad_place,
+    read_pad,
+    read_pad_motion,
+)
+
+PENETRATION_ALLOWED = 2e-5  # m, left uncorrected so that a resting contact does not flicker
+CORRECTION_RATE = 0.2  # share of the rest that is taken back in every step
+CORRECTION_SWEEPS = 4
+PUSH_OUT_SPEED = 1.0  # m/s, the fastest that a pad is taken out of the ground
+TRAVEL = 4  # where, after the last pose, a robot's travel is
+
+
+@stage
+def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
+    """The pads that touch at the middle of a step: rows of J, curvature of their paths.
+
+    A step in which one of them touches down is an impact. In the others the contact law is asked
+    of the velocity at the end of the step, J v + (h / 2) J_dot v, which keeps a rolling or pivoting
+    toe where it is to second order.
+
+    Returns:
+        (contacts, whether one of them was open when the step began)
+    """
+    x, y, theta, psi = middle
+    turn = np.cos(theta), np.sin(theta)
+    params, contacts, place = robot.params, work.contacts, work.place
+    first = robot.status.first_plane
+    travel = _travel(work.pose, middle, params)
+    count, impact = 0, False
+    for k in range(first, robot.status.end_plane):
+        if work.bound[k - first] > travel:
+            continue
+        plane = planes[k]
+        pad = model.layout[plane.pad]
+        row, t = read_pad(model.pads, pad.table, psi + pad.phase, place)
+        ox, oy = _turned(
+            turn, place[VALUE, PAD_X] - inertia.s[0], place[VALUE, PAD_Y] - inertia.s[1]
+        )
+        distance = plane.normal_x * (x + ox) + plane.normal_y * (y + oy)
+        distance = distance - plane.offset - params.pad_radius
+        work.bound[k - first] = travel + distance
+        if distance > 0.0:
+            continue
+        read_pad_motion(model.pads, pad.table, row, t, place)
+        _fill_rows(h, count, plane, turn, (ox, oy), velocity, inertia, params.pad_radius, work)
+        if distance - 0.5 * h * rate(contacts.J, 2 * count, velocity) > 0.0:
+            impact = True
+        contacts.problem.mu[count] = params.friction
+        contacts.problem.mode[count] = plane.mode
+        contacts.plane[count], contacts.gap[count] = k, distance
+        count += 1
+    return count, impact
+
+
+@macro
+def _turned(turn, x, y):
+    """A vector of the chassis frame in the world."""
+    cos, sin = turn
+    return cos * x - sin * y, sin * x + cos * y
+
+
+@stage
+def rate(J, i, velocity):
+    """Row ``i`` of J v."""
+    return (
+        J[i, 0] * velocity.x + J[i, 1] * velocity.y + J[i, 2] * velocity.pitch
+        + J[i, 3] * velocity.crank
+    )  # fmt: skip
+
+
+@macro
+def _fill_rows(h, count, plane, turn, arm, velocity, inertia, radius, work):
+    """A contact's rows of J and (h / 2) J_dot v; ``arm`` points from centre of mass to pad."""
+    J, Jdot_v, place = work.contacts.J, work.contacts.Jdot_v, work.place
+    ox, oy = arm
+    w, n = velocity.pitch, velocity.crank
+    dx, dy = inertia.ds
+    ddx, ddy = inertia.dds
+    odx, ody = _turned(turn, place[FIRST, PAD_X] - dx, place[FIRST, PAD_Y] - dy)
+    oddx, oddy = _turned(turn, place[SECOND, PAD_X] - ddx, place[SECOND, PAD_Y] - ddy)
+    normal_x, normal_y = plane.normal_x, plane.normal_y
+    tx, ty = normal_y, -normal_x
+    i = 2 * count
+    J[i, 0], J[i, 1] = normal_x, normal_y
+    J[i, 2] = -normal_x * oy + normal_y * ox
+    J[i, 3] = normal_x * odx + normal_y * ody
+    J[i + 1, 0], J[i + 1, 1] = tx, ty
+    J[i + 1, 2] = -tx * oy + ty * ox + radius
+    J[i + 1, 3] = tx * odx + ty * ody + radius * place[FIRST, PAD_ANGLE]
+    ax = -w * w * ox - 2.0 * w * n * ody + n * n * oddx
+    ay = -w * w * oy + 2.0 * w * n * odx + n * n * oddy
+    Jdot_v[i] = 0.5 * h * (normal_x * ax + normal_y * ay)
+    Jdot_v[i + 1] = 0.5 * h * (tx * ax + ty * ay + radius * place[SECOND, PAD_ANGLE] * n * n)
+
+
+@macro
+def _travel(pose, middle, params):
+    """How far, at most, any pad has come since ``pose`` was new, m; takes the robot's pose there.
+
+    Conservative advancement: a pad that was farther from its plane cannot touch it yet.
+    """
+    x, y, theta, psi = middle
+    far = abs(x - pose[0]) + abs(y - pose[1])
+    far += params.pitch_arm * abs(theta - pose[2]) + params.crank_arm * abs(psi - pose[3])
+    pose[0], pose[1], pose[2], pose[3] = x, y, theta, psi
+    pose[TRAVEL] += (1.0 + 1e-6) * far
+    return pose[TRAVEL]
+
+
+@stage
+def outruns(margin, h, state, params, model, work):
+    """Whether the next step's middle has a pad more than ``margin`` from where planes were found.
+
+    The bound on what pads have travelled nearly always shows that none has. It leaves out how far a
+    step lifts sunken pads, at most PUSH_OUT_SPEED h.
+    """
+    travel = work.pose[TRAVEL] + h * (abs(state[4]) + abs(state[5]))
+    travel += h * (params.pitch_arm * abs(state[6]) + params.crank_arm * abs(state[7]))
+    if travel <= margin:
+        return False
+    found, layout = work.found, model.layout
+    x, y = state[0] + 0.5 * h * state[4], state[1] + 0.5 * h * state[5]
+    theta, psi = state[2] + 0.5 * h * state[6], state[3] + 0.5 * h * state[7]
+    cos, sin = np.cos(theta), np.sin(theta)
+    old_cos, old_sin = np.cos(found[2]), np.sin(found[2])
+    sx, sy = centre_of_mass(model.body, params, psi)
+    old_sx, old_sy = centre_of_mass(model.body, params, found[3])
+    for j in range(len(layout)):
+        table, phase = layout[j].table, layout[j].phase
+        px, py = pad_place(model.pads, table, psi + phase)
+        old_px, old_py = pad_place(model.pads, table, found[3] + phase)
+        px, py, old_px, old_py = px - sx, py - sy, old_px - old_sx, old_py - old_sy
+        far_x = x + cos * px - sin * py - found[0] - old_cos * old_px + old_sin * old_py
+        far_y = y + sin * px + cos * py - found[1] - old_sin * old_px - old_cos * old_py
+        if not far_x * far_x + far_y * far_y <= margin * margin:
+            return True
+    return False
+
+
+@stage
+def assemble(count, params, inertia, planes, contacts):
+    """J M^-1 and the Delassus matrix J M^-1 J^T, regularised; returns whether pads are wedged."""
+    J, MJ, W = contacts.J, contacts.MJ, contacts.problem.W
+    m = params.mass
+    for i in range(2 * count):
+        MJ[i, 0], MJ[i, 1] = J[i, 0] / m, J[i, 1] / m
+        MJ[i, 2] = inertia.m11 * J[i, 2] + inertia.m12 * J[i, 3]
+        MJ[i, 3] = inertia.m12 * J[i, 2] + inertia.m22 * J[i, 3]
+        for j in range(i + 1):
+            W[i, j] = (
+                MJ[i, 0] * J[j, 0] + MJ[i, 1] * J[j, 1] + MJ[i, 2] * J[j, 2] + MJ[i, 3] * J[j, 3]
+            )
+            W[j, i] = W[i, j]
+    wedged = can_wedge(params) and _wedged(count, contacts.plane, planes, params.friction)
+    if count > 0:
+        regularise(count, W, WEDGE_COMPLIANCE if wedged else COMPLIANCE)
+    contacts.problem.indices[5 * count] = 0  # W is new
+    return wedged
+
+
+@macro
+def can_wedge(params):
+    """Whether slope + atan(friction) reaches 90 degrees somewhere."""
+    return params.friction * params.steepest >= 1.0
+
+
+@macro
+def _wedged(count, plane, planes, friction):
+    """Whether two contacts' friction cones hold opposite forces: n . n' <= -cos(2 atan(friction)).
+
+    Only then can the pads push on the ground with any force and no effect on the motion. Velocities
+    that no motion of the robot has, as bounces and the path's curvature ask for, would make
+    that force as large as the arithmetic allows, so a wedged step goes without both.
+    """
+    limit = (friction * friction - 1.0) / (friction * friction + 1.0)
+    for c in range(count):
+        for d in range(c):
+            a, b = planes[plane[c]], planes[plane[d]]
+            if a.normal_x * b.normal_x + a.normal_y * b.normal_y <= limit:
+                return True
+    return False
+
+
+@stage
+def correct_penetration(h, count, state, velocity, contacts):
+    """Push penetrating pads out, moving positions only; returns the centre of mass's way (x, y).
+
+    The smallest move in the metric of M (a few Gauss-Seidel sweeps), so nothing is sped up.
+    """
+    W, MJ, mode = contacts.problem.W, contacts.MJ, contacts.problem.mode
+    wanted, push = contacts.problem.v_free, contacts.problem.rhs  # m, kg m: as work space
+    needed = False
+    for c in range(count):
+        i = 2 * c
+        depth = -(contacts.gap[c] + 0.5 * h * rate(contacts.J, i, velocity)) - PENETRATION_ALLOWED
+        wanted[i] = min(CORRECTION_RATE * depth, PUSH_OUT_SPEED * h) if mode[c] != OPEN else -1.0
+        needed = needed or wanted[i] > 0.0
+        push[c] = 0.0
+    if not needed:
+        return 0.0, 0.0
+    for _ in range(CORRECTION_SWEEPS):
+        for c in range(count):
+            missing = wanted[2 * c]
+            for d in range(count):
+                missing -= W[2 * c, 2 * d] * push[d]
+            push[c] = max(0.0, push[c] + missing / W[2 * c, 2 * c])
+    moved_x, moved_y = 0.0, 0.0
+    for c in range(count):
+        for i in range(4):
+            state[i] += MJ[2 * c, i] * push[c]
+        moved_x += MJ[2 * c, 0] * push[c]
+        moved_y += MJ[2 * c, 1] * push[c]
+    return moved_x, moved_y

@@ -1,0 +1,120 @@
+"""Lemke's method on the contact law as a linear complementarity problem.
+
+Stewart and Trinkle's formulation (IJNME 39, 1996): unknowns (P_n, P_t+, P_t-, bound) of each
+contact, in a tableau w | z | artificial | right-hand side.
+"""
+
+from __future__ import annotations
+
+from jansen_env.engine.jit import compiled, stage
+
+PIVOT = 1e-11  # smallest pivot, after scaling
+PERTURBATION = 1e-9  # of the right-hand side, after scaling
+
+
+@compiled
+def lemke(count, problem, compliance, T, basis):
+    """Lemke's method on (P_n, P_t+, P_t-, bound) of Stewart and Trinkle; True where it ends.
+
+    W's diagonal is taken (1 + compliance) times as large, and v_free is perturbed: good for the
+    modes. T (4 n, 8 n + 2) and basis (4 n,) are work space.
+    """
+    size = 4 * count
+    mass, speed = 0.0, 0.0  # work in scaled, dimensionless numbers
+    for i in range(2 * count):
+        mass = max(mass, problem.W[i, i])
+        speed = max(speed, abs(problem.v_free[i]))
+    mass = 1.0 / mass
+    _fill(count, problem, compliance, mass, speed, T, basis)
+    if not _pivot(size, T, basis):
+        return False
+    P = problem.P
+    for i in range(2 * count):
+        P[i] = 0.0
+    for r in range(size):
+        variable = basis[r] - size
+        if variable >= size:
+            return False  # the artificial variable is still in the basis
+        if variable >= 0:
+            c, kind = variable // 4, variable % 4
+            impulse = T[r, 2 * size + 1] * mass * speed
+            if kind == 0:
+                P[2 * c] += impulse
+            elif kind == 1:
+                P[2 * c + 1] += impulse
+            elif kind == 2:
+                P[2 * c + 1] -= impulse
+    return True
+
+
+@stage
+def _fill(count, problem, compliance, mass, speed, T, basis):
+    """Lemke's tableau, w | z | artificial | right-hand side, and its first basis."""
+    size, W = 4 * count, problem.W
+    right = 2 * size + 1
+    for r in range(size):
+        for j in range(right + 1):
+            T[r, j] = 0.0
+        T[r, r], T[r, 2 * size] = 1.0, -1.0
+        basis[r] = r
+    for c in range(count):
+        row = 4 * c
+        for k in range(3):  # normal, forward, backward
+            side, sign = (0 if k == 0 else 1), (-1.0 if k == 2 else 1.0)
+            i = 2 * c + side
+            for d in range(count):
+                z = size + 4 * d
+                T[row + k, z] = -sign * mass * W[i, 2 * d]
+                T[row + k, z + 1] = -sign * mass * W[i, 2 * d + 1]
+                T[row + k, z + 2] = sign * mass * W[i, 2 * d + 1]
+            extra = sign * compliance * mass * W[i, i]
+            T[row + k, size + 4 * c + side] -= extra
+            if k > 0:
+                T[row + k, size + 4 * c + 2] += extra
+                T[row + k, size + 4 * c + 3] = -1.0
+            T[row + k, right] = sign * problem.v_free[i] / speed
+        T[row + 3, size + 4 * c] = -problem.mu[c]
+        T[row + 3, size + 4 * c + 1] = T[row + 3, size + 4 * c + 2] = 1.0
+    for r in range(size):  # no two rows alike, so that no cycle can form
+        T[r, right] += PERTURBATION * (1.0 + (0.618033988749895 * r) % 1.0)
+
+
+@stage
+def _pivot(size, T, basis):
+    """Lemke's pivots; False where they end on a ray."""
+    right, entering, pivot_row = 2 * size + 1, 2 * size, 0
+    for r in range(1, size):
+        if T[r, right] < T[pivot_row, right]:
+            pivot_row = r
+    if not T[pivot_row, right] < 0.0:
+        return True
+    for _ in range(50 * size):
+        leaving = basis[pivot_row]
+        _eliminate(size, T, pivot_row, entering)
+        basis[pivot_row] = entering
+        if leaving == 2 * size:
+            break
+        entering = leaving + size if leaving < size else leaving - size
+        pivot_row = -1
+        for r in range(size):
+            if T[r, entering] > PIVOT and (
+                pivot_row < 0
+                or T[r, right] * T[pivot_row, entering] < T[pivot_row, right] * T[r, entering]
+            ):
+                pivot_row = r
+        if pivot_row < 0:
+            return False
+    return True
+
+
+@stage
+def _eliminate(size, T, pivot_row, entering):
+    """Make column ``entering`` of the tableau a unit vector."""
+    pivot = T[pivot_row, entering]
+    for j in range(2 * size + 2):
+        T[pivot_row, j] /= pivot
+    for r in range(size):
+        share = T[r, entering]
+        if r != pivot_row and share != 0.0:
+            for j in range(2 * size + 2):
+                T[r, j] -= share * T[pivot_row, j]

@@ -1,0 +1,187 @@
+"""The rows that cross the boundary from Python, as structured dtypes, and what stages hand on.
+
+What belongs to a robot, whatever its number of legs, is one row; arrays of contact sizes are no
+part of rows, or every leg count would be compiled anew. Tuples of arrays cost microseconds at the
+boundary and nothing behind it: there they carry what belongs together.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+PARAMS = np.dtype(
+    [
+        ("mass", "f8"),  # kg, load included
+        ("load_mass", "f8"),  # kg
+        ("load_inertia", "f8"),  # kg m^2
+        ("load_x", "f8"),  # m, chassis frame
+        ("load_y", "f8"),
+        ("gravity_x", "f8"),  # m/s^2
+        ("gravity_y", "f8"),
+        ("friction", "f8"),  # of the terrain
+        ("restitution", "f8"),
+        ("steepest", "f8"),  # largest slope of the terrain, a tangent
+        ("pad_radius", "f8"),  # m
+        ("pitch_arm", "f8"),  # m, the farthest that a pad gets from the centre of mass
+        ("crank_arm", "f8"),  # m, a pad's fastest motion against that per crank speed
+        ("prescribed_speed", "?"),  # whether the crank keeps its speed whatever torque that takes
+    ],
+    align=True,
+)
+"""What may differ between robots of one design."""
+
+STATUS = np.dtype(
+    [
+        ("steps_left", "i8"),  # time steps until the planes are found again; -1: it has diverged
+        ("margin", "f8"),  # m from its pads within which planes are listed, the speculative margin
+        ("first_plane", "i8"),
+        ("end_plane", "i8"),  # ordered by pad, then nearest first
+        ("first_vertex", "i8"),  # of its terrain
+        ("end_vertex", "i8"),
+        ("cell_x", "f8"),  # m, origin of its terrain in pymunk's space
+        ("cell_y", "f8"),
+        ("too_deep", "?"),  # whether a pad is so deep in the ground that it has no plane
+    ],
+    align=True,
+)
+"""Where a robot stands between collision detection and time steps."""
+
+ACCUMULATORS = np.dtype(
+    [
+        ("motor_work", "f8"),  # J
+        ("joint_loss", "f8"),
+        ("slip_loss", "f8"),
+        ("impact_loss", "f8"),
+        ("worst_residual", "f8"),  # N s, of the contact law, the largest of a time step
+        ("contact_gain", "f8"),  # J that contact impulses added, the largest of a time step
+        ("non_toe_impulse", "f8"),  # N s, normal, on pads that are no toes
+        ("initial_energy", "f8"),  # J, kinetic and potential, when the sums were begun
+        ("energy_change", "f8"),  # J, since then
+    ]
+)
+"""Sums over the time steps of a control step."""
+
+ROBOT = np.dtype([("params", PARAMS), ("status", STATUS), ("accumulators", ACCUMULATORS)])
+"""A robot of a batch."""
+
+CONTACT_STATISTICS = np.dtype([("slip", "f8"), ("impulse", "f8", 2)])
+"""Of a pad, sums as well: path it slid while loaded, m; tangential and normal impulse, N s."""
+
+PAD = np.dtype([("table", "i8"), ("phase", "f8")])
+"""A pad of the design: row of the pads' tables, and crank phase, rad."""
+
+QUERY = np.dtype(
+    [
+        ("robot", "i8"),
+        ("pad", "i8"),
+        ("x", "f8"),  # m, the pad's centre
+        ("y", "f8"),
+        ("known_x", "f8"),  # m, where it was at the last broad phase; inf: never asked
+        ("known_y", "f8"),
+        ("first_segment", "i8"),  # the candidates found there
+        ("last_segment", "i8"),
+    ]
+)
+"""A pad near which the ground is looked for."""
+
+PLANE = np.dtype(
+    [
+        ("normal_x", "f8"),  # unit vector out of the ground
+        ("normal_y", "f8"),
+        ("offset", "f8"),  # m, normal . point: a pad's gap is normal . centre - offset - radius
+        ("distance", "f8"),  # m, of the pad's centre, when it was found
+        ("pad", "i8"),
+        ("mode", "i8"),  # the last time step's contact mode, a first guess
+    ]
+)
+"""The ground as one pad may touch it."""
+
+
+class Model(NamedTuple):
+    """The kernels' view of a compiled robot: see :class:`jansen_env.dynamics.reduced.Tables`."""
+
+    body: Array  # (intervals, order, 6) c_x, c_y, I, b, k, f
+    pads: Array  # (tables, intervals, order, 3) p_x, p_y, a
+    layout: NDArray[np.void]  # (pads,) PAD
+
+
+class Terrains(NamedTuple):
+    """What collision detection goes by: the terrains' vertices, the pads' and the lists' sizes."""
+
+    surface: Array  # (vertices, 2) m, of all terrains
+    radius: float  # m, of a pad
+    reach: float  # m, of the broad phase's circles
+    capacity: int  # planes kept of a robot
+
+
+class Velocity(NamedTuple):
+    """Of the generalised coordinates; x, y that of the centre of mass. m/s, rad/s."""
+
+    x: float
+    y: float
+    pitch: float
+    crank: float
+
+
+class Inertia(NamedTuple):
+    """At the middle of a step, about the centre of mass s; ' = d/dpsi."""
+
+    s: tuple[float, float]
+    ds: tuple[float, float]
+    dds: tuple[float, float]
+    pitch: float  # I_s
+    pitch_slope: float  # I_s'
+    coupling: float  # b_s
+    coupling_slope: float
+    crank: float  # k_s
+    crank_slope: float
+    damping: float  # f
+    m11: float  # of the inverse of the block of pitch and crank, the damping's half step in it
+    m12: float
+    m22: float
+
+
+class Problem(NamedTuple):
+    """The contact law of one time step, for as many contacts as arrays hold or fewer.
+
+    Contact c has rows 2 c (normal) and 2 c + 1 (tangential).
+    """
+
+    W: Array  # (2 n, 2 n) Delassus matrix, 1/kg
+    v_free: Array  # (2 n,) velocities without contact impulses, m/s
+    mu: Array  # (n,) friction
+    mode: Ints  # (n,) first guess, then the solution's
+    P: Array  # (2 n,) out: impulses, N s
+    u: Array  # (2 n,) out: velocities, m/s
+    A: Array  # (2 n, 2 n) work: LU factors
+    rhs: Array  # (2 n,) work
+    indices: Ints  # (10 n + 1,) work: see :func:`jansen_env.engine.contact_solver.solve`
+    spare: Array  # work of the searches, where modes that are guessed do not end
+
+
+class Contacts(NamedTuple):
+    """The pads that touch in a time step, and their contact law."""
+
+    J: Array  # (2 n, 4) Jacobian
+    MJ: Array  # (2 n, 4) J M^-1
+    Jdot_v: Array  # (2 n,) m/s, half a step of the path's curvature
+    gap: Array  # (n,) m
+    plane: Ints  # (n,) row of the planes
+    problem: Problem
+
+
+class Work(NamedTuple):
+    """A robot's memory in a step."""
+
+    contacts: Contacts
+    bound: Array  # (planes,) m a robot's pads may travel before each plane can be touched
+    sums: Array  # (3, 6) readings of the body's table
+    place: Array  # (3, 3) readings of a pad's table
+    pose: Array  # (5,) last pose, and how far at most any pad has travelled since the first
+    found: Array  # (4,) pose at which the planes were found

@@ -1,0 +1,159 @@
+"""Velocities at the end of a time step: as much restitution as creates no energy.
+
+Newton's law with friction may create energy (Kane and Levinson, J. Appl. Mech. 52, 1985): then the
+toes bounce as much as they can without that.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from jansen_env.engine.contact_solver import solve
+from jansen_env.engine.contacts import can_wedge, rate
+from jansen_env.engine.jit import macro, stage
+from jansen_env.engine.records import Velocity
+
+PASSES = 2  # evaluations of the speed-dependent terms in a step
+BOUNCE_TRIES = 11  # of smaller coefficients of restitution, where it would create energy
+ROUNDING = 1e-9  # share of the energy that an impact brings by which it may seem to gain
+
+# What a step's contacts are asked for in turn, until they create no energy: the terrain's
+# restitution; none; as much again, if without it energy comes from other forces; the largest that
+# creates none, judged strictly or with these forces; neither bounce nor the path's curvature.
+AS_ASKED, WITHOUT_BOUNCE, LENIENT, SEARCH, LENIENT_SEARCH, WITHOUT_CURVATURE = range(6)
+
+
+class Trial(NamedTuple):
+    """What the contacts are asked for, and how the search for it stands."""
+
+    stage: int
+    bounce: float  # coefficient of restitution
+    curved: bool  # whether the curvature of the pads' paths counts
+    least: float  # the largest bounce known to create no energy, and the smallest known to do
+    most: float
+    tries: int
+    over: bool  # whether the last answer stands
+
+
+class Outcome(NamedTuple):
+    """The velocities that a step leads to."""
+
+    end: Velocity
+    free: Velocity  # without contact impulses
+    residual: float  # N s, of the contact law
+    may_gain: bool  # whether it was not made sure that the contacts create no energy
+
+
+@stage
+def solve_velocities(h, torque, velocity, inertia, params, count, impact, wedged, contacts):
+    """The velocities at the end of a step; ``contacts`` gets its impulses and modes."""
+    asked = 0.0 if wedged else params.restitution
+    checked = count > 0 and (asked > 0.0 or can_wedge(params))
+    trial = Trial(AS_ASKED, asked, not (impact or wedged), 0.0, asked, 0, False)
+    while True:
+        end, free, residual = _solve_step(
+            h, torque, velocity, inertia, params, count, trial, contacts
+        )
+        if not checked or trial.stage == WITHOUT_CURVATURE:
+            break
+        creates = contact_gain(count, velocity, end, contacts) > 0.0
+        # More than the other forces alone would leave, too? If not, it is their doing.
+        excess = creates and contact_gain(count, free, end, contacts) > 0.0
+        trial = _next_trial(trial, asked, creates, excess)
+        if trial.over:
+            break
+    may_gain = count > 0 and (trial.stage == WITHOUT_CURVATURE or not checked)
+    return Outcome(end, free, residual, may_gain)
+
+
+@macro
+def _next_trial(trial, asked, creates, excess):
+    """What to ask for after an answer that ``creates`` energy, in ``excess`` of other forces."""
+    stage, bounce, curved, least, most, tries, _ = trial
+    lenient = stage in (LENIENT, LENIENT_SEARCH)
+    over = False
+    if creates and excess and bounce == 0.0:
+        # Not the bounce's doing: what else asks for more is curvature.
+        return Trial(WITHOUT_CURVATURE, bounce, False, least, most, tries, not curved)
+    if creates and lenient:
+        creates = excess
+    if stage == AS_ASKED:
+        over = not creates or asked == 0.0
+        if not over:
+            stage, bounce = WITHOUT_BOUNCE, 0.0
+    elif stage == WITHOUT_BOUNCE and creates:
+        stage, bounce = LENIENT, asked
+    elif stage == LENIENT and not creates:
+        over = True
+    elif tries > BOUNCE_TRIES:  # that was the largest found
+        over = not creates
+        if not over:
+            stage, bounce, curved = WITHOUT_CURVATURE, 0.0, False
+    else:
+        if creates:
+            most = bounce
+        else:
+            least = bounce
+        stage = LENIENT_SEARCH if lenient else SEARCH
+        bounce = least if tries == BOUNCE_TRIES else 0.5 * (least + most)
+        tries += 1
+    return Trial(stage, bounce, curved, least, most, tries, over)
+
+
+@macro
+def _solve_step(h, torque, velocity, inertia, params, count, trial, contacts):
+    """Velocities at the end of the step and without contacts, residual of the contact law.
+
+    The speed-dependent terms use the mean of the old and the new velocity.
+    """
+    w, n = velocity.pitch, velocity.crank
+    problem, MJ = contacts.problem, contacts.MJ
+    nw, nn, residual = w, n, 0.0
+    nx, ny = velocity.x + h * params.gravity_x, velocity.y + h * params.gravity_y
+    free = Velocity(nx, ny, nw, nn)
+    for _ in range(PASSES):
+        mw, mn = 0.5 * (w + nw), 0.5 * (n + nn)
+        pitch_force = -(mw * mn * inertia.pitch_slope + mn * mn * inertia.coupling_slope)
+        crank_force = 0.5 * mw * mw * inertia.pitch_slope - 0.5 * mn * mn * inertia.crank_slope
+        crank_force += torque - inertia.damping * n
+        nx, ny = velocity.x + h * params.gravity_x, velocity.y + h * params.gravity_y
+        nw = w + h * (inertia.m11 * pitch_force + inertia.m12 * crank_force)
+        nn = n + h * (inertia.m12 * pitch_force + inertia.m22 * crank_force)
+        free = Velocity(nx, ny, nw, nn)
+        if count == 0:
+            continue
+        _fill_velocities(count, velocity, free, trial, contacts)
+        residual = solve(count, problem)
+        for i in range(2 * count):
+            nx += MJ[i, 0] * problem.P[i]
+            ny += MJ[i, 1] * problem.P[i]
+            nw += MJ[i, 2] * problem.P[i]
+            nn += MJ[i, 3] * problem.P[i]
+    return Velocity(nx, ny, nw, nn), free, residual
+
+
+@macro
+def _fill_velocities(count, velocity, free, trial, contacts):
+    """The contacts' velocities without impulses, bounce and curvature included."""
+    J, v_free = contacts.J, contacts.problem.v_free
+    for i in range(2 * count):
+        v_free[i] = rate(J, i, free)
+        if trial.curved:
+            v_free[i] += contacts.Jdot_v[i]
+        if i % 2 == 0 and trial.bounce > 0.0:
+            v_free[i] += trial.bounce * min(rate(J, i, velocity), 0.0)
+
+
+@stage
+def contact_gain(count, before, after, contacts):
+    """Energy that the contacts' impulses add between two velocities, J; 0 within rounding.
+
+    It is impulse times mean velocity.
+    """
+    J, P = contacts.J, contacts.problem.P
+    gained, brought = 0.0, 0.0
+    for i in range(2 * count):
+        old, new = rate(J, i, before), rate(J, i, after)
+        gained += 0.5 * P[i] * (old + new)
+        brought += abs(P[i] * old)
+    return gained if gained > ROUNDING * brought else 0.0

@@ -26,13 +26,13 @@ train(prepare(config), config, folder, eval_every=100_000, save_every=0)
 policy = load_policy(folder)
 env = gym.make(ENV, speed_command=0.3, render_mode="rgb_array")
 observation, info = env.reset(seed=0)
-frames, total = [Image.fromarray(env.render())], 0.0
+frames, total = [Image.fromarray(env.render()).resize((480, 270))], 0.0
 for step in range(1, 301):
     action, _ = policy.predict(observation, deterministic=True)
     observation, reward, terminated, truncated, info = env.step(action)
     total += reward
     if step % 3 == 0:  # of 20 ms
-        frames.append(Image.fromarray(env.render()))
+        frames.append(Image.fromarray(env.render()).resize((480, 270)))
     if terminated or truncated:
         break
 print(f"{info['x_position']:.2f} m in {0.02 * step:.2f} s, return {total:.0f}")

@@ -22,7 +22,7 @@ for step in range(steps):
     action, memory = pid.predict(observation, memory, np.array([step == 0]))
     observation, reward, terminated, truncated, info = env.step(action)
     if step % 3 == 0:
-        frames.append(Image.fromarray(env.render()))
+        frames.append(Image.fromarray(env.render()).resize((480, 270)))
     if terminated or truncated:
         break
 print(f"{info['x_position']:.2f} m in {0.02 * (step + 1):.2f} s")

@@ -19,11 +19,12 @@ from typing import Any
 
 import torch
 
-from agents import evaluate
-from agents.arguments import count, mapping, steps
+from agents.command_line import mapping, non_negative_int, positive_int
 from agents.config import TO_RESUME, check_config, load_config, shipped_config
-from agents.figures import score_figure, training_figure
+from agents.evaluation import evaluate, label
+from agents.metrics import score_table
 from agents.models import ALGORITHMS, load_policy
+from agents.plots import plot_scores, plot_training
 from agents.rollout import make_env
 from agents.runs import (
     BEST,
@@ -34,7 +35,6 @@ from agents.runs import (
     read_evaluations,
     record_run,
 )
-from agents.scores import markdown_table
 from agents.tasks import TASKS, find_task
 from agents.training import prepare, train
 from jansen_env.files import write_json
@@ -43,13 +43,13 @@ from jansen_env.files import write_json
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Flags, named as in RL Baselines3 Zoo."""
     parser = argparse.ArgumentParser(description=__doc__)
-    add = parser.add_argument
+    add, count, steps = parser.add_argument, positive_int, non_negative_int
     add("--algo", choices=sorted(ALGORITHMS), help="algorithm; default: --config's, or else ppo")
     add("--env", choices=sorted(TASKS),
         help="environment id; default: --config's, or else JansenWalker-v0")  # fmt: skip
     add("-n", "--timesteps", type=count, help="environment steps, in place of the configuration's")
     add("--n-envs", type=count, help="environments side by side, in place of the configuration's")
-    add("--seed", type=int, help="of networks and environments; default: --config's, or else 0")
+    add("--seed", type=steps, help="of networks and environments; default: --config's, or else 0")
     add("--eval-freq", type=steps, default=50_000, help="steps between evaluations, 0 for none")
     add("--save-freq", type=steps, default=100_000, help="steps between checkpoints, 0 for none")
     add("--eval-episodes", type=count, default=10, help="episodes per command of the final table")
@@ -69,7 +69,6 @@ def main(arguments: list[str] | None = None) -> Path:
     start = time.perf_counter()
     torch.set_num_threads(1)
     given = sys.argv[1:] if arguments is None else arguments
-    command = shlex.join(["python", "train.py", *given])
     try:
         config, resume = _configure(args)
         model = prepare(config, resume)  # nothing is written before this is known to be good
@@ -83,24 +82,19 @@ def main(arguments: list[str] | None = None) -> Path:
     if resume is not None and resume.name == FINAL and model.num_timesteps >= target:
         print(f"{folder} is finished: {model.num_timesteps} steps trained, {target} asked for")
     else:
-        record_run(folder, config, command)
+        record_run(folder, config, shlex.join(["python", "train.py", *given]))
         if resume is not None:
             print(f"resuming from {resume} at {model.num_timesteps} steps")
         print(f"{algo.upper()} on {env_id}, {target} steps -> {folder}", flush=True)
         tensorboard = args.tensorboard_log
-        if tensorboard is None:
-            tensorboard = str(folder / "tensorboard")
         train(
             model, config, folder, eval_every=args.eval_freq, save_every=args.save_freq,
-            tensorboard=tensorboard or None, resume=resume,
-            progress=not args.no_progress and sys.stderr.isatty(),
+            tensorboard=str(folder / "tensorboard") if tensorboard is None else tensorboard or None,
+            resume=resume, progress=not args.no_progress and sys.stderr.isatty(),
         )  # fmt: skip
     trained = time.perf_counter()
-    print(
-        f"trained in {trained - start:.0f} s; "
-        f"scoring against {', '.join(find_task(env_id).rivals)} ...",
-        flush=True,
-    )
+    baselines = ", ".join(find_task(env_id).baselines)
+    print(f"trained in {trained - start:.0f} s; scoring against {baselines} ...", flush=True)
     _score(folder, env_id, config.get("env_kwargs", {}), args.eval_episodes)
     print(f"scored in {time.perf_counter() - trained:.0f} s")
     return folder
@@ -144,29 +138,32 @@ def _configure(args: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
 
 
 def _score(folder: Path, env_id: str, env_kwargs: dict[str, Any], episodes: int) -> None:
+    """Score the best model and the baselines, write table and figures, print the outcome."""
     model = folder / BEST if (folder / BEST).is_file() else folder / FINAL
-    task = find_task(env_id)
+    task, name = find_task(env_id), label(str(model))
     env = make_env(env_id, env_kwargs)
-    policies = {name: evaluate.load(name, env) for name in task.rivals}
+    policies = {
+        **{baseline: task.load_baseline(baseline, env.unwrapped) for baseline in task.baselines},
+        name: load_policy(model),
+    }
     env.close()
-    policies[evaluate.title(str(model))] = load_policy(model)
-    scores = evaluate.evaluate(policies, env_id, env_kwargs, episodes=episodes)
+    scores = evaluate(policies, env_id, env_kwargs, episodes=episodes)
     write_json(folder / "scores.json", scores)
-    score_figure(task, scores, folder / "scores.png")
+    plot_scores(task, scores, folder / "scores.png")
+    returns = {policy: score["overall"]["return"][0] for policy, score in scores.items()}
+    ours, main_baseline = returns.pop(name), task.baselines[0]
     evaluations = read_evaluations(folder)
     if evaluations:
-        levels = {name: scores[name]["overall"]["return"][0] for name in task.rivals}
-        training_figure(evaluations, levels, folder / "training.png")
-    print(markdown_table(task, scores))
-    rival = task.rivals[0]
-    ours, theirs = (scores[name]["overall"]["return"][0] for name in (list(scores)[-1], rival))
-    ahead = next((row for row in evaluations if row["return"] > theirs), None)
+        plot_training(evaluations, returns, folder / "training.png")
+    print(score_table(task.metrics, scores))
+    ahead = next((row for row in evaluations if row["return"] > returns[main_baseline]), None)
     if ahead is not None and "seconds" in ahead:
         print(
-            f"ahead of {rival} at the evaluation after {ahead['steps']:.0f} steps, "
+            f"ahead of {main_baseline} at the evaluation after {ahead['steps']:.0f} steps, "
             f"{ahead['seconds']:.0f} s from the start"
         )
-    print(f"return: {ours:.0f} against {theirs:.0f} of {rival}; figures in {folder}")
+    print(f"return: {ours:.0f} against {returns[main_baseline]:.0f} of {main_baseline}; "
+          f"figures in {folder}")  # fmt: skip
 
 
 if __name__ == "__main__":

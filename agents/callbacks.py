@@ -1,4 +1,4 @@
-"""What happens while a model trains: checkpoints, evaluations, the observations' scale, its end."""
+"""What happens while a model trains: checkpoints, evaluations, observation statistics, signals."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
+from agents.metrics import point_estimates
 from agents.models import save_model
 from agents.normalizer import NormalizedObservation
 from agents.replay import save_replay_buffer
 from agents.rollout import make_env, run_episodes
 from agents.runs import BEST, REPLAY, best_return, monitor_sizes, read_evaluations
-from agents.scores import values
 from agents.tasks import find_task
 from jansen_env.files import write_json
 
@@ -31,6 +31,9 @@ SELECTION_SEED = 30_000  # of the episodes that choose the best model, apart fro
 
 class Saver(BaseCallback):
     """Saves checkpoints, and evaluates now and then to keep the best model.
+
+    Unlike Stable-Baselines3's callbacks it writes atomically, all that resuming needs, and
+    evaluates on the task's grid of commands.
 
     Args:
         folder: the run's. save_every, eval_every: environment steps; 0 for never.
@@ -90,7 +93,7 @@ class Saver(BaseCallback):
         self.model.policy.set_training_mode(False)
         run = run_episodes(self.model.policy, self.env_id, self.env_kwargs, self.commands, seeds)
         env = make_env(self.env_id, self.env_kwargs)
-        scored = values(self.task, run, env)
+        scored = point_estimates(self.task.metrics, run, env)
         env.close()
         for name, value in scored.items():
             self.logger.record(f"eval/{name}", value)
@@ -108,7 +111,7 @@ class Saver(BaseCallback):
 
 
 class NormalizerUpdate(BaseCallback):
-    """Lets the policy's normalizer see the last rollout before the next one begins.
+    """Updates the policy's normalizer with the last rollout before the next one begins.
 
     Within a rollout and the update on it the normalizer stands still: the update compares with
     probabilities that the rollout's policy gave.
@@ -116,36 +119,37 @@ class NormalizerUpdate(BaseCallback):
 
     def __init__(self) -> None:
         super().__init__()
-        self._seen: NDArray[np.float32] | None = None
+        self._observations: NDArray[np.float32] | None = None
 
     def _on_rollout_start(self) -> None:
         self._begun = self.model.num_timesteps
-        if self._seen is None:
+        if self._observations is None:
             return
         for module in self.model.policy.modules():
             if isinstance(module, NormalizedObservation):
-                module.update(torch.as_tensor(self._seen))
-        self._seen = None
+                module.update(torch.as_tensor(self._observations))
+        self._observations = None
 
     def _on_rollout_end(self) -> None:
         # Now, not when the next rollout begins: Stable-Baselines3 has emptied the buffer by then.
         model: Any = self.model
         if isinstance(model, OnPolicyAlgorithm):
-            seen = model.rollout_buffer.observations
+            observations = model.rollout_buffer.observations
         else:  # of the replay buffer, what is new in it
             buffer = model.replay_buffer
             rows = min((model.num_timesteps - self._begun) // buffer.n_envs, buffer.size())
-            seen = buffer.observations[np.arange(buffer.pos - rows, buffer.pos)]
-        self._seen = np.array(seen, np.float32).reshape(-1, flatdim(model.observation_space))
+            observations = buffer.observations[np.arange(buffer.pos - rows, buffer.pos)]
+        size = flatdim(model.observation_space)
+        self._observations = np.array(observations, np.float32).reshape(-1, size)
 
     def _on_step(self) -> bool:
         return True
 
 
-class Stop(BaseCallback):
+class StopOnSignal(BaseCallback):
     """Ends training at the next step after SIGINT (Ctrl-C) or SIGTERM; a second one kills at once.
 
-    By the next step an update in progress has come to its end, so model and optimiser are whole.
+    By the next step an update in progress has come to its end, so model and optimiser are complete.
     As a context manager it takes these signals, and gives them back.
 
     Attributes:
@@ -157,7 +161,7 @@ class Stop(BaseCallback):
         self.signal = 0
         self._handlers: dict[int, Any] = {}
 
-    def __enter__(self) -> Stop:
+    def __enter__(self) -> StopOnSignal:
         if threading.current_thread() is threading.main_thread():  # no other may take signals
             for number in (signal.SIGINT, signal.SIGTERM):
                 if signal.getsignal(number) != signal.SIG_IGN:  # as in the background of a shell

@@ -2,115 +2,107 @@
 
 from __future__ import annotations
 
-import re
+import math
 from collections.abc import Callable, Collection
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from agents.arguments import MOST
+from agents.command_line import MAX_STEPS
 from agents.plain_yaml import read_yaml
 from agents.tasks import TASKS, check_env_kwargs
-from jansen_env.checks import finite, non_negative, positive, within
-from jansen_env.envs.arguments import flag
+from jansen_env.checks import shown
 
 CONFIGS = Path(__file__).parent / "configs"
-WIDEST, DEEPEST = 1024, 8  # of a network: units of a layer, layers
+MAX_UNITS, MAX_LAYERS = 1024, 8  # of a network
 
-Check = Callable[[str, Any], object]
-"""Takes a value's name and the value; raises ValueError unless it is allowed."""
+
+class Check(NamedTuple):
+    """What a value must be: in words, and as a condition. ``a | b`` allows both."""
+
+    allowed: str
+    condition: Callable[[Any], bool]
+
+    def __call__(self, name: str, value: Any) -> None:
+        if not self.condition(value):
+            raise ValueError(f"{name} is {shown(value)}, must be {self.allowed}")
+
+    def __or__(self, other: Check) -> Check:
+        return Check(
+            f"{self.allowed}, or {other.allowed}",
+            lambda value: self.condition(value) or other.condition(value),
+        )
+
+
+def is_number(value: Any) -> bool:
+    """A finite number, and no bool."""
+    return type(value) in (int, float) and math.isfinite(value)
+
+
+def has_number(prefix: str) -> Callable[[Any], bool]:
+    """Text that is ``prefix`` and a number above 0."""
+
+    def condition(value: Any) -> bool:
+        if isinstance(value, str) and value.startswith(prefix):
+            with suppress(ValueError):
+                return positive.condition(float(value.removeprefix(prefix)))
+        return False
+
+    return condition
 
 
 def integer(low: int, high: int) -> Check:
     """A whole number within bounds."""
-
-    def check(name: str, value: Any) -> None:
-        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            raise ValueError(f"{name} is {value!r}, must be a whole number from {low} to {high}")
-
-    return check
+    return Check(
+        f"a whole number from {low} to {high}", lambda v: type(v) is int and low <= v <= high
+    )
 
 
 def one_of(names: Collection[str]) -> Check:
     """One of some names."""
-
-    def check(name: str, value: Any) -> None:
-        if not isinstance(value, str) or value not in names:
-            raise ValueError(f"{name} is {value!r}, must be one of {sorted(names)}")
-
-    return check
-
-
-def either(pattern: str, shown: str, other: Check) -> Check:
-    """Text of a pattern, its group (if any) a positive number, or what another check allows."""
-
-    def check(name: str, value: Any) -> None:
-        try:
-            match = re.fullmatch(pattern, value) if isinstance(value, str) else None
-            if match is None:
-                other(name, value)
-            elif match.lastindex:
-                positive(name, float(match[1]))
-        except ValueError as error:
-            raise ValueError(f"{error}, or {shown}") from error
-
-    return check
-
-
-def optional(other: Check) -> Check:
-    """Null, or what another check allows."""
-    return lambda name, value: None if value is None else other(name, value)
+    return Check(f"one of {sorted(names)}", lambda v: isinstance(v, str) and v in names)
 
 
 def layers(*networks: str) -> Check:
     """Units of each layer, in one list or in one for each of the named networks."""
-    unit = integer(1, WIDEST)
+    unit = integer(1, MAX_UNITS)
 
-    def check(name: str, value: Any) -> None:
-        lists = [value]
-        if isinstance(value, dict) and set(value) == set(networks):
-            lists = list(value.values())
-        if not all(isinstance(one, list) and len(one) <= DEEPEST for one in lists):
-            raise ValueError(
-                f"{name} is {value!r}, must be a list of up to {DEEPEST} layers, or a mapping of "
-                f"{list(networks)} to such lists"
-            )
-        for one in lists:
-            for units in one:
-                unit(name, units)
+    def units(value: Any) -> bool:
+        short = isinstance(value, list) and len(value) <= MAX_LAYERS
+        return short and all(map(unit.condition, value))
 
-    return check
+    def each(value: Any) -> bool:
+        same = isinstance(value, dict) and set(value) == set(networks)
+        return same and all(map(units, value.values()))
+
+    return Check(f"a list of up to {MAX_LAYERS} layers of 1 to {MAX_UNITS} units", units) | Check(
+        f"a mapping of {list(networks)} to such lists", each
+    )
 
 
-def fraction(name: str, value: Any) -> None:
-    """A number between 0 and 1."""
-    within(name, value, 0, 1)
-
-
-def mapping(name: str, value: Any) -> None:
-    """A mapping; what is in it is checked apart."""
-    if not isinstance(value, dict):
-        raise ValueError(f"{name} is {value!r}, must be a mapping, such as {{}}")
-
-
-def mappings(name: str, value: Any) -> None:
-    """A list of mappings, at least one."""
-    if not isinstance(value, list) or not value:
-        raise ValueError(f"{name} is {value!r}, must be a list of mappings, at least one")
-    for one in value:
-        mapping(f"an entry of {name}", one)
-
-
-NUMBER = r"((?:[0-9]+\.?|[0-9]*\.[0-9]+)(?:[eE][-+]?[0-9]+)?)"
-SCHEDULE = either(f"linear_{NUMBER}", "'linear_NUMBER'", positive)
+boolean = Check("True or False", lambda v: isinstance(v, bool))
+null = Check("null", lambda v: v is None)
+finite = Check("a finite number", is_number)
+positive = Check("a number above 0", lambda v: is_number(v) and v > 0)
+non_negative = Check("a number 0 or above", lambda v: is_number(v) and v >= 0)
+fraction = Check("a number between 0 and 1", lambda v: is_number(v) and 0 <= v <= 1)
+linear = Check("'linear_NUMBER'", has_number("linear_"))
+auto = Check("'auto'", lambda v: v == "auto")
+auto_number = Check("'auto_NUMBER'", has_number("auto_"))
+mapping = Check("a mapping, such as {}", lambda v: isinstance(v, dict))
+mappings = Check(
+    "a list of mappings, at least one",
+    lambda v: isinstance(v, list) and v != [] and all(isinstance(one, dict) for one in v),
+)
 
 # Of the arguments in Stable-Baselines3 those that are plain data and not set by train.py itself:
 # no classes, no files, no devices.
 COMMON: dict[str, Check] = {
-    "learning_rate": SCHEDULE,
+    "learning_rate": positive | linear,
     "n_steps": integer(1, 10**6),
     "batch_size": integer(2, 10**6),
     "gamma": fraction,
-    "use_sde": flag,
+    "use_sde": boolean,
     "sde_sample_freq": integer(-1, 10**6),  # -1: once a rollout
     "stats_window_size": integer(1, 10**6),
     "verbose": integer(0, 2),
@@ -120,41 +112,41 @@ HYPERPARAMETERS: dict[str, dict[str, Check]] = {
         **COMMON,
         "n_epochs": integer(1, 1000),
         "gae_lambda": fraction,
-        "clip_range": SCHEDULE,
-        "clip_range_vf": optional(positive),
-        "normalize_advantage": flag,
+        "clip_range": positive | linear,
+        "clip_range_vf": positive | null,
+        "normalize_advantage": boolean,
         "ent_coef": non_negative,
         "vf_coef": non_negative,
         "max_grad_norm": positive,
-        "target_kl": optional(positive),
+        "target_kl": positive | null,
     },
     "sac": {
         **COMMON,
         "buffer_size": integer(1, 10**8),
-        "learning_starts": integer(0, MOST),
+        "learning_starts": integer(0, MAX_STEPS),
         "tau": fraction,
         "train_freq": integer(1, 10**6),
         "gradient_steps": integer(-1, 10**5),  # -1: as many as steps were taken
-        "ent_coef": either(f"auto(?:_{NUMBER})?", "'auto' or 'auto_NUMBER'", positive),
+        "ent_coef": positive | auto | auto_number,
         "target_update_interval": integer(1, 10**6),
-        "target_entropy": either("auto", "'auto'", finite),
-        "use_sde_at_warmup": flag,
+        "target_entropy": finite | auto,
+        "use_sde_at_warmup": boolean,
     },
 }
 POLICY: dict[str, Check] = {
     "activation": one_of(("tanh", "relu", "elu")),
-    "normalize": flag,
+    "normalize": boolean,
     "log_std_init": finite,
-    "use_expln": flag,
-    "share_features_extractor": flag,
+    "use_expln": boolean,
+    "share_features_extractor": boolean,
 }
 POLICY_KWARGS: dict[str, dict[str, Check]] = {
     "ppo": {
         **POLICY,
         "net_arch": layers("pi", "vf"),
-        "ortho_init": flag,
-        "full_std": flag,
-        "squash_output": flag,
+        "ortho_init": boolean,
+        "full_std": boolean,
+        "squash_output": boolean,
     },
     "sac": {
         **POLICY,
@@ -165,7 +157,7 @@ POLICY_KWARGS: dict[str, dict[str, Check]] = {
 }
 KEYS: dict[str, Check] = {
     "policy": one_of(("MlpPolicy",)),
-    "timesteps": integer(1, MOST),
+    "timesteps": integer(1, MAX_STEPS),
     "n_envs": integer(1, 10_000),
     "reward_scale": positive,
     "env_kwargs": mapping,

@@ -1,6 +1,6 @@
 """Baselines of JansenCrank-v0: the paper's PID, constant torque, and inverse dynamics.
 
-All read nothing but the observation and answer ``predict`` as Stable-Baselines3's models do.
+All read nothing but the observation.
 """
 
 from __future__ import annotations
@@ -10,53 +10,40 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.pid import Gains, PIDController
-from agents.policy import ConstantTorque, Policy, as_action, rows
+from agents.policy import Array, PIDPolicy, Policy, TorquePolicy
+from jansen_env.control import PID
 from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.robot import Robot
 
-Array = NDArray[np.float64]
-
 COS_CRANK, SIN_CRANK, CRANK_SPEED, ERROR, COMMAND = range(5)  # places in the observation
-BASELINES = ("pid-paper", "constant", "inverse")
+BASELINES = ("pid", "constant", "inverse")
 
 # Beside the joints' friction, 1.6 N m s / rad, it damps the crank (0.73 kg m^2) nearly critically.
-FEEDBACK = Gains(kp=5.0, ki=0.0, kd=2.0)
+FEEDBACK = PID(kp=5.0, ki=0.0, kd=2.0)
 
 
-class ObservedReference:
-    """The environment's own reference: the observation has the error."""
-
-    def follow(
-        self, seen: Array, memory: None, fresh: NDArray[np.bool_]
-    ) -> tuple[Array, Array, None]:
-        """See :class:`agents.pid.Reference`."""
-        return seen[:, ERROR], seen[:, COMMAND] - seen[:, CRANK_SPEED], None
+def observed_reference(
+    observations: Array, memory: None, starts: NDArray[np.bool_]
+) -> tuple[Array, Array, None]:
+    """The environment's own reference, of which the observation has the error."""
+    return observations[:, ERROR], observations[:, COMMAND] - observations[:, CRANK_SPEED], None
 
 
-class InverseDynamics:
+def inverse_dynamics(robot: Robot, torque_limit: float, feedback: PID = FEEDBACK) -> TorquePolicy:
     """Computed torque: what the commanded speed takes at this crank angle, plus kp e + kd de/dt.
 
     Args:
         robot: whose crank turns. torque_limit: of the environment, N m.
-        gains: kp and kd count.
+        feedback: its kp and kd.
     """
 
-    def __init__(self, robot: Robot, torque_limit: float, gains: Gains = FEEDBACK) -> None:
-        self.robot, self.torque_limit, self.gains = robot, torque_limit, gains
+    def torque(observations: Array) -> Array:
+        cos, sin, speed, error, command = observations.T
+        needed = crank_torque(robot, np.arctan2(sin, cos), command).total
+        result: Array = needed + feedback.kp * error + feedback.kd * (command - speed)
+        return result
 
-    def predict(
-        self,
-        observation: Any,
-        state: Any = None,
-        episode_start: Any = None,
-        deterministic: bool = True,
-    ) -> tuple[NDArray[np.float32], Any]:
-        """Actions (n, 1) or (1,) for observations (n, d) or (d,); the state is not used."""
-        cos, sin, speed, error, command = rows(observation).T
-        needed = crank_torque(self.robot, np.arctan2(sin, cos), command).total
-        torque = needed + self.gains.kp * error + self.gains.kd * (command - speed)
-        return as_action(torque / self.torque_limit, observation), state
+    return TorquePolicy(torque, torque_limit)
 
 
 def mean_friction(robot: Robot) -> float:
@@ -66,7 +53,7 @@ def mean_friction(robot: Robot) -> float:
 
 
 def load_baseline(name: str, env: Any) -> Policy:
-    """``"pid-paper"`` (13), ``"constant"`` torque, or ``"inverse"`` dynamics.
+    """``"pid"`` (13), ``"constant"`` torque, or ``"inverse"`` dynamics.
 
     The constant torque is the one whose power feeds the joints' friction at the commanded speed.
 
@@ -79,8 +66,8 @@ def load_baseline(name: str, env: Any) -> Policy:
     if name not in BASELINES:
         raise ValueError(f"baseline is {name!r}, must be one of {BASELINES}")
     if name == "inverse":
-        return InverseDynamics(env.robot, env.torque_limit)
+        return inverse_dynamics(env.robot, env.torque_limit)
     if name == "constant":
         friction = mean_friction(env.robot)
-        return ConstantTorque(lambda command: friction * command, COMMAND, env.torque_limit)
-    return PIDController(Gains(), ObservedReference(), env.torque_limit, env.control_dt)
+        return TorquePolicy(lambda batch: friction * batch[:, COMMAND], env.torque_limit)
+    return PIDPolicy(observed_reference, env.torque_limit, env.control_dt)

@@ -1,8 +1,8 @@
 """Stable-Baselines3's zip files read as plain numbers: no code in them runs, no size is trusted.
 
-A model is a zip file; each of its ``.pth`` members is a zip file again (written by torch), with the
-structure as a pickle and each tensor's numbers as a member of their own. The pickle is read with
-nothing but the handful of names that a state dict needs.
+A model is a zip file; each of its ``.pth`` members is a zip file again, written by ``torch.save``,
+with the structure as a pickle and each tensor's numbers as a member of their own. Sizes and the
+names in the pickle are checked before torch reads it, which it does with ``weights_only=True``.
 """
 
 from __future__ import annotations
@@ -11,30 +11,29 @@ import io
 import json
 import pickle
 import pickletools
-import sys
 import warnings
 import zipfile
-from collections import OrderedDict
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 
 from jansen_env.checks import finite, whole_number
 
-LARGEST = 64 * 2**20  # bytes of tensors in a member; the shipped configurations' have 0.1 MB
-LARGEST_TEXT = 4 * 2**20  # bytes of the "data" member and of a pickle, which unpack to more
-MOST_ITEMS = 100_000  # entries of a member's nested dictionaries and lists
-DEEPEST = 10  # levels of them
-MOST_STEPS = 10**12  # of a model's training
+MAX_BYTES = 64 * 2**20  # of tensors in a member; the shipped configurations' have 0.1 MB
+MAX_TEXT = 4 * 2**20  # bytes of the "data" member and of a pickle, which unpack to more
+MAX_ENTRIES = 100_000  # of a member's nested dictionaries and lists
+MAX_DEPTH = 10  # levels of them
+MAX_STEPS = 10**12  # of a model's training
 MEMBERS = ("policy", "policy.optimizer", "actor.optimizer", "critic.optimizer",
            "ent_coef_optimizer", "pytorch_variables")  # fmt: skip
 """All that is needed to go on with PPO or SAC."""
 
-STORAGES = {"FloatStorage": torch.float32, "DoubleStorage": torch.float64,
-            "LongStorage": torch.int64}  # fmt: skip
+NAMES = ("collections OrderedDict", "torch._utils _rebuild_tensor_v2", "torch FloatStorage",
+         "torch DoubleStorage", "torch LongStorage")  # fmt: skip
+"""What the pickle of a state dict names."""
 
 
 def read_model(path: str | Path, members: Collection[str] = MEMBERS) -> tuple[dict[str, Any], int]:
@@ -56,10 +55,10 @@ def read_model(path: str | Path, members: Collection[str] = MEMBERS) -> tuple[di
             for name in members
             if f"{name}.pth" in present
         }
-        data = json.loads(_unzip(archive, "data", LARGEST_TEXT))
+        data = json.loads(_unzip(archive, "data", MAX_TEXT))
         steps = whole_number("num_timesteps", data["num_timesteps"])
-        if steps > MOST_STEPS:
-            raise ValueError(f"num_timesteps is {steps}, must be at most {MOST_STEPS}")
+        if steps > MAX_STEPS:
+            raise ValueError(f"num_timesteps is {steps}, must be at most {MAX_STEPS}")
     return tensors, steps
 
 
@@ -72,7 +71,7 @@ def read_json(path: str | Path, member: str) -> Any:
     with _opened(path) as archive:
         if member not in archive.namelist():
             return None
-        return json.loads(_unzip(archive, member, LARGEST_TEXT))
+        return json.loads(_unzip(archive, member, MAX_TEXT))
 
 
 @contextmanager
@@ -87,11 +86,11 @@ def _opened(path: str | Path) -> Iterator[zipfile.ZipFile]:
         raise ValueError(f"{path} is no Stable-Baselines3 model: {reason}") from error
 
 
-def _unzip(archive: zipfile.ZipFile, name: str, most: int = LARGEST) -> bytes:
-    """A member's bytes, never more of them than ``most``, whatever its header says."""
+def _unzip(archive: zipfile.ZipFile, name: str, limit: int = MAX_BYTES) -> bytes:
+    """A member's bytes, never more of them than ``limit``, whatever its header says."""
     info = archive.getinfo(name)
-    if info.file_size > most:
-        raise ValueError(f"{name} unpacks to {info.file_size} bytes, must be {most} at most")
+    if info.file_size > limit:
+        raise ValueError(f"{name} unpacks to {info.file_size} bytes, must be {limit} at most")
     if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError(f"{name} is packed by method {info.compress_type}, must be stored or zip")
     with archive.open(info) as member:  # the other methods' readers unpack without bound
@@ -103,93 +102,55 @@ def _unzip(archive: zipfile.ZipFile, name: str, most: int = LARGEST) -> bytes:
 
 def _read_tensors(data: bytes) -> Any:
     """What torch.save wrote: nested dictionaries and lists of numbers, text and tensors."""
+    if not data.startswith(b"PK\3\4"):  # with anything before, torch takes other formats for it
+        raise ValueError("a member is no zip file")
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
-        pickles = [name for name in archive.namelist() if name.endswith("/data.pkl")]
+        sizes = sum(info.file_size for info in archive.infolist())
+        if sizes > MAX_BYTES:
+            raise ValueError(f"it unpacks to {sizes} bytes, must be {MAX_BYTES} at most")
+        pickles = [name for name in archive.namelist() if name.lower().endswith("/data.pkl")]
         if len(pickles) != 1:
             raise ValueError(f"it has {len(pickles)} files data.pkl, must have 1")
-        root = pickles[0].removesuffix("/data.pkl")
-        if f"{root}/byteorder" in archive.namelist():
-            order = _unzip(archive, f"{root}/byteorder").decode()
-            if order != sys.byteorder:
-                raise ValueError(f"its byte order is {order!r}, must be {sys.byteorder!r}")
-        structure = _unzip(archive, pickles[0], LARGEST_TEXT)
-        # Entries of the reader's memory are numbered; one number of 2^31 would fill the computer's.
-        for opcode, argument, _ in pickletools.genops(structure):
-            entry = argument if opcode.name in ("PUT", "LONG_BINPUT") else 0
-            if isinstance(entry, int) and entry > len(structure):
-                raise ValueError(f"its pickle numbers an entry {entry}")
-        return _Builder(archive, root).build(_Unpickler(io.BytesIO(structure)).load())
+        for opcode, argument, _ in pickletools.genops(_unzip(archive, pickles[0], MAX_TEXT)):
+            if "GLOBAL" in opcode.name and argument not in NAMES:
+                raise ValueError(f"it names {argument}, which no state dict needs")
+    try:
+        value = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
+    except pickle.UnpicklingError:  # whose text advises to load without this safety
+        raise ValueError("its pickle is no state dict") from None
+    _check_plain([value])
+    return value
 
 
-class _View(NamedTuple):
-    """A tensor as a file describes it: what torch._utils._rebuild_tensor_v2 is called with."""
+def _check_plain(level: list[Any]) -> None:
+    """Raises ValueError unless all is dictionaries, lists, finite numbers and tensors, text.
 
-    storage: Any
-    offset: Any
-    size: Any
-    stride: Any
-    requires_grad: Any
-    hooks: Any
-    metadata: Any = None
-
-
-class _Unpickler(pickle.Unpickler):
-    """Reads state dicts: the only names known are an ordered dictionary's and a tensor's."""
-
-    def find_class(self, module: str, name: str) -> Any:
-        """One of the names that torch.save writes for a state dict."""
-        if module == "torch" and name in STORAGES:
-            return name
-        if (module, name) == ("collections", "OrderedDict"):
-            return OrderedDict
-        if (module, name) == ("torch._utils", "_rebuild_tensor_v2"):
-            return lambda *arguments: _View(*arguments)  # a pickle may write to what it is given
-        raise ValueError(f"it names {module}.{name}, which no state dict needs")
-
-    def persistent_load(self, pid: Any) -> Any:
-        """A storage stays what the pickle calls it: ("storage", type, member, device, n)."""
-        return pid
-
-
-class _Builder:
-    """Plain data with tensors from what a pickle describes, within bounds of size and depth."""
-
-    def __init__(self, archive: zipfile.ZipFile, root: str) -> None:
-        self.archive, self.root = archive, root
-        self.items, self.bytes = MOST_ITEMS, LARGEST
-
-    def build(self, value: Any, depth: int = 0) -> Any:
-        """The same with dictionaries, lists and tuples of their plain types, and finite numbers."""
-        self.items -= 1  # entries may be shared, and may hold themselves
-        if self.items < 0 or depth > DEEPEST:
-            raise ValueError(
-                f"it has more than {MOST_ITEMS} entries, or more than {DEEPEST} levels"
-            )
-        if isinstance(value, _View):
-            return self._tensor(value)
-        if isinstance(value, dict):
-            if not all(isinstance(key, (str, int)) for key in dict.keys(value)):
-                raise ValueError("it has a key that is neither text nor a number")
-            return {key: self.build(entry, depth + 1) for key, entry in dict.items(value)}
-        if isinstance(value, (list, tuple)):
-            return type(value)([self.build(entry, depth + 1) for entry in value])
-        if isinstance(value, float):
-            return finite("a number in it", value)
-        if value is not None and not isinstance(value, (bool, int, str)):
-            raise ValueError(f"it has a {type(value).__name__}, must be numbers, text and tensors")
-        return value
-
-    def _tensor(self, view: _View) -> torch.Tensor:
-        """A tensor of its own numbers, none of them used twice."""
-        _, kind, key, _, count = view.storage
-        data = _unzip(self.archive, f"{self.root}/data/{key}", self.bytes)
-        self.bytes -= len(data)
-        storage = torch.frombuffer(bytearray(data), dtype=STORAGES[kind])
-        tensor = storage.as_strided(view.size, view.stride, view.offset)  # checks that it is inside
-        if len(storage) != count:
-            raise ValueError(f"storage {key} has {len(storage)} numbers, must have {count}")
-        if tensor.numel() > len(storage):
-            raise ValueError(f"a tensor of shape {view.size} has {len(storage)} numbers")
-        if not torch.isfinite(tensor).all():
-            raise ValueError("it has tensors that are not finite")
-        return tensor.clone()
+    Args:
+        level: the entries of one depth; their own entries are checked after them.
+    """
+    entries = size = 0
+    for _ in range(MAX_DEPTH):
+        below: list[Any] = []
+        for value in level:
+            if isinstance(value, torch.Tensor):
+                size += value.nbytes  # views of few numbers may be large, or many
+                if size > MAX_BYTES:
+                    raise ValueError(f"its tensors take more than {MAX_BYTES} bytes")
+                if not torch.isfinite(value).all():
+                    raise ValueError("it has tensors that are not finite")
+            elif isinstance(value, dict):
+                if not all(isinstance(key, (str, int)) for key in dict.keys(value)):
+                    raise ValueError("it has a key that is neither text nor a number")
+                below.extend(dict.values(value))
+            elif isinstance(value, (list, tuple)):
+                below.extend(value)
+            elif isinstance(value, float):
+                finite("a number in it", value)
+            elif value is not None and not isinstance(value, (bool, int, str)):
+                raise ValueError(f"it has a {type(value).__name__}, must be numbers and tensors")
+            entries += 1
+            if entries + len(below) > MAX_ENTRIES:
+                raise ValueError(f"it has more than {MAX_ENTRIES} entries")
+        level = below
+    if level:
+        raise ValueError(f"it has more than {MAX_DEPTH} levels")

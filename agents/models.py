@@ -1,15 +1,13 @@
 """Models: built from a configuration, and read from files without running code from them.
 
 Models are Stable-Baselines3's own zip files. Only the tensors in them are used (see
-:mod:`agents.model_files`), and the rest is built anew from config.yml.
+:mod:`agents.model_files`), and the rest is built from config.yml.
 """
 
 from __future__ import annotations
 
 import json
-import math
 import zipfile
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -31,17 +29,11 @@ ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU
 
 
 def build_model(algo: str, config: dict[str, Any], env: Any, **more: Any) -> BaseAlgorithm:
-    """A fresh model of ``algo`` for ``env`` from a configuration.
-
-    Raises:
-        ValueError: an unknown algorithm, schedule or activation.
-    """
-    if algo not in ALGORITHMS:
-        raise ValueError(f"algo is {algo!r}, must be one of {sorted(ALGORITHMS)}")
+    """A fresh model of ``algo`` for ``env`` from a checked configuration."""
     arguments = dict(config["hyperparameters"])
     for name in ("learning_rate", "clip_range"):
-        if name in arguments:
-            arguments[name] = _schedule(name, arguments[name])
+        if isinstance(value := arguments.get(name), str):
+            arguments[name] = linear_schedule(value)
     return ALGORITHMS[algo](
         config["policy"],
         env,
@@ -52,41 +44,22 @@ def build_model(algo: str, config: dict[str, Any], env: Any, **more: Any) -> Bas
     )
 
 
+def linear_schedule(text: str) -> LinearSchedule:
+    """``"linear_X"``: from X at the start to 0 at the end, and 0 from there on.
+
+    A run's last rollout may end past its last step: below 0 the schedule must not go.
+    """
+    return LinearSchedule(float(text.removeprefix("linear_")), 0.0, end_fraction=1.0)
+
+
 def _policy_arguments(config: dict[str, Any]) -> dict[str, Any]:
     """``policy_kwargs`` with names turned into classes."""
     arguments = dict(config.get("policy_kwargs", {}))
     if "activation" in arguments:
-        activation = arguments.pop("activation")
-        if activation not in ACTIVATIONS:
-            raise ValueError(f"activation is {activation!r}, must be one of {sorted(ACTIVATIONS)}")
-        arguments["activation_fn"] = ACTIVATIONS[activation]
+        arguments["activation_fn"] = ACTIVATIONS[arguments.pop("activation")]
     if arguments.pop("normalize", False):
         arguments["features_extractor_class"] = NormalizedObservation
     return arguments
-
-
-def _schedule(name: str, value: Any) -> float | LinearSchedule:
-    """A number, or "linear_X": from X at the start to 0 at the end, and 0 from there on."""
-    if isinstance(value, (int, float)):
-        return float(value)
-    kind, _, number = str(value).partition("_")
-    with suppress(ValueError):
-        if kind == "linear" and 0.0 <= (start := float(number)) < math.inf:
-            # A run's last rollout may end past its last step: below 0 the schedule must not go.
-            return LinearSchedule(start, 0.0, end_fraction=1.0)
-    raise ValueError(f"{name} is {value!r}, must be a number or 'linear_NUMBER', 0 or above")
-
-
-def read_tensors(path: str | Path) -> tuple[dict[str, Any], int]:
-    """Parameters and number of time steps in a Stable-Baselines3 zip file, without running code.
-
-    Returns:
-        (parameters by name, as ``BaseAlgorithm.set_parameters`` takes them; time steps trained)
-
-    Raises:
-        ValueError: not such a file, or a damaged one.
-    """
-    return read_model(path)
 
 
 def load_policy(path: str | Path) -> Policy:
@@ -125,36 +98,17 @@ def load_policy(path: str | Path) -> Policy:
         raise ValueError(f"{source}: {error}") from error
     env.close()
     weights = read_model(path, ("policy",))[0].get("policy")
-    check_weights(path, weights, policy.state_dict(), source)
-    policy.load_state_dict(weights)
+    try:
+        policy.load_state_dict(weights)
+    except Exception as error:  # torch raises most kinds for what does not fit
+        raise ValueError(f"{path} does not fit {source}: {' '.join(str(error).split())}") from error
     policy.set_training_mode(False)
     loaded: Policy = policy
     return loaded
 
 
-def check_weights(path: Path, weights: Any, needed: dict[str, torch.Tensor], source: Path) -> None:
-    """Compare the names and shapes of a model file's weights with those of the policy built.
-
-    Args:
-        path: of the model. weights: read from it. needed: of the policy. source: its config.yml.
-
-    Raises:
-        ValueError: they differ.
-    """
-    given = weights if isinstance(weights, dict) else {}
-    for name in [*needed, *given]:
-        found, wanted = (
-            tuple(tensors[name].shape) if isinstance(tensors.get(name), torch.Tensor) else None
-            for tensors in (given, needed)
-        )
-        if found != wanted:
-            raise ValueError(
-                f"{path} does not fit {source}: the shape of {name} is {found}, must be {wanted}"
-            )
-
-
 def restore(model: BaseAlgorithm, tensors: dict[str, Any]) -> None:
-    """Set all parameters of a model, its optimisers' too, from :func:`read_tensors`.
+    """Set all parameters of a model, its optimisers' too, as :func:`read_model` gives them.
 
     Raises:
         ValueError: they are of another model.
@@ -179,7 +133,7 @@ def restore(model: BaseAlgorithm, tensors: dict[str, Any]) -> None:
 
 
 def save_model(model: BaseAlgorithm, path: Path, notes: dict[str, Any] | None = None) -> None:
-    """Save whole or not at all, with ``notes`` as JSON in the same file."""
+    """Save by an atomic write, with ``notes`` as JSON in the same file."""
 
     def write(part: str) -> None:
         model.save(part)

@@ -35,12 +35,12 @@ class NormalizedObservation(BaseFeaturesExtractor):
         return torch.clamp(scaled, -CLIP, CLIP)
 
     @torch.no_grad()
-    def update(self, seen: torch.Tensor) -> None:
+    def update(self, observations: torch.Tensor) -> None:
         """Take (n, d) more observations into account (Chan's parallel variance)."""
-        n = float(len(seen))
+        n = float(len(observations))
         total = self.count + n
-        shift = seen.mean(0) - self.mean
-        spread = self.variance * self.count + seen.var(0, unbiased=False) * n
+        shift = observations.mean(0) - self.mean
+        spread = self.variance * self.count + observations.var(0, unbiased=False) * n
         spread += shift**2 * self.count * n / total
         self.mean += shift * n / total
         self.variance.copy_(spread / total)

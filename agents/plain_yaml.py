@@ -3,32 +3,47 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Hashable
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-LARGEST = 65_536  # bytes of a file, some 30 times a training configuration
-DIGITS = 18  # of whole numbers, below 2^63
-INTEGER = re.compile(r"[-+]?[0-9]+(_[0-9]+)*")
-FLOAT = re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
-WORDS = {
-    **dict.fromkeys(("", "~", "null", "Null", "NULL"), None),
-    **dict.fromkeys(("true", "True", "TRUE"), True),
-    **dict.fromkeys(("false", "False", "FALSE"), False),
-}
+MAX_BYTES = 65_536  # of a file, some 30 times a training configuration
 
 
-class _Loader(yaml.BaseLoader):
-    """Nodes without anchors, aliases and tags; aliases of aliases would grow without bound."""
+class _Loader(yaml.SafeLoader):
+    """PyYAML's safe loader with YAML 1.2's scalars, without anchors, aliases, tags, merge keys."""
+
+    yaml_implicit_resolvers = {}  # noqa: RUF012  (YAML 1.1's: 5e-1 would be text, yes a bool)
 
     def compose_node(self, parent: Any, index: int) -> Any:
         event: Any = self.peek_event()  # type: ignore[no-untyped-call]
         if event.anchor is not None or getattr(event, "tag", None) is not None:
-            raise yaml.composer.ComposerError(
-                None, None, "anchors, aliases and tags are not allowed", event.start_mark
+            raise yaml.MarkedYAMLError(
+                problem="anchors, aliases and tags are not allowed", problem_mark=event.start_mark
             )
         return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Hashable, Any]:
+        keys = [self.construct_object(key) for key, _ in node.value]
+        for i, key in enumerate(keys):
+            if not isinstance(key, str) or key in keys[:i]:
+                what = "stands twice" if isinstance(key, str) else "must be text"
+                mark = node.value[i][0].start_mark
+                raise yaml.MarkedYAMLError(problem=f"key {key!r} {what}", problem_mark=mark)
+        return super().construct_mapping(node, deep)
+
+
+SCALARS = {
+    "null": r"~|null|Null|NULL|",
+    "bool": r"true|True|TRUE|false|False|FALSE",
+    "int": r"[-+]?(?=[0-9_]{1,18}$)[0-9]+(_[0-9]+)*",  # below 2^63, longer ones are text
+    "float": r"[-+]?([0-9]+\.[0-9]*|\.[0-9]+|[0-9]+(?=[eE]))([eE][-+]?[0-9]+)?",
+}
+for _tag, _pattern in SCALARS.items():
+    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(f"({_pattern})$"), None)
+_Loader.add_constructor("tag:yaml.org,2002:int", lambda _, node: int(node.value))  # 010 is 10
 
 
 def parse_yaml(text: str, name: str) -> Any:
@@ -44,8 +59,7 @@ def parse_yaml(text: str, name: str) -> Any:
         ValueError: no YAML, an anchor, alias, tag or key that stands twice; names the line.
     """
     try:
-        node = _Loader(text).get_single_node()
-        return None if node is None else _plain(node)
+        return yaml.load(text, _Loader)
     except yaml.MarkedYAMLError as error:
         line = "" if error.problem_mark is None else f", line {error.problem_mark.line + 1}"
         raise ValueError(f"{name}{line}: {error.problem or error.context}") from error
@@ -63,40 +77,11 @@ def read_yaml(path: str | Path) -> Any:
     """
     try:
         with open(path, "rb") as file:
-            data = file.read(LARGEST + 1)
+            data = file.read(MAX_BYTES + 1)
+        if len(data) > MAX_BYTES:
+            raise ValueError(f"{path} is larger than {MAX_BYTES} bytes, the most allowed")
+        return parse_yaml(data.decode("utf-8-sig"), str(path))
     except OSError as error:
         raise ValueError(f"{path} cannot be read: {error.strerror}") from error
-    if len(data) > LARGEST:
-        raise ValueError(f"{path} is larger than {LARGEST} bytes, the most allowed")
-    try:
-        return parse_yaml(data.decode("utf-8-sig"), str(path))
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is no UTF-8 text: {error.reason} at {error.start}") from error
-
-
-def _plain(node: Any) -> Any:
-    if isinstance(node, yaml.ScalarNode):
-        return _scalar(node) if node.style is None else node.value
-    if isinstance(node, yaml.SequenceNode):
-        return [_plain(entry) for entry in node.value]
-    mapping: dict[str, Any] = {}
-    for key, value in node.value:
-        name = _plain(key)
-        if not isinstance(name, str) or name in mapping:
-            what = "stands twice" if isinstance(name, str) else "must be text"
-            raise yaml.MarkedYAMLError(problem=f"key {name!r} {what}", problem_mark=key.start_mark)
-        mapping[name] = _plain(value)
-    return mapping
-
-
-def _scalar(node: yaml.ScalarNode) -> Any:
-    """What a scalar without quotes stands for."""
-    text: str = node.value
-    if text in WORDS:
-        return WORDS[text]
-    if INTEGER.fullmatch(text):
-        if len(text) > DIGITS:
-            problem = f"a whole number has {len(text)} digits, must have at most {DIGITS}"
-            raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
-        return int(text)
-    return float(text) if FLOAT.fullmatch(text) else text

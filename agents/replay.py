@@ -15,9 +15,9 @@ ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "t
 
 
 def save_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
-    """Write what the buffer holds, whole or not at all, as .npz."""
-    rows = _rows(buffer, buffer.pos, buffer.full)
-    arrays = {name: getattr(buffer, name)[:rows] for name in _names(buffer)}
+    """Write what the buffer holds as .npz, atomically."""
+    used = _used(buffer, buffer.pos, buffer.full)
+    arrays = {name: getattr(buffer, name)[:used] for name in ARRAYS}
     write_whole(path, lambda part: np.savez(part, pos=buffer.pos, full=buffer.full, **arrays))
 
 
@@ -32,35 +32,30 @@ def load_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
             raise ValueError("not an .npz archive")
         with zipfile.ZipFile(path) as archive:
             unpacked = sum(member.file_size for member in archive.infolist())
-        largest = HEADERS + sum(getattr(buffer, name).nbytes for name in _names(buffer))
+        largest = HEADERS + sum(getattr(buffer, name).nbytes for name in ARRAYS)
         if unpacked > largest:
             raise ValueError(f"it unpacks to {unpacked} bytes, must be {largest} at most")
         with np.load(path, allow_pickle=False) as file:
             pos, full = int(file["pos"]), bool(file["full"])
-            arrays = {name: file[name] for name in _names(buffer)}
+            arrays = {name: file[name] for name in ARRAYS}
     except (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
         raise ValueError(f"{path} is no replay buffer: {error}") from error
     if not 0 <= pos < buffer.buffer_size:
         raise ValueError(f"{path} has pos {pos}, must be in [0, {buffer.buffer_size})")
-    rows = _rows(buffer, pos, full)
+    used = _used(buffer, pos, full)
     for name, array in arrays.items():
         own = getattr(buffer, name)
-        if array.shape != (rows, *own.shape[1:]) or array.dtype != own.dtype:
+        if array.shape != (used, *own.shape[1:]) or array.dtype != own.dtype:
             raise ValueError(
                 f"{path} has {name} of shape {array.shape} and type {array.dtype}, must be "
-                f"{(rows, *own.shape[1:])} and {own.dtype}"
+                f"{(used, *own.shape[1:])} and {own.dtype}"
             )
     for name, array in arrays.items():
-        getattr(buffer, name)[:rows] = array
+        getattr(buffer, name)[:used] = array
     buffer.pos, buffer.full = pos, full
 
 
-def _names(buffer: ReplayBuffer) -> list[str]:
-    """The arrays it has: one that saves memory keeps no next observations."""
-    return [name for name in ARRAYS if hasattr(buffer, name)]
-
-
-def _rows(buffer: ReplayBuffer, pos: int, full: bool) -> int:
-    """How many are in use; one past ``pos``, where a buffer that saves memory has the last next
+def _used(buffer: ReplayBuffer, pos: int, full: bool) -> int:
+    """Rows in a file; one past ``pos``, where a buffer that saves memory has the last next
     observation."""
     return int(buffer.buffer_size) if full else pos + 1

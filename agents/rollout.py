@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.metrics import Array, Episodes
 from agents.policy import Policy
-from agents.tasks import Episodes, Task, Total, check_env_kwargs, find_task
+from agents.tasks import Task, check_env_kwargs, find_task
 
-Array = NDArray[np.float64]
+REDUCTIONS: dict[str, Callable[[Any, Any, float], Any]] = {
+    "sum": lambda total, value, dt: total + value,
+    "peak": lambda total, value, dt: max(total, abs(value)),
+    "rms": lambda total, value, dt: total + value**2 * dt,  # its mean and root at the end
+    "last": lambda total, value, dt: value,
+}
 
 
 def make_env(env_id: str, env_kwargs: dict[str, Any], **more: Any) -> gym.Env[Any, Any]:
@@ -23,20 +30,6 @@ def make_env(env_id: str, env_kwargs: dict[str, Any], **more: Any) -> gym.Env[An
     arguments = {**env_kwargs, **more}
     check_env_kwargs(env_id, arguments)
     return gym.make(env_id, **arguments)
-
-
-def none_yet(task: Task, commands: Array) -> Episodes:
-    """Episodes of the given commands (n,) with everything else at zero."""
-    n = len(commands)
-    return {
-        "command": np.array(commands, dtype=float),
-        "returns": np.zeros(n),
-        "duration": np.zeros(n),
-        **{
-            name: np.zeros(n, bool if total.how == "flag" else float)
-            for name, total in task.totals.items()
-        },
-    }
 
 
 def run_episodes(
@@ -58,55 +51,51 @@ def run_episodes(
         ValueError: no task is known for ``env_id``.
     """
     task, n = find_task(env_id), len(commands)
-    result = none_yet(task, commands)
-    pool = [make_env(env_id, env_kwargs) for _ in range(min(at_once, n))]
+    envs = [make_env(env_id, env_kwargs) for _ in range(min(at_once, n))]
+    rows: list[dict[str, Any]] = []
     for begin in range(0, n, at_once):
-        episodes = np.arange(begin, min(begin + at_once, n))
-        _run_batch(policy, pool, task, result, seeds, episodes)
-    for env in pool:
+        part = slice(begin, begin + at_once)
+        rows += _run_side_by_side(policy, envs, task, commands[part], seeds[part])
+    for env in envs:
         env.close()
-    for name, total in task.totals.items():
-        if total.how == "rms":  # a sum of squares times time until now
-            result[name] = np.sqrt(result[name] / np.maximum(result["duration"], 1e-12))
-    return result
+    run = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    for name, aggregate in task.aggregates.items():
+        if aggregate.reduction == "rms":
+            run[name] = np.sqrt(run[name] / np.maximum(run["duration"], 1e-12))
+    return run
 
 
-def _run_batch(
+def _run_side_by_side(
     policy: Policy,
-    pool: list[gym.Env[Any, Any]],
+    envs: list[gym.Env[Any, Any]],
     task: Task,
-    result: Episodes,
+    commands: Array,
     seeds: NDArray[np.int64],
-    episodes: NDArray[np.int64],
-) -> None:
+) -> list[dict[str, Any]]:
+    """One episode in each environment; what is kept of each."""
+    rows = [
+        {"command": float(command), "returns": 0.0, "duration": 0.0,
+         **dict.fromkeys(task.aggregates, 0.0)}
+        for command in commands
+    ]  # fmt: skip
     observations = np.stack(
         [
-            env.reset(seed=int(seeds[e]), options={"speed_command": float(result["command"][e])})[0]
-            for env, e in zip(pool, episodes, strict=False)
+            env.reset(seed=int(seed), options={"speed_command": row["command"]})[0]
+            for env, seed, row in zip(envs, seeds, rows, strict=False)
         ]
     )
-    alive = np.ones(len(episodes), bool)
-    start, state = np.ones(len(episodes), bool), None
-    while alive.any():
-        actions, state = policy.predict(observations, state, start, True)
-        start = np.zeros(len(episodes), bool)
-        for i in np.flatnonzero(alive):
-            e, env = episodes[i], pool[i]
+    running = np.ones(len(rows), bool)
+    starts, state = np.ones(len(rows), bool), None
+    while running.any():
+        actions, state = policy.predict(observations, state, starts, True)
+        starts = np.zeros(len(rows), bool)
+        for i in np.flatnonzero(running):
+            env, row = envs[i], rows[i]
             observations[i], reward, terminated, truncated, info = env.step(actions[i])
             dt = float(env.unwrapped.control_dt)  # type: ignore[attr-defined]
-            result["returns"][e] += float(reward)
-            result["duration"][e] += dt
-            for name, total in task.totals.items():
-                result[name][e] = _gather(total, result[name][e], info, dt)
-            alive[i] = not (terminated or truncated)
-
-
-def _gather(total: Total, before: Any, info: dict[str, Any], dt: float) -> Any:
-    value = total.of(info)
-    if total.how == "sum":
-        return before + value
-    if total.how == "peak":
-        return max(before, abs(value))
-    if total.how == "rms":
-        return before + value**2 * dt
-    return value
+            row["returns"] += float(reward)
+            row["duration"] += dt
+            for name, (reduction, function) in task.aggregates.items():
+                row[name] = REDUCTIONS[reduction](row[name], function(info), dt)
+            running[i] = not (terminated or truncated)
+    return rows

@@ -9,15 +9,18 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import os
 import re
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import yaml
+from stable_baselines3.common.utils import get_latest_run_id
 
-from agents.models import read_notes, read_tensors
-from jansen_env.files import write_text, write_whole
+from agents.model_files import read_model
+from agents.models import read_notes
+from jansen_env.files import write_text
 
 FINAL, BEST, REPLAY = "final_model.zip", "best_model.zip", "replay_buffer.npz"
 
@@ -26,9 +29,7 @@ def new_run_folder(root: str | Path, algo: str, env_id: str) -> Path:
     """``root/ALGO/ENV_N``, N one above the last; created."""
     parent = Path(root) / algo
     parent.mkdir(parents=True, exist_ok=True)
-    pattern = re.compile(re.escape(env_id) + r"_(\d+)")
-    found = [int(m.group(1)) for p in parent.iterdir() if (m := pattern.fullmatch(p.name))]
-    for number in itertools.count(max(found, default=0) + 1):
+    for number in itertools.count(get_latest_run_id(str(parent), env_id) + 1):
         folder = parent / f"{env_id}_{number}"
         with suppress(FileExistsError):  # another run has taken the number in the meantime
             folder.mkdir()
@@ -39,8 +40,10 @@ def new_run_folder(root: str | Path, algo: str, env_id: str) -> Path:
 def last_state(folder: str | Path) -> Path:
     """The model with the most steps in a run's folder: final_model.zip or a checkpoint.
 
+    A damaged final_model.zip is passed over where there are checkpoints.
+
     Raises:
-        ValueError: there is none, or final_model.zip is no model.
+        ValueError: there is none.
     """
     found = {
         int(m.group(1)): p
@@ -48,8 +51,13 @@ def last_state(folder: str | Path) -> Path:
         if (m := re.fullmatch(r"model_(\d+)_steps", p.stem))
     }
     final = Path(folder) / FINAL
-    if final.is_file():  # after the update that a checkpoint of as many steps comes before
-        found[read_tensors(final)[1]] = final
+    if final.is_file():
+        try:  # after the update that a checkpoint of as many steps comes before
+            found[read_model(final)[1]] = final
+        except ValueError as error:
+            if not found:
+                raise
+            print(f"{error}; the last checkpoint takes its place")
     if not found:
         raise ValueError(f"no checkpoint and no {FINAL} in {folder}, nothing to resume from")
     return found[max(found)]
@@ -67,7 +75,7 @@ def read_evaluations(folder: Path) -> list[dict[str, Any]]:
     """The rows of evaluations.json; none where there is no such file.
 
     Raises:
-        ValueError: it is no such file.
+        ValueError: it is damaged.
     """
     path = folder / "evaluations.json"
     try:
@@ -83,7 +91,7 @@ def best_return(folder: Path) -> float:
     """The return of best_model.zip at its evaluation; -inf where there is none.
 
     Raises:
-        ValueError: a file of the two is none such.
+        ValueError: best_model.zip or evaluations.json is damaged.
     """
     if not (folder / BEST).is_file():
         return -math.inf
@@ -101,7 +109,7 @@ def next_monitor(folder: Path) -> Path:
 
 
 def monitor_sizes(folder: Path) -> dict[str, int]:
-    """Bytes in each monitor file: saved with a checkpoint, they tell its episodes from later ones.
+    """Bytes in each monitor file: with a checkpoint they separate its episodes from later ones.
 
     Each row is on disk when its episode's last step has been taken.
     """
@@ -121,9 +129,4 @@ def rewind_monitors(folder: Path, sizes: dict[str, int]) -> None:
         if kept == 0:  # begun after the checkpoint
             path.unlink()
         elif kept < size:
-            _cut(path, kept)
-
-
-def _cut(path: Path, size: int) -> None:
-    start = path.read_bytes()[:size]
-    write_whole(path, lambda part: Path(part).write_bytes(start))
+            os.truncate(path, kept)

@@ -1,57 +1,21 @@
-"""The tasks by environment id: commands, what is gathered and scored, and the baselines."""
+"""The tasks by environment id: commands, what is kept and scored of an episode, the baselines."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import load_env_creator
-from numpy.typing import NDArray
 
 from agents import crank_baselines, walker_baselines
+from agents.metrics import Aggregate, Array, Episodes, Metric
 from agents.policy import Policy
 from jansen_env.checks import positive_integer
 from jansen_env.envs.crank_task import LOST
-
-Array = NDArray[np.float64]
-Episodes = dict[str, NDArray[Any]]
-"""Of n episodes, each (n,): "command", "returns", "duration" (s), and the totals of the task."""
-
-
-class Total(NamedTuple):
-    """What is gathered of an episode from each step's ``info``.
-
-    Attributes:
-        how: the "sum" over its steps, the "peak" of the absolute value, the "rms" (root of the mean
-            square), the "last" value, or whether at the end there is a "flag".
-        of: the step's value from its ``info``.
-    """
-
-    how: Literal["sum", "peak", "rms", "last", "flag"]
-    of: Callable[[dict[str, Any]], Any]
-
-
-class Metric(NamedTuple):
-    """A number for many episodes: the mean of ``of``, or where there is ``per`` the sums' ratio.
-
-    Attributes:
-        title, unit: of tables and pictures.
-        of: episodes and their environment to a value of each episode (n,).
-        per: the same, what the sum of ``of`` is divided by, m.
-        axis: in pictures "linear", "log" or "share" (0 to 1); "" for in tables alone.
-        digits: in tables.
-    """
-
-    title: str
-    unit: str
-    of: Callable[[Episodes, Any], Array]
-    per: Callable[[Episodes, Any], Array] | None = None
-    axis: Literal["linear", "log", "share", ""] = "linear"
-    digits: int = 3
 
 
 @dataclass(frozen=True)
@@ -61,18 +25,17 @@ class Task:
     Attributes:
         commands: the grid of ``speed_command`` on which policies are scored.
         command_unit: its unit.
-        totals: what is gathered of each episode, by name.
+        aggregates: what is kept of each episode, by name.
         metrics: by name; the first is "return".
-        baselines: names. rivals: those that ``train.py`` scores against, the main one first.
+        baselines: names of the policies to compare with, the main one first.
         load_baseline: one of them by name, for an unwrapped environment.
     """
 
     commands: tuple[float, ...]
     command_unit: str
-    totals: dict[str, Total]
+    aggregates: dict[str, Aggregate]
     metrics: dict[str, Metric]
     baselines: tuple[str, ...]
-    rivals: tuple[str, ...]
     load_baseline: Callable[[str, Any], Policy]
 
 
@@ -80,7 +43,7 @@ def _mean(name: str) -> Callable[[Episodes, Any], Array]:
     return lambda run, _: np.asarray(run[name], dtype=float)
 
 
-def _walked_speed_error(run: Episodes, env: Any) -> Array:
+def _speed_error(run: Episodes, env: Any) -> Array:
     """Over the full length of an episode: after a fall the robot is taken to stand still."""
     horizon = env.spec.max_episode_steps * env.unwrapped.control_dt
     return np.abs(run["distance"] / horizon - run["command"])
@@ -91,49 +54,48 @@ def _work_per_weight(run: Episodes, env: Any) -> Array:
     return run["work"] / env.unwrapped.weight
 
 
-def _way(run: Episodes, env: Any) -> Array:
+def _distance(run: Episodes, env: Any) -> Array:
     """Distance in the commanded direction, m."""
     return np.maximum(np.sign(run["command"]) * run["distance"], 0.0)
 
 
 TORQUE = {
-    "peak_torque": Total("peak", lambda info: info["crank_torque"]),
-    "rms_torque": Total("rms", lambda info: info["crank_torque"]),
+    "peak_torque": Aggregate("peak", lambda info: info["crank_torque"]),
+    "rms_torque": Aggregate("rms", lambda info: info["crank_torque"]),
 }
 
 WALKER = Task(
     commands=(0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7),
     command_unit="m/s",
-    totals={
-        "distance": Total("last", lambda info: info["x_position"]),
-        "slip": Total("sum", lambda info: info["slip"].sum()),
-        "work": Total("sum", lambda info: abs(info["energy"]["motor_work"])),
+    aggregates={
+        "distance": Aggregate("last", lambda info: info["x_position"]),
+        "slip": Aggregate("sum", lambda info: info["slip"].sum()),
+        "work": Aggregate("sum", lambda info: abs(info["energy"]["motor_work"])),
         # A simulation that diverged is no walk either: it counts as a fall.
-        "fell": Total("flag", lambda info: info["fallen"] or info["diverged"]),
+        "fell": Aggregate("last", lambda info: bool(info["fallen"] or info["diverged"])),
         **TORQUE,
     },
     metrics={
         "return": Metric("return", "", _mean("returns")),
-        "speed_error": Metric("speed error", "m/s", _walked_speed_error),
-        "slip_per_metre": Metric("slip per metre", "m/m", _mean("slip"), _way, "log"),
-        "cost_of_transport": Metric("cost of transport", "1", _work_per_weight, _way, "log"),
-        "falls": Metric("falls", "share", _mean("fell"), axis="share"),
+        "speed_error": Metric("speed error", "m/s", _speed_error),
+        "slip_per_metre": Metric("slip per metre", "m/m", _mean("slip"), _distance, "log"),
+        "cost_of_transport": Metric("cost of transport", "1", _work_per_weight, _distance, "log"),
+        "falls": Metric("falls", "fraction", _mean("fell"), axis="fraction"),
         "peak_torque": Metric("peak torque", "N m", _mean("peak_torque"), axis=""),
         "rms_torque": Metric("RMS torque", "N m", _mean("rms_torque")),
     },
     baselines=walker_baselines.BASELINES,
-    rivals=("pid", "constant"),
     load_baseline=walker_baselines.load_baseline,
 )
 
 CRANK = Task(
     commands=(1.0,),
     command_unit="rad/s",
-    totals={
-        "rms_error": Total("rms", lambda info: info["tracking_error"]),
-        "peak_error": Total("peak", lambda info: info["tracking_error"]),
-        "work": Total("sum", lambda info: info["energy"]["motor_work"]),
-        "lost": Total("flag", lambda info: abs(info["tracking_error"]) > LOST),
+    aggregates={
+        "rms_error": Aggregate("rms", lambda info: info["tracking_error"]),
+        "peak_error": Aggregate("peak", lambda info: info["tracking_error"]),
+        "work": Aggregate("sum", lambda info: info["energy"]["motor_work"]),
+        "lost": Aggregate("last", lambda info: bool(abs(info["tracking_error"]) > LOST)),
         **TORQUE,
     },
     metrics={
@@ -144,10 +106,9 @@ CRANK = Task(
         "rms_torque": Metric("RMS torque", "N m", _mean("rms_torque"), digits=4),
         "peak_torque": Metric("peak torque", "N m", _mean("peak_torque")),
         "power": Metric("mean motor power", "W", lambda run, _: run["work"] / run["duration"]),
-        "lost": Metric("lost", "share", _mean("lost"), axis=""),
+        "lost": Metric("lost", "fraction", _mean("lost"), axis=""),
     },
     baselines=crank_baselines.BASELINES,
-    rivals=("pid-paper", "constant", "inverse"),
     load_baseline=crank_baselines.load_baseline,
 )
 

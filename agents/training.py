@@ -19,9 +19,10 @@ from stable_baselines3.common.vec_env import (
     unwrap_vec_wrapper,
 )
 
-from agents.callbacks import NormalizerUpdate, Saver, Stop
+from agents.callbacks import NormalizerUpdate, Saver, StopOnSignal
 from agents.config import find_config
-from agents.models import build_model, read_notes, read_tensors, restore
+from agents.model_files import read_model
+from agents.models import build_model, read_notes, restore
 from agents.replay import load_replay_buffer
 from agents.runs import FINAL, REPLAY, next_monitor, rewind_monitors
 from agents.vec_env import make_vec_env
@@ -76,7 +77,7 @@ def prepare(config: dict[str, Any], resume: Path | None = None) -> BaseAlgorithm
     )
     model = build_model(config["algo"], config, venv, seed=config["seed"])
     if resume is not None:
-        tensors, model.num_timesteps = read_tensors(resume)
+        tensors, model.num_timesteps = read_model(resume)
         restore(model, tensors)
         venv.seed(config["seed"] + model.num_timesteps)
         if isinstance(model, OffPolicyAlgorithm):
@@ -134,7 +135,7 @@ def train(
     remaining = config["timesteps"] - model.num_timesteps
     if remaining > 0:
         try:
-            with Stop() as stop:
+            with StopOnSignal() as stop:
                 model.learn(
                     remaining,
                     callback=CallbackList([*callbacks, stop]),

@@ -12,17 +12,19 @@ import numpy as np
 import pytest
 
 import jansen_env  # noqa: F401
-from agents import evaluate, scores
-from agents.pid import Gains
-from agents.rollout import none_yet, run_episodes
+from agents import evaluate, metrics, tune
+from agents.evaluation import load_named
+from agents.rollout import run_episodes
 from agents.tasks import WALKER
 from agents.walker_baselines import (
     BASELINES,
+    DATA,
     SpeedMap,
+    constant_torque,
     load_baseline,
     walking_pid,
-    walking_torque,
 )
+from jansen_env.control import PID
 from jansen_env.files import write_text, write_whole
 from jansen_env.plants.make import PLANTS
 
@@ -44,8 +46,8 @@ def observation(angle, speed, command):
 
 def test_pid_is_equation_13():
     """Against the formula written out, the crank passing pi twice; what is NaN it does not read."""
-    dt, gains = 0.02, Gains()
-    controller = walking_pid(gains, ONE_TO_ONE, torque_limit=1e3, control_dt=dt)
+    dt, gains = 0.02, PID()
+    controller = walking_pid(ONE_TO_ONE.setting_for, 1e3, dt)
     state, integral = None, 0.0
     for k in range(500):
         t = k * dt
@@ -60,7 +62,7 @@ def test_pid_is_equation_13():
 
 def test_pid_starts_again_with_an_episode():
     """episode_start clears one environment's memory and leaves the other's."""
-    controller = walking_pid(Gains(), ONE_TO_ONE)
+    controller = walking_pid(ONE_TO_ONE.setting_for, 20.0, 0.02)
     seen = np.array([observation(0.1, 0.0, 1.0), observation(0.1, 0.0, 1.0)])
     state = None
     for _ in range(10):
@@ -72,7 +74,7 @@ def test_pid_starts_again_with_an_episode():
 
 def test_pid_integral_waits_at_the_torque_limit():
     """No wind-up while saturated."""
-    controller = walking_pid(Gains(kp=1e4, ki=1e4), ONE_TO_ONE)
+    controller = walking_pid(ONE_TO_ONE.setting_for, 20.0, 0.02, PID(kp=1e4, ki=1e4))
     state = None
     for _ in range(50):
         action, state = controller.predict(observation(0.0, 0.0, 2.0)[None], state)
@@ -93,7 +95,7 @@ def test_speed_map_counts_falls_and_spread():
 
 def test_constant_torque():
     """One torque, single or batched."""
-    policy = walking_torque(ONE_TO_ONE, torque_limit=4.0)
+    policy = constant_torque(ONE_TO_ONE.setting_for, 4.0)
     single, _ = policy.predict(observation(0.0, 0.0, 2.0))
     assert single.shape == (1,) and single[0] == 0.5
     assert policy.predict(np.stack([observation(0.0, 0.0, 2.0)] * 3))[0].shape == (3, 1)
@@ -122,20 +124,25 @@ def test_episodes_side_by_side_equal_one_by_one(walker):
         assert alone["slip"][0] == together["slip"][i]
 
 
-def test_tuned_pid_is_no_worse_than_the_papers_gains(walker):
-    """On episodes that the search has not seen."""
-    commands = np.repeat(WALKER.commands, 4)
-    seeds = 500 + np.arange(len(commands))
-    tuned, paper = (
-        run_episodes(load_baseline(n, walker), "JansenWalker-v0", {}, commands, seeds)["returns"]
-        for n in ("pid", "pid-paper")
-    )
-    assert tuned.mean() >= paper.mean()
+def test_the_measured_maps_are_what_tune_measures():
+    """The shipped speeds, of a setting of each kind."""
+    shipped = json.loads(DATA.read_text())
+    for name, i in (("pid", 20), ("constant", 12)):
+        setting = np.array(shipped[name]["settings"][i : i + 1])
+        again = tune.measure(name, setting, 6)
+        assert again["speeds"] == shipped[name]["speeds"][i : i + 1]
+
+
+def test_the_papers_pid_is_the_pid(walker):
+    """By both names, with the paper's gains."""
+    policies = [load_named(name, walker) for name in ("pid", "pid-paper")]
+    assert [policy.pid for policy in policies] == [PID(10.0, 1.0, 1.0)] * 2
 
 
 def made_episodes(n=40):
     """Episodes with known means."""
-    run = none_yet(WALKER, np.repeat([0.1, 0.2], n // 2))
+    run = dict.fromkeys(WALKER.aggregates, np.zeros(n))
+    run["command"] = np.repeat([0.1, 0.2], n // 2)
     run["returns"] = np.arange(n, dtype=float)
     run["distance"] = np.where(run["command"] == 0.1, 1.0, 2.0)
     run["slip"] = np.full(n, 0.3)
@@ -153,7 +160,7 @@ TEN_SECONDS = SimpleNamespace(
 
 def test_scores_are_means_and_ratios_of_sums():
     """Checked by hand; intervals hold the value."""
-    summary = scores.summarise(WALKER, made_episodes(), TEN_SECONDS)
+    summary = metrics.summarise(WALKER.metrics, made_episodes(), TEN_SECONDS)
     overall = summary["overall"]
     assert overall["return"][0] == pytest.approx(19.5)
     assert overall["slip_per_metre"][0] == pytest.approx(0.3 / 1.5)
@@ -163,7 +170,7 @@ def test_scores_are_means_and_ratios_of_sums():
     # two groups of 20 consecutive numbers: standard error of the mean 5.77 / sqrt(40) = 0.91
     assert high - low == pytest.approx(2 * 1.96 * 0.91, rel=0.15)
     assert low < 19.5 < high
-    plain = scores.values(WALKER, made_episodes(), TEN_SECONDS)
+    plain = metrics.point_estimates(WALKER.metrics, made_episodes(), TEN_SECONDS)
     assert plain == {name: interval[0] for name, interval in overall.items()}
     assert summary["by_command"]["slip_per_metre"]["value"] == pytest.approx([0.3, 0.15])
 
@@ -172,8 +179,35 @@ def test_scores_without_distance_are_none():
     """No ratio per metre for a robot that stands."""
     run = made_episodes()
     run["distance"][:] = 0.0
-    summary = scores.summarise(WALKER, run, TEN_SECONDS)
+    summary = metrics.summarise(WALKER.metrics, run, TEN_SECONDS)
     assert summary["overall"]["slip_per_metre"] == [None] * 3
+
+
+def test_bootstrap_resamples_within_each_command():
+    """Spread between the commands widens no interval; a seed gives the same one again; of one
+    episode per command there is none."""
+    run = made_episodes()
+    run["returns"] = np.where(run["command"] == 0.1, 0.0, 100.0)
+    assert metrics.summarise(WALKER.metrics, run, TEN_SECONDS)["overall"]["return"] == [50.0] * 3
+    run["returns"] = np.random.default_rng(0).normal(size=40)
+    intervals = [
+        metrics.summarise(WALKER.metrics, run, TEN_SECONDS, seed)["overall"]["return"]
+        for seed in (1, 1, 2)
+    ]
+    assert intervals[0] == intervals[1] != intervals[2]
+    few = {name: values[::20] for name, values in run.items()}
+    assert (
+        metrics.summarise(WALKER.metrics, few, TEN_SECONDS)["overall"]["return"][1:] == [None] * 2
+    )
+
+
+def test_resamples_in_which_nobody_walked_do_not_count():
+    """One of 20 walked: the others' slip per metre is its own, or none."""
+    run = made_episodes()
+    run["distance"] = np.where(np.arange(40) % 20 == 0, 3.0, 0.0)
+    run["slip"] = run["distance"] / 2.0
+    rows = metrics.summarise(WALKER.metrics, run, TEN_SECONDS)["by_command"]["slip_per_metre"]
+    assert [rows[key] for key in ("value", "low", "high")] == [[0.5, 0.5]] * 3
 
 
 def test_evaluation_command(tmp_path):
@@ -208,7 +242,7 @@ def test_evaluation_on_both_plants(tmp_path, capsys):
     torque = [table[f"pid on {plant}"]["overall"]["rms_torque"][0] for plant in PLANTS]
     assert torque[0] == pytest.approx(torque[1], rel=0.02) and torque[0] != torque[1]
     with pytest.raises(SystemExit):
-        evaluate.main(["--env", "JansenCrank-v0", "--policy", "pid-paper", "--plant", "rigid_body"])
+        evaluate.main(["--env", "JansenCrank-v0", "--policy", "pid", "--plant", "rigid_body"])
     assert "has one plant only" in capsys.readouterr().err
 
 
@@ -216,10 +250,10 @@ def test_unknown_policies_are_named():
     """With what is allowed."""
     env = gym.make("JansenWalker-v0")
     with pytest.raises(ValueError, match="'dog'"):
-        evaluate.load("dog", env)
+        load_named("dog", env)
 
 
-def test_files_are_written_whole_or_not_at_all(tmp_path):
+def test_files_are_written_atomically(tmp_path):
     """A writer that fails leaves the old file and no litter."""
     path = tmp_path / "a.txt"
     write_text(path, "old")

@@ -12,8 +12,8 @@ import yaml
 from stable_baselines3 import PPO, SAC
 
 import train
-from agents import arguments, config, evaluate, models, runs
-from agents.plain_yaml import LARGEST, parse_yaml, read_yaml
+from agents import command_line, config, evaluate, evaluation, models, runs
+from agents.plain_yaml import MAX_BYTES, parse_yaml, read_yaml
 from agents.rollout import make_env
 from agents.tasks import TASKS
 
@@ -42,9 +42,10 @@ def one_line(error):
 
 def test_yaml_numbers_and_words():
     """Of YAML 1.2; quoted, all is text."""
-    text = "[2e2, 5e-1, .5, -3, +7, 010, 1_000, ~, '', true, yes, 1:30, 2020-01-01, '5', .inf]"
+    text = "[2e2, 5e-1, .5, -3, +7, 010, 1_000, ~, '', true, yes, 1:30, 2020-01-01, '5', .inf, "
+    text += 19 * "9" + "]"
     expected = [200.0, 0.5, 0.5, -3, 7, 10, 1000, None, "", True, "yes", "1:30", "2020-01-01",
-                "5", ".inf"]  # fmt: skip
+                "5", ".inf", "9" * 19]  # fmt: skip
     read = parse_yaml(text, "it")
     assert read == expected and [type(r) for r in read] == [type(e) for e in expected]
     assert parse_yaml("a:\nb: {c: 1e-3}", "it") == {"a": None, "b": {"c": 1e-3}}
@@ -62,7 +63,6 @@ def test_yaml_numbers_and_words():
         ("--- 1\n--- 2", "another document"),
         ("a: \x01", "special characters"),
         ("[" * 60_000, "nested too deeply"),
-        ("a: " + "9" * 5000, "5000 digits"),
     ],
 )
 def test_yaml_that_is_no_plain_data(text, reason, tmp_path):
@@ -73,7 +73,7 @@ def test_yaml_that_is_no_plain_data(text, reason, tmp_path):
         read_yaml(path)
     assert str(path) in one_line(error)
     with pytest.raises(argparse.ArgumentTypeError, match=reason):
-        arguments.mapping(text)
+        command_line.mapping(text)
 
 
 def test_files_that_are_no_yaml(tmp_path):
@@ -82,7 +82,7 @@ def test_files_that_are_no_yaml(tmp_path):
     for make, reason in (
         (lambda: None, "No such file"),
         (lambda: path.write_bytes(b"a: \xff"), "no UTF-8"),
-        (lambda: path.write_text("#" * (LARGEST + 1)), "larger than"),
+        (lambda: path.write_text("#" * (MAX_BYTES + 1)), "larger than"),
         (lambda: (path.unlink(), path.mkdir()), "Is a directory"),
     ):
         make()
@@ -96,15 +96,16 @@ def test_files_that_are_no_yaml(tmp_path):
     [
         ({"timesteps": -1}, "timesteps is -1, must be a whole number from 1 to 10000000000"),
         ({"timesteps": 10**12}, "timesteps is 1000000000000, must be"),
+        ({"timesteps": "9" * 5000}, "timesteps is '99999"),
         ({"timesteps": "5"}, "timesteps is '5', must be"),
         ({"timesteps": True}, "timesteps is True, must be"),
         ({"n_envs": 0}, "n_envs is 0, must be"),
-        ({"reward_scale": 0}, "reward_scale is 0, must be above 0"),
+        ({"reward_scale": 0}, "reward_scale is 0, must be a number above 0"),
         ({"hyperparameters": None}, "hyperparameters is None, must be a mapping"),
         ({"env_kwargs": None}, "env_kwargs is None, must be a mapping"),
         ({"policy_kwargs": []}, r"policy_kwargs is \[\], must be a mapping"),
         ({"training_variants": {}}, "training_variants is {}, must be a list of mappings"),
-        ({"training_variants": [1]}, "an entry of training_variants is 1, must be a mapping"),
+        ({"training_variants": [1]}, r"training_variants is \[1\], must be a list"),
         ({"policy": "os.path"}, "policy is 'os.path', must be one of"),
         ({"algo": "td3"}, "algo is 'td3', must be one of"),
         ({"algo": ["ppo"]}, r"algo is \['ppo'\], must be one of"),
@@ -116,25 +117,31 @@ def test_files_that_are_no_yaml(tmp_path):
         ({"training_variants": [{"entry_point": "os:x"}]}, "'entry_point' is no argument of"),
         ({"policy_kwargs": {"features_extractor_class": "os.x"}}, "'features_extractor_class' is"),
         ({"policy_kwargs": {"activation": "os.x"}}, "policy_kwargs.activation is 'os.x', must be"),
-        ({"policy_kwargs": {"net_arch": [10**9]}}, "policy_kwargs.net_arch is 1000000000, must be"),
+        ({"policy_kwargs": {"net_arch": [10**9]}}, r"net_arch is \[1000000000\], must be"),
         ({"policy_kwargs": {"net_arch": [1] * 99}}, "must be a list of up to 8 layers"),
-        ({"policy_kwargs": {"net_arch": {"pi": [8], "qf": [8]}}}, "or a mapping of"),
+        (
+            {"policy_kwargs": {"net_arch": {"pi": [8], "qf": [8]}}},
+            r"mapping of \['pi', 'vf'\]",
+        ),
         *(
             (
                 {"hyperparameters": {name: value}},
                 rf"hyperparameters.{name} is .*, must be {allowed}",
             )
             for name, value, allowed in (
-                ("learning_rate", -1e-3, "above 0, or 'linear_NUMBER'"),
-                ("learning_rate", "linear_1.2.3", "a finite number, or 'linear_NUMBER'"),
-                ("clip_range", "linear_0", "above 0, or 'linear_NUMBER'"),
-                ("gamma", 1.1, "between 0 and 1"),
-                ("gamma", "0.9", "a finite number"),
+                ("learning_rate", -1e-3, "a number above 0, or 'linear_NUMBER'"),
+                *(
+                    ("learning_rate", value, "a number above 0, or 'linear_NUMBER'")
+                    for value in ("linear_1.2.3", "linear_", "linear_-1", "linear_inf", "cosine_1")
+                ),
+                ("clip_range", "linear_0", "a number above 0, or 'linear_NUMBER'"),
+                ("gamma", 1.1, "a number between 0 and 1"),
+                ("gamma", "0.9", "a number between 0 and 1"),
                 ("n_steps", 0, "a whole number"),
                 ("batch_size", 1, "a whole number"),
                 ("n_epochs", 2.5, "a whole number"),
-                ("ent_coef", "auto", "a finite number"),
-                ("target_kl", 0, "above 0"),
+                ("ent_coef", "auto", "a number 0 or above"),
+                ("target_kl", 0, "a number above 0, or null"),
                 ("use_sde", "yes", "True or False"),
             )
         ),
@@ -213,6 +220,7 @@ def test_environments_have_an_id_of_a_task_and_a_time_limit():
         ["--env-kwargs", "{max_episode_steps: -1}"],
         ["--env-kwargs", "{fricton: 1}"],
         ["--env-kwargs", "{friction: 1, friction: 2}"],
+        ["--env-kwargs", "{speed_command: 0.3}"],
         ["--policy", "dog"],
         ["--policy", "constant"],
         ["--episodes", "0"],
@@ -222,7 +230,7 @@ def test_environments_have_an_id_of_a_task_and_a_time_limit():
 )
 def test_evaluation_refuses_before_it_runs(given, tmp_path, monkeypatch, capsys):
     """In one line, with nothing written."""
-    monkeypatch.setattr(evaluate, "run_episodes", None)
+    monkeypatch.setattr(evaluation, "run_episodes", None)
     with pytest.raises(SystemExit):
         evaluate.main(["--policy", "constant", "--out", str(tmp_path / "out"), *given])
     last = capsys.readouterr().err.splitlines()[-1]
@@ -261,7 +269,17 @@ def test_a_missing_extra_is_named(script):
     assert "agents needs torch, yaml, which the extra 'train' installs: python -m pip" in last
 
 
-def test_policies_keep_titles_of_their_own(tmp_path, monkeypatch):
+def test_whole_numbers_may_be_written_with_an_exponent():
+    """As in a configuration file; what is not whole, negative or endless is refused."""
+    read = [command_line.positive_int(text) for text in ("1e5", "12", "2.5e1")]
+    assert read == [100_000, 12, 25] and all(type(number) is int for number in read)
+    assert command_line.non_negative_int("0") == 0
+    for text in ("0", "-1", "2.5", "1e99", "inf", "nan", "many"):
+        with pytest.raises(argparse.ArgumentTypeError, match=f"'{text}' is not allowed, must be"):
+            command_line.positive_int(text)
+
+
+def test_policies_keep_labels_of_their_own(tmp_path, monkeypatch):
     """Runs of one name in different folders are told apart; the same policy twice is refused."""
     monkeypatch.chdir(tmp_path)
     for root in ("a", "b"):
@@ -269,11 +287,16 @@ def test_policies_keep_titles_of_their_own(tmp_path, monkeypatch):
         folder.mkdir(parents=True)
         (folder / "best_model.zip").touch()
     first, second = (f"{root}/ppo/JansenWalker-v0_1" for root in ("a", "b"))
-    assert evaluate.titles([first, "pid"]) == ["ppo/JansenWalker-v0_1", "pid"]
-    assert evaluate.titles([first, second]) == [first, second]
-    for twice in (["pid", "pid"], [first, f"./{first}"], [first, f"{first}/best_model.zip"]):
+    assert evaluation.labels([first, "pid"]) == ["ppo/JansenWalker-v0_1", "pid"]
+    assert evaluation.labels([first, second]) == [first, second]
+    for twice in (
+        ["pid", "pid"],
+        [first, f"./{first}"],
+        [first, f"{first}/best_model.zip"],
+        ["pid", "pid-paper"],
+    ):
         with pytest.raises(ValueError, match="is given 2 times"):
-            evaluate.titles(twice)
+            evaluation.labels(twice)
 
 
 def test_what_the_command_line_says_holds_for_all_variants():

@@ -5,16 +5,18 @@ from __future__ import annotations
 import json
 
 import gymnasium as gym
+import imageio.v3 as iio
 import numpy as np
 import pytest
 from PIL import Image
 from stable_baselines3 import PPO
 
 import train
-from agents import evaluate, tasks
-from agents.crank_baselines import BASELINES, InverseDynamics, load_baseline
-from agents.pid import Gains
+from agents import evaluate, tasks, video
+from agents.crank_baselines import BASELINES, inverse_dynamics, load_baseline
+from agents.evaluation import load_named
 from agents.rollout import run_episodes
+from jansen_env.control import PID
 from jansen_env.dynamics.inverse import crank_torque
 
 ENV = "JansenCrank-v0"
@@ -46,7 +48,7 @@ def rms(values):
 
 def test_the_papers_pid_does_what_the_paper_does(env):
     """Its gains from its start for its 10 s; pinned to the last digit."""
-    error, torque, _ = follow(env, load_baseline("pid-paper", env.unwrapped))
+    error, torque, _ = follow(env, load_baseline("pid", env.unwrapped))
     assert rms(error) == pytest.approx(0.1154, abs=1e-4)
     assert rms(torque) == pytest.approx(1.676, abs=1e-3)
     assert np.abs(torque).max() == pytest.approx(2.685, abs=1e-3)
@@ -58,7 +60,7 @@ def test_the_papers_pid_does_what_the_paper_does(env):
 def test_the_papers_pid_is_equation_13(env):
     """Against the formula written out, over the observations of a run with a small limit."""
     limited = gym.make(ENV, torque_limit=1.8)
-    policy = load_baseline("pid-paper", limited.unwrapped)
+    policy = load_baseline("pid", limited.unwrapped)
     seen, _ = limited.reset(seed=0, options=PAPER_START)
     state, integral, saturated = None, 0.0, 0
     for k in range(300):
@@ -91,7 +93,7 @@ def test_inverse_dynamics_needs_no_feedback_once_it_follows(env):
     assert rms(error) == pytest.approx(0.0476, abs=1e-4)
     assert rms(torque) == pytest.approx(1.675, abs=1e-3)
     assert rms(error[300:]) < 1e-3
-    blind = InverseDynamics(env.unwrapped.robot, 5.0, Gains(kp=0.0, kd=0.0))
+    blind = inverse_dynamics(env.unwrapped.robot, 5.0, PID(kp=0.0, kd=0.0))
     seen = np.array([np.cos(2.0), np.sin(2.0), 0.3, 0.7, 1.5])
     expected = crank_torque(env.unwrapped.robot, 2.0, 1.5).total
     assert blind.predict(seen)[0][0] * 5.0 == pytest.approx(float(expected), rel=1e-6)
@@ -118,7 +120,7 @@ def test_baselines_answer_like_stable_baselines(env, name):
 @pytest.mark.parametrize("load", [t.load_baseline for t in tasks.TASKS.values()])
 def test_unknown_baselines_are_named(env, load):
     """With what is allowed."""
-    with pytest.raises(ValueError, match=r"'dog'.*'pid-paper', 'constant'"):
+    with pytest.raises(ValueError, match=r"'dog'.*'pid', 'constant'"):
         load("dog", env.unwrapped)
 
 
@@ -133,7 +135,7 @@ def test_unknown_environments_are_named():
 
 def test_scores_are_those_of_the_episodes(env):
     """Each total and metric against a run stepped here; a crank left alone is lost."""
-    policy = load_baseline("pid-paper", env.unwrapped)
+    policy = load_baseline("pid", env.unwrapped)
     run = run_episodes(policy, ENV, {"reset_noise_scale": 0.0}, np.array([1.0]), np.zeros(1, int))
     error, torque, energies = follow(env, policy)
     work = sum(e["motor_work"] for e in energies)
@@ -142,7 +144,7 @@ def test_scores_are_those_of_the_episodes(env):
         "peak_torque": np.abs(torque).max(), "power": work / 10.0, "lost": 0.0,
     }  # fmt: skip
     measured = {
-        name: float(m.of(run, env)[0])
+        name: float(m.function(run, env)[0])
         for name, m in tasks.CRANK.metrics.items()
         if name != "return"
     }
@@ -164,19 +166,28 @@ def test_evaluation_of_the_crank(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "RMS tracking error (rad)" in printed and "[1.0] rad/s" in printed
     table = json.loads((tmp_path / "scores.json").read_text())
-    assert (
-        table["inverse"]["overall"]["rms_error"][0] < table["pid-paper"]["overall"]["rms_error"][0]
-    )
+    assert table["inverse"]["overall"]["rms_error"][0] < table["pid"]["overall"]["rms_error"][0]
     assert (tmp_path / "scores.png").stat().st_size > 10_000
 
 
-def test_film_of_the_crank(env, tmp_path):
-    """As long as asked for, in pictures FRAME_TIME apart."""
-    path = tmp_path / "inverse.gif"
-    evaluate.film(load_baseline("inverse", env.unwrapped), ENV, {}, 1.0, 0, path, seconds=0.3)
-    with Image.open(path) as gif:
-        assert gif.n_frames == 5
-        assert gif.info["duration"] == 1e3 * evaluate.FRAME_TIME
+@pytest.mark.parametrize("suffix", [".gif", ".mp4"])
+def test_video_of_the_crank(env, suffix, tmp_path):
+    """As long as asked for, moving, in the frames' own colours; another suffix is refused."""
+    path = tmp_path / f"inverse{suffix}"
+    policy = load_baseline("inverse", env.unwrapped)
+    video.record_video(policy, ENV, {}, 1.0, 0, path, seconds=0.3)
+    frames = iio.imread(path)
+    assert len(frames) == round(0.3 / video.FRAME_TIME[suffix])
+    properties = iio.immeta(path)
+    shown = properties["duration"] / 1e3 if suffix == ".gif" else 1.0 / properties["fps"]
+    assert shown == pytest.approx(video.FRAME_TIME[suffix])
+    assert (frames[0] != frames[-1]).any()
+    start = gym.make(ENV, render_mode="rgb_array")
+    start.reset(seed=0, options={"speed_command": 1.0})
+    image = Image.fromarray(start.render()).resize(frames.shape[2:0:-1])
+    assert np.abs(np.asarray(image, float) - frames[0]).mean() < 4.0  # of 255
+    with pytest.raises(ValueError, match=r"with 0 frames, must be \['.gif', '.mp4'\]"):
+        video.save_video([], path, 0.1)
 
 
 def test_training_on_the_crank(tmp_path):
@@ -192,7 +203,7 @@ def test_training_on_the_crank(tmp_path):
     for name in ("scores.png", "training.png"):
         assert (folder / name).stat().st_size > 10_000
     path = folder / "final_model.zip"  # its outputs are squashed, unlike the walking policies'
-    theirs, ours = PPO.load(path, device="cpu"), evaluate.load(str(path), gym.make(ENV))
+    theirs, ours = PPO.load(path, device="cpu"), load_named(str(path), gym.make(ENV))
     seen = np.array(
         [[-1.0, 0.0, 0.0, 0.1, 1.0], [0.0, 1.0, 1.1, 2.0, 1.0], [0.6, -0.8, -30.0, -3.0, 1.0]],
         np.float32,
@@ -200,7 +211,7 @@ def test_training_on_the_crank(tmp_path):
     actions = [p.predict(seen, deterministic=True)[0] for p in (ours, theirs)]
     assert np.array_equal(*actions)
     with pytest.raises(ValueError, match=r"observation_space of shape \(5,\), must be \(16,\)"):
-        evaluate.load(str(folder), gym.make("JansenWalker-v0"))
+        load_named(str(folder), gym.make("JansenWalker-v0"))
 
 
 @pytest.mark.slow
@@ -208,6 +219,6 @@ def test_trained_policy_beats_the_papers_pid(tmp_path):
     """Less RMS tracking error at no more RMS torque, with the shipped configuration."""
     folder = train.main(["--env", ENV, "--no-progress", "--log-folder", str(tmp_path)])
     result = json.loads((folder / "scores.json").read_text())
-    ours, pid = (result[name]["overall"] for name in (f"ppo/{ENV}_1", "pid-paper"))
+    ours, pid = (result[name]["overall"] for name in (f"ppo/{ENV}_1", "pid"))
     assert ours["rms_error"][0] < 0.8 * pid["rms_error"][0]
     assert ours["rms_torque"][0] <= pid["rms_torque"][0]

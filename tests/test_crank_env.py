@@ -12,6 +12,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
 
 import jansen_env
 from jansen_env.dynamics.inverse import crank_torque
@@ -304,3 +305,41 @@ def test_human_mode_headless(monkeypatch):
     env.step(np.array([0.1], np.float32))
     assert env.render() is None
     env.close()
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_many_do_what_each_does_alone(mode):
+    """Observations, rewards, ends and information, bit for bit, with values of their own."""
+    own = {"speed_command": np.array([0.5, 1.0, 3.0]), "reset_noise_scale": [0.0, 1.0, 3.0]}
+    each = [{name: values[i] for name, values in own.items()} for i in range(3)]
+    together = gym.make_vec(
+        "JansenCrank-v0", num_envs=3, autoreset_mode=mode, max_episode_steps=40, **own
+    )
+    makers = [
+        lambda one=one: gym.make("JansenCrank-v0", max_episode_steps=40, **one) for one in each
+    ]
+    apart = gym.vector.SyncVectorEnv(makers, autoreset_mode=mode)
+    rng, ends = np.random.default_rng(0), 0
+    assert np.array_equal(together.reset(seed=5)[0], apart.reset(seed=5)[0])
+    for _ in range(100):
+        action = rng.uniform(-1.0, 1.0, (3, 1)).astype(np.float32)
+        *ours, infos = together.step(action)
+        *theirs, others = apart.step(action)
+        for a, b in zip(ours, theirs, strict=True):
+            assert np.array_equal(a, b) and a.dtype == b.dtype
+        assert set(infos) == set(others)
+        for key in ("tracking_error", "_tracking_error", "crank_torque", "diverged"):
+            assert np.array_equal(infos[key], others[key])
+        ends += (ours[2] | ours[3]).sum()
+    assert ends >= 6
+
+
+def test_a_crank_that_diverges_ends_its_episode():
+    """It stays as it was and says so; the others go on."""
+    env = gym.make_vec("JansenCrank-v0", num_envs=2, torque_limit=1e12)
+    env.reset(seed=0)
+    with pytest.warns(UserWarning, match=r"robots \[1\] end: their simulation diverged"):
+        *_, truncated, infos = env.step(np.array([[0.0], [1.0]], np.float32))
+    assert truncated.tolist() == [False, True] == infos["diverged"].tolist()
+    assert np.isfinite(env.task.batch.states).all()
+    assert not env.step(np.zeros((2, 1), np.float32))[3].any()

@@ -14,6 +14,7 @@ import yaml
 
 import train
 from agents import config, models, runs, training
+from agents.model_files import read_model
 from agents.normalizer import NormalizedObservation
 from agents.rollout import make_env, run_episodes
 
@@ -44,10 +45,10 @@ def test_run_folder_holds_all(run):
 
 def test_resume_goes_on_from_the_last_state(run, capsys):
     """Parameters and optimiser are those saved, steps go on to the target."""
-    before, done = models.read_tensors(runs.last_state(run))
+    before, done = read_model(runs.last_state(run))
     train.main(["--resume", str(run), "-n", "2600", "--eval-episodes", "1", "--no-progress"])
     assert f"at {done} steps" in capsys.readouterr().out
-    after, steps = models.read_tensors(run / "final_model.zip")
+    after, steps = read_model(run / "final_model.zip")
     assert steps >= 2600 and done < steps
     assert "policy.optimizer" in before
     assert not torch.equal(
@@ -61,7 +62,7 @@ def test_resume_restores_parameters_exactly(run):
     checkpoint = run / "checkpoints" / "model_256_steps.zip"
     model = training.prepare(config.load_config(run / "config.yml"), checkpoint)
     assert model.num_timesteps == 256
-    for name, value in models.read_tensors(checkpoint)[0]["policy"].items():
+    for name, value in read_model(checkpoint)[0]["policy"].items():
         assert torch.equal(model.policy.state_dict()[name], value)
 
 
@@ -158,7 +159,7 @@ def test_normalizer_equals_numpy():
 
 
 @pytest.mark.slow
-def test_default_training_beats_the_tuned_pid(tmp_path):
+def test_default_training_beats_the_pid(tmp_path):
     """1.5 times its return, a third of its slip per metre over all commands, the default budget.
 
     At the slowest commands a seed may do little more than stand, and which seed does depends on the

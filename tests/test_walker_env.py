@@ -9,13 +9,15 @@ import warnings
 
 import gymnasium as gym
 import numpy as np
+import pygame
 import pytest
 from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.play import play
 
 import jansen_env
 from jansen_env.engine.integrator import BUMPS, WORST_RESIDUAL
 from jansen_env.engine.task import REWARD, compute_reward, tracking_score
-from jansen_env.envs.walker import JansenWalkerEnv
+from jansen_env.envs.walker import JansenWalkerEnv, JansenWalkerVectorEnv
 
 
 @pytest.fixture
@@ -358,3 +360,41 @@ def test_a_fall_is_a_fall():
         falls += 1
     assert falls >= 60
     assert recovered < 0.1 * falls
+
+
+@pytest.mark.parametrize("env_id", ["JansenWalker-v0", "JansenCrank-v0"])
+def test_it_can_be_played(env_id):
+    """By Gymnasium's own function, without further arguments: no key, then the right one."""
+    env, torques = gym.make(env_id, render_mode="rgb_array"), []
+
+    def callback(before, after, action, reward, terminated, truncated, info):
+        torques.append(info["crank_torque"])
+        if len(torques) == 2:
+            pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=pygame.K_RIGHT))
+        if len(torques) == 5:
+            pygame.event.post(pygame.event.Event(pygame.QUIT))
+
+    play(env, callback=callback, fps=1000)
+    assert torques[:2] == [0.0, 0.0] and torques[-1] == env.unwrapped.torque_limit
+    assert env.unwrapped.dt == env.unwrapped.control_dt
+
+
+def test_parameters_can_be_changed():
+    """The next steps and episodes are those of an environment made with them."""
+    env = JansenWalkerEnv()
+    env.set_parameters(friction=0.3, restitution=0.2, payload=1.5, speed_command=0.4)
+    other = JansenWalkerEnv(friction=0.3, restitution=0.2, payload=1.5, speed_command=0.4)
+    assert np.array_equal(env.reset(seed=3)[0], other.reset(seed=3)[0])
+    for _ in range(20):
+        assert env.step(np.ones(1))[1] == other.step(np.ones(1))[1]
+    with pytest.raises(TypeError, match="terrain"):
+        env.set_parameters(terrain="flat")
+    with pytest.raises(ValueError, match="friction cannot be changed"):
+        JansenWalkerEnv(plant="rigid_body").set_parameters(friction=0.3)
+
+
+def test_unknown_arguments_are_named():
+    """With what is allowed, at either environment."""
+    for make in (JansenWalkerEnv, JansenWalkerVectorEnv):
+        with pytest.raises(TypeError, match=r"has no argument 'frction', must be in .*'friction'"):
+            make(frction=0.3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from numbers import Integral
 from typing import Any
@@ -137,14 +137,13 @@ def command_of_each(count: int, command: Any, limit: float) -> Array:
     return np.array([command_range(one, limit) for one in commands])
 
 
-def noise_of_each(count: int, noise: Any) -> Array:
-    """(count,) values of ``reset_noise_scale`` from one, or from one for each.
+def numbers_of_each(count: int, name: str, value: Any, check: Callable[[str, Any], float]) -> Array:
+    """(count,) numbers from one, or from one for each, as ``check`` of :mod:`jansen_env.checks` has it.
 
     Raises:
-        ValueError: not one for each, or below 0.
+        ValueError: not one for each, or out of range.
     """
-    scales = _each("reset_noise_scale", noise, count)
-    return np.array([non_negative("reset_noise_scale", one) for one in scales])
+    return np.array([check(name, one) for one in _each(name, value, count)])
 
 
 def limit_of_each(count: int, limit: Any) -> Array:
@@ -298,11 +297,13 @@ def actions_of_each(count: int, actions: Any) -> Array:
 
 
 def one_action(action: Any) -> Array:
-    """The action (1,) of one robot as (1, 1).
+    """The action (1,) of one robot as (1, 1); the number 0 stands for no torque.
 
     Raises:
         ValueError: it is not one finite number.
     """
+    if isinstance(action, int) and action == 0:  # what gymnasium.utils.play does without a key
+        return np.zeros((1, 1))
     try:
         values: Array = np.asarray(action, dtype=float)
     except (TypeError, ValueError, OverflowError):

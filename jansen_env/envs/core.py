@@ -120,7 +120,16 @@ class Task(ABC):
     torque: Array
     rows: NDArray[Any]
 
-    @abstractmethod
+    def _allocate(self, row: np.dtype[Any], observation_space: spaces.Box) -> None:
+        """Make the arrays of a task with such rows."""
+        n = self.num_envs
+        self.observation_space = observation_space
+        self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
+        self.observation = np.zeros((n, *observation_space.shape), np.float32)
+        self.rows = np.zeros(n, row)
+        self.torque, self.reward = np.zeros((2, n))
+        self.terminated, self.truncated = np.zeros((2, n), bool)
+
     def reset(
         self,
         rows: Ints,
@@ -136,6 +145,18 @@ class Task(ABC):
         Raises:
             ValueError: an unknown option, or a value out of range.
         """
+        for k, i in enumerate(rows.tolist()):
+            self._start(i, generators[k], {} if options is None else options[k])
+        self.terminated[rows] = self.truncated[rows] = False
+        self._describe()
+
+    @abstractmethod
+    def _start(self, row: int, rng: np.random.Generator, options: dict[str, Any]) -> None:
+        """Start an episode of one robot."""
+
+    @abstractmethod
+    def _describe(self) -> None:
+        """Fill observations and information with what is the case now."""
 
     @abstractmethod
     def step(self, actions: Any, active: Bools) -> None:
@@ -199,9 +220,12 @@ class Task(ABC):
         if bad >= 0:
             raise ValueError(f"actions[{bad}] is {values[bad, 0]}, must be finite")
 
-    def _warn_of_divergence(self, diverged: Bools) -> None:
-        gym.logger.warn(
-            f"the episodes of robots {np.flatnonzero(diverged).tolist()} end: their simulation "
-            f"diverged under torques of {self.torque[diverged].tolist()} N m; "
-            "try a smaller time_step"
-        )
+    def _truncate(self, diverged: Bools) -> None:
+        """End episodes whose simulation has just diverged, if any."""
+        self.truncated[:] = self.rows["info"]["diverged"] = diverged
+        if diverged.any():
+            gym.logger.warn(
+                f"the episodes of robots {np.flatnonzero(diverged).tolist()} end: their simulation "
+                f"diverged under torques of {self.torque[diverged].tolist()} N m; "
+                "try a smaller time_step"
+            )

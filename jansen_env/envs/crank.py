@@ -88,11 +88,6 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
         return self.task.plant
 
     @property
-    def torque_limit(self) -> float:
-        """N m."""
-        return self.task.torque_limit
-
-    @property
     def reference(self) -> float:
         """r(t) = w t + pi, rad: where the crank should be now."""
         return self.task.reference(0)

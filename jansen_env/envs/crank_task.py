@@ -6,7 +6,7 @@ documented in :class:`jansen_env.envs.crank.JansenCrankEnv`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from jansen_env.checks import finite, non_negative, positive, within
 from jansen_env.engine import crank_tracking as task
 from jansen_env.envs import arguments
-from jansen_env.envs.core import Bools, Information, Ints, Task
+from jansen_env.envs.core import Bools, Information, Task
 from jansen_env.plants.fixed_base import FixedBaseBatch, FixedBasePlant, check_crank_state
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
@@ -74,7 +74,9 @@ class CrankTask(Task):
             non_negative("tracking_weight", tracking_weight),
             non_negative("torque_weight", torque_weight),
         )
-        self.reset_noise_scale = arguments.noise_of_each(n, reset_noise_scale)
+        self.reset_noise_scale = arguments.numbers_of_each(
+            n, "reset_noise_scale", reset_noise_scale, non_negative
+        )
         self.track_joint_forces = arguments.flag("track_joint_forces", track_joint_forces)
         if self.track_joint_forces and n > 1:
             raise ValueError(
@@ -87,12 +89,7 @@ class CrankTask(Task):
         )
         self._steps = round(self.control_dt / step)
         high = np.array([1.0, 1.0, np.inf, np.inf, FASTEST_COMMAND], np.float32)
-        self.observation_space = spaces.Box(-high, high, dtype=np.float32)
-        self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
-        self.rows = np.zeros(n, task.ROW)
-        self.torque, self.reward = np.zeros((2, n))
-        self.terminated, self.truncated = np.zeros((2, n), bool)
-        self.observation = np.zeros((n, 5), np.float32)
+        self._allocate(task.ROW, spaces.Box(-high, high, dtype=np.float32))
         self._joint_force = np.zeros(1)
         self.information = self._inform()
 
@@ -100,21 +97,11 @@ class CrankTask(Task):
         loads = {"joint_force_max": self._joint_force} if self.track_joint_forces else {}
         return Information(self.rows, {}, loads)
 
-    def reset(
-        self,
-        rows: Ints,
-        generators: Sequence[np.random.Generator],
-        options: Sequence[dict[str, Any]] | None = None,
-    ) -> None:
-        """Start episodes of some robots, see :class:`Task`."""
-        for k, i in enumerate(rows.tolist()):
-            command, angle, speed = self._draw(
-                i, generators[k], None if options is None else options[k]
-            )
-            self.batch.states[i] = angle, speed
-            self._begin(i, command)
-        self.terminated[rows] = self.truncated[rows] = False
-        self._describe()
+    def _start(self, row: int, rng: np.random.Generator, options: dict[str, Any]) -> None:
+        """Start an episode of one robot."""
+        command, angle, speed = self._draw(row, rng, options)
+        self.batch.states[row] = angle, speed
+        self._begin(row, command)
 
     def _begin(self, row: int, command: float, action: float = 0.0, steps: int = 0) -> None:
         """Begin a robot's episode: nothing is left of the one before."""
@@ -125,7 +112,7 @@ class CrankTask(Task):
         self.torque[row], self.reward[row] = action * self.torque_limit, 0.0
 
     def _draw(
-        self, row: int, rng: np.random.Generator, options: dict[str, Any] | None
+        self, row: int, rng: np.random.Generator, options: dict[str, Any]
     ) -> tuple[float, float, float]:
         """How an episode starts: command (rad/s), crank angle (rad) and crank speed (rad/s)."""
         # Drawn in any case, so that fixing one leaves the others as they were.
@@ -133,17 +120,24 @@ class CrankTask(Task):
         noise = self.reset_noise_scale[row]
         angle = START_ANGLE + noise * rng.uniform(-1.0, 1.0)
         speed = noise * rng.uniform(-1.0, 1.0)
-        if options:
-            arguments.known_options(options, ("speed_command", "crank_angle", "crank_speed"))
-            name = "options['speed_command']"
+        arguments.known_options(options, ("speed_command", "crank_angle", "crank_speed"))
+        if "speed_command" in options:
             command = within(
-                name, options.get("speed_command", command), -FASTEST_COMMAND, FASTEST_COMMAND
+                "options['speed_command']",
+                options["speed_command"],
+                -FASTEST_COMMAND,
+                FASTEST_COMMAND,
             )
-            angle = options.get("crank_angle", angle)
-            if "crank_angle" in options:
-                within("options['crank_angle']", angle, START_ANGLE - LOST, START_ANGLE + LOST)
-            speed = finite("options['crank_speed']", options.get("crank_speed", speed))
-        return command, float(angle), speed
+        if "crank_angle" in options:
+            angle = within(
+                "options['crank_angle']",
+                options["crank_angle"],
+                START_ANGLE - LOST,
+                START_ANGLE + LOST,
+            )
+        if "crank_speed" in options:
+            speed = finite("options['crank_speed']", options["crank_speed"])
+        return command, angle, speed
 
     def step(self, actions: Any, active: Bools) -> None:
         """Hold torques for ``control_dt`` seconds, see :class:`Task`."""
@@ -155,9 +149,7 @@ class CrankTask(Task):
             self._weights, self.rows, self.reward, self.terminated, self.observation,
         )  # fmt: skip
         if batch.any_diverged or self.truncated.any():
-            self.truncated[:] = self.rows["info"]["diverged"] = batch.diverged & active
-            if self.truncated.any():
-                self._warn_of_divergence(self.truncated)
+            self._truncate(batch.diverged & active)
         if self.track_joint_forces:
             forces = batch.joint_forces(0, float(self.torque[0]))
             self._joint_force[0] = forces.largest()[0]

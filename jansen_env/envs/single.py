@@ -25,7 +25,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
 
     Attributes:
         task: the task of this one robot. dt, control_dt: s for which an action is held.
-        robot: what moves.
+        torque_limit: N m. robot: what moves.
     """
 
     metadata: dict[str, Any] = {"render_modes": arguments.RENDER_MODES, "render_fps": 50}
@@ -50,6 +50,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         self.observation_space: Any = self.task.observation_space
         self.action_space: Any = self.task.action_space
         self.control_dt = self.dt = self.task.control_dt
+        self.torque_limit = self.task.torque_limit
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.dt))}
         self._begun = False
         self._renderer: Any = None
@@ -124,12 +125,10 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         return self.task.observation[0].copy()
 
     def get_keys_to_action(self) -> dict[tuple[int, ...], NDArray[np.float32]]:
-        """For :func:`gymnasium.utils.play.play`: right and left turn the crank, no key lets it go."""
-        left, right = 1073741904, 1073741903  # pygame's K_LEFT and K_RIGHT
-        torques = {(): 0.0, (right,): 1.0, (left,): -1.0, (right, left): 0.0}
-        return {
-            tuple(sorted(keys)): np.full(1, torque, np.float32) for keys, torque in torques.items()
-        }
+        """For :func:`gymnasium.utils.play.play`: the arrow keys right and left turn the crank."""
+        right, left = 1073741903, 1073741904  # pygame's K_RIGHT and K_LEFT
+        torques = {(right,): 1.0, (left,): -1.0, (right, left): 0.0}
+        return {keys: np.full(1, torque, np.float32) for keys, torque in torques.items()}
 
     def render(self) -> NDArray[np.uint8] | None:
         """Draw the robot as it stands; (H, W, 3) uint8 in ``rgb_array`` mode, else None."""

@@ -43,6 +43,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
 
     Attributes:
         task: the task of all robots. dt, control_dt: s for which an action is held.
+        torque_limit: N m.
 
     Raises:
         ValueError: an argument out of range, or not one for each robot.
@@ -78,6 +79,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         arguments.known_arguments(type(self), task_arguments)
         self.task = task = self.TASK(n, threads, **task_arguments)
         self.control_dt = self.dt = task.control_dt
+        self.torque_limit = task.torque_limit
         self.metadata = {
             **self.metadata,
             "render_fps": max(1, round(1.0 / self.dt)),

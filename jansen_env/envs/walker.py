@@ -131,11 +131,6 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
         return self.task.plant
 
     @property
-    def torque_limit(self) -> float:
-        """N m."""
-        return self.task.torque_limit
-
-    @property
     def weight(self) -> float:
         """Of robot and payload, N."""
         return float(self.task.weight[0])

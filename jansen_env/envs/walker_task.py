@@ -7,7 +7,7 @@ in :class:`jansen_env.envs.walker.JansenWalkerEnv`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -18,14 +18,14 @@ from jansen_env.checks import finite, non_negative, positive, within
 from jansen_env.dynamics.pads import pad_layout
 from jansen_env.engine import task
 from jansen_env.envs import arguments
-from jansen_env.envs.core import Bools, Information, Ints, Task
+from jansen_env.envs.core import Bools, Information, Task
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import BatchedPlant, Plant, check_pressed, check_state
 from jansen_env.plants.batch import Batch
+from jansen_env.plants.batch_of_one import BatchOfOne
 from jansen_env.plants.detector import surfaces
 from jansen_env.plants.make import make_plant, plant_time_step
 from jansen_env.plants.projected import ProjectionPlant
-from jansen_env.plants.single import SinglePlant
 from jansen_env.rendering import Frame
 from jansen_env.robot import Payload, Robot
 from jansen_env.terrain import Terrain
@@ -95,7 +95,9 @@ class WalkerTask(Task):
         self.control_dt, step = arguments.control_period(
             control_dt, plant_time_step(plant, time_step)
         )
-        self.reset_noise_scale = arguments.noise_of_each(n, reset_noise_scale)
+        self.reset_noise_scale = arguments.numbers_of_each(
+            n, "reset_noise_scale", reset_noise_scale, non_negative
+        )
         self.terminate_when_fallen = arguments.flag("terminate_when_fallen", terminate_when_fallen)
         self.track_joint_forces = arguments.flag("track_joint_forces", track_joint_forces)
         self._weights = np.zeros(1, task.REWARD)
@@ -111,17 +113,10 @@ class WalkerTask(Task):
         )
         self.plant, self.batch = self._plants(plant, step, threads)
         self._steps = round(self.control_dt / step)
-        self._any_diverged = False
-        toes = self.batch.toes
-        self.observation_space = _observation_space(toes)
-        self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
-        self.rows = np.zeros(n, task.ROW)
+        self._allocate(task.ROW, _observation_space(self.batch.toes))
         self.rows["weight"] = [robot.mass * GRAVITY for robot in self.robots]
-        self.loads = np.zeros((n, toes))
+        self.loads = np.zeros((n, self.batch.toes))
         self.elapsed = np.zeros(n, np.int64)
-        self.torque, self.reward = np.zeros((2, n))
-        self.terminated, self.truncated = np.zeros((2, n), bool)
-        self.observation = np.zeros((n, *self.observation_space.shape), np.float32)
         self._ground = surfaces(self.terrains)
         if self.track_joint_forces:
             self.traceable.tracing = True
@@ -149,7 +144,7 @@ class WalkerTask(Task):
                 )
             return None, Batch(self.robots, self.terrains, time_step, threads=threads)
         plant = make_plant(name, self.robots[0], self.terrains[0], time_step)
-        return plant, plant.batch if isinstance(plant, ProjectionPlant) else SinglePlant(plant)
+        return plant, plant.batch if isinstance(plant, ProjectionPlant) else BatchOfOne(plant)
 
     @property
     def traceable(self) -> ProjectionPlant:
@@ -167,25 +162,15 @@ class WalkerTask(Task):
         weight: Array = self.rows["weight"]
         return weight
 
-    def reset(
-        self,
-        rows: Ints,
-        generators: Sequence[np.random.Generator],
-        options: Sequence[dict[str, Any]] | None = None,
-    ) -> None:
-        """Start episodes of some robots, see :class:`Task`."""
-        for k, i in enumerate(rows.tolist()):
-            command, crank_angle, crank_speed = self._draw(
-                i, generators[k], None if options is None else options[k]
-            )
-            self.batch.place(i, crank_angle)
-            state = self.batch.states[i].copy()
-            self.loads[i] = self.batch.contact_force[i, :, 1] / self.weight[i]
-            state[7] = crank_speed
-            self.batch.set_state(i, state)
-            self._begin(i, command)
-        self.terminated[rows] = self.truncated[rows] = False
-        self._describe()
+    def _start(self, row: int, rng: np.random.Generator, options: dict[str, Any]) -> None:
+        """Start an episode of one robot."""
+        command, crank_angle, crank_speed = self._draw(row, rng, options)
+        self.batch.place(row, crank_angle)
+        self.loads[row] = self.batch.contact_force[row, :, 1] / self.weight[row]
+        state = self.batch.states[row].copy()
+        state[7] = crank_speed
+        self.batch.set_state(row, state)
+        self._begin(row, command)
 
     def _begin(self, row: int, command: float, action: float = 0.0) -> None:
         """Begin a robot's episode: nothing but its weight is left of the one before."""
@@ -200,20 +185,23 @@ class WalkerTask(Task):
         self.reward[row], self.elapsed[row] = 0.0, 0
 
     def _draw(
-        self, row: int, rng: np.random.Generator, options: dict[str, Any] | None
+        self, row: int, rng: np.random.Generator, options: dict[str, Any]
     ) -> tuple[float, float, float]:
         """How an episode starts: command (m/s), crank angle (rad) and crank speed (rad/s)."""
         # Drawn in any case, so that fixing one leaves the others as they were.
         crank_angle = rng.uniform(0.0, 2.0 * math.pi)
         command = rng.uniform(*self.speed_command[row])
         crank_speed = self.reset_noise_scale[row] * rng.uniform(-1.0, 1.0)
-        if options:
-            arguments.known_options(options, ("speed_command", "crank_angle"))
-            name = "options['speed_command']"
+        arguments.known_options(options, ("speed_command", "crank_angle"))
+        if "speed_command" in options:
             command = within(
-                name, options.get("speed_command", command), -FASTEST_COMMAND, FASTEST_COMMAND
+                "options['speed_command']",
+                options["speed_command"],
+                -FASTEST_COMMAND,
+                FASTEST_COMMAND,
             )
-            crank_angle = finite("options['crank_angle']", options.get("crank_angle", crank_angle))
+        if "crank_angle" in options:
+            crank_angle = finite("options['crank_angle']", options["crank_angle"])
         return command, crank_angle, crank_speed
 
     def step(self, actions: Any, active: Bools) -> None:
@@ -231,19 +219,11 @@ class WalkerTask(Task):
             self.terminated[:] = self.rows["info"]["fallen"]
         if not isinstance(batch, Batch):  # whose joints cannot open
             self.rows["info"]["joint_gap"] = batch.joint_gap
-        if batch.any_diverged or self._any_diverged:
-            self._note_divergence(active)
+        if batch.any_diverged or self.truncated.any():
+            self._truncate(batch.diverged & active)
         if self.track_joint_forces:
             diverged = batch.any_diverged
             self._joint_loads[:] = (0.0, 0.0) if diverged else self.traceable.peak_loads()
-
-    def _note_divergence(self, active: Bools) -> None:
-        """Truncate the episodes of active robots whose simulation has just diverged, if any."""
-        self._any_diverged = self.batch.any_diverged
-        self.truncated[:] = self.batch.diverged & active
-        self.rows["info"]["diverged"] = self.truncated
-        if self.truncated.any():
-            self._warn_of_divergence(self.truncated)
 
     def _describe(self) -> None:
         """Fill observations and information with what is the case now."""
@@ -370,9 +350,16 @@ class WalkerTask(Task):
 
 def _observation_space(toes: int) -> spaces.Box:
     """Of a robot with so many toes; its entries are listed in ``JansenWalkerEnv``."""
-    high = [1, 1, np.inf, 1, 1, np.inf, np.inf, np.inf, np.inf, FASTEST_COMMAND]
-    high += [np.inf] * toes + [1, np.inf]
-    low = [-bound for bound in high]
-    low[10 : 10 + toes] = [0.0] * toes
-    low[-1] = 0.0
-    return spaces.Box(np.array(low, np.float32), np.array(high, np.float32), dtype=np.float32)
+    any_number, unit, positive_number = (-np.inf, np.inf), (-1.0, 1.0), (0.0, np.inf)
+    bounds = [
+        unit, unit, any_number,  # crank angle and speed
+        unit, unit, any_number,  # pitch and its rate
+        any_number, any_number,  # velocity
+        any_number,  # height
+        (-FASTEST_COMMAND, FASTEST_COMMAND),
+        *[positive_number] * toes,  # loads
+        unit,  # last action
+        positive_number,  # distance behind the farthest point
+    ]  # fmt: skip
+    low, high = np.array(bounds, np.float32).T
+    return spaces.Box(low, high, dtype=np.float32)

@@ -11,7 +11,7 @@ from jansen_env.plants.base import Plant, StepResult
 Array = NDArray[np.float64]
 
 
-class SinglePlant:
+class BatchOfOne:
     """A :class:`jansen_env.plants.base.BatchedPlant` of the one robot of ``plant``."""
 
     def __init__(self, plant: Plant) -> None:

@@ -1,4 +1,4 @@
-"""Pictures of scores and of training."""
+"""Figures of scores and of training."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from agents.tasks import Task
 from jansen_env.files import write_whole
 
 
-def score_figure(task: Task, scores: dict[str, dict[str, Any]], path: str | Path) -> Path:
+def plot_scores(task: Task, scores: dict[str, dict[str, Any]], path: str | Path) -> Path:
     """Each metric against the commanded speed, a line per policy with its bootstrap interval.
 
     With one commanded speed a point per policy instead, side by side.
@@ -23,48 +23,41 @@ def score_figure(task: Task, scores: dict[str, dict[str, Any]], path: str | Path
     shown = {name: metric for name, metric in task.metrics.items() if metric.axis}
     columns = (len(shown) + 1) // 2
     figure, axes = plt.subplots(2, columns, figsize=(12, 6.4), layout="constrained", sharex=True)
-    commands: list[float] = []
+    commands = next(iter(scores.values()))["by_command"]["return"]["command"]
+    single = len(commands) == 1
     for axis, (name, metric) in zip(axes.flat, shown.items(), strict=False):
         for i, (policy, summary) in enumerate(scores.items()):
             rows = summary["by_command"][name]
-            commands = rows["command"]
-            value, low, high = (
-                np.array([np.nan if v is None else v for v in rows[key]], dtype=float)
-                for key in ("value", "low", "high")
-            )
-            if len(commands) == 1:
-                spread = np.maximum([value - low, high - value], 0.0)
+            value, low, high = (np.array(rows[key], float) for key in ("value", "low", "high"))
+            if single:
+                spread = np.nan_to_num(np.maximum([value - low, high - value], 0.0))
                 axis.errorbar([i], value, spread, fmt="o", capsize=4, color=f"C{i}", label=policy)
                 continue
             line = axis.plot(commands, value, marker="o", markersize=4, label=policy)[0]
             axis.fill_between(commands, low, high, color=line.get_color(), alpha=0.18)
-        axis.set_title(
-            f"{metric.title}, {metric.unit}" if metric.unit else metric.title, fontsize=11
-        )
+        axis.set_title(metric.heading, fontsize=11)
         if metric.axis == "log":
             axis.set_yscale("log")
-        elif metric.axis == "share":
+        elif metric.axis == "fraction":
             axis.set_ylim(-0.03, 1.03)
         axis.grid(alpha=0.3)
-        if len(commands) == 1:
+        if single:
             axis.set_xticks([])
             axis.margins(x=0.3)
-    for axis in axes[-1] if len(commands) > 1 else ():
-        axis.set_xlabel(f"commanded speed, {task.command_unit}")
     handles, labels = axes.flat[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False)
-    if len(commands) == 1:
-        figure.supxlabel(f"commanded speed {commands[0]:g} {task.command_unit}", fontsize=11)
+    at = f" {commands[0]:g} {task.command_unit}" if single else f", {task.command_unit}"
+    figure.supxlabel(f"commanded speed{at}", fontsize=11)
     return _save(figure, path)
 
 
-def training_figure(
-    history: list[dict[str, Any]], baselines: dict[str, float], path: str | Path
+def plot_training(
+    evaluations: list[dict[str, Any]], baselines: dict[str, float], path: str | Path
 ) -> Path:
     """Mean return of the evaluations during training, with the baselines as level lines."""
     figure, axis = plt.subplots(figsize=(7, 4), layout="constrained")
-    steps = [row["steps"] for row in history]
-    axis.plot(steps, [row["return"] for row in history], marker="o", label="trained policy")
+    steps = [row["steps"] for row in evaluations]
+    axis.plot(steps, [row["return"] for row in evaluations], marker="o", label="trained policy")
     for i, (name, value) in enumerate(baselines.items()):
         axis.axhline(value, color=f"C{i + 1}", linestyle="--", label=name)
     axis.set_xlabel("environment steps")

@@ -1,0 +1,73 @@
+"""Where things stand: imports go one way, modules have names of their own, numba in engine/."""
+
+from __future__ import annotations
+
+import ast
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+ORDER = (
+    ["checks", "files", "gravity", "control"],
+    ["robot", "terrain"],
+    ["kinematics"],
+    ["dynamics", "rendering"],
+    ["engine"],
+    ["plants"],
+    ["envs"],
+    ["paper"],
+    ["agents"],
+    ["benchmarks", "examples", "train"],
+)
+"""Parts of the project: each may import those of its own line and of lines above."""
+RANK = {part: rank for rank, parts in enumerate(ORDER) for part in parts}
+FILES = [
+    path
+    for folder in ("jansen_env", "agents", "benchmarks", "examples")
+    for path in sorted((ROOT / folder).rglob("*.py"))
+    if path != ROOT / "jansen_env" / "__init__.py"  # what users import, from everywhere
+] + [ROOT / "train.py"]
+
+
+def part_of(module: str) -> str | None:
+    """The part that a module belongs to; None for one of another project."""
+    names = [name for name in module.split(".") if name != "jansen_env"]
+    return names[0] if names and names[0] in RANK else None
+
+
+def imported(path: Path) -> set[str]:
+    """All modules that a file imports, also within functions."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {name.name for name in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found.add(node.module)
+            found |= {f"{node.module}.{name.name}" for name in node.names}
+    return found
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_imports_go_in_one_direction(path):
+    """From lower lines of :data:`ORDER` to higher ones."""
+    own = part_of(".".join(path.relative_to(ROOT).with_suffix("").parts))
+    assert own is not None, "a part that ORDER does not name"
+    wrong = [m for m in imported(path) if RANK.get(part_of(m) or "", 0) > RANK[own]]
+    assert not wrong
+
+
+def test_modules_have_names_of_their_own():
+    """But for those that make a folder a package."""
+    names = Counter(path.name for path in FILES)
+    assert [n for n, count in names.items() if count > 1 and not n.startswith("__")] == []
+
+
+def test_numba_stays_in_its_folder():
+    """All that is compiled is in engine/, whose text names the cache; nothing else is there."""
+    for path in FILES:
+        uses = any(module.split(".")[0] == "numba" for module in imported(path))
+        assert uses == (path == ROOT / "jansen_env" / "engine" / "jit.py")
+        if path.parent.name == "engine" and path.stem not in ("__init__", "jit", "records"):
+            assert "jansen_env.engine.jit" in imported(path), path

@@ -7,12 +7,12 @@ import sys
 from pathlib import Path
 
 import gymnasium as gym
-from PIL import Image
 
 from agents.config import load_config, shipped_config
 from agents.models import load_policy
 from agents.runs import record_run
 from agents.training import prepare, train
+from agents.video import save_video
 
 ENV = "JansenWalker-v0"
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 300_000
@@ -26,14 +26,14 @@ train(prepare(config), config, folder, eval_every=100_000, save_every=0)
 policy = load_policy(folder)
 env = gym.make(ENV, speed_command=0.3, render_mode="rgb_array")
 observation, info = env.reset(seed=0)
-frames, total = [Image.fromarray(env.render())], 0.0
+frames, total = [env.render()], 0.0
 for step in range(1, 301):
     action, _ = policy.predict(observation, deterministic=True)
     observation, reward, terminated, truncated, info = env.step(action)
     total += reward
     if step % 3 == 0:  # of 20 ms
-        frames.append(Image.fromarray(env.render()))
+        frames.append(env.render())
     if terminated or truncated:
         break
 print(f"{info['x_position']:.2f} m in {0.02 * step:.2f} s, return {total:.0f}")
-frames[0].save("walker.gif", save_all=True, append_images=frames[1:], duration=60, loop=0)
+save_video(frames, "walker.gif", frame_time=0.06)

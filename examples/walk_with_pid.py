@@ -7,9 +7,9 @@ import sys
 
 import gymnasium as gym
 import numpy as np
-from PIL import Image
 
 import jansen_env  # noqa: F401  # registers the environments
+from agents.video import save_video
 from agents.walker_baselines import load_baseline
 
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 300
@@ -22,8 +22,8 @@ for step in range(steps):
     action, memory = pid.predict(observation, memory, np.array([step == 0]))
     observation, reward, terminated, truncated, info = env.step(action)
     if step % 3 == 0:
-        frames.append(Image.fromarray(env.render()))
+        frames.append(env.render())
     if terminated or truncated:
         break
 print(f"{info['x_position']:.2f} m in {0.02 * (step + 1):.2f} s")
-frames[0].save("walk.gif", save_all=True, append_images=frames[1:], duration=60, loop=0)
+save_video(frames, "walk.gif", frame_time=0.06)

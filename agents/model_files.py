@@ -118,39 +118,37 @@ def _read_tensors(data: bytes) -> Any:
         value = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
     except pickle.UnpicklingError:  # whose text advises to load without this safety
         raise ValueError("its pickle is no state dict") from None
-    _check_plain([value])
+    _check_plain(value)
     return value
 
 
-def _check_plain(level: list[Any]) -> None:
-    """Raises ValueError unless all is dictionaries, lists, finite numbers and tensors, text.
-
-    Args:
-        level: the entries of one depth; their own entries are checked after them.
-    """
-    entries = size = 0
-    for _ in range(MAX_DEPTH):
-        below: list[Any] = []
-        for value in level:
-            if isinstance(value, torch.Tensor):
-                size += value.nbytes  # views of few numbers may be large, or many
-                if size > MAX_BYTES:
-                    raise ValueError(f"its tensors take more than {MAX_BYTES} bytes")
-                if not torch.isfinite(value).all():
-                    raise ValueError("it has tensors that are not finite")
-            elif isinstance(value, dict):
-                if not all(isinstance(key, (str, int)) for key in dict.keys(value)):
-                    raise ValueError("it has a key that is neither text nor a number")
-                below.extend(dict.values(value))
-            elif isinstance(value, (list, tuple)):
-                below.extend(value)
-            elif isinstance(value, float):
-                finite("a number in it", value)
-            elif value is not None and not isinstance(value, (bool, int, str)):
-                raise ValueError(f"it has a {type(value).__name__}, must be numbers and tensors")
-            entries += 1
-            if entries + len(below) > MAX_ENTRIES:
-                raise ValueError(f"it has more than {MAX_ENTRIES} entries")
-        level = below
-    if level:
+def _nodes(value: Any, depth: int = 0) -> Iterator[Any]:
+    """A value and all in its nested dictionaries and lists; of bounded depth."""
+    if depth == MAX_DEPTH:
         raise ValueError(f"it has more than {MAX_DEPTH} levels")
+    yield value
+    if isinstance(value, dict):
+        if not all(isinstance(key, (str, int)) for key in dict.keys(value)):
+            raise ValueError("it has a key that is neither text nor a number")
+        value = tuple(dict.values(value))
+    if isinstance(value, (list, tuple)):
+        for entry in value:
+            yield from _nodes(entry, depth + 1)
+
+
+def _check_plain(value: Any) -> None:
+    """Raises ValueError unless all is dictionaries, lists, finite numbers and tensors, text."""
+    size = 0
+    for count, node in enumerate(_nodes(value)):
+        if count == MAX_ENTRIES:
+            raise ValueError(f"it has more than {MAX_ENTRIES} entries")
+        if isinstance(node, torch.Tensor):
+            size += node.nbytes  # views of few numbers may be large, or many
+            if size > MAX_BYTES:
+                raise ValueError(f"its tensors take more than {MAX_BYTES} bytes")
+            if not torch.isfinite(node).all():
+                raise ValueError("it has tensors that are not finite")
+        elif isinstance(node, float):
+            finite("a number in it", node)
+        elif node is not None and not isinstance(node, (dict, list, tuple, int, str)):
+            raise ValueError(f"it has a {type(node).__name__}, must be numbers and tensors")

@@ -51,14 +51,21 @@ def load_named(name: str, env: Any) -> Policy:
     return policy
 
 
+def model_file(name: str) -> Path | None:
+    """The file that a policy is in; None for a baseline."""
+    path = Path(name).resolve()
+    if not path.exists():
+        return None
+    return path / "best_model.zip" if path.is_dir() else path
+
+
 def label(name: str) -> str:
     """How a policy is called in tables: a model by its run's folder."""
-    path = Path(name)
-    if not path.exists():  # a baseline
+    file = model_file(name)
+    if file is None:
         return name
-    folder = path if path.is_dir() else path.parent
-    stem = "" if path.is_dir() or path.stem == "best_model" else f" {path.stem}"
-    return f"{folder.parent.name}/{folder.name}{stem}"
+    stem = "" if file.stem == "best_model" else f" {file.stem}"
+    return f"{file.parent.parent.name}/{file.parent.name}{stem}"
 
 
 def labels(names: list[str]) -> list[str]:
@@ -67,18 +74,10 @@ def labels(names: list[str]) -> list[str]:
     Raises:
         ValueError: a policy is given twice.
     """
-
-    def identity(name: str) -> Path:
-        """The file that a policy is in; of a baseline its name."""
-        path = Path(name)
-        if not path.exists():
-            return Path(ALIASES.get(name, name))
-        return (path / "best_model.zip" if path.is_dir() else path).resolve()
-
-    files = [identity(name) for name in names]
-    for file, name in zip(files, names, strict=True):
-        if files.count(file) > 1:
-            raise ValueError(f"policy {name!r} is given {files.count(file)} times, must be once")
+    policies = [model_file(name) or ALIASES.get(name, name) for name in names]
+    for policy, name in zip(policies, names, strict=True):
+        if (times := policies.count(policy)) > 1:
+            raise ValueError(f"policy {name!r} is given {times} times, must be once")
     short = [label(name) for name in names]
     return [name if short.count(own) > 1 else own for name, own in zip(names, short, strict=True)]
 

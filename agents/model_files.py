@@ -20,7 +20,7 @@ from typing import Any
 
 import torch
 
-from jansen_env.checks import finite, whole_number
+from jansen_env.checks import finite, instance, whole_number
 
 MAX_BYTES = 64 * 2**20  # of tensors in a member; the shipped configurations' have 0.1 MB
 MAX_TEXT = 4 * 2**20  # bytes of the "data" member and of a pickle, which unpack to more
@@ -30,6 +30,8 @@ MAX_STEPS = 10**12  # of a model's training
 MEMBERS = ("policy", "policy.optimizer", "actor.optimizer", "critic.optimizer",
            "ent_coef_optimizer", "pytorch_variables")  # fmt: skip
 """All that is needed to go on with PPO or SAC."""
+
+NOTES = "notes.json"  # what belongs to a model and Stable-Baselines3 does not know
 
 NAMES = ("collections OrderedDict", "torch._utils _rebuild_tensor_v2", "torch FloatStorage",
          "torch DoubleStorage", "torch LongStorage")  # fmt: skip
@@ -62,16 +64,18 @@ def read_model(path: str | Path, members: Collection[str] = MEMBERS) -> tuple[di
     return tensors, steps
 
 
-def read_json(path: str | Path, member: str) -> Any:
-    """A member of a model's zip file that is JSON; None where there is none.
+def read_notes(path: str | Path) -> dict[str, Any]:
+    """What :func:`agents.models.save_model` has noted in a model's file; empty where it has not.
 
     Raises:
         ValueError: no such file, or it is damaged or too large.
     """
     with _opened(path) as archive:
-        if member not in archive.namelist():
-            return None
-        return json.loads(_unzip(archive, member, MAX_TEXT))
+        if NOTES not in archive.namelist():
+            return {}
+        notes = json.loads(_unzip(archive, NOTES, MAX_TEXT))
+        instance(NOTES, notes, dict)
+    return notes
 
 
 @contextmanager

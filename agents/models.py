@@ -17,14 +17,13 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.utils import LinearSchedule
 
 from agents.config import TO_LOAD, find_config, load_config
-from agents.model_files import read_json, read_model
+from agents.model_files import NOTES, read_model
 from agents.normalizer import NormalizedObservation
 from agents.policy import Policy
 from agents.rollout import make_env
 from jansen_env.files import write_whole
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
-NOTES = "notes.json"  # in a model's file, what belongs to it and Stable-Baselines3 does not know
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}
 
 
@@ -135,15 +134,3 @@ def save_model(model: BaseAlgorithm, path: Path, notes: dict[str, Any] | None = 
             archive.writestr(NOTES, json.dumps(notes or {}))
 
     write_whole(path, write)
-
-
-def read_notes(path: Path) -> dict[str, Any]:
-    """The notes :func:`save_model` has put into a model's file; empty where there are none.
-
-    Raises:
-        ValueError: not such a file.
-    """
-    notes = read_json(path, NOTES) or {}
-    if not isinstance(notes, dict):
-        raise ValueError(f"{path} has {NOTES} with {notes!r}, must be a mapping")
-    return notes

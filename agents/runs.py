@@ -18,8 +18,7 @@ from typing import Any
 import yaml
 from stable_baselines3.common.utils import get_latest_run_id
 
-from agents.model_files import read_model
-from agents.models import read_notes
+from agents.model_files import read_model, read_notes
 from jansen_env.files import write_text
 
 FINAL, BEST, REPLAY = "final_model.zip", "best_model.zip", "replay_buffer.npz"

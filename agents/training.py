@@ -15,8 +15,8 @@ from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor, unwrap_v
 
 from agents.callbacks import NormalizerUpdate, Saver, StopOnSignal
 from agents.config import find_config
-from agents.model_files import read_model
-from agents.models import build_model, read_notes, restore
+from agents.model_files import read_model, read_notes
+from agents.models import build_model, restore
 from agents.replay import load_replay_buffer
 from agents.runs import FINAL, REPLAY, next_monitor, rewind_monitors
 from agents.vec_env import make_vec_env

@@ -21,7 +21,7 @@ import torch
 
 from agents.command_line import mapping, non_negative_int, positive_int
 from agents.config import TO_RESUME, check_config, load_config, shipped_config
-from agents.evaluation import evaluate, label
+from agents.evaluate import evaluate, label
 from agents.metrics import score_table
 from agents.models import ALGORITHMS, load_policy
 from agents.plots import plot_scores, plot_training
@@ -119,12 +119,11 @@ def _configure(args: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
     config = load_config(args.config, args.algo, args.env) if args.config else {}
     algo = args.algo or config.get("algo", "ppo")
     env_id = args.env or config.get("env", "JansenWalker-v0")
-    find_task(env_id)  # algorithm and environment name the run's folder
     if not args.config:
         config = load_config(shipped_config(env_id, algo), algo, env_id)
     config["timesteps"] = args.timesteps or config["timesteps"]
     config["n_envs"] = args.n_envs or config["n_envs"]
-    overrides: dict[str, Any] = args.env_kwargs or {}
+    overrides = args.env_kwargs or {}
     config["env_kwargs"] = {**config.get("env_kwargs", {}), **overrides}
     if "training_variants" in config:  # what is given on the command line holds for all of them
         config["training_variants"] = [
@@ -142,16 +141,14 @@ def _score(folder: Path, env_id: str, env_kwargs: dict[str, Any], episodes: int)
     model = folder / BEST if (folder / BEST).is_file() else folder / FINAL
     task, name = find_task(env_id), label(str(model))
     env = make_env(env_id, env_kwargs)
-    policies = {
-        **{baseline: task.load_baseline(baseline, env.unwrapped) for baseline in task.baselines},
-        name: load_policy(model),
-    }
+    policies = {baseline: load(env.unwrapped) for baseline, load in task.baselines.items()}
+    policies[name] = load_policy(model)
     env.close()
     scores = evaluate(policies, env_id, env_kwargs, episodes=episodes)
     write_json(folder / "scores.json", scores)
     plot_scores(task, scores, folder / "scores.png")
     returns = {policy: score["overall"]["return"][0] for policy, score in scores.items()}
-    ours, main_baseline = returns.pop(name), task.baselines[0]
+    ours, main_baseline = returns.pop(name), next(iter(task.baselines))
     evaluations = read_evaluations(folder)
     if evaluations:
         plot_training(evaluations, returns, folder / "training.png")

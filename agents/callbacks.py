@@ -7,7 +7,7 @@ import signal
 import threading
 import time
 from pathlib import Path
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ from agents.runs import BEST, REPLAY, best_return, monitor_sizes, read_evaluatio
 from agents.tasks import find_task
 from jansen_env.files import write_json
 
+EPISODES = 4  # per command, of each evaluation
 SELECTION_SEED = 30_000  # of the episodes that choose the best model, apart from all others
 
 
@@ -37,8 +38,7 @@ class Saver(BaseCallback):
 
     Args:
         folder: the run's. save_every, eval_every: environment steps; 0 for never.
-        env_id, env_kwargs, episodes: of the evaluation, and its episodes per command.
-        done: steps trained before this run began.
+        env_id, env_kwargs: of the evaluation. done: steps trained before this run began.
     """
 
     def __init__(
@@ -48,14 +48,13 @@ class Saver(BaseCallback):
         eval_every: int,
         env_id: str,
         env_kwargs: dict[str, Any],
-        episodes: int = 4,
         done: int = 0,
     ) -> None:
         super().__init__()
         self.folder, self.save_every, self.eval_every = folder, save_every, eval_every
         self.env_id, self.env_kwargs = env_id, env_kwargs
         self.task = find_task(env_id)
-        self.commands = np.repeat(self.task.commands, episodes)
+        self.commands = np.repeat(self.task.commands, EPISODES)
         # After a kill the last evaluations may be of steps that are now trained again. The best
         # model may be of one of them, so the return to beat is not the history's but the file's.
         self.history = [row for row in read_evaluations(folder) if row["steps"] <= done]
@@ -168,10 +167,7 @@ class StopOnSignal(BaseCallback):
                     self._handlers[number] = signal.signal(number, self._take)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:  # fmt: skip
+    def __exit__(self, *error: object) -> None:
         for number, handler in self._handlers.items():
             signal.signal(number, handler)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from functools import partial
 from typing import Any
 
 from agents.plain_yaml import parse_yaml
@@ -22,17 +23,8 @@ def mapping(text: str) -> dict[str, Any]:
     return value
 
 
-def positive_int(text: str) -> int:
-    """A whole number from 1 to :data:`MAX_STEPS`, also written ``1e5``."""
-    return _integer(text, 1)
-
-
-def non_negative_int(text: str) -> int:
-    """A whole number from 0 to :data:`MAX_STEPS`, also written ``1e5``."""
-    return _integer(text, 0)
-
-
-def _integer(text: str, low: int) -> int:
+def positive_int(text: str, low: int = 1) -> int:
+    """A whole number from ``low`` to :data:`MAX_STEPS`, also written ``1e5``."""
     try:
         value = float(text)
     except ValueError:
@@ -42,3 +34,6 @@ def _integer(text: str, low: int) -> int:
             f"{text!r} is not allowed, must be a whole number from {low} to {MAX_STEPS}"
         )
     return int(value)
+
+
+non_negative_int = partial(positive_int, low=0)

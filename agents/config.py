@@ -63,20 +63,17 @@ def one_of(names: Collection[str]) -> Check:
     return Check(f"one of {sorted(names)}", lambda v: isinstance(v, str) and v in names)
 
 
-def layers(*networks: str) -> Check:
-    """Units of each layer, in one list or in one for each of the named networks."""
-    unit = integer(1, MAX_UNITS)
+def is_layers(value: Any) -> bool:
+    """The units of each layer of a network."""
+    short = isinstance(value, list) and len(value) <= MAX_LAYERS
+    return short and all(map(integer(1, MAX_UNITS).condition, value))
 
-    def units(value: Any) -> bool:
-        short = isinstance(value, list) and len(value) <= MAX_LAYERS
-        return short and all(map(unit.condition, value))
 
-    def each(value: Any) -> bool:
-        same = isinstance(value, dict) and set(value) == set(networks)
-        return same and all(map(units, value.values()))
-
-    return Check(f"a list of up to {MAX_LAYERS} layers of 1 to {MAX_UNITS} units", units) | Check(
-        f"a mapping of {list(networks)} to such lists", each
+def layers_of(*networks: str) -> Check:
+    """Layers of each of the named networks."""
+    return Check(
+        f"a mapping of {list(networks)} to such lists",
+        lambda v: isinstance(v, dict) and {*v} == {*networks} and all(map(is_layers, v.values())),
     )
 
 
@@ -89,6 +86,7 @@ fraction = Check("a number between 0 and 1", lambda v: is_number(v) and 0 <= v <
 linear = Check("'linear_NUMBER'", has_number("linear_"))
 auto = Check("'auto'", lambda v: v == "auto")
 auto_number = Check("'auto_NUMBER'", has_number("auto_"))
+layers = Check(f"a list of up to {MAX_LAYERS} layers of 1 to {MAX_UNITS} units", is_layers)
 mapping = Check("a mapping, such as {}", lambda v: isinstance(v, dict))
 mappings = Check(
     "a list of mappings, at least one",
@@ -143,14 +141,14 @@ POLICY: dict[str, Check] = {
 POLICY_KWARGS: dict[str, dict[str, Check]] = {
     "ppo": {
         **POLICY,
-        "net_arch": layers("pi", "vf"),
+        "net_arch": layers | layers_of("pi", "vf"),
         "ortho_init": boolean,
         "full_std": boolean,
         "squash_output": boolean,
     },
     "sac": {
         **POLICY,
-        "net_arch": layers("pi", "qf"),
+        "net_arch": layers | layers_of("pi", "qf"),
         "clip_mean": non_negative,
         "n_critics": integer(1, 10),
     },
@@ -203,22 +201,19 @@ def load_config(
     ``policy_kwargs`` (the policy's; ``activation`` is a name, ``normalize`` scales observations).
     The config.yml of a run also has ``algo``, ``env`` and ``seed``.
 
-    Numbers may be written ``2e2`` and ``5e-1``, see :func:`agents.plain_yaml.parse_yaml`.
-
     Args:
-        path: of the file. algo, env_id, required: as of :func:`check_config`.
+        path: of the file, see :func:`agents.plain_yaml.parse_yaml`.
+        algo, env_id, required: as of :func:`check_config`.
 
     Raises:
-        ValueError: no such file, no YAML, an unknown or missing key, or a value that is not
-            allowed; names the file.
+        ValueError: no such file, no YAML, or not allowed by :func:`check_config`; names the file.
     """
-    config = read_yaml(path)
+    config: dict[str, Any] = read_yaml(path)
     try:
         check_config(config, algo, env_id, required)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
-    checked: dict[str, Any] = config
-    return checked
+    return config
 
 
 def check_config(

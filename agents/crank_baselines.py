@@ -1,73 +1,52 @@
 """Baselines of JansenCrank-v0: the paper's PID, constant torque, and inverse dynamics.
 
-All read nothing but the observation.
+Each is made for an unwrapped environment, and reads nothing but the observation.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from agents.policy import Array, PIDPolicy, Policy, TorquePolicy
+from agents.policy import Array, Bools, Policy, TorquePolicy, pid_policy
 from jansen_env.control import PID
 from jansen_env.dynamics.inverse import crank_torque
-from jansen_env.robot import Robot
 
-COS_CRANK, SIN_CRANK, CRANK_SPEED, ERROR, COMMAND = range(5)  # places in the observation
-BASELINES = ("pid", "constant", "inverse")
+CRANK_SPEED, ERROR, COMMAND = 2, 3, 4  # places in the observation, after cos and sin of the crank
 
 # Beside the joints' friction, 1.6 N m s / rad, it damps the crank (0.73 kg m^2) nearly critically.
 FEEDBACK = PID(kp=5.0, ki=0.0, kd=2.0)
 
 
-def observed_reference(
-    observations: Array, memory: None, starts: NDArray[np.bool_]
-) -> tuple[Array, Array, None]:
-    """The environment's own reference, of which the observation has the error."""
-    return observations[:, ERROR], observations[:, COMMAND] - observations[:, CRANK_SPEED], None
+def paper_pid(env: Any) -> Policy:
+    """The PID (13) behind the environment's own reference, whose error the observation has."""
+
+    def reference(seen: Array, memory: None, starts: Bools) -> tuple[Array, Array, None]:
+        return seen[:, ERROR], seen[:, COMMAND] - seen[:, CRANK_SPEED], None
+
+    return pid_policy(reference, env.torque_limit, env.control_dt)
 
 
-def inverse_dynamics(robot: Robot, torque_limit: float, feedback: PID = FEEDBACK) -> TorquePolicy:
-    """Computed torque: what the commanded speed takes at this crank angle, plus kp e + kd de/dt.
-
-    Args:
-        robot: whose crank turns. torque_limit: of the environment, N m.
-        feedback: its kp and kd.
-    """
-
-    def torque(observations: Array) -> Array:
-        cos, sin, speed, error, command = observations.T
-        needed = crank_torque(robot, np.arctan2(sin, cos), command).total
-        result: Array = needed + feedback.kp * error + feedback.kd * (command - speed)
-        return result
-
-    return TorquePolicy(torque, torque_limit)
-
-
-def mean_friction(robot: Robot) -> float:
-    """Mean over a turn of the joints' friction as the crank feels it, N m s / rad."""
+def constant_torque(env: Any) -> Policy:
+    """The torque whose power feeds the joints' mean friction over a turn at the commanded speed."""
     turn = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
-    return float(crank_torque(robot, turn).friction.mean())
+    friction = float(crank_torque(env.robot, turn).friction.mean())  # N m s / rad
+    return TorquePolicy(lambda seen, *_: (friction * seen[:, COMMAND], None), env.torque_limit)
 
 
-def load_baseline(name: str, env: Any) -> Policy:
-    """``"pid"`` (13), ``"constant"`` torque, or ``"inverse"`` dynamics.
+def inverse_dynamics(env: Any, feedback: PID = FEEDBACK) -> Policy:
+    """Computed torque: what the commanded speed takes at this crank angle, plus kp e + kd de/dt."""
 
-    The constant torque is the one whose power feeds the joints' friction at the commanded speed.
+    def controller(seen: Array, memory: None, starts: Bools) -> tuple[Array, None]:
+        cos, sin, speed, error, command = seen.T
+        needed = crank_torque(env.robot, np.arctan2(sin, cos), command).total
+        return needed + feedback.kp * error + feedback.kd * (command - speed), None
 
-    Args:
-        name: one of :data:`BASELINES`. env: the unwrapped environment it is to act in.
+    return TorquePolicy(controller, env.torque_limit)
 
-    Raises:
-        ValueError: another name.
-    """
-    if name not in BASELINES:
-        raise ValueError(f"baseline is {name!r}, must be one of {BASELINES}")
-    if name == "inverse":
-        return inverse_dynamics(env.robot, env.torque_limit)
-    if name == "constant":
-        friction = mean_friction(env.robot)
-        return TorquePolicy(lambda batch: friction * batch[:, COMMAND], env.torque_limit)
-    return PIDPolicy(observed_reference, env.torque_limit, env.control_dt)
+
+BASELINES: dict[str, Callable[[Any], Policy]] = {
+    "pid": paper_pid, "constant": constant_torque, "inverse": inverse_dynamics,
+}  # fmt: skip

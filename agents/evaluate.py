@@ -3,19 +3,117 @@
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from agents.command_line import mapping, non_negative_int, positive_int
-from agents.evaluation import evaluate, labels, load_named
-from agents.metrics import score_table
+from agents.metrics import score_table, summarise
 from agents.plots import plot_scores
 from agents.policy import Policy
-from agents.rollout import make_env
+from agents.rollout import make_env, run_episodes
 from agents.tasks import TASKS, find_task
 from agents.video import record_video
 from jansen_env.files import write_json
 from jansen_env.plants.make import PLANTS
+
+FIRST_SEED = 40_000  # of the episodes scored: training, tuning and selection use others
+ALIASES = {"pid-paper": "pid"}
+
+
+def load_named(name: str, env: Any) -> Policy:
+    """A policy for ``env`` by a baseline's name, or from a run's folder or model file.
+
+    Raises:
+        ValueError: neither, or a model that was trained on other observations or actions.
+    """
+    baselines = find_task(env.spec.id).baselines
+    if ALIASES.get(name, name) in baselines:
+        return baselines[ALIASES.get(name, name)](env.unwrapped)
+    if not Path(name).exists():
+        raise ValueError(
+            f"policy is {name!r}, must be one of {list(baselines)}, a run's folder or a model's "
+            "zip file"
+        )
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # more would change the last bits of the actions
+    from agents.models import load_policy  # only now: torch is slow to import
+
+    policy: Any = load_policy(name)
+    for space in ("observation_space", "action_space"):
+        trained, needed = getattr(policy, space), getattr(env, space)
+        if trained.shape != needed.shape:
+            raise ValueError(
+                f"policy {name!r} has an {space} of shape {trained.shape}, must be {needed.shape} "
+                f"for {env.spec.id}"
+            )
+    return policy
+
+
+def model_file(name: str) -> Path | None:
+    """The file that a policy is in; None for a baseline."""
+    path = Path(name).resolve()
+    if not path.exists():
+        return None
+    return path / "best_model.zip" if path.is_dir() else path
+
+
+def label(name: str) -> str:
+    """How a policy is called in tables: a model by its run's folder."""
+    file = model_file(name)
+    if file is None:
+        return name
+    stem = "" if file.stem == "best_model" else f" {file.stem}"
+    return f"{file.parent.parent.name}/{file.parent.name}{stem}"
+
+
+def labels(names: list[str]) -> list[str]:
+    """:func:`label` of each policy, and where two would share one, the names as they are given.
+
+    Raises:
+        ValueError: a policy is given twice.
+    """
+    policies = [model_file(name) or ALIASES.get(name, name) for name in names]
+    for policy, name in zip(policies, names, strict=True):
+        if (times := policies.count(policy)) > 1:
+            raise ValueError(f"policy {name!r} is given {times} times, must be once")
+    short = [label(name) for name in names]
+    return [name if short.count(own) > 1 else own for name, own in zip(names, short, strict=True)]
+
+
+def evaluate(
+    policies: dict[str, Policy],
+    env_id: str,
+    env_kwargs: dict[str, Any],
+    commands: tuple[float, ...] | None = None,
+    episodes: int = 10,
+    seed: int = 0,
+) -> dict[str, dict[str, Any]]:
+    """Scores of each policy on the same episodes, all with starts of their own.
+
+    Args:
+        policies: by name. env_id, env_kwargs: of the environment.
+        commands: commanded speeds; None for the task's own grid.
+        episodes: per command. seed: another number, other starts.
+
+    Returns:
+        For each policy :func:`agents.metrics.summarise` and its episodes under ``"raw"``.
+
+    Raises:
+        ValueError: no task is known for ``env_id``, or an argument out of range.
+    """
+    task = find_task(env_id)
+    command = np.repeat(task.commands if commands is None else commands, episodes)
+    seeds = FIRST_SEED + seed * len(command) + np.arange(len(command))
+    env = make_env(env_id, env_kwargs)
+    scores = {}
+    for name, policy in policies.items():
+        run = run_episodes(policy, env_id, env_kwargs, command, seeds)
+        raw = {key: values.tolist() for key, values in run.items()}
+        scores[name] = {**summarise(task.metrics, run, env, seed), "raw": raw}
+    env.close()
+    return scores
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -46,29 +144,28 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         parser.error(f"--plant is {args.plant}, but {args.env} has one plant only")
     if "speed_command" in args.env_kwargs:
         parser.error("speed_command in --env-kwargs has no effect here, must be in --commands")
+    grid = find_task(args.env).commands
+    args.commands = args.commands or list(grid)
+    if args.video_command is None:
+        args.video_command = grid[(len(grid) - 1) // 2]
     args.error = parser.error
     return args
 
 
-def load_all(
-    args: argparse.Namespace, commands: list[float]
-) -> list[tuple[dict[str, Policy], dict[str, Any]]]:
+def load_all(args: argparse.Namespace) -> list[tuple[dict[str, Policy], dict[str, Any]]]:
     """For each plant the policies by label, and the environment's arguments.
 
     Raises:
         ValueError: a policy, an argument or a commanded speed is not allowed.
     """
-    names = labels(args.policy)
+    names = dict(zip(labels(args.policy), args.policy, strict=True))
     loaded = []
     for plant in dict.fromkeys(args.plant) or [None]:
         env_kwargs = args.env_kwargs if plant is None else {**args.env_kwargs, "plant": plant}
         suffix = "" if plant is None else f" on {plant}"
         env = make_env(args.env, env_kwargs)
-        policies = {
-            own + suffix: load_named(name, env)
-            for own, name in zip(names, args.policy, strict=True)
-        }
-        for command in commands:
+        policies = {own + suffix: load_named(name, env) for own, name in names.items()}
+        for command in (*args.commands, args.video_command):
             env.reset(options={"speed_command": command})
         env.close()
         loaded.append((policies, env_kwargs))
@@ -79,24 +176,18 @@ def main(arguments: list[str] | None = None) -> None:
     """Score, draw, print; writes nothing before all that is asked for is known to be good."""
     args = parse(arguments)
     task, out = find_task(args.env), Path(args.out)
-    commands = args.commands or list(task.commands)
-    shown = args.video_command
-    if shown is None:
-        shown = task.commands[(len(task.commands) - 1) // 2]
     try:
-        loaded = load_all(args, [*commands, shown])
+        loaded = load_all(args)
         out.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
         args.error(str(error))
     scores: dict[str, dict[str, Any]] = {}
     for policies, env_kwargs in loaded:
-        scores |= evaluate(
-            policies, args.env, env_kwargs, tuple(commands), args.episodes, args.seed
-        )
+        scores |= evaluate(policies, args.env, env_kwargs, args.commands, args.episodes, args.seed)
     write_json(out / "scores.json", scores)
     plot_scores(task, scores, out / "scores.png")
     print(score_table(task.metrics, scores))
-    print(f"\n{args.episodes} episodes at each of {commands} {task.command_unit}, "
+    print(f"\n{args.episodes} episodes at each of {args.commands} {task.command_unit}, "
           f"seed {args.seed}; 95% bootstrap intervals. "
           f"Written: {out}/scores.json, {out}/scores.png")  # fmt: skip
     if args.video is None:
@@ -104,7 +195,7 @@ def main(arguments: list[str] | None = None) -> None:
     for policies, env_kwargs in loaded:
         for name, policy in policies.items():
             path = out / f"{name.replace('/', '_').replace(' ', '_')}.{args.video}"
-            record_video(policy, args.env, env_kwargs, shown, args.seed, path)
+            record_video(policy, args.env, env_kwargs, args.video_command, args.seed, path)
             print(f"written: {path}")
 
 

@@ -96,16 +96,15 @@ def summarise(metrics: dict[str, Metric], run: Episodes, env: Any, seed: int = 0
     """
     commands = np.unique(run["command"])
     groups = [np.flatnonzero(run["command"] == command) for command in commands]
-    overall: dict[str, Any] = {}
-    by_command: dict[str, Any] = {}
+    overall, by_command = {}, {}
     for name, metric in metrics.items():
         estimator = _estimator(metric, run, env)
         overall[name] = _interval(estimator, groups, seed)
         rows = [_interval(estimator, [group], seed) for group in groups]
+        value, low, high = map(list, zip(*rows, strict=True))
         by_command[name] = {
-            "command": commands.tolist(),
-            **{key: [row[i] for row in rows] for i, key in enumerate(("value", "low", "high"))},
-        }
+            "command": commands.tolist(), "value": value, "low": low, "high": high,
+        }  # fmt: skip
     return {"overall": overall, "by_command": by_command, "episodes": len(run["command"])}
 
 
@@ -133,14 +132,14 @@ def _number(value: Any) -> float | None:
 
 def score_table(metrics: dict[str, Metric], scores: dict[str, dict[str, Any]]) -> str:
     """A Markdown table: a row per policy, value [low, high] per metric."""
+
+    def cell(interval: list[float | None], digits: int) -> str:
+        value, low, high = ("-" if v is None else f"{v:.{digits}g}" for v in interval)
+        return value if low == "-" else f"{value} [{low}, {high}]"
+
     rows = [
-        [policy, *(_cell(summary["overall"][name], metrics[name].digits) for name in metrics)]
+        [policy, *(cell(summary["overall"][name], m.digits) for name, m in metrics.items())]
         for policy, summary in scores.items()
     ]
     headers = ["policy", *(metric.heading for metric in metrics.values())]
     return tabulate(rows, headers, tablefmt="github", disable_numparse=True)
-
-
-def _cell(interval: list[float | None], digits: int) -> str:
-    value, low, high = ("-" if v is None else f"{v:.{digits}g}" for v in interval)
-    return value if low == "-" else f"{value} [{low}, {high}]"

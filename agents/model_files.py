@@ -20,7 +20,7 @@ from typing import Any
 
 import torch
 
-from jansen_env.checks import finite, whole_number
+from jansen_env.checks import finite, instance, whole_number
 
 MAX_BYTES = 64 * 2**20  # of tensors in a member; the shipped configurations' have 0.1 MB
 MAX_TEXT = 4 * 2**20  # bytes of the "data" member and of a pickle, which unpack to more
@@ -30,6 +30,8 @@ MAX_STEPS = 10**12  # of a model's training
 MEMBERS = ("policy", "policy.optimizer", "actor.optimizer", "critic.optimizer",
            "ent_coef_optimizer", "pytorch_variables")  # fmt: skip
 """All that is needed to go on with PPO or SAC."""
+
+NOTES = "notes.json"  # what belongs to a model and Stable-Baselines3 does not know
 
 NAMES = ("collections OrderedDict", "torch._utils _rebuild_tensor_v2", "torch FloatStorage",
          "torch DoubleStorage", "torch LongStorage")  # fmt: skip
@@ -62,16 +64,18 @@ def read_model(path: str | Path, members: Collection[str] = MEMBERS) -> tuple[di
     return tensors, steps
 
 
-def read_json(path: str | Path, member: str) -> Any:
-    """A member of a model's zip file that is JSON; None where there is none.
+def read_notes(path: str | Path) -> dict[str, Any]:
+    """What :func:`agents.models.save_model` has noted in a model's file; empty where it has not.
 
     Raises:
         ValueError: no such file, or it is damaged or too large.
     """
     with _opened(path) as archive:
-        if member not in archive.namelist():
-            return None
-        return json.loads(_unzip(archive, member, MAX_TEXT))
+        if NOTES not in archive.namelist():
+            return {}
+        notes = json.loads(_unzip(archive, NOTES, MAX_TEXT))
+        instance(NOTES, notes, dict)
+    return notes
 
 
 @contextmanager
@@ -118,39 +122,37 @@ def _read_tensors(data: bytes) -> Any:
         value = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
     except pickle.UnpicklingError:  # whose text advises to load without this safety
         raise ValueError("its pickle is no state dict") from None
-    _check_plain([value])
+    _check_plain(value)
     return value
 
 
-def _check_plain(level: list[Any]) -> None:
-    """Raises ValueError unless all is dictionaries, lists, finite numbers and tensors, text.
-
-    Args:
-        level: the entries of one depth; their own entries are checked after them.
-    """
-    entries = size = 0
-    for _ in range(MAX_DEPTH):
-        below: list[Any] = []
-        for value in level:
-            if isinstance(value, torch.Tensor):
-                size += value.nbytes  # views of few numbers may be large, or many
-                if size > MAX_BYTES:
-                    raise ValueError(f"its tensors take more than {MAX_BYTES} bytes")
-                if not torch.isfinite(value).all():
-                    raise ValueError("it has tensors that are not finite")
-            elif isinstance(value, dict):
-                if not all(isinstance(key, (str, int)) for key in dict.keys(value)):
-                    raise ValueError("it has a key that is neither text nor a number")
-                below.extend(dict.values(value))
-            elif isinstance(value, (list, tuple)):
-                below.extend(value)
-            elif isinstance(value, float):
-                finite("a number in it", value)
-            elif value is not None and not isinstance(value, (bool, int, str)):
-                raise ValueError(f"it has a {type(value).__name__}, must be numbers and tensors")
-            entries += 1
-            if entries + len(below) > MAX_ENTRIES:
-                raise ValueError(f"it has more than {MAX_ENTRIES} entries")
-        level = below
-    if level:
+def _nodes(value: Any, depth: int = 0) -> Iterator[Any]:
+    """A value and all in its nested dictionaries and lists; of bounded depth."""
+    if depth == MAX_DEPTH:
         raise ValueError(f"it has more than {MAX_DEPTH} levels")
+    yield value
+    if isinstance(value, dict):
+        if not all(isinstance(key, (str, int)) for key in dict.keys(value)):
+            raise ValueError("it has a key that is neither text nor a number")
+        value = tuple(dict.values(value))
+    if isinstance(value, (list, tuple)):
+        for entry in value:
+            yield from _nodes(entry, depth + 1)
+
+
+def _check_plain(value: Any) -> None:
+    """Raises ValueError unless all is dictionaries, lists, finite numbers and tensors, text."""
+    size = 0
+    for count, node in enumerate(_nodes(value)):
+        if count == MAX_ENTRIES:
+            raise ValueError(f"it has more than {MAX_ENTRIES} entries")
+        if isinstance(node, torch.Tensor):
+            size += node.nbytes  # views of few numbers may be large, or many
+            if size > MAX_BYTES:
+                raise ValueError(f"its tensors take more than {MAX_BYTES} bytes")
+            if not torch.isfinite(node).all():
+                raise ValueError("it has tensors that are not finite")
+        elif isinstance(node, float):
+            finite("a number in it", node)
+        elif node is not None and not isinstance(node, (dict, list, tuple, int, str)):
+            raise ValueError(f"it has a {type(node).__name__}, must be numbers and tensors")

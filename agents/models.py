@@ -17,14 +17,13 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.utils import LinearSchedule
 
 from agents.config import TO_LOAD, find_config, load_config
-from agents.model_files import read_json, read_model
+from agents.model_files import NOTES, read_model
 from agents.normalizer import NormalizedObservation
 from agents.policy import Policy
 from agents.rollout import make_env
 from jansen_env.files import write_whole
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
-NOTES = "notes.json"  # in a model's file, what belongs to it and Stable-Baselines3 does not know
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}
 
 
@@ -34,13 +33,9 @@ def build_model(algo: str, config: dict[str, Any], env: Any, **more: Any) -> Bas
     for name in ("learning_rate", "clip_range"):
         if isinstance(value := arguments.get(name), str):
             arguments[name] = linear_schedule(value)
+    kwargs = _policy_kwargs(config)
     return ALGORITHMS[algo](
-        config["policy"],
-        env,
-        policy_kwargs=_policy_arguments(config),
-        device="cpu",
-        **arguments,
-        **more,
+        config["policy"], env, policy_kwargs=kwargs, device="cpu", **arguments, **more
     )
 
 
@@ -52,7 +47,7 @@ def linear_schedule(text: str) -> LinearSchedule:
     return LinearSchedule(float(text.removeprefix("linear_")), 0.0, end_fraction=1.0)
 
 
-def _policy_arguments(config: dict[str, Any]) -> dict[str, Any]:
+def _policy_kwargs(config: dict[str, Any]) -> dict[str, Any]:
     """``policy_kwargs`` with names turned into classes."""
     arguments = dict(config.get("policy_kwargs", {}))
     if "activation" in arguments:
@@ -92,7 +87,7 @@ def load_policy(path: str | Path) -> Policy:
             env.action_space,
             lambda _: 0.0,  # the learning rate, of no use here
             use_sde=config.get("hyperparameters", {}).get("use_sde", False),
-            **_policy_arguments(config),
+            **_policy_kwargs(config),
         )
     except (AssertionError, TypeError, ValueError) as error:  # arguments that do not go together
         raise ValueError(f"{source}: {error}") from error
@@ -103,8 +98,7 @@ def load_policy(path: str | Path) -> Policy:
     except Exception as error:  # torch raises most kinds for what does not fit
         raise ValueError(f"{path} does not fit {source}: {' '.join(str(error).split())}") from error
     policy.set_training_mode(False)
-    loaded: Policy = policy
-    return loaded
+    return policy
 
 
 def restore(model: BaseAlgorithm, tensors: dict[str, Any]) -> None:
@@ -113,14 +107,13 @@ def restore(model: BaseAlgorithm, tensors: dict[str, Any]) -> None:
     Raises:
         ValueError: they are of another model.
     """
-    modules, variables = model._get_torch_save_params()  # names of what the model saves
     parameters = dict(tensors)
     values = parameters.pop("pytorch_variables", None) or {}
-    for kind, found, needed in (("parts", parameters, modules), ("variables", values, variables)):
-        if set(found) != set(needed):
-            raise ValueError(
-                f"the saved model has the {kind} {sorted(found)}, must have {sorted(needed)}"
-            )
+    needed = model._get_torch_save_params()[1]
+    if set(values) != set(needed):
+        raise ValueError(
+            f"the saved model has the variables {sorted(values)}, must have {sorted(needed)}"
+        )
     try:
         model.set_parameters(parameters, exact_match=True)
         for name, value in values.items():  # such as SAC's entropy coefficient
@@ -141,15 +134,3 @@ def save_model(model: BaseAlgorithm, path: Path, notes: dict[str, Any] | None = 
             archive.writestr(NOTES, json.dumps(notes or {}))
 
     write_whole(path, write)
-
-
-def read_notes(path: Path) -> dict[str, Any]:
-    """The notes :func:`save_model` has put into a model's file; empty where there are none.
-
-    Raises:
-        ValueError: not such a file.
-    """
-    notes = read_json(path, NOTES) or {}
-    if not isinstance(notes, dict):
-        raise ValueError(f"{path} has {NOTES} with {notes!r}, must be a mapping")
-    return notes

@@ -50,10 +50,9 @@ def run_episodes(
     Raises:
         ValueError: no task is known for ``env_id``.
     """
-    task, n = find_task(env_id), len(commands)
-    envs = [make_env(env_id, env_kwargs) for _ in range(min(at_once, n))]
-    rows: list[dict[str, Any]] = []
-    for begin in range(0, n, at_once):
+    task, rows = find_task(env_id), []
+    envs = [make_env(env_id, env_kwargs) for _ in range(min(at_once, len(commands)))]
+    for begin in range(0, len(commands), at_once):
         part = slice(begin, begin + at_once)
         rows += _run_side_by_side(policy, envs, task, commands[part], seeds[part])
     for env in envs:
@@ -66,33 +65,27 @@ def run_episodes(
 
 
 def _run_side_by_side(
-    policy: Policy,
-    envs: list[gym.Env[Any, Any]],
-    task: Task,
-    commands: Array,
-    seeds: NDArray[np.int64],
+    policy: Policy, envs: list[Any], task: Task, commands: Array, seeds: NDArray[np.int64]
 ) -> list[dict[str, Any]]:
     """One episode in each environment; what is kept of each."""
-    rows = [
-        {"command": float(command), "returns": 0.0, "duration": 0.0,
-         **dict.fromkeys(task.aggregates, 0.0)}
-        for command in commands
-    ]  # fmt: skip
+    rows: list[dict[str, Any]] = [
+        {"command": command, **dict.fromkeys(("returns", "duration", *task.aggregates), 0.0)}
+        for command in commands.tolist()
+    ]
     observations = np.stack(
         [
-            env.reset(seed=int(seed), options={"speed_command": row["command"]})[0]
-            for env, seed, row in zip(envs, seeds, rows, strict=False)
+            env.reset(seed=seed, options={"speed_command": row["command"]})[0]
+            for env, seed, row in zip(envs, seeds.tolist(), rows, strict=False)
         ]
     )
-    running = np.ones(len(rows), bool)
-    starts, state = np.ones(len(rows), bool), None
+    running, state = np.ones(len(rows), bool), None
+    starts = running.copy()
     while running.any():
         actions, state = policy.predict(observations, state, starts, True)
         starts = np.zeros(len(rows), bool)
         for i in np.flatnonzero(running):
-            env, row = envs[i], rows[i]
-            observations[i], reward, terminated, truncated, info = env.step(actions[i])
-            dt = float(env.unwrapped.control_dt)  # type: ignore[attr-defined]
+            row, dt = rows[i], envs[i].unwrapped.control_dt
+            observations[i], reward, terminated, truncated, info = envs[i].step(actions[i])
             row["returns"] += float(reward)
             row["duration"] += dt
             for name, (reduction, function) in task.aggregates.items():

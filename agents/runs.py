@@ -18,8 +18,7 @@ from typing import Any
 import yaml
 from stable_baselines3.common.utils import get_latest_run_id
 
-from agents.model_files import read_model
-from agents.models import read_notes
+from agents.model_files import read_model, read_notes
 from jansen_env.files import write_text
 
 FINAL, BEST, REPLAY = "final_model.zip", "best_model.zip", "replay_buffer.npz"
@@ -46,9 +45,9 @@ def last_state(folder: str | Path) -> Path:
         ValueError: there is none.
     """
     found = {
-        int(m.group(1)): p
-        for p in (Path(folder) / "checkpoints").glob("model_*_steps.zip")
-        if (m := re.fullmatch(r"model_(\d+)_steps", p.stem))
+        int(path.stem.split("_")[1]): path
+        for path in (Path(folder) / "checkpoints").glob("model_*_steps.zip")
+        if re.fullmatch(r"model_\d+_steps", path.stem)
     }
     final = Path(folder) / FINAL
     if final.is_file():
@@ -114,7 +113,7 @@ def monitor_sizes(folder: Path) -> dict[str, int]:
     Each row is on disk when its episode's last step has been taken.
     """
     paths = (folder / "monitor").glob("*.monitor.csv")
-    return {p.name: p.stat().st_size for p in paths if re.fullmatch(r"\d+", p.name.split(".")[0])}
+    return {path.name: path.stat().st_size for path in paths if path.name.split(".")[0].isdecimal()}
 
 
 def rewind_monitors(folder: Path, sizes: dict[str, int]) -> None:

@@ -27,16 +27,15 @@ class Task:
         command_unit: its unit.
         aggregates: what is kept of each episode, by name.
         metrics: by name; the first is "return".
-        baselines: names of the policies to compare with, the main one first.
-        load_baseline: one of them by name, for an unwrapped environment.
+        baselines: the policies to compare with by name, the main one first; each is made for an
+            unwrapped environment.
     """
 
     commands: tuple[float, ...]
     command_unit: str
     aggregates: dict[str, Aggregate]
     metrics: dict[str, Metric]
-    baselines: tuple[str, ...]
-    load_baseline: Callable[[str, Any], Policy]
+    baselines: dict[str, Callable[[Any], Policy]]
 
 
 def _mean(name: str) -> Callable[[Episodes, Any], Array]:
@@ -85,7 +84,6 @@ WALKER = Task(
         "rms_torque": Metric("RMS torque", "N m", _mean("rms_torque")),
     },
     baselines=walker_baselines.BASELINES,
-    load_baseline=walker_baselines.load_baseline,
 )
 
 CRANK = Task(
@@ -109,7 +107,6 @@ CRANK = Task(
         "lost": Metric("lost", "fraction", _mean("lost"), axis=""),
     },
     baselines=crank_baselines.BASELINES,
-    load_baseline=crank_baselines.load_baseline,
 )
 
 TASKS: dict[str, Task] = {"JansenWalker-v0": WALKER, "JansenCrank-v0": CRANK}
@@ -136,9 +133,8 @@ def check_env_kwargs(env_id: str, env_kwargs: dict[str, Any]) -> None:
             ``max_episode_steps`` is no limit, or ``render_mode`` opens windows.
     """
     find_task(env_id)
-    creator: Any = gym.spec(env_id).entry_point
-    constructor = load_env_creator(creator) if isinstance(creator, str) else creator
-    allowed = {*inspect.signature(constructor).parameters, "max_episode_steps"}
+    entry: Any = gym.spec(env_id).entry_point
+    allowed = {*inspect.signature(load_env_creator(entry)).parameters, "max_episode_steps"}
     if env_kwargs.get("render_mode") == "human":
         raise ValueError("render_mode is 'human', must be None or 'rgb_array' for many robots")
     for name in env_kwargs:

@@ -1,51 +1,31 @@
-"""Training with Stable-Baselines3: environments, and a run from start or checkpoint to its end."""
+"""Training with Stable-Baselines3: a model on its environments, from start or checkpoint."""
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.callbacks import BaseCallback, CallbackList, ProgressBarCallback
+from stable_baselines3.common.callbacks import BaseCallback, ProgressBarCallback
 from stable_baselines3.common.monitor import ResultsWriter
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-from stable_baselines3.common.vec_env import (
-    VecEnv,
-    VecEnvWrapper,
-    VecMonitor,
-    unwrap_vec_wrapper,
-)
+from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor, unwrap_vec_wrapper
 
 from agents.callbacks import NormalizerUpdate, Saver, StopOnSignal
 from agents.config import find_config
-from agents.model_files import read_model
-from agents.models import build_model, read_notes, restore
+from agents.model_files import read_model, read_notes
+from agents.models import build_model, restore
 from agents.replay import load_replay_buffer
 from agents.runs import FINAL, REPLAY, next_monitor, rewind_monitors
 from agents.vec_env import make_vec_env
 
 
-def make_training_env(
-    env_id: str,
-    env_kwargs: dict[str, Any],
-    count: int,
-    reward_scale: float = 1.0,
-    variants: Sequence[dict[str, Any]] = ({},),
-) -> VecEnv:
-    """``count`` environments side by side, with a monitor that writes no file yet, rewards scaled.
-
-    The i-th one takes the arguments of ``variants`` number i, counted around, on top of the others.
-    """
-    return ScaledReward(VecMonitor(make_vec_env(env_id, count, env_kwargs, variants)), reward_scale)
-
-
 class ScaledReward(VecEnvWrapper):
     """Rewards times a number; what monitors inside have seen is not scaled."""
 
-    def __init__(self, venv: VecEnv, scale: float) -> None:
+    def __init__(self, venv: Any, scale: float) -> None:
         super().__init__(venv)
         self.scale = scale
 
@@ -61,20 +41,21 @@ def prepare(config: dict[str, Any], resume: Path | None = None) -> BaseAlgorithm
     """The model a configuration describes, on its environments. Writes nothing.
 
     Args:
-        config: a training configuration with ``algo``, ``env`` and ``seed``.
+        config: a training configuration with ``algo``, ``env`` and ``seed``. Environment i takes
+            number i of its ``training_variants``, counted around, on top of the ``env_kwargs``.
         resume: a model's file, of which it takes parameters, optimiser and number of steps;
             :data:`agents.runs.REPLAY` in the run's folder fills its replay buffer.
 
     Raises:
         ValueError: something in the configuration or the files is wrong.
     """
-    venv = make_training_env(
+    venv = make_vec_env(
         config["env"],
-        config.get("env_kwargs", {}),
         config["n_envs"],
-        config.get("reward_scale", 1.0),
+        config.get("env_kwargs", {}),
         config.get("training_variants", ({},)),
     )
+    venv = ScaledReward(VecMonitor(venv), config.get("reward_scale", 1.0))
     model = build_model(config["algo"], config, venv, seed=config["seed"])
     if resume is not None:
         tensors, model.num_timesteps = read_model(resume)
@@ -87,8 +68,8 @@ def prepare(config: dict[str, Any], resume: Path | None = None) -> BaseAlgorithm
 
 def _refill(model: OffPolicyAlgorithm, path: Path) -> None:
     """Fill the replay buffer from a file; without one, let it fill before training goes on."""
-    assert model.replay_buffer is not None
     if path.is_file():
+        assert model.replay_buffer is not None
         load_replay_buffer(model.replay_buffer, path)
         return
     model.learning_starts += model.num_timesteps
@@ -118,8 +99,7 @@ def train(
         SystemExit: a signal came (status 130 for SIGINT, 143 for SIGTERM); a checkpoint is saved.
             Or the policy's actions are no longer finite.
     """
-    venv = model.get_env()
-    assert venv is not None
+    venv: Any = model.get_env()
     saver = Saver(
         folder, save_every, eval_every, config["env"], config.get("env_kwargs", {}),
         done=model.num_timesteps,
@@ -127,18 +107,21 @@ def train(
     saver.init_callback(model)
     if resume is not None and (sizes := read_notes(resume).get("monitor")) is not None:
         rewind_monitors(folder, sizes)
-    _log_episodes(venv, config["env"], next_monitor(folder))
+    monitor: Any = unwrap_vec_wrapper(venv, VecMonitor)  # from now on it writes each episode
+    header = {"t_start": monitor.t_start, "env_id": config["env"]}
+    monitor.results_writer = ResultsWriter(str(next_monitor(folder)), header)
     model.tensorboard_log = tensorboard
-    callbacks: list[BaseCallback] = [NormalizerUpdate(), saver]
+    stop = StopOnSignal()
+    callbacks: list[BaseCallback] = [NormalizerUpdate(), saver, stop]
     if progress:
         callbacks.append(ProgressBarCallback())
     remaining = config["timesteps"] - model.num_timesteps
     if remaining > 0:
         try:
-            with StopOnSignal() as stop:
+            with stop:
                 model.learn(
                     remaining,
-                    callback=CallbackList([*callbacks, stop]),
+                    callback=callbacks,
                     reset_num_timesteps=False,
                     tb_log_name=folder.name,
                 )
@@ -158,11 +141,3 @@ def train(
         saver.evaluate()
     saver.save(folder / FINAL)
     venv.close()
-
-
-def _log_episodes(venv: VecEnv, env_id: str, path: Path) -> None:
-    """Let the monitor write each episode to a file from now on."""
-    monitor = unwrap_vec_wrapper(venv, VecMonitor)
-    assert monitor is not None
-    header: dict[str, float | str] = {"t_start": monitor.t_start, "env_id": env_id}
-    monitor.results_writer = ResultsWriter(str(path), header)

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from agents.command_line import positive_int
-from agents.policy import Array, Policy
+from agents.policy import Array
 from agents.rollout import make_env, run_episodes
-from agents.walker_baselines import DATA, constant_torque, walking_pid
+from agents.walker_baselines import DATA, POLICIES
 from jansen_env.files import write_json
 
 ENV = "JansenWalker-v0"
@@ -23,27 +23,17 @@ FIRST_SEED = 10_000  # apart from all others
 HORIZON = 10.0  # s, the time limit of an episode
 
 
-def fixed_policy(name: str, setting: float, env: Any) -> Policy:
-    """A baseline that answers every command with one setting."""
-
-    def same(command: Array) -> Array:
-        return np.full(len(command), setting)
-
-    if name == "pid":
-        return walking_pid(same, env.torque_limit, env.control_dt)
-    return constant_torque(same, env.torque_limit)
-
-
 def measure(name: str, settings: Array, episodes: int) -> dict[str, Any]:
     """Walking speeds (m/s) of each crank speed ("pid") or torque ("constant"), as in the file."""
     env = make_env(ENV, {}).unwrapped
     commands, seeds = np.full(episodes, 0.3), FIRST_SEED + np.arange(episodes)
-    speeds = [
-        run_episodes(fixed_policy(name, setting, env), ENV, {}, commands, seeds)["distance"]
-        / HORIZON
-        for setting in settings
-    ]
-    return {"settings": settings.tolist(), "speeds": np.array(speeds).round(4).tolist()}
+
+    def speeds(setting: float) -> Array:
+        policy = POLICIES[name](lambda command: np.full(len(command), setting), env)
+        return run_episodes(policy, ENV, {}, commands, seeds)["distance"] / HORIZON
+
+    measured = np.array([speeds(setting) for setting in settings])
+    return {"settings": settings.tolist(), "speeds": measured.round(4).tolist()}
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
@@ -42,12 +43,8 @@ def make_vec_env(
     kwargs = dict(env_kwargs or {})
     each = [{**kwargs, **variants[i % len(variants)]} for i in range(num_envs)]
     if can_be_batched(env_id, kwargs, variants):
-        return BatchVecEnv(_together(env_id, kwargs, each), info_keys)
-
-    def make(index: int) -> Any:
-        return lambda: make_env(env_id, each[index])
-
-    return DummyVecEnv([make(i) for i in range(num_envs)])
+        return BatchVecEnv(_make_batch(env_id, kwargs, each), info_keys)
+    return DummyVecEnv([partial(make_env, env_id, own) for own in each])
 
 
 def can_be_batched(
@@ -62,30 +59,28 @@ def can_be_batched(
     )
 
 
-def _vector_env(env_id: str) -> type[TaskVectorEnv[Any]]:
+def _vector_env(env_id: str) -> Any:
     """The vector environment of a task."""
     entry: Any = gym.spec(env_id).vector_entry_point
-    found: Any = load_env_creator(entry)
-    return found
+    return load_env_creator(entry)
 
 
-def _together(
+def _make_batch(
     env_id: str, kwargs: dict[str, Any], each: Sequence[dict[str, Any]]
 ) -> TaskVectorEnv[Any]:
     """One batch with the arguments of each environment."""
-    default = inspect.signature(_vector_env(env_id)).parameters
+    vector_env = _vector_env(env_id)
+    defaults = {name: p.default for name, p in inspect.signature(vector_env).parameters.items()}
+    defaults["max_episode_steps"] = gym.spec(env_id).max_episode_steps
     own = {
-        name: Each(one.get(name, default[name].default) for one in each)
-        for name in _vector_env(env_id).TASK.OF_EACH
+        name: Each(one.get(name, defaults[name]) for one in each)
+        for name in (*vector_env.TASK.OF_EACH, "max_episode_steps")
         if any(name in one for one in each)
     }
-    limit = gym.spec(env_id).max_episode_steps
-    own["max_episode_steps"] = Each(one.get("max_episode_steps", limit) for one in each)
     env: Any = gym.make_vec(
-        env_id, num_envs=len(each), autoreset_mode=AutoresetMode.SAME_STEP, **{**kwargs, **own}
+        env_id, num_envs=len(each), autoreset_mode=AutoresetMode.DISABLED, **{**kwargs, **own}
     )
-    batched: TaskVectorEnv[Any] = env.unwrapped
-    return batched
+    return env.unwrapped
 
 
 class BatchVecEnv(VecEnv):
@@ -97,7 +92,7 @@ class BatchVecEnv(VecEnv):
     one of :data:`jansen_env.envs.vector.METHODS`.
 
     Args:
-        env: the robots, with ``AutoresetMode.SAME_STEP``.
+        env: the robots, with ``AutoresetMode.DISABLED``: episodes are started here.
         info_keys: what each step's information has of the single environment's, such as
             ``"slip"``; None for all. The last step of an episode always has all, and alone
             ``TimeLimit.truncated``.
@@ -107,15 +102,14 @@ class BatchVecEnv(VecEnv):
     """
 
     def __init__(self, env: TaskVectorEnv[Any], info_keys: Sequence[str] | None = ()) -> None:
-        if env.autoreset_mode != AutoresetMode.SAME_STEP:
-            raise ValueError(f"autoreset_mode is {env.autoreset_mode}, must be SAME_STEP")
-        self.env = env
-        self.info_keys = info_keys
-        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        if env.autoreset_mode != AutoresetMode.DISABLED:
+            raise ValueError(f"autoreset_mode is {env.autoreset_mode}, must be DISABLED")
         known = sorted(env.task.information.keys)
         unknown = sorted(set(info_keys or ()) - set(known))
         if unknown:
             raise ValueError(f"info_keys has {unknown}, must be of {known}")
+        self.env, self.info_keys = env, info_keys
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self._actions: NDArray[np.float32] = np.zeros((env.num_envs, 1), np.float32)
 
     def reset(self) -> NDArray[np.float32]:
@@ -123,9 +117,18 @@ class BatchVecEnv(VecEnv):
         seeds, options = self._seeds, self._options
         self._reset_seeds()
         self._reset_options()
-        observations, _ = self.env.reset_each(seeds, options)
-        information = self.env.task.information
-        self.reset_infos = [information.of_one(i, False) for i in range(self.num_envs)]
+        return self._start(np.ones(self.num_envs, bool), seeds, options)
+
+    def _start(
+        self,
+        rows: NDArray[np.bool_],
+        seeds: Sequence[int | None],
+        options: Sequence[dict[str, Any]],
+    ) -> NDArray[np.float32]:
+        """Start the episodes of some robots; returns the observations of all."""
+        observations, _ = self.env.reset_each(seeds, options, rows)
+        for i in np.flatnonzero(rows).tolist():
+            self.reset_infos[i] = self.env.task.information.of_one(i, False)
         return observations
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
@@ -136,19 +139,20 @@ class BatchVecEnv(VecEnv):
         self,
     ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], list[dict[str, Any]]]:
         """Take the step: observations (n, d), rewards (n,), dones (n,), and n dictionaries."""
-        observations, rewards, terminated, truncated, last = self.env.step(self._actions)
+        observations, rewards, terminated, truncated, _ = self.env.step(self._actions)
         information, dones = self.env.task.information, terminated | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if self.info_keys is None or self.info_keys:
             for i in np.flatnonzero(~dones).tolist():
                 info = information.of_one(i, True)
-                keys = info if self.info_keys is None else self.info_keys
-                infos[i] = {key: info[key] for key in keys}
+                infos[i] = {key: info[key] for key in self.info_keys or info}
         for i in np.flatnonzero(dones).tolist():
-            infos[i] = _of_one(last["final_info"], i)
-            infos[i]["terminal_observation"] = last["final_obs"][i]
+            infos[i] = information.of_one(i, True)
+            infos[i]["terminal_observation"] = observations[i].copy()
             infos[i]["TimeLimit.truncated"] = bool(truncated[i] and not terminated[i])
-            self.reset_infos[i] = information.of_one(i, False)
+        if dones.any():
+            nothing: list[dict[str, Any]] = [{}] * self.num_envs
+            observations = self._start(dones, [None] * self.num_envs, nothing)
         return observations, rewards, dones, infos
 
     def close(self) -> None:
@@ -183,17 +187,3 @@ class BatchVecEnv(VecEnv):
     ) -> list[bool]:
         """False for each: robots of a batch have no wrappers of their own."""
         return [False for _ in self._get_indices(indices)]
-
-
-def _of_one(infos: dict[str, Any], index: int) -> dict[str, Any]:
-    """One robot's part of vector information, as the single environment gives it."""
-    one: dict[str, Any] = {}
-    for key, value in infos.items():
-        if key.startswith("_") or not infos[f"_{key}"][index]:
-            continue
-        if isinstance(value, dict):
-            one[key] = _of_one(value, index)
-        else:
-            entry = value[index]
-            one[key] = entry.copy() if isinstance(entry, np.ndarray) else entry.item()
-    return one

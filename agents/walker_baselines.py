@@ -10,100 +10,73 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from agents.policy import PAPER_PID, Array, PIDPolicy, Policy, Reference, TorquePolicy
+from agents.policy import PAPER_PID, Array, Bools, Policy, TorquePolicy, pid_policy
 from jansen_env.control import PID
 
 COS_CRANK, SIN_CRANK, CRANK_SPEED, COMMAND = 0, 1, 2, 9  # places in the observation
 DATA = Path(__file__).parent / "data" / "baselines.json"
-BASELINES = ("pid", "constant")
 
 Setting: TypeAlias = Callable[[Array], Array]
 """Commands (n,), m/s, to crank speeds (n,), rad/s, or torques (n,), N m, that walk at them."""
 
 
-@dataclass(frozen=True)
-class SpeedMap:
-    """Measured walking speeds of a constant setting (crank speed in rad/s, or torque in N m).
+def nearest_setting(settings: Array, speeds: Array) -> Setting:
+    """Of measured settings the one whose episodes came closest to each commanded speed.
 
-    Attributes:
-        settings: (n,) increasing, > 0.
-        speeds: (n, episodes) distance over the whole episode's time, m/s; a fall ends the walk.
+    A negative command turns the crank backwards: the machine is its own mirror image.
+
+    Args:
+        settings: (m,) constant crank speeds, rad/s, or torques, N m; above 0.
+        speeds: (m, episodes) distance over the whole episode's time, m/s; a fall ends the walk.
     """
 
-    settings: Array
-    speeds: Array
+    def setting(command: Array) -> Array:
+        error = np.abs(speeds - np.abs(command)[:, None, None]).mean(axis=2)
+        return np.sign(command) * settings[np.argmin(error, axis=1)]
 
-    def setting_for(self, command: Array) -> Array:
-        """The setting whose episodes came closest to each commanded speed (n,), m/s.
-
-        A negative command turns the crank backwards: the machine is its own mirror image.
-        """
-        target = np.abs(np.asarray(command, dtype=float))
-        error = np.abs(self.speeds[None] - target[:, None, None]).mean(axis=2)
-        best: Array = np.sign(command) * self.settings[np.argmin(error, axis=1)]
-        return best
+    return setting
 
 
-class CrankMemory(NamedTuple):
-    """Of n environments, each (n,), rad: unwrapped crank angle, reference."""
-
-    angle: Array
-    reference: Array
-
-
-def turning_reference(crank_speed: Setting, control_dt: float) -> Reference:
-    """A reference that turns with the crank speed for the commanded walking speed.
+def walking_pid(crank_speed: Setting, env: Any, pid: PID = PAPER_PID) -> Policy:
+    """The PID (13) behind a reference that turns with the crank speed for the commanded speed.
 
     It starts at the crank angle at which the episode starts (the paper's pi).
     """
 
-    def follow(
-        observations: Array, memory: CrankMemory | None, starts: NDArray[np.bool_]
-    ) -> tuple[Array, Array, CrankMemory]:
-        angle = np.arctan2(observations[:, SIN_CRANK], observations[:, COS_CRANK])
-        before = memory or CrankMemory(angle, angle)
-        last = np.where(starts, angle, before.angle)
+    def reference(seen: Array, memory: Any, starts: Bools) -> tuple[Array, Array, Any]:
+        angle = np.arctan2(seen[:, SIN_CRANK], seen[:, COS_CRANK])
+        last, target = memory or (angle, angle)  # unwrapped, rad
+        last, target = np.where(starts, angle, last), np.where(starts, angle, target)
         unwrapped = last + ((angle - last + np.pi) % (2.0 * np.pi) - np.pi)
-        reference = np.where(starts, angle, before.reference)
-        speed = crank_speed(observations[:, COMMAND])
-        after = CrankMemory(unwrapped, reference + speed * control_dt)
-        return reference - unwrapped, speed - observations[:, CRANK_SPEED], after
+        speed = crank_speed(seen[:, COMMAND])
+        after = (unwrapped, target + speed * env.control_dt)
+        return target - unwrapped, speed - seen[:, CRANK_SPEED], after
 
-    return follow
-
-
-def walking_pid(
-    crank_speed: Setting, torque_limit: float, control_dt: float, pid: PID = PAPER_PID
-) -> PIDPolicy:
-    """The PID (13) behind a :func:`turning_reference`."""
-    return PIDPolicy(turning_reference(crank_speed, control_dt), torque_limit, control_dt, pid)
+    return pid_policy(reference, env.torque_limit, env.control_dt, pid)
 
 
-def constant_torque(torque: Setting, torque_limit: float) -> TorquePolicy:
+def constant_torque(torque: Setting, env: Any) -> Policy:
     """The paper's conclusion as a policy: one constant torque for each command."""
-    return TorquePolicy(lambda observations: torque(observations[:, COMMAND]), torque_limit)
+    return TorquePolicy(lambda seen, *_: (torque(seen[:, COMMAND]), None), env.torque_limit)
 
 
-def load_baseline(name: str, env: Any) -> Policy:
-    """``"pid"``, or ``"constant"`` torque.
+POLICIES: dict[str, Callable[[Setting, Any], Policy]] = {
+    "pid": walking_pid, "constant": constant_torque,
+}  # fmt: skip
 
-    Args:
-        name: one of :data:`BASELINES`. env: the unwrapped environment it is to act in.
 
-    Raises:
-        ValueError: another name.
-    """
-    if name not in BASELINES:
-        raise ValueError(f"baseline is {name!r}, must be one of {BASELINES}")
+def _load(name: str, env: Any) -> Policy:
+    """One of :data:`POLICIES` with its measured settings."""
     entry = json.loads(DATA.read_text(encoding="utf-8"))[name]
-    measured = SpeedMap(np.array(entry["settings"]), np.array(entry["speeds"]))
-    if name == "constant":
-        return constant_torque(measured.setting_for, env.torque_limit)
-    return walking_pid(measured.setting_for, env.torque_limit, env.control_dt)
+    setting = nearest_setting(np.array(entry["settings"]), np.array(entry["speeds"]))
+    return POLICIES[name](setting, env)
+
+
+BASELINES: dict[str, Callable[[Any], Policy]] = {name: partial(_load, name) for name in POLICIES}
+"""Each is made for an unwrapped environment."""

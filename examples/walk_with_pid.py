@@ -10,12 +10,12 @@ import numpy as np
 
 import jansen_env  # noqa: F401  # registers the environments
 from agents.video import save_video
-from agents.walker_baselines import load_baseline
+from agents.walker_baselines import BASELINES
 
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 300
 
 env = gym.make("JansenWalker-v0", speed_command=0.3, render_mode="rgb_array")
-pid = load_baseline("pid", env.unwrapped)
+pid = BASELINES["pid"](env.unwrapped)
 observation, info = env.reset(seed=0)
 frames, memory = [], None
 for step in range(steps):

@@ -13,28 +13,32 @@ import pytest
 
 import jansen_env  # noqa: F401
 from agents import evaluate, metrics, tune
-from agents.evaluation import load_named
+from agents.evaluate import load_named
 from agents.rollout import run_episodes
-from agents.tasks import WALKER
+from agents.tasks import TASKS, WALKER
 from agents.walker_baselines import (
     BASELINES,
     DATA,
-    SpeedMap,
     constant_torque,
-    load_baseline,
+    nearest_setting,
     walking_pid,
 )
 from jansen_env.control import PID
 from jansen_env.files import write_text, write_whole
 from jansen_env.plants.make import PLANTS
 
-ONE_TO_ONE = SpeedMap(np.array([0.5, 1.0, 2.0]), np.array([[0.5], [1.0], [2.0]]))
+ONE_TO_ONE = nearest_setting(np.array([0.5, 1.0, 2.0]), np.array([[0.5], [1.0], [2.0]]))
 
 
 @pytest.fixture(scope="module")
 def walker():
     """The environment without wrappers."""
     return gym.make("JansenWalker-v0").unwrapped
+
+
+def motor(torque_limit):
+    """What the baselines read of an environment."""
+    return SimpleNamespace(torque_limit=torque_limit, control_dt=0.02)
 
 
 def observation(angle, speed, command):
@@ -47,7 +51,7 @@ def observation(angle, speed, command):
 def test_pid_is_equation_13():
     """Against the formula written out, the crank passing pi twice; what is NaN it does not read."""
     dt, gains = 0.02, PID()
-    controller = walking_pid(ONE_TO_ONE.setting_for, 1e3, dt)
+    controller = walking_pid(ONE_TO_ONE, motor(1e3))
     state, integral = None, 0.0
     for k in range(500):
         t = k * dt
@@ -62,7 +66,7 @@ def test_pid_is_equation_13():
 
 def test_pid_starts_again_with_an_episode():
     """episode_start clears one environment's memory and leaves the other's."""
-    controller = walking_pid(ONE_TO_ONE.setting_for, 20.0, 0.02)
+    controller = walking_pid(ONE_TO_ONE, motor(20.0))
     seen = np.array([observation(0.1, 0.0, 1.0), observation(0.1, 0.0, 1.0)])
     state = None
     for _ in range(10):
@@ -74,28 +78,29 @@ def test_pid_starts_again_with_an_episode():
 
 def test_pid_integral_waits_at_the_torque_limit():
     """No wind-up while saturated."""
-    controller = walking_pid(ONE_TO_ONE.setting_for, 20.0, 0.02, PID(kp=1e4, ki=1e4))
+    controller = walking_pid(ONE_TO_ONE, motor(20.0), PID(kp=1e4, ki=1e4))
     state = None
     for _ in range(50):
         action, state = controller.predict(observation(0.0, 0.0, 2.0)[None], state)
     assert action[0, 0] == 1.0
-    assert state.integral[0] < 1e-3
+    _, integral = state
+    assert integral[0] < 1e-3
 
 
 def test_speed_map_picks_the_nearest_and_mirrors():
     """Closest measured setting; negative commands turn the crank back; zero stands."""
-    assert ONE_TO_ONE.setting_for(np.array([0.9, 1.6, -0.9, 0.0])) == pytest.approx([1, 2, -1, 0])
+    assert ONE_TO_ONE(np.array([0.9, 1.6, -0.9, 0.0])) == pytest.approx([1, 2, -1, 0])
 
 
 def test_speed_map_counts_falls_and_spread():
     """A setting that hits the command half the time loses to a steady one a little off."""
-    measured = SpeedMap(np.array([1.0, 2.0]), np.array([[0.3, 0.0], [0.25, 0.26]]))
-    assert measured.setting_for(np.array([0.3])) == pytest.approx([2.0])
+    measured = nearest_setting(np.array([1.0, 2.0]), np.array([[0.3, 0.0], [0.25, 0.26]]))
+    assert measured(np.array([0.3])) == pytest.approx([2.0])
 
 
 def test_constant_torque():
     """One torque, single or batched."""
-    policy = constant_torque(ONE_TO_ONE.setting_for, 4.0)
+    policy = constant_torque(ONE_TO_ONE, motor(4.0))
     single, _ = policy.predict(observation(0.0, 0.0, 2.0))
     assert single.shape == (1,) and single[0] == 0.5
     assert policy.predict(np.stack([observation(0.0, 0.0, 2.0)] * 3))[0].shape == (3, 1)
@@ -109,13 +114,13 @@ def test_baselines_answer_evaluate_policy(name):
 
     env = Monitor(gym.make("JansenWalker-v0", speed_command=0.4))
     env.reset(seed=7)
-    mean, _ = evaluate_policy(load_baseline(name, env.unwrapped), env, n_eval_episodes=2)
+    mean, _ = evaluate_policy(BASELINES[name](env.unwrapped), env, n_eval_episodes=2)
     assert mean > 100.0  # it walks: standing still earns 40 at this command
 
 
 def test_episodes_side_by_side_equal_one_by_one(walker):
     """Batching changes no episode."""
-    policy = load_baseline("pid", walker)
+    policy = BASELINES["pid"](walker)
     commands, seeds = np.array([0.1, 0.3, 0.5]), np.array([1, 2, 3])
     together = run_episodes(policy, "JansenWalker-v0", {}, commands, seeds)
     for i in range(3):
@@ -134,9 +139,17 @@ def test_the_measured_maps_are_what_tune_measures():
 
 
 def test_the_papers_pid_is_the_pid(walker):
-    """By both names, with the paper's gains."""
-    policies = [load_named(name, walker) for name in ("pid", "pid-paper")]
-    assert [policy.pid for policy in policies] == [PID(10.0, 1.0, 1.0)] * 2
+    """By both names, with the paper's gains; others act otherwise."""
+    seen = np.array([observation(0.1, speed, 0.3) for speed in (0.0, 1.0)])
+    entry = json.loads(DATA.read_text())["pid"]
+    setting = nearest_setting(np.array(entry["settings"]), np.array(entry["speeds"]))
+    expected, other = (
+        walking_pid(setting, walker, pid).predict(seen)[0]
+        for pid in (PID(10.0, 1.0, 1.0), PID(10.0, 1.0, 2.0))
+    )
+    for name in ("pid", "pid-paper"):
+        assert np.array_equal(load_named(name, walker).predict(seen)[0], expected)
+    assert not np.array_equal(other, expected)
 
 
 def made_episodes(n=40):
@@ -246,10 +259,11 @@ def test_evaluation_on_both_plants(tmp_path, capsys):
     assert "has one plant only" in capsys.readouterr().err
 
 
-def test_unknown_policies_are_named():
+@pytest.mark.parametrize("env_id", TASKS)
+def test_unknown_policies_are_named(env_id):
     """With what is allowed."""
-    env = gym.make("JansenWalker-v0")
-    with pytest.raises(ValueError, match="'dog'"):
+    env = gym.make(env_id)
+    with pytest.raises(ValueError, match=r"'dog'.*'pid', 'constant'"):
         load_named("dog", env)
 
 

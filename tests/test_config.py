@@ -12,7 +12,7 @@ import yaml
 from stable_baselines3 import PPO, SAC
 
 import train
-from agents import command_line, config, evaluate, evaluation, models, runs
+from agents import command_line, config, evaluate, models, runs
 from agents.plain_yaml import MAX_BYTES, parse_yaml, read_yaml
 from agents.rollout import make_env
 from agents.tasks import TASKS
@@ -230,7 +230,7 @@ def test_environments_have_an_id_of_a_task_and_a_time_limit():
 )
 def test_evaluation_refuses_before_it_runs(given, tmp_path, monkeypatch, capsys):
     """In one line, with nothing written."""
-    monkeypatch.setattr(evaluation, "run_episodes", None)
+    monkeypatch.setattr(evaluate, "run_episodes", None)
     with pytest.raises(SystemExit):
         evaluate.main(["--policy", "constant", "--out", str(tmp_path / "out"), *given])
     last = capsys.readouterr().err.splitlines()[-1]
@@ -287,8 +287,8 @@ def test_policies_keep_labels_of_their_own(tmp_path, monkeypatch):
         folder.mkdir(parents=True)
         (folder / "best_model.zip").touch()
     first, second = (f"{root}/ppo/JansenWalker-v0_1" for root in ("a", "b"))
-    assert evaluation.labels([first, "pid"]) == ["ppo/JansenWalker-v0_1", "pid"]
-    assert evaluation.labels([first, second]) == [first, second]
+    assert evaluate.labels([first, "pid"]) == ["ppo/JansenWalker-v0_1", "pid"]
+    assert evaluate.labels([first, second]) == [first, second]
     for twice in (
         ["pid", "pid"],
         [first, f"./{first}"],
@@ -296,7 +296,7 @@ def test_policies_keep_labels_of_their_own(tmp_path, monkeypatch):
         ["pid", "pid-paper"],
     ):
         with pytest.raises(ValueError, match="is given 2 times"):
-            evaluation.labels(twice)
+            evaluate.labels(twice)
 
 
 def test_what_the_command_line_says_holds_for_all_variants():

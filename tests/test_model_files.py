@@ -250,14 +250,16 @@ def test_steps_are_a_whole_number(data, folder):
     refused(path, "no Stable-Baselines3 model", model_files.read_model)
 
 
-def test_json_in_a_model_file(folder):
-    """Read where it is there, refused where it is none."""
-    path = spoil(folder, lambda name, old: b"[" * 100_000 if name == "data" else old)
-    refused(path, "recursion", lambda path: model_files.read_json(path, "data"))
-    assert model_files.read_json(path, "notes.json") is None
+def test_notes_in_a_model_file(folder):
+    """Read where they are there, refused where they are none."""
+    path = folder / "best_model.zip"
+    assert model_files.read_notes(path) == {}
     with zipfile.ZipFile(path, "a") as archive:
         archive.writestr("notes.json", '{"return": 1.5}')
-    assert model_files.read_json(path, "notes.json") == {"return": 1.5}
+    assert model_files.read_notes(path) == {"return": 1.5}
+    for wrong, reason in ((b"[" * 100_000, "recursion"), (b"[1]", "must be a dict")):
+        spoil(folder, lambda name, old, new=wrong: new if name == "notes.json" else old)
+        refused(path, reason, model_files.read_notes)
 
 
 def test_nothing_unpacks_without_bound(folder):

@@ -132,11 +132,8 @@ def test_configs_are_read_safely_and_checked(tmp_path):
 )
 def test_every_config_builds(env_id, algo):
     """Each shipped configuration makes a model."""
-    settings = config.load_config(config.shipped_config(env_id, algo))
-    venv = training.make_training_env(
-        env_id, {}, settings["n_envs"], 1.0, settings.get("training_variants", ({},))
-    )
-    models.build_model(algo, settings, venv)
+    settings = config.load_config(config.shipped_config(env_id, algo), algo, env_id)
+    training.prepare({**settings, "algo": algo, "env": env_id, "seed": 0})
 
 
 def test_missing_config_is_named():

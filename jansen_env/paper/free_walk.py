@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,19 +26,13 @@ FRICTION = 0.8  # as in JansenWalker-v0
 SETTLE = 1  # turns from standing that are not counted
 
 
-class Interval(NamedTuple):
-    """A piece of a walk: x (m) at its ends, its sums, and the plant's trace of it."""
-
-    start: float
-    end: float
-    result: StepResult
-    trace: Array
-
-
 def walk_on(
     plant: ProjectionPlant, settle: float, duration: float, count: int, torque: float = 0.0
-) -> Iterator[Interval]:
-    """``count`` intervals of ``duration`` s after ``settle`` s, traced; it ends with a fall."""
+) -> Iterator[tuple[float, StepResult]]:
+    """``count`` traced intervals of ``duration`` s after ``settle`` s; a fall ends them.
+
+    Yields x (m) at the interval's start and its result; plant.x and plant.trace are its end's.
+    """
     if settle > 0.0 and _fallen(plant, plant.step(torque, settle)):
         return
     plant.tracing = True
@@ -47,7 +40,7 @@ def walk_on(
         start, result = plant.x, plant.step(torque, duration)
         if _fallen(plant, result):
             return
-        yield Interval(start, plant.x, result, plant.trace)
+        yield start, result
 
 
 def _fallen(plant: ProjectionPlant, result: StepResult) -> bool:
@@ -110,11 +103,11 @@ def walk(
     places: list[float] = []
     slip, work = 0.0, 0.0
     toes = np.zeros(3)  # time steps with no toe, one, and more on the ground
-    for turn in walk_on(plant, SETTLE * period, period, turns):
-        places += [turn.start, turn.end]
-        slip += float(turn.result.slip.sum())
-        work += turn.result.motor_work
-        down = pads_pressed(turn.trace).sum(axis=1)
+    for begin, result in walk_on(plant, SETTLE * period, period, turns):
+        places += [begin, plant.x]
+        slip += float(result.slip.sum())
+        work += result.motor_work
+        down = pads_pressed(plant.trace).sum(axis=1)
         toes += np.bincount(np.minimum(down, 2), minlength=3)
     done = len(places) // 2
     count = max(done, 1)
@@ -146,8 +139,8 @@ def walking_forces(
     positive_integer("every", every)
     period = 2.0 * math.pi / positive("speed", speed)
     plant = prescribed_speed(robot, Terrain.flat(friction=friction), speed, time_step=time_step)
-    for walked in walk_on(plant, SETTLE * period, turns * period, count=1):
-        rows = walked.trace[~plant.landings][::every]
+    for _ in walk_on(plant, SETTLE * period, turns * period, count=1):
+        rows = plant.trace[~plant.landings][::every]
         return trace_forces(plant.tables, rows, plant.time_step)
     raise ValueError(f"the robot falls at a crank speed of {speed} rad/s")
 
@@ -208,13 +201,13 @@ def walking_torque(
     ground = Terrain.flat() if terrain is None else terrain
     plant = prescribed_speed(robot, ground, speed, time_step=time_step)
     rows, means, places = [], [], []
-    for walked in walk_on(plant, settle * period, period, turns):
-        psi, torque = walked.trace[:, integrator.POSE + 3], walked.trace[:, integrator.TORQUE]
+    for begin, _ in walk_on(plant, settle * period, period, turns):
+        psi, torque = plant.trace[:, integrator.POSE + 3], plant.trace[:, integrator.TORQUE]
         index = (psi % (2.0 * math.pi) / (2.0 * math.pi) * bins).astype(int) % bins
         count = np.bincount(index, minlength=bins)
         rows.append(np.bincount(index, torque, minlength=bins) / np.maximum(count, 1))
         means.append(torque.mean())
-        places += [walked.start, walked.end]
+        places += [begin, plant.x]
     if not rows:
         raise ValueError(f"the robot falls at a crank speed of {speed} rad/s")
     every = np.array(rows)
@@ -248,8 +241,8 @@ def walking_ripple(robot: Robot, torque: float, duration: float = 20.0) -> Rippl
     plant = ProjectionPlant(robot, Terrain.flat(friction=FRICTION), TIME_STEP)
     plant.reset()
     count = round(duration / 0.1)
-    walked = walk_on(plant, 0.0, 0.1, count, torque)
-    speeds = [part.trace[:, integrator.AFTER + 3] for part in walked]
+    parts = walk_on(plant, 0.0, 0.1, count, torque)
+    speeds = [plant.trace[:, integrator.AFTER + 3] for _ in parts]
     return Ripple.of(np.concatenate(speeds[len(speeds) // 2 :]), len(speeds) < count)
 
 

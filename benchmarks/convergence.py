@@ -230,9 +230,7 @@ def draw(
 
     ``own`` has the error (m) of the time step itself on each terrain, where that is to be drawn.
     """
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(2, 3, figsize=(13.0, 6.8), layout="constrained")
+    figure, axes = measure.subplots(2, 3, 13.0, 6.8)
     colours = dict(zip(sweeps, ("tab:blue", "tab:orange"), strict=True))
     for (name, rows), axis in zip(sweeps.items(), axes[0, 1:], strict=True):
         values = np.array([1e3 * row.value for row in rows])
@@ -276,7 +274,6 @@ def draw(
         axis.set_xticks([1e3 * v for v in cost], [f"{1e3 * v:g}" for v in cost])
         axis.minorticks_off()
         axis.set_xlabel(f"{what.replace('_', ' ')}, ms")
-        axis.grid(alpha=0.3)
         if axis is not axes[1, 2]:
             axis.legend(fontsize=8)
     measure.save(figure, path)
@@ -284,9 +281,7 @@ def draw(
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = measure.options(__doc__, "logs/convergence")
-    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (2)")
-    found = measure.chosen(parser, arguments)
+    found = measure.chosen(measure.options(__doc__, "logs/convergence", jobs=2), arguments)
     measure.require("matplotlib")
     starts, duration, rounds = (2, 1.0, 1) if found.quick else (24, 4.0, ROUNDS)
     parts = [

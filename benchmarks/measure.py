@@ -7,6 +7,7 @@ import importlib.util
 import os
 import platform
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from statistics import median
@@ -93,6 +94,11 @@ def machine() -> str:
     return f"{', '.join(parts)}; {', '.join(f'{n} {number}' for n, number in versions.items())}."
 
 
+def conditions(rounds: int) -> str:
+    """The machine, and how often all was measured."""
+    return f"{machine()} Medians of {rounds} rounds in turns."
+
+
 def rough_ground(segments: int, spacing: float = 0.2, seed: int = 0, **arguments: Any) -> Terrain:
     """Rough ground of so many segments around x = 0, equally steep whatever the spacing (m).
 
@@ -116,12 +122,16 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     return tabulate(list(rows), head, tablefmt="pipe", disable_numparse=True, colalign=align)
 
 
-def options(doc: str | None, out: str) -> argparse.ArgumentParser:
-    """A command line with what all benchmarks have: ``--out`` and ``--quick``."""
+def options(doc: str | None, out: str, **counts: int) -> argparse.ArgumentParser:
+    """A command line with ``--out``, ``--quick`` and options for counts, by their defaults."""
     parser = argparse.ArgumentParser(description=(doc or "").partition("\n")[0])
     parser.add_argument("--out", type=Path, default=Path(out), metavar="DIR",
                         help=f"folder for tables and figures ({out})")  # fmt: skip
     parser.add_argument("--quick", action="store_true", help="try the program; proves nothing")
+    for name, default in counts.items():
+        parser.add_argument(
+            f"--{name}", type=int, default=default, metavar="N", help=f"({default})"
+        )
     return parser
 
 
@@ -153,9 +163,24 @@ def report(path: Path, *parts: str) -> None:
     print(text)
 
 
-def save(figure: Any, path: Path) -> None:
-    """Write a matplotlib figure and close it."""
-    import matplotlib.pyplot as plt
+def subplots(rows: int, columns: int, width: float, height: float, **arguments: Any) -> Any:
+    """A matplotlib figure and its axes (rows, columns), with grids; inches."""
+    from matplotlib.figure import Figure
 
-    write_whole(path, lambda name: figure.savefig(name, dpi=110))
-    plt.close(figure)
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False, **arguments)
+    for axis in axes.flat:
+        axis.grid(alpha=0.3)
+        axis.set_axisbelow(True)
+    return figure, axes
+
+
+def legend_above(figure: Any, axis: Any, columns: int) -> None:
+    """One legend for the whole figure, of what one of its axes shows."""
+    figure.legend(*axis.get_legend_handles_labels(), loc="outside upper center", ncols=columns,
+                  frameon=False)  # fmt: skip
+
+
+def save(figure: Any, path: Path) -> None:
+    """Write a matplotlib figure."""
+    write_whole(path, partial(figure.savefig, dpi=110))

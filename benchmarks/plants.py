@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 import sys
 from collections import Counter
-from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.measure import chosen, fallen, machine, options, report, require, save, table
+from benchmarks import measure
+from benchmarks.measure import fallen, table
 from jansen_env import Robot, Terrain, paper_robot
 from jansen_env.control import PID
 from jansen_env.gravity import GRAVITY
@@ -36,7 +36,12 @@ Array = NDArray[np.float64]
 SPEEDS = (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)  # of the crank, rad/s
 FRICTIONS = (0.1, 0.3, 0.6, 1.0)
 SLOPES, PAYLOADS, HARDER = (-0.15, -0.05, 0.05, 0.15), (1.0, 5.0), 4.0  # rad; kg; at so many rad/s
-ITERATIONS = (60, 200, 600, 2000)  # of pymunk's solver in a time step, in a walk that is steady
+ITERATIONS: tuple[int, ...] = (
+    60,
+    200,
+    600,
+    2000,
+)  # of pymunk's solver in a time step, in a walk that is steady
 CONTROL_DT = 0.02  # s for which the PID holds a torque
 TORQUE_LIMIT = 20.0  # N m
 SETTLE = 2.0  # s of walking that are not measured
@@ -45,7 +50,7 @@ OTHER_STARTS = tuple(math.pi * k / 12.0 for k in range(12))  # rad; half a turn 
 ALLOWED = 0.05  # difference in distance and cost of transport up to which the plants agree
 
 HEIGHT = 5.0  # m, at which the rigid-body plant's base is fixed, clear of the ground
-SERVO_SPEEDS = (1.0, 3.0, 6.0)  # rad/s
+SERVO_SPEEDS: tuple[float, ...] = (1.0, 3.0, 6.0)  # rad/s
 SERVO, SERVO_DT = PID(kp=400.0, ki=0.0, kd=20.0), 1e-3  # s
 SWING, SWING_TIME = (0.5, 3.0), 3.0  # rad and rad/s, from where the crank swings free; s
 HALVED = (TIME_STEP, 0.5 * TIME_STEP)  # s, of the rigid-body plant
@@ -113,7 +118,7 @@ class Outcome(NamedTuple):
     fell: bool
 
 
-def measure(walk: Walk, plant: Plant, start: float = 0.0) -> Outcome:
+def run_walk(walk: Walk, plant: Plant, start: float = 0.0) -> Outcome:
     """Walk and measure; ``start`` is the crank angle to begin at, rad."""
     plant.reset(crank_angle=start)
     pid, reference, integral = PID(), start, np.zeros(())
@@ -142,14 +147,11 @@ def measure(walk: Walk, plant: Plant, start: float = 0.0) -> Outcome:
     distance = plant.x - from_x if heights else 0.0
     path = max(abs(distance), 1e-9)
     return Outcome(
-        distance,
-        work / (plant.robot.mass * GRAVITY * path),
-        math.sqrt(square / max(len(heights), 1)),
-        float(np.ptp(heights)) if heights else 0.0,
-        slip / path,
-        gap,
-        fell,
-    )
+        distance, work / (plant.robot.mass * GRAVITY * path),
+        rms_torque=math.sqrt(square / max(len(heights), 1)),
+        heave=float(np.ptp(heights)) if heights else 0.0, slip=slip / path,
+        joint_gap=gap, fell=fell,
+    )  # fmt: skip
 
 
 class Comparison(NamedTuple):
@@ -207,17 +209,17 @@ class Comparison(NamedTuple):
 
 def compare(walk: Walk) -> Comparison:
     """Run one walk on both plants."""
-    ensemble = [measure(walk, walk.plant("projection"), start) for start in STARTS]
-    ensemble.append(measure(walk, walk.plant("projection", 1)))
-    others = [measure(walk, walk.plant("projection"), start) for start in OTHER_STARTS]
-    rigid = [measure(walk, walk.plant("rigid_body", halvings)) for halvings in (0, 1)]
+    ensemble = [run_walk(walk, walk.plant("projection"), start) for start in STARTS]
+    ensemble.append(run_walk(walk, walk.plant("projection", 1)))
+    others = [run_walk(walk, walk.plant("projection"), start) for start in OTHER_STARTS]
+    rigid = [run_walk(walk, walk.plant("rigid_body", halvings)) for halvings in (0, 1)]
     return Comparison(walk, ensemble, others, rigid)
 
 
 def iterated(walk: Walk, iterations: int) -> Outcome:
     """A walk with so many of pymunk's iterations in every time step, touchdown or not."""
     plant = walk.plant("rigid_body", iterations=iterations, landing_iterations=iterations)
-    return measure(walk, plant)
+    return run_walk(walk, plant)
 
 
 class Fixed(NamedTuple):
@@ -231,13 +233,11 @@ class Fixed(NamedTuple):
     curve: Array  # (n, 3) angle and both torques
 
 
-def fixed_base(
-    angle: float, rate: float, time_step: float
-) -> tuple[FixedBasePlant, RigidBodyPlant]:
+def fixed_base(angle: float, rate: float, step: float) -> tuple[FixedBasePlant, RigidBodyPlant]:
     """Both plants with a fixed base, started alike."""
     exact = FixedBasePlant(paper_robot())
     exact.reset(angle, rate)
-    rigid = RigidBodyPlant(paper_robot(), Terrain.flat(), time_step, pinned=True)
+    rigid = RigidBodyPlant(paper_robot(), Terrain.flat(), step, pinned=True)
     rigid.state = np.array([0.0, HEIGHT, 0.0, angle, 0.0, 0.0, 0.0, rate])
     return exact, rigid
 
@@ -309,14 +309,11 @@ def walk_table(compared: list[Comparison]) -> str:
 
 def draw_walks(compared: list[Comparison], path: Path) -> None:
     """Walking speed and cost of transport on level ground against the crank speed."""
-    import matplotlib.pyplot as plt
-
     level = [c for c in compared if not c.walk.slope and not c.walk.payload]
     frictions = sorted({c.walk.friction for c in level})
-    figure, axes = plt.subplots(
-        2, len(frictions), figsize=(max(6.4, 3.2 * len(frictions)), 6.0), layout="constrained",
-        sharex=True, sharey="row", squeeze=False,
-    )  # fmt: skip
+    figure, axes = measure.subplots(
+        2, len(frictions), max(6.4, 3.2 * len(frictions)), 6.0, sharex=True, sharey="row"
+    )
     for (row, column), axis in np.ndenumerate(axes):
         name = ("distance", "cost_of_transport")[row]
         line = []
@@ -332,7 +329,6 @@ def draw_walks(compared: list[Comparison], path: Path) -> None:
         speed, middle, low, high = np.array(line).reshape(-1, 4).T
         axis.plot(speed, middle, color="tab:blue", lw=1.2, label="projection plant")
         axis.fill_between(speed, low, high, color="tab:blue", alpha=0.2)
-        axis.grid(alpha=0.3)
         axis.set(yscale=("linear", "log")[row], xlabel=("", "crank speed, rad/s")[row])
         axis.set_title("" if row else f"friction {frictions[column]:g}", fontsize=10)
     axes[0, 0].set_ylabel("walking speed, m/s")
@@ -341,19 +337,15 @@ def draw_walks(compared: list[Comparison], path: Path) -> None:
     axes[0, 0].plot([], [], "xk", label="half its time step")
     for name, colour in VERDICTS.items():
         axes[0, 0].plot([], [], "s", color=colour, label=name)
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4,
-                  frameon=False)  # fmt: skip
-    save(figure, path)
+    measure.legend_above(figure, axes[0, 0], 4)
+    measure.save(figure, path)
 
 
 def draw_torque(curves: dict[float, Array], path: Path) -> None:
     """The torque of a constant crank speed with a fixed base on both plants, and its difference."""
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(
-        2, len(curves), figsize=(max(6.4, 3.6 * len(curves)), 4.8), layout="constrained",
-        squeeze=False, sharex=True, height_ratios=[2, 1],
-    )  # fmt: skip
+    figure, axes = measure.subplots(
+        2, len(curves), max(6.4, 3.6 * len(curves)), 4.8, sharex=True, height_ratios=[2, 1]
+    )
     for (top, bottom), (speed, curve) in zip(axes.T, curves.items(), strict=True):
         angle, exact, rigid = curve.T
         turn = angle - 2.0 * np.pi
@@ -362,31 +354,24 @@ def draw_torque(curves: dict[float, Array], path: Path) -> None:
         bottom.plot(turn, 1e3 * (rigid - exact), color="tab:red", lw=0.8)
         top.set_title(f"{speed:g} rad/s", fontsize=10)
         bottom.set_xlabel("crank angle, rad")
-        top.grid(alpha=0.3)
-        bottom.grid(alpha=0.3)
     axes[0, 0].set_ylabel("torque, N m")
     axes[1, 0].set_ylabel("difference, mN m")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2,
-                  frameon=False)  # fmt: skip
-    save(figure, path)
+    measure.legend_above(figure, axes[0, 0], 2)
+    measure.save(figure, path)
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = options(__doc__, "logs/plants")
-    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (2)")
-    found = chosen(parser, arguments)
-    require("matplotlib")
+    found = measure.chosen(measure.options(__doc__, "logs/plants", jobs=2), arguments)
+    measure.require("matplotlib")
     walks = [Walk(speed, friction) for friction in FRICTIONS for speed in SPEEDS]
     walks += [Walk(HARDER, slope=slope) for slope in SLOPES]
     walks += [Walk(HARDER, payload=payload) for payload in PAYLOADS]
-    speeds: Sequence[float] = SERVO_SPEEDS
-    numbers: Sequence[int] = ITERATIONS
-    steady = Walk(6.0, 0.3, duration=3.0)
+    steady, speeds, numbers = Walk(6.0, 0.3, duration=3.0), SERVO_SPEEDS, ITERATIONS
     if found.quick:
         walks = [Walk(speed, 0.3, duration=1.0) for speed in (1.0, 4.0)]
-        speeds, numbers, steady = SERVO_SPEEDS[-1:], ITERATIONS[:2], Walk(6.0, 0.3, duration=0.5)
-    head = machine()
+        steady, speeds, numbers = Walk(6.0, 0.3, duration=0.5), speeds[-1:], numbers[:2]
+    head = measure.machine()
     with ProcessPoolExecutor(found.jobs) as pool:
         comparing = [pool.submit(compare, walk) for walk in walks]
         swings = [pool.submit(free_swing, step) for step in HALVED]
@@ -398,11 +383,11 @@ def main(arguments: list[str] | None = None) -> None:
             print(f"{number}/{len(walks)} {walks[number - 1].label}", file=sys.stderr)
         fixed = [future.result() for future in (*swings, *servos)]
         runs = {name: future.result() for name, future in iterating.items()}
-    runs["projection plant"] = measure(steady, steady.plant("projection"))
+    runs["projection plant"] = run_walk(steady, steady.plant("projection"))
     verdicts = Counter(c.verdict for c in compared)
     rows = [(name, f"{run.distance:.3f}", f"{run.cost_of_transport:.3f}", f"{run.slip:.3f}")
             for name, run in runs.items()]  # fmt: skip
-    report(
+    measure.report(
         found.out / "plants.md",
         "# Two plants, walk by walk",
         f"`python -m benchmarks.plants`. {head}",

@@ -1,8 +1,8 @@
 """Environments stepped the same way in every round, here or in a process of their own.
 
 Only ``gym.make`` and ``gym.make_vec`` are used, so that this file measures any commit's tree:
-``PYTHONPATH=TREE python benchmarks/probe.py STEPS`` answers each line of its input ("1", "16": so
-many robots) with the steps/s of one play of about STEPS steps of all robots together.
+``PYTHONPATH=TREE python benchmarks/probe.py COUNT STEPS`` prints the steps/s of so many robots in
+plays of about STEPS steps of all together.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import gymnasium as gym
@@ -130,27 +131,8 @@ def robots(count: int, robot_steps: int, **arguments: Any) -> Many:
     return many
 
 
-def fresh(code: str, *arguments: str, folder: Path | None = None, **variables: str) -> str:
-    """The last line that ``code`` prints in a new Python process.
-
-    Args:
-        arguments: its ``sys.argv[1:]``. folder: it runs in, first of where it looks for packages.
-        variables: of the environment, on top of this process's.
-
-    Raises:
-        RuntimeError: the code failed.
-    """
-    done = subprocess.run(
-        [sys.executable, "-c", code, *arguments], cwd=folder,
-        env={**os.environ, **variables}, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    if done.returncode != 0:
-        raise RuntimeError(f"a new process failed:\n{done.stderr}")
-    return done.stdout.splitlines()[-1]
-
-
 class Tree:
-    """A checkout whose package runs in processes of its own, with a cache of its own.
+    """A checkout whose package runs in new processes, with a cache of its own.
 
     Args:
         path: of the checkout.
@@ -159,7 +141,6 @@ class Tree:
     def __init__(self, path: Path) -> None:
         self.path, self._folder = path.resolve(), tempfile.TemporaryDirectory()
         self._cache = self._folder.name
-        self._worker: subprocess.Popen[str] | None = None
 
     def first(self) -> list[float]:
         """Seconds of each of :data:`STAGES` where nothing has been compiled."""
@@ -172,50 +153,41 @@ class Tree:
         Raises:
             RuntimeError: it failed, or another package than the tree's was found.
         """
-        found = fresh(START, str(self.path), folder=self.path, **self._variables())
-        seconds: list[float] = json.loads(found)
+        seconds: list[float] = self._answer(START, self.path)
         return seconds
 
     def rate(self, count: int, steps: int) -> float:
-        """Steps/s of so many environments, in plays of so many steps.
+        """Steps/s of so many environments: the median of three plays after one to warm up.
 
         Raises:
-            RuntimeError: its process failed.
+            RuntimeError: it failed.
         """
-        if self._worker is None:
-            self._worker = subprocess.Popen(
-                [sys.executable, __file__, str(steps)],
-                env={**os.environ, **self._variables()},
-                stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-            )  # fmt: skip
-        assert self._worker.stdin is not None and self._worker.stdout is not None
-        self._worker.stdin.write(f"{count}\n")
-        self._worker.stdin.flush()
-        answer = self._worker.stdout.readline()
-        if not answer:
-            raise RuntimeError(f"the environments of {self.path} failed, see above")
-        return float(answer)
+        return float(self._answer(Path(__file__).read_text(encoding="utf-8"), count, steps))
 
     def close(self) -> None:
-        """End its process and remove its cache."""
-        if self._worker is not None:
-            self._worker.communicate()
+        """Remove its cache."""
         self._folder.cleanup()
+
+    def _answer(self, code: str, *arguments: object) -> Any:
+        """What ``code`` prints last, as JSON, in a new process with these ``sys.argv[1:]``."""
+        done = subprocess.run(
+            [sys.executable, "-c", code, *map(str, arguments)], cwd=self.path,
+            env={**os.environ, **self._variables()}, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        if done.returncode != 0:
+            raise RuntimeError(f"a process of {self.path} failed:\n{done.stderr}")
+        return json.loads(done.stdout.splitlines()[-1])
 
     def _variables(self) -> dict[str, str]:
         return {"PYTHONPATH": str(self.path), "NUMBA_CACHE_DIR": self._cache}
 
 
-def main(steps: int) -> None:
-    """Answer each line of the input, a number of robots, with their steps/s."""
-    players: dict[str, Single | Many] = {}
-    for line in sys.stdin:
-        name = line.strip()
-        if name not in players:
-            count = int(name)
-            players[name] = Single(OURS, steps) if count == 1 else robots(count, steps)
-        print(players[name].play(), flush=True)
+def main(count: int, steps: int) -> None:
+    """Print the steps/s of so many environments: the median of three plays after one to warm up."""
+    player = Single(OURS, steps) if count == 1 else robots(count, steps)
+    player.play()
+    print(median(player.play() for _ in range(3)))
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main(*map(int, sys.argv[1:]))

@@ -63,11 +63,9 @@ def one(rounds: int, quick: bool) -> Part:
         ("ratio", "steps/s (by round)", "simulated s/s"), ratios
     )
     simulated = {name: [rate * duration[name] for rate in found] for name, found in rates.items()}
-    panels = [
-        partial(draw_bars, rates, "steps / s"),
-        partial(draw_bars, simulated, "simulated s / s"),
-    ]
-    return Part(text, panels)
+    return Part(text, [
+        partial(draw_bars, rates, "steps / s"), partial(draw_bars, simulated, "simulated s / s"),
+    ])  # fmt: skip
 
 
 def many(rounds: int, quick: bool) -> Part:
@@ -165,7 +163,7 @@ def start(rounds: int, quick: bool) -> Part:
     cold = [tree.first() for _ in range(1 if quick else min(rounds, 3))]
     warm = [tree.later() for _ in range(rounds)]
     rows = [
-        (name, *(measure.spread(column, ".2f")[0] for column in zip(*times, strict=True)),
+        (name, *(f"{median(column):.2f}" for column in zip(*times, strict=True)),
          " to ".join(f"{bound:.2f}" for bound in (min(map(sum, times)), max(map(sum, times)))))
         for name, times in (("nothing compiled yet", cold), ("compiled before", warm))
     ]  # fmt: skip
@@ -183,7 +181,7 @@ def against(other: Path, rounds: int, quick: bool) -> str:
     rows: list[tuple[Any, ...]] = []
 
     def compare(what: str, found: dict[str, list[float]], form: str) -> None:
-        cells = [measure.spread(found[name], form)[0] for name in trees]
+        cells = [format(median(found[name]), form) for name in trees]
         rows.append((what, *cells, measure.ratio(found["here"], found["there"])))
 
     try:
@@ -197,9 +195,8 @@ def against(other: Path, rounds: int, quick: bool) -> str:
                 compare(f"{label}: {stage}, s", column, ".3g")
             compare(f"{label}: all, s", {n: list(map(sum, found[n])) for n in trees}, ".3g")
         for count in counts:
-            rates = measure.take_turns(
-                {name: partial(tree.rate, count, steps) for name, tree in trees.items()}, 3 * rounds
-            )
+            playing = {name: partial(tree.rate, count, steps) for name, tree in trees.items()}
+            rates = measure.take_turns(playing, rounds, warm_up=False)
             compare(f"{count} at once, steps/s", rates, ",.0f")
     finally:
         for tree in trees.values():
@@ -237,16 +234,10 @@ def draw_sweep(cost: dict[int, list[float]], name: str, axis: Any) -> None:
 
 def draw(panels: list[Callable[[Any], None]], path: Path) -> None:
     """All panels in one figure, three in a row."""
-    import matplotlib.pyplot as plt
-
     rows = -(-len(panels) // 3)
-    figure, axes = plt.subplots(
-        rows, 3, figsize=(13.8, 3.6 * rows), layout="constrained", squeeze=False
-    )
+    figure, axes = measure.subplots(rows, 3, 13.8, 3.6 * rows)
     for axis, panel in zip(axes.flat, panels, strict=False):
         panel(axis)
-        axis.grid(alpha=0.3)
-        axis.set_axisbelow(True)
     for axis in axes.flat[len(panels) :]:
         axis.remove()
     measure.save(figure, path)
@@ -254,22 +245,17 @@ def draw(panels: list[Callable[[Any], None]], path: Path) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = measure.options(__doc__, "logs/speed")
-    parser.add_argument("--rounds", type=int, default=ROUNDS, metavar="N", help=f"({ROUNDS})")
+    parser = measure.options(__doc__, "logs/speed", rounds=ROUNDS)
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART",
                         help=f"of {', '.join(PARTS)}; all without it")  # fmt: skip
     parser.add_argument("--against", type=Path, metavar="TREE",
                         help="compare with this checkout of another commit instead")  # fmt: skip
     found = measure.chosen(parser, arguments)
     rounds = 1 if found.quick else found.rounds
-    head = f"{measure.machine()} Medians of {rounds} rounds in turns."
+    head = measure.conditions(rounds)
     if found.against is not None:
-        measure.report(
-            found.out / "against.md",
-            "# Two commits",
-            head,
-            against(found.against, rounds, found.quick),
-        )
+        compared = against(found.against, rounds, found.quick)
+        measure.report(found.out / "against.md", "# Two commits", head, compared)
         return
     measure.require("mujoco", "Box2D", "matplotlib")
     parts = []

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from statistics import median
 from typing import Any
 
 from benchmarks import measure
@@ -60,9 +61,7 @@ class Trainee:
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = measure.options(__doc__, "logs/training")
-    parser.add_argument("--rounds", type=int, default=ROUNDS, metavar="N", help=f"({ROUNDS})")
-    found = measure.chosen(parser, arguments)
+    found = measure.chosen(measure.options(__doc__, "logs/training", rounds=ROUNDS), arguments)
     measure.require("stable_baselines3", "mujoco")
     import torch
     from stable_baselines3.common.env_util import make_vec_env as peers_vec_env
@@ -73,7 +72,6 @@ def main(arguments: list[str] | None = None) -> None:
     if found.quick:
         count, setting, rounds = 4, {"n_steps": 8, "batch_size": 16, "n_epochs": 1}, 1
     torch.set_num_threads(1)  # these networks are small, more threads cost more than they bring
-    head = f"{measure.machine()} Medians of {rounds} rounds in turns."
     trainees = {
         OURS: Trainee(make_vec_env(OURS, count), setting),
         PEER: Trainee(peers_vec_env(PEER, count), setting),
@@ -82,23 +80,17 @@ def main(arguments: list[str] | None = None) -> None:
     rates = {name: [rate for rate, _ in pairs] for name, pairs in plays.items()}
     shares = {name: [share for _, share in pairs] for name, pairs in plays.items()}
     rows = [
-        (
-            name,
-            f"`{trainee.label}`",
-            *measure.spread(rates[name]),
-            measure.spread(shares[name], ".1%")[0],
-        )
+        (name, f"`{trainee.label}`", *measure.spread(rates[name]), f"{median(shares[name]):.1%}")
         for name, trainee in trainees.items()
     ]
+    head = ("trained on", "in", "steps/s", "lowest", "highest", "in the environments")
     listed = ", ".join(f"{name} {value}" for name, value in setting.items())
     measure.report(
         found.out / "training.md",
         "# Training",
-        head,
+        measure.conditions(rounds),
         f"PPO, {count} environments, {listed}, layers {LAYERS}, one thread.",
-        measure.table(
-            ("trained on", "in", "steps/s", "lowest", "highest", "in the environments"), rows
-        ),
+        measure.table(head, rows),
         f"Ratio of the steps/s {measure.ratio(rates[OURS], rates[PEER])}.",
     )
 

@@ -1,8 +1,7 @@
 """Pictures of the walker: a side view that follows it, with its contact forces and two gauges.
 
 All is painted on a canvas three times as large and scaled down, which smooths edges and text.
-Pygame and Pillow are imported when they are first needed. "Units" below are pixels of a picture
-of 960 x 540; other sizes scale with it.
+Pygame is imported when it is first needed. "Units" below are pixels of the picture.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.checks import positive, positive_integer
 from jansen_env.gravity import GRAVITY
 from jansen_env.kinematics import (
     SKELETON,
@@ -40,7 +38,9 @@ Color = tuple[int, int, int]
 ARROW_PER_WEIGHT = 0.25  # m of arrow for a contact force equal to the robot's weight
 LONGEST_ARROW = 0.6  # m, so that an impact does not cross the whole picture
 TICK_SPACING = 0.5  # m between the marks on the ground
-OVERSIZE = 3  # canvas pixels per picture pixel
+SIZE = (960, 540)  # pixels of the picture: width and height
+UNIT = 3  # canvas pixels per picture pixel
+WIDTH, HEIGHT = UNIT * SIZE[0], UNIT * SIZE[1]  # of the canvas
 
 SKY, GRID = (241, 246, 251), (222, 231, 240)
 GROUND, SURFACE, GROUND_TEXT = (234, 223, 202), (150, 128, 94), (104, 86, 58)
@@ -82,38 +82,28 @@ class Renderer:
 
     Args:
         robot: the machine to draw.
-        terrain_points: see :meth:`set_terrain`; None for a machine pinned in the air.
+        terrain_points: (n, 2) the ground's surface from left to right, m; None for a machine with
+            a fixed base in the air.
         mode: ``"rgb_array"`` returns pictures and needs no display, ``"human"`` shows a window.
         fps: pictures per second of the window.
-        size: width and height of the picture, pixels.
         speed_range: speed at either end of the speed gauge. speed_unit: of that gauge.
 
     Raises:
-        ValueError: an argument out of range.
         ImportError: pygame is not installed.
     """
 
     def __init__(
         self,
         robot: Robot,
-        terrain_points: ArrayLike | None,
+        terrain_points: Array | None,
         mode: str,
         fps: float,
-        size: tuple[int, int] = (960, 540),
         speed_range: float = 1.0,
         speed_unit: str = "m/s",
     ) -> None:
-        if mode not in ("human", "rgb_array"):
-            raise ValueError(f"Renderer: mode is {mode!r}, must be 'human' or 'rgb_array'")
-        self.robot, self.mode, self.size = robot, mode, (int(size[0]), int(size[1]))
-        self.fps = positive("Renderer: fps", fps)
-        self.speed_range = positive("Renderer: speed_range", speed_range)
-        for side in size:
-            positive_integer("Renderer: width or height", side)
-        self.speed_unit = speed_unit
-        self._terrain: Array | None = None
-        if terrain_points is not None:
-            self.set_terrain(terrain_points)
+        self.robot, self.mode, self.fps = robot, mode, fps
+        self.speed_range, self.speed_unit = speed_range, speed_unit
+        self._terrain = terrain_points
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
         try:
             import pygame
@@ -121,10 +111,8 @@ class Renderer:
             raise ImportError("rendering needs pygame: pip install pygame-ce") from error
         self._pg: Any = pygame
         turn = joint_positions(robot, "fore", np.linspace(-math.pi, math.pi, 180))
-        self._reach = float(np.hypot(turn[..., 0], turn[..., 1]).max())
-        width, height = (OVERSIZE * side for side in self.size)
-        self._scale = min(height / (1.66 * self._reach), width / (2.3 * self._reach))  # px per m
-        self._unit = min(width / 960.0, height / 540.0)
+        self._reach = reach = float(np.hypot(turn[..., 0], turn[..., 1]).max())
+        self._scale = min(HEIGHT / (1.66 * reach), WIDTH / (2.3 * reach))  # canvas pixels per m
         phases = [leg.phase % (2.0 * math.pi) for leg in robot.legs]
         layers = sorted(set(phases))  # 0, the first leg's, is the nearest
         self._depth = [layers.index(phase) / max(1, len(layers) - 1) for phase in phases]
@@ -134,20 +122,6 @@ class Renderer:
         self._dismissed = False  # the user closed the window
         self._labels: dict[tuple[str, int, Color], Any] = {}
 
-    def set_terrain(self, terrain_points: ArrayLike) -> None:
-        """Replace the ground: (n, 2) surface points from left to right, m, with n >= 2.
-
-        Beyond its ends it goes on with the slope of its first and last segment.
-        """
-        points = np.array(terrain_points, dtype=float)
-        if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
-            raise ValueError(f"terrain_points has shape {points.shape}, must be (n, 2) with n >= 2")
-        if not np.all(np.isfinite(points)) or np.any(np.diff(points[:, 0]) < 0.0):
-            raise ValueError("terrain_points must be finite and go from left to right")
-        first, last = points[1] - points[0], points[-1] - points[-2]
-        far = [1e4 * np.array([1.0, d[1] / d[0] if d[0] > 0.0 else 0.0]) for d in (first, last)]
-        self._terrain = np.vstack([points[0] - far[0], points, points[-1] + far[1]])
-
     def draw(self, frame: Frame) -> Picture | None:
         """Paint ``frame``.
 
@@ -156,13 +130,8 @@ class Renderer:
             waits for its turn at ``fps``. A window closed by its user is not opened again.
 
         Raises:
-            ValueError: the frame's arrays do not fit the robot's legs.
             RuntimeError: mode ``"human"`` and no display can be opened.
         """
-        for name in ("contact_force", "contact_point", "contact_tangent", "slipping"):
-            rows, legs = len(getattr(frame, name)), len(self.robot.legs)
-            if rows != legs:
-                raise ValueError(f"Frame.{name} has {rows} rows, must have one per leg: {legs}")
         pg, human = self._pg, self.mode == "human"
         # Anyone in the process may quit pygame, which takes the window along.
         if human and not self._dismissed and not (self._screen and pg.display.get_init()):
@@ -173,10 +142,9 @@ class Renderer:
         if self._dismissed:
             return None
         if self._canvas is None:
-            width, height = self.size
-            self._canvas = pg.Surface((OVERSIZE * width, OVERSIZE * height), 0, 32)
+            self._canvas = pg.Surface((WIDTH, HEIGHT), 0, 32)
         self._paint(frame)
-        picture = pg.transform.smoothscale(self._canvas, self.size)
+        picture = pg.transform.smoothscale(self._canvas, SIZE)
         if human:
             self._screen.blit(picture, (0, 0))
             pg.display.flip()
@@ -184,7 +152,7 @@ class Renderer:
             return None
         # A bytearray, unlike bytes, makes an array that may be written to.
         data = bytearray(pg.image.tobytes(picture, "RGB"))
-        return np.frombuffer(data, np.uint8).reshape(self.size[1], self.size[0], 3)
+        return np.frombuffer(data, np.uint8).reshape(*SIZE[::-1], 3)
 
     def close(self) -> None:
         """Close the window and free the canvas. Harmless when repeated."""
@@ -200,7 +168,7 @@ class Renderer:
             if pg.display.get_driver() == "offscreen" and "SDL_VIDEODRIVER" not in os.environ:
                 pg.display.quit()
                 raise pg.error("no display found")
-            self._screen = pg.display.set_mode(self.size)
+            self._screen = pg.display.set_mode(SIZE)
         except pg.error as error:
             raise RuntimeError(f"no window: {error}; mode 'rgb_array' needs no display") from error
         pg.display.set_caption("Jansen linkage")
@@ -208,14 +176,13 @@ class Renderer:
 
     def _paint(self, frame: Frame) -> None:
         q = np.asarray(frame.q, dtype=float)
-        width, height = self._canvas.get_size()
         level = q[1] - 0.85 * self._reach
         if self._terrain is not None:
             # The mean height nearby keeps the picture steady where the ground is rough.
             near = self._surface(q[0] + self._reach * np.linspace(-0.7, 0.7, 15))
             level = min(max(float(near[:, 1].mean()), q[1] - self._reach), q[1])
         bottom = level - 0.24 * self._reach
-        self._corner = np.array([q[0] - 0.5 * width / self._scale, bottom + height / self._scale])
+        self._corner = np.array([q[0] - 0.5 * WIDTH / self._scale, bottom + HEIGHT / self._scale])
         self._canvas.fill(SKY)
         if self._terrain is not None:
             self._paint_ground(self._terrain)
@@ -232,7 +199,7 @@ class Renderer:
         self._paint_chassis(legs, turn, q)
         for toe in order[len(far) :]:
             self._paint_leg(legs[toe], 0.0)
-        pad = max(self.robot.pad_radius * self._scale / self._unit, 4.5)
+        pad = max(self.robot.pad_radius * self._scale / UNIT, 4.5)
         for toe in order:
             tangent = np.asarray(frame.contact_tangent[toe], dtype=float)
             along, across = (float(f) / self._weight for f in frame.contact_force[toe])
@@ -245,22 +212,22 @@ class Renderer:
             self._paint_legend()
 
     def _paint_ground(self, terrain: Array) -> None:
-        (width, height), u = self._canvas.get_size(), self._unit
-        left, right = self._corner[0], self._corner[0] + width / self._scale
+        u, left = UNIT, self._corner[0]
+        right = left + WIDTH / self._scale
         inside = (terrain[:, 0] > left) & (terrain[:, 0] < right)
         ends = self._surface(np.array([left, right]))
         surface = self._pixels(np.concatenate([ends[:1], terrain[inside], ends[1:]]))
         marks = np.arange(math.floor(left / TICK_SPACING), right / TICK_SPACING + 1.0)
         tops = self._pixels(self._surface(marks * TICK_SPACING))
         for x, _ in tops:
-            self._line((x, 0.0), (x, height), 1.0, GRID)
-        self._pg.draw.polygon(self._canvas, GROUND, [*surface, (width, height), (0, height)])
+            self._line((x, 0.0), (x, HEIGHT), 1.0, GRID)
+        self._pg.draw.polygon(self._canvas, GROUND, [*surface, (WIDTH, HEIGHT), (0, HEIGHT)])
         for mark, (x, y) in zip(marks, tops, strict=True):
             self._line((x, y), (x, y + (9 if mark % 2 else 14) * u), 2.0, SURFACE)
-            if y < height - 36 * u:
+            if y < HEIGHT - 36 * u:
                 label = f"{mark * TICK_SPACING:.1f}" if mark % 2 else f"{mark * TICK_SPACING:.0f} m"
                 self._text(label, x, y + 27 * u, 15 if mark % 2 else 18, GROUND_TEXT, 0.5)
-        self._pg.draw.lines(self._canvas, SURFACE, False, surface, round(3 * u))
+        self._pg.draw.lines(self._canvas, SURFACE, False, surface, 3 * u)
 
     def _paint_leg(self, joints: Array, depth: float) -> None:
         fade = 0.58 * math.sqrt(depth)
@@ -284,14 +251,14 @@ class Renderer:
             x, y = center = corners.mean(axis=0)
             self._line(legs[0][O], center, 6.0, MUTED)
             self._pg.draw.polygon(self._canvas, _mix(MUTED, WHITE, 0.6), corners)
-            self._pg.draw.polygon(self._canvas, MUTED, corners, round(2.5 * self._unit))
+            self._pg.draw.polygon(self._canvas, MUTED, corners, round(2.5 * UNIT))
             self._text(f"{load.mass:.3g} kg", x, y, 15, INK, 0.5)
         for width, color in ((9.0, INK), (5.0, _mix(INK, LINK, 0.55))):
             for joints in legs:
                 self._line(joints[P], joints[O], width, color)
 
     def _paint_gauges(self, frame: Frame) -> None:
-        u = self._unit
+        u = UNIT
         self._card(14, 216, 150)
         self._text(f"{frame.time:.2f} s", 28 * u, 36 * u, 24, INK, 0.0)
         self._text(f"{frame.speed:+.2f} {self.speed_unit}", 216 * u, 64 * u, 17, INK, 1.0)
@@ -306,7 +273,7 @@ class Renderer:
         self, name: str, y: float, value: float, limit: float, color: Color, mark: float | None
     ) -> None:
         """A bar from zero in the middle to ``value`` of +-``limit``, with a tick at ``mark``."""
-        u, middle, half = self._unit, 122.0, 94.0
+        u, middle, half = UNIT, 122.0, 94.0
         self._text(f"{name} (\u00b1{limit:.3g})", 28 * u, y * u, 16, MUTED, 0.0)
         end, tick = (
             middle + half * min(max(shown / max(limit, 1e-9), -1.0), 1.0)
@@ -321,8 +288,8 @@ class Renderer:
             self._line((tick * u, (y + 9) * u), (tick * u, (y + 23) * u), 3.0, CRANK)
 
     def _paint_legend(self) -> None:
-        u = self._unit
-        left = self._canvas.get_width() / u - 166
+        u = UNIT
+        left = SIZE[0] - 166
         self._card(left, 152, 108)
         rows = ("gripping toe", "slipping toe", "lifted toe", "contact force")
         for row, (label, color) in enumerate(zip(rows, (GRIP, SLIP, None, None), strict=True)):
@@ -348,7 +315,7 @@ class Renderer:
 
     def _line(self, start: ArrayLike, end: ArrayLike, width: float, color: Color) -> None:
         """A bar, with round ends if it is wide enough for them to show."""
-        a, b, half = np.asarray(start), np.asarray(end), 0.5 * width * self._unit
+        a, b, half = np.asarray(start), np.asarray(end), 0.5 * width * UNIT
         along = (b - a) / max(math.dist(a, b), 1e-9)
         side = half * np.array([-along[1], along[0]])
         self._pg.draw.polygon(self._canvas, color, [a + side, b + side, b - side, a - side])
@@ -357,7 +324,7 @@ class Renderer:
             self._disc(b, 0.5 * width, color)
 
     def _disc(self, center: Array, radius: float, color: Color) -> None:
-        self._pg.draw.circle(self._canvas, color, center, radius * self._unit)
+        self._pg.draw.circle(self._canvas, color, center, radius * UNIT)
 
     def _toe(self, center: Array, radius: float, color: Color | None) -> None:
         """A toe pad: hollow in the air, else solid with a halo."""
@@ -365,18 +332,17 @@ class Renderer:
             self._disc(center, radius, INK)
             self._disc(center, radius - 1.8, WHITE)
             return
-        self._blend(center + 2.1 * radius * self._unit * CIRCLE, color, 85)
+        self._blend(center + 2.1 * radius * UNIT * CIRCLE, color, 85)
         self._disc(center, radius + 1.0, WHITE)
         self._disc(center, radius, color)
 
-    def _card(self, x: float, width: float, height: float) -> None:
+    def _card(self, x: int, width: int, height: int) -> None:
         """A translucent panel at the top of the picture."""
-        u = self._unit
-        card = self._pg.Surface((round(width * u), round(height * u)), self._pg.SRCALPHA)
-        for color, border in (((*WHITE, 215), 0), (TRACK, max(1, round(u)))):
-            radius = round(10 * u)
-            self._pg.draw.rect(card, color, card.get_rect(), border, border_radius=radius)
-        self._canvas.blit(card, (round(x * u), round(14 * u)))
+        u = UNIT
+        card = self._pg.Surface((width * u, height * u), self._pg.SRCALPHA)
+        for color, border in (((*WHITE, 215), 0), (TRACK, u)):
+            self._pg.draw.rect(card, color, card.get_rect(), border, border_radius=10 * u)
+        self._canvas.blit(card, (x * u, 14 * u))
 
     def _blend(self, points: Array, color: Color, alpha: int) -> None:
         """A translucent polygon; pygame's own are opaque."""
@@ -389,9 +355,9 @@ class Renderer:
         """A force in robot weights, y downwards; none if it is too short to show."""
         size = float(np.hypot(*force))
         length = min(ARROW_PER_WEIGHT * size, LONGEST_ARROW) * self._scale
-        if length < 4.0 * self._unit:
+        if length < 4.0 * UNIT:
             return
-        along, head = force / size, min(12.0 * self._unit, 0.6 * length)
+        along, head = force / size, min(12.0 * UNIT, 0.6 * length)
         neck, side = start + (length - head) * along, np.array([-force[1], force[0]]) / size
         self._line(start, neck, 3.4, FORCE)
         across, tip = 0.45 * head * side, neck + head * along
@@ -402,10 +368,10 @@ class Renderer:
         image = self._labels.get((text, size, color))
         if image is None:
             self._pg.font.init()
-            font = self._pg.font.Font(None, max(1, round(size * self._unit)))
             if len(self._labels) > 500:
                 self._labels.clear()
-            image = self._labels[text, size, color] = font.render(text, True, color)
+            image = self._pg.font.Font(None, size * UNIT).render(text, True, color)
+            self._labels[text, size, color] = image
         width, height = image.get_size()
         self._canvas.blit(image, (round(x - align * width), round(y - 0.5 * height)))
 

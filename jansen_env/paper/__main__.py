@@ -7,7 +7,7 @@ import time
 from dataclasses import asdict
 from pathlib import Path
 
-from jansen_env.files import write_json, write_text
+from jansen_env.files import writable, write_json, write_text
 from jansen_env.paper.results import compute
 
 INSTALL = 'python -m pip install -c constraints.txt -e ".[paper]"'
@@ -16,7 +16,8 @@ INSTALL = 'python -m pip install -c constraints.txt -e ".[paper]"'
 def main(arguments: list[str] | None = None) -> None:
     """Compute, check, draw, write: claims.md, claims.json and the figures."""
     parser = argparse.ArgumentParser(prog="python -m jansen_env.paper", description=__doc__)
-    parser.add_argument("--out", required=True, metavar="DIR", help="folder for tables and figures")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR",
+                        help="folder for tables and figures")  # fmt: skip
     parser.add_argument("--workers", type=int, default=2, help="processes; default: 2")
     args = parser.parse_args(arguments)
     if args.workers < 1:
@@ -26,19 +27,17 @@ def main(arguments: list[str] | None = None) -> None:
         from jansen_env.paper.figures import draw
     except ImportError as error:
         raise SystemExit(f"{error}; install what the paper needs with\n{INSTALL}") from error
-    start, out = time.perf_counter(), Path(args.out)
-    try:
-        out.mkdir(parents=True, exist_ok=True)  # before the work, not after it
-    except OSError as error:
-        parser.error(f"--out is {args.out}, must be a folder that can be written to: {error}")
+    start, out = time.perf_counter(), args.out
+    if not writable(out):  # before the work, not after it
+        parser.error(f"--out is {out}, must be a folder that can be written to")
     results = compute(args.workers)
     claims = check_claims(results)
     print(as_text(claims), end="\n\n")
-    tables = (
-        "# Claims\n\n" + claims_table(claims)
-        + "\n# Torque at a constant 1 rad/s, by interpretation\n\n" + levels_table(results.levels)
-    )  # fmt: skip
-    write_text(out / "claims.md", tables)
+    write_text(
+        out / "claims.md",
+        f"# Claims\n\n{claims_table(claims)}\n# Torque at a constant 1 rad/s, by interpretation\n\n"
+        f"{levels_table(results.levels)}",
+    )
     write_json(
         out / "claims.json",
         {"claims": [asdict(c) for c in claims], "levels": [asdict(v) for v in results.levels]},

@@ -5,8 +5,8 @@ Verdicts follow from the numbers by the criterion in each function, none is set 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import astuple, dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -24,7 +24,7 @@ from jansen_env.dynamics.projection import (
 from jansen_env.gravity import GRAVITY
 from jansen_env.paper import interpretations, toes
 from jansen_env.paper.fixed_model import SETTLED, crank_only
-from jansen_env.paper.results import FRICTIONS, SLOW, WALK, Results
+from jansen_env.paper.results import FRICTIONS, SLOW, TORQUES, WALK, Results
 from jansen_env.robot import paper_robot
 
 Array = NDArray[np.float64]
@@ -58,12 +58,11 @@ class Claim:
 
 def check_claims(results: Results) -> list[Claim]:
     """All claims in the order of the paper."""
-    every: tuple[Callable[[Results], Claim], ...] = (
+    return [claim(results) for claim in (
         leg_degrees_of_freedom, system_degrees_of_freedom, torque_is_periodic, torque_level,
         constant_torque, toe_paths, stable_walking, toe_speeds, no_walking_without_slip,
         heave_of_four_legs, more_legs, rotation, translation,
-    )  # fmt: skip
-    return [claim(results) for claim in every]
+    )]  # fmt: skip
 
 
 def _verdict(holds: bool, with_condition: bool = False) -> str:
@@ -93,17 +92,17 @@ def system_degrees_of_freedom(_: Results) -> Claim:
     robot = paper_robot()
     Q = system_coordinates(robot, crank_only(toes.turn(60)))[..., :DOF].reshape(60, -1)
     fixed, free = (
-        16 - int(np.linalg.matrix_rank(system_constraint_matrix(robot, Q, fixed_base)).min())
+        int(np.linalg.matrix_rank(system_constraint_matrix(robot, Q, fixed_base)).min())
         for fixed_base in (True, False)
     )
     return Claim(
         "system_degrees_of_freedom", "2.3, before (12)",
         "16 coordinates less 15 constraints: 1 degree of freedom for the four legs",
-        f"16 - {16 - fixed} = {fixed}; with the frame let go 16 - {16 - free} = {free}",
-        _verdict(fixed == 1 and free == 4),
+        f"16 - {fixed} = {16 - fixed}; with the frame let go 16 - {free} = {16 - free}",
+        _verdict(fixed == 15 and free == 12),
         "rows 9 and 10 read as rf1 against lf1; the three rows that pin the frame are dropped "
         "for the robot that walks",
-        {"fixed_base": fixed, "walking": free},
+        {"fixed_base": 16 - fixed, "walking": 16 - free},
     )  # fmt: skip
 
 
@@ -157,26 +156,24 @@ def torque_level(r: Results) -> Claim:
 
 def constant_torque(r: Results) -> Claim:
     """Speed ripple at constant torques: fixed base, with slender links, walking."""
-    fixed = {torque: ripple.ripple for torque, ripple in r.ripples.items()}
-    middle = list(r.ripples.values())[2]
-    standing = {t: ripple for t, ripple in r.walking_ripples.items() if not ripple.fell}
+    fixed = [ripple.ripple for ripple in r.ripples.values()]
+    middle, slender = r.ripples[TORQUES[2]], r.slender_ripple.ripple
+    walking = {t: ripple.ripple for t, ripple in r.walking_ripples.items() if not ripple.fell}
     fallen = [torque for torque, ripple in r.walking_ripples.items() if ripple.fell]
-    walking = {torque: ripple.ripple for torque, ripple in standing.items()}
-    every = [*fixed.values(), r.slender_ripple.ripple, *walking.values()]
+    every = [*fixed, slender, *walking.values()]
     return Claim(
         "constant_torque", "4 and summary",
         "constant torque keeps a constant speed, without any complicated considerations for the "
         "dynamics",
-        f"on a fixed base at {_list(list(fixed))} N m the speed swings by "
-        f"+-{_list([round(100 * v) for v in fixed.values()])} %, with slender links at "
-        f"{list(fixed)[2]} N m by {100 * r.slender_ripple.ripple:.0f} %; walking at "
-        f"{_list(list(walking))} N m by {_list([round(100 * v) for v in walking.values()])} %, and "
-        f"it falls at {_list(fallen)}",
+        f"on a fixed base at {_list(TORQUES)} N m the speed swings by "
+        f"+-{_list(round(100 * v) for v in fixed)} %, with slender links at {TORQUES[2]} N m by "
+        f"{100 * slender:.0f} %; walking at {_list(walking)} N m by "
+        f"{_list(round(100 * v) for v in walking.values())} %, and it falls at {_list(fallen)}",
         _verdict(max(every) < CLOSE, min(every) < ROUGHLY),
         "joint friction holds the mean speed, and the better the faster it turns; the weight of "
         "the legs and the changing friction make it swing, and touchdowns kick it when walking",
-        {"mean": middle.mean, "ripple": middle.ripple, "slowest": max(fixed.values()),
-         "fastest": min(fixed.values()), "slender_ripple": r.slender_ripple.ripple,
+        {"mean": middle.mean, "ripple": middle.ripple, "slowest": max(fixed),
+         "fastest": min(fixed), "slender_ripple": slender,
          "walking_low": min(walking.values()), "walking_high": max(walking.values())},
     )  # fmt: skip
 
@@ -278,27 +275,27 @@ def heave_of_four_legs(r: Results) -> Claim:
 
 def more_legs(r: Results) -> Claim:
     """Heave with 2 to 24 legs, odd numbers of phases against even ones."""
-    level = {heave.legs // 2: heave.level for heave in r.heaves}
-    standing = {heave.legs // 2: heave.standing for heave in r.heaves}
-    odd_better = [n for n in range(3, 12, 2) if level[n] < CLEARLY * level[n + 1]]
-    odd_better_standing = [n for n in range(3, 12, 2) if standing[n] < CLEARLY * standing[n + 1]]
+    level = {heave.legs: heave.level for heave in r.heaves}
+    standing = {heave.legs: heave.standing for heave in r.heaves}
+    better, better_standing = (
+        [legs for legs in range(6, 24, 4) if height[legs] < CLEARLY * height[legs + 2]]
+        for height in (level, standing)
+    )
     steady = all(b < a for a, b in pairwise(level.values()))
-    shown = ", ".join(f"{2 * n}: {1e3 * level[n]:.2f}" for n in level)
+    shown = ", ".join(f"{legs}: {1e3 * height:.2f}" for legs, height in level.items())
     return Claim(
         "more_legs", "4 and summary",
         "more legs with smaller phase differences make the up-and-down motion vanish",
         f"heave in mm by number of legs: {shown}; standing on both sides, 6 "
-        f"legs {1e3 * standing[3]:.1f}, 24 legs {1e3 * standing[12]:.2f}",
-        _verdict(steady and level[12] < 1e-3, level[12] < 1e-3),
+        f"legs {1e3 * standing[6]:.1f}, 24 legs {1e3 * standing[24]:.2f}",
+        _verdict(steady and level[24] < 1e-3, level[24] < 1e-3),
         "it vanishes, but not step by step: with an odd number of phases the back toes' lowest "
         "points fall between the fore toes', with an even number on them (psi -> pi - psi maps the "
-        f"phases onto themselves), so {_list([2 * n for n in odd_better])} legs clearly beat "
-        "two more. "
-        f"The price is pitch: standing on both sides only "
-        f"{_list([2 * n for n in odd_better_standing])} do, by little. What is left from "
-        "20 legs on is the dent in the bottom of the toe's path",
-        {**{f"level_{2 * n}": value for n, value in level.items()},
-         **{f"standing_{2 * n}": value for n, value in standing.items()}},
+        f"phases onto themselves), so {_list(better)} legs clearly beat two more. The price is "
+        f"pitch: standing on both sides only {_list(better_standing)} do, by little. What is left "
+        "from 20 legs on is the dent in the bottom of the toe's path",
+        {**{f"level_{legs}": height for legs, height in level.items()},
+         **{f"standing_{legs}": height for legs, height in standing.items()}},
     )  # fmt: skip
 
 
@@ -355,41 +352,38 @@ def translation(r: Results) -> Claim:
     )  # fmt: skip
 
 
-def _list(values: list[float] | list[int]) -> str:
-    if not values:
-        return "none"
-    texts = [f"{value:g}" for value in values]
-    return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} and {texts[-1]}"
+def _list(values: Iterable[float]) -> str:
+    *most, last = [f"{value:g}" for value in values] or ["none"]
+    return f"{', '.join(most)} and {last}" if most else last
 
 
 def claims_table(claims: list[Claim]) -> str:
     """The claims in Markdown."""
-    head = ("claim", "says", "computed", "verdict", "why")
     return _table(
-        head,
+        ("claim", "says", "computed", "verdict", "why"),
         [(f"{c.key} ({c.where})", c.says, c.computed, f"**{c.verdict}**", c.why) for c in claims],
     )
 
 
 def levels_table(levels: list[interpretations.Level]) -> str:
     """The torque by interpretation, in Markdown."""
-    head = ("interpretation", "lowest (N m)", "mean (N m)", "highest (N m)", "joint loss (W)")
-    rows = []
-    for level in levels:
-        values = (level.low, level.mean, level.high, level.loss)
-        rows.append((level.name, *(f"{round(value, 3) + 0.0:.3f}" for value in values)))
-    return _table(head, rows)
+    return _table(
+        ("interpretation", "lowest (N m)", "mean (N m)", "highest (N m)", "joint loss (W)"),
+        [
+            (name, *(f"{round(value, 3) + 0.0:.3f}" for value in values))
+            for name, *values in map(astuple, levels)
+        ],
+    )
 
 
-def _table(head: Sequence[str], rows: list[tuple[str, ...]]) -> str:
+def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     # Cells of whole sentences: not padded to one width.
     return tabulate(rows, head, "github", disable_numparse=True, stralign=None) + "\n"
 
 
 def as_text(claims: list[Claim]) -> str:
     """The claims as plain text."""
-    blocks = [
+    return "\n\n".join(
         f"{c.verdict.upper()}: {c.says} ({c.where})\n    computed: {c.computed}\n    why: {c.why}"
         for c in claims
-    ]
-    return "\n\n".join(blocks)
+    )

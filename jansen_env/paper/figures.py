@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -48,16 +49,14 @@ def draw(results: Results, folder: Path) -> list[Path]:
         "torque_split": torque_split, "mechanism": mechanism, "heave": heave, "slip": slip,
         "joint_forces": joint_forces,
     }  # fmt: skip
-    paths = []
     with matplotlib.style.context(["default", STYLE]):
-        for name, make in figures.items():
-            figure = make(results)
-
-            def save(path: str, figure: Figure = figure) -> None:
-                figure.savefig(path, dpi=DPI, metadata={"Software": None})
-
-            paths.append(write_whole(folder / f"{name}.png", save))
-    return paths
+        return [
+            write_whole(
+                folder / f"{name}.png",
+                partial(make(results).savefig, dpi=DPI, metadata={"Software": None}),
+            )
+            for name, make in figures.items()
+        ]
 
 
 def _figure(width: float, height: float, rows: int = 1, columns: int = 1, **more: Any) -> Any:
@@ -71,17 +70,10 @@ def torque(r: Results) -> Figure:
     axes.plot(r.run.time[:-1], r.run.torque, color=INK, label="PID (13), crank speed about 1 rad/s")
     mean = r.levels[0].mean
     axes.axhline(mean, color=ACCENT, ls="--", lw=1.1)
-    axes.text(9.95, 2.35, f"mean friction at 1 rad/s: {mean:.2f} N m", ha="right",
-              color=ACCENT, fontsize=8.5)  # fmt: skip
     axes.axhline(PRINTED_LEVEL, color=MUTED, ls=":", lw=1.3)
-    axes.text(
-        10.0,
-        PRINTED_LEVEL + 0.04,
-        f"the paper's level, {PRINTED_LEVEL} N m",
-        ha="right",
-        color="#6b7280",
-        fontsize=8.5,
-    )
+    note = partial(axes.text, ha="right", fontsize=8.5)
+    note(9.95, 2.35, f"mean friction at 1 rad/s: {mean:.2f} N m", color=ACCENT)
+    note(10.0, PRINTED_LEVEL + 0.04, f"the paper's level, {PRINTED_LEVEL} N m", color="#6b7280")
     axes.axvspan(0.0, SETTLED, color="#f3f4f6", zorder=0)
     axes.set(title="Input torque (Fig. 4)", xlabel="time (s)", ylabel="torque (N m)", xlim=(0, 10))
     axes.legend(loc="center", bbox_to_anchor=(0.6, 0.32))
@@ -108,14 +100,13 @@ def toe_paths(r: Results) -> Figure:
 
 def toe_x(r: Results) -> Figure:
     """Fig. 6: toe x against time."""
-    return _toe_figure(r, 0, "Toe x (Fig. 6)", "x (m)")
+    return _toes_in_time(r, 0, "Toe x (Fig. 6)", "x (m)")
 
 
 def toe_y(r: Results) -> Figure:
     """Fig. 7: toe y against time."""
-    figure = _toe_figure(
-        r, 1, f"Toe y (Fig. 7): the lowest toe moves by {r.heaves[1].level:.3f} m", "y (m)"
-    )
+    title = f"Toe y (Fig. 7): the lowest toe moves by {r.heaves[1].level:.3f} m"
+    figure = _toes_in_time(r, 1, title, "y (m)")
     axes = figure.axes[0]
     lowest = _toes(r)[..., 1].min(axis=1)
     axes.plot(r.run.time, lowest, color=INK, lw=1.0, ls=":")
@@ -124,41 +115,49 @@ def toe_y(r: Results) -> Figure:
     return figure
 
 
-def _toe_figure(r: Results, axis: int, title: str, label: str) -> Figure:
-    figure, axes = _figure(7.2, 3.4)
-    path = _toes(r)
-    for i, (name, color) in enumerate(LEG_COLORS.items()):
-        axes.plot(r.run.time, path[:, i, axis], color=color, label=name)
-    axes.set(title=title, xlabel="time (s)", ylabel=label, xlim=(0, 10))
+def _toes_in_time(r: Results, axis: int, title: str, label: str) -> Figure:
+    figure = _in_time(r, 3.4, _toes(r)[..., axis], LEG_COLORS.items(), title, label)
+    axes = figure.axes[0]
     axes.legend(ncols=4, loc="upper center", bbox_to_anchor=(0.5, 1.0))
     axes.margins(y=0.18)
     return figure
 
 
-def _by_link(r: Results, values: Array, title: str, label: str) -> Figure:
-    figure, axes = _figure(7.2, 3.8)
+def _links_in_time(r: Results, values: Array, title: str, label: str) -> Figure:
     colors = matplotlib.colormaps["turbo"](np.linspace(0.08, 0.92, 8))
-    for body in range(8):
-        axes.plot(r.run.time[:-1], values[:, body], color=colors[body], label=f"link {body + 1}")
+    names = [f"link {body}" for body in range(1, 9)]
+    figure = _in_time(r, 3.8, values, zip(names, colors, strict=True), title, label)
+    figure.axes[0].legend(ncols=1, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return figure
+
+
+def _in_time(
+    r: Results, height: float, values: Array, style: Iterable[Any], title: str, label: str
+) -> Figure:
+    """A curve for each column of ``values``, named and coloured, over the PID's run."""
+    figure, axes = _figure(7.2, height)
+    for column, (name, color) in zip(values.T, style, strict=True):
+        axes.plot(r.run.time[: len(values)], column, color=color, label=name)
     axes.set(title=title, xlabel="time (s)", ylabel=label, xlim=(0, 10))
-    axes.legend(ncols=1, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
 
 
 def rotation(r: Results) -> Figure:
     """Fig. 8: constraint moment on every link of the right forepaw."""
-    return _by_link(r, r.forces[..., 0], "Constraint moment, right forepaw (Fig. 8)",
-                    "moment (N m)")  # fmt: skip
+    title = "Constraint moment, right forepaw (Fig. 8)"
+    return _links_in_time(r, r.forces[..., 0], title, "moment (N m)")
 
 
 def translation(r: Results) -> Figure:
     """Fig. 9: norm of the constraint force on every link of the right forepaw."""
     force = np.hypot(r.forces[..., 1], r.forces[..., 2])
-    figure = _by_link(r, force, "Norm of the constraint force, right forepaw (Fig. 9)", "force (N)")
-    axes = figure.axes[0]
+    title = "Norm of the constraint force, right forepaw (Fig. 9)"
+    figure = _links_in_time(r, force, title, "force (N)")
     weight = paper_robot().bodies[6].mass * GRAVITY
-    axes.annotate("weight of a link (link 1 rests)", (3.4, weight), (2.0, 1.01), fontsize=8.5,
-                  color=INK, arrowprops={"arrowstyle": "-", "color": MUTED})  # fmt: skip
+    figure.axes[0].annotate(
+        "weight of a link (link 1 rests)", (3.4, weight), (2.0, 1.01), fontsize=8.5, color=INK,
+        arrowprops={"arrowstyle": "-", "color": MUTED},
+    )  # fmt: skip
     return figure
 
 
@@ -173,30 +172,25 @@ def torque_split(_: Results) -> Figure:
     ):  # fmt: skip
         left.plot(angle, value, color=color, lw=2.2 if name == "total" else 1.5,
                   label=f"{name}, mean {round(value.mean(), 3) + 0.0:.3f} N m")  # fmt: skip
-    left.set(title="Torque at a constant 1 rad/s, fixed base", xlabel="crank angle (rad)",
-             ylabel="torque (N m)", ylim=(-0.6, 2.9))  # fmt: skip
+    left.set(title="Torque at a constant 1 rad/s, fixed base", ylim=(-0.6, 2.9))
     left.legend(loc="upper center", ncols=2)
     walk = walking_torque(robot, speed=1.0, turns=6, settle=1, bins=60)
     right.fill_between(walk.angle, walk.torque - walk.spread, walk.torque + walk.spread,
                        color="#ddd6fe", lw=0, label="SD between turns")  # fmt: skip
     right.plot(walk.angle, walk.torque, color=ACCENT, label=f"walking, mean {walk.mean:.2f} N m")
-    right.plot(
-        angle,
-        split.total,
-        color=INK,
-        lw=1.2,
-        label=f"fixed base, mean {split.total.mean():.2f} N m",
-    )
-    right.set(title="The same crank speed on the ground", xlabel="crank angle (rad)",
-              ylabel="torque (N m)")  # fmt: skip
+    right.plot(angle, split.total, color=INK, lw=1.2,
+               label=f"fixed base, mean {split.total.mean():.2f} N m")  # fmt: skip
+    right.set(title="The same crank speed on the ground")
     right.legend(loc="upper center", ncols=2)
     right.margins(y=0.3)
     for axes in (left, right):
-        _angle_ticks(axes)
+        axes.set_ylabel("torque (N m)")
+        _angle_axis(axes)
     return figure
 
 
-def _angle_ticks(axes: Any) -> None:
+def _angle_axis(axes: Any) -> None:
+    axes.set_xlabel("crank angle (rad)")
     labels = ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"]
     axes.set_xticks(np.pi / 2.0 * np.arange(5), labels)
     axes.set_xlim(0.0, 2.0 * np.pi)
@@ -254,9 +248,8 @@ def heave(r: Results) -> Figure:
         axes.plot(angle, 1e3 * np.minimum(fore, back), color=INK, lw=2.4, alpha=0.75,
                   label="the one that carries")  # fmt: skip
         kind = "interleaved" if phases % 2 else "in step"
-        axes.set(title=f"{2 * phases} legs: {kind}", xlabel="crank angle (rad)",
-                 ylim=(-622, -603))  # fmt: skip
-        _angle_ticks(axes)
+        axes.set(title=f"{2 * phases} legs: {kind}", ylim=(-622, -603))
+        _angle_axis(axes)
     right[0].set_ylabel("height (mm)")
     right[0].legend(loc="upper center")
     return figure
@@ -270,9 +263,8 @@ def slip(r: Results) -> Figure:
     left.plot(support.angle, support.slip, color=INK, lw=1.8)
     for zero in support.zeros():
         left.plot(zero, 0.0, "o", color="#c2410c", ms=5)
-    left.set(title="Standing toes part", xlabel="crank angle (rad)",
-             ylabel="parting speed (m per rad of crank)")  # fmt: skip
-    _angle_ticks(left)
+    left.set(title="Standing toes part", ylabel="parting speed (m per rad of crank)")
+    _angle_axis(left)
     slow = [r.slow[mu].slip for mu in FRICTIONS]
     middle.axhline(support.per_turn, color="#c2410c", ls="--", lw=1.2,
                    label="both toes down: certain")  # fmt: skip

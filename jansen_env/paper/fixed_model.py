@@ -62,8 +62,8 @@ def tables_advance(robot: Robot, time_step: float = SAMPLING) -> Advance:
     def advance(angle: float, speed: float, torque: float) -> tuple[float, float]:
         plant.reset(angle, speed)
         plant.step(torque, SAMPLING)
-        state = plant.state
-        return float(state[0]), float(state[1])
+        angle, speed = plant.state.tolist()
+        return angle, speed
 
     return advance
 
@@ -99,12 +99,7 @@ def crank_only(value: ArrayLike) -> Array:
 
 
 def simulate_pid(advance: Advance, direction: float = 1.0, duration: float = DURATION) -> Run:
-    """The paper's simulation: PID (13) on e = r - theta_rf2, r = t + pi, from rest at pi.
-
-    Args:
-        advance: the mechanism. direction: of r, 1 or -1 (r = pi - t).
-        duration: s.
-    """
+    """PID (13) on e = r - theta_rf2, r = t + pi (or pi - t, ``direction`` -1), for a while (s)."""
     pid, integral = PID(), np.zeros(())
 
     def controller(time: float, angle: float, speed: float) -> float:
@@ -116,31 +111,21 @@ def simulate_pid(advance: Advance, direction: float = 1.0, duration: float = DUR
     return simulate(advance, controller, duration)
 
 
-def simulate(
-    advance: Advance,
-    controller: Callable[[float, float, float], float],
-    duration: float = DURATION,
-) -> Run:
-    """A controller (time, angle, speed) -> torque on the mechanism, from rest at pi.
-
-    Raises:
-        ValueError: a duration (s) that is not above 0.
-    """
-    samples = max(1, round(positive("duration", duration) / SAMPLING))
-    time: Array = SAMPLING * np.arange(samples + 1, dtype=np.float64)
-    angles, speeds = np.empty(samples + 1), np.empty(samples + 1)
-    torques = np.empty(samples)
-    angles[0], speeds[0] = START, 0.0
-    for k in range(samples):
-        torques[k] = controller(time[k], angles[k], speeds[k])
-        angles[k + 1], speeds[k + 1] = advance(angles[k], speeds[k], torques[k])
-    return Run(time, angles, speeds, torques)
+def simulate(advance: Advance, controller: Callable[..., float], duration: float) -> Run:
+    """A controller (time, angle, speed) -> torque on the mechanism for a while (s), from rest."""
+    time = SAMPLING * np.arange(round(duration / SAMPLING) + 1, dtype=np.float64)
+    states, torques = [(START, 0.0)], []
+    for now in time[:-1]:
+        torques.append(controller(now, *states[-1]))
+        states.append(advance(*states[-1], torques[-1]))
+    angle, speed = np.array(states).T
+    return Run(time, angle, speed, np.array(torques))
 
 
-def constraint_forces(robot: Robot, run: Run, leg: int = 0) -> Array:
-    """C^T lambda (n, 8, 3) on the bodies of a leg, (4): moment N m, force x and y N.
+def constraint_forces(robot: Robot, run: Run) -> Array:
+    """C^T lambda (n, 8, 3) on the bodies of the right forepaw, (4): moment N m, force x and y N.
 
     What is drawn in Figs. 8 and 9, at every sample of a run but the last.
     """
     q, q_dot = crank_only(run.angle[:-1]), crank_only(run.speed[:-1])
-    return joint_forces(robot, q, q_dot, run.torque, fixed_base=True).body[:, leg]
+    return joint_forces(robot, q, q_dot, run.torque, fixed_base=True).body[:, 0]

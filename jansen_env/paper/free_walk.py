@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,38 @@ Array = NDArray[np.float64]
 TIME_STEP = 1e-3  # s
 FRICTION = 0.8  # as in JansenWalker-v0
 SETTLE = 1  # turns from standing that are not counted
+
+
+def walk_on(
+    plant: ProjectionPlant, settle: float, duration: float, count: int, torque: float = 0.0
+) -> Iterator[tuple[float, StepResult]]:
+    """``count`` traced intervals of ``duration`` s after ``settle`` s; a fall ends them.
+
+    Yields x (m) at the interval's start and its result; plant.x and plant.trace are its end's.
+    """
+    if settle > 0.0 and _fallen(plant, plant.step(torque, settle)):
+        return
+    plant.tracing = True
+    for _ in range(count):
+        start, result = plant.x, plant.step(torque, duration)
+        if _fallen(plant, result):
+            return
+        yield start, result
+
+
+def _fallen(plant: ProjectionPlant, result: StepResult) -> bool:
+    return bool(result.bumped or abs(plant.state[2]) > FALLEN_PITCH)
+
+
+def prescribed_speed(
+    robot: Robot, terrain: Terrain, speed: float, start: float = 0.0, time_step: float = TIME_STEP
+) -> ProjectionPlant:
+    """A robot standing at a crank angle (rad), its crank turning at a prescribed speed (rad/s)."""
+    plant = ProjectionPlant(robot, terrain, time_step)
+    plant.reset(0.0, start)
+    plant.state = np.append(plant.state[:7], speed)
+    plant.crank_driven = True
+    return plant
 
 
 @dataclass(frozen=True)
@@ -64,35 +97,26 @@ def walk(
         ValueError: a speed, a number of turns or a time step (s) that is not above 0.
     """
     positive_integer("turns", turns)
-    terrain = Terrain.flat(friction=friction)
-    plant = _driven(robot, terrain, positive("speed", speed), start, time_step)
-    plant.tracing = True
-    period = 2.0 * math.pi / speed
-    done, slip, work, begin = 0, 0.0, 0.0, plant.x
-    end = plant.x
+    period = 2.0 * math.pi / positive("speed", speed)
+    plant = prescribed_speed(robot, Terrain.flat(friction=friction), speed, start, time_step)
+    places: list[float] = []
+    slip, work = 0.0, 0.0
     toes = np.zeros(3)  # time steps with no toe, one, and more on the ground
-    fell = False
-    for turn in range(SETTLE + turns):
-        result = plant.step(0.0, period)
-        fell = _fallen(plant, result)
-        if fell:
-            break
-        if turn < SETTLE:
-            begin = plant.x
-            continue
-        done += 1
+    for begin, result in walk_on(plant, SETTLE * period, period, turns):
+        places += [begin, plant.x]
         slip += float(result.slip.sum())
         work += result.motor_work
         down = pads_pressed(plant.trace).sum(axis=1)
         toes += np.bincount(np.minimum(down, 2), minlength=3)
-        end = plant.x
+    done = len(places) // 2
     count = max(done, 1)
-    distance = (end - begin) / count if done else 0.0
-    fraction = toes / max(toes.sum(), 1.0)
-    torque = work / (2.0 * math.pi * count)
+    no_toe, one_toe, _ = (toes / max(toes.sum(), 1.0)).tolist()
     return Walk(
-        speed, done, distance, slip / count, torque, float(fraction[1]), float(fraction[0]), fell
-    )
+        speed, done,
+        distance=(places[-1] - places[0]) / count if places else 0.0,
+        slip=slip / count, torque=work / (2.0 * math.pi * count),
+        one_toe=one_toe, no_toe=no_toe, fell=done < turns,
+    )  # fmt: skip
 
 
 def walking_forces(
@@ -110,17 +134,14 @@ def walking_forces(
     Raises:
         ValueError: an argument not above 0, or the robot falls.
     """
-    for name, value in (("turns", turns), ("every", every)):
-        positive_integer(name, value)
-    terrain = Terrain.flat(friction=friction)
-    plant = _driven(robot, terrain, positive("speed", speed), 0.0, time_step)
-    period = 2.0 * math.pi / speed
-    plant.step(0.0, SETTLE * period)
-    plant.tracing = True
-    if _fallen(plant, plant.step(0.0, turns * period)):
-        raise ValueError(f"the robot falls at a crank speed of {speed} rad/s")
-    rows = plant.trace[~plant.landings][::every]
-    return trace_forces(plant.tables, rows, plant.time_step)
+    positive_integer("turns", turns)
+    positive_integer("every", every)
+    period = 2.0 * math.pi / positive("speed", speed)
+    plant = prescribed_speed(robot, Terrain.flat(friction=friction), speed, time_step=time_step)
+    for _ in walk_on(plant, SETTLE * period, turns * period, count=1):
+        rows = plant.trace[~plant.landings][::every]
+        return trace_forces(plant.tables, rows, plant.time_step)
+    raise ValueError(f"the robot falls at a crank speed of {speed} rad/s")
 
 
 @dataclass(frozen=True)
@@ -151,7 +172,7 @@ def walking_torque(
     turns: int = 10,
     settle: int = 2,
     bins: int = 72,
-    time_step: float = 1e-3,
+    time_step: float = TIME_STEP,
 ) -> WalkingTorque:
     """The torque that keeps the crank at a constant speed while the robot walks.
 
@@ -169,27 +190,23 @@ def walking_torque(
     """
     if finite("speed", speed) == 0.0:
         raise ValueError("speed is 0, must be another number: a standing crank walks nowhere")
-    for name, value in (("turns", turns), ("bins", bins)):
-        positive_integer(name, value)
+    positive_integer("turns", turns)
+    positive_integer("bins", bins)
     whole_number("settle", settle)
     period = 2.0 * math.pi / abs(speed)
     most = int(0.5 * period / positive("time_step", time_step))
     if bins > most:
         raise ValueError(f"bins is {bins}, must be at most {most}, half the time steps of a turn")
-    plant = _driven(robot, Terrain.flat() if terrain is None else terrain, speed, 0.0, time_step)
-    fallen = settle > 0 and _fallen(plant, plant.step(0.0, settle * period))
-    plant.tracing = True
-    rows, means, places = [], [], [plant.x]
-    for _ in range(turns):
-        fallen = fallen or _fallen(plant, plant.step(0.0, period))
-        if fallen:
-            break
+    ground = Terrain.flat() if terrain is None else terrain
+    plant = prescribed_speed(robot, ground, speed, time_step=time_step)
+    rows, means, places = [], [], []
+    for begin, _ in walk_on(plant, settle * period, period, turns):
         psi, torque = plant.trace["pose"][:, 3], plant.trace["torque"]
         index = (psi % (2.0 * math.pi) / (2.0 * math.pi) * bins).astype(int) % bins
         count = np.bincount(index, minlength=bins)
         rows.append(np.bincount(index, torque, minlength=bins) / np.maximum(count, 1))
         means.append(torque.mean())
-        places.append(plant.x)
+        places += [begin, plant.x]
     if not rows:
         raise ValueError(f"the robot falls at a crank speed of {speed} rad/s")
     every = np.array(rows)
@@ -199,25 +216,8 @@ def walking_torque(
         spread=every.std(axis=0),
         mean=float(np.mean(means)),
         distance=abs(places[-1] - places[0]) / len(rows),
-        fell=fallen,
+        fell=len(rows) < turns,
     )
-
-
-def _driven(
-    robot: Robot, terrain: Terrain, speed: float, start: float, time_step: float
-) -> ProjectionPlant:
-    """A robot standing at a crank angle, its crank turning at a speed that is kept."""
-    plant = ProjectionPlant(robot, terrain, time_step)
-    plant.reset(0.0, start)
-    state = plant.state
-    state[7] = speed
-    plant.state = state
-    plant.crank_driven = True
-    return plant
-
-
-def _fallen(plant: ProjectionPlant, result: StepResult) -> bool:
-    return bool(result.bumped or abs(plant.state[2]) > FALLEN_PITCH)
 
 
 @dataclass(frozen=True)
@@ -239,14 +239,10 @@ def walking_ripple(robot: Robot, torque: float, duration: float = 20.0) -> Rippl
     """A walk at a constant torque (N m), s long; its second half, or all of it until a fall."""
     plant = ProjectionPlant(robot, Terrain.flat(friction=FRICTION), TIME_STEP)
     plant.reset()
-    plant.tracing = True
-    speeds, fell = [], False
-    for _ in range(round(duration / 0.1)):
-        fell = _fallen(plant, plant.step(torque, 0.1))
-        if fell:
-            break
-        speeds.append(plant.trace["velocity_after"][:, 3])
-    return Ripple.of(np.concatenate(speeds[len(speeds) // 2 :]), fell)
+    count = round(duration / 0.1)
+    parts = walk_on(plant, 0.0, 0.1, count, torque)
+    speeds = [plant.trace["velocity_after"][:, 3] for _ in parts]
+    return Ripple.of(np.concatenate(speeds[len(speeds) // 2 :]), len(speeds) < count)
 
 
 @dataclass(frozen=True)

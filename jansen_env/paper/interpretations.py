@@ -14,22 +14,10 @@ from numpy.typing import NDArray
 
 from jansen_env.dynamics.joint_forces import joint_forces
 from jansen_env.dynamics.projection import system_coordinates
-from jansen_env.paper.fixed_model import (
-    crank_only,
-    fixed_base_projection,
-    simulate_pid,
-    tables_advance,
-)
+from jansen_env.paper import fixed_model as fixed
+from jansen_env.paper.fixed_model import crank_only
 from jansen_env.paper.toes import turn
-from jansen_env.robot import (
-    JOINT_PAIRS,
-    Bar,
-    Leg,
-    Robot,
-    Triangle,
-    holy_numbers_robot,
-    paper_robot,
-)
+from jansen_env.robot import JOINT_PAIRS, Bar, Leg, Robot, Triangle, holy_numbers_robot, paper_robot
 
 Array = NDArray[np.float64]
 
@@ -57,8 +45,7 @@ class Level:
 def torque_levels() -> list[Level]:
     """The interpretations, ours first."""
     paper = paper_robot()
-    lengths = (paper.rocker.length, paper.coupler.length)
-    swapped = replace(paper, rocker=Bar(lengths[1]), coupler=Bar(lengths[0]))
+    swapped = replace(paper, rocker=Bar(paper.coupler.length), coupler=Bar(paper.rocker.length))
     # L4, L10, L5 as printed, where the centroid data gives a triangle 1.0101 times as large.
     small = replace(paper, upper_triangle=Triangle.from_sides(0.23529, 0.32338, 0.25134))
     printed_angle = replace(paper, frame_angle=math.atan2(0.32436, 0.04632))
@@ -104,7 +91,7 @@ def _loss(robot: Robot) -> float:
 def _without_reaction(robot: Robot) -> Level:
     """h_f with its last moment row as printed: no C58 (theta_8' - theta_5') on body 8."""
     angle = turn(ANGLES)[::3]
-    p = fixed_base_projection(robot, angle, np.ones(len(angle)), 0.0)
+    p = fixed.fixed_base_projection(robot, angle, np.ones(len(angle)), 0.0)
     D = p.D[..., 0]
     x_dot, h = (v.reshape(len(angle), -1, 8, 3).copy() for v in (D, p.h))  # by leg and body
     h[..., 7, 0] += robot.damping[6] * (x_dot[..., 7, 0] - x_dot[..., 4, 0])
@@ -121,6 +108,6 @@ def printed_controller_torque() -> float:
 
 def reversed_valley() -> tuple[float, float]:
     """Lowest and highest torque (N m) after 3 s of the PID's run turned the other way."""
-    run = simulate_pid(tables_advance(paper_robot()), direction=-1.0)
+    run = fixed.simulate_pid(fixed.tables_advance(paper_robot()), direction=-1.0)
     torque = run.torque[run.settled]
     return float(torque.min()), float(torque.max())

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -70,31 +68,42 @@ class Results:
 
 def compute(workers: int = 2) -> Results:
     """Compute everything in ``workers`` processes; about half a minute on two cores."""
-    parts: dict[str, Callable[[], Any]] = {  # long ones first
-        "dense": _dense,
-        "walks": _walks,
-        "slow": _slow,
-        "heaves": _heaves,
-        "levels": interpretations.torque_levels,
-        "support": functools.partial(toes.double_support, paper_robot()),
-        "walking_loads": _walking_loads,
-        "walking_ripples": _walking_ripples,
-        "fixed_loads": _fixed_loads,
-        "forces": _forces,
-        "run": functools.partial(_run, fixed_model.DURATION),
-        "long": functools.partial(_run, LONG),
-        "ripples": _ripples,
-        "slender_ripple": _slender_ripple,
-        "no_slip": _no_slip,
-        "reversed_valley": interpretations.reversed_valley,
-    }
+    robot = paper_robot()
     # What is due is compiled here: the processes then find it in the cache.
-    free_walk.walk(paper_robot(), 50.0, 1)
+    free_walk.walk(robot, 50.0, 1)
     _run(fixed_model.SAMPLING)
     # Spawned, not forked: a process with threads (torch's, say) must not be forked.
     with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
-        futures = {name: pool.submit(part) for name, part in parts.items()}
-        return Results(**{name: future.result() for name, future in futures.items()})
+        submit = pool.submit
+        jobs: dict[str, Any] = {  # long ones first
+            "dense": submit(_dense),
+            "walks": [submit(_walk, speed) for speed in SPEEDS],
+            "slow": {mu: submit(free_walk.walk, robot, SLOW, 2, mu) for mu in FRICTIONS},
+            "heaves": [submit(toes.heave, phases) for phases in toes.PHASES],
+            "levels": submit(interpretations.torque_levels),
+            "support": submit(toes.double_support, robot),
+            "walking_loads": {at: submit(_walking_loads, *at) for at in LOADS},
+            "walking_ripples": {
+                torque: submit(free_walk.walking_ripple, robot, torque)
+                for torque in WALKING_TORQUES
+            },
+            "fixed_loads": submit(_fixed_loads),
+            "run": submit(_run, fixed_model.DURATION),
+            "long": submit(_run, LONG),
+            "ripples": {torque: submit(_ripple, robot, torque) for torque in TORQUES},
+            "slender_ripple": submit(_ripple, robot.with_slender_inertias(), TORQUES[2]),
+            "no_slip": submit(free_walk.walk, robot, NO_SLIP[0], 12, start=NO_SLIP[1]),
+            "reversed_valley": submit(interpretations.reversed_valley),
+        }
+        found = {name: _finished(job) for name, job in jobs.items()}
+    return Results(**found, forces=fixed_model.constraint_forces(robot, found["run"]))
+
+
+def _finished(job: Any) -> Any:
+    """What a job returned, or each of a list or dictionary of jobs."""
+    if isinstance(job, dict):
+        return {key: one.result() for key, one in job.items()}
+    return [one.result() for one in job] if isinstance(job, list) else job.result()
 
 
 def _run(duration: float) -> fixed_model.Run:
@@ -113,20 +122,8 @@ def _ripple(robot: Robot, torque: float) -> free_walk.Ripple:
     return free_walk.Ripple.of(run.speed[len(run.speed) // 2 :])
 
 
-def _ripples() -> dict[float, free_walk.Ripple]:
-    return {torque: _ripple(paper_robot(), torque) for torque in TORQUES}
-
-
-def _slender_ripple() -> free_walk.Ripple:
-    return _ripple(paper_robot().with_slender_inertias(), TORQUES[2])
-
-
-def _walking_ripples() -> dict[float, free_walk.Ripple]:
-    return {torque: free_walk.walking_ripple(paper_robot(), torque) for torque in WALKING_TORQUES}
-
-
-def _forces() -> Array:
-    return fixed_model.constraint_forces(paper_robot(), _run(fixed_model.DURATION))
+def _walk(speed: float) -> free_walk.Walk:
+    return free_walk.walk(paper_robot(), speed, round(WALK * speed / (2.0 * math.pi)))
 
 
 def _fixed_loads() -> free_walk.Loads:
@@ -136,26 +133,5 @@ def _fixed_loads() -> free_walk.Loads:
     return free_walk.largest_loads(joint_forces(robot, q, q_dot, torque, fixed_base=True))
 
 
-def _walking_loads() -> dict[tuple[float, float], free_walk.Loads]:
-    return {
-        (speed, mu): free_walk.largest_loads(free_walk.walking_forces(paper_robot(), speed, 3, mu))
-        for speed, mu in LOADS
-    }
-
-
-def _heaves() -> list[toes.Heave]:
-    return [toes.heave(phases) for phases in toes.PHASES]
-
-
-def _slow() -> dict[float, free_walk.Walk]:
-    return {mu: free_walk.walk(paper_robot(), SLOW, 2, friction=mu) for mu in FRICTIONS}
-
-
-def _walks() -> list[free_walk.Walk]:
-    turns = [round(WALK * speed / (2.0 * math.pi)) for speed in SPEEDS]
-    return [free_walk.walk(paper_robot(), s, n) for s, n in zip(SPEEDS, turns, strict=True)]
-
-
-def _no_slip() -> free_walk.Walk:
-    speed, start = NO_SLIP
-    return free_walk.walk(paper_robot(), speed, 12, start=start)
+def _walking_loads(speed: float, friction: float) -> free_walk.Loads:
+    return free_walk.largest_loads(free_walk.walking_forces(paper_robot(), speed, 3, friction))

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import positive_integer
 from jansen_env.dynamics.projection import constraints
 from jansen_env.dynamics.reduced import body_sums, compile_robot
-from jansen_env.kinematics import JOINTS, coordinates, joint_positions, world_joints
+from jansen_env.kinematics import JOINTS, coordinates, world_joints
 from jansen_env.plants.initial_pose import set_down
 from jansen_env.robot import Robot, paper_robot
 from jansen_env.terrain import Terrain
@@ -25,12 +24,7 @@ STEP = 1e-5  # rad, of central differences of closed forms: good to 1e-10
 
 
 def turn(samples: int) -> Array:
-    """Crank angles of one turn (samples,), rad.
-
-    Raises:
-        ValueError: ``samples`` is no whole number above 0.
-    """
-    positive_integer("samples", samples)
+    """Crank angles of one turn (samples,), rad."""
     return 2.0 * math.pi * np.arange(samples) / samples
 
 
@@ -73,12 +67,10 @@ class Heave:
 
 
 def heave(phases: int, samples: int = 1440, poses: int = 48) -> Heave:
-    """Heave of the paper's linkage with two legs on each of ``phases`` crank pins.
+    """Heave of the paper's linkage with two legs on each of ``phases`` evenly spaced crank pins.
 
-    Args:
-        phases: of the crank pins, evenly spaced; all repeats ``phases`` times a turn.
-        samples: crank angles in such a period.
-        poses: crank angles at which the robot is placed on the ground.
+    All repeats ``phases`` times a turn: ``samples`` crank angles in such a period, and ``poses`` at
+    which the robot is placed on the ground.
     """
     robot = paper_robot(phases)
     fore, back = lowest_toes(robot, turn(samples) / phases)
@@ -93,12 +85,10 @@ def standing_poses(robot: Robot, angle: Array) -> Array:
     """(n, 2) height (m) and pitch (rad) of the chassis standing on flat ground at crank angles."""
     centres = body_sums(compile_robot(robot), angle).c / robot.mass
     flat = Terrain.flat()
-    return np.array(
-        [
-            set_down(robot, centre, flat, 0.0, float(psi), None)
-            for psi, centre in zip(angle, centres, strict=True)
-        ]
-    )
+    return np.array([
+        set_down(robot, centre, flat, 0.0, float(psi), None)
+        for psi, centre in zip(angle, centres, strict=True)
+    ])  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -160,11 +150,11 @@ def double_support(robot: Robot, samples: int = 1440) -> DoubleSupport:
     rear = np.where(ahead, np.inf, toes[..., 1]).argmin(axis=1)
     rate, spin = _toe_rates(robot, angle)
     each = np.arange(samples)
-    place = toe_positions(robot, angle)
-    span = place[each, front] - place[each, rear]
-    parting = rate[each, front] - rate[each, rear]
+    span, parting, turning = (
+        toe[each, front] - toe[each, rear] for toe in (toe_positions(robot, angle), rate, spin)
+    )
     along = (span * parting).sum(axis=1) / np.hypot(span[:, 0], span[:, 1])
-    rolling = robot.pad_radius * (spin[each, front] - spin[each, rear])
+    rolling = robot.pad_radius * turning
     return DoubleSupport(angle, front, rear, parting[:, 0], along + rolling, rolling)
 
 
@@ -173,21 +163,16 @@ def _toe_rates(robot: Robot, angle: Array) -> tuple[Array, Array]:
     rate = (toe_positions(robot, angle + STEP) - toe_positions(robot, angle - STEP)) / (2.0 * STEP)
     spin = np.empty(rate.shape[:2])
     for i, leg in enumerate(robot.legs):
-        ends = [
-            coordinates(robot, leg.side, angle + leg.phase + s)[:, 3 * (FOOT - 1)]
-            for s in (STEP, -STEP)
-        ]
-        spin[:, i] = np.angle(np.exp(1j * (ends[0] - ends[1]))) / (2.0 * STEP)
+        after, before = (
+            coordinates(robot, leg.side, angle + leg.phase + step)[:, 3 * (FOOT - 1)]
+            for step in (STEP, -STEP)
+        )
+        spin[:, i] = np.angle(np.exp(1j * (after - before))) / (2.0 * STEP)
     return rate, spin
 
 
 def lowest_toes(robot: Robot, angle: Array) -> tuple[Array, Array]:
     """Height (n,) of the lowest fore and of the lowest back toe with the chassis level, m."""
-    height = {
-        side: np.min(
-            [joint_positions(robot, side, angle + leg.phase)[:, TOE, 1]
-             for leg in robot.legs if leg.side == side], axis=0,
-        )
-        for side in ("fore", "back")
-    }  # fmt: skip
-    return height["fore"], height["back"]
+    height = toe_positions(robot, angle)[..., 1]
+    fore = np.array([leg.side == "fore" for leg in robot.legs])
+    return height[:, fore].min(axis=1), height[:, ~fore].min(axis=1)

@@ -117,18 +117,9 @@ class BatchVecEnv(VecEnv):
         seeds, options = self._seeds, self._options
         self._reset_seeds()
         self._reset_options()
-        return self._start(np.ones(self.num_envs, bool), seeds, options)
-
-    def _start(
-        self,
-        rows: NDArray[np.bool_],
-        seeds: Sequence[int | None],
-        options: Sequence[dict[str, Any]],
-    ) -> NDArray[np.float32]:
-        """Start the episodes of some robots; returns the observations of all."""
-        observations, _ = self.env.reset_each(seeds, options, rows)
-        for i in np.flatnonzero(rows).tolist():
-            self.reset_infos[i] = self.env.task.information.of_one(i, False)
+        observations, _ = self.env.reset_each(seeds, options)
+        information = self.env.task.information
+        self.reset_infos = [information.of_one(i, False) for i in range(self.num_envs)]
         return observations
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
@@ -139,21 +130,23 @@ class BatchVecEnv(VecEnv):
         self,
     ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], list[dict[str, Any]]]:
         """Take the step: observations (n, d), rewards (n,), dones (n,), and n dictionaries."""
-        observations, rewards, terminated, truncated, _ = self.env.step(self._actions)
-        information, dones = self.env.task.information, terminated | truncated
+        task = self.env.task
+        terminated, truncated = self.env.advance(self._actions)
+        rewards, dones = task.reward.copy(), terminated | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if self.info_keys is None or self.info_keys:
             for i in np.flatnonzero(~dones).tolist():
-                info = information.of_one(i, True)
+                info = task.information.of_one(i, True)
                 infos[i] = {key: info[key] for key in self.info_keys or info}
         for i in np.flatnonzero(dones).tolist():
-            infos[i] = information.of_one(i, True)
-            infos[i]["terminal_observation"] = observations[i].copy()
+            infos[i] = task.information.of_one(i, True)
+            infos[i]["terminal_observation"] = task.observation[i].copy()
             infos[i]["TimeLimit.truncated"] = bool(truncated[i] and not terminated[i])
         if dones.any():
-            nothing: list[dict[str, Any]] = [{}] * self.num_envs
-            observations = self._start(dones, [None] * self.num_envs, nothing)
-        return observations, rewards, dones, infos
+            self.env.restart(np.flatnonzero(dones))
+            for i in np.flatnonzero(dones).tolist():
+                self.reset_infos[i] = task.information.of_one(i, False)
+        return task.observation.copy(), rewards, dones, infos
 
     def close(self) -> None:
         """Let go of threads and pictures."""

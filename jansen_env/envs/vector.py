@@ -128,12 +128,12 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         for i in rows.tolist():
             if seeds[i] is not None:
                 self._generators[i], self._seeds[i] = seeding.np_random(seeds[i])
-        self._restart(rows, [options[i] for i in rows.tolist()])
+        self.restart(rows, [options[i] for i in rows.tolist()])
         self._begun |= mask
         infos = self.task.information.of_all(mask, np.zeros(self.num_envs, bool))
         return self.task.observation.copy(), infos
 
-    def _restart(self, rows: Ints, options: Sequence[dict[str, Any]] | None = None) -> None:
+    def restart(self, rows: Ints, options: Sequence[dict[str, Any]] | None = None) -> None:
         """Start the next episodes of some robots."""
         self.task.reset(rows, [self._generator(i) for i in rows.tolist()], options)
         self._elapsed[rows] = 0
@@ -149,20 +149,30 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             gymnasium.error.ResetNeeded: before the first :meth:`reset`, and with
                 ``AutoresetMode.DISABLED`` while an episode is over.
         """
+        over = self._done.copy()
+        terminated, truncated = self.advance(actions)
+        rewards = self.task.reward.copy()
+        if self.autoreset_mode == AutoresetMode.SAME_STEP and self._done.any():
+            infos = self._restart_in_step(terminated | truncated)
+        else:
+            infos = self.task.information.of_all(np.ones(self.num_envs, bool), ~over)
+        return self.task.observation.copy(), rewards, terminated, truncated, infos
+
+    def advance(self, actions: NDArray[np.float32]) -> tuple[Bools, Bools]:
+        """:meth:`step`, leaving in :attr:`task` what it led to; (terminated, truncated) of each.
+
+        With ``SAME_STEP`` no episode is started.
+        """
         self._check_reset()
         task, over = self.task, self._done.copy()
         task.step(actions, ~over)
         self._elapsed += 1
         if over.any():  # NEXT_STEP: they only start again
-            self._restart(np.flatnonzero(over))
-        rewards, terminated = task.reward.copy(), task.terminated.copy()
+            self.restart(np.flatnonzero(over))
+        terminated = task.terminated.copy()
         truncated = task.truncated | (self._elapsed >= self.max_episode_steps)
-        self._done[:] = done = terminated | truncated
-        if self.autoreset_mode == AutoresetMode.SAME_STEP and done.any():
-            infos = self._restart_in_step(done)
-        else:
-            infos = task.information.of_all(np.ones(self.num_envs, bool), ~over)
-        return task.observation.copy(), rewards, terminated, truncated, infos
+        self._done = terminated | truncated
+        return terminated, truncated
 
     def _restart_in_step(self, done: Bools) -> dict[str, Any]:
         """Start the next episodes where ``done``; what was last seen goes into the information."""
@@ -170,7 +180,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         for i in np.flatnonzero(done).tolist():
             final[i] = self.task.observation[i].copy()
         last = self.task.information.of_all(done, done)
-        self._restart(np.flatnonzero(done))
+        self.restart(np.flatnonzero(done))
         infos = self.task.information.of_all(np.ones(self.num_envs, bool), ~done)
         infos["final_obs"], infos["_final_obs"] = final, done.copy()
         infos["final_info"], infos["_final_info"] = last, done.copy()

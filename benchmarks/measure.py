@@ -113,7 +113,7 @@ def rough_ground(segments: int, spacing: float = 0.2, seed: int = 0, **arguments
 
 def fallen(plant: Plant, result: StepResult) -> bool:
     """Whether the step ended in a fall, as the walking task defines it."""
-    return bool(result.bumped) or abs(float(plant.state[2])) > FALLEN_PITCH
+    return bool(result.non_toe_contact) or abs(float(plant.state[2])) > FALLEN_PITCH
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:

@@ -218,7 +218,7 @@ def compare(walk: Walk) -> Comparison:
 
 def iterated(walk: Walk, iterations: int) -> Outcome:
     """A walk with so many of pymunk's iterations in every time step, touchdown or not."""
-    plant = walk.plant("rigid_body", iterations=iterations, landing_iterations=iterations)
+    plant = walk.plant("rigid_body", iterations=iterations, touchdown_iterations=iterations)
     return run_walk(walk, plant)
 
 
@@ -237,7 +237,7 @@ def fixed_base(angle: float, rate: float, step: float) -> tuple[FixedBasePlant, 
     """Both plants with a fixed base, started alike."""
     exact = FixedBasePlant(paper_robot())
     exact.reset(angle, rate)
-    rigid = RigidBodyPlant(paper_robot(), Terrain.flat(), step, pinned=True)
+    rigid = RigidBodyPlant(paper_robot(), Terrain.flat(), step, fixed_base=True)
     rigid.state = np.array([0.0, HEIGHT, 0.0, angle, 0.0, 0.0, 0.0, rate])
     return exact, rigid
 

@@ -223,7 +223,7 @@ class Robot:
         crank, upper_rod, upper_triangle, rocker, lower_rod, coupler, foot: the other bodies.
         damping: viscous coefficient of each pair in :data:`JOINT_PAIRS`, N m s / rad.
         legs: at least one; the first one's crank defines the crank angle, so its phase is 0.
-        pad_radius: radius of the round toe pads (and of the bumpers at the other joints), m.
+        pad_radius: radius of the round pads at toes and outer joints, m.
         payload: extra rigid load on the chassis.
 
     Raises:

@@ -221,7 +221,7 @@ def test_walking_torque_pays_the_losses(walk):
     plant = ProjectionPlant(paper_robot(), Terrain.flat())
     plant.reset()
     plant.state = np.append(plant.state[:7], 1.0)
-    plant.crank_driven = True
+    plant.prescribed_crank_speed = True
     turn = 2.0 * math.pi
     plant.step(0.0, turn)
     start, results = plant.x, [plant.step(0.0, turn) for _ in range(4)]

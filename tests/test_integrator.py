@@ -134,7 +134,7 @@ def test_a_locked_crank_makes_the_robot_one_rigid_body(robot):
     state = FLIGHT.copy()
     state[7] = 0.0
     plant = flying(robot, state, damping=0.1)
-    plant.crank_driven = True
+    plant.prescribed_crank_speed = True
     energy, (_, spin, _) = plant.energy(), momenta(plant)
     result = plant.step(5.0, 1.0)
     assert plant.state[3] == state[3] and plant.state[7] == 0.0 and result.motor_work == 0.0
@@ -151,7 +151,7 @@ def test_a_driven_crank_keeps_its_speed(robot):
     ends = []
     for torque in (0.0, 1e3):
         plant = flying(robot, damping=0.1)
-        plant.crank_driven = True
+        plant.prescribed_crank_speed = True
         energy = plant.energy()
         result = plant.step(torque, 1.0)
         ends.append(plant.state.tobytes() + result.motor_work.hex().encode())
@@ -174,7 +174,7 @@ def test_a_driven_cranks_torque_is_the_reduced_models(robot, random_state):
         mean = []
         for step in (2.0 * h, h):
             plant = flying(robot, state, step, damping=0.1)
-            plant.crank_driven = plant.tracing = True
+            plant.prescribed_crank_speed = plant.tracing = True
             plant.step(0.0, step)
             mean.append(plant.trace[0]["torque"])
         q, v = np.split(state, 2)
@@ -190,9 +190,9 @@ def test_a_driven_cranks_torque_is_the_reduced_models(robot, random_state):
 def test_a_crank_set_free_goes_on(robot):
     """Driven for a while and let go: from then on, bit for bit, as if it had never been driven."""
     let_go = flying(robot, damping=0.1)
-    let_go.crank_driven = True
+    let_go.prescribed_crank_speed = True
     let_go.step(0.0, 0.1)
-    let_go.crank_driven = False
+    let_go.prescribed_crank_speed = False
     free = flying(robot, let_go.state, damping=0.1)
     for plant in (free, let_go):
         plant.step(2.0, 0.1)

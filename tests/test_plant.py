@@ -61,9 +61,16 @@ def test_a_pickled_plant_goes_on_with_the_same_bits(terrain, torques):
 def test_a_pickled_plant_keeps_its_arguments():
     """Robot, terrain, time steps, gravity and the brake."""
     plant = ProjectionPlant(Robot(pad_radius=0.02), ROUGH, 2e-3, 1.62, detection_interval=4e-3)
-    plant.crank_driven = True
+    plant.prescribed_crank_speed = True
     copy = pickle.loads(pickle.dumps(plant))
-    for name in ("robot", "terrain", "time_step", "gravity", "detection_interval", "crank_driven"):
+    for name in (
+        "robot",
+        "terrain",
+        "time_step",
+        "gravity",
+        "detection_interval",
+        "prescribed_crank_speed",
+    ):
         assert getattr(copy, name) == getattr(plant, name), name
 
 
@@ -95,7 +102,7 @@ def test_peek_changes_nothing():
     plant.reset(0.0, 0.3)
     plant.step(5.0, 0.1)
     before = plant.state
-    peeked = plant.peek()
+    peeked = plant.lookahead()
     assert (plant.state == before).all()
     step = plant.step(0.0, plant.time_step)
     assert (peeked.contact_force == step.contact_force).all() and step.contact_force.any()
@@ -116,7 +123,7 @@ def test_set_down_on_the_lowest_toes(terrain, pitch):
     depth = terrain.height(points[:, 0]) - points[:, 1]
     assert toes == pytest.approx(points + plant.robot.pad_radius * normals, abs=1e-12)
     assert depth.max() == pytest.approx(PLACEMENT_DEPTH, abs=1e-8)
-    assert plant.peek().contact_force[:, 1].max() > 0.0
+    assert plant.lookahead().contact_force[:, 1].max() > 0.0
 
 
 @pytest.mark.parametrize(

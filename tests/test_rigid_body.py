@@ -111,7 +111,7 @@ def test_it_stands_and_starts_like_the_projection_plant(name, phases):
         plant.reset(crank_angle=0.7)
     if phases > 1:  # two legs cannot stand
         weight = robot.mass * 9.81
-        assert plants[0].peek().contact_force[:, 1].sum() == pytest.approx(weight, rel=0.01)
+        assert plants[0].lookahead().contact_force[:, 1].sum() == pytest.approx(weight, rel=0.01)
     results = [plant.step(3.0, 0.2) for plant in plants]
     one, other = (plant.state for plant in plants)
     np.testing.assert_allclose(one[:2], other[:2], atol=5e-4)
@@ -142,7 +142,7 @@ def test_energy_accounts_close():
 
 def test_pinned_it_follows_the_pinned_plant():
     """The paper's fixed model from rest under 2 N m: crank angle within 1e-3 rad after 3 s."""
-    plant = plant_on(pinned=True)
+    plant = plant_on(fixed_base=True)
     plant.state = np.array([0.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # clear of the ground
     exact = FixedBasePlant(paper_robot())
     exact.reset()
@@ -225,15 +225,15 @@ def test_set_down_again_or_pickled_nothing_is_remembered():
     plant.reset()
     walk(plant, 2.0, 0.5)
     copy, fresh = pickle.loads(pickle.dumps(plant)), plant_on()
-    fresh.state, fresh.pressed = plant.state, plant.pressed
+    fresh.state, fresh.in_contact = plant.state, plant.in_contact
     for _ in range(5):
         copy.step(1.0, 0.02), fresh.step(1.0, 0.02)
-        assert (copy.state == fresh.state).all() and (copy.pressed == fresh.pressed).all()
-    before, pressed = plant.state, plant.pressed
-    assert pressed.any()
-    plant.peek(3.0)
+        assert (copy.state == fresh.state).all() and (copy.in_contact == fresh.in_contact).all()
+    before, in_contact = plant.state, plant.in_contact
+    assert in_contact.any()
+    plant.lookahead(3.0)
     np.testing.assert_allclose(plant.state, before, atol=1e-9)
-    assert (plant.pressed == pressed).all()
+    assert (plant.in_contact == in_contact).all()
     fresh = plant_on()
     for other in (plant, fresh):
         other.reset(crank_angle=0.4)
@@ -249,7 +249,7 @@ def test_bad_arguments():
     with pytest.raises(LinkageError):
         plant_on(robot=Robot(crank=jansen_env.Bar(0.5)))
     with pytest.raises(ValueError, match="must not move: it is pinned"):
-        plant_on(pinned=True).state = FLYING
+        plant_on(fixed_base=True).state = FLYING
     with pytest.raises(FloatingPointError, match="came apart"):
         plant_on(time_step=0.02).step(1e6, 1.0)
 
@@ -300,6 +300,6 @@ def test_it_can_be_drawn():
     plant = plant_on(Terrain.slope(0.1))
     plant.reset()
     points, tangents = plant.contact_frames()
-    lowest = plant.peek().contact_force[:, 1].argmax()
+    lowest = plant.lookahead().contact_force[:, 1].argmax()
     assert points[lowest, 1] == pytest.approx(math.tan(0.1) * points[lowest, 0], abs=1e-6)
     np.testing.assert_allclose(tangents[lowest], [math.cos(0.1), math.sin(0.1)], atol=1e-6)

@@ -20,7 +20,7 @@ def on_one_toe(slope, psi, pitch, friction, time_step):
     terrain = Terrain.slope(slope, friction=friction)
     plant = ProjectionPlant(Robot(pad_radius=RADIUS), terrain, time_step)
     plant.reset(0.0, psi, slope + pitch)
-    load = plant.peek().contact_force[:, 1]
+    load = plant.lookahead().contact_force[:, 1]
     assert np.count_nonzero(load) == 1
     return plant, int(np.argmax(load))
 
@@ -96,7 +96,7 @@ def test_a_landing_toe_stops_dead(psi, pitch):
 def test_a_toe_pushed_into_the_ground_comes_out():
     """1 mm deep: out to the 20 um that are left, slowly, and with no speed gained (1e-9 m/s)."""
     plant = ProjectionPlant(Robot(), Terrain.flat())
-    plant.crank_driven = True
+    plant.prescribed_crank_speed = True
     state = plant.reset(0.0, 1.0)
     rest = state[1]
     state[1] -= 1e-3

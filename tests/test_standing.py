@@ -18,7 +18,7 @@ def test_it_stands_at_every_crank_angle(angle):
     fallen = []
     for psi in np.linspace(0.0, 2.0 * math.pi, 48, endpoint=False):
         plant = ProjectionPlant(Robot(), Terrain.slope(angle))
-        plant.crank_driven = True
+        plant.prescribed_crank_speed = True
         before = plant.reset(0.0, psi)
         plant.step(0.0, 0.5)
         if np.abs(plant.state - before).max() > 1e-6:
@@ -30,12 +30,12 @@ def test_it_stands_at_every_crank_angle(angle):
 def test_upside_down_it_comes_to_rest_on_its_bumpers(psi):
     """Dropped on its back with the crank locked: at rest after 4 s, pads no deeper than 0.1 mm."""
     plant = ProjectionPlant(Robot(), Terrain.flat())
-    plant.crank_driven = True
+    plant.prescribed_crank_speed = True
     plant.state = [0.0, 0.6, math.pi, psi, 0.0, 0.0, 0.0, 0.0]
-    assert not plant.step(0.0, 0.05).bumped  # still falling
+    assert not plant.step(0.0, 0.05).non_toe_contact  # still falling
     plant.step(0.0, 4.0)
     result = plant.step(0.0, 0.1)
-    assert result.bumped and (result.contact_force == 0.0).all()
+    assert result.non_toe_contact and (result.contact_force == 0.0).all()
     assert np.abs(plant.state[4:]).max() <= 1e-6
     x, y, theta = plant.state[:3]
     legs = plant.robot.legs

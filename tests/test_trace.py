@@ -15,7 +15,7 @@ from jansen_env.envs.walker import JansenWalkerEnv
 from jansen_env.gravity import GRAVITY
 from jansen_env.kinematics import world_joints
 from jansen_env.plants.projected import ProjectionPlant
-from jansen_env.plants.trace import PeakLoads, pads_pressed, peak_loads, trace_forces
+from jansen_env.plants.trace import PeakLoads, pads_in_contact, peak_loads, trace_forces
 
 LADEN = replace(Robot(), payload=Payload(1.0, 0.1, (0.1, 0.2)))
 HOLD = 0.02  # s
@@ -37,18 +37,18 @@ def walk(plant, duration, speed=1.0):
     for _ in range(round(duration / HOLD)):
         plant.step(10.0 * (speed - plant.state[7]) + 1.5 * speed, HOLD)
         rows.append(plant.trace)
-        landed.append(plant.landings)
+        landed.append(plant.touchdowns)
     return np.concatenate(rows), np.concatenate(landed)
 
 
 def turned(duration, **arguments):
     """Its crank driven at 1 rad/s from rest: largest joint force of each time step, landings."""
-    plant = standing(crank_driven=True, **arguments)
+    plant = standing(prescribed_crank_speed=True, **arguments)
     plant.state = np.append(plant.state[:7], 1.0)
     plant.step(0.0, duration)
     forces = trace_forces(plant.tables, plant.trace, plant.time_step)
     assert np.abs(forces.torque - plant.trace["torque"]).max() <= 1e-9
-    return forces.bearing.max(axis=(1, 2)), plant.landings
+    return forces.bearing.max(axis=(1, 2)), plant.touchdowns
 
 
 def dropped(time_step, height=0.05, duration=0.15):
@@ -176,8 +176,8 @@ def test_landing_impulse_of_a_drop_does_not_depend_on_the_time_step():
     assert loads[0].impulse == pytest.approx(loads[1].impulse, rel=0.01)
     assert loads[0].force == pytest.approx(loads[1].force, rel=0.01)
     for plant in plants:
-        assert plant.landings.sum() == 1
-        steps = slice(0, np.flatnonzero(plant.landings)[0])
+        assert plant.touchdowns.sum() == 1
+        steps = slice(0, np.flatnonzero(plant.touchdowns)[0])
         forces = trace_forces(plant.tables, plant.trace, plant.time_step)
         assert np.abs(forces.magnitude[steps]).max() <= 1e-9
 
@@ -190,9 +190,9 @@ def test_landings_are_seen_at_every_moment_of_a_time_step():
     steps = []
     for extra in np.linspace(0.0, 1e-3, 11):
         plant = dropped(1e-3, 0.05 + extra)
-        (landing,) = np.flatnonzero(plant.landings)
-        pressed = pads_pressed(plant.trace).any(axis=1)
-        assert not pressed[:landing].any() and pressed[landing]
+        (landing,) = np.flatnonzero(plant.touchdowns)
+        in_contact = pads_in_contact(plant.trace).any(axis=1)
+        assert not in_contact[:landing].any() and in_contact[landing]
         loads = plant.peak_loads()
         assert loads.force < 100.0 and loads.impulse == pytest.approx(5.12, rel=0.01)
         steps.append(landing - np.sqrt(2.0 * (0.05 + extra) / GRAVITY) / 1e-3)
@@ -200,45 +200,45 @@ def test_landings_are_seen_at_every_moment_of_a_time_step():
 
 
 def test_landings_across_steps():
-    """A toe pressed at the end of one :meth:`step` does not land at the beginning of the next.
+    """A toe in contact at the end of one :meth:`step` does not land at the beginning of the next.
 
     And one that lands in the first time step of a :meth:`step` is seen there, looked ahead or not.
     After a state was set nothing is known of before: what is pressed then counts as landing, as
     that state may have to stop at once; unless it is said what was pressed.
     """
     plant = dropped(1e-3, duration=0.1)
-    assert not plant.landings.any()
+    assert not plant.touchdowns.any()
     seen = []
     for _ in range(5):
         plant.joint_forces()
         plant.step(0.0, 1e-3)
-        seen.append(plant.landings.tolist())
+        seen.append(plant.touchdowns.tolist())
     assert seen.count([True]) == 1
     down = plant.state
     plant.state = down + np.eye(8)[1]
     plant.step(0.0, 1e-3)
-    assert not pads_pressed(plant.trace).any()
+    assert not pads_in_contact(plant.trace).any()
     plant.state = down
     plant.step(0.0, 1e-3)
-    assert pads_pressed(plant.trace).any() and plant.landings.all()
-    pressed = plant.pressed
+    assert pads_in_contact(plant.trace).any() and plant.touchdowns.all()
+    in_contact = plant.in_contact
     plant.state = down
-    plant.pressed = pressed
+    plant.in_contact = in_contact
     plant.step(0.0, 1e-3)
-    assert not plant.landings.any()
-    with pytest.raises(ValueError, match=r"pressed is \[True\], must be None or 22"):
-        plant.pressed = [True]
+    assert not plant.touchdowns.any()
+    with pytest.raises(ValueError, match=r"in_contact is \[True\], must be None or 22"):
+        plant.in_contact = [True]
 
 
 def test_joint_forces_leave_the_trace_alone():
     """Also where the look ahead fails: trace, landings and state of the last step stay."""
     plant = standing()
     walk(plant, 0.5)
-    kept = plant.trace.copy(), plant.landings.copy(), plant.peak_loads(), plant.state
+    kept = plant.trace.copy(), plant.touchdowns.copy(), plant.peak_loads(), plant.state
     plant.joint_forces(3.0)
     with pytest.raises(FloatingPointError):
         plant.joint_forces(1e9)
-    assert plant.trace.tobytes() == kept[0].tobytes() and (plant.landings == kept[1]).all()
+    assert plant.trace.tobytes() == kept[0].tobytes() and (plant.touchdowns == kept[1]).all()
     assert plant.peak_loads() == kept[2] and (plant.state == kept[3]).all() and plant.tracing
 
 
@@ -313,7 +313,7 @@ def test_walker_info_has_the_largest_loads_when_asked():
         assert info.keys() - bare.keys() == keys
         plant = envs[0].plant
         forces = trace_forces(plant.tables, plant.trace, plant.time_step).bearing
-        expected = peak_loads(forces, plant.landings, plant.time_step)
+        expected = peak_loads(forces, plant.touchdowns, plant.time_step)
         assert (info["joint_force_max"], info["joint_impulse_max"]) == expected
         assert 1.0 < info["joint_force_max"] < 1e3
         impulses.append(info["joint_impulse_max"])

@@ -15,7 +15,7 @@ HOLD = 0.02  # s, for which a torque is held
 FALLEN = 1.2  # rad of pitch
 
 
-def set_down(terrain, crank_angle=0.3, robot=None, **arguments):
+def resting_pose(terrain, crank_angle=0.3, robot=None, **arguments):
     """A plant with its robot at rest on the ground."""
     plant = ProjectionPlant(robot or Robot(), terrain, **arguments)
     plant.reset(0.0, crank_angle)
@@ -28,14 +28,14 @@ def walk(plant, speed, duration):
     for _ in range(round(duration / HOLD)):
         torque = 10.0 * (speed - plant.state[7]) + 1.5 * speed
         results.append(plant.step(float(np.clip(torque, -20.0, 20.0)), HOLD))
-    assert not any(result.bumped for result in results)
+    assert not any(result.non_toe_contact for result in results)
     return results
 
 
 @pytest.mark.parametrize("speed", [1.0, -1.0])
 def test_it_walks_the_way_its_crank_turns(speed):
     """Half a metre in 10 s at least, either way; its mean load is its weight within 1 %."""
-    plant = set_down(Terrain.flat())
+    plant = resting_pose(Terrain.flat())
     loads = [result.contact_force[:, 1].sum() for result in walk(plant, speed, 10.0)]
     assert np.sign(speed) * plant.x > 0.5
     assert np.mean(loads) == pytest.approx(plant.robot.mass * GRAVITY, rel=0.01)
@@ -46,7 +46,7 @@ def test_distance_walked_does_not_depend_on_the_time_step(psi):
     """10 s at 1 rad/s with half the time step: 2 %. Single slips differ, the gait does not."""
     distance = []
     for time_step in (1e-3, 5e-4):
-        plant = set_down(Terrain.flat(), psi, time_step=time_step)
+        plant = resting_pose(Terrain.flat(), psi, time_step=time_step)
         walk(plant, 1.0, 10.0)
         distance.append(plant.x)
     assert distance[0] == pytest.approx(distance[1], rel=0.02)
@@ -57,7 +57,7 @@ def test_energy_balance_of_a_walk():
     """Motor work = losses + energy change: 1e-5 of the work, and less for smaller time steps."""
     miss = []
     for time_step in (2e-3, 5e-4):
-        plant = set_down(Terrain.flat(), time_step=time_step)
+        plant = resting_pose(Terrain.flat(), time_step=time_step)
         start = plant.energy()
         results = walk(plant, 1.0, 10.0)
         work = sum(result.motor_work for result in results)
@@ -79,7 +79,7 @@ def test_looking_for_the_ground_less_often():
         distance.append(0.0)
         for seed in range(4):
             terrain = Terrain.rough(np.random.default_rng(seed), start=-5.0)
-            plant = set_down(terrain, detection_interval=interval)
+            plant = resting_pose(terrain, detection_interval=interval)
             walk(plant, 1.0, 20.0)
             distance[-1] += plant.x
     assert distance[0] == pytest.approx(distance[1], rel=0.03)
@@ -97,13 +97,13 @@ RANDOM_TORQUE = {
 @pytest.mark.parametrize("name, phases, terrain", RANDOM_TORQUE.values(), ids=RANDOM_TORQUE)
 def test_contact_law_holds_in_every_step(name, phases, terrain, rng):
     """60 s of random torque, set down again after each fall: residual <= 1e-9 N s throughout."""
-    plant = set_down(terrain, robot=ROBOTS[name](phases))
+    plant = resting_pose(terrain, robot=ROBOTS[name](phases))
     loads = 0.0
     for _ in range(round(60.0 / HOLD)):
         result = plant.step(rng.uniform(-20.0, 20.0), HOLD)
         loads += result.contact_force[:, 1].sum() * HOLD
         assert result.residual <= 1e-9
-        if result.bumped or abs(plant.state[2]) > FALLEN:
+        if result.non_toe_contact or abs(plant.state[2]) > FALLEN:
             plant.reset(rng.uniform(-5.0, 5.0), rng.uniform(0.0, 2.0 * math.pi))
     assert loads > 30.0 * plant.robot.mass * GRAVITY  # it was on the ground most of the time
 
@@ -111,7 +111,7 @@ def test_contact_law_holds_in_every_step(name, phases, terrain, rng):
 @pytest.mark.parametrize("rise", [0.1, -0.1])
 def test_it_walks_over_a_kink(rise):
     """From level ground onto a slope of 10 % and off again, contact law and all."""
-    plant = set_down(Terrain(((-1.0, 0.0), (0.3, 0.0), (1.3, rise), (2.0, rise))))
+    plant = resting_pose(Terrain(((-1.0, 0.0), (0.3, 0.0), (1.3, rise), (2.0, rise))))
     results = walk(plant, 1.0, 20.0)
     assert plant.x > 1.0
     assert max(result.residual for result in results) <= 1e-9

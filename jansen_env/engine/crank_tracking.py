@@ -1,4 +1,4 @@
-"""The crank task of n robots: actions, observations, rewards and what is told of a step."""
+"""The crank task of n robots: actions, observations, rewards and information."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The walking task of n robots: actions, observations, rewards and what is told of a step."""
+"""The walking task of n robots: actions, observations, rewards and information."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ def observe(state, height, row, loads, out):
 
 @compiled
 def inform(state, total, row):
-    """What is told of a robot's state and of its last step's energies."""
+    """Information on a robot's state and on its last step's energies."""
     info, energy = row.info, row.energy
     info.x_position, info.pitch = state[0], state[2]
     info.crank_angle, info.crank_speed = state[3], state[7]

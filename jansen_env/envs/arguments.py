@@ -78,7 +78,7 @@ def terrain_of_each(
         isinstance(terrain, (list, tuple))
         and all(isinstance(one, (Terrain, str)) for one in terrain)
     )
-    grounds = _each("terrain", terrain, count) if several else [terrain] * count
+    chosen_terrains = _each("terrain", terrain, count) if several else [terrain] * count
     frictions = [
         None if one is None else non_negative("friction", one)
         for one in _each("friction", friction, count)
@@ -89,7 +89,7 @@ def terrain_of_each(
     ]
     made: dict[Any, Terrain] = {}  # robots on equal ground share it
     terrains = []
-    for chosen in zip(grounds, frictions, restitutions, strict=True):
+    for chosen in zip(chosen_terrains, frictions, restitutions, strict=True):
         key = (id(chosen[0]), *chosen[1:])
         if key not in made:
             made[key] = make_terrain(*chosen)

@@ -71,7 +71,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     ## Episode End
     Terminated when the robot has fallen: \\|pitch\\| > 1.2 rad, or a joint other than a toe (knee,
     ankle, hip, frame pivot) is pressed on the ground. Truncated after 500 steps (10 s) when made
-    with ``gym.make``, and where the simulation diverges (absurd torques, time steps or grounds): that
+    with ``gym.make``, and where the simulation diverges (absurd torques, time steps or terrains): that
     step does nothing, says so in ``info`` and in a warning.
 
     ## Information

@@ -21,7 +21,7 @@ from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.envs import arguments
 from jansen_env.envs.core import Bools, Information, Task
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.base import BatchedPlant, Plant, check_pressed, check_state
+from jansen_env.plants.base import BatchedPlant, Plant, check_in_contact, check_state
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.batch_of_one import BatchOfOne
 from jansen_env.plants.detector import surfaces
@@ -325,7 +325,7 @@ class WalkerTask(Task):
         batch.set_state(row, check_state(state["plant"]))
         if row == 0:
             pads = len(pad_layout(self.robots[0]).leg)
-            batch.in_contact = check_pressed(state["in_contact"], pads)
+            batch.in_contact = check_in_contact(state["in_contact"], pads)
         batch.slip[row] = batch.contact_force[row] = 0.0
         self.loads[row] = loads
         self._begin(row, float(state["command"]), float(state["action"]))

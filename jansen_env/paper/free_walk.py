@@ -14,7 +14,7 @@ from jansen_env.dynamics.joint_forces import CORNERS, JointForces, corner_name
 from jansen_env.engine.task import FALLEN_PITCH
 from jansen_env.plants.base import StepResult
 from jansen_env.plants.projected import ProjectionPlant
-from jansen_env.plants.trace import pads_pressed, trace_forces
+from jansen_env.plants.trace import pads_in_contact, trace_forces
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
@@ -43,7 +43,7 @@ def walk_on(
 
 
 def _fallen(plant: ProjectionPlant, result: StepResult) -> bool:
-    return bool(result.bumped or abs(plant.state[2]) > FALLEN_PITCH)
+    return bool(result.non_toe_contact or abs(plant.state[2]) > FALLEN_PITCH)
 
 
 def prescribed_speed(
@@ -53,7 +53,7 @@ def prescribed_speed(
     plant = ProjectionPlant(robot, terrain, time_step)
     plant.reset(0.0, start)
     plant.state = np.append(plant.state[:7], speed)
-    plant.crank_driven = True
+    plant.prescribed_crank_speed = True
     return plant
 
 
@@ -106,7 +106,7 @@ def walk(
         places += [begin, plant.x]
         slip += float(result.slip.sum())
         work += result.motor_work
-        down = pads_pressed(plant.trace).sum(axis=1)
+        down = pads_in_contact(plant.trace).sum(axis=1)
         toes += np.bincount(np.minimum(down, 2), minlength=3)
     done = len(places) // 2
     count = max(done, 1)
@@ -139,7 +139,7 @@ def walking_forces(
     period = 2.0 * math.pi / positive("speed", speed)
     plant = prescribed_speed(robot, Terrain.flat(friction=friction), speed, time_step=time_step)
     for _ in walk_on(plant, SETTLE * period, turns * period, count=1):
-        rows = plant.trace[~plant.landings][::every]
+        rows = plant.trace[~plant.touchdowns][::every]
         return trace_forces(plant.tables, rows, plant.time_step)
     raise ValueError(f"the robot falls at a crank speed of {speed} rad/s")
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from jansen_env.dynamics.projection import constraints
 from jansen_env.dynamics.reduced import body_sums, compile_robot
 from jansen_env.kinematics import JOINTS, coordinates, world_joints
-from jansen_env.plants.initial_pose import set_down
+from jansen_env.plants.initial_pose import resting_pose
 from jansen_env.robot import Robot, paper_robot
 from jansen_env.terrain import Terrain
 
@@ -86,7 +86,7 @@ def standing_poses(robot: Robot, angle: Array) -> Array:
     centres = body_sums(compile_robot(robot), angle).c / robot.mass
     flat = Terrain.flat()
     return np.array([
-        set_down(robot, centre, flat, 0.0, float(psi), None)
+        resting_pose(robot, centre, flat, 0.0, float(psi), None)
         for psi, centre in zip(angle, centres, strict=True)
     ])  # fmt: skip
 

@@ -26,7 +26,7 @@ class StepResult(NamedTuple):
         contact_force: (toes, 2) mean tangential and normal force on each toe, N.
         motor_work, joint_loss, slip_loss, impact_loss: J.
         energy_change: change of kinetic and potential energy, J.
-        bumped: whether a joint other than a toe was pressed on the ground.
+        non_toe_contact: whether a joint other than a toe was pressed on the ground.
         residual: worst violation of the contact law, N s; NaN where it is not known.
         contact_gain: the most energy that the contact impulses of one time step added to what they
             found, J, before the step or after the other forces' part of it, whichever was more.
@@ -42,7 +42,7 @@ class StepResult(NamedTuple):
     slip_loss: float
     impact_loss: float
     energy_change: float
-    bumped: bool
+    non_toe_contact: bool
     residual: float
     contact_gain: float
     joint_gap: float = 0.0
@@ -128,12 +128,12 @@ class Plant(Protocol):
         ...
 
     @property
-    def pressed(self) -> NDArray[np.bool_] | None:
+    def in_contact(self) -> NDArray[np.bool_] | None:
         """(pads,) the pads on the ground just before, None if not known: set it after the state."""
         ...
 
-    @pressed.setter
-    def pressed(self, value: Any) -> None: ...
+    @in_contact.setter
+    def in_contact(self, value: Any) -> None: ...
 
     def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
         """Set the robot down at rest; returns the new state."""
@@ -143,7 +143,7 @@ class Plant(Protocol):
         """Hold a crank torque (N m) for a while (s)."""
         ...
 
-    def peek(self, torque: float = 0.0) -> StepResult:
+    def lookahead(self, torque: float = 0.0) -> StepResult:
         """What comes next under a torque; the state stays as it is."""
         ...
 
@@ -165,15 +165,15 @@ def check_state(value: Any) -> Array:
     return state
 
 
-def check_pressed(value: Any, pads: int) -> NDArray[np.bool_] | None:
+def check_in_contact(value: Any, pads: int) -> NDArray[np.bool_] | None:
     """Which pads are pressed, a copy. Raises ValueError unless it is None or one flag a pad."""
-    pressed = None if value is None else np.array(value, dtype=bool)
-    if pressed is not None and pressed.shape != (pads,):
-        raise ValueError(f"pressed is {value!r}, must be None or {pads} flags")
-    return pressed
+    in_contact = None if value is None else np.array(value, dtype=bool)
+    if in_contact is not None and in_contact.shape != (pads,):
+        raise ValueError(f"in_contact is {value!r}, must be None or {pads} flags")
+    return in_contact
 
 
-def believable(state: Array) -> bool:
+def is_bounded(state: Array) -> bool:
     """Whether the speeds of a state (8,) are finite and such as can be."""
     return all(-DIVERGED < speed < DIVERGED for speed in state[4:].tolist())
 

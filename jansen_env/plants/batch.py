@@ -24,8 +24,8 @@ from jansen_env.engine.tables import energy, kernel_model, parameters
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.plants.base import check_time_step
 from jansen_env.plants.detector import ContactDetector
-from jansen_env.plants.initial_pose import prepare_placement, set_down
-from jansen_env.plants.trace import landings, pads_pressed
+from jansen_env.plants.initial_pose import prepare_placement, resting_pose
+from jansen_env.plants.trace import find_touchdowns, pads_in_contact
 from jansen_env.robot import Payload, Robot
 from jansen_env.terrain import Terrain
 
@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 
 TIME_STEP = 1e-3  # s
 DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are kept meanwhile
-PITCHES = 256  # at which it is known how deep the bumpers reach
+PITCHES = 256  # at which it is known how deep the pads that are no toes reach
 PLANES_PER_PAD = 4  # kept of a robot, on average over its pads
 PLACEMENT_ROUNDS = 3  # Newton steps of lowering a robot onto the ground
 PLACEMENT_DEPTH = 1e-9  # m, by which it is placed in the ground: its toes carry at once
@@ -48,7 +48,7 @@ ROBOTS_AT_A_TIME = 32  # at most, moved by a thread before it takes the next one
 
 
 class Batch:
-    """Robots on their grounds, advanced together by the projected equations.
+    """Robots on their terrains, advanced together by the projected equations.
 
     Each moves as it would alone, bit for bit: they share the work, not the numbers.
 
@@ -176,12 +176,12 @@ class Batch:
 
     @property
     def friction(self) -> Array:
-        """(n,) Coulomb coefficients between robots' pads and their grounds, a copy."""
+        """(n,) Coulomb coefficients between robots' pads and their terrains, a copy."""
         return self.params["friction"].copy()
 
     @property
     def restitution(self) -> Array:
-        """(n,) Newton's coefficients of restitution between pads and grounds, a copy."""
+        """(n,) Newton's coefficients of restitution between pads and terrains, a copy."""
         return self.params["restitution"].copy()
 
     def set_friction(self, row: int, friction: float) -> None:
@@ -221,7 +221,7 @@ class Batch:
         robot, state = self.robots[0], self.states[0]
         tables = compile_robot(robot)
         centre = body_sums(tables, finite("crank_angle", crank_angle)).c / robot.mass
-        y, theta = set_down(robot, centre, self.terrains[0], x, crank_angle, pitch)
+        y, theta = resting_pose(robot, centre, self.terrains[0], x, crank_angle, pitch)
         self.set_state(0, (x, y, theta, crank_angle, 0.0, 0.0, 0.0, 0.0))
         for _ in range(PLACEMENT_ROUNDS):  # to the true gap, where the ground is not straight
             planes, normals, centres = self.contact_planes()
@@ -339,8 +339,8 @@ class Batch:
         if len(trace) == 0:
             self.in_contact = None
             return
-        self.touchdowns = landings(trace, self.in_contact)
-        self.in_contact = pads_pressed(trace)[-1]
+        self.touchdowns = find_touchdowns(trace, self.in_contact)
+        self.in_contact = pads_in_contact(trace)[-1]
 
     def _refuse(self, before: Array) -> None:
         """Leave the robots that have diverged as they were before the step."""

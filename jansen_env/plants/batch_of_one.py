@@ -30,11 +30,11 @@ class BatchOfOne:
     @property
     def in_contact(self) -> NDArray[np.bool_] | None:
         """(pads,) the pads on the ground."""
-        return self._plant.pressed
+        return self._plant.in_contact
 
     @in_contact.setter
     def in_contact(self, value: NDArray[np.bool_] | None) -> None:
-        self._plant.pressed = value
+        self._plant.in_contact = value
 
     def set_state(self, row: int, state: ArrayLike) -> None:
         """Put the robot into a state (8,)."""
@@ -43,7 +43,7 @@ class BatchOfOne:
     def place(self, row: int, crank_angle: float) -> None:
         """Place the robot at rest; what is known of its last step is what comes next."""
         self._plant.reset(0.0, crank_angle)
-        self._keep(self._plant.peek())
+        self._keep(self._plant.lookahead())
 
     def step(self, torque: Array, steps: int) -> None:
         """Hold a crank torque (1,), N m, for some time steps."""
@@ -59,7 +59,10 @@ class BatchOfOne:
         self.slip[0], self.contact_force[0] = result.slip, result.contact_force
         self.joint_gap[0] = result.joint_gap
         sums = self.accumulators
-        sums["non_toe_impulse"], sums["worst_residual"] = float(result.bumped), result.residual
+        sums["non_toe_impulse"], sums["worst_residual"] = (
+            float(result.non_toe_contact),
+            result.residual,
+        )
         for name in (
             "motor_work", "joint_loss", "slip_loss", "impact_loss", "energy_change", "contact_gain"
         ):  # fmt: skip

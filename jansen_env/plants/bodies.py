@@ -130,7 +130,7 @@ def pad_bodies(layout: Pads) -> list[int]:
 
 
 def make_pads(robot: Robot, layout: Pads, bodies: list[pymunk.Body]) -> list[pymunk.Circle]:
-    """Round toes and bumpers in the order of the layout; made while the bodies are at home."""
+    """Round pads in the order of the layout; made while the bodies are at home."""
     pads = []
     for i, k, owner in zip(layout.leg, layout.joint, pad_bodies(layout), strict=True):
         leg, body = robot.legs[i], bodies[owner]

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 def prepare_placement(robot: Robot, terrain: Terrain) -> None:
-    """Compile what :func:`set_down` needs."""
+    """Compile what :func:`resting_pose` needs."""
     toes, centre, surface = np.zeros((len(robot.legs), 2)), np.zeros(2), terrain.polyline
     common = toes, centre, surface, 0.0, robot.pad_radius
     prepare(
@@ -26,7 +26,7 @@ def prepare_placement(robot: Robot, terrain: Terrain) -> None:
     )
 
 
-def set_down(
+def resting_pose(
     robot: Robot,
     centre: Array,
     terrain: Terrain,

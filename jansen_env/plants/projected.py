@@ -11,7 +11,7 @@ from jansen_env.checks import positive
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.reduced import Tables, compile_robot
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.plants.base import StepResult, check_pressed, check_state, divergence
+from jansen_env.plants.base import StepResult, check_in_contact, check_state, divergence
 from jansen_env.plants.batch import DETECTION_INTERVAL, TIME_STEP, Batch
 from jansen_env.plants.trace import PeakLoads, peak_loads, trace_forces
 from jansen_env.robot import Robot
@@ -87,26 +87,26 @@ class ProjectionPlant:
         params["gravity_x"], params["gravity_y"] = gravity_vector(value)
 
     @property
-    def crank_driven(self) -> bool:
+    def prescribed_crank_speed(self) -> bool:
         """Whether the crank keeps its speed whatever torque that takes: locked, if it stands."""
         return bool(self.batch.params["prescribed_speed"][0])
 
-    @crank_driven.setter
-    def crank_driven(self, driven: bool) -> None:
+    @prescribed_crank_speed.setter
+    def prescribed_crank_speed(self, driven: bool) -> None:
         self.batch.params["prescribed_speed"] = bool(driven)
 
     @property
-    def pressed(self) -> NDArray[np.bool_] | None:
+    def in_contact(self) -> NDArray[np.bool_] | None:
         """(pads,) the pads on the ground, as traced last; None where that is not known.
 
         Part of the state only in that it says what lands next: set it after :attr:`state`.
         """
-        pressed = self.batch.in_contact
-        return None if pressed is None else pressed.copy()
+        in_contact = self.batch.in_contact
+        return None if in_contact is None else in_contact.copy()
 
-    @pressed.setter
-    def pressed(self, value: Any) -> None:
-        self.batch.in_contact = check_pressed(value, len(self.batch.contact_statistics[0]))
+    @in_contact.setter
+    def in_contact(self, value: Any) -> None:
+        self.batch.in_contact = check_in_contact(value, len(self.batch.contact_statistics[0]))
 
     @property
     def tracing(self) -> bool:
@@ -119,14 +119,14 @@ class ProjectionPlant:
 
     @property
     def trace(self) -> NDArray[np.void]:
-        """(steps,) what each time step of the last :meth:`step` or :meth:`peek` did.
+        """(steps,) what each time step of the last :meth:`step` or :meth:`lookahead` did.
 
         See :func:`jansen_env.engine.integrator.trace_dtype`; no rows unless :attr:`tracing`.
         """
         return self.batch.trace
 
     @property
-    def landings(self) -> NDArray[np.bool_]:
+    def touchdowns(self) -> NDArray[np.bool_]:
         """(steps,) whether a pad touched down in each time step of the last traced :meth:`step`."""
         return self.batch.touchdowns
 
@@ -141,7 +141,7 @@ class ProjectionPlant:
         self.batch.place_first(x, crank_angle, pitch)
         return self.state
 
-    def peek(self, torque: float = 0.0) -> StepResult:
+    def lookahead(self, torque: float = 0.0) -> StepResult:
         """What one time step would do; the state stays as it is."""
         self.batch.lookahead(torque)
         return self._result(torque)
@@ -175,7 +175,7 @@ class ProjectionPlant:
             slip_loss=float(sums["slip_loss"]),
             impact_loss=float(sums["impact_loss"]),
             energy_change=float(sums["energy_change"]),
-            bumped=bool(sums["non_toe_impulse"] > 0.0),
+            non_toe_contact=bool(sums["non_toe_impulse"] > 0.0),
             residual=float(sums["worst_residual"]),
             contact_gain=float(sums["contact_gain"]),
         )
@@ -189,7 +189,7 @@ class ProjectionPlant:
         kept = batch.tracing, batch.trace, batch.touchdowns
         batch.tracing = True
         try:
-            self.peek(torque)
+            self.lookahead(torque)
             return trace_forces(self.tables, batch.trace, self.time_step, self.gravity).at(0)
         finally:
             batch.tracing, batch.trace, batch.touchdowns = kept
@@ -197,7 +197,7 @@ class ProjectionPlant:
     def peak_loads(self) -> PeakLoads:
         """The largest loads on any joint in the last :meth:`step`, which must have been traced."""
         forces = trace_forces(self.tables, self.trace, self.time_step, self.gravity)
-        return peak_loads(forces.bearing, self.landings, self.time_step)
+        return peak_loads(forces.bearing, self.touchdowns, self.time_step)
 
     def contact_frames(self) -> tuple[Array, Array]:
         """(toes, 2) points of the ground nearest to each toe's pad and its tangents there.

@@ -27,14 +27,14 @@ from jansen_env.kinematics import check_closure
 from jansen_env.plants import bodies as links
 from jansen_env.plants.base import (
     StepResult,
-    believable,
-    check_pressed,
+    check_in_contact,
     check_state,
     check_time_step,
     divergence,
+    is_bounded,
 )
 from jansen_env.plants.bodies import CHASSIS, SHAFT
-from jansen_env.plants.initial_pose import prepare_placement, set_down
+from jansen_env.plants.initial_pose import prepare_placement, resting_pose
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
@@ -42,12 +42,12 @@ Array = NDArray[np.float64]
 
 TIME_STEP = 2.5e-4  # s
 ITERATIONS = 200  # of pymunk's solver in a time step, from the last one's impulses on
-LANDING_ITERATIONS = 2000  # in a time step in which a pad may land: there is nothing to go on from
+TOUCHDOWN_ITERATIONS = 2000  # in one in which a pad may touch down, with nothing to go on from
 BEFORE_END = 5.0  # m, from the end of the ground at which a robot must turn back
-TORN = 0.01  # m, a joint's gap beyond which the robot is no longer one
+MAX_JOINT_GAP = 0.01  # m, a joint's gap beyond which the robot is no longer one
 SLOP = 1e-5  # m, how deep a resting toe may sink in
-HOP = 2e-3  # s for which a loaded pad may be off the ground and count as on it
-PEEK = 0.01  # s, after which pymunk's impulses on a robot set down anew have settled
+CONTACT_HYSTERESIS = 2e-3  # s for which a loaded pad may be off the ground and count as on it
+LOOKAHEAD = 0.01  # s, after which pymunk's impulses on a robot placed again have settled
 _Body, _Arbiter = pymunk.batch.BodyFields, pymunk.batch.ArbiterFields
 _CONTACT = _Arbiter.BODY_A_ID | _Arbiter.TOTAL_IMPULSE | _Arbiter.NORMAL | _Arbiter.POINT_A_1
 _MOTION = _Body.POSITION | _Body.ANGLE | _Body.VELOCITY | _Body.ANGULAR_VELOCITY
@@ -61,9 +61,9 @@ class RigidBodyPlant:
         robot, terrain: what walks where.
         time_step: of pymunk, s.
         gravity: m/s^2 downwards, or a vector (x, y); may be changed between steps.
-        iterations: of pymunk's solver in a time step. landing_iterations: in one in which a pad may
-            land; a blow has to run through all joints at once, or it comes out too soft.
-        pinned: hold the chassis still in the air, as the paper's fixed model does.
+        iterations: of pymunk's solver in a time step. touchdown_iterations: in one in which a pad
+            may touch down; an impact has to run through all joints at once, or it is too soft.
+        fixed_base: hold the chassis still in the air, as the paper's fixed model does.
 
     Raises:
         ValueError: an argument out of range; LinkageError: the robot cannot turn its crank.
@@ -76,15 +76,15 @@ class RigidBodyPlant:
         time_step: float = TIME_STEP,
         gravity: Gravity = GRAVITY,
         iterations: int = ITERATIONS,
-        landing_iterations: int = LANDING_ITERATIONS,
-        pinned: bool = False,
+        touchdown_iterations: int = TOUCHDOWN_ITERATIONS,
+        fixed_base: bool = False,
     ) -> None:
         check_closure(robot)
         self.robot, self.terrain = robot, terrain
         self.time_step = check_time_step(time_step)
         self.iterations = positive_integer("iterations", iterations)
-        self.landing_iterations = positive_integer("landing_iterations", landing_iterations)
-        self.pinned = bool(pinned)
+        self.touchdown_iterations = positive_integer("touchdown_iterations", touchdown_iterations)
+        self.fixed_base = bool(fixed_base)
         self.toes = len(robot.legs)
         self._layout = pad_layout(robot)
         self._gravity = gravity_vector(gravity)
@@ -105,7 +105,7 @@ class RigidBodyPlant:
         self.terrain.add_to(space)
         self._space = space
         self._bodies = [pymunk.Body(m, inertia) for m, inertia in self._inertias]
-        if self.pinned:
+        if self.fixed_base:
             self._bodies[CHASSIS].body_type = pymunk.Body.KINEMATIC
         links.put(self._bodies, self._home, np.zeros(self._home.shape))
         self._pins = links.make_pins(self.robot, self._bodies)
@@ -173,19 +173,19 @@ class RigidBodyPlant:
     @state.setter
     def state(self, value: Array) -> None:
         state = check_state(value)
-        if self.pinned and state[4:7].any():
-            raise ValueError(f"state is {value!r}, its chassis must not move: it is pinned")
+        if self.fixed_base and state[4:7].any():
+            raise ValueError(f"state is {value!r}, its chassis must not move: its base is fixed")
         self._build(state)
 
     @property
-    def pressed(self) -> NDArray[np.bool_]:
-        """(pads,) the pads on the ground now or :data:`HOP` ago: none of these lands next."""
-        return self._off <= HOP
+    def in_contact(self) -> NDArray[np.bool_]:
+        """(pads,) the pads on the ground now or within :data:`CONTACT_HYSTERESIS`."""
+        return self._off <= CONTACT_HYSTERESIS
 
-    @pressed.setter
-    def pressed(self, value: Any) -> None:
-        pressed = check_pressed(value, len(self._pads))
-        self._off[:] = math.inf if pressed is None else np.where(pressed, 0.0, math.inf)
+    @in_contact.setter
+    def in_contact(self, value: Any) -> None:
+        in_contact = check_in_contact(value, len(self._pads))
+        self._off[:] = math.inf if in_contact is None else np.where(in_contact, 0.0, math.inf)
         self._pending[:] = 0.0
 
     @property
@@ -209,7 +209,7 @@ class RigidBodyPlant:
         finite("crank_angle", crank_angle)
         level = links.poses(self.robot, np.array([0.0, 0.0, 0.0, crank_angle]))
         centre = self._inertias[:, 0] @ level[:, 1:] / self._inertias[:, 0].sum()
-        y, theta = set_down(self.robot, centre, self.terrain, x, crank_angle, pitch)
+        y, theta = resting_pose(self.robot, centre, self.terrain, x, crank_angle, pitch)
         self._build(np.array([x, y, theta, crank_angle, 0.0, 0.0, 0.0, 0.0]))
         return self.state
 
@@ -222,8 +222,8 @@ class RigidBodyPlant:
 
         Raises:
             FloatingPointError: the simulation diverged: a speed that nothing has, a joint that came
-                apart by more than :data:`TORN`, or a robot at the end of the ground. The state is
-                as it was before, joints closed.
+                apart by more than :data:`MAX_JOINT_GAP`, or a robot at the end of the ground. The
+                state is as it was before, joints closed.
         """
         steps = max(1, round(positive("duration", duration) / self.time_step))
         h, book, before = self.time_step, _Book(len(self._pads)), self.state
@@ -236,7 +236,7 @@ class RigidBodyPlant:
             self._torques[SHAFT, 0] += torque
             pymunk.batch.set_space_bodies(self._space, _Body.TORQUE, self._set)
             landing = self._landing_soon(now)
-            self._space.iterations = self.landing_iterations if landing else self.iterations
+            self._space.iterations = self.touchdown_iterations if landing else self.iterations
             self._space.step(h)
             after = self._moment()
             mean = 0.5 * (spin + after.motion[:, SPIN])
@@ -252,9 +252,9 @@ class RigidBodyPlant:
             now = after
         state = self.state
         error = None
-        if not believable(state):
+        if not is_bounded(state):
             error = divergence(before, torque)
-        elif not book.joint_gap < TORN:
+        elif not book.joint_gap < MAX_JOINT_GAP:
             error = FloatingPointError(
                 f"a joint came apart by {book.joint_gap} m under a torque of {torque} N m; "
                 "try a smaller time_step"
@@ -272,18 +272,18 @@ class RigidBodyPlant:
             slip=book.slip[toes], contact_force=book.impulse[toes] / (steps * h),
             motor_work=book.motor_work, joint_loss=book.joint_loss, slip_loss=book.slip_loss,
             impact_loss=book.impact_loss, energy_change=now.energy - start,
-            bumped=bool(book.impulse[self.toes :, 1].any()), residual=math.nan,
+            non_toe_contact=bool(book.impulse[self.toes :, 1].any()), residual=math.nan,
             contact_gain=math.nan, joint_gap=book.joint_gap,
         )  # fmt: skip
 
-    def peek(self, torque: float = 0.0) -> StepResult:
-        """What the next :data:`PEEK` seconds would do; the state stays as it is, joints closed."""
-        state, pressed = self.state, self.pressed
+    def lookahead(self, torque: float = 0.0) -> StepResult:
+        """What the next :data:`LOOKAHEAD` seconds would do; the state stays, joints closed."""
+        state, in_contact = self.state, self.in_contact
         try:
-            return self.step(torque, PEEK)
+            return self.step(torque, LOOKAHEAD)
         finally:
             self._build(state)
-            self.pressed = pressed
+            self.in_contact = in_contact
 
     def energy(self) -> float:
         """Kinetic plus potential energy, J (potential 0 with the centre of mass at the origin)."""
@@ -310,7 +310,7 @@ class RigidBodyPlant:
         """Book slip and impulses of a time step; friction's loss, and whether a pad landed.
 
         A loaded pad hops by nanometres, off the ground for a few time steps: what it slides then is
-        booked when it is back within :data:`HOP`, and coming back is no landing.
+        booked when it is back within :data:`CONTACT_HYSTERESIS`, and coming back is no landing.
         """
         self._touched.clear()
         pymunk.batch.get_space_arbiters(self._space, _CONTACT, self._touched)
@@ -331,12 +331,12 @@ class RigidBodyPlant:
             loss -= tangential * speed
             touching[pad] = True
             self._normals[pad] = -nx, -ny
-        back = touching & (self._off <= HOP)
+        back = touching & (self._off <= CONTACT_HYSTERESIS)
         book.slip[back] += self._pending[back]
-        landed = bool((touching & (self._off > HOP)).any())
+        landed = bool((touching & (self._off > CONTACT_HYSTERESIS)).any())
         self._off = np.where(touching, 0.0, self._off + self.time_step)
         self._pending[self._off == 0.0] = 0.0
-        for pad in np.flatnonzero((self._off > 0.0) & (self._off <= HOP)).tolist():
+        for pad in np.flatnonzero((self._off > 0.0) & (self._off <= CONTACT_HYSTERESIS)).tolist():
             (nx, ny), (x, y) = self._normals[pad].tolist(), now.pads[pad].tolist()
             x, y = x - self.robot.pad_radius * nx, y - self.robot.pad_radius * ny
             speed = now.speed_along(self._owners[pad], x, y, ny, -nx)
@@ -379,18 +379,18 @@ class RigidBodyPlant:
         return self._moment().pads[: self.toes]
 
     def __getstate__(self) -> dict[str, Any]:
-        """The arguments and the state: everything else is made anew from them."""
+        """The arguments and the state: everything else is made again from them."""
         return {
             "robot": self.robot, "terrain": self.terrain, "time_step": self.time_step,
             "gravity": self.gravity, "iterations": self.iterations,
-            "landing_iterations": self.landing_iterations, "pinned": self.pinned,
-            "state": self.state, "pressed": self.pressed,
+            "touchdown_iterations": self.touchdown_iterations, "fixed_base": self.fixed_base,
+            "state": self.state, "in_contact": self.in_contact,
         }  # fmt: skip
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
-        state, pressed = saved.pop("state"), saved.pop("pressed")
+        state, in_contact = saved.pop("state"), saved.pop("in_contact")
         self.__init__(**saved)  # type: ignore[misc]
-        self.state, self.pressed = state, pressed
+        self.state, self.in_contact = state, in_contact
 
 
 class _Moment(NamedTuple):

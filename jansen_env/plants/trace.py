@@ -67,20 +67,22 @@ def trace_forces(
     return joint_forces(tables.robot, q, q_dot, contact=contact, q_ddot=q_ddot, gravity=gravity)
 
 
-def landings(trace: NDArray[np.void], pressed: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
+def find_touchdowns(
+    trace: NDArray[np.void], in_contact: NDArray[np.bool_] | None
+) -> NDArray[np.bool_]:
     """(steps,) whether a pad that was free one time step before is pressed on the ground.
 
     Args:
-        trace: (steps,). pressed: (pads,) the pads pressed just before it; None where that
+        trace: (steps,). in_contact: (pads,) the pads pressed just before it; None where that
             is not known: a state that was set may have to stop at once, so that every pad pressed
             in the first time step counts as landing.
     """
-    now = pads_pressed(trace)
-    first = np.zeros_like(now[:1]) if pressed is None else pressed[None]
+    now = pads_in_contact(trace)
+    first = np.zeros_like(now[:1]) if in_contact is None else in_contact[None]
     return np.asarray((now & ~np.concatenate([first, now[:-1]])).any(axis=1))
 
 
-def pads_pressed(trace: NDArray[np.void]) -> NDArray[np.bool_]:
+def pads_in_contact(trace: NDArray[np.void]) -> NDArray[np.bool_]:
     """(steps, pads) whether the ground pushed a pad."""
     return np.asarray((trace["impulses"] != 0.0).any(axis=2))
 

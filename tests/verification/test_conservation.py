@@ -69,7 +69,7 @@ def audit(time_step, law, duration, terrain, robot, state, locked):
     plant.reset(0.0, 0.3)
     if state is not None:
         plant.state = state
-    plant.crank_driven = locked
+    plant.prescribed_crank_speed = locked
     missed = turned = 0.0
     for _ in range(round(duration / HOLD)):
         result = plant.step(law(plant), HOLD)

@@ -23,7 +23,7 @@ def run(step, duration, terrain, change, torque=0.0, psi=0.3, pitch=None, locked
     plant = ProjectionPlant(Robot(), terrain, step)
     plant.reset(0.0, psi, pitch)
     plant.state = change(plant.state)
-    plant.crank_driven, plant.tracing = locked, True
+    plant.prescribed_crank_speed, plant.tracing = locked, True
     result = plant.step(torque, duration)
     return plant.state, plant.trace["impulses"][:, :, 1] > 0.0, result
 

@@ -42,7 +42,7 @@ def standing(name, terrain, time_step=STEP):
     """The machine placed, its crank locked."""
     robot, psi, _ = MACHINES[name]
     plant = ProjectionPlant(robot, terrain, time_step)
-    plant.crank_driven = True
+    plant.prescribed_crank_speed = True
     plant.reset(0.0, psi)
     return plant
 
@@ -71,7 +71,7 @@ def loads_while_sliding(plant, drag):
 
     It acts where the toes' pads are lowest, a little below the ground's surface.
     """
-    toes = plant.toe_positions()[np.flatnonzero(plant.peek().contact_force[:, 1])]
+    toes = plant.toe_positions()[np.flatnonzero(plant.lookahead().contact_force[:, 1])]
     rear, front = toes[:, 0].min(), toes[:, 0].max()
     centre, weight = centre_of_mass(plant), plant.robot.mass * GRAVITY
     height = centre.imag - toes[:, 1].mean() + plant.robot.pad_radius
@@ -143,7 +143,7 @@ def test_sliding_to_a_stop_on_one_toe(mu, speed, measured):
     along = -miss(0.0) / (miss(1.0) - miss(0.0))
     robot = Robot(payload=Payload(load, 0.1, (along, depth)))
     plant = ProjectionPlant(robot, Terrain.flat(friction=mu))
-    plant.crank_driven = True
+    plant.prescribed_crank_speed = True
     plant.reset(0.0, psi, pitch)
     push(plant, speed)
     steps = math.ceil(abs(speed) / (mu * GRAVITY * STEP))

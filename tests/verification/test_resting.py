@@ -32,7 +32,7 @@ some_and_more = pytest.mark.parametrize(
 def standing(name, slope, psi, locked):
     """The design placed on a slope."""
     plant = ProjectionPlant(DESIGNS[name], Terrain.slope(slope, friction=FRICTION))
-    plant.crank_driven = locked
+    plant.prescribed_crank_speed = locked
     plant.reset(0.0, psi)
     return plant
 
@@ -45,7 +45,7 @@ def friction_needed(plant, slope):
     pull.
     """
     q, d = plant.state[:4], 1e-5
-    on = np.flatnonzero(plant.peek().contact_force[:, 1])
+    on = np.flatnonzero(plant.lookahead().contact_force[:, 1])
     if len(on) != 2:
         return None
     normal, along = [-math.sin(slope), math.cos(slope)], [math.cos(slope), math.sin(slope)]

@@ -29,7 +29,7 @@ def impacts(robot, friction, restitution, rng, count=300):
         plant.state = state
         before = plant.energy()
         plant.step(0.0, STEP)
-        if plant.landings[0]:
+        if plant.touchdowns[0]:
             energies.append((before, plant.energy()))
     assert len(energies) > count // 2
     return np.array(energies)
@@ -53,7 +53,9 @@ def test_what_bounces_lawfully_bounces_as_asked(rng, measured):
     for e in (0.5, 1.0):
         ground = Terrain.flat(0.0, e)
         plant = ProjectionPlant(Robot(), ground, time_step=1e-6, gravity=0.0)
-        plant.crank_driven = True  # locked: a rigid body, whose struck toe's speed is easily told
+        plant.prescribed_crank_speed = (
+            True  # locked: a rigid body, whose struck toe's speed is easily told
+        )
         plant.reset(0.0, 1.0, 0.2)
         toe = int(np.argmin(plant.toe_positions()[:, 1]))
         state = plant.state

@@ -146,7 +146,7 @@ def compare_scales(robot, terrain, law, duration, time_step, state=None, locked=
     if state is not None:
         small.state = state
     large.state = UNITS * small.state
-    small.crank_driven = large.crank_driven = locked
+    small.prescribed_crank_speed = large.prescribed_crank_speed = locked
     apart, force, slip, energy = np.zeros(8), 0.0, 0.0, 0.0
     for _ in range(round(duration / HOLD)):
         here = small.step(law(small.state[7]), HOLD)

@@ -46,7 +46,7 @@ def level(toes):
 def plant_on(robot, ground, locked, psi=PSI, pitch=0.0, **arguments):
     """A plant with the robot placed at a pitch."""
     plant = ProjectionPlant(robot, ground, **arguments)
-    plant.crank_driven = locked
+    plant.prescribed_crank_speed = locked
     plant.reset(0.0, psi, pitch)
     return plant
 
@@ -77,7 +77,7 @@ def inverse_mass(plant, q):
     """M^-1, with a locked crank: as if its inertia were infinite."""
     M = rd.mass_matrix(plant.tables, q)
     inverse = np.zeros((4, 4))
-    free = 3 if plant.crank_driven else 4
+    free = 3 if plant.prescribed_crank_speed else 4
     inverse[:free, :free] = np.linalg.inv(M[:free, :free])
     return inverse
 
@@ -150,7 +150,7 @@ def strike(robot, v, mu, restitution, locked, psi=PSI):
     plant.state, plant.tracing = state, True
     pose = state[:4] + 0.5 * IMPACT * state[4:]
     result = plant.step(0.0, IMPACT)
-    assert plant.landings.all()
+    assert plant.touchdowns.all()
     M = rd.mass_matrix(plant.tables, pose)
     after = plant.state[4:]
     gained = 0.5 * (after @ M @ after - v @ M @ v) - result.motor_work
@@ -233,7 +233,7 @@ def test_level_toes_share_the_weight(toes, locked, measured):
     state[1] += 0.05
     plant.state = state
     plant.step(0.0, 0.5)
-    plant.crank_driven = locked
+    plant.prescribed_crank_speed = locked
     before = plant.state
     result = plant.step(0.0, 10.0)
     drift = np.abs(plant.state - before)[:4].max()

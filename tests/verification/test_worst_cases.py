@@ -78,7 +78,7 @@ def test_contact_law_and_penetration(name, measured):
     residual, deepest, landings = 0.0, -math.inf, 0
     for k in range(150):
         result = plant.step(governor(speed, plant.state[7], most), HOLD)
-        residual, landings = max(residual, result.residual), landings + plant.landings.sum()
+        residual, landings = max(residual, result.residual), landings + plant.touchdowns.sum()
         assert np.isfinite(plant.state).all() and np.isfinite(result.contact_force).all()
         assert (result.contact_force[:, 1] >= 0.0).all()
         if k >= 25:
@@ -169,7 +169,7 @@ def bounced(step):
     lost = missed = 0.0
     for height in np.linspace(0.8, 0.9, 6):
         plant = ProjectionPlant(Robot(), ground, step)
-        plant.crank_driven = True
+        plant.prescribed_crank_speed = True
         plant.state = [0.0, height, 0.1, 0.3, 0.2, 0.0, 0.5, 0.0]
         start = plant.energy()
         losses = [plant.step(0.0, HOLD).impact_loss for _ in range(200)]
@@ -207,14 +207,14 @@ def test_an_outer_joint_is_found_before_it_strikes(measured):
     Found late it would be 2 cm deep (10 ms of falling), and be lifted all the way.
     """
     plant = ProjectionPlant(Robot(), Terrain.flat(friction=0.0, restitution=1.0))
-    plant.crank_driven = True
+    plant.prescribed_crank_speed = True
     reach, psi, direction = farthest_outer_joint(plant)
     depth_allowed = math.hypot(2.0, math.sqrt(2.0 * GRAVITY * 0.06)) * 0.5 * plant.time_step
     gained = 0.0
     for extra in np.linspace(0.0, 0.02, 11):
         plant.state = [0, reach + 0.05 + extra, -0.5 * math.pi - direction, psi, 0, -2.0, 0, 0]
         start = plant.energy()
-        assert plant.step(0.0, 0.1).bumped
+        assert plant.step(0.0, 0.1).non_toe_contact
         gained = max(gained, plant.energy() - start)
     unit = plant.robot.mass * GRAVITY * depth_allowed
     measured(
@@ -228,7 +228,7 @@ def test_fast_touchdown(height, measured):
     plant = ProjectionPlant(Robot(), FLAT)
     deepest = 0.0
     for extra in np.linspace(0.0, 0.2, 8):
-        plant.crank_driven = True
+        plant.prescribed_crank_speed = True
         plant.state = [0.0, height + 0.6 + extra, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0]
         plant.step(0.0, 4.0 + math.sqrt(2.0 * height / GRAVITY))
         deepest = max(deepest, depth(plant))
@@ -290,11 +290,11 @@ def test_a_toe_too_deep_is_refused():
     state = plant.reset(0.0, 0.3) - np.array([0, 1.0, 0, 0, 0, 0, 0, 0])
     plant.tracing = True
     plant.step(0.0, 0.02)
-    plant.state, plant.pressed = state, np.ones(22, bool)
+    plant.state, plant.in_contact = state, np.ones(22, bool)
     with pytest.raises(FloatingPointError, match="a pad too deep in the ground"):
         plant.step(0.0, 0.1)
-    assert (plant.state == state).all() and plant.pressed.all()
-    assert len(plant.trace) == len(plant.landings) == 0
+    assert (plant.state == state).all() and plant.in_contact.all()
+    assert len(plant.trace) == len(plant.touchdowns) == 0
 
 
 def test_deep_toes_come_out_of_grooves(measured):

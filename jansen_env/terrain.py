@@ -47,8 +47,8 @@ class Terrain:
         points: at least two (x, y) vertices, m, x increasing. The first and the last segment go on
             with their slope without end (under the rigid-body plant for :data:`REACH` metres).
         friction: Coulomb coefficient between toe and ground.
-        restitution: Newton's coefficient of restitution, 0 to 1; where an impact with friction would
-            gain energy by it, it bounces less.
+        restitution: Newton's coefficient of restitution, 0 to 1; where an impact with friction
+            would gain energy by it, it bounces less.
 
     Raises:
         ValueError: fewer than two points, one farther than :data:`FARTHEST`, x not increasing, a

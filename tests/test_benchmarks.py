@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import convergence, measure, plants, probe, speed, training
+from benchmarks import convergence, measure, plants, ppo, probe, speed
 from benchmarks.plants import Comparison, Outcome, Walk
 
 
@@ -83,7 +83,7 @@ def test_what_cannot_be_measured_is_refused(arguments, tmp_path, capsys):
     ("main", "needs", "arguments", "written"),
     [
         (speed.main, ("mujoco", "Box2D"), ["--only", "one", "many", "size"], "speed"),
-        (training.main, ("stable_baselines3", "mujoco"), [], "training"),
+        (ppo.main, ("stable_baselines3", "mujoco"), [], "ppo"),
         (convergence.main, (), [], "convergence time_step detection_interval"),
         (plants.main, (), [], "plants walks torque"),
     ],

@@ -1,9 +1,9 @@
 """How fast Stable-Baselines3's PPO trains, and the environments' share of the time.
 
-    python -m benchmarks.training [--rounds 7] [--out logs/training] [--quick]
+    python -m benchmarks.ppo [--rounds 7] [--out logs/ppo_speed] [--quick]
 
 ``JansenWalker-v0`` in one batch and ``Walker2d-v5`` in Stable-Baselines3's own default, with the
-same setting, in turns. Writes ``training.md``.
+same setting, in turns. Writes ``ppo.md``.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Trainee:
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    found = measure.chosen(measure.options(__doc__, "logs/training", rounds=ROUNDS), arguments)
+    found = measure.chosen(measure.options(__doc__, "logs/ppo_speed", rounds=ROUNDS), arguments)
     measure.require("stable_baselines3", "mujoco")
     import torch
     from stable_baselines3.common.env_util import make_vec_env as peers_vec_env
@@ -86,7 +86,7 @@ def main(arguments: list[str] | None = None) -> None:
     head = ("trained on", "in", "steps/s", "lowest", "highest", "in the environments")
     listed = ", ".join(f"{name} {value}" for name, value in setting.items())
     measure.report(
-        found.out / "training.md",
+        found.out / "ppo.md",
         "# Training",
         measure.conditions(rounds),
         f"PPO, {count} environments, {listed}, layers {LAYERS}, one thread.",

@@ -248,7 +248,7 @@ def test_bad_arguments():
             plant_on(**{name: value})
     with pytest.raises(LinkageError):
         plant_on(robot=Robot(crank=jansen_env.Bar(0.5)))
-    with pytest.raises(ValueError, match="must not move: it is pinned"):
+    with pytest.raises(ValueError, match="must not move: its base is fixed"):
         plant_on(fixed_base=True).state = FLYING
     with pytest.raises(FloatingPointError, match="came apart"):
         plant_on(time_step=0.02).step(1e6, 1.0)

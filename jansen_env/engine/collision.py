@@ -11,7 +11,7 @@ import numpy as np
 
 from jansen_env.engine.contact_solver import STICK
 from jansen_env.engine.jit import compiled, macro, stage
-from jansen_env.engine.records import Terrains
+from jansen_env.engine.records import PAD, PLANE, QUERY, ROBOT, Terrains
 from jansen_env.engine.tables import locate, pad_place
 
 SPECULATIVE_MARGIN = 0.05  # m within which a plane counts, or as far as a pad gets in a time step
@@ -22,26 +22,28 @@ SAME = 1e-9  # difference of two planes' numbers below which they are one
 PARK = 1e7  # m, where pads wait that are not in use, and how far apart
 
 
-@compiled
+@compiled(nogil=True)
 def detect(
-    states, robots, pads, layout, depths, time_step, moving_only, toes, surface, radius, reach,
-    capacity, queries, planes,
+    moving_only, states, pads, layout, depths, time_step, toes, surface, radius, reach, capacity,
+    robots, queries, planes,
 ):  # fmt: skip
     """Find the planes near the pads, unless the broad phase must be asked before.
 
     Args:
-        states: (robots, 8). robots: (robots,) ROBOT.
-        pads, layout: of a :class:`jansen_env.engine.records.Model`.
+        moving_only: whether only for the robots that have steps left.
+        states: (robots, 8). pads: of a :class:`jansen_env.engine.records.Model`.
         depths: m, how far below the crank axis a pad that is no toe can feel the ground, at pitches
             evenly spread over one turn; and last, how far it can in any direction.
-        time_step: s. moving_only: whether only for the robots that have steps left.
-        toes: the first so many pads are toes.
+        time_step: s. toes: the first so many pads are toes.
         surface, radius, reach, capacity: of :class:`jansen_env.engine.records.Terrains`.
-        queries: (rows,) QUERY. planes: (robots * capacity,) PLANE.
+        layout: (pads,) PAD, robots: (robots,) ROBOT, queries: (rows,) QUERY and planes: (robots *
+            capacity,) PLANE, as their bytes.
 
     Returns:
         (rows needed; whether the broad phase must be asked; whether a pad is too deep)
     """
+    layout, robots = layout.view(PAD), robots.view(ROBOT)
+    queries, planes = queries.view(QUERY), planes.view(PLANE)
     _set_margins(states, robots, time_step)
     rows = _list_queries(states, robots, len(layout), toes, depths, surface, queries)
     if rows > len(queries):
@@ -271,7 +273,7 @@ def _find_planes_of(query, status, terrains, planes):
     return found
 
 
-@compiled
+@stage(inline=False)
 def _way_out(surface, start, end, x, y, reach):
     """The nearest plane whose ground a point is in.
 
@@ -288,7 +290,7 @@ def _way_out(surface, start, end, x, y, reach):
     return highest > -reach, best_x, best_y, best_offset
 
 
-@compiled
+@stage(inline=False)
 def _plane(surface, start, end, k, x, y, near):
     """Plane by which segment ``k`` of surface[start:end] faces a point (x, y).
 
@@ -331,7 +333,7 @@ def _plane(surface, start, end, k, x, y, near):
     return found, nx, ny, offset
 
 
-@compiled
+@stage(inline=False)
 def _list(query, status, nx, ny, offset, capacity, planes):
     """Add a plane to a robot's, unless it is there, or there are ``capacity`` nearer ones."""
     distance = nx * query.x + ny * query.y - offset
@@ -357,7 +359,7 @@ def _list(query, status, nx, ny, offset, capacity, planes):
     plane.pad, plane.mode = query.pad, STICK
 
 
-@compiled
+@stage(inline=False)
 def _sort(begin, end, planes):
     """Insertion sort by pad, then distance."""
     for i in range(begin + 1, end):

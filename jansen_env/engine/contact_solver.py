@@ -17,6 +17,7 @@ exists and that Lemke finds it.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jansen_env.engine.jit import compiled, macro, stage
 from jansen_env.engine.lemke import lemke
@@ -39,9 +40,9 @@ def index_size(count: int) -> int:
     return 10 * count + 1
 
 
-def spare_size(count: int) -> int:
-    """Numbers that it needs where modes must be searched for."""
-    return 8 * count * (4 * count + 1) + 4 * count
+def spare_space(count: int) -> NDArray[np.float64]:
+    """Numbers that it needs where modes must be searched for: four vectors, Lemke's tableau."""
+    return np.zeros((4 * count + 4, 8 * count + 2))
 
 
 def problem(count: int) -> Problem:
@@ -50,7 +51,7 @@ def problem(count: int) -> Problem:
     return Problem(
         W=np.zeros((n, n)), v_free=np.zeros(n), mu=np.zeros(count), mode=np.zeros(count, np.int64),
         P=np.zeros(n), u=np.zeros(n), A=np.zeros((n, n)), rhs=np.zeros(n),
-        indices=np.zeros(index_size(count), np.int64), spare=np.zeros(spare_size(count)),
+        indices=np.zeros(index_size(count), np.int64), spare=spare_space(count),
     )  # fmt: skip
 
 
@@ -204,7 +205,7 @@ def _update_modes(count, problem, one_only):
             return
 
 
-@compiled
+@stage(inline=False)
 def _solve_from_guess(count, problem, tolerance):
     """Solve, check and update the modes; leaves the solution, or the least wrong try, in P."""
     for attempt in range(MODE_ROUNDS):
@@ -242,37 +243,38 @@ def solve(count, problem):
     return search(count, problem, tolerance, error)
 
 
-@compiled
+@stage(inline=False)
 def search(count, problem, tolerance, error):
     """Solve by Lemke's method, then by the proximal-point iteration; P holds the best try."""
-    n = 2 * count
-    kept, best = problem.spare[:n], problem.spare[n : 2 * n]
-    modes_at = 5 * count + 1
-    best_mode = problem.indices[modes_at : modes_at + count]
-    basis = problem.indices[modes_at + count :]
-    tableau = problem.spare[2 * n : 2 * n + 2 * n * (4 * n + 2)].reshape(2 * n, 4 * n + 2)
-    _keep(count, problem.P, problem.mode, best, best_mode)
+    kept, best, modes = problem.spare[0], problem.spare[1], problem.indices[5 * count + 1 :]
+    _keep(count, problem.P, problem.mode, best, modes)
     for compliance in LEMKE_COMPLIANCES:
-        if not lemke(count, problem, compliance, tableau, basis):
+        if not lemke(count, problem, compliance, problem.spare[4:], modes[count:]):
             continue
-        last = residual(count, problem)  # itself a candidate, and so are the modes it points to
-        for i in range(n):
+        last = _check(count, problem)  # itself a candidate, and so are the modes it points to
+        for i in range(2 * count):
             kept[i] = problem.P[i]
         _modes_of(count, problem)
         polished = _solve_from_guess(count, problem, tolerance)
         if polished <= tolerance:
             return polished
         if last < polished:
-            for i in range(n):
+            for i in range(2 * count):
                 problem.P[i] = kept[i]
         if min(last, polished) < error:
             error = min(last, polished)
-            _keep(count, problem.P, problem.mode, best, best_mode)
-    _keep(count, best, best_mode, problem.P, problem.mode)
+            _keep(count, problem.P, problem.mode, best, modes)
+    _keep(count, best, modes, problem.P, problem.mode)
     return _proximal_point(count, problem, tolerance, error)
 
 
-@stage
+@stage(inline=False)
+def _check(count, problem):
+    """:func:`residual`, once in the machine code of what is rarely needed."""
+    return residual(count, problem)
+
+
+@stage(inline=False)
 def _keep(count, P, mode, kept_P, kept_mode):
     """Copy impulses and modes."""
     for i in range(2 * count):
@@ -305,35 +307,31 @@ def _proximal_point(count, problem, tolerance, error):
 
     The shifted problem is far better conditioned, and at its fixed point it is the one asked for.
     """
-    n = 2 * count
+    n, P, W, v_free = 2 * count, problem.P, problem.W, problem.v_free
+    best, diagonal, free = problem.spare[1], problem.spare[2], problem.spare[3]
+    modes = problem.indices[5 * count + 1 :]
     trace = 0.0
     for i in range(n):
-        trace += problem.W[i, i]
+        diagonal[i], free[i] = W[i, i], v_free[i]
+        trace += W[i, i]
     rho = PROXIMITY * trace / n
-    best, best_mode = problem.spare[:n], problem.indices[5 * count + 1 : 6 * count + 1]
-    shifted = Problem(
-        problem.spare[2 * n : 2 * n + n * n].reshape(n, n), problem.spare[n : 2 * n], problem.mu,
-        problem.mode, problem.P, problem.u, problem.A, problem.rhs, problem.indices, problem.spare,
-    )  # fmt: skip
-    for i in range(n):
-        for j in range(n):
-            shifted.W[i, j] = problem.W[i, j]
-        shifted.W[i, i] += rho
     problem.indices[5 * count] = 0  # another W
-    _keep(count, problem.P, problem.mode, best, best_mode)
+    _keep(count, P, problem.mode, best, modes)
     for _ in range(PROXIMAL_ROUNDS):
         for i in range(n):
-            shifted.v_free[i] = problem.v_free[i] - rho * problem.P[i]
-        _solve_from_guess(count, shifted, tolerance)
-        last = residual(count, problem)
+            W[i, i], v_free[i] = diagonal[i] + rho, free[i] - rho * P[i]
+        _solve_from_guess(count, problem, tolerance)
+        for i in range(n):
+            W[i, i], v_free[i] = diagonal[i], free[i]
+        last = _check(count, problem)
         if last < error:
             error = last
-            _keep(count, problem.P, problem.mode, best, best_mode)
+            _keep(count, P, problem.mode, best, modes)
         if error <= tolerance:
             break
-    _keep(count, best, best_mode, problem.P, problem.mode)
+    _keep(count, best, modes, P, problem.mode)
     problem.indices[5 * count] = 0
-    return residual(count, problem)
+    return _check(count, problem)
 
 
 @stage

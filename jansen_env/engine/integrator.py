@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.engine.accumulators import accumulate_contacts, accumulate_step, begin, end
-from jansen_env.engine.contact_solver import OPEN, STICK, index_size, spare_size
+from jansen_env.engine.contact_solver import OPEN, STICK, index_size, spare_space
 from jansen_env.engine.contacts import (
     TRAVEL,
     assemble,
@@ -31,7 +31,18 @@ from jansen_env.engine.contacts import (
     outruns,
 )
 from jansen_env.engine.jit import compiled, macro, stage
-from jansen_env.engine.records import Contacts, Inertia, Model, Problem, Velocity, Work
+from jansen_env.engine.records import (
+    CONTACT_STATISTICS,
+    PAD,
+    PLANE,
+    ROBOT,
+    Contacts,
+    Inertia,
+    Model,
+    Problem,
+    Velocity,
+    Work,
+)
 from jansen_env.engine.restitution import solve_velocities
 from jansen_env.engine.tables import (
     C_X,
@@ -51,17 +62,15 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 DIVERGED = 1e4  # a speed (m/s, rad/s) beyond which a state has diverged
-SCRATCH = 36  # numbers: readings of the tables, 18 and 9, last pose and travel, 5, first pose, 4
 
 
-def work_space(capacity: int) -> tuple[Array, Ints]:
-    """Memory for up to ``capacity`` contacts of a robot at once, for :func:`advance`.
-
-    Two flat arrays, which pass into a kernel faster than many.
-    """
+def work_space(capacity: int) -> tuple[Array, Array, Array, Array, Array, Ints]:
+    """Memory for up to ``capacity`` contacts of a robot at once, for :func:`advance`."""
     n = 2 * capacity
-    floats = 16 * n + 2 * n * n + SCRATCH + spare_size(capacity)
-    return np.zeros(floats), np.zeros(2 * capacity + index_size(capacity), np.int64)
+    return (
+        np.zeros((2, n, 4)), np.zeros((2, n, n)), np.zeros((8, n)), np.zeros((3, 3, 6)),
+        spare_space(capacity), np.zeros(2 * capacity + index_size(capacity), np.int64),
+    )  # fmt: skip
 
 
 def trace_dtype(pads: int) -> np.dtype[Any]:
@@ -89,31 +98,35 @@ POSE, VELOCITY_BEFORE, VELOCITY_AFTER, TORQUE, IMPULSES = (
 
 @compiled(nogil=True)
 def advance(
-    first, last, fresh, steps, h, torque, states, robots, body, pads, layout, planes, floats, ints,
-    statistics, toes, trace,
+    first, last, fresh, steps, torque, trace, jacobians, matrices, vectors, readings, spare, ints,
+    h, toes, states, body, pads, layout, robots, planes, statistics,
 ):  # fmt: skip
     """Advance robots ``first`` to ``last - 1`` with fixed contact planes, as far as these go.
 
     Args:
         fresh: whether to begin new sums in the accumulators and ``statistics``.
         steps: time steps to take from here; 0 to go on with those that are left of an earlier call.
-        h: length of a time step, s. torque: (robots,) crank torque, N m.
-        states: (robots, 8) crank-axis states, changed in place.
-        robots: (robots,) ROBOT. ``steps_left`` is counted down. A robot whose pad gets farther than
-            its ``margin`` from where its planes were found stops before that; one faster than
-            :data:`DIVERGED` or not finite stops at once, with -1 steps left, and takes no more.
-        body, pads, layout: of a :class:`jansen_env.engine.records.Model`.
-        planes: (planes,) PLANE, of all robots.
-        floats, ints: memory of :func:`work_space`.
-        statistics: (robots, pads) CONTACT_STATISTICS.
-        toes: the first so many pads are toes.
+        torque: (robots,) crank torque, N m.
         trace: (steps, numbers) :func:`trace_dtype` of the first robot as plain numbers, filled step
             by step, its last row in its last step; or without rows for no trace.
+        jacobians ... ints: memory of :func:`work_space`.
+        h: length of a time step, s. toes: the first so many pads are toes.
+        states: (robots, 8) crank-axis states, changed in place.
+        body, pads: of a :class:`jansen_env.engine.records.Model`. Rows, as their bytes: layout:
+            (pads,) PAD; planes: (planes,) PLANE, of all robots; statistics: (robots, pads)
+            CONTACT_STATISTICS.
+        robots: (robots,) ROBOT, as bytes. ``steps_left`` is counted down. A robot whose pad gets
+            farther than its ``margin`` from where its planes were found stops before that; one
+            faster than :data:`DIVERGED` or not finite stops at once, with -1 steps left, and takes
+            no more.
 
     Returns:
         Whether no robot has steps left, and none has diverged.
     """
-    model, work = Model(body, pads, layout), _work(floats, ints)
+    robots, planes = robots.view(ROBOT), planes.view(PLANE)
+    statistics = statistics.view(CONTACT_STATISTICS)
+    model = Model(body, pads, layout.view(PAD))
+    work = _work(jacobians, matrices, vectors, readings, spare, ints)
     finished = True
     for r in range(first, last):
         robot, state = robots[r], states[r]
@@ -132,21 +145,19 @@ def advance(
     return finished
 
 
-@stage
-def _work(floats, ints):
+@macro
+def _work(jacobians, matrices, vectors, readings, spare, ints):
     """The arrays in the memory of :func:`work_space`."""
-    n = 2 * (len(ints) // 12)
-    size = 8 * n + 2 * n * n
-    J, MJ = floats[: 4 * n].reshape(n, 4), floats[4 * n : 8 * n].reshape(n, 4)
-    W, A = floats[8 * n : 8 * n + n * n].reshape(n, n), floats[8 * n + n * n : size].reshape(n, n)
-    vectors, scratch = floats[size : size + 8 * n].reshape(8, n), floats[size + 8 * n :]
+    n = vectors.shape[1] // 2
     problem = Problem(
-        W, vectors[0], vectors[1], ints[: n // 2], vectors[2], vectors[3], A, vectors[4], ints[n:],
-        scratch[SCRATCH:],
+        matrices[0], vectors[0], vectors[1], ints[:n], vectors[2], vectors[3], matrices[1],
+        vectors[4], ints[2 * n :], spare,
     )  # fmt: skip
-    contacts = Contacts(J, MJ, vectors[5], vectors[6], ints[n // 2 : n], problem)
-    sums, place = scratch[:18].reshape(3, 6), scratch[18:27].reshape(3, 3)
-    return Work(contacts, vectors[7], sums, place, scratch[27:32], scratch[32:36])
+    contacts = Contacts(
+        jacobians[0], jacobians[1], vectors[5], vectors[6], ints[n : 2 * n], problem
+    )
+    poses = readings[2]
+    return Work(contacts, vectors[7], readings[0], readings[1], poses[0], poses[1])
 
 
 @macro

@@ -22,7 +22,8 @@ import numba.core.caching
 from jansen_env.files import remove_unused, writable
 
 _config: Any = numba.config
-_njit: Any = numba.njit  # _nrt is not among its documented options
+_njit: Any = numba.njit  # _nrt and what spares wrappers are no documented options
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
 _FunctionCache: Any = numba.core.caching.FunctionCache
 
 UNUSED = 30 * 24 * 3600.0  # s after which the folder of other sources is removed
@@ -130,7 +131,7 @@ def compiled(
     """
     if function is None:
         return lambda f: compiled(f, allocates=allocates, **options)
-    made = _njit(error_model="numpy", _nrt=allocates, **options)(function)
+    made = _njit(**_OPTIONS, _nrt=allocates, **options)(function)
     if FOLDER and not _config.DISABLE_JIT:
         cache = _cache(function)
         if cache is not None:
@@ -138,9 +139,15 @@ def compiled(
     return made
 
 
-def stage(function: Callable[..., Any]) -> Any:
-    """Decorator: part of compiled functions, compiled once and put into their machine code."""
-    return _njit(error_model="numpy", _nrt=False, forceinline=True)(function)
+def stage(function: Callable[..., Any] | None = None, *, inline: bool = True) -> Any:
+    """Decorator: part of compiled functions, not to be called from Python.
+
+    Args:
+        inline: whether it is put into their machine code wherever it is called.
+    """
+    if function is None:
+        return lambda f: stage(f, inline=inline)
+    return _njit(forceinline=inline, no_cpython_wrapper=True, **_OPTIONS, _nrt=False)(function)
 
 
 def macro(function: Callable[..., Any]) -> Any:
@@ -148,7 +155,7 @@ def macro(function: Callable[..., Any]) -> Any:
 
     That spares the machine code in between, but its types are inferred again at every place.
     """
-    return _njit(error_model="numpy", _nrt=False, inline="always")(function)
+    return _njit(inline="always", **_OPTIONS, _nrt=False)(function)
 
 
 class Kernel(NamedTuple):

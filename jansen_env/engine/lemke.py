@@ -6,13 +6,13 @@ contact, in a tableau w | z | artificial | right-hand side.
 
 from __future__ import annotations
 
-from jansen_env.engine.jit import compiled, stage
+from jansen_env.engine.jit import stage
 
 PIVOT = 1e-11  # smallest pivot, after scaling
 PERTURBATION = 1e-9  # of the right-hand side, after scaling
 
 
-@compiled
+@stage(inline=False)
 def lemke(count, problem, compliance, T, basis):
     """Lemke's method on (P_n, P_t+, P_t-, bound) of Stewart and Trinkle; True where it ends.
 

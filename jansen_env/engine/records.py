@@ -2,7 +2,8 @@
 
 What belongs to a robot, whatever its number of legs, is one row; arrays of contact sizes are no
 part of rows, or every leg count would be compiled anew. Tuples of arrays cost microseconds at the
-boundary and nothing behind it: there they carry what belongs together.
+boundary and nothing behind it: there they carry what belongs together. Of rows numba looks up the
+type in 0.13 us, of plain numbers in 0.03: into what is called all the time they go as their bytes.
 """
 
 from __future__ import annotations
@@ -103,6 +104,11 @@ PLANE = np.dtype(
 """The ground as one pad may touch it."""
 
 
+def as_bytes(rows: NDArray[np.void]) -> NDArray[np.uint8]:
+    """The same memory as bytes, along the last axis."""
+    return rows.view(np.uint8)
+
+
 class Model(NamedTuple):
     """The kernels' view of a compiled robot: see :class:`jansen_env.dynamics.reduced.Tables`."""
 
@@ -162,7 +168,7 @@ class Problem(NamedTuple):
     A: Array  # (2 n, 2 n) work: LU factors
     rhs: Array  # (2 n,) work
     indices: Ints  # (10 n + 1,) work: see :func:`jansen_env.engine.contact_solver.solve`
-    spare: Array  # work of the searches, where modes that are guessed do not end
+    spare: Array  # (4 n + 4, 8 n + 2) work, where modes must be searched for
 
 
 class Contacts(NamedTuple):
@@ -182,6 +188,6 @@ class Work(NamedTuple):
     contacts: Contacts
     bound: Array  # (planes,) m a robot's pads may travel before each plane can be touched
     sums: Array  # (3, 6) readings of the body's table
-    place: Array  # (3, 3) readings of a pad's table
-    pose: Array  # (5,) last pose, and how far at most any pad has travelled since the first
-    found: Array  # (4,) pose at which the planes were found
+    place: Array  # (3, 6) readings of a pad's table, 3 of each row
+    pose: Array  # (6,) last pose, and how far at most any pad has travelled since the first
+    found: Array  # (6,) pose at which the planes were found

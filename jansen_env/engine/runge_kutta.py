@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jansen_env.engine.jit import compiled
+from jansen_env.engine.jit import compiled, stage
 from jansen_env.engine.tables import C_Y, CRANK, DAMPING, FIRST, VALUE, read_body
 
 # Entries of a state: crank angle, its rate, and what the joints have taken since the start.
@@ -18,7 +18,7 @@ ANGLE, SPEED, LOSS = range(3)
 DIVERGED = 1e4  # rad/s, beyond which a crank speed is taken for a simulation that diverged
 
 
-@compiled
+@stage(inline=False)
 def _rates(psi, n, torque, body, gravity_y, sums):
     """Crank acceleration (rad/s^2) and the joints' loss of power (W)."""
     read_body(body, psi, sums)

@@ -124,7 +124,7 @@ def centre_of_mass(body, params, psi):
     return x, (_value(body, row, C_Y, t) + load * params.load_y) / m
 
 
-@compiled
+@stage(inline=False)
 def to_centroid(body, params, state, sign, sums):
     """Shift a state (8,) in place from the crank axis to the centre of mass (sign 1), or back (-1).
 
@@ -144,7 +144,7 @@ def to_centroid(body, params, state, sign, sums):
     state[5] += sign * (w * rx + n * (sin * dx + cos * dy))
 
 
-@compiled
+@stage(inline=False)
 def mechanical_energy(body, params, state, sums):
     """Kinetic plus potential energy of a crank-axis state, J; potential is 0 at y = 0."""
     read_body(body, state[3], sums)

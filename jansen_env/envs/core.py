@@ -130,6 +130,7 @@ class Task(ABC):
         self.rows = np.zeros(n, row)
         self.torque, self.reward = np.zeros((2, n))
         self.terminated, self.truncated = np.zeros((2, n), bool)
+        self._any_truncated = False
 
     def reset(
         self,
@@ -231,7 +232,8 @@ class Task(ABC):
     def _truncate(self, diverged: Bools) -> None:
         """End episodes whose simulation has just diverged, if any."""
         self.truncated[:] = self.rows["info"]["diverged"] = diverged
-        if diverged.any():
+        self._any_truncated = bool(diverged.any())
+        if self._any_truncated:
             gym.logger.warn(
                 f"the episodes of robots {np.flatnonzero(diverged).tolist()} end: their simulation "
                 f"diverged under torques of {self.torque[diverged].tolist()} N m; "

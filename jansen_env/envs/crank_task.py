@@ -151,7 +151,7 @@ class CrankTask(Task):
         self._take_actions(actions, active)
         batch.step(self.torque, self._steps)
         task.finish_step(*self._arguments_of_step())
-        if batch.any_diverged or self.truncated.any():
+        if batch.any_diverged or self._any_truncated:
             self._truncate(batch.diverged & active)
         if self.track_joint_forces:
             forces = batch.joint_forces(0, float(self.torque[0]))

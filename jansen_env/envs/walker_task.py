@@ -222,7 +222,7 @@ class WalkerTask(Task):
             self.terminated[:] = self.rows["info"]["fallen"]
         if not isinstance(batch, Batch):  # whose joints cannot open
             self.rows["info"]["joint_gap"] = batch.joint_gap
-        if batch.any_diverged or self.truncated.any():
+        if batch.any_diverged or self._any_truncated:
             self._truncate(batch.diverged & active)
         if self.track_joint_forces:
             diverged = batch.any_diverged

@@ -17,9 +17,8 @@ from jansen_env.dynamics.reduced import body_sums, compile_robot
 from jansen_env.engine import integrator
 from jansen_env.engine.collision import SPECULATIVE_MARGIN
 from jansen_env.engine.contact_means import contact_means
-from jansen_env.engine.contact_solver import problem, search
 from jansen_env.engine.jit import Kernel, prepare
-from jansen_env.engine.records import CONTACT_STATISTICS, ROBOT
+from jansen_env.engine.records import CONTACT_STATISTICS, ROBOT, as_bytes
 from jansen_env.engine.tables import energy, kernel_model, parameters
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.plants.base import check_time_step
@@ -118,7 +117,6 @@ class Batch:
         self.params["steepest"] = [terrain.steepest for terrain in terrains]
         capacity, radius = PLANES_PER_PAD * pads, robots[0].pad_radius
         self.detector = ContactDetector(self._robots, terrains, self.toes, radius, capacity)
-        self._depths = self._non_toe_depths(radius + SPECULATIVE_MARGIN)
         self.states = np.zeros((n, 8))
         self.contact_statistics = np.zeros((n, pads), CONTACT_STATISTICS)
         self.slip, self.contact_force = np.zeros((n, self.toes)), np.zeros((n, self.toes, 2))
@@ -137,18 +135,22 @@ class Batch:
         self._work: list[tuple[Any, ...]] = [integrator.work_space(capacity) for _ in range(count)]
         self._pool: tuple[int, ThreadPoolExecutor] | None = None
         self._sums = np.empty((3, 6))
+        depths = self._non_toe_depths(radius + SPECULATIVE_MARGIN)
+        self.detector.watch(self.states, self.model, depths, self.time_step)
+        self._shared = (
+            self.time_step, self.toes, self.states, self.model.body, self.model.pads,
+            as_bytes(self.model.layout), as_bytes(self._robots), as_bytes(self.detector.planes),
+            as_bytes(self.contact_statistics),
+        )  # fmt: skip
         prepare_placement(robots[0], terrains[0])
         prepare(*self._kernels())
 
     def _kernels(self) -> list[Kernel]:
         """What is compiled of a batch."""
-        step = self._arguments_of_advance(
-            0, 0, True, 0, np.zeros(1), _plain(self._no_trace), self._work[0]
-        )
+        step = 0, 0, True, 0, np.zeros(1), _plain(self._no_trace), *self._work[0], *self._shared
         return [
-            *self.detector.kernels(self.states, self.model, self._depths),
+            *self.detector.kernels(),
             Kernel("energy", energy, (0, self.states, self._robots, self.model.body, self._sums)),
-            Kernel("contact solver", search, (2, problem(2), 0.0, 0.0)),
             Kernel("time step", integrator.advance, step),
             Kernel("contact forces", contact_means, self._arguments_of_means(1)),
         ]
@@ -258,7 +260,7 @@ class Batch:
 
     def contact_planes(self) -> tuple[NDArray[np.void], Array, Array]:
         """Of the first robot: planes (k,), their normals (k, 2), and the centres of the pads."""
-        self.detect()
+        self.detector.detect()
         planes = self.detector.planes_of(0)
         normals = np.stack([planes["normal_x"], planes["normal_y"]], axis=1)
         return planes, normals, self.detector.centres
@@ -285,15 +287,6 @@ class Batch:
         """Kinetic plus potential energy of a robot, J (potential 0 with its mass at y = 0)."""
         return float(energy(row, self.states, self._robots, self.model.body, self._sums))
 
-    def detect(self, moving_only: bool = False) -> bool:
-        """Find the ground where the robots are now.
-
-        Args, returns: see :meth:`jansen_env.plants.detector.ContactDetector.detect`.
-        """
-        return self.detector.detect(
-            self.states, self.model, self._depths, self.time_step, moving_only
-        )
-
     def step(self, torque: Array, steps: int) -> None:
         """Hold crank torques (n,), N m, for some time steps.
 
@@ -314,13 +307,13 @@ class Batch:
         while done < steps:
             count = min(self._stride, steps - done)
             rows = plain[done : done + count]
-            if self.detect():
+            if self.detector.detect():
                 self._refuse(before)
             finished = self._advance(done == 0, count, torque, rows)
             while not finished:  # fast robots need planes found several times
                 if (self._robots["status"]["steps_left"] < 0).any():
                     self._refuse(before)
-                if self.detect(moving_only=True):
+                if self.detector.detect(moving_only=True):
                     self._refuse(before)
                 finished = self._advance(False, 0, torque, rows)
             done += count
@@ -358,7 +351,7 @@ class Batch:
             finished = True
             for share in shares:  # each thread takes the next one
                 finished &= integrator.advance(
-                    *self._arguments_of_advance(*share, fresh, steps, torque, trace, memory)
+                    *share, fresh, steps, torque, trace, *memory, *self._shared
                 )
             return finished
 
@@ -368,15 +361,6 @@ class Batch:
         finally:  # whatever happens here, nothing goes on in the background
             others = [future.result() for future in waiting]
         return finished and all(others)
-
-    def _arguments_of_advance(
-        self, first: int, last: int, fresh: bool, steps: int, torque: Array, trace: Array,
-        memory: tuple[Any, ...],
-    ) -> tuple[Any, ...]:  # fmt: skip
-        return (
-            first, last, fresh, steps, self.time_step, torque, self.states, self._robots,
-            *self.model, self.detector.planes, *memory, self.contact_statistics, self.toes, trace,
-        )  # fmt: skip
 
     def _arguments_of_means(self, steps: int) -> tuple[Any, ...]:
         elapsed = steps * self.time_step

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from jansen_env.engine import collision
 from jansen_env.engine.collision import PARK, SKIN, SPECULATIVE_MARGIN
 from jansen_env.engine.jit import Kernel
-from jansen_env.engine.records import PLANE, QUERY, Model
+from jansen_env.engine.records import PLANE, QUERY, Model, as_bytes
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
@@ -116,6 +116,7 @@ class ContactDetector:
         queries["known_x"] = queries["known_y"] = np.inf  # the broad phase knows none of them
         queries["last_segment"] = -1
         self.queries = queries
+        self._rows = as_bytes(self._robots), as_bytes(queries), as_bytes(self.planes)
         # The batch sets every body of the space, the ground's (last) too: it stays at the origin.
         self._placed = np.zeros((len(order), 2))
         self._placed[:rows] = PARK * np.arange(1, rows + 1)[:, None]
@@ -132,33 +133,33 @@ class ContactDetector:
         status = self._robots[robot]["status"]
         return self.planes[status["first_plane"] : status["end_plane"]]
 
-    def detect(
-        self,
-        states: Array,
-        model: Model,
-        depths: Array,
-        time_step: float,
-        moving_only: bool = False,
-    ) -> bool:
-        """Find the planes near the pads where they are in ``states`` (robots, 8).
+    def watch(self, states: Array, model: Model, depths: Array, time_step: float) -> None:
+        """Say where the robots are from now on.
 
         Args:
-            model: the robots' tables.
+            states: (robots, 8), read at every :meth:`detect`. model: the robots' tables.
             depths: m, how far below the crank axis a pad that is no toe can feel the ground, at
                 pitches evenly spread over one turn; and last, how far it can in any direction.
             time_step: s.
+        """
+        self._watched = (
+            states, model.pads, as_bytes(model.layout), depths, time_step, self._toes,
+            *self._terrains,
+        )  # fmt: skip
+
+    def detect(self, moving_only: bool = False) -> bool:
+        """Find the planes near the pads where they are now.
+
+        Args:
             moving_only: whether only for the robots that have steps left.
 
         Returns:
             Whether a pad of one of them is too deep in the ground.
         """
-        rows, stale, too_deep = collision.detect(
-            states, self._robots, model.pads, model.layout, depths, time_step, moving_only,
-            self._toes, *self._terrains, self.queries, self.planes,
-        )  # fmt: skip
+        rows, stale, too_deep = collision.detect(moving_only, *self._watched, *self._rows)
         if rows > len(self.queries):
             self._grow(max(rows, len(self.queries) * 3 // 2))
-            return self.detect(states, model, depths, time_step, moving_only)
+            return self.detect(moving_only)
         return self.find_planes(rows, True, moving_only) if stale else bool(too_deep)
 
     def find_planes(self, rows: int, broad_phase: bool = True, moving_only: bool = False) -> bool:
@@ -190,16 +191,13 @@ class ContactDetector:
         got = self._got
         return np.frombuffer(got.int_buf(), np.int64), np.frombuffer(got.float_buf())
 
-    def kernels(self, states: Array, model: Model, depths: Array) -> list[Kernel]:
-        """What is compiled of it, see :func:`jansen_env.engine.jit.prepare`."""
+    def kernels(self) -> list[Kernel]:
+        """For :func:`jansen_env.engine.jit.prepare`, after :meth:`watch`."""
         robots, queries, planes = self._robots, self.queries, self.planes
         surface, _, reach, _ = self._terrains
         candidates = *self._found(), self._ids, self._row_of, robots, surface, reach, queries
         near = 0, robots, False, *self._terrains, queries, planes
-        every = (
-            states, robots, model.pads, model.layout, depths, 1e-3, False, 0, *self._terrains,
-            queries, planes,
-        )  # fmt: skip
+        every = False, *self._watched, *self._rows
         return [
             Kernel("broad phase", collision.move_pads, (0, robots, queries, self._placed)),
             Kernel("candidates", collision.keep_candidates, candidates),

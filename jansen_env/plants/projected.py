@@ -166,18 +166,20 @@ class ProjectionPlant:
         batch = self.batch
         if batch.any_diverged:
             raise divergence(batch.states[0], torque)
-        sums = batch.accumulators[0]
+        motor, joints, slip, impact, residual, gain, non_toe, _, change = batch.accumulators[
+            0
+        ].item()
         return StepResult(
             slip=batch.slip[0].copy(),
             contact_force=batch.contact_force[0].copy(),
-            motor_work=float(sums["motor_work"]),
-            joint_loss=float(sums["joint_loss"]),
-            slip_loss=float(sums["slip_loss"]),
-            impact_loss=float(sums["impact_loss"]),
-            energy_change=float(sums["energy_change"]),
-            non_toe_contact=bool(sums["non_toe_impulse"] > 0.0),
-            residual=float(sums["worst_residual"]),
-            contact_gain=float(sums["contact_gain"]),
+            motor_work=motor,
+            joint_loss=joints,
+            slip_loss=slip,
+            impact_loss=impact,
+            energy_change=change,
+            non_toe_contact=non_toe > 0.0,
+            residual=residual,
+            contact_gain=gain,
         )
 
     def joint_forces(self, torque: float = 0.0) -> JointForces:

@@ -149,7 +149,7 @@ def _height(surface, k, x):
     return surface[k, 1] + slope * (x - surface[k, 0])
 
 
-@stage
+@stage(inline=False)
 def height_at(surface, begin, end, x):
     """Height of the terrain surface[begin:end] at ``x``, m; it goes on beyond its ends."""
     return _height(surface, _segment(surface, begin, end, x), x)

@@ -26,6 +26,7 @@ _njit: Any = numba.njit  # _nrt and what spares wrappers are no documented optio
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
 _FunctionCache: Any = numba.core.caching.FunctionCache
 
+OPTIMISATION = 1  # level of LLVM: up to 3 it takes longer, and its code is no faster
 UNUSED = 30 * 24 * 3600.0  # s after which the folder of other sources is removed
 _DIGEST = 16  # hexadecimal digits of it in a folder's name
 
@@ -185,7 +186,12 @@ def prepare(*kernels: Kernel) -> None:
                 f"and keeps it in {FOLDER}" if FOLDER else NOT_KEPT,
             )
             _log.warning("jansen_env compiles %d of %d: %s", number, len(kernels), subject)
-        function.compile(types)
+        level = _config.OPT
+        _config.OPT = type(level)(min(level, OPTIMISATION))
+        try:
+            function.compile(types)
+        finally:
+            _config.OPT = level
 
 
 def _tell(subject: str, message: str, *values: str) -> None:

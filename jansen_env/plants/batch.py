@@ -150,7 +150,6 @@ class Batch:
         step = 0, 0, True, 0, np.zeros(1), _plain(self._no_trace), *self._work[0], *self._shared
         return [
             *self.detector.kernels(),
-            Kernel("energy", energy, (0, self.states, self._robots, self.model.body, self._sums)),
             Kernel("time step", integrator.advance, step),
             Kernel("contact forces", contact_means, self._arguments_of_means(1)),
         ]

@@ -82,7 +82,7 @@ def _fill(count, problem, compliance, mass, speed, T, basis):
 @stage
 def _pivot(size, T, basis):
     """Lemke's pivots; False where they end on a ray."""
-    right, entering, pivot_row = 2 * size + 1, 2 * size, 0
+    right, entering, pivot_row = 2 * size + 1, 2 * size, basis[0]
     for r in range(1, size):
         if T[r, right] < T[pivot_row, right]:
             pivot_row = r

@@ -13,8 +13,12 @@ TRIES, LEVELS = 33, 4  # pitches tried at once, and how often around the best of
 
 
 @compiled
-def clearance(toes, centre, surface, x, radius, pitch):
-    """Heights by which the toes clear the ground with the axis at y = 0.
+def clearance(toes, centre, surface, begin, end, x, radius, pitch):
+    """Heights by which the toes clear the terrain surface[begin:end] with the axis at y = 0.
+
+    Args:
+        toes: (toes, 2) m, and centre: (2,) m, the centre of mass, in the chassis frame.
+        surface: (vertices, 2) m. x: of the axis, m. radius: of the toes, m. pitch: rad.
 
     Returns:
         (of all toes the smallest, of those ahead of the centre of mass, and of the others), m; inf
@@ -26,11 +30,11 @@ def clearance(toes, centre, surface, x, radius, pitch):
     for j in range(len(toes)):
         toe_x = x + cos * toes[j, 0] - sin * toes[j, 1]
         toe_y = sin * toes[j, 0] + cos * toes[j, 1]
-        before = height_at(surface, 0, len(surface), toe_x - GRADIENT_STEP)
-        after = height_at(surface, 0, len(surface), toe_x + GRADIENT_STEP)
+        before = height_at(surface, begin, end, toe_x - GRADIENT_STEP)
+        after = height_at(surface, begin, end, toe_x + GRADIENT_STEP)
         gradient = (after - before) / (2.0 * GRADIENT_STEP)
         # A disc over a straight slope touches with its centre radius / cos(slope) above it.
-        height = height_at(surface, 0, len(surface), toe_x)
+        height = height_at(surface, begin, end, toe_x)
         lift = toe_y - height - radius * math.sqrt(1.0 + gradient * gradient)
         if toe_x > centre_x:
             front = min(front, lift)
@@ -40,16 +44,16 @@ def clearance(toes, centre, surface, x, radius, pitch):
 
 
 @macro
-def _tip(toes, centre, surface, x, radius, pitch):
+def _tip(toes, centre, surface, begin, end, x, radius, pitch):
     """How much higher the front toes clear the ground than the rear ones, m; +-inf for one side."""
-    _, front, rear = clearance(toes, centre, surface, x, radius, pitch)
+    _, front, rear = clearance(toes, centre, surface, begin, end, x, radius, pitch)
     if front < math.inf and rear < math.inf:
         return front - rear
     return math.inf if rear < math.inf else -math.inf
 
 
 @compiled
-def level_pitch(toes, centre, surface, x, radius):
+def level_pitch(toes, centre, surface, begin, end, x, radius):
     """The pitch at which front and rear toes touch together, of several the most level one, rad."""
     low, high = -WIDEST_PITCH, WIDEST_PITCH
     pitch = 0.0
@@ -61,7 +65,7 @@ def level_pitch(toes, centre, surface, x, radius):
         before, before_tip = low, 0.0
         for i in range(TRIES):
             tried = high if i == TRIES - 1 else i * step + low
-            tip = _tip(toes, centre, surface, x, radius, tried)
+            tip = _tip(toes, centre, surface, begin, end, x, radius, tried)
             any_both = any_both or abs(tip) < math.inf
             # Front toes rise with the pitch: where they take off.
             if i > 0 and before_tip <= 0.0 and tip > 0.0 and abs(before + tried) < best:

@@ -67,6 +67,15 @@ def _value(table, row, f, t):
 
 
 @stage
+def _first_two(table, row, t):
+    """The first two functions of a table: x and y."""
+    x = y = 0.0
+    for f in range(2):
+        x, y = y, _value(table, row, f, t)
+    return x, y
+
+
+@stage
 def _read_motion(table, row, f, t, out):
     """Its first and second derivative, into out[FIRST, f] and out[SECOND, f]."""
     c1, c2, c3 = table[row, 1, f], table[row, 2, f], table[row, 3, f]
@@ -79,7 +88,7 @@ def _read_motion(table, row, f, t, out):
     )
 
 
-@stage
+@stage(inline=False)
 def read_body(body, psi, out):
     """Values and derivatives of the body's sums at a crank angle, into (3, 6)."""
     row, t = locate(body.shape[0], psi)
@@ -108,11 +117,11 @@ def read_pad_motion(pads, table, row, t, out):
         _read_motion(pads[table], row, f, t, out)
 
 
-@stage
+@stage(inline=False)
 def pad_place(pads, table, angle):
     """(x, y) of a pad in the chassis frame at a crank angle, m."""
     row, t = locate(pads.shape[1], angle)
-    return _value(pads[table], row, PAD_X, t), _value(pads[table], row, PAD_Y, t)
+    return _first_two(pads[table], row, t)
 
 
 @stage
@@ -120,8 +129,8 @@ def centre_of_mass(body, params, psi):
     """(x, y) of the centre of mass in the chassis frame at a crank angle, m, load included."""
     row, t = locate(body.shape[0], psi)
     load, m = params.load_mass, params.mass
-    x = (_value(body, row, C_X, t) + load * params.load_x) / m
-    return x, (_value(body, row, C_Y, t) + load * params.load_y) / m
+    x, y = _first_two(body, row, t)
+    return (x + load * params.load_x) / m, (y + load * params.load_y) / m
 
 
 @stage(inline=False)

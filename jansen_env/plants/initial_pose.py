@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 
 def prepare_placement(robot: Robot, terrain: Terrain) -> None:
     """Compile what :func:`resting_pose` needs."""
-    toes, centre, surface = np.zeros((len(robot.legs), 2)), np.zeros(2), terrain.polyline
-    common = toes, centre, surface, 0.0, robot.pad_radius
+    toes, centre, surface = np.zeros((len(robot.legs), 2)), np.zeros(2), terrain.polyline.copy()
+    common = toes, centre, surface, 0, len(surface), 0.0, robot.pad_radius
     prepare(
         Kernel("clearance", clearance, (*common, 0.0)), Kernel("level pitch", level_pitch, common)
     )
@@ -56,8 +56,10 @@ def resting_pose(
     angles = crank_angle + np.array([leg.phase for leg in robot.legs])
     toes = joint_positions(robot, "fore", np.where(back, math.pi - angles, angles))[:, T].copy()
     toes[back, 0] *= -1.0
-    surface, radius = terrain.polyline, robot.pad_radius
+    # A copy, as numba compiles arrays that cannot be written to once more.
+    surface = terrain.polyline.copy()
+    common = toes, centre, surface, 0, len(surface), x, robot.pad_radius
     if pitch is None:
-        pitch = level_pitch(toes, centre, surface, x, radius)
-    height, _, _ = clearance(toes, centre, surface, x, radius, pitch)
+        pitch = level_pitch(*common)
+    height, _, _ = clearance(*common, pitch)
     return float(-height), float(pitch)

@@ -149,7 +149,7 @@ def stage(function: Callable[..., Any] | None = None, *, inline: bool = True) ->
     """
     if function is None:
         return lambda f: stage(f, inline=inline)
-    return _njit(forceinline=inline, no_cpython_wrapper=True, **_OPTIONS, _nrt=False)(function)
+    return _njit(forceinline=inline, **_OPTIONS, _nrt=False)(function)
 
 
 def macro(function: Callable[..., Any]) -> Any:

@@ -243,3 +243,23 @@ def test_the_package_runs_where_nothing_can_be_written(tmp_path):
     assert ended.returncode == 0, ended.stderr
     assert ended.stdout == "'' 1.0\n"
     assert ended.stderr.count("cannot keep it") == 1
+
+
+def test_what_is_not_compiled_does_the_same():
+    """With NUMBA_DISABLE_JIT, which debuggers want, to the last bit of an observation."""
+    code = (
+        "import gymnasium as gym, jansen_env, numpy as np\n"
+        "for name in ('JansenWalker-v0', 'JansenCrank-v0'):\n"
+        "    env = gym.make_vec(name, num_envs=2)\n"
+        "    env.reset(seed=0)\n"
+        "    print(env.step(np.full((2, 1), 0.5, np.float32))[0].tobytes().hex())\n"
+    )
+    seen = set()
+    for disabled in ("0", "1"):
+        ended = subprocess.run(
+            [sys.executable, "-c", code],
+            capture_output=True, text=True, env={**os.environ, "NUMBA_DISABLE_JIT": disabled},
+        )  # fmt: skip
+        assert ended.returncode == 0, ended.stderr
+        seen.add(ended.stdout)
+    assert len(seen) == 1

@@ -371,3 +371,40 @@ def test_whatever_diverges_the_others_do_what_they_do_alone():
         diverged += infos["diverged"].sum()
         ours.close()
     assert diverged >= 5
+
+
+def test_a_refused_step_changes_nothing():
+    """One robot's action is no number: the others' last actions stay."""
+    env = together(3, AutoresetMode.DISABLED)
+    env.reset(seed=0)
+    for _ in range(5):
+        env.step(np.full((3, 1), 0.2, np.float32))
+    before = [env.get_state(i) for i in range(3)]
+    with pytest.raises(ValueError, match=r"actions\[2\] is nan"):
+        env.step(np.array([[1.0], [1.0], [np.nan]]))
+    for i in range(3):
+        assert env.get_state(i)["action"] == before[i]["action"] == np.float32(0.2)
+
+
+def test_bad_changes_and_states_change_nothing():
+    """All values are checked before one is set."""
+    env = together(2, friction=0.5)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="restitution"):
+        env.set_parameters(0, friction=0.3, restitution=5.0)
+    assert env.get_attr("friction") == (0.5, 0.5)
+    state = env.get_state(1)
+    for name, bad in (("command", 1e9), ("action", np.nan), ("steps", -3), ("farthest", np.inf)):
+        with pytest.raises(ValueError, match=name):
+            env.set_state(1, {**state, name: bad, "plant": np.zeros(8)})
+        assert np.array_equal(env.get_state(1)["plant"], state["plant"])
+
+
+def test_what_each_robot_has_of_its_own():
+    """Not the whole batch's; methods that are none of a robot's are refused."""
+    env = together(2, limit=7, reset_noise_scale=[0.1, 0.2])
+    assert env.get_attr("max_episode_steps") == (7.0, 7.0)
+    assert env.get_attr("reset_noise_scale") == (0.1, 0.2)
+    assert env.get_attr("np_random")[0] is env.np_random[0]
+    with pytest.raises(AttributeError, match="reset"):
+        env.call("reset")

@@ -12,12 +12,13 @@ def take_actions(actions, active, torque_limit, rows, torque):
     """Keep actions (n, 1), clipped to -1 .. 1, in ``rows``; 0 of robots not ``active`` (n,).
 
     Returns:
-        The first active robot whose action is not finite, else -1.
+        The first active robot whose action is not finite, and nothing is kept; else -1.
     """
     for r in range(len(actions)):
-        action = actions[r, 0] if active[r] else 0.0
-        if not math.isfinite(action):
+        if active[r] and not math.isfinite(actions[r, 0]):
             return r
+    for r in range(len(actions)):
+        action = actions[r, 0] if active[r] else 0.0
         rows[r].action = min(1.0, max(-1.0, action))
         torque[r] = rows[r].action * torque_limit
         rows[r].info.crank_torque = torque[r]

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from jansen_env.engine.jit import compiled
+from jansen_env.engine.records import row_dtype
 
 START_ANGLE = math.pi  # rad, of the reference at time 0, as in the paper
 LOST = math.pi  # rad, tracking error at which an episode ends
 TRACKING_WIDTH = 0.8  # rad, tracking error at which half of the tracking reward is left
 
 # The reward's terms, and likewise their weights.
-REWARD = np.dtype([("tracking", float), ("torque", float)])
+REWARD = row_dtype([("tracking", float), ("torque", float)])
 # What the environment's information has of a robot; its units are listed there.
-INFORMATION = np.dtype(
+INFORMATION = row_dtype(
     [
         ("crank_angle", float),
         ("crank_speed", float),
@@ -25,7 +24,7 @@ INFORMATION = np.dtype(
         ("diverged", bool),
     ]
 )
-ENERGIES = np.dtype(
+ENERGIES = row_dtype(
     [
         ("motor_work", float),
         ("joint_loss", float),
@@ -34,7 +33,7 @@ ENERGIES = np.dtype(
     ]
 )
 # A robot's row: the last action, steps taken, and what its last step was.
-ROW = np.dtype(
+ROW = row_dtype(
     [
         ("action", float),
         ("steps", float),
@@ -47,7 +46,7 @@ ROW = np.dtype(
 
 @compiled
 def finish_step(states, work, loss, change, period, weights, rows, reward, terminated, out):
-    """Reward the step of ``period`` seconds that led to ``states`` (n, 2), and describe it.
+    """Reward the step of ``period`` seconds that led to ``states`` (n, 3), and describe it.
 
     Args:
         work, loss, change: (n,) of the motor, the joints and in mechanical energy, J.
@@ -70,7 +69,7 @@ def finish_step(states, work, loss, change, period, weights, rows, reward, termi
 
 @compiled
 def describe(states, period, rows, out):
-    """Observations (n, 5) into ``out``, and information into ``rows``, of states (n, 2)."""
+    """Observations (n, 5) into ``out``, and information into ``rows``, of states (n, 3)."""
     for r in range(len(states)):
         info, angle, speed = rows[r].info, states[r, 0], states[r, 1]
         info.crank_angle, info.crank_speed = angle, speed

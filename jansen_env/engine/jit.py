@@ -13,6 +13,7 @@ import hashlib
 import logging
 import os
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -76,8 +77,10 @@ def _cache_folder() -> str:
 
 
 FOLDER = _cache_folder()
+DISABLED = bool(_config.DISABLE_JIT)  # numba is told to compile nothing
 NOT_KEPT = "and cannot keep it: there is no folder to write to, NUMBA_CACHE_DIR can name one"
 _log = logging.getLogger("jansen_env")
+_preparing = threading.RLock()
 _told: set[str] = set()  # what has been said in this process
 
 
@@ -175,13 +178,16 @@ def prepare(*kernels: Kernel) -> None:
     """
     if _config.DISABLE_JIT:
         return
-    collects = gc.isenabled()
-    gc.disable()  # it takes a tenth of the time and finds next to nothing
-    try:
-        _prepare(kernels)
-    finally:
-        if collects:
-            gc.enable()
+    with _preparing:  # what is set meanwhile is set for the whole process
+        collects, level = gc.isenabled(), _config.OPT
+        gc.disable()  # it takes a tenth of the time and finds next to nothing
+        _config.OPT = type(level)(min(level, OPTIMISATION))
+        try:
+            _prepare(kernels)
+        finally:
+            _config.OPT = level
+            if collects:
+                gc.enable()
 
 
 def _prepare(kernels: Sequence[Kernel]) -> None:
@@ -197,12 +203,7 @@ def _prepare(kernels: Sequence[Kernel]) -> None:
                 f"and keeps it in {FOLDER}" if FOLDER else NOT_KEPT,
             )
             _log.warning("jansen_env compiles %d of %d: %s", number, len(kernels), subject)
-        level = _config.OPT
-        _config.OPT = type(level)(min(level, OPTIMISATION))
-        try:
-            function.compile(types)
-        finally:
-            _config.OPT = level
+        function.compile(types)
 
 
 def _tell(subject: str, message: str, *values: str) -> None:

@@ -8,15 +8,24 @@ type in 0.13 us, of plain numbers in 0.03: into what is called all the time they
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.engine.jit import DISABLED
+
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-PARAMS = np.dtype(
+
+def row_dtype(fields: list[tuple[Any, ...]]) -> np.dtype[Any]:
+    """A structured dtype whose rows have their fields as attributes, uncompiled too."""
+    dtype = np.dtype(fields, align=True)
+    return np.dtype((np.record, dtype)) if DISABLED else dtype
+
+
+PARAMS = row_dtype(
     [
         ("mass", "f8"),  # kg, load included
         ("load_mass", "f8"),  # kg
@@ -33,11 +42,10 @@ PARAMS = np.dtype(
         ("crank_arm", "f8"),  # m, a pad's fastest motion against that per crank speed
         ("prescribed_speed", "?"),  # whether the crank keeps its speed whatever torque that takes
     ],
-    align=True,
 )
 """What may differ between robots of one design."""
 
-STATUS = np.dtype(
+STATUS = row_dtype(
     [
         ("steps_left", "i8"),  # time steps until the planes are found again; -1: it has diverged
         ("margin", "f8"),  # m from its pads within which planes are listed, the speculative margin
@@ -49,11 +57,10 @@ STATUS = np.dtype(
         ("cell_y", "f8"),
         ("too_deep", "?"),  # whether a pad is so deep in the ground that it has no plane
     ],
-    align=True,
 )
 """Where a robot stands between collision detection and time steps."""
 
-ACCUMULATORS = np.dtype(
+ACCUMULATORS = row_dtype(
     [
         ("motor_work", "f8"),  # J
         ("joint_loss", "f8"),
@@ -68,16 +75,16 @@ ACCUMULATORS = np.dtype(
 )
 """Sums over the time steps of a control step."""
 
-ROBOT = np.dtype([("params", PARAMS), ("status", STATUS), ("accumulators", ACCUMULATORS)])
+ROBOT = row_dtype([("params", PARAMS), ("status", STATUS), ("accumulators", ACCUMULATORS)])
 """A robot of a batch."""
 
-CONTACT_STATISTICS = np.dtype([("slip", "f8"), ("impulse", "f8", 2)])
+CONTACT_STATISTICS = row_dtype([("slip", "f8"), ("impulse", "f8", 2)])
 """Of a pad, sums as well: path it slid while loaded, m; tangential and normal impulse, N s."""
 
-PAD = np.dtype([("table", "i8"), ("phase", "f8")])
+PAD = row_dtype([("table", "i8"), ("phase", "f8")])
 """A pad of the design: row of the pads' tables, and crank phase, rad."""
 
-QUERY = np.dtype(
+QUERY = row_dtype(
     [
         ("robot", "i8"),
         ("pad", "i8"),
@@ -91,7 +98,7 @@ QUERY = np.dtype(
 )
 """A pad near which the ground is looked for."""
 
-PLANE = np.dtype(
+PLANE = row_dtype(
     [
         ("normal_x", "f8"),  # unit vector out of the ground
         ("normal_y", "f8"),

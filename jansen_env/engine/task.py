@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from jansen_env.engine.collision import height_at
 from jansen_env.engine.jit import compiled
+from jansen_env.engine.records import row_dtype
 
 FALLEN_PITCH = 1.2  # rad
 TRACKING_WIDTH = 0.75  # of the command: speed error at which tracking has fallen to 1/e ...
@@ -15,9 +14,9 @@ WIDEST_TRACKING = 0.25  # m/s ... but no wider than this
 NARROWEST_TRACKING = 0.002  # m/s ... nor narrower, so that a command of 0 can be tracked
 
 # The reward's terms, and likewise their weights.
-REWARD = np.dtype([(name, float) for name in ("tracking", "slip", "energy", "posture", "fall")])
+REWARD = row_dtype([(name, float) for name in ("tracking", "slip", "energy", "posture", "fall")])
 # What the environment's information has of a robot, but for arrays; its units are listed there.
-INFORMATION = np.dtype(
+INFORMATION = row_dtype(
     [
         ("x_position", float),
         ("x_velocity", float),
@@ -31,7 +30,7 @@ INFORMATION = np.dtype(
         ("diverged", bool),
     ]
 )
-ENERGIES = np.dtype(
+ENERGIES = row_dtype(
     [
         ("motor_work", float),
         ("joint_loss", float),
@@ -43,7 +42,7 @@ ENERGIES = np.dtype(
 )
 # A robot's row: what is kept of its episode, and what its last step was. The last action; the
 # farthest point reached in the commanded direction, m; where the step began, m; its weight, N.
-ROW = np.dtype(
+ROW = row_dtype(
     [
         ("action", float),
         ("farthest", float),
@@ -58,19 +57,19 @@ ROW = np.dtype(
 
 @compiled
 def finish_step(
-    states, slip, force, accumulators, period, weights, rows, loads, reward, surface, bounds,
+    states, slip, force, robots, period, weights, rows, loads, reward, surface, bounds,
     ground, out,
 ):  # fmt: skip
     """Reward the step of ``period`` seconds that led to ``states`` (n, 8), and :func:`describe` it.
 
     Args:
-        slip: (n, toes) m. force: (n, toes, 2) N. accumulators: of the plant.
+        slip: (n, toes) m. force: (n, toes, 2) N. robots: (n,) ROBOT of the plant.
         weights: (1,) of :data:`REWARD`. rows: (n,) of :data:`ROW`.
         loads: (n, toes) normal forces / weight. reward: (n,).
         surface, bounds, ground, out: see :func:`describe`.
     """
     for r in range(len(states)):
-        row, total = rows[r], accumulators[r]
+        row, total = rows[r], robots[r].accumulators
         slipped = 0.0
         for j in range(slip.shape[1]):
             slipped += slip[r, j]
@@ -79,7 +78,7 @@ def finish_step(
         compute_reward(states[r], total.motor_work, slipped, toes_only, period, weights[0], row)
         term = row.reward
         reward[r] = term.tracking + term.slip + term.energy + term.posture + term.fall
-    describe(states, accumulators, rows, loads, surface, bounds, ground, out)
+    describe(states, robots, rows, loads, surface, bounds, ground, out)
 
 
 @compiled
@@ -130,18 +129,19 @@ def tracking_score(speed, command):
 
 
 @compiled
-def describe(states, accumulators, rows, loads, surface, bounds, ground, out):
+def describe(states, robots, rows, loads, surface, bounds, ground, out):
     """Observations (n, 12 + toes) into ``out``, and information into ``rows``.
 
     Args:
-        states: (n, 8). accumulators: of the plant. loads: (n, toes). surface, bounds, ground: see
+        states: (n, 8). robots: (n,) ROBOT of the plant. loads: (n, toes).
+        surface, bounds, ground: see
             :func:`jansen_env.plants.detector.surfaces`.
     """
     for r in range(len(states)):
         begin, end = bounds[ground[r]], bounds[ground[r] + 1]
         height = states[r, 1] - height_at(surface, begin, end, states[r, 0])
         observe(states[r], height, rows[r], loads[r], out[r])
-        inform(states[r], accumulators[r], rows[r])
+        inform(states[r], robots[r].accumulators, rows[r])
 
 
 @compiled

@@ -69,7 +69,7 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
     | ``speed_command`` | 1 | rad/s, a number or a range |
     | ``torque_limit`` | 5 | N m |
     | ``control_dt`` | 0.01 | s for which an action is held (the paper's); a multiple of ``time_step``, at most 10,000 times as long |
-    | ``time_step`` | 0.001 | s, of the integration, 1e-6 to 1 |
+    | ``time_step`` | 0.001 | s, of the integration, 1e-9 to 1 |
     | ``tracking_weight``, ``torque_weight`` | 1, 1 | see Rewards |
     | ``reset_noise_scale`` | 0.1 | rad and rad/s, of the start |
     | ``track_joint_forces`` | False | adds the largest one to ``info``; a step then takes 1 ms more |

@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from jansen_env.checks import finite, non_negative, positive, within
+from jansen_env.checks import finite, non_negative, positive, whole_number, within
 from jansen_env.engine import crank_tracking as task
 from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.envs import arguments
@@ -169,12 +169,12 @@ class CrankTask(Task):
     def _arguments_of_step(self) -> tuple[Any, ...]:
         batch = self.batch
         return (
-            batch.states, batch.motor_work, batch.joint_loss, batch.energy_change, self.control_dt,
+            batch.rows, batch.motor_work, batch.joint_loss, batch.energy_change, self.control_dt,
             self._weights, self.rows, self.reward, self.terminated, self.observation,
         )  # fmt: skip
 
     def _arguments_of_description(self) -> tuple[Any, ...]:
-        return self.batch.states, self.control_dt, self.rows, self.observation
+        return self.batch.rows, self.control_dt, self.rows, self.observation
 
     def set_parameters(self, row: int, **changes: Any) -> None:
         """Change a robot's ``speed_command``, rad/s, a number or a range, of its next episodes.
@@ -207,8 +207,12 @@ class CrankTask(Task):
     def set_state(self, row: int, state: Mapping[str, Any]) -> None:
         """Go on from a state of :meth:`get_state`, see :class:`Task`."""
         arguments.complete_state(state, self.get_state(row))
-        self.batch.states[row] = check_crank_state(state["plant"])
-        self._begin(row, float(state["command"]), float(state["action"]), int(state["steps"]))
+        plant = check_crank_state(state["plant"])
+        command = within("state['command']", state["command"], -FASTEST_COMMAND, FASTEST_COMMAND)
+        action = within("state['action']", state["action"], -1.0, 1.0)
+        steps = whole_number("state['steps']", state["steps"])
+        self.batch.states[row] = plant
+        self._begin(row, command, action, steps)
         self._describe()
 
     def scene(self, row: int) -> dict[str, Any]:

@@ -35,6 +35,8 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
     def __init_subclass__(cls, **kwargs: Any) -> None:
         """Show the task's arguments as those of the environment."""
         super().__init_subclass__(**kwargs)
+        if "__init__" in cls.__dict__:  # of its own
+            return
         shown = arguments.signature_of(cls.TASK, without=("num_envs", "threads"))
         mode = inspect.Parameter("render_mode", inspect.Parameter.KEYWORD_ONLY, default=None)
         cls.__signature__ = shown.replace(parameters=[*shown.parameters.values(), mode])  # type: ignore[attr-defined]
@@ -107,7 +109,11 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         self.close()  # pictures show the old one
 
     def get_state(self) -> dict[str, Any]:
-        """All that the future depends on; :meth:`set_state` continues from it bit for bit."""
+        """All that the future depends on; :meth:`set_state` continues from it bit for bit.
+
+        On the plant ``"rigid_body"`` up to what pymunk keeps to itself: there the joints are closed
+        and the solver starts again.
+        """
         return {**self.task.get_state(0), "generator": self.np_random.bit_generator.state}
 
     def set_state(self, state: dict[str, Any]) -> Observation:

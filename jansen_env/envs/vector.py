@@ -57,6 +57,8 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         """Show the task's arguments as those of the environment."""
         super().__init_subclass__(**kwargs)
         own = inspect.signature(TaskVectorEnv.__init__).parameters
+        if "__init__" in cls.__dict__:  # of its own
+            return
         shown = arguments.signature_of(cls.TASK, without=("num_envs", "threads"))
         before = [p for name, p in own.items() if name not in ("self", "task_arguments")]
         cls.__signature__ = shown.replace(parameters=[*before, *shown.parameters.values()])  # type: ignore[attr-defined]
@@ -73,6 +75,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
     ) -> None:
         self._renderers: dict[int, Any] = {}
         self.num_envs = n = positive_integer("num_envs", num_envs, arguments.MOST_ROBOTS)
+        threads = None if threads is None else positive_integer("threads", threads)
         self.render_mode = arguments.render_mode(render_mode, self.metadata["render_modes"])
         self.autoreset_mode = arguments.autoreset_mode(autoreset_mode)
         self.max_episode_steps = arguments.limit_of_each(n, max_episode_steps)
@@ -251,9 +254,16 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
         """An attribute of each robot: its own, or what all have in common."""
-        single = f"single_{name}" if name in ("observation_space", "action_space") else name
         own = self.task.of_each(name)
-        return tuple(own) if own is not None else (getattr(self, single),) * self.num_envs
+        if own is not None:
+            return tuple(own)
+        if name in ("max_episode_steps", "np_random", "np_random_seed"):
+            return tuple(getattr(self, name))
+        shared = f"single_{name}" if name in ("observation_space", "action_space") else name
+        found = getattr(self, shared)
+        if callable(found):
+            raise AttributeError(f"{name!r} cannot be asked of a robot, must be in {METHODS}")
+        return (found,) * self.num_envs
 
     def set_attr(self, name: str, values: Any) -> None:
         """:meth:`set_parameters` of all robots: to one value, or to the entries of a list."""

@@ -97,7 +97,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | ``torque_limit`` | 20 | N m |
     | ``payload`` | robot's (none) | a :class:`jansen_env.Payload`, or a mass in kg at the crank axis |
     | ``control_dt`` | 0.02 | s for which an action is held; a multiple of ``time_step``, at most 10,000 times as long |
-    | ``time_step`` | the plant's | s, of the integration, 1e-6 to 1: 0.001, ``"rigid_body"`` 0.00025 |
+    | ``time_step`` | the plant's | s, of the integration, 1e-9 to 1: 0.001, ``"rigid_body"`` 0.00025 |
     | ``plant`` | ``"projection"`` | what moves the robot, see Plants |
     | ``tracking_weight`` ... ``fall_weight`` | 1, 4, 0.1, 0.5, 200 | see Rewards |
     | ``reset_noise_scale`` | 0.1 | rad/s, of the starting crank speed |

@@ -7,14 +7,14 @@ in :class:`jansen_env.envs.walker.JansenWalkerEnv`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from jansen_env.checks import finite, non_negative, positive, within
+from jansen_env.checks import finite, non_negative, positive, whole_number, within
 from jansen_env.dynamics.pads import pad_layout
 from jansen_env.engine import task
 from jansen_env.engine.jit import Kernel, prepare
@@ -235,13 +235,13 @@ class WalkerTask(Task):
     def _arguments_of_step(self) -> tuple[Any, ...]:
         batch = self.batch
         return (
-            batch.states, batch.slip, batch.contact_force, batch.accumulators, self.control_dt,
+            batch.states, batch.slip, batch.contact_force, batch.rows, self.control_dt,
             self._weights, self.rows, self.loads, self.reward, *self._ground, self.observation,
         )  # fmt: skip
 
     def _arguments_of_description(self) -> tuple[Any, ...]:
         return (
-            self.batch.states, self.batch.accumulators, self.rows, self.loads, *self._ground,
+            self.batch.states, self.batch.rows, self.rows, self.loads, *self._ground,
             self.observation,
         )  # fmt: skip
 
@@ -259,24 +259,27 @@ class WalkerTask(Task):
             TypeError: another name.
         """
         arguments.known_parameters(changes, self.SETTABLE)
-        batch = self.batch
-        for name, value in changes.items():
-            if name == "speed_command":
-                self.speed_command[row] = arguments.command_range(value, FASTEST_COMMAND)
-            elif not isinstance(batch, Batch):
-                raise ValueError(f"{name} cannot be changed with plant='rigid_body'")
-            elif name == "friction":
-                batch.set_friction(row, non_negative(name, value))
-            elif name == "restitution":
-                batch.set_restitution(row, within(name, value, 0.0, 1.0))
-            else:
-                batch.set_payload(row, arguments.load_payload(value))
-                self.robots[row] = batch.robots[row]
-                self.rows[row]["weight"] = self.robots[row].mass * GRAVITY
+        batch, physical = self.batch, sorted({*changes} - {"speed_command"})
+        if physical and not isinstance(batch, Batch):
+            raise ValueError(f"{physical[0]} cannot be changed with plant='rigid_body'")
+        checks: dict[str, Callable[[Any], Any]] = {
+            "friction": lambda value: non_negative("friction", value),
+            "restitution": lambda value: within("restitution", value, 0.0, 1.0),
+            "payload": arguments.load_payload,
+            "speed_command": lambda value: arguments.command_range(value, FASTEST_COMMAND),
+        }
+        checked = {name: checks[name](value) for name, value in changes.items()}  # or nothing
+        if "speed_command" in checked:
+            self.speed_command[row] = checked.pop("speed_command")
+        for name, value in checked.items():
+            getattr(batch, f"set_{name}")(row, value)
+        if "payload" in checked:
+            self.robots[row] = batch.robots[row]
+            self.rows[row]["weight"] = self.robots[row].mass * GRAVITY
 
     def of_each(self, name: str) -> list[Any] | None:
         """``friction``, ``restitution``, ``payload``, ``robot``, ``terrain``, ``state``, ``weight``,
-        ``speed_command`` of each robot; None for another name.
+        ``speed_command``, ``reset_noise_scale`` of each robot; None for another name.
         """
         batch = self.batch
         if name == "robot":
@@ -287,8 +290,8 @@ class WalkerTask(Task):
             return [robot.payload for robot in self.robots]
         if name == "speed_command":
             return [(low, high) for low, high in self.speed_command.tolist()]
-        if name == "weight":
-            return self.weight.tolist()
+        if name in ("weight", "reset_noise_scale"):
+            return list(getattr(self, name).tolist())
         if name == "state":
             return list(batch.states.copy())
         if name in ("friction", "restitution"):
@@ -316,22 +319,26 @@ class WalkerTask(Task):
     def set_state(self, row: int, state: Mapping[str, Any]) -> None:
         """Go on from a state of :meth:`get_state`, see :class:`Task`."""
         arguments.complete_state(state, self.get_state(row))
-        loads = np.array(state["loads"], dtype=float)
-        if loads.shape != self.loads[row].shape:
+        # All is checked before anything changes.
+        pose, loads = check_state(state["plant"]), np.array(state["loads"], dtype=float)
+        if loads.shape != self.loads[row].shape or not np.isfinite(loads).all():
             raise ValueError(
-                f"state['loads'] has shape {loads.shape}, must be {self.loads[row].shape}"
+                f"state['loads'] is {loads}, must be {len(self.loads[row])} finite numbers"
             )
+        in_contact = check_in_contact(state["in_contact"], len(pad_layout(self.robots[0]).leg))
+        command = within("state['command']", state["command"], -FASTEST_COMMAND, FASTEST_COMMAND)
+        action = within("state['action']", state["action"], -1.0, 1.0)
+        steps = whole_number("state['steps']", state["steps"])
+        farthest, fallen = finite("state['farthest']", state["farthest"]), bool(state["fallen"])
         batch = self.batch
-        batch.set_state(row, check_state(state["plant"]))
+        batch.set_state(row, pose)
         if row == 0:
-            pads = len(pad_layout(self.robots[0]).leg)
-            batch.in_contact = check_in_contact(state["in_contact"], pads)
+            batch.in_contact = in_contact
         batch.slip[row] = batch.contact_force[row] = 0.0
         self.loads[row] = loads
-        self._begin(row, float(state["command"]), float(state["action"]))
-        self.elapsed[row] = int(state["steps"])
-        self.rows[row]["farthest"] = float(state["farthest"])
-        self.rows[row]["info"]["fallen"] = bool(state["fallen"])
+        self._begin(row, command, action)
+        self.elapsed[row], self.rows[row]["farthest"] = steps, farthest
+        self.rows[row]["info"]["fallen"] = fallen
         self._describe()
 
     def scene(self, row: int) -> dict[str, Any]:

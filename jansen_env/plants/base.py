@@ -59,7 +59,8 @@ class BatchedPlant(Protocol):
 
     Attributes:
         states: (n, 8), see :class:`Plant`; to be read.
-        slip, contact_force, accumulators, joint_gap, diverged: (n, ...) of the last step.
+        rows: (n,) :data:`jansen_env.engine.records.ROBOT`, whose accumulators are the last step's.
+        slip, contact_force, joint_gap, diverged: (n, ...) of the last step.
         any_diverged: whether one has.
     """
 
@@ -69,7 +70,7 @@ class BatchedPlant(Protocol):
     time_step: float
     slip: Array
     contact_force: Array
-    accumulators: NDArray[np.void]
+    rows: NDArray[np.void]
     joint_gap: Array
     diverged: NDArray[np.bool_]
     any_diverged: bool

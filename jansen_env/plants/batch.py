@@ -62,6 +62,7 @@ class Batch:
         robots, terrains: what walks where.
         states: (n, 8) x, y, theta, psi and their rates; x, y the crank axis, m, rad, s.
         model: the robots' tables, see :mod:`jansen_env.engine.tables`.
+        rows: (n,) ROBOT, with the next two as fields of it.
         params: (n,) PARAMS, what may differ between them; accumulators: (n,) ACCUMULATORS and
             contact_statistics: (n, pads) CONTACT_STATISTICS, sums over the last :meth:`step`; see
             :mod:`jansen_env.engine.records`.
@@ -109,14 +110,14 @@ class Batch:
         vector = gravity_vector(gravity)
         rows = {id(robot): parameters(compile_robot(robot), vector) for robot in different}
         n = len(robots)
-        self._robots = np.zeros(n, ROBOT)
-        self.params, self.accumulators = self._robots["params"], self._robots["accumulators"]
+        self.rows = np.zeros(n, ROBOT)
+        self.params, self.accumulators = self.rows["params"], self.rows["accumulators"]
         self.params[:] = np.concatenate([rows[id(robot)] for robot in robots])
         self.params["friction"] = [terrain.friction for terrain in terrains]
         self.params["restitution"] = [terrain.restitution for terrain in terrains]
         self.params["steepest"] = [terrain.steepest for terrain in terrains]
         capacity, radius = PLANES_PER_PAD * pads, robots[0].pad_radius
-        self.detector = ContactDetector(self._robots, terrains, self.toes, radius, capacity)
+        self.detector = ContactDetector(self.rows, terrains, self.toes, radius, capacity)
         self.states = np.zeros((n, 8))
         self.contact_statistics = np.zeros((n, pads), CONTACT_STATISTICS)
         self.slip, self.contact_force = np.zeros((n, self.toes)), np.zeros((n, self.toes, 2))
@@ -139,7 +140,7 @@ class Batch:
         self.detector.watch(self.states, self.model, depths, self.time_step)
         self._shared = (
             self.time_step, self.toes, self.states, self.model.body, self.model.pads,
-            as_bytes(self.model.layout), as_bytes(self._robots), as_bytes(self.detector.planes),
+            as_bytes(self.model.layout), as_bytes(self.rows), as_bytes(self.detector.planes),
             as_bytes(self.contact_statistics),
         )  # fmt: skip
         prepare_placement(robots[0], terrains[0])
@@ -284,7 +285,9 @@ class Batch:
 
     def energy(self, row: int) -> float:
         """Kinetic plus potential energy of a robot, J (potential 0 with its mass at y = 0)."""
-        return float(energy(row, self.states, self._robots, self.model.body, self._sums))
+        arguments = row, self.states, self.rows, self.model.body, self._sums
+        prepare(Kernel("energy", energy, arguments))
+        return float(energy(*arguments))
 
     def step(self, torque: Array, steps: int) -> None:
         """Hold crank torques (n,), N m, for some time steps.
@@ -297,7 +300,7 @@ class Batch:
         before = self.states.copy()
         if self.any_diverged:
             self.diverged[:] = self.any_diverged = False
-            self._robots["status"]["steps_left"] = 0
+            self.rows["status"]["steps_left"] = 0
         trace: NDArray[Any] = self._no_trace
         if self.tracing:
             trace = np.empty(steps, trace.dtype)
@@ -310,7 +313,7 @@ class Batch:
                 self._refuse(before)
             finished = self._advance(done == 0, count, torque, rows)
             while not finished:  # fast robots need planes found several times
-                if (self._robots["status"]["steps_left"] < 0).any():
+                if (self.rows["status"]["steps_left"] < 0).any():
                     self._refuse(before)
                 if self.detector.detect(moving_only=True):
                     self._refuse(before)
@@ -336,7 +339,7 @@ class Batch:
 
     def _refuse(self, before: Array) -> None:
         """Leave the robots that have diverged as they were before the step."""
-        status = self._robots["status"]
+        status = self.rows["status"]
         status["steps_left"][status["too_deep"]] = -1
         self.diverged |= status["steps_left"] < 0
         self.states[self.diverged] = before[self.diverged]

@@ -19,7 +19,8 @@ class BatchOfOne:
         self.robots, self.terrains = [plant.robot], [plant.terrain]
         self.toes, self.time_step = plant.toes, plant.time_step
         self.slip, self.contact_force = np.zeros((1, self.toes)), np.zeros((1, self.toes, 2))
-        self.accumulators, self.joint_gap = np.zeros(1, ROBOT)["accumulators"], np.zeros(1)
+        self.rows, self.joint_gap = np.zeros(1, ROBOT), np.zeros(1)
+        self.accumulators = self.rows["accumulators"]
         self.diverged, self.any_diverged = np.zeros(1, bool), False
 
     @property

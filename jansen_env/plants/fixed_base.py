@@ -29,6 +29,7 @@ class FixedBaseBatch:
 
     Attributes:
         states: (n, 2) crank angle (rad, not wrapped) and crank speed (rad/s); can be written to.
+        rows: (n, 3) these, and what the joints have taken in the last step, J.
         motor_work, joint_loss, energy_change: (n,) J, over the last :meth:`step`.
         diverged: (n,) whether the last :meth:`step` was refused. any_diverged: whether one was.
 
@@ -45,8 +46,8 @@ class FixedBaseBatch:
         tables = compile_robot(robot)
         self._body = kernel_model(tables).body
         self._params = parameters(tables, (0.0, -self.gravity))
-        self._rows = np.zeros((count, 3))  # states, and what the joints have taken in the step
-        self.states = self._rows[:, : runge_kutta.LOSS]
+        self.rows = np.zeros((count, 3))  # states, and what the joints have taken in the step
+        self.states = self.rows[:, : runge_kutta.LOSS]
         self.motor_work, self.joint_loss, self.energy_change = np.zeros((3, count))
         self.diverged, self.any_diverged = np.zeros(count, bool), False
         prepare(
@@ -69,7 +70,7 @@ class FixedBaseBatch:
 
     def _arguments_of_turn(self, torque: Array, steps: int) -> tuple[Any, ...]:
         return (
-            steps, self.time_step, torque, self._rows, self._body, self._params,
+            steps, self.time_step, torque, self.rows, self._body, self._params,
             self.motor_work, self.joint_loss, self.energy_change, self.diverged,
         )  # fmt: skip
 

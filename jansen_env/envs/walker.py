@@ -25,7 +25,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     |-----|--------|-----|-----|------|
     | 0 | crank torque, as a share of ``torque_limit`` (20 N m) | -1 | 1 | 1 |
 
-    Positive torque turns the crank counter-clockwise, which walks towards +x. Its reaction acts on
+    Positive torque turns the crank counter-clockwise, which walks towards +x (the holy designs: -x). Its reaction acts on
     the chassis. Actions beyond the limits are clipped.
 
     ## Observation Space

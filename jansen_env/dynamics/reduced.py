@@ -70,7 +70,6 @@ class Tables:
     tail: float
 
 
-@functools.lru_cache(maxsize=4096)  # payloads differ, what is large is shared
 def compile_robot(robot: Robot) -> Tables:
     """Compile a robot to periodic tables; equal robots are compiled once.
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import (
     entries,
+    finite,
     instance,
     non_negative,
     positive,
@@ -318,6 +319,26 @@ def known_options(options: dict[str, Any], allowed: Sequence[str]) -> None:
     unknown = sorted({*options} - {*allowed})
     if unknown:
         raise ValueError(f"reset options {unknown} are unknown, must be in {sorted(allowed)}")
+
+
+def option(
+    options: Mapping[str, Any],
+    name: str,
+    drawn: float,
+    low: float | None = None,
+    high: float | None = None,
+) -> float:
+    """An option of ``reset``, or what was drawn in its place.
+
+    Raises:
+        ValueError: not finite, or not between ``low`` and ``high``, where these are given.
+    """
+    if name not in options:
+        return drawn
+    label = f"options[{name!r}]"
+    if low is None or high is None:
+        return finite(label, options[name])
+    return within(label, options[name], low, high)
 
 
 def known_parameters(changes: dict[str, Any], allowed: Sequence[str]) -> None:

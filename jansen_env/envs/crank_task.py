@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from jansen_env.checks import finite, non_negative, positive, whole_number, within
+from jansen_env.checks import non_negative, positive, whole_number, within
 from jansen_env.engine import crank_tracking as task
 from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.envs import arguments
@@ -127,22 +127,13 @@ class CrankTask(Task):
         angle = START_ANGLE + noise * rng.uniform(-1.0, 1.0)
         speed = noise * rng.uniform(-1.0, 1.0)
         arguments.known_options(options, ("speed_command", "crank_angle", "crank_speed"))
-        if "speed_command" in options:
-            command = within(
-                "options['speed_command']",
-                options["speed_command"],
-                -FASTEST_COMMAND,
-                FASTEST_COMMAND,
-            )
-        if "crank_angle" in options:
-            angle = within(
-                "options['crank_angle']",
-                options["crank_angle"],
-                START_ANGLE - LOST,
-                START_ANGLE + LOST,
-            )
-        if "crank_speed" in options:
-            speed = finite("options['crank_speed']", options["crank_speed"])
+        command = arguments.option(
+            options, "speed_command", command, -FASTEST_COMMAND, FASTEST_COMMAND
+        )
+        angle = arguments.option(
+            options, "crank_angle", angle, START_ANGLE - LOST, START_ANGLE + LOST
+        )
+        speed = arguments.option(options, "crank_speed", speed)
         return command, angle, speed
 
     def step(self, actions: Any, active: Bools) -> None:

@@ -199,15 +199,10 @@ class WalkerTask(Task):
         command = rng.uniform(*self.speed_command[row])
         crank_speed = self.reset_noise_scale[row] * rng.uniform(-1.0, 1.0)
         arguments.known_options(options, ("speed_command", "crank_angle"))
-        if "speed_command" in options:
-            command = within(
-                "options['speed_command']",
-                options["speed_command"],
-                -FASTEST_COMMAND,
-                FASTEST_COMMAND,
-            )
-        if "crank_angle" in options:
-            crank_angle = finite("options['crank_angle']", options["crank_angle"])
+        command = arguments.option(
+            options, "speed_command", command, -FASTEST_COMMAND, FASTEST_COMMAND
+        )
+        crank_angle = arguments.option(options, "crank_angle", crank_angle)
         return command, crank_angle, crank_speed
 
     def step(self, actions: Any, active: Bools) -> None:

@@ -61,7 +61,8 @@ class Batch:
     Attributes:
         robots, terrains: what walks where.
         states: (n, 8) x, y, theta, psi and their rates; x, y the crank axis, m, rad, s.
-        model: the robots' tables, see :mod:`jansen_env.engine.tables`.
+        tables: of each robot, payload included; model: what kernels see of them, see
+            :mod:`jansen_env.engine.tables`.
         rows: (n,) ROBOT, with the next two as fields of it.
         params: (n,) PARAMS, what may differ between them; accumulators: (n,) ACCUMULATORS and
             contact_statistics: (n, pads) CONTACT_STATISTICS, sums over the last :meth:`step`; see
@@ -104,11 +105,12 @@ class Batch:
         self.time_step = check_time_step(time_step)
         self.detection_interval = positive("detection_interval", detection_interval)
         self._stride = max(1, round(detection_interval / time_step))
-        self.tables = compile_robot(robots[0])
-        self.model = kernel_model(self.tables)
-        self.toes, pads = self.tables.layout.toes, len(self.model.layout)
+        compiled = {id(robot): compile_robot(robot) for robot in different}
+        self.tables = [compiled[id(robot)] for robot in robots]
+        self.model = kernel_model(self.tables[0])
+        self.toes, pads = self.tables[0].layout.toes, len(self.model.layout)
         vector = gravity_vector(gravity)
-        rows = {id(robot): parameters(compile_robot(robot), vector) for robot in different}
+        rows = {key: parameters(tables, vector) for key, tables in compiled.items()}
         n = len(robots)
         self.rows = np.zeros(n, ROBOT)
         self.params, self.accumulators = self.rows["params"], self.rows["accumulators"]
@@ -160,8 +162,9 @@ class Batch:
 
         Over one turn; the last entry is the largest of all.
         """
-        rows = np.unique(self.tables.layout.table[self.toes :])
-        x, y = self.tables.pads[rows][:, :, :2, 0].reshape(-1, 2).T
+        tables = self.tables[0]
+        rows = np.unique(tables.layout.table[self.toes :])
+        x, y = tables.pads[rows][:, :, :2, 0].reshape(-1, 2).T
         farthest = float(np.hypot(x, y).max())
         pitch = 2.0 * math.pi * (np.arange(PITCHES) + 0.5) / PITCHES
         depth = -(np.outer(np.sin(pitch), x) + np.outer(np.cos(pitch), y)).min(axis=1)
@@ -172,7 +175,8 @@ class Batch:
         """Change what a robot carries."""
         robot = self.robots[row] = replace(self.robots[row], payload=payload)
         kept = self.params[row].copy()
-        self.params[row] = parameters(compile_robot(robot), (0.0, 0.0))[0]
+        self.tables[row] = compile_robot(robot)
+        self.params[row] = parameters(self.tables[row], (0.0, 0.0))[0]
         for name in NOT_THE_ROBOT:
             self.params[name][row] = kept[name]
 
@@ -221,8 +225,7 @@ class Batch:
             ValueError: a number that is not finite.
         """
         robot, state = self.robots[0], self.states[0]
-        tables = compile_robot(robot)
-        centre = body_sums(tables, finite("crank_angle", crank_angle)).c / robot.mass
+        centre = body_sums(self.tables[0], finite("crank_angle", crank_angle)).c / robot.mass
         y, theta = resting_pose(robot, centre, self.terrains[0], x, crank_angle, pitch)
         self.set_state(0, (x, y, theta, crank_angle, 0.0, 0.0, 0.0, 0.0))
         for _ in range(PLACEMENT_ROUNDS):  # to the true gap, where the ground is not straight
@@ -239,7 +242,7 @@ class Batch:
         if batch is None:
             batch = Batch([robot], [terrain], *self._arguments[:-1], threads=1)
             self._scratch[terrain.points] = batch
-        batch.robots[0] = robot
+        batch.robots[0], batch.tables[0] = robot, self.tables[row]
         batch.params[0] = self.params[row]
         batch.set_state(0, self.states[row])
         return batch

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import positive
 from jansen_env.dynamics.joint_forces import JointForces
-from jansen_env.dynamics.reduced import Tables, compile_robot
+from jansen_env.dynamics.reduced import Tables
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.plants.base import StepResult, check_in_contact, check_state, divergence
 from jansen_env.plants.batch import DETECTION_INTERVAL, TIME_STEP, Batch
@@ -59,7 +59,7 @@ class ProjectionPlant:
     @property
     def tables(self) -> Tables:
         """The compiled robot."""
-        return compile_robot(self.robot)
+        return self.batch.tables[0]
 
     @property
     def state(self) -> Array:

@@ -3,9 +3,11 @@
 from gymnasium.envs.registration import register
 
 from jansen_env.kinematics import LinkageError
+from jansen_env.motor import MOTORS, Motor
 from jansen_env.robot import (
     ROBOTS,
     Bar,
+    Compliance,
     Leg,
     Payload,
     Robot,
@@ -19,10 +21,13 @@ from jansen_env.terrain import Terrain
 __version__ = "0.1.0"
 
 __all__ = [
+    "MOTORS",
     "ROBOTS",
     "Bar",
+    "Compliance",
     "Leg",
     "LinkageError",
+    "Motor",
     "Payload",
     "Robot",
     "Terrain",

@@ -34,6 +34,7 @@ from jansen_env.checks import (
     positive_integer,
     shown,
 )
+from jansen_env.motor import IDEAL, Motor
 
 Side = Literal["fore", "back"]
 
@@ -46,6 +47,11 @@ JOINT_PAIRS = (
     (1, 2), (2, 3), (3, 4), (3, 6), (4, 5), (5, 6), (5, 8), (4, 7), (6, 8), (7, 8),
 )  # fmt: skip
 """Pairs of bodies with viscous friction between them, as in the paper's h_f."""
+BEARINGS = (
+    (1, 2), (2, 3), (2, 6), (3, 4), (1, 4), (1, 5), (5, 6), (5, 8), (4, 7), (7, 8),
+)  # fmt: skip
+"""Pairs of bodies that turn on one another where the pins O, A, B, P, C, D and E are: the first one
+holds the pin. The frame's at P are among them, which the paper's list leaves out."""
 
 
 def _set(part: Any, check: Callable[[str, Any], float], *names: str) -> None:
@@ -198,6 +204,56 @@ class Payload:
         object.__setattr__(self, "position", position)
 
 
+@dataclass(frozen=True)
+class Compliance:
+    """How a pad gives: spring and damper along the ground's normal, and a bristle along the ground.
+
+    Infinite stiffness is a rigid pad: then an impact ends at once, by the ground's restitution. A
+    compliant one bounces by itself, and restitution must be 0.
+
+    Args:
+        stiffness: N/m, inf for a rigid pad. damping: N s/m.
+        tangential_stiffness: N/m, of the bristle that sticks before it slides; None for as much as
+            ``stiffness``. tangential_damping: N s/m, None for as much as ``damping``.
+
+    Raises:
+        ValueError: an argument out of range, or only one of the stiffnesses infinite.
+    """
+
+    stiffness: float = math.inf
+    damping: float = 0.0
+    tangential_stiffness: float | None = None
+    tangential_damping: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, normal in (("stiffness", positive), ("damping", non_negative)):
+            tangential = f"tangential_{name}"
+            if getattr(self, tangential) is None:
+                object.__setattr__(self, tangential, getattr(self, name))
+            for field_name in (name, tangential):
+                if getattr(self, field_name) != math.inf:
+                    _set(self, normal, field_name)
+        if (self.stiffness == math.inf) != (self.tangential_stiffness == math.inf):
+            raise ValueError(
+                f"Compliance.tangential_stiffness is {self.tangential_stiffness}, must be infinite "
+                f"where stiffness is, and nowhere else: that is {self.stiffness}"
+            )
+        if math.inf in (self.damping, self.tangential_damping):
+            raise ValueError(f"Compliance.damping is {self.damping}, must be finite")
+        if self.rigid and (self.damping, self.tangential_damping) != (0.0, 0.0):
+            raise ValueError(
+                f"Compliance.damping is {self.damping}, must be 0 where the stiffness is infinite"
+            )
+
+    @property
+    def rigid(self) -> bool:
+        """Whether the pad does not give."""
+        return self.stiffness == math.inf
+
+
+RIGID = Compliance()
+
+
 def phased_legs(phases: int) -> tuple[Leg, ...]:
     """A fore and a back leg for each of ``phases`` evenly spaced crank pins: fore legs first.
 
@@ -225,6 +281,8 @@ class Robot:
         legs: at least one; the first one's crank defines the crank angle, so its phase is 0.
         pad_radius: radius of the round pads at toes and outer joints, m.
         payload: extra rigid load on the chassis.
+        motor: what turns the crank; pad_compliance: how the pads give.
+        bearing_friction: Coulomb friction torque of each pair in :data:`BEARINGS`, N m.
 
     Raises:
         ValueError: an argument of another kind or out of range.
@@ -245,20 +303,21 @@ class Robot:
     legs: tuple[Leg, ...] = field(default_factory=lambda: phased_legs(2))
     pad_radius: float = 0.01
     payload: Payload = Payload()
+    motor: Motor = IDEAL
+    pad_compliance: Compliance = RIGID
+    bearing_friction: tuple[float, ...] = (0.0,) * len(BEARINGS)
 
     def __post_init__(self) -> None:
         for name in BODIES:
             kind = Triangle if name in ("upper_triangle", "foot") else Bar
             instance(f"Robot.{name}", getattr(self, name), kind)
         instance("Robot.payload", self.payload, Payload)
+        instance("Robot.motor", self.motor, Motor)
+        instance("Robot.pad_compliance", self.pad_compliance, Compliance)
         _set(self, finite, "frame_angle")
         _set(self, positive, "pad_radius")
-        each = f"one number for each of the {len(JOINT_PAIRS)} joint pairs {JOINT_PAIRS}"
-        damping = entries("Robot.damping", self.damping, each)
-        if len(damping) != len(JOINT_PAIRS):
-            raise ValueError(f"Robot.damping has {len(damping)} values, must be {each}")
-        damping = tuple(non_negative("Robot.damping", value) for value in damping)
-        object.__setattr__(self, "damping", damping)
+        self._set_pairs("damping", "joint pairs", JOINT_PAIRS)
+        self._set_pairs("bearing_friction", "bearings", BEARINGS)
         object.__setattr__(self, "legs", entries("Robot.legs", self.legs, "at least one Leg"))
         if not self.legs:
             raise ValueError("Robot.legs is empty, must have at least one Leg")
@@ -271,6 +330,15 @@ class Robot:
                 f"Robot.legs[0].phase is {self.legs[0].phase}, must be 0: the first leg's crank "
                 "defines the crank angle"
             )
+
+    def _set_pairs(self, name: str, label: str, pairs: tuple[tuple[int, int], ...]) -> None:
+        """Check a field with one number for each of some pairs of bodies."""
+        each = f"one number for each of the {len(pairs)} {label} {pairs}"
+        values = entries(f"Robot.{name}", getattr(self, name), each)
+        if len(values) != len(pairs):
+            raise ValueError(f"Robot.{name} has {len(values)} values, must be {each}")
+        checked = tuple(non_negative(f"Robot.{name}", value) for value in values)
+        object.__setattr__(self, name, checked)
 
     @property
     def bodies(self) -> tuple[Bar | Triangle, ...]:

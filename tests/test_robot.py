@@ -11,6 +11,7 @@ import pytest
 
 from jansen_env import (
     Bar,
+    Compliance,
     Leg,
     LinkageError,
     Payload,
@@ -54,6 +55,16 @@ REFUSED = {
     "damping number": (lambda: Robot(damping=0.1), r"Robot.damping is 0.1, must be one number"),
     "body": (lambda: Robot(rocker=0.25), "Robot.rocker is 0.25, must be a Bar"),
     "triangle body": (lambda: Robot(foot=Bar(0.25)), r"Robot.foot is Bar\(.*must be a Triangle"),
+    "bearings": (lambda: Robot(bearing_friction=(0.1,)), "bearing_friction has 1 values"),
+    "motor": (lambda: Robot(motor="strong"), "Robot.motor is 'strong', must be a Motor"),
+    "pads": (lambda: Robot(pad_compliance=1e4), "Robot.pad_compliance is 10000.0"),
+    "stiffness": (lambda: Compliance(0.0), "Compliance.stiffness is 0.0"),
+    "stiffness text": (lambda: Compliance("soft"), "Compliance.stiffness is 'soft'"),
+    "damping of pads": (lambda: Compliance(1e4, -1.0), "Compliance.damping is -1.0"),
+    "damping inf": (lambda: Compliance(1e4, math.inf), "Compliance.damping is inf"),
+    "rigid damping": (lambda: Compliance(damping=1.0), "Compliance.damping is 1.0, must be 0"),
+    "rigid along": (lambda: Compliance(1e4, 0.0, math.inf), "tangential_stiffness is inf"),
+    "rigid into": (lambda: Compliance(math.inf, 0.0, 1e4), "tangential_stiffness is 10000.0"),
     "payload": (lambda: Robot(payload=1.0), "Robot.payload is 1.0, must be a Payload"),
     "legs": (lambda: Robot(legs=4), "Robot.legs is 4, must be at least one Leg"),
     "phases many": (lambda: paper_robot(101), "phases is 101, must be .* from 1 to 100"),
@@ -189,3 +200,11 @@ def test_descriptions_are_frozen_and_compare_by_value(thing, name):
         setattr(thing, name, getattr(thing, name))
     twin = replace(thing)
     assert twin is not thing and twin == thing and hash(twin) == hash(thing)
+
+
+def test_a_pad_gives_along_the_ground_as_it_does_into_it_unless_told():
+    same = Compliance(2e4, 50.0)
+    assert (same.tangential_stiffness, same.tangential_damping) == (2e4, 50.0)
+    assert not same.rigid
+    assert Compliance().rigid
+    assert Compliance(2e4, 50.0, 1e4).tangential_stiffness == 1e4

@@ -1,0 +1,105 @@
+"""What turns the crank: a direct-current gearmotor, as its data sheet has it; ideal by default.
+
+Of the armature, seen at the output shaft (torque tau_e before the gear's loss, speed n; efficiency
+eta; stall torque and no-load speed as sheets give them, at the shaft):
+
+    torque-speed line   tau <= stall (1 - n / n0), and likewise backwards
+    winding loss        n0 eta tau_e^2 / stall,  tau_e = tau / eta driving, tau eta driven
+
+See J. J. Craig, *Introduction to Robotics*, 3rd ed. (2005), chapter 9: a rotor of inertia J behind
+a gear of ratio G feels like G^2 J at the shaft. The rotor spins with theta' + G psi' (it turns
+the way the crank does), so that its inertia couples to the chassis, too.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jansen_env.checks import non_negative, positive, shown, within
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Motor:
+    """A motor with its gear, as seen at the output shaft: the crank. Default: ideal, 20 N m.
+
+    Args:
+        stall_torque: at the nominal voltage, N m; inf for no such limit.
+        no_load_speed: at the nominal voltage, rad/s; inf for none.
+        torque_limit: what gear and driver allow, N m: an action of 1.
+        gear_ratio: turns of the rotor per turn of the crank.
+        rotor_inertia: about the rotor's own axis, kg m^2.
+        friction: Coulomb friction of gear and motor, N m; at standstill it holds as much.
+        viscous_friction: N m s / rad.
+        efficiency: share of the motor's power that passes the gear, above 0; counted in the
+            electrical power alone.
+
+    Raises:
+        ValueError: an argument out of range.
+    """
+
+    stall_torque: float = math.inf
+    no_load_speed: float = math.inf
+    torque_limit: float = 20.0
+    gear_ratio: float = 1.0
+    rotor_inertia: float = 0.0
+    friction: float = 0.0
+    viscous_friction: float = 0.0
+    efficiency: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("stall_torque", "no_load_speed"):
+            value = getattr(self, name)
+            if value != math.inf:
+                object.__setattr__(self, name, positive(f"Motor.{name}", value))
+        if self.stall_torque == math.inf and self.no_load_speed != math.inf:
+            raise ValueError(
+                f"Motor.stall_torque is inf, must be finite with a no_load_speed of "
+                f"{shown(self.no_load_speed)}"
+            )
+        for name, check in (
+            ("torque_limit", positive),
+            ("gear_ratio", positive),
+            ("rotor_inertia", non_negative),
+            ("friction", non_negative),
+            ("viscous_friction", non_negative),
+        ):
+            object.__setattr__(self, name, check(f"Motor.{name}", getattr(self, name)))
+        efficiency = within("Motor.efficiency", self.efficiency, 0.01, 1.0)
+        object.__setattr__(self, "efficiency", efficiency)
+
+    @property
+    def slope(self) -> float:
+        """Torque lost per crank speed, N m s / rad; 0 without a no-load speed."""
+        return self.stall_torque / self.no_load_speed if self.no_load_speed < math.inf else 0.0
+
+    @property
+    def winding(self) -> float:
+        """Winding loss per torque squared (before the gear's loss), W / (N m)^2."""
+        return self.efficiency / self.slope if self.slope > 0.0 else 0.0
+
+    def torque(self, asked: ArrayLike, speed: ArrayLike) -> Array:
+        """What comes of an asked torque (...), N m, at crank speeds (...), rad/s."""
+        speed = np.asarray(speed, dtype=float)
+        high = np.minimum(self.stall_torque - self.slope * speed, self.torque_limit)
+        low = np.maximum(-self.stall_torque - self.slope * speed, -self.torque_limit)
+        limited: Array = np.minimum(high, np.maximum(low, np.asarray(asked, dtype=float)))
+        return limited
+
+    def electrical_power(self, torque: ArrayLike, speed: ArrayLike) -> Array:
+        """Drawn at torques (...), N m, and speeds (...), rad/s: W; nothing is fed back."""
+        torque, speed = np.asarray(torque, dtype=float), np.asarray(speed, dtype=float)
+        driving = torque * speed >= 0.0
+        inner = np.where(driving, torque / self.efficiency, torque * self.efficiency)
+        power: Array = np.maximum(inner * speed + self.winding * inner**2, 0.0)
+        return power
+
+
+IDEAL = Motor()
+MOTORS: dict[str, Motor] = {"ideal": IDEAL}
+"""Motors by name."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.engine.records import ROBOT
-from jansen_env.plants.base import Plant, StepResult
+from jansen_env.plants.base import ENERGIES, Plant, StepResult
 
 Array = NDArray[np.float64]
 
@@ -64,9 +64,7 @@ class BatchOfOne:
             float(result.non_toe_contact),
             result.residual,
         )
-        for name in (
-            "motor_work", "joint_loss", "slip_loss", "impact_loss", "energy_change", "contact_gain"
-        ):  # fmt: skip
+        for name in ENERGIES:
             sums[name] = getattr(result, name)
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:

@@ -18,7 +18,7 @@ from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.paper import __main__ as command
 from jansen_env.paper import claims, fixed_model, free_walk, interpretations, toes
 from jansen_env.paper.results import FRICTIONS, LOADS, Results, compute
-from jansen_env.robot import Bar, paper_robot
+from jansen_env.robot import Bar, holy_numbers_robot, paper_robot
 
 DOCS = Path(__file__).parents[1] / "docs" / "paper.md"
 VERDICTS = {
@@ -228,6 +228,14 @@ def test_a_walk_without_slip(results):
     walk = results.no_slip
     assert not walk.fell and walk.turns == 12 and walk.turns * walk.distance > 10.0
     assert walk.slip_per_metre < 1e-6
+
+
+def test_slip_of_a_walk_backwards():
+    """Theo Jansen's own numbers walk 1.01 m a turn backwards and slip a tenth of it: chaotic."""
+    walk = free_walk.walk(holy_numbers_robot(), 1.0, turns=3)
+    assert not walk.fell and walk.distance == pytest.approx(-1.01, abs=0.05)
+    assert walk.slip_per_metre == walk.slip / -walk.distance == pytest.approx(0.11, abs=0.05)
+    assert math.isnan(replace(walk, distance=0.0).slip_per_metre)
 
 
 def test_walks_that_cannot_be(capsys):

@@ -33,6 +33,7 @@ class StepResult(NamedTuple):
             Rolling contacts may add some, as the time step is finite; where pads can bounce or
             wedge it is 0. NaN where it is not known.
         joint_gap: the widest gap of any joint, m; 0 where joints cannot open.
+        electrical_work: what the motor drew, J (:meth:`jansen_env.motor.Motor.electrical_power`).
     """
 
     slip: Array
@@ -46,6 +47,7 @@ class StepResult(NamedTuple):
     residual: float
     contact_gain: float
     joint_gap: float = 0.0
+    electrical_work: float = 0.0
 
     @property
     def energy_residual(self) -> float:

@@ -9,6 +9,8 @@ from jansen_env.engine.records import ROBOT
 from jansen_env.plants.base import Plant, StepResult
 
 Array = NDArray[np.float64]
+BOTH = [name for name in ROBOT["accumulators"].names or () if name in StepResult._fields]
+"""Accumulators that are fields of a step's result."""
 
 
 class BatchOfOne:
@@ -46,10 +48,24 @@ class BatchOfOne:
         self._plant.reset(0.0, crank_angle)
         self._keep(self._plant.lookahead())
 
-    def step(self, torque: Array, steps: int) -> None:
-        """Hold a crank torque (1,), N m, for some time steps."""
+    def step(
+        self,
+        torque: Array,
+        steps: int,
+        earlier: Array | None = None,
+        switch: NDArray[np.int64] | None = None,
+    ) -> None:
+        """Hold a crank torque (1,), N m, for some time steps.
+
+        Args:
+            earlier: (1,) N m, held in the first ``switch`` (1,) of these time steps instead; None
+                for no such. Plants whose step takes no earlier torque take none here.
+        """
+        delay: tuple[float, ...] = ()
+        if earlier is not None and switch is not None and switch[0] > 0:
+            delay = float(earlier[0]), int(switch[0])
         try:
-            self._keep(self._plant.step(float(torque[0]), steps * self.time_step))
+            self._keep(self._plant.step(float(torque[0]), steps * self.time_step, *delay))
         except FloatingPointError:
             self.accumulators[:] = 0.0
             self.slip[:] = self.contact_force[:] = self.joint_gap[:] = 0.0
@@ -64,9 +80,7 @@ class BatchOfOne:
             float(result.non_toe_contact),
             result.residual,
         )
-        for name in (
-            "motor_work", "joint_loss", "slip_loss", "impact_loss", "energy_change", "contact_gain"
-        ):  # fmt: skip
+        for name in BOTH:
             sums[name] = getattr(result, name)
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:

@@ -64,14 +64,12 @@ class SpringPads:
         time_step: s.
 
     Attributes:
-        bristle: (pads,) s, m.
+        bristle: (pads,) s now, m.
         forces: (pads, 2) tangential and normal in the next time step, N.
         stored: what springs and bristles hold at the beginning of that time step, J.
     """
 
-    def __init__(
-        self, robot: Robot, terrain: Terrain, owners: list[int], time_step: float
-    ) -> None:
+    def __init__(self, robot: Robot, terrain: Terrain, owners: list[int], time_step: float) -> None:
         check_stiffness(robot, time_step, owners)
         self._give, self._radius = robot.pad_compliance, robot.pad_radius
         self._terrain, self._owners, self._h = terrain, owners, time_step
@@ -83,7 +81,9 @@ class SpringPads:
         self.bristle = np.zeros(pads) if bristle is None else bristle.copy()
         self.forces, self.stored = np.zeros((pads, 2)), 0.0
         self._normals = np.tile([0.0, 1.0], (pads, 1))
-        # Of the next time step: gap at its end (0 if open), speeds of bristle and pad, sliding.
+        # Of the next time step: bristle and gap (0 if open) at its end, speeds of bristle and pad,
+        # speed of sliding.
+        self._then = self.bristle.copy()
         self._gap, self._rate, self._slide = np.zeros(pads), np.zeros((pads, 2)), np.zeros(pads)
         self.step(now, space)
 
@@ -120,6 +120,7 @@ class SpringPads:
         then = now.pads + h * speed
         height = self._terrain.height(then[:, 0])
         near = (then[:, 1] - height) / self._tilt <= self._radius
+        self.bristle[:] = self._then
         active = near | self.forces.any(axis=1) | (self.bristle != 0.0)
         self.stored = 0.0
         for pad in np.flatnonzero(active).tolist():
@@ -146,8 +147,8 @@ class SpringPads:
             else:
                 if sums is not None:
                     sums.impact_loss += held
-                new = rate = slide = 0.0
-            self.bristle[pad], self.forces[pad] = new, (tangential, normal)
+                new = rate = slide = self.bristle[pad] = 0.0
+            self._then[pad], self.forces[pad] = new, (tangential, normal)
             self._gap[pad], self._rate[pad], self._slide[pad] = depth, (rate, across), slide
 
     def _account(self, sums: Sums, pad: int, across: float, rate: float, slide: float) -> None:
@@ -164,9 +165,7 @@ class SpringPads:
         sums.slip[pad] += h * abs(float(self._slide[pad]))
         sums.impulse[pad] += h * tangential, h * normal
 
-    def _find_ground(
-        self, space: pymunk.Space, pad: int, centre: Array, height: float
-    ) -> float:
+    def _find_ground(self, space: pymunk.Space, pad: int, centre: Array, height: float) -> float:
         """The gap below a pad, m; takes the normal there."""
         x, y = centre.tolist()
         found = space.point_query_nearest((x, y), math.inf, pymunk.ShapeFilter())

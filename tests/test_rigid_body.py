@@ -190,12 +190,12 @@ def test_slip_and_friction_are_those_of_coulomb(friction):
 
 
 def test_slip_of_a_walk_is_the_projection_plants():
-    """1.5 s at 2 rad/s on friction 0.3, whose loaded toes hop by nanometres: 15 %."""
+    """1.5 s at 1.7 rad/s on friction 0.3, whose loaded toes hop by nanometres: 5 %."""
     ground, slips = Terrain.flat(friction=0.3), []
     for plant in (plant_on(ground), ProjectionPlant(paper_robot(), ground)):
         plant.reset()
-        slips.append(sum(float(r.slip.sum()) for r in walk(plant, 2.0, 1.5)))
-    assert slips[0] == pytest.approx(slips[1], rel=0.15) and slips[0] > 0.03
+        slips.append(sum(float(r.slip.sum()) for r in walk(plant, 1.7, 1.5)))
+    assert slips[0] == pytest.approx(slips[1], rel=0.05) and slips[0] > 0.1
 
 
 RUN = """

@@ -276,7 +276,7 @@ def test_bristles_hold_and_give():
 
 
 def test_bristles_slide_with_coulombs_friction():
-    """Under a pull beyond friction's reach: (pull - mu sum n) / m, 0.1 %, and heat for each metre."""
+    """Under a pull beyond friction's reach: (pull - mu sum n) / m, 0.1 %; heat for each metre."""
     _, _, plant = pulled(0.3, 0.1, friction=0.2)
 
     def speed():

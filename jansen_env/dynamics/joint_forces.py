@@ -88,9 +88,9 @@ class JointForces:
         frame: (..., legs, 3) force x, y and moment about the crank axis with which the chassis
             holds the leg's frame; with a fixed base it passes on to the support.
         shaft: (..., legs) torque with which the shaft turns the leg's crank.
-        gear: (...) what the motor's torque loses on its way to the shaft: to the rotor's inertia and
-            to the friction of the gear. rotor: (...) torque that spins the rotor up, J phi_ddot;
-            with it and the shafts' torque, the chassis is turned the other way round.
+        gear: (...) what the motor's torque loses on its way to the shaft: to the rotor's inertia
+            and to the friction of the gear. rotor: (...) torque that spins the rotor up,
+            J phi_ddot; with it and the shafts' torque, the chassis is turned the other way round.
         toe: (..., legs, 2) contact force on each toe.
         body: (..., legs, 8, 3) moment (about its centre of mass) and force x, y with which all
             constraints together act on each body, M x_ddot - h of (4); weight, contacts, joint

@@ -31,7 +31,8 @@ class Motor:
     Args:
         stall_torque: at the nominal voltage, N m; inf for no such limit.
         no_load_speed: at the nominal voltage, rad/s; inf for none.
-        torque_limit: what gear and driver allow, N m: an action of 1.
+        torque_limit: N m, an action of 1. With a stall torque also what driver and gear allow at
+            any speed; a plant gives whatever torque an ideal motor is asked for.
         gear_ratio: turns of the rotor per turn of the crank.
         rotor_inertia: about the rotor's own axis, kg m^2.
         friction: Coulomb friction of gear and motor, N m; at standstill it holds as much.
@@ -79,15 +80,20 @@ class Motor:
         return self.stall_torque / self.no_load_speed if self.no_load_speed < math.inf else 0.0
 
     @property
+    def most_torque(self) -> float:
+        """N m at any speed; inf of an ideal motor."""
+        return self.torque_limit if self.stall_torque < math.inf else math.inf
+
+    @property
     def winding(self) -> float:
         """Winding loss per torque squared (before the gear's loss), W / (N m)^2."""
         return self.efficiency / self.slope if self.slope > 0.0 else 0.0
 
     def torque(self, asked: ArrayLike, speed: ArrayLike) -> Array:
         """What comes of an asked torque (...), N m, at crank speeds (...), rad/s."""
-        speed = np.asarray(speed, dtype=float)
-        high = np.minimum(self.stall_torque - self.slope * speed, self.torque_limit)
-        low = np.maximum(-self.stall_torque - self.slope * speed, -self.torque_limit)
+        lost = self.slope * np.asarray(speed, dtype=float)
+        high = np.clip(self.stall_torque - lost, -self.most_torque, self.most_torque)
+        low = np.clip(-self.stall_torque - lost, -self.most_torque, self.most_torque)
         limited: Array = np.minimum(high, np.maximum(low, np.asarray(asked, dtype=float)))
         return limited
 

@@ -16,9 +16,9 @@ import pytest
 
 from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.paper import __main__ as command
-from jansen_env.paper import claims, fixed_model, free_walk, interpretations, toes
+from jansen_env.paper import claims, errata, fixed_model, free_walk, interpretations, report, toes
 from jansen_env.paper.results import FRICTIONS, LOADS, Results, compute
-from jansen_env.robot import Bar, paper_robot
+from jansen_env.robot import holy_numbers_robot, paper_robot
 
 DOCS = Path(__file__).parents[1] / "docs" / "paper.md"
 VERDICTS = {
@@ -31,7 +31,7 @@ VERDICTS = {
     "stable_walking": "holds with a condition",
     "toe_speeds": "holds with a condition",
     "no_walking_without_slip": "does not hold",
-    "heave": "holds",
+    "heave": "holds with a condition",
     "more_legs": "holds with a condition",
     "rotation": "holds with a condition",
     "translation": "holds with a condition",
@@ -61,9 +61,14 @@ def test_documentation(judged, results):
         row = next(row for row in text.splitlines() if row.startswith(f"| {key} ("))
         assert f"| **{claim.verdict}** |" in row and claim.says in row, key
         if key not in CHAOTIC:
-            assert row in claims.claims_table([claim]), key
-    head, _, *rows = claims.levels_table(results.levels).splitlines()
-    assert all(f"\n{row}\n" in text for row in (head, *rows))
+            assert row in report.claims_table([claim]), key
+    for table in (
+        report.levels_table(results.levels),
+        report.pid_table(results.pid_levels),
+        report.errata_table(errata.errata()),
+    ):
+        head, _, *rows = table.splitlines()
+        assert all(f"\n{row}\n" in text for row in (head, *rows))
     assert len(judged) == len(VERDICTS)
 
 
@@ -107,21 +112,42 @@ def test_torque_level(judged, results):
     """
     numbers = judged["torque_level"].numbers
     assert numbers["mean"] == pytest.approx(1.562154, abs=1e-6)
-    assert numbers["nearest"] == pytest.approx(-0.3905, abs=1e-4)
+    assert numbers["nearest"] == pytest.approx(-0.7811, abs=1e-4)
     assert (numbers["reversed_low"], numbers["reversed_high"]) == pytest.approx(
         (-2.088, -0.919), abs=5e-4
     )
     signs = {"reference turning the other way, r = pi - t": -1.0,
              "torque counted positive on the frame": -1.0,
+             "tau in the h of one leg a side: two motors": 2.0,
+             "two motors, positive on the frame": -2.0,
              "tau in the h of every leg: four motors": 4.0,
-             "the same, positive on the frame": -4.0}  # fmt: skip
-    assert signs.keys() <= {level.name for level in results.levels} and len(results.levels) == 14
+             "four motors, positive on the frame": -4.0}  # fmt: skip
+    assert signs.keys() <= {level.name for level in results.levels} and len(results.levels) == 17
     for level in results.levels:
         if level.name.startswith("no C58"):
             assert level.mean == pytest.approx(level.loss - 0.0702, abs=1e-4)
         else:
             mean = level.mean * signs.get(level.name, 1.0)
             assert mean == pytest.approx(level.loss, abs=1e-9), level.name
+
+
+def test_two_motors_come_nearest(judged, results):
+    """Under the PID 0.447 to 1.019 N m each, 42 % of the time within 0.1 of 0.9: last digits.
+
+    Half of the time above 0.8, a plateau, with a dip every half turn. The fore legs' own motor is
+    as near; our one motor is not.
+    """
+    numbers = judged["torque_level"].numbers
+    two = [numbers[f"two_{name}"] for name in ("low", "mean", "high")]
+    assert two == pytest.approx([0.447, 0.761, 1.019], abs=5e-4)
+    assert [numbers["fore_low"], numbers["fore_high"]] == pytest.approx([0.659, 0.933], abs=5e-4)
+    assert numbers["two_near"] == pytest.approx(0.42, abs=0.005)
+    assert numbers["fore_near"] == pytest.approx(0.44, abs=0.005)
+    assert results.pid_levels[0].near == pytest.approx(0.14, abs=0.005)
+    run = interpretations.pid_run(paper_robot(), motors=2)
+    assert (run.torque[run.settled] > 0.8).mean() == pytest.approx(0.51, abs=0.01)
+    ours = interpretations.pid_run(paper_robot())
+    assert (ours.torque == results.run.torque).all()
 
 
 def test_torque_of_a_constant_speed():
@@ -202,6 +228,20 @@ def test_a_slow_walk_slips_as_its_geometry_says(results):
     assert set(results.slow) == set(FRICTIONS)
 
 
+def test_sliding_on_two_toes_breaks_down_above_a_friction_of_0525():
+    """With a quarter of the time step: all of the slip at 0.525, less at 0.55, as in the page.
+
+    The default step slides on at 0.55, too, and hides it.
+    """
+    certain = toes.double_support(paper_robot()).per_turn
+    for mu, step, slides in ((0.525, 2.5e-4, True), (0.55, 2.5e-4, False), (0.55, 1e-3, True)):
+        walk = free_walk.walk(paper_robot(), 0.25, turns=2, friction=mu, time_step=step)
+        if slides:
+            assert walk.slip == pytest.approx(certain, rel=0.02), (mu, step)
+        else:
+            assert walk.slip < 0.9 * certain, (mu, step)
+
+
 def test_slip_of_a_rattling_walk_is_not_the_time_steps(results):
     """Friction 0.8, half the time step: the same slip within 4 % (a chaotic rattle, two turns)."""
     walk = free_walk.walk(paper_robot(), 0.25, turns=2, time_step=5e-4)
@@ -230,6 +270,14 @@ def test_a_walk_without_slip(results):
     assert walk.slip_per_metre < 1e-6
 
 
+def test_slip_of_a_walk_backwards():
+    """Theo Jansen's own numbers walk 1.01 m a turn backwards and slip a tenth of it: chaotic."""
+    walk = free_walk.walk(holy_numbers_robot(), 1.0, turns=3)
+    assert not walk.fell and walk.distance == pytest.approx(-1.01, abs=0.05)
+    assert walk.slip_per_metre == walk.slip / -walk.distance == pytest.approx(0.11, abs=0.05)
+    assert math.isnan(replace(walk, distance=0.0).slip_per_metre)
+
+
 def test_walks_that_cannot_be(capsys):
     """Bad arguments are named; the forces of a robot that falls are not given."""
     robot = paper_robot()
@@ -253,6 +301,10 @@ def test_heave(judged):
     assert level == pytest.approx([30.4, 2.4, 6.4, 1.1], abs=0.05)
     assert judged["heave"].numbers["level"] == pytest.approx(0.0304, abs=5e-5)
     assert judged["heave"].numbers["pitch"] == pytest.approx(0.0276, abs=5e-4)  # 48 poses
+    # Read otherwise it is another: what is open in the print was chosen by this height.
+    assert judged["heave"].numbers["L6 and L11 swapped"] == pytest.approx(0.0383, abs=5e-5)
+    longer = judged["heave"].numbers["frame of hypot(l0, h0) = 0.32765 m"]
+    assert longer == pytest.approx(0.0347, abs=5e-5)
 
 
 def test_odd_numbers_of_phases_interleave(results):
@@ -313,19 +365,6 @@ def test_loads_do_not_depend_on_the_time_step():
     assert peaks[1] == pytest.approx(peaks[0], rel=0.01)
 
 
-def test_other_lengths_are_not_the_papers():
-    """L6 and L11 swapped heave 38 mm, a frame of 0.32765 m 34.7 mm: as the errata have it."""
-    paper = paper_robot()
-
-    def level(robot):
-        fore, back = toes.lowest_toes(robot, toes.turn(2880))
-        return 1e3 * float(np.ptp(np.minimum(fore, back)))
-
-    swapped = replace(paper, rocker=Bar(0.23934), coupler=Bar(0.23508))
-    assert level(swapped) == pytest.approx(38.0, abs=0.5)
-    assert level(replace(paper, frame=Bar(0.32765))) == pytest.approx(34.7, abs=0.5)
-
-
 def test_command(results, monkeypatch, tmp_path, capsys):
     """Writes the claims and eleven figures, and says so; nothing is left half written."""
     monkeypatch.setattr(command, "compute", lambda workers: results)
@@ -336,7 +375,8 @@ def test_command(results, monkeypatch, tmp_path, capsys):
     assert [claim["key"] for claim in data["claims"]] == list(VERDICTS)
     assert all(claim["why"] in printed for claim in data["claims"])
     table = (folder / "claims.md").read_text()
-    assert table.count("\n| ") == 2 + 13 + 14  # two heads, claims, interpretations
+    assert table.count("\n| ") == 4 + 13 + 4 + 17 + 3  # heads, claims, errata, interpretations
+    assert [erratum["name"] for erratum in data["errata"]] == [e.name for e in errata.errata()]
     pictures = sorted(folder.glob("*.png"))
     assert len(pictures) == 11 and all(p.stat().st_size > 20_000 for p in pictures)
     assert {p.suffix for p in folder.iterdir()} == {".md", ".json", ".png"}

@@ -34,7 +34,17 @@ from jansen_env.dynamics.projection import (
 )
 from jansen_env.gravity import GRAVITY
 from jansen_env.kinematics import check_closure, coordinates, joint_positions
-from jansen_env.robot import BODIES_PER_LEG, JOINT_PAIRS, Leg, Payload, Robot, Side
+from jansen_env.motor import IDEAL
+from jansen_env.robot import (
+    BEARINGS,
+    BODIES_PER_LEG,
+    JOINT_PAIRS,
+    RIGID,
+    Leg,
+    Payload,
+    Robot,
+    Side,
+)
 
 Array = NDArray[np.float64]
 Series = NDArray[np.complex128]  # one-sided Fourier coefficients, harmonics along the first axis
@@ -60,6 +70,8 @@ class Tables:
         pads: (12, INTERVALS, 3, ORDER) those of :data:`PAD_FUNCTIONS`; row
             ``side * 6 + joint`` with side 0 fore, 1 back, for a leg of phase 0.
         layout: the robot's pads.
+        bearings: (SAMPLES,) Coulomb friction torque of all bearings on the crank, N m, at crank
+            angles evenly over a turn: sum of tau_i |a_j' - a_i'|.
         tail: largest Fourier coefficient cut off, relative to the largest kept.
     """
 
@@ -67,6 +79,7 @@ class Tables:
     body: Array
     pads: Array
     layout: Pads
+    bearings: Array
     tail: float
 
 
@@ -77,8 +90,10 @@ def compile_robot(robot: Robot) -> Tables:
         LinkageError: the linkage does not close all the way round.
         ValueError: the tables have not converged (the linkage passes too near a singularity).
     """
-    # A load and the pads' radius are no part of the tables.
-    bare = _compile(replace(robot, payload=Payload(), pad_radius=1.0))
+    # Load, motor and pads are no part of the tables.
+    bare = _compile(
+        replace(robot, payload=Payload(), pad_radius=1.0, motor=IDEAL, pad_compliance=RIGID)
+    )
     return replace(bare, robot=robot)
 
 
@@ -99,9 +114,10 @@ def _compile(robot: Robot) -> Tables:
     pads = np.stack(
         [_taylor(series[side][1][:, joint]) for side in sides for joint in range(len(PAD_JOINTS))]
     )
-    for table in (body, pads):
+    bearings = _bearing_friction(robot)
+    for table in (body, pads, bearings):
         table.setflags(write=False)
-    return Tables(robot, body, pads, pad_layout(robot), tail)
+    return Tables(robot, body, pads, pad_layout(robot), bearings, tail)
 
 
 @functools.lru_cache(maxsize=32)
@@ -114,14 +130,31 @@ def _series(robot: Robot, side: Side) -> tuple[Series, Series]:
     )
 
 
+def _bearing_friction(robot: Robot) -> Array:
+    """(SAMPLES,) see :class:`Tables`."""
+    total = np.zeros(SAMPLES)
+    if not any(robot.bearing_friction):
+        return total
+    psi = 2.0 * math.pi * np.arange(SAMPLES) / SAMPLES
+    first, second = np.array(BEARINGS).T - 1
+    for leg in robot.legs:
+        rates = _slope(robot, leg.side, psi + leg.phase)[1][:, 0::3]
+        total += np.abs(rates[:, second] - rates[:, first]) @ np.array(robot.bearing_friction)
+    return total
+
+
+def _slope(robot: Robot, side: Side, psi: Array) -> tuple[Array, Array]:
+    """(n, 24) coordinates of a leg, and their change per crank angle with the frame at rest."""
+    x = coordinates(robot, side, psi)
+    return x, orthogonal_complement(constraint_matrix(robot, side, x), DOF)[..., 3]
+
+
 def _leg_sums(robot: Robot, side: Side, psi: Array) -> Array:
     """(n, 6) the leg's share of :data:`BODY_FUNCTIONS`, from the dense projection."""
     mass = np.array([body.mass for body in robot.bodies])
     inertia = np.array([body.inertia for body in robot.bodies])
     first, second = np.array(JOINT_PAIRS).T - 1
-    x = coordinates(robot, side, psi)
-    # The last column of D: every body's motion per crank rate, with the frame at rest.
-    slope = orthogonal_complement(constraint_matrix(robot, side, x), DOF)[..., 3]
+    x, slope = _slope(robot, side, psi)
     r, dr = (v.reshape(-1, BODIES_PER_LEG, 3)[..., 1:] for v in (x, slope))
     da = slope[:, 0::3]
     joint_rate = np.take(da, second, axis=1) - np.take(da, first, axis=1)
@@ -201,14 +234,18 @@ class BodySums:
 
 
 def body_sums(tables: Tables, psi: ArrayLike) -> BodySums:
-    """The body sums at crank angles ``psi`` (...), rad, payload included."""
+    """The body sums at crank angles ``psi`` (...), rad, payload and motor included."""
     value, slope, curve = _evaluate(tables.body, np.asarray(psi, dtype=float))
     load: Payload = tables.robot.payload
     place = np.array(load.position)
+    motor = tables.robot.motor
+    J, G = motor.rotor_inertia, motor.gear_ratio  # the rotor spins with theta' + G psi'
     return BodySums(
         c=value[..., :2] + load.mass * place, dc=slope[..., :2], ddc=curve[..., :2],
-        I=value[..., 2] + load.mass * place @ place + load.inertia, dI=slope[..., 2],
-        b=value[..., 3], db=slope[..., 3], k=value[..., 4], dk=slope[..., 4], f=value[..., 5],
+        I=value[..., 2] + load.mass * place @ place + load.inertia + J, dI=slope[..., 2],
+        b=value[..., 3] + G * J, db=slope[..., 3],
+        k=value[..., 4] + G * G * J, dk=slope[..., 4],
+        f=value[..., 5] + motor.viscous_friction,
     )  # fmt: skip
 
 

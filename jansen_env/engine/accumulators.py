@@ -15,7 +15,9 @@ def begin(robot, state, statistics, body, sums):
     total = robot.accumulators
     total.motor_work = total.joint_loss = total.slip_loss = total.impact_loss = 0.0
     total.worst_residual = total.contact_gain = 0.0
-    total.non_toe_impulse = total.energy_change = 0.0
+    total.non_toe_impulse = total.energy_change = total.elastic_energy = 0.0
+    total.torque_impulse = total.electrical_work = 0.0
+    robot.status.step = 0
     for j in range(len(statistics)):
         statistics[j].slip = 0.0
         statistics[j].impulse[0] = statistics[j].impulse[1] = 0.0
@@ -29,15 +31,28 @@ def end(robot, state, statistics, toes, body, sums):
     total.non_toe_impulse = 0.0
     for j in range(toes, len(statistics)):
         total.non_toe_impulse += statistics[j].impulse[1]
-    total.energy_change = mechanical_energy(body, robot.params, state, sums) - total.initial_energy
+    energy = mechanical_energy(body, robot.params, state, sums) + total.elastic_energy
+    total.energy_change = energy - total.initial_energy
 
 
 @stage
-def accumulate_step(h, torque, velocity, outcome, inertia, count, contacts, total):
-    """Add a time step's work, joint loss and worst figures."""
+def accumulate_step(
+    h, torque, asked, dry, velocity, outcome, inertia, count, params, contacts, total
+):
+    """Add a time step's work, joint loss and worst figures.
+
+    Args:
+        torque, asked: of the motor, and the one last asked for, N m. dry: impulse of the crank's
+            Coulomb friction, N m s.
+    """
     mean = 0.5 * (velocity.crank + outcome.end.crank)
-    total.motor_work += h * torque * mean
+    work = h * torque * mean
+    total.motor_work += work
     total.joint_loss += h * inertia.damping * mean * mean
+    total.joint_loss -= dry * mean
+    total.torque_impulse += h * (torque - asked)
+    inner = torque * (params.driving if work >= 0.0 else params.driven)
+    total.electrical_work += max(h * inner * (mean + params.winding * inner), 0.0)
     total.worst_residual = max(total.worst_residual, outcome.residual)
     if outcome.may_gain:
         gain = min(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jansen_env.engine.contact_solver import COMPLIANCE, OPEN, WEDGE_COMPLIANCE, regularise
+from jansen_env.engine.contact_solver import COMPLIANCE, OPEN, STICK, WEDGE_COMPLIANCE, regularise
 from jansen_env.engine.jit import macro, stage
 from jansen_env.engine.tables import (
     FIRST,
@@ -34,6 +34,9 @@ def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
     of the velocity at the end of the step, J v + (h / 2) J_dot v, which keeps a rolling or pivoting
     toe where it is to second order.
 
+    A compliant pad touches if it does so where the step begins, or where it would end at this
+    velocity.
+
     Returns:
         (contacts, whether one of them was open when the step began)
     """
@@ -43,8 +46,9 @@ def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
     first = robot.status.first_plane
     travel = _travel(work.pose, middle, params)
     count, impact = 0, False
+    reach = half_way(h, velocity, params) if params.compliant else 0.0
     for k in range(first, robot.status.end_plane):
-        if work.bound[k - first] > travel:
+        if work.bound[k - first] > travel + reach:
             continue
         plane = planes[k]
         pad = model.layout[plane.pad]
@@ -55,11 +59,14 @@ def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
         distance = plane.normal_x * (x + ox) + plane.normal_y * (y + oy)
         distance = distance - plane.offset - params.pad_radius
         work.bound[k - first] = travel + distance
-        if distance > 0.0:
+        if distance > reach:
             continue
         read_pad_motion(model.pads, pad.table, row, t, place)
         _fill_rows(h, count, plane, turn, (ox, oy), velocity, inertia, params.pad_radius, work)
-        if distance - 0.5 * h * rate(contacts.J, 2 * count, velocity) > 0.0:
+        half = 0.5 * h * rate(contacts.J, 2 * count, velocity)
+        if params.compliant and distance - half > 0.0 and distance + half > 0.0:
+            continue
+        if distance - half > 0.0:
             impact = True
         contacts.problem.mu[count] = params.friction
         contacts.problem.mode[count] = plane.mode
@@ -75,6 +82,14 @@ def _turned(turn, x, y):
     return cos * x - sin * y, sin * x + cos * y
 
 
+@macro
+def half_way(h, velocity, params):
+    """How far, at most, any pad gets in half a step, m; of the centre of mass's velocity."""
+    way = abs(velocity.x) + abs(velocity.y)
+    way += params.pitch_arm * abs(velocity.pitch) + params.crank_arm * abs(velocity.crank)
+    return 0.5 * (1.0 + 1e-6) * h * way
+
+
 @stage
 def rate(J, i, velocity):
     """Row ``i`` of J v."""
@@ -87,7 +102,7 @@ def rate(J, i, velocity):
 @macro
 def _fill_rows(h, count, plane, turn, arm, velocity, inertia, radius, work):
     """A contact's rows of J and (h / 2) J_dot v; ``arm`` points from centre of mass to pad."""
-    J, Jdot_v, place = work.contacts.J, work.contacts.Jdot_v, work.place
+    J, Jdot_v, place = work.contacts.J, work.contacts.offset, work.place
     ox, oy = arm
     w, n = velocity.pitch, velocity.crank
     dx, dy = inertia.ds
@@ -155,7 +170,10 @@ def outruns(margin, h, state, params, model, work):
 
 @stage
 def assemble(count, params, inertia, planes, contacts):
-    """J M^-1 and the Delassus matrix J M^-1 J^T, regularised; returns whether pads are wedged."""
+    """J M^-1 and the Delassus matrix J M^-1 J^T, regularised; returns whether pads are wedged.
+
+    Pads that give are neither regularised nor wedged.
+    """
     J, MJ, W = contacts.J, contacts.MJ, contacts.problem.W
     m = params.mass
     for i in range(2 * count):
@@ -167,11 +185,34 @@ def assemble(count, params, inertia, planes, contacts):
                 MJ[i, 0] * J[j, 0] + MJ[i, 1] * J[j, 1] + MJ[i, 2] * J[j, 2] + MJ[i, 3] * J[j, 3]
             )
             W[j, i] = W[i, j]
-    wedged = can_wedge(params) and _wedged(count, contacts.plane, planes, params.friction)
-    if count > 0:
+    wedged = False
+    if count > 0 and not params.compliant:
+        wedged = can_wedge(params) and _wedged(count, contacts.plane, planes, params.friction)
         regularise(count, W, WEDGE_COMPLIANCE if wedged else COMPLIANCE)
     contacts.problem.indices[5 * count] = 0  # W is new
     return wedged
+
+
+@stage(inline=False)
+def add_dry_friction(h, count, torque, inertia, contacts):
+    """Coulomb friction on the crank as one more contact, exact at standstill.
+
+    Its tangential velocity is the crank's speed, its friction 1, and its normal row says that the
+    normal impulse is ``h torque``, whatever else happens: u_n = W_nn (P_n - h torque) = 0.
+    """
+    J, MJ, problem = contacts.J, contacts.MJ, contacts.problem
+    n, t = 2 * count, 2 * count + 1
+    for i in range(4):
+        J[n, i] = J[t, i] = MJ[n, i] = MJ[t, i] = 0.0
+    J[t, 3], MJ[t, 2], MJ[t, 3] = 1.0, inertia.m12, inertia.m22
+    for j in range(n):
+        problem.W[n, j] = problem.W[j, n] = 0.0
+        problem.W[t, j] = problem.W[j, t] = inertia.m12 * J[j, 2] + inertia.m22 * J[j, 3]
+    problem.W[n, n] = problem.W[t, t] = inertia.m22
+    problem.W[n, t] = problem.W[t, n] = 0.0
+    problem.v_free[n] = -inertia.m22 * h * torque
+    problem.mu[count], problem.mode[count] = 1.0, STICK
+    problem.indices[5 * (count + 1)] = 0  # W is new
 
 
 @macro

@@ -22,6 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.engine.accumulators import accumulate_contacts, accumulate_step, begin, end
+from jansen_env.engine.compliance import (
+    accumulate_compliant,
+    add_compliance,
+    attach_bristles,
+    keep_bristles,
+)
 from jansen_env.engine.contact_solver import OPEN, STICK, index_size, spare_space
 from jansen_env.engine.contacts import (
     TRAVEL,
@@ -54,6 +60,7 @@ from jansen_env.engine.tables import (
     INERTIA,
     SECOND,
     VALUE,
+    bearing_friction,
     read_body,
     to_centroid,
 )
@@ -66,10 +73,11 @@ DIVERGED = 1e4  # a speed (m/s, rad/s) beyond which a state has diverged
 
 def work_space(capacity: int) -> tuple[Array, Array, Array, Array, Array, Ints]:
     """Memory for up to ``capacity`` contacts of a robot at once, for :func:`advance`."""
-    n = 2 * capacity
+    rows = capacity + 1  # the last one for the crank's Coulomb friction
+    n = 2 * rows
     return (
-        np.zeros((2, n, 4)), np.zeros((2, n, n)), np.zeros((8, n)), np.zeros((3, 3, 6)),
-        spare_space(capacity), np.zeros(2 * capacity + index_size(capacity), np.int64),
+        np.zeros((2, n, 4)), np.zeros((2, n, n)), np.zeros((10, n)), np.zeros((3, 3, 6)),
+        spare_space(rows), np.zeros(2 * rows + index_size(rows), np.int64),
     )  # fmt: skip
 
 
@@ -77,7 +85,8 @@ def trace_dtype(pads: int) -> np.dtype[Any]:
     """A time step as :func:`advance` traces it, numbers only.
 
     Pose at the middle of the step; velocity before and after it, that of the centre of mass;
-    torque, N m; x, y and moment impulse on each pad, N s and N m s, about the pad's centre.
+    the motor's torque, N m, and the Coulomb friction's on the crank; x, y and moment impulse on
+    each pad, N s and N m s, about the pad's centre.
     """
     return np.dtype(
         [
@@ -85,35 +94,38 @@ def trace_dtype(pads: int) -> np.dtype[Any]:
             ("velocity_before", "f8", 4),
             ("velocity_after", "f8", 4),
             ("torque", "f8"),
+            ("dry_torque", "f8"),
             ("impulses", "f8", (pads, 3)),
         ]
     )
 
 
-POSE, VELOCITY_BEFORE, VELOCITY_AFTER, TORQUE, IMPULSES = (
+POSE, VELOCITY_BEFORE, VELOCITY_AFTER, TORQUE, DRY_TORQUE, IMPULSES = (
     trace_dtype(1).fields[name][1] // 8  # type: ignore[index]
-    for name in ("pose", "velocity_before", "velocity_after", "torque", "impulses")
+    for name in ("pose", "velocity_before", "velocity_after", "torque", "dry_torque", "impulses")
 )
 
 
 @compiled(nogil=True)
 def advance(
-    first, last, fresh, steps, torque, trace, jacobians, matrices, vectors, readings, spare, ints,
-    h, toes, states, body, pads, layout, robots, planes, statistics,
+    first, last, fresh, steps, torque, earlier, switch, trace, jacobians, matrices, vectors,
+    readings, spare, ints, h, toes, states, body, pads, layout, bearings, robots, planes,
+    statistics,
 ):  # fmt: skip
     """Advance robots ``first`` to ``last - 1`` with fixed contact planes, as far as these go.
 
     Args:
         fresh: whether to begin new sums in the accumulators and ``statistics``.
         steps: time steps to take from here; 0 to go on with those that are left of an earlier call.
-        torque: (robots,) crank torque, N m.
+        torque: (robots,) crank torque asked for, N m. earlier: (robots,) the one before, which
+            still holds in the first ``switch`` (robots,) time steps since ``fresh``.
         trace: (steps, numbers) :func:`trace_dtype` of the first robot as plain numbers, filled step
             by step, its last row in its last step; or without rows for no trace.
         jacobians ... ints: memory of :func:`work_space`.
         h: length of a time step, s. toes: the first so many pads are toes.
         states: (robots, 8) crank-axis states, changed in place.
-        body, pads: of a :class:`jansen_env.engine.records.Model`. Rows, as their bytes: layout:
-            (pads,) PAD; planes: (planes,) PLANE, of all robots; statistics: (robots, pads)
+        body, pads, bearings: of a :class:`jansen_env.engine.records.Model`. Rows, as their bytes:
+            layout: (pads,) PAD; planes: (planes,) PLANE, of all robots; statistics: (robots, pads)
             CONTACT_STATISTICS.
         robots: (robots,) ROBOT, as bytes. ``steps_left`` is counted down. A robot whose pad gets
             farther than its ``margin`` from where its planes were found stops before that; one
@@ -125,7 +137,7 @@ def advance(
     """
     robots, planes = robots.view(ROBOT), planes.view(PLANE)
     statistics = statistics.view(CONTACT_STATISTICS)
-    model = Model(body, pads, layout.view(PAD))
+    model = Model(body, pads, layout.view(PAD), bearings)
     work = _work(jacobians, matrices, vectors, readings, spare, ints)
     finished = True
     for r in range(first, last):
@@ -138,7 +150,8 @@ def advance(
             continue
         rows = trace if r == 0 else trace[:0]
         to_centroid(body, robot.params, state, 1.0, work.sums)
-        _advance_robot(h, torque[r], state, robot, model, planes, statistics[r], work, rows)
+        asked = torque[r], earlier[r], switch[r]
+        _advance_robot(h, asked, state, robot, model, planes, statistics[r], work, rows)
         to_centroid(body, robot.params, state, -1.0, work.sums)
         end(robot, state, statistics[r], toes, body, work.sums)
         finished = finished and robot.status.steps_left == 0
@@ -154,15 +167,26 @@ def _work(jacobians, matrices, vectors, readings, spare, ints):
         vectors[4], ints[2 * n :], spare,
     )  # fmt: skip
     contacts = Contacts(
-        jacobians[0], jacobians[1], vectors[5], vectors[6], ints[n : 2 * n], problem
+        jacobians[0],
+        jacobians[1],
+        vectors[5],
+        vectors[6],
+        vectors[8],
+        vectors[9],
+        ints[n : 2 * n],
+        problem,
     )
     poses = readings[2]
     return Work(contacts, vectors[7], readings[0], readings[1], poses[0], poses[1])
 
 
 @macro
-def _advance_robot(h, torque, state, robot, model, planes, statistics, work, trace):
-    """Take a robot's steps, as far as its planes go; ``state`` is that of the centre of mass."""
+def _advance_robot(h, asked, state, robot, model, planes, statistics, work, trace):
+    """Take a robot's steps, as far as its planes go; ``state`` is that of the centre of mass.
+
+    ``asked``: torque, the earlier one, and time steps for which that still holds.
+    """
+    torque, earlier, switch = asked
     status = robot.status
     left, done = status.steps_left, 0
     for i in range(4):
@@ -170,6 +194,8 @@ def _advance_robot(h, torque, state, robot, model, planes, statistics, work, tra
     work.pose[TRAVEL] = 0.0
     for k in range(status.end_plane - status.first_plane):
         work.bound[k] = 0.0
+    if robot.params.compliant:
+        attach_bristles(status, planes, statistics)
     while done < left:
         if done > 0 and outruns(status.margin, h, state, robot.params, model, work):
             break
@@ -178,13 +204,18 @@ def _advance_robot(h, torque, state, robot, model, planes, statistics, work, tra
             for i in range(4):
                 trace[k, POSE + i] = state[i] + 0.5 * h * state[4 + i]
                 trace[k, VELOCITY_BEFORE + i] = state[4 + i]
-        count, used = _time_step(h, torque, state, robot, model, planes, statistics, work)
+        now = earlier if status.step < switch else torque
+        count, used, dry = _time_step(h, torque, now, state, robot, model, planes, statistics, work)
         if len(trace) > 0:
-            _trace(trace[k], state, used, robot.params.pad_radius, count, planes, work.contacts)
+            trace[k, TORQUE], trace[k, DRY_TORQUE] = used, dry
+            _trace(trace[k], state, robot.params.pad_radius, count, planes, work.contacts)
         done += 1
+        status.step += 1
         if not _bounded(state):
             done = left + 1
     status.steps_left = left - done
+    if robot.params.compliant:
+        keep_bristles(status, planes, statistics)
 
 
 @macro
@@ -195,8 +226,12 @@ def _bounded(state):
 
 
 @macro
-def _time_step(h, torque, state, robot, model, planes, statistics, work):
-    """One time step of one robot; returns how many pads touched, and the torque that was used."""
+def _time_step(h, asked, torque, state, robot, model, planes, statistics, work):
+    """One time step of one robot with a ``torque``, while ``asked`` is the latest.
+
+    Returns:
+        (pads that touched, torque of the motor, torque of the crank's Coulomb friction, N m)
+    """
     params, contacts = robot.params, work.contacts
     velocity = Velocity(state[4], state[5], state[6], state[7])
     x, y = state[0] + 0.5 * h * velocity.x, state[1] + 0.5 * h * velocity.y
@@ -206,25 +241,36 @@ def _time_step(h, torque, state, robot, model, planes, statistics, work):
         h, (x, y, theta, psi), velocity, inertia, robot, model, planes, work
     )
     wedged = assemble(count, params, inertia, planes, contacts)
+    if params.compliant:
+        add_compliance(h, count, velocity, params, planes, contacts)
+    friction = 0.0
+    if params.dry:
+        friction = params.gear_friction + bearing_friction(model.bearings, psi)
     outcome = solve_velocities(
-        h, torque, velocity, inertia, params, count, impact, wedged, contacts
+        h, torque, friction, velocity, inertia, params, count, impact, wedged, contacts
     )
-    after = outcome.end
+    after, torque, dry = outcome.end, outcome.torque, outcome.dry
     if params.prescribed_speed:
-        torque = _crank_torque(h, velocity, after, inertia, count, contacts)
-    accumulate_step(h, torque, velocity, outcome, inertia, count, contacts, robot.accumulators)
+        dry = -h * np.sign(velocity.crank) * friction
+        torque = _crank_torque(h, velocity, after, inertia, count, contacts) - dry / h
+    accumulate_step(
+        h, torque, asked, dry, velocity, outcome, inertia, count, params, contacts,
+        robot.accumulators,
+    )  # fmt: skip
     state[0], state[1] = x + 0.5 * h * after.x, y + 0.5 * h * after.y
     state[2], state[3] = theta + 0.5 * h * after.pitch, psi + 0.5 * h * after.crank
     state[4], state[5], state[6], state[7] = after
     for k in range(robot.status.first_plane, robot.status.end_plane):
         planes[k].mode = STICK  # the guess for a contact that closes
-    if count > 0:
+    if params.compliant:
+        accumulate_compliant(h, count, velocity, after, params, contacts, planes, robot, statistics)
+    elif count > 0:
         total = robot.accumulators
         accumulate_contacts(h, count, velocity, after, contacts, planes, total, statistics)
         moved_x, moved_y = correct_penetration(h, count, state, after, contacts)
         lifted = params.gravity_x * moved_x + params.gravity_y * moved_y
         total.impact_loss += params.mass * lifted
-    return count, torque
+    return count, torque, dry / h
 
 
 @stage
@@ -242,7 +288,10 @@ def _read_inertia(h, params, body, psi, sums):
     coupling_slope = sums[FIRST, COUPLING] - m * (sx * ddy - sy * ddx)
     crank = sums[VALUE, CRANK] - m * (dx * dx + dy * dy)
     crank_slope = sums[FIRST, CRANK] - 2.0 * m * (dx * ddx + dy * ddy)
-    damping = sums[VALUE, DAMPING]
+    damping = sums[VALUE, DAMPING] + params.viscous_friction
+    pitch += params.rotor_pitch
+    coupling += params.rotor_coupling
+    crank += params.rotor_crank
     crank_implicit = crank + 0.5 * h * damping
     determinant = pitch * crank_implicit - coupling * coupling
     m11, m12, m22 = crank_implicit / determinant, -coupling / determinant, pitch / determinant
@@ -268,11 +317,10 @@ def _crank_torque(h, velocity, after, inertia, count, contacts):
 
 
 @stage
-def _trace(row, state, torque, radius, count, planes, contacts):
+def _trace(row, state, radius, count, planes, contacts):
     """Complete a row of the trace after a step."""
     for i in range(4):
         row[VELOCITY_AFTER + i] = state[4 + i]
-    row[TORQUE] = torque
     for i in range(IMPULSES, len(row)):
         row[i] = 0.0
     P = contacts.problem.P

@@ -41,6 +41,24 @@ PARAMS = row_dtype(
         ("pitch_arm", "f8"),  # m, the farthest that a pad gets from the centre of mass
         ("crank_arm", "f8"),  # m, a pad's fastest motion against that per crank speed
         ("prescribed_speed", "?"),  # whether the crank keeps its speed whatever torque that takes
+        # The motor, see :class:`jansen_env.motor.Motor`; inertias it adds, kg m^2.
+        ("rotor_pitch", "f8"),
+        ("rotor_coupling", "f8"),
+        ("rotor_crank", "f8"),
+        ("stall_torque", "f8"),  # N m; inf: ideal
+        ("torque_slope", "f8"),  # N m s
+        ("most_torque", "f8"),  # N m; inf: ideal
+        ("winding", "f8"),  # W / (N m)^2
+        ("driving", "f8"),  # the armature's torque per torque at the crank, and where it is driven
+        ("driven", "f8"),
+        ("limited", "?"),  # whether there is a torque-speed line
+        ("viscous_friction", "f8"),  # N m s
+        ("gear_friction", "f8"),  # N m
+        ("dry", "?"),  # whether gear or bearings have Coulomb friction
+        # The pads, see :class:`jansen_env.robot.Compliance`.
+        ("compliant", "?"),
+        ("stiffness", "f8", 2),  # N/m, normal and tangential
+        ("pad_damping", "f8", 2),  # N s/m
     ],
 )
 """What may differ between robots of one design."""
@@ -56,6 +74,7 @@ STATUS = row_dtype(
         ("cell_x", "f8"),  # m, origin of its terrain in pymunk's space
         ("cell_y", "f8"),
         ("too_deep", "?"),  # whether a pad is so deep in the ground that it has no plane
+        ("step", "i8"),  # time steps taken of this control step
     ],
 )
 """Where a robot stands between collision detection and time steps."""
@@ -71,6 +90,9 @@ ACCUMULATORS = row_dtype(
         ("non_toe_impulse", "f8"),  # N s, normal, on pads that are no toes
         ("initial_energy", "f8"),  # J, kinetic and potential, when the sums were begun
         ("energy_change", "f8"),  # J, since then
+        ("elastic_energy", "f8"),  # J, in compliant pads
+        ("torque_impulse", "f8"),  # N m s, of the motor, beyond the torque last asked for
+        ("electrical_work", "f8"),  # J, drawn
     ]
 )
 """Sums over the time steps of a control step."""
@@ -78,8 +100,9 @@ ACCUMULATORS = row_dtype(
 ROBOT = row_dtype([("params", PARAMS), ("status", STATUS), ("accumulators", ACCUMULATORS)])
 """A robot of a batch."""
 
-CONTACT_STATISTICS = row_dtype([("slip", "f8"), ("impulse", "f8", 2)])
-"""Of a pad, sums as well: path it slid while loaded, m; tangential and normal impulse, N s."""
+CONTACT_STATISTICS = row_dtype([("slip", "f8"), ("impulse", "f8", 2), ("stretch", "f8")])
+"""Of a pad, sums as well: path it slid while loaded, m; tangential and normal impulse, N s. And how
+far a compliant one's bristle is bent, m: that is part of the state."""
 
 PAD = row_dtype([("table", "i8"), ("phase", "f8")])
 """A pad of the design: row of the pads' tables, and crank phase, rad."""
@@ -106,6 +129,7 @@ PLANE = row_dtype(
         ("distance", "f8"),  # m, of the pad's centre, when it was found
         ("pad", "i8"),
         ("mode", "i8"),  # the last time step's contact mode, a first guess
+        ("stretch", "f8"),  # m, how far a compliant pad's bristle is bent there
     ]
 )
 """The ground as one pad may touch it."""
@@ -122,6 +146,7 @@ class Model(NamedTuple):
     body: Array  # (intervals, order, 6) c_x, c_y, I, b, k, f
     pads: Array  # (tables, intervals, order, 3) p_x, p_y, a
     layout: NDArray[np.void]  # (pads,) PAD
+    bearings: Array  # (samples,) Coulomb friction of all bearings on the crank, N m, over a turn
 
 
 class Terrains(NamedTuple):
@@ -183,8 +208,10 @@ class Contacts(NamedTuple):
 
     J: Array  # (2 n, 4) Jacobian
     MJ: Array  # (2 n, 4) J M^-1
-    Jdot_v: Array  # (2 n,) m/s, half a step of the path's curvature
+    offset: Array  # (2 n,) m/s, added to J v: half a step of the path's curvature; or the springs
     gap: Array  # (n,) m
+    give: Array  # (2 n,) N s/m, of compliant pads: impulse per way in the step
+    bent: Array  # (n,) m, their bristles, when the step began
     plane: Ints  # (n,) row of the planes
     problem: Problem
 

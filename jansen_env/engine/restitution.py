@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from jansen_env.engine.contact_solver import solve
-from jansen_env.engine.contacts import can_wedge, rate
+from jansen_env.engine.contacts import add_dry_friction, can_wedge, rate
 from jansen_env.engine.jit import macro, stage
 from jansen_env.engine.records import Velocity
 
@@ -40,20 +42,37 @@ class Outcome(NamedTuple):
 
     end: Velocity
     free: Velocity  # without contact impulses
+    torque: float  # N m, of the motor
+    dry: float  # N m s, impulse of the crank's Coulomb friction
     residual: float  # N s, of the contact law
     may_gain: bool  # whether it was not made sure that the contacts create no energy
 
 
 @stage
-def solve_velocities(h, torque, velocity, inertia, params, count, impact, wedged, contacts):
-    """The velocities at the end of a step; ``contacts`` gets its impulses and modes."""
+def solve_velocities(
+    h, torque, friction, velocity, inertia, params, count, impact, wedged, contacts
+):
+    """The velocities at the end of a step; ``contacts`` gets its impulses and modes.
+
+    The crank's Coulomb friction, N m, is a known force as long as the crank goes on turning the way
+    it does. Where it would stop or turn back, that is another row of the contact problem, see
+    :func:`jansen_env.engine.contacts.add_dry_friction`.
+    """
+    sliding = friction * np.sign(velocity.crank)
+    dry = friction > 0.0 and not params.prescribed_speed
+    rigid = not params.compliant
     asked = 0.0 if wedged else params.restitution
-    checked = count > 0 and (asked > 0.0 or can_wedge(params))
-    trial = Trial(AS_ASKED, asked, not (impact or wedged), 0.0, asked, 0, False)
+    checked = rigid and count > 0 and (asked > 0.0 or can_wedge(params))
+    curved = not (rigid and (impact or wedged))
+    trial = Trial(AS_ASKED, asked, curved, 0.0, asked, 0, False)
     while True:
-        end, free, residual = _solve_step(
-            h, torque, velocity, inertia, params, count, trial, contacts
+        held = dry and sliding == 0.0
+        end, free, residual, used = _solve_step(
+            h, torque, sliding, held, friction, velocity, inertia, params, count, trial, contacts
         )
+        if dry and not held and end.crank * velocity.crank <= 0.0:
+            sliding = 0.0
+            continue
         if not checked or trial.stage == WITHOUT_CURVATURE:
             break
         creates = contact_gain(count, velocity, end, contacts) > 0.0
@@ -62,8 +81,9 @@ def solve_velocities(h, torque, velocity, inertia, params, count, impact, wedged
         trial = _next_trial(trial, asked, creates, excess)
         if trial.over:
             break
-    may_gain = count > 0 and (trial.stage == WITHOUT_CURVATURE or not checked)
-    return Outcome(end, free, residual, may_gain)
+    may_gain = rigid and count > 0 and (trial.stage == WITHOUT_CURVATURE or not checked)
+    impulse = contacts.problem.P[2 * count + 1] if held else -h * sliding
+    return Outcome(end, free, used, impulse, residual, may_gain)
 
 
 @macro
@@ -101,12 +121,19 @@ def _next_trial(trial, asked, creates, excess):
 
 
 @macro
-def _solve_step(h, torque, velocity, inertia, params, count, trial, contacts):
-    """Velocities at the end of the step and without contacts, residual of the contact law.
+def _solve_step(
+    h, torque, sliding, held, friction, velocity, inertia, params, count, trial, contacts
+):
+    """Velocities at the end of the step and without contacts, residual of the contact law, torque.
 
     The speed-dependent terms use the mean of the old and the new velocity.
     """
     w, n = velocity.pitch, velocity.crank
+    used = torque
+    constraints = count
+    if held:
+        constraints += 1
+        add_dry_friction(h, count, friction, inertia, contacts)
     problem, MJ = contacts.problem, contacts.MJ
     nw, nn, residual = w, n, 0.0
     nx, ny = velocity.x + h * params.gravity_x, velocity.y + h * params.gravity_y
@@ -115,31 +142,51 @@ def _solve_step(h, torque, velocity, inertia, params, count, trial, contacts):
         mw, mn = 0.5 * (w + nw), 0.5 * (n + nn)
         pitch_force = -(mw * mn * inertia.pitch_slope + mn * mn * inertia.coupling_slope)
         crank_force = 0.5 * mw * mw * inertia.pitch_slope - 0.5 * mn * mn * inertia.crank_slope
-        crank_force += torque - inertia.damping * n
+        crank_force -= sliding
+        if params.limited:
+            used = motor_torque(h, torque, n, pitch_force, crank_force, inertia, params)
+        crank_force += used - inertia.damping * n
         nx, ny = velocity.x + h * params.gravity_x, velocity.y + h * params.gravity_y
         nw = w + h * (inertia.m11 * pitch_force + inertia.m12 * crank_force)
         nn = n + h * (inertia.m12 * pitch_force + inertia.m22 * crank_force)
         free = Velocity(nx, ny, nw, nn)
-        if count == 0:
+        if constraints == 0:
             continue
         _fill_velocities(count, velocity, free, trial, contacts)
-        residual = solve(count, problem)
-        for i in range(2 * count):
+        if held:
+            problem.v_free[2 * count + 1] = free.crank
+        residual = solve(constraints, problem)
+        for i in range(2 * constraints):
             nx += MJ[i, 0] * problem.P[i]
             ny += MJ[i, 1] * problem.P[i]
             nw += MJ[i, 2] * problem.P[i]
             nn += MJ[i, 3] * problem.P[i]
-    return Velocity(nx, ny, nw, nn), free, residual
+    return Velocity(nx, ny, nw, nn), free, residual, used
+
+
+@macro
+def motor_torque(h, asked, n, pitch_force, crank_force, inertia, params):
+    """What the motor gives of a torque at the step's mean crank speed, without contacts: implicit.
+
+    Contacts only make the crank feel heavier, so this stays stable however steep the motor's line.
+    """
+    rest = n + h * (inertia.m12 * pitch_force + inertia.m22 * (crank_force - inertia.damping * n))
+    lost = 0.5 * params.torque_slope * (n + rest)
+    share = 1.0 / (1.0 + 0.5 * h * params.torque_slope * inertia.m22)
+    most = params.most_torque
+    high = max(min(share * (params.stall_torque - lost), most), -most)
+    low = min(max(-share * (params.stall_torque + lost), -most), most)
+    return min(high, max(low, asked))
 
 
 @macro
 def _fill_velocities(count, velocity, free, trial, contacts):
-    """The contacts' velocities without impulses, bounce and curvature included."""
+    """The contacts' velocities without impulses, bounce and curvature (or springs) included."""
     J, v_free = contacts.J, contacts.problem.v_free
     for i in range(2 * count):
         v_free[i] = rate(J, i, free)
         if trial.curved:
-            v_free[i] += contacts.Jdot_v[i]
+            v_free[i] += contacts.offset[i]
         if i % 2 == 0 and trial.bounce > 0.0:
             v_free[i] += trial.bounce * min(rate(J, i, velocity), 0.0)
 

@@ -1,62 +1,161 @@
 """The time step with the chassis held: equation (12) of the paper, one degree of freedom, psi.
 
-    k psi'' + k' psi'^2 / 2 = torque - f psi' - g c_y'
+    k psi'' + k' psi'^2 / 2 = torque - f psi' - g c_y' - F sign(psi')
 
-with the sums of :mod:`jansen_env.dynamics.reduced`. There are no impacts, so classical
-Runge-Kutta of fourth order does.
+with the sums of :mod:`jansen_env.dynamics.reduced`, motor included, and the Coulomb friction F of
+gear and bearings, which holds the crank at rest against any smaller torque. There are no impacts,
+so classical Runge-Kutta of fourth order does; where friction stops the crank, the step is cut.
 """
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from jansen_env.engine.jit import compiled, stage
-from jansen_env.engine.tables import C_Y, CRANK, DAMPING, FIRST, VALUE, read_body
+from jansen_env.engine.records import Array
+from jansen_env.engine.tables import (
+    C_Y,
+    CRANK,
+    DAMPING,
+    FIRST,
+    VALUE,
+    bearing_friction,
+    read_body,
+)
 
-# Entries of a state: crank angle, its rate, and what the joints have taken since the start.
-ANGLE, SPEED, LOSS = range(3)
+# Entries of a state: crank angle, its rate, and since the start what joints and gear have taken, J,
+# how much less the motor did than the torque last asked for would have, J and N m s, and what it
+# drew, J.
+ANGLE, SPEED, LOSS, WORK_LACKING, IMPULSE_LACKING, ELECTRICAL = range(6)
+STATE = 6
 DIVERGED = 1e4  # rad/s, beyond which a crank speed is taken for a simulation that diverged
+STOPS = 4  # of the crank in a time step, at most
+STOP_ROUNDS = 4  # secant steps towards the moment of one
+
+
+class Crank(NamedTuple):
+    """What turns, and memory for it."""
+
+    body: Array  # the robot's tables, see :mod:`jansen_env.engine.tables`
+    bearings: Array
+    params: Any  # PARAMS
+    sums: Array  # (3, 6)
+    rates: Array  # (4, 6) of a state, at the four stages
+    stage: Array  # (6,) a state
+    after: Array  # (6,) a state
 
 
 @stage(inline=False)
-def _rates(psi, n, torque, body, gravity_y, sums):
-    """Crank acceleration (rad/s^2) and the joints' loss of power (W)."""
-    read_body(body, psi, sums)
-    inertia, inertia_slope = sums[VALUE, CRANK], sums[FIRST, CRANK]
-    friction = sums[VALUE, DAMPING] * n
-    force = torque - friction + gravity_y * sums[FIRST, C_Y]
-    return (force - 0.5 * inertia_slope * n * n) / inertia, friction * n
+def _rates(state, direction, asked, latest, crank, rates):
+    """Fill ``rates`` (6,) of a state with the Coulomb friction against ``direction``, 1, 0 or -1.
+
+    ``asked``: the motor's torque now, N m; ``latest``: the one last asked for.
+
+    Returns:
+        (force on the crank without that friction, the friction), N m.
+    """
+    sums, params, n = crank.sums, crank.params, state[SPEED]
+    read_body(crank.body, state[ANGLE], sums)
+    inertia, inertia_slope = sums[VALUE, CRANK] + params.rotor_crank, sums[FIRST, CRANK]
+    damping = (sums[VALUE, DAMPING] + params.viscous_friction) * n
+    used = asked
+    if params.limited:
+        lost, most = params.torque_slope * n, params.most_torque
+        high = max(min(params.stall_torque - lost, most), -most)
+        low = min(max(-params.stall_torque - lost, -most), most)
+        used = min(high, max(low, asked))
+    force = used - damping + params.gravity_y * sums[FIRST, C_Y]
+    force = force - 0.5 * inertia_slope * n * n
+    dry = 0.0
+    if params.dry:
+        dry = params.gear_friction + bearing_friction(crank.bearings, state[ANGLE])
+    inner = used * (params.driving if used * n >= 0.0 else params.driven)
+    rates[ANGLE], rates[SPEED] = n, (force - direction * dry) / inertia
+    rates[LOSS] = damping * n + dry * abs(n)
+    rates[WORK_LACKING], rates[IMPULSE_LACKING] = (latest - used) * n, latest - used
+    rates[ELECTRICAL] = max(inner * (n + params.winding * inner), 0.0)
+    return force, dry
+
+
+@stage(inline=False)
+def _step(h, direction, asked, latest, state, crank):
+    """A step of Runge and Kutta from ``state`` (6,), into ``crank.after``."""
+    rates, stage, after = crank.rates, crank.stage, crank.after
+    for k in range(4):
+        for i in range(STATE):
+            stage[i] = state[i]
+            if k > 0:
+                stage[i] += (h if k == 3 else 0.5 * h) * rates[k - 1, i]
+        _rates(stage, direction, asked, latest, crank, rates[k])
+    for i in range(STATE):
+        slope = rates[0, i] + 2.0 * rates[1, i] + 2.0 * rates[2, i] + rates[3, i]
+        after[i] = state[i] + h * slope / 6.0
+
+
+@stage(inline=False)
+def _step_with_friction(h, asked, latest, state, crank):
+    """A time step under Coulomb friction, into ``crank.after``: to where the crank stops, and on.
+
+    A crank at rest stays there while the force on it is no larger than the friction: for all of the
+    step, as nothing changes then.
+    """
+    left, after = h, crank.after
+    for _ in range(STOPS):
+        direction = np.sign(state[SPEED])
+        if direction == 0.0:
+            rates = crank.rates[0]
+            force, dry = _rates(state, 0.0, asked, latest, crank, rates)
+            if abs(force) <= dry:
+                for i in range(STATE):
+                    after[i] = state[i]
+                after[IMPULSE_LACKING] += left * rates[IMPULSE_LACKING]
+                after[ELECTRICAL] += left * rates[ELECTRICAL]
+                return
+            direction = np.sign(force)
+        _step(left, direction, asked, latest, state, crank)
+        if after[SPEED] * direction >= 0.0:
+            return
+        share = 1.0  # of what is left, after which it stops
+        for _ in range(STOP_ROUNDS):
+            share *= state[SPEED] / (state[SPEED] - after[SPEED])
+            _step(share * left, direction, asked, latest, state, crank)
+        for i in range(STATE):
+            state[i] = after[i]
+        state[SPEED] = 0.0
+        left -= share * left
 
 
 @compiled(allocates=True)
-def turn(steps, h, torque, state, body, params):
-    """Advance a state (3,) by ``steps`` steps of ``h`` seconds under a constant torque (N m).
+def turn(steps, switch, h, torque, earlier, state, body, bearings, params):
+    """Advance a state (6,) by ``steps`` steps of ``h`` seconds under a torque asked for (N m).
 
-    ``body`` is the robot's table, see :mod:`jansen_env.engine.tables`, and ``params`` (1,) its
+    In the first ``switch`` of them it is the ``earlier`` one. ``body`` and ``bearings`` are the
+    robot's tables, see :mod:`jansen_env.engine.tables`, and ``params`` (1,) its
     :data:`jansen_env.engine.records.PARAMS`.
     """
-    sums, gravity_y = np.empty((3, 6)), params[0].gravity_y
-    psi, n, loss = state[ANGLE], state[SPEED], state[LOSS]
-    for _ in range(steps):
-        a1, p1 = _rates(psi, n, torque, body, gravity_y, sums)
-        n2 = n + 0.5 * h * a1
-        a2, p2 = _rates(psi + 0.5 * h * n, n2, torque, body, gravity_y, sums)
-        n3 = n + 0.5 * h * a2
-        a3, p3 = _rates(psi + 0.5 * h * n2, n3, torque, body, gravity_y, sums)
-        n4 = n + h * a3
-        a4, p4 = _rates(psi + h * n3, n4, torque, body, gravity_y, sums)
-        psi += h * (n + 2.0 * n2 + 2.0 * n3 + n4) / 6.0
-        n += h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
-        loss += h * (p1 + 2.0 * p2 + 2.0 * p3 + p4) / 6.0
-    state[ANGLE], state[SPEED], state[LOSS] = psi, n, loss
+    crank = Crank(
+        body, bearings, params[0], np.empty((3, 6)), np.empty((4, STATE)), np.empty(STATE),
+        np.empty(STATE),
+    )  # fmt: skip
+    for k in range(steps):
+        asked = earlier if k < switch else torque
+        if params[0].dry:
+            _step_with_friction(h, asked, torque, state, crank)
+        else:
+            _step(h, 0.0, asked, torque, state, crank)
+        for i in range(STATE):
+            state[i] = crank.after[i]
 
 
 @compiled(allocates=True)
-def turn_each(steps, h, torques, states, body, params, work, loss, change, diverged):
-    """:func:`turn` for n robots with states (n, 3) and torques (n,).
+def turn_each(steps, switch, h, torques, earlier, states, body, bearings, params, sums, diverged):
+    """:func:`turn` for n robots with states (n, 6), torques (n,), earlier (n,) and switch (n,).
 
     Args:
-        work, loss, change: (n,) of the motor, the joints and in mechanical energy, J; out.
+        sums: (n, 5) work of the motor, loss of the joints, change of mechanical energy, electrical
+            work, J, and the motor's mean torque, N m; out.
         diverged: (n,) whether a crank became faster than :data:`DIVERGED`: it stays as it was; out.
 
     Returns:
@@ -68,15 +167,18 @@ def turn_each(steps, h, torques, states, body, params, work, loss, change, diver
         angle, speed = state[ANGLE], state[SPEED]
         kinetic, potential = fixed_base_energy(body, params, angle, speed)
         before = kinetic + potential
-        state[LOSS] = 0.0
-        turn(steps, h, torques[r], state, body, params)
+        state[LOSS:] = 0.0
+        turn(steps, switch[r], h, torques[r], earlier[r], state, body, bearings, params)
         diverged[r] = not abs(state[SPEED]) < DIVERGED
         if diverged[r]:
-            state[ANGLE], state[SPEED], state[LOSS] = angle, speed, 0.0
+            state[ANGLE], state[SPEED] = angle, speed
+            state[LOSS:] = 0.0
             any_diverged = True
         kinetic, potential = fixed_base_energy(body, params, state[ANGLE], state[SPEED])
-        work[r], loss[r] = torques[r] * (state[ANGLE] - angle), state[LOSS]
-        change[r] = kinetic + potential - before
+        sums[r, 0] = torques[r] * (state[ANGLE] - angle) - state[WORK_LACKING]
+        sums[r, 1], sums[r, 2] = state[LOSS], kinetic + potential - before
+        sums[r, 3] = state[ELECTRICAL]
+        sums[r, 4] = torques[r] - state[IMPULSE_LACKING] / (max(steps, 1) * h)
     return any_diverged
 
 
@@ -85,6 +187,6 @@ def fixed_base_energy(body, params, psi, n):
     """Kinetic and potential energy, J; potential is 0 with the centre of mass at the axis."""
     sums = np.empty((3, 6))
     read_body(body, psi, sums)
-    kinetic = 0.5 * sums[VALUE, CRANK] * n * n
+    kinetic = 0.5 * (sums[VALUE, CRANK] + params[0].rotor_crank) * n * n
     height = sums[VALUE, C_Y] + params[0].load_mass * params[0].load_y
     return kinetic, -params[0].gravity_y * height

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from jansen_env.dynamics.reduced import Tables
 from jansen_env.engine.jit import compiled, stage
 from jansen_env.engine.records import PAD, PARAMS, Model
+from jansen_env.robot import Compliance, Robot
 
 # Rows of what :func:`read_body` and :func:`read_pad` fill: value, first and second derivative.
 VALUE, FIRST, SECOND = range(3)
@@ -30,6 +31,7 @@ def kernel_model(tables: Tables) -> Model:
         np.ascontiguousarray(tables.body.swapaxes(-1, -2)),
         np.ascontiguousarray(tables.pads.swapaxes(-1, -2)),
         layout,
+        tables.bearings,
     )
 
 
@@ -46,7 +48,29 @@ def parameters(tables: Tables, gravity: tuple[float, float]) -> NDArray[np.void]
     pad = np.hypot(*tables.pads[used][:, :, :2, :2].transpose(2, 0, 1, 3)).max(axis=(0, 1))
     row["pitch_arm"], row["crank_arm"] = BOUND * (centre + pad)
     row["pitch_arm"] += load.mass * np.hypot(*load.position) / robot.mass
+    set_motor(row, robot)
+    set_compliance(row, robot.pad_compliance)
     return row
+
+
+def set_motor(row: NDArray[np.void], robot: Robot) -> None:
+    """Put a robot's motor, and whether there is dry friction, into its PARAMS (1,)."""
+    motor = robot.motor
+    J, G = motor.rotor_inertia, motor.gear_ratio
+    row["rotor_pitch"], row["rotor_coupling"], row["rotor_crank"] = J, G * J, G * G * J
+    row["stall_torque"], row["torque_slope"] = motor.stall_torque, motor.slope
+    row["most_torque"] = motor.most_torque
+    row["winding"], row["limited"] = motor.winding, motor.stall_torque < np.inf
+    row["driving"], row["driven"] = 1.0 / motor.efficiency, motor.efficiency
+    row["viscous_friction"], row["gear_friction"] = motor.viscous_friction, motor.friction
+    row["dry"] = motor.friction > 0.0 or any(robot.bearing_friction)
+
+
+def set_compliance(row: NDArray[np.void], pads: Compliance) -> None:
+    """Put how the pads give into a robot's PARAMS (1,)."""
+    row["compliant"] = not pads.rigid
+    row["stiffness"] = pads.stiffness, pads.tangential_stiffness
+    row["pad_damping"] = pads.damping, pads.tangential_damping
 
 
 @stage
@@ -125,6 +149,20 @@ def pad_place(pads, table, angle):
 
 
 @stage
+def bearing_friction(bearings, psi):
+    """Coulomb friction torque of all bearings on the crank at a crank angle, N m, interpolated.
+
+    It has kinks, where a bearing's two links do not turn on one another.
+    """
+    place = psi / (2.0 * np.pi) * len(bearings)
+    whole = np.floor(place)
+    share = place - whole
+    row = int(whole % len(bearings))
+    following = row + 1 if row + 1 < len(bearings) else 0
+    return (1.0 - share) * bearings[row] + share * bearings[following]
+
+
+@stage
 def centre_of_mass(body, params, psi):
     """(x, y) of the centre of mass in the chassis frame at a crank angle, m, load included."""
     row, t = locate(body.shape[0], psi)
@@ -160,6 +198,9 @@ def mechanical_energy(body, params, state, sums):
     load, px, py = params.load_mass, params.load_x, params.load_y
     cx, cy = sums[VALUE, C_X] + load * px, sums[VALUE, C_Y] + load * py
     inertia = sums[VALUE, INERTIA] + load * (px * px + py * py) + params.load_inertia
+    inertia += params.rotor_pitch
+    coupling = sums[VALUE, COUPLING] + params.rotor_coupling
+    crank = sums[VALUE, CRANK] + params.rotor_crank
     cos, sin = np.cos(state[2]), np.sin(state[2])
     rx, ry = cos * cx - sin * cy, sin * cx + cos * cy
     sx, sy = sums[FIRST, C_X], sums[FIRST, C_Y]
@@ -167,9 +208,7 @@ def mechanical_energy(body, params, state, sums):
     vx, vy, w, n = state[4], state[5], state[6], state[7]
     kinetic = 0.5 * params.mass * (vx * vx + vy * vy)
     kinetic += w * (-ry * vx + rx * vy) + n * (dx * vx + dy * vy)
-    kinetic += (
-        0.5 * inertia * w * w + sums[VALUE, COUPLING] * w * n + 0.5 * sums[VALUE, CRANK] * n * n
-    )
+    kinetic += 0.5 * inertia * w * w + coupling * w * n + 0.5 * crank * n * n
     gx, gy = params.gravity_x, params.gravity_y
     return kinetic + (-gx * (params.mass * state[0] + rx) - gy * (params.mass * state[1] + ry))
 

@@ -23,24 +23,27 @@ def main(arguments: list[str] | None = None) -> None:
     if args.workers < 1:
         parser.error(f"--workers is {args.workers}, must be 1 or more")
     try:
-        from jansen_env.paper.claims import as_text, check_claims, claims_table, levels_table
+        from jansen_env.paper.claims import check_claims
+        from jansen_env.paper.errata import errata
         from jansen_env.paper.figures import draw
+        from jansen_env.paper.report import as_markdown, as_text
     except ImportError as error:
         raise SystemExit(f"{error}; install what the paper needs with\n{INSTALL}") from error
     start, out = time.perf_counter(), args.out
     if not writable(out):  # before the work, not after it
         parser.error(f"--out is {out}, must be a folder that can be written to")
     results = compute(args.workers)
-    claims = check_claims(results)
+    claims, found = check_claims(results), errata()
     print(as_text(claims), end="\n\n")
-    write_text(
-        out / "claims.md",
-        f"# Claims\n\n{claims_table(claims)}\n# Torque at a constant 1 rad/s, by interpretation\n\n"
-        f"{levels_table(results.levels)}",
-    )
+    write_text(out / "claims.md", as_markdown(claims, found, results.levels, results.pid_levels))
     write_json(
         out / "claims.json",
-        {"claims": [asdict(c) for c in claims], "levels": [asdict(v) for v in results.levels]},
+        {
+            "claims": [asdict(c) for c in claims],
+            "levels": [asdict(v) for v in results.levels],
+            "pid_levels": [asdict(v) for v in results.pid_levels],
+            "errata": [asdict(e) for e in found],
+        },
     )
     figures = draw(results, out)
     print(f"written: {out}/claims.md, {out}/claims.json and {len(figures)} figures "

@@ -21,7 +21,7 @@ from jansen_env.kinematics import SKELETON, O, P, T, world_joints
 from jansen_env.paper import toes
 from jansen_env.paper.fixed_model import SETTLED
 from jansen_env.paper.free_walk import walking_torque
-from jansen_env.paper.interpretations import PRINTED_LEVEL
+from jansen_env.paper.interpretations import PRINTED_LEVEL, pid_run
 from jansen_env.paper.results import FRICTIONS, SLOW, Results
 from jansen_env.robot import paper_robot
 
@@ -68,15 +68,18 @@ def torque(r: Results) -> Figure:
     """Fig. 4: the PID's torque against time."""
     figure, axes = _figure(7.2, 3.4)
     axes.plot(r.run.time[:-1], r.run.torque, color=INK, label="PID (13), crank speed about 1 rad/s")
+    two = pid_run(paper_robot(), motors=2)
+    axes.plot(two.time[:-1], -two.torque, color="#c2410c", lw=1.2,
+              label="two motors, each one's, counted the other way round")  # fmt: skip
     mean = r.levels[0].mean
     axes.axhline(mean, color=ACCENT, ls="--", lw=1.1)
     axes.axhline(PRINTED_LEVEL, color=MUTED, ls=":", lw=1.3)
     note = partial(axes.text, ha="right", fontsize=8.5)
     note(9.95, 2.35, f"mean friction at 1 rad/s: {mean:.2f} N m", color=ACCENT)
-    note(10.0, PRINTED_LEVEL + 0.04, f"the paper's level, {PRINTED_LEVEL} N m", color="#6b7280")
+    note(10.0, PRINTED_LEVEL - 0.3, f"the paper's level, {PRINTED_LEVEL} N m", color="#6b7280")
     axes.axvspan(0.0, SETTLED, color="#f3f4f6", zorder=0)
     axes.set(title="Input torque (Fig. 4)", xlabel="time (s)", ylabel="torque (N m)", xlim=(0, 10))
-    axes.legend(loc="center", bbox_to_anchor=(0.6, 0.32))
+    axes.legend(loc="center", bbox_to_anchor=(0.62, 0.47))
     return figure
 
 

@@ -63,7 +63,7 @@ class Walk:
 
     Attributes:
         speed: of the crank, rad/s. turns: completed before a fall, after those that settle.
-        distance, slip: m per turn. torque: mean, N m.
+        distance, slip: m per turn, the distance negative if it walks backwards. torque: mean, N m.
         one_toe, no_toe: share of the time on a single toe, and in the air.
         fell: whether the robot fell.
     """
@@ -79,8 +79,8 @@ class Walk:
 
     @property
     def slip_per_metre(self) -> float:
-        """m slid by all toes for each m walked."""
-        return self.slip / self.distance if self.distance > 0.0 else math.nan
+        """m slid by all toes for each m walked either way; NaN where it got nowhere."""
+        return self.slip / abs(self.distance) if self.distance != 0.0 else math.nan
 
 
 def walk(

@@ -22,6 +22,7 @@ from jansen_env.robot import JOINT_PAIRS, Bar, Leg, Robot, Triangle, holy_number
 Array = NDArray[np.float64]
 
 PRINTED_LEVEL = -0.9  # N m, "almost constant at around"
+NEAR = 0.1  # N m, from it: what counts as near
 ANGLES = 360  # crank angles in a turn
 
 
@@ -45,7 +46,6 @@ class Level:
 def torque_levels() -> list[Level]:
     """The interpretations, ours first."""
     paper = paper_robot()
-    swapped = replace(paper, rocker=Bar(paper.coupler.length), coupler=Bar(paper.rocker.length))
     # L4, L10, L5 as printed, where the centroid data gives a triangle 1.0101 times as large.
     small = replace(paper, upper_triangle=Triangle.from_sides(0.23529, 0.32338, 0.25134))
     printed_angle = replace(paper, frame_angle=math.atan2(0.32436, 0.04632))
@@ -53,11 +53,13 @@ def torque_levels() -> list[Level]:
         _level("as read here", paper),
         _level("reference turning the other way, r = pi - t", paper, direction=-1.0),
         _level("torque counted positive on the frame", paper, motors=-1),
+        _level("tau in the h of one leg a side: two motors", paper, motors=2),
+        _level("two motors, positive on the frame", paper, motors=-2),
         _level("tau in the h of every leg: four motors", paper, motors=4),
-        _level("the same, positive on the frame", paper, motors=-4),
+        _level("four motors, positive on the frame", paper, motors=-4),
+        _level("fore legs alone", fore_legs()),
         _level("one leg alone", replace(paper, legs=(Leg("fore"),))),
-        _level("L6 and L11 swapped", swapped),
-        _level("frame of hypot(l0, h0) = 0.32765 m", replace(paper, frame=Bar(0.32765))),
+        *(_level(name, robot) for name, robot in other_lengths().items()),
         _level("triangle 4 from L4, L10, L5", small),
         _level("frame angle as printed, atan(l0/h0)", printed_angle),
         _without_reaction(paper),
@@ -65,6 +67,22 @@ def torque_levels() -> list[Level]:
         _level("slender rods and plates", paper.with_slender_inertias()),
         _level("Theo Jansen's own numbers", holy_numbers_robot()),
     ]
+
+
+def other_lengths() -> dict[str, Robot]:
+    """The paper's machine with the lengths that its print leaves open taken the other way."""
+    paper = paper_robot()
+    return {
+        "L6 and L11 swapped": replace(
+            paper, rocker=Bar(paper.coupler.length), coupler=Bar(paper.rocker.length)
+        ),
+        "frame of hypot(l0, h0) = 0.32765 m": replace(paper, frame=Bar(0.32765)),
+    }
+
+
+def fore_legs() -> Robot:
+    """The two fore legs on a shaft of their own."""
+    return replace(paper_robot(), legs=(Leg("fore"), Leg("fore", math.pi)))
 
 
 def _level(name: str, robot: Robot, direction: float = 1.0, motors: int = 1) -> Level:
@@ -97,6 +115,47 @@ def _without_reaction(robot: Robot) -> Level:
     h[..., 7, 0] += robot.damping[6] * (x_dot[..., 7, 0] - x_dot[..., 4, 0])
     torque = p.velocity_terms[:, 0] - (D * h.reshape(D.shape)).sum(axis=-1)
     return _summary("no C58 term in h_f's last row, as printed", torque, robot)
+
+
+@dataclass(frozen=True)
+class PIDLevel:
+    """The torque of one interpretation under the PID (13), after 3 s, N m.
+
+    Attributes:
+        name: what is understood differently. low, mean, high: of the torque.
+        near: share of the time that it is within :data:`NEAR` of the printed level's size.
+    """
+
+    name: str
+    low: float
+    mean: float
+    high: float
+    near: float
+
+
+def pid_run(robot: Robot, motors: int = 1) -> fixed.Run:
+    """The PID's 10 s, with its torque on the shaft ``motors`` times; its torque is one motor's."""
+    advance = fixed.tables_advance(robot)
+    return fixed.simulate_pid(lambda angle, speed, tau: advance(angle, speed, motors * tau))
+
+
+def pid_levels() -> list[PIDLevel]:
+    """Ours, and those with the means nearest to the printed level's size."""
+    paper = paper_robot()
+    runs = {
+        "as read here": pid_run(paper),
+        "two motors, one a side": pid_run(paper, motors=2),
+        "fore legs alone": pid_run(fore_legs()),
+    }
+    levels = []
+    for name, run in runs.items():
+        torque = run.torque[run.settled]
+        near = np.abs(torque - abs(PRINTED_LEVEL)) <= NEAR
+        levels.append(
+            PIDLevel(name, float(torque.min()), float(torque.mean()), float(torque.max()),
+                     float(near.mean()))
+        )  # fmt: skip
+    return levels
 
 
 def printed_controller_torque() -> float:

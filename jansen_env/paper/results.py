@@ -23,7 +23,7 @@ RIPPLE = 40.0  # s, of a fixed-base run at constant torque
 SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0)  # rad/s, of the crank, walking
 WALK = 75.0  # s, of each of these walks
 SLOW = 0.25  # rad/s, of a crank so slow that inertia hardly counts
-FRICTIONS = (0.2, 0.4, 0.55, 0.6, 0.8)
+FRICTIONS = (0.2, 0.4, 0.525, 0.6, 0.8)
 NO_SLIP = (4.0, 2.5)  # rad/s, and rad, where it starts: a walk that turns out not to slip
 LOADS = tuple((speed, mu) for speed in (1.0, 3.5) for mu in (0.3, 0.5, 0.8))
 """Crank speeds (rad/s) and frictions of the walks whose joint forces are computed."""
@@ -42,9 +42,10 @@ class Results:
             fixed base, with slender links at the middle one of these torques, and walking.
         forces: (samples, 8, 3) constraint moment and force on the right forepaw in ``run``.
         fixed_loads: of all legs over a turn at 1 rad/s. walking_loads: by speed, friction.
-        levels: torque by interpretation.
+        levels, pid_levels: torque by interpretation, at a constant 1 rad/s and under the PID.
         reversed_valley: of the PID with the reference turning back.
-        heaves: by number of phases. support: the slow walk's two toes. slow: it, by friction.
+        heaves: by number of phases. other_heaves: of four legs, m, by the lengths that the
+            print leaves open. support: the slow walk's two toes. slow: it, by friction.
         walks: at :data:`SPEEDS`. no_slip: see :data:`NO_SLIP`.
     """
 
@@ -58,8 +59,10 @@ class Results:
     fixed_loads: free_walk.Loads
     walking_loads: dict[tuple[float, float], free_walk.Loads]
     levels: list[interpretations.Level]
+    pid_levels: list[interpretations.PIDLevel]
     reversed_valley: tuple[float, float]
     heaves: list[toes.Heave]
+    other_heaves: dict[str, float]
     support: toes.DoubleSupport
     slow: dict[float, free_walk.Walk]
     walks: list[free_walk.Walk]
@@ -80,7 +83,9 @@ def compute(workers: int = 2) -> Results:
             "walks": [submit(_walk, speed) for speed in SPEEDS],
             "slow": {mu: submit(free_walk.walk, robot, SLOW, 2, mu) for mu in FRICTIONS},
             "heaves": [submit(toes.heave, phases) for phases in toes.PHASES],
+            "other_heaves": submit(_other_heaves),
             "levels": submit(interpretations.torque_levels),
+            "pid_levels": submit(interpretations.pid_levels),
             "support": submit(toes.double_support, robot),
             "walking_loads": {at: submit(_walking_loads, *at) for at in LOADS},
             "walking_ripples": {
@@ -120,6 +125,12 @@ def _ripple(robot: Robot, torque: float) -> free_walk.Ripple:
         fixed_model.tables_advance(robot, time_step=1e-3), lambda *_: torque, duration=RIPPLE
     )
     return free_walk.Ripple.of(run.speed[len(run.speed) // 2 :])
+
+
+def _other_heaves() -> dict[str, float]:
+    return {
+        name: toes.level_heave(robot) for name, robot in interpretations.other_lengths().items()
+    }
 
 
 def _walk(speed: float) -> free_walk.Walk:

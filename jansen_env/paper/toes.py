@@ -81,6 +81,11 @@ def heave(phases: int, samples: int = 1440, poses: int = 48) -> Heave:
     )  # fmt: skip
 
 
+def level_heave(robot: Robot, samples: int = 2880) -> float:
+    """Up-and-down motion over a turn of a chassis kept level, on its lowest toe, m."""
+    return float(np.ptp(np.minimum(*lowest_toes(robot, turn(samples)))))
+
+
 def standing_poses(robot: Robot, angle: Array) -> Array:
     """(n, 2) height (m) and pitch (rad) of the chassis standing on flat ground at crank angles."""
     centres = body_sums(compile_robot(robot), angle).c / robot.mass

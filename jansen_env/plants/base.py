@@ -24,8 +24,9 @@ class StepResult(NamedTuple):
     Attributes:
         slip: (toes,) path each toe slid while loaded, m.
         contact_force: (toes, 2) mean tangential and normal force on each toe, N.
-        motor_work, joint_loss, slip_loss, impact_loss: J.
-        energy_change: change of kinetic and potential energy, J.
+        motor_work, slip_loss: J. joint_loss: what joints, bearings and gear take, J.
+        impact_loss: what touchdowns take, and the dampers of pads that give, J.
+        energy_change: change of kinetic and potential energy, that of compliant pads included, J.
         non_toe_contact: whether a joint other than a toe was pressed on the ground.
         residual: worst violation of the contact law, N s; NaN where it is not known.
         contact_gain: the most energy that the contact impulses of one time step added to what they
@@ -33,7 +34,7 @@ class StepResult(NamedTuple):
             Rolling contacts may add some, as the time step is finite; where pads can bounce or
             wedge it is 0. NaN where it is not known.
         joint_gap: the widest gap of any joint, m; 0 where joints cannot open.
-        electrical_work: what the motor drew, J (:meth:`jansen_env.motor.Motor.electrical_power`).
+        electrical_work: drawn by the motor, J, see :class:`jansen_env.motor.Motor`.
     """
 
     slip: Array
@@ -54,6 +55,13 @@ class StepResult(NamedTuple):
         """Motor work less losses and energy change, J: the time step's error."""
         losses = self.joint_loss + self.slip_loss + self.impact_loss
         return self.motor_work - losses - self.energy_change
+
+
+ENERGIES = (
+    "motor_work", "joint_loss", "slip_loss", "impact_loss", "energy_change", "contact_gain",
+    "electrical_work",
+)  # fmt: skip
+"""Numbers of a :class:`StepResult` that are sums of their names in a batch, J."""
 
 
 class BatchedPlant(Protocol):

@@ -19,13 +19,20 @@ from jansen_env.engine.collision import SPECULATIVE_MARGIN
 from jansen_env.engine.contact_means import contact_means
 from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.engine.records import CONTACT_STATISTICS, ROBOT, as_bytes
-from jansen_env.engine.tables import energy, kernel_model, parameters
+from jansen_env.engine.tables import (
+    energy,
+    kernel_model,
+    parameters,
+    set_compliance,
+    set_motor,
+)
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
+from jansen_env.motor import Motor
 from jansen_env.plants.base import check_time_step
 from jansen_env.plants.detector import ContactDetector
 from jansen_env.plants.initial_pose import prepare_placement, resting_pose
 from jansen_env.plants.trace import find_touchdowns, pads_in_contact
-from jansen_env.robot import Payload, Robot
+from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
@@ -42,6 +49,8 @@ NOT_THE_ROBOT = (
     "gravity_x", "gravity_y", "prescribed_speed", "friction", "restitution", "steepest"
 )  # fmt: skip
 """Parameters that are not the robot's own."""
+OF_A_DESIGN = ("payload", "motor", "pad_compliance")
+"""In what robots of a batch may differ."""
 ROBOTS_PER_THREAD = 16  # at least, or starting a thread takes longer than it saves
 ROBOTS_AT_A_TIME = 32  # at most, moved by a thread before it takes the next ones
 
@@ -52,7 +61,8 @@ class Batch:
     Each moves as it would alone, bit for bit: they share the work, not the numbers.
 
     Args:
-        robots: of one design; their payloads may differ. terrains: the ground of each.
+        robots: of one design; payloads, motors and the pads' compliance may differ. terrains: the
+            ground of each.
         time_step: of the integration, s.
         gravity: m/s^2 downwards, or a vector (x, y).
         detection_interval: time between two looks for the ground, s.
@@ -100,8 +110,11 @@ class Batch:
             )
         different = {id(robot): robot for robot in robots}.values()
         for robot in different:
-            if replace(robot, payload=robots[0].payload) != robots[0]:
-                raise ValueError("robots are of several designs, must differ in payload only")
+            own = {name: getattr(robots[0], name) for name in OF_A_DESIGN}
+            if replace(robot, **own) != robots[0]:
+                raise ValueError(
+                    f"robots are of several designs, must differ in {', '.join(OF_A_DESIGN)} only"
+                )
         self.time_step = check_time_step(time_step)
         self.detection_interval = positive("detection_interval", detection_interval)
         self._stride = max(1, round(detection_interval / time_step))
@@ -118,6 +131,8 @@ class Batch:
         self.params["friction"] = [terrain.friction for terrain in terrains]
         self.params["restitution"] = [terrain.restitution for terrain in terrains]
         self.params["steepest"] = [terrain.steepest for terrain in terrains]
+        for robot, terrain in zip(robots, terrains, strict=True):
+            check_bounce(robot.pad_compliance, terrain.restitution)
         capacity, radius = PLANES_PER_PAD * pads, robots[0].pad_radius
         self.detector = ContactDetector(self.rows, terrains, self.toes, radius, capacity)
         self.states = np.zeros((n, 8))
@@ -127,6 +142,7 @@ class Batch:
         self.diverged = np.zeros(n, bool)
         self.any_diverged = False
         self.tracing = False
+        self._at_once = np.zeros(n), np.zeros(n, np.int64)  # no torque from before
         self._no_trace: NDArray[Any] = np.zeros(0, integrator.trace_dtype(pads))
         self.trace = self._no_trace
         self.touchdowns = np.zeros(0, bool)
@@ -142,15 +158,18 @@ class Batch:
         self.detector.watch(self.states, self.model, depths, self.time_step)
         self._shared = (
             self.time_step, self.toes, self.states, self.model.body, self.model.pads,
-            as_bytes(self.model.layout), as_bytes(self.rows), as_bytes(self.detector.planes),
-            as_bytes(self.contact_statistics),
+            as_bytes(self.model.layout), self.model.bearings, as_bytes(self.rows),
+            as_bytes(self.detector.planes), as_bytes(self.contact_statistics),
         )  # fmt: skip
         prepare_placement(robots[0], terrains[0])
         prepare(*self._kernels())
 
     def _kernels(self) -> list[Kernel]:
         """What is compiled of a batch."""
-        step = 0, 0, True, 0, np.zeros(1), _plain(self._no_trace), *self._work[0], *self._shared
+        step = (
+            0, 0, True, 0, np.zeros(1), *self._at_once, _plain(self._no_trace), *self._work[0],
+            *self._shared,
+        )  # fmt: skip
         return [
             *self.detector.kernels(),
             Kernel("time step", integrator.advance, step),
@@ -180,6 +199,29 @@ class Batch:
         for name in NOT_THE_ROBOT:
             self.params[name][row] = kept[name]
 
+    def set_motor(self, row: int, motor: Motor) -> None:
+        """Change what turns a robot's crank."""
+        robot = self.robots[row] = replace(self.robots[row], motor=motor)
+        self.tables[row] = compile_robot(robot)
+        set_motor(self.params[row : row + 1], robot)
+
+    def set_pad_compliance(self, row: int, pads: Compliance) -> None:
+        """Change how a robot's pads give.
+
+        Raises:
+            ValueError: they give and its ground has restitution.
+        """
+        check_bounce(pads, float(self.params["restitution"][row]))
+        robot = self.robots[row] = replace(self.robots[row], pad_compliance=pads)
+        self.tables[row] = compile_robot(robot)
+        set_compliance(self.params[row : row + 1], pads)
+
+    @property
+    def stretch(self) -> Array:
+        """(n, pads) how far the bristles of compliant pads are bent, m; part of the state."""
+        bent: Array = self.contact_statistics["stretch"]
+        return bent
+
     @property
     def friction(self) -> Array:
         """(n,) Coulomb coefficients between robots' pads and their terrains, a copy."""
@@ -195,7 +237,12 @@ class Batch:
         self.params["friction"][row] = friction
 
     def set_restitution(self, row: int, restitution: float) -> None:
-        """Change Newton's coefficient of restitution between a robot's pads and its ground."""
+        """Change Newton's coefficient of restitution between a robot's pads and its ground.
+
+        Raises:
+            ValueError: it is not 0, and the pads give.
+        """
+        check_bounce(self.robots[row].pad_compliance, restitution)
         self.params["restitution"][row] = restitution
 
     def place(self, row: int, crank_angle: float) -> None:
@@ -234,6 +281,9 @@ class Batch:
                 gap = (normals * centres[planes["pad"]]).sum(axis=1) - planes["offset"]
                 state[1] -= ((gap - robot.pad_radius) / normals[:, 1]).min()
         state[1] -= PLACEMENT_DEPTH
+        pads = robot.pad_compliance
+        if not pads.rigid:  # as deep as its weight on two feet takes them
+            state[1] += 0.5 * robot.mass * min(self.params["gravity_y"][0], 0.0) / pads.stiffness
 
     def scratch(self, row: int) -> Batch:
         """A batch of one, which is that robot as it is now, to try things without the others."""
@@ -245,19 +295,20 @@ class Batch:
         batch.robots[0], batch.tables[0] = robot, self.tables[row]
         batch.params[0] = self.params[row]
         batch.set_state(0, self.states[row])
+        batch.stretch[0] = self.stretch[row]
         return batch
 
     def lookahead(self, torque: float = 0.0) -> None:
         """What the first robot's next time step would do under a torque; the state stays."""
-        state, in_contact = self.states[0].copy(), self.in_contact
+        state, stretch, in_contact = self.states[0].copy(), self.stretch[0].copy(), self.in_contact
         try:
             self.step(np.array([torque]), 1)
         finally:
-            self.states[0], self.in_contact = state, in_contact
+            self.states[0], self.stretch[0], self.in_contact = state, stretch, in_contact
 
     def set_state(self, row: int, state: ArrayLike) -> None:
-        """Put a robot into a state (8,)."""
-        self.states[row] = state
+        """Put a robot into a state (8,), its pads' bristles straight."""
+        self.states[row], self.stretch[row] = state, 0.0
         if row == 0:
             self.in_contact = None
 
@@ -292,15 +343,24 @@ class Batch:
         prepare(Kernel("energy", energy, arguments))
         return float(energy(*arguments))
 
-    def step(self, torque: Array, steps: int) -> None:
-        """Hold crank torques (n,), N m, for some time steps.
+    def step(
+        self,
+        torque: Array,
+        steps: int,
+        earlier: Array | None = None,
+        switch: NDArray[np.int64] | None = None,
+    ) -> None:
+        """Hold crank torques (n,), N m, for some time steps, as far as the motors go.
+
+        With ``earlier`` torques (n,) these still hold in the first ``switch`` (n,) of them.
 
         A robot that becomes faster than :data:`jansen_env.engine.integrator.DIVERGED`, or
         gets so deep into the ground that it is not found, stays as it was before, without
         entries in :attr:`accumulators` and :attr:`contact_statistics`, and is named in
         :attr:`diverged`. The others go on.
         """
-        before = self.states.copy()
+        before = self.states.copy(), self.stretch.copy()
+        asked = torque, *(self._at_once if earlier is None else (earlier, switch))
         if self.any_diverged:
             self.diverged[:] = self.any_diverged = False
             self.rows["status"]["steps_left"] = 0
@@ -314,17 +374,18 @@ class Batch:
             rows = plain[done : done + count]
             if self.detector.detect():
                 self._refuse(before)
-            finished = self._advance(done == 0, count, torque, rows)
+            finished = self._advance(done == 0, count, asked, rows)
             while not finished:  # fast robots need planes found several times
                 if (self.rows["status"]["steps_left"] < 0).any():
                     self._refuse(before)
                 if self.detector.detect(moving_only=True):
                     self._refuse(before)
-                finished = self._advance(False, 0, torque, rows)
+                finished = self._advance(False, 0, asked, rows)
             done += count
         if self.any_diverged:
             self.accumulators[self.diverged] = 0.0
-            self.contact_statistics[self.diverged] = 0.0
+            for name in ("slip", "impulse"):
+                self.contact_statistics[name][self.diverged] = 0.0
         contact_means(*self._arguments_of_means(steps))
         self._keep_trace(trace)
 
@@ -340,23 +401,27 @@ class Batch:
         self.touchdowns = find_touchdowns(trace, self.in_contact)
         self.in_contact = pads_in_contact(trace)[-1]
 
-    def _refuse(self, before: Array) -> None:
-        """Leave the robots that have diverged as they were before the step."""
+    def _refuse(self, before: tuple[Array, Array]) -> None:
+        """Leave the robots that have diverged as they were before the step: state and stretch."""
         status = self.rows["status"]
         status["steps_left"][status["too_deep"]] = -1
         self.diverged |= status["steps_left"] < 0
-        self.states[self.diverged] = before[self.diverged]
+        self.states[self.diverged] = before[0][self.diverged]
+        self.stretch[self.diverged] = before[1][self.diverged]
         self.any_diverged = True
 
-    def _advance(self, fresh: bool, steps: int, torque: Array, trace: Array) -> bool:
-        """:func:`jansen_env.engine.integrator.advance` of all robots, on all threads."""
+    def _advance(self, fresh: bool, steps: int, asked: tuple[Any, ...], trace: Array) -> bool:
+        """:func:`jansen_env.engine.integrator.advance` of all robots, on all threads.
+
+        ``asked``: torque, earlier torque, and for how many time steps that still holds.
+        """
         shares = iter(self._shares)
 
         def work(memory: tuple[Any, ...]) -> bool:
             finished = True
             for share in shares:  # each thread takes the next one
                 finished &= integrator.advance(
-                    *share, fresh, steps, torque, trace, *memory, *self._shared
+                    *share, fresh, steps, *asked, trace, *memory, *self._shared
                 )
             return finished
 
@@ -394,6 +459,15 @@ class Batch:
         if self._pool is None or self._pool[0] != os.getpid():
             self._pool = os.getpid(), ThreadPoolExecutor(len(self._work) - 1, "jansen")
         return self._pool[1]
+
+
+def check_bounce(pads: Compliance, restitution: float) -> None:
+    """Raises ValueError where pads that give are on ground with restitution."""
+    if restitution > 0.0 and not pads.rigid:
+        raise ValueError(
+            f"restitution is {restitution}, must be 0 with compliant pads: their springs and "
+            "dampers say how they bounce"
+        )
 
 
 def _plain(trace: NDArray[np.void]) -> Array:

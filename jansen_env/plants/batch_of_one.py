@@ -6,11 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.engine.records import ROBOT
-from jansen_env.plants.base import Plant, StepResult
+from jansen_env.plants.base import ENERGIES, Plant, StepResult
 
 Array = NDArray[np.float64]
-BOTH = [name for name in ROBOT["accumulators"].names or () if name in StepResult._fields]
-"""Accumulators that are fields of a step's result."""
 
 
 class BatchOfOne:
@@ -80,7 +78,7 @@ class BatchOfOne:
             float(result.non_toe_contact),
             result.residual,
         )
-        for name in BOTH:
+        for name in ENERGIES:
             sums[name] = getattr(result, name)
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:

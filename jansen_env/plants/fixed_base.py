@@ -29,8 +29,10 @@ class FixedBaseBatch:
 
     Attributes:
         states: (n, 2) crank angle (rad, not wrapped) and crank speed (rad/s); can be written to.
-        rows: (n, 3) these, and what the joints have taken in the last step, J.
-        motor_work, joint_loss, energy_change: (n,) J, over the last :meth:`step`.
+        rows: (n, 6) these, and sums over the last :meth:`step`, see
+            :mod:`jansen_env.engine.runge_kutta`.
+        sums: (n, 5) motor_work, joint_loss, energy_change, electrical_work, J, and torque, the
+            motor's mean, N m, over the last :meth:`step`; each an attribute (n,), too.
         diverged: (n,) whether the last :meth:`step` was refused. any_diverged: whether one was.
 
     Raises:
@@ -44,15 +46,21 @@ class FixedBaseBatch:
         self.time_step = check_time_step(time_step)
         self.gravity = non_negative("gravity", gravity)
         tables = compile_robot(robot)
-        self._body = kernel_model(tables).body
+        model = kernel_model(tables)
+        self._body, self._bearings = model.body, model.bearings
         self._params = parameters(tables, (0.0, -self.gravity))
-        self.rows = np.zeros((count, 3))  # states, and what the joints have taken in the step
+        self.rows = np.zeros((count, runge_kutta.STATE))
         self.states = self.rows[:, : runge_kutta.LOSS]
-        self.motor_work, self.joint_loss, self.energy_change = np.zeros((3, count))
+        self.sums = np.zeros((count, 5))
+        self.motor_work, self.joint_loss, self.energy_change, self.electrical_work, self.torque = (
+            self.sums.T
+        )
+        self._at_once = np.zeros(count), np.zeros(count, np.int64)  # no torque from before
         self.diverged, self.any_diverged = np.zeros(count, bool), False
+        turn = self._arguments_of_turn(np.zeros(count), 0, *self._at_once)
         prepare(
             Kernel("energy", runge_kutta.fixed_base_energy, (self._body, self._params, 0.0, 0.0)),
-            Kernel("crank", runge_kutta.turn_each, self._arguments_of_turn(np.zeros(count), 0)),
+            Kernel("crank", runge_kutta.turn_each, turn),
         )
 
     def energy(self, row: int) -> float:
@@ -60,18 +68,29 @@ class FixedBaseBatch:
         state = self.states[row].tolist()
         return float(sum(runge_kutta.fixed_base_energy(self._body, self._params, *state)))
 
-    def step(self, torque: Array, steps: int) -> None:
-        """Hold crank torques (n,), N m, for some time steps.
+    def step(
+        self,
+        torque: Array,
+        steps: int,
+        earlier: Array | None = None,
+        switch: NDArray[np.int64] | None = None,
+    ) -> None:
+        """Hold crank torques (n,), N m, for some time steps, as far as the motor goes.
+
+        With ``earlier`` torques (n,) these still hold in the first ``switch`` (n,) of them.
 
         A crank that becomes faster than :data:`jansen_env.engine.runge_kutta.DIVERGED` stays as it
         was, and is named in :attr:`diverged`.
         """
-        self.any_diverged = runge_kutta.turn_each(*self._arguments_of_turn(torque, steps))
+        before = self._at_once if earlier is None else (earlier, switch)
+        self.any_diverged = runge_kutta.turn_each(*self._arguments_of_turn(torque, steps, *before))
 
-    def _arguments_of_turn(self, torque: Array, steps: int) -> tuple[Any, ...]:
+    def _arguments_of_turn(
+        self, torque: Array, steps: int, earlier: Any, switch: Any
+    ) -> tuple[Any, ...]:
         return (
-            steps, self.time_step, torque, self.rows, self._body, self._params,
-            self.motor_work, self.joint_loss, self.energy_change, self.diverged,
+            steps, switch, self.time_step, torque, earlier, self.rows, self._body, self._bearings,
+            self._params, self.sums, self.diverged,
         )  # fmt: skip
 
     def joint_forces(self, row: int, torque: float = 0.0) -> JointForces:
@@ -83,13 +102,13 @@ class FixedBaseBatch:
     def __getstate__(self) -> dict[str, Any]:
         """The arguments and the states: everything else is made again from them."""
         arguments = (self.robot, len(self.states), self.time_step, self.gravity)
-        results = (self.motor_work, self.joint_loss, self.energy_change, self.diverged)
+        results = (self.sums.copy(), self.diverged.copy())
         return {"arguments": arguments, "states": self.states.copy(), "results": results}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
         self.__init__(*saved["arguments"])  # type: ignore[misc]
         self.states[:] = saved["states"]
-        self.motor_work, self.joint_loss, self.energy_change, self.diverged = saved["results"]
+        self.sums[:], self.diverged[:] = saved["results"]
         self.any_diverged = bool(self.diverged.any())
 
 
@@ -99,6 +118,7 @@ class FixedBaseResult(NamedTuple):
     motor_work: float
     joint_loss: float
     energy_change: float
+    electrical_work: float
 
     @property
     def energy_residual(self) -> float:
@@ -155,9 +175,7 @@ class FixedBasePlant:
                 f"the simulation diverged from {self.state.tolist()} under a torque of {torque} "
                 "N m; try a smaller time_step"
             )
-        return FixedBaseResult(
-            float(batch.motor_work[0]), float(batch.joint_loss[0]), float(batch.energy_change[0])
-        )
+        return FixedBaseResult(*batch.sums[0, :4].tolist())
 
     def joint_forces(self, torque: float = 0.0) -> JointForces:
         """Forces in every joint at the present state under a crank torque (N m)."""

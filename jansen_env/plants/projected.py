@@ -11,7 +11,7 @@ from jansen_env.checks import positive
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.reduced import Tables
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.plants.base import StepResult, check_in_contact, check_state, divergence
+from jansen_env.plants.base import ENERGIES, StepResult, check_in_contact, check_state, divergence
 from jansen_env.plants.batch import DETECTION_INTERVAL, TIME_STEP, Batch
 from jansen_env.plants.trace import PeakLoads, peak_loads, trace_forces
 from jansen_env.robot import Robot
@@ -166,20 +166,14 @@ class ProjectionPlant:
         batch = self.batch
         if batch.any_diverged:
             raise divergence(batch.states[0], torque)
-        motor, joints, slip, impact, residual, gain, non_toe, _, change = batch.accumulators[
-            0
-        ].item()
+        total = batch.accumulators[0]
+        sums = dict(zip(total.dtype.names or (), total.item(), strict=True))
         return StepResult(
             slip=batch.slip[0].copy(),
             contact_force=batch.contact_force[0].copy(),
-            motor_work=motor,
-            joint_loss=joints,
-            slip_loss=slip,
-            impact_loss=impact,
-            energy_change=change,
-            non_toe_contact=non_toe > 0.0,
-            residual=residual,
-            contact_gain=gain,
+            non_toe_contact=sums["non_toe_impulse"] > 0.0,
+            residual=sums["worst_residual"],
+            **{name: sums[name] for name in ENERGIES},
         )
 
     def joint_forces(self, torque: float = 0.0) -> JointForces:

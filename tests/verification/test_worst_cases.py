@@ -1,9 +1,4 @@
-"""The worst that can be asked of the contacts: no NaN, no crash, the law obeyed, nothing sinks in.
-
-Painleve (C. R. Acad. Sci. 121, 1895): a toe slides with P_n = -q_n / (W_nn -+ mu W_nt), so that
-beyond mu = W_nn / |W_nt| sliding one way has no solution, or several. Time stepping always has
-one: an impulse that stops the toe at once (Stewart, SIAM Review 42, 2000).
-"""
+"""The worst that can be asked of contacts: no NaN, no crash, the law obeyed, nothing sinks in."""
 
 from __future__ import annotations
 
@@ -14,7 +9,6 @@ import numpy as np
 import pytest
 
 from jansen_env import ROBOTS, Leg, Payload, Robot, Terrain
-from jansen_env.dynamics import reduced as rd
 from jansen_env.gravity import GRAVITY
 from jansen_env.kinematics import B, C, D, E, P, joint_positions
 from jansen_env.plants.batch import Batch
@@ -102,63 +96,6 @@ def test_absurd_torque_ends_in_a_plain_error(torque):
             break
         assert np.isfinite(plant.state).all()
     assert diverged == (abs(torque) > 1e3)
-
-
-def delassus(plant, state, toe):
-    """W (2, 2) of one toe, tangential before normal, J by central differences of its position."""
-    J, small = np.zeros((2, 4)), 1e-6
-    for i in range(4):
-        for sign in (1.0, -1.0):
-            moved = state.copy()
-            moved[i] += sign * small
-            plant.state = moved
-            J[:, i] += sign * plant.toe_positions()[toe] / (2.0 * small)
-    return J @ np.linalg.solve(rd.mass_matrix(plant.tables, state[:4]), J.T)
-
-
-def painleve_postures(plant, mu):
-    """Postures on one toe, sliding so that W_nn -+ mu W_nt < 0: (state, toe, crank angle)."""
-    found = []
-    for psi in np.linspace(0.0, 2.0 * math.pi, 24, endpoint=False):
-        for pitch in np.linspace(-0.6, 0.6, 9):
-            state = plant.reset(0.0, psi, pitch)
-            toe = int(np.argmin(plant.toe_positions()[:, 1]))
-            W = delassus(plant, state, toe)
-            if W[1, 1] < 0.98 * mu * abs(W[0, 1]):
-                state[4] = math.copysign(1.0, W[0, 1])  # slides with friction pressing it down
-                found.append((state, toe))
-    return found
-
-
-@pytest.mark.parametrize("mu", [4.0, 5.0])
-def test_painleve(mu, measured):
-    """No sliding solution: the toe is stopped by an impulse without a collision, and the robot
-    never gains energy: energy gained in 20 ms over the kinetic energy it had.
-
-    A thin pad of 0.1 mm, so that W by the toe's centre is W at the contact.
-    """
-    thin = replace(Robot(), pad_radius=1e-4)
-    plant = ProjectionPlant(thin, Terrain.flat(friction=mu))
-    postures = painleve_postures(plant, mu)
-    assert len(postures) > 10
-    residual = gained = sliding = deepest = 0.0
-    for state, toe in postures:
-        plant.state = state
-        kinetic = 0.5 * thin.mass
-        first = plant.step(0.0, plant.time_step)
-        assert (
-            first.contact_force[toe, 1] > 10.0 * thin.mass * GRAVITY
-        )  # no force balance: an impact
-        sliding = max(sliding, first.slip[toe])
-        for result in [first, *(plant.step(0.0, HOLD) for _ in range(10))]:
-            residual = max(residual, result.residual / (thin.mass * 1.0))
-            gained = max(gained, result.energy_change / kinetic)
-            deepest = max(deepest, depth(plant))
-        assert np.isfinite(plant.state).all()
-    measured(f"Painleve, friction {mu:g}: contact law violated", residual, 1e-14)
-    measured(f"Painleve, friction {mu:g}: energy gained in 20 ms", gained, 1e-9)
-    measured(f"Painleve, friction {mu:g}: slip in the step of the impact", sliding, 1e-12, "m")
-    measured(f"Painleve, friction {mu:g}: penetration", deepest, 2.0 * LEFT, "m")
 
 
 def bounced(step):

@@ -1,0 +1,75 @@
+"""Claims, interpretations and errata as Markdown tables, and claims as plain text."""
+
+from __future__ import annotations
+
+from dataclasses import astuple
+
+from tabulate import tabulate
+
+from jansen_env.paper.claims import Claim
+from jansen_env.paper.errata import Erratum
+from jansen_env.paper.interpretations import NEAR, PRINTED_LEVEL, Level, PIDLevel
+
+
+def as_markdown(
+    claims: list[Claim], errata: list[Erratum], levels: list[Level], pid_levels: list[PIDLevel]
+) -> str:
+    """All tables under their headings."""
+    return "\n".join(
+        f"# {heading}\n\n{table}"
+        for heading, table in (
+            ("Claims", claims_table(claims)),
+            ("Errata in numbers", errata_table(errata)),
+            ("Torque at a constant 1 rad/s, by interpretation", levels_table(levels)),
+            ("Torque under the PID, by interpretation", pid_table(pid_levels)),
+        )
+    )
+
+
+def claims_table(claims: list[Claim]) -> str:
+    """The claims in Markdown."""
+    return _table(
+        ("claim", "says", "computed", "verdict", "why"),
+        [(f"{c.key} ({c.where})", c.says, c.computed, f"**{c.verdict}**", c.why) for c in claims],
+    )
+
+
+def levels_table(levels: list[Level]) -> str:
+    """The torque by interpretation, in Markdown."""
+    return _table(
+        ("interpretation", "lowest (N m)", "mean (N m)", "highest (N m)", "joint loss (W)"),
+        [
+            (name, *(f"{round(value, 3) + 0.0:.3f}" for value in values))
+            for name, *values in map(astuple, levels)
+        ],
+    )
+
+
+def errata_table(errata: list[Erratum]) -> str:
+    """What errata come to, in Markdown."""
+    return _table(("erratum", "comes to"), [(e.name, e.found) for e in errata])
+
+
+def pid_table(levels: list[PIDLevel]) -> str:
+    """The PID's torque by interpretation, in Markdown."""
+    near = f"within {NEAR} of {abs(PRINTED_LEVEL)} N m"
+    return _table(
+        ("interpretation", "lowest (N m)", "mean (N m)", "highest (N m)", near),
+        [
+            (v.name, f"{v.low:.3f}", f"{v.mean:.3f}", f"{v.high:.3f}", f"{100 * v.near:.0f} %")
+            for v in levels
+        ],
+    )
+
+
+def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    # Cells of whole sentences: not padded to one width.
+    return tabulate(rows, head, "github", disable_numparse=True, stralign=None) + "\n"
+
+
+def as_text(claims: list[Claim]) -> str:
+    """The claims as plain text."""
+    return "\n\n".join(
+        f"{c.verdict.upper()}: {c.says} ({c.where})\n    computed: {c.computed}\n    why: {c.why}"
+        for c in claims
+    )

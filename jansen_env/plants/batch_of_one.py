@@ -46,10 +46,24 @@ class BatchOfOne:
         self._plant.reset(0.0, crank_angle)
         self._keep(self._plant.lookahead())
 
-    def step(self, torque: Array, steps: int) -> None:
-        """Hold a crank torque (1,), N m, for some time steps."""
+    def step(
+        self,
+        torque: Array,
+        steps: int,
+        earlier: Array | None = None,
+        switch: NDArray[np.int64] | None = None,
+    ) -> None:
+        """Hold a crank torque (1,), N m, for some time steps.
+
+        Args:
+            earlier: (1,) N m, held in the first ``switch`` (1,) of these time steps instead; None
+                for no such. Plants whose step takes no earlier torque take none here.
+        """
+        delay: tuple[float, ...] = ()
+        if earlier is not None and switch is not None and switch[0] > 0:
+            delay = float(earlier[0]), int(switch[0])
         try:
-            self._keep(self._plant.step(float(torque[0]), steps * self.time_step))
+            self._keep(self._plant.step(float(torque[0]), steps * self.time_step, *delay))
         except FloatingPointError:
             self.accumulators[:] = 0.0
             self.slip[:] = self.contact_force[:] = self.joint_gap[:] = 0.0

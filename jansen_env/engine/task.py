@@ -72,6 +72,7 @@ INFORMATION = row_dtype(
 ENERGIES = row_dtype(
     [
         ("motor_work", float),
+        ("electrical_work", float),
         ("joint_loss", float),
         ("slip_loss", float),
         ("impact_loss", float),
@@ -110,6 +111,7 @@ def finish_step(
     """
     for r in range(len(states)):
         row, total, state = rows[r], robots[r].accumulators, states[r]
+        row.info.crank_torque += total.torque_impulse / settings[0].period
         slipped = 0.0
         for j in range(slip.shape[1]):
             slipped += slip[r, j]
@@ -234,6 +236,7 @@ def inform(state, total, row):
     info.x_position, info.pitch = state[0], state[2]
     info.crank_angle, info.crank_speed = state[3], state[7]
     energy.motor_work, energy.joint_loss = total.motor_work, total.joint_loss
+    energy.electrical_work = total.electrical_work
     energy.slip_loss, energy.impact_loss = total.slip_loss, total.impact_loss
     energy.mechanical_energy_change = total.energy_change
     losses = energy.joint_loss + energy.slip_loss + energy.impact_loss

@@ -103,7 +103,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     toe while loaded in this step, ``contact_force`` (n, 2) mean tangential and normal force on each
     toe in N, ``fallen`` (since the last reset), and ``energy``, J in this step: ``motor_work``, ``joint_loss``,
     ``slip_loss``, ``impact_loss``, ``mechanical_energy_change``, ``residual``; the first is the sum
-    of the others; ``joint_gap`` m, the widest gap of any joint in this step (0 on the projection
+    of the others; ``electrical_work`` is what the motor drew; ``joint_gap`` m, the widest gap of any joint in this step (0 on the projection
     plant). With ``track_joint_forces``: ``joint_force_max`` N, the largest force with which a
     link bears on any of its joints in this step, but for the time steps in which a toe lands, and
     ``joint_impulse_max`` N s, the largest impulse in those (0 if there were none). ``joint_forces()`` has all of them.
@@ -118,8 +118,11 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | ``restitution`` | terrain's (0) | Newton's coefficient, 0 to 1 |
     | ``speed_command`` | (0.05, 0.8) | m/s, a number or a range |
     | ``command_interval`` | None | s, after which another command is drawn from ``speed_command``; None for never |
-    | ``torque_limit`` | 20 | N m |
     | ``payload`` | robot's (none) | a :class:`jansen_env.Payload`, or a mass in kg at the crank axis |
+    | ``motor`` | robot's (ideal) | a :class:`jansen_env.Motor`, or the name of one |
+    | ``torque_limit`` | motor's (20) | N m, in place of the motor's own |
+    | ``pad_compliance`` | robot's (rigid) | a :class:`jansen_env.Compliance`: how the feet give |
+    | ``delay`` | 0 | s by which torques come late, at most 1; or a range, drawn at each reset |
     | ``control_dt`` | 0.02 | s for which an action is held; a multiple of ``time_step``, at most 10,000 times as long |
     | ``time_step`` | the plant's | s, of the integration, 1e-9 to 1: 0.001, ``"rigid_body"`` 0.00025 |
     | ``plant`` | ``"projection"`` | what moves the robot, see Plants |

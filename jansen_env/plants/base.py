@@ -35,6 +35,8 @@ class StepResult(NamedTuple):
             wedge it is 0. NaN where it is not known.
         joint_gap: the widest gap of any joint, m; 0 where joints cannot open.
         electrical_work: drawn by the motor, J, see :class:`jansen_env.motor.Motor`.
+        torque_impulse: of the motor, beyond the torque last asked for, N m s; 0 where the plant
+            keeps it elsewhere.
     """
 
     slip: Array
@@ -49,6 +51,7 @@ class StepResult(NamedTuple):
     contact_gain: float
     joint_gap: float = 0.0
     electrical_work: float = 0.0
+    torque_impulse: float = 0.0
 
     @property
     def energy_residual(self) -> float:

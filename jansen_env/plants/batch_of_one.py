@@ -78,7 +78,7 @@ class BatchOfOne:
             float(result.non_toe_contact),
             result.residual,
         )
-        for name in ENERGIES:
+        for name in (*ENERGIES, "torque_impulse"):
             sums[name] = getattr(result, name)
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:

@@ -207,7 +207,7 @@ def _advance_robot(h, asked, state, robot, model, planes, statistics, work, trac
         now = earlier if status.step < switch else torque
         count, used, dry = _time_step(h, torque, now, state, robot, model, planes, statistics, work)
         if len(trace) > 0:
-            trace[k, TORQUE], trace[k, DRY_TORQUE] = used, dry
+            trace[k, TORQUE], trace[k, DRY_TORQUE] = used, dry / h
             _trace(trace[k], state, robot.params.pad_radius, count, planes, work.contacts)
         done += 1
         status.step += 1
@@ -230,7 +230,7 @@ def _time_step(h, asked, torque, state, robot, model, planes, statistics, work):
     """One time step of one robot with a ``torque``, while ``asked`` is the latest.
 
     Returns:
-        (pads that touched, torque of the motor, torque of the crank's Coulomb friction, N m)
+        (pads that touched, torque of the motor, N m, impulse of the crank's dry friction, N m s)
     """
     params, contacts = robot.params, work.contacts
     velocity = Velocity(state[4], state[5], state[6], state[7])
@@ -270,7 +270,7 @@ def _time_step(h, asked, torque, state, robot, model, planes, statistics, work):
         moved_x, moved_y = correct_penetration(h, count, state, after, contacts)
         lifted = params.gravity_x * moved_x + params.gravity_y * moved_y
         total.impact_loss += params.mass * lifted
-    return count, torque, dry / h
+    return count, torque, dry
 
 
 @stage

@@ -266,6 +266,11 @@ def control_period(control_dt: Any, time_step: Any) -> tuple[float, float]:
     return period, step
 
 
+def interval(name: str, value: Any) -> float:
+    """A time in s above 0; inf for None, which stands for never."""
+    return math.inf if value is None else positive(name, value)
+
+
 def flag(name: str, value: Any) -> bool:
     """A switch: True or False."""
     if not isinstance(value, (bool, np.bool_)):

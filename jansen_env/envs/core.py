@@ -100,8 +100,9 @@ class Task(ABC):
         observation: (n, d) the last ones. reward: (n,) of the last step. terminated: (n,) whether
             the episode is over. truncated: (n,) whether the simulation diverged.
         information: of the last step.
-        torque_limit: N m. torque: (n,) of the last step, N m. rows: (n,) what is kept of
-            each robot's episode, and what its last step was.
+        torque_limit: N m. full_torque: (n,) N m, the torque of action 1, with its sign.
+        torque: (n,) of the last step, N m. rows: (n,) what is kept of each robot's episode, and
+            what its last step was.
     """
 
     OF_EACH: ClassVar[tuple[str, ...]]
@@ -118,6 +119,7 @@ class Task(ABC):
     truncated: Bools
     information: Information
     torque_limit: float
+    full_torque: Array
     torque: Array
     rows: NDArray[Any]
 
@@ -129,6 +131,7 @@ class Task(ABC):
         self.observation = np.zeros((n, *observation_space.shape), np.float32)
         self.rows = np.zeros(n, row)
         self.torque, self.reward = np.zeros((2, n))
+        self.full_torque = np.full(n, self.torque_limit)
         self.terminated, self.truncated = np.zeros((2, n), bool)
         self._any_truncated = False
 
@@ -219,13 +222,13 @@ class Task(ABC):
         """What is compiled of any task."""
         n = self.num_envs
         actions, active = np.zeros((n, 1)), np.ones(n, bool)
-        arguments = actions, active, self.torque_limit, self.rows, self.torque
+        arguments = actions, active, self.full_torque, self.rows, self.torque
         return [Kernel("actions", take_actions, arguments)]
 
     def _take_actions(self, actions: Any, active: Bools) -> None:
         """Actions (n, 1) into the rows and as torques, see :meth:`step`."""
         values = actions_of_each(self.num_envs, actions)
-        bad = take_actions(values, active, self.torque_limit, self.rows, self.torque)
+        bad = take_actions(values, active, self.full_torque, self.rows, self.torque)
         if bad >= 0:
             raise ValueError(f"actions[{bad}] is {values[bad, 0]}, must be finite")
 

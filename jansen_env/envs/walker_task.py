@@ -21,6 +21,7 @@ from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.envs import arguments
 from jansen_env.envs.core import Bools, Information, Task
 from jansen_env.gravity import GRAVITY
+from jansen_env.kinematics import advance_per_turn
 from jansen_env.plants.base import BatchedPlant, Plant, check_in_contact, check_state
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.batch_of_one import BatchOfOne
@@ -35,6 +36,8 @@ Array = NDArray[np.float64]
 
 SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
 FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
+STEPS_PER_TURN = 4  # of the feet: means are taken over one
+MEANS = ("mean_speed", "mean_slip", "mean_power", "rms_torque")
 SLIPPING = 0.01  # m/s of mean slip speed from which a toe is drawn as slipping
 
 
@@ -59,10 +62,11 @@ class WalkerTask(Task):
     """
 
     OF_EACH = (
-        "terrain", "friction", "restitution", "payload", "speed_command", "reset_noise_scale",
+        "terrain", "friction", "restitution", "payload", "speed_command", "command_interval",
+        "reset_noise_scale",
     )  # fmt: skip
     ONE_ALONE = {"plant": "projection", "track_joint_forces": False}
-    SETTABLE = ("friction", "restitution", "payload", "speed_command")
+    SETTABLE = ("friction", "restitution", "payload", "speed_command", "command")
 
     def __init__(
         self,
@@ -74,17 +78,20 @@ class WalkerTask(Task):
         friction: float | Any = None,
         restitution: float | Any = None,
         speed_command: float | tuple[float, float] | Any = SPEED_COMMAND,
+        command_interval: float | Any = None,
         torque_limit: float = 20.0,
         payload: Payload | float | Any = None,
         control_dt: float = 0.02,
         time_step: float | None = None,
         plant: str = "projection",
-        tracking_weight: float = 1.0,
-        slip_weight: float = 4.0,
-        energy_weight: float = 0.1,
-        posture_weight: float = 0.5,
-        fall_weight: float = 200.0,
+        slip_weight: float = 1.0,
+        energy_weight: float = 1.0,
+        effort_weight: float = 1.0,
+        smoothness_weight: float = 1.0,
+        posture_weight: float = 1.0,
         reset_noise_scale: float | Any = 0.1,
+        fall_pitch: float = task.FALLEN_PITCH,
+        fall_contact: bool = True,
         terminate_when_fallen: bool = True,
         track_joint_forces: bool = False,
     ) -> None:
@@ -99,25 +106,35 @@ class WalkerTask(Task):
         self.reset_noise_scale = arguments.numbers_of_each(
             n, "reset_noise_scale", reset_noise_scale, non_negative
         )
+        intervals = arguments.numbers_of_each(
+            n, "command_interval", command_interval, arguments.interval
+        )
+        self._command_steps = np.maximum(1.0, np.rint(intervals / self.control_dt))
+        self._commands_change = bool(np.isfinite(intervals).any())
         self.terminate_when_fallen = arguments.flag("terminate_when_fallen", terminate_when_fallen)
         self.track_joint_forces = arguments.flag("track_joint_forces", track_joint_forces)
-        self._weights = np.zeros(1, task.REWARD)
-        self._weights[0] = tuple(
-            non_negative(f"{name}_weight", value)
-            for name, value in (
-                ("tracking", tracking_weight),
-                ("slip", slip_weight),
-                ("energy", energy_weight),
-                ("posture", posture_weight),
-                ("fall", fall_weight),
-            )
+        self._settings = np.zeros(1, task.SETTINGS)
+        self._settings[0] = (
+            self.control_dt,
+            non_negative("slip_weight", slip_weight),
+            non_negative("energy_weight", energy_weight),
+            non_negative("effort_weight", effort_weight),
+            non_negative("smoothness_weight", smoothness_weight),
+            non_negative("posture_weight", posture_weight),
+            positive("fall_pitch", fall_pitch),
+            arguments.flag("fall_contact", fall_contact),
         )
         self.plant, self.batch = self._plants(plant, step, threads)
         self._steps = round(self.control_dt / step)
         self._allocate(task.ROW, _observation_space(self.batch.toes))
+        advance = advance_per_turn(self.robots[0])  # payloads do not change it
+        self.rows["direction"] = math.copysign(1.0, advance)
+        self.rows["mean_path"] = abs(advance) / STEPS_PER_TURN
+        self.full_torque *= self.rows["direction"]
         self.rows["weight"] = [robot.mass * GRAVITY for robot in self.robots]
         self.loads = np.zeros((n, self.batch.toes))
         self.elapsed = np.zeros(n, np.int64)
+        self._command_seed = np.zeros(n, np.int64)
         self._ground = surfaces(self.terrains)
         if self.track_joint_forces:
             self.traceable.tracing = True
@@ -171,6 +188,7 @@ class WalkerTask(Task):
     def _start(self, row: int, rng: np.random.Generator, options: dict[str, Any]) -> None:
         """Start an episode of one robot."""
         command, crank_angle, crank_speed = self._draw(row, rng, options)
+        self._command_seed[row] = rng.integers(2**63)  # of the commands to come
         self.batch.place(row, crank_angle)
         self.loads[row] = self.batch.contact_force[row, :, 1] / self.weight[row]
         state = self.batch.states[row].copy()
@@ -179,15 +197,15 @@ class WalkerTask(Task):
         self._begin(row, command)
 
     def _begin(self, row: int, command: float, action: float = 0.0) -> None:
-        """Begin a robot's episode: nothing but its weight is left of the one before."""
-        weight = self.rows[row]["weight"]
-        self.rows[row] = np.zeros((), task.ROW)
+        """Begin a robot's episode: nothing but what the robot is remains of the one before."""
         kept = self.rows[row]
-        kept["weight"], kept["action"] = weight, action
-        kept["info"]["speed_command"] = command
+        for name in ("info", "energy", "reward"):
+            kept[name] = np.zeros((), task.ROW[name])
+        kept["action"] = kept["action_before"] = action
+        kept["info"]["speed_command"] = kept["next_command"] = command
         kept["info"]["x_velocity"] = self.batch.states[row, 4]
         kept["info"]["joint_gap"] = self.batch.joint_gap[row]
-        self.torque[row] = action * self.torque_limit
+        self.torque[row] = action * self.full_torque[row]
         self.reward[row], self.elapsed[row] = 0.0, 0
 
     def _draw(
@@ -208,11 +226,13 @@ class WalkerTask(Task):
     def step(self, actions: Any, active: Bools) -> None:
         """Hold torques for ``control_dt`` seconds, see :class:`Task`."""
         batch = self.batch
+        self.rows["action_before"] = self.rows["action"]
         self._take_actions(actions, active)
         self.rows["x_before"] = batch.states[:, 0]
+        self.elapsed += 1
+        self._draw_commands()
         batch.step(self.torque, self._steps)
         task.finish_step(*self._arguments_of_step())
-        self.elapsed += 1
         if self.terminate_when_fallen:
             self.terminated[:] = self.rows["info"]["fallen"]
         if not isinstance(batch, Batch):  # whose joints cannot open
@@ -223,6 +243,15 @@ class WalkerTask(Task):
             diverged = batch.any_diverged
             self._joint_loads[:] = (0.0, 0.0) if diverged else self.traceable.peak_loads()
 
+    def _draw_commands(self) -> None:
+        """Draw the commands of the steps to come, where it is time for others."""
+        if not self._commands_change:
+            return
+        for row in np.flatnonzero(self.elapsed % self._command_steps == 0).tolist():
+            # By the time, so that a state to go on from needs no more than the seed.
+            rng = np.random.default_rng((self._command_seed[row], self.elapsed[row]))
+            self.rows[row]["next_command"] = rng.uniform(*self.speed_command[row])
+
     def _describe(self) -> None:
         """Fill observations and information with what is the case now."""
         task.describe(*self._arguments_of_description())
@@ -230,8 +259,8 @@ class WalkerTask(Task):
     def _arguments_of_step(self) -> tuple[Any, ...]:
         batch = self.batch
         return (
-            batch.states, batch.slip, batch.contact_force, batch.rows, self.control_dt,
-            self._weights, self.rows, self.loads, self.reward, *self._ground, self.observation,
+            batch.states, batch.slip, batch.contact_force, batch.rows, self._settings, self.rows,
+            self.loads, self.reward, *self._ground, self.observation,
         )  # fmt: skip
 
     def _arguments_of_description(self) -> tuple[Any, ...]:
@@ -245,16 +274,16 @@ class WalkerTask(Task):
 
         Args:
             friction, restitution: between its toes and its ground. payload: a :class:`Payload`, or
-                a mass in kg at the crank axis. speed_command: m/s, a number or a range, of its next
-                episodes.
+                a mass in kg at the crank axis. speed_command: m/s, a number or a range, from which
+                commands are drawn from now on. command: m/s, from the next step on.
 
         Raises:
-            ValueError: a value out of range, or anything but the command on the plant
+            ValueError: a value out of range, or anything but commands on the plant
                 ``"rigid_body"``.
             TypeError: another name.
         """
         arguments.known_parameters(changes, self.SETTABLE)
-        batch, physical = self.batch, sorted({*changes} - {"speed_command"})
+        batch, physical = self.batch, sorted({*changes} - {"speed_command", "command"})
         if physical and not isinstance(batch, Batch):
             raise ValueError(f"{physical[0]} cannot be changed with plant='rigid_body'")
         checks: dict[str, Callable[[Any], Any]] = {
@@ -262,10 +291,15 @@ class WalkerTask(Task):
             "restitution": lambda value: within("restitution", value, 0.0, 1.0),
             "payload": arguments.load_payload,
             "speed_command": lambda value: arguments.command_range(value, FASTEST_COMMAND),
+            "command": lambda value: within("command", value, -FASTEST_COMMAND, FASTEST_COMMAND),
         }
         checked = {name: checks[name](value) for name, value in changes.items()}  # or nothing
         if "speed_command" in checked:
             self.speed_command[row] = checked.pop("speed_command")
+        if "command" in checked:
+            kept = self.rows[row]
+            kept["info"]["speed_command"] = kept["next_command"] = checked.pop("command")
+            self._describe()
         for name, value in checked.items():
             getattr(batch, f"set_{name}")(row, value)
         if "payload" in checked:
@@ -274,7 +308,7 @@ class WalkerTask(Task):
 
     def of_each(self, name: str) -> list[Any] | None:
         """``friction``, ``restitution``, ``payload``, ``robot``, ``terrain``, ``state``, ``weight``,
-        ``speed_command``, ``reset_noise_scale`` of each robot; None for another name.
+        ``speed_command``, ``command``, ``reset_noise_scale`` of each robot; None for another name.
         """
         batch = self.batch
         if name == "robot":
@@ -285,6 +319,8 @@ class WalkerTask(Task):
             return [robot.payload for robot in self.robots]
         if name == "speed_command":
             return [(low, high) for low, high in self.speed_command.tolist()]
+        if name == "command":
+            return list(self.rows["info"]["speed_command"].tolist())
         if name in ("weight", "reset_noise_scale"):
             return list(getattr(self, name).tolist())
         if name == "state":
@@ -306,8 +342,10 @@ class WalkerTask(Task):
             "command": float(kept["info"]["speed_command"]),
             "action": float(kept["action"]),
             "fallen": bool(kept["info"]["fallen"]),
-            "farthest": float(kept["farthest"]),
+            "lag": float(kept["info"]["lag"]),
+            **{name: float(kept["info"][name]) for name in MEANS},
             "steps": int(self.elapsed[row]),
+            "command_seed": int(self._command_seed[row]),
             "loads": self.loads[row].copy(),
         }
 
@@ -324,7 +362,11 @@ class WalkerTask(Task):
         command = within("state['command']", state["command"], -FASTEST_COMMAND, FASTEST_COMMAND)
         action = within("state['action']", state["action"], -1.0, 1.0)
         steps = whole_number("state['steps']", state["steps"])
-        farthest, fallen = finite("state['farthest']", state["farthest"]), bool(state["fallen"])
+        seed = whole_number("state['command_seed']", state["command_seed"])
+        furthest = task.FURTHEST_TARGET
+        lag = within("state['lag']", state["lag"], -furthest, furthest)
+        means = {name: finite(f"state[{name!r}]", state[name]) for name in MEANS}
+        fallen = bool(state["fallen"])
         batch = self.batch
         batch.set_state(row, pose)
         if row == 0:
@@ -332,8 +374,11 @@ class WalkerTask(Task):
         batch.slip[row] = batch.contact_force[row] = 0.0
         self.loads[row] = loads
         self._begin(row, command, action)
-        self.elapsed[row], self.rows[row]["farthest"] = steps, farthest
-        self.rows[row]["info"]["fallen"] = fallen
+        self.elapsed[row], self._command_seed[row] = steps, seed
+        info = self.rows[row]["info"]
+        info["lag"], info["fallen"] = lag, fallen
+        for name, mean in means.items():
+            info[name] = mean
         self._describe()
 
     def scene(self, row: int) -> dict[str, Any]:
@@ -374,7 +419,9 @@ def _observation_space(toes: int) -> spaces.Box:
         (-FASTEST_COMMAND, FASTEST_COMMAND),
         *[positive_number] * toes,  # loads
         unit,  # last action
-        positive_number,  # distance behind the farthest point
+        (-task.FURTHEST_TARGET, task.FURTHEST_TARGET),  # lag
+        any_number,  # mean speed
+        *[positive_number] * 3,  # mean slip and power, RMS torque
     ]  # fmt: skip
     low, high = np.array(bounds, np.float32).T
     return spaces.Box(low, high, dtype=np.float32)

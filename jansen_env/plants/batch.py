@@ -42,7 +42,9 @@ DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are 
 PITCHES = 256  # at which it is known how deep the pads that are no toes reach
 PLANES_PER_PAD = 4  # kept of a robot, on average over its pads
 PLACEMENT_ROUNDS = 3  # Newton steps of lowering a robot onto the ground
-PLACEMENT_DEPTH = 1e-9  # m, by which it is placed in the ground: its toes carry at once
+# By which a robot is placed in the ground, m: within what is left uncorrected, and so deep that its
+# toes carry at once and stay down; at a nanometre they rattle.
+PLACEMENT_DEPTH = 1e-5
 RESULTS = ("states", "accumulators", "contact_statistics", "slip", "contact_force")
 CHANGING = (*RESULTS, "params", "diverged")
 NOT_THE_ROBOT = (
@@ -261,7 +263,7 @@ class Batch:
         self.diverged[row] = False
 
     def place_first(self, x: float, crank_angle: float, pitch: float | None = None) -> None:
-        """Place the first robot at rest on its lowest toes, 1 nm deep, so that they carry at once.
+        """Place the first robot at rest on its lowest toes, 10 um deep, so that they carry at once.
 
         Args:
             x: crank axis, m. crank_angle: rad.

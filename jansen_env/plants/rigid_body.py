@@ -257,7 +257,8 @@ class RigidBodyPlant:
         now = self._snapshot()
         start = now.energy + self._held
         for k in range(steps):
-            now = self._advance(now, earlier if k < switch else torque, sums)
+            now, used = self._advance(now, earlier if k < switch else torque, sums)
+            sums.torque_impulse += h * (used - torque)
         state = self.state
         error = None
         if not is_bounded(state):
@@ -282,11 +283,11 @@ class RigidBodyPlant:
             impact_loss=sums.impact_loss, energy_change=now.energy + self._held - start,
             non_toe_contact=bool(sums.impulse[self.toes :, 1].any()), residual=math.nan,
             contact_gain=math.nan, joint_gap=sums.joint_gap, electrical_work=sums.electrical_work,
-            torque=sums.torque / steps,
+            torque=torque + sums.torque_impulse / (steps * h),
         )  # fmt: skip
 
-    def _advance(self, now: Snapshot, asked: float, sums: Sums) -> Snapshot:
-        """One time step under a torque that is asked for; returns where it leads."""
+    def _advance(self, now: Snapshot, asked: float, sums: Sums) -> tuple[Snapshot, float]:
+        """One time step under a torque that is asked for: where it leads, and the motor's."""
         h, motor, rotor, springs = self.time_step, self.robot.motor, self._rotor, self._springs
         spin, held = now.motion[:, SPIN], self._held
         loads = self._loads[: len(spin)]
@@ -313,7 +314,6 @@ class RigidBodyPlant:
             rotor.step(after.motion)
             loss += rotor.loss
         sums.motor_work += work
-        sums.torque += torque
         sums.electrical_work += h * float(motor.electrical_power(torque, turning))
         sums.joint_loss += loss
         if springs is None:
@@ -327,7 +327,7 @@ class RigidBodyPlant:
             springs.step(after, self._space, sums)
             self._off = np.where(touching, 0.0, self._off + h)
         sums.joint_gap = max(sums.joint_gap, after.joint_gap)
-        return after
+        return after, torque
 
     @property
     def _held(self) -> float:

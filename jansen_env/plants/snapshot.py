@@ -30,12 +30,12 @@ class Snapshot(NamedTuple):
 class Sums:
     """What a step adds up: energies in J, of each pad the path it slid (m) and its impulse (N s).
 
-    Impulses are tangential and normal.
+    Impulses are tangential and normal; ``torque_impulse``: of the motor beyond what was last asked
+    for, N m s.
     """
 
     def __init__(self, pads: int) -> None:
         self.motor_work = self.electrical_work = 0.0
-        self.torque = 0.0  # N m, of all time steps
         self.joint_loss = self.slip_loss = self.impact_loss = 0.0
-        self.joint_gap = 0.0
+        self.joint_gap = self.torque_impulse = 0.0
         self.slip, self.impulse = np.zeros(pads), np.zeros((pads, 2))

@@ -37,11 +37,8 @@ def add_compliance(h, count, velocity, params, planes, contacts):
     for c in range(count):
         for side in (NORMAL, TANGENTIAL):
             i = 2 * c + side
-            k, d, old = (
-                params.stiffness[side],
-                params.pad_damping[side],
-                rate(contacts.J, i, velocity),
-            )
+            k, d = params.stiffness[side], params.pad_damping[side]
+            old = rate(contacts.J, i, velocity)
             phase, decay = h * np.sqrt(k * W[i, i]), h * d * W[i, i]  # of free motion, in a step
             share = 1.0 - 1.0 / max(1.0, phase / RESOLVED, decay / RESOLVED)
             ahead = 0.5 * h * (1.0 + share)
@@ -86,7 +83,9 @@ def accumulate_compliant(h, count, velocity, after, params, contacts, planes, ro
     """Add a time step's slip, impulses and losses of compliant pads; bend the bristles.
 
     What friction takes while sliding is slip loss, all else (dampers, springs let go) impact loss.
-    Springs are as long as they are where the law looks: at the step's ends, or half a step ahead.
+    Springs are as long as they are where the law looks, at the step's ends or up to half a step
+    ahead. Of normal ones that the step does not resolve (1 - c)^2 of the energy counts as stored,
+    the rest as lost: what they hold is less than the place of the ground is known by.
     """
     J, P, mode = contacts.J, contacts.problem.P, contacts.problem.mode
     middle, ahead, curve = contacts.middle, contacts.ahead, contacts.curve
@@ -104,8 +103,9 @@ def accumulate_compliant(h, count, velocity, after, params, contacts, planes, ro
         old_t, new_t = rate(J, t, velocity), rate(J, t, after)
         start = min(middle[i] - (h - ahead[i]) * old, 0.0)
         end = min(middle[i] + ahead[i] * new + h * curve[i], 0.0)
-        before += 0.5 * k * start * start
-        stored += 0.5 * k * end * end
+        known = 0.5 * k * (2.0 - 2.0 * ahead[i] / h) ** 2
+        before += known * start * start
+        stored += known * end * end
         if mode[c] == OPEN:
             continue
         slid = 0.0

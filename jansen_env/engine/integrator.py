@@ -76,7 +76,7 @@ def work_space(capacity: int) -> tuple[Array, Array, Array, Array, Array, Ints]:
     rows = capacity + 1  # the last one for the crank's Coulomb friction
     n = 2 * rows
     return (
-        np.zeros((2, n, 4)), np.zeros((2, n, n)), np.zeros((10, n)), np.zeros((3, 3, 6)),
+        np.zeros((2, n, 4)), np.zeros((2, n, n)), np.zeros((12, n)), np.zeros((3, 3, 6)),
         spare_space(rows), np.zeros(2 * rows + index_size(rows), np.int64),
     )  # fmt: skip
 
@@ -173,6 +173,8 @@ def _work(jacobians, matrices, vectors, readings, spare, ints):
         vectors[6],
         vectors[8],
         vectors[9],
+        vectors[10],
+        vectors[11],
         ints[n : 2 * n],
         problem,
     )

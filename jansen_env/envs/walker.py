@@ -64,11 +64,11 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
 
     | Factor | Value |
     |--------|-------|
-    | ``reward/tracking`` | 0.3 + 0.7 / (1 + (lag / 0.15 m)^2) |
-    | ``reward/progress`` | mean speed / command, clipped to 0 .. 1; for the command 0 1 - \\|mean speed\\| / 0.05 m/s, at least 0 |
+    | ``reward/tracking`` | 0.3 + 0.7 / (1 + (lag / 0.2 m)^2) |
+    | ``reward/progress`` | r = mean speed / command, but 0 below 0, 1 from 1 to 2 (the robot may catch up) and 2 / r above; for the command 0 1 - \\|mean speed\\| / 0.05 m/s, at least 0 |
     | ``reward/slip`` | 1 / (1 + s / 0.2), s the mean slip speed of all toes / v |
     | ``reward/energy`` | 1 / (1 + c / 4), c = mean motor power / (weight v), a cost of transport |
-    | ``reward/effort`` | 1 / (1 + (RMS torque / (weight * 0.4 m))^2) |
+    | ``reward/effort`` | 1 / (1 + (RMS torque / (weight * 0.3 m))^2) |
     | ``reward/smoothness`` | 1 / (1 + (change of the action / 0.8)^2) |
     | ``reward/posture`` | 1 / (1 + (pitch / 0.4 rad)^2) |
 

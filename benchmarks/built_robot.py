@@ -1,9 +1,9 @@
 """What the built robot is made of, what its pins and bars carry, what its motors can walk.
 
-    python -m benchmarks.built [--out docs/built_robot] [--plant rigid_body] [--quick]
+    python -m benchmarks.built_robot [--out docs/built_robot] [--plant rigid_body] [--quick]
 
 On the projection plant, or the rigid-body plant (motors alone), under the paper's PID on level
-ground of friction 0.8. Writes ``parts.md``, ``loads.md`` and ``motors.md``.
+ground of friction 0.8. Prints the bill of materials; writes ``loads.md`` and ``motors.md``.
 """
 
 from __future__ import annotations
@@ -121,7 +121,12 @@ class Walked(NamedTuple):
 
 
 def walk(plant: Plant, speed: float, duration: float, trace: bool = False) -> Walked:
-    """Walk under the paper's PID, at a crank speed (rad/s), for so long (s) after settling."""
+    """Walk under the paper's PID, at a crank speed (rad/s), for so long (s) after settling.
+
+    To be exact, for the nearest whole number of the crank's half turns.
+    """
+    half_turn = math.pi / speed
+    duration = max(1, round(duration / half_turn)) * half_turn
     plant.reset()
     pid, reference, integral, motor = PID(), 0.0, np.zeros(()), plant.robot.motor
     work = drawn = slip = square = peak = 0.0
@@ -230,12 +235,14 @@ def turning(robot: Robot, angles: Array) -> Array:
     return np.asarray(np.abs(slope[..., second] - slope[..., first]))
 
 
+def pin_of(pair: tuple[int, int]) -> int:
+    """Which of :data:`PINS` joins a pair of bodies."""
+    return next(k for k, pin in enumerate(PINS) if {pin.body, pin.other} == set(pair))
+
+
 def friction_table(robot: Robot, walks: dict[float, Walked]) -> str:
     """Dry friction of all bearings on the crank: as modelled, and in proportion to their loads."""
-    places = [
-        next(k for k, pin in enumerate(PINS) if {pin.body, pin.other} == set(pair))
-        for pair in BEARINGS
-    ]
+    places = [pin_of(pair) for pair in BEARINGS]
     rows = []
     for speed, found in walks.items():
         assert found.forces is not None and found.angles is not None
@@ -271,26 +278,29 @@ def main(arguments: list[str] | None = None) -> None:
     if found.quick:
         speeds, loaded, duration = SPEEDS[2:3], LOADED[1:2], 0.5
     robot = built_robot()
-    command = "`python -m benchmarks.built`."
+    command = "`python -m benchmarks.built_robot`."
     if found.plant == "projection":
-        measure.report(found.out / "parts.md", "# Bill of materials", command, parts_table(robot))
+        print(parts_table(robot), "\n")
         walks = loads_of_walks(robot, loaded, duration)
         forces = {s: walked.forces for s, walked in walks.items() if walked.forces is not None}
         measure.report(
             found.out / "loads.md",
-            "# Loads of a walk",
-            f"{command} {duration:g} s each on level ground, friction {Terrain.flat().friction:g}.",
+            "# Loads of the built robot",
+            f"{command} About {duration:g} s each on level ground.",
             "## Pins\n\nForce, mean / largest, N, of all legs.",
             pin_table(forces),
             "## Rods\n\nLargest compression, and safety against buckling (Euler, pinned ends).",
             rod_table(robot, forces),
             "## Friction of the bearings",
+            "Of all of them, on the crank; by load: 0.11 x 3 mm x the pin's force.",
             friction_table(robot, walks),
         )
     measure.report(
         found.out / ("motors.md" if found.plant == "projection" else f"motors_{found.plant}.md"),
-        "# What motors walk",
-        f"`python -m benchmarks.built --plant {found.plant}`. {duration:g} s each.",
+        "# What motors walk with the built robot",
+        f"`python -m benchmarks.built_robot --plant {found.plant}`. About {duration:g} s each, "
+        f"after {SETTLE:g} s, under the paper's PID within the motor's torque limit. Cost of transport: "
+        "|motor work| / (weight x distance), and energy drawn by the motor likewise.",
         motors_table(found.plant, speeds, duration),
     )
 

@@ -48,9 +48,9 @@ def _speed_error(run: Episodes, env: Any) -> Array:
     return np.abs(run["distance"] / horizon - run["command"])
 
 
-def _work_per_weight(run: Episodes, env: Any) -> Array:
-    """|Motor work| / weight, m."""
-    return run["work"] / env.unwrapped.weight
+def _per_weight(name: str) -> Callable[[Episodes, Any], Array]:
+    """Work / weight, m."""
+    return lambda run, env: np.asarray(run[name] / env.unwrapped.weight)
 
 
 def _distance(run: Episodes, env: Any) -> Array:
@@ -70,6 +70,7 @@ WALKER = Task(
         "distance": Aggregate("last", lambda info: info["x_position"]),
         "slip": Aggregate("sum", lambda info: info["slip"].sum()),
         "work": Aggregate("sum", lambda info: abs(info["energy"]["motor_work"])),
+        "drawn": Aggregate("sum", lambda info: info["energy"]["electrical_work"]),
         # A simulation that diverged is no walk either: it counts as a fall.
         "fell": Aggregate("last", lambda info: bool(info["fallen"] or info["diverged"])),
         **TORQUE,
@@ -78,7 +79,12 @@ WALKER = Task(
         "return": Metric("return", "", _mean("returns")),
         "speed_error": Metric("speed error", "m/s", _speed_error),
         "slip_per_metre": Metric("slip per metre", "m/m", _mean("slip"), _distance, "log"),
-        "cost_of_transport": Metric("cost of transport", "1", _work_per_weight, _distance, "log"),
+        "cost_of_transport": Metric(
+            "mechanical cost of transport", "1", _per_weight("work"), _distance, "log"
+        ),
+        "electrical_cost_of_transport": Metric(
+            "electrical cost of transport", "1", _per_weight("drawn"), _distance, axis=""
+        ),
         "falls": Metric("falls", "fraction", _mean("fell"), axis="fraction"),
         "peak_torque": Metric("peak torque", "N m", _mean("peak_torque"), axis=""),
         "rms_torque": Metric("RMS torque", "N m", _mean("rms_torque")),

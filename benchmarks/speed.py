@@ -12,6 +12,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -21,10 +22,10 @@ import numpy as np
 
 from benchmarks import measure
 from benchmarks.probe import OURS, STAGES, Many, Single, Tree, robots
-from jansen_env import paper_robot
+from jansen_env import ROBOTS, Robot, paper_robot
 
 MUJOCO, BOX2D = "Walker2d-v5", "BipedalWalker-v3"
-FLAT, ROUGH = f"{OURS}, flat", f"{OURS}, rough"
+FLAT, ROUGH, REAL = f"{OURS}, flat", f"{OURS}, rough", f"{OURS}, motor, bearings and feet"
 SEGMENTS = 100  # of the rough ground
 ROUNDS = 7
 
@@ -42,6 +43,7 @@ def one(rounds: int, quick: bool) -> Part:
     players = {
         FLAT: Single(OURS, steps),
         ROUGH: Single(OURS, steps, terrain=measure.rough_ground(SEGMENTS)),
+        REAL: Single(OURS, steps, robot=real_robot()),
         MUJOCO: Single(MUJOCO, steps),
         BOX2D: Single(BOX2D, steps),
     }
@@ -58,6 +60,8 @@ def one(rounds: int, quick: bool) -> Part:
         for peer in (MUJOCO, BOX2D)
         for found in [measure.ratio(rates[ours], rates[peer])]
     ]
+    slower = measure.ratio(rates[REAL], rates[FLAT])
+    ratios.append((f"{REAL} / {FLAT}", slower, f"{slower.value:.2f}"))
     head = ("environment", "steps/s", "lowest", "highest", "resets", "ms/step", "simulated s/s")
     text = f"## One environment\n\n{measure.table(head, rows)}\n\n" + measure.table(
         ("ratio", "steps/s (by round)", "simulated s/s"), ratios
@@ -75,6 +79,7 @@ def many(rounds: int, quick: bool) -> Part:
     players: dict[tuple[str, int], Single | Many] = {("flat", n): robots(n, steps) for n in counts}
     rough = measure.rough_ground(SEGMENTS)
     players["rough", compared] = robots(compared, steps, terrain=rough)
+    players["motor, bearings, feet", compared] = robots(compared, steps, robot=real_robot())
     players[MUJOCO, 1] = Single(MUJOCO, 200 if quick else 5000)
     for threads in sorted({1, measure.cores()}) if importlib.util.find_spec("envpool") else ():
         name = f"envpool {MUJOCO}, {threads} thread{'s' * (threads > 1)}"
@@ -86,6 +91,8 @@ def many(rounds: int, quick: bool) -> Part:
         for name, n in players
         if MUJOCO in name
     ]
+    slower = measure.ratio(rates["motor, bearings, feet", compared], rates["flat", compared])
+    ratios.append((f"{compared} with motor, bearings, feet / {compared} robots", slower))
     text = "\n\n".join([
         "## Many environments",
         measure.table(("environments", "at once", "steps/s", "lowest", "highest"), rows),
@@ -103,6 +110,13 @@ def many(rounds: int, quick: bool) -> Part:
         axis.legend(fontsize=8)
 
     return Part(text, [draw])
+
+
+def real_robot() -> Robot:
+    """The paper's links with the built robot's motor, dry bearings and feet that give."""
+    built = ROBOTS["built"]()
+    names = ("motor", "bearing_friction", "pad_compliance")
+    return replace(paper_robot(), **{name: getattr(built, name) for name in names})
 
 
 def envpool(count: int, threads: int, steps: int) -> Many:

@@ -1,10 +1,12 @@
 """Do the two plants agree?
 
-    python -m benchmarks.plants [--out logs/plants] [--jobs 2] [--quick]
+    python -m benchmarks.plants [--machines] [--out logs/plants] [--jobs 2] [--quick]
 
 The projection plant and the rigid-body plant side by side, with the time step halved on both: with
 a fixed base; walks at many crank speeds and frictions, on slopes, with loads; and a steady walk as
-pymunk's solver iterates longer. Writes ``plants.md``, ``walks.png`` and ``torque.png``.
+pymunk's solver iterates longer. Writes ``plants.md``, ``walks.png`` and ``torque.png``. With
+``--machines`` instead walks with feet that give, dry bearings, a rotor and a motor's line, and the
+robot that could be built: ``machines.md``.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ import math
 import sys
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,14 +24,14 @@ from numpy.typing import NDArray
 
 from benchmarks import measure
 from benchmarks.measure import fallen, table
-from jansen_env import Robot, Terrain, paper_robot
+from jansen_env import ROBOTS, Compliance, Motor, Terrain, paper_robot
 from jansen_env.control import PID
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import Plant
 from jansen_env.plants.fixed_base import FixedBasePlant
 from jansen_env.plants.make import PLANTS
 from jansen_env.plants.rigid_body import TIME_STEP, RigidBodyPlant
-from jansen_env.robot import Payload
+from jansen_env.robot import BEARINGS, Payload
 
 Array = NDArray[np.float64]
 
@@ -46,8 +48,28 @@ CONTROL_DT = 0.02  # s for which the PID holds a torque
 TORQUE_LIMIT = 20.0  # N m
 SETTLE = 2.0  # s of walking that are not measured
 STARTS = (0.0, 2.5e-4, 5e-4, 7.5e-4, 1e-3)  # rad, crank angles of an ensemble
+SLENDER = paper_robot().with_slender_inertias()
+FEET = Compliance(5e4, 60.0, 3e4, 40.0)
+ROTOR = Motor(gear_ratio=70.0, rotor_inertia=1.4e-5)  # 0.07 kg m^2 at the crank
+LINE = Motor(stall_torque=20.0, no_load_speed=8.0, torque_limit=12.0, friction=0.3)
+MACHINES = {
+    "paper": paper_robot(),
+    "feet that give": replace(paper_robot(), pad_compliance=FEET),
+    "dry bearings": replace(paper_robot(), bearing_friction=(0.03,) * len(BEARINGS)),
+    "rotor": replace(SLENDER, motor=ROTOR),
+    "motor's line": replace(SLENDER, motor=LINE, pad_compliance=FEET),
+    "built": ROBOTS["built"](),
+}
+MACHINE_SPEEDS = (1.0, 3.0, 5.0)  # of the crank, rad/s
 OTHER_STARTS = tuple(math.pi * k / 12.0 for k in range(12))  # rad; half a turn on, all is the same
 ALLOWED = 0.05  # difference in distance and cost of transport up to which the plants agree
+
+HOW_COMPARED = (
+    "Projection plant (median of six runs) / rigid-body plant (time step / half of it). "
+    "Spread: of the six runs' distances, which start within 1 mrad of one another or have half "
+    "the time step. Other starts: distances on the projection plant from crank angles over "
+    f"half a turn. Agree: distance and cost of transport within {100 * ALLOWED:.0f} %."
+)
 
 HEIGHT = 5.0  # m, at which the rigid-body plant's base is fixed, clear of the ground
 SERVO_SPEEDS: tuple[float, ...] = (1.0, 3.0, 6.0)  # rad/s
@@ -67,14 +89,16 @@ class Walk:
 
     Attributes:
         speed: of the crank, rad/s. friction: Coulomb coefficient. slope: rad, uphill positive.
-        payload: kg at the crank axis. duration: s, measured after :data:`SETTLE`; about, as
-            :attr:`measured` is a whole number of half turns.
+        payload: kg at the crank axis. machine: one of :data:`MACHINES`.
+        duration: s, measured after :data:`SETTLE`; about, as :attr:`measured` is a whole number of
+            half turns.
     """
 
     speed: float
     friction: float = 0.8
     slope: float = 0.0
     payload: float = 0.0
+    machine: str = "paper"
     duration: float = 6.0
 
     @property
@@ -89,11 +113,12 @@ class Walk:
         words = [f"{self.speed:g} rad/s, friction {self.friction:g}"]
         words += [f"slope {self.slope:+g}"] if self.slope else []
         words += [f"{self.payload:g} kg"] if self.payload else []
+        words = [self.machine, *words] if self.machine != "paper" else words
         return ", ".join(words)
 
     def plant(self, name: str, halvings: int = 0, **arguments: Any) -> Plant:
         """A plant for it by its name, its own time step halved so many times."""
-        robot = Robot(payload=Payload(self.payload)) if self.payload else paper_robot()
+        robot = replace(MACHINES[self.machine], payload=Payload(self.payload))
         terrain = Terrain.slope(self.slope, friction=self.friction)
         kind, time_step = PLANTS[name]
         made: Plant = kind(robot, terrain, time_step / 2**halvings, **arguments)
@@ -360,9 +385,44 @@ def draw_torque(curves: dict[float, Array], path: Path) -> None:
     measure.save(figure, path)
 
 
+def counted(compared: list[Comparison]) -> str:
+    """How many walks have which verdict."""
+    verdicts = Counter(c.verdict for c in compared)
+    found = ", ".join(f"{name}: {number}" for name, number in sorted(verdicts.items()))
+    return f"{len(compared)} walks; {found}."
+
+
+def compare_machines(out: Path, jobs: int, quick: bool) -> None:
+    """Walks of :data:`MACHINES`, the last of them loaded too, on both plants."""
+    others = list(MACHINES)[1:]
+    walks = [Walk(speed, machine=name) for name in others for speed in MACHINE_SPEEDS]
+    walks += [Walk(speed, machine=name, payload=PAYLOADS[0])
+              for name in ("feet that give", "built") for speed in MACHINE_SPEEDS]  # fmt: skip
+    if quick:
+        walks = [Walk(1.0, machine=name, duration=1.0) for name in others[-2:]]
+    with ProcessPoolExecutor(jobs) as pool:
+        compared = []
+        for number, comparison in enumerate(pool.map(compare, walks), 1):
+            compared.append(comparison)
+            print(f"{number}/{len(walks)} {comparison.walk.label}", file=sys.stderr)
+    measure.report(
+        out / "machines.md",
+        "# Two plants, other machines",
+        f"`python -m benchmarks.plants --machines`. {measure.machine()}",
+        f"{HOW_COMPARED} The machines are `MACHINES` in `benchmarks/plants.py`.",
+        walk_table(compared),
+        counted(compared),
+    )
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    found = measure.chosen(measure.options(__doc__, "logs/plants", jobs=2), arguments)
+    parser = measure.options(__doc__, "logs/plants", jobs=2)
+    parser.add_argument("--machines", action="store_true", help="other machines instead")
+    found = measure.chosen(parser, arguments)
+    if found.machines:
+        compare_machines(found.out, found.jobs, found.quick)
+        return
     measure.require("matplotlib")
     walks = [Walk(speed, friction) for friction in FRICTIONS for speed in SPEEDS]
     walks += [Walk(HARDER, slope=slope) for slope in SLOPES]
@@ -384,7 +444,6 @@ def main(arguments: list[str] | None = None) -> None:
         fixed = [future.result() for future in (*swings, *servos)]
         runs = {name: future.result() for name, future in iterating.items()}
     runs["projection plant"] = run_walk(steady, steady.plant("projection"))
-    verdicts = Counter(c.verdict for c in compared)
     rows = [(name, f"{run.distance:.3f}", f"{run.cost_of_transport:.3f}", f"{run.slip:.3f}")
             for name, run in runs.items()]  # fmt: skip
     measure.report(
@@ -394,12 +453,9 @@ def main(arguments: list[str] | None = None) -> None:
         "## Fixed base",
         fixed_table(fixed),
         "## Walks",
-        "Projection plant (median of six runs) / rigid-body plant (time step / half of it). "
-        "Spread: of the six runs' distances, which start within 1 mrad of one another or have half "
-        "the time step. Other starts: distances on the projection plant from crank angles over "
-        f"half a turn. Agree: distance and cost of transport within {100 * ALLOWED:.0f} %.",
+        HOW_COMPARED,
         walk_table(compared),
-        f"{len(compared)} walks; {', '.join(f'{n}: {k}' for n, k in sorted(verdicts.items()))}.",
+        counted(compared),
         "## More iterations",
         f"{steady.label}, {steady.measured:.2f} s.",
         table(("iterations in every time step", "distance (m)", "cost of transport", "slip (m/m)"),

@@ -86,6 +86,7 @@ def test_what_cannot_be_measured_is_refused(arguments, tmp_path, capsys):
         (ppo.main, ("stable_baselines3", "mujoco"), [], "ppo"),
         (convergence.main, (), [], "convergence time_step detection_interval"),
         (plants.main, (), [], "plants walks torque"),
+        (plants.main, (), ["--machines"], "machines"),
     ],
 )
 def test_a_benchmark_runs(main, needs, arguments, written, tmp_path):

@@ -71,11 +71,15 @@ POLICIES: dict[str, Callable[[Setting, Any], Policy]] = {
 }  # fmt: skip
 
 
+def measured_setting(name: str) -> Setting:
+    """The measured settings of one of :data:`POLICIES`."""
+    entry = json.loads(DATA.read_text(encoding="utf-8"))[name]
+    return nearest_setting(np.array(entry["settings"]), np.array(entry["speeds"]))
+
+
 def _load(name: str, env: Any) -> Policy:
     """One of :data:`POLICIES` with its measured settings."""
-    entry = json.loads(DATA.read_text(encoding="utf-8"))[name]
-    setting = nearest_setting(np.array(entry["settings"]), np.array(entry["speeds"]))
-    return POLICIES[name](setting, env)
+    return POLICIES[name](measured_setting(name), env)
 
 
 BASELINES: dict[str, Callable[[Any], Policy]] = {name: partial(_load, name) for name in POLICIES}

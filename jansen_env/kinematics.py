@@ -140,6 +140,23 @@ def check_closure(robot: Robot, samples: int = 720) -> None:
     joint_positions(robot, "fore", np.linspace(-math.pi, math.pi, samples, endpoint=False))
 
 
+def advance_per_turn(robot: Robot, samples: int = 720) -> float:
+    """How far a robot walks while its crank turns once counter-clockwise, m; negative: towards -x.
+
+    As if it stood level on its lowest toe, which does not slip. What it is good for is the sign,
+    and the order of magnitude: a real chassis rocks, and changes its feet elsewhere.
+
+    Raises:
+        LinkageError: the linkage does not close.
+    """
+    psi = np.linspace(0.0, 2.0 * math.pi, samples + 1)
+    legs = [joint_positions(robot, leg.side, psi + leg.phase)[:, T] for leg in robot.legs]
+    toes = np.stack(legs, axis=1)
+    lowest = np.argmin(toes[1:, :, 1] + toes[:-1, :, 1], axis=1)
+    steps = np.diff(toes[..., 0], axis=0)
+    return float(-steps[np.arange(samples), lowest].sum())
+
+
 def world_joints(robot: Robot, q: ArrayLike) -> Array:
     """Joint positions of all legs (..., legs, 8, 2), m, in the order of :data:`JOINTS`.
 

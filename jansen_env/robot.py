@@ -25,6 +25,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
+from jansen_env import built
 from jansen_env.checks import (
     entries,
     finite,
@@ -34,7 +35,7 @@ from jansen_env.checks import (
     positive_integer,
     shown,
 )
-from jansen_env.motor import IDEAL, Motor
+from jansen_env.motor import IDEAL, MOTORS, Motor
 
 Side = Literal["fore", "back"]
 
@@ -392,10 +393,48 @@ def holy_numbers_robot(phases: int = 2) -> Robot:
     )
 
 
+BEARING_LOADS = (15.0, 12.0, 10.0, 12.0, 20.0, 12.0, 10.0, 17.0, 10.0, 9.0)
+"""N, mean load of each of :data:`BEARINGS` of the built robot in a walk at 2 rad/s."""
+
+
+def built_robot(phases: int = 2) -> Robot:
+    """A machine that could be built: the paper's linkage of aluminium, with a gearmotor.
+
+    Flat bars and windowed plates with pins in dry plain bearings, see :mod:`jansen_env.built`; the
+    frame's bars carry the motor at O and as heavy a battery at P. Bearings have Coulomb friction
+    alone, by their mean load. Feet are rubber buffers of 20 mm, 15 mm high, soft (KIPP K0566).
+    ``docs/built_robot.md`` has the bill of materials and all sources.
+    """
+    robot, parts = paper_robot(phases), {}
+    for name in BODIES:
+        link = getattr(robot, name)
+        if isinstance(link, Triangle):
+            mass, inertia = built.triangular_plate(link.sides)
+        elif name == "frame":
+            each = built.PIN_SHARE + built.MOTOR_MASS / len(robot.legs)
+            mass, inertia = built.flat_bar(link.length, built.FRAME_WIDTH, each)
+        else:
+            mass, inertia = built.flat_bar(link.length, built.WIDTH)
+        parts[name] = replace(link, mass=mass, inertia=inertia)
+    robot = replace(robot, **parts)
+    normal, tangential = built.FOOT_STIFFNESS
+    return replace(
+        robot,
+        damping=(0.0,) * len(JOINT_PAIRS),
+        motor=MOTORS["ak80_6"],
+        bearing_friction=tuple(round(built.dry_torque(load), 4) for load in BEARING_LOADS),
+        pad_compliance=Compliance(
+            normal, round(built.foot_damping(normal, robot.mass), 1),
+            tangential, round(built.foot_damping(tangential, robot.mass), 1),
+        ),
+    )  # fmt: skip
+
+
 ROBOTS: dict[str, Callable[..., Robot]] = {
     "paper": paper_robot,
     "paper_slender": lambda phases=2: paper_robot(phases).with_slender_inertias(),
     "holy": holy_numbers_robot,
     "holy_slender": lambda phases=2: holy_numbers_robot(phases).with_slender_inertias(),
+    "built": built_robot,
 }
 """Built-in designs by name; each takes the number of crank phases (legs = 2 x phases)."""

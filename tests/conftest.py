@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from jansen_env.dynamics.reduced import Tables, compile_robot
-from jansen_env.robot import ROBOTS, Leg, Robot, paper_robot
+from jansen_env.motor import IDEAL
+from jansen_env.robot import BEARINGS, ROBOTS, Leg, Robot, paper_robot
 
 ODD = Robot(legs=(Leg("back"), Leg("fore", 1.0), Leg("fore", 2.7), Leg("back", -2.0)))
 DESIGNS = {**{name: make() for name, make in ROBOTS.items()}, "phases3": paper_robot(3), "odd": ODD}
@@ -29,6 +31,12 @@ def rng() -> np.random.Generator:
 def robot(request: pytest.FixtureRequest) -> Robot:
     """Each design in turn."""
     return request.param
+
+
+@pytest.fixture
+def linkage(robot: Robot) -> Robot:
+    """Each design with an ideal motor and no dry friction: what the paper's equations know."""
+    return replace(robot, motor=IDEAL, bearing_friction=(0.0,) * len(BEARINGS))
 
 
 @pytest.fixture

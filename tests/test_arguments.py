@@ -64,8 +64,11 @@ MAKERS = {
 
 TAKEN = {
     ("*", "friction"): {"None"}, ("*", "restitution"): {"None"}, ("*", "payload"): {"None"},
-    ("*", "time_step"): {"None"}, ("*", "render_mode"): {"None"},
-    ("*", "terminate_when_fallen"): {"flag"}, ("*", "track_joint_forces"): {"flag"},
+    ("*", "time_step"): {"None"}, ("*", "command_interval"): {"None"},
+    ("*", "render_mode"): {"None"}, ("*", "motor"): {"None"}, ("*", "torque_limit"): {"None"},
+    ("*", "pad_compliance"): {"None"},
+    ("*", "terminate_when_fallen"): {"flag"}, ("*", "fall_contact"): {"flag"},
+    ("*", "track_joint_forces"): {"flag"},
     ("crank", "time_step"): set(), ("walkers", "track_joint_forces"): set(),
     ("walkers", "max_episode_steps"): {"None"},
     ("walkers", "threads"): {"None", "beyond a float", "beyond printing"},
@@ -108,9 +111,9 @@ def test_every_kind_of_number_is_taken(number):
     assert repr(parts) == repr([Bar(0.5), Leg("fore", 0.5), Payload(0.5, position=(0.5, 0.5))])
     assert repr(Terrain.flat(number)) == repr(Terrain.flat(0.5))
     assert Terrain(((0, 0), (number, Fraction(0)))).points == ((0.0, 0.0), (0.5, 0.0))
-    env = JansenWalkerEnv(friction=number, speed_command=number, tracking_weight=number,
+    env = JansenWalkerEnv(friction=number, speed_command=number, slip_weight=number,
                           torque_limit=number, payload=number)  # fmt: skip
-    same = JansenWalkerEnv(friction=0.5, speed_command=0.5, tracking_weight=0.5,
+    same = JansenWalkerEnv(friction=0.5, speed_command=0.5, slip_weight=0.5,
                            torque_limit=0.5, payload=0.5)  # fmt: skip
     assert np.array_equal(env.reset(seed=0)[0], same.reset(seed=0)[0])
     assert env.step(np.ones(1))[1] == same.step(np.ones(1))[1]

@@ -37,13 +37,13 @@ def crank_acceleration(plant, torque, h=2e-5):
     return (4.0 * near - far) / 3.0
 
 
-def test_accelerations_are_the_dense_projections(robot, random_state, rng):
+def test_accelerations_are_the_dense_projections(linkage, random_state, rng):
     """Equation (12) with 15 system rows: joint_forces() to 1e-9, the plant's own steps to 1e-7."""
     for _ in range(5):
         psi, n, torque = *random_state()[[3, 7]], rng.uniform(-5.0, 5.0)
-        plant = started(robot, 1e-3, psi, n)
+        plant = started(linkage, 1e-3, psi, n)
         q, v = np.array([[0.0, 0.0, 0.0, psi], [0.0, 0.0, 0.0, n]])
-        (expected,) = pr.project(robot, q, v, torque, fixed_base=True).acceleration()
+        (expected,) = pr.project(linkage, q, v, torque, fixed_base=True).acceleration()
         size = max(1.0, abs(expected))
         forces = plant.joint_forces(torque)
         assert forces.q_ddot == pytest.approx([0.0, 0.0, 0.0, expected], abs=1e-9 * size)
@@ -51,12 +51,12 @@ def test_accelerations_are_the_dense_projections(robot, random_state, rng):
         assert crank_acceleration(plant, torque) == pytest.approx(expected, abs=1e-7 * size)
 
 
-def test_a_heavy_load_pins_the_walker_as_well(robot):
+def test_a_heavy_load_pins_the_walker_as_well(linkage):
     """The free plant under 10^9 kg, weightless: the same crank motion over 1 s, to 1e-6 rad.
 
     What is left is the free plant's own error, of order h^2.
     """
-    heavy = replace(robot, payload=Payload(1e9, 1e9))
+    heavy = replace(linkage, payload=Payload(1e9, 1e9), damping=paper_robot().damping)
     pinned = started(heavy, gravity=0.0)
     pinned.step(1.5, 1.0)
     miss = []
@@ -93,9 +93,9 @@ def test_fourth_order_in_the_time_step():
     assert ratio.min() > 15.0 and ratio.max() < 18.0
 
 
-def test_energy_balance(robot, rng):
+def test_energy_balance(linkage, rng):
     """Motor work = joint loss + energy change: 1e-6 of the loss over 10 s of changing torque."""
-    plant = started(robot)
+    plant = started(replace(linkage, damping=paper_robot().damping))
     start, change, miss, loss = plant.energy(), 0.0, 0.0, 0.0
     for _ in range(100):
         angle, torque = plant.state[0], rng.uniform(-1.0, 4.0)
@@ -167,22 +167,22 @@ def test_what_the_plant_refuses():
         plant.step(1e9, 0.1)
 
 
-def test_crank_torque_is_equation_12_solved_for_tau(robot, random_state, rng):
+def test_crank_torque_is_equation_12_solved_for_tau(linkage, random_state, rng):
     """Inverse, then forward dynamics of the dense projection give the acceleration back: 1e-10.
 
     Its causes are those of reduced.py: weight alone at rest, friction odd in the speed.
     """
     psi, n, n_dot = np.array([[*random_state()[[3, 7]], rng.normal()] for _ in range(10)]).T
-    parts = crank_torque(robot, psi, n, n_dot)
+    parts = crank_torque(linkage, psi, n, n_dot)
     assert (parts.total == parts.gravity + parts.inertia + parts.friction).all()
     for k, torque in enumerate(parts.total):
         q, v = np.array([[0.0, 0.0, 0.0, psi[k]], [0.0, 0.0, 0.0, n[k]]])
-        p = pr.project(robot, q, v, torque, fixed_base=True)
+        p = pr.project(linkage, q, v, torque, fixed_base=True)
         assert p.acceleration() == pytest.approx(n_dot[k], abs=1e-10 * max(1.0, abs(torque)))
-    rest, back = crank_torque(robot, psi, 0.0), crank_torque(robot, psi, -n, n_dot)
+    rest, back = crank_torque(linkage, psi, 0.0), crank_torque(linkage, psi, -n, n_dot)
     assert (rest.total == parts.gravity).all()
     assert (back.friction == -parts.friction).all() and (back.inertia == parts.inertia).all()
-    assert crank_torque(robot, psi, n, n_dot, gravity=0.0).gravity == pytest.approx(0.0 * psi)
+    assert crank_torque(linkage, psi, n, n_dot, gravity=0.0).gravity == pytest.approx(0.0 * psi)
 
 
 def test_mean_crank_torque_is_the_viscous_loss(robot):

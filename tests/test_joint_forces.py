@@ -13,14 +13,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jansen_env import Payload
+from jansen_env import ROBOTS, Payload
 from jansen_env.dynamics import projection as pr
 from jansen_env.dynamics import reduced as rd
 from jansen_env.dynamics.joint_forces import CORNERS, PINS, joint_forces
 from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS, pad_layout
 from jansen_env.gravity import GRAVITY
 from jansen_env.kinematics import JOINTS, T, coordinates, joint_positions
-from jansen_env.robot import JOINT_PAIRS
+from jansen_env.robot import BEARINGS, JOINT_PAIRS
 
 G = GRAVITY
 LOAD = Payload(mass=1.7, inertia=0.3, position=(0.2, 0.4))
@@ -112,6 +112,10 @@ def misses(forces, moving, contact):
         given = viscous * (moving.spin[:, j - 1] - moving.spin[:, i - 1])
         moment[:, i - 1] -= given
         moment[:, j - 1] += given
+    for (i, j), dry in zip(BEARINGS, robot.bearing_friction, strict=True):
+        given = dry * np.sign(moving.spin[:, j - 1] - moving.spin[:, i - 1])
+        moment[:, i - 1] -= given
+        moment[:, j - 1] += given
     return np.concatenate([np.abs(force), np.abs(moment)])
 
 
@@ -180,6 +184,9 @@ def test_accelerations_are_the_reduced_models(laden, random_state, rng, fixed_ba
                 + moving.angle_slope[leg, body] * twist]  # fmt: skip
         right = rd.generalised_forces(tables, q, v, torque) - rd.velocity_terms(tables, q, v)
         right += np.sum(work, axis=1)
+        turning = moving.angle_slope[:, np.array(BEARINGS) - 1]
+        dry = (np.abs(turning[..., 1] - turning[..., 0]) @ laden.bearing_friction).sum()
+        right[3] -= np.sign(v[3]) * (dry + laden.motor.friction)
         M = rd.mass_matrix(tables, q)
         a = joint_forces(laden, q, v, torque, contact, fixed_base=fixed_base).q_ddot
         if fixed_base:
@@ -202,7 +209,8 @@ def test_a_free_chassis_passes_on_the_motor_and_the_load(laden, random_state, rn
         x, y, moment = -forces.frame.sum(axis=0)
         assert abs(x + 1j * y - carried) <= scale
         about_axis = LOAD.inertia * a[2] + (arm.conjugate() * carried).imag
-        assert moment - torque == pytest.approx(about_axis, abs=scale)
+        to_shaft = torque - forces.gear
+        assert moment - to_shaft - forces.rotor == pytest.approx(about_axis, abs=scale)
 
 
 def test_a_fixed_base_passes_on_weight_and_inertia(robot, random_state):
@@ -218,7 +226,8 @@ def test_a_fixed_base_passes_on_weight_and_inertia(robot, random_state):
         inertia = s.dc * n_dot + s.ddc * n * n
         assert [x, y - robot.mass * G] == pytest.approx(inertia, abs=scale)
         spin_rate = s.b * n_dot + s.db * n * n
-        assert moment + forces.torque == pytest.approx(spin_rate + G * s.c[0], abs=scale)
+        to_shaft = forces.torque - forces.gear
+        assert moment + to_shaft + forces.rotor == pytest.approx(spin_rate + G * s.c[0], abs=scale)
         assert forces.torque == pytest.approx(2.0, abs=scale)
 
 
@@ -235,17 +244,17 @@ def test_held_at_rest(robot, rng):
 
 
 @FIXED_BASE
-def test_constraint_forces_of_the_projection(robot, random_state, rng, fixed_base):
+def test_constraint_forces_of_the_projection(linkage, random_state, rng, fixed_base):
     """The paper's C^T lambda of every body (4) is the sum of its pins, its frame's and its shaft's.
 
     There the motor is an applied force in h: +tau on the first leg's crank, -tau on its frame.
     """
-    q, v, torque, _ = draw(robot, random_state, rng, fixed_base)
+    q, v, torque, _ = draw(linkage, random_state, rng, fixed_base)
     if fixed_base:
         q[:3] = 0.0
-    forces = joint_forces(robot, q, v, torque, fixed_base=fixed_base)
-    moving = Moving(robot, q, v, np.zeros(4))
-    total = np.zeros((len(robot.legs), 8, 3))  # moment, x, y
+    forces = joint_forces(linkage, q, v, torque, fixed_base=fixed_base)
+    moving = Moving(linkage, q, v, np.zeros(4))
+    total = np.zeros((len(linkage.legs), 8, 3))  # moment, x, y
 
     def act(body, at, given):
         total[:, body, 1:] += given
@@ -260,7 +269,7 @@ def test_constraint_forces_of_the_projection(robot, random_state, rng, fixed_bas
     total[:, 0, 0] += forces.frame[:, 2]
     total[:, 1, 0] += forces.shaft
     total[0, :2, 0] += torque, -torque
-    paper = pr.project(robot, q, v, torque, fixed_base=fixed_base).constraint_forces()
+    paper = pr.project(linkage, q, v, torque, fixed_base=fixed_base).constraint_forces()
     assert np.abs(total.ravel() - paper).max() <= 1e-9 * np.abs(paper).max()
     assert np.abs(forces.body.ravel() - paper).max() <= 1e-12 * np.abs(paper).max()
 
@@ -290,3 +299,21 @@ def test_gravity_may_point_anywhere(laden, random_state):
     scale = np.abs(upright.pin).max()
     assert np.abs(turned.pin - upright.pin @ R.T).max() <= 1e-11 * scale
     assert np.abs(turned.pin - upright.pin).max() > 0.1 * scale
+
+
+@FIXED_BASE
+def test_at_a_standstill_bearings_and_gear_share_what_they_hold(fixed_base):
+    """Half of all dry friction is half of each: every force lies half way."""
+    robot = replace(ROBOTS["built"](), payload=LOAD)
+    q, rest, torque = np.array([0.1, 0.2, 0.3, 1.2]), np.zeros(4), 0.4
+    free = joint_forces(robot, q, rest, torque, fixed_base=fixed_base)
+    sliding = joint_forces(robot, q, 1e-12 * np.eye(4)[3], torque, fixed_base=fixed_base)
+    slope = Moving(robot, q, np.eye(4)[3], np.zeros(4)).angle_slope[:, np.array(BEARINGS) - 1]
+    turning = slope[..., 1] - slope[..., 0]
+    most = (np.abs(turning) @ robot.bearing_friction).sum() + robot.motor.friction
+    held = joint_forces(robot, q, rest, torque, dry=-0.5 * most, fixed_base=fixed_base)
+    for name in ("pin", "frame", "shaft", "gear", "rotor", "q_ddot"):
+        halfway = 0.5 * (getattr(free, name) + getattr(sliding, name))
+        assert getattr(held, name) == pytest.approx(halfway, abs=1e-9)
+    assert held.torque == pytest.approx(torque, abs=1e-9)
+    assert np.abs(free.pin - sliding.pin).max() > 0.1

@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 ORDER = (
     ["checks", "files", "gravity", "control"],
-    ["motor", "robot", "terrain"],
+    ["motor", "built", "robot", "terrain"],
     ["kinematics"],
     ["dynamics", "rendering"],
     ["engine"],

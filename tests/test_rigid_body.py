@@ -34,7 +34,8 @@ def walk(plant, speed, duration, dt=0.02):
     """Hold the crank near ``speed`` rad/s; the results of all steps."""
     results = []
     for _ in range(round(duration / dt)):
-        results.append(plant.step(10.0 * (speed - plant.state[7]) + 1.56 * speed, dt))
+        torque = 10.0 * (speed - plant.state[7]) + 1.56 * speed
+        results.append(plant.step(min(torque, plant.robot.motor.torque_limit), dt))
     return results
 
 
@@ -87,7 +88,7 @@ def test_flight_is_a_parabola_whatever_the_crank_does():
     mass = plant._inertias[:, 0] / plant._inertias[:, 0].sum()
 
     def centre():
-        motion = plant._moment().motion
+        motion = plant._snapshot().motion
         return mass @ motion[:, :2], mass @ motion[:, 3:5]
 
     (start, speed), duration = centre(), 0.5
@@ -162,7 +163,7 @@ def test_a_pull_is_felt():
     speeds = []
     for _ in range(2):
         plant.step(-8.0 * plant.state[7], 0.05)
-        speeds.append(plant._inertias[:, 0] @ plant._moment().motion[:, 3] / paper_robot().mass)
+        speeds.append(plant._inertias[:, 0] @ plant._snapshot().motion[:, 3] / paper_robot().mass)
     (first, last) = speeds
     assert (last - first) / 0.05 == pytest.approx(0.2 * 9.81, rel=1e-6)
 
@@ -189,12 +190,12 @@ def test_slip_and_friction_are_those_of_coulomb(friction):
 
 
 def test_slip_of_a_walk_is_the_projection_plants():
-    """1.5 s at 2 rad/s on friction 0.3, whose loaded toes hop by nanometres: 15 %."""
+    """1.5 s at 1.7 rad/s on friction 0.3, whose loaded toes hop by nanometres: 5 %."""
     ground, slips = Terrain.flat(friction=0.3), []
     for plant in (plant_on(ground), ProjectionPlant(paper_robot(), ground)):
         plant.reset()
-        slips.append(sum(float(r.slip.sum()) for r in walk(plant, 2.0, 1.5)))
-    assert slips[0] == pytest.approx(slips[1], rel=0.15) and slips[0] > 0.03
+        slips.append(sum(float(r.slip.sum()) for r in walk(plant, 1.7, 1.5)))
+    assert slips[0] == pytest.approx(slips[1], rel=0.05) and slips[0] > 0.1
 
 
 RUN = """
@@ -267,7 +268,8 @@ def test_the_task_is_the_same():
         *_, known = other.step(action)
     assert info.keys() == known.keys() and known["joint_gap"] == 0.0 < info["joint_gap"] < 2e-4
     assert info["x_position"] == pytest.approx(known["x_position"], abs=3e-3)
-    assert reward == sum(v for name, v in info.items() if name.startswith("reward/"))
+    factors = [value for name, value in info.items() if name.startswith("reward/")]
+    assert reward == pytest.approx(np.prod(factors), rel=1e-12)
     assert one.unwrapped.plant.time_step < other.unwrapped.plant.time_step
 
 

@@ -14,7 +14,7 @@ from jansen_env import Payload, Terrain
 
 ENV = "JansenWalker-v0"
 VARIANTS = [
-    {"reset_noise_scale": 4.0, "max_episode_steps": 30},
+    {"reset_noise_scale": 4.0, "max_episode_steps": 30, "command_interval": 0.1},
     {"speed_command": [0.05, 0.25], "terrain": "slope:-0.6", "payload": 2.0},
     {"speed_command": 0.3, "friction": 0.3, "terrain": Terrain(((-1, 0), (0.5, 0.02), (1, 0)))},
 ]
@@ -33,7 +33,7 @@ def equal(a, b):
 
 def test_it_is_what_single_environments_are():
     """Variants of everything, through time limits and falls: returns bit for bit, infos too."""
-    shared = {"fall_weight": 2.0, "max_episode_steps": 100}
+    shared = {"slip_weight": 2.0, "max_episode_steps": 100}
     together = make_vec_env(ENV, 6, shared, VARIANTS, info_keys=None)
     each = [{**shared, **VARIANTS[i % 3]} for i in range(6)]
     apart = DummyVecEnv([lambda own=own: make_env(ENV, own) for own in each])
@@ -140,7 +140,7 @@ def test_what_cannot_move_together_takes_turns():
     assert can_be_batched(ENV, {"friction": 0.5}, [{"payload": 1.0}, {}])
     assert not can_be_batched(ENV, {"plant": "rigid_body"})
     assert not can_be_batched(ENV, {"track_joint_forces": True})
-    assert not can_be_batched(ENV, {}, [{"torque_limit": 5.0}])
+    assert not can_be_batched(ENV, {}, [{"control_dt": 0.01}])
     assert can_be_batched("JansenCrank-v0", {"reset_noise_scale": 1.0})
     assert not can_be_batched("JansenCrank-v0", {"track_joint_forces": True})
     assert isinstance(make_vec_env("JansenCrank-v0", 2, {"track_joint_forces": True}), DummyVecEnv)

@@ -15,8 +15,9 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.play import play
 
 import jansen_env
-from jansen_env.engine.task import REWARD, compute_reward, tracking_score
+from jansen_env.engine.task import HALF_CHANGE, HALF_EFFORT, REWARD
 from jansen_env.envs.walker import JansenWalkerEnv, JansenWalkerVectorEnv
+from jansen_env.kinematics import advance_per_turn
 
 
 @pytest.fixture
@@ -74,7 +75,10 @@ def test_observation_is_the_documented_table(env):
     loads = info["contact_force"][:, 1] / env.unwrapped.weight
     height = y - float(env.unwrapped.terrain.height(x))
     expected = [math.cos(psi), math.sin(psi), n, math.sin(theta), math.cos(theta), w, vx, vy,
-                height, 0.4, *loads, 0.2, 0.0]  # fmt: skip
+                height, 0.4, *loads, 0.2]  # fmt: skip
+    expected += [
+        info[name] for name in ("lag", "mean_speed", "mean_slip", "mean_power", "rms_torque")
+    ]
     assert obs == pytest.approx(np.array(expected, np.float32), abs=1e-6)
     assert info["crank_torque"] == pytest.approx(0.2 * 20.0, rel=1e-6)
 
@@ -126,10 +130,10 @@ def test_same_seed_same_trajectory_bit_for_bit():
 
 def test_state_copies_and_pickles_go_on_bit_for_bit():
     """get_state/set_state into a fresh environment, deepcopy and pickle, all in mid-walk."""
-    env = JansenWalkerEnv()
+    env = JansenWalkerEnv(command_interval=0.3)
     env.reset(seed=5)
     roll(env, 60)
-    fresh = JansenWalkerEnv()
+    fresh = JansenWalkerEnv(command_interval=0.3)
     fresh.reset(seed=99)
     fresh.set_state(copy.deepcopy(env.get_state()))
     others = [fresh, copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
@@ -138,47 +142,144 @@ def test_state_copies_and_pickles_go_on_bit_for_bit():
         assert np.array_equal(roll(other, 300, seed=6), expected)
 
 
-def test_standing_still_earns_less_than_a_third():
-    """At every command, slow ones too."""
-    for command in np.linspace(0.05, 0.8, 40):
-        assert tracking_score(0.0, command) < 1.0 / 3.0
-        assert tracking_score(command, command) == 1.0
+FACTORS = REWARD.names
 
 
-def test_moving_to_and_fro_earns_no_more_than_standing():
-    """Only new ground counts: creeping ahead at the command for 19 steps, leaping back in one."""
-    env = JansenWalkerEnv()
-    env.reset(seed=0, options={"speed_command": 0.1})
-    (row,), weights = env.task.rows, np.ones((), REWARD)[()]
+def plain_factors(env, infos, actions):
+    """The reward's factors of each step, worked out once more in plain Python, and the lag."""
+    dt, weight, path = env.control_dt, env.weight, advance_per_turn(env.robot) / 4.0
+    lag = speed = slip = power = square = x = last = 0.0
+    for info, action in zip(infos, actions, strict=True):
+        command = info["command"]  # of the step, not after it
+        v = (info["x_position"] - x) / dt
+        lag = np.clip(lag + (command - v) * dt, -0.5, 0.5)
+        share = 1.0 - math.exp(-dt / np.clip(path / abs(command or 1e-9), 0.2, 3.4))
+        speed += share * (v - speed)
+        slip += share * (info["slip"].sum() / dt - slip)
+        power += share * (abs(info["energy"]["motor_work"]) / dt - power)
+        square += share * ((20.0 * action) ** 2 - square)
+        pace = max(abs(command), 0.1)
+        progress = 1.0 - min(1.0, abs(speed) / 0.05)
+        if command:
+            ratio = speed / command
+            progress = np.clip(ratio, 0, 1) if ratio < 2.0 else 2.0 / ratio
+        yield lag, {
+            "tracking": 0.3 + 0.7 / (1 + (lag / 0.2) ** 2),
+            "progress": progress,
+            "slip": 1 / (1 + slip / pace / 0.2),
+            "energy": 1 / (1 + power / (weight * pace) / 4.0),
+            "effort": 1 / (1 + square / (weight * HALF_EFFORT) ** 2),
+            "smoothness": 1 / (1 + ((action - last) / HALF_CHANGE) ** 2),
+            "posture": 1 / (1 + (info["pitch"] / 0.4) ** 2),
+        }  # fmt: skip
+        x, last = info["x_position"], action
 
-    def tracking(x, before):
-        state = np.array([x, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-        row["x_before"] = before
-        compute_reward(state, 0.0, 0.0, True, env.dt, weights, row)
-        return row["reward"]["tracking"]
 
-    step, x, total = 0.1 * env.control_dt, 0.0, 0.0
+@pytest.mark.parametrize("commands", [(0.3,), (-0.1,), (0.0,), (0.5, -0.2, 0.0, 0.05)])
+def test_the_reward_is_what_is_documented(commands):
+    """Target, means and factors, recomputed; each factor is within 0 and 1, their product paid."""
+    env, rng = JansenWalkerEnv(), np.random.default_rng(2)
+    env.reset(seed=2, options={"speed_command": commands[0]})
+    infos, actions, rewards = [], [], []
     for k in range(200):
-        before, x = x, step * (k % 20)
-        total += tracking(x, before)
-    # The first run is onto new ground and is paid in full.
-    assert total < 200 * tracking_score(0.0, 0.1) + 20
-    assert tracking(20 * step, 19 * step) > 0.99
+        command = commands[k * len(commands) // 200]
+        env.set_parameters(command=command)
+        actions.append(float(np.float32(np.clip(0.1 + 0.3 * rng.normal(), -1.0, 1.0))))
+        _, reward, *_, info = env.step(np.array([actions[-1]], np.float32))
+        rewards.append(reward)
+        infos.append({**info, "command": command})
+    expected = plain_factors(env, infos, actions)
+    for info, reward, (lag, factors) in zip(infos, rewards, expected, strict=True):
+        assert info["lag"] == pytest.approx(lag, abs=1e-12)
+        for name, value in factors.items():
+            assert info[f"reward/{name}"] == pytest.approx(value, abs=1e-9), name
+            assert 0.0 <= value <= 1.0 and (value > 0.0 or name == "progress")
+        assert set(factors) == set(FACTORS)
+        assert reward == pytest.approx(math.prod(factors.values()), abs=1e-9)
 
 
-def test_reward_is_the_sum_of_its_terms(env):
-    """And each weight scales its own term."""
+@pytest.mark.parametrize("command", [0.05, 0.1, 0.2, 0.4, 0.8, -0.05, -0.3, 0.01, 2.0])
+def test_standing_still_earns_next_to_nothing(command):
+    """At most 1 % of what could be had in 10 s; at the command 0 nearly all of it."""
+    env = JansenWalkerEnv(reset_noise_scale=0.0)
+    returns = []
+    for asked in (command, 0.0):
+        env.reset(seed=0, options={"speed_command": asked})
+        returns.append(sum(env.step(np.zeros(1, np.float32))[1] for _ in range(500)))
+    assert returns[0] < 5.0 and returns[1] > 450.0
+
+
+def test_moving_to_and_fro_earns_next_to_nothing():
+    """The crank swings by 0.4 rad at 1 Hz: less than 5 % of what could be had, slow or fast."""
+    env = JansenWalkerEnv()
+    for command in (0.05, 0.3):
+        env.reset(seed=0, options={"speed_command": command})
+        total = 0.0
+        for k in range(500):
+            wanted = 2.5 * math.cos(2.0 * math.pi * k / 50)
+            torque = 10.0 * (wanted - env.plant.state[7])
+            total += env.step(np.array([np.clip(torque / 20.0, -1, 1)]))[1]
+        assert total < 25.0, command
+
+
+def test_the_target_waits():
+    """However long the robot stands, or if it runs ahead, the target is 0.5 m away at most."""
+    env = JansenWalkerEnv()
+    for command, torque, end in ((0.8, 0.0, 0.5), (-0.8, 0.0, -0.5), (0.05, 10.0, -0.5)):
+        env.reset(seed=0, options={"speed_command": command, "crank_angle": 1.0})
+        for _ in range(150):
+            *_, info = env.step(np.array([torque / 20.0]))
+        assert info["lag"] == end and info["reward/tracking"] < 0.4
+
+
+def test_weights_are_exponents():
+    """Of the five factors that have one; 0 leaves a factor out."""
+    names = ("slip", "energy", "effort", "smoothness", "posture")
+    infos = []
+    for weight in (1.0, 2.0, 0.0):
+        env = JansenWalkerEnv(**{f"{name}_weight": weight for name in names})
+        env.reset(seed=0)
+        for action in (0.5, 0.2, 0.6):
+            *_, info = env.step(np.array([action], np.float32))
+        infos.append(info)
+    for name in names:
+        one, two, none = (info[f"reward/{name}"] for info in infos)
+        assert 0.0 < one < 1.0 and two == pytest.approx(one**2) and none == 1.0
+
+
+def test_a_mirrored_command_earns_the_same():
+    """The paper's machine is its own mirror image: so are its rewards."""
+    runs = []
+    for sign in (1.0, -1.0):
+        env, rng = JansenWalkerEnv(reset_noise_scale=0.0), np.random.default_rng(1)
+        angle = 0.7 if sign > 0 else math.pi - 0.7
+        env.reset(seed=0, options={"speed_command": 0.3 * sign, "crank_angle": angle})
+        steps = [env.step(np.array([sign * a])) for a in rng.uniform(0.0, 0.6, 40)]
+        runs.append([(reward, sign * info["lag"]) for _, reward, _, _, info in steps])
+    assert np.array(runs[0]) == pytest.approx(np.array(runs[1]), abs=1e-6)
+
+
+def test_commands_change_within_an_episode():
+    """Every 0.1 s by the interval, drawn from the range; by hand from the next step on."""
+    env = JansenWalkerEnv(speed_command=(-0.2, 0.3), command_interval=0.1)
+    observation, info = env.reset(seed=4)
+    seen = [info["speed_command"]]
+    for _ in range(50):
+        observation, *_, info = env.step(np.zeros(1, np.float32))
+        seen.append(info["speed_command"])
+        assert observation[9] == np.float32(seen[-1])
+    changes = np.flatnonzero(np.diff(seen)) + 1
+    assert changes.tolist() == list(range(5, 51, 5))
+    assert min(seen) >= -0.2 and max(seen) <= 0.3 and min(seen) < 0.0 < max(seen)
+    env = JansenWalkerEnv(speed_command=0.3)
     env.reset(seed=0)
-    _, reward, *_, info = env.step(np.array([0.5], np.float32))
-    terms = {k: v for k, v in info.items() if k.startswith("reward/")}
-    assert set(terms) == {f"reward/{n}" for n in ("tracking", "slip", "energy", "posture", "fall")}
-    assert reward == pytest.approx(sum(terms.values()), abs=1e-12)
-    doubled = JansenWalkerEnv(tracking_weight=2.0, slip_weight=0.0, energy_weight=0.2)
-    doubled.reset(seed=0)
-    *_, other = doubled.step(np.array([0.5], np.float32))
-    assert other["reward/tracking"] == pytest.approx(2.0 * terms["reward/tracking"])
-    assert other["reward/slip"] == 0.0
-    assert other["reward/energy"] == pytest.approx(2.0 * terms["reward/energy"])
+    env.set_parameters(command=-0.1)
+    observation, *_, info = env.step(np.zeros(1, np.float32))
+    assert info["speed_command"] == -0.1 and observation[9] == np.float32(-0.1)
+    assert info["lag"] == pytest.approx(-0.1 * env.dt - info["x_position"], abs=1e-12)
+    assert env.reset(seed=1)[1]["speed_command"] == 0.3
+    with pytest.raises(ValueError, match="command is 3"):
+        env.set_parameters(command=3.0)
 
 
 def test_energy_balances_in_every_step():
@@ -201,37 +302,66 @@ def test_energy_balances_in_every_step():
     assert residual < 1e-3 * work
 
 
-def test_positive_torque_walks_forward():
-    """And negative torque backward: the machine is its own mirror image."""
-    ends = []
+@pytest.mark.parametrize("robot", ["paper", "holy"])
+def test_positive_actions_walk_forward(robot):
+    """And negative ones backward, whichever way the crank has to turn; information is physical."""
+    ends, turns = [], math.copysign(1.0, advance_per_turn(jansen_env.ROBOTS[robot]()))
     for sign in (1.0, -1.0):
-        env = JansenWalkerEnv(reset_noise_scale=0.0)
-        env.reset(seed=0, options={"crank_angle": 0.3 if sign > 0 else math.pi - 0.3})
+        env = JansenWalkerEnv(robot=robot, reset_noise_scale=0.0)
+        observation, _ = env.reset(
+            seed=0, options={"crank_angle": 0.3 if sign > 0 else math.pi - 0.3}
+        )
         for _ in range(300):
-            speed = env.plant.state[7]
-            torque = 10.0 * (sign - speed) + 1.5 * sign
-            *_, info = env.step(np.array([np.clip(torque / 20.0, -1, 1)]))
+            torque = 10.0 * (sign - observation[2]) + 1.5 * sign
+            action = np.clip(torque / 20.0, -1, 1)
+            observation, *_, info = env.step(np.array([action]))
         ends.append(info["x_position"])
+        assert info["crank_torque"] == turns * 20.0 * action
+        assert observation[2] == pytest.approx(turns * info["crank_speed"], rel=1e-6)
+        angle = math.atan2(observation[1], observation[0])
+        assert math.cos(angle - turns * info["crank_angle"]) == pytest.approx(1.0)
     assert ends[0] > 0.2 and ends[1] < -0.2
     assert ends[0] == pytest.approx(-ends[1], rel=0.1)  # chaos in detail, not in the mean
 
 
-def test_falls_end_the_episode_once():
-    """Full reverse torque throws the robot over: terminated, one fall penalty; off on request."""
+def test_falls_end_the_episode():
+    """Full torque throws the robot over: terminated; off on request."""
     for ends in (True, False):
         env = JansenWalkerEnv(terminate_when_fallen=ends, torque_limit=60.0)
         env.reset(seed=0, options={"crank_angle": 1.0})
-        penalties, flags = 0.0, []
+        flags = []
         for _ in range(150):
             _, _, terminated, _, info = env.step(np.array([1.0], np.float32))
-            penalties += info["reward/fall"]
             flags.append(info["fallen"])
             if terminated:
                 break
-        assert any(flags)
+        assert any(flags) and flags[-1]
         assert terminated is ends
-        assert penalties == -200.0 and flags[-1]
         assert np.isfinite(env.plant.state).all()
+
+
+def test_what_a_fall_is():
+    """A pitch beyond the limit, a joint on the ground, both, or neither."""
+
+    def over(**arguments):
+        env = JansenWalkerEnv(torque_limit=60.0, **arguments)
+        env.reset(seed=0, options={"crank_angle": 1.0})
+        touched, pitch, steps = False, 0.0, 0
+        for _ in range(150):
+            steps += 1
+            _, _, terminated, _, info = env.step(np.array([1.0], np.float32))
+            touched |= bool(env.task.batch.accumulators["non_toe_impulse"][0] > 0.0)
+            pitch = max(pitch, abs(info["pitch"]))
+            if terminated:
+                break
+        return steps, touched, pitch
+
+    touching = over(fall_pitch=9.0)
+    assert touching[1] and touching[2] < 9.0
+    leaning = over(fall_pitch=0.3, fall_contact=False)
+    assert 0.3 < leaning[2] < 0.8 and leaning[0] <= touching[0]
+    neither = over(fall_pitch=1e3, fall_contact=False)
+    assert neither[0] == 150 and neither[1]
 
 
 def test_bad_actions_are_refused(env):
@@ -267,7 +397,8 @@ def test_a_simulation_that_diverges_ends_the_episode(plant):
         ("restitution", 1.5), ("speed_command", (0.5, 0.1)), ("speed_command", 9.0),
         ("speed_command", (0.1, 0.2, 0.3)), ("torque_limit", 0.0), ("payload", -1.0),
         ("control_dt", 0.0), ("control_dt", 0.0215), ("time_step", -1.0),
-        ("tracking_weight", -1.0), ("fall_weight", math.nan), ("reset_noise_scale", -1.0),
+        ("slip_weight", -1.0), ("effort_weight", math.nan), ("reset_noise_scale", -1.0),
+        ("fall_pitch", 0.0), ("fall_contact", 1), ("command_interval", 0.0),
         ("terminate_when_fallen", "yes"), ("render_mode", "ascii"),
     ],
 )  # fmt: skip
@@ -292,7 +423,7 @@ def test_every_design_walks_without_harm(robot):
     """100 random steps on a slope with a payload; contacts are solved to 1e-9 N s."""
     env = JansenWalkerEnv(robot=robot, terrain="slope:0.05", payload=1.0)
     obs, _ = env.reset(seed=0)
-    assert env.observation_space.shape == obs.shape == (12 + len(env.robot.legs),)
+    assert env.observation_space.shape == obs.shape == (16 + len(env.robot.legs),)
     rng = np.random.default_rng(0)
     for _ in range(100):
         obs, _, terminated, _, _ = env.step(rng.uniform(-1, 1, 1).astype(np.float32))
@@ -327,30 +458,39 @@ def test_human_mode_headless(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_fall_is_a_fall():
-    """Whichever criterion strikes first, the robot hardly ever gets up: under 10 % of 60 falls.
+@pytest.mark.parametrize(
+    ("robot", "terrain", "low", "high"),
+    [("paper", "flat", 0.0, 0.1), ("paper", "rough", 0.0, 0.1), ("holy", "rough", 0.3, 0.7)],
+)
+def test_a_fall_is_a_fall(robot, terrain, low, high):
+    """Whichever criterion strikes first, the paper's robot hardly ever gets up, of 60 falls.
 
     After each fall the crank rests for 2 s and then turns at 3 rad/s for 6 s; it counts as up when
     it spends 1 s within 0.5 rad of level and off its bumpers.
     """
-    env = JansenWalkerEnv(terminate_when_fallen=False)
+    ground = jansen_env.Terrain.rough(np.random.default_rng(0), height=0.03)
+    env = JansenWalkerEnv(
+        robot=robot, terrain=ground if terrain == "rough" else terrain, terminate_when_fallen=False
+    )
     rng = np.random.default_rng(0)
-    falls, recovered = 0, 0
+    falls, recovered, episode = 0, 0, 0
 
-    def hold(crank_speed, noise=0.0):
-        error = crank_speed - env.plant.state[7]
-        share = (10.0 * error + 1.5 * crank_speed) / 20.0 + noise * rng.normal()
+    def hold(seen, crank_speed, noise=0.0):
+        share = (10.0 * (crank_speed - seen[2]) + 1.5 * crank_speed) / 20.0 + noise * rng.normal()
         return env.step(np.array([np.clip(share, -1.0, 1.0)]))
 
-    for episode in range(120):
-        env.reset(seed=episode)
+    while falls < 60:
+        seen, _ = env.reset(seed=episode)
+        episode += 1
+        assert episode < 1000
         crank_speed, fallen, up, steps = rng.choice([2.0, 3.0, 10.0, -2.0, 12.0]), False, 0, 0
         while not fallen and steps < 500:
-            fallen, steps = hold(crank_speed, 0.3)[4]["fallen"], steps + 1
+            seen, _, _, _, info = hold(seen, crank_speed, 0.3)
+            fallen, steps = info["fallen"], steps + 1
         if not fallen:
             continue
         for step in range(400):
-            hold(0.0 if step < 100 else 3.0)
+            seen = hold(seen, 0.0 if step < 100 else 3.0)[0]
             level = (
                 abs(env.plant.state[2]) < 0.5
                 and not env.task.batch.accumulators["non_toe_impulse"][0] > 0.0
@@ -360,8 +500,8 @@ def test_a_fall_is_a_fall():
                 recovered += 1
                 break
         falls += 1
-    assert falls >= 60
-    assert recovered < 0.1 * falls
+    print(f"{robot} on {terrain}: {recovered} of {falls} got up")
+    assert low * falls <= recovered <= high * falls
 
 
 @pytest.mark.parametrize("env_id", ["JansenWalker-v0", "JansenCrank-v0"])

@@ -71,7 +71,7 @@ def compare(ours, theirs, steps, seed=7, scale=1.0):
 @pytest.mark.parametrize("terrain", ["flat", "slope:-0.3", ROUGH])
 def test_each_does_what_it_does_alone(terrain, mode):
     """Observations, rewards, ends and information, through falls and time limits, bit for bit."""
-    arguments = {"terrain": terrain, "fall_weight": 3.0}
+    arguments = {"terrain": terrain, "slip_weight": 3.0, "command_interval": 0.1}
     ends = compare(
         together(5, mode, limit=40, **arguments), side_by_side(5, mode, limit=40, **arguments), 130
     )
@@ -94,8 +94,20 @@ def test_threads_do_not_change_a_bit():
 def test_each_has_its_own_ground_load_and_command():
     """Friction, restitution, payload, command and terrain differ; still bit for bit."""
     each = [
-        {"friction": 0.2, "restitution": 0.0, "payload": 0.0, "speed_command": 0.1},
-        {"friction": 0.8, "restitution": 0.4, "payload": 3.0, "speed_command": (0.2, 0.3)},
+        {
+            "friction": 0.2,
+            "restitution": 0.0,
+            "payload": 0.0,
+            "speed_command": 0.1,
+            "command_interval": 0.4,
+        },
+        {
+            "friction": 0.8,
+            "restitution": 0.4,
+            "payload": 3.0,
+            "speed_command": (-0.2, 0.3),
+            "command_interval": 0.1,
+        },
         {"friction": 1.0, "restitution": 0.1, "payload": Payload(1.0, 0.1, (0.2, 0.1))},
     ]
     for own, terrain in zip(each, ("flat", ROUGH, "slope:0.1"), strict=True):
@@ -107,7 +119,8 @@ def test_each_has_its_own_ground_load_and_command():
         friction=np.array([own["friction"] for own in each]),
         restitution=[own["restitution"] for own in each],
         payload=[own["payload"] for own in each],
-        speed_command=np.array([[0.1, 0.1], [0.2, 0.3], [0.05, 0.8]]),
+        speed_command=np.array([[0.1, 0.1], [-0.2, 0.3], [0.05, 0.8]]),
+        command_interval=[0.4, 0.1, None],
     )
     compare(ours, side_by_side(3, limit=50, each=each), 120)
 
@@ -287,7 +300,7 @@ def test_bad_arguments(arguments, named):
 
 
 @pytest.mark.parametrize(
-    "arguments", [{"num_envs": 0}, {"friction": -1.0}, {"control_dt": 0.0205}, {"fall_weight": -1}]
+    "arguments", [{"num_envs": 0}, {"friction": -1.0}, {"control_dt": 0.0205}, {"slip_weight": -1}]
 )
 def test_what_was_refused_is_gone_quietly(arguments, monkeypatch, capsys):
     """However far its making got, it can be closed, as some Gymnasium do when it is deleted."""
@@ -394,7 +407,11 @@ def test_bad_changes_and_states_change_nothing():
         env.set_parameters(0, friction=0.3, restitution=5.0)
     assert env.get_attr("friction") == (0.5, 0.5)
     state = env.get_state(1)
-    for name, bad in (("command", 1e9), ("action", np.nan), ("steps", -3), ("farthest", np.inf)):
+    wrong = {
+        "command": 1e9, "action": np.nan, "steps": -3, "lag": np.inf, "rms_torque": np.nan,
+        "command_seed": -1,
+    }  # fmt: skip
+    for name, bad in wrong.items():
         with pytest.raises(ValueError, match=name):
             env.set_state(1, {**state, name: bad, "plant": np.zeros(8)})
         assert np.array_equal(env.get_state(1)["plant"], state["plant"])

@@ -8,6 +8,10 @@ and of bodies 3 to 8 hold twenty equations for the twenty multipliers of a leg,
 
 and what those four rows still miss is what the leg gets from the rest of the machine: the chassis
 holds its frame, the shaft turns its crank. Works for any number of instants at once.
+
+Dry bearings are torques between two bodies each, tau_i while the bearing turns. At a standstill
+they are less; then the crank's dry friction torque is shared out to bearings and gear in proportion
+to tau_i |a_j' - a_i'|, and the gear's to 1, which is what each can hold.
 """
 
 from __future__ import annotations
@@ -33,7 +37,7 @@ from jansen_env.dynamics.projection import (
 )
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.kinematics import JOINTS, world_joints
-from jansen_env.robot import BODIES_PER_LEG, Robot
+from jansen_env.robot import BEARINGS, BODIES_PER_LEG, Robot
 
 Array = NDArray[np.float64]
 
@@ -83,12 +87,15 @@ class JointForces:
         pin: (..., legs, 10, 2) force in each of :data:`PINS`.
         frame: (..., legs, 3) force x, y and moment about the crank axis with which the chassis
             holds the leg's frame; with a fixed base it passes on to the support.
-        shaft: (..., legs) torque with which the shaft turns the leg's crank. The motor's torque is
-            their sum, and acts on the chassis the other way round.
+        shaft: (..., legs) torque with which the shaft turns the leg's crank.
+        gear: (...) what the motor's torque loses on its way to the shaft: to the rotor's inertia
+            and to the friction of the gear. rotor: (...) torque that spins the rotor up,
+            J phi_ddot; with it and the shafts' torque, the chassis is turned the other way round.
         toe: (..., legs, 2) contact force on each toe.
         body: (..., legs, 8, 3) moment (about its centre of mass) and force x, y with which all
             constraints together act on each body, M x_ddot - h of (4); weight, contacts, joint
-            friction and the motor (on the first leg) are forces applied, not constraint forces.
+            friction and the motor (on the first leg, with its rotor) are forces applied, not
+            constraint forces.
         joints: (..., legs, 8, 2) joint positions, m. centres: (..., legs, 8, 2) centres of mass, m.
         q_ddot: (..., 4) accelerations of (x, y, theta, psi).
     """
@@ -97,6 +104,8 @@ class JointForces:
     pin: Array
     frame: Array
     shaft: Array
+    gear: Array
+    rotor: Array
     toe: Array
     body: Array
     joints: Array
@@ -124,7 +133,7 @@ class JointForces:
     @property
     def torque(self) -> Array:
         """(...) the motor's torque, N m."""
-        return np.asarray(self.shaft.sum(axis=-1))
+        return np.asarray(self.shaft.sum(axis=-1) + self.gear)
 
     def at(self, index: int) -> JointForces:
         """Those of one instant, counted along the first axis; there must be several."""
@@ -174,6 +183,7 @@ def joint_forces(
     *,
     fixed_base: bool = False,
     q_ddot: Array | None = None,
+    dry: Array | float | None = None,
     gravity: Gravity = GRAVITY,
 ) -> JointForces:
     """Forces in all joints from a state, the crank's torque and the forces on the toes.
@@ -188,6 +198,8 @@ def joint_forces(
             if it is given, must be 0).
         q_ddot: (..., 4) accelerations, where they are known (prescribed, or measured) and not to be
             worked out from the torque.
+        dry: (...) or a number, what the dry friction of all bearings and of the gear comes to on
+            the crank, N m; None for as much as there is at the crank's speed, none at a standstill.
         gravity: m/s^2, downwards, or a vector (x, y).
 
     Raises:
@@ -200,6 +212,8 @@ def joint_forces(
         raise ValueError(f"q is {q}, q_dot is {q_dot}, must be finite numbers")
     if np.ndim(torque) > 0 and np.shape(torque) != q.shape[:-1]:
         raise ValueError(f"torque has shape {np.shape(torque)}, must be {q.shape[:-1]}")
+    if dry is not None and np.ndim(dry) > 0 and np.shape(dry) != q.shape[:-1]:
+        raise ValueError(f"dry has shape {np.shape(dry)}, must be {q.shape[:-1]}")
     if q_ddot is not None and np.shape(q_ddot) != q.shape:
         raise ValueError(f"q_ddot has shape {np.shape(q_ddot)}, must be {q.shape} as q")
     for name, rate in (("q_dot", q_dot), ("q_ddot", q_ddot)):
@@ -212,10 +226,16 @@ def joint_forces(
     D_q = D @ T  # x_ddot = D_q q_ddot + bias
     M = masses(robot)
     h = forces(robot, x_dot, 0.0, gravity)  # the motor comes in through the shaft, below
+    bearings, gear = _dry_friction(robot, D_q, q_dot[..., 3], dry)
+    h += bearings
+    gear = gear - robot.motor.viscous_friction * q_dot[..., 3]
     f, toe = _contact_forces(robot, X, joints, contact)
     if q_ddot is None:
-        q_ddot = _acceleration(robot, q, q_dot, D_q, bias, M, h + f, torque, fixed_base, gravity)
+        on_crank = torque + gear
+        q_ddot = _acceleration(robot, q, q_dot, D_q, bias, M, h + f, on_crank, fixed_base, gravity)
     q_ddot = np.asarray(q_ddot, dtype=float)
+    ratio = robot.motor.gear_ratio
+    rotor = robot.motor.rotor_inertia * (q_ddot[..., 2] + ratio * q_ddot[..., 3])
     missing = M * (times(D_q, q_ddot[..., None, :]) + bias) - h - f
     C_T = np.swapaxes(constraint_matrix(robot, leg_sides(robot), X), -1, -2)
     multipliers = np.linalg.solve(C_T[..., DOF:, :], missing[..., DOF:, None])
@@ -226,13 +246,15 @@ def joint_forces(
     moment = rest[..., 0] + arm[..., 0] * rest[..., 2] - arm[..., 1] * rest[..., 1]
     body = missing.copy()
     motor = rest[..., 3].sum(axis=-1)
-    body[..., 0, 0] += motor  # the paper's h has -tau on the first frame, +tau on its crank
+    body[..., 0, 0] += motor + rotor  # the paper's h: -tau on the first frame, +tau on its crank
     body[..., 0, 3] -= motor
     return JointForces(
         robot=robot,
         pin=np.asarray(multipliers[..., 0], np.float64).reshape(*X.shape[:-1], len(PINS), 2),
         frame=np.stack([rest[..., 1], rest[..., 2], moment], axis=-1),
         shaft=rest[..., 3],
+        gear=ratio * rotor - gear,
+        rotor=rotor,
         toe=toe,
         body=body.reshape(*X.shape[:-1], BODIES_PER_LEG, 3),
         joints=joints,
@@ -270,6 +292,28 @@ def _contact_forces(
     return f, toe
 
 
+def _dry_friction(
+    robot: Robot, D_q: Array, speed: Array, dry: Array | float | None
+) -> tuple[Array, Array]:
+    """Dry bearings in the legs' coordinates (..., legs, 24), and the gear's share (...), N m.
+
+    ``D_q`` (..., legs, 24, 4), ``speed`` (...) of the crank.
+    """
+    h, most = np.zeros(D_q.shape[:-1]), np.full(speed.shape, robot.motor.friction)
+    turning = [D_q[..., 3 * (j - 1), 3] - D_q[..., 3 * (i - 1), 3] for i, j in BEARINGS]
+    for rate, size in zip(turning, robot.bearing_friction, strict=True):
+        most = most + size * np.abs(rate).sum(axis=-1)
+    if dry is None:
+        share = -np.sign(speed)
+    else:
+        share = np.divide(dry, most, out=np.zeros(speed.shape), where=most > 0.0)
+    for (i, j), rate, size in zip(BEARINGS, turning, robot.bearing_friction, strict=True):
+        moment = share[..., None] * size * np.sign(rate)
+        h[..., 3 * (j - 1)] += moment
+        h[..., 3 * (i - 1)] -= moment
+    return h, share * robot.motor.friction
+
+
 def _acceleration(
     robot: Robot, q: Array, q_dot: Array, D: Array, bias: Array, M: Array, h: Array,
     torque: Array | float, fixed_base: bool, gravity: Gravity,
@@ -292,6 +336,10 @@ def _acceleration(
         h_load[..., 1:] += load.mass * np.array(gravity_vector(gravity))
         mass += np.einsum("...ij,i,...ik->...jk", J, M_load, J)
         force += np.einsum("...ij,...i->...j", J, h_load)
+    motor = robot.motor
+    if motor.rotor_inertia > 0.0:
+        spin = np.array([1.0, motor.gear_ratio])
+        mass[..., 2:, 2:] += motor.rotor_inertia * np.outer(spin, spin)
     if fixed_base:
         q_ddot = np.zeros(q.shape)
         q_ddot[..., 3] = force[..., 3] / mass[..., 3, 3]

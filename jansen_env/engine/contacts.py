@@ -59,6 +59,7 @@ def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
         distance = plane.normal_x * (x + ox) + plane.normal_y * (y + oy)
         distance = distance - plane.offset - params.pad_radius
         work.bound[k - first] = travel + distance
+        mode, plane.mode = plane.mode, STICK  # the guess for a contact that closes
         if distance > reach:
             continue
         read_pad_motion(model.pads, pad.table, row, t, place)
@@ -69,7 +70,7 @@ def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
         if distance - half > 0.0:
             impact = True
         contacts.problem.mu[count] = params.friction
-        contacts.problem.mode[count] = plane.mode
+        contacts.problem.mode[count] = mode
         contacts.plane[count], contacts.gap[count] = k, distance
         count += 1
     return count, impact

@@ -28,7 +28,7 @@ from jansen_env.engine.compliance import (
     attach_bristles,
     keep_bristles,
 )
-from jansen_env.engine.contact_solver import OPEN, STICK, index_size, spare_space
+from jansen_env.engine.contact_solver import OPEN, index_size, spare_space
 from jansen_env.engine.contacts import (
     TRAVEL,
     assemble,
@@ -211,7 +211,7 @@ def _advance_robot(h, asked, state, robot, model, planes, statistics, work, trac
             h, torque, now, done == 0, state, robot, model, planes, statistics, work
         )
         if len(trace) > 0:
-            trace[k, TORQUE], trace[k, DRY_TORQUE] = used, dry
+            trace[k, TORQUE], trace[k, DRY_TORQUE] = used, dry / h
             _trace(trace[k], state, robot.params.pad_radius, count, planes, work.contacts)
         done += 1
         status.step += 1
@@ -236,7 +236,7 @@ def _time_step(h, asked, torque, renewed, state, robot, model, planes, statistic
     ``renewed``: whether its planes were just found.
 
     Returns:
-        (pads that touched, torque of the motor, torque of the crank's Coulomb friction, N m)
+        (pads that touched, torque of the motor, N m, impulse of the crank's dry friction, N m s)
     """
     params, contacts = robot.params, work.contacts
     velocity = Velocity(state[4], state[5], state[6], state[7])
@@ -266,8 +266,6 @@ def _time_step(h, asked, torque, renewed, state, robot, model, planes, statistic
     state[0], state[1] = x + 0.5 * h * after.x, y + 0.5 * h * after.y
     state[2], state[3] = theta + 0.5 * h * after.pitch, psi + 0.5 * h * after.crank
     state[4], state[5], state[6], state[7] = after
-    for k in range(robot.status.first_plane, robot.status.end_plane):
-        planes[k].mode = STICK  # the guess for a contact that closes
     if params.compliant:
         accumulate_compliant(
             h, renewed, count, velocity, after, params, contacts, planes, robot, statistics
@@ -278,7 +276,7 @@ def _time_step(h, asked, torque, renewed, state, robot, model, planes, statistic
         moved_x, moved_y = correct_penetration(h, count, state, after, contacts)
         lifted = params.gravity_x * moved_x + params.gravity_y * moved_y
         total.impact_loss += params.mass * lifted
-    return count, torque, dry / h
+    return count, torque, dry
 
 
 @stage

@@ -1,4 +1,8 @@
-"""The walking task of n robots: actions, observations, rewards and information."""
+"""The walking task of n robots: rewards, observations and information.
+
+The reward is a product of factors, each 1 where a step is as asked for, so that none can be bought
+with another. What they mean is documented in :class:`jansen_env.envs.walker.JansenWalkerEnv`.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +13,43 @@ from jansen_env.engine.jit import compiled
 from jansen_env.engine.records import row_dtype
 
 FALLEN_PITCH = 1.2  # rad
-TRACKING_WIDTH = 0.75  # of the command: speed error at which tracking has fallen to 1/e ...
-WIDEST_TRACKING = 0.25  # m/s ... but no wider than this
-NARROWEST_TRACKING = 0.002  # m/s ... nor narrower, so that a command of 0 can be tracked
 
-# The reward's terms, and likewise their weights.
-REWARD = row_dtype([(name, float) for name in ("tracking", "slip", "energy", "posture", "fall")])
+FURTHEST_TARGET = 0.5  # m, the target waits when it is so far away
+LONGEST_MEAN = 3.4  # s, over which means are taken at most ...
+SHORTEST_MEAN = 0.2  # s, ... and at least
+FLOOR = 0.3  # of tracking: who has lost the target shall still learn what walking pays
+CATCHING_UP = 2.0  # times the command: up to this mean speed progress is not less
+STANDING = 0.05  # m/s: mean speed at which progress is 0 when the command is to stand
+SLOWEST = 0.1  # m/s: slip and power are rated by the commanded speed, but by no slower one
+
+# Where each factor has fallen to a half.
+HALF_LAG = 0.2  # m, of tracking without its floor
+HALF_SLIP = 0.2  # m slid by all toes per metre
+HALF_ENERGY = 4.0  # cost of transport: motor power / (weight * speed)
+HALF_EFFORT = 0.3  # m, RMS torque / weight
+HALF_CHANGE = 0.8  # change of the action
+HALF_PITCH = 0.4  # rad
+
+# The reward's factors; all but the first two have an exponent, their weight.
+REWARD = row_dtype(
+    [
+        (name, float)
+        for name in ("tracking", "progress", "slip", "energy", "effort", "smoothness", "posture")
+    ]
+)
+# What is asked for: the weights, and what a fall is.
+SETTINGS = row_dtype(
+    [
+        ("period", float),  # s, of an action
+        ("slip", float),
+        ("energy", float),
+        ("effort", float),
+        ("smoothness", float),
+        ("posture", float),
+        ("fall_pitch", float),  # rad
+        ("fall_contact", bool),  # whether a joint on the ground is a fall
+    ]
+)
 # What the environment's information has of a robot, but for arrays; its units are listed there.
 INFORMATION = row_dtype(
     [
@@ -25,6 +60,11 @@ INFORMATION = row_dtype(
         ("crank_speed", float),
         ("crank_torque", float),
         ("speed_command", float),
+        ("lag", float),
+        ("mean_speed", float),
+        ("mean_slip", float),
+        ("mean_power", float),
+        ("rms_torque", float),
         ("fallen", bool),
         ("joint_gap", float),
         ("diverged", bool),
@@ -33,6 +73,7 @@ INFORMATION = row_dtype(
 ENERGIES = row_dtype(
     [
         ("motor_work", float),
+        ("electrical_work", float),
         ("joint_loss", float),
         ("slip_loss", float),
         ("impact_loss", float),
@@ -40,14 +81,16 @@ ENERGIES = row_dtype(
         ("residual", float),
     ]
 )
-# A robot's row: what is kept of its episode, and what its last step was. The last action; the
-# farthest point reached in the commanded direction, m; where the step began, m; its weight, N.
+# A robot's row: what is kept of its episode, and what its last step was.
 ROW = row_dtype(
     [
-        ("action", float),
-        ("farthest", float),
-        ("x_before", float),
-        ("weight", float),
+        ("action", float),  # the last one
+        ("action_before", float),
+        ("x_before", float),  # m, where the step began
+        ("next_command", float),  # m/s, from the next step on
+        ("weight", float),  # N
+        ("direction", float),  # 1 or -1: which way the crank turns to walk towards +x
+        ("mean_path", float),  # m, over which means are taken
         ("info", INFORMATION),
         ("energy", ENERGIES),
         ("reward", REWARD),
@@ -57,80 +100,107 @@ ROW = row_dtype(
 
 @compiled
 def finish_step(
-    states, slip, force, robots, period, weights, rows, loads, reward, surface, bounds,
-    ground, out,
-):  # fmt: skip
-    """Reward the step of ``period`` seconds that led to ``states`` (n, 8), and :func:`describe` it.
+    states, slip, force, robots, settings, rows, loads, reward, surface, bounds, ground, out
+):
+    """Reward the step that led to ``states`` (n, 8), and :func:`describe` it.
 
     Args:
         slip: (n, toes) m. force: (n, toes, 2) N. robots: (n,) ROBOT of the plant.
-        weights: (1,) of :data:`REWARD`. rows: (n,) of :data:`ROW`.
+        settings: (1,) of :data:`SETTINGS`. rows: (n,) of :data:`ROW`.
         loads: (n, toes) normal forces / weight. reward: (n,).
         surface, bounds, ground, out: see :func:`describe`.
     """
     for r in range(len(states)):
-        row, total = rows[r], robots[r].accumulators
+        row, total, state = rows[r], robots[r].accumulators, states[r]
+        row.info.crank_torque += total.torque_impulse / settings[0].period
         slipped = 0.0
         for j in range(slip.shape[1]):
             slipped += slip[r, j]
             loads[r, j] = force[r, j, 1] / row.weight
-        toes_only = total.non_toe_impulse <= 0.0
-        compute_reward(states[r], total.motor_work, slipped, toes_only, period, weights[0], row)
+        follow(state[0], settings[0].period, row)
+        average(total.motor_work, slipped, settings[0].period, row)
+        falls = settings[0].fall_contact and total.non_toe_impulse > 0.0
+        falls = falls or abs(state[2]) > settings[0].fall_pitch
+        row.info.fallen = row.info.fallen or falls
+        rate(state[2], settings[0], row)
         term = row.reward
-        reward[r] = term.tracking + term.slip + term.energy + term.posture + term.fall
+        reward[r] = term.tracking * term.progress * term.slip * term.energy
+        reward[r] *= term.effort * term.smoothness * term.posture
+        row.info.speed_command = row.next_command
     describe(states, robots, rows, loads, surface, bounds, ground, out)
 
 
 @compiled
-def compute_reward(state, work, slipped, toes_only, period, weight, row):
-    """The reward's terms of a robot, into its row.
+def follow(x, period, row):
+    """How far a robot, now at x (m), is behind its target; ``period``: s, of the step."""
+    info = row.info
+    info.x_velocity = (x - row.x_before) / period
+    lag = info.lag + (info.speed_command - info.x_velocity) * period
+    info.lag = min(FURTHEST_TARGET, max(-FURTHEST_TARGET, lag))
+
+
+@compiled
+def average(work, slipped, period, row):
+    """Exponential means over what takes one step of a foot at the commanded speed, 0 at first.
 
     Args:
-        state: (8,). work: of the motor, J. slipped: by all toes, m. toes_only: whether nothing else
-            touched the ground. weight: of :data:`REWARD`.
+        work: of the motor, J. slipped: by all toes, m. period: s.
     """
+    info = row.info
+    share = -math.expm1(-period / mean_time(info.speed_command, row.mean_path))
+    info.mean_speed += share * (info.x_velocity - info.mean_speed)
+    info.mean_slip += share * (slipped / period - info.mean_slip)
+    info.mean_power += share * (abs(work) / period - info.mean_power)
+    square = info.rms_torque**2
+    info.rms_torque = math.sqrt(square + share * (info.crank_torque**2 - square))
+
+
+@compiled
+def mean_time(command, path):
+    """The time constant of means, s: what ``path`` (m) takes at the commanded speed (m/s)."""
+    return min(LONGEST_MEAN, max(SHORTEST_MEAN, path / max(abs(command), 1e-9)))
+
+
+@compiled
+def rate(pitch, settings, row):
+    """The reward's factors of a robot, into its row; pitch: rad, settings: of :data:`SETTINGS`."""
     info, term = row.info, row.reward
-    x, pitch = state[0], state[2]
-    info.x_velocity = (x - row.x_before) / period
-    falls = (not toes_only or abs(pitch) > FALLEN_PITCH) and not info.fallen
-    info.fallen = info.fallen or falls
-    power = abs(work) / period
-    gained = speed_gained(row, x, period)
-    term.tracking = weight.tracking * tracking_score(gained, info.speed_command)
-    term.slip = -weight.slip * (slipped / period)
-    term.energy = -weight.energy * power / row.weight
-    term.posture = -weight.posture * pitch**2
-    term.fall = -weight.fall if falls else 0.0
+    speed = max(abs(info.speed_command), SLOWEST)
+    cost_of_transport = info.mean_power / (row.weight * speed)
+    change = row.action - row.action_before
+    term.tracking = tracking_score(info.lag)
+    term.progress = progress_score(info.mean_speed, info.speed_command)
+    term.slip = factor(info.mean_slip / speed / HALF_SLIP, settings.slip)
+    term.energy = factor(cost_of_transport / HALF_ENERGY, settings.energy)
+    term.effort = factor((info.rms_torque / row.weight / HALF_EFFORT) ** 2, settings.effort)
+    term.smoothness = factor((change / HALF_CHANGE) ** 2, settings.smoothness)
+    term.posture = factor((pitch / HALF_PITCH) ** 2, settings.posture)
 
 
 @compiled
-def speed_gained(row, x, period):
-    """Mean speed onto new ground in the commanded direction; at most 0 on old ground, m/s."""
-    command, speed = row.info.speed_command, row.info.x_velocity
+def tracking_score(lag):
+    """1 on the target, with a slope everywhere; lag: m."""
+    return FLOOR + (1.0 - FLOOR) / (1.0 + (lag / HALF_LAG) ** 2)
+
+
+@compiled
+def progress_score(mean_speed, command):
+    """1 at a mean speed of once to twice the command (m/s), less in proportion on both sides."""
     if command == 0.0:
-        return speed
-    direction = math.copysign(1.0, command)
-    new = direction * x - row.farthest
-    if new <= 0.0:
-        return direction * min(direction * speed, 0.0)
-    row.farthest += new
-    return direction * new / period
+        return max(0.0, 1.0 - abs(mean_speed) / STANDING)
+    ratio = mean_speed / command
+    return min(1.0, max(0.0, ratio)) if ratio < CATCHING_UP else CATCHING_UP / ratio
 
 
 @compiled
-def tracking_score(speed, command):
-    """Share of the tracking reward earned at ``speed`` for ``command`` (m/s), 0 to 1.
-
-    A bell of width min(0.75 |command|, 0.25 m/s): standing still earns exp(-1 / 0.75^2) = 0.17 of
-    it at slow commands and less at fast ones.
-    """
-    width = min(max(TRACKING_WIDTH * abs(command), NARROWEST_TRACKING), WIDEST_TRACKING)
-    return math.exp(-(((speed - command) / width) ** 2))
+def factor(cost, weight):
+    """1 / (1 + cost), to the power of ``weight``."""
+    return (1.0 + cost) ** -weight
 
 
 @compiled
 def describe(states, robots, rows, loads, surface, bounds, ground, out):
-    """Observations (n, 12 + toes) into ``out``, and information into ``rows``.
+    """Observations (n, 16 + toes) into ``out``, and information into ``rows``.
 
     Args:
         states: (n, 8). robots: (n,) ROBOT of the plant. loads: (n, toes).
@@ -147,16 +217,18 @@ def describe(states, robots, rows, loads, surface, bounds, ground, out):
 @compiled
 def observe(state, height, row, loads, out):
     """What a robot observes, see ``JansenWalkerEnv``; height: over the ground, m."""
-    theta, psi, command, toes = state[2], state[3], row.info.speed_command, len(loads)
-    out[0], out[1], out[2] = math.cos(psi), math.sin(psi), state[7]
+    theta, psi, info, toes = state[2], state[3], row.info, len(loads)
+    out[0], out[1] = math.cos(psi), row.direction * math.sin(psi)
+    out[2] = row.direction * state[7]
     out[3], out[4], out[5] = math.sin(theta), math.cos(theta), state[6]
     out[6], out[7] = state[4], state[5]
-    out[8], out[9] = height, command
+    out[8], out[9] = height, info.speed_command
     for j in range(toes):
         out[10 + j] = loads[j]
     out[10 + toes] = row.action
-    direction = math.copysign(1.0, command)
-    out[11 + toes] = max(0.0, row.farthest - direction * state[0])
+    out[11 + toes], out[12 + toes] = info.lag, info.mean_speed
+    out[13 + toes], out[14 + toes] = info.mean_slip, info.mean_power
+    out[15 + toes] = info.rms_torque
 
 
 @compiled
@@ -166,6 +238,7 @@ def inform(state, total, row):
     info.x_position, info.pitch = state[0], state[2]
     info.crank_angle, info.crank_speed = state[3], state[7]
     energy.motor_work, energy.joint_loss = total.motor_work, total.joint_loss
+    energy.electrical_work = total.electrical_work
     energy.slip_loss, energy.impact_loss = total.slip_loss, total.impact_loss
     energy.mechanical_energy_change = total.energy_change
     losses = energy.joint_loss + energy.slip_loss + energy.impact_loss

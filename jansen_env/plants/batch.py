@@ -42,7 +42,9 @@ DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are 
 PITCHES = 256  # at which it is known how deep the pads that are no toes reach
 PLANES_PER_PAD = 4  # kept of a robot, on average over its pads
 PLACEMENT_ROUNDS = 3  # Newton steps of lowering a robot onto the ground
-PLACEMENT_DEPTH = 1e-9  # m, by which it is placed in the ground: its toes carry at once
+# By which a robot is placed in the ground, m: within what is left uncorrected, and so deep that its
+# toes carry at once and stay down; at a nanometre they rattle.
+PLACEMENT_DEPTH = 1e-5
 RESULTS = ("states", "accumulators", "contact_statistics", "slip", "contact_force")
 CHANGING = (*RESULTS, "params", "diverged")
 NOT_THE_ROBOT = (
@@ -261,7 +263,7 @@ class Batch:
         self.diverged[row] = False
 
     def place_first(self, x: float, crank_angle: float, pitch: float | None = None) -> None:
-        """Place the first robot at rest on its lowest toes, 1 nm deep, so that they carry at once.
+        """Place the first robot at rest on its lowest toes, 10 um deep, so that they carry at once.
 
         Args:
             x: crank axis, m. crank_angle: rad.
@@ -294,8 +296,7 @@ class Batch:
             self._scratch[terrain.points] = batch
         batch.robots[0], batch.tables[0] = robot, self.tables[row]
         batch.params[0] = self.params[row]
-        batch.set_state(0, self.states[row])
-        batch.stretch[0] = self.stretch[row]
+        batch.set_state(0, self.states[row], self.stretch[row])
         return batch
 
     def lookahead(self, torque: float = 0.0) -> None:
@@ -306,9 +307,10 @@ class Batch:
         finally:
             self.states[0], self.stretch[0], self.in_contact = state, stretch, in_contact
 
-    def set_state(self, row: int, state: ArrayLike) -> None:
-        """Put a robot into a state (8,), its pads' bristles straight."""
-        self.states[row], self.stretch[row] = state, 0.0
+    def set_state(self, row: int, state: ArrayLike, stretch: Array | None = None) -> None:
+        """Put a robot into a state (8,), its bristles bent by ``stretch`` (pads,), m; None: not."""
+        self.states[row] = state
+        self.stretch[row] = 0.0 if stretch is None else stretch
         if row == 0:
             self.in_contact = None
 

@@ -7,14 +7,17 @@ links of every leg are bodies of their own.
 from __future__ import annotations
 
 import math
+from collections import defaultdict
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 import pymunk
 from numpy.typing import NDArray
 
-from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS, Pads
-from jansen_env.kinematics import JOINTS, coordinates, joint_positions
-from jansen_env.robot import BODIES_PER_LEG, JOINT_PAIRS, Robot
+from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS, Pads, pad_layout
+from jansen_env.kinematics import JOINTS, coordinates, joint_positions, world_joints
+from jansen_env.robot import BEARINGS, BODIES_PER_LEG, JOINT_PAIRS, Robot
 
 Array = NDArray[np.float64]
 
@@ -23,6 +26,7 @@ LINKS = ((3, "A", 2), (4, "B", 3), (4, "P", 1), (5, "P", 1), (6, "C", 5), (6, "A
          (8, "C", 5), (8, "E", 7))  # fmt: skip
 """A leg's pins but the crank's own: (body, joint, other body)."""
 GAP_LEFT = 0.5  # share of a joint's gap left after one second; the rest is pulled together
+TURN = 24  # crank angles at which a robot's lightest spots are looked for
 
 
 def place_of(leg: int, body: int) -> int:
@@ -88,17 +92,67 @@ def rates(robot: Robot, q: Array, v: Array) -> Array:
 
 
 def joint_friction(robot: Robot) -> Array:
-    """(bodies, bodies) K: the viscous joints' torques on the bodies are -K times their spins."""
+    """(bodies, bodies) K: the viscous torques of joints and motor on the bodies are -K times
+    their spins."""
     size = 2 + 6 * len(robot.legs)
+    pairs = [
+        (place_of(leg, i), place_of(leg, j), coefficient)
+        for leg in range(len(robot.legs))
+        for (i, j), coefficient in zip(JOINT_PAIRS, robot.damping, strict=True)
+    ]
     K = np.zeros((size, size))
-    for leg in range(len(robot.legs)):
-        for (i, j), coefficient in zip(JOINT_PAIRS, robot.damping, strict=True):
-            a, b = place_of(leg, i), place_of(leg, j)
-            K[a, a] += coefficient
-            K[b, b] += coefficient
-            K[a, b] -= coefficient
-            K[b, a] -= coefficient
+    for a, b, coefficient in (*pairs, (CHASSIS, SHAFT, robot.motor.viscous_friction)):
+        K[a, a] += coefficient
+        K[b, b] += coefficient
+        K[a, b] -= coefficient
+        K[b, a] -= coefficient
     return K
+
+
+def dry_pairs(robot: Robot) -> dict[tuple[int, int], float]:
+    """Coulomb friction torque between pairs of bodies, N m: bearings and gear, without zeros."""
+    torques: dict[tuple[int, int], float] = defaultdict(float)
+    for leg in range(len(robot.legs)):
+        for (i, j), torque in zip(BEARINGS, robot.bearing_friction, strict=True):
+            torques[place_of(leg, i), place_of(leg, j)] += torque
+    torques[CHASSIS, SHAFT] += robot.motor.friction
+    return {pair: torque for pair, torque in torques.items() if torque > 0.0}
+
+
+def make_dry_joints(robot: Robot, bodies: list[pymunk.Body]) -> list[pymunk.SimpleMotor]:
+    """Joints that hold two bodies' spins together as far as their dry friction reaches."""
+    joints = []
+    for (a, b), torque in dry_pairs(robot).items():
+        joint = pymunk.SimpleMotor(bodies[a], bodies[b], 0.0)
+        joint.max_force = torque
+        joints.append(joint)
+    return joints
+
+
+class TurnMotion(NamedTuple):
+    """A level robot at a crank angle: how its bodies move with each rate of q.
+
+    Attributes:
+        poses: (bodies, 3), see :func:`poses`. rates: (4, bodies, 3) of these per rate of q.
+        mass_matrix: (4, 4). pads: (pads, 2) their centres, m.
+    """
+
+    poses: Array
+    rates: Array
+    mass_matrix: Array
+    pads: Array
+
+
+def turn_motions(robot: Robot) -> Iterator[TurnMotion]:
+    """The robot at :data:`TURN` crank angles."""
+    (mass, inertia), layout = inertias(robot).T, pad_layout(robot)
+    joints = [PAD_JOINTS[k] for k in layout.joint]
+    for psi in 2.0 * math.pi * np.arange(TURN) / TURN:
+        q = np.array([0.0, 0.0, 0.0, psi])
+        moved = np.array([rates(robot, q, unit) for unit in np.eye(4)])
+        matrix = np.einsum("ibk,bk,jbk->ij", moved, np.stack([inertia, mass, mass], 1), moved)
+        pads = world_joints(robot, q)[layout.leg, joints]
+        yield TurnMotion(poses(robot, q), moved, matrix, pads)
 
 
 def put(bodies: list[pymunk.Body], where: Array, speed: Array) -> None:

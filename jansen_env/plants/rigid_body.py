@@ -1,8 +1,10 @@
 """The rigid-body plant: every link a pymunk body, every pin a joint, pymunk's own contact solver.
 
 It shares with the projection plant what the robot is and where its joints lie, and nothing of its
-dynamics: no projection, no tables, no contact law. Motor and viscous joints act as torques on the
-bodies.
+dynamics: no projection, no tables; rigid pads are pymunk's, those that give springs of their own
+(:mod:`jansen_env.plants.spring_pads`), by the same contact law. Motor and viscous joints act as
+torques on the bodies, dry bearings and a dry gear are joints that hold up to their friction torque,
+the rotor is a body behind a stiff gear (:mod:`jansen_env.plants.geared_rotor`).
 
 pymunk solves pins and contacts by iteration in one go and pulls open joints together again: joints
 gap by some hundredths of a millimetre (:attr:`StepResult.joint_gap`) and resting toes creep. It
@@ -13,7 +15,7 @@ landing gets ten times the iterations. It is some hundred times slower than the 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pymunk
@@ -29,12 +31,16 @@ from jansen_env.plants.base import (
     StepResult,
     check_in_contact,
     check_state,
+    check_stretch,
     check_time_step,
     divergence,
     is_bounded,
 )
 from jansen_env.plants.bodies import CHASSIS, SHAFT
+from jansen_env.plants.geared_rotor import GearedRotor
 from jansen_env.plants.initial_pose import prepare_placement, resting_pose
+from jansen_env.plants.snapshot import ANGLE, SPIN, VX, VY, Snapshot, Sums
+from jansen_env.plants.spring_pads import SpringPads
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
@@ -51,7 +57,6 @@ LOOKAHEAD = 0.01  # s, after which pymunk's impulses on a robot placed again hav
 _Body, _Arbiter = pymunk.batch.BodyFields, pymunk.batch.ArbiterFields
 _CONTACT = _Arbiter.BODY_A_ID | _Arbiter.TOTAL_IMPULSE | _Arbiter.NORMAL | _Arbiter.POINT_A_1
 _MOTION = _Body.POSITION | _Body.ANGLE | _Body.VELOCITY | _Body.ANGULAR_VELOCITY
-X, Y, ANGLE, VX, VY, SPIN = range(6)  # columns of a motion
 
 
 class RigidBodyPlant:
@@ -66,7 +71,8 @@ class RigidBodyPlant:
         fixed_base: hold the chassis still in the air, as the paper's fixed model does.
 
     Raises:
-        ValueError: an argument out of range; LinkageError: the robot cannot turn its crank.
+        ValueError: an argument out of range, or a time step too long for the stiffness of the
+            robot's pads; LinkageError: the robot cannot turn its crank.
     """
 
     def __init__(
@@ -91,13 +97,22 @@ class RigidBodyPlant:
         self._home = links.poses(robot, np.zeros(4))
         self._inertias = links.inertias(robot)
         self._friction = links.joint_friction(robot)
+        self._owners = links.pad_bodies(self._layout)
+        self._springs = self._rotor = None
+        if not robot.pad_compliance.rigid:
+            self._springs = SpringPads(robot, terrain, self._owners, self.time_step)
+        if robot.motor.rotor_inertia > 0.0:
+            self._rotor = GearedRotor(robot, self.time_step)
         first, last = terrain.polyline[[0, -1], 0].tolist()
         self._ends = first + BEFORE_END, last - BEFORE_END
         prepare_placement(robot, terrain)
         self._build(np.zeros(8))
 
-    def _build(self, state: Array) -> None:
-        """A new space with the robot in ``state``: nothing is left of what the old one cached."""
+    def _build(self, state: Array, bristle: Array | None = None) -> None:
+        """A new space with the robot in ``state``: nothing is left of what the old one cached.
+
+        ``bristle``: (pads,) m, of pads that give; None for none.
+        """
         space = pymunk.Space()
         space.gravity = self._gravity
         space.collision_slop = SLOP
@@ -110,12 +125,15 @@ class RigidBodyPlant:
         links.put(self._bodies, self._home, np.zeros(self._home.shape))
         self._pins = links.make_pins(self.robot, self._bodies)
         self._pads = links.make_pads(self.robot, self._layout, self._bodies)
-        space.add(*self._bodies, *self._pins, *self._pads)
+        self._dry = links.make_dry_joints(self.robot, self._bodies)
+        space.add(*self._bodies, *self._pins, *self._dry)
+        if self._springs is None:  # they push by themselves
+            space.add(*self._pads)
         rows = self._know_bodies()
-        # A torque for every body of the space, the ground's (last) too: it stays 0.
-        self._torques = np.zeros((rows, 1))
+        # Force and torque for every body of the space, the ground's (last) too: they stay 0.
+        self._loads = np.zeros((rows, 3))
         self._set, self._got, self._touched = (pymunk.batch.Buffer() for _ in range(3))
-        self._set.set_float_buf(self._torques)
+        self._set.set_float_buf(self._loads)
         self._off = np.full(len(self._pads), math.inf)  # s since a pad was last on the ground
         self._pending = np.zeros(len(self._pads))  # m it moved along the ground since then
         self._normals = np.tile([0.0, 1.0], (len(self._pads), 1))
@@ -124,6 +142,11 @@ class RigidBodyPlant:
         links.put(self._bodies, links.poses(self.robot, q), links.rates(self.robot, q, v))
         for body in self._bodies:
             space.reindex_shapes_for_body(body)
+        now = self._snapshot()
+        if self._springs is not None:
+            self._springs.start(now, space, bristle)
+        if self._rotor is not None:
+            self._rotor.start(now.motion)
 
     def _know_bodies(self) -> int:
         """Where bodies, pins' ends and pads stand in pymunk's arrays; how many rows these have."""
@@ -133,7 +156,7 @@ class RigidBodyPlant:
         self._index = {body.id: i for i, body in enumerate(self._bodies)}
         if rows[: len(self._index)] != list(self._index):
             raise RuntimeError("pymunk lists the bodies in another order than they were added in")
-        pads = self._owners = links.pad_bodies(self._layout)
+        pads = self._owners
         ends = [*(pin.a for pin in self._pins), *(pin.b for pin in self._pins)]
         places = [
             *(tuple(pin.anchor_a) for pin in self._pins),
@@ -159,8 +182,8 @@ class RigidBodyPlant:
         """(8,) x, y, theta, psi and their rates; x, y the crank axis on the chassis, m, rad, s.
 
         Setting it closes the joints and forgets what pymunk's solver had cached, so that a state
-        carried to another plant goes on the same there only up to the gaps. Pinned, the chassis'
-        rates must be 0.
+        carried to another plant goes on the same there only up to the gaps; bristles of pads that
+        give are at rest. Pinned, the chassis' rates must be 0.
         """
         chassis, shaft = self._bodies[CHASSIS], self._bodies[SHAFT]
         axis = tuple(-self._home[CHASSIS, 1:])
@@ -213,12 +236,16 @@ class RigidBodyPlant:
         self._build(np.array([x, y, theta, crank_angle, 0.0, 0.0, 0.0, 0.0]))
         return self.state
 
-    def step(self, torque: float, duration: float) -> StepResult:
+    def step(
+        self, torque: float, duration: float, earlier: float = 0.0, switch: int = 0
+    ) -> StepResult:
         """Hold a crank torque for a while.
 
         Args:
-            torque: N m on the crank, counter-clockwise positive (and its reaction on the chassis).
+            torque: N m on the crank, counter-clockwise positive (and its reaction on the chassis),
+                as far as the robot's motor can.
             duration: s, rounded to whole time steps.
+            earlier: N m, held instead in the first ``switch`` time steps: a delay.
 
         Raises:
             FloatingPointError: the simulation diverged: a speed that nothing has, a joint that came
@@ -226,37 +253,19 @@ class RigidBodyPlant:
                 state is as it was before, joints closed.
         """
         steps = max(1, round(positive("duration", duration) / self.time_step))
-        h, book, before = self.time_step, _Book(len(self._pads)), self.state
-        now = self._moment()
-        start = now.energy
-        for _ in range(steps):
-            spin = now.motion[:, SPIN]
-            self._torques[: len(spin), 0] = -self._friction @ spin
-            self._torques[CHASSIS, 0] -= torque
-            self._torques[SHAFT, 0] += torque
-            pymunk.batch.set_space_bodies(self._space, _Body.TORQUE, self._set)
-            landing = self._landing_soon(now)
-            self._space.iterations = self.touchdown_iterations if landing else self.iterations
-            self._space.step(h)
-            after = self._moment()
-            mean = 0.5 * (spin + after.motion[:, SPIN])
-            work = h * torque * float(mean[SHAFT] - mean[CHASSIS])
-            loss = h * float(spin @ self._friction @ mean)
-            slip_loss, landed = self._contacts(after, book)
-            book.motor_work += work
-            book.joint_loss += loss
-            book.slip_loss += slip_loss
-            if landed:
-                book.impact_loss += now.energy + work - loss - slip_loss - after.energy
-            book.joint_gap = max(book.joint_gap, after.joint_gap)
-            now = after
+        h, sums, before = self.time_step, Sums(len(self._pads)), self.state
+        now = self._snapshot()
+        start = now.energy + self._held
+        for k in range(steps):
+            now, used = self._advance(now, earlier if k < switch else torque, sums)
+            sums.torque_impulse += h * (used - torque)
         state = self.state
         error = None
         if not is_bounded(state):
             error = divergence(before, torque)
-        elif not book.joint_gap < MAX_JOINT_GAP:
+        elif not sums.joint_gap < MAX_JOINT_GAP:
             error = FloatingPointError(
-                f"a joint came apart by {book.joint_gap} m under a torque of {torque} N m; "
+                f"a joint came apart by {sums.joint_gap} m under a torque of {torque} N m; "
                 "try a smaller time_step"
             )
         elif not self._ends[0] < self.x < self._ends[1]:
@@ -269,27 +278,107 @@ class RigidBodyPlant:
             raise error
         toes = slice(0, self.toes)
         return StepResult(
-            slip=book.slip[toes], contact_force=book.impulse[toes] / (steps * h),
-            motor_work=book.motor_work, joint_loss=book.joint_loss, slip_loss=book.slip_loss,
-            impact_loss=book.impact_loss, energy_change=now.energy - start,
-            non_toe_contact=bool(book.impulse[self.toes :, 1].any()), residual=math.nan,
-            contact_gain=math.nan, joint_gap=book.joint_gap,
+            slip=sums.slip[toes], contact_force=sums.impulse[toes] / (steps * h),
+            motor_work=sums.motor_work, joint_loss=sums.joint_loss, slip_loss=sums.slip_loss,
+            impact_loss=sums.impact_loss, energy_change=now.energy + self._held - start,
+            non_toe_contact=bool(sums.impulse[self.toes :, 1].any()), residual=math.nan,
+            contact_gain=math.nan, joint_gap=sums.joint_gap, electrical_work=sums.electrical_work,
+            torque=torque + sums.torque_impulse / (steps * h),
         )  # fmt: skip
+
+    def _advance(self, now: Snapshot, asked: float, sums: Sums) -> tuple[Snapshot, float]:
+        """One time step under a torque that is asked for: where it leads, and the motor's."""
+        h, motor, rotor, springs = self.time_step, self.robot.motor, self._rotor, self._springs
+        spin, held = now.motion[:, SPIN], self._held
+        loads = self._loads[: len(spin)]
+        torque = float(motor.torque(asked, spin[SHAFT] - spin[CHASSIS]))
+        loads[:, 2] = -self._friction @ spin
+        loads[CHASSIS, 2] -= torque
+        loads[SHAFT, 2] += torque
+        if rotor is not None:
+            loads[[CHASSIS, SHAFT], 2] += rotor.on_bodies
+        if springs is not None:
+            pushed = springs.loads(now)
+            loads[:, :2] = pushed[:, :2]
+            loads[:, 2] += pushed[:, 2]
+        pymunk.batch.set_space_bodies(self._space, _Body.FORCE | _Body.TORQUE, self._set)
+        landing = springs is None and self._landing_soon(now)
+        self._space.iterations = self.touchdown_iterations if landing else self.iterations
+        self._space.step(h)
+        after = self._snapshot()
+        mean = 0.5 * (spin + after.motion[:, SPIN])
+        turning = float(mean[SHAFT] - mean[CHASSIS])
+        work = h * torque * turning
+        loss = h * float(spin @ self._friction @ mean) + self._dry_loss(mean)
+        if rotor is not None:
+            rotor.step(after.motion)
+            loss += rotor.loss
+        sums.motor_work += work
+        sums.electrical_work += h * float(motor.electrical_power(torque, turning))
+        sums.joint_loss += loss
+        if springs is None:
+            slip_loss, landed = self._contacts(after, sums)
+            sums.slip_loss += slip_loss
+            if landed:
+                left = now.energy + held + work - loss - slip_loss
+                sums.impact_loss += left - (after.energy + self._held)
+        else:
+            touching = springs.touching
+            springs.step(after, self._space, sums)
+            self._off = np.where(touching, 0.0, self._off + h)
+        sums.joint_gap = max(sums.joint_gap, after.joint_gap)
+        return after, torque
+
+    @property
+    def _held(self) -> float:
+        """What rotor and springs hold, J."""
+        rotor = 0.0 if self._rotor is None else self._rotor.energy
+        return rotor + (0.0 if self._springs is None else self._springs.stored)
+
+    def _dry_loss(self, mean: Array) -> float:
+        """What dry friction took in a time step of mean spins (bodies,), J."""
+        loss = 0.0
+        for joint in self._dry:
+            a, b = self._index[joint.a.id], self._index[joint.b.id]
+            loss += joint.impulse * abs(float(mean[b] - mean[a]))
+        return loss
 
     def lookahead(self, torque: float = 0.0) -> StepResult:
         """What the next :data:`LOOKAHEAD` seconds would do; the state stays, joints closed."""
-        state, in_contact = self.state, self.in_contact
+        saved = self._memory
         try:
             return self.step(torque, LOOKAHEAD)
         finally:
-            self._build(state)
-            self.in_contact = in_contact
+            self._memory = saved
+
+    @property
+    def stretch(self) -> Array:
+        """(pads,) how far the bristles of pads that give are bent, m; set it after the state."""
+        return np.zeros(len(self._pads)) if self._springs is None else self._springs.bristle.copy()
+
+    @stretch.setter
+    def stretch(self, value: Any) -> None:
+        bristle = check_stretch(value, len(self._pads))
+        if self._springs is not None:
+            self._memory = self.state, self.in_contact, bristle
+
+    @property
+    def _memory(self) -> tuple[Array, NDArray[np.bool_], Array | None]:
+        """State, pads on the ground and bristles; setting it closes joints and gear."""
+        bristle = None if self._springs is None else self._springs.bristle.copy()
+        return self.state, self.in_contact, bristle
+
+    @_memory.setter
+    def _memory(self, value: tuple[Array, NDArray[np.bool_], Array | None]) -> None:
+        state, in_contact, bristle = value
+        self._build(state, bristle)
+        self.in_contact = in_contact
 
     def energy(self) -> float:
         """Kinetic plus potential energy, J (potential 0 with the centre of mass at the origin)."""
-        return self._moment().energy
+        return self._snapshot().energy + self._held
 
-    def _moment(self) -> _Moment:
+    def _snapshot(self) -> Snapshot:
         """Where everything is now."""
         self._got.clear()
         pymunk.batch.get_space_bodies(self._space, _MOTION, self._got)
@@ -304,13 +393,13 @@ class RigidBodyPlant:
         points[:, 1] += sin * x + cos * y
         pins = len(self._pins)
         apart = points[:pins] - points[pins : 2 * pins]
-        return _Moment(motion, points[2 * pins :], energy, math.sqrt((apart**2).sum(axis=1).max()))
+        return Snapshot(motion, points[2 * pins :], energy, math.sqrt((apart**2).sum(axis=1).max()))
 
-    def _contacts(self, now: _Moment, book: _Book) -> tuple[float, bool]:
+    def _contacts(self, now: Snapshot, sums: Sums) -> tuple[float, bool]:
         """Book slip and impulses of a time step; friction's loss, and whether a pad landed.
 
         A loaded pad hops by nanometres, off the ground for a few time steps: what it slides then is
-        booked when it is back within :data:`CONTACT_HYSTERESIS`, and coming back is no landing.
+        counted when it is back within :data:`CONTACT_HYSTERESIS`, and coming back is no landing.
         """
         self._touched.clear()
         pymunk.batch.get_space_arbiters(self._space, _CONTACT, self._touched)
@@ -326,13 +415,13 @@ class RigidBodyPlant:
             pad = min(self._pads_of[body], key=lambda k: self._off_rim(now.pads[k], x, y))
             tangential = -px * ny + py * nx
             speed = now.speed_along(body, x, y, -ny, nx)
-            book.slip[pad] += self.time_step * abs(speed)
-            book.impulse[pad] += tangential, normal
+            sums.slip[pad] += self.time_step * abs(speed)
+            sums.impulse[pad] += tangential, normal
             loss -= tangential * speed
             touching[pad] = True
             self._normals[pad] = -nx, -ny
         back = touching & (self._off <= CONTACT_HYSTERESIS)
-        book.slip[back] += self._pending[back]
+        sums.slip[back] += self._pending[back]
         landed = bool((touching & (self._off > CONTACT_HYSTERESIS)).any())
         self._off = np.where(touching, 0.0, self._off + self.time_step)
         self._pending[self._off == 0.0] = 0.0
@@ -347,7 +436,7 @@ class RigidBodyPlant:
         """How far a point is from the rim of a pad, m: two pads may be on one body."""
         return abs(math.hypot(x - pad[0], y - pad[1]) - self.robot.pad_radius)
 
-    def _landing_soon(self, now: _Moment) -> bool:
+    def _landing_soon(self, now: Snapshot) -> bool:
         """Whether a pad that is not on the ground may touch it within the next two time steps.
 
         By the ground straight below it: on rough ground some landings go unforeseen.
@@ -376,7 +465,7 @@ class RigidBodyPlant:
 
     def toe_positions(self) -> Array:
         """(toes, 2) centres of the toe pads, m."""
-        return self._moment().pads[: self.toes]
+        return self._snapshot().pads[: self.toes]
 
     def __getstate__(self) -> dict[str, Any]:
         """The arguments and the state: everything else is made again from them."""
@@ -384,34 +473,10 @@ class RigidBodyPlant:
             "robot": self.robot, "terrain": self.terrain, "time_step": self.time_step,
             "gravity": self.gravity, "iterations": self.iterations,
             "touchdown_iterations": self.touchdown_iterations, "fixed_base": self.fixed_base,
-            "state": self.state, "in_contact": self.in_contact,
+            "memory": self._memory,
         }  # fmt: skip
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
-        state, in_contact = saved.pop("state"), saved.pop("in_contact")
+        memory = saved.pop("memory")
         self.__init__(**saved)  # type: ignore[misc]
-        self.state, self.in_contact = state, in_contact
-
-
-class _Moment(NamedTuple):
-    """Where everything is: the bodies' motion (n, 6), the pads' centres (k, 2) m, the energy (J),
-    and the widest gap of a joint (m)."""
-
-    motion: Array
-    pads: Array
-    energy: float
-    joint_gap: float
-
-    def speed_along(self, body: int, x: float, y: float, tx: float, ty: float) -> float:
-        """Velocity (m/s) along (tx, ty) of the point of a body that is at (x, y)."""
-        cx, cy, _, vx, vy, w = self.motion[body].tolist()
-        return float((vx - w * (y - cy)) * tx + (vy + w * (x - cx)) * ty)
-
-
-class _Book:
-    """What a step adds up."""
-
-    def __init__(self, pads: int) -> None:
-        self.motor_work = self.joint_loss = self.slip_loss = self.impact_loss = 0.0
-        self.joint_gap = 0.0
-        self.slip, self.impulse = np.zeros(pads), np.zeros((pads, 2))
+        self._memory = memory

@@ -64,7 +64,10 @@ def trace_forces(
     q_dot[:, :2] -= w * left(s) + n * ds
     q_ddot[:, :2] -= w_dot * left(s) - w * w * s + n_dot * ds + n * n * dds + 2 * w * n * left(ds)
     contact = trace["impulses"] / time_step
-    return joint_forces(tables.robot, q, q_dot, contact=contact, q_ddot=q_ddot, gravity=gravity)
+    dry = trace["dry_torque"] if "dry_torque" in (trace.dtype.names or ()) else 0.0
+    return joint_forces(
+        tables.robot, q, q_dot, contact=contact, q_ddot=q_ddot, dry=dry, gravity=gravity
+    )
 
 
 def find_touchdowns(

@@ -1,0 +1,41 @@
+"""Where the bodies of the rigid-body plant are at an instant, and what its step adds up."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+X, Y, ANGLE, VX, VY, SPIN = range(6)  # columns of a motion
+
+
+class Snapshot(NamedTuple):
+    """Where everything is: the bodies' motion (n, 6), the pads' centres (k, 2) m, the energy (J)
+    without what springs hold, and the widest gap of a joint (m)."""
+
+    motion: Array
+    pads: Array
+    energy: float
+    joint_gap: float
+
+    def speed_along(self, body: int, x: float, y: float, tx: float, ty: float) -> float:
+        """Velocity (m/s) along (tx, ty) of the point of a body that is at (x, y)."""
+        cx, cy, _, vx, vy, w = self.motion[body].tolist()
+        return float((vx - w * (y - cy)) * tx + (vy + w * (x - cx)) * ty)
+
+
+class Sums:
+    """What a step adds up: energies in J, of each pad the path it slid (m) and its impulse (N s).
+
+    Impulses are tangential and normal; ``torque_impulse``: of the motor beyond what was last asked
+    for, N m s.
+    """
+
+    def __init__(self, pads: int) -> None:
+        self.motor_work = self.electrical_work = 0.0
+        self.joint_loss = self.slip_loss = self.impact_loss = 0.0
+        self.joint_gap = self.torque_impulse = 0.0
+        self.slip, self.impulse = np.zeros(pads), np.zeros((pads, 2))

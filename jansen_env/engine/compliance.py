@@ -79,10 +79,13 @@ def keep_bristles(status, planes, statistics):
 
 
 @stage(inline=False)
-def accumulate_compliant(h, count, velocity, after, params, contacts, planes, robot, statistics):
+def accumulate_compliant(
+    h, renewed, count, velocity, after, params, contacts, planes, robot, statistics
+):
     """Add a time step's slip, impulses and losses of compliant pads; bend the bristles.
 
-    What friction takes while sliding is slip loss, all else (dampers, springs let go) impact loss.
+    What friction takes while sliding is slip loss, all else (dampers, springs let go) impact loss:
+    also by how much springs are longer on planes that were ``renewed`` than on the old ones.
     Springs are as long as they are where the law looks, at the step's ends or up to half a step
     ahead. Of normal ones that the step does not resolve (1 - c)^2 of the energy counts as stored,
     the rest as lost: what they hold is less than the place of the ground is known by.
@@ -119,8 +122,10 @@ def accumulate_compliant(h, count, velocity, after, params, contacts, planes, ro
         pad.slip += abs(slid)
         pad.impulse[0] += P[t]
         pad.impulse[1] += P[i]
+    if status.step == 0:
+        total.initial_energy += before
+    elif renewed:
+        total.impact_loss += total.elastic_energy - before
     total.slip_loss += slip_loss
     total.impact_loss += lost + before - stored - slip_loss
     total.elastic_energy = stored
-    if status.step == 0:
-        total.initial_energy += before

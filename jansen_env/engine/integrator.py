@@ -207,7 +207,9 @@ def _advance_robot(h, asked, state, robot, model, planes, statistics, work, trac
                 trace[k, POSE + i] = state[i] + 0.5 * h * state[4 + i]
                 trace[k, VELOCITY_BEFORE + i] = state[4 + i]
         now = earlier if status.step < switch else torque
-        count, used, dry = _time_step(h, torque, now, state, robot, model, planes, statistics, work)
+        count, used, dry = _time_step(
+            h, torque, now, done == 0, state, robot, model, planes, statistics, work
+        )
         if len(trace) > 0:
             trace[k, TORQUE], trace[k, DRY_TORQUE] = used, dry / h
             _trace(trace[k], state, robot.params.pad_radius, count, planes, work.contacts)
@@ -228,8 +230,10 @@ def _bounded(state):
 
 
 @macro
-def _time_step(h, asked, torque, state, robot, model, planes, statistics, work):
+def _time_step(h, asked, torque, renewed, state, robot, model, planes, statistics, work):
     """One time step of one robot with a ``torque``, while ``asked`` is the latest.
+
+    ``renewed``: whether its planes were just found.
 
     Returns:
         (pads that touched, torque of the motor, N m, impulse of the crank's dry friction, N m s)
@@ -263,7 +267,9 @@ def _time_step(h, asked, torque, state, robot, model, planes, statistics, work):
     state[2], state[3] = theta + 0.5 * h * after.pitch, psi + 0.5 * h * after.crank
     state[4], state[5], state[6], state[7] = after
     if params.compliant:
-        accumulate_compliant(h, count, velocity, after, params, contacts, planes, robot, statistics)
+        accumulate_compliant(
+            h, renewed, count, velocity, after, params, contacts, planes, robot, statistics
+        )
     elif count > 0:
         total = robot.accumulators
         accumulate_contacts(h, count, velocity, after, contacts, planes, total, statistics)

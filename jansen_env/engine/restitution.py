@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jansen_env.engine.contact_solver import solve
+from jansen_env.engine.contact_solver import STICK, solve
 from jansen_env.engine.contacts import add_dry_friction, can_wedge, rate
 from jansen_env.engine.jit import macro, stage
 from jansen_env.engine.records import Velocity
@@ -161,6 +161,8 @@ def _solve_step(
             ny += MJ[i, 1] * problem.P[i]
             nw += MJ[i, 2] * problem.P[i]
             nn += MJ[i, 3] * problem.P[i]
+        if held and problem.mode[count] == STICK:
+            nn = 0.0  # to the last bit
         pushed = nn - free.crank
     return Velocity(nx, ny, nw, nn), free, residual, used
 

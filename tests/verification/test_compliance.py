@@ -1,0 +1,217 @@
+"""Compliant pads against mass, spring and damper: landing, bounce, sag, and no energy from nowhere.
+
+``level(n)`` with a locked crank falls flat on n toes: one mass on n springs and n dampers,
+
+    m z'' = -n k z - n d z' - m g        while that pushes,
+
+so that without gravity it leaves after t = (pi - atan2(2 D s, 1 - 2 D^2)) / (w s) with e^(-D w t)
+of its speed, w^2 = n k / m, D = n d / (2 m w), s^2 = 1 - D^2 (T. Schwager and T. Poeschel, Granular
+Matter 9, 2007).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_touchdown import PSI, level
+
+from jansen_env import ROBOTS, Terrain
+from jansen_env.gravity import GRAVITY
+from jansen_env.plants.batch import Batch
+from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.robot import Compliance
+
+SPEED = 1.0  # m/s
+MASS = level(2).mass
+
+
+def flat_fall(toes, pads, time_step, gravity=0.0, speed=SPEED, ahead=0.0):
+    """A plant whose toes touch the ground in ``ahead`` time steps, crank locked."""
+    robot = replace(level(toes), pad_compliance=pads)
+    plant = ProjectionPlant(robot, Terrain.flat(friction=0.0), time_step, gravity=gravity)
+    plant.prescribed_crank_speed = True
+    state = plant.reset(0.0, PSI, 0.0)
+    state[1] -= plant.toe_positions()[:, 1].min() - robot.pad_radius - ahead * time_step * speed
+    state[5] = -speed
+    plant.state = state
+    return plant
+
+
+def pads_of(omega, ratio, toes=2):
+    """The pads that give ``level(toes)`` an angular frequency (rad/s) and a damping ratio."""
+    mass = level(toes).mass
+    return Compliance(mass * omega**2 / toes, 2.0 * ratio * mass * omega / toes)
+
+
+def contact_time(omega, ratio):
+    """How long the mass stays on its spring, s, and the share of its speed with which it leaves."""
+    if ratio == 0.0:
+        return math.pi / omega, 1.0
+    s = math.sqrt(1.0 - ratio**2)
+    time = (math.pi - math.atan2(2.0 * ratio * s, 1.0 - 2.0 * ratio**2)) / (omega * s)
+    return time, math.exp(-ratio * omega * time)
+
+
+def leaving(plant, steps):
+    """Time steps in which the pads push, and the speed at the end."""
+    plant.tracing = True
+    plant.step(0.0, steps * plant.time_step)
+    return int((plant.trace["impulses"][:, :, 1] > 0.0).any(axis=1).sum()), plant.state[5]
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize("toes", [2, 4])
+def test_landing_is_a_damped_oscillation(toes, ratio, measured):
+    """Height and speed all the way down and half the way up, with gravity; of second order."""
+    omega, errors = 200.0, []
+    delta, turn = ratio * omega, omega * math.sqrt(1.0 - ratio**2)
+    rest = -GRAVITY / omega**2
+    for step in (4e-4, 2e-4, 1e-4):
+        plant, worst = flat_fall(toes, pads_of(omega, ratio, toes), step, GRAVITY), 0.0
+        start, b = plant.state[1], (-SPEED - delta * rest) / turn
+        for k in range(1, 13):
+            plant.step(0.0, 1e-3 * 0.8)
+            t = 0.8e-3 * k
+            cos, sin = math.cos(turn * t), math.sin(turn * t)
+            wave = math.exp(-delta * t)
+            z = rest + wave * (-rest * cos + b * sin)
+            v = wave * ((-delta * -rest + turn * b) * cos + (-delta * b + turn * rest) * sin)
+            worst = max(worst, omega * abs(plant.state[1] - start - z), abs(plant.state[5] - v))
+        errors.append(worst)
+    order = math.log(errors[0] / errors[2], 4.0)
+    measured(f"landing on {toes} springs, 2 % of a period a step: error of 1 m/s", errors[2], 2e-4)
+    measured(f"landing on {toes} springs: order lost of 2", 2.0 - order, 0.05)
+
+
+@pytest.mark.parametrize("stiffness", [1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8])
+def test_a_bounce_lasts_pi_over_omega(stiffness, measured):
+    """Over six decades of stiffness: contact time pi sqrt(m / (n k)), the speed comes back."""
+    omega = math.sqrt(2.0 * stiffness / MASS)
+    step = math.pi / omega / 200.3
+    steps, speed = leaving(flat_fall(2, Compliance(stiffness), step), 220)
+    measured("bounce: contact time off pi / omega", abs(steps - 200.3), 1.5, "time steps")
+    measured("bounce without damper: speed lost, 200 steps a bounce", abs(speed - 1.0), 5e-5)
+
+
+@pytest.mark.parametrize("ratio", [0.05, 0.1, 0.2, 0.4, 0.6, 0.9])
+def test_restitution_is_the_dampers(ratio, measured):
+    """Speed and time of leaving by damping ratio: at 500 steps a bounce, and at eight."""
+    omega = 500.0
+    time, share = contact_time(omega, ratio)
+    step = time / 500.0
+    steps, speed = leaving(flat_fall(2, pads_of(omega, ratio), step), 700)
+    measured("damped bounce: rebound off exp(-D w t)", abs(speed - share), 1e-5)
+    measured("damped bounce: contact time", abs(steps - 500.0), 1.0, "time steps")
+    rough = [
+        leaving(flat_fall(2, pads_of(omega, ratio), time / 8.0, ahead=part), 40)[1] - share
+        for part in (0.2, 0.4, 0.6, 0.8)
+    ]
+    measured("damped bounce in 8 time steps: rebound off", np.abs(rough).max(), 0.1)
+
+
+def test_sag(measured):
+    """At rest the springs are m g / (n k) shorter, with gravity level or not; 2 to 4 toes."""
+    for toes in (2, 4):
+        pads = Compliance(2e4, 100.0)
+        plant = flat_fall(toes, pads, 1e-3, GRAVITY, speed=0.1)
+        start = plant.state[1]
+        plant.step(0.0, 3.0)
+        sag = plant.robot.mass * GRAVITY / (toes * pads.stiffness)
+        measured("sag off m g / (n k)", abs(start - plant.state[1] - sag) / sag, 1e-11)
+        measured("creep after 3 s", np.abs(plant.state[4:]).max(), 1e-12, "m/s, rad/s")
+
+
+@pytest.mark.parametrize("damping", [0.0, 1e2, 1e4, 1e8])
+def test_stiff_pads_land_as_rigid_ones_do(damping, measured):
+    """The limit of stiffness: no bounce, wherever in a step it touches down, at 1 ms.
+
+    With a damper that is too fast for the step, too, however soft the spring is.
+    """
+    rebound = {}
+    for stiffness in (1e4, 1e8, 1e10, 1e12, 1e16):
+        if damping < 1e8 and stiffness < 1e8:
+            continue
+        pads = Compliance(stiffness, damping)
+        speeds = [
+            leaving(flat_fall(2, pads, 1e-3, ahead=2.0 + part), 20)[1]
+            for part in np.arange(10) / 10.0
+        ]
+        rebound[stiffness] = max(0.0, *speeds)
+        assert min(speeds) > -1e-3  # m/s: it has stopped
+    measured("rebound at 100 MN/m, 1 ms", rebound[1e8], 0.15)
+    measured("rebound at 10 GN/m, 1 ms", rebound[1e10], 0.015)
+    measured("rebound at 1e16 N/m, 1 ms", rebound[1e16], 3e-5)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3, 0.8])
+@pytest.mark.parametrize("toes", [1, 2, 3, 4])
+def test_the_rigid_limit_of_a_landing(toes, friction, measured):
+    """Thrown on its toes, crank free: where it is after 20 ms, on 1e14 N/m and on rigid pads.
+
+    They may touch down a time step apart, and rigid pads may stay 20 um deep.
+    """
+    for step, limit in ((1e-3, 2e-2), (1e-4, 3e-3)):
+        ends = []
+        for pads in (Compliance(1e14), Compliance()):
+            robot = replace(level(toes), pad_compliance=pads)
+            plant = ProjectionPlant(robot, Terrain.flat(friction), step)
+            state = plant.reset(0.0, PSI, 0.02)
+            state[1] += 2.34e-3
+            state[4:] = 0.2, -0.5, 0.3, 1.0
+            plant.state = state
+            plant.step(1.0, 0.02)
+            ends.append(plant.state)
+        apart = np.abs(ends[0] - ends[1]).max()
+        measured(f"landing on 1e14 N/m or rigid, {1e3 * step:g} ms", apart, limit, "m, rad, 1/s")
+
+
+def thrown(rng, count):
+    """A batch of robots in weightlessness on pads of all kinds, thrown at the ground."""
+    step = 10.0 ** rng.uniform(-4.0, -1.7)
+    robots, friction = [], rng.choice([0.0, 0.3, 0.8, 2.0])
+    for _ in range(count):
+        k, kt = 10.0 ** rng.uniform(2.0, 16.0, 2)
+        d, dt = rng.choice([0.0, 1.0], 2) * 10.0 ** rng.uniform(0.0, 10.0, 2)
+        robots.append(replace(ROBOTS["paper"](), pad_compliance=Compliance(k, d, kt, dt)))
+    batch = Batch(robots, [Terrain.flat(float(friction))] * count, step, 0.0, threads=1)
+    for i, robot in enumerate(robots):
+        state = ProjectionPlant(robot, batch.terrains[i], gravity=0.0).reset(
+            0.0, rng.uniform(0.0, 2.0 * math.pi), rng.uniform(-0.3, 0.3)
+        )
+        state[1] += (
+            rng.uniform(0.0, 2.0) * step + robot.mass * GRAVITY / robot.pad_compliance.stiffness
+        )
+        state[4:] = rng.normal(size=4) * (0.5, 0.3, 0.5, 0.0) - (0.0, 1.0, 0.0, 0.0)
+        batch.set_state(i, state)
+    return batch
+
+
+def resolved(batch):
+    """(n,) whether the time step resolves all pads; 20 / kg is the most that W has there."""
+    h, pads = batch.time_step, batch.params
+    stiff = h * np.sqrt(20.0 * pads["stiffness"].max(axis=1)) < 2.0
+    return stiff & (20.0 * h * pads["pad_damping"].max(axis=1) < 2.0)
+
+
+def test_no_pad_creates_energy(rng, measured):
+    """Crank locked, so that only pads can: 320 throws, k to 1e16 N/m, d to 1e10 N s/m, steps of
+    0.1 to 20 ms. Kinetic and elastic energy never exceed what it came with.
+    """
+    gain, residual = 0.0, 0.0
+    for _ in range(20):
+        batch = thrown(rng, 16)
+        batch.params["prescribed_speed"] = True
+        start = np.array([batch.energy(i) for i in range(16)])
+        for _ in range(40):
+            batch.step(np.zeros(16), 1)
+            assert not batch.diverged.any()
+            now = np.array([batch.energy(i) for i in range(16)])
+            now += np.where(resolved(batch), batch.accumulators["elastic_energy"], 0.0)
+            gain = max(gain, float((now / start).max()) - 1.0)
+            residual = max(residual, float(batch.accumulators["worst_residual"].max()))
+        batch.close()
+    measured("thrown at compliant pads: kinetic energy gained, relative", gain, 1e-12)
+    measured("thrown at compliant pads: contact law violated", residual, 1e-13, "N s")

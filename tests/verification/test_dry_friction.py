@@ -1,0 +1,181 @@
+"""Coulomb friction of gear and bearings on the crank: exact at standstill, on both bases.
+
+A crank of inertia k that turns freely without weight and viscous friction stops after k n / F.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jansen_env import Motor, Robot, Terrain
+from jansen_env.dynamics.reduced import body_sums, compile_robot
+from jansen_env.gravity import GRAVITY
+from jansen_env.kinematics import A, B, C, D, E, O, P, joint_positions
+from jansen_env.plants.fixed_base import FixedBasePlant
+from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.robot import BEARINGS, ROBOTS, Compliance
+
+TORQUE = 1.5  # N m, of friction
+SMOOTH = replace(Robot(), damping=(0.0,) * 10)
+GEAR = Motor(friction=TORQUE)
+PADS = {"rigid": Compliance(), "compliant": Compliance(3e4, 60.0)}
+pads = pytest.mark.parametrize("name", PADS)
+
+
+def test_bearings_are_the_kinematics(rng, measured):
+    """sum tau_i |a_j' - a_i'| against angles between the joints' central differences."""
+    ends = {2: (O, A), 3: (A, B), 4: (P, B), 5: (C, P), 6: (C, A), 7: (D, E), 8: (C, E)}
+    h = 1e-6
+    for design in ROBOTS.values():
+        friction = rng.uniform(0.0, 1.0, len(BEARINGS))
+        robot = replace(design(), bearing_friction=tuple(friction))
+        model, worst = compile_robot(robot).bearings, 0.0
+        for row in rng.integers(0, len(model), 20):
+            psi, total = 2.0 * math.pi * row / len(model), 0.0
+            for leg in robot.legs:
+                angle = psi + leg.phase + np.array([-h, h])
+                joints = joint_positions(robot, leg.side, angle) @ [1.0, 1.0j]
+                rate = {1: 0.0}
+                for body, (first, second) in ends.items():
+                    bar = joints[:, second] - joints[:, first]
+                    rate[body] = np.angle(bar[1] / bar[0]) / (2.0 * h)
+                pairs = zip(friction, BEARINGS, strict=True)
+                total += sum(f * abs(rate[j] - rate[i]) for f, (i, j) in pairs)
+            worst = max(worst, abs(model[row] - total) / total)
+        measured("bearings' friction against the joints' motion", worst, 1e-8)
+
+
+@pads
+@pytest.mark.parametrize("share", [-0.999, 0.0, 0.999])
+def test_a_crank_below_its_friction_stands_still(name, share, measured):
+    """10 s on its feet under 99.9 % of what holds it, the weight's torque included: not one bit."""
+    robot = replace(Robot(), motor=Motor(friction=30.0), pad_compliance=PADS[name])
+    plant = ProjectionPlant(robot, Terrain.flat())
+    plant.reset(0.0, 0.3)
+    plant.step(0.0, 2.0)
+    before = plant.state
+    result = plant.step(share * 20.0, 10.0)
+    after = plant.state
+    assert after[7] == 0.0 and before[7] == 0.0
+    measured("crank's creep in 10 s below friction", abs(after[3] - before[3]), 0.0, "rad")
+    measured("chassis' motion meanwhile", np.abs(after - before)[:3].max(), 2e-4, "m, rad")
+    assert result.motor_work == 0.0 and result.joint_loss == 0.0
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_it_breaks_away_at_friction_and_weight(sign, measured):
+    """The least torque that turns it: F less the weight's torque, by bisection, on a fixed base.
+
+    And weightless and free in space, where that is F itself.
+    """
+    tables = compile_robot(replace(SMOOTH, motor=GEAR))
+
+    def fixed(torque):
+        plant = FixedBasePlant(tables.robot)
+        plant.reset(1.0)
+        plant.step(torque, 0.01)
+        return plant.state[0] != 1.0
+
+    def free(torque):
+        plant = ProjectionPlant(tables.robot, Terrain.flat(), gravity=0.0)
+        plant.state = [0.0, 5.0, 0.1, 1.0, 0.0, 0.0, 0.0, 0.0]
+        plant.step(torque, 0.01)
+        return plant.state[7] != 0.0
+
+    weight = float(GRAVITY * body_sums(tables, 1.0).dc[1])
+    for base, turns, expected in (("fixed", fixed, sign * weight), ("free", free, 0.0)):
+        low, high = 0.0, 10.0
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if turns(sign * middle) else (middle, high)
+        measured(
+            f"{base} base: break away off friction", abs(high - TORQUE - expected), 1e-10, "N m"
+        )
+
+
+def test_a_free_crank_stops_in_time(measured):
+    """Weightless, no viscous friction: k n / F seconds where k is constant, k n^2 / 2 = F psi.
+
+    In general k changes with the crank angle: by energy, k n^2 / 2 falls by F a radian until 0.
+    """
+    robot = replace(SMOOTH, motor=Motor(friction=TORQUE, rotor_inertia=1e-3, gear_ratio=1e3))
+    tables = compile_robot(robot)  # k is 1000 kg m^2 and 0.7
+    plant = FixedBasePlant(robot, gravity=0.0)
+    plant.reset(0.3, 0.01)
+    k = float(body_sums(tables, 0.3).k)
+    times, stop = 0, k * 0.01 / TORQUE
+    while plant.state[1] > 0.0:
+        plant.step(0.0, 1e-3)
+        times += 1
+    measured("fixed base: time to stop off k n / F", abs(times * 1e-3 - stop), 1.1e-3, "s")
+    turned = 0.5 * k * 0.01**2 / TORQUE
+    measured("fixed base: angle to stop", abs(plant.state[0] - 0.3 - turned) / turned, 1e-7)
+    light = replace(SMOOTH, motor=GEAR)
+    plant = FixedBasePlant(light, gravity=0.0)
+    plant.reset(0.3, 6.0)
+    energy = plant.energy()
+    result = plant.step(0.0, 10.0)
+    assert plant.state[1] == 0.0
+    measured("fixed base: F psi off the energy lost", abs(
+        TORQUE * (plant.state[0] - 0.3) / energy - 1.0
+    ), 1e-7)  # fmt: skip
+    measured("fixed base: joint loss off it", abs(result.joint_loss / energy - 1.0), 1e-7)
+
+
+@pads
+def test_the_same_stop_in_flight(name, measured):
+    """Free base, weightless: what the motion loses its friction has; of second order."""
+    robot = replace(SMOOTH, motor=GEAR, pad_compliance=PADS[name])
+    ends = []
+    for step in (2e-3, 1e-3, 5e-4, 3.125e-5):
+        plant = ProjectionPlant(robot, Terrain.flat(), step, gravity=0.0)
+        plant.state = [0.0, 50.0, 0.1, 1.0, 0.1, 0.0, 0.5, 4.0]
+        start = plant.energy()
+        result = plant.step(0.0, 3.0)
+        assert plant.state[7] == 0.0
+        lost = start - plant.energy()
+        measured("flight: joint loss off the energy lost", abs(result.joint_loss / lost - 1), 5e-8)
+        ends.append(plant.state)
+    errors = [np.abs(end - ends[-1])[3] for end in ends[:3]]
+    measured("flight: crank angle at which it stops, error at 1 ms", errors[1], 5e-6, "rad")
+    measured("flight: order lost of 2", 2.0 - math.log(errors[0] / errors[2], 4.0), 0.3)
+
+
+def test_bearings_hold_and_stop_it_as_the_gear_does(measured):
+    """Fixed base with weight: energy lost = the integral of the friction along the way."""
+    friction = (0.05,) * len(BEARINGS)
+    robot = replace(Robot(), bearing_friction=friction)
+    plant = FixedBasePlant(robot, 5e-4)
+    plant.reset(0.3, 5.0)
+    missed = turned = 0.0
+    for _ in range(300):
+        before = plant.state[0]
+        result = plant.step(0.0, 0.01)
+        missed += abs(result.energy_residual)
+        turned += abs(plant.state[0] - before)
+    assert plant.state[1] == 0.0 and turned > 0.5
+    measured("bearings, fixed base: energy unaccounted for", missed, 1e-11, "J")
+    before = plant.state
+    plant.step(0.0, 10.0)
+    assert (plant.state == before).all()
+
+
+@pads
+def test_smooth_motion_under_dry_friction_is_of_second_order(name, measured):
+    """In flight, the crank turning all the time: the friction is a known force, h^2."""
+    robot = replace(
+        Robot(), motor=GEAR, bearing_friction=(0.02,) * len(BEARINGS), pad_compliance=PADS[name]
+    )
+    ends = []
+    for step in (2e-3, 1e-3, 5e-4, 3.125e-5):
+        plant = ProjectionPlant(robot, Terrain.flat(), step)
+        plant.state = [0.3, 50.0, 0.4, 2.0, 0.5, 1.0, 1.0, 5.0]
+        plant.step(8.0, 0.2)
+        ends.append(plant.state)
+    errors = [np.abs(end - ends[-1]).max() for end in ends[:3]]
+    measured("dry friction in flight: error at 1 ms", errors[1], 1e-5, "m, rad, 1/s")
+    measured("dry friction in flight: order lost of 2", 2 - math.log(errors[0] / errors[2], 4), 0.1)

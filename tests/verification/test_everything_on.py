@@ -1,0 +1,201 @@
+"""Compliant pads, motor, rotor, bearings and payload at once; and the limits in which they go."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jansen_env import ROBOTS, Motor, Payload, Robot, Terrain
+from jansen_env.dynamics import reduced as rd
+from jansen_env.gravity import GRAVITY
+from jansen_env.plants.batch import Batch
+from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.robot import BEARINGS, Compliance
+
+HOLD = 0.02  # s
+MOTOR = Motor(14.0, 7.0, 10.0, 40.0, 1e-4, 0.15, 0.02, 0.8)
+PADS = Compliance(3e4, 60.0, 2e4, 40.0)
+ROUGH = Terrain.rough(np.random.default_rng(0), start=-5.0, friction=0.6)
+GROUNDS = {"level": Terrain.flat(0.6), "slope": Terrain.slope(0.1, friction=0.6), "rough": ROUGH}
+
+
+def full(name, pads=PADS):
+    """A design with everything on."""
+    return replace(
+        ROBOTS[name](), motor=MOTOR, pad_compliance=pads, payload=Payload(1.0, 0.02, (0.05, 0.1)),
+        bearing_friction=(0.01,) * len(BEARINGS),
+    )  # fmt: skip
+
+
+def walking(plant, speed=1.5):
+    """The torque that holds the crank near ``speed`` rad/s."""
+    return float(np.clip(10.0 * (speed - plant.state[7]) + 1.5 * speed, -10.0, 10.0))
+
+
+def audit(name, ground, step, duration=4.0):
+    """Energy not accounted for and turned over, J; the worst residual, N s, of m g dt."""
+    plant = ProjectionPlant(full(name), GROUNDS[ground], step)
+    plant.reset(0.0, 0.3)
+    missed = turned = residual = 0.0
+    for _ in range(round(duration / HOLD)):
+        result = plant.step(walking(plant), HOLD)
+        missed += abs(result.energy_residual)
+        turned += abs(result.motor_work) + abs(result.energy_change)
+        residual = max(residual, result.residual)
+        assert result.slip_loss >= 0.0 and result.electrical_work >= 0.0
+    return missed / turned, residual / (plant.robot.mass * GRAVITY * step)
+
+
+@pytest.mark.parametrize("ground", GROUNDS)
+@pytest.mark.parametrize("name", ["paper", "holy_slender"])
+def test_energy_audit(name, ground, measured):
+    """Motor work = joint, slip and impact loss + change of energy, elastic included."""
+    missed, residual = audit(name, ground, 1e-3)
+    fine, _ = audit(name, ground, 2.5e-4)
+    measured(f"everything on, {ground}: energy unaccounted for at 1 ms", missed, 5e-7)
+    measured(f"everything on, {ground}: the same at 0.25 ms", fine, 5e-8)
+    measured("everything on: order lost of 2", 2.0 - math.log(missed / fine, 4.0), 0.3)
+    measured("everything on: contact law violated, of m g dt", residual, 1e-14)
+
+
+@pytest.mark.parametrize("name", ["paper", "holy_slender"])
+def test_the_ground_accounts_for_all_momentum(name, rng, measured):
+    """By the trace: contact impulses + m g t = change of momentum; all within Coulomb's cone."""
+    plant = ProjectionPlant(full(name), Terrain.flat(0.6))
+    plant.reset(0.0, 0.3)
+    plant.tracing, error, cone = True, 0.0, 0.0
+
+    def momentum():
+        q, v = np.split(plant.state, 2)
+        return (rd.mass_matrix(plant.tables, q) @ v)[:2]
+
+    for _ in range(100):
+        before = momentum()
+        plant.step(float(rng.uniform(-10.0, 10.0)), HOLD)
+        impulses = plant.trace["impulses"][:, :, :2]
+        total = impulses.sum(axis=(0, 1)) - np.array([0.0, plant.robot.mass * GRAVITY * HOLD])
+        error = max(error, np.abs(momentum() - before - total).max())
+        tangential, normal = np.moveaxis(impulses, -1, 0)
+        cone = max(cone, (np.abs(tangential) - 0.6 * normal).max(), -normal.min())
+    measured("everything on: momentum not accounted for", error, 3e-14, "N s")
+    measured("everything on: impulse outside the cone", cone, 1e-12, "N s")
+
+
+SUNK = {  # first state changed by, torque: the contacts stay as they are
+    "in flight": (dict(y=5.0, pitch=0.4, vx=0.5, w=1.0, crank=4.0), 3.0),
+    "standing on two toes": (dict(vx=0.01), 0.0),
+    "rolling on two toes": (dict(crank=0.3), 4.0),
+}
+
+
+@pytest.mark.parametrize("name", SUNK)
+def test_smooth_motion_is_of_second_order(name, measured):
+    """Against a 16 times finer step; on the ground with stiff friction, so that nothing slides."""
+    change, torque = SUNK[name]
+    robot = replace(full("paper"), pad_compliance=Compliance(2e4, 40.0, 2e4, 40.0))
+    ends, steps = [], [2e-3, 1e-3, 5e-4, 2.5e-4, 1.5625e-5]
+    for step in steps:
+        plant = ProjectionPlant(robot, Terrain.flat(5.0), step)
+        state = plant.reset(0.0, 0.3)
+        state += [0, change.get("y", 0), change.get("pitch", 0), 0, change.get("vx", 0), 0,
+                  change.get("w", 0), change.get("crank", 0)]  # fmt: skip
+        plant.state = state
+        plant.step(torque, 0.1)
+        ends.append(plant.state)
+    errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
+    order = np.polyfit(np.log(steps[:-1]), np.log(errors), 1)[0]
+    measured(f"everything on, {name}: error at 1 ms", errors[1], 2e-4, "m, rad, 1/s")
+    measured(f"everything on, {name}: order lost of 2", 2.0 - order, 0.1)
+
+
+def mixed(n):
+    """Robots of one design with motors, pads and payloads of their own."""
+    rng, robots = np.random.default_rng(8), []
+    for i in range(n):
+        pads = Compliance() if i % 3 == 0 else Compliance(10.0 ** rng.uniform(3, 8), 50.0)
+        motor = (
+            Motor() if i % 4 == 1 else replace(MOTOR, friction=0.1 * (i % 3), stall_torque=8.0 + i)
+        )
+        robots.append(replace(
+            ROBOTS["paper"](), motor=motor, pad_compliance=pads, payload=Payload(0.1 * i)
+        ))  # fmt: skip
+    return robots
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_each_of_a_mixed_batch_moves_as_it_would_alone(threads):
+    """Bit for bit: states, sums, slip and forces, whatever the others have."""
+    n = 12
+    robots = mixed(n)
+    grounds = [list(GROUNDS.values())[i % 3] for i in range(n)]
+    batch = Batch(robots, grounds, threads=threads)
+    singles = [Batch([r], [g], threads=1) for r, g in zip(robots, grounds, strict=True)]
+    for i, single in enumerate(singles):
+        batch.place(i, 0.5 * i)
+        single.place(0, 0.5 * i)
+    rng, earlier = np.random.default_rng(9), np.zeros(n)
+    for _ in range(50):
+        torque, switch = rng.uniform(-12.0, 12.0, n), rng.integers(0, 20, n)
+        batch.step(torque, 20, earlier, switch)
+        for i, single in enumerate(singles):
+            single.step(torque[i : i + 1], 20, earlier[i : i + 1], switch[i : i + 1])
+            assert (single.states[0] == batch.states[i]).all()
+            assert (single.stretch[0] == batch.stretch[i]).all()
+            assert single.accumulators[0] == batch.accumulators[i]
+            assert (single.contact_force[0] == batch.contact_force[i]).all()
+        earlier = torque
+    batch.close()
+
+
+NOTHING = {
+    "gear without rotor": dict(motor=Motor(gear_ratio=5.0)),
+    "torque limit alone": dict(motor=Motor(torque_limit=3.0)),
+    "efficiency alone": dict(motor=Motor(efficiency=0.5)),
+    "no bearing friction": dict(bearing_friction=(0.0,) * len(BEARINGS)),
+    "pads of infinite stiffness": dict(pad_compliance=Compliance(math.inf, 0.0)),
+    "a line out of reach": dict(motor=Motor(stall_torque=1e300, torque_limit=1e300)),
+}
+
+
+@pytest.mark.parametrize("name", NOTHING)
+def test_what_is_not_there_changes_no_bit(name):
+    """A walk on rough ground with it and without: the same states."""
+    one = ProjectionPlant(Robot(), ROUGH)
+    other = ProjectionPlant(replace(Robot(), **NOTHING[name]), ROUGH)
+    one.reset(0.0, 0.3)
+    other.reset(0.0, 0.3)
+    for _ in range(100):
+        torque = walking(one)
+        a, b = one.step(torque, HOLD), other.step(torque, HOLD)
+        assert (one.state == other.state).all()
+        assert a.motor_work == b.motor_work and a.impact_loss == b.impact_loss
+
+
+def test_small_friction_and_a_far_line_change_little(measured):
+    """Continuity: 1e-9 N m of friction and a line of 1e9 N m, against none, after half a second."""
+    ends = []
+    for motor in (Motor(), Motor(1e9, 1e9, 1e9, 3.0, 1e-12, 1e-9, 1e-9)):
+        plant = ProjectionPlant(Robot(motor=motor), Terrain.flat(0.3))
+        plant.reset(0.0, 0.3)
+        plant.step(3.0, 0.5)
+        ends.append(plant.state)
+    apart = np.abs(ends[0] - ends[1]).max()
+    measured("next to no friction, rotor and line: states apart", apart, 1e-8, "m, rad, 1/s")
+
+
+def test_a_pickled_batch_goes_on_as_it_would(rng):
+    """Bristles and motors travel with the batch."""
+    import pickle
+
+    batch = Batch(mixed(4), [Terrain.flat(0.6)] * 4, threads=1)
+    for i in range(4):
+        batch.place(i, 0.3)
+    batch.step(rng.uniform(-5.0, 5.0, 4), 200)
+    assert (batch.stretch != 0.0).any()
+    copy = pickle.loads(pickle.dumps(batch))
+    for each in (batch, copy):
+        each.step(np.full(4, 4.0), 200)
+    assert (copy.states == batch.states).all() and (copy.stretch == batch.stretch).all()

@@ -1,0 +1,276 @@
+"""The motor's line, its rotor, its electrical work and a delayed action, on both bases."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jansen_env import Motor, Payload, Robot, Terrain
+from jansen_env.dynamics import reduced as rd
+from jansen_env.plants.batch import Batch
+from jansen_env.plants.fixed_base import FixedBasePlant
+from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.robot import ROBOTS, Compliance
+
+LINE = Motor(stall_torque=12.0, no_load_speed=6.0, torque_limit=9.0)
+GEARED = Motor(gear_ratio=30.0, rotor_inertia=2e-4)
+FLIGHT = np.array([0.3, 50.0, 0.4, 2.0, 0.5, 1.0, 1.0, 5.0])
+HOLD = 0.02  # s
+PADS = {"rigid": Compliance(), "compliant": Compliance(3e4, 60.0)}
+pads = pytest.mark.parametrize("name", PADS)
+
+
+def in_flight(robot, step=1e-3):
+    plant = ProjectionPlant(robot, Terrain.flat(), step, gravity=0.0)
+    plant.state = FLIGHT
+    return plant
+
+
+def momenta(robot, state):
+    """Momentum (2,) and spin about the origin from the robot without rotor and from that alone."""
+    bare = rd.compile_robot(replace(robot, motor=Motor()))
+    q, v = np.split(np.asarray(state), 2)
+    p = rd.mass_matrix(bare, q) @ v
+    spin = p[2] + q[0] * p[1] - q[1] * p[0]  # p[2] is about the crank axis
+    rotor = robot.motor.rotor_inertia * (v[2] + robot.motor.gear_ratio * v[3])
+    return p[:2], spin + rotor
+
+
+@pytest.mark.parametrize("ratio", [0.1, 1.0, 30.0, 1000.0])
+def test_the_rotor_is_a_body_of_its_own(ratio, rng, measured):
+    """M and the energy against the robot's without rotor and J (theta' + G psi')^2 / 2."""
+    motor = Motor(gear_ratio=ratio, rotor_inertia=3e-4)
+    robot = Robot(motor=motor, payload=Payload(3.0, 0.1, (0.1, 0.2)))
+    tables, bare = rd.compile_robot(robot), rd.compile_robot(replace(robot, motor=Motor()))
+    plant = ProjectionPlant(robot, Terrain.flat())
+    other = ProjectionPlant(bare.robot, Terrain.flat())
+    spin = np.array([0.0, 0.0, 1.0, ratio])
+    worst = energy = 0.0
+    for _ in range(20):
+        q, v = rng.uniform(-3.0, 3.0, 4), rng.normal(0.0, 2.0, 4)
+        expected = rd.mass_matrix(bare, q) + motor.rotor_inertia * np.outer(spin, spin)
+        found = rd.mass_matrix(tables, q)
+        worst = max(worst, np.abs(found - expected).max() / np.abs(expected).max())
+        plant.state = other.state = np.concatenate([q, v])
+        rotor = 0.5 * motor.rotor_inertia * (spin @ v) ** 2
+        energy = max(energy, abs(plant.energy() - other.energy() - rotor) / (1.0 + plant.energy()))
+    measured("rotor: mass matrix, relative", worst, 1e-14)
+    measured("rotor: energy", energy, 1e-12)
+
+
+@pytest.mark.parametrize("ratio, inertia", [(30.0, 2e-4), (1000.0, 1e-5), (3.0, 0.5)])
+def test_momentum_in_flight_with_a_rotor(ratio, inertia, measured):
+    """Motor torque is internal: momentum exact, spin with J (theta' + G psi') to second order."""
+    robot = Robot(motor=Motor(gear_ratio=ratio, rotor_inertia=inertia))
+    drift = []
+    for step in (2e-3, 1e-3, 5e-4):
+        plant = in_flight(robot, step)
+        p, spin = momenta(robot, plant.state)
+        worst = 0.0
+        for k in range(25):
+            plant.step(6.0 * math.sin(0.7 * k), HOLD)
+            now, turning = momenta(robot, plant.state)
+            worst = max(worst, abs(turning - spin) / abs(spin))
+            measured("rotor in flight: momentum", np.abs(now - p).max(), 1e-12, "N s")
+        drift.append(worst)
+    measured("rotor in flight: spin's relative drift at 1 ms", drift[1], 5e-7)
+    order = math.log(drift[0] / drift[2], 4.0)
+    measured("rotor in flight: spin's drift, order lost of 2", 2.0 - order, 0.05)
+
+
+def test_a_free_rotor_feels_like_g_squared_j(measured):
+    """Fixed base, weightless and undamped: a torque gives psi'' = tau / (k + G^2 J), k' small."""
+    robot = replace(Robot(motor=Motor(gear_ratio=100.0, rotor_inertia=0.1)), damping=(0.0,) * 10)
+    plant = FixedBasePlant(robot, gravity=0.0)
+    plant.reset(0.3)
+    plant.step(5.0, 1.0)
+    work = 5.0 * (plant.state[0] - 0.3)
+    measured("geared crank: work off its energy", abs(work / plant.energy() - 1.0), 1e-12)
+    measured("geared crank: speed off tau t / (G^2 J)", abs(plant.state[1] * 200.0 - 1.0), 1e-3)
+
+
+def test_no_load_speed(measured):
+    """Full torque asked for, no friction, no weight: the crank gets to the no-load speed."""
+    robot = replace(Robot(motor=replace(LINE, rotor_inertia=0.05, gear_ratio=20.0)),
+                    damping=(0.0,) * 10)  # fmt: skip
+    fixed = FixedBasePlant(robot, gravity=0.0)
+    fixed.reset(0.3)
+    fixed.step(9.0, 300.0)
+    measured("no-load speed, fixed base, relative", abs(fixed.state[1] / 6.0 - 1.0), 5e-3)
+    with_losses = FixedBasePlant(replace(robot, damping=(0.1,) * 10), gravity=0.0)
+    with_losses.reset(0.3)
+    with_losses.step(9.0, 100.0)
+    before = with_losses.state[0]
+    result = with_losses.step(9.0, 20.0)
+    mean = (with_losses.state[0] - before) / 20.0
+    torque = float(with_losses.batch.torque[0])
+    assert 3.0 < mean < 5.9
+    measured(
+        "mean torque off the line at the mean speed",
+        abs(LINE.torque(9.0, mean) - torque),
+        1e-9,
+        "N m",
+    )
+    measured(
+        "motor work less joint loss, of it", abs(1 - result.joint_loss / result.motor_work), 2e-2
+    )
+
+
+@pads
+def test_torque_keeps_to_the_line(name, measured):
+    """Walking and landing, time step by time step: the torque at the mean crank speed is what the
+    data sheet has for it, in two passes: contacts and speed-dependent terms are of the last one.
+    """
+    robot = Robot(motor=LINE, pad_compliance=PADS[name])
+    plant, worst = ProjectionPlant(robot, Terrain.flat()), []
+    plant.reset(0.0, 0.3)
+    plant.tracing = True
+    limited = 0
+    for k in range(200):
+        asked = 9.0 * math.copysign(1.0, math.sin(0.05 * k))
+        plant.step(asked, HOLD)
+        rows = plant.trace
+        mean = 0.5 * (rows["velocity_before"][:, 3] + rows["velocity_after"][:, 3])
+        worst.append(np.abs(rows["torque"] - LINE.torque(asked, mean)))
+        limited += np.count_nonzero(np.abs(rows["torque"]) < 8.9)
+        assert np.abs(rows["torque"]).max() <= 9.0
+    worst = np.concatenate(worst)
+    assert limited > 500
+    measured(f"torque off the motor's line, median, {name}", np.median(worst), 1e-6, "N m")
+    measured(
+        f"torque off the motor's line, 99 % of steps, {name}", np.quantile(worst, 0.99), 1e-5, "N m"
+    )
+    measured(f"torque off the motor's line, worst impact, {name}", worst.max(), 0.1, "N m")
+
+
+@pads
+@pytest.mark.parametrize("stall", [1e3, 1e6, 1e9])
+def test_an_absurdly_steep_line_is_a_brake(name, stall, measured):
+    """Stall torque / no-load speed to 1e12 N m s: the crank keeps to n0 and nothing diverges."""
+    motor = Motor(stall_torque=stall, no_load_speed=1e-3, torque_limit=stall)
+    plant = ProjectionPlant(Robot(motor=motor, pad_compliance=PADS[name]), Terrain.flat())
+    plant.reset(0.0, 0.3)
+    rng, fastest = np.random.default_rng(5), 0.0
+    for k in range(100):
+        result = plant.step(float(rng.uniform(-1.0, 1.0)) * stall, HOLD)
+        fastest = max(fastest, abs(plant.state[7])) if k > 10 else 0.0
+        assert np.isfinite(plant.state).all() and np.abs(plant.state[4:]).max() < 10.0
+    missed = abs(result.energy_residual)
+    measured("steep motor line: crank speed beyond the no-load speed", fastest, 2e-2, "rad/s")
+    measured("steep motor line: energy unaccounted for in 20 ms", missed, 1e-10, "J")
+
+
+@pytest.mark.parametrize("efficiency", [1.0, 0.6])
+def test_electrical_work_is_its_integral(efficiency, measured):
+    """What the plant adds up against the trace, at half steps refined, by the data sheet's law."""
+    motor = replace(LINE, efficiency=efficiency)
+    plant = ProjectionPlant(Robot(motor=motor), Terrain.flat())
+    plant.reset(0.0, 0.3)
+    plant.tracing = True
+    found = expected = regained = 0.0
+    for k in range(150):
+        result = plant.step(8.0 * math.sin(0.11 * k), HOLD)
+        rows = plant.trace
+        speed = 0.5 * (rows["velocity_before"][:, 3] + rows["velocity_after"][:, 3])
+        torque = rows["torque"]
+        driving = np.where(torque * speed >= 0.0, 1.0 / efficiency, efficiency)
+        armature = torque * driving
+        current = armature * 6.0 * efficiency / 12.0  # rad/s lost: the winding's voltage
+        power = armature * speed + current * armature
+        expected += np.maximum(power, 0.0).sum() * 1e-3
+        regained += np.minimum(power, 0.0).sum() * 1e-3
+        found += result.electrical_work
+        assert result.electrical_work >= max(result.motor_work, 0.0) - 1e-9
+    assert regained < 0.0
+    measured("electrical work against the trace, relative", abs(found / expected - 1.0), 1e-12)
+
+
+def test_electrical_work_of_both_bases(measured):
+    """At a stall the winding alone draws: n0 tau^2 / stall; on the fixed base the same integral."""
+    motor = Motor(stall_torque=12.0, no_load_speed=6.0, torque_limit=9.0, friction=50.0)
+    plant = FixedBasePlant(Robot(motor=motor))
+    plant.reset(0.3)
+    drawn = plant.step(5.0, 2.0).electrical_work
+    free = ProjectionPlant(Robot(motor=motor), Terrain.flat())
+    free.reset(0.0, 0.3)
+    also = free.step(5.0, 2.0).electrical_work
+    expected = 2.0 * 6.0 * 5.0**2 / 12.0
+    measured("drawn at a stall", max(abs(drawn / expected - 1), abs(also / expected - 1)), 1e-9)
+    turning = FixedBasePlant(Robot(motor=LINE))
+    turning.reset(0.3)
+    total, summed = 0.0, 0.0
+    for _ in range(2000):
+        before = turning.state[1]
+        summed += turning.step(6.0, 1e-3).electrical_work
+        mean = 0.5 * (before + turning.state[1])
+        total += 1e-3 * float(LINE.electrical_power(LINE.torque(6.0, mean), mean))
+    measured("electrical work, fixed base", abs(summed / total - 1.0), 1e-5)
+
+
+@pads
+def test_a_delayed_action_is_the_earlier_one_for_a_while(name, measured):
+    """step(torque, n, earlier, switch) is ``switch`` steps of the one and n - switch of the other.
+
+    Bit for bit where that is one call; the state is written down between two, which rounds it.
+    """
+    robot = Robot(motor=replace(LINE, friction=0.3), pad_compliance=PADS[name])
+    n = 4
+    delayed, plain = (Batch([robot] * n, [Terrain.flat()] * n, threads=1) for _ in range(2))
+    for i in range(n):
+        delayed.place(i, 0.3 + i)
+    rng = np.random.default_rng(4)
+    earlier, switch = np.zeros(n), np.array([0, 3, 10, 20])
+    apart, work_apart = 0.0, 0.0
+    for _ in range(40):
+        torque = rng.uniform(-9.0, 9.0, n)
+        stretch = delayed.stretch.copy()
+        ends, work = np.zeros((n, 8)), np.zeros(n)
+        for i, first in enumerate(switch):
+            for j in range(n):
+                plain.set_state(j, delayed.states[j])
+            plain.stretch[:] = stretch
+            for held, steps in ((earlier, first), (torque, 20 - first)):
+                if steps > 0:
+                    plain.step(held, int(steps))
+                    work[i] += plain.accumulators["motor_work"][i]
+            ends[i] = plain.states[i]
+        delayed.step(torque, 20, earlier, switch)
+        assert (delayed.states[[0, 3]] == ends[[0, 3]]).all()
+        apart = max(apart, np.abs(delayed.states - ends).max())
+        work_apart = max(work_apart, np.abs(delayed.accumulators["motor_work"] - work).max())
+        earlier = torque
+    measured(f"delayed action against the same torques, {name}", apart, 1e-9, "m, rad, 1/s")
+    measured(f"delayed action: motor work, {name}", work_apart, 1e-9, "J")
+    fixed = [FixedBasePlant(replace(robot, motor=replace(LINE, friction=0.3))).batch for _ in "ab"]
+    for batch in fixed:
+        batch.states[0] = 0.3, 2.0
+    fixed[0].step(np.array([5.0]), 20, np.array([-4.0]), np.array([7]))
+    fixed[1].step(np.array([-4.0]), 7)
+    fixed[1].step(np.array([5.0]), 13)
+    assert (fixed[0].states == fixed[1].states).all()
+    for batch in (delayed, plain):
+        batch.close()
+
+
+@pytest.mark.parametrize("name", ["paper", "holy_slender"])
+def test_energy_audit_of_a_walk_with_motor_and_rotor(name, measured):
+    """Motor work = losses + change of energy, the rotor's included; less with the time step."""
+    missed = []
+    for step in (1e-3, 2.5e-4):
+        motor = replace(
+            LINE, rotor_inertia=2e-4, gear_ratio=30.0, friction=0.2, viscous_friction=0.02
+        )
+        plant = ProjectionPlant(replace(ROBOTS[name](), motor=motor), Terrain.flat(0.5), step)
+        plant.reset(0.0, 0.3)
+        lost = turned = 0.0
+        for _ in range(200):
+            speed = float(plant.state[7])
+            result = plant.step(float(np.clip(10.0 * (1.0 - speed) + 1.5, -9.0, 9.0)), HOLD)
+            lost += abs(result.energy_residual)
+            turned += abs(result.motor_work) + abs(result.energy_change)
+        missed.append(lost / turned)
+    measured(f"walk with motor and rotor, {name}: energy unaccounted for", missed[0], 1e-6)
+    measured(f"walk with motor and rotor, {name}: at a quarter of the step", missed[1], 1e-7)

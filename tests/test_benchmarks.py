@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import convergence, measure, plants, ppo, probe, speed
+from benchmarks import built_robot, convergence, measure, plants, ppo, probe, speed
 from benchmarks.plants import Comparison, Outcome, Walk
 
 
@@ -86,6 +86,7 @@ def test_what_cannot_be_measured_is_refused(arguments, tmp_path, capsys):
         (ppo.main, ("stable_baselines3", "mujoco"), [], "ppo"),
         (convergence.main, (), [], "convergence time_step detection_interval"),
         (plants.main, (), [], "plants walks torque"),
+        (built_robot.main, (), ["--plant", "rigid_body"], "motors_rigid_body"),
     ],
 )
 def test_a_benchmark_runs(main, needs, arguments, written, tmp_path):

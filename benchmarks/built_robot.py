@@ -299,8 +299,8 @@ def main(arguments: list[str] | None = None) -> None:
         found.out / ("motors.md" if found.plant == "projection" else f"motors_{found.plant}.md"),
         "# What motors walk with the built robot",
         f"`python -m benchmarks.built_robot --plant {found.plant}`. About {duration:g} s each, "
-        f"after {SETTLE:g} s, under the paper's PID within the motor's torque limit. Cost of "
-        "transport: |motor work| / (weight x distance), and energy drawn by the motor likewise.",
+        f"after {SETTLE:g} s, under the paper's PID within the motor's torque limit. "
+        "Cost of transport: |motor work| / (weight x distance), and energy drawn likewise.",
         motors_table(found.plant, speeds, duration),
     )
 

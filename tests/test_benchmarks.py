@@ -7,7 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import convergence, measure, plants, ppo, probe, profiles, ranking, speed
+from benchmarks import (
+    built_robot,
+    convergence,
+    measure,
+    plants,
+    ppo,
+    probe,
+    profiles,
+    ranking,
+    speed,
+)
 from benchmarks.plants import Comparison, Outcome, Walk
 
 
@@ -87,6 +97,7 @@ def test_what_cannot_be_measured_is_refused(arguments, tmp_path, capsys):
         (convergence.main, (), [], "convergence time_step detection_interval"),
         (plants.main, (), [], "plants walks torque"),
         (plants.main, (), ["--machines"], "machines"),
+        (built_robot.main, (), ["--plant", "rigid_body"], "motors_rigid_body"),
     ],
 )
 def test_a_benchmark_runs(main, needs, arguments, written, tmp_path):
@@ -97,7 +108,7 @@ def test_a_benchmark_runs(main, needs, arguments, written, tmp_path):
     name, *figures = written.split()
     text = (tmp_path / f"{name}.md").read_text(encoding="utf-8")
     assert text.startswith("# ") and "\n|:--" in text
-    assert name != "plants" or "2 walks; agree: 2." in text
+    assert name not in ("plants", "machines") or "2 walks; agree: 2." in text
     for figure in figures:
         assert (tmp_path / f"{figure}.png").stat().st_size > 10_000
 

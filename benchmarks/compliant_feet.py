@@ -1,0 +1,143 @@
+"""What feet that give change: pin forces at touchdown, and slip, of the paper's robot.
+
+    python -m benchmarks.compliant_feet [--out docs/validation] [--quick]
+
+Under the paper's PID on level ground of friction 0.8, with time steps that resolve a touchdown.
+Writes ``compliant_feet.md``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks import measure
+from benchmarks.measure import fallen, table
+from jansen_env import Robot, Terrain
+from jansen_env.control import PID
+from jansen_env.dynamics.reduced import compile_robot, mass_matrix
+from jansen_env.gravity import GRAVITY
+from jansen_env.kinematics import T, world_joints
+from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.trace import trace_forces
+from jansen_env.robot import Compliance
+
+STIFFNESS: tuple[float, ...] = (math.inf, 1e5, 5e4, 2e4, 1e4)  # N/m
+SPEEDS: tuple[float, ...] = (1.0, 3.5, 4.0)  # of the crank, rad/s
+DAMPING_RATIO = 0.2
+TURNS, SETTLE = 4, 1
+CONTROL_DT = 0.02  # s
+TIME_STEP = 2.5e-4  # s
+LOADED = 8  # time steps of a control step whose forces are computed: those with most contact force
+
+
+class Walked(NamedTuple):
+    """A walk under the PID.
+
+    Attributes:
+        distance, slip: m a turn of the crank. force: the largest on any link's joint, N; on rigid
+            feet that without touchdowns. fell: whether it ended in a fall.
+    """
+
+    distance: float
+    slip: float
+    force: float
+    fell: bool
+
+
+def toe_mass(robot: Robot) -> float:
+    """What a toe feels like to the ground that strikes it, kg: 1 / W_nn, the mean over a turn.
+
+    Of the lowest toe, by the dense mass matrix, level, crank free.
+    """
+    tables, masses, d = compile_robot(robot), [], 1e-6
+    for psi in np.linspace(0.0, 2.0 * math.pi, 64, endpoint=False):
+        before, toes, after = (
+            world_joints(robot, np.array([0.0, 0.0, 0.0, psi + e]))[:, T] for e in (-d, 0.0, d)
+        )
+        low = int(toes[:, 1].argmin())
+        J = np.array([0.0, 1.0, toes[low, 0], (after - before)[low, 1] / (2.0 * d)])
+        M = mass_matrix(tables, np.array([0.0, 0.0, 0.0, psi]))
+        masses.append(1.0 / (J @ np.linalg.solve(M, J)))
+    return float(np.mean(masses))
+
+
+def pads(robot: Robot, stiffness: float, ratio: float = DAMPING_RATIO) -> Compliance:
+    """Pads of a stiffness (N/m) and a damping ratio against :func:`toe_mass`; inf: rigid ones."""
+    if stiffness == math.inf:
+        return Compliance()
+    return Compliance(stiffness, 2.0 * ratio * math.sqrt(stiffness * toe_mass(robot)))
+
+
+def walk(robot: Robot, speed: float, turns: int, time_step: float = TIME_STEP) -> Walked:
+    """Turns at a crank speed (rad/s) under the paper's PID, after one that does not count."""
+    plant = ProjectionPlant(robot, Terrain.flat(), time_step)
+    plant.reset()
+    plant.tracing = True
+    pid, integral, slip, force, start, fell = PID(), np.zeros(()), 0.0, 0.0, 0.0, False
+    settle, steps = (
+        round(n * 2.0 * math.pi / speed / CONTROL_DT) for n in (SETTLE, SETTLE + turns)
+    )
+    for k in range(steps):
+        angle, rate = plant.state[[3, 7]].tolist()
+        error = speed * k * CONTROL_DT - angle
+        asked, integral = pid.torque(
+            error, speed - rate, integral, CONTROL_DT, robot.motor.torque_limit
+        )
+        limit = robot.motor.torque_limit
+        if k == settle:
+            start, slip, force = plant.x, 0.0, 0.0
+        result = plant.step(float(np.clip(asked, -limit, limit)), CONTROL_DT)
+        fell = fallen(plant, result)
+        if fell:
+            break
+        slip += float(result.slip.sum())
+        if k >= settle:
+            landing = plant.touchdowns & robot.pad_compliance.rigid
+            rows = plant.trace[~landing]
+            pressed = np.abs(rows["impulses"]).sum(axis=(1, 2))
+            rows = rows[np.argsort(pressed)[-LOADED:]]
+            if len(rows):
+                sizes = trace_forces(plant.tables, rows, time_step).bearing
+                force = max(force, float(sizes.max()))
+    return Walked((plant.x - start) / turns, slip / turns, force, fell)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Command line."""
+    found = measure.chosen(measure.options(__doc__, "docs/validation"), arguments)
+    speeds, stiffness, turns = SPEEDS, STIFFNESS, TURNS
+    if found.quick:
+        speeds, stiffness, turns = SPEEDS[-1:], STIFFNESS[:2], 1
+    robot, rows = Robot(), []
+    weight = robot.mass * GRAVITY
+    for speed in speeds:
+        for k in stiffness:
+            walked = walk(replace(robot, pad_compliance=pads(robot, k)), speed, turns)
+            cells = ("falls", "", "", "")
+            if not walked.fell:
+                cells = (
+                    f"{walked.distance:.2f}", f"{walked.slip:.3f}",
+                    f"{walked.slip / walked.distance:.3f}",
+                    f"{walked.force:.0f} ({walked.force / weight:.1f} x)",
+                )  # fmt: skip
+            name = "rigid" if k == math.inf else f"{k / 1e3:g} kN/m"
+            rows.append((f"{speed:g}", name, *cells))
+    head = ("crank (rad/s)", "feet", "distance (m/turn)", "slip (m/turn)", "slip (m/m)",
+            "largest pin force (N; of the weight)")  # fmt: skip
+    measure.report(
+        found.out / "compliant_feet.md",
+        "# Feet that give",
+        f"`python -m benchmarks.compliant_feet`. The paper's robot, {turns} turns under its PID on "
+        f"level ground of friction 0.8, time step {1e3 * TIME_STEP:g} ms. Damping ratio "
+        f"{DAMPING_RATIO:g} against the {toe_mass(robot):.2f} kg that a toe feels like; the same "
+        "along the ground. On rigid feet the force leaves touchdowns out: these have none.",
+        table(head, rows),
+    )
+
+
+if __name__ == "__main__":
+    main()

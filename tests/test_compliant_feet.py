@@ -1,0 +1,42 @@
+"""The benchmark of feet that give: the mass they feel, their pads, and that it runs to its end."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from benchmarks import compliant_feet
+from jansen_env import Robot
+from jansen_env.robot import Compliance
+
+
+def test_a_toe_feels_lighter_than_the_robot():
+    assert 0.1 < compliant_feet.toe_mass(Robot()) < Robot().mass
+
+
+def test_pads_have_the_damping_ratio_asked_for():
+    """d = 2 D sqrt(k m), of the mass that a toe feels like; none at infinite stiffness."""
+    mass = compliant_feet.toe_mass(Robot())
+    pads = compliant_feet.pads(Robot(), 2e4, 0.3)
+    assert pads.damping == pytest.approx(0.6 * math.sqrt(2e4 * mass))
+    assert pads.tangential_damping == pads.damping
+    assert compliant_feet.pads(Robot(), math.inf) == Compliance()
+
+
+def test_stiffer_feet_carry_larger_touchdowns():
+    """At 4 rad/s: the force of a touchdown grows with the stiffness, and a pin bears some of it."""
+    forces = [
+        compliant_feet.walk(
+            replace(Robot(), pad_compliance=compliant_feet.pads(Robot(), k)), 4.0, 1
+        ).force
+        for k in (1e4, 1e5)
+    ]
+    assert 50.0 < forces[0] < forces[1] < 2000.0
+
+
+def test_command(tmp_path):
+    compliant_feet.main(["--quick", "--out", str(tmp_path)])
+    page = (tmp_path / "compliant_feet.md").read_text()
+    assert "rigid" in page and "100 kN/m" in page

@@ -2,8 +2,7 @@
 
 Both read nothing but the observation. The crank speed (or torque) for a commanded walking speed
 comes from a map measured on the environment (``python -m agents.tune``, kept in ``agents/data``).
-The PID has the paper's gains: of 100 others, drawn log-uniformly from kp 3-300, ki 0.1-300,
-kd 0.3-30 and ramps of the reference of 0.1-4 s, none earned more once its own map was measured.
+The PID has the paper's gains.
 """
 
 from __future__ import annotations

@@ -20,6 +20,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
 
 from agents.policy import Array, TorquePolicy
 from agents.walker_baselines import COMMAND, COS_CRANK, CRANK_SPEED, SIN_CRANK
@@ -63,7 +64,7 @@ def profile_policy(env: Any) -> TorquePolicy:
     return TorquePolicy(controller, env.torque_limit)
 
 
-def scores(numbers: Array, command: float, seeds: Array) -> dict[str, Array]:
+def scores(numbers: Array, command: float, seeds: NDArray[np.int64]) -> dict[str, Array]:
     """What the score table has of profiles (m, 11), (m,) each, over an episode for each seed."""
     m, episodes = len(numbers), len(seeds)
     n = m * episodes

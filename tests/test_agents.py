@@ -45,7 +45,7 @@ def motor(torque_limit):
 
 def observation(angle, speed, command):
     """Only what a PID may read."""
-    row = np.full(16, np.nan)
+    row = np.full(20, np.nan)
     row[[0, 1, 2, 9]] = np.cos(angle), np.sin(angle), speed, command
     return row
 

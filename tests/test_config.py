@@ -304,7 +304,9 @@ def test_what_the_command_line_says_holds_for_all_variants():
     given = train.parse(["--env-kwargs", "{speed_command: 0.3, friction: 0.5}"])
     settings, _ = train._configure(given)
     assert settings["env_kwargs"] == {"speed_command": 0.3, "friction": 0.5}
-    assert settings["training_variants"] == [{"reset_noise_scale": 4.0}, {"reset_noise_scale": 2.0}]
+    assert settings["training_variants"] == [
+        {"reset_noise_scale": noise} for noise in (4.0, 2.0, 6.0)
+    ]
 
 
 def test_evaluation_checks_commands_and_folders_before_it_runs(tmp_path, capsys):

@@ -228,7 +228,7 @@ def test_full_replay_buffer_is_restored(tmp_path):
     first, second = (training.prepare(settings).replay_buffer for _ in range(2))
     rng = np.random.default_rng(0)
     for _ in range(13):  # of 10 rows
-        seen, then = rng.normal(size=(2, 4, 16))
+        seen, then = rng.normal(size=(2, 4, 20))
         first.add(seen, then, rng.normal(size=(4, 1)), np.ones(4), np.zeros(4), [{}] * 4)
     replay.save_replay_buffer(first, tmp_path / "buffer.npz")
     replay.load_replay_buffer(second, tmp_path / "buffer.npz")

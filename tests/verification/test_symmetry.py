@@ -16,9 +16,11 @@ import numpy as np
 import pytest
 
 from jansen_env import ROBOTS, Leg, Payload, Robot, Terrain
+from jansen_env.plants.batch import PLACEMENT_DEPTH
 from jansen_env.plants.projected import ProjectionPlant
 
 HOLD = 0.02  # s, for which a torque is held
+TOUCHING = 1e-9  # m, by which the small robot is in the ground
 FLIGHT = np.array([0.3, 50.0, 0.4, 2.0, 0.5, 1.0, 1.0, 5.0])
 ODD_LEGS = (Leg("back"), Leg("fore", 1.0), Leg("fore", 2.7), Leg("back", -2.0))
 ODD = Robot(legs=ODD_LEGS, payload=Payload(2.0, 0.1, (0.1, 0.2)))
@@ -143,8 +145,9 @@ def compare_scales(robot, terrain, law, duration, time_step, state=None, locked=
         scaled(robot), ground, TIME * time_step, detection_interval=TIME * small.detection_interval
     )
     small.reset(0.0, 0.3)
-    if state is not None:
-        small.state = state
+    placed = small.state
+    placed[1] += PLACEMENT_DEPTH - TOUCHING  # or the large one would be too deep
+    small.state = placed if state is None else state
     large.state = UNITS * small.state
     small.prescribed_crank_speed = large.prescribed_crank_speed = locked
     apart, force, slip, energy = np.zeros(8), 0.0, 0.0, 0.0

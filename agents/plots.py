@@ -28,7 +28,9 @@ def plot_scores(task: Task, scores: dict[str, dict[str, Any]], path: str | Path)
     for axis, (name, metric) in zip(axes.flat, shown.items(), strict=False):
         for i, (policy, summary) in enumerate(scores.items()):
             rows = summary["by_command"][name]
-            value, low, high = (np.array(rows[key], float) for key in ("value", "low", "high"))
+            value, low, high = (
+                _drawable(rows[key], metric.axis) for key in ("value", "low", "high")
+            )
             if single:
                 spread = np.nan_to_num(np.maximum([value - low, high - value], 0.0))
                 axis.errorbar([i], value, spread, fmt="o", capsize=4, color=f"C{i}", label=policy)
@@ -36,7 +38,7 @@ def plot_scores(task: Task, scores: dict[str, dict[str, Any]], path: str | Path)
             line = axis.plot(commands, value, marker="o", markersize=4, label=policy)[0]
             axis.fill_between(commands, low, high, color=line.get_color(), alpha=0.18)
         axis.set_title(metric.heading, fontsize=11)
-        if metric.axis == "log":
+        if metric.axis == "log" and np.isfinite(axis.dataLim.get_points()[:, 1]).all():
             axis.set_yscale("log")
         elif metric.axis == "fraction":
             axis.set_ylim(-0.03, 1.03)
@@ -49,6 +51,15 @@ def plot_scores(task: Task, scores: dict[str, dict[str, Any]], path: str | Path)
     at = f" {commands[0]:g} {task.command_unit}" if single else f", {task.command_unit}"
     figure.supxlabel(f"commanded speed{at}", fontsize=11)
     return _save(figure, path)
+
+
+def _drawable(values: Any, axis: str) -> Any:
+    """Numbers to draw: NaN for what is none, and on a logarithmic axis for what is not above 0."""
+    numbers = np.array(values, float)
+    numbers[~np.isfinite(numbers)] = np.nan
+    if axis == "log":
+        numbers[~(numbers > 0.0)] = np.nan
+    return numbers
 
 
 def plot_training(

@@ -3,11 +3,11 @@
     python -m benchmarks.ranking [--run logs/ppo/JansenWalker-v0_1] [--episodes 10] [--quick]
 
 Controllers from good to useless are scored on the same episodes and ranked twice: by their mean
-return, and by the table, that is by the mean of their ranks in speed error, slip per metre, cost
-of transport, falls and RMS torque. One that does not cover half of the commanded distance walks
-nowhere: it comes after all that do, by its speed error. Prints both and Spearman's rank
-correlation, and writes them to ``ranking.md``. With ``--run`` its checkpoints, from bad to good,
-take part.
+return, and by the table, that is by the mean, over the commands, of their ranks in speed error,
+slip per metre, cost of transport, falls and RMS torque. One that does not cover half of the
+commanded distance walks nowhere: at that command it comes after all that do, by its speed error.
+Prints both and Spearman's rank correlation, and writes them to ``ranking.md``. With ``--run`` its
+checkpoints, from bad to good, take part.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from jansen_env.files import write_text
 FIRST_SEED = 50_000  # of the episodes, apart from all others
 TABLE = ("speed_error", "slip_per_metre", "cost_of_transport", "falls", "rms_torque")
 WALKS = 0.5  # share of the commanded distance from which a controller counts as walking
+NOWHERE = 1e6  # more than any number of the table
 BANG, NOISE = 12.0, 10.0  # N m: of bang-bang control, and at most of noise
 STARTED = 3  # checkpoints of a run that take part
 
@@ -114,34 +115,35 @@ CONTROLLERS: dict[str, Callable[[Any], Policy]] = {
 """Each is made for an unwrapped environment."""
 
 
-def score(policy: Policy, env: Any, commands: Array, seeds: Any) -> dict[str, float]:
-    """The table's numbers, the return, and the share of the commanded distance that was walked."""
+def score(policy: Policy, env: Any, commands: Array, seeds: Any) -> list[dict[str, float]]:
+    """The table's numbers over all commands, then at each; nan where there is none."""
     run: Episodes = run_episodes(policy, ENV, {}, commands, seeds)
-    found = point_estimates(WALKER.metrics, run, env)
     horizon = env.spec.max_episode_steps * env.unwrapped.control_dt
-    share = (np.sign(commands) * run["distance"]).sum() / (abs(commands) * horizon).sum()
-    row = {name: np.inf if value is None else value for name, value in found.items()}
-    return {**row, "share": float(share)}
+    rows = []
+    for command in (None, *np.unique(commands)):
+        part = slice(None) if command is None else run["command"] == command
+        own = {name: values[part] for name, values in run.items()}
+        found = point_estimates(WALKER.metrics, own, env)
+        row = {name: np.nan if value is None else value for name, value in found.items()}
+        row["share"] = float((own["distance"] / own["command"]).mean() / horizon)  # of the way
+        rows.append(row)
+    return rows
 
 
-def table_ranks(rows: list[dict[str, float]]) -> tuple[Array, Array]:
-    """Ranks by the table, 1 the best, and the mean ranks they come from; inf: walks nowhere."""
-    walks = np.array([row["share"] >= WALKS for row in rows])
-    each = [rankdata(np.where(walks, [row[name] for row in rows], np.inf)) for name in TABLE]
-    mean = np.where(walks, np.mean(each, axis=0), np.inf)
-    order = np.lexsort((np.where(walks, 0.0, [row["speed_error"] for row in rows]), mean))
-    ranks = np.empty(len(rows))
-    ranks[order] = np.arange(1, len(rows) + 1)
-    for value in np.unique(mean[walks]):  # ties share the mean of their ranks
-        ranks[mean == value] = ranks[mean == value].mean()
-    return ranks, mean
+def table_ranks(at_command: list[dict[str, float]]) -> Array:
+    """Mean ranks of controllers at a command, over the table's columns; 1 is the best."""
+    walks = np.array([row["share"] >= WALKS for row in at_command])
+    last = NOWHERE + np.array([row["speed_error"] for row in at_command])
+    columns = [np.where(walks, [row[name] for row in at_command], last) for name in TABLE]
+    ranks: Array = np.mean([rankdata(column) for column in columns], axis=0)
+    return ranks
 
 
-def rank(rows: dict[str, dict[str, float]]) -> tuple[str, float]:
+def rank(rows: dict[str, list[dict[str, float]]]) -> tuple[str, float]:
     """A Markdown table, the best by return first, and Spearman's correlation of the two ranks."""
-    names, scores = list(rows), list(rows.values())
-    by_return = rankdata([-row["return"] for row in scores])
-    by_table, mean = table_ranks(scores)
+    names, scores = list(rows), [own[0] for own in rows.values()]
+    mean = np.mean([table_ranks(list(at)) for at in zip(*rows.values(), strict=True)][1:], axis=0)
+    by_return, by_table = rankdata([-row["return"] for row in scores]), rankdata(mean)
     correlation = float(spearmanr(by_return, by_table)[0])
     columns = ("return", *TABLE)
     lines = [
@@ -183,8 +185,8 @@ def main(arguments: list[str] | None = None) -> None:
     )
     env.close()
     args.out.mkdir(parents=True, exist_ok=True)
-    print(f"{table}\n\nSpearman's rank correlation: {correlation:.3f}")
-    print(f"written: {write_text(args.out / 'ranking.md', table)}")
+    text = f"{table}\n\nSpearman's rank correlation: {correlation:.3f}\n"
+    print(f"{text}\nwritten: {write_text(args.out / 'ranking.md', text)}")
 
 
 if __name__ == "__main__":

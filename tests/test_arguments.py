@@ -65,7 +65,8 @@ MAKERS = {
 TAKEN = {
     ("*", "friction"): {"None"}, ("*", "restitution"): {"None"}, ("*", "payload"): {"None"},
     ("*", "time_step"): {"None"}, ("*", "command_interval"): {"None"},
-    ("*", "render_mode"): {"None"},
+    ("*", "render_mode"): {"None"}, ("*", "motor"): {"None"}, ("*", "torque_limit"): {"None"},
+    ("*", "pad_compliance"): {"None"},
     ("*", "terminate_when_fallen"): {"flag"}, ("*", "fall_contact"): {"flag"},
     ("*", "track_joint_forces"): {"flag"},
     ("crank", "time_step"): set(), ("walkers", "track_joint_forces"): set(),

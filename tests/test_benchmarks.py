@@ -7,7 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import built_robot, convergence, measure, plants, ppo, probe, speed
+from benchmarks import (
+    built_robot,
+    convergence,
+    measure,
+    plants,
+    ppo,
+    probe,
+    profiles,
+    ranking,
+    speed,
+)
 from benchmarks.plants import Comparison, Outcome, Walk
 
 
@@ -108,3 +118,52 @@ def test_starting_is_measured(tmp_path):
     tree = probe.Tree(Path(__file__).parents[1])
     assert sum(tree.first()) > 2.0 * sum(tree.later())
     tree.close()
+
+
+def scored(error, slip, cost, falls, torque, share=1.0, returned=0.0):
+    """A controller's row, over all commands and at the only one."""
+    names = ("return", "speed_error", "slip_per_metre", "cost_of_transport", "falls", "rms_torque")
+    row = dict(zip(names, (returned, error, slip, cost, falls, torque), strict=True))
+    return [{**row, "share": share}] * 2
+
+
+def test_ranks_by_return_and_by_table():
+    """Mean ranks by hand; who walks nowhere comes last, however cheaply."""
+    rows = {
+        "good": scored(0.01, 0.1, 1.0, 0.0, 5.0, returned=9.0),
+        "rough": scored(0.02, 0.2, 3.0, 0.0, 9.0, returned=5.0),
+        "near": scored(0.3, float("nan"), float("nan"), 0.0, 0.0, share=0.1, returned=1.0),
+        "far": scored(0.4, float("nan"), float("nan"), 0.0, 0.0, share=-0.1, returned=2.0),
+    }
+    at_command = [row[1] for row in rows.values()]
+    assert ranking.table_ranks(at_command) == pytest.approx([1.1, 1.9, 3.0, 4.0])
+    table, correlation = ranking.rank(rows)
+    assert correlation == pytest.approx(0.8)
+    assert [line.split("|")[1].strip() for line in table.splitlines()[2:]] == [
+        "good", "rough", "far", "near",
+    ]  # fmt: skip
+
+
+def test_ranking_runs(tmp_path, capsys):
+    """One command: all controllers are ranked, standing last, a profile before bang-bang."""
+    ranking.main(["--quick", "--out", str(tmp_path)])
+    lines = (tmp_path / "ranking.md").read_text().splitlines()[2:]
+    order = [line.split("|")[1].strip() for line in lines if line.startswith("|")]
+    assert set(order) == set(ranking.CONTROLLERS) and len(order) >= 10
+    assert order[-1] == "standing"
+    assert order.index("profile") < order.index("PID, bang-bang")
+    assert "rank correlation" in capsys.readouterr().out
+
+
+def test_profiles():
+    """A search improves on its start, and repeats; a mirrored robot gets the mirrored torque."""
+    start, found, again = (profiles.search(0.4, g) for g in (0, 2, 2))
+    assert np.array_equal(found, again) and not np.array_equal(start, found)
+    seen = np.zeros((1, 20))
+    seen[:, [0, 1, 2, 9]] = np.cos(0.7), np.sin(0.7), 2.0, 0.3
+    mirrored = seen.copy()
+    mirrored[:, [0, 2, 9]] *= -1.0
+    torque = profiles.profile_torque(found[None], seen)
+    assert profiles.profile_torque(found[None], mirrored) == pytest.approx(-torque)
+    seen[:, 9] = 0.0
+    assert profiles.profile_torque(found[None], seen) == 0.0

@@ -203,7 +203,7 @@ def test_energy_balances_in_every_step():
         _, _, terminated, _, info = env.step(rng.uniform(-0.5, 1.0, 1))
         energy = info["energy"]
         parts = ("joint_loss", "mechanical_energy_change", "residual")
-        assert set(energy) == {"motor_work", *parts}
+        assert set(energy) == {"motor_work", "electrical_work", *parts}
         assert energy["motor_work"] == pytest.approx(sum(energy[p] for p in parts), abs=1e-12)
         assert abs(energy["residual"]) < 1e-9 and energy["joint_loss"] >= 0.0
         work, miss = work + abs(energy["motor_work"]), miss + abs(energy["residual"])

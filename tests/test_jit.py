@@ -230,9 +230,9 @@ def test_the_package_runs_where_nothing_can_be_written(tmp_path):
     nowhere = str(tmp_path / "jansen_env" / "__pycache__" / "cache")
     code = (
         "from jansen_env.engine.jit import FOLDER, Kernel, prepare\n"
-        "from jansen_env.engine.task import tracking_score\n"
-        "for _ in range(2): prepare(Kernel('score', tracking_score, (0.3, 0.3)))\n"
-        "print(repr(FOLDER), tracking_score(0.3, 0.3))"
+        "from jansen_env.engine.task import progress_score\n"
+        "for _ in range(2): prepare(Kernel('score', progress_score, (0.3, 0.3)))\n"
+        "print(repr(FOLDER), progress_score(0.3, 0.3))"
     )
     names = ("HOME", "LOCALAPPDATA", "NUMBA_CACHE_DIR", "USERPROFILE", "XDG_CACHE_HOME")
     variables = {"PYTHONPATH": str(tmp_path), **dict.fromkeys(names, nowhere)}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,11 +17,12 @@ from jansen_env.kinematics import (
     O,
     P,
     T,
+    advance_per_turn,
     check_closure,
     coordinates,
     joint_positions,
 )
-from jansen_env.robot import paper_robot
+from jansen_env.robot import ROBOTS, Leg, paper_robot
 
 TURN = np.linspace(0.0, 2.0 * math.pi, 1440, endpoint=False)  # rad, a quarter of a degree apart
 
@@ -122,3 +124,13 @@ def test_shapes_follow_the_crank_angles():
     assert (joints[1, 2] == joint_positions(robot, "back", 3.0)).all()
     assert (x[1, 2] == coordinates(robot, "back", 3.0)).all()
     assert x[1, 2, 3] == 3.0  # theta_2 is the crank angle itself
+
+
+@pytest.mark.parametrize(("name", "advance"), [("paper", 0.658), ("holy", -0.980)])
+def test_advance_per_turn(name, advance):
+    """The paper's machine walks to +x, the holy one to -x; and so do their mirror images."""
+    robot = ROBOTS[name]()
+    assert advance_per_turn(robot) == pytest.approx(advance, abs=1e-3)
+    sides = {"fore": "back", "back": "fore"}
+    legs = tuple(Leg(sides[leg.side], -leg.phase) for leg in robot.legs)
+    assert advance_per_turn(replace(robot, legs=legs)) == pytest.approx(advance, abs=2e-3)

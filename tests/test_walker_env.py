@@ -159,9 +159,12 @@ def plain_factors(env, infos, actions):
         power += share * (abs(info["energy"]["motor_work"]) / dt - power)
         square += share * ((20.0 * action) ** 2 - square)
         pace = max(abs(command), 0.1)
-        progress = np.clip(speed / command, 0, 1) if command else max(0.0, 1 - abs(speed) / 0.05)
+        progress = 1.0 - min(1.0, abs(speed) / 0.05)
+        if command:
+            ratio = speed / command
+            progress = np.clip(ratio, 0, 1) if ratio < 2.0 else 2.0 / ratio
         yield lag, {
-            "tracking": 0.3 + 0.7 / (1 + (lag / 0.15) ** 2),
+            "tracking": 0.3 + 0.7 / (1 + (lag / 0.2) ** 2),
             "progress": progress,
             "slip": 1 / (1 + slip / pace / 0.2),
             "energy": 1 / (1 + power / (weight * pace) / 4.0),
@@ -226,7 +229,7 @@ def test_the_target_waits():
         env.reset(seed=0, options={"speed_command": command, "crank_angle": 1.0})
         for _ in range(150):
             *_, info = env.step(np.array([torque / 20.0]))
-        assert info["lag"] == end and info["reward/tracking"] < 0.36
+        assert info["lag"] == end and info["reward/tracking"] < 0.4
 
 
 def test_weights_are_exponents():
@@ -455,30 +458,39 @@ def test_human_mode_headless(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_fall_is_a_fall():
-    """Whichever criterion strikes first, the robot hardly ever gets up: under 10 % of 60 falls.
+@pytest.mark.parametrize(
+    ("robot", "terrain", "low", "high"),
+    [("paper", "flat", 0.0, 0.1), ("paper", "rough", 0.0, 0.1), ("holy", "rough", 0.3, 0.7)],
+)
+def test_a_fall_is_a_fall(robot, terrain, low, high):
+    """Whichever criterion strikes first, the paper's robot hardly ever gets up, of 60 falls.
 
     After each fall the crank rests for 2 s and then turns at 3 rad/s for 6 s; it counts as up when
     it spends 1 s within 0.5 rad of level and off its bumpers.
     """
-    env = JansenWalkerEnv(terminate_when_fallen=False)
+    ground = jansen_env.Terrain.rough(np.random.default_rng(0), height=0.03)
+    env = JansenWalkerEnv(
+        robot=robot, terrain=ground if terrain == "rough" else terrain, terminate_when_fallen=False
+    )
     rng = np.random.default_rng(0)
-    falls, recovered = 0, 0
+    falls, recovered, episode = 0, 0, 0
 
-    def hold(crank_speed, noise=0.0):
-        error = crank_speed - env.plant.state[7]
-        share = (10.0 * error + 1.5 * crank_speed) / 20.0 + noise * rng.normal()
+    def hold(seen, crank_speed, noise=0.0):
+        share = (10.0 * (crank_speed - seen[2]) + 1.5 * crank_speed) / 20.0 + noise * rng.normal()
         return env.step(np.array([np.clip(share, -1.0, 1.0)]))
 
-    for episode in range(120):
-        env.reset(seed=episode)
+    while falls < 60:
+        seen, _ = env.reset(seed=episode)
+        episode += 1
+        assert episode < 1000
         crank_speed, fallen, up, steps = rng.choice([2.0, 3.0, 10.0, -2.0, 12.0]), False, 0, 0
         while not fallen and steps < 500:
-            fallen, steps = hold(crank_speed, 0.3)[4]["fallen"], steps + 1
+            seen, _, _, _, info = hold(seen, crank_speed, 0.3)
+            fallen, steps = info["fallen"], steps + 1
         if not fallen:
             continue
         for step in range(400):
-            hold(0.0 if step < 100 else 3.0)
+            seen = hold(seen, 0.0 if step < 100 else 3.0)[0]
             level = (
                 abs(env.plant.state[2]) < 0.5
                 and not env.task.batch.accumulators["non_toe_impulse"][0] > 0.0
@@ -488,8 +500,8 @@ def test_a_fall_is_a_fall():
                 recovered += 1
                 break
         falls += 1
-    assert falls >= 60
-    assert recovered < 0.1 * falls
+    print(f"{robot} on {terrain}: {recovered} of {falls} got up")
+    assert low * falls <= recovered <= high * falls
 
 
 @pytest.mark.parametrize("env_id", ["JansenWalker-v0", "JansenCrank-v0"])

@@ -1,56 +1,63 @@
 """Pads that give: a spring and a damper along the normal, a bristle with both along the ground.
 
 Kelvin and Voigt's force, which never pulls, and friction behind a spring (as Dahl has it, but exact
-at its threshold): for the normal, g the gap, and tangentially the bristle's bend s in place of g,
+at its threshold). For the normal, with g the gap at the middle of the step and u_0, u_1 the
+velocities before and after it (tangentially the bristle's bend in place of g),
 
-    P = -h k (g_0 + theta D) - d D,       D = h (u_0 + u_1) / 2
+    P = -h k (g + (1 - c) h (u_1 - u_0) / 4 + c h u_1) - h d ((1 - c) (u_0 + u_1) / 2 + c u_1)
 
-with D the way in the step, theta = 1/2 where the step resolves the vibration (the trapezoidal
-rule: second order, and a spring gives back what it took to the last bit) and towards 1 where it
-does not (stable however stiff). Solved for u_1 that is
+- c = 0 where the step resolves spring and damper: the trapezoidal rule, of second order; a spring
+  gives back what it took to the last bit (implicit Euler would damp it by about omega h / 2).
+- c towards 1 where it does not: implicit Euler in u and in g, which is where the pads are half a
+  step from u. That brakes a pad before it is in the ground, so that it neither bounces nor
+  rings however stiff spring or damper are: the limit is a rigid pad.
 
-    u_1 + 2 P / (h (theta h k + d)) + u_0 + 2 k g_0 / (theta h k + d) = 0
-
-so that a compliant contact is a rigid one with more on W's diagonal and in the free velocity: the
-complementarity problem, its solver and its guesses stay as they are. What it calls velocity is then
-the one at which the pad slides, or takes off. In the step of a touchdown only the way below the
-ground counts, with theta = 1: never more energy comes back than went in. Of normal springs that the
-step does not resolve (2 - 2 theta)^2 of the energy is accounted for as stored, the rest as lost.
+With P = -B (u_1 + offset) a compliant contact is a rigid one with 1 / B more on W's diagonal and
+``offset`` in the free velocity: the complementarity problem, its solver and its guesses stay as
+they are. What it calls velocity is then the one at which the pad slides, or takes off. A touchdown
+counts only the way below the ground: never more energy comes back than went in.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from jansen_env.engine.contact_solver import OPEN, STICK
+from jansen_env.engine.contact_solver import COMPLIANCE, OPEN, STICK
 from jansen_env.engine.contacts import rate
 from jansen_env.engine.jit import stage
 
-RESOLVED = 2.0  # rad, of a vibration in a time step, up to which theta is 1/2
+RESOLVED = 2.0  # of a free pad's phase or decay in a time step: up to there c is 0
 NORMAL, TANGENTIAL = 0, 1
 
 
 @stage(inline=False)
 def add_compliance(h, count, velocity, params, planes, contacts):
-    """Put springs and dampers into W's diagonal and into ``offset``; fills ``give``."""
-    W, give, offset = contacts.problem.W, contacts.give, contacts.offset
+    """Put springs and dampers into W's diagonal and into ``offset``, the path's curvature there."""
+    W, offset = contacts.problem.W, contacts.offset
     for c in range(count):
         for side in (NORMAL, TANGENTIAL):
             i = 2 * c + side
             k, d = params.stiffness[side], params.pad_damping[side]
-            speed = rate(contacts.J, i, velocity)
-            squared, theta = h * h * k * W[i, i], 0.5  # of the vibration's phase in a step
-            if squared > RESOLVED * RESOLVED:
-                theta = 1.0 - 1.0 / np.sqrt(squared)
-            give[i] = theta * h * k + d
-            stretch = planes[contacts.plane[c]].stretch
+            old = rate(contacts.J, i, velocity)
+            phase, decay = h * np.sqrt(k * W[i, i]), h * d * W[i, i]  # of free motion, in a step
+            share = 1.0 - 1.0 / max(1.0, phase / RESOLVED, decay / RESOLVED)
+            ahead = 0.5 * h * (1.0 + share)
+            give = h * h * k * (0.25 + 0.75 * share) + d * ahead
+            touchdown = False
+            middle = contacts.gap[c]
             if side == NORMAL:
-                stretch = contacts.gap[c] - 0.5 * h * speed
-            if side == NORMAL and stretch > 0.0:
-                offset[i] = speed + 2.0 * stretch / h
+                touchdown = middle - 0.5 * h * old > 0.0
             else:
-                offset[i] = speed + 2.0 * k * stretch / give[i]
-            W[i, i] += 2.0 / (h * give[i])
+                middle = planes[contacts.plane[c]].stretch + (h - ahead) * old
+            contacts.curve[i] = share * offset[i]
+            if touchdown:
+                offset[i] = middle / ahead
+            else:
+                before = (1.0 - share) * (0.5 * h * d - 0.25 * h * h * k)
+                offset[i] = (h * k * middle + before * old) / give
+            offset[i] += contacts.curve[i]
+            contacts.middle[i], contacts.ahead[i], contacts.give[i] = middle, ahead, give
+            W[i, i] += max(1.0 / give, COMPLIANCE * W[i, i])
 
 
 @stage
@@ -76,41 +83,41 @@ def accumulate_compliant(h, count, velocity, after, params, contacts, planes, ro
     """Add a time step's slip, impulses and losses of compliant pads; bend the bristles.
 
     What friction takes while sliding is slip loss, all else (dampers, springs let go) impact loss.
+    Springs are as long as they are where the law looks, at the step's ends or up to half a step
+    ahead. Of normal ones that the step does not resolve (1 - c)^2 of the energy counts as stored,
+    the rest as lost: what they hold is less than the place of the ground is known by.
     """
     J, P, mode = contacts.J, contacts.problem.P, contacts.problem.mode
+    middle, ahead, curve = contacts.middle, contacts.ahead, contacts.curve
     total, status = robot.accumulators, robot.status
     k, kt = params.stiffness[NORMAL], params.stiffness[TANGENTIAL]
     before, stored, lost = 0.0, 0.0, 0.0  # J: in the springs, and what contacts took of the robot
     slip_loss = 0.0
-    for c in range(count):
-        contacts.bent[c] = planes[contacts.plane[c]].stretch
     for j in range(status.first_plane, status.end_plane):
         before += 0.5 * kt * planes[j].stretch ** 2
         planes[j].stretch = 0.0
     for c in range(count):
-        i, plane = 2 * c, planes[contacts.plane[c]]
+        i, t, plane = 2 * c, 2 * c + 1, planes[contacts.plane[c]]
         plane.mode = mode[c]
-        old, old_t = rate(J, i, velocity), rate(J, i + 1, velocity)
-        way = 0.5 * h * (old + rate(J, i, after))
-        along = 0.5 * h * (old_t + rate(J, i + 1, after))
-        gap = contacts.gap[c] - 0.5 * h * old
-        start, end = min(gap, 0.0), min(gap + way, 0.0)
-        theta = (contacts.give[i] - params.pad_damping[NORMAL]) / (h * k)
-        share = 0.5 * k * (2.0 - 2.0 * theta) ** 2
-        before += share * start * start
-        stored += share * end * end
+        old, new = rate(J, i, velocity), rate(J, i, after)
+        old_t, new_t = rate(J, t, velocity), rate(J, t, after)
+        start = min(middle[i] - (h - ahead[i]) * old, 0.0)
+        end = min(middle[i] + ahead[i] * new + h * curve[i], 0.0)
+        known = 0.5 * k * (2.0 - 2.0 * ahead[i] / h) ** 2
+        before += known * start * start
+        stored += known * end * end
         if mode[c] == OPEN:
             continue
-        bent = along
+        slid = 0.0
         if mode[c] != STICK:
-            bent = -(P[i + 1] + h * kt * contacts.bent[c]) / contacts.give[i + 1]
-        plane.stretch = contacts.bent[c] + bent
+            slid = ahead[t] * (new_t + contacts.offset[t] + P[t] / contacts.give[t])
+        plane.stretch = middle[t] + ahead[t] * new_t + h * curve[t] - slid
         stored += 0.5 * kt * plane.stretch**2
-        lost -= (P[i] * way + P[i + 1] * along) / h
-        slip_loss -= P[i + 1] * (along - bent) / h
+        lost -= 0.5 * (P[i] * (old + new) + P[t] * (old_t + new_t))
+        slip_loss -= P[t] * slid / h
         pad = statistics[plane.pad]
-        pad.slip += abs(along - bent)
-        pad.impulse[0] += P[i + 1]
+        pad.slip += abs(slid)
+        pad.impulse[0] += P[t]
         pad.impulse[1] += P[i]
     total.slip_loss += slip_loss
     total.impact_loss += lost + before - stored - slip_loss

@@ -34,8 +34,8 @@ def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
     of the velocity at the end of the step, J v + (h / 2) J_dot v, which keeps a rolling or pivoting
     toe where it is to second order.
 
-    A compliant pad touches if it does so where the step begins, or where it would end at this
-    velocity.
+    A compliant pad touches if it does so where the step begins, or would in the middle of the next
+    one at this velocity: that far ahead its law may look.
 
     Returns:
         (contacts, whether one of them was open when the step began)
@@ -46,7 +46,7 @@ def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
     first = robot.status.first_plane
     travel = _travel(work.pose, middle, params)
     count, impact = 0, False
-    reach = half_way(h, velocity, params) if params.compliant else 0.0
+    reach = farthest_way(h, velocity, params) if params.compliant else 0.0
     for k in range(first, robot.status.end_plane):
         if work.bound[k - first] > travel + reach:
             continue
@@ -59,17 +59,18 @@ def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
         distance = plane.normal_x * (x + ox) + plane.normal_y * (y + oy)
         distance = distance - plane.offset - params.pad_radius
         work.bound[k - first] = travel + distance
+        mode, plane.mode = plane.mode, STICK  # the guess for a contact that closes
         if distance > reach:
             continue
         read_pad_motion(model.pads, pad.table, row, t, place)
         _fill_rows(h, count, plane, turn, (ox, oy), velocity, inertia, params.pad_radius, work)
         half = 0.5 * h * rate(contacts.J, 2 * count, velocity)
-        if params.compliant and distance - half > 0.0 and distance + half > 0.0:
+        if params.compliant and distance - half > 0.0 and distance + 2.0 * half > 0.0:
             continue
         if distance - half > 0.0:
             impact = True
         contacts.problem.mu[count] = params.friction
-        contacts.problem.mode[count] = plane.mode
+        contacts.problem.mode[count] = mode
         contacts.plane[count], contacts.gap[count] = k, distance
         count += 1
     return count, impact
@@ -83,11 +84,11 @@ def _turned(turn, x, y):
 
 
 @macro
-def half_way(h, velocity, params):
-    """How far, at most, any pad gets in half a step, m; of the centre of mass's velocity."""
+def farthest_way(h, velocity, params):
+    """How far, at most, any pad gets in a step, m; of the centre of mass's velocity."""
     way = abs(velocity.x) + abs(velocity.y)
     way += params.pitch_arm * abs(velocity.pitch) + params.crank_arm * abs(velocity.crank)
-    return 0.5 * (1.0 + 1e-6) * h * way
+    return (1.0 + 1e-6) * h * way
 
 
 @stage

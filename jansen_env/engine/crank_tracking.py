@@ -27,6 +27,7 @@ INFORMATION = row_dtype(
 ENERGIES = row_dtype(
     [
         ("motor_work", float),
+        ("electrical_work", float),
         ("joint_loss", float),
         ("mechanical_energy_change", float),
         ("residual", float),
@@ -45,19 +46,20 @@ ROW = row_dtype(
 
 
 @compiled
-def finish_step(states, work, loss, change, period, weights, rows, reward, terminated, out):
-    """Reward the step of ``period`` seconds that led to ``states`` (n, 3), and describe it.
+def finish_step(states, sums, period, weights, rows, reward, terminated, out):
+    """Reward the step of ``period`` seconds that led to ``states`` (n, 6), and describe it.
 
     Args:
-        work, loss, change: (n,) of the motor, the joints and in mechanical energy, J.
+        sums: (n, 5) see :func:`jansen_env.engine.runge_kutta.turn_each`.
         weights: (1,) of :data:`REWARD`. rows: (n,) of :data:`ROW`. reward, terminated: (n,).
         out: (n, 5) observations.
     """
     for r in range(len(states)):
         rows[r].steps += 1.0
-        energy = rows[r].energy
-        energy.motor_work, energy.joint_loss = work[r], loss[r]
-        energy.mechanical_energy_change, energy.residual = change[r], work[r] - loss[r] - change[r]
+        energy, work, loss, change = rows[r].energy, sums[r, 0], sums[r, 1], sums[r, 2]
+        energy.motor_work, energy.joint_loss, energy.electrical_work = work, loss, sums[r, 3]
+        energy.mechanical_energy_change, energy.residual = change, work - loss - change
+        rows[r].info.crank_torque = sums[r, 4]
     describe(states, period, rows, out)
     for r in range(len(states)):
         term, error = rows[r].reward, rows[r].info.tracking_error
@@ -69,7 +71,7 @@ def finish_step(states, work, loss, change, period, weights, rows, reward, termi
 
 @compiled
 def describe(states, period, rows, out):
-    """Observations (n, 5) into ``out``, and information into ``rows``, of states (n, 3)."""
+    """Observations (n, 5) into ``out``, and information into ``rows``, of states (n, 6)."""
     for r in range(len(states)):
         info, angle, speed = rows[r].info, states[r, 0], states[r, 1]
         info.crank_angle, info.crank_speed = angle, speed

@@ -28,7 +28,7 @@ from jansen_env.engine.compliance import (
     attach_bristles,
     keep_bristles,
 )
-from jansen_env.engine.contact_solver import OPEN, STICK, index_size, spare_space
+from jansen_env.engine.contact_solver import OPEN, index_size, spare_space
 from jansen_env.engine.contacts import (
     TRAVEL,
     assemble,
@@ -76,7 +76,7 @@ def work_space(capacity: int) -> tuple[Array, Array, Array, Array, Array, Ints]:
     rows = capacity + 1  # the last one for the crank's Coulomb friction
     n = 2 * rows
     return (
-        np.zeros((2, n, 4)), np.zeros((2, n, n)), np.zeros((10, n)), np.zeros((3, 3, 6)),
+        np.zeros((2, n, 4)), np.zeros((2, n, n)), np.zeros((12, n)), np.zeros((3, 3, 6)),
         spare_space(rows), np.zeros(2 * rows + index_size(rows), np.int64),
     )  # fmt: skip
 
@@ -173,6 +173,8 @@ def _work(jacobians, matrices, vectors, readings, spare, ints):
         vectors[6],
         vectors[8],
         vectors[9],
+        vectors[10],
+        vectors[11],
         ints[n : 2 * n],
         problem,
     )
@@ -260,8 +262,6 @@ def _time_step(h, asked, torque, state, robot, model, planes, statistics, work):
     state[0], state[1] = x + 0.5 * h * after.x, y + 0.5 * h * after.y
     state[2], state[3] = theta + 0.5 * h * after.pitch, psi + 0.5 * h * after.crank
     state[4], state[5], state[6], state[7] = after
-    for k in range(robot.status.first_plane, robot.status.end_plane):
-        planes[k].mode = STICK  # the guess for a contact that closes
     if params.compliant:
         accumulate_compliant(h, count, velocity, after, params, contacts, planes, robot, statistics)
     elif count > 0:

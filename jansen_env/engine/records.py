@@ -210,8 +210,11 @@ class Contacts(NamedTuple):
     MJ: Array  # (2 n, 4) J M^-1
     offset: Array  # (2 n,) m/s, added to J v: half a step of the path's curvature; or the springs
     gap: Array  # (n,) m
-    give: Array  # (2 n,) N s/m, of compliant pads: impulse per way in the step
-    bent: Array  # (n,) m, their bristles, when the step began
+    # Of compliant pads, (2 n,): see :mod:`jansen_env.engine.compliance`.
+    give: Array  # kg, impulse per velocity at the end of the step
+    middle: Array  # m, gap and bristle's bend at its middle
+    ahead: Array  # s, from there to where the law looks
+    curve: Array  # m/s, the path's curvature, as far as it counts
     plane: Ints  # (n,) row of the planes
     problem: Problem
 

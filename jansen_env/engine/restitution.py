@@ -135,7 +135,7 @@ def _solve_step(
         constraints += 1
         add_dry_friction(h, count, friction, inertia, contacts)
     problem, MJ = contacts.problem, contacts.MJ
-    nw, nn, residual = w, n, 0.0
+    nw, nn, residual, pushed = w, n, 0.0, 0.0
     nx, ny = velocity.x + h * params.gravity_x, velocity.y + h * params.gravity_y
     free = Velocity(nx, ny, nw, nn)
     for _ in range(PASSES):
@@ -144,7 +144,7 @@ def _solve_step(
         crank_force = 0.5 * mw * mw * inertia.pitch_slope - 0.5 * mn * mn * inertia.crank_slope
         crank_force -= sliding
         if params.limited:
-            used = motor_torque(h, torque, n, pitch_force, crank_force, inertia, params)
+            used = motor_torque(h, torque, n, pushed, pitch_force, crank_force, inertia, params)
         crank_force += used - inertia.damping * n
         nx, ny = velocity.x + h * params.gravity_x, velocity.y + h * params.gravity_y
         nw = w + h * (inertia.m11 * pitch_force + inertia.m12 * crank_force)
@@ -161,16 +161,19 @@ def _solve_step(
             ny += MJ[i, 1] * problem.P[i]
             nw += MJ[i, 2] * problem.P[i]
             nn += MJ[i, 3] * problem.P[i]
+        pushed = nn - free.crank
     return Velocity(nx, ny, nw, nn), free, residual, used
 
 
 @macro
-def motor_torque(h, asked, n, pitch_force, crank_force, inertia, params):
-    """What the motor gives of a torque at the step's mean crank speed, without contacts: implicit.
+def motor_torque(h, asked, n, pushed, pitch_force, crank_force, inertia, params):
+    """What the motor gives of a torque at the step's mean crank speed: implicit.
 
-    Contacts only make the crank feel heavier, so this stays stable however steep the motor's line.
+    Of contacts it knows how much crank speed they gave in the last pass, ``pushed``: they only make
+    the crank feel heavier, so this stays stable however steep the motor's line.
     """
-    rest = n + h * (inertia.m12 * pitch_force + inertia.m22 * (crank_force - inertia.damping * n))
+    crank_force -= inertia.damping * n
+    rest = n + pushed + h * (inertia.m12 * pitch_force + inertia.m22 * crank_force)
     lost = 0.5 * params.torque_slope * (n + rest)
     share = 1.0 / (1.0 + 0.5 * h * params.torque_slope * inertia.m22)
     most = params.most_torque

@@ -18,14 +18,15 @@ FURTHEST_TARGET = 0.5  # m, the target waits when it is so far away
 LONGEST_MEAN = 3.4  # s, over which means are taken at most ...
 SHORTEST_MEAN = 0.2  # s, ... and at least
 FLOOR = 0.3  # of tracking: who has lost the target shall still learn what walking pays
+CATCHING_UP = 2.0  # times the command: up to this mean speed progress is not less
 STANDING = 0.05  # m/s: mean speed at which progress is 0 when the command is to stand
 SLOWEST = 0.1  # m/s: slip and power are rated by the commanded speed, but by no slower one
 
 # Where each factor has fallen to a half.
-HALF_LAG = 0.15  # m, of tracking without its floor
+HALF_LAG = 0.2  # m, of tracking without its floor
 HALF_SLIP = 0.2  # m slid by all toes per metre
 HALF_ENERGY = 4.0  # cost of transport: motor power / (weight * speed)
-HALF_EFFORT = 0.4  # m, RMS torque / weight
+HALF_EFFORT = 0.3  # m, RMS torque / weight
 HALF_CHANGE = 0.8  # change of the action
 HALF_PITCH = 0.4  # rad
 
@@ -72,6 +73,7 @@ INFORMATION = row_dtype(
 ENERGIES = row_dtype(
     [
         ("motor_work", float),
+        ("electrical_work", float),
         ("joint_loss", float),
         ("slip_loss", float),
         ("impact_loss", float),
@@ -110,6 +112,7 @@ def finish_step(
     """
     for r in range(len(states)):
         row, total, state = rows[r], robots[r].accumulators, states[r]
+        row.info.crank_torque += total.torque_impulse / settings[0].period
         slipped = 0.0
         for j in range(slip.shape[1]):
             slipped += slip[r, j]
@@ -182,10 +185,11 @@ def tracking_score(lag):
 
 @compiled
 def progress_score(mean_speed, command):
-    """Share of the commanded speed (m/s) that is reached on the mean, 0 to 1."""
+    """1 at a mean speed of once to twice the command (m/s), less in proportion on both sides."""
     if command == 0.0:
         return max(0.0, 1.0 - abs(mean_speed) / STANDING)
-    return min(1.0, max(0.0, mean_speed / command))
+    ratio = mean_speed / command
+    return min(1.0, max(0.0, ratio)) if ratio < CATCHING_UP else CATCHING_UP / ratio
 
 
 @compiled
@@ -234,6 +238,7 @@ def inform(state, total, row):
     info.x_position, info.pitch = state[0], state[2]
     info.crank_angle, info.crank_speed = state[3], state[7]
     energy.motor_work, energy.joint_loss = total.motor_work, total.joint_loss
+    energy.electrical_work = total.electrical_work
     energy.slip_loss, energy.impact_loss = total.slip_loss, total.impact_loss
     energy.mechanical_energy_change = total.energy_change
     losses = energy.joint_loss + energy.slip_loss + energy.impact_loss

@@ -24,8 +24,9 @@ from jansen_env.checks import (
     whole_number,
     within,
 )
+from jansen_env.motor import MOTORS, Motor
 from jansen_env.plants.base import check_time_step
-from jansen_env.robot import ROBOTS, Payload, Robot
+from jansen_env.robot import ROBOTS, Compliance, Payload, Robot
 from jansen_env.terrain import Terrain, make_terrain
 
 Array = NDArray[np.float64]
@@ -33,16 +34,33 @@ Array = NDArray[np.float64]
 RENDER_MODES = ["human", "rgb_array"]
 MOST_STEPS = 10_000  # time steps in a control period: seconds on the slowest plant
 MOST_ROBOTS = 1_000_000  # of a vector environment: gigabytes
+LONGEST_DELAY = 1.0  # s, of an action
 MOST_EPISODE_STEPS = 2**53  # the largest number up to which floats count one by one
 
 
-def load_robot(robot: Robot | str, payload: Payload | float | None = None) -> Robot:
-    """A robot by itself or by the name of a design, with a payload (or kg at the crank axis)."""
-    if not isinstance(robot, Robot):
-        if not isinstance(robot, str) or robot not in ROBOTS:
-            raise ValueError(f"robot is {shown(robot)}, must be a Robot or one of {sorted(ROBOTS)}")
-        robot = ROBOTS[robot]()
-    return robot if payload is None else replace(robot, payload=load_payload(payload))
+def load_robot(robot: Robot | str) -> Robot:
+    """A robot by itself or by the name of a design."""
+    if isinstance(robot, Robot):
+        return robot
+    if not isinstance(robot, str) or robot not in ROBOTS:
+        raise ValueError(f"robot is {shown(robot)}, must be a Robot or one of {sorted(ROBOTS)}")
+    return ROBOTS[robot]()
+
+
+def load_motor(motor: Motor | str) -> Motor:
+    """A motor by itself or by its name."""
+    if isinstance(motor, Motor):
+        return motor
+    if not isinstance(motor, str) or motor not in MOTORS:
+        raise ValueError(f"motor is {shown(motor)}, must be a Motor or one of {sorted(MOTORS)}")
+    return MOTORS[motor]
+
+
+def load_compliance(pads: Any) -> Compliance:
+    """How pads give. Raises ValueError for anything but a :class:`Compliance`."""
+    instance("pad_compliance", pads, Compliance)
+    found: Compliance = pads
+    return found
 
 
 def load_payload(payload: Any) -> Payload:
@@ -50,16 +68,16 @@ def load_payload(payload: Any) -> Payload:
     return payload if isinstance(payload, Payload) else Payload(non_negative("payload", payload))
 
 
-def command_range(command: Any, limit: float) -> tuple[float, float]:
-    """``speed_command`` as (low, high): a number or a pair within +-``limit``."""
-    pair: tuple[Any, ...] = (command, command)
-    if isinstance(command, (tuple, list, np.ndarray)):
-        pair = entries("speed_command", command, "a number or (low, high)")
+def number_range(name: str, value: Any, least: float, most: float) -> tuple[float, float]:
+    """A number or a pair between ``least`` and ``most`` as (low, high)."""
+    pair: tuple[Any, ...] = (value, value)
+    if isinstance(value, (tuple, list, np.ndarray)):
+        pair = entries(name, value, "a number or (low, high)")
     if len(pair) != 2:
-        raise ValueError(f"speed_command is {shown(command)}, must be a number or (low, high)")
-    low, high = (within("speed_command", value, -limit, limit) for value in pair)
+        raise ValueError(f"{name} is {shown(value)}, must be a number or (low, high)")
+    low, high = (within(name, one, least, most) for one in pair)
     if low > high:
-        raise ValueError(f"speed_command is {shown(command)}, must be (low, high) with low <= high")
+        raise ValueError(f"{name} is {shown(value)}, must be (low, high) with low <= high")
     return low, high
 
 
@@ -109,33 +127,67 @@ def _each(name: str, value: Any, count: int) -> list[Any]:
     return list(value)
 
 
-def robot_of_each(count: int, robot: Robot | str, payload: Any = None) -> list[Robot]:
-    """``count`` robots of one design, with one payload or with one for each.
+def robot_of_each(
+    count: int,
+    robot: Robot | str,
+    payload: Any = None,
+    motor: Any = None,
+    pad_compliance: Any = None,
+    torque_limit: Any = None,
+) -> list[Robot]:
+    """``count`` robots of one design, with one payload, motor and so on or with one for each.
+
+    None leaves what the robot has.
 
     Raises:
         ValueError: not one for each, or a value out of range.
     """
-    loads = [None if one is None else load_payload(one) for one in _each("payload", payload, count)]
-    made = {load: load_robot(robot, load) for load in dict.fromkeys(loads)}
-    return [made[load] for load in loads]
+    parts: dict[str, tuple[Any, Callable[[Any], Any]]] = {
+        "payload": (payload, load_payload),
+        "motor": (motor, load_motor),
+        "pad_compliance": (pad_compliance, load_compliance),
+        "torque_limit": (torque_limit, lambda value: positive("torque_limit", value)),
+    }
+    columns = [
+        [None if one is None else load(one) for one in _each(name, value, count)]
+        for name, (value, load) in parts.items()
+    ]
+    made: dict[Any, Robot] = {}
+    robots = []
+    for chosen in zip(*columns, strict=True):
+        if chosen not in made:
+            *fields, limit = chosen
+            changes = dict(zip(parts, fields, strict=False))
+            changes = {name: value for name, value in changes.items() if value is not None}
+            one = replace(load_robot(robot), **changes)
+            if limit is not None:
+                one = replace(one, motor=replace(one.motor, torque_limit=limit))
+            made[chosen] = one
+        robots.append(made[chosen])
+    return robots
 
 
-def command_of_each(count: int, command: Any, limit: float) -> Array:
-    """(count, 2) ranges of commanded speeds, m/s.
+def delay_of_each(count: int, delay: Any) -> Array:
+    """(count, 2) ranges of the actions' delay, s, see :func:`ranges_of_each`."""
+    return ranges_of_each(count, "delay", delay, 0.0, LONGEST_DELAY)
+
+
+def ranges_of_each(count: int, name: str, value: Any, least: float, most: float) -> Array:
+    """(count, 2) ranges between ``least`` and ``most``.
 
     Args:
-        command: a number or (low, high) for all; an array (count,) of numbers, or an array
+        value: a number or (low, high) for all; an array (count,) of numbers, or an array
             (count, 2) or list of ranges for each.
 
     Raises:
         ValueError: not one for each, or a value out of range.
     """
-    several = isinstance(command, (np.ndarray, Each)) or (
-        isinstance(command, (list, tuple))
-        and any(isinstance(one, (list, tuple, np.ndarray)) for one in command)
+    several = isinstance(value, (np.ndarray, Each)) or (
+        isinstance(value, (list, tuple))
+        and any(isinstance(one, (list, tuple, np.ndarray)) for one in value)
     )
-    commands = _each("speed_command", command, count) if several else [command] * count
-    return np.array([command_range(one, limit) for one in commands])
+    values = _each(name, value, count) if several else [value] * count
+    return np.array([number_range(name, one, least, most) for one in values])
 
 
 def numbers_of_each(count: int, name: str, value: Any, check: Callable[[str, Any], float]) -> Array:

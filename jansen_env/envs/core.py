@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
@@ -11,9 +12,11 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from jansen_env.checks import within
 from jansen_env.engine.actions import take_actions
 from jansen_env.engine.jit import Kernel
-from jansen_env.envs.arguments import actions_of_each
+from jansen_env.envs import arguments
+from jansen_env.envs.arguments import actions_of_each, option
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 
@@ -100,9 +103,12 @@ class Task(ABC):
         observation: (n, d) the last ones. reward: (n,) of the last step. terminated: (n,) whether
             the episode is over. truncated: (n,) whether the simulation diverged.
         information: of the last step.
-        torque_limit: N m. full_torque: (n,) N m, the torque of action 1, with its sign.
-        torque: (n,) of the last step, N m. rows: (n,) what is kept of each robot's episode, and
-            what its last step was.
+        full_torque: (n,) N m, the torque of action 1, with its sign.
+        torque: (n,) that the last step ended with, N m, and earlier: (n,) the one that held in its
+            first ``switch`` (n,) time steps. asked: (n, steps) N m, torques asked for, latest
+            first. delay: (n, 2) after how many control steps and time steps they hold.
+        delay_range: (n, 2) s, of episodes to come.
+        rows: (n,) what is kept of each robot's episode, and what its last step was.
     """
 
     OF_EACH: ClassVar[tuple[str, ...]]
@@ -118,20 +124,31 @@ class Task(ABC):
     terminated: Bools
     truncated: Bools
     information: Information
-    torque_limit: float
     full_torque: Array
     torque: Array
+    earlier: Array
+    switch: Ints
+    asked: Array
+    delay: Ints
+    delay_range: Array
     rows: NDArray[Any]
 
-    def _allocate(self, row: np.dtype[Any], observation_space: spaces.Box) -> None:
-        """Make the arrays of a task with such rows."""
+    def _allocate(
+        self, row: np.dtype[Any], observation_space: spaces.Box, delay: Any, time_step: float
+    ) -> None:
+        """Make the arrays of a task with such rows; delay: s, of each robot, a number or a range."""
         n = self.num_envs
+        self.delay_range = arguments.delay_of_each(n, delay)
+        self._time_step = time_step
+        longest = math.ceil(self.delay_range.max() / self.control_dt)
+        self.asked, self.delay = np.zeros((n, longest + 2)), np.zeros((n, 2), np.int64)
+        self.earlier, self.switch = np.zeros(n), np.zeros(n, np.int64)
         self.observation_space = observation_space
         self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
         self.observation = np.zeros((n, *observation_space.shape), np.float32)
         self.rows = np.zeros(n, row)
         self.torque, self.reward = np.zeros((2, n))
-        self.full_torque = np.full(n, self.torque_limit)
+        self.full_torque = np.array([robot.motor.torque_limit for robot in self.robots])
         self.terminated, self.truncated = np.zeros((2, n), bool)
         self._any_truncated = False
 
@@ -222,13 +239,59 @@ class Task(ABC):
         """What is compiled of any task."""
         n = self.num_envs
         actions, active = np.zeros((n, 1)), np.ones(n, bool)
-        arguments = actions, active, self.full_torque, self.rows, self.torque
-        return [Kernel("actions", take_actions, arguments)]
+        return [Kernel("actions", take_actions, (actions, active, *self._delayed()))]
+
+    @property
+    def torque_limit(self) -> float:
+        """N m, the first robot's torque of action 1."""
+        return self.robots[0].motor.torque_limit
+
+    def _delayed(self) -> tuple[Any, ...]:
+        return (
+            self.full_torque, self.rows, self.asked, self.delay, self.torque, self.earlier,
+            self.switch,
+        )  # fmt: skip
+
+    def _begin_delay(self, row: int, delay: float, asked: Array | None = None) -> None:
+        """Begin an episode of a robot whose torques come so late, s, after those asked for before."""
+        steps = round(delay / self._time_step)
+        self.delay[row] = divmod(steps, round(self.control_dt / self._time_step))
+        self.asked[row] = 0.0 if asked is None else asked
+        whole = self.delay[row, 0]
+        self.torque[row], self.earlier[row] = self.asked[row, whole], self.asked[row, whole + 1]
+        self.switch[row] = self.delay[row, 1]
+
+    def _draw_delay(self, row: int, rng: np.random.Generator, options: Mapping[str, Any]) -> float:
+        """By how much a robot's torques come late in an episode, s."""
+        low, high = self.delay_range[row].tolist()
+        longest = (self.asked.shape[1] - 2) * self.control_dt
+        drawn = rng.uniform(low, high) if high > low else low
+        return option(options, "delay", drawn, 0.0, longest)
+
+    def _checked_delay_range(self, value: Any) -> tuple[float, float]:
+        """A range of delays, s. Raises ValueError: out of range."""
+        longest = (self.asked.shape[1] - 2) * self.control_dt
+        return arguments.number_range("delay", value, 0.0, longest)
+
+    def _delay_state(self, row: int) -> dict[str, Any]:
+        """Of :meth:`get_state`: what a robot's delay is, s, and torques on their way, N m."""
+        whole, rest = self.delay[row].tolist()
+        return {
+            "delay": whole * self.control_dt + rest * self._time_step,
+            "asked": self.asked[row].copy(),
+        }
+
+    def _checked_delay(self, state: Mapping[str, Any]) -> tuple[float, Array]:
+        """What :meth:`_begin_delay` needs, of a state. Raises ValueError: out of range."""
+        longest, asked = self.asked.shape[1], np.array(state["asked"], dtype=float)
+        if asked.shape != (longest,) or not np.isfinite(asked).all():
+            raise ValueError(f"state['asked'] is {asked}, must be {longest} finite numbers")
+        return within("state['delay']", state["delay"], 0.0, (longest - 2) * self.control_dt), asked
 
     def _take_actions(self, actions: Any, active: Bools) -> None:
         """Actions (n, 1) into the rows and as torques, see :meth:`step`."""
         values = actions_of_each(self.num_envs, actions)
-        bad = take_actions(values, active, self.full_torque, self.rows, self.torque)
+        bad = take_actions(values, active, *self._delayed())
         if bad >= 0:
             raise ValueError(f"actions[{bad}] is {values[bad, 0]}, must be finite")
 

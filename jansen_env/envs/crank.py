@@ -58,7 +58,8 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
     ## Information
     ``crank_angle`` rad (not wrapped), ``crank_speed`` rad/s, ``crank_torque`` N m,
     ``tracking_error`` rad, ``speed_command`` rad/s, and ``energy``, J in this step: ``motor_work``,
-    ``joint_loss``, ``mechanical_energy_change``, ``residual``; the first is the sum of the others.
+    ``joint_loss``, ``mechanical_energy_change``, ``residual``; the first is the sum of the others;
+    ``electrical_work`` is what the motor drew.
     With ``track_joint_forces``: ``joint_force_max`` N, the largest force with which a link bears
     on any of its joints at the end of the step. ``joint_forces()`` has all of them.
 
@@ -67,7 +68,9 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
     |----------|---------|---------|
     | ``robot`` | ``"paper"`` | a :class:`jansen_env.Robot`, or the name of a built-in design |
     | ``speed_command`` | 1 | rad/s, a number or a range |
-    | ``torque_limit`` | 5 | N m |
+    | ``motor`` | robot's (ideal) | a :class:`jansen_env.Motor`, or the name of one |
+    | ``torque_limit`` | motor's (ideal: 5) | N m, in place of the motor's own |
+    | ``delay`` | 0 | s by which torques come late, at most 1; or a range, drawn at each reset |
     | ``control_dt`` | 0.01 | s for which an action is held (the paper's); a multiple of ``time_step``, at most 10,000 times as long |
     | ``time_step`` | 0.001 | s, of the integration, 1e-9 to 1 |
     | ``tracking_weight``, ``torque_weight`` | 1, 1 | see Rewards |

@@ -6,18 +6,20 @@ documented in :class:`jansen_env.envs.crank.JansenCrankEnv`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from jansen_env.checks import non_negative, positive, whole_number, within
+from jansen_env.checks import non_negative, whole_number, within
 from jansen_env.engine import crank_tracking as task
 from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.envs import arguments
 from jansen_env.envs.core import Bools, Information, Task
+from jansen_env.motor import IDEAL, Motor
 from jansen_env.plants.fixed_base import FixedBaseBatch, FixedBasePlant, check_crank_state
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
@@ -26,6 +28,7 @@ Array = NDArray[np.float64]
 
 SPEED_COMMAND = 1.0  # rad/s, the paper's
 FASTEST_COMMAND = 10.0  # rad/s
+TORQUE_LIMIT = 5.0  # N m, of an ideal motor
 START_ANGLE, LOST = task.START_ANGLE, task.LOST
 
 
@@ -35,10 +38,11 @@ class CrankTask(Task):
     Args:
         num_envs: robots. threads: taken as the walker's, of no use here.
         robot ... track_joint_forces: see :class:`jansen_env.envs.crank.JansenCrankEnv`;
-            ``speed_command`` and ``reset_noise_scale`` may be one for all robots or one for each.
+            ``speed_command``, ``delay`` and ``reset_noise_scale`` may be one for all robots or one
+            for each.
 
     Attributes:
-        speed_command: (n, 2) rad/s, range of the next commands. torque_limit: N m.
+        speed_command: (n, 2) rad/s, range of the next commands.
         plant: the plant of a robot that is alone, else None. batch: what moves the robots.
 
     Raises:
@@ -46,9 +50,9 @@ class CrankTask(Task):
             cannot turn its crank.
     """
 
-    OF_EACH = ("speed_command", "reset_noise_scale")
+    OF_EACH = ("speed_command", "delay", "reset_noise_scale")
     ONE_ALONE = {"track_joint_forces": False}
-    SETTABLE = ("speed_command",)
+    SETTABLE = ("speed_command", "delay")
 
     def __init__(
         self,
@@ -57,7 +61,9 @@ class CrankTask(Task):
         *,
         robot: Robot | str = "paper",
         speed_command: float | tuple[float, float] | Any = SPEED_COMMAND,
-        torque_limit: float = 5.0,
+        motor: Motor | str | None = None,
+        torque_limit: float | None = None,
+        delay: float | tuple[float, float] | Any = 0.0,
         control_dt: float = 0.01,
         time_step: float = 0.001,
         tracking_weight: float = 1.0,
@@ -66,9 +72,13 @@ class CrankTask(Task):
         track_joint_forces: bool = False,
     ) -> None:
         self.num_envs = n = num_envs
-        self.robots = [arguments.load_robot(robot)] * n
-        self.speed_command = arguments.command_of_each(n, speed_command, FASTEST_COMMAND)
-        self.torque_limit = positive("torque_limit", torque_limit)
+        (chosen,) = arguments.robot_of_each(1, robot, motor=motor, torque_limit=torque_limit)
+        if chosen.motor == IDEAL and torque_limit is None:
+            chosen = replace(chosen, motor=replace(IDEAL, torque_limit=TORQUE_LIMIT))
+        self.robots = [chosen] * n
+        self.speed_command = arguments.ranges_of_each(
+            n, "speed_command", speed_command, -FASTEST_COMMAND, FASTEST_COMMAND
+        )
         self.control_dt, step = arguments.control_period(control_dt, time_step)
         self._weights = np.zeros(1, task.REWARD)
         self._weights[0] = (
@@ -90,7 +100,7 @@ class CrankTask(Task):
         )
         self._steps = round(self.control_dt / step)
         high = np.array([1.0, 1.0, np.inf, np.inf, FASTEST_COMMAND], np.float32)
-        self._allocate(task.ROW, spaces.Box(-high, high, dtype=np.float32))
+        self._allocate(task.ROW, spaces.Box(-high, high, dtype=np.float32), delay, step)
         self._joint_force = np.zeros(1)
         self.information = self._inform()
         prepare(
@@ -105,8 +115,9 @@ class CrankTask(Task):
 
     def _start(self, row: int, rng: np.random.Generator, options: dict[str, Any]) -> None:
         """Start an episode of one robot."""
-        command, angle, speed = self._draw(row, rng, options)
+        command, angle, speed, delay = self._draw(row, rng, options)
         self.batch.states[row] = angle, speed
+        self._begin_delay(row, delay)
         self._begin(row, command)
 
     def _begin(self, row: int, command: float, action: float = 0.0, steps: int = 0) -> None:
@@ -115,18 +126,19 @@ class CrankTask(Task):
         kept = self.rows[row]
         kept["action"], kept["steps"] = action, steps
         kept["info"]["speed_command"] = command
-        self.torque[row], self.reward[row] = action * self.torque_limit, 0.0
+        self.reward[row] = 0.0
 
     def _draw(
         self, row: int, rng: np.random.Generator, options: dict[str, Any]
-    ) -> tuple[float, float, float]:
-        """How an episode starts: command (rad/s), crank angle (rad) and crank speed (rad/s)."""
+    ) -> tuple[float, float, float, float]:
+        """How an episode starts: command (rad/s), crank angle (rad) and speed (rad/s), delay (s)."""
         # Drawn in any case, so that fixing one leaves the others as they were.
         command = rng.uniform(*self.speed_command[row])
         noise = self.reset_noise_scale[row]
         angle = START_ANGLE + noise * rng.uniform(-1.0, 1.0)
         speed = noise * rng.uniform(-1.0, 1.0)
-        arguments.known_options(options, ("speed_command", "crank_angle", "crank_speed"))
+        arguments.known_options(options, ("speed_command", "crank_angle", "crank_speed", "delay"))
+        delay = self._draw_delay(row, rng, options)
         command = arguments.option(
             options, "speed_command", command, -FASTEST_COMMAND, FASTEST_COMMAND
         )
@@ -134,13 +146,13 @@ class CrankTask(Task):
             options, "crank_angle", angle, START_ANGLE - LOST, START_ANGLE + LOST
         )
         speed = arguments.option(options, "crank_speed", speed)
-        return command, angle, speed
+        return command, angle, speed, delay
 
     def step(self, actions: Any, active: Bools) -> None:
         """Hold torques for ``control_dt`` seconds, see :class:`Task`."""
         batch = self.batch
         self._take_actions(actions, active)
-        batch.step(self.torque, self._steps)
+        batch.step(self.torque, self._steps, self.earlier, self.switch)
         task.finish_step(*self._arguments_of_step())
         if batch.any_diverged or self._any_truncated:
             self._truncate(batch.diverged & active)
@@ -160,25 +172,39 @@ class CrankTask(Task):
     def _arguments_of_step(self) -> tuple[Any, ...]:
         batch = self.batch
         return (
-            batch.rows, batch.motor_work, batch.joint_loss, batch.energy_change, self.control_dt,
-            self._weights, self.rows, self.reward, self.terminated, self.observation,
+            batch.rows, batch.sums, self.control_dt, self._weights, self.rows, self.reward,
+            self.terminated, self.observation,
         )  # fmt: skip
 
     def _arguments_of_description(self) -> tuple[Any, ...]:
         return self.batch.rows, self.control_dt, self.rows, self.observation
 
     def set_parameters(self, row: int, **changes: Any) -> None:
-        """Change a robot's ``speed_command``, rad/s, a number or a range, of its next episodes.
+        """Change a robot's ``speed_command``, rad/s, and ``delay``, s, of its next episodes.
+
+        Both are numbers or ranges.
 
         Raises:
             ValueError: a value out of range. TypeError: another name.
         """
         arguments.known_parameters(changes, self.SETTABLE)
-        for value in changes.values():
-            self.speed_command[row] = arguments.command_range(value, FASTEST_COMMAND)
+        checks: dict[str, Callable[[Any], tuple[float, float]]] = {
+            "speed_command": lambda value: arguments.number_range(
+                "speed_command", value, -FASTEST_COMMAND, FASTEST_COMMAND
+            ),
+            "delay": self._checked_delay_range,
+        }
+        checked = {name: checks[name](value) for name, value in changes.items()}  # or nothing
+        for name, limits in checked.items():
+            (self.speed_command if name == "speed_command" else self.delay_range)[row] = limits
 
     def of_each(self, name: str) -> list[Any] | None:
-        """``speed_command``, ``robot`` and ``state`` of each robot; None for another name."""
+        """``speed_command``, ``delay`` (s, of this episode), ``robot`` and ``state`` of each robot.
+
+        None for another name.
+        """
+        if name == "delay":
+            return [self._delay_state(row)["delay"] for row in range(self.num_envs)]
         if name == "speed_command":
             return [(low, high) for low, high in self.speed_command.tolist()]
         if name == "robot":
@@ -193,6 +219,7 @@ class CrankTask(Task):
             "command": float(kept["info"]["speed_command"]),
             "action": float(kept["action"]),
             "steps": int(kept["steps"]),
+            **self._delay_state(row),
         }
 
     def set_state(self, row: int, state: Mapping[str, Any]) -> None:
@@ -202,7 +229,9 @@ class CrankTask(Task):
         command = within("state['command']", state["command"], -FASTEST_COMMAND, FASTEST_COMMAND)
         action = within("state['action']", state["action"], -1.0, 1.0)
         steps = whole_number("state['steps']", state["steps"])
+        delay, asked = self._checked_delay(state)
         self.batch.states[row] = plant
+        self._begin_delay(row, delay, asked)
         self._begin(row, command, action, steps)
         self._describe()
 
@@ -228,7 +257,7 @@ class CrankTask(Task):
             command=float(self.rows[row]["info"]["speed_command"]),
             speed=speed,
             torque=float(self.torque[row]),
-            torque_limit=self.torque_limit,
+            torque_limit=float(self.full_torque[row]),
             time=float(self.rows[row]["steps"]) * self.control_dt,
         )
 

@@ -22,14 +22,15 @@ from jansen_env.envs import arguments
 from jansen_env.envs.core import Bools, Information, Task
 from jansen_env.gravity import GRAVITY
 from jansen_env.kinematics import advance_per_turn
-from jansen_env.plants.base import BatchedPlant, Plant, check_in_contact, check_state
+from jansen_env.motor import Motor
+from jansen_env.plants.base import BatchedPlant, Plant, check_in_contact, check_state, check_stretch
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.batch_of_one import BatchOfOne
 from jansen_env.plants.detector import surfaces
 from jansen_env.plants.make import make_plant, plant_time_step
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.rendering import Frame
-from jansen_env.robot import Payload, Robot
+from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
@@ -53,7 +54,7 @@ class WalkerTask(Task):
 
     Attributes:
         robots, terrains: of each robot. speed_command: (n, 2) m/s, range of the next commands.
-        torque_limit: N m. weight: (n,) N. plant: the plant of a robot that is alone, else None.
+        weight: (n,) N. plant: the plant of a robot that is alone, else None.
         batch: what moves the robots.
 
     Raises:
@@ -62,11 +63,14 @@ class WalkerTask(Task):
     """
 
     OF_EACH = (
-        "terrain", "friction", "restitution", "payload", "speed_command", "command_interval",
-        "reset_noise_scale",
+        "terrain", "friction", "restitution", "payload", "motor", "torque_limit",
+        "pad_compliance", "delay", "speed_command", "command_interval", "reset_noise_scale",
     )  # fmt: skip
     ONE_ALONE = {"plant": "projection", "track_joint_forces": False}
-    SETTABLE = ("friction", "restitution", "payload", "speed_command", "command")
+    SETTABLE = (
+        "friction", "restitution", "payload", "motor", "pad_compliance", "delay", "speed_command",
+        "command",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -79,8 +83,11 @@ class WalkerTask(Task):
         restitution: float | Any = None,
         speed_command: float | tuple[float, float] | Any = SPEED_COMMAND,
         command_interval: float | Any = None,
-        torque_limit: float = 20.0,
         payload: Payload | float | Any = None,
+        motor: Motor | str | Any = None,
+        torque_limit: float | Any = None,
+        pad_compliance: Compliance | Any = None,
+        delay: float | tuple[float, float] | Any = 0.0,
         control_dt: float = 0.02,
         time_step: float | None = None,
         plant: str = "projection",
@@ -97,9 +104,12 @@ class WalkerTask(Task):
     ) -> None:
         self.num_envs = n = num_envs
         self.terrains = arguments.terrain_of_each(n, terrain, friction, restitution)
-        self.robots = arguments.robot_of_each(n, robot, payload)
-        self.speed_command = arguments.command_of_each(n, speed_command, FASTEST_COMMAND)
-        self.torque_limit = positive("torque_limit", torque_limit)
+        self.robots = arguments.robot_of_each(
+            n, robot, payload, motor, pad_compliance, torque_limit
+        )
+        self.speed_command = arguments.ranges_of_each(
+            n, "speed_command", speed_command, -FASTEST_COMMAND, FASTEST_COMMAND
+        )
         self.control_dt, step = arguments.control_period(
             control_dt, plant_time_step(plant, time_step)
         )
@@ -126,8 +136,8 @@ class WalkerTask(Task):
         )
         self.plant, self.batch = self._plants(plant, step, threads)
         self._steps = round(self.control_dt / step)
-        self._allocate(task.ROW, _observation_space(self.batch.toes))
-        advance = advance_per_turn(self.robots[0])  # payloads do not change it
+        self._allocate(task.ROW, _observation_space(self.batch.toes), delay, step)
+        advance = advance_per_turn(self.robots[0])  # what robots may differ in does not change it
         self.rows["direction"] = math.copysign(1.0, advance)
         self.rows["mean_path"] = abs(advance) / STEPS_PER_TURN
         self.full_torque *= self.rows["direction"]
@@ -187,13 +197,14 @@ class WalkerTask(Task):
 
     def _start(self, row: int, rng: np.random.Generator, options: dict[str, Any]) -> None:
         """Start an episode of one robot."""
-        command, crank_angle, crank_speed = self._draw(row, rng, options)
+        command, crank_angle, crank_speed, delay = self._draw(row, rng, options)
         self._command_seed[row] = rng.integers(2**63)  # of the commands to come
         self.batch.place(row, crank_angle)
         self.loads[row] = self.batch.contact_force[row, :, 1] / self.weight[row]
         state = self.batch.states[row].copy()
         state[7] = crank_speed
         self.batch.set_state(row, state)
+        self._begin_delay(row, delay)
         self._begin(row, command)
 
     def _begin(self, row: int, command: float, action: float = 0.0) -> None:
@@ -205,23 +216,23 @@ class WalkerTask(Task):
         kept["info"]["speed_command"] = kept["next_command"] = command
         kept["info"]["x_velocity"] = self.batch.states[row, 4]
         kept["info"]["joint_gap"] = self.batch.joint_gap[row]
-        self.torque[row] = action * self.full_torque[row]
         self.reward[row], self.elapsed[row] = 0.0, 0
 
     def _draw(
         self, row: int, rng: np.random.Generator, options: dict[str, Any]
-    ) -> tuple[float, float, float]:
-        """How an episode starts: command (m/s), crank angle (rad) and crank speed (rad/s)."""
+    ) -> tuple[float, float, float, float]:
+        """How an episode starts: command (m/s), crank angle (rad) and speed (rad/s), delay (s)."""
         # Drawn in any case, so that fixing one leaves the others as they were.
         crank_angle = rng.uniform(0.0, 2.0 * math.pi)
         command = rng.uniform(*self.speed_command[row])
         crank_speed = self.reset_noise_scale[row] * rng.uniform(-1.0, 1.0)
-        arguments.known_options(options, ("speed_command", "crank_angle"))
+        arguments.known_options(options, ("speed_command", "crank_angle", "delay"))
+        delay = self._draw_delay(row, rng, options)
         command = arguments.option(
             options, "speed_command", command, -FASTEST_COMMAND, FASTEST_COMMAND
         )
         crank_angle = arguments.option(options, "crank_angle", crank_angle)
-        return command, crank_angle, crank_speed
+        return command, crank_angle, crank_speed, delay
 
     def step(self, actions: Any, active: Bools) -> None:
         """Hold torques for ``control_dt`` seconds, see :class:`Task`."""
@@ -231,7 +242,7 @@ class WalkerTask(Task):
         self.rows["x_before"] = batch.states[:, 0]
         self.elapsed += 1
         self._draw_commands()
-        batch.step(self.torque, self._steps)
+        batch.step(self.torque, self._steps, self.earlier, self.switch)
         task.finish_step(*self._arguments_of_step())
         if self.terminate_when_fallen:
             self.terminated[:] = self.rows["info"]["fallen"]
@@ -274,49 +285,66 @@ class WalkerTask(Task):
 
         Args:
             friction, restitution: between its toes and its ground. payload: a :class:`Payload`, or
-                a mass in kg at the crank axis. speed_command: m/s, a number or a range, from which
+                a mass in kg at the crank axis. motor: a :class:`Motor`, or the name of one.
+                pad_compliance: a :class:`Compliance`. delay: s, a number or a range, of its next
+                episodes, no longer than was given to the constructor for any robot. speed_command: m/s, a number or a range, from which
                 commands are drawn from now on. command: m/s, from the next step on.
 
         Raises:
-            ValueError: a value out of range, or anything but commands on the plant
+            ValueError: a value out of range, or anything but commands and delay on the plant
                 ``"rigid_body"``.
             TypeError: another name.
         """
         arguments.known_parameters(changes, self.SETTABLE)
-        batch, physical = self.batch, sorted({*changes} - {"speed_command", "command"})
+        batch, physical = self.batch, sorted({*changes} - {"speed_command", "command", "delay"})
         if physical and not isinstance(batch, Batch):
             raise ValueError(f"{physical[0]} cannot be changed with plant='rigid_body'")
         checks: dict[str, Callable[[Any], Any]] = {
             "friction": lambda value: non_negative("friction", value),
             "restitution": lambda value: within("restitution", value, 0.0, 1.0),
             "payload": arguments.load_payload,
-            "speed_command": lambda value: arguments.command_range(value, FASTEST_COMMAND),
+            "motor": arguments.load_motor,
+            "pad_compliance": arguments.load_compliance,
+            "delay": self._checked_delay_range,
+            "speed_command": lambda value: arguments.number_range(
+                "speed_command", value, -FASTEST_COMMAND, FASTEST_COMMAND
+            ),
             "command": lambda value: within("command", value, -FASTEST_COMMAND, FASTEST_COMMAND),
         }
         checked = {name: checks[name](value) for name, value in changes.items()}  # or nothing
         if "speed_command" in checked:
             self.speed_command[row] = checked.pop("speed_command")
+        if "delay" in checked:
+            self.delay_range[row] = checked.pop("delay")
         if "command" in checked:
             kept = self.rows[row]
             kept["info"]["speed_command"] = kept["next_command"] = checked.pop("command")
             self._describe()
         for name, value in checked.items():
             getattr(batch, f"set_{name}")(row, value)
-        if "payload" in checked:
-            self.robots[row] = batch.robots[row]
-            self.rows[row]["weight"] = self.robots[row].mass * GRAVITY
+        if physical:
+            robot = self.robots[row] = batch.robots[row]
+            kept = self.rows[row]
+            kept["weight"] = robot.mass * GRAVITY
+            self.full_torque[row] = kept["direction"] * robot.motor.torque_limit
 
     def of_each(self, name: str) -> list[Any] | None:
-        """``friction``, ``restitution``, ``payload``, ``robot``, ``terrain``, ``state``, ``weight``,
-        ``speed_command``, ``command``, ``reset_noise_scale`` of each robot; None for another name.
+        """``friction``, ``restitution``, ``payload``, ``motor``, ``torque_limit``,
+        ``pad_compliance``, ``delay`` (s, of this episode), ``robot``, ``terrain``, ``state``,
+        ``weight``, ``speed_command``, ``command``, ``reset_noise_scale`` of each robot; None for
+        another name.
         """
         batch = self.batch
         if name == "robot":
             return list(self.robots)
         if name == "terrain":
             return list(self.terrains)
-        if name == "payload":
-            return [robot.payload for robot in self.robots]
+        if name in ("payload", "motor", "pad_compliance"):
+            return [getattr(robot, name) for robot in self.robots]
+        if name == "torque_limit":
+            return [robot.motor.torque_limit for robot in self.robots]
+        if name == "delay":
+            return [self._delay_state(row)["delay"] for row in range(self.num_envs)]
         if name == "speed_command":
             return [(low, high) for low, high in self.speed_command.tolist()]
         if name == "command":
@@ -339,6 +367,8 @@ class WalkerTask(Task):
         return {
             "plant": self.batch.states[row].copy(),
             "in_contact": None if row > 0 or in_contact is None else in_contact.copy(),
+            "stretch": self.batch.stretch[row].copy(),
+            **self._delay_state(row),
             "command": float(kept["info"]["speed_command"]),
             "action": float(kept["action"]),
             "fallen": bool(kept["info"]["fallen"]),
@@ -359,6 +389,8 @@ class WalkerTask(Task):
                 f"state['loads'] is {loads}, must be {len(self.loads[row])} finite numbers"
             )
         in_contact = check_in_contact(state["in_contact"], len(pad_layout(self.robots[0]).leg))
+        stretch = check_stretch(state["stretch"], len(self.batch.stretch[row]))
+        delay, asked = self._checked_delay(state)
         command = within("state['command']", state["command"], -FASTEST_COMMAND, FASTEST_COMMAND)
         action = within("state['action']", state["action"], -1.0, 1.0)
         steps = whole_number("state['steps']", state["steps"])
@@ -368,9 +400,10 @@ class WalkerTask(Task):
         means = {name: finite(f"state[{name!r}]", state[name]) for name in MEANS}
         fallen = bool(state["fallen"])
         batch = self.batch
-        batch.set_state(row, pose)
+        batch.set_state(row, pose, stretch)
         if row == 0:
             batch.in_contact = in_contact
+        self._begin_delay(row, delay, asked)
         batch.slip[row] = batch.contact_force[row] = 0.0
         self.loads[row] = loads
         self._begin(row, command, action)
@@ -399,7 +432,7 @@ class WalkerTask(Task):
             command=float(self.rows[row]["info"]["speed_command"]),
             speed=float(state[4]),
             torque=float(self.torque[row]),
-            torque_limit=self.torque_limit,
+            torque_limit=abs(float(self.full_torque[row])),
             time=float(self.elapsed[row]) * self.control_dt,
         )
 

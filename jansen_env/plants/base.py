@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -35,8 +36,7 @@ class StepResult(NamedTuple):
             wedge it is 0. NaN where it is not known.
         joint_gap: the widest gap of any joint, m; 0 where joints cannot open.
         electrical_work: drawn by the motor, J, see :class:`jansen_env.motor.Motor`.
-        torque_impulse: of the motor, beyond the torque last asked for, N m s; 0 where the plant
-            keeps it elsewhere.
+        torque: of the motor, the mean, N m.
     """
 
     slip: Array
@@ -51,7 +51,7 @@ class StepResult(NamedTuple):
     contact_gain: float
     joint_gap: float = 0.0
     electrical_work: float = 0.0
-    torque_impulse: float = 0.0
+    torque: float = math.nan
 
     @property
     def energy_residual(self) -> float:
@@ -92,16 +92,30 @@ class BatchedPlant(Protocol):
     @property
     def states(self) -> Array: ...
 
-    def set_state(self, row: int, state: ArrayLike) -> None:
-        """Put a robot into a state (8,)."""
+    @property
+    def stretch(self) -> Array:
+        """(n, pads) how far the bristles of compliant pads are bent, m; to be read."""
+        ...
+
+    def set_state(self, row: int, state: ArrayLike, stretch: Array | None = None) -> None:
+        """Put a robot into a state (8,), its bristles bent by ``stretch`` (pads,), m; None: not."""
         ...
 
     def place(self, row: int, crank_angle: float) -> None:
         """Place a robot at rest; slip, forces and sums are those of its next time step."""
         ...
 
-    def step(self, torque: Array, steps: int) -> None:
-        """Hold crank torques (n,), N m, for some time steps."""
+    def step(
+        self,
+        torque: Array,
+        steps: int,
+        earlier: Array | None = None,
+        switch: NDArray[np.int64] | None = None,
+    ) -> None:
+        """Hold crank torques (n,), N m, for some time steps.
+
+        With ``earlier`` torques (n,) these still hold in the first ``switch`` (n,) of them.
+        """
         ...
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:
@@ -149,12 +163,22 @@ class Plant(Protocol):
     @in_contact.setter
     def in_contact(self, value: Any) -> None: ...
 
+    @property
+    def stretch(self) -> Array:
+        """(pads,) how far the bristles of compliant pads are bent, m: set it after the state."""
+        ...
+
+    @stretch.setter
+    def stretch(self, value: Array) -> None: ...
+
     def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
         """Set the robot down at rest; returns the new state."""
         ...
 
-    def step(self, torque: float, duration: float) -> StepResult:
-        """Hold a crank torque (N m) for a while (s)."""
+    def step(
+        self, torque: float, duration: float, earlier: float = 0.0, switch: int = 0
+    ) -> StepResult:
+        """Hold a crank torque (N m) for a while (s); ``earlier`` in its first ``switch`` steps."""
         ...
 
     def lookahead(self, torque: float = 0.0) -> StepResult:
@@ -177,6 +201,14 @@ def check_state(value: Any) -> Array:
     if state.shape != (8,) or not np.isfinite(state).all():
         raise ValueError(f"state is {value!r}, must be 8 finite numbers")
     return state
+
+
+def check_stretch(value: Any, pads: int) -> Array:
+    """Bent bristles as an array. Raises ValueError unless they are one finite number a pad."""
+    stretch = np.array(value, dtype=float)
+    if stretch.shape != (pads,) or not np.isfinite(stretch).all():
+        raise ValueError(f"stretch is {value!r}, must be {pads} finite numbers")
+    return stretch
 
 
 def check_in_contact(value: Any, pads: int) -> NDArray[np.bool_] | None:

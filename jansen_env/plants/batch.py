@@ -296,8 +296,7 @@ class Batch:
             self._scratch[terrain.points] = batch
         batch.robots[0], batch.tables[0] = robot, self.tables[row]
         batch.params[0] = self.params[row]
-        batch.set_state(0, self.states[row])
-        batch.stretch[0] = self.stretch[row]
+        batch.set_state(0, self.states[row], self.stretch[row])
         return batch
 
     def lookahead(self, torque: float = 0.0) -> None:
@@ -308,9 +307,10 @@ class Batch:
         finally:
             self.states[0], self.stretch[0], self.in_contact = state, stretch, in_contact
 
-    def set_state(self, row: int, state: ArrayLike) -> None:
-        """Put a robot into a state (8,), its pads' bristles straight."""
-        self.states[row], self.stretch[row] = state, 0.0
+    def set_state(self, row: int, state: ArrayLike, stretch: Array | None = None) -> None:
+        """Put a robot into a state (8,), its bristles bent by ``stretch`` (pads,), m; None: not."""
+        self.states[row] = state
+        self.stretch[row] = 0.0 if stretch is None else stretch
         if row == 0:
             self.in_contact = None
 

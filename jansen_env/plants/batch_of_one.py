@@ -37,9 +37,16 @@ class BatchOfOne:
     def in_contact(self, value: NDArray[np.bool_] | None) -> None:
         self._plant.in_contact = value
 
-    def set_state(self, row: int, state: ArrayLike) -> None:
-        """Put the robot into a state (8,)."""
+    @property
+    def stretch(self) -> Array:
+        """(1, pads) how far the bristles of compliant pads are bent, m, a copy."""
+        return self._plant.stretch[None]
+
+    def set_state(self, row: int, state: ArrayLike, stretch: Array | None = None) -> None:
+        """Put the robot into a state (8,), its pads' bristles bent by ``stretch`` (pads,), m."""
         self._plant.state = np.asarray(state, dtype=float)
+        if stretch is not None:
+            self._plant.stretch = stretch
 
     def place(self, row: int, crank_angle: float) -> None:
         """Place the robot at rest; what is known of its last step is what comes next."""
@@ -55,15 +62,16 @@ class BatchOfOne:
     ) -> None:
         """Hold a crank torque (1,), N m, for some time steps.
 
-        Args:
-            earlier: (1,) N m, held in the first ``switch`` (1,) of these time steps instead; None
-                for no such. Plants whose step takes no earlier torque take none here.
+        With an ``earlier`` torque (1,) that still holds in the first ``switch`` (1,) of them.
         """
-        delay: tuple[float, ...] = ()
-        if earlier is not None and switch is not None and switch[0] > 0:
-            delay = float(earlier[0]), int(switch[0])
+        before, first = 0.0, 0
+        if earlier is not None and switch is not None:
+            before, first = float(earlier[0]), int(switch[0])
         try:
-            self._keep(self._plant.step(float(torque[0]), steps * self.time_step, *delay))
+            result = self._plant.step(float(torque[0]), steps * self.time_step, before, first)
+            self._keep(result)
+            lacking = result.torque - float(torque[0])
+            self.accumulators["torque_impulse"] = lacking * steps * self.time_step
         except FloatingPointError:
             self.accumulators[:] = 0.0
             self.slip[:] = self.contact_force[:] = self.joint_gap[:] = 0.0
@@ -78,7 +86,7 @@ class BatchOfOne:
             float(result.non_toe_contact),
             result.residual,
         )
-        for name in (*ENERGIES, "torque_impulse"):
+        for name in ENERGIES:
             sums[name] = getattr(result, name)
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:

@@ -11,7 +11,14 @@ from jansen_env.checks import positive
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.reduced import Tables
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.plants.base import ENERGIES, StepResult, check_in_contact, check_state, divergence
+from jansen_env.plants.base import (
+    ENERGIES,
+    StepResult,
+    check_in_contact,
+    check_state,
+    check_stretch,
+    divergence,
+)
 from jansen_env.plants.batch import DETECTION_INTERVAL, TIME_STEP, Batch
 from jansen_env.plants.trace import PeakLoads, peak_loads, trace_forces
 from jansen_env.robot import Robot
@@ -109,6 +116,15 @@ class ProjectionPlant:
         self.batch.in_contact = check_in_contact(value, len(self.batch.contact_statistics[0]))
 
     @property
+    def stretch(self) -> Array:
+        """(pads,) how far the bristles of compliant pads are bent, m: set it after the state."""
+        return self.batch.stretch[0].copy()
+
+    @stretch.setter
+    def stretch(self, value: Any) -> None:
+        self.batch.stretch[0] = check_stretch(value, len(self.batch.stretch[0]))
+
+    @property
     def tracing(self) -> bool:
         """Whether :meth:`step` keeps a record of its time steps in :attr:`trace`."""
         return self.batch.tracing
@@ -146,23 +162,28 @@ class ProjectionPlant:
         self.batch.lookahead(torque)
         return self._result(torque)
 
-    def step(self, torque: float, duration: float) -> StepResult:
+    def step(
+        self, torque: float, duration: float, earlier: float = 0.0, switch: int = 0
+    ) -> StepResult:
         """Hold a crank torque for a while.
 
         Args:
-            torque: N m on the crank, counter-clockwise positive (and its reaction on the chassis).
+            torque: N m on the crank, counter-clockwise positive (and its reaction on the chassis),
+                as far as the robot's motor can.
             duration: s, rounded to whole time steps.
+            earlier: N m, held instead in the first ``switch`` time steps: a delay.
 
         Raises:
             FloatingPointError: the simulation diverged, to a speed that nothing has or to a pad
                 deep in the ground. The state is as it was before.
         """
         steps = max(1, round(positive("duration", duration) / self.time_step))
-        self.batch.step(np.array([torque], dtype=float), steps)
-        return self._result(torque)
+        asked = np.array([torque], dtype=float)
+        self.batch.step(asked, steps, np.array([earlier], dtype=float), np.array([switch]))
+        return self._result(torque, steps)
 
-    def _result(self, torque: float) -> StepResult:
-        """What the batch's last step did."""
+    def _result(self, torque: float, steps: int = 1) -> StepResult:
+        """What the batch's last step did, of so many time steps, with a torque asked for."""
         batch = self.batch
         if batch.any_diverged:
             raise divergence(batch.states[0], torque)
@@ -173,6 +194,7 @@ class ProjectionPlant:
             contact_force=batch.contact_force[0].copy(),
             non_toe_contact=sums["non_toe_impulse"] > 0.0,
             residual=sums["worst_residual"],
+            torque=torque + sums["torque_impulse"] / (steps * self.time_step),
             **{name: sums[name] for name in ENERGIES},
         )
 

@@ -31,6 +31,7 @@ from jansen_env.plants.base import (
     StepResult,
     check_in_contact,
     check_state,
+    check_stretch,
     check_time_step,
     divergence,
     is_bounded,
@@ -282,7 +283,7 @@ class RigidBodyPlant:
             impact_loss=sums.impact_loss, energy_change=now.energy + self._held - start,
             non_toe_contact=bool(sums.impulse[self.toes :, 1].any()), residual=math.nan,
             contact_gain=math.nan, joint_gap=sums.joint_gap, electrical_work=sums.electrical_work,
-            torque_impulse=sums.torque_impulse,
+            torque=torque + sums.torque_impulse / (steps * h),
         )  # fmt: skip
 
     def _advance(self, now: Snapshot, asked: float, sums: Sums) -> tuple[Snapshot, float]:
@@ -349,6 +350,17 @@ class RigidBodyPlant:
             return self.step(torque, LOOKAHEAD)
         finally:
             self._memory = saved
+
+    @property
+    def stretch(self) -> Array:
+        """(pads,) how far the bristles of pads that give are bent, m; set it after the state."""
+        return np.zeros(len(self._pads)) if self._springs is None else self._springs.bristle.copy()
+
+    @stretch.setter
+    def stretch(self, value: Any) -> None:
+        bristle = check_stretch(value, len(self._pads))
+        if self._springs is not None:
+            self._memory = self.state, self.in_contact, bristle
 
     @property
     def _memory(self) -> tuple[Array, NDArray[np.bool_], Array | None]:

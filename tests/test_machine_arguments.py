@@ -1,0 +1,175 @@
+"""The environments' motor, delay and compliant feet: at all doors, and on both plants."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from jansen_env import Compliance, Motor, paper_robot
+from jansen_env.envs.walker import JansenWalkerEnv
+
+MOTOR = Motor(
+    stall_torque=12.0, no_load_speed=7.0, torque_limit=8.0, gear_ratio=60.0, rotor_inertia=1.4e-5,
+    friction=0.3, viscous_friction=0.02, efficiency=0.7,
+)  # fmt: skip
+FEET = Compliance(3e4, 60.0, 2e4, 40.0)
+ROBOT = replace(paper_robot(), bearing_friction=(0.01,) * 10)
+WALKER, CRANK = "JansenWalker-v0", "JansenCrank-v0"
+
+
+def actions(steps, count=1, seed=0):
+    """Half random, half driving on: (steps, count, 1)."""
+    noise = np.random.default_rng(seed).uniform(-0.4, 0.4, (steps, count, 1))
+    return (0.5 + noise).astype(np.float32)
+
+
+def episode(env, taken, **reset):
+    """Observations and rewards of one robot."""
+    seen = [env.reset(**reset)[0]]
+    rewards, infos = [], []
+    for action in taken:
+        observation, reward, _, _, info = env.step(action)
+        seen.append(observation)
+        rewards.append(reward)
+        infos.append(info)
+    return np.array(seen), np.array(rewards), infos
+
+
+def test_every_robot_of_a_batch_moves_as_it_would_alone():
+    """Motors, feet, torque limits and delays that differ, bit for bit."""
+    arguments = {
+        "motor": [MOTOR, "ideal", MOTOR], "pad_compliance": [FEET, FEET, Compliance()],
+        "delay": np.array([[0.0, 0.0], [0.013, 0.013], [0.0, 0.05]]),
+        "torque_limit": np.array([8.0, 15.0, 5.0]),
+    }  # fmt: skip
+    envs = gym.make_vec(WALKER, 3, robot=ROBOT, **arguments)
+    taken = actions(60, 3)
+    observations, _ = envs.reset(seed=5)
+    seen, rewards = [observations], []
+    for action in taken:
+        observations, reward, *_ = envs.step(action)
+        seen.append(observations)
+        rewards.append(reward)
+    assert envs.unwrapped.get_attr("torque_limit") == (8.0, 15.0, 5.0)
+    for k in range(3):
+        own = {name: value[k] for name, value in arguments.items()}
+        own["delay"] = tuple(own["delay"])
+        alone = episode(gym.make(WALKER, robot=ROBOT, **own), taken[:, k], seed=5 + k)
+        assert (alone[0] == np.array(seen)[:, k]).all(), k
+        assert (alone[1] == np.array(rewards)[:, k]).all(), k
+
+
+@pytest.mark.parametrize(("name", "plant"), [
+    (WALKER, {"plant": "projection"}), (WALKER, {"plant": "rigid_body"}), (CRANK, {}),
+])  # fmt: skip
+def test_a_delay_of_control_steps_is_the_same_actions_later(name, plant):
+    """And before them no torque; two steps, so that a torque on its way is not the newest."""
+    env = gym.make(name, **plant)
+    taken = actions(8)[:, 0]
+    dt = env.unwrapped.control_dt
+    late = episode(gym.make(name, delay=2 * dt, **plant), taken, seed=1)[2]
+    none = np.zeros((2, 1), np.float32)
+    shifted = episode(env, np.concatenate([none, taken[:-2]]), seed=1)[2]
+    for one, other in zip(late, shifted, strict=True):
+        assert one["crank_torque"] == other["crank_torque"]
+        assert one["crank_angle"] == other["crank_angle"]
+        assert one["crank_speed"] == other["crank_speed"]
+
+
+@pytest.mark.parametrize("plant", ["projection", "rigid_body"])
+def test_a_delay_within_a_control_step_switches_there(plant):
+    """The mean torque is that of the old and the new one, each for its time."""
+    infos = episode(
+        gym.make(WALKER, delay=0.005, plant=plant), np.array([[0.2], [0.4], [0.1]]), seed=2
+    )[2]
+    torques = [info["crank_torque"] for info in infos]
+    assert torques == pytest.approx([0.75 * 4.0, 0.25 * 4.0 + 0.75 * 8.0, 0.25 * 8.0 + 0.75 * 2.0])
+
+
+def test_a_delays_range_is_drawn_at_each_reset_and_can_be_set():
+    env = gym.make(WALKER, delay=(0.0, 0.04))
+    found = []
+    for _ in range(20):
+        env.reset(seed=None if found else 0)
+        found.append(env.unwrapped.get_state()["delay"])
+    assert len(set(found)) > 10 and 0.0 <= min(found) < 0.01 and 0.03 < max(found) <= 0.04
+    env.reset(options={"delay": 0.02})
+    assert env.unwrapped.get_state()["delay"] == 0.02
+    with pytest.raises(
+        ValueError, match=r"options\['delay'\] is 0.1, must be between 0.0 and 0.04"
+    ):
+        env.reset(options={"delay": 0.1})
+
+
+@pytest.mark.parametrize("plant", ["projection", "rigid_body"])
+def test_a_state_has_torques_on_their_way_and_bent_bristles(plant):
+    """Gone on from it, an episode is the same, bit for bit (the rigid-body plant: nearly)."""
+
+    def make():
+        return JansenWalkerEnv(
+            plant=plant, motor=MOTOR, pad_compliance=FEET, delay=0.03, robot=ROBOT
+        )
+
+    env, taken = make(), actions(12)[:, 0]
+    env.reset(seed=3)
+    for action in taken[:6]:
+        env.step(action)
+    state, other = env.get_state(), make()
+    assert np.abs(state["stretch"]).max() > 0.0
+    other.reset(seed=9)
+    other.set_state(state)
+    for action in taken[6:]:
+        expected, found = env.step(action), other.step(action)
+        if plant == "projection":
+            assert (expected[0] == found[0]).all() and expected[1] == found[1]
+        np.testing.assert_allclose(found[0], expected[0], atol=0.02)
+
+
+def test_a_motor_cannot_do_more_than_its_line():
+    """The reported torque is what it gave; what it drew covers what it did and its losses."""
+    env = gym.make(WALKER, motor=MOTOR, robot=ROBOT)
+    infos = episode(env, np.ones((40, 1), np.float32), seed=0, options={"crank_angle": 0.5})[2]
+    for info in infos:
+        assert abs(info["crank_torque"]) <= 8.0 + 1e-12
+        energy = info["energy"]
+        work = energy["motor_work"]
+        assert energy["electrical_work"] >= work / 0.7 - 1e-12
+    assert infos[-1]["crank_speed"] < 7.0
+    assert any(info["crank_torque"] < 7.9 for info in infos)
+    total = sum(abs(info["energy"]["residual"]) for info in infos)
+    assert total < 1e-3 * sum(abs(info["energy"]["motor_work"]) for info in infos)
+
+
+def test_motor_and_feet_change_from_now_on():
+    """Through set_parameters: as if the robot had been made with them."""
+    env, other = (
+        JansenWalkerEnv(robot=ROBOT),
+        JansenWalkerEnv(robot=ROBOT, motor=MOTOR, pad_compliance=FEET),
+    )
+    env.task.set_parameters(0, motor=MOTOR, pad_compliance=FEET)
+    taken = actions(20)[:, 0]
+    one, two = (episode(e, taken, seed=4) for e in (env, other))
+    assert (one[0] == two[0]).all() and (one[1] == two[1]).all()
+
+
+def test_feet_that_give_refuse_restitution():
+    with pytest.raises(ValueError, match=r"restitution is 0\.5, must be 0 with compliant pads"):
+        gym.make(WALKER, restitution=0.5, pad_compliance=FEET)
+    env = JansenWalkerEnv(pad_compliance=FEET)
+    with pytest.raises(ValueError, match=r"restitution is 0\.2"):
+        env.task.set_parameters(0, restitution=0.2)
+
+
+def test_the_crank_task_has_the_motor():
+    """A motor that friction holds does not turn the crank; one past its line turns it slower."""
+    env = gym.make(CRANK, motor=replace(MOTOR, friction=50.0))
+    infos = episode(env, np.full((20, 1), 0.3, np.float32), seed=0,
+                    options={"crank_speed": 0.0})[2]  # fmt: skip
+    assert len({info["crank_angle"] for info in infos}) == 1
+    assert {info["crank_speed"] for info in infos} == {0.0}
+    assert gym.make(CRANK).unwrapped.torque_limit == 5.0
+    assert gym.make(CRANK, motor=MOTOR).unwrapped.torque_limit == 8.0
+    assert gym.make(CRANK, motor=MOTOR, torque_limit=6.0).unwrapped.torque_limit == 6.0

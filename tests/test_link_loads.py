@@ -59,7 +59,7 @@ def test_loads_of_a_massless_bar_are_tension_or_compression(robot, random_state,
     """
     names = ("upper_rod", "rocker", "lower_rod", "coupler")
     light = {name: Bar(getattr(robot, name).length, 1e-12, 0.0) for name in names}
-    robot = replace(robot, damping=(0.0,) * 10, **light)
+    robot = replace(robot, damping=(0.0,) * 10, bearing_friction=(0.0,) * 10, **light)
     q, v, torque, contact = draw(robot, random_state, rng)
     forces = joint_forces(robot, q, v, torque, contact)
     loads, scale = forces.link_loads(), forces.magnitude.max()

@@ -103,8 +103,9 @@ def test_flight_is_a_parabola_whatever_the_crank_does():
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("phases", [1, 2, 6])
 def test_it_stands_and_starts_like_the_projection_plant(name, phases):
-    """2, 4 and 12 legs of every design: its toes carry the weight, 1 %, and 0.2 s under 3 N m lead
-    to the same place, 0.5 mm and 4 mrad."""
+    """2, 4 and 12 legs of every design: its toes carry the weight, 1 % (10 % while feet that give
+    still swing), and 0.2 s under 3 N m (1 N m on the built robot's light crank) lead to the same
+    place, 0.5 mm and 4 mrad."""
     robot = ROBOTS[name](phases)
     ground = Terrain.flat(friction=0.3)  # with much friction sliding on two toes is unstable
     plants = plant_on(ground, robot), ProjectionPlant(robot, ground)
@@ -112,8 +113,10 @@ def test_it_stands_and_starts_like_the_projection_plant(name, phases):
         plant.reset(crank_angle=0.7)
     if phases > 1:  # two legs cannot stand
         weight = robot.mass * 9.81
-        assert plants[0].lookahead().contact_force[:, 1].sum() == pytest.approx(weight, rel=0.01)
-    results = [plant.step(3.0, 0.2) for plant in plants]
+        share = 0.01 if robot.pad_compliance.rigid else 0.1
+        assert plants[0].lookahead().contact_force[:, 1].sum() == pytest.approx(weight, rel=share)
+    torque = 1.0 if name == "built" else 3.0
+    results = [plant.step(torque, 0.2) for plant in plants]
     one, other = (plant.state for plant in plants)
     np.testing.assert_allclose(one[:2], other[:2], atol=5e-4)
     np.testing.assert_allclose(one[2:4], other[2:4], atol=4e-3)

@@ -217,7 +217,7 @@ class RigidBodyPlant:
         return float(self.state[0])
 
     def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
-        """Set the robot down at rest on its lowest toes.
+        """Place the robot at rest on its lowest toes; those that give sink in by its weight on two.
 
         Args:
             x: crank axis, m. crank_angle: rad. pitch: rad, or None to stand on both sides.
@@ -233,6 +233,9 @@ class RigidBodyPlant:
         level = links.poses(self.robot, np.array([0.0, 0.0, 0.0, crank_angle]))
         centre = self._inertias[:, 0] @ level[:, 1:] / self._inertias[:, 0].sum()
         y, theta = resting_pose(self.robot, centre, self.terrain, x, crank_angle, pitch)
+        if self._springs is not None:  # as deep as its weight on two feet takes them
+            weight = self._inertias[:, 0].sum() * max(-self._gravity[1], 0.0)
+            y -= 0.5 * weight / self.robot.pad_compliance.stiffness
         self._build(np.array([x, y, theta, crank_angle, 0.0, 0.0, 0.0, 0.0]))
         return self.state
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,11 +12,11 @@ from jansen_env import Payload, Robot, Terrain
 from jansen_env.dynamics import reduced as rd
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.projected import ProjectionPlant
-from jansen_env.robot import ROBOTS, paper_robot
+from jansen_env.robot import RIGID, ROBOTS, paper_robot
 
 HOLD = 0.02  # s, for which a torque is held
 DESIGNS = {
-    **{name: make() for name, make in ROBOTS.items()},
+    **{name: replace(make(), pad_compliance=RIGID) for name, make in ROBOTS.items()},
     "loaded": Robot(payload=Payload(5.0, 0.2, (0.05, -0.2))),
     "six legs": paper_robot(3),
     "twelve legs": paper_robot(6),

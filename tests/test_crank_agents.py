@@ -203,7 +203,7 @@ def test_training_on_the_crank(tmp_path):
     )
     actions = [p.predict(seen, deterministic=True)[0] for p in (ours, theirs)]
     assert np.array_equal(*actions)
-    with pytest.raises(ValueError, match=r"observation_space of shape \(5,\), must be \(16,\)"):
+    with pytest.raises(ValueError, match=r"observation_space of shape \(5,\), must be \(20,\)"):
         load_named(str(folder), gym.make("JansenWalker-v0"))
 
 

@@ -231,8 +231,8 @@ def test_the_package_runs_where_nothing_can_be_written(tmp_path):
     code = (
         "from jansen_env.engine.jit import FOLDER, Kernel, prepare\n"
         "from jansen_env.engine.task import progress_score\n"
-        "for _ in range(2): prepare(Kernel('score', progress_score, (0.3, 0.3, 0.0)))\n"
-        "print(repr(FOLDER), progress_score(0.3, 0.3, 0.0))"
+        "for _ in range(2): prepare(Kernel('score', progress_score, (0.3, 0.3)))\n"
+        "print(repr(FOLDER), progress_score(0.3, 0.3))"
     )
     names = ("HOME", "LOCALAPPDATA", "NUMBA_CACHE_DIR", "USERPROFILE", "XDG_CACHE_HOME")
     variables = {"PYTHONPATH": str(tmp_path), **dict.fromkeys(names, nowhere)}

@@ -162,8 +162,7 @@ def plain_factors(env, infos, actions):
         progress = 1.0 - min(1.0, abs(speed) / 0.05)
         if command:
             ratio = speed / command
-            most = 1.0 if -np.sign(command) * lag >= 0.1 else 2.0
-            progress = np.clip(ratio, 0, 1) if ratio < most else most / ratio
+            progress = np.clip(ratio, 0, 1) if ratio < 2.0 else 2.0 / ratio
         yield lag, {
             "tracking": 0.3 + 0.7 / (1 + (lag / 0.2) ** 2),
             "progress": progress,

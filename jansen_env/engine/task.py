@@ -18,8 +18,7 @@ FURTHEST_TARGET = 0.5  # m, the target waits when it is so far away
 LONGEST_MEAN = 3.4  # s, over which means are taken at most ...
 SHORTEST_MEAN = 0.2  # s, ... and at least
 FLOOR = 0.3  # of tracking: who has lost the target shall still learn what walking pays
-CATCHING_UP = 2.0  # times the command: so fast may be who is not ahead of the target ...
-FAR_AHEAD = 0.1  # m ... by more than that, as one is within a stride
+CATCHING_UP = 2.0  # times the command: up to this mean speed progress is not less
 STANDING = 0.05  # m/s: mean speed at which progress is 0 when the command is to stand
 SLOWEST = 0.1  # m/s: slip and power are rated by the commanded speed, but by no slower one
 
@@ -170,7 +169,7 @@ def rate(pitch, settings, row):
     cost_of_transport = info.mean_power / (row.weight * speed)
     change = row.action - row.action_before
     term.tracking = tracking_score(info.lag)
-    term.progress = progress_score(info.mean_speed, info.speed_command, info.lag)
+    term.progress = progress_score(info.mean_speed, info.speed_command)
     term.slip = factor(info.mean_slip / speed / HALF_SLIP, settings.slip)
     term.energy = factor(cost_of_transport / HALF_ENERGY, settings.energy)
     term.effort = factor((info.rms_torque / row.weight / HALF_EFFORT) ** 2, settings.effort)
@@ -185,17 +184,12 @@ def tracking_score(lag):
 
 
 @compiled
-def progress_score(mean_speed, command, lag):
-    """1 at a mean speed of once to twice the command (m/s), less in proportion on both sides.
-
-    Who is ahead of the target, by ``lag`` (m), may not walk faster than it: 1 at once alone.
-    """
+def progress_score(mean_speed, command):
+    """1 at a mean speed of once to twice the command (m/s), less in proportion on both sides."""
     if command == 0.0:
         return max(0.0, 1.0 - abs(mean_speed) / STANDING)
     ratio = mean_speed / command
-    ahead = -math.copysign(1.0, command) * lag
-    most = CATCHING_UP if ahead < FAR_AHEAD else 1.0
-    return min(1.0, max(0.0, ratio)) if ratio < most else most / ratio
+    return min(1.0, max(0.0, ratio)) if ratio < CATCHING_UP else CATCHING_UP / ratio
 
 
 @compiled

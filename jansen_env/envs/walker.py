@@ -65,7 +65,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | Factor | Value |
     |--------|-------|
     | ``reward/tracking`` | 0.3 + 0.7 / (1 + (lag / 0.2 m)^2) |
-    | ``reward/progress`` | r = mean speed / command, but 0 below 0, 1 from 1 to m and m / r above: m = 2, as the robot may catch up, and 1 where it is more than 0.1 m ahead of the target; for the command 0 1 - \\|mean speed\\| / 0.05 m/s, at least 0 |
+    | ``reward/progress`` | r = mean speed / command, but 0 below 0, 1 from 1 to 2 (the robot may catch up) and 2 / r above; for the command 0 1 - \\|mean speed\\| / 0.05 m/s, at least 0 |
     | ``reward/slip`` | 1 / (1 + s / 0.2), s the mean slip speed of all toes / v |
     | ``reward/energy`` | 1 / (1 + c / 4), c = mean motor power / (weight v), a cost of transport |
     | ``reward/effort`` | 1 / (1 + (RMS torque / (weight * 0.3 m))^2) |

@@ -84,7 +84,7 @@ def bill_of_materials(robot: Robot) -> list[Part]:
         Part("foot", foot, "buffer 20 x 15 mm, rounded to 10 mm", legs, built.PIN_SHARE, "B"),
         Part("gearmotor", "T-Motor AK80-6", "98 x 38.5 mm", 1, built.MOTOR_MASS, "C"),
         Part("battery, controller, cables", "LiPo 6S", "in two halves, at P", 1,
-             built.BATTERY_MASS, "C"),
+             built.MOTOR_MASS, "C"),
     ]  # fmt: skip
 
 

@@ -21,8 +21,7 @@ OUTLINE, WINDOW = 1.1, 0.9  # of a triangular plate and the hole in it, to the p
 PIN_SHARE = 8e-3  # kg, of a pin and its bearing, or of a foot, on every end of a link
 PIN_RADIUS = 3e-3  # m
 BEARING_FRICTION = 0.11  # coefficient, of iglidur J200
-MOTOR_MASS = 0.485  # kg, of the T-Motor AK80-6
-BATTERY_MASS = MOTOR_MASS  # kg, with controller and cables
+MOTOR_MASS = 0.485  # kg, of the T-Motor AK80-6; and of battery, controller and cables at P
 FOOT_STIFFNESS = 1.2e5, 3.0e4  # N/m, normal and tangential
 FOOT_LOSS_FACTOR = 0.1  # tan delta of natural rubber
 

@@ -72,10 +72,15 @@ def positive_integer(name: str, value: Any, most: int | None = None) -> int:
     return int(value)
 
 
-def whole_number(name: str, value: Any) -> int:
-    """Return ``value`` as an int. Raises ValueError unless it is a whole number, 0 or above."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or value < 0:
-        raise ValueError(f"{name} is {shown(value)}, must be a whole number, 0 or above")
+def whole_number(name: str, value: Any, most: int | None = None) -> int:
+    """Return ``value`` as an int. Raises ValueError unless it is a whole number from 0 to ``most``.
+
+    Without ``most`` there is no upper bound.
+    """
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if not whole or value < 0 or (most is not None and value > most):
+        allowed = ", 0 or above" if most is None else f" from 0 to {most}"
+        raise ValueError(f"{name} is {shown(value)}, must be a whole number{allowed}")
     return int(value)
 
 

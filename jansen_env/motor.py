@@ -19,8 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.checks import non_negative, positive, shown, within
+from jansen_env.checks import positive, shown, within
 
+LARGEST = 1e6  # of an inertia at the crank, kg m^2, and of frictions: far beyond any machine
 Array = NDArray[np.float64]
 
 
@@ -63,14 +64,16 @@ class Motor:
                 f"Motor.stall_torque is inf, must be finite with a no_load_speed of "
                 f"{shown(self.no_load_speed)}"
             )
-        for name, check in (
-            ("torque_limit", positive),
-            ("gear_ratio", positive),
-            ("rotor_inertia", non_negative),
-            ("friction", non_negative),
-            ("viscous_friction", non_negative),
-        ):
-            object.__setattr__(self, name, check(f"Motor.{name}", getattr(self, name)))
+        for name in ("torque_limit", "gear_ratio"):
+            object.__setattr__(self, name, positive(f"Motor.{name}", getattr(self, name)))
+        for name in ("rotor_inertia", "friction", "viscous_friction"):
+            number = within(f"Motor.{name}", getattr(self, name), 0.0, LARGEST)
+            object.__setattr__(self, name, number)
+        if self.gear_ratio**2 * self.rotor_inertia > LARGEST:
+            raise ValueError(
+                f"Motor.gear_ratio is {self.gear_ratio}, must make no more than {LARGEST:g} kg m^2 "
+                f"at the crank of a rotor_inertia of {self.rotor_inertia}"
+            )
         efficiency = within("Motor.efficiency", self.efficiency, 0.01, 1.0)
         object.__setattr__(self, "efficiency", efficiency)
 

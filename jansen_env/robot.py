@@ -34,6 +34,7 @@ from jansen_env.checks import (
     positive,
     positive_integer,
     shown,
+    within,
 )
 from jansen_env.motor import IDEAL, MOTORS, Motor
 
@@ -44,6 +45,7 @@ BODIES = ("frame", "crank", "upper_rod", "upper_triangle", "rocker", "lower_rod"
 BODIES_PER_LEG = len(BODIES)
 CRANK_RADIUS = 0.10834  # m, the paper's L2; every built-in design turns this crank
 MOST_PHASES = 100  # of crank pins
+STIFFEST = 1e20  # N/m and N s/m, of a pad that gives: beyond, it is rigid
 JOINT_PAIRS = (
     (1, 2), (2, 3), (3, 4), (3, 6), (4, 5), (5, 6), (5, 8), (4, 7), (6, 8), (7, 8),
 )  # fmt: skip
@@ -234,6 +236,7 @@ class Compliance:
             for field_name in (name, tangential):
                 if getattr(self, field_name) != math.inf:
                     _set(self, normal, field_name)
+                    within(f"Compliance.{field_name}", getattr(self, field_name), 0.0, STIFFEST)
         if (self.stiffness == math.inf) != (self.tangential_stiffness == math.inf):
             raise ValueError(
                 f"Compliance.tangential_stiffness is {self.tangential_stiffness}, must be infinite "

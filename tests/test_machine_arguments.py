@@ -118,7 +118,7 @@ def test_a_state_has_torques_on_their_way_and_bent_bristles(plant):
     for action in taken[:6]:
         env.step(action)
     state, other = env.get_state(), make()
-    assert np.abs(state["stretch"]).max() > 0.0
+    assert np.abs(state["deflection"]).max() > 0.0
     other.reset(seed=9)
     other.set_state(state)
     for action in taken[6:]:
@@ -163,6 +163,44 @@ def test_feet_that_give_refuse_restitution():
         env.task.set_parameters(0, restitution=0.2)
 
 
+def test_changes_that_exclude_each_other_change_nothing_and_their_order_does_not_matter():
+    env = JansenWalkerEnv(restitution=0.5)
+    with pytest.raises(ValueError, match=r"restitution is 0\.5"):
+        env.task.set_parameters(0, friction=0.3, command=0.7, pad_compliance=FEET)
+    assert env.task.of_each("friction") == [0.8] and env.task.of_each("command") != [0.7]
+    env.task.set_parameters(0, pad_compliance=FEET, restitution=0.0)
+    env.task.set_parameters(0, restitution=0.3, pad_compliance=Compliance())
+    assert env.task.of_each("restitution") == [0.3]
+
+
+def test_bristles_do_not_outlast_the_feet():
+    env = JansenWalkerEnv(pad_compliance=FEET)
+    episode(env, actions(10)[:, 0], seed=0)
+    assert np.abs(env.get_state()["deflection"]).max() > 0.0
+    env.task.set_parameters(0, pad_compliance=Compliance())
+    assert not env.get_state()["deflection"].any()
+
+
+@pytest.mark.parametrize("plant", ["projection", "rigid_body"])
+def test_feet_too_soft_for_the_robot_are_refused(plant):
+    with pytest.raises(ValueError, match=r"stiffness is 100\.0 N/m, must be at least 785 N/m"):
+        JansenWalkerEnv(pad_compliance=Compliance(100.0), plant=plant)
+
+
+def test_states_that_cannot_be_are_refused_whole():
+    env = JansenWalkerEnv(delay=0.02)
+    env.reset(seed=0)
+    state = env.get_state()
+    for name, value in (
+        ("mean_slip", -1.0), ("mean_power", -1.0), ("rms_torque", -1.0), ("steps", 2**70),
+        ("command_seed", 2**64), ("delay", 0.1), ("asked", np.zeros(1)),
+        ("deflection", np.zeros(3)),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=name):
+            env.set_state({**state, name: value})
+        assert str(env.get_state()) == str(state)
+
+
 def test_the_crank_task_has_the_motor():
     """A motor that friction holds does not turn the crank; one past its line turns it slower."""
     env = gym.make(CRANK, motor=replace(MOTOR, friction=50.0))
@@ -171,5 +209,6 @@ def test_the_crank_task_has_the_motor():
     assert len({info["crank_angle"] for info in infos}) == 1
     assert {info["crank_speed"] for info in infos} == {0.0}
     assert gym.make(CRANK).unwrapped.torque_limit == 5.0
+    assert gym.make(CRANK, motor="ideal").unwrapped.torque_limit == 20.0
     assert gym.make(CRANK, motor=MOTOR).unwrapped.torque_limit == 8.0
     assert gym.make(CRANK, motor=MOTOR, torque_limit=6.0).unwrapped.torque_limit == 6.0

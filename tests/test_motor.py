@@ -73,6 +73,8 @@ def test_at_stall_all_power_is_winding_loss():
         ({"friction": -0.1}, "friction"),
         ({"viscous_friction": "much"}, "viscous_friction"),
         ({"efficiency": 0.0}, "efficiency"),
+        ({"viscous_friction": 1e7}, "viscous_friction"),
+        ({"gear_ratio": 1e9, "rotor_inertia": 1.0}, "gear_ratio"),
         ({"efficiency": 1.1}, "efficiency"),
     ],
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from jansen_env.engine.contact_solver import OPEN, STICK
 from jansen_env.engine.contacts import rate
 from jansen_env.engine.jit import stage
+from jansen_env.engine.motor_stages import drawn_power
 from jansen_env.engine.restitution import contact_gain
 from jansen_env.engine.tables import mechanical_energy
 
@@ -46,13 +47,11 @@ def accumulate_step(
             Coulomb friction, N m s.
     """
     mean = 0.5 * (velocity.crank + outcome.end.crank)
-    work = h * torque * mean
-    total.motor_work += work
+    total.motor_work += h * torque * mean
     total.joint_loss += h * inertia.damping * mean * mean
     total.joint_loss -= dry * mean
     total.torque_impulse += h * (torque - asked)
-    inner = torque * (params.driving if work >= 0.0 else params.driven)
-    total.electrical_work += max(h * inner * (mean + params.winding * inner), 0.0)
+    total.electrical_work += h * drawn_power(torque, mean, params)
     total.worst_residual = max(total.worst_residual, outcome.residual)
     if outcome.may_gain:
         gain = min(

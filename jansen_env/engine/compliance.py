@@ -48,7 +48,7 @@ def add_compliance(h, count, velocity, params, planes, contacts):
             if side == NORMAL:
                 touchdown = middle - 0.5 * h * old > 0.0
             else:
-                middle = planes[contacts.plane[c]].stretch + (h - ahead) * old
+                middle = planes[contacts.plane[c]].deflection + (h - ahead) * old
             contacts.curve[i] = share * offset[i]
             if touchdown:
                 offset[i] = middle / ahead
@@ -66,16 +66,16 @@ def attach_bristles(status, planes, statistics):
     pad = -1
     for k in range(status.first_plane, status.end_plane):
         nearest, pad = planes[k].pad != pad, planes[k].pad
-        planes[k].stretch = statistics[pad].stretch if nearest else 0.0
+        planes[k].deflection = statistics[pad].deflection if nearest else 0.0
 
 
 @stage
 def keep_bristles(status, planes, statistics):
     """Keep pads' bristles while their planes are found again."""
     for pad in statistics:
-        pad.stretch = 0.0
+        pad.deflection = 0.0
     for k in range(status.end_plane - 1, status.first_plane - 1, -1):  # a pad's nearest comes last
-        statistics[planes[k].pad].stretch = planes[k].stretch
+        statistics[planes[k].pad].deflection = planes[k].deflection
 
 
 @stage(inline=False)
@@ -97,8 +97,8 @@ def accumulate_compliant(
     before, stored, lost = 0.0, 0.0, 0.0  # J: in the springs, and what contacts took of the robot
     slip_loss = 0.0
     for j in range(status.first_plane, status.end_plane):
-        before += 0.5 * kt * planes[j].stretch ** 2
-        planes[j].stretch = 0.0
+        before += 0.5 * kt * planes[j].deflection ** 2
+        planes[j].deflection = 0.0
     for c in range(count):
         i, t, plane = 2 * c, 2 * c + 1, planes[contacts.plane[c]]
         plane.mode = mode[c]
@@ -114,8 +114,8 @@ def accumulate_compliant(
         slid = 0.0
         if mode[c] != STICK:
             slid = ahead[t] * (new_t + contacts.offset[t] + P[t] / contacts.give[t])
-        plane.stretch = middle[t] + ahead[t] * new_t + h * curve[t] - slid
-        stored += 0.5 * kt * plane.stretch**2
+        plane.deflection = middle[t] + ahead[t] * new_t + h * curve[t] - slid
+        stored += 0.5 * kt * plane.deflection**2
         lost -= 0.5 * (P[i] * (old + new) + P[t] * (old_t + new_t))
         slip_loss -= P[t] * slid / h
         pad = statistics[plane.pad]

@@ -100,7 +100,7 @@ ACCUMULATORS = row_dtype(
 ROBOT = row_dtype([("params", PARAMS), ("status", STATUS), ("accumulators", ACCUMULATORS)])
 """A robot of a batch."""
 
-CONTACT_STATISTICS = row_dtype([("slip", "f8"), ("impulse", "f8", 2), ("stretch", "f8")])
+CONTACT_STATISTICS = row_dtype([("slip", "f8"), ("impulse", "f8", 2), ("deflection", "f8")])
 """Of a pad, sums as well: path it slid while loaded, m; tangential and normal impulse, N s. And how
 far a compliant one's bristle is bent, m: that is part of the state."""
 
@@ -129,7 +129,7 @@ PLANE = row_dtype(
         ("distance", "f8"),  # m, of the pad's centre, when it was found
         ("pad", "i8"),
         ("mode", "i8"),  # the last time step's contact mode, a first guess
-        ("stretch", "f8"),  # m, how far a compliant pad's bristle is bent there
+        ("deflection", "f8"),  # m, how far a compliant pad's bristle is bent there
     ]
 )
 """The ground as one pad may touch it."""

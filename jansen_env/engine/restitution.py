@@ -13,6 +13,7 @@ import numpy as np
 from jansen_env.engine.contact_solver import STICK, solve
 from jansen_env.engine.contacts import add_dry_friction, can_wedge, rate
 from jansen_env.engine.jit import macro, stage
+from jansen_env.engine.motor_stages import limited_torque
 from jansen_env.engine.records import Velocity
 
 PASSES = 2  # evaluations of the speed-dependent terms in a step
@@ -178,10 +179,7 @@ def motor_torque(h, asked, n, pushed, pitch_force, crank_force, inertia, params)
     rest = n + pushed + h * (inertia.m12 * pitch_force + inertia.m22 * crank_force)
     lost = 0.5 * params.torque_slope * (n + rest)
     share = 1.0 / (1.0 + 0.5 * h * params.torque_slope * inertia.m22)
-    most = params.most_torque
-    high = max(min(share * (params.stall_torque - lost), most), -most)
-    low = min(max(-share * (params.stall_torque + lost), -most), most)
-    return min(high, max(low, asked))
+    return limited_torque(asked, lost, share, params)
 
 
 @macro

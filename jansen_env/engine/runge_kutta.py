@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jansen_env.engine.jit import compiled, stage
+from jansen_env.engine.motor_stages import drawn_power, limited_torque
 from jansen_env.engine.records import Array
 from jansen_env.engine.tables import (
     C_Y,
@@ -62,20 +63,16 @@ def _rates(state, direction, asked, latest, crank, rates):
     damping = (sums[VALUE, DAMPING] + params.viscous_friction) * n
     used = asked
     if params.limited:
-        lost, most = params.torque_slope * n, params.most_torque
-        high = max(min(params.stall_torque - lost, most), -most)
-        low = min(max(-params.stall_torque - lost, -most), most)
-        used = min(high, max(low, asked))
+        used = limited_torque(asked, params.torque_slope * n, 1.0, params)
     force = used - damping + params.gravity_y * sums[FIRST, C_Y]
     force = force - 0.5 * inertia_slope * n * n
     dry = 0.0
     if params.dry:
         dry = params.gear_friction + bearing_friction(crank.bearings, state[ANGLE])
-    inner = used * (params.driving if used * n >= 0.0 else params.driven)
     rates[ANGLE], rates[SPEED] = n, (force - direction * dry) / inertia
     rates[LOSS] = damping * n + dry * abs(n)
     rates[WORK_LACKING], rates[IMPULSE_LACKING] = (latest - used) * n, latest - used
-    rates[ELECTRICAL] = max(inner * (n + params.winding * inner), 0.0)
+    rates[ELECTRICAL] = drawn_power(used, n, params)
     return force, dry
 
 

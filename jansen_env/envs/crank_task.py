@@ -73,7 +73,7 @@ class CrankTask(Task):
     ) -> None:
         self.num_envs = n = num_envs
         (chosen,) = arguments.robot_of_each(1, robot, motor=motor, torque_limit=torque_limit)
-        if chosen.motor == IDEAL and torque_limit is None:
+        if motor is None and torque_limit is None and chosen.motor == IDEAL:
             chosen = replace(chosen, motor=replace(IDEAL, torque_limit=TORQUE_LIMIT))
         self.robots = [chosen] * n
         self.speed_command = arguments.ranges_of_each(

@@ -23,10 +23,17 @@ from jansen_env.envs.core import Bools, Information, Task
 from jansen_env.gravity import GRAVITY
 from jansen_env.kinematics import advance_per_turn
 from jansen_env.motor import Motor
-from jansen_env.plants.base import BatchedPlant, Plant, check_in_contact, check_state, check_stretch
-from jansen_env.plants.batch import Batch
+from jansen_env.plants.base import (
+    BatchedPlant,
+    Plant,
+    check_deflection,
+    check_in_contact,
+    check_state,
+)
+from jansen_env.plants.batch import Batch, check_bounce
 from jansen_env.plants.batch_of_one import BatchOfOne
 from jansen_env.plants.detector import surfaces
+from jansen_env.plants.initial_pose import sag
 from jansen_env.plants.make import make_plant, plant_time_step
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.rendering import Frame
@@ -39,6 +46,7 @@ SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
 FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
 STEPS_PER_TURN = 4  # of the feet: means are taken over one
 MEANS = ("mean_speed", "mean_slip", "mean_power", "rms_torque")
+MOST_STEPS = 2**63 - 1  # of an episode; and the largest seed of commands
 SLIPPING = 0.01  # m/s of mean slip speed from which a toe is drawn as slipping
 
 
@@ -134,6 +142,8 @@ class WalkerTask(Task):
             positive("fall_pitch", fall_pitch),
             arguments.flag("fall_contact", fall_contact),
         )
+        for robot_of_one in self.robots:
+            sag(robot_of_one, GRAVITY)  # or its feet are too soft
         self.plant, self.batch = self._plants(plant, step, threads)
         self._steps = round(self.control_dt / step)
         self._allocate(task.ROW, _observation_space(self.batch.toes), delay, step)
@@ -285,7 +295,8 @@ class WalkerTask(Task):
 
         Args:
             friction, restitution: between its toes and its ground. payload: a :class:`Payload`, or
-                a mass in kg at the crank axis. motor: a :class:`Motor`, or the name of one.
+                a mass in kg at the crank axis. motor: a :class:`Motor`, or the name of one, whose
+                torque limit then holds.
                 pad_compliance: a :class:`Compliance`. delay: s, a number or a range, of its next
                 episodes, no longer than was given to the constructor for any robot. speed_command: m/s, a number or a range, from which
                 commands are drawn from now on. command: m/s, from the next step on.
@@ -312,6 +323,11 @@ class WalkerTask(Task):
             "command": lambda value: within("command", value, -FASTEST_COMMAND, FASTEST_COMMAND),
         }
         checked = {name: checks[name](value) for name, value in changes.items()}  # or nothing
+        if isinstance(batch, Batch):
+            check_bounce(
+                checked.get("pad_compliance", self.robots[row].pad_compliance),
+                checked.get("restitution", float(batch.restitution[row])),
+            )
         if "speed_command" in checked:
             self.speed_command[row] = checked.pop("speed_command")
         if "delay" in checked:
@@ -320,8 +336,11 @@ class WalkerTask(Task):
             kept = self.rows[row]
             kept["info"]["speed_command"] = kept["next_command"] = checked.pop("command")
             self._describe()
-        for name, value in checked.items():
-            getattr(batch, f"set_{name}")(row, value)
+        # Restitution first where it goes, last where it comes: feet that give exclude it.
+        for name in sorted(
+            checked, key=lambda one: checked[one] > 0.0 if one == "restitution" else 0.5
+        ):
+            getattr(batch, f"set_{name}")(row, checked[name])
         if physical:
             robot = self.robots[row] = batch.robots[row]
             kept = self.rows[row]
@@ -367,7 +386,7 @@ class WalkerTask(Task):
         return {
             "plant": self.batch.states[row].copy(),
             "in_contact": None if row > 0 or in_contact is None else in_contact.copy(),
-            "stretch": self.batch.stretch[row].copy(),
+            "deflection": self.batch.deflection[row].copy(),
             **self._delay_state(row),
             "command": float(kept["info"]["speed_command"]),
             "action": float(kept["action"]),
@@ -389,18 +408,23 @@ class WalkerTask(Task):
                 f"state['loads'] is {loads}, must be {len(self.loads[row])} finite numbers"
             )
         in_contact = check_in_contact(state["in_contact"], len(pad_layout(self.robots[0]).leg))
-        stretch = check_stretch(state["stretch"], len(self.batch.stretch[row]))
+        deflection = check_deflection(state["deflection"], len(self.batch.deflection[row]))
         delay, asked = self._checked_delay(state)
         command = within("state['command']", state["command"], -FASTEST_COMMAND, FASTEST_COMMAND)
         action = within("state['action']", state["action"], -1.0, 1.0)
-        steps = whole_number("state['steps']", state["steps"])
-        seed = whole_number("state['command_seed']", state["command_seed"])
+        steps = whole_number("state['steps']", state["steps"], MOST_STEPS)
+        seed = whole_number("state['command_seed']", state["command_seed"], MOST_STEPS)
         furthest = task.FURTHEST_TARGET
         lag = within("state['lag']", state["lag"], -furthest, furthest)
-        means = {name: finite(f"state[{name!r}]", state[name]) for name in MEANS}
+        means = {
+            name: (finite if name == "mean_speed" else non_negative)(
+                f"state[{name!r}]", state[name]
+            )
+            for name in MEANS
+        }
         fallen = bool(state["fallen"])
         batch = self.batch
-        batch.set_state(row, pose, stretch)
+        batch.set_state(row, pose, deflection)
         if row == 0:
             batch.in_contact = in_contact
         self._begin_delay(row, delay, asked)

@@ -93,12 +93,12 @@ class BatchedPlant(Protocol):
     def states(self) -> Array: ...
 
     @property
-    def stretch(self) -> Array:
+    def deflection(self) -> Array:
         """(n, pads) how far the bristles of compliant pads are bent, m; to be read."""
         ...
 
-    def set_state(self, row: int, state: ArrayLike, stretch: Array | None = None) -> None:
-        """Put a robot into a state (8,), its bristles bent by ``stretch`` (pads,), m; None: not."""
+    def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
+        """Put a robot into a state (8,), with bristles' ``deflection`` (pads,), m; None: 0."""
         ...
 
     def place(self, row: int, crank_angle: float) -> None:
@@ -164,12 +164,12 @@ class Plant(Protocol):
     def in_contact(self, value: Any) -> None: ...
 
     @property
-    def stretch(self) -> Array:
+    def deflection(self) -> Array:
         """(pads,) how far the bristles of compliant pads are bent, m: set it after the state."""
         ...
 
-    @stretch.setter
-    def stretch(self, value: Array) -> None: ...
+    @deflection.setter
+    def deflection(self, value: Array) -> None: ...
 
     def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
         """Set the robot down at rest; returns the new state."""
@@ -203,12 +203,12 @@ def check_state(value: Any) -> Array:
     return state
 
 
-def check_stretch(value: Any, pads: int) -> Array:
+def check_deflection(value: Any, pads: int) -> Array:
     """Bent bristles as an array. Raises ValueError unless they are one finite number a pad."""
-    stretch = np.array(value, dtype=float)
-    if stretch.shape != (pads,) or not np.isfinite(stretch).all():
-        raise ValueError(f"stretch is {value!r}, must be {pads} finite numbers")
-    return stretch
+    deflection = np.array(value, dtype=float)
+    if deflection.shape != (pads,) or not np.isfinite(deflection).all():
+        raise ValueError(f"deflection is {value!r}, must be {pads} finite numbers")
+    return deflection
 
 
 def check_in_contact(value: Any, pads: int) -> NDArray[np.bool_] | None:

@@ -30,7 +30,7 @@ from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.motor import Motor
 from jansen_env.plants.base import check_time_step
 from jansen_env.plants.detector import ContactDetector
-from jansen_env.plants.initial_pose import prepare_placement, resting_pose
+from jansen_env.plants.initial_pose import prepare_placement, resting_pose, sag
 from jansen_env.plants.trace import find_touchdowns, pads_in_contact
 from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
@@ -214,14 +214,15 @@ class Batch:
             ValueError: they give and its ground has restitution.
         """
         check_bounce(pads, float(self.params["restitution"][row]))
+        self.deflection[row] = 0.0
         robot = self.robots[row] = replace(self.robots[row], pad_compliance=pads)
         self.tables[row] = compile_robot(robot)
         set_compliance(self.params[row : row + 1], pads)
 
     @property
-    def stretch(self) -> Array:
+    def deflection(self) -> Array:
         """(n, pads) how far the bristles of compliant pads are bent, m; part of the state."""
-        bent: Array = self.contact_statistics["stretch"]
+        bent: Array = self.contact_statistics["deflection"]
         return bent
 
     @property
@@ -282,10 +283,7 @@ class Batch:
             if len(planes):
                 gap = (normals * centres[planes["pad"]]).sum(axis=1) - planes["offset"]
                 state[1] -= ((gap - robot.pad_radius) / normals[:, 1]).min()
-        state[1] -= PLACEMENT_DEPTH
-        pads = robot.pad_compliance
-        if not pads.rigid:  # as deep as its weight on two feet takes them
-            state[1] += 0.5 * robot.mass * min(self.params["gravity_y"][0], 0.0) / pads.stiffness
+        state[1] -= PLACEMENT_DEPTH + sag(robot, -float(self.params["gravity_y"][0]))
 
     def scratch(self, row: int) -> Batch:
         """A batch of one, which is that robot as it is now, to try things without the others."""
@@ -296,21 +294,25 @@ class Batch:
             self._scratch[terrain.points] = batch
         batch.robots[0], batch.tables[0] = robot, self.tables[row]
         batch.params[0] = self.params[row]
-        batch.set_state(0, self.states[row], self.stretch[row])
+        batch.set_state(0, self.states[row], self.deflection[row])
         return batch
 
     def lookahead(self, torque: float = 0.0) -> None:
         """What the first robot's next time step would do under a torque; the state stays."""
-        state, stretch, in_contact = self.states[0].copy(), self.stretch[0].copy(), self.in_contact
+        state, deflection, in_contact = (
+            self.states[0].copy(),
+            self.deflection[0].copy(),
+            self.in_contact,
+        )
         try:
             self.step(np.array([torque]), 1)
         finally:
-            self.states[0], self.stretch[0], self.in_contact = state, stretch, in_contact
+            self.states[0], self.deflection[0], self.in_contact = state, deflection, in_contact
 
-    def set_state(self, row: int, state: ArrayLike, stretch: Array | None = None) -> None:
-        """Put a robot into a state (8,), its bristles bent by ``stretch`` (pads,), m; None: not."""
+    def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
+        """Put a robot into a state (8,), with bristles' ``deflection`` (pads,), m; None: 0."""
         self.states[row] = state
-        self.stretch[row] = 0.0 if stretch is None else stretch
+        self.deflection[row] = 0.0 if deflection is None else deflection
         if row == 0:
             self.in_contact = None
 
@@ -361,7 +363,7 @@ class Batch:
         entries in :attr:`accumulators` and :attr:`contact_statistics`, and is named in
         :attr:`diverged`. The others go on.
         """
-        before = self.states.copy(), self.stretch.copy()
+        before = self.states.copy(), self.deflection.copy()
         asked = torque, *(self._at_once if earlier is None else (earlier, switch))
         if self.any_diverged:
             self.diverged[:] = self.any_diverged = False
@@ -404,12 +406,12 @@ class Batch:
         self.in_contact = pads_in_contact(trace)[-1]
 
     def _refuse(self, before: tuple[Array, Array]) -> None:
-        """Leave the robots that have diverged as they were before the step: state and stretch."""
+        """Leave the robots that have diverged as they were before: state and deflection."""
         status = self.rows["status"]
         status["steps_left"][status["too_deep"]] = -1
         self.diverged |= status["steps_left"] < 0
         self.states[self.diverged] = before[0][self.diverged]
-        self.stretch[self.diverged] = before[1][self.diverged]
+        self.deflection[self.diverged] = before[1][self.diverged]
         self.any_diverged = True
 
     def _advance(self, fresh: bool, steps: int, asked: tuple[Any, ...], trace: Array) -> bool:

@@ -38,15 +38,15 @@ class BatchOfOne:
         self._plant.in_contact = value
 
     @property
-    def stretch(self) -> Array:
+    def deflection(self) -> Array:
         """(1, pads) how far the bristles of compliant pads are bent, m, a copy."""
-        return self._plant.stretch[None]
+        return self._plant.deflection[None]
 
-    def set_state(self, row: int, state: ArrayLike, stretch: Array | None = None) -> None:
-        """Put the robot into a state (8,), its pads' bristles bent by ``stretch`` (pads,), m."""
+    def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
+        """Put the robot into a state (8,), its pads' bristles bent by ``deflection`` (pads,), m."""
         self._plant.state = np.asarray(state, dtype=float)
-        if stretch is not None:
-            self._plant.stretch = stretch
+        if deflection is not None:
+            self._plant.deflection = deflection
 
     def place(self, row: int, crank_angle: float) -> None:
         """Place the robot at rest; what is known of its last step is what comes next."""

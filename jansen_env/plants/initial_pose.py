@@ -16,6 +16,8 @@ from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
 
+DEEPEST = 0.02  # m, that feet may give under the weight
+
 
 def prepare_placement(robot: Robot, terrain: Terrain) -> None:
     """Compile what :func:`resting_pose` needs."""
@@ -24,6 +26,27 @@ def prepare_placement(robot: Robot, terrain: Terrain) -> None:
     prepare(
         Kernel("clearance", clearance, (*common, 0.0)), Kernel("level pitch", level_pitch, common)
     )
+
+
+def sag(robot: Robot, gravity: float) -> float:
+    """How deep a robot's weight on two feet that give presses them into the ground, m.
+
+    Args:
+        gravity: m/s^2, downwards.
+
+    Raises:
+        ValueError: deeper than :data:`DEEPEST`: the feet are too soft for the robot.
+    """
+    pads = robot.pad_compliance
+    if pads.rigid:
+        return 0.0
+    depth = 0.5 * robot.mass * max(gravity, 0.0) / pads.stiffness
+    if depth > DEEPEST:
+        raise ValueError(
+            f"pad_compliance.stiffness is {pads.stiffness} N/m, must be at least "
+            f"{pads.stiffness * depth / DEEPEST:.3g} N/m to carry a robot of {robot.mass:.3g} kg"
+        )
+    return depth
 
 
 def resting_pose(

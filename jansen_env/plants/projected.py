@@ -14,9 +14,9 @@ from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.plants.base import (
     ENERGIES,
     StepResult,
+    check_deflection,
     check_in_contact,
     check_state,
-    check_stretch,
     divergence,
 )
 from jansen_env.plants.batch import DETECTION_INTERVAL, TIME_STEP, Batch
@@ -116,13 +116,13 @@ class ProjectionPlant:
         self.batch.in_contact = check_in_contact(value, len(self.batch.contact_statistics[0]))
 
     @property
-    def stretch(self) -> Array:
+    def deflection(self) -> Array:
         """(pads,) how far the bristles of compliant pads are bent, m: set it after the state."""
-        return self.batch.stretch[0].copy()
+        return self.batch.deflection[0].copy()
 
-    @stretch.setter
-    def stretch(self, value: Any) -> None:
-        self.batch.stretch[0] = check_stretch(value, len(self.batch.stretch[0]))
+    @deflection.setter
+    def deflection(self, value: Any) -> None:
+        self.batch.deflection[0] = check_deflection(value, len(self.batch.deflection[0]))
 
     @property
     def tracing(self) -> bool:

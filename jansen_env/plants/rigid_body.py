@@ -29,16 +29,16 @@ from jansen_env.kinematics import check_closure
 from jansen_env.plants import bodies as links
 from jansen_env.plants.base import (
     StepResult,
+    check_deflection,
     check_in_contact,
     check_state,
-    check_stretch,
     check_time_step,
     divergence,
     is_bounded,
 )
 from jansen_env.plants.bodies import CHASSIS, SHAFT
 from jansen_env.plants.geared_rotor import GearedRotor
-from jansen_env.plants.initial_pose import prepare_placement, resting_pose
+from jansen_env.plants.initial_pose import prepare_placement, resting_pose, sag
 from jansen_env.plants.snapshot import ANGLE, SPIN, VX, VY, Snapshot, Sums
 from jansen_env.plants.spring_pads import SpringPads
 from jansen_env.robot import Robot
@@ -233,9 +233,7 @@ class RigidBodyPlant:
         level = links.poses(self.robot, np.array([0.0, 0.0, 0.0, crank_angle]))
         centre = self._inertias[:, 0] @ level[:, 1:] / self._inertias[:, 0].sum()
         y, theta = resting_pose(self.robot, centre, self.terrain, x, crank_angle, pitch)
-        if self._springs is not None:  # as deep as its weight on two feet takes them
-            weight = self._inertias[:, 0].sum() * max(-self._gravity[1], 0.0)
-            y -= 0.5 * weight / self.robot.pad_compliance.stiffness
+        y -= sag(self.robot, -self._gravity[1])
         self._build(np.array([x, y, theta, crank_angle, 0.0, 0.0, 0.0, 0.0]))
         return self.state
 
@@ -355,13 +353,13 @@ class RigidBodyPlant:
             self._memory = saved
 
     @property
-    def stretch(self) -> Array:
+    def deflection(self) -> Array:
         """(pads,) how far the bristles of pads that give are bent, m; set it after the state."""
         return np.zeros(len(self._pads)) if self._springs is None else self._springs.bristle.copy()
 
-    @stretch.setter
-    def stretch(self, value: Any) -> None:
-        bristle = check_stretch(value, len(self._pads))
+    @deflection.setter
+    def deflection(self, value: Any) -> None:
+        bristle = check_deflection(value, len(self._pads))
         if self._springs is not None:
             self._memory = self.state, self.in_contact, bristle
 

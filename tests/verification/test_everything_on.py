@@ -143,7 +143,7 @@ def test_each_of_a_mixed_batch_moves_as_it_would_alone(threads):
         for i, single in enumerate(singles):
             single.step(torque[i : i + 1], 20, earlier[i : i + 1], switch[i : i + 1])
             assert (single.states[0] == batch.states[i]).all()
-            assert (single.stretch[0] == batch.stretch[i]).all()
+            assert (single.deflection[0] == batch.deflection[i]).all()
             assert single.accumulators[0] == batch.accumulators[i]
             assert (single.contact_force[0] == batch.contact_force[i]).all()
         earlier = torque
@@ -194,8 +194,8 @@ def test_a_pickled_batch_goes_on_as_it_would(rng):
     for i in range(4):
         batch.place(i, 0.3)
     batch.step(rng.uniform(-5.0, 5.0, 4), 200)
-    assert (batch.stretch != 0.0).any()
+    assert (batch.deflection != 0.0).any()
     copy = pickle.loads(pickle.dumps(batch))
     for each in (batch, copy):
         each.step(np.full(4, 4.0), 200)
-    assert (copy.states == batch.states).all() and (copy.stretch == batch.stretch).all()
+    assert (copy.states == batch.states).all() and (copy.deflection == batch.deflection).all()

@@ -226,12 +226,12 @@ def test_a_delayed_action_is_the_earlier_one_for_a_while(name, measured):
     apart, work_apart = 0.0, 0.0
     for _ in range(40):
         torque = rng.uniform(-9.0, 9.0, n)
-        stretch = delayed.stretch.copy()
+        deflection = delayed.deflection.copy()
         ends, work = np.zeros((n, 8)), np.zeros(n)
         for i, first in enumerate(switch):
             for j in range(n):
                 plain.set_state(j, delayed.states[j])
-            plain.stretch[:] = stretch
+            plain.deflection[:] = deflection
             for held, steps in ((earlier, first), (torque, 20 - first)):
                 if steps > 0:
                     plain.step(held, int(steps))

@@ -141,7 +141,7 @@ def follow(x, period, row):
 
 @compiled
 def average(work, slipped, period, row):
-    """Exponential means over what takes one step of a foot at the commanded speed, 0 at first.
+    """Exponential means over a quarter turn of the crank at the commanded speed, 0 at first.
 
     Args:
         work: of the motor, J. slipped: by all toes, m. period: s.

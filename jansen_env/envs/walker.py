@@ -57,8 +57,8 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     ## Rewards
     A target starts where the robot does and moves at the commanded speed; it waits while the robot
     is 0.5 m away from it. Walking at the mean speed asked for, however unevenly, is to stay with it.
-    The other costs are rated over a stride too, by exponential means over the time T that one step
-    of a foot takes at the commanded speed: a quarter of what the crank's turn advances the robot
+    The other costs are rated over a stride too, by exponential means over the time T that a quarter
+    turn of the crank takes at the commanded speed: what it advances the robot
     (:func:`jansen_env.kinematics.advance_per_turn`; 0.16 m) / \\|command\\|, 0.2 to 3.4 s; 0 at
     first. The reward is the product of seven factors, each from 0 to 1 and in ``info``:
 
@@ -75,11 +75,12 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     with v = max(\\|command\\|, 0.1 m/s), and the last five to the powers ``slip_weight`` ...
     ``posture_weight``, 1 by default; 0 leaves one out. Standing still earns nothing at any command
     but 0, as there is no progress, and a fall costs what the rest of the episode would have earned.
-    The best of thirteen controllers by return is the best by the scores of
-    ``python -m agents.evaluate``, too (``python -m benchmarks.ranking``).
+    Of seventeen controllers, policies of PPO among them, the best by return is the best by the
+    scores of ``python -m agents.evaluate``, too, and the rank correlation of all is 0.94
+    (``docs/training.md``, ``python -m benchmarks.ranking``).
 
     ## Starting State
-    Crank angle uniform over a turn, set down at rest at x = 0 on the lowest toe before and the
+    Crank angle uniform over a turn, placed at rest at x = 0 on the lowest toe before and the
     lowest toe behind its centre of mass; crank speed uniform in +- ``reset_noise_scale`` rad/s;
     command uniform in ``speed_command``, or as given by
     ``reset(options={"speed_command": 0.3, "crank_angle": 0.0})``.
@@ -138,9 +139,9 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | ``render_mode`` | None | ``"human"`` or ``"rgb_array"`` |
 
     ## Plants
-    The same task runs on two plants that share the robot's geometry and masses, the ground and how
-    it is set down there, but nothing of their dynamics. ``"projection"``
-    integrates the paper's projected equations with exact contacts; it is fast, and what policies
+    The same task runs on two plants that share the robot's data, which bodies rub on one another,
+    the ground, the contact laws (rigid and with springs) and the motor's, but not equations and
+    solvers. ``"projection"`` integrates the paper's projected equations with exact contacts; it is fast, and what policies
     are trained on. ``"rigid_body"`` is built of pymunk's bodies, joints and contacts, some hundred
     times slower; its joints gap a little (``info["joint_gap"]``). A policy that walks on both does
     not live on the numerics of one of them.

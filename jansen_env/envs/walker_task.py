@@ -44,7 +44,7 @@ Array = NDArray[np.float64]
 
 SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
 FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
-STEPS_PER_TURN = 4  # of the feet: means are taken over one
+STEPS_PER_TURN = 4  # of the feet, with two crank pins: means are taken over a quarter turn
 MEANS = ("mean_speed", "mean_slip", "mean_power", "rms_torque")
 MOST_STEPS = 2**63 - 1  # of an episode; and the largest seed of commands
 SLIPPING = 0.01  # m/s of mean slip speed from which a toe is drawn as slipping

@@ -1,7 +1,7 @@
 """The rigid-body plant: every link a pymunk body, every pin a joint, pymunk's own contact solver.
 
-It shares with the projection plant what the robot is and where its joints lie, and nothing of its
-dynamics: no projection, no tables; rigid pads are pymunk's, those that give springs of their own
+It shares with the projection plant the robot's data, what rubs on what, the ground and the contact
+laws, not its equations and solvers: no projection, no tables; rigid pads are pymunk's, those that give springs of their own
 (:mod:`jansen_env.plants.spring_pads`), by the same contact law. Motor and viscous joints act as
 torques on the bodies, dry bearings and a dry gear are joints that hold up to their friction torque,
 the rotor is a body behind a stiff gear (:mod:`jansen_env.plants.geared_rotor`).

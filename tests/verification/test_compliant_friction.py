@@ -172,4 +172,4 @@ def test_left_alone_in_grooves_it_comes_to_rest(measured):
             plant.step(0.0, 0.02)
             now = plant.energy() + plant.batch.accumulators["elastic_energy"][0]
             gain, last = max(gain, now - last), now
-    measured("left alone in grooves: energy gained in 20 ms", gain, 1e-4, "J")
+    measured("left alone in grooves: energy gained in 20 ms", gain, 5e-4, "J")

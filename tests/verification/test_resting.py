@@ -98,6 +98,7 @@ def test_a_minute_at_rest_with_the_crank_locked(name, poses, measured):
 @pytest.mark.parametrize("name", DESIGNS)
 def test_a_minute_with_the_crank_free(name, poses, measured):
     """It never wins energy; it rests where statics lets it (|t| <= mu n), and only there."""
+    held = DESIGNS[name].motor.friction > 0.0  # the gear may hold what the ground does not
     for slope, psi in poses:
         plant = standing(name, slope, psi, False)
         energy, before = plant.energy(), plant.state
@@ -110,5 +111,5 @@ def test_a_minute_with_the_crank_free(name, poses, measured):
             plant.step(0.0, 1.0)
             most = max(most, plant.energy())
         measured("energy won with the crank free", most - energy, 1e-12 * plant.robot.mass, "J")
-        if needed is not None and needed > 1.02 * FRICTION:
+        if needed is not None and needed > 1.02 * FRICTION and not held:
             assert np.abs(plant.state - before)[:4].max() > 1e-3

@@ -1,10 +1,10 @@
 """The rigid-body plant: every link a pymunk body, every pin a joint, pymunk's own contact solver.
 
 It shares with the projection plant the robot's data, what rubs on what, the ground and the contact
-laws, not its equations and solvers: no projection, no tables; rigid pads are pymunk's, those that give springs of their own
-(:mod:`jansen_env.plants.spring_pads`), by the same contact law. Motor and viscous joints act as
-torques on the bodies, dry bearings and a dry gear are joints that hold up to their friction torque,
-the rotor is a body behind a stiff gear (:mod:`jansen_env.plants.geared_rotor`).
+laws, not its equations and solvers: no projection, no tables. Rigid pads are pymunk's, those that
+give have springs of their own (:mod:`jansen_env.plants.spring_pads`). Motor and viscous joints act
+as torques on the bodies, dry bearings and a dry gear are joints that hold up to their friction
+torque, the rotor is a body behind a stiff gear (:mod:`jansen_env.plants.geared_rotor`).
 
 pymunk solves pins and contacts by iteration in one go and pulls open joints together again: joints
 gap by some hundredths of a millimetre (:attr:`StepResult.joint_gap`) and resting toes creep. It

@@ -47,7 +47,8 @@ def plot_scores(task: Task, scores: dict[str, dict[str, Any]], path: str | Path)
             axis.set_xticks([])
             axis.margins(x=0.3)
     handles, labels = axes.flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False)
+    columns = min(len(labels), 4)  # more would not fit
+    figure.legend(handles, labels, loc="outside upper center", ncols=columns, frameon=False)
     at = f" {commands[0]:g} {task.command_unit}" if single else f", {task.command_unit}"
     figure.supxlabel(f"commanded speed{at}", fontsize=11)
     return _save(figure, path)

@@ -460,7 +460,8 @@ def test_human_mode_headless(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "terrain", "low", "high"),
-    [("paper", "flat", 0.0, 0.1), ("paper", "rough", 0.0, 0.1), ("holy", "rough", 0.3, 0.7)],
+    # 60 falls each: 6, 4 and 36 get up, give or take two standard deviations
+    [("paper", "flat", 0.0, 0.18), ("paper", "rough", 0.0, 0.15), ("holy", "rough", 0.47, 0.73)],
 )
 def test_a_fall_is_a_fall(robot, terrain, low, high):
     """Whichever criterion strikes first, the paper's robot hardly ever gets up, of 60 falls.

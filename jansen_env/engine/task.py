@@ -122,11 +122,12 @@ def finish_step(
         falls = settings[0].fall_contact and total.non_toe_impulse > 0.0
         falls = falls or abs(state[2]) > settings[0].fall_pitch
         row.info.fallen = row.info.fallen or falls
-        rate(state[2], settings[0], row)
+        compute_reward(state[2], settings[0], row)
         term = row.reward
         reward[r] = term.tracking * term.progress * term.slip * term.energy
         reward[r] *= term.effort * term.smoothness * term.posture
         row.info.speed_command = row.next_command
+        row.action_before, row.x_before = row.action, state[0]  # of the next step
     describe(states, robots, rows, loads, surface, bounds, ground, out)
 
 
@@ -162,7 +163,7 @@ def mean_time(command, path):
 
 
 @compiled
-def rate(pitch, settings, row):
+def compute_reward(pitch, settings, row):
     """The reward's factors of a robot, into its row; pitch: rad, settings: of :data:`SETTINGS`."""
     info, term = row.info, row.reward
     speed = max(abs(info.speed_command), SLOWEST)

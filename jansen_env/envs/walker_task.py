@@ -224,7 +224,8 @@ class WalkerTask(Task):
             kept[name] = np.zeros((), task.ROW[name])
         kept["action"] = kept["action_before"] = action
         kept["info"]["speed_command"] = kept["next_command"] = command
-        kept["info"]["x_velocity"] = self.batch.states[row, 4]
+        state = self.batch.states[row]
+        kept["x_before"], kept["info"]["x_velocity"] = state[0], state[4]
         kept["info"]["joint_gap"] = self.batch.joint_gap[row]
         self.reward[row], self.elapsed[row] = 0.0, 0
 
@@ -247,9 +248,7 @@ class WalkerTask(Task):
     def step(self, actions: Any, active: Bools) -> None:
         """Hold torques for ``control_dt`` seconds, see :class:`Task`."""
         batch = self.batch
-        self.rows["action_before"] = self.rows["action"]
         self._take_actions(actions, active)
-        self.rows["x_before"] = batch.states[:, 0]
         self.elapsed += 1
         self._draw_commands()
         batch.step(self.torque, self._steps, self.earlier, self.switch)

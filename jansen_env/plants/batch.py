@@ -145,6 +145,7 @@ class Batch:
         self.any_diverged = False
         self.tracing = False
         self._at_once = np.zeros(n), np.zeros(n, np.int64)  # no torque from before
+        self._any_gives = not all(robot.pad_compliance.rigid for robot in robots)
         self._no_trace: NDArray[Any] = np.zeros(0, integrator.trace_dtype(pads))
         self.trace = self._no_trace
         self.touchdowns = np.zeros(0, bool)
@@ -215,6 +216,7 @@ class Batch:
         """
         check_bounce(pads, float(self.params["restitution"][row]))
         self.deflection[row] = 0.0
+        self._any_gives = self._any_gives or not pads.rigid
         robot = self.robots[row] = replace(self.robots[row], pad_compliance=pads)
         self.tables[row] = compile_robot(robot)
         set_compliance(self.params[row : row + 1], pads)
@@ -294,6 +296,7 @@ class Batch:
             self._scratch[terrain.points] = batch
         batch.robots[0], batch.tables[0] = robot, self.tables[row]
         batch.params[0] = self.params[row]
+        batch._any_gives = not robot.pad_compliance.rigid
         batch.set_state(0, self.states[row], self.deflection[row])
         return batch
 
@@ -363,7 +366,7 @@ class Batch:
         entries in :attr:`accumulators` and :attr:`contact_statistics`, and is named in
         :attr:`diverged`. The others go on.
         """
-        before = self.states.copy(), self.deflection.copy()
+        before = self.states.copy(), self.deflection.copy() if self._any_gives else None
         asked = torque, *(self._at_once if earlier is None else (earlier, switch))
         if self.any_diverged:
             self.diverged[:] = self.any_diverged = False
@@ -405,13 +408,14 @@ class Batch:
         self.touchdowns = find_touchdowns(trace, self.in_contact)
         self.in_contact = pads_in_contact(trace)[-1]
 
-    def _refuse(self, before: tuple[Array, Array]) -> None:
+    def _refuse(self, before: tuple[Array, Array | None]) -> None:
         """Leave the robots that have diverged as they were before: state and deflection."""
         status = self.rows["status"]
         status["steps_left"][status["too_deep"]] = -1
         self.diverged |= status["steps_left"] < 0
         self.states[self.diverged] = before[0][self.diverged]
-        self.deflection[self.diverged] = before[1][self.diverged]
+        if before[1] is not None:
+            self.deflection[self.diverged] = before[1][self.diverged]
         self.any_diverged = True
 
     def _advance(self, fresh: bool, steps: int, asked: tuple[Any, ...], trace: Array) -> bool:

@@ -15,6 +15,7 @@ from jansen_env.dynamics.joint_forces import joint_forces
 from jansen_env.kinematics import coordinates
 from jansen_env.plants.base import StepResult
 from jansen_env.plants.batch_of_one import BatchOfOne
+from jansen_env.plants.initial_pose import sag
 from jansen_env.plants.rigid_body import RigidBodyPlant
 from jansen_env.robot import BEARINGS, BODIES_PER_LEG, Compliance
 
@@ -207,8 +208,9 @@ def landing(duration, fall, time_step):
     """Heights of a locked robot that falls on two of its toes, and the plant."""
     plant = RigidBodyPlant(LOCKED, Terrain.flat(), time_step)
     plant.reset(crank_angle=UPRIGHT, pitch=0.0)
-    ground = plant.state[1]
-    plant.state = plant.state + np.array([0.0, fall, *np.zeros(6)])
+    sunk = sag(LOCKED, 9.81)  # by which it is placed in the ground
+    ground = plant.state[1] + sunk
+    plant.state = plant.state + np.array([0.0, fall + sunk, *np.zeros(6)])
     heights = []
     for _ in range(round(duration / 1e-3)):
         plant.step(0.0, 1e-3)
@@ -223,10 +225,10 @@ def test_a_landing_is_that_of_a_mass_on_a_spring():
     start, delta = math.sqrt(2.0 * fall / g), d / (2.0 * m)
     omega = math.sqrt(k / m - delta**2)
     t = np.arange(0.0, 0.5 * math.pi / omega * 1.6, 1e-3) + 1e-3
-    sag, speed = m * g / k, math.sqrt(2.0 * g * fall)
-    # z'' + 2 delta z' + (k/m) (z + sag) = 0 from z = 0 at -speed.
-    a, b = sag, (-speed + delta * sag) / omega
-    exact = np.exp(-delta * t) * (a * np.cos(omega * t) + b * np.sin(omega * t)) - sag
+    rest, speed = m * g / k, math.sqrt(2.0 * g * fall)
+    # z'' + 2 delta z' + (k/m) (z + rest) = 0 from z = 0 at -speed.
+    a, b = rest, (-speed + delta * rest) / omega
+    exact = np.exp(-delta * t) * (a * np.cos(omega * t) + b * np.sin(omega * t)) - rest
     heights, plant = landing(start + t[-1], fall, 2e-5)
     times = 1e-3 * np.arange(1, len(heights) + 1) - start
     during = (times > 0.0) & (times < t[-1])
@@ -240,12 +242,12 @@ def test_a_landing_is_that_of_a_mass_on_a_spring():
 def test_a_landing_ends_at_the_springs_rest():
     """After a second it stands m g / 2 k deep on two toes, and falling energy went into dampers."""
     heights, plant = landing(1.0, 5e-3, 2.5e-4)
-    sag = LOCKED.mass * 9.81 / (2.0 * GIVE.stiffness)
-    assert heights[-1] == pytest.approx(-sag, rel=0.01)
-    plant.state = plant.state + np.array([0.0, 5e-3 + sag, *np.zeros(6)])
+    rest = LOCKED.mass * 9.81 / (2.0 * GIVE.stiffness)
+    assert heights[-1] == pytest.approx(-rest, rel=0.01)
+    plant.state = plant.state + np.array([0.0, 5e-3 + rest, *np.zeros(6)])
     result = plant.step(0.0, 1.0)
-    dropped = LOCKED.mass * 9.81 * (5e-3 + sag)
-    held = 2.0 * 0.5 * GIVE.stiffness * sag**2
+    dropped = LOCKED.mass * 9.81 * (5e-3 + rest)
+    held = 2.0 * 0.5 * GIVE.stiffness * rest**2
     assert result.impact_loss == pytest.approx(dropped - held, rel=0.02)
     assert plant.in_contact[: plant.toes].sum() == 2
 

@@ -167,17 +167,9 @@ def _work(jacobians, matrices, vectors, readings, spare, ints):
         vectors[4], ints[2 * n :], spare,
     )  # fmt: skip
     contacts = Contacts(
-        jacobians[0],
-        jacobians[1],
-        vectors[5],
-        vectors[6],
-        vectors[8],
-        vectors[9],
-        vectors[10],
-        vectors[11],
-        ints[n : 2 * n],
-        problem,
-    )
+        jacobians[0], jacobians[1], vectors[5], vectors[6], vectors[8], vectors[9], vectors[10],
+        vectors[11], ints[n : 2 * n], problem,
+    )  # fmt: skip
     poses = readings[2]
     return Work(contacts, vectors[7], readings[0], readings[1], poses[0], poses[1])
 

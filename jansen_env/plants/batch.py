@@ -302,11 +302,8 @@ class Batch:
 
     def lookahead(self, torque: float = 0.0) -> None:
         """What the first robot's next time step would do under a torque; the state stays."""
-        state, deflection, in_contact = (
-            self.states[0].copy(),
-            self.deflection[0].copy(),
-            self.in_contact,
-        )
+        state, deflection = self.states[0].copy(), self.deflection[0].copy()
+        in_contact = self.in_contact
         try:
             self.step(np.array([torque]), 1)
         finally:

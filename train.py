@@ -20,14 +20,9 @@ from typing import Any
 import torch
 
 from agents.command_line import mapping, non_negative_int, positive_int
-from agents.config import TO_RESUME, check_config, load_config, shipped_config
-from agents.evaluate import evaluate, label
-from agents.metrics import score_table
-from agents.models import ALGORITHMS, load_policy
-from agents.plots import plot_scores, plot_training
-from agents.rollout import make_env
+from agents.config import TO_RESUME, load_config, new_config
+from agents.models import ALGORITHMS
 from agents.runs import (
-    BEST,
     FINAL,
     best_return,
     last_state,
@@ -35,9 +30,9 @@ from agents.runs import (
     read_evaluations,
     record_run,
 )
+from agents.scoring import outcome, score_run
 from agents.tasks import TASKS, find_task
 from agents.training import prepare, train
-from jansen_env.files import write_json
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -95,7 +90,7 @@ def main(arguments: list[str] | None = None) -> Path:
     trained = time.perf_counter()
     baselines = ", ".join(find_task(env_id).baselines)
     print(f"trained in {trained - start:.0f} s; scoring against {baselines} ...", flush=True)
-    _score(folder, env_id, config.get("env_kwargs", {}), args.eval_episodes)
+    print(outcome(folder, env_id, score_run(folder, config, args.eval_episodes)))
     print(f"scored in {time.perf_counter() - trained:.0f} s")
     return folder
 
@@ -116,51 +111,11 @@ def _configure(args: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
         best_return(Path(args.resume))  # what is damaged shows before anything is written
         read_evaluations(Path(args.resume))
         return config, last_state(args.resume)
-    config = load_config(args.config, args.algo, args.env) if args.config else {}
-    algo = args.algo or config.get("algo", "ppo")
-    env_id = args.env or config.get("env", "JansenWalker-v0")
-    if not args.config:
-        config = load_config(shipped_config(env_id, algo), algo, env_id)
-    config["timesteps"] = args.timesteps or config["timesteps"]
-    config["n_envs"] = args.n_envs or config["n_envs"]
-    overrides = args.env_kwargs or {}
-    config["env_kwargs"] = {**config.get("env_kwargs", {}), **overrides}
-    if "training_variants" in config:  # what is given on the command line holds for all of them
-        config["training_variants"] = [
-            {name: value for name, value in variant.items() if name not in overrides}
-            for variant in config["training_variants"]
-        ]
-    seed = config.get("seed", 0) if args.seed is None else args.seed
-    config.update(algo=algo, env=env_id, seed=seed)
-    check_config(config, required=TO_RESUME)  # again, with what was given on the command line
+    config = new_config(
+        args.config, args.algo, args.env, args.env_kwargs,
+        timesteps=args.timesteps, n_envs=args.n_envs, seed=args.seed,
+    )  # fmt: skip
     return config, None
-
-
-def _score(folder: Path, env_id: str, env_kwargs: dict[str, Any], episodes: int) -> None:
-    """Score the best model and the baselines, write table and figures, print the outcome."""
-    model = folder / BEST if (folder / BEST).is_file() else folder / FINAL
-    task, name = find_task(env_id), label(str(model))
-    env = make_env(env_id, env_kwargs)
-    policies = {baseline: load(env.unwrapped) for baseline, load in task.baselines.items()}
-    policies[name] = load_policy(model)
-    env.close()
-    scores = evaluate(policies, env_id, env_kwargs, episodes=episodes)
-    write_json(folder / "scores.json", scores)
-    plot_scores(task, scores, folder / "scores.png")
-    returns = {policy: score["overall"]["return"][0] for policy, score in scores.items()}
-    ours, main_baseline = returns.pop(name), next(iter(task.baselines))
-    evaluations = read_evaluations(folder)
-    if evaluations:
-        plot_training(evaluations, returns, folder / "training.png")
-    print(score_table(task.metrics, scores))
-    ahead = next((row for row in evaluations if row["return"] > returns[main_baseline]), None)
-    if ahead is not None and "seconds" in ahead:
-        print(
-            f"ahead of {main_baseline} at the evaluation after {ahead['steps']:.0f} steps, "
-            f"{ahead['seconds']:.0f} s from the start"
-        )
-    print(f"return: {ours:.0f} against {returns[main_baseline]:.0f} of {main_baseline}; "
-          f"figures in {folder}")  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -216,6 +216,42 @@ def load_config(
     return config
 
 
+def new_config(
+    path: str | Path | None = None,
+    algo: str | None = None,
+    env_id: str | None = None,
+    env_kwargs: dict[str, Any] | None = None,
+    **values: Any,
+) -> dict[str, Any]:
+    """The whole configuration of a new run: a file's, with what is given in its place.
+
+    Args:
+        path: of the file; None for the one shipped for ``env_id`` and ``algo``.
+        algo, env_id: None for the file's own, or else ppo and JansenWalker-v0.
+        env_kwargs: on top of the file's; they hold for all ``training_variants``.
+        values: further keys, such as ``timesteps``; None for the file's. ``seed`` is 0 without.
+
+    Raises:
+        ValueError: as of :func:`load_config`.
+    """
+    config = load_config(path, algo, env_id) if path else {}
+    algo = algo or config.get("algo", "ppo")
+    env_id = env_id or config.get("env", "JansenWalker-v0")
+    if not path:
+        config = load_config(shipped_config(env_id, algo), algo, env_id)
+    config = {"seed": 0, **config, **{k: v for k, v in values.items() if v is not None}}
+    overrides = env_kwargs or {}
+    config["env_kwargs"] = {**config.get("env_kwargs", {}), **overrides}
+    if "training_variants" in config:
+        config["training_variants"] = [
+            {name: value for name, value in variant.items() if name not in overrides}
+            for variant in config["training_variants"]
+        ]
+    config.update(algo=algo, env=env_id)
+    check_config(config, required=TO_RESUME)  # again, with what was given in place
+    return config
+
+
 def check_config(
     config: Any,
     algo: str | None = None,

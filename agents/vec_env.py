@@ -16,6 +16,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
 from agents.rollout import make_env
+from jansen_env.envs import arguments
 from jansen_env.envs.arguments import Each
 from jansen_env.envs.vector import TaskVectorEnv
 
@@ -104,11 +105,7 @@ class BatchVecEnv(VecEnv):
     def __init__(self, env: TaskVectorEnv[Any], info_keys: Sequence[str] | None = ()) -> None:
         if env.autoreset_mode != AutoresetMode.DISABLED:
             raise ValueError(f"autoreset_mode is {env.autoreset_mode}, must be DISABLED")
-        known = sorted(env.task.information.keys)
-        unknown = sorted(set(info_keys or ()) - set(known))
-        if unknown:
-            raise ValueError(f"info_keys has {unknown}, must be of {known}")
-        self.env, self.info_keys = env, info_keys
+        self.env, self.info_keys = env, arguments.info_keys(info_keys, env.task.information.keys)
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self._actions: NDArray[np.float32] = np.zeros((env.num_envs, 1), np.float32)
 

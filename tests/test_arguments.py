@@ -70,7 +70,7 @@ TAKEN = {
     ("*", "terminate_when_fallen"): {"flag"}, ("*", "fall_contact"): {"flag"},
     ("*", "track_joint_forces"): {"flag"},
     ("crank", "time_step"): set(), ("walkers", "track_joint_forces"): set(),
-    ("walkers", "max_episode_steps"): {"None"},
+    ("walkers", "max_episode_steps"): {"None"}, ("walkers", "info_keys"): {"None", "empty"},
     ("walkers", "threads"): {"None", "beyond a float", "beyond printing"},
 }  # fmt: skip
 """Of the environments' arguments: those of WRONG that are right."""

@@ -9,8 +9,8 @@ import pymunk
 import pytest
 
 from jansen_env import Robot, Terrain
-from jansen_env.engine.collision import SKIN, SPECULATIVE_MARGIN
-from jansen_env.engine.records import ROBOT
+from jansen_env.engine.collision import SKIN, SPECULATIVE_MARGIN, WAY_OUT
+from jansen_env.engine.records import ROBOT, WORLD
 from jansen_env.plants.detector import ContactDetector
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.rigid_body import RigidBodyPlant
@@ -20,29 +20,32 @@ RADIUS = 0.01  # m, of the pads
 HILLS = Terrain(((-2.0, 0.5), (-1.0, 0.0), (0.0, 0.2), (1.0, 0.1), (2.0, 0.6)))
 
 
-def make(terrains, toes, capacity):
-    """A detector for robots on these terrains."""
-    return ContactDetector(np.zeros(len(terrains), ROBOT), terrains, toes, RADIUS, capacity)
+def make(terrains, capacity, extent=1e6):
+    """A detector for robots on these terrains, whose axes are at the origin."""
+    world = np.zeros(1, WORLD)
+    world["pad_radius"], world["reach"], world["capacity"] = RADIUS, RADIUS + WAY_OUT, capacity
+    detector = ContactDetector(np.zeros(len(terrains), ROBOT), terrains, world, extent)
+    find_candidates(detector, np.zeros((len(terrains), 2)))
+    return detector
 
 
-def place(detector, centres):
-    """Let the queries' pads be at ``centres``."""
-    detector.queries["x"], detector.queries["y"] = np.transpose(centres)
+def find_candidates(detector, axes):
+    """Let the broad phase find what is near robots with these crank axes (n, 2)."""
+    states = np.zeros((len(axes), 8))
+    states[:, :2] = axes
+    detector.find_candidates(np.arange(len(axes)), states)
 
 
-def detect(terrain, centres, count=None, capacity=None):
+def detect(terrain, centres, capacity=None):
     """Planes (normal, offset), pads and gaps found for pads at ``centres``."""
     centres = np.asarray(centres, dtype=float)
-    detector = make([terrain], len(centres), capacity or 4 * len(centres))
-    place(detector, centres)
-    detector.find_planes(len(centres) if count is None else count)
-    planes, pad = found(detector)
+    planes, pad = found(make([terrain], capacity or 4 * len(centres)), centres)
     return planes, pad, (planes[:, :2] * centres[pad]).sum(axis=1) - planes[:, 2] - RADIUS
 
 
-def found(detector, robot=0):
-    """A robot's planes and the pads they are for."""
-    rows = detector.planes_of(robot)
+def found(detector, centres, robot=0):
+    """A robot's planes near pads at ``centres``, and the pads they are for."""
+    rows = detector.planes_near(robot, centres)
     planes = np.stack([rows["normal_x"], rows["normal_y"], rows["offset"]], axis=1)
     return planes, rows["pad"].copy()
 
@@ -159,14 +162,13 @@ def test_order_is_by_pad_then_nearest_first():
 
 
 def test_nothing_is_kept_between_detections():
-    """Detection elsewhere in between, or of the toes alone, changes no bit of the next one."""
-    detector = make([HILLS], 3, 12)
+    """Detection elsewhere in between, or of the first pad alone, changes no bit of the next one."""
+    detector = make([HILLS], 12)
     places = np.array([[-1.0, 0.02], [0.3, 0.18], [2.0, 0.6]])
     seen = []
-    for centres, count in ((places, 3), (places + 5.0, 3), (places, 1), (places, 3)):
-        place(detector, centres)
-        detector.find_planes(count)
-        planes, pad = found(detector)
+    for centres in (places, places + 5.0, places[:1], places):
+        find_candidates(detector, centres[:1])
+        planes, pad = found(detector, centres)
         seen.append((len(pad), planes.tobytes(), pad.tobytes()))
     assert [number for number, *_ in seen] == [4, 0, 2, 4]
     assert seen[3] == seen[0]
@@ -178,23 +180,45 @@ def jagged(rng, spacing=0.05, count=200):
     return Terrain(tuple(zip(x, rng.uniform(-0.06, 0.06, count), strict=True)))
 
 
-def test_planes_are_the_same_until_the_next_broad_phase(rng):
-    """Pads moved by up to SKIN see what a detector sees whose broad phase is there, bit for bit."""
+@pytest.mark.parametrize("extent", [0.2, 1.0])
+def test_planes_are_the_same_until_the_next_broad_phase(rng, extent):
+    """Robots moved by up to SKIN see what they see without a broad phase, bit for bit."""
+
+    def around(places, reach):
+        turn, share = rng.uniform(0.0, 2.0 * np.pi, len(places)), rng.uniform(0.0, 1.0, len(places))
+        return places + reach * (share * [np.cos(turn), np.sin(turn)]).T
+
     for _ in range(20):
         terrain = jagged(rng)
-        x = rng.uniform(1.0, 9.0, 50)
-        start = np.column_stack([x, terrain.height(x) + rng.uniform(-0.03, 0.2, 50)])
-        turn = rng.uniform(0.0, 2.0 * np.pi, 50)
-        way = SKIN * rng.uniform(0.0, 1.0, 50)[:, None]
-        moved = start + way * np.column_stack([np.cos(turn), np.sin(turn)])
-        detector = make([terrain], 50, 400)
-        place(detector, start)
-        detector.find_planes(50)
-        place(detector, moved)
-        detector.find_planes(50, broad_phase=False)
-        planes, pad = found(detector)
-        expected, expected_pad, _ = detect(terrain, moved, capacity=400)
-        assert len(pad) > 10
+        x = rng.uniform(1.0, 9.0, 20)
+        start = np.column_stack([x, terrain.height(x) + rng.uniform(0.0, 0.3, 20)])
+        moved = around(start, SKIN)
+        detector = make([terrain] * 20, 400, extent)
+        find_candidates(detector, start)
+        numbers = []
+        for robot in range(20):
+            pads = around(moved[[robot] * 50], extent)
+            planes, pad = found(detector, pads, robot)
+            expected, expected_pad, _ = detect(terrain, pads, capacity=400)
+            assert np.array_equal(pad, expected_pad) and np.array_equal(planes, expected)
+            numbers.append(len(pad))
+        assert max(numbers) > 10
+
+
+def test_placed_again_candidates_are_those_of_the_last_placement(rng):
+    """Bit for bit what a broad phase finds there, wherever the robot has been in between."""
+    terrain = jagged(rng)
+    home, pads = np.array([[5.0, 0.6]]), np.array([[4.9, 0.02], [5.2, 0.04]])
+    states = np.zeros((1, 8))
+    states[:, :2] = home
+    detector = make([terrain], 40, 1.0)
+    detector.recall(np.arange(1), states)
+    for x in (7.0, 9.0, 1.0):
+        find_candidates(detector, np.array([[x, 0.6]]))
+        detector.recall(np.arange(1), np.add(states, [0.1, 0.05, 0, 0, 0, 0, 0, 0]))
+        planes, pad = found(detector, pads)
+        expected, expected_pad, _ = detect(terrain, pads, capacity=40)
+        assert len(pad) > 1
         assert np.array_equal(pad, expected_pad) and np.array_equal(planes, expected)
 
 
@@ -202,17 +226,14 @@ def test_robots_in_one_space_see_what_each_sees_alone(rng):
     """30 robots, on three grounds, bit for bit."""
     grounds = [jagged(rng), HILLS, Terrain.slope(-0.3)]
     terrains = [grounds[i % 3] for i in range(30)]
-    detector = make(terrains, 4, 40)
-    x = rng.uniform(-1.0, 5.0, 30)[:, None] + rng.uniform(-0.5, 0.5, (30, 4))
-    centres = np.zeros((120, 2))
+    detector = make(terrains, 40, 1.0)
+    axes = np.column_stack([rng.uniform(-1.0, 5.0, 30), np.full(30, 0.5)])
+    find_candidates(detector, axes)
     for robot, terrain in enumerate(terrains):
-        places = np.column_stack([x[robot], terrain.height(x[robot]) + rng.uniform(0.0, 0.06, 4)])
-        centres[4 * robot : 4 * robot + 4] = places
-    place(detector, centres)
-    detector.find_planes(120)
-    for robot, terrain in enumerate(terrains):
-        planes, pad = found(detector, robot)
-        alone, alone_pad, _ = detect(terrain, centres[4 * robot : 4 * robot + 4], capacity=40)
+        x = axes[robot, 0] + rng.uniform(-0.5, 0.5, 4)
+        centres = np.column_stack([x, terrain.height(x) + rng.uniform(0.0, 0.06, 4)])
+        planes, pad = found(detector, centres, robot)
+        alone, alone_pad, _ = detect(terrain, centres, capacity=40)
         assert np.array_equal(planes, alone) and np.array_equal(pad, alone_pad)
 
 
@@ -240,15 +261,6 @@ def test_planes_are_pymunks_own_contacts(rng):
             assert apart.min() < 1e-11
         compared += len(seen)
     assert compared > 40
-
-
-def test_only_the_first_queries_are_answered():
-    """With count 2 of 4, the toes are found as ever and the others not at all."""
-    centres = [[-0.4, RADIUS], [0.4, RADIUS], [-0.2, RADIUS], [0.2, RADIUS]]
-    whole, pads, _ = detect(Terrain.flat(), centres)
-    part, pad, _ = detect(Terrain.flat(), centres, count=2)
-    assert pads.tolist() == [0, 1, 2, 3] and pad.tolist() == [0, 1]
-    assert (part == whole[:2]).all()
 
 
 def test_the_nearest_planes_are_kept_when_there_is_no_room():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from jansen_env import Bar, LinkageError, Robot, Terrain
-from jansen_env.plants.batch import PLACEMENT_DEPTH
+from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.rigid_body import RigidBodyPlant
 
@@ -162,7 +162,7 @@ def test_bad_states_and_robots():
 
 ABSURD_TORQUES = """
 from jansen_env import Robot, Terrain
-from jansen_env.plants.batch import PLACEMENT_DEPTH
+from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.plants.projected import ProjectionPlant
 plant = ProjectionPlant(Robot(), Terrain.flat())
 for power in range(6, 15):

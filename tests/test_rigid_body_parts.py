@@ -197,7 +197,7 @@ def test_an_earlier_torque_comes_first(switch):
     assert (plants[0].state == plants[1].state).all()
     assert whole.motor_work == pytest.approx(sum(p.motor_work for p in parts), rel=1e-12)
     batch = BatchOfOne(RigidBodyPlant(LIGHT, Terrain.flat()))
-    batch.place(0, 0.0)
+    batch.place(np.array([0]), np.array([0.0]))
     batch._plant.reset()
     batch.step(np.array([2.0]), 80, np.array([-1.0]), np.array([switch]))
     assert (batch.states[0] == plants[0].state).all()

@@ -219,6 +219,40 @@ def test_options_for_each():
     assert np.array_equal(info["speed_command"], commands)
 
 
+def test_a_bad_option_of_one_leaves_all_as_they_were():
+    """What robot 2 is refused for does not place robots 0 and 1 before."""
+    env = together(3)
+    env.reset(seed=0)
+    before = env.unwrapped.task.batch.states.copy()
+    options = [{"crank_angle": 0.5}, {"crank_angle": 0.5}, {"crank_angle": np.nan}]
+    with pytest.raises(ValueError, match="crank_angle"):
+        env.unwrapped.reset_each([None] * 3, options)
+    assert np.array_equal(before, env.unwrapped.task.batch.states)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_information_on_request(mode):
+    """With ``info_keys`` infos have these and no others; all else is as ever, bit for bit."""
+    keys = ("slip", "energy", "reward/slip", "fallen")
+    ours, whole, silent = (
+        together(4, mode, limit=5, info_keys=wanted) for wanted in (keys, None, ())
+    )
+    own = {"final_obs", "_final_obs", "final_info", "_final_info"}
+    for seed in (1, 2):
+        infos = [env.reset(seed=seed)[1] for env in (ours, whole, silent)]
+        assert not infos[2] and set(infos[0]) == {"slip", "_slip", "energy", "_energy", "fallen",
+                                                  "_fallen"}  # fmt: skip
+        for _ in range(12):
+            steps = [env.step(np.full((4, 1), 0.3, np.float32)) for env in (ours, whole, silent)]
+            for a, b, c in zip(*(step[:4] for step in steps), strict=True):
+                assert np.array_equal(a, b) and np.array_equal(a, c)
+            asked, full, none = (step[4] for step in steps)
+            assert set(none) <= own
+            assert set(asked) - own <= {*keys, *(f"_{key}" for key in keys)}
+            same({k: v for k, v in asked.items() if k not in own},
+                 {k: full[k] for k in asked if k not in own})  # fmt: skip
+
+
 def test_what_was_returned_is_not_changed_later():
     """Observations, rewards and information belong to the caller."""
     env = together(4, AutoresetMode.SAME_STEP, limit=3)

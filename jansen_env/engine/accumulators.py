@@ -26,9 +26,18 @@ def begin(robot, state, statistics, body, sums):
 
 
 @stage
-def end(robot, state, statistics, toes, body, sums):
-    """Complete the sums, in a crank-axis state."""
-    total = robot.accumulators
+def end(robot, state, statistics, elapsed, slip, force, body, sums):
+    """Complete the sums, in a crank-axis state.
+
+    Args:
+        elapsed: s, since :func:`begin`. slip: (toes,) m and force: (toes, 2) N, out: of toes, the
+            path slid and the mean tangential and normal force.
+    """
+    total, toes = robot.accumulators, len(slip)
+    for j in range(toes):
+        slip[j] = statistics[j].slip
+        force[j, 0] = statistics[j].impulse[0] / elapsed
+        force[j, 1] = statistics[j].impulse[1] / elapsed
     total.non_toe_impulse = 0.0
     for j in range(toes, len(statistics)):
         total.non_toe_impulse += statistics[j].impulse[1]

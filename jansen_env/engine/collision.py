@@ -1,8 +1,8 @@
-"""Collision detection: from each pad's candidate segments to its contact planes, without pymunk.
+"""Collision detection: from each robot's candidate segments to its contact planes, without pymunk.
 
 The broad phase is pymunk's (``plants/detector.py``): it says which segments of its terrain may be
-near a pad, for as long as the pad stays within a skin of where it was then. A pad's planes are
-those of these candidates within its robot's speculative margin.
+near a robot, for as long as its crank axis stays within a skin of where it was then. A pad's planes
+are those of these candidates within its robot's speculative margin.
 """
 
 from __future__ import annotations
@@ -11,111 +11,74 @@ import numpy as np
 
 from jansen_env.engine.contact_solver import STICK
 from jansen_env.engine.jit import compiled, macro, stage
-from jansen_env.engine.records import PAD, PLANE, QUERY, ROBOT, Terrains
+from jansen_env.engine.records import WORLD
 from jansen_env.engine.tables import locate, pad_place
 
 SPECULATIVE_MARGIN = 0.05  # m within which a plane counts, or as far as a pad gets in a time step
-SKIN = 0.3  # m that a pad may move before the next broad phase, with a margin of the above
-LARGEST_MARGIN = SPECULATIVE_MARGIN + 0.5 * SKIN  # m: pads that moved by half a SKIN are not moved
+LARGEST_MARGIN = 0.2  # m, of the fastest robots
+SKIN = 1.0  # m that a robot may move before the next broad phase, with a margin of the above
+WAY_OUT = 0.35  # m within which a pad that is deep in the ground is looked for a way out
 FACE = 1e-6  # rad, how far a contact's normal may be off a segment's to be taken as the face's
 SAME = 1e-9  # difference of two planes' numbers below which they are one
-PARK = 1e7  # m, where pads wait that are not in use, and how far apart
 
 
-@compiled(nogil=True)
-def detect(
-    moving_only, states, pads, layout, depths, time_step, toes, surface, radius, reach, capacity,
-    robots, queries, planes,
-):  # fmt: skip
-    """Find the planes near the pads, unless the broad phase must be asked before.
+@stage(inline=False)
+def detect(state, robot, model, ground, world, planes):
+    """Find the planes near a robot's pads, unless the broad phase must be asked before.
+
+    Sets the robot's ``margin``, its planes, and ``too_deep``: whether a pad has none by which it
+    could come out of the ground.
 
     Args:
-        moving_only: whether only for the robots that have steps left.
-        states: (robots, 8). pads: of a :class:`jansen_env.engine.records.Model`.
-        depths: m, how far below the crank axis a pad that is no toe can feel the ground, at pitches
-            evenly spread over one turn; and last, how far it can in any direction.
-        time_step: s. toes: the first so many pads are toes.
-        surface, radius, reach, capacity: of :class:`jansen_env.engine.records.Terrains`.
-        layout: (pads,) PAD, robots: (robots,) ROBOT, queries: (rows,) QUERY and planes: (robots *
-            capacity,) PLANE, as their bytes.
+        state: (8,). robot: ROBOT. model: :class:`jansen_env.engine.records.Model`.
+        ground: :class:`jansen_env.engine.records.Ground`. world: WORLD.
+        planes: (robots * capacity,) PLANE.
 
     Returns:
-        (rows needed; whether the broad phase must be asked; whether a pad is too deep)
+        Whether the robot is still where the broad phase knows it.
     """
-    layout, robots = layout.view(PAD), robots.view(ROBOT)
-    queries, planes = queries.view(QUERY), planes.view(PLANE)
-    _set_margins(states, robots, time_step)
-    rows = _list_queries(states, robots, len(layout), toes, depths, surface, queries)
-    if rows > len(queries):
-        return rows, False, False
-    stale = _place(rows, states, robots, pads, layout, moving_only, queries)
-    if stale:
-        return rows, True, False
-    too_deep = find_planes(
-        rows, robots, moving_only, surface, radius, reach, capacity, queries, planes
-    )
-    return rows, False, too_deep
+    status = robot.status
+    _set_margin(state, robot, world.time_step)
+    if not is_known(state, status):
+        return False
+    toes, pads = world.toes, len(model.layout)
+    near = pads if pads > toes and _others_near(state, status, ground) else toes
+    begin_planes(status)
+    cos, sin = np.cos(state[2]), np.sin(state[2])
+    for j in range(near):
+        pad = model.layout[j]
+        px, py = pad_place(model.pads, pad.table, state[3] + pad.phase)
+        x, y = state[0] + cos * px - sin * py, state[1] + sin * px + cos * py
+        list_planes(x, y, j, status, ground.surface, world, planes)
+    sort_planes(status.first_plane, status.end_plane, planes)
+    return True
 
 
 @macro
-def _set_margins(states, robots, time_step):
-    """Let each robot's speculative margin be as far as its fastest pad gets in a time step."""
-    for r in range(len(states)):
-        params = robots[r].params
-        speed = abs(states[r, 4]) + abs(states[r, 5])  # no pad is faster
-        speed += params.pitch_arm * abs(states[r, 6])
-        speed += params.crank_arm * abs(states[r, 7])
-        robots[r].status.margin = min(max(SPECULATIVE_MARGIN, speed * time_step), LARGEST_MARGIN)
+def _set_margin(state, robot, time_step):
+    """Let a robot's speculative margin be as far as its fastest pad gets in a time step."""
+    speed = abs(state[4]) + abs(state[5])  # no pad is faster
+    speed += robot.params.pitch_arm * abs(state[6]) + robot.params.crank_arm * abs(state[7])
+    robot.status.margin = min(max(SPECULATIVE_MARGIN, speed * time_step), LARGEST_MARGIN)
 
 
 @macro
-def _list_queries(states, robots, pads, toes, depths, surface, queries):
-    """List the pads to ask about: all toes, and what else has come near the ground.
+def is_known(state, status):
+    """Whether a robot is within its skin of where the broad phase has found its candidates."""
+    x, y = state[0] - status.known_x, state[1] - status.known_y
+    skin = SKIN - (status.margin - SPECULATIVE_MARGIN)
+    return x * x + y * y <= skin * skin
 
-    Returns:
-        Rows needed; those beyond the length of ``queries`` are only counted.
-    """
-    rows = len(robots) * toes
+
+@macro
+def _others_near(state, status, ground):
+    """Whether a pad that is no toe may be near the ground."""
+    depths = ground.depths
     pitches, farthest = len(depths) - 1, depths[-1]
-    for r in range(len(robots)):
-        x, y, status = states[r, 0], states[r, 1], robots[r].status
-        extra = status.margin - SPECULATIVE_MARGIN
-        depth = depths[locate(pitches, states[r, 2])[0]] + extra
-        left, right = x - farthest - extra, x + farthest + extra
-        if not _rises_above(surface, status, left, right, y - depth):
-            continue
-        for j in range(toes, pads):
-            if rows < len(queries):
-                query = queries[rows]
-                if query.robot != r or query.pad != j:
-                    query.known_x = np.inf
-                query.robot, query.pad = r, j
-            rows += 1
-    return rows
-
-
-@macro
-def _place(rows, states, robots, pads, layout, moving_only, queries):
-    """Place the first rows' pads; whether one of them has left its skin."""
-    stale = False
-    last = -1
-    cos, sin = 1.0, 0.0
-    for i in range(rows):
-        query = queries[i]
-        r, pad, status = query.robot, layout[query.pad], robots[query.robot].status
-        if moving_only and not status.steps_left > 0:
-            continue
-        if r != last:
-            last = r
-            cos, sin = np.cos(states[r, 2]), np.sin(states[r, 2])
-        px, py = pad_place(pads, pad.table, states[r, 3] + pad.phase)
-        query.x = states[r, 0] + cos * px - sin * py
-        query.y = states[r, 1] + sin * px + cos * py
-        moved_x, moved_y = query.x - query.known_x, query.y - query.known_y
-        skin = SKIN - (status.margin - SPECULATIVE_MARGIN)
-        if not moved_x * moved_x + moved_y * moved_y <= skin * skin:
-            stale = True
-    return stale
+    extra = status.margin - SPECULATIVE_MARGIN
+    depth = depths[locate(pitches, state[2])[0]] + extra
+    left, right = state[0] - farthest - extra, state[0] + farthest + extra
+    return _rises_above(ground.surface, status, left, right, state[1] - depth)
 
 
 @macro
@@ -156,61 +119,80 @@ def height_at(surface, begin, end, x):
 
 
 @compiled
-def move_pads(rows, robots, queries, placed):
-    """Move pymunk's pads to the queries; those that are near enough stay, which spares its tree.
+def move_robots(rows, states, robots, placed):
+    """Move pymunk's circles to some robots; those that are near enough stay, which spares its tree.
 
     Args:
-        rows: in use; the pads beyond are parked.
-        placed: (bodies, 2) m, out: where the pads are in pymunk's space.
+        rows: (k,) of the robots. states: (robots, 8). robots: (robots,) ROBOT.
+        placed: (bodies, 2) m, out: where the circles are in pymunk's space.
     """
-    for i in range(len(queries)):
-        query = queries[i]
-        if i >= rows:
-            query.known_x = query.known_y = np.inf
-            placed[i, 0] = placed[i, 1] = PARK * (i + 1)
-            continue
-        x, y = query.x - query.known_x, query.y - query.known_y
+    for r in rows:
+        status = robots[r].status
+        x, y = states[r, 0] - status.known_x, states[r, 1] - status.known_y
         if not x * x + y * y <= 0.25 * SKIN * SKIN:
-            query.known_x, query.known_y = query.x, query.y
-            status = robots[query.robot].status
-            placed[i, 0], placed[i, 1] = query.x + status.cell_x, query.y + status.cell_y
+            status.known_x, status.known_y = states[r, 0], states[r, 1]
+            placed[r, 0] = status.known_x + status.cell_x
+            placed[r, 1] = status.known_y + status.cell_y
 
 
 @compiled
-def keep_candidates(ids, points, known_ids, row_of, robots, surface, reach, queries):
-    """The candidates of each query, from what pymunk's circles touch.
+def keep_candidates(rows, ids, points, known_ids, row_of, robots, surface, reach):
+    """The candidates of some robots, from what pymunk's circles touch.
 
     pymunk leaves out segments that only their ends bring near; as far as the circle goes in x,
     neighbours are candidates, too. So is what goes on beyond the ends of the terrain, where pymunk
     has nothing.
 
     Args:
-        ids: (n,) pymunk's bodies. points: (2 n,) m, where each touches.
-        known_ids: (rows,) bodies, sorted. row_of: (rows,) the query of each.
-        robots, surface, reach, queries: see :func:`detect`.
+        rows: (k,) of the robots. ids: (n,) pymunk's bodies. points: (2 n,) m, where each touches.
+        known_ids: (robots,) bodies, sorted. row_of: (robots,) the robot of each.
+        robots: (robots,) ROBOT. surface: (vertices, 2) m. reach: radius of the circles, m.
     """
-    for i in range(len(queries)):
-        query = queries[i]
-        query.first_segment, query.last_segment = 0, -1
-        status = robots[query.robot].status
-        start, end = status.first_vertex, status.end_vertex
-        if query.known_x - reach < surface[start, 0]:
-            query.first_segment = query.last_segment = start
-        elif query.known_x + reach > surface[end - 1, 0]:
-            query.first_segment = query.last_segment = end - 2
+    for r in rows:
+        status = robots[r].status
+        status.first_segment, status.last_segment = status.end_vertex, -1
+        status.renewed = True
     for n in range(len(ids)):
-        query = queries[row_of[_find(known_ids, ids[n])]]
-        status = robots[query.robot].status
+        status = robots[row_of[_find(known_ids, ids[n])]].status
+        if status.renewed:
+            x = points[2 * n] - status.cell_x
+            touched = _segment(surface, status.first_vertex, status.end_vertex, x)
+            status.first_segment = min(status.first_segment, touched)
+            status.last_segment = max(status.last_segment, touched)
+    for r in rows:
+        status = robots[r].status
+        status.renewed = False
         start, end = status.first_vertex, status.end_vertex
-        first = last = _segment(surface, start, end, points[2 * n] - status.cell_x)
-        while first > start and surface[first, 0] > query.known_x - reach:
-            first -= 1
-        while last < end - 2 and surface[last + 1, 0] < query.known_x + reach:
-            last += 1
-        if query.last_segment < 0:
-            query.first_segment, query.last_segment = first, last
-        query.first_segment = min(query.first_segment, first)
-        query.last_segment = max(query.last_segment, last)
+        left, right = status.known_x - reach, status.known_x + reach
+        if left < surface[start, 0]:
+            status.first_segment, status.last_segment = start, max(start, status.last_segment)
+        elif right > surface[end - 1, 0]:
+            first = min(end - 2, status.first_segment)
+            status.first_segment, status.last_segment = first, end - 2
+        if status.first_segment <= status.last_segment:
+            while status.first_segment > start and surface[status.first_segment, 0] > left:
+                status.first_segment -= 1
+            while status.last_segment < end - 2 and surface[status.last_segment + 1, 0] < right:
+                status.last_segment += 1
+
+
+@compiled
+def recall(rows, states, robots):
+    """Let robots that are placed again know the candidates of their last placement.
+
+    Returns:
+        Whether one of them needs the broad phase.
+    """
+    unknown = False
+    for r in rows:
+        status = robots[r].status
+        x, y = states[r, 0] - status.home_x, states[r, 1] - status.home_y
+        if x * x + y * y <= 0.25 * SKIN * SKIN:
+            status.known_x, status.known_y = status.home_x, status.home_y
+            status.first_segment, status.last_segment = status.home_first, status.home_last
+        status.margin = SPECULATIVE_MARGIN
+        unknown = unknown or not is_known(states[r], status)
+    return unknown
 
 
 @macro
@@ -227,50 +209,63 @@ def _find(known, key):
 
 
 @compiled
-def find_planes(rows, robots, moving_only, surface, radius, reach, capacity, queries, planes):
-    """The planes of the first rows' candidates within each robot's margin; whether one is too deep.
+def pad_centres(state, pads, layout, out):
+    """Centres (pads, 2) of a robot's pads, m, into ``out``; arguments: as of a Model."""
+    cos, sin = np.cos(state[2]), np.sin(state[2])
+    for j in range(len(layout)):
+        px, py = pad_place(pads, layout[j].table, state[3] + layout[j].phase)
+        out[j, 0] = state[0] + cos * px - sin * py
+        out[j, 1] = state[1] + sin * px + cos * py
 
-    For a pad that is farther than that in the ground, the plane by which it comes out soonest.
+
+@compiled
+def planes_near(r, centres, robots, surface, world, planes):
+    """Find the planes near points (pads, 2), m, that are taken for the pads of robot ``r``.
+
+    For a pad that is farther than its margin in the ground, the plane by which it comes out
+    soonest.
+
+    Args:
+        robots: (robots,) ROBOT. surface: (vertices, 2) m. world: (1,) WORLD, as bytes.
+        planes: (robots * capacity,) PLANE.
     """
-    terrains = Terrains(surface, radius, reach, capacity)
-    for r in range(len(robots)):
-        status = robots[r].status
-        if not moving_only or status.steps_left > 0:
-            status.end_plane = status.first_plane
-            status.too_deep = False
-    any_too_deep = False
-    for i in range(rows):
-        status = robots[queries[i].robot].status
-        if moving_only and not status.steps_left > 0:
-            continue
-        if not _find_planes_of(queries[i], status, terrains, planes):
-            status.too_deep = True
-            any_too_deep = True
-    for r in range(len(robots)):
-        status = robots[r].status
-        if not moving_only or status.steps_left > 0:
-            _sort(status.first_plane, status.end_plane, planes)
-    return any_too_deep
+    status, world_row = robots[r].status, world.view(WORLD)[0]
+    begin_planes(status)
+    for j in range(len(centres)):
+        list_planes(centres[j, 0], centres[j, 1], j, status, surface, world_row, planes)
+    sort_planes(status.first_plane, status.end_plane, planes)
 
 
 @macro
-def _find_planes_of(query, status, terrains, planes):
-    """List one pad's planes; False where it is too deep in the ground for any."""
-    surface, x, y = terrains.surface, query.x, query.y
+def begin_planes(status):
+    """Forget a robot's planes."""
+    status.end_plane = status.first_plane
+    status.too_deep = False
+
+
+@stage(inline=False)
+def list_planes(x, y, pad, status, surface, world, planes):
+    """List the planes of a pad at (x, y)."""
     start, end = status.first_vertex, status.end_vertex
-    near = terrains.radius + status.margin
+    near = world.pad_radius + status.margin
     no_plane = True
-    for k in range(query.first_segment, query.last_segment + 1):
-        found, nx, ny, offset = _plane(surface, start, end, k, x, y, near)
-        if found:
-            no_plane = False
-            _list(query, status, nx, ny, offset, terrains.capacity, planes)
+    if status.last_segment >= status.first_segment:
+        low, high = status.first_segment, status.last_segment + 2
+        for k in range(
+            _segment(surface, low, high, x - near), _segment(surface, low, high, x + near) + 1
+        ):
+            found, nx, ny, offset = _plane(surface, start, end, k, x, y, near)
+            if found:
+                no_plane = False
+                distance = nx * x + ny * y - offset
+                _list(pad, status, nx, ny, offset, distance, world.capacity, planes)
     if not (no_plane and y < height_at(surface, start, end, x)):
-        return True
-    found, nx, ny, offset = _way_out(surface, start, end, x, y, terrains.reach)
+        return
+    found, nx, ny, offset = _way_out(surface, start, end, x, y, world.reach)
     if found:
-        _list(query, status, nx, ny, offset, terrains.capacity, planes)
-    return found
+        _list(pad, status, nx, ny, offset, nx * x + ny * y - offset, world.capacity, planes)
+    else:
+        status.too_deep = True
 
 
 @stage(inline=False)
@@ -334,13 +329,12 @@ def _plane(surface, start, end, k, x, y, near):
 
 
 @stage(inline=False)
-def _list(query, status, nx, ny, offset, capacity, planes):
+def _list(pad, status, nx, ny, offset, distance, capacity, planes):
     """Add a plane to a robot's, unless it is there, or there are ``capacity`` nearer ones."""
-    distance = nx * query.x + ny * query.y - offset
     begin, end = status.first_plane, status.end_plane
     for k in range(begin, end):
         other = planes[k]
-        if other.pad == query.pad:
+        if other.pad == pad:
             apart = abs(other.normal_x - nx) + abs(other.normal_y - ny) + abs(other.offset - offset)
             if apart < SAME:
                 return  # a vertex is found from both its sides
@@ -356,11 +350,11 @@ def _list(query, status, nx, ny, offset, capacity, planes):
         status.end_plane += 1
     plane = planes[place]
     plane.normal_x, plane.normal_y, plane.offset, plane.distance = nx, ny, offset, distance
-    plane.pad, plane.mode = query.pad, STICK
+    plane.pad, plane.mode = pad, STICK
 
 
 @stage(inline=False)
-def _sort(begin, end, planes):
+def sort_planes(begin, end, planes):
     """Insertion sort by pad, then distance."""
     for i in range(begin + 1, end):
         k = i

@@ -46,22 +46,24 @@ ROW = row_dtype(
 
 
 @compiled
-def finish_step(states, sums, period, weights, rows, reward, terminated, out):
+def finish_step(active, states, sums, period, weights, rows, reward, terminated, out):
     """Reward the step of ``period`` seconds that led to ``states`` (n, 6), and describe it.
 
     Args:
+        active: (n,) whether a robot has taken it.
         sums: (n, 5) see :func:`jansen_env.engine.runge_kutta.turn_each`.
         weights: (1,) of :data:`REWARD`. rows: (n,) of :data:`ROW`. reward, terminated: (n,).
         out: (n, 5) observations.
     """
     for r in range(len(states)):
+        if not active[r]:
+            continue
         rows[r].steps += 1.0
         energy, work, loss, change = rows[r].energy, sums[r, 0], sums[r, 1], sums[r, 2]
         energy.motor_work, energy.joint_loss, energy.electrical_work = work, loss, sums[r, 3]
         energy.mechanical_energy_change, energy.residual = change, work - loss - change
         rows[r].info.crank_torque = sums[r, 4]
-    describe(states, period, rows, out)
-    for r in range(len(states)):
+        _describe(states[r], period, rows[r], out[r])
         term, error = rows[r].reward, rows[r].info.tracking_error
         term.tracking = weights[0].tracking / (1.0 + (error / TRACKING_WIDTH) ** 2)
         term.torque = -weights[0].torque * rows[r].action ** 2
@@ -70,11 +72,20 @@ def finish_step(states, sums, period, weights, rows, reward, terminated, out):
 
 
 @compiled
-def describe(states, period, rows, out):
-    """Observations (n, 5) into ``out``, and information into ``rows``, of states (n, 6)."""
-    for r in range(len(states)):
-        info, angle, speed = rows[r].info, states[r, 0], states[r, 1]
-        info.crank_angle, info.crank_speed = angle, speed
-        info.tracking_error = info.speed_command * rows[r].steps * period + START_ANGLE - angle
-        out[r, 0], out[r, 1], out[r, 2] = math.cos(angle), math.sin(angle), speed
-        out[r, 3], out[r, 4] = info.tracking_error, info.speed_command
+def describe(which, states, period, rows, out):
+    """Of robots ``which`` (k,) observations into ``out`` (n, 5), and information into ``rows``.
+
+    Args:
+        states: (n, 6). period: s, of a step.
+    """
+    for r in which:
+        _describe(states[r], period, rows[r], out[r])
+
+
+@compiled
+def _describe(state, period, row, out):
+    info, angle, speed = row.info, state[0], state[1]
+    info.crank_angle, info.crank_speed = angle, speed
+    info.tracking_error = info.speed_command * row.steps * period + START_ANGLE - angle
+    out[0], out[1], out[2] = math.cos(angle), math.sin(angle), speed
+    out[3], out[4] = info.tracking_error, info.speed_command

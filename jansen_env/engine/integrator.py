@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.engine.accumulators import accumulate_contacts, accumulate_step, begin, end
+from jansen_env.engine.collision import detect
 from jansen_env.engine.compliance import (
     accumulate_compliant,
     add_compliance,
@@ -42,7 +43,9 @@ from jansen_env.engine.records import (
     PAD,
     PLANE,
     ROBOT,
+    WORLD,
     Contacts,
+    Ground,
     Inertia,
     Model,
     Problem,
@@ -108,54 +111,68 @@ POSE, VELOCITY_BEFORE, VELOCITY_AFTER, TORQUE, DRY_TORQUE, IMPULSES = (
 
 @compiled(nogil=True)
 def advance(
-    first, last, fresh, steps, torque, earlier, switch, trace, jacobians, matrices, vectors,
-    readings, spare, ints, h, toes, states, body, pads, layout, bearings, robots, planes,
-    statistics,
+    first, last, rows, fresh, steps, torque, earlier, switch, trace, jacobians, matrices, vectors,
+    readings, spare, ints, states, body, pads, layout, bearings, surface, depths, world, robots,
+    planes, statistics, slip, force,
 ):  # fmt: skip
-    """Advance robots ``first`` to ``last - 1`` with fixed contact planes, as far as these go.
+    """Advance the robots ``rows[first:last]`` by a control step, finding the ground as they go.
 
     Args:
-        fresh: whether to begin new sums in the accumulators and ``statistics``.
-        steps: time steps to take from here; 0 to go on with those that are left of an earlier call.
+        rows: (k,) of the robots. fresh: whether a control step begins, with new sums in the
+            accumulators and ``statistics``; if not, it goes on with the time steps that are left.
+        steps: time steps of the control step.
         torque: (robots,) crank torque asked for, N m. earlier: (robots,) the one before, which
-            still holds in the first ``switch`` (robots,) time steps since ``fresh``.
+            still holds in the first ``switch`` (robots,) time steps.
         trace: (steps, numbers) :func:`trace_dtype` of the first robot as plain numbers, filled step
             by step, its last row in its last step; or without rows for no trace.
         jacobians ... ints: memory of :func:`work_space`.
-        h: length of a time step, s. toes: the first so many pads are toes.
         states: (robots, 8) crank-axis states, changed in place.
-        body, pads, bearings: of a :class:`jansen_env.engine.records.Model`. Rows, as their bytes:
-            layout: (pads,) PAD; planes: (planes,) PLANE, of all robots; statistics: (robots, pads)
-            CONTACT_STATISTICS.
-        robots: (robots,) ROBOT, as bytes. ``steps_left`` is counted down. A robot whose pad gets
-            farther than its ``margin`` from where its planes were found stops before that; one
-            faster than :data:`DIVERGED` or not finite stops at once, with -1 steps left, and takes
-            no more.
+        body, pads, bearings: of a :class:`jansen_env.engine.records.Model`. surface, depths: of a
+            :class:`jansen_env.engine.records.Ground`. Rows, as their bytes: layout: (pads,) PAD;
+            world: (1,) WORLD; robots: (robots,) ROBOT; planes: (planes,) PLANE, of all robots;
+            statistics: (robots, pads) CONTACT_STATISTICS. ``steps_left`` is counted down. A robot
+            that the broad phase does not know where it is stops there; one faster than
+            :data:`DIVERGED`, not finite or too deep in the ground stops for good, with -1.
+        slip, force: (robots, toes) m and (robots, toes, 2) N, out: see
+            :data:`jansen_env.engine.records.CONTACT_STATISTICS`.
 
     Returns:
-        Whether no robot has steps left, and none has diverged.
+        (whether a robot needs the broad phase, whether one has diverged)
     """
     robots, planes = robots.view(ROBOT), planes.view(PLANE)
-    statistics = statistics.view(CONTACT_STATISTICS)
+    statistics, world_row = statistics.view(CONTACT_STATISTICS), world.view(WORLD)[0]
     model = Model(body, pads, layout.view(PAD), bearings)
+    ground = Ground(surface, depths)
     work = _work(jacobians, matrices, vectors, readings, spare, ints)
-    finished = True
-    for r in range(first, last):
+    unknown = diverged = False
+    for k in range(first, last):
+        r = rows[k]
         robot, state = robots[r], states[r]
         if fresh:
             begin(robot, state, statistics[r], body, work.sums)
-        if steps > 0 and robot.status.steps_left >= 0:
             robot.status.steps_left = steps
         if robot.status.steps_left <= 0:
             continue
-        rows = trace if r == 0 else trace[:0]
-        to_centroid(body, robot.params, state, 1.0, work.sums)
         asked = torque[r], earlier[r], switch[r]
-        _advance_robot(h, asked, state, robot, model, planes, statistics[r], work, rows)
-        to_centroid(body, robot.params, state, -1.0, work.sums)
-        end(robot, state, statistics[r], toes, body, work.sums)
-        finished = finished and robot.status.steps_left == 0
-    return finished
+        traced = trace if r == 0 else trace[:0]
+        while robot.status.steps_left > 0:
+            if not detect(state, robot, model, ground, world_row, planes):
+                unknown = True
+                break
+            if robot.status.too_deep:
+                robot.status.steps_left = -1
+                break
+            to_centroid(body, robot.params, state, 1.0, work.sums)
+            _advance_robot(
+                world_row, asked, state, robot, model, planes, statistics[r], work, traced
+            )
+            to_centroid(body, robot.params, state, -1.0, work.sums)
+        if robot.status.steps_left < 0:
+            diverged = True
+        elif robot.status.steps_left == 0:
+            elapsed = steps * world_row.time_step
+            end(robot, state, statistics[r], elapsed, slip[r], force[r], body, work.sums)
+    return unknown, diverged
 
 
 @macro
@@ -175,14 +192,15 @@ def _work(jacobians, matrices, vectors, readings, spare, ints):
 
 
 @macro
-def _advance_robot(h, asked, state, robot, model, planes, statistics, work, trace):
+def _advance_robot(world, asked, state, robot, model, planes, statistics, work, trace):
     """Take a robot's steps, as far as its planes go; ``state`` is that of the centre of mass.
 
     ``asked``: torque, the earlier one, and time steps for which that still holds.
     """
     torque, earlier, switch = asked
-    status = robot.status
+    status, h = robot.status, world.time_step
     left, done = status.steps_left, 0
+    stop = min(left, world.stride - status.step % world.stride)
     for i in range(4):
         work.pose[i] = work.found[i] = state[i]
     work.pose[TRAVEL] = 0.0
@@ -190,7 +208,7 @@ def _advance_robot(h, asked, state, robot, model, planes, statistics, work, trac
         work.bound[k] = 0.0
     if robot.params.compliant:
         attach_bristles(status, planes, statistics)
-    while done < left:
+    while done < stop:
         if done > 0 and outruns(status.margin, h, state, robot.params, model, work):
             break
         k = len(trace) - left + done
@@ -208,7 +226,7 @@ def _advance_robot(h, asked, state, robot, model, planes, statistics, work, trac
         done += 1
         status.step += 1
         if not _bounded(state):
-            done = left + 1
+            done, stop = left + 1, 0
     status.steps_left = left - done
     if robot.params.compliant:
         keep_bristles(status, planes, statistics)

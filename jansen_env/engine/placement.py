@@ -4,12 +4,72 @@ from __future__ import annotations
 
 import math
 
-from jansen_env.engine.collision import height_at
+from jansen_env.engine.collision import height_at, pad_centres, planes_near
 from jansen_env.engine.jit import compiled, macro
+from jansen_env.engine.records import WORLD
+from jansen_env.engine.tables import centre_of_mass, pad_place
 
 GRADIENT_STEP = 1e-4  # m, to either side of where a slope is measured
 WIDEST_PITCH = 0.7  # rad, tried to either side
 TRIES, LEVELS = 33, 4  # pitches tried at once, and how often around the best of them
+ROUNDS = 3  # Newton steps of lowering a robot onto the ground
+# By which a robot is placed in the ground, m: within what is left uncorrected, and so deep that its
+# toes carry at once and stay down; at a nanometre they rattle.
+PLACEMENT_DEPTH = 1e-5
+
+
+@compiled
+def lower(rows, x, angles, pitches, states, body, pads, layout, robots, surface, world, toes):
+    """Put robots at rest where their lowest toes have no gap, toes taken as discs on their slope.
+
+    Args:
+        rows: (k,) of the robots. x: (k,) m, of the crank axis. angles: (k,) rad, of the crank.
+        pitches: (k,) rad, or NaN for :func:`level_pitch`.
+        states: (robots, 8), out. body, pads, layout: of a Model. robots: (robots,) ROBOT.
+        surface: (vertices, 2) m. world: (1,) WORLD, as bytes. toes: (toes + 1, 2), work space.
+    """
+    count = world.view(WORLD)[0].toes
+    for k in range(len(rows)):
+        state, params, status = states[rows[k]], robots[rows[k]].params, robots[rows[k]].status
+        for j in range(count):
+            pad = layout[j]
+            toes[j, 0], toes[j, 1] = pad_place(pads, pad.table, angles[k] + pad.phase)
+        toes[count, 0], toes[count, 1] = centre_of_mass(body, params, angles[k])
+        common = (
+            toes[:count], toes[count], surface, status.first_vertex, status.end_vertex, x[k],
+            params.pad_radius,
+        )  # fmt: skip
+        pitch = level_pitch(*common) if math.isnan(pitches[k]) else pitches[k]
+        height, _, _ = clearance(*common, pitch)
+        state[:] = 0.0
+        state[0], state[1], state[2], state[3] = x[k], -height, pitch, angles[k]
+
+
+@compiled
+def settle(rows, sags, states, pads, layout, robots, surface, world, centres, planes):
+    """Lower robots to the true gap, where the ground is not straight, and a little into it.
+
+    Args:
+        rows, states, pads, layout, robots, surface, world: as of :func:`lower`.
+        sags: (k,) m, deeper by as much. centres: (pads, 2), work space.
+        planes: (robots * capacity,) PLANE, out.
+    """
+    for k in range(len(rows)):
+        r = rows[k]
+        state, status = states[r], robots[r].status
+        for _ in range(ROUNDS):
+            pad_centres(state, pads, layout, centres)
+            planes_near(r, centres, robots, surface, world, planes)
+            least = math.inf
+            for i in range(status.first_plane, status.end_plane):
+                plane = planes[i]
+                x, y = centres[plane.pad]
+                gap = plane.normal_x * x + plane.normal_y * y
+                gap = gap - plane.offset - robots[r].params.pad_radius
+                least = min(least, gap / plane.normal_y)
+            if least < math.inf:
+                state[1] -= least
+        state[1] -= PLACEMENT_DEPTH + sags[k]
 
 
 @compiled

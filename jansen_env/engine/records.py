@@ -65,7 +65,8 @@ PARAMS = row_dtype(
 
 STATUS = row_dtype(
     [
-        ("steps_left", "i8"),  # time steps until the planes are found again; -1: it has diverged
+        ("steps_left", "i8"),  # time steps of this control step to come; -1: it has diverged
+        ("step", "i8"),  # time steps taken of it
         ("margin", "f8"),  # m from its pads within which planes are listed, the speculative margin
         ("first_plane", "i8"),
         ("end_plane", "i8"),  # ordered by pad, then nearest first
@@ -74,7 +75,15 @@ STATUS = row_dtype(
         ("cell_x", "f8"),  # m, origin of its terrain in pymunk's space
         ("cell_y", "f8"),
         ("too_deep", "?"),  # whether a pad is so deep in the ground that it has no plane
-        ("step", "i8"),  # time steps taken of this control step
+        ("known_x", "f8"),  # m, of the crank axis at the last broad phase; inf: never asked
+        ("known_y", "f8"),
+        ("first_segment", "i8"),  # the candidates found there
+        ("last_segment", "i8"),
+        ("renewed", "?"),  # whether they are being found
+        ("home_x", "f8"),  # the same of where it was placed last
+        ("home_y", "f8"),
+        ("home_first", "i8"),
+        ("home_last", "i8"),
     ],
 )
 """Where a robot stands between collision detection and time steps."""
@@ -107,19 +116,17 @@ far a compliant one's bristle is bent, m: that is part of the state."""
 PAD = row_dtype([("table", "i8"), ("phase", "f8")])
 """A pad of the design: row of the pads' tables, and crank phase, rad."""
 
-QUERY = row_dtype(
+WORLD = row_dtype(
     [
-        ("robot", "i8"),
-        ("pad", "i8"),
-        ("x", "f8"),  # m, the pad's centre
-        ("y", "f8"),
-        ("known_x", "f8"),  # m, where it was at the last broad phase; inf: never asked
-        ("known_y", "f8"),
-        ("first_segment", "i8"),  # the candidates found there
-        ("last_segment", "i8"),
+        ("time_step", "f8"),  # s
+        ("stride", "i8"),  # time steps between two looks for the ground
+        ("toes", "i8"),  # the first so many pads are toes
+        ("pad_radius", "f8"),  # m
+        ("reach", "f8"),  # m, from which the deepest pad comes out of the ground
+        ("capacity", "i8"),  # planes kept of a robot
     ]
 )
-"""A pad near which the ground is looked for."""
+"""What the robots of a batch have in common."""
 
 PLANE = row_dtype(
     [
@@ -149,13 +156,11 @@ class Model(NamedTuple):
     bearings: Array  # (samples,) Coulomb friction of all bearings on the crank, N m, over a turn
 
 
-class Terrains(NamedTuple):
-    """What collision detection goes by: the terrains' vertices, the pads' and the lists' sizes."""
+class Ground(NamedTuple):
+    """What collision detection goes by."""
 
     surface: Array  # (vertices, 2) m, of all terrains
-    radius: float  # m, of a pad
-    reach: float  # m, of the broad phase's circles
-    capacity: int  # planes kept of a robot
+    depths: Array  # m, see :func:`jansen_env.plants.batch.non_toe_depths`
 
 
 class Velocity(NamedTuple):

@@ -100,17 +100,20 @@ ROW = row_dtype(
 
 @compiled
 def finish_step(
-    states, slip, force, robots, settings, rows, loads, reward, surface, bounds, ground, out
+    active, states, slip, force, robots, settings, rows, loads, reward, surface, bounds, ground, out
 ):
     """Reward the step that led to ``states`` (n, 8), and :func:`describe` it.
 
     Args:
+        active: (n,) whether a robot has taken it.
         slip: (n, toes) m. force: (n, toes, 2) N. robots: (n,) ROBOT of the plant.
         settings: (1,) of :data:`SETTINGS`. rows: (n,) of :data:`ROW`.
         loads: (n, toes) normal forces / weight. reward: (n,).
         surface, bounds, ground, out: see :func:`describe`.
     """
     for r in range(len(states)):
+        if not active[r]:
+            continue
         row, total, state = rows[r], robots[r].accumulators, states[r]
         row.info.crank_torque += total.torque_impulse / settings[0].period
         slipped = 0.0
@@ -128,7 +131,7 @@ def finish_step(
         reward[r] *= term.effort * term.smoothness * term.posture
         row.info.speed_command = row.next_command
         row.action_before, row.x_before = row.action, state[0]  # of the next step
-    describe(states, robots, rows, loads, surface, bounds, ground, out)
+        _describe(r, states, robots, rows, loads, surface, bounds, ground, out)
 
 
 @compiled
@@ -196,23 +199,29 @@ def progress_score(mean_speed, command):
 @compiled
 def factor(cost, weight):
     """1 / (1 + cost), to the power of ``weight``."""
-    return (1.0 + cost) ** -weight
+    return 1.0 / (1.0 + cost) if weight == 1.0 else (1.0 + cost) ** -weight
 
 
 @compiled
-def describe(states, robots, rows, loads, surface, bounds, ground, out):
-    """Observations (n, 16 + toes) into ``out``, and information into ``rows``.
+def describe(which, states, robots, rows, loads, surface, bounds, ground, out):
+    """Observations (n, 16 + toes) into ``out``, and information into ``rows``, of some robots.
 
     Args:
+        which: (k,) of the robots.
         states: (n, 8). robots: (n,) ROBOT of the plant. loads: (n, toes).
         surface, bounds, ground: see
             :func:`jansen_env.plants.detector.surfaces`.
     """
-    for r in range(len(states)):
-        begin, end = bounds[ground[r]], bounds[ground[r] + 1]
-        height = states[r, 1] - height_at(surface, begin, end, states[r, 0])
-        observe(states[r], height, rows[r], loads[r], out[r])
-        inform(states[r], robots[r].accumulators, rows[r])
+    for r in which:
+        _describe(r, states, robots, rows, loads, surface, bounds, ground, out)
+
+
+@compiled
+def _describe(r, states, robots, rows, loads, surface, bounds, ground, out):
+    begin, end = bounds[ground[r]], bounds[ground[r] + 1]
+    height = states[r, 1] - height_at(surface, begin, end, states[r, 0])
+    observe(states[r], height, rows[r], loads[r], out[r])
+    inform(states[r], robots[r].accumulators, rows[r])
 
 
 @compiled

@@ -410,3 +410,14 @@ def complete_state(state: Mapping[str, Any], example: Mapping[str, Any]) -> None
     missing = sorted({*example} - {*state})
     if missing:
         raise ValueError(f"state lacks {missing}, must come from get_state()")
+
+
+def info_keys(value: Any, known: Sequence[str]) -> tuple[str, ...] | None:
+    """What information is asked for; None: all. Raises ValueError: not a list of known keys."""
+    if value is None:
+        return None
+    if not (isinstance(value, (list, tuple)) and all(isinstance(key, str) for key in value)):
+        raise ValueError(f"info_keys is {shown(value)}, must be None or a list of {sorted(known)}")
+    if unknown := sorted(set(value) - set(known)):
+        raise ValueError(f"info_keys has {unknown}, must be of {sorted(known)}")
+    return tuple(value)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -63,17 +63,28 @@ class Information:
                 info[name] = array[row].item()
         return info
 
-    def of_all(self, known: Bools, stepped: Bools) -> dict[str, Any]:
-        """Gymnasium's vector information: arrays, 0 where not ``known``, each with a mask."""
+    def of_all(
+        self, known: Bools, stepped: Bools, keys: Sequence[str] | None = None
+    ) -> dict[str, Any]:
+        """Gymnasium's vector information: arrays, 0 where not ``known``, each with a mask.
+
+        Args:
+            known, stepped: (n,) of which robots there is any, and of which that of a step.
+            keys: of :attr:`keys` those wanted, None for all.
+        """
+        wanted = self.keys if keys is None else keys
+        if not wanted:
+            return {}
         info, energy, reward = (self._rows[name] for name in self._place)
-        infos = _masked({name: info[name] for name in self._info}, known)
-        infos["energy"] = _masked({name: energy[name] for name in self._energy}, known)
-        infos["_energy"] = known.copy()
-        infos.update(_masked(self._arrays, known))
+        of_any = {name: info[name] for name in self._info} | self._arrays
+        infos = _masked({name: of_any[name] for name in wanted if name in of_any}, known)
+        if "energy" in wanted:
+            infos["energy"] = _masked({name: energy[name] for name in self._energy}, known)
+            infos["_energy"] = known.copy()
         if stepped.any():
             terms = zip(self._terms, self._reward, strict=True)
-            infos.update(_masked({name: reward[term] for name, term in terms}, stepped))
-            infos.update(_masked(self._step_arrays, stepped))
+            of_step = {name: reward[term] for name, term in terms} | self._step_arrays
+            infos |= _masked({name: of_step[name] for name in wanted if name in of_step}, stepped)
         return infos
 
 
@@ -167,22 +178,31 @@ class Task(ABC):
         Raises:
             ValueError: an unknown option, or a value out of range.
         """
-        for k, i in enumerate(rows.tolist()):
-            self._start(i, generators[k], {} if options is None else options[k])
+        self._start(rows, generators, [{}] * len(rows) if options is None else options)
         self.terminated[rows] = self.truncated[rows] = False
-        self._describe()
+        self._describe(rows)
 
     @abstractmethod
-    def _start(self, row: int, rng: np.random.Generator, options: dict[str, Any]) -> None:
-        """Start an episode of one robot."""
+    def _start(
+        self,
+        rows: Ints,
+        generators: Sequence[np.random.Generator],
+        options: Sequence[dict[str, Any]],
+    ) -> None:
+        """Start episodes of some robots: all that may be refused is, before anything changes."""
 
     @abstractmethod
-    def _describe(self) -> None:
-        """Fill observations and information with what is the case now."""
+    def _describe(self, rows: Ints) -> None:
+        """Fill observations and information of some robots with what is the case now."""
 
     @abstractmethod
-    def step(self, actions: Any, active: Bools) -> None:
-        """Hold actions (n, 1) for ``control_dt`` seconds; robots not ``active`` get 0, whatever theirs.
+    def step(
+        self, actions: Any, active: Bools, meanwhile: Callable[[], None] | None = None
+    ) -> None:
+        """Hold actions (n, 1) of the ``active`` robots (n,) for ``control_dt`` seconds.
+
+        Args:
+            meanwhile: called while they move, to :meth:`reset` others.
 
         Raises:
             ValueError: the actions are not one finite number for each active robot.
@@ -252,14 +272,18 @@ class Task(ABC):
             self.switch,
         )  # fmt: skip
 
-    def _begin_delay(self, row: int, delay: float, asked: Array | None = None) -> None:
-        """Begin an episode of a robot whose torques come so late, s, after those asked for before."""
-        steps = round(delay / self._time_step)
-        self.delay[row] = divmod(steps, round(self.control_dt / self._time_step))
-        self.asked[row] = 0.0 if asked is None else asked
-        whole = self.delay[row, 0]
-        self.torque[row], self.earlier[row] = self.asked[row, whole], self.asked[row, whole + 1]
-        self.switch[row] = self.delay[row, 1]
+    def _begin_delay(self, rows: Ints, delays: Array, asked: Array | None = None) -> None:
+        """Begin episodes of robots (k,) whose torques come late.
+
+        Args:
+            delays: (k,) s. asked: (k, steps) N m, torques asked for before; None: 0.
+        """
+        steps = np.rint(delays / self._time_step).astype(np.int64)
+        whole, rest = np.divmod(steps, round(self.control_dt / self._time_step))
+        self.delay[rows] = np.stack([whole, rest], axis=-1)
+        self.asked[rows] = 0.0 if asked is None else asked
+        self.torque[rows], self.earlier[rows] = self.asked[rows, whole], self.asked[rows, whole + 1]
+        self.switch[rows] = rest
 
     def _draw_delay(self, row: int, rng: np.random.Generator, options: Mapping[str, Any]) -> float:
         """By how much a robot's torques come late in an episode, s."""

@@ -6,7 +6,7 @@ documented in :class:`jansen_env.envs.crank.JansenCrankEnv`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from jansen_env.checks import non_negative, whole_number, within
 from jansen_env.engine import crank_tracking as task
 from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.envs import arguments
-from jansen_env.envs.core import Bools, Information, Task
+from jansen_env.envs.core import Bools, Information, Ints, Task
 from jansen_env.motor import IDEAL, Motor
 from jansen_env.plants.fixed_base import FixedBaseBatch, FixedBasePlant, check_crank_state
 from jansen_env.rendering import Frame
@@ -105,28 +105,37 @@ class CrankTask(Task):
         self.information = self._inform()
         prepare(
             *self._kernels(),
-            Kernel("observation", task.describe, self._arguments_of_description()),
-            Kernel("reward", task.finish_step, self._arguments_of_step()),
+            Kernel("observation", task.describe, (np.arange(1), *self._arguments_of_description())),
+            Kernel("reward", task.finish_step, (np.ones(n, bool), *self._arguments_of_step())),
         )
 
     def _inform(self) -> Information:
         loads = {"joint_force_max": self._joint_force} if self.track_joint_forces else {}
         return Information(self.rows, {}, loads)
 
-    def _start(self, row: int, rng: np.random.Generator, options: dict[str, Any]) -> None:
-        """Start an episode of one robot."""
-        command, angle, speed, delay = self._draw(row, rng, options)
-        self.batch.states[row] = angle, speed
-        self._begin_delay(row, delay)
-        self._begin(row, command)
+    def _start(
+        self,
+        rows: Ints,
+        generators: Sequence[np.random.Generator],
+        options: Sequence[dict[str, Any]],
+    ) -> None:
+        """Start episodes of some robots, see :class:`Task`."""
+        each = zip(rows.tolist(), generators, options, strict=True)
+        drawn = np.array([self._draw(row, rng, own) for row, rng, own in each])
+        commands, angles, speeds, delays = drawn.T
+        self.batch.states[rows] = np.stack([angles, speeds], axis=1)
+        self._begin_delay(rows, delays)
+        self._begin(rows, commands)
 
-    def _begin(self, row: int, command: float, action: float = 0.0, steps: int = 0) -> None:
-        """Begin a robot's episode: nothing is left of the one before."""
-        self.rows[row] = np.zeros((), task.ROW)
-        kept = self.rows[row]
-        kept["action"], kept["steps"] = action, steps
-        kept["info"]["speed_command"] = command
-        self.reward[row] = 0.0
+    def _begin(
+        self, rows: Ints, commands: Array, actions: float | Array = 0.0, steps: int = 0
+    ) -> None:
+        """Begin robots' episodes: nothing is left of the one before."""
+        kept = self.rows
+        kept[rows] = np.zeros((), task.ROW)
+        kept["action"][rows], kept["steps"][rows] = actions, steps
+        kept["info"]["speed_command"][rows] = commands
+        self.reward[rows] = 0.0
 
     def _draw(
         self, row: int, rng: np.random.Generator, options: dict[str, Any]
@@ -148,12 +157,16 @@ class CrankTask(Task):
         speed = arguments.option(options, "crank_speed", speed)
         return command, angle, speed, delay
 
-    def step(self, actions: Any, active: Bools) -> None:
+    def step(
+        self, actions: Any, active: Bools, meanwhile: Callable[[], None] | None = None
+    ) -> None:
         """Hold torques for ``control_dt`` seconds, see :class:`Task`."""
         batch = self.batch
         self._take_actions(actions, active)
         batch.step(self.torque, self._steps, self.earlier, self.switch)
-        task.finish_step(*self._arguments_of_step())
+        if meanwhile is not None:
+            meanwhile()
+        task.finish_step(active, *self._arguments_of_step())
         if batch.any_diverged or self._any_truncated:
             self._truncate(batch.diverged & active)
         if self.track_joint_forces:
@@ -165,9 +178,9 @@ class CrankTask(Task):
         kept = self.rows[row]
         return float(kept["info"]["speed_command"] * kept["steps"] * self.control_dt + START_ANGLE)
 
-    def _describe(self) -> None:
-        """Fill observations and information with what is the case now."""
-        task.describe(*self._arguments_of_description())
+    def _describe(self, rows: Ints) -> None:
+        """Fill observations and information of some robots with what is the case now."""
+        task.describe(rows, *self._arguments_of_description())
 
     def _arguments_of_step(self) -> tuple[Any, ...]:
         batch = self.batch
@@ -231,9 +244,10 @@ class CrankTask(Task):
         steps = whole_number("state['steps']", state["steps"])
         delay, asked = self._checked_delay(state)
         self.batch.states[row] = plant
-        self._begin_delay(row, delay, asked)
-        self._begin(row, command, action, steps)
-        self._describe()
+        one = np.array([row])
+        self._begin_delay(one, np.array([delay]), asked)
+        self._begin(one, np.array([command]), action, steps)
+        self._describe(one)
 
     def scene(self, row: int) -> dict[str, Any]:
         """Arguments of the renderer."""

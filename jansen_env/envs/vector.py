@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, ClassVar, Generic
 
 import gymnasium as gym
@@ -38,6 +39,8 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             resets and ignores the action), ``SAME_STEP`` (that very step returns the next
             episode's first observation; ``infos["final_obs"]`` has the last one) or ``DISABLED``.
         threads: cores to use; None for as many as pay.
+        info_keys: what ``infos`` are to have, such as ``("slip",)``; None for all of it, which
+            takes a few per cent of a step.
         render_mode: None or ``"rgb_array"``.
         task_arguments: as for one robot; those in the task's ``OF_EACH`` may be one for each.
 
@@ -70,6 +73,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         *,
         threads: int | None = None,
+        info_keys: Sequence[str] | None = None,
         render_mode: str | None = None,
         **task_arguments: Any,
     ) -> None:
@@ -81,6 +85,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         self.max_episode_steps = arguments.limit_of_each(n, max_episode_steps)
         arguments.known_arguments(type(self), task_arguments)
         self.task = task = self.TASK(n, threads, **task_arguments)
+        self.info_keys = arguments.info_keys(info_keys, task.information.keys)
         self.control_dt = self.dt = task.control_dt
         self.torque_limit = task.torque_limit
         self.metadata = {
@@ -133,7 +138,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
                 self._generators[i], self._seeds[i] = seeding.np_random(seeds[i])
         self.restart(rows, [options[i] for i in rows.tolist()])
         self._begun |= mask
-        infos = self.task.information.of_all(mask, np.zeros(self.num_envs, bool))
+        infos = self._informed(mask, np.zeros(self.num_envs, bool))
         return self.task.observation.copy(), infos
 
     def restart(self, rows: Ints, options: Sequence[dict[str, Any]] | None = None) -> None:
@@ -158,7 +163,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         if self.autoreset_mode == AutoresetMode.SAME_STEP and self._done.any():
             infos = self._restart_in_step(terminated | truncated)
         else:
-            infos = self.task.information.of_all(np.ones(self.num_envs, bool), ~over)
+            infos = self._informed(np.ones(self.num_envs, bool), ~over)
         return self.task.observation.copy(), rewards, terminated, truncated, infos
 
     def advance(self, actions: NDArray[np.float32]) -> tuple[Bools, Bools]:
@@ -168,10 +173,10 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         """
         self._check_reset()
         task, over = self.task, self._done.copy()
-        task.step(actions, ~over)
-        self._elapsed += 1
-        if over.any():  # NEXT_STEP: they only start again
-            self.restart(np.flatnonzero(over))
+        # NEXT_STEP: those whose episode is over only start again.
+        meanwhile = partial(self.restart, np.flatnonzero(over)) if over.any() else None
+        task.step(actions, ~over, meanwhile)
+        self._elapsed += ~over
         terminated = task.terminated.copy()
         truncated = task.truncated | (self._elapsed >= self.max_episode_steps)
         self._done = terminated | truncated
@@ -182,12 +187,16 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         final = np.full(self.num_envs, None, object)
         for i in np.flatnonzero(done).tolist():
             final[i] = self.task.observation[i].copy()
-        last = self.task.information.of_all(done, done)
+        last = self._informed(done, done)
         self.restart(np.flatnonzero(done))
-        infos = self.task.information.of_all(np.ones(self.num_envs, bool), ~done)
+        infos = self._informed(np.ones(self.num_envs, bool), ~done)
         infos["final_obs"], infos["_final_obs"] = final, done.copy()
         infos["final_info"], infos["_final_info"] = last, done.copy()
         return infos
+
+    def _informed(self, known: Bools, stepped: Bools) -> dict[str, Any]:
+        """What :attr:`info_keys` ask for, see :meth:`jansen_env.envs.core.Information.of_all`."""
+        return self.task.information.of_all(known, stepped, self.info_keys)
 
     def _check_reset(self) -> None:
         """Raises gymnasium.error.ResetNeeded if a robot cannot take a step."""

@@ -7,7 +7,7 @@ in :class:`jansen_env.envs.walker.JansenWalkerEnv`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from jansen_env.dynamics.pads import pad_layout
 from jansen_env.engine import task
 from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.envs import arguments
-from jansen_env.envs.core import Bools, Information, Task
+from jansen_env.envs.core import Bools, Information, Ints, Task
 from jansen_env.gravity import GRAVITY
 from jansen_env.kinematics import advance_per_turn
 from jansen_env.motor import Motor
@@ -162,8 +162,8 @@ class WalkerTask(Task):
         self.information = self._inform()
         prepare(
             *self._kernels(),
-            Kernel("observation", task.describe, self._arguments_of_description()),
-            Kernel("reward", task.finish_step, self._arguments_of_step()),
+            Kernel("observation", task.describe, (np.arange(1), *self._arguments_of_description())),
+            Kernel("reward", task.finish_step, (np.ones(n, bool), *self._arguments_of_step())),
         )
 
     def _inform(self) -> Information:
@@ -205,29 +205,39 @@ class WalkerTask(Task):
         weight: Array = self.rows["weight"]
         return weight
 
-    def _start(self, row: int, rng: np.random.Generator, options: dict[str, Any]) -> None:
-        """Start an episode of one robot."""
-        command, crank_angle, crank_speed, delay = self._draw(row, rng, options)
-        self._command_seed[row] = rng.integers(2**63)  # of the commands to come
-        self.batch.place(row, crank_angle)
-        self.loads[row] = self.batch.contact_force[row, :, 1] / self.weight[row]
-        state = self.batch.states[row].copy()
-        state[7] = crank_speed
-        self.batch.set_state(row, state)
-        self._begin_delay(row, delay)
-        self._begin(row, command)
+    def _start(
+        self,
+        rows: Ints,
+        generators: Sequence[np.random.Generator],
+        options: Sequence[dict[str, Any]],
+    ) -> None:
+        """Start episodes of some robots, see :class:`Task`."""
+        each = list(zip(rows.tolist(), generators, options, strict=True))
+        drawn = [self._draw(row, rng, own) for row, rng, own in each]
+        commands, crank_angles, crank_speeds, delays = np.array(drawn).T
+        # Of the commands to come.
+        self._command_seed[rows] = [rng.integers(2**63) for rng in generators]
+        batch = self.batch
+        batch.place(rows, crank_angles)
+        self.loads[rows] = batch.contact_force[rows, :, 1] / self.weight[rows, None]
+        states = batch.states[rows]
+        states[:, 7] = crank_speeds
+        for row, state in zip(rows.tolist(), states, strict=True):
+            batch.set_state(row, state)
+        self._begin_delay(rows, delays)
+        self._begin(rows, commands)
 
-    def _begin(self, row: int, command: float, action: float = 0.0) -> None:
-        """Begin a robot's episode: nothing but what the robot is remains of the one before."""
-        kept = self.rows[row]
+    def _begin(self, rows: Ints, commands: Array, actions: float | Array = 0.0) -> None:
+        """Begin robots' episodes: nothing but what a robot is remains of the one before."""
+        kept, info = self.rows, self.rows["info"]
         for name in ("info", "energy", "reward"):
-            kept[name] = np.zeros((), task.ROW[name])
-        kept["action"] = kept["action_before"] = action
-        kept["info"]["speed_command"] = kept["next_command"] = command
-        state = self.batch.states[row]
-        kept["x_before"], kept["info"]["x_velocity"] = state[0], state[4]
-        kept["info"]["joint_gap"] = self.batch.joint_gap[row]
-        self.reward[row], self.elapsed[row] = 0.0, 0
+            kept[name][rows] = np.zeros((), task.ROW[name])
+        kept["action"][rows] = kept["action_before"][rows] = actions
+        info["speed_command"][rows] = kept["next_command"][rows] = commands
+        states = self.batch.states[rows]
+        kept["x_before"][rows], info["x_velocity"][rows] = states[:, 0], states[:, 4]
+        info["joint_gap"][rows] = self.batch.joint_gap[rows]
+        self.reward[rows], self.elapsed[rows] = 0.0, 0
 
     def _draw(
         self, row: int, rng: np.random.Generator, options: dict[str, Any]
@@ -245,14 +255,22 @@ class WalkerTask(Task):
         crank_angle = arguments.option(options, "crank_angle", crank_angle)
         return command, crank_angle, crank_speed, delay
 
-    def step(self, actions: Any, active: Bools) -> None:
+    def step(
+        self, actions: Any, active: Bools, meanwhile: Callable[[], None] | None = None
+    ) -> None:
         """Hold torques for ``control_dt`` seconds, see :class:`Task`."""
         batch = self.batch
         self._take_actions(actions, active)
-        self.elapsed += 1
+        self.elapsed += active
         self._draw_commands()
-        batch.step(self.torque, self._steps, self.earlier, self.switch)
-        task.finish_step(*self._arguments_of_step())
+        asked = self.torque, self._steps, self.earlier, self.switch
+        if isinstance(batch, Batch):
+            batch.step(*asked, None if active.all() else np.flatnonzero(active), meanwhile)
+        elif active.any():
+            batch.step(*asked)
+        if meanwhile is not None and not isinstance(batch, Batch):
+            meanwhile()
+        task.finish_step(active, *self._arguments_of_step())
         if self.terminate_when_fallen:
             self.terminated[:] = self.rows["info"]["fallen"]
         if not isinstance(batch, Batch):  # whose joints cannot open
@@ -272,9 +290,9 @@ class WalkerTask(Task):
             rng = np.random.default_rng((self._command_seed[row], self.elapsed[row]))
             self.rows[row]["next_command"] = rng.uniform(*self.speed_command[row])
 
-    def _describe(self) -> None:
-        """Fill observations and information with what is the case now."""
-        task.describe(*self._arguments_of_description())
+    def _describe(self, rows: Ints) -> None:
+        """Fill observations and information of some robots with what is the case now."""
+        task.describe(rows, *self._arguments_of_description())
 
     def _arguments_of_step(self) -> tuple[Any, ...]:
         batch = self.batch
@@ -334,7 +352,7 @@ class WalkerTask(Task):
         if "command" in checked:
             kept = self.rows[row]
             kept["info"]["speed_command"] = kept["next_command"] = checked.pop("command")
-            self._describe()
+            self._describe(np.array([row]))
         # Restitution first where it goes, last where it comes: feet that give exclude it.
         for name in sorted(
             checked, key=lambda one: checked[one] > 0.0 if one == "restitution" else 0.5
@@ -426,16 +444,17 @@ class WalkerTask(Task):
         batch.set_state(row, pose, deflection)
         if row == 0:
             batch.in_contact = in_contact
-        self._begin_delay(row, delay, asked)
+        one = np.array([row])
+        self._begin_delay(one, np.array([delay]), asked)
         batch.slip[row] = batch.contact_force[row] = 0.0
         self.loads[row] = loads
-        self._begin(row, command, action)
+        self._begin(one, np.array([command]), action)
         self.elapsed[row], self._command_seed[row] = steps, seed
         info = self.rows[row]["info"]
         info["lag"], info["fallen"] = lag, fallen
         for name, mean in means.items():
             info[name] = mean
-        self._describe()
+        self._describe(one)
 
     def scene(self, row: int) -> dict[str, Any]:
         """Arguments of the renderer."""

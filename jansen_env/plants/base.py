@@ -101,8 +101,8 @@ class BatchedPlant(Protocol):
         """Put a robot into a state (8,), with bristles' ``deflection`` (pads,), m; None: 0."""
         ...
 
-    def place(self, row: int, crank_angle: float) -> None:
-        """Place a robot at rest; slip, forces and sums are those of its next time step."""
+    def place(self, rows: NDArray[np.int64], crank_angles: Array) -> None:
+        """Place robots (k,) at rest; slip, forces and sums are those of their next time step."""
         ...
 
     def step(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.checks import finite, positive, positive_integer
-from jansen_env.dynamics.reduced import body_sums, compile_robot
-from jansen_env.engine import integrator
-from jansen_env.engine.collision import SPECULATIVE_MARGIN
-from jansen_env.engine.contact_means import contact_means
+from jansen_env.dynamics.reduced import compile_robot
+from jansen_env.engine import collision, integrator, placement
+from jansen_env.engine.collision import SPECULATIVE_MARGIN, WAY_OUT
 from jansen_env.engine.jit import Kernel, prepare
-from jansen_env.engine.records import CONTACT_STATISTICS, ROBOT, as_bytes
+from jansen_env.engine.records import CONTACT_STATISTICS, ROBOT, WORLD, as_bytes
 from jansen_env.engine.tables import (
     energy,
     kernel_model,
@@ -30,21 +29,18 @@ from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.motor import Motor
 from jansen_env.plants.base import check_time_step
 from jansen_env.plants.detector import ContactDetector
-from jansen_env.plants.initial_pose import prepare_placement, resting_pose, sag
+from jansen_env.plants.initial_pose import sag
 from jansen_env.plants.trace import find_touchdowns, pads_in_contact
 from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 TIME_STEP = 1e-3  # s
 DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are kept meanwhile
 PITCHES = 256  # at which it is known how deep the pads that are no toes reach
 PLANES_PER_PAD = 4  # kept of a robot, on average over its pads
-PLACEMENT_ROUNDS = 3  # Newton steps of lowering a robot onto the ground
-# By which a robot is placed in the ground, m: within what is left uncorrected, and so deep that its
-# toes carry at once and stay down; at a nanometre they rattle.
-PLACEMENT_DEPTH = 1e-5
 RESULTS = ("states", "accumulators", "contact_statistics", "slip", "contact_force")
 CHANGING = (*RESULTS, "params", "diverged")
 NOT_THE_ROBOT = (
@@ -54,7 +50,7 @@ NOT_THE_ROBOT = (
 OF_A_DESIGN = ("payload", "motor", "pad_compliance")
 """In what robots of a batch may differ."""
 ROBOTS_PER_THREAD = 16  # at least, or starting a thread takes longer than it saves
-ROBOTS_AT_A_TIME = 32  # at most, moved by a thread before it takes the next ones
+FEWEST_AT_A_TIME = 4  # robots, moved by a thread before it takes the next ones
 
 
 class Batch:
@@ -119,7 +115,6 @@ class Batch:
                 )
         self.time_step = check_time_step(time_step)
         self.detection_interval = positive("detection_interval", detection_interval)
-        self._stride = max(1, round(detection_interval / time_step))
         compiled = {id(robot): compile_robot(robot) for robot in different}
         self.tables = [compiled[id(robot)] for robot in robots]
         self.model = kernel_model(self.tables[0])
@@ -136,7 +131,12 @@ class Batch:
         for robot, terrain in zip(robots, terrains, strict=True):
             check_bounce(robot.pad_compliance, terrain.restitution)
         capacity, radius = PLANES_PER_PAD * pads, robots[0].pad_radius
-        self.detector = ContactDetector(self.rows, terrains, self.toes, radius, capacity)
+        stride = max(1, round(detection_interval / time_step))
+        world = np.zeros(1, WORLD)
+        world[0] = self.time_step, stride, self.toes, radius, radius + WAY_OUT, capacity
+        self._world = as_bytes(world)
+        depths = self._non_toe_depths(radius + SPECULATIVE_MARGIN)
+        self.detector = ContactDetector(self.rows, terrains, world, self._farthest())
         self.states = np.zeros((n, 8))
         self.contact_statistics = np.zeros((n, pads), CONTACT_STATISTICS)
         self.slip, self.contact_force = np.zeros((n, self.toes)), np.zeros((n, self.toes, 2))
@@ -150,34 +150,59 @@ class Batch:
         self.trace = self._no_trace
         self.touchdowns = np.zeros(0, bool)
         self.in_contact: NDArray[np.bool_] | None = None
-        self._scratch: dict[Any, Batch] = {}  # by the shape of the ground
         count = _threads(n, threads)
-        size = min(ROBOTS_AT_A_TIME, -(-n // count))
-        self._shares = [(first, min(first + size, n)) for first in range(0, n, size)]
+        self._shares = _shares(n, count)
+        self._every = np.arange(n)
         self._work: list[tuple[Any, ...]] = [integrator.work_space(capacity) for _ in range(count)]
         self._pool: tuple[int, ThreadPoolExecutor] | None = None
         self._sums = np.empty((3, 6))
-        depths = self._non_toe_depths(radius + SPECULATIVE_MARGIN)
-        self.detector.watch(self.states, self.model, depths, self.time_step)
+        self._centres = np.zeros((max(pads, self.toes + 1), 2))
+        body, places, layout = self.model.body, self.model.pads, as_bytes(self.model.layout)
         self._shared = (
-            self.time_step, self.toes, self.states, self.model.body, self.model.pads,
-            as_bytes(self.model.layout), self.model.bearings, as_bytes(self.rows),
-            as_bytes(self.detector.planes), as_bytes(self.contact_statistics),
+            self.states, body, places, layout, self.model.bearings, self.detector.surface, depths,
+            self._world, as_bytes(self.rows), as_bytes(self.detector.planes),
+            as_bytes(self.contact_statistics), self.slip, self.contact_force,
         )  # fmt: skip
-        prepare_placement(robots[0], terrains[0])
         prepare(*self._kernels())
 
     def _kernels(self) -> list[Kernel]:
         """What is compiled of a batch."""
+        rows, number = np.arange(1), np.zeros(1)
         step = (
-            0, 0, True, 0, np.zeros(1), *self._at_once, _plain(self._no_trace), *self._work[0],
+            0, 0, rows, True, 0, number, *self._at_once, _plain(self._no_trace), *self._work[0],
             *self._shared,
         )  # fmt: skip
         return [
-            *self.detector.kernels(),
-            Kernel("time step", integrator.advance, step),
-            Kernel("contact forces", contact_means, self._arguments_of_means(1)),
+            *self.detector.kernels(self.states),
+            Kernel("pads", collision.pad_centres, self._arguments_of_pads(0)),
+            Kernel("placement", placement.lower, self._arguments_of_lower(rows, *[number] * 3)),
+            Kernel("settling", placement.settle, self._arguments_of_settle(rows, number)),
+            Kernel("control step", integrator.advance, step),
         ]
+
+    def _arguments_of_pads(self, row: int) -> tuple[Any, ...]:
+        return self.states[row], self.model.pads, self.model.layout, self._centres
+
+    def _arguments_of_lower(
+        self, rows: Ints, x: Array, angles: Array, pitches: Array
+    ) -> tuple[Any, ...]:
+        model = self.model
+        return (
+            rows, x, angles, pitches, self.states, model.body, model.pads, model.layout, self.rows,
+            self.detector.surface, self._world, self._centres,
+        )  # fmt: skip
+
+    def _arguments_of_settle(self, rows: Ints, sags: Array) -> tuple[Any, ...]:
+        model, detector = self.model, self.detector
+        return (
+            rows, sags, self.states, model.pads, model.layout, self.rows, detector.surface,
+            self._world, self._centres, detector.planes,
+        )  # fmt: skip
+
+    def _farthest(self) -> float:
+        """How far from the crank axis a pad's centre can be, m."""
+        x, y = self.tables[0].pads[:, :, :2, 0].reshape(-1, 2).T
+        return 1.01 * float(np.hypot(x, y).max())  # of what lies between the tables' angles
 
     def _non_toe_depths(self, margin: float) -> Array:
         """How far below the axis a pad that is no toe may feel the ground, m, by pitch.
@@ -250,64 +275,53 @@ class Batch:
         check_bounce(self.robots[row].pad_compliance, restitution)
         self.params["restitution"][row] = restitution
 
-    def place(self, row: int, crank_angle: float) -> None:
-        """Place a robot at rest at x = 0, see :meth:`place_first`.
+    def place(self, rows: Ints, crank_angles: Array) -> None:
+        """Place robots at rest at x = 0, see :meth:`place_at`.
 
-        :attr:`accumulators`, :attr:`slip` and so on then have what its next time step would do.
-        """
-        if len(self.states) > 1:
-            scratch = self.scratch(row)
-            scratch.place(0, crank_angle)
-            for name in RESULTS:
-                getattr(self, name)[row] = getattr(scratch, name)[0]
-        else:
-            self.place_first(0.0, crank_angle)
-            self.lookahead()
-        self.diverged[row] = False
-
-    def place_first(self, x: float, crank_angle: float, pitch: float | None = None) -> None:
-        """Place the first robot at rest on its lowest toes, 10 um deep, so that they carry at once.
+        :attr:`accumulators`, :attr:`slip` and so on then have what their next time step would do.
 
         Args:
-            x: crank axis, m. crank_angle: rad.
-            pitch: rad; None turns the robot until both its fore and its back feet carry it
+            rows: (k,) of the robots. crank_angles: (k,) rad.
+        """
+        self.place_at(rows, crank_angles)
+        self.lookahead(rows=rows)
+
+    def place_at(
+        self, rows: Ints, crank_angles: Array, x: float = 0.0, pitch: float | None = None
+    ) -> None:
+        """Place robots at rest on their lowest toes, 10 um deep, so that they carry at once.
+
+        Args:
+            rows: (k,) of the robots. crank_angles: (k,) rad. x: of the crank axis, m.
+            pitch: rad; None turns a robot until both its fore and its back feet carry it
                 (until the ground bears it on both sides of its centre of mass).
 
         Raises:
-            ValueError: a number that is not finite.
+            ValueError: a number that is not finite, or feet too soft for their robot.
         """
-        robot, state = self.robots[0], self.states[0]
-        centre = body_sums(self.tables[0], finite("crank_angle", crank_angle)).c / robot.mass
-        y, theta = resting_pose(robot, centre, self.terrains[0], x, crank_angle, pitch)
-        self.set_state(0, (x, y, theta, crank_angle, 0.0, 0.0, 0.0, 0.0))
-        for _ in range(PLACEMENT_ROUNDS):  # to the true gap, where the ground is not straight
-            planes, normals, centres = self.contact_planes()
-            if len(planes):
-                gap = (normals * centres[planes["pad"]]).sum(axis=1) - planes["offset"]
-                state[1] -= ((gap - robot.pad_radius) / normals[:, 1]).min()
-        state[1] -= PLACEMENT_DEPTH + sag(robot, -float(self.params["gravity_y"][0]))
+        places = np.full(len(rows), finite("x", x))
+        pitches = np.full(len(rows), math.nan if pitch is None else finite("pitch", pitch))
+        sags = np.zeros(len(rows))
+        if self._any_gives:
+            gravity = self.params["gravity_y"].tolist()
+            sags[:] = [sag(self.robots[i], -gravity[i]) for i in rows.tolist()]
+        placement.lower(*self._arguments_of_lower(rows, places, crank_angles, pitches))
+        self.detector.recall(rows, self.states)
+        placement.settle(*self._arguments_of_settle(rows, sags))
+        self.deflection[rows] = 0.0
+        self.diverged[rows] = False
+        self.in_contact = None if 0 in rows else self.in_contact
 
-    def scratch(self, row: int) -> Batch:
-        """A batch of one, which is that robot as it is now, to try things without the others."""
-        robot, terrain = self.robots[row], self.terrains[row]
-        batch = self._scratch.get(terrain.points)
-        if batch is None:
-            batch = Batch([robot], [terrain], *self._arguments[:-1], threads=1)
-            self._scratch[terrain.points] = batch
-        batch.robots[0], batch.tables[0] = robot, self.tables[row]
-        batch.params[0] = self.params[row]
-        batch._any_gives = not robot.pad_compliance.rigid
-        batch.set_state(0, self.states[row], self.deflection[row])
-        return batch
-
-    def lookahead(self, torque: float = 0.0) -> None:
-        """What the first robot's next time step would do under a torque; the state stays."""
-        state, deflection = self.states[0].copy(), self.deflection[0].copy()
+    def lookahead(self, torque: float = 0.0, rows: Ints | None = None) -> None:
+        """What the next time step of some robots (all) would do under a torque; states stay."""
+        rows = self._every if rows is None else rows
+        states, deflection = self.states[rows], self.deflection[rows]  # copies
         in_contact = self.in_contact
         try:
-            self.step(np.array([torque]), 1)
+            self._run(rows, (np.full(len(self.states), torque), *self._at_once), 1)
         finally:
-            self.states[0], self.deflection[0], self.in_contact = state, deflection, in_contact
+            self.states[rows], self.deflection[rows] = states, deflection
+            self.in_contact = in_contact
 
     def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
         """Put a robot into a state (8,), with bristles' ``deflection`` (pads,), m; None: 0."""
@@ -316,29 +330,25 @@ class Batch:
         if row == 0:
             self.in_contact = None
 
-    def contact_planes(self) -> tuple[NDArray[np.void], Array, Array]:
-        """Of the first robot: planes (k,), their normals (k, 2), and the centres of the pads."""
-        self.detector.detect()
-        planes = self.detector.planes_of(0)
-        normals = np.stack([planes["normal_x"], planes["normal_y"]], axis=1)
-        return planes, normals, self.detector.centres
+    def pad_centres(self, row: int) -> Array:
+        """(pads, 2) centres of a robot's pads, toes first, m."""
+        collision.pad_centres(*self._arguments_of_pads(row))
+        return self._centres[: len(self.model.layout)].copy()
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:
         """(toes, 2) points of the ground nearest to each toe's pad and its tangents there.
 
         Where no ground is within reach, the pad's lowest point and +x.
         """
-        if len(self.states) > 1:
-            return self.scratch(row).contact_frames(0)
-        radius = self.robots[0].pad_radius
-        planes, normals, centres = self.contact_planes()
-        points = centres[: self.toes] - np.array([0.0, radius])
+        centres, radius = self.pad_centres(row)[: self.toes], self.robots[0].pad_radius
+        self.detector.find_candidates(np.array([row]), self.states)
+        planes = self.detector.planes_near(row, centres)
+        points = centres - np.array([0.0, radius])
         tangents = np.tile([1.0, 0.0], (self.toes, 1))
-        backwards = zip(normals[::-1], planes["pad"][::-1], strict=True)
-        for normal, pad in backwards:  # a pad's nearest comes last
-            if pad < self.toes:
-                points[pad] = centres[pad] - radius * normal
-                tangents[pad] = normal[1], -normal[0]
+        for plane in planes[::-1]:  # a pad's nearest comes last
+            pad, normal = plane["pad"], np.array([plane["normal_x"], plane["normal_y"]])
+            points[pad] = centres[pad] - radius * normal
+            tangents[pad] = normal[1], -normal[0]
         return points, tangents
 
     def energy(self, row: int) -> float:
@@ -353,44 +363,50 @@ class Batch:
         steps: int,
         earlier: Array | None = None,
         switch: NDArray[np.int64] | None = None,
+        rows: Ints | None = None,
+        meanwhile: Callable[[], None] | None = None,
     ) -> None:
         """Hold crank torques (n,), N m, for some time steps, as far as the motors go.
 
-        With ``earlier`` torques (n,) these still hold in the first ``switch`` (n,) of them.
+        With ``earlier`` torques (n,) these still hold in the first ``switch`` (n,) of them. Of the
+        robots only ``rows`` (k,) move, if these are given; ``meanwhile`` may place the others.
 
         A robot that becomes faster than :data:`jansen_env.engine.integrator.DIVERGED`, or
         gets so deep into the ground that it is not found, stays as it was before, without
         entries in :attr:`accumulators` and :attr:`contact_statistics`, and is named in
         :attr:`diverged`. The others go on.
         """
-        before = self.states.copy(), self.deflection.copy() if self._any_gives else None
         asked = torque, *(self._at_once if earlier is None else (earlier, switch))
+        self._run(self._every if rows is None else rows, asked, steps, meanwhile)
+
+    def _run(
+        self,
+        rows: Ints,
+        asked: tuple[Any, ...],
+        steps: int,
+        meanwhile: Callable[[], None] | None = None,
+    ) -> None:
+        """:meth:`step` of some robots.
+
+        ``asked``: torque, earlier torque, and for how many time steps that still holds.
+        """
+        before = self.states[rows], self.deflection[rows] if self._any_gives else None
         if self.any_diverged:
-            self.diverged[:] = self.any_diverged = False
-            self.rows["status"]["steps_left"] = 0
+            self.diverged[rows] = False
+            self.any_diverged = bool(self.diverged.any())
         trace: NDArray[Any] = self._no_trace
         if self.tracing:
             trace = np.empty(steps, trace.dtype)
-        plain = _plain(trace)
-        done = 0
-        while done < steps:
-            count = min(self._stride, steps - done)
-            rows = plain[done : done + count]
-            if self.detector.detect():
-                self._refuse(before)
-            finished = self._advance(done == 0, count, asked, rows)
-            while not finished:  # fast robots need planes found several times
-                if (self.rows["status"]["steps_left"] < 0).any():
-                    self._refuse(before)
-                if self.detector.detect(moving_only=True):
-                    self._refuse(before)
-                finished = self._advance(False, 0, asked, rows)
-            done += count
-        if self.any_diverged:
-            self.accumulators[self.diverged] = 0.0
-            for name in ("slip", "impulse"):
-                self.contact_statistics[name][self.diverged] = 0.0
-        contact_means(*self._arguments_of_means(steps))
+        fresh, plain = True, _plain(trace)
+        while True:  # robots that leave their skin need the broad phase before they go on
+            unknown, diverged = self._advance(rows, fresh, steps, asked, plain, meanwhile)
+            if not unknown:
+                break
+            meanwhile = None
+            self.detector.find_candidates(rows, self.states)
+            fresh = False
+        if diverged or not fresh:
+            self._refuse(rows, before)
         self._keep_trace(trace)
 
     def _keep_trace(self, trace: NDArray[np.void]) -> None:
@@ -405,41 +421,59 @@ class Batch:
         self.touchdowns = find_touchdowns(trace, self.in_contact)
         self.in_contact = pads_in_contact(trace)[-1]
 
-    def _refuse(self, before: tuple[Array, Array | None]) -> None:
+    def _refuse(self, rows: Ints, before: tuple[Array, Array | None]) -> None:
         """Leave the robots that have diverged as they were before: state and deflection."""
-        status = self.rows["status"]
-        status["steps_left"][status["too_deep"]] = -1
-        self.diverged |= status["steps_left"] < 0
-        self.states[self.diverged] = before[0][self.diverged]
+        gone = self.rows["status"]["steps_left"][rows] < 0
+        if not gone.any():
+            return
+        lost = rows[gone]
+        self.diverged[lost] = self.any_diverged = True
+        self.states[lost] = before[0][gone]
         if before[1] is not None:
-            self.deflection[self.diverged] = before[1][self.diverged]
-        self.any_diverged = True
+            self.deflection[lost] = before[1][gone]
+        self.accumulators[lost] = 0.0
+        self.slip[lost] = self.contact_force[lost] = 0.0
+        for name in ("slip", "impulse"):
+            self.contact_statistics[name][lost] = 0.0
 
-    def _advance(self, fresh: bool, steps: int, asked: tuple[Any, ...], trace: Array) -> bool:
-        """:func:`jansen_env.engine.integrator.advance` of all robots, on all threads.
+    def _advance(
+        self,
+        rows: Ints,
+        fresh: bool,
+        steps: int,
+        asked: tuple[Any, ...],
+        trace: Array,
+        meanwhile: Callable[[], None] | None,
+    ) -> tuple[bool, bool]:
+        """:func:`jansen_env.engine.integrator.advance` of robots, on as many threads as pay."""
+        threads = max(1, min(len(self._work), len(rows) // ROBOTS_PER_THREAD))
+        shares = iter(self._shares if rows is self._every else _shares(len(rows), threads))
 
-        ``asked``: torque, earlier torque, and for how many time steps that still holds.
-        """
-        shares = iter(self._shares)
-
-        def work(memory: tuple[Any, ...]) -> bool:
-            finished = True
-            for share in shares:  # each thread takes the next one
-                finished &= integrator.advance(
-                    *share, fresh, steps, *asked, trace, *memory, *self._shared
+        def work(
+            memory: tuple[Any, ...], after_one: Callable[[], None] | None = None
+        ) -> tuple[bool, bool]:
+            unknown = diverged = False
+            for first, last in shares:  # each thread takes the next one
+                found = integrator.advance(
+                    first, last, rows, fresh, steps, *asked, trace, *memory, *self._shared
                 )
-            return finished
+                unknown, diverged = unknown or found[0], diverged or found[1]
+                if after_one is not None:
+                    after_one()
+                    after_one = None
+            if after_one is not None:
+                after_one()
+            return unknown, diverged
 
-        waiting = [self._threads().submit(work, memory) for memory in self._work[1:]]
+        helpers = self._work[1:threads]
+        waiting = [self._threads().submit(work, memory) for memory in helpers]
         try:
-            finished = work(self._work[0])
+            # Not before the first robots: Python's lock would keep the other threads from starting.
+            outcomes = [work(self._work[0], meanwhile)]
         finally:  # whatever happens here, nothing goes on in the background
-            others = [future.result() for future in waiting]
-        return finished and all(others)
-
-    def _arguments_of_means(self, steps: int) -> tuple[Any, ...]:
-        elapsed = steps * self.time_step
-        return self.contact_statistics, elapsed, self.slip, self.contact_force
+            outcomes_of_others = [future.result() for future in waiting]
+        outcomes += outcomes_of_others
+        return any(unknown for unknown, _ in outcomes), any(lost for _, lost in outcomes)
 
     def __getstate__(self) -> dict[str, Any]:
         """The arguments, and what has become of them: everything else is made again from them."""
@@ -486,3 +520,13 @@ def _threads(robots: int, threads: int | None) -> int:
         return min(positive_integer("threads", threads), robots)
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else None
     return max(1, min(available or os.cpu_count() or 1, robots // ROBOTS_PER_THREAD))
+
+
+def _shares(robots: int, threads: int) -> list[tuple[int, int]]:
+    """Robots from where to where threads take at a time: ever fewer, so that all end together."""
+    shares, first = [], 0
+    while first < robots:
+        size = max(FEWEST_AT_A_TIME, (robots - first) // (2 * threads)) if threads > 1 else robots
+        shares.append((first, min(first + size, robots)))
+        first += size
+    return shares

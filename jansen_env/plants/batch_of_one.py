@@ -48,9 +48,9 @@ class BatchOfOne:
         if deflection is not None:
             self._plant.deflection = deflection
 
-    def place(self, row: int, crank_angle: float) -> None:
+    def place(self, rows: NDArray[np.int64], crank_angles: Array) -> None:
         """Place the robot at rest; what is known of its last step is what comes next."""
-        self._plant.reset(0.0, crank_angle)
+        self._plant.reset(0.0, float(crank_angles[0]))
         self._keep(self._plant.lookahead())
 
     def step(

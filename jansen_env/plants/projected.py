@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import positive
+from jansen_env.checks import finite, positive
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.reduced import Tables
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
@@ -149,12 +149,13 @@ class ProjectionPlant:
     def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
         """Place the robot at rest on its lowest toes.
 
-        Args, errors: see :meth:`jansen_env.plants.batch.Batch.place_first`.
+        Args, errors: see :meth:`jansen_env.plants.batch.Batch.place_at`.
 
         Returns:
             The new state (8,).
         """
-        self.batch.place_first(x, crank_angle, pitch)
+        angles = np.array([finite("crank_angle", crank_angle)])
+        self.batch.place_at(np.zeros(1, np.int64), angles, x, pitch)
         return self.state
 
     def lookahead(self, torque: float = 0.0) -> StepResult:
@@ -226,7 +227,7 @@ class ProjectionPlant:
 
     def toe_positions(self) -> Array:
         """(toes, 2) centres of the toe pads, m."""
-        return self.batch.contact_planes()[2][: self.toes].copy()
+        return self.batch.pad_centres(0)[: self.toes]
 
     def energy(self) -> float:
         """Kinetic plus potential energy, J (potential 0 with the centre of mass at y = 0)."""

@@ -137,7 +137,7 @@ def test_random_walks_in_grooves(name, time_step, measured):
         robots.append(replace(ROBOTS[name](), pad_compliance=Compliance(k, d, kt, dt)))
     batch = Batch(robots, terrains, time_step, threads=1)
     for i in range(count):
-        batch.place(i, rng.uniform(0.0, 2.0 * math.pi))
+        batch.place(np.array([i]), np.array([rng.uniform(0.0, 2.0 * math.pi)]))
     unaccounted, residual, lowest = np.zeros(count), 0.0, 0.0
     for _ in range(50):
         batch.step(rng.uniform(-20.0, 20.0, count), round(0.02 / time_step))

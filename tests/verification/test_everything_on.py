@@ -134,8 +134,8 @@ def test_each_of_a_mixed_batch_moves_as_it_would_alone(threads):
     batch = Batch(robots, grounds, threads=threads)
     singles = [Batch([r], [g], threads=1) for r, g in zip(robots, grounds, strict=True)]
     for i, single in enumerate(singles):
-        batch.place(i, 0.5 * i)
-        single.place(0, 0.5 * i)
+        batch.place(np.array([i]), np.array([0.5 * i]))
+        single.place(np.array([0]), np.array([0.5 * i]))
     rng, earlier = np.random.default_rng(9), np.zeros(n)
     for _ in range(50):
         torque, switch = rng.uniform(-12.0, 12.0, n), rng.integers(0, 20, n)
@@ -192,7 +192,7 @@ def test_a_pickled_batch_goes_on_as_it_would(rng):
 
     batch = Batch(mixed(4), [Terrain.flat(0.6)] * 4, threads=1)
     for i in range(4):
-        batch.place(i, 0.3)
+        batch.place(np.array([i]), np.array([0.3]))
     batch.step(rng.uniform(-5.0, 5.0, 4), 200)
     assert (batch.deflection != 0.0).any()
     copy = pickle.loads(pickle.dumps(batch))

@@ -220,7 +220,7 @@ def test_a_delayed_action_is_the_earlier_one_for_a_while(name, measured):
     n = 4
     delayed, plain = (Batch([robot] * n, [Terrain.flat()] * n, threads=1) for _ in range(2))
     for i in range(n):
-        delayed.place(i, 0.3 + i)
+        delayed.place(np.array([i]), np.array([0.3 + i]))
     rng = np.random.default_rng(4)
     earlier, switch = np.zeros(n), np.array([0, 3, 10, 20])
     apart, work_apart = 0.0, 0.0

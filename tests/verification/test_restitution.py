@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jansen_env import ROBOTS, Payload, Robot, Terrain
-from jansen_env.plants.batch import PLACEMENT_DEPTH
+from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.plants.projected import ProjectionPlant
 
 STEP = 1e-6  # s

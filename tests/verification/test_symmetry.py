@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from jansen_env import ROBOTS, Leg, Payload, Robot, Terrain
-from jansen_env.plants.batch import PLACEMENT_DEPTH
+from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.plants.projected import ProjectionPlant
 
 HOLD = 0.02  # s, for which a torque is held

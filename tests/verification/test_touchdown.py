@@ -16,9 +16,9 @@ import pytest
 
 from jansen_env import Leg, Payload, Robot, Terrain
 from jansen_env.dynamics import reduced as rd
+from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.gravity import GRAVITY
 from jansen_env.kinematics import T, coordinates, joint_positions
-from jansen_env.plants.batch import PLACEMENT_DEPTH
 from jansen_env.plants.projected import ProjectionPlant
 
 PSI = 2.75  # rad

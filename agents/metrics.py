@@ -26,7 +26,7 @@ class Aggregate(NamedTuple):
     Attributes:
         reduction: the "sum" over its steps, the "peak" of the absolute value, the "rms" (root of
             the mean square), or the "last" value.
-        function: the step's value from its ``info``.
+        function: the step's values (n,) from a vector environment's ``infos``.
     """
 
     reduction: Literal["sum", "peak", "rms", "last"]

@@ -7,16 +7,17 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from agents.metrics import Array, Episodes
 from agents.policy import Policy
-from agents.tasks import Task, check_env_kwargs, find_task
+from agents.tasks import Task, can_be_batched, check_env_kwargs, find_task
 
 REDUCTIONS: dict[str, Callable[[Any, Any, float], Any]] = {
     "sum": lambda total, value, dt: total + value,
-    "peak": lambda total, value, dt: max(total, abs(value)),
-    "rms": lambda total, value, dt: total + value**2 * dt,  # its mean and root at the end
+    "peak": lambda total, value, dt: np.maximum(total, np.abs(value)),
+    "rms": lambda total, value, dt: total + np.square(value) * dt,  # its mean and root at the end
     "last": lambda total, value, dt: value,
 }
 
@@ -32,15 +33,32 @@ def make_env(env_id: str, env_kwargs: dict[str, Any], **more: Any) -> gym.Env[An
     return gym.make(env_id, **arguments)
 
 
+def make_envs(env_id: str, env_kwargs: dict[str, Any], count: int) -> Any:
+    """``gym.make_vec`` of one of them: simulated together where that is possible.
+
+    Raises:
+        ValueError: another id, or an argument that the environment does not take.
+    """
+    check_env_kwargs(env_id, env_kwargs)
+    together = can_be_batched(env_id, env_kwargs)
+    return gym.make_vec(
+        env_id, count, None if together else "sync",
+        {} if together else {"autoreset_mode": AutoresetMode.NEXT_STEP}, **env_kwargs,
+    )  # fmt: skip
+
+
 def run_episodes(
     policy: Policy,
     env_id: str,
     env_kwargs: dict[str, Any],
     commands: Array,
     seeds: NDArray[np.int64],
-    at_once: int = 64,
+    at_once: int = 256,
 ) -> Episodes:
     """Run one episode for each pair of command and seed, up to ``at_once`` side by side.
+
+    An episode is what it is alone, bit for bit, if the policy's actions do not depend on how many
+    it is asked for.
 
     Args:
         policy: acts deterministically.
@@ -50,14 +68,13 @@ def run_episodes(
     Raises:
         ValueError: no task is known for ``env_id``.
     """
-    task, rows = find_task(env_id), []
-    envs = [make_env(env_id, env_kwargs) for _ in range(min(at_once, len(commands)))]
+    task, parts = find_task(env_id), []
     for begin in range(0, len(commands), at_once):
         part = slice(begin, begin + at_once)
-        rows += _run_side_by_side(policy, envs, task, commands[part], seeds[part])
-    for env in envs:
-        env.close()
-    run = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        envs = make_envs(env_id, env_kwargs, len(commands[part]))
+        parts.append(_run_side_by_side(policy, envs, task, commands[part], seeds[part]))
+        envs.close()
+    run = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     for name, aggregate in task.aggregates.items():
         if aggregate.reduction == "rms":
             run[name] = np.sqrt(run[name] / np.maximum(run["duration"], 1e-12))
@@ -65,30 +82,39 @@ def run_episodes(
 
 
 def _run_side_by_side(
-    policy: Policy, envs: list[Any], task: Task, commands: Array, seeds: NDArray[np.int64]
-) -> list[dict[str, Any]]:
+    policy: Policy, envs: Any, task: Task, commands: Array, seeds: NDArray[np.int64]
+) -> Episodes:
     """One episode in each environment; what is kept of each."""
-    rows: list[dict[str, Any]] = [
-        {"command": command, **dict.fromkeys(("returns", "duration", *task.aggregates), 0.0)}
-        for command in commands.tolist()
-    ]
-    observations = np.stack(
-        [
-            env.reset(seed=seed, options={"speed_command": row["command"]})[0]
-            for env, seed, row in zip(envs, seeds.tolist(), rows, strict=False)
-        ]
-    )
-    running, state = np.ones(len(rows), bool), None
-    starts = running.copy()
+    n, dt = len(commands), envs.get_attr("control_dt")[0]
+    totals: dict[str, Any] = {}
+    observations = _reset(envs, commands, seeds)
+    running, starts, state = np.ones(n, bool), np.ones(n, bool), None
     while running.any():
         actions, state = policy.predict(observations, state, starts, True)
-        starts = np.zeros(len(rows), bool)
-        for i in np.flatnonzero(running):
-            row, dt = rows[i], envs[i].unwrapped.control_dt
-            observations[i], reward, terminated, truncated, info = envs[i].step(actions[i])
-            row["returns"] += float(reward)
-            row["duration"] += dt
-            for name, (reduction, function) in task.aggregates.items():
-                row[name] = REDUCTIONS[reduction](row[name], function(info), dt)
-            running[i] = not (terminated or truncated)
-    return rows
+        starts = np.zeros(n, bool)
+        observations, rewards, terminated, truncated, infos = envs.step(actions)
+        values: dict[str, tuple[str, Any]] = {
+            "returns": ("sum", rewards),
+            "duration": ("sum", np.full(n, dt)),
+        }
+        for name, (reduction, function) in task.aggregates.items():
+            values[name] = (reduction, function(infos))
+        for name, (how, value) in values.items():
+            before = totals.get(name, np.zeros_like(value))
+            totals[name] = np.where(running, REDUCTIONS[how](before, value, dt), before)
+        running &= ~(terminated | truncated)
+    return {"command": commands, **totals}
+
+
+def _reset(envs: Any, commands: Array, seeds: NDArray[np.int64]) -> NDArray[np.float32]:
+    """Start the episodes; returns their first observations (n, d)."""
+    if isinstance(envs, gym.vector.SyncVectorEnv):  # which has one set of options for all
+        each = zip(envs.envs, seeds.tolist(), commands.tolist(), strict=True)
+        return np.stack([
+            env.reset(seed=seed, options={"speed_command": command})[0]
+            for env, seed, command in each
+        ])  # fmt: skip
+    observations: NDArray[np.float32] = envs.reset(
+        seed=seeds.tolist(), options={"speed_command": commands}
+    )[0]
+    return observations

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -68,11 +68,11 @@ WALKER = Task(
     command_unit="m/s",
     aggregates={
         "distance": Aggregate("last", lambda info: info["x_position"]),
-        "slip": Aggregate("sum", lambda info: info["slip"].sum()),
-        "work": Aggregate("sum", lambda info: abs(info["energy"]["motor_work"])),
+        "slip": Aggregate("sum", lambda info: info["slip"].sum(axis=-1)),
+        "work": Aggregate("sum", lambda info: np.abs(info["energy"]["motor_work"])),
         "drawn": Aggregate("sum", lambda info: info["energy"]["electrical_work"]),
         # A simulation that diverged is no walk either: it counts as a fall.
-        "fell": Aggregate("last", lambda info: bool(info["fallen"] or info["diverged"])),
+        "fell": Aggregate("last", lambda info: info["fallen"] | info["diverged"]),
         **TORQUE,
     },
     metrics={
@@ -99,7 +99,7 @@ CRANK = Task(
         "rms_error": Aggregate("rms", lambda info: info["tracking_error"]),
         "peak_error": Aggregate("peak", lambda info: info["tracking_error"]),
         "work": Aggregate("sum", lambda info: info["energy"]["motor_work"]),
-        "lost": Aggregate("last", lambda info: bool(abs(info["tracking_error"]) > LOST)),
+        "lost": Aggregate("last", lambda info: np.abs(info["tracking_error"]) > LOST),
         **TORQUE,
     },
     metrics={
@@ -127,6 +127,24 @@ def find_task(env_id: str) -> Task:
     if not isinstance(env_id, str) or env_id not in TASKS:
         raise ValueError(f"environment id is {env_id!r}, must be one of {sorted(TASKS)}")
     return TASKS[env_id]
+
+
+def can_be_batched(
+    env_id: str, env_kwargs: dict[str, Any], variants: Sequence[dict[str, Any]] = ({},)
+) -> bool:
+    """Whether one batch can hold environments with these arguments."""
+    task = vector_env(env_id).TASK
+    return (
+        all(env_kwargs.get(name, value) == value for name, value in task.ONE_ALONE.items())
+        and env_kwargs.get("render_mode") in (None, "rgb_array")
+        and all(set(variant) <= {*task.OF_EACH, "max_episode_steps"} for variant in variants)
+    )
+
+
+def vector_env(env_id: str) -> Any:
+    """The vector environment of a task."""
+    entry: Any = gym.spec(env_id).vector_entry_point
+    return load_env_creator(entry)
 
 
 def check_env_kwargs(env_id: str, env_kwargs: dict[str, Any]) -> None:

@@ -9,13 +9,13 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.envs.registration import load_env_creator
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
 from agents.rollout import make_env
+from agents.tasks import can_be_batched, vector_env
 from jansen_env.envs import arguments
 from jansen_env.envs.arguments import Each
 from jansen_env.envs.vector import TaskVectorEnv
@@ -48,34 +48,16 @@ def make_vec_env(
     return DummyVecEnv([partial(make_env, env_id, own) for own in each])
 
 
-def can_be_batched(
-    env_id: str, env_kwargs: dict[str, Any], variants: Sequence[dict[str, Any]] = ({},)
-) -> bool:
-    """Whether one batch can hold environments with these arguments."""
-    task = _vector_env(env_id).TASK
-    return (
-        all(env_kwargs.get(name, value) == value for name, value in task.ONE_ALONE.items())
-        and env_kwargs.get("render_mode") in (None, "rgb_array")
-        and all(set(variant) <= {*task.OF_EACH, "max_episode_steps"} for variant in variants)
-    )
-
-
-def _vector_env(env_id: str) -> Any:
-    """The vector environment of a task."""
-    entry: Any = gym.spec(env_id).vector_entry_point
-    return load_env_creator(entry)
-
-
 def _make_batch(
     env_id: str, kwargs: dict[str, Any], each: Sequence[dict[str, Any]]
 ) -> TaskVectorEnv[Any]:
     """One batch with the arguments of each environment."""
-    vector_env = _vector_env(env_id)
-    defaults = {name: p.default for name, p in inspect.signature(vector_env).parameters.items()}
+    entry = vector_env(env_id)
+    defaults = {name: p.default for name, p in inspect.signature(entry).parameters.items()}
     defaults["max_episode_steps"] = gym.spec(env_id).max_episode_steps
     own = {
         name: Each(one.get(name, defaults[name]) for one in each)
-        for name in (*vector_env.TASK.OF_EACH, "max_episode_steps")
+        for name in (*entry.TASK.OF_EACH, "max_episode_steps")
         if any(name in one for one in each)
     }
     env: Any = gym.make_vec(

@@ -1,6 +1,6 @@
 """PPO of RLlib's new API stack on batches of robots, in as many processes as you like.
 
-python examples/rllib_ppo.py [--steps 300000] [--envs 48] [--runners 0] [--checkpoint FOLDER]
+python examples/rllib_ppo.py [--steps 400000] [--envs 48] [--runners 0] [--checkpoint FOLDER]
 
 Needs an environment of its own: docs/frameworks.md.
 """
@@ -21,7 +21,7 @@ from agents.walker_baselines import BASELINES
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 add = parser.add_argument
-add("--steps", type=int, default=300_000, help="of all robots together")
+add("--steps", type=int, default=400_000, help="of all robots together")
 add("--envs", type=int, default=48, help="robots in each process")
 add("--runners", type=int, default=0, help="processes beside this one that run robots")
 add("--seed", type=int, default=0)

@@ -2,8 +2,9 @@
 
     python -m benchmarks.ppo [--rounds 7] [--out logs/ppo_speed] [--quick]
 
-``JansenWalker-v0`` in one batch and ``Walker2d-v5`` in Stable-Baselines3's own default, with the
-same setting, in turns. Writes ``ppo.md``.
+``JansenWalker-v0`` in one batch, of as many robots and of four times as many, and ``Walker2d-v5``
+in Stable-Baselines3's own default, with the same setting, in turns; and the larger batch with the
+hyperparameters that ``train.py`` ships. Writes ``ppo.md``.
 """
 
 from __future__ import annotations
@@ -66,32 +67,50 @@ def main(arguments: list[str] | None = None) -> None:
     import torch
     from stable_baselines3.common.env_util import make_vec_env as peers_vec_env
 
+    from agents.config import new_config
     from agents.vec_env import make_vec_env
 
     count, setting, rounds = ENVIRONMENTS, SETTING, found.rounds
     if found.quick:
         count, setting, rounds = 4, {"n_steps": 8, "batch_size": 16, "n_epochs": 1}, 1
     torch.set_num_threads(1)  # these networks are small, more threads cost more than they bring
+    more = 4 * count
+    shipped = new_config()["hyperparameters"]
+    shipped = {name: shipped[name] for name in ("batch_size", "n_epochs", "use_sde")}
     trainees = {
-        OURS: Trainee(make_vec_env(OURS, count), setting),
-        PEER: Trainee(peers_vec_env(PEER, count), setting),
+        (OURS, count, ""): Trainee(make_vec_env(OURS, count), setting),
+        (OURS, more, ""): Trainee(make_vec_env(OURS, more), setting),
+        (OURS, more, "as shipped"): Trainee(make_vec_env(OURS, more), {**setting, **shipped}),
+        (PEER, count, ""): Trainee(peers_vec_env(PEER, count), setting),
     }
     plays = measure.take_turns({name: trainee.play for name, trainee in trainees.items()}, rounds)
     rates = {name: [rate for rate, _ in pairs] for name, pairs in plays.items()}
     shares = {name: [share for _, share in pairs] for name, pairs in plays.items()}
     rows = [
-        (name, f"`{trainee.label}`", *measure.spread(rates[name]), f"{median(shares[name]):.1%}")
+        (*name, f"`{trainee.label}`", *measure.spread(rates[name]), f"{median(shares[name]):.1%}")
         for name, trainee in trainees.items()
     ]
-    head = ("trained on", "in", "steps/s", "lowest", "highest", "in the environments")
+    head = (
+        "trained on",
+        "at once",
+        "hyperparameters",
+        "in",
+        "steps/s",
+        "lowest",
+        "highest",
+        "in the environments",
+    )
     listed = ", ".join(f"{name} {value}" for name, value in setting.items())
+    ratio = measure.ratio(rates[OURS, count, ""], rates[PEER, count, ""])
     measure.report(
         found.out / "ppo.md",
         "# Training",
         measure.conditions(rounds),
-        f"PPO, {count} environments, {listed}, layers {LAYERS}, one thread.",
+        f"PPO, {listed}, layers {LAYERS}, one thread of torch. As shipped: "
+        + ", ".join(f"{name} {value}" for name, value in shipped.items())
+        + ".",
         measure.table(head, rows),
-        f"Ratio of the steps/s {measure.ratio(rates[OURS], rates[PEER])}.",
+        f"Ratio of the steps/s, {count} at once: {ratio}.",
     )
 
 

@@ -26,6 +26,7 @@ from jansen_env import ROBOTS, Robot, paper_robot
 
 MUJOCO, BOX2D = "Walker2d-v5", "BipedalWalker-v3"
 FLAT, ROUGH, REAL = f"{OURS}, flat", f"{OURS}, rough", f"{OURS}, motor, bearings and feet"
+SILENT, ONE_THREAD = "no information asked for", "the same on one thread"
 SEGMENTS = 100  # of the rough ground
 ROUNDS = 7
 
@@ -80,6 +81,8 @@ def many(rounds: int, quick: bool) -> Part:
     rough = measure.rough_ground(SEGMENTS)
     players["rough", compared] = robots(compared, steps, terrain=rough)
     players["motor, bearings, feet", compared] = robots(compared, steps, robot=real_robot())
+    players[SILENT, compared] = robots(compared, steps, info_keys=())
+    players[ONE_THREAD, compared] = robots(compared, steps, info_keys=(), threads=1)
     players[MUJOCO, 1] = Single(MUJOCO, 200 if quick else 5000)
     for threads in sorted({1, measure.cores()}) if importlib.util.find_spec("envpool") else ():
         name = f"envpool {MUJOCO}, {threads} thread{'s' * (threads > 1)}"
@@ -87,10 +90,13 @@ def many(rounds: int, quick: bool) -> Part:
     rates = measure.take_turns({key: player.play for key, player in players.items()}, rounds)
     rows = [(*key, *measure.spread(found)) for key, found in rates.items()]
     ratios = [
-        (f"{compared} robots / {name}", measure.ratio(rates["flat", compared], rates[name, n]))
+        (f"{compared} robots{how} / {name}", measure.ratio(rates[ours, compared], rates[name, n]))
+        for ours, how in (("flat", ""), (SILENT, " without information"))
         for name, n in players
         if MUJOCO in name
     ]
+    gained = measure.ratio(rates[SILENT, compared], rates[ONE_THREAD, compared])
+    ratios.append((f"{compared} robots on {measure.cores()} cores / on one thread", gained))
     slower = measure.ratio(rates["motor, bearings, feet", compared], rates["flat", compared])
     ratios.append((f"{compared} with motor, bearings, feet / {compared} robots", slower))
     text = "\n\n".join([

@@ -256,7 +256,7 @@ def known_arguments(environment: type, given: Mapping[str, Any]) -> None:
     unknown = sorted({*given} - {*allowed})
     if unknown:
         raise TypeError(
-            f"{environment.__name__} has no argument {unknown[0]!r}, must be in {sorted(allowed)}"
+            f"{environment.__name__} got an unexpected keyword argument {unknown[0]!r}, must be in {sorted(allowed)}"
         )
 
 

@@ -12,11 +12,13 @@ import shlex
 import signal
 import sys
 import uuid
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from agents.command_line import mapping, non_negative_int, positive_int
 from agents.config import HYPERPARAMETERS
+from agents.hyperparameter_search import read_space, search, search_report
 from agents.study_backends import available_cores, has_ray, run_locally, run_on_ray
 from agents.study_plan import DEFAULTS, Study, enter, make_study, read_plan, read_study
 from agents.study_progress import Progress
@@ -28,6 +30,8 @@ from jansen_env.files import write_text
 FLAGS = ("seeds", "envs", "algos", "timesteps", "n_envs", "env_kwargs", "config", "eval_freq",
          "save_freq", "eval_episodes")  # fmt: skip
 """Of the command line, what describes a study; named as in its file."""
+
+DISTRIBUTED = ", which the extra 'distributed' installs: pip install \"jansen-env[distributed]\""
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -55,6 +59,12 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--local", action="store_true", help="processes of this machine, though Ray is installed")
     add("--workers", type=count, help="runs at once, without Ray; default: as the cores allow")
     add("--address", help="of the Ray cluster to join, or 'auto'; default: one of this machine's")
+    add(
+        "--tune",
+        metavar="SPACE",
+        help="search this space of hyperparameters (YAML) by Ray Tune's "
+        "ASHA, which stops what is hopeless, in place of running seeds",
+    )
     add("--report", metavar="FOLDER", help="of a study: only make table and figures of it again")
     args = parser.parse_args(arguments)
     args.error = parser.error
@@ -64,6 +74,10 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
                      f"{', '.join(given)}")  # fmt: skip
     if args.report and (args.study or given):
         parser.error("--report takes a study as it stands in its folder, and nothing else")
+    if args.tune and (args.local or not has_ray()):
+        parser.error(f"--tune needs Ray{DISTRIBUTED}")
+    if args.address and not has_ray():
+        parser.error(f"--address needs Ray{DISTRIBUTED}")
     if args.local and args.address:
         parser.error("--local and --address exclude each other")
     return args
@@ -80,18 +94,20 @@ def main(arguments: list[str] | None = None) -> int:
             args.error(str(error))
         return 0
     given = sys.argv[1:] if arguments is None else arguments
+    args.command = shlex.join(["python", "-m", "agents.study", *given])
     study, folder = _begin(args)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
-    outcomes = _run(study, folder, args, shlex.join(["python", "-m", "agents.study", *given]))
     try:
-        print(f"\n{write_report(study, folder)}\n\n{folder}/report.md, report.json, runs.csv")
-    except ValueError as error:
-        args.error(str(error))
+        outcomes = (_search if args.tune else _run)(study, folder, args)
+        if not args.tune:
+            print(f"\n{write_report(study, folder)}\n\n{folder}/report.md, report.json, runs.csv")
+    except (ConnectionError, ValueError) as error:
+        args.error(" ".join(str(error).split()))
     states = {outcome.state for outcome in outcomes.values()}
     if "stopped" in states:
         print("stopped; the same command goes on from the last checkpoints")
         return 130
-    return int(states - {"finished"} != set())
+    return int(not states <= {"finished", "stopped early"})
 
 
 def _begin(args: argparse.Namespace) -> tuple[Study, Path]:
@@ -106,9 +122,13 @@ def _begin(args: argparse.Namespace) -> tuple[Study, Path]:
             study = make_study({k: v for k, v in plan.items() if v is not None})
         for group, config in study.groups.items():
             _check_buildable(group, config)
-        if args.address and not has_ray():
-            raise ValueError("--address needs Ray, which the extra 'distributed' installs: "
-                             'python -m pip install "jansen-env[distributed]"')  # fmt: skip
+        if args.tune:
+            if len(study.groups) != 1:
+                raise ValueError(
+                    f"--tune takes one environment and algorithm, not {len(study.groups)}"
+                )
+            study = replace(study, seeds=study.seeds[:1])
+            read_space(args.tune, study.runs(folder)[0].config)
         enter(folder, study)
     except (OSError, ValueError) as error:
         args.error(str(error))
@@ -116,7 +136,7 @@ def _begin(args: argparse.Namespace) -> tuple[Study, Path]:
 
 
 def _check_buildable(group: str, config: dict[str, Any]) -> None:
-    """Build a group's model once, in a small size.
+    """Build a group's model once.
 
     Raises:
         ValueError: its environments or its model cannot be made so.
@@ -132,35 +152,40 @@ def _check_buildable(group: str, config: dict[str, Any]) -> None:
     env.close()
 
 
-def _run(study: Study, folder: Path, args: argparse.Namespace, command: str) -> dict[str, Outcome]:
-    """Perform the runs that are not finished; how they ended."""
+def _orders(study: Study, folder: Path, args: argparse.Namespace) -> list[Order]:
+    """An order for each run of a study."""
     token = folder / TOKEN
     if not token.is_file():
         write_text(token, uuid.uuid4().hex)
-    runs = study.runs(folder)
-    orders = [
-        Order(
-            run, study.eval_freq, study.save_freq, study.eval_episodes, args.cores, command,
-            token.read_text(encoding="utf-8"),
-        )
-        for run in runs
-        if not is_finished(run.folder)
-    ]  # fmt: skip
+    common = (study.eval_freq, study.save_freq, study.eval_episodes, args.cores, args.command)
+    return [Order(run, *common, token.read_text(encoding="utf-8")) for run in study.runs(folder)]
+
+
+def _run(study: Study, folder: Path, args: argparse.Namespace) -> dict[str, Outcome]:
+    """Perform the runs that are not finished; how they ended."""
+    every = _orders(study, folder, args)
+    orders = [order for order in every if not is_finished(order.run.folder)]
     local = args.local or not has_ray()
     place = "local processes" if local else f"Ray at {args.address or 'this machine'}"
-    print(f"{len(runs)} runs, {len(runs) - len(orders)} finished, {len(orders)} to do on {place} "
+    print(f"{len(every)} runs, {len(every) - len(orders)} finished, {len(orders)} to do on {place} "
           f"-> {folder}", flush=True)  # fmt: skip
     if not orders:
         return {}
-    with Progress(runs) as progress:
-        if local:
-            workers = args.workers or max(1, available_cores() // args.cores)
-            return run_locally(orders, min(workers, len(orders)), progress)
-        try:
+    with Progress([order.run for order in every]) as progress:
+        if not local:
             return run_on_ray(orders, args.address, progress)
-        except ConnectionError as error:
-            message = " ".join(str(error).split())
-            raise SystemExit(f"--address is {args.address!r}: {message}") from error
+        workers = args.workers or max(1, available_cores() // args.cores)
+        return run_locally(orders, min(workers, len(orders)), progress)
+
+
+def _search(study: Study, folder: Path, args: argparse.Namespace) -> dict[str, Outcome]:
+    """Search a space of hyperparameters around the study's one group; how the trials ended."""
+    order = _orders(study, folder, args)[0]
+    space = read_space(args.tune, order.run.config)
+    print(f"{space['trials']} trials on Ray at {args.address or 'this machine'} -> {folder}")
+    outcomes = search(order, space, args.address)
+    print(f"\n{search_report(folder, space)}")
+    return outcomes
 
 
 if __name__ == "__main__":

@@ -61,7 +61,7 @@ def run_locally(orders: Sequence[Order], workers: int, watch: Watch) -> dict[str
     """
     pools: SimpleQueue[ProcessPoolExecutor] = SimpleQueue()
     for _ in range(workers):
-        pools.put(_new_pool())
+        pools.put(new_pool())
     stopping = threading.Event()
 
     def one(order: Order) -> Outcome:
@@ -73,7 +73,7 @@ def run_locally(orders: Sequence[Order], workers: int, watch: Watch) -> dict[str
             try:
                 return pool.submit(perform, order).result()
             except BrokenProcessPool:
-                pool = _new_pool()
+                pool = new_pool()
             finally:
                 pools.put(pool)
         return LOST
@@ -98,7 +98,8 @@ def _outcomes(futures: dict[Future[Outcome], str]) -> dict[str, Outcome]:
     return {name: future.result() for future, name in futures.items() if future.done()}
 
 
-def _new_pool() -> ProcessPoolExecutor:
+def new_pool() -> ProcessPoolExecutor:
+    """One process, which ends with this one."""
     # Spawned, not forked: a process with threads must not be forked.
     context = multiprocessing.get_context("spawn")
     return ProcessPoolExecutor(1, context, initializer=_begin_worker)

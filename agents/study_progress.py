@@ -17,7 +17,8 @@ from agents.study_plan import Run
 from agents.study_runs import Outcome, is_finished, read_status
 
 COLUMNS = ("run", "state", "steps", "of", "steps/s", "last return", "best return", "time left")
-ORDER = ("training", "scoring", "starting", "failed", "lost", "stopped", "waiting", "finished")
+ORDER = ("training", "scoring", "starting", "failed", "lost", "stopped", "waiting", "stopped early",
+         "finished")  # fmt: skip
 LINE_PERIOD = 60.0  # s between two lines where there is no terminal, if nothing changes
 
 
@@ -29,12 +30,22 @@ class Progress:
     """
 
     def __init__(self, runs: Sequence[Run], console: Console | None = None) -> None:
-        self.runs, self.console = runs, console or Console()
-        # What an earlier driver left behind says nothing of this one's runs.
-        self._stale = {run.name: read_status(run.folder) for run in runs}
-        self._finished = {run.name for run in runs if is_finished(run.folder)}
+        self.runs: list[Run] = []
+        self.console = console or Console()
+        self._stale: dict[str, dict[str, Any]] = {}
+        self._finished: set[str] = set()
         self._live = Live(console=self.console, auto_refresh=False, vertical_overflow="ellipsis")
         self._line, self._written = "", 0.0
+        for run in runs:
+            self.add(run)
+
+    def add(self, run: Run) -> None:
+        """Show one more run."""
+        self.runs.append(run)
+        # What an earlier driver left behind says nothing of this one's runs.
+        self._stale[run.name] = read_status(run.folder)
+        if is_finished(run.folder):
+            self._finished.add(run.name)
 
     def __enter__(self) -> Progress:
         if self.console.is_terminal:

@@ -14,13 +14,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
-from agents.runs import BEST, FINAL, REPLAY, last_state, record_run
+from agents.runs import BEST, FINAL, last_state, record_run
 from agents.study_plan import Run
 from jansen_env.files import write_json
 
 STATUS, LOG, SCORES, TOKEN = "status.json", "log.txt", "scores.json", "token.txt"
 PERIOD = 2.0  # s between two lines of how far a run is
-LEFTOVERS = ("monitor", "tensorboard", "evaluations.json", BEST, REPLAY)
+LEFTOVERS = ("monitor", "tensorboard", "evaluations.json", BEST)
+"""What a run writes before its first checkpoint."""
 
 
 @dataclass(frozen=True)

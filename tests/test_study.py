@@ -354,9 +354,10 @@ def wait_for_checkpoint(folder, steps):
 
 def wait_until(condition, seconds=120.0):
     end = time.monotonic() + seconds
-    while not condition():
+    while not (found := condition()):
         assert time.monotonic() < end, "waited in vain"
         time.sleep(0.02)
+    return found
 
 
 def running(pid):

@@ -74,6 +74,8 @@ def main(arguments: list[str] | None = None) -> Path:
         folder = Path(args.resume or new_run_folder(args.log_folder, algo, env_id))
     except OSError as error:
         raise SystemExit(f"train.py: error: --log-folder cannot be written to: {error}") from error
+    if args.resume and resume is None:
+        print(f"no checkpoint in {folder} yet: the run starts from its beginning")
     if resume is not None and resume.name == FINAL and model.num_timesteps >= target:
         print(f"{folder} is finished: {model.num_timesteps} steps trained, {target} asked for")
     else:

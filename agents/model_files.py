@@ -24,6 +24,7 @@ from jansen_env.checks import finite, instance, whole_number
 
 MAX_BYTES = 64 * 2**20  # of tensors in a member; the shipped configurations' have 0.1 MB
 MAX_TEXT = 4 * 2**20  # bytes of the "data" member and of a pickle, which unpack to more
+MAX_STATE = 64 * 2**20  # bytes of a training state: some 2 kB a robot
 MAX_ENTRIES = 100_000  # of a member's nested dictionaries and lists
 MAX_DEPTH = 10  # levels of them
 MAX_STEPS = 10**12  # of a model's training
@@ -32,6 +33,7 @@ MEMBERS = ("policy", "policy.optimizer", "actor.optimizer", "critic.optimizer",
 """All that is needed to go on with PPO or SAC."""
 
 NOTES = "notes.json"  # what belongs to a model and Stable-Baselines3 does not know
+STATE = "state.json"  # of training, see agents.training_state
 
 NAMES = ("collections OrderedDict", "torch._utils _rebuild_tensor_v2", "torch FloatStorage",
          "torch DoubleStorage", "torch LongStorage")  # fmt: skip
@@ -70,12 +72,26 @@ def read_notes(path: str | Path) -> dict[str, Any]:
     Raises:
         ValueError: no such file, or it is damaged or too large.
     """
+    return _read_json(path, NOTES, MAX_TEXT) or {}
+
+
+def read_training_state(path: str | Path) -> dict[str, Any] | None:
+    """The training state in a model's file, see :mod:`agents.training_state`; None without one.
+
+    Raises:
+        ValueError: no such file, or it is damaged or too large.
+    """
+    return _read_json(path, STATE, MAX_STATE)
+
+
+def _read_json(path: str | Path, name: str, limit: int) -> dict[str, Any] | None:
+    """A dictionary that is a member of a model's file; None where there is no such member."""
     with _opened(path) as archive:
-        if NOTES not in archive.namelist():
-            return {}
-        notes = json.loads(_unzip(archive, NOTES, MAX_TEXT))
-        instance(NOTES, notes, dict)
-    return notes
+        if name not in archive.namelist():
+            return None
+        value = json.loads(_unzip(archive, name, limit))
+        instance(name, value, dict)
+    return dict(value)
 
 
 @contextmanager

@@ -27,14 +27,11 @@ def load_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
     Raises:
         ValueError: not such a file, or one of a buffer of another size or other environments.
     """
+    unpacked = check_replay_file(path)
     try:
-        if not zipfile.is_zipfile(path):
-            raise ValueError("not an .npz archive")
-        with zipfile.ZipFile(path) as archive:
-            unpacked = sum(member.file_size for member in archive.infolist())
         largest = HEADERS + sum(getattr(buffer, name).nbytes for name in ARRAYS)
         if unpacked > largest:
-            raise ValueError(f"it unpacks to {unpacked} bytes, must be {largest} at most")
+            raise ValueError(f"it has {unpacked} bytes, must have {largest} at most")
         with np.load(path, allow_pickle=False) as file:
             pos, full = int(file["pos"]), bool(file["full"])
             arrays = {name: file[name] for name in ARRAYS}
@@ -53,6 +50,31 @@ def load_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
     for name, array in arrays.items():
         getattr(buffer, name)[:used] = array
     buffer.pos, buffer.full = pos, full
+
+
+def check_replay_file(path: Path) -> int:
+    """Check that a file is whole: nothing packed, nothing missing. Returns its arrays' bytes.
+
+    Raises:
+        ValueError: it is not.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+            if any(member.compress_type != zipfile.ZIP_STORED for member in members):
+                raise ValueError("it is packed, must be stored")
+            if (damaged := archive.testzip()) is not None:
+                raise ValueError(f"{damaged} in it is damaged")
+    except (
+        OSError,
+        EOFError,
+        NotImplementedError,
+        RuntimeError,
+        ValueError,
+        zipfile.BadZipFile,
+    ) as error:
+        raise ValueError(f"{path} is no replay buffer: {error}") from error
+    return sum(member.file_size for member in members)
 
 
 def _used(buffer: ReplayBuffer, pos: int, full: bool) -> int:

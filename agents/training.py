@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,13 @@ from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor, unwrap_v
 
 from agents.callbacks import NormalizerUpdate, Saver, StopOnSignal
 from agents.config import find_config
-from agents.model_files import read_model, read_notes
+from agents.model_files import read_model, read_notes, read_training_state
 from agents.models import build_model, restore
 from agents.replay import load_replay_buffer
-from agents.runs import FINAL, REPLAY, next_monitor, rewind_monitors
+from agents.runs import FINAL, find_replay_buffer, next_monitor, rewind_monitors
+from agents.training_state import GeneratorsRestored, restore_state
 from agents.vec_env import make_vec_env
+from jansen_env.checks import instance, non_negative, whole_number
 
 
 class ScaledReward(VecEnvWrapper):
@@ -43,8 +46,8 @@ def prepare(config: dict[str, Any], resume: Path | None = None) -> BaseAlgorithm
     Args:
         config: a training configuration with ``algo``, ``env`` and ``seed``. Environment i takes
             number i of its ``training_variants``, counted around, on top of the ``env_kwargs``.
-        resume: a model's file, of which it takes parameters, optimiser and number of steps;
-            :data:`agents.runs.REPLAY` in the run's folder fills its replay buffer.
+        resume: a model's file, of which it takes all that training has come to; the run's folder
+            has its replay buffer, if the algorithm has one.
 
     Raises:
         ValueError: something in the configuration or the files is wrong.
@@ -60,21 +63,51 @@ def prepare(config: dict[str, Any], resume: Path | None = None) -> BaseAlgorithm
     if resume is not None:
         tensors, model.num_timesteps = read_model(resume)
         restore(model, tensors)
-        venv.seed(config["seed"] + model.num_timesteps)
         if isinstance(model, OffPolicyAlgorithm):
-            _refill(model, find_config(resume).parent / REPLAY)
+            _refill(model, find_config(resume).parent)
+        _noted(resume)  # or what is wrong with it would show too late
+        state = read_training_state(resume)
+        if state is not None:
+            restore_state(model, state)
+        else:
+            venv.seed(config["seed"] + model.num_timesteps)
+        _say_how_exact(config, state is not None)
     return model
 
 
-def _refill(model: OffPolicyAlgorithm, path: Path) -> None:
-    """Fill the replay buffer from a file; without one, let it fill before training goes on."""
-    if path.is_file():
+def _refill(model: OffPolicyAlgorithm, folder: Path) -> None:
+    """Fill the replay buffer from a run's; without one, let it fill before training goes on."""
+    path = find_replay_buffer(folder, model.num_timesteps)
+    if path is not None:
         assert model.replay_buffer is not None
         load_replay_buffer(model.replay_buffer, path)
         return
     model.learning_starts += model.num_timesteps
-    print(f"no replay buffer at {path}: it fills from empty, with random actions until step "
+    print(f"no replay buffer in {folder}: it fills from empty, with random actions until step "
           f"{model.learning_starts}")  # fmt: skip
+
+
+def _noted(path: Path) -> tuple[dict[str, int] | None, float]:
+    """What is noted with a model: sizes of the monitors, None if unknown, and seconds trained.
+
+    Raises:
+        ValueError: something else.
+    """
+    notes = read_notes(path)
+    seconds = non_negative(f"seconds in {path}", notes.get("seconds", 0.0))
+    if "monitor" not in notes:
+        return None, seconds
+    instance(f"monitor in {path}", notes["monitor"], dict)
+    return {k: whole_number(f"{k} in {path}", v) for k, v in notes["monitor"].items()}, seconds
+
+
+def _say_how_exact(config: dict[str, Any], has_state: bool) -> None:
+    """Say so where what goes on is not the run that was interrupted."""
+    if not has_state:
+        print("an earlier version's checkpoint: episodes begin again, with other random numbers")
+    elif config.get("env_kwargs", {}).get("plant") == "rigid_body":
+        print("plant='rigid_body': what pymunk's solver had cached is lost, so the run goes on "
+              "nearly, but not exactly, as it would have")  # fmt: skip
 
 
 def train(
@@ -100,44 +133,56 @@ def train(
             Or the policy's actions are no longer finite.
     """
     venv: Any = model.get_env()
+    stop = StopOnSignal()
+    monitor_sizes, seconds = ({}, 0.0) if resume is None else _noted(resume)
     saver = Saver(
         folder, save_every, eval_every, config["env"], config.get("env_kwargs", {}),
-        done=model.num_timesteps,
+        done=model.num_timesteps, seconds=seconds, stop=stop,
     )  # fmt: skip
     saver.init_callback(model)
-    if resume is not None and (sizes := read_notes(resume).get("monitor")) is not None:
-        rewind_monitors(folder, sizes)
+    if monitor_sizes is not None:
+        rewind_monitors(folder, monitor_sizes)
     monitor: Any = unwrap_vec_wrapper(venv, VecMonitor)  # from now on it writes each episode
     header = {"t_start": monitor.t_start, "env_id": config["env"]}
     monitor.results_writer = ResultsWriter(str(next_monitor(folder)), header)
     model.tensorboard_log = tensorboard
-    stop = StopOnSignal()
-    callbacks: list[BaseCallback] = [NormalizerUpdate(), saver, stop]
+    callbacks: list[BaseCallback] = [NormalizerUpdate(), saver]
+    state = None if resume is None else read_training_state(resume)
+    if state is not None:
+        callbacks.insert(0, GeneratorsRestored(state))
     if progress:
         callbacks.append(ProgressBarCallback())
-    remaining = config["timesteps"] - model.num_timesteps
-    if remaining > 0:
-        try:
-            with stop:
-                model.learn(
-                    remaining,
-                    callback=callbacks,
-                    reset_num_timesteps=False,
-                    tb_log_name=folder.name,
-                )
-        except ValueError as error:
-            if "to satisfy the constraint" not in str(error):  # torch's, of a policy that is NaN
-                raise
-            raise SystemExit(
-                f"training diverged at {model.num_timesteps} steps: the policy's actions are no "
-                "longer finite; a lower learning_rate may help"
-            ) from error
-        if stop.signal:
-            saver.save_checkpoint()
-            venv.close()
-            print(f"stopped at {model.num_timesteps} steps; python train.py --resume "
-                  f"{shlex.quote(str(folder))} goes on from there")  # fmt: skip
-            raise SystemExit(128 + stop.signal)
-        saver.evaluate()
-    saver.save(folder / FINAL)
-    venv.close()
+    with closing(venv):
+        remaining = config["timesteps"] - model.num_timesteps
+        if remaining > 0:
+            _learn(model, remaining, callbacks, stop, folder)
+            if saver.ended:
+                print(f"stopped, saved as {saver.last}; python train.py --resume "
+                      f"{shlex.quote(str(folder))} goes on from there")  # fmt: skip
+                raise SystemExit(128 + stop.signal)
+            saver.evaluate()
+        saver.save(folder / FINAL)
+    if stop.signal:  # in the last rollout
+        raise SystemExit(128 + stop.signal)
+
+
+def _learn(
+    model: BaseAlgorithm,
+    steps: int,
+    callbacks: list[BaseCallback],
+    stop: StopOnSignal,
+    folder: Path,
+) -> None:
+    """``model.learn``; what stops it stands in :func:`train`."""
+    try:
+        with stop:
+            model.learn(
+                steps, callback=callbacks, reset_num_timesteps=False, tb_log_name=folder.name
+            )
+    except ValueError as error:
+        if "to satisfy the constraint" not in str(error):  # torch's, of a policy that is NaN
+            raise
+        raise SystemExit(
+            f"training diverged at {model.num_timesteps} steps: the policy's actions are no "
+            "longer finite; a lower learning_rate may help"
+        ) from error

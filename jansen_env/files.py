@@ -47,9 +47,14 @@ def _sync(path: str | Path, flags: int) -> None:
         os.close(handle)
 
 
+def write_bytes(path: str | Path, data: bytes) -> Path:
+    """Write a file atomically."""
+    return write_whole(path, lambda name: Path(name).write_bytes(data))
+
+
 def write_text(path: str | Path, text: str) -> Path:
     """Write a text file atomically."""
-    return write_whole(path, lambda name: Path(name).write_text(text, encoding="utf-8"))
+    return write_bytes(path, text.encode("utf-8"))
 
 
 def write_json(path: str | Path, value: Any) -> Path:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import socket
 import threading
 import time
@@ -14,14 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
-from agents.runs import BEST, FINAL, last_state, record_run
+from agents.runs import FINAL, last_state, record_run
 from agents.study_plan import Run
 from jansen_env.files import write_json
 
 STATUS, LOG, SCORES, TOKEN = "status.json", "log.txt", "scores.json", "token.txt"
 PERIOD = 2.0  # s between two lines of how far a run is
-LEFTOVERS = ("monitor", "tensorboard", "evaluations.json", BEST)
-"""What a run writes before its first checkpoint."""
 
 
 @dataclass(frozen=True)
@@ -165,9 +162,7 @@ def _perform(order: Order, status: Status) -> None:
 
     torch.set_num_threads(1)
     folder, config = order.run.folder, order.run.config
-    resume = _checkpoint(folder)
-    if resume is None:
-        _clear(folder)
+    resume = last_state(folder)
     model = prepare(config, resume)
     if resume is None or resume.name != FINAL or model.num_timesteps < config["timesteps"]:
         record_run(folder, config, order.command)
@@ -178,20 +173,3 @@ def _perform(order: Order, status: Status) -> None:
         )  # fmt: skip
     status.state = "scoring"
     score_run(folder, config, order.eval_episodes)
-
-
-def _checkpoint(folder: Path) -> Path | None:
-    """What a run can go on from."""
-    if (folder / FINAL).is_file() or any((folder / "checkpoints").glob("model_*_steps.zip")):
-        return last_state(folder)
-    return None
-
-
-def _clear(folder: Path) -> None:
-    """Remove what was written before the first checkpoint: the run begins again."""
-    for name in LEFTOVERS:
-        path = folder / name
-        if path.is_dir():
-            shutil.rmtree(path)
-        else:
-            path.unlink(missing_ok=True)

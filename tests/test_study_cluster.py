@@ -24,7 +24,7 @@ pytest.importorskip("ray", reason="Ray is not installed; the extra 'distributed'
 os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
 from ray.cluster_utils import Cluster
 
-EIGHT = {**SMALL, "seeds": 4, "n_envs": 16, "timesteps": 8192, "save_freq": 512, "eval_freq": 4096}
+EIGHT = {**SMALL, "seeds": 4, "timesteps": 4096, "save_freq": 256, "eval_freq": 2048}
 """Eight runs of some seconds each."""
 NODE = {"num_cpus": 1, "object_store_memory": 80_000_000, "include_dashboard": False}
 
@@ -87,7 +87,7 @@ def test_killed_driver_loses_nothing(whole, tmp_path):
     folders = [run.folder for run in make_study(plan).runs(tmp_path / "small")]
     arguments = command(plan, tmp_path)
     driver = start(arguments)
-    wait_for_checkpoint(folders[1], 1024)
+    wait_for_checkpoint(folders[1], 512)
     driver.send_signal(signal.SIGKILL)
     driver.wait()
     again = start(arguments)

@@ -18,10 +18,12 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from importlib.util import find_spec
 from multiprocessing.connection import wait as wait_for
+from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
 from agents.study_runs import Order, Outcome, perform
+from jansen_env.files import remove_unused
 
 RETRIES = 10  # of a run whose process or machine was lost
 TICK = 1.0  # s between two looks at the runs
@@ -29,6 +31,7 @@ STOPPING = 120.0  # s for runs to save their checkpoints
 LOST = Outcome("lost", f"its process was lost {RETRIES + 1} times")
 STOPPED = Outcome("stopped")
 OBJECT_STORE = 80_000_000  # bytes, nearly the least that Ray takes: runs pass files, not objects
+TEMPORARY, UNUSED = "jansen-ray-", 7 * 86_400.0  # s after which one is taken to be nobody's
 ENVIRONMENT = {"OMP_NUM_THREADS": "1"}  # of workers, before they load torch
 
 Watch = Callable[[dict[str, Outcome]], None]
@@ -198,7 +201,10 @@ def ray_cluster(address: str | None) -> Iterator[Any]:
     }  # fmt: skip
     folder = None
     if address is None:
-        folder = tempfile.mkdtemp(prefix="ray-")
+        # Those that killed drivers left go too. Names of sockets may have 100 characters or so.
+        place = Path("/tmp" if os.path.isdir("/tmp") else tempfile.gettempdir())
+        remove_unused(place.glob(f"{TEMPORARY}*"), UNUSED)
+        folder = tempfile.mkdtemp(prefix=TEMPORARY, dir=place)
         ray.init(
             num_cpus=available_cores(), include_dashboard=False, _temp_dir=folder,
             object_store_memory=OBJECT_STORE, **common,

@@ -18,6 +18,7 @@ import torch
 import yaml
 
 from agents import study, study_plan, study_report, study_runs
+from agents.hyperparameter_search import read_space, with_values
 from agents.model_files import read_model
 from agents.study_plan import make_study
 from agents.study_progress import progress_row, summary
@@ -295,6 +296,53 @@ def test_command_lines_that_cannot_be_are_refused(
     assert error.value.code == 2
     assert message in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+SPACE = "{hyperparameters: {learning_rate: {loguniform: [1.0e-4, 1.0e-2], schedule: linear}}}"
+
+
+def test_a_space_is_filled_up_and_checked(tmp_path):
+    """Trials, rungs, and the configurations at the ends of each range."""
+    config = {**make_study({}).groups["JansenWalker-v0_ppo"], "seed": 0}
+    (tmp_path / "space.yml").write_text(SPACE)
+    space = read_space(tmp_path / "space.yml", config)
+    assert (space["trials"], space["reduction_factor"], space["grace_steps"]) == (16, 4, 50_000)
+    changed = with_values(config, {("hyperparameters", "gamma"): 0.5, ("", "n_envs"): 3})
+    assert changed["hyperparameters"]["gamma"] == 0.5 and changed["n_envs"] == 3
+    assert config["hyperparameters"]["gamma"] != 0.5  # the configuration itself stays
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{}", "there is nothing to search"),
+        ("{seed: {choice: [1]}}", "'seed' is no key, must be in"),
+        ("{n_envs: 3}", "n_envs is 3, must be a mapping"),
+        ("{n_envs: {choice: []}}", r"choice of n_envs is \[\], must be a list"),
+        ("{n_envs: {choice: [0]}}", "n_envs is 0, must be"),
+        ("{n_envs: {int: [4, 2]}}", r"int of n_envs is \[4, 2\], must be \[LOW, HIGH\]"),
+        ("{n_envs: {uniform: [4, 2], int: [2, 4]}}", "must have one of"),
+        ("{n_envs: {int: [2, 4]}, trials: 0}", "trials is 0, must be"),
+        ("{hyperparameters: {gamma: {uniform: [0.5, 1.5]}}}", "gamma is 1.5, must be"),
+        ("{hyperparameters: {gamma: {loguniform: [0.0, 0.5]}}}", "loguniform of hyperparameters.g"),
+        ("{hyperparameters: {gama: {uniform: [0.5, 0.9]}}}", "'gama' is no key"),
+        ("{hyperparameters: {learning_rate: {uniform: [0.1, 0.2], schedule: cosine}}}",
+         "schedule of hyperparameters.learning_rate is 'cosine', must be 'linear'"),
+    ],
+)  # fmt: skip
+def test_a_space_that_cannot_be_is_refused(tmp_path, text, message):
+    config = {**make_study({}).groups["JansenWalker-v0_ppo"], "seed": 0}
+    (tmp_path / "space.yml").write_text(text)
+    with pytest.raises(ValueError, match=message):
+        read_space(tmp_path / "space.yml", config)
+
+
+@pytest.mark.parametrize("flag", ["--tune", "--address"])
+def test_what_needs_ray_says_so(monkeypatch, capsys, flag):
+    monkeypatch.setattr(study, "has_ray", lambda: False)
+    with pytest.raises(SystemExit):
+        study.main([flag, "x"])
+    assert f"{flag} needs Ray, which the extra 'distributed' installs" in capsys.readouterr().err
 
 
 @pytest.mark.slow

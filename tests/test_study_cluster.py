@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 from pathlib import Path
 
 import pytest
+import yaml
 from test_study import (
     SMALL,
     assert_same_results,
@@ -18,6 +20,7 @@ from test_study import (
 )
 
 from agents import study_runs
+from agents.config import load_config
 from agents.study_plan import make_study
 
 pytest.importorskip("ray", reason="Ray is not installed; the extra 'distributed' brings it")
@@ -103,3 +106,30 @@ def test_ctrl_c_saves_checkpoints(tmp_path):
     driver.send_signal(signal.SIGINT)
     assert driver.wait(60) == 130, driver.stdout.read()
     assert list((tmp_path / "small").glob("*/seed_0/checkpoints/model_*_steps.zip"))
+
+
+@pytest.mark.slow
+def test_a_search_stops_what_is_hopeless_and_goes_on(tmp_path):
+    """Six trials, some of them stopped early; the same command finds all of them done."""
+    plan = {**SMALL, "seeds": 1, "timesteps": 2048}
+    plan["variants"] = {"plain": SMALL["variants"]["plain"]}
+    space = {
+        "trials": 6, "reduction_factor": 2, "grace_steps": 256,
+        "hyperparameters": {"learning_rate": {"loguniform": [1e-4, 1e-1], "schedule": "linear"}},
+        "policy_kwargs": {"net_arch": {"choice": [[8], [16]]}},
+    }  # fmt: skip
+    (tmp_path / "space.yml").write_text(yaml.safe_dump(space))
+    arguments = command(plan, tmp_path, "--tune", str(tmp_path / "space.yml"))
+    search = start(arguments)
+    assert search.wait(300) == 0, search.stdout.read()
+    trials = json.loads((tmp_path / "small" / "search.json").read_text())
+    states = {trial["trial"]: (trial["state"], trial["steps"]) for trial in trials}
+    assert len(states) == 6
+    assert {state for state, _ in states.values()} == {"finished", "stopped early"}
+    assert all((state == "finished") == (steps == 2048) for state, steps in states.values())
+    best = load_config(tmp_path / "small" / "best.yml")
+    assert best["hyperparameters"]["learning_rate"] == trials[0]["learning_rate"]
+    assert trials[0]["return"] == max(trial["return"] for trial in trials)
+    again = start(arguments)
+    assert again.wait(300) == 0, again.stdout.read()
+    assert json.loads((tmp_path / "small" / "search.json").read_text()) == trials

@@ -14,10 +14,12 @@ import argparse
 import shlex
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
 
 from agents.command_line import mapping, non_negative_int, positive_int
 from agents.config import TO_RESUME, load_config, new_config
@@ -26,6 +28,7 @@ from agents.runs import (
     FINAL,
     best_return,
     last_state,
+    locked,
     new_run_folder,
     read_evaluations,
     record_run,
@@ -61,25 +64,54 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 def main(arguments: list[str] | None = None) -> Path:
     """Train, score, draw; returns the run's folder."""
     args = parse(arguments)
-    start = time.perf_counter()
     torch.set_num_threads(1)
     given = sys.argv[1:] if arguments is None else arguments
+    resume = None
+    with ExitStack() as stack:
+        try:
+            config = _configure(args)
+            if args.resume:
+                folder = Path(args.resume)
+                stack.enter_context(locked(folder))
+                resume = last_state(folder)
+            model = prepare(config, resume)  # nothing is written before this is known to be good
+            if not args.resume:
+                folder = _new_folder(args, config)
+                stack.enter_context(locked(folder))
+        except ValueError as error:
+            raise SystemExit(f"train.py: error: {error}") from error
+        try:
+            _run(args, config, model, folder, resume, shlex.join(["python", "train.py", *given]))
+        except OSError as error:
+            raise SystemExit(f"train.py: error: {error}") from error
+    return folder
+
+
+def _new_folder(args: argparse.Namespace, config: dict[str, Any]) -> Path:
+    """A new run's folder, created."""
     try:
-        config, resume = _configure(args)
-        model = prepare(config, resume)  # nothing is written before this is known to be good
-    except ValueError as error:
-        raise SystemExit(f"train.py: error: {error}") from error
-    algo, env_id, target = config["algo"], config["env"], config["timesteps"]
-    try:
-        folder = Path(args.resume or new_run_folder(args.log_folder, algo, env_id))
+        return new_run_folder(args.log_folder, config["algo"], config["env"])
     except OSError as error:
-        raise SystemExit(f"train.py: error: --log-folder cannot be written to: {error}") from error
+        raise ValueError(f"--log-folder cannot be written to: {error}") from error
+
+
+def _run(
+    args: argparse.Namespace,
+    config: dict[str, Any],
+    model: BaseAlgorithm,
+    folder: Path,
+    resume: Path | None,
+    command: str,
+) -> None:
+    """Train and score in a run's folder."""
+    start = time.perf_counter()
+    algo, env_id, target = config["algo"], config["env"], config["timesteps"]
     if args.resume and resume is None:
         print(f"no checkpoint in {folder} yet: the run starts from its beginning")
     if resume is not None and resume.name == FINAL and model.num_timesteps >= target:
         print(f"{folder} is finished: {model.num_timesteps} steps trained, {target} asked for")
     else:
-        record_run(folder, config, shlex.join(["python", "train.py", *given]))
+        record_run(folder, config, command)
         if resume is not None:
             print(f"resuming from {resume} at {model.num_timesteps} steps")
         print(f"{algo.upper()} on {env_id}, {target} steps -> {folder}", flush=True)
@@ -94,11 +126,10 @@ def main(arguments: list[str] | None = None) -> Path:
     print(f"trained in {trained - start:.0f} s; scoring against {baselines} ...", flush=True)
     print(outcome(folder, env_id, score_run(folder, config, args.eval_episodes)))
     print(f"scored in {time.perf_counter() - trained:.0f} s")
-    return folder
 
 
-def _configure(args: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
-    """The run's configuration, with algorithm, environment and seed, and the model to go on with.
+def _configure(args: argparse.Namespace) -> dict[str, Any]:
+    """The run's configuration, with algorithm, environment and seed.
 
     Raises:
         ValueError: a file is missing, or something in it is wrong.
@@ -112,12 +143,11 @@ def _configure(args: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
         config["timesteps"] = args.timesteps or config["timesteps"]
         best_return(Path(args.resume))  # what is damaged shows before anything is written
         read_evaluations(Path(args.resume))
-        return config, last_state(args.resume)
-    config = new_config(
+        return config
+    return new_config(
         args.config, args.algo, args.env, args.env_kwargs,
         timesteps=args.timesteps, n_envs=args.n_envs, seed=args.seed,
     )  # fmt: skip
-    return config, None
 
 
 if __name__ == "__main__":

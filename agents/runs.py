@@ -12,17 +12,19 @@ import json
 import math
 import os
 import re
-from collections.abc import Collection
-from contextlib import suppress
+import socket
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import yaml
+from filelock import FileLock, Timeout
 from stable_baselines3.common.utils import get_latest_run_id
 
 from agents.model_files import read_model, read_notes, read_training_state
 from agents.replay import check_replay_file
-from jansen_env.files import write_text
+from jansen_env.files import PART, write_text
 
 FINAL, BEST = "final_model.zip", "best_model.zip"
 
@@ -37,6 +39,31 @@ def new_run_folder(root: str | Path, algo: str, env_id: str) -> Path:
             folder.mkdir()
             break
     return folder
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Keep other processes from a run's folder, and remove what a killed one had half written.
+
+    The lock goes with its process, however that ends.
+
+    Raises:
+        ValueError: another process has it, or the folder cannot be written to.
+    """
+    holder = folder / ".lock-holder"
+    try:
+        held = FileLock(folder / ".lock").acquire(blocking=False)
+        write_text(holder, f"process {os.getpid()} on {socket.gethostname()}")
+    except Timeout:
+        by = holder.read_text(encoding="utf-8") if holder.is_file() else "another process"
+        raise ValueError(f"{folder} is in use by {by}") from None
+    except OSError as error:
+        raise ValueError(f"{folder} cannot be written to: {error}") from error
+    with held:
+        for place in (folder, folder / "checkpoints"):
+            for part in place.glob(f"{PART}*"):
+                part.unlink()
+        yield
 
 
 def last_state(folder: str | Path) -> Path | None:

@@ -130,7 +130,8 @@ def train(
 
     Raises:
         SystemExit: a signal came (status 130 for SIGINT, 143 for SIGTERM); a checkpoint is saved.
-            Or the policy's actions are no longer finite.
+            Or the policy's actions are no longer finite, or a file cannot be written: what was
+            saved before stays good.
     """
     venv: Any = model.get_env()
     stop = StopOnSignal()
@@ -152,18 +153,26 @@ def train(
         callbacks.insert(0, GeneratorsRestored(state))
     if progress:
         callbacks.append(ProgressBarCallback())
-    with closing(venv):
-        remaining = config["timesteps"] - model.num_timesteps
-        if remaining > 0:
-            _learn(model, remaining, callbacks, stop, folder)
-            if saver.ended:
-                print(f"stopped, saved as {saver.last}; python train.py --resume "
-                      f"{shlex.quote(str(folder))} goes on from there")  # fmt: skip
-                raise SystemExit(128 + stop.signal)
-            saver.evaluate()
-        saver.save(folder / FINAL)
+    try:
+        with closing(venv):
+            remaining = config["timesteps"] - model.num_timesteps
+            if remaining > 0:
+                _learn(model, remaining, callbacks, stop, folder)
+                if saver.ended:
+                    print(f"stopped, saved as {saver.last}; {_go_on(folder)}")
+                    raise SystemExit(128 + stop.signal)
+                saver.evaluate()
+            saver.save(folder / FINAL)
+    except OSError as error:  # such as a full disk
+        raise SystemExit(
+            f"training stopped at {model.num_timesteps} steps: {error}; {_go_on(folder)}"
+        ) from error
     if stop.signal:  # in the last rollout
         raise SystemExit(128 + stop.signal)
+
+
+def _go_on(folder: Path) -> str:
+    return f"python train.py --resume {shlex.quote(str(folder))} goes on from the last checkpoint"
 
 
 def _learn(

@@ -30,14 +30,15 @@ def small_run(algo="ppo", env_id="JansenWalker-v0", hyperparameters=(), **more):
 
 def go_on(settings, folder: Path):
     """Train from a folder's last state to the end, as train.py does."""
-    resume = runs.last_state(folder)
-    model = training.prepare(settings, resume)
-    runs.record_run(folder, settings, "python train.py")
     steps = settings["timesteps"]
-    training.train(
-        model, settings, folder, eval_every=steps // 3, save_every=steps // SAVED, resume=resume,
-        progress=False,
-    )  # fmt: skip
+    with runs.locked(folder):
+        resume = runs.last_state(folder)
+        model = training.prepare(settings, resume)
+        runs.record_run(folder, settings, "python train.py")
+        training.train(
+            model, settings, folder, eval_every=steps // 3, save_every=steps // SAVED,
+            resume=resume, progress=False,
+        )  # fmt: skip
 
 
 def outcome(folder: Path):
@@ -48,7 +49,7 @@ def outcome(folder: Path):
     ]
     episodes = [
         line.rsplit(",", 1)[0]  # without its wall time
-        for path in sorted((folder / "monitor").glob("*.csv"))
+        for path in sorted((folder / "monitor").glob("*.csv"), key=lambda p: int(p.name[:-12]))
         for line in path.read_text().splitlines()[2:]
     ]
     return [read_model(folder / name) for name in (runs.FINAL, runs.BEST)], rows, episodes

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 from small_runs import go_on, outcome, same, small_run
 
 from agents import callbacks, training
 
+DRIVER = Path(__file__).parent / "kill_runs.py"
 CASES = {
     "ppo": small_run(),
     "noise of a whole rollout": small_run(hyperparameters={"sde_sample_freq": -1}),
@@ -65,3 +71,13 @@ def test_a_killed_run_ends_as_if_it_had_not_been(case, tmp_path, monkeypatch):
                 go_on(settings, killed)
     go_on(settings, killed)
     assert same(outcome(whole), outcome(killed))
+
+
+@pytest.mark.parametrize("algo", ["ppo", "sac"])
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes that are loaded already take a fork")
+def test_twenty_kills(algo, tmp_path):
+    """With SIGKILL at random moments, half of them within the writing of a file."""
+    command = [sys.executable, str(DRIVER), str(tmp_path), algo, "20", "0"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=DRIVER.parents[1])
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("20 kills of ")

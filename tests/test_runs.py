@@ -257,17 +257,17 @@ def test_bad_replay_buffers_are_refused(tmp_path):
     assert not (tmp_path / "boom").exists()
     arrays = {name: getattr(buffer, name)[:6] for name in replay.ARRAYS}
     np.savez(path, pos=5, full=False, **{**arrays, "actions": np.zeros((6, 4, 2), np.float32)})
-    with pytest.raises(ValueError, match=r"actions of shape \(6, 4, 2\).*must be \(6, 4, 1\)"):
+    with pytest.raises(ValueError, match=r"actions has shape \(6, 4, 2\).*must have \(6, 4, 1\)"):
         replay.load_replay_buffer(buffer, path)
     np.savez(path, pos=-1, full=False, **arrays)
-    with pytest.raises(ValueError, match="pos -1, must be in"):
+    with pytest.raises(ValueError, match="pos is -1, must be in"):
         replay.load_replay_buffer(buffer, path)
     np.savez_compressed(path, **arrays, bomb=np.zeros(10**8, np.uint8))
     assert path.stat().st_size < 10**6
-    with pytest.raises(ValueError, match="it is packed, must be stored"):
+    with pytest.raises(ValueError, match=r"it has 7 arrays, must have \['actions"):
         replay.load_replay_buffer(buffer, path)
-    np.savez(path, **arrays, more=np.zeros(10**8, np.uint8))
-    with pytest.raises(ValueError, match=r"it has \d+ bytes, must have \d+ at most"):
+    np.savez_compressed(path, pos=5, full=False, **arrays)
+    with pytest.raises(ValueError, match=r"is packed, must be stored"):
         replay.load_replay_buffer(buffer, path)
 
 

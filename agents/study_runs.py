@@ -8,16 +8,18 @@ import socket
 import threading
 import time
 import traceback
-from contextlib import redirect_stderr, redirect_stdout, suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
-from agents.runs import FINAL, last_state, record_run
+from agents.runs import FINAL, last_state, locked, record_run
 from agents.study_plan import Run
 from jansen_env.files import write_json
 
 STATUS, LOG, SCORES, TOKEN = "status.json", "log.txt", "scores.json", "token.txt"
+PATIENCE = 30.0  # s for another process to leave a run's folder
 PERIOD = 2.0  # s between two lines of how far a run is
 
 
@@ -119,24 +121,53 @@ def perform(order: Order) -> Outcome:
     if problem:
         return Outcome("failed", problem)
     os.environ["NUMBA_NUM_THREADS"] = str(order.cores)
-    folder.mkdir(parents=True, exist_ok=True)
-    with (
-        (folder / LOG).open("a", encoding="utf-8") as log,
-        redirect_stdout(log),
-        redirect_stderr(log),
-    ):
-        status = Status(folder, order.run.config["timesteps"])
-        outcome = Outcome("finished")
-        with status:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with (
+            _held(folder),
+            (folder / LOG).open("a", encoding="utf-8") as log,
+            redirect_stdout(log),
+            redirect_stderr(log),
+        ):
+            return _perform(order)
+    except (OSError, ValueError) as error:
+        return Outcome("failed", str(error))
+
+
+@contextmanager
+def _held(folder: Path) -> Iterator[None]:
+    """A run's folder for this process alone; one whose driver or node was killed has time to end.
+
+    Raises:
+        ValueError: another process has it, or it cannot be written to.
+    """
+    end = time.monotonic() + PATIENCE
+    with ExitStack() as stack:
+        while True:
             try:
-                _perform(order, status)
-            except (KeyboardInterrupt, SystemExit) as error:
-                text = str(error) if isinstance(getattr(error, "code", None), str) else ""
-                outcome = Outcome("failed" if text else "stopped", text)
-            except Exception as error:
-                traceback.print_exc()
-                outcome = Outcome("failed", f"{type(error).__name__}: {error}")
-        status.write(*outcome)
+                stack.enter_context(locked(folder))
+                break
+            except ValueError:
+                if time.monotonic() > end:
+                    raise
+            time.sleep(1.0)
+        yield
+
+
+def _perform(order: Order) -> Outcome:
+    """Train and score; what goes wrong is the outcome."""
+    status = Status(order.run.folder, order.run.config["timesteps"])
+    outcome = Outcome("finished")
+    with status:
+        try:
+            _train_and_score(order, status)
+        except (KeyboardInterrupt, SystemExit) as error:
+            text = str(error) if isinstance(getattr(error, "code", None), str) else ""
+            outcome = Outcome("failed" if text else "stopped", text)
+        except Exception as error:
+            traceback.print_exc()
+            outcome = Outcome("failed", f"{type(error).__name__}: {error}")
+    status.write(*outcome)
     return outcome
 
 
@@ -154,7 +185,7 @@ def _unshared(folder: Path, token: str) -> str:
     )
 
 
-def _perform(order: Order, status: Status) -> None:
+def _train_and_score(order: Order, status: Status) -> None:
     import torch
 
     from agents.scoring import score_run

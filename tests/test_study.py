@@ -20,6 +20,7 @@ import yaml
 from agents import study, study_plan, study_report, study_runs
 from agents.hyperparameter_search import read_space, with_values
 from agents.model_files import read_model
+from agents.runs import locked
 from agents.study_plan import make_study
 from agents.study_progress import progress_row, summary
 
@@ -264,6 +265,16 @@ def test_a_folder_that_is_not_shared_is_refused(finished):
     run = study_plan.read_study(finished).runs(finished)[0]
     outcome = study_runs.perform(study_runs.Order(run, 0, 0, 1, 1, "python", "of another folder"))
     assert outcome.state == "failed" and "all machines must share this folder" in outcome.error
+
+
+def test_a_run_that_another_process_has_is_not_touched(finished, monkeypatch):
+    """It is waited for, but not for ever."""
+    monkeypatch.setattr(study_runs, "PATIENCE", 0.0)
+    run = study_plan.read_study(finished).runs(finished)[0]
+    with locked(run.folder):
+        outcome = study_runs.perform(study_runs.Order(run, 0, 0, 1, 1, "python", "here"))
+    assert outcome.state == "failed" and "is in use by" in outcome.error
+    assert study_runs.read_status(run.folder)["state"] == "finished"
 
 
 def test_progress_adds_up(finished):

@@ -10,6 +10,7 @@ import multiprocessing
 import os
 import shutil
 import signal
+import socket
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -27,6 +28,7 @@ from jansen_env.files import remove_unused
 
 RETRIES = 10  # of a run whose process or machine was lost
 TICK = 1.0  # s between two looks at the runs
+ANSWER = 10.0  # s for a cluster to answer
 STOPPING = 120.0  # s for runs to save their checkpoints
 LOST = Outcome("lost", f"its process was lost {RETRIES + 1} times")
 STOPPED = Outcome("stopped")
@@ -186,6 +188,17 @@ def _collect(
         outcomes[names.pop(ref)] = outcome
 
 
+def _check_address(address: str) -> None:
+    """Raises ConnectionError where nobody answers; Ray itself would try for minutes."""
+    host, _, port = address.rpartition(":")
+    if not host or "/" in host or not port.isdecimal():
+        return  # "auto", or one of another kind
+    try:
+        socket.create_connection((host, int(port)), ANSWER).close()
+    except (OSError, OverflowError) as error:
+        raise ConnectionError(f"no Ray cluster answers at {address}: {error}") from error
+
+
 @contextmanager
 def ray_cluster(address: str | None) -> Iterator[Any]:
     """Ray's module, connected to a cluster, or to one of its own that ends with the context.
@@ -206,10 +219,11 @@ def ray_cluster(address: str | None) -> Iterator[Any]:
         remove_unused(place.glob(f"{TEMPORARY}*"), UNUSED)
         folder = tempfile.mkdtemp(prefix=TEMPORARY, dir=place)
         ray.init(
-            num_cpus=available_cores(), include_dashboard=False, _temp_dir=folder,
+            address="local", num_cpus=available_cores(), include_dashboard=False, _temp_dir=folder,
             object_store_memory=OBJECT_STORE, **common,
         )  # fmt: skip
     else:
+        _check_address(address)
         ray.init(address=address, **common)
     try:
         yield ray

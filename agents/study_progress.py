@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import Any
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
@@ -116,7 +117,8 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
 
 def _table(rows: Sequence[dict[str, Any]]) -> Table:
     """Running ones first: where the terminal is too low for all, the last lines are left out."""
-    table = Table(*COLUMNS, title=summary(rows), title_justify="left", expand=False)
+    table = Table(*COLUMNS, title=summary(rows), title_justify="left", box=SIMPLE_HEAD)
+    table.columns[0].min_width = max(len(row["run"]) for row in rows) if rows else 0
     for column in table.columns[2:]:
         column.justify = "right"
     for row in sorted(rows, key=lambda row: ORDER.index(row["state"])):

@@ -235,12 +235,13 @@ def write_report(study: Study, folder: Path) -> str:
 
 
 def _comparison(found: dict[str, Any]) -> list[str]:
-    """The probability of improvement of each group over the others on its environment."""
+    """The probability of improvement of each group over those after it on its environment."""
+    names = list(found["groups"])
     pairs = [
         [name, other, _cell(interval, 2)]
         for name, others in found["improvement"].items()
         for other, interval in others.items()
-        if interval[0] is not None
+        if interval[0] is not None and names.index(name) < names.index(other)
     ]
     if not pairs:
         return []

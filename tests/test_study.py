@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import os
 import shutil
@@ -16,13 +17,14 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from rich.console import Console
 
 from agents import study, study_plan, study_report, study_runs
 from agents.hyperparameter_search import read_space, with_values
 from agents.model_files import read_model
 from agents.runs import locked
 from agents.study_plan import make_study
-from agents.study_progress import progress_row, summary
+from agents.study_progress import Progress, progress_row, summary
 
 ROOT = Path(__file__).parents[1]
 SMALL = {
@@ -288,6 +290,20 @@ def test_progress_adds_up(finished):
     )
 
 
+def test_progress_is_a_table_in_a_terminal_and_lines_elsewhere(finished):
+    runs = study_plan.read_study(finished).runs(finished)
+    outcomes = {runs[0].name: study_runs.Outcome("failed", "diverged")}
+    for terminal in (True, False):
+        console = Console(file=io.StringIO(), force_terminal=terminal, width=120, height=30)
+        with Progress(runs, console) as progress:
+            progress(outcomes)
+            progress(outcomes)
+        shown = console.file.getvalue()
+        times = shown.count("1 failed, 3 finished; 2,048 of 2,048 steps")
+        assert times > 1 if terminal else times == 1  # a line where something changes
+        assert all((run.name in shown) == terminal for run in runs)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -388,12 +404,13 @@ def test_killed_driver_and_worker_lose_nothing(tmp_path):
 
 
 @pytest.mark.slow
-def test_ctrl_c_saves_checkpoints(tmp_path):
+def test_an_end_by_signal_saves_checkpoints(tmp_path):
+    """SIGTERM is taken as Ctrl-C, and is never ignored as that is in a shell's background."""
     plan = {**SMALL, "timesteps": 100_000, "save_freq": 0, "eval_freq": 0}
     driver = start(command(plan, tmp_path, "--local", "--workers", "2"))
     folders = [run.folder for run in make_study(plan).runs(tmp_path / "small")]
     wait_until(lambda: all(study_runs.read_status(f).get("steps") for f in folders[:2]))
-    driver.send_signal(signal.SIGINT)
+    driver.send_signal(signal.SIGTERM)
     assert driver.wait(60) == 130, driver.stdout.read()
     for folder in folders[:2]:
         assert len(list((folder / "checkpoints").glob("model_*_steps.zip"))) == 1

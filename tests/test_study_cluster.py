@@ -19,7 +19,7 @@ from test_study import (
     wait_until,
 )
 
-from agents import study_runs
+from agents import study, study_runs
 from agents.config import load_config
 from agents.study_plan import make_study
 
@@ -98,23 +98,31 @@ def test_killed_driver_loses_nothing(whole, tmp_path):
     assert_same_results(tmp_path / "small", whole)
 
 
-def test_ctrl_c_saves_checkpoints(tmp_path):
+def test_an_end_by_signal_saves_checkpoints(tmp_path):
+    """SIGTERM is taken as Ctrl-C, and is never ignored as that is in a shell's background."""
     plan = {**SMALL, "seeds": 1, "timesteps": 100_000, "save_freq": 0, "eval_freq": 0}
     folders = [run.folder for run in make_study(plan).runs(tmp_path / "small")]
     driver = start(command(plan, tmp_path))
     wait_until(lambda: any(study_runs.read_status(folder).get("steps") for folder in folders))
-    driver.send_signal(signal.SIGINT)
+    driver.send_signal(signal.SIGTERM)
     assert driver.wait(60) == 130, driver.stdout.read()
     assert list((tmp_path / "small").glob("*/seed_0/checkpoints/model_*_steps.zip"))
+
+
+def test_an_address_without_a_cluster_is_refused(tmp_path, capsys):
+    arguments = command({**SMALL, "seeds": 1}, tmp_path, "--address", "127.0.0.1:1")[2:]
+    with pytest.raises(SystemExit):
+        study.main(arguments)
+    assert "no Ray cluster answers at 127.0.0.1:1" in capsys.readouterr().err
 
 
 @pytest.mark.slow
 def test_a_search_stops_what_is_hopeless_and_goes_on(tmp_path):
     """Six trials, some of them stopped early; the same command finds all of them done."""
-    plan = {**SMALL, "seeds": 1, "timesteps": 2048}
+    plan = {**SMALL, "seeds": 1, "timesteps": 32_768, "eval_freq": 1024, "save_freq": 4096}
     plan["variants"] = {"plain": SMALL["variants"]["plain"]}
     space = {
-        "trials": 6, "reduction_factor": 2, "grace_steps": 256,
+        "trials": 6, "reduction_factor": 2, "grace_steps": 1024,
         "hyperparameters": {"learning_rate": {"loguniform": [1e-4, 1e-1], "schedule": "linear"}},
         "policy_kwargs": {"net_arch": {"choice": [[8], [16]]}},
     }  # fmt: skip
@@ -126,7 +134,7 @@ def test_a_search_stops_what_is_hopeless_and_goes_on(tmp_path):
     states = {trial["trial"]: (trial["state"], trial["steps"]) for trial in trials}
     assert len(states) == 6
     assert {state for state, _ in states.values()} == {"finished", "stopped early"}
-    assert all((state == "finished") == (steps == 2048) for state, steps in states.values())
+    assert all((state == "finished") == (steps >= 32_768) for state, steps in states.values())
     best = load_config(tmp_path / "small" / "best.yml")
     assert best["hyperparameters"]["learning_rate"] == trials[0]["learning_rate"]
     assert trials[0]["return"] == max(trial["return"] for trial in trials)

@@ -64,7 +64,8 @@ class Batch:
         time_step: of the integration, s.
         gravity: m/s^2 downwards, or a vector (x, y).
         detection_interval: time between two looks for the ground, s.
-        threads: cores to use; None for as many as there are, where that pays.
+        threads: cores to use; None for as many as there are, or numba's own limit
+            ``NUMBA_NUM_THREADS``, where that pays.
 
     Attributes:
         robots, terrains: what walks where.
@@ -518,8 +519,10 @@ def _threads(robots: int, threads: int | None) -> int:
     """How many threads move so many robots."""
     if threads is not None:
         return min(positive_integer("threads", threads), robots)
-    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else None
-    return max(1, min(available or os.cpu_count() or 1, robots // ROBOTS_PER_THREAD))
+    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    limit = os.environ.get("NUMBA_NUM_THREADS", "")
+    available = int(limit) if limit.isdecimal() else available
+    return max(1, min(available or 1, robots // ROBOTS_PER_THREAD))
 
 
 def _shares(robots: int, threads: int) -> list[tuple[int, int]]:

@@ -1,0 +1,139 @@
+"""Scores of many runs as numbers: what differs between seeds, with intervals over them.
+
+After Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice",
+NeurIPS 2021: interquartile mean, performance profile and probability of improvement, with
+intervals by the percentile bootstrap over runs. A run's score is one number, so that the intervals
+are those of training again with other seeds; an interval over a run's episodes would be that of
+scoring the same policy again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
+from warnings import catch_warnings, simplefilter
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import DegenerateDataWarning, binomtest, bootstrap, trim_mean
+
+from agents.metrics import CONFIDENCE
+
+Array = NDArray[np.float64]
+Interval: TypeAlias = tuple[float, float, float]
+"""Value, lower and upper end of its 95 % interval; NaN for ends that are not known."""
+
+RESAMPLES = 5000
+TRIMMED = 0.25  # of the runs at either end, left out of the interquartile mean
+
+
+def mean(scores: ArrayLike, axis: int = 0) -> Any:
+    """The mean over runs."""
+    return np.mean(np.asarray(scores, float), axis=axis)
+
+
+def interquartile_mean(scores: ArrayLike, axis: int = 0) -> Any:
+    """The mean of the middle half of the runs: 25 % at either end are left out, rounded down.
+
+    Less moved by one odd run than the mean, and less uncertain than the median. Of less than four
+    runs it is the mean.
+    """
+    return trim_mean(np.asarray(scores, float), TRIMMED, axis=axis)
+
+
+def resampled(
+    statistic: Callable[..., Any], *groups: ArrayLike, seed: int = 0, resamples: int = RESAMPLES
+) -> tuple[Array, Array]:
+    """The ends of the 95 % percentile bootstrap interval of a statistic, over runs.
+
+    Stratified: each group's runs are resampled within it, apart from the others'.
+
+    Args:
+        statistic: of as many arrays as there are groups, along their ``axis``. groups: (n_i, ...)
+            what is known of each run, such as its score, or its returns at several steps, which
+            stay together. seed, resamples: of the bootstrap.
+
+    Returns:
+        Lower and upper ends, of the shape of the statistic; NaN with less than two runs in a group.
+    """
+    arrays = [np.moveaxis(np.asarray(group, float), 0, -1) for group in groups]
+    if min(array.shape[-1] for array in arrays) < 2:
+        nothing = np.full(np.shape(statistic(*arrays, axis=-1)), np.nan)
+        return nothing, nothing
+    with catch_warnings():
+        simplefilter("ignore", DegenerateDataWarning)  # of runs that are all alike
+        drawn = bootstrap(
+            arrays, statistic, vectorized=True, axis=-1, n_resamples=resamples,
+            method="percentile", rng=seed,
+        ).bootstrap_distribution  # fmt: skip
+    tail = 50.0 * (1.0 - CONFIDENCE)
+    low, high = np.percentile(drawn, [tail, 100.0 - tail], axis=-1)
+    return low, high
+
+
+def with_interval(statistic: Callable[..., Any], *groups: ArrayLike, seed: int = 0) -> Interval:
+    """A number over runs with its interval, see :func:`resampled`; NaN without a run."""
+    if min(len(np.asarray(group)) for group in groups) == 0:
+        return math.nan, math.nan, math.nan
+    low, high = resampled(statistic, *groups, seed=seed)
+    value = statistic(*(np.asarray(group, float) for group in groups), axis=-1)
+    return float(value), float(low), float(high)
+
+
+def performance_profile(scores: ArrayLike, levels: ArrayLike) -> tuple[Array, Array, Array]:
+    """The fraction of runs with a score above each level, and its pointwise interval.
+
+    Args:
+        scores: (n,) of runs. levels: (m,).
+
+    Returns:
+        Fraction, lower and upper end, (m,) each.
+    """
+    above = (np.asarray(scores, float)[:, None] > np.asarray(levels, float)).astype(float)
+    return mean(above), *resampled(mean, above)
+
+
+def improvement_over(mark: float, scores: ArrayLike) -> Interval:
+    """The probability that a run's score is above a mark, such as a baseline's score.
+
+    The mark is taken as a fixed number. With k of n runs above it the estimate is k / n, with
+    Wilson's interval (1927): the bootstrap's would have no width where all runs or none are above.
+    """
+    values = np.asarray(scores, float)
+    if len(values) == 0:
+        return math.nan, math.nan, math.nan
+    test = binomtest(int(np.sum(values > mark)), len(values))
+    ends = test.proportion_ci(CONFIDENCE, method="wilson")
+    return float(test.statistic), float(ends.low), float(ends.high)
+
+
+def probability_of_improvement(scores: ArrayLike, others: ArrayLike) -> Interval:
+    """The probability that a run of one kind is better than a run of another: P(X > Y).
+
+    The mean of S(x, y) over all pairs, S = 1 for x > y, 1/2 for x = y, 0 for x < y (the
+    Mann-Whitney statistic), as Agarwal et al. have it; both groups are resampled.
+
+    Args:
+        scores: (n,) of the runs in question. others: (m,) of those they are compared with.
+    """
+    return with_interval(_wins, scores, others)
+
+
+def _wins(x: Array, y: Array, axis: int) -> Any:
+    """The mean of S over all pairs of (..., n) and (..., m): (...)."""
+    left, right = x[..., :, None], y[..., None, :]
+    return np.mean((left > right) + 0.5 * (left == right), axis=(-2, -1))
+
+
+def median_with_never(values: Sequence[float | None]) -> float | None:
+    """The median of numbers, None counting as later than all; None where the median is one.
+
+    So the median of steps to a mark is that of all runs, not of the quick ones alone. With an even
+    number of runs it is the higher of the two in the middle, which both exist or it is None.
+    """
+    if not values:
+        return None
+    ordered = sorted(math.inf if value is None else value for value in values)
+    middle = ordered[len(ordered) // 2]
+    return None if math.isinf(middle) else middle

@@ -1,0 +1,233 @@
+"""Where a study's runs are performed: in local processes, or as tasks of Ray.
+
+Both give an order to :func:`agents.study_runs.perform` in a process with nothing else to do, and
+again when that process was lost; all a run needs to go on is in its folder.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import shutil
+import signal
+import socket
+import tempfile
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from importlib.util import find_spec
+from multiprocessing.connection import wait as wait_for
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
+
+from agents.study_runs import Order, Outcome, perform
+from jansen_env.files import remove_unused
+
+RETRIES = 10  # of a run whose process or machine was lost
+TICK = 1.0  # s between two looks at the runs
+ANSWER = 10.0  # s for a cluster to answer
+STOPPING = 120.0  # s for runs to save their checkpoints
+LOST = Outcome("lost", f"its process was lost {RETRIES + 1} times")
+STOPPED = Outcome("stopped")
+OBJECT_STORE = 80_000_000  # bytes, nearly the least that Ray takes: runs pass files, not objects
+TEMPORARY, UNUSED = "jansen-ray-", 7 * 86_400.0  # s after which one is taken to be nobody's
+ENVIRONMENT = {"OMP_NUM_THREADS": "1"}  # of workers, before they load torch
+
+Watch = Callable[[dict[str, Outcome]], None]
+"""Called every :data:`TICK` with the outcomes so far, by the runs' names."""
+
+
+def has_ray() -> bool:
+    """Whether Ray is installed."""
+    return find_spec("ray") is not None
+
+
+def available_cores() -> int:
+    """Of this machine, to this process."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+# Local processes
+
+
+def run_locally(orders: Sequence[Order], workers: int, watch: Watch) -> dict[str, Outcome]:
+    """Perform orders in local processes, by ``concurrent.futures``.
+
+    Args:
+        orders: of runs. workers: processes side by side. watch: see :data:`Watch`.
+
+    Returns:
+        How each run ended, by its name. After Ctrl-C the running ones have saved checkpoints.
+    """
+    pools: SimpleQueue[ProcessPoolExecutor] = SimpleQueue()
+    for _ in range(workers):
+        pools.put(new_pool())
+    stopping = threading.Event()
+
+    def one(order: Order) -> Outcome:
+        """In a pool of one process, so that one that is lost takes no other with it."""
+        for _ in range(RETRIES + 1):
+            if stopping.is_set():
+                return STOPPED
+            pool = pools.get()
+            try:
+                return pool.submit(perform, order).result()
+            except BrokenProcessPool:
+                pool = new_pool()
+            finally:
+                pools.put(pool)
+        return LOST
+
+    with ThreadPoolExecutor(workers) as threads:
+        futures = {threads.submit(one, order): order.run.name for order in orders}
+        try:
+            while wait(futures, TICK).not_done:
+                watch(_outcomes(futures))
+        except KeyboardInterrupt:
+            stopping.set()
+            for process in multiprocessing.active_children():
+                process.terminate()  # SIGTERM: a run in training saves a checkpoint
+    for _ in range(workers):
+        pools.get().shutdown()
+    outcomes = _outcomes(futures)
+    watch(outcomes)
+    return outcomes
+
+
+def _outcomes(futures: dict[Future[Outcome], str]) -> dict[str, Outcome]:
+    return {name: future.result() for future, name in futures.items() if future.done()}
+
+
+def new_pool() -> ProcessPoolExecutor:
+    """One process, which ends with this one."""
+    # Spawned, not forked: a process with threads must not be forked.
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(1, context, initializer=_begin_worker)
+
+
+def _begin_worker() -> None:
+    """In a new process: a terminal's Ctrl-C is for the driver alone, whose end is this one's too.
+
+    The driver passes Ctrl-C on as SIGTERM. Killed, it can tell nobody, and a run left behind would
+    be in the way of the same command given again.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    driver = multiprocessing.parent_process()
+
+    def follow() -> None:
+        assert driver is not None
+        wait_for([driver.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
+
+
+# Ray
+
+
+def run_on_ray(orders: Sequence[Order], address: str | None, watch: Watch) -> dict[str, Outcome]:
+    """Perform orders as tasks of Ray, each with its cores; what is lost with a node is run again.
+
+    Args:
+        orders: of runs. address: of a cluster to join, "auto" for that of this machine; None for
+            one of this machine's cores, for as long as the study takes. watch: see :data:`Watch`.
+
+    Returns:
+        How each run ended, by its name. After Ctrl-C the running ones have saved checkpoints.
+
+    Raises:
+        ConnectionError: there is no cluster at the address.
+    """
+    outcomes: dict[str, Outcome] = {}
+    with ray_cluster(address) as ray:
+        task = ray.remote(perform)
+        names = {
+            task.options(
+                num_cpus=order.cores, max_retries=RETRIES, name=order.run.name
+            ).remote(order): order.run.name
+            for order in orders
+        }  # fmt: skip
+        try:
+            while names:
+                _collect(ray, names, outcomes, TICK)
+                watch(outcomes)
+        except KeyboardInterrupt:
+            for ref in names:
+                ray.cancel(ref)  # as SIGINT: a run in training saves a checkpoint
+            _collect(ray, names, outcomes, STOPPING, all_of_them=True)
+            outcomes.update(dict.fromkeys(names.values(), STOPPED))
+            watch(outcomes)
+    return outcomes
+
+
+def _collect(
+    ray: Any,
+    names: dict[Any, str],
+    outcomes: dict[str, Outcome],
+    seconds: float,
+    all_of_them: bool = False,
+) -> None:
+    """Move what is done from ``names`` to ``outcomes``."""
+    done, _ = ray.wait(list(names), num_returns=len(names) if all_of_them else 1, timeout=seconds)
+    if not all_of_them:  # one has ended; so may others have
+        done, _ = ray.wait(list(names), num_returns=len(names), timeout=0)
+    for ref in done:
+        try:
+            outcome = ray.get(ref)
+        except ray.exceptions.TaskCancelledError:
+            outcome = STOPPED
+        except ray.exceptions.RayTaskError as error:  # such as a package missing there
+            outcome = Outcome("failed", str(error.cause))
+        except ray.exceptions.RayError as error:
+            outcome = Outcome("lost", f"{type(error).__name__}: {' '.join(str(error).split())}")
+        outcomes[names.pop(ref)] = outcome
+
+
+def _check_address(address: str) -> None:
+    """Raises ConnectionError where nobody answers; Ray itself would try for minutes."""
+    host, _, port = address.rpartition(":")
+    if not host or "/" in host or not port.isdecimal():
+        return  # "auto", or one of another kind
+    try:
+        socket.create_connection((host, int(port)), ANSWER).close()
+    except (OSError, OverflowError) as error:
+        raise ConnectionError(f"no Ray cluster answers at {address}: {error}") from error
+
+
+@contextmanager
+def ray_cluster(address: str | None) -> Iterator[Any]:
+    """Ray's module, connected to a cluster, or to one of its own that ends with the context.
+
+    Raises:
+        ConnectionError: there is no cluster at the address.
+    """
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is reported to anybody
+    import ray
+
+    common: dict[str, Any] = {
+        "log_to_driver": False, "logging_level": "ERROR", "runtime_env": {"env_vars": ENVIRONMENT},
+    }  # fmt: skip
+    folder = None
+    if address is None:
+        # Those that killed drivers left go too. Names of sockets may have 100 characters or so.
+        place = Path("/tmp" if os.path.isdir("/tmp") else tempfile.gettempdir())
+        remove_unused(place.glob(f"{TEMPORARY}*"), UNUSED)
+        folder = tempfile.mkdtemp(prefix=TEMPORARY, dir=place)
+        ray.init(
+            address="local", num_cpus=available_cores(), include_dashboard=False, _temp_dir=folder,
+            object_store_memory=OBJECT_STORE, **common,
+        )  # fmt: skip
+    else:
+        _check_address(address)
+        ray.init(address=address, **common)
+    try:
+        yield ray
+    finally:
+        ray.shutdown()
+        if folder is not None:
+            shutil.rmtree(folder, ignore_errors=True)

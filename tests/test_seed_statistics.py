@@ -1,0 +1,105 @@
+"""Statistics over runs, against values worked out by hand and what must hold for any scores."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from agents import seed_statistics as over_runs
+
+TEN = np.array([3.0, 1.0, 4.0, 1.5, 9.0, 2.6, 5.0, 3.5, 8.0, 9.7])
+
+
+def test_interquartile_mean_is_that_of_the_middle_half():
+    """Of eight runs the middle four; of ten, of which 2.5 are 25 %, the middle six."""
+    assert over_runs.interquartile_mean([100, 2, 3, 4, 5, 6, -100, 1]) == (2 + 3 + 4 + 5) / 4
+    assert over_runs.interquartile_mean(TEN) == pytest.approx(
+        (2.6 + 3.0 + 3.5 + 4.0 + 5.0 + 8.0) / 6
+    )
+    assert over_runs.interquartile_mean([1.0, 2.0, 6.0]) == 3.0
+    columns = np.stack([TEN, 2.0 * TEN], axis=1)
+    np.testing.assert_allclose(
+        over_runs.interquartile_mean(columns), over_runs.interquartile_mean(TEN) * np.array([1, 2])
+    )
+
+
+@pytest.mark.parametrize("statistic", [over_runs.mean, over_runs.interquartile_mean])
+def test_intervals_follow_shift_and_scale(statistic):
+    """Value and both ends; they hold the value between them, and do not depend on the order."""
+    value, low, high = over_runs.with_interval(statistic, TEN)
+    assert low < value < high
+    np.testing.assert_allclose(
+        over_runs.with_interval(statistic, 3.0 * TEN + 7.0),
+        [3.0 * value + 7.0, 3.0 * low + 7.0, 3.0 * high + 7.0],
+    )
+    other = over_runs.with_interval(statistic, TEN[::-1])
+    assert other[0] == pytest.approx(value) and other[1:] == pytest.approx((low, high), rel=0.06)
+
+
+def test_interval_of_the_mean_is_near_the_normal_one():
+    """The percentile bootstrap's width: 2 x 1.96 standard errors, of the n in the denominator."""
+    scores = np.random.default_rng(3).normal(size=200)
+    value, low, high = over_runs.with_interval(over_runs.mean, scores)
+    error = scores.std() / math.sqrt(len(scores))
+    assert value == scores.mean()
+    assert (high - low) / (2 * 1.96 * error) == pytest.approx(1.0, abs=0.05)
+
+
+def test_what_few_runs_cannot_say_is_nan():
+    assert np.isnan(over_runs.with_interval(over_runs.mean, [])).all()
+    assert over_runs.with_interval(over_runs.mean, [2.0])[0] == 2.0
+    assert np.isnan(over_runs.with_interval(over_runs.mean, [2.0])[1:]).all()
+    assert over_runs.with_interval(over_runs.mean, [2.0, 2.0]) == (2.0, 2.0, 2.0)
+    assert np.isnan(over_runs.improvement_over(0.0, [])).all()
+
+
+def test_coverage_with_ten_seeds_is_what_is_said_of_it():
+    """A nominal 95 % interval of ten normal scores holds their mean some 90 % of the time."""
+    rng = np.random.default_rng(11)
+    samples = rng.normal(size=(10, 1000))
+    low, high = over_runs.resampled(over_runs.mean, samples, resamples=1000)
+    assert 0.86 < np.mean((low < 0.0) & (high > 0.0)) < 0.93
+    few, many = over_runs.resampled(over_runs.mean, samples[:3], resamples=1000)
+    assert 0.65 < np.mean((few < 0.0) & (many > 0.0)) < 0.82
+
+
+def test_performance_profile_counts_runs_above_each_level():
+    fraction, low, high = over_runs.performance_profile([1.0, 2.0, 2.0, 4.0], [0, 1, 1.5, 2, 3, 4])
+    np.testing.assert_array_equal(fraction, [1.0, 0.75, 0.75, 0.25, 0.25, 0.0])
+    assert np.all(low <= fraction) and np.all(fraction <= high)
+    levels = np.linspace(0.0, 10.0, 50)
+    for part in over_runs.performance_profile(TEN, levels):
+        assert np.all(np.diff(part) <= 0.0) and part[0] == 1.0 and part[-1] == 0.0
+
+
+def test_improvement_over_a_mark_is_a_proportion_with_wilsons_interval():
+    """(k + z^2/2) / (n + z^2) -+ z / (n + z^2) sqrt(k (n - k) / n + z^2 / 4), z = 1.96."""
+    z, n, k = 1.959963984540054, 10, 8
+    centre = (k + z**2 / 2) / (n + z**2)
+    half = z / (n + z**2) * math.sqrt(k * (n - k) / n + z**2 / 4)
+    found = over_runs.improvement_over(2.0, TEN)
+    assert found == pytest.approx((0.8, centre - half, centre + half))
+    value, low, high = over_runs.improvement_over(0.0, TEN)
+    assert (value, high) == (1.0, 1.0) and low == pytest.approx(n / (n + z**2))
+    assert over_runs.improvement_over(9.7, TEN)[0] == 0.0  # no better than the best is no better
+
+
+def test_probability_of_improvement_counts_pairs():
+    """Three of x above both of y's, one tie: (2 + 2 + 1.5 + 0) / 8."""
+    value, low, high = over_runs.probability_of_improvement([5.0, 6.0, 3.0, 0.0], [3.0, 1.0])
+    assert value == (2 + 2 + 1.5 + 0) / 8
+    assert low < value < high
+    assert over_runs.probability_of_improvement(TEN, TEN)[0] == 0.5
+    there, back = (
+        over_runs.probability_of_improvement(*pair)[0] for pair in ((TEN, TEN + 1), (TEN + 1, TEN))
+    )
+    assert there + back == pytest.approx(1.0) and there < 0.5
+
+
+def test_median_counts_those_that_never_arrive():
+    assert over_runs.median_with_never([]) is None
+    assert over_runs.median_with_never([3.0, None, 1.0]) == 3.0
+    assert over_runs.median_with_never([None, None, 1.0]) is None
+    assert over_runs.median_with_never([4.0, 2.0]) == 4.0

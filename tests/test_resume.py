@@ -52,6 +52,7 @@ def test_a_killed_run_ends_as_if_it_had_not_been(case, tmp_path):
     assert same(outcome(whole), outcome(killed))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes that are loaded already take a fork")
 def test_twenty_kills(algo, tmp_path):

@@ -52,11 +52,12 @@ def test_a_killed_run_ends_as_if_it_had_not_been(case, tmp_path):
     assert same(outcome(whole), outcome(killed))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes that are loaded already take a fork")
 def test_twenty_kills(algo, tmp_path):
     """With SIGKILL at random moments, half of them within the writing of a file."""
-    command = [sys.executable, str(DRIVER), str(tmp_path), algo, "20", "0"]
+    command = [sys.executable, str(DRIVER), str(tmp_path / "runs"), "--algo", algo]
     done = subprocess.run(command, capture_output=True, text=True, cwd=DRIVER.parents[1])
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("20 kills of ")

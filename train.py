@@ -14,8 +14,9 @@ import argparse
 import shlex
 import sys
 import time
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 
@@ -33,6 +34,9 @@ from agents.runs import (
 from agents.scoring import outcome, score_run
 from agents.tasks import TASKS, find_task
 from agents.training import prepare, train
+
+if TYPE_CHECKING:
+    from agents.data_parallel import Worker
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -54,6 +58,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--config", metavar="FILE", help="hyperparameters; default: agents/configs/ENV/ALGO.yml")
     add("--resume", metavar="RUN", help="run folder to go on with from the last model saved")
+    add("--workers", type=count, default=1, metavar="N",
+        help="processes that train together by PPO, each with its share of robots")  # fmt: skip
     add("--no-progress", action="store_true", help="no progress bar")
     return parser.parse_args(arguments)
 
@@ -61,38 +67,73 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 def main(arguments: list[str] | None = None) -> Path:
     """Train, score, draw; returns the run's folder."""
     args = parse(arguments)
-    start = time.perf_counter()
-    torch.set_num_threads(1)
     given = sys.argv[1:] if arguments is None else arguments
+    several = args.workers > 1 or int(os.environ.get("WORLD_SIZE", "1")) > 1
     try:
         config, resume = _configure(args)
-        model = prepare(config, resume)  # nothing is written before this is known to be good
+        if several:  # only then is torch.distributed used
+            from agents import launch
+            from agents.data_parallel import check_config
+
+            workers = launch.count_workers(args.workers)
+            check_config(config, workers)
     except ValueError as error:
         raise SystemExit(f"train.py: error: {error}") from error
+    work = partial(run, args, config, resume, shlex.join(["python", "train.py", *given]))
+    if not several:
+        return work()
+    return launch.join_torchrun(work) if launch.torchrun_size() else launch.run_here(workers, work)
+
+
+def run(
+    args: argparse.Namespace,
+    config: dict[str, Any],
+    resume: Path | None,
+    command: str,
+    worker: Worker | None = None,
+) -> Path:
+    """:func:`main` after the configuration is known; what each of several workers does."""
+    start = time.perf_counter()
+    leads = worker is None or worker.leads
+    torch.set_num_threads(1)
+    try:
+        model = prepare(
+            config, resume, worker
+        )  # nothing is written before this is known to be good
+    except ValueError as error:
+        raise SystemExit(f"train.py: error: {error}" if leads else 1) from error
     algo, env_id, target = config["algo"], config["env"], config["timesteps"]
     try:
-        folder = Path(args.resume or new_run_folder(args.log_folder, algo, env_id))
+        find = partial(_find_folder, args, algo, env_id)
+        folder = find() if worker is None else worker.find_folder(find)
     except OSError as error:
         raise SystemExit(f"train.py: error: --log-folder cannot be written to: {error}") from error
     if resume is not None and resume.name == FINAL and model.num_timesteps >= target:
-        print(f"{folder} is finished: {model.num_timesteps} steps trained, {target} asked for")
+        if leads:
+            print(f"{folder} is finished: {model.num_timesteps} steps trained, {target} asked for")
     else:
-        record_run(folder, config, shlex.join(["python", "train.py", *given]))
-        if resume is not None:
-            print(f"resuming from {resume} at {model.num_timesteps} steps")
-        print(f"{algo.upper()} on {env_id}, {target} steps -> {folder}", flush=True)
+        if leads:
+            record_run(folder, config, command)
+            if resume is not None:
+                print(f"resuming from {resume} at {model.num_timesteps} steps")
+            print(f"{algo.upper()} on {env_id}, {target} steps -> {folder}", flush=True)
         tensorboard = args.tensorboard_log
         train(
             model, config, folder, eval_every=args.eval_freq, save_every=args.save_freq,
             tensorboard=str(folder / "tensorboard") if tensorboard is None else tensorboard or None,
-            resume=resume, progress=not args.no_progress and sys.stderr.isatty(),
+            resume=resume, progress=not args.no_progress and sys.stderr.isatty(), worker=worker,
         )  # fmt: skip
-    trained = time.perf_counter()
-    baselines = ", ".join(find_task(env_id).baselines)
-    print(f"trained in {trained - start:.0f} s; scoring against {baselines} ...", flush=True)
-    print(outcome(folder, env_id, score_run(folder, config, args.eval_episodes)))
-    print(f"scored in {time.perf_counter() - trained:.0f} s")
+    if leads:
+        trained = time.perf_counter()
+        baselines = ", ".join(find_task(env_id).baselines)
+        print(f"trained in {trained - start:.0f} s; scoring against {baselines} ...", flush=True)
+        print(outcome(folder, env_id, score_run(folder, config, args.eval_episodes)))
+        print(f"scored in {time.perf_counter() - trained:.0f} s", flush=True)
     return folder
+
+
+def _find_folder(args: argparse.Namespace, algo: str, env_id: str) -> Path:
+    return Path(args.resume or new_run_folder(args.log_folder, algo, env_id))
 
 
 def _configure(args: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:

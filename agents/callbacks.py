@@ -109,6 +109,16 @@ class Saver(BaseCallback):
         write_json(self.folder / "evaluations.json", self.history)
 
 
+class NoSaver(Saver):
+    """Of a worker that does not lead: writes nothing."""
+
+    def save(self, path: Path) -> None:
+        """Leave saving to the worker that leads."""
+
+    def evaluate(self) -> None:
+        """Leave evaluating to it, too."""
+
+
 class NormalizerUpdate(BaseCallback):
     """Updates the policy's normalizer with the last rollout before the next one begins.
 
@@ -126,8 +136,11 @@ class NormalizerUpdate(BaseCallback):
             return
         for module in self.model.policy.modules():
             if isinstance(module, NormalizedObservation):
-                module.update(torch.as_tensor(self._observations))
+                self._update(module, torch.as_tensor(self._observations))
         self._observations = None
+
+    def _update(self, normalizer: NormalizedObservation, observations: torch.Tensor) -> None:
+        normalizer.update(observations)
 
     def _on_rollout_end(self) -> None:
         # Now, not when the next rollout begins: Stable-Baselines3 has emptied the buffer by then.
@@ -152,8 +165,10 @@ class StopOnSignal(BaseCallback):
     As a context manager it takes these signals, and gives them back.
 
     Attributes:
-        signal: the number of the signal that came, 0 for none.
+        signal: the number of the signal that came, 0 for none. notice: what is said then.
     """
+
+    notice = b"\nstopping after this step; once more to end at once\n"
 
     def __init__(self) -> None:
         super().__init__()
@@ -176,7 +191,7 @@ class StopOnSignal(BaseCallback):
         for taken in self._handlers:
             signal.signal(taken, signal.SIG_DFL)
         # To standard error, but not by print: the signal may have come in the midst of one.
-        os.write(2, b"\nstopping after this step; once more to end at once\n")
+        os.write(2, self.notice)
 
     def _on_step(self) -> bool:
         return not self.signal

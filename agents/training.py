@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, ProgressBarCallback
 from stable_baselines3.common.monitor import ResultsWriter
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor, unwrap_vec_wrapper
 
-from agents.callbacks import NormalizerUpdate, Saver, StopOnSignal
+from agents.callbacks import NormalizerUpdate, NoSaver, Saver, StopOnSignal
 from agents.config import find_config
 from agents.model_files import read_model, read_notes
 from agents.models import build_model, restore
 from agents.replay import load_replay_buffer
 from agents.runs import FINAL, REPLAY, next_monitor, rewind_monitors
 from agents.vec_env import make_vec_env
+
+if TYPE_CHECKING:
+    from agents.data_parallel import Worker
 
 
 class ScaledReward(VecEnvWrapper):
@@ -37,7 +41,9 @@ class ScaledReward(VecEnvWrapper):
         return observations, (self.scale * rewards).astype(np.float32), dones, infos
 
 
-def prepare(config: dict[str, Any], resume: Path | None = None) -> BaseAlgorithm:
+def prepare(
+    config: dict[str, Any], resume: Path | None = None, worker: Worker | None = None
+) -> BaseAlgorithm:
     """The model a configuration describes, on its environments. Writes nothing.
 
     Args:
@@ -45,24 +51,32 @@ def prepare(config: dict[str, Any], resume: Path | None = None) -> BaseAlgorithm
             number i of its ``training_variants``, counted around, on top of the ``env_kwargs``.
         resume: a model's file, of which it takes parameters, optimiser and number of steps;
             :data:`agents.runs.REPLAY` in the run's folder fills its replay buffer.
+        worker: of which the model is, where several train together.
 
     Raises:
         ValueError: something in the configuration or the files is wrong.
     """
+    seed = config["seed"]
+    if worker is not None:
+        config = worker.share(config)
     venv = make_vec_env(
         config["env"],
         config["n_envs"],
         config.get("env_kwargs", {}),
         config.get("training_variants", ({},)),
+        threads=None if worker is None else worker.threads(config["n_envs"]),
     )
     venv = ScaledReward(VecMonitor(venv), config.get("reward_scale", 1.0))
-    model = build_model(config["algo"], config, venv, seed=config["seed"])
+    model = build_model(config["algo"], config, venv, seed=seed)
     if resume is not None:
         tensors, model.num_timesteps = read_model(resume)
         restore(model, tensors)
-        venv.seed(config["seed"] + model.num_timesteps)
+        seed += model.num_timesteps
+        venv.seed(seed)
         if isinstance(model, OffPolicyAlgorithm):
             _refill(model, find_config(resume).parent / REPLAY)
+    if isinstance(model, PPO) and worker is not None:
+        worker.connect(model, seed)
     return model
 
 
@@ -87,11 +101,12 @@ def train(
     tensorboard: str | None = None,
     resume: Path | None = None,
     progress: bool = True,
+    worker: Worker | None = None,
 ) -> None:
     """Train until ``config["timesteps"]``; leaves final_model.zip and best_model.zip in a folder.
 
     Args:
-        model, config, resume: as of :func:`prepare`. folder: the run's.
+        model, config, resume, worker: as of :func:`prepare`. folder: the run's.
         eval_every, save_every: steps between evaluations and between checkpoints, 0 for none.
         tensorboard: folder of its log, None for none. progress: whether to show a bar.
 
@@ -100,21 +115,24 @@ def train(
             Or the policy's actions are no longer finite.
     """
     venv: Any = model.get_env()
-    saver = Saver(
+    leads = worker is None or worker.leads
+    saver = (Saver if leads else NoSaver)(
         folder, save_every, eval_every, config["env"], config.get("env_kwargs", {}),
         done=model.num_timesteps,
     )  # fmt: skip
     saver.init_callback(model)
-    if resume is not None and (sizes := read_notes(resume).get("monitor")) is not None:
+    if leads and resume is not None and (sizes := read_notes(resume).get("monitor")) is not None:
         rewind_monitors(folder, sizes)
     monitor: Any = unwrap_vec_wrapper(venv, VecMonitor)  # from now on it writes each episode
     header = {"t_start": monitor.t_start, "env_id": config["env"]}
-    monitor.results_writer = ResultsWriter(str(next_monitor(folder)), header)
-    model.tensorboard_log = tensorboard
-    stop = StopOnSignal()
-    callbacks: list[BaseCallback] = [NormalizerUpdate(), saver, stop]
-    if progress:
-        callbacks.append(ProgressBarCallback())
+    file = next_monitor(folder) if worker is None else worker.next_monitor(folder)
+    monitor.results_writer = ResultsWriter(str(file), header)
+    model.tensorboard_log = tensorboard if leads else None
+    stop = StopOnSignal() if worker is None else worker.stop()
+    updates: list[BaseCallback] = [NormalizerUpdate()] if worker is None else worker.updates()
+    callbacks = [*updates, saver, stop]
+    if progress and leads:
+        callbacks.append(ProgressBarCallback() if worker is None else worker.progress())
     remaining = config["timesteps"] - model.num_timesteps
     if remaining > 0:
         try:
@@ -129,15 +147,17 @@ def train(
             if "to satisfy the constraint" not in str(error):  # torch's, of a policy that is NaN
                 raise
             raise SystemExit(
-                f"training diverged at {model.num_timesteps} steps: the policy's actions are no "
+                not leads
+                or f"training diverged at {model.num_timesteps} steps: the policy's actions are no "
                 "longer finite; a lower learning_rate may help"
             ) from error
         if stop.signal:
             saver.save_checkpoint()
             venv.close()
-            print(f"stopped at {model.num_timesteps} steps; python train.py --resume "
-                  f"{shlex.quote(str(folder))} goes on from there")  # fmt: skip
-            raise SystemExit(128 + stop.signal)
+            if leads:
+                print(f"stopped at {model.num_timesteps} steps; python train.py --resume "
+                      f"{shlex.quote(str(folder))} goes on from there")  # fmt: skip
+            raise SystemExit(128 + stop.signal if leads else 0)
         saver.evaluate()
     saver.save(folder / FINAL)
     venv.close()

@@ -60,6 +60,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--resume", metavar="RUN", help="run folder to go on with from the last model saved")
     add("--workers", type=count, default=1, metavar="N",
         help="processes that train together by PPO, each with its share of robots")  # fmt: skip
+    add("--address", help="Ray cluster to place the workers on, or 'auto'; default: this machine")
+    add("--cores", type=count, default=1, metavar="C", help="of each worker on a Ray cluster")
     add("--no-progress", action="store_true", help="no progress bar")
     return parser.parse_args(arguments)
 
@@ -68,7 +70,7 @@ def main(arguments: list[str] | None = None) -> Path:
     """Train, score, draw; returns the run's folder."""
     args = parse(arguments)
     given = sys.argv[1:] if arguments is None else arguments
-    several = args.workers > 1 or int(os.environ.get("WORLD_SIZE", "1")) > 1
+    several = args.workers > 1 or args.address or int(os.environ.get("WORLD_SIZE", "1")) > 1
     try:
         config, resume = _configure(args)
         if several:  # only then is torch.distributed used
@@ -77,12 +79,21 @@ def main(arguments: list[str] | None = None) -> Path:
 
             workers = launch.count_workers(args.workers)
             check_config(config, workers)
+            if args.address:
+                from agents.ray_workers import check_ray, run_on_ray
+
+                check_ray()
+                args.log_folder = str(Path(args.log_folder).resolve())  # actors run elsewhere
     except ValueError as error:
         raise SystemExit(f"train.py: error: {error}") from error
     work = partial(run, args, config, resume, shlex.join(["python", "train.py", *given]))
     if not several:
         return work()
-    return launch.join_torchrun(work) if launch.torchrun_size() else launch.run_here(workers, work)
+    if launch.torchrun_size():
+        return launch.join_torchrun(work)
+    if args.address:
+        return run_on_ray(args.address, workers, args.cores, work)
+    return launch.run_here(workers, work)
 
 
 def run(

@@ -49,6 +49,7 @@ class Worker:
     def __init__(self, rank: int, size: int, store: Store, cores: int = 1) -> None:
         self.rank, self.size, self.store, self.cores = rank, size, store, cores
         self.leads = rank == 0
+        self._stop = StopTogether(self)
 
     def threads(self, robots: int) -> int:
         """How many threads simulate so many robots."""
@@ -106,7 +107,11 @@ class Worker:
 
     def stop(self) -> StopTogether:
         """What ends training after a signal to any of the workers."""
-        return StopTogether(self)
+        return self._stop
+
+    def interrupt(self, number: int) -> None:
+        """End training as if a signal with this number had come; from any thread."""
+        self._stop.signal = number
 
     def progress(self) -> CommonProgress:
         """A bar of all workers' steps."""

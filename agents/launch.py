@@ -1,4 +1,4 @@
-"""Starting the workers of a data-parallel run: on this machine, or by torchrun on several."""
+"""Starting the workers of a data-parallel run: on this machine, or by torchrun on several too."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from torch.distributed.distributed_c10d import Store
 from torch.distributed.rendezvous import rendezvous
 from torch.multiprocessing.spawn import ProcessContext, ProcessExitedException, spawn
 
-from agents.data_parallel import Worker, WorkerLost
+from agents.data_parallel import Worker, WorkerLost, connected
 
 TIMEOUT = timedelta(minutes=30)  # in which a worker must answer: the leader may be evaluating
 GRACE = 10.0  # s that workers have to end by themselves after one of them has failed
@@ -56,7 +56,7 @@ def join_torchrun(work: Work) -> Path:
     store, rank, size = next(rendezvous("env://", timeout=TIMEOUT))
     local = int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
     try:
-        return _be_worker(store, rank, size, local, work)
+        return be_worker(store, rank, size, _cores() // local, work)
     except WorkerLost as error:
         raise SystemExit(f"train.py: error: worker {rank} has lost the others: {error}") from error
 
@@ -113,16 +113,22 @@ def _local_worker(rank: int, size: int, port: int, work: Work) -> None:
         os.environ.setdefault("GLOO_SOCKET_IFNAME", "lo")  # the machine's name need not resolve
     try:
         store = TCPStore("127.0.0.1", port, is_master=False, timeout=TIMEOUT)
-        _be_worker(store, rank, size, size, work)
+        be_worker(store, rank, size, _cores() // size, work)
     except WorkerLost:
         raise SystemExit(LOST) from None  # the parent says which one
 
 
-def _be_worker(store: Store, rank: int, size: int, local: int, work: Work) -> Path:
-    """Join the others, and work; ``local``: how many workers share this machine's cores."""
-    dist.init_process_group("gloo", store=store, rank=rank, world_size=size, timeout=TIMEOUT)
+def be_worker(store: Store, rank: int, size: int, cores: int, work: Work) -> Path:
+    """Join the other workers, and work with so many cores; returns the run's folder.
+
+    Raises:
+        WorkerLost: another worker has ended, or does not answer.
+    """
+    store.set_timeout(TIMEOUT)
+    with connected():
+        dist.init_process_group("gloo", store=store, rank=rank, world_size=size, timeout=TIMEOUT)
     try:
-        return work(Worker(rank, size, store, max(1, _cores() // local)))
+        return work(Worker(rank, size, store, max(1, cores)))
     finally:
         dist.destroy_process_group()
 

@@ -71,15 +71,18 @@ def worker_rates(config: dict[str, Any], rounds: int, out: Path, worker: Any) ->
 
 
 def averaging_times(numbers: int, pause: float, count: int, out: Path, worker: Any) -> Path:
-    """Time (s) of each average of so many numbers, workers idling in between; to times.json."""
+    """Times (s) of each average of so many numbers, workers idling in between; to times.json.
+
+    Of each the time that passed, and the processor's of this worker, all its threads together.
+    """
     import torch
 
     tensor, times = torch.ones(numbers), []
     for _ in range(count):
         time.sleep(pause)
-        start = time.perf_counter()
+        start, before = time.perf_counter(), time.process_time()
         worker.average(tensor)
-        times.append(time.perf_counter() - start)
+        times.append((time.perf_counter() - start, time.process_time() - before))
     if worker.leads:
         (out / "times.json").write_text(json.dumps(times), encoding="utf-8")
     folder: Path = worker.find_folder(lambda: out)
@@ -215,14 +218,14 @@ def main(arguments: list[str] | None = None) -> None:
     numbers = sum(p.numel() for p in model.policy.parameters())
     step = {n: median(rollout_times(n, rounds)) for n in robots}
     minibatch = {n: median(minibatch_times(n, rounds)) for n in batches}
-    averaging = {
+    averaging: dict[int, list[tuple[float, float]]] = {
         n: result("times.json", n, partial(averaging_times, numbers, PAUSE, count, out))
         for n in sizes
     }
     costs = (
         line(step),
         line(minibatch),
-        line({n - 1: median(times) for n, times in averaging.items()}),
+        line({n - 1: median(cpu for _, cpu in times) for n, times in averaging.items()}),
     )
     write(out, rounds, rows, numbers, (step, minibatch, averaging), costs)
     for name in ("rates.json", "times.json"):
@@ -234,7 +237,7 @@ def write(
     rounds: int,
     rows: list[tuple[str, ...]],
     numbers: int,
-    measured: tuple[dict[int, float], dict[int, float], dict[int, list[float]]],
+    measured: tuple[dict[int, float], dict[int, float], dict[int, list[tuple[float, float]]]],
     costs: tuple[tuple[float, float], ...],
 ) -> None:
     """Write the report."""
@@ -244,8 +247,9 @@ def write(
         *(("step of the rollout", f"{n} robots", f"{1e6 * t:,.0f}", "") for n, t in step.items()),
         *(("minibatch", f"{n} samples", f"{1e6 * t:,.0f}", "") for n, t in minibatch.items()),
         *(
-            ("average of the gradients", f"{n} workers", f"{1e6 * median(times):,.0f}",
-             f"{1e6 * np.quantile(times, 0.9):,.0f}")
+            ("average of the gradients", f"{n} workers", *(
+                f"{1e6 * median(t):,.0f}" for t in zip(*times, strict=True)
+            ))
             for n, times in averaging.items()
         ),
     ]  # fmt: skip
@@ -264,11 +268,12 @@ def write(
         f"PPO on {ENV}, rollouts and updates: one worker, its robots on two threads, and two with "
         "half of the robots each, on the same two cores.",
         measure.table(("configuration", "robots", "minibatch", *first), rows),
-        "Times (us) on one core; of the average, between processes that idle for "
-        f"{1e3 * PAUSE:.0f} ms before each, as they would if all had a core, of the policy's "
-        f"{numbers:,} numbers.",
-        measure.table(("what", "size", "median", "9 in 10 within"), cells),
-        f"Straight lines through them (us): {fits}.",
+        "Times (us), medians, on one core; of the average of the policy's "
+        f"{numbers:,} numbers, between processes of this machine that idle for "
+        f"{1e3 * PAUSE:.0f} ms before each, and the processor's time in it for each worker, which "
+        "does not grow with the processes that wait for a core.",
+        measure.table(("what", "size", "time", "processor's"), cells),
+        f"Straight lines through them (us), for the average through the processor's: {fits}.",
         "What these lines add up to with a core for each worker, each with the shipped "
         f"configuration; with {LARGE['n_envs']} robots and minibatches of {LARGE['batch_size']} "
         "shared out to all; and with so many in each worker. Gain is that over one core, "

@@ -17,7 +17,7 @@ import torch
 from stable_baselines3.common.logger import Logger
 
 import train
-from agents import data_parallel, launch, training
+from agents import data_parallel, launch, ray_workers, training
 from agents.callbacks import NormalizerUpdate, Saver
 from agents.model_files import read_model
 from agents.runs import read_evaluations
@@ -278,6 +278,28 @@ def test_torchrun_gives_the_same_run(tmp_path):
         assert output.count("trained in") == 1
         policies.append(read_model(folder / "ppo/JansenWalker-v0_1/final_model.zip")[0]["policy"])
     assert all(torch.equal(policies[0][name], policies[1][name]) for name in policies[0])
+
+
+@pytest.mark.slow
+def test_ray_gives_the_same_run(tmp_path):
+    """On a cluster of this machine alone: bit for bit what train.py starts by itself."""
+    pytest.importorskip("ray", reason="the extra 'distributed' brings Ray")
+    policies = []
+    for name, more in (("ray", ("--address", "local")), ("here", ())):
+        process = start(tmp_path / name, *more)
+        output = process.communicate()[0]
+        assert process.returncode == 0, output
+        assert output.count("trained in") == 1
+        run = tmp_path / name / "ppo" / "JansenWalker-v0_1"
+        policies.append(read_model(run / "final_model.zip")[0]["policy"])
+    assert all(torch.equal(policies[0][name], policies[1][name]) for name in policies[0])
+
+
+def test_missing_ray_is_named(monkeypatch, tmp_path):
+    """With the extra that installs it."""
+    monkeypatch.setattr(ray_workers.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(SystemExit, match="--address needs Ray, which the extra 'distributed'"):
+        train.main(["--workers", "2", "--address", "auto", "--log-folder", str(tmp_path)])
 
 
 def noting(norms, clip=torch.nn.utils.clip_grad_norm_):

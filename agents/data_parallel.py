@@ -50,6 +50,7 @@ class Worker:
         self.rank, self.size, self.store, self.cores = rank, size, store, cores
         self.leads = rank == 0
         self._stop = StopTogether(self)
+        self._axes = _axes(size)
 
     def threads(self, robots: int) -> int:
         """How many threads simulate so many robots."""
@@ -124,9 +125,14 @@ class Worker:
         return path.with_name(f"{first + self.rank}.monitor.csv")
 
     def average(self, tensor: torch.Tensor) -> None:
-        """Replace a tensor by its mean over the workers."""
+        """Replace a tensor by its mean over the workers, the same bits on all.
+
+        By sums along one axis after the other of a grid of the workers: 64 of them take 126
+        messages in turn around gloo's ring, 12 this way.
+        """
         with connected():
-            dist.all_reduce(tensor)
+            for group in self._axes:
+                dist.all_reduce(tensor, group=group)
         tensor /= self.size
 
     def gather(self, tensor: torch.Tensor) -> torch.Tensor:
@@ -161,6 +167,24 @@ def check_config(config: dict[str, Any], workers: int) -> None:
     if config["hyperparameters"].get("target_kl") is not None:
         raise ValueError("hyperparameters.target_kl must be null with several workers: each would "
                          "end its update by its own part of the data")  # fmt: skip
+
+
+def _axes(size: int) -> list[dist.ProcessGroup | None]:
+    """Groups of workers along each axis of a grid, an axis for each prime factor of their number.
+
+    Sums along an axis are of the same terms in the same order, so all workers get the same bits.
+    """
+    axes: list[dist.ProcessGroup | None] = []
+    stride = 1
+    while stride < size:
+        rest = size // stride
+        factor = next(f for f in range(2, rest + 1) if rest % f == 0)
+        if factor == size:
+            return [None]  # all of them, the group that is there
+        grid = np.arange(size).reshape(-1, factor, stride).swapaxes(1, 2).reshape(-1, factor)
+        axes.append(dist.new_subgroups_by_enumeration(grid.tolist())[0])  # type: ignore[no-untyped-call]
+        stride *= factor
+    return axes
 
 
 def _batch_size(config: dict[str, Any]) -> int:

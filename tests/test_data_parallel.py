@@ -237,6 +237,24 @@ def test_target_kl_is_refused():
         data_parallel.check_config({**CONFIG, "hyperparameters": hyperparameters}, 2)
 
 
+def averaging(out, worker):
+    """The average of what six workers have."""
+    own = torch.from_numpy(np.random.default_rng(worker.rank).normal(size=1000).astype(np.float32))
+    worker.average(own)
+    np.save(out / f"{worker.rank}.npy", own.numpy())
+    return worker.find_folder(lambda: out)
+
+
+@pytest.mark.slow
+def test_six_workers_average_alike(tmp_path):
+    """Along two axes, of two and of three: the mean, and the same bits for all."""
+    launch.run_here(6, partial(averaging, tmp_path))
+    found = [np.load(tmp_path / f"{rank}.npy") for rank in range(6)]
+    expected = np.mean([np.random.default_rng(rank).normal(size=1000) for rank in range(6)], 0)
+    assert found[0] == pytest.approx(expected, abs=1e-6)
+    assert all(np.array_equal(found[0], other) for other in found)
+
+
 def start(folder, *more, launcher=()):
     """train.py as a process of its own, in a session of its own, as in a terminal."""
     command = [sys.executable, *launcher, str(Path(train.__file__)), *SHORT, *more]

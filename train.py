@@ -14,11 +14,14 @@ import argparse
 import shlex
 import sys
 import time
+from collections.abc import Callable
+from contextlib import ExitStack, nullcontext, suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
 
 from agents.command_line import mapping, non_negative_int, positive_int
 from agents.config import TO_RESUME, load_config, new_config
@@ -27,6 +30,7 @@ from agents.runs import (
     FINAL,
     best_return,
     last_state,
+    locked,
     new_run_folder,
     read_evaluations,
     record_run,
@@ -72,7 +76,7 @@ def main(arguments: list[str] | None = None) -> Path:
     given = sys.argv[1:] if arguments is None else arguments
     several = args.workers > 1 or args.address or int(os.environ.get("WORLD_SIZE", "1")) > 1
     try:
-        config, resume = _configure(args)
+        config = _configure(args)
         if several:  # only then is torch.distributed used
             from agents import launch
             from agents.data_parallel import check_config
@@ -86,7 +90,7 @@ def main(arguments: list[str] | None = None) -> Path:
                 args.log_folder = str(Path(args.log_folder).resolve())  # actors run elsewhere
     except ValueError as error:
         raise SystemExit(f"train.py: error: {error}") from error
-    work = partial(run, args, config, resume, shlex.join(["python", "train.py", *given]))
+    work = partial(run, args, config, shlex.join(["python", "train.py", *given]))
     if not several:
         return work()
     if launch.torchrun_size():
@@ -97,58 +101,85 @@ def main(arguments: list[str] | None = None) -> Path:
 
 
 def run(
-    args: argparse.Namespace,
-    config: dict[str, Any],
-    resume: Path | None,
-    command: str,
-    worker: Worker | None = None,
+    args: argparse.Namespace, config: dict[str, Any], command: str, worker: Worker | None = None
 ) -> Path:
     """:func:`main` after the configuration is known; what each of several workers does."""
+    torch.set_num_threads(1)
+    leads, resume = worker is None or worker.leads, None
+    told = (lambda name, make: make()) if worker is None else worker.told
+    with ExitStack() as stack:
+
+        def enter(folder: Path) -> Path:
+            stack.enter_context(locked(folder))
+            return folder
+
+        try:
+            if args.resume:
+                folder = Path(told("folder", lambda: str(enter(Path(args.resume)))))
+                found = told("model", lambda: str(last_state(folder) or ""))
+                resume = Path(found) if found else None
+            model = prepare(config, resume, worker)  # nothing is written before this is good
+            if not args.resume:
+                folder = Path(told("folder", lambda: str(enter(_new_folder(args, config)))))
+        except ValueError as error:
+            raise SystemExit(f"train.py: error: {error}" if leads else 1) from error
+        try:
+            with nullcontext() if leads else suppress(SystemExit):  # the leader's is the run's
+                _run(args, config, model, folder, resume, command, worker)
+        except OSError as error:
+            raise SystemExit(f"train.py: error: {error}") from error
+    return folder
+
+
+def _new_folder(args: argparse.Namespace, config: dict[str, Any]) -> Path:
+    """A new run's folder, created."""
+    try:
+        return new_run_folder(args.log_folder, config["algo"], config["env"])
+    except OSError as error:
+        raise ValueError(f"--log-folder cannot be written to: {error}") from error
+
+
+def _run(
+    args: argparse.Namespace,
+    config: dict[str, Any],
+    model: BaseAlgorithm,
+    folder: Path,
+    resume: Path | None,
+    command: str,
+    worker: Worker | None,
+) -> None:
+    """Train and score in a run's folder."""
     start = time.perf_counter()
     leads = worker is None or worker.leads
-    torch.set_num_threads(1)
-    try:
-        model = prepare(
-            config, resume, worker
-        )  # nothing is written before this is known to be good
-    except ValueError as error:
-        raise SystemExit(f"train.py: error: {error}" if leads else 1) from error
+    say: Callable[..., None] = print if leads else lambda *text, **more: None
     algo, env_id, target = config["algo"], config["env"], config["timesteps"]
-    try:
-        find = partial(_find_folder, args, algo, env_id)
-        folder = find() if worker is None else worker.find_folder(find)
-    except OSError as error:
-        raise SystemExit(f"train.py: error: --log-folder cannot be written to: {error}") from error
+    if args.resume and resume is None:
+        say(f"no checkpoint in {folder} yet: the run starts from its beginning")
     if resume is not None and resume.name == FINAL and model.num_timesteps >= target:
-        if leads:
-            print(f"{folder} is finished: {model.num_timesteps} steps trained, {target} asked for")
+        say(f"{folder} is finished: {model.num_timesteps} steps trained, {target} asked for")
     else:
         if leads:
             record_run(folder, config, command)
-            if resume is not None:
-                print(f"resuming from {resume} at {model.num_timesteps} steps")
-            print(f"{algo.upper()} on {env_id}, {target} steps -> {folder}", flush=True)
+        if resume is not None:
+            say(f"resuming from {resume} at {model.num_timesteps} steps")
+        say(f"{algo.upper()} on {env_id}, {target} steps -> {folder}", flush=True)
         tensorboard = args.tensorboard_log
         train(
             model, config, folder, eval_every=args.eval_freq, save_every=args.save_freq,
             tensorboard=str(folder / "tensorboard") if tensorboard is None else tensorboard or None,
             resume=resume, progress=not args.no_progress and sys.stderr.isatty(), worker=worker,
         )  # fmt: skip
-    if leads:
-        trained = time.perf_counter()
-        baselines = ", ".join(find_task(env_id).baselines)
-        print(f"trained in {trained - start:.0f} s; scoring against {baselines} ...", flush=True)
-        print(outcome(folder, env_id, score_run(folder, config, args.eval_episodes)))
-        print(f"scored in {time.perf_counter() - trained:.0f} s", flush=True)
-    return folder
+    if not leads:
+        return
+    trained = time.perf_counter()
+    baselines = ", ".join(find_task(env_id).baselines)
+    say(f"trained in {trained - start:.0f} s; scoring against {baselines} ...", flush=True)
+    say(outcome(folder, env_id, score_run(folder, config, args.eval_episodes)))
+    say(f"scored in {time.perf_counter() - trained:.0f} s")
 
 
-def _find_folder(args: argparse.Namespace, algo: str, env_id: str) -> Path:
-    return Path(args.resume or new_run_folder(args.log_folder, algo, env_id))
-
-
-def _configure(args: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
-    """The run's configuration, with algorithm, environment and seed, and the model to go on with.
+def _configure(args: argparse.Namespace) -> dict[str, Any]:
+    """The run's configuration, with algorithm, environment and seed.
 
     Raises:
         ValueError: a file is missing, or something in it is wrong.
@@ -162,12 +193,11 @@ def _configure(args: argparse.Namespace) -> tuple[dict[str, Any], Path | None]:
         config["timesteps"] = args.timesteps or config["timesteps"]
         best_return(Path(args.resume))  # what is damaged shows before anything is written
         read_evaluations(Path(args.resume))
-        return config, last_state(args.resume)
-    config = new_config(
+        return config
+    return new_config(
         args.config, args.algo, args.env, args.env_kwargs,
         timesteps=args.timesteps, n_envs=args.n_envs, seed=args.seed,
     )  # fmt: skip
-    return config, None
 
 
 if __name__ == "__main__":

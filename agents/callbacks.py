@@ -6,6 +6,7 @@ import os
 import signal
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -14,6 +15,7 @@ import numpy as np
 import torch
 from gymnasium.spaces.utils import flatdim
 from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
@@ -22,8 +24,17 @@ from agents.models import save_model
 from agents.normalizer import NormalizedObservation
 from agents.replay import save_replay_buffer
 from agents.rollout import make_env, run_episodes
-from agents.runs import BEST, REPLAY, best_return, monitor_sizes, read_evaluations
+from agents.runs import (
+    BEST,
+    best_return,
+    find_replay_buffer,
+    monitor_sizes,
+    read_evaluations,
+    remove_replay_buffers,
+    replay_path,
+)
 from agents.tasks import find_task
+from agents.training_state import read_state
 from jansen_env.files import write_json
 
 EPISODES = 4  # per command, of each evaluation
@@ -33,12 +44,19 @@ SELECTION_SEED = 30_000  # of the episodes that choose the best model, apart fro
 class Saver(BaseCallback):
     """Saves checkpoints, and evaluates now and then to keep the best model.
 
-    Unlike Stable-Baselines3's callbacks it writes atomically, all that resuming needs, and
-    evaluates on the task's grid of commands.
+    A checkpoint is taken where a rollout begins, when the update before is complete, with all that
+    the rest of training depends on (:mod:`agents.training_state`): to go on from it gives the run
+    that would have been, bit for bit. It belongs behind all callbacks that change the model there.
 
     Args:
         folder: the run's. save_every, eval_every: environment steps; 0 for never.
         env_id, env_kwargs: of the evaluation. done: steps trained before this run began.
+        seconds: for which these were trained, 0 for the
+            last evaluation's. stop: when to save and end before the time. state: what reads the
+            training state that is saved.
+
+    Attributes:
+        ended: whether training ended on a signal. last: file saved last, None before the first.
     """
 
     def __init__(
@@ -49,27 +67,40 @@ class Saver(BaseCallback):
         env_id: str,
         env_kwargs: dict[str, Any],
         done: int = 0,
+        seconds: float = 0.0,
+        stop: StopOnSignal | None = None,
+        state: Callable[[BaseAlgorithm], dict[str, Any]] = read_state,
     ) -> None:
         super().__init__()
         self.folder, self.save_every, self.eval_every = folder, save_every, eval_every
         self.env_id, self.env_kwargs = env_id, env_kwargs
+        self.stop, self.ended, self._read_state = stop, False, state
+        self.last: Path | None = None
         self.task = find_task(env_id)
         self.commands = np.repeat(self.task.commands, EPISODES)
         # After a kill the last evaluations may be of steps that are now trained again. The best
         # model may be of one of them, so the return to beat is not the history's but the file's.
         self.history = [row for row in read_evaluations(folder) if row["steps"] <= done]
         self.best = best_return(folder)
-
-    def _on_training_start(self) -> None:
-        self._next_save = self.num_timesteps + self.save_every
-        self._next_eval = self.num_timesteps + self.eval_every
-        trained = self.history[-1].get("seconds", 0.0) if self.history else 0.0
+        # By the steps alone, so that a resumed run saves and evaluates where it would have anyway.
+        self._next_save, self._next_eval = (
+            (done // every + 1) * every if every else 0 for every in (save_every, eval_every)
+        )
+        trained = seconds or (self.history[-1].get("seconds", 0.0) if self.history else 0.0)
         self._begun = time.perf_counter() - trained
+        self._replay_buffer = find_replay_buffer(folder, done)  # of the last complete checkpoint
+
+    def _on_rollout_start(self) -> None:
+        due = self.save_every and self.model.num_timesteps >= self._next_save
+        self.ended = self.stop is not None and self.stop.signal != 0
+        if due:
+            self._next_save += self.save_every
+        if due or self.ended:
+            self.save_checkpoint()
 
     def _on_step(self) -> bool:
-        if self.save_every and self.num_timesteps >= self._next_save:
-            self._next_save += self.save_every
-            self.save_checkpoint()
+        if self.ended:
+            return False
         if self.eval_every and self.num_timesteps >= self._next_eval:
             self._next_eval += self.eval_every
             self.evaluate()
@@ -80,11 +111,25 @@ class Saver(BaseCallback):
         self.save(self.folder / "checkpoints" / f"model_{self.model.num_timesteps}_steps.zip")
 
     def save(self, path: Path) -> None:
-        """Save the model, what belongs to its steps of the monitors, and the replay buffer."""
-        save_model(self.model, path, {"monitor": monitor_sizes(self.folder)})
+        """Save the replay buffer, then the model with its state and what belongs to its steps.
+
+        Buffers are named by their steps: whenever a kill comes, the last model has its own. Two at
+        most are on the disk: this one and the one before.
+        """
         replay_buffer = getattr(self.model, "replay_buffer", None)  # of an off-policy algorithm
         if replay_buffer is not None:
-            save_replay_buffer(replay_buffer, self.folder / REPLAY)
+            file = replay_path(self.folder, self.model.num_timesteps)
+            remove_replay_buffers(self.folder, keep=(file, self._replay_buffer))
+            save_replay_buffer(replay_buffer, file)
+        notes = {"monitor": monitor_sizes(self.folder), "seconds": self._seconds()}
+        save_model(self.model, path, notes, self._read_state(self.model))
+        self.last = path
+        if replay_buffer is not None:
+            self._replay_buffer = file
+
+    def _seconds(self) -> float:
+        """For which the run was trained."""
+        return round(time.perf_counter() - self._begun, 1)
 
     def evaluate(self) -> None:
         """Score the present policy; keep it if it is the best so far."""
@@ -98,7 +143,7 @@ class Saver(BaseCallback):
             self.logger.record(f"eval/{name}", value)
         row: dict[str, Any] = {
             "steps": float(self.num_timesteps),
-            "seconds": round(time.perf_counter() - self._begun, 1),  # of training, this included
+            "seconds": self._seconds(),  # this evaluation included
             **scored,
         }
         if row["return"] > self.best:
@@ -113,7 +158,8 @@ class NoSaver(Saver):
     """Of a worker that does not lead: writes nothing."""
 
     def save(self, path: Path) -> None:
-        """Leave saving to the worker that leads."""
+        """Leave saving to the worker that leads, but for the own part of the state."""
+        self._read_state(self.model)
 
     def evaluate(self) -> None:
         """Leave evaluating to it, too."""
@@ -158,20 +204,18 @@ class NormalizerUpdate(BaseCallback):
         return True
 
 
-class StopOnSignal(BaseCallback):
-    """Ends training at the next step after SIGINT (Ctrl-C) or SIGTERM; a second one kills at once.
+class StopOnSignal:
+    """Takes SIGINT (Ctrl-C) and SIGTERM while it is open; a second one kills at once.
 
-    By the next step an update in progress has come to its end, so model and optimiser are complete.
-    As a context manager it takes these signals, and gives them back.
+    :class:`Saver` ends training where the next rollout begins: by then nothing is half done.
 
     Attributes:
         signal: the number of the signal that came, 0 for none. notice: what is said then.
     """
 
-    notice = b"\nstopping after this step; once more to end at once\n"
+    notice = b"\nstopping after this rollout; once more to end at once\n"
 
     def __init__(self) -> None:
-        super().__init__()
         self.signal = 0
         self._handlers: dict[int, Any] = {}
 
@@ -192,6 +236,3 @@ class StopOnSignal(BaseCallback):
             signal.signal(taken, signal.SIG_DFL)
         # To standard error, but not by print: the signal may have come in the midst of one.
         os.write(2, self.notice)
-
-    def _on_step(self) -> bool:
-        return not self.signal

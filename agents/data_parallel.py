@@ -11,15 +11,18 @@ numbers from the same bits in the same order, so the copies of the policy stay e
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import numpy as np
 import torch
 import torch.distributed as dist
 from stable_baselines3 import PPO
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.callbacks import BaseCallback, ProgressBarCallback
 from stable_baselines3.common.type_aliases import RolloutBufferSamples
@@ -30,10 +33,11 @@ from torch.nn.utils import clip_grad_norm_, parameters_to_vector, vector_to_para
 from agents.callbacks import NormalizerUpdate, StopOnSignal
 from agents.normalizer import NormalizedObservation
 from agents.runs import next_monitor
+from agents.training_state import read_state
 from jansen_env.plants.batch import ROBOTS_PER_THREAD
 
 
-class WorkerLost(ConnectionError):
+class WorkerLost(Exception):
     """Another worker has ended, or cannot be reached."""
 
 
@@ -44,24 +48,27 @@ class Worker:
         rank: its number, from 0. size: how many there are. Rank 0 leads: it alone evaluates, saves
             and prints.
         store: that they have in common. cores: of its machine that this worker may use.
+
+    Attributes:
+        leads: whether it is the leader. stop: takes signals, for all workers.
     """
 
     def __init__(self, rank: int, size: int, store: Store, cores: int = 1) -> None:
         self.rank, self.size, self.store, self.cores = rank, size, store, cores
         self.leads = rank == 0
-        self._stop = StopTogether(self)
+        self.stop = StopTogether(self)
         self._axes = _axes(size)
 
     def threads(self, robots: int) -> int:
         """How many threads simulate so many robots."""
         return max(1, min(self.cores, robots // ROBOTS_PER_THREAD))
 
-    def find_folder(self, make: Callable[[], Path]) -> Path:
-        """The run's folder, which the leader makes."""
+    def told(self, name: str, make: Callable[[], str]) -> str:
+        """What the leader makes, known to all under a name that is used once."""
         with connected():
             if self.leads:
-                self.store.set("folder", str(make()))
-            return Path(self.store.get("folder").decode())
+                self.store.set(name, make())
+            return self.store.get(name).decode()
 
     def share(self, config: dict[str, Any]) -> dict[str, Any]:
         """This worker's part of a run's configuration: its robots, its part of each minibatch.
@@ -106,14 +113,6 @@ class Worker:
         """Callbacks that must come before a run's other ones."""
         return [CommonUpdate(self), CommonNormalizer(self)]
 
-    def stop(self) -> StopTogether:
-        """What ends training after a signal to any of the workers."""
-        return self._stop
-
-    def interrupt(self, number: int) -> None:
-        """End training as if a signal with this number had come; from any thread."""
-        self._stop.signal = number
-
     def progress(self) -> CommonProgress:
         """A bar of all workers' steps."""
         return CommonProgress(self)
@@ -123,6 +122,30 @@ class Worker:
         path = next_monitor(folder)
         first = self.highest(int(path.name.split(".")[0]) if self.leads else 0)
         return path.with_name(f"{first + self.rank}.monitor.csv")
+
+    def read_states(self, model: BaseAlgorithm) -> dict[str, Any]:
+        """:func:`agents.training_state.read_state` of all workers, for the leader to save.
+
+        No worker goes on before the leader is here: what it noted before belongs to this state.
+        """
+        own = read_state(model)
+        if not self.leads:
+            with connected():
+                self.store.set(f"state {self.rank}", json.dumps(own))
+        self.highest(0)
+        if not self.leads:
+            return {}
+        with connected():
+            others = [json.loads(self.store.get(f"state {k}")) for k in range(1, self.size)]
+        return {"workers": [own, *others]}
+
+    def own_part(self, state: dict[str, Any]) -> dict[str, Any] | None:
+        """This worker's part of :meth:`read_states`; None if it is of another number of workers."""
+        states = state.get("workers")
+        if not isinstance(states, list) or len(states) != self.size:
+            return None
+        own = states[self.rank]
+        return own if isinstance(own, dict) else None
 
     def average(self, tensor: torch.Tensor) -> None:
         """Replace a tensor by its mean over the workers, the same bits on all.
@@ -264,9 +287,10 @@ class CommonAdvantages(RolloutBuffer):
 
 
 class CommonUpdate(BaseCallback):
-    """Counts all workers' steps, and leaves clipping and normalising to what knows all workers.
+    """Counts all workers' steps, agrees on signals, and leaves clipping and normalising to what
+    knows all workers.
 
-    During updates only: a model saved between them is like one that a single worker trained.
+    The latter during updates only: a model saved between them is like one that one worker trained.
     It comes before callbacks that read the number of steps.
     """
 
@@ -288,6 +312,7 @@ class CommonUpdate(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         self.model.max_grad_norm, self.model.normalize_advantage = self._own
+        self.worker.stop.agree()
 
     _on_training_end = _on_rollout_start
 
@@ -307,25 +332,26 @@ class CommonNormalizer(NormalizerUpdate):
 
 
 class StopTogether(StopOnSignal):
-    """Ends training of all workers before the same rollout, after a signal to any of them."""
+    """Takes signals for all workers: ``signal`` changes where they agree on it, before a rollout.
 
-    notice = b"\nstopping after this rollout; once more to end at once\n"
+    Attributes:
+        came: the number of the signal that came to this worker.
+    """
 
     def __init__(self, worker: Worker) -> None:
         super().__init__()
-        self.worker = worker
-        self._agreed = 0
+        self.worker, self.came = worker, 0
         if not worker.leads:
             self.notice = b""
 
-    def _on_rollout_start(self) -> None:
-        self._agreed = self.worker.highest(self.signal)
+    def agree(self) -> None:
+        """Let a signal that came to any worker count for all."""
+        self.signal = self.worker.highest(self.came)
 
-    def _on_step(self) -> bool:
-        return not self._agreed
-
-    def _on_training_end(self) -> None:
-        self.signal = self.worker.highest(self.signal)
+    def _take(self, number: int, frame: FrameType | None) -> None:
+        agreed = self.signal
+        super()._take(number, frame)
+        self.came, self.signal = number, agreed
 
 
 class CommonProgress(ProgressBarCallback):

@@ -3,6 +3,8 @@
 A model is a zip file; each of its ``.pth`` members is a zip file again, written by ``torch.save``,
 with the structure as a pickle and each tensor's numbers as a member of their own. Sizes and the
 names in the pickle are checked before torch reads it, which it does with ``weights_only=True``.
+Nothing may be packed, as Stable-Baselines3 packs nothing: so no file asks for more memory than a
+few times its size.
 """
 
 from __future__ import annotations
@@ -23,7 +25,9 @@ import torch
 from jansen_env.checks import finite, instance, whole_number
 
 MAX_BYTES = 64 * 2**20  # of tensors in a member; the shipped configurations' have 0.1 MB
-MAX_TEXT = 4 * 2**20  # bytes of the "data" member and of a pickle, which unpack to more
+MAX_TEXT = 4 * 2**20  # bytes of the "data" member and of a pickle, which make more in memory
+NAMES_OF_ONE = 4  # of a tensor in a state dict: networks may share their features
+MAX_STATE = 64 * 2**20  # bytes of a training state: some 2 kB a robot
 MAX_ENTRIES = 100_000  # of a member's nested dictionaries and lists
 MAX_DEPTH = 10  # levels of them
 MAX_STEPS = 10**12  # of a model's training
@@ -32,6 +36,7 @@ MEMBERS = ("policy", "policy.optimizer", "actor.optimizer", "critic.optimizer",
 """All that is needed to go on with PPO or SAC."""
 
 NOTES = "notes.json"  # what belongs to a model and Stable-Baselines3 does not know
+STATE = "state.json"  # of training, see agents.training_state
 
 NAMES = ("collections OrderedDict", "torch._utils _rebuild_tensor_v2", "torch FloatStorage",
          "torch DoubleStorage", "torch LongStorage")  # fmt: skip
@@ -57,7 +62,7 @@ def read_model(path: str | Path, members: Collection[str] = MEMBERS) -> tuple[di
             for name in members
             if f"{name}.pth" in present
         }
-        data = json.loads(_unzip(archive, "data", MAX_TEXT))
+        data = _parse(_unzip(archive, "data", MAX_TEXT))
         steps = whole_number("num_timesteps", data["num_timesteps"])
         if steps > MAX_STEPS:
             raise ValueError(f"num_timesteps is {steps}, must be at most {MAX_STEPS}")
@@ -70,12 +75,33 @@ def read_notes(path: str | Path) -> dict[str, Any]:
     Raises:
         ValueError: no such file, or it is damaged or too large.
     """
+    return _read_json(path, NOTES, MAX_TEXT) or {}
+
+
+def read_training_state(path: str | Path) -> dict[str, Any] | None:
+    """The training state in a model's file, see :mod:`agents.training_state`; None without one.
+
+    Raises:
+        ValueError: no such file, or it is damaged or too large.
+    """
+    return _read_json(path, STATE, MAX_STATE)
+
+
+def _read_json(path: str | Path, name: str, limit: int) -> dict[str, Any] | None:
+    """A dictionary that is a member of a model's file; None where there is no such member."""
     with _opened(path) as archive:
-        if NOTES not in archive.namelist():
-            return {}
-        notes = json.loads(_unzip(archive, NOTES, MAX_TEXT))
-        instance(NOTES, notes, dict)
-    return notes
+        if name not in archive.namelist():
+            return None
+        value = _parse(_unzip(archive, name, limit))
+        instance(name, value, dict)
+    return dict(value)
+
+
+def _parse(data: bytes) -> Any:
+    """JSON, but no text of nothing but brackets, of which each takes many times its size."""
+    if data.count(b"[") + data.count(b"{") > MAX_ENTRIES:
+        raise ValueError(f"it has more than {MAX_ENTRIES} lists and dictionaries")
+    return json.loads(data)
 
 
 @contextmanager
@@ -95,9 +121,9 @@ def _unzip(archive: zipfile.ZipFile, name: str, limit: int = MAX_BYTES) -> bytes
     info = archive.getinfo(name)
     if info.file_size > limit:
         raise ValueError(f"{name} unpacks to {info.file_size} bytes, must be {limit} at most")
-    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise ValueError(f"{name} is packed by method {info.compress_type}, must be stored or zip")
-    with archive.open(info) as member:  # the other methods' readers unpack without bound
+    if info.compress_type != zipfile.ZIP_STORED:  # as Stable-Baselines3 writes it
+        raise ValueError(f"{name} is packed by method {info.compress_type}, must be stored")
+    with archive.open(info) as member:
         data = member.read(info.file_size + 1)
     if len(data) != info.file_size:
         raise ValueError(f"{name} has {len(data)} bytes, must have {info.file_size}")
@@ -110,8 +136,11 @@ def _read_tensors(data: bytes) -> Any:
         raise ValueError("a member is no zip file")
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         sizes = sum(info.file_size for info in archive.infolist())
-        if sizes > MAX_BYTES:
-            raise ValueError(f"it unpacks to {sizes} bytes, must be {MAX_BYTES} at most")
+        if sizes > len(data):
+            raise ValueError(f"it unpacks to {sizes} bytes, must be {len(data)} at most")
+        packed = [info.filename for info in archive.infolist() if info.compress_type]
+        if packed:
+            raise ValueError(f"{packed[0]} in it is packed, must be stored")
         pickles = [name for name in archive.namelist() if name.lower().endswith("/data.pkl")]
         if len(pickles) != 1:
             raise ValueError(f"it has {len(pickles)} files data.pkl, must have 1")
@@ -122,7 +151,7 @@ def _read_tensors(data: bytes) -> Any:
         value = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
     except pickle.UnpicklingError:  # whose text advises to load without this safety
         raise ValueError("its pickle is no state dict") from None
-    _check_plain(value)
+    _check_plain(value, len(data))
     return value
 
 
@@ -140,16 +169,19 @@ def _nodes(value: Any, depth: int = 0) -> Iterator[Any]:
             yield from _nodes(entry, depth + 1)
 
 
-def _check_plain(value: Any) -> None:
-    """Raises ValueError unless all is dictionaries, lists, finite numbers and tensors, text."""
+def _check_plain(value: Any, stored: int) -> None:
+    """Raises ValueError unless all is dictionaries, lists, finite numbers and tensors, text.
+
+    Tensors may share what is ``stored``, bytes, under a few names.
+    """
     size = 0
     for count, node in enumerate(_nodes(value)):
         if count == MAX_ENTRIES:
             raise ValueError(f"it has more than {MAX_ENTRIES} entries")
         if isinstance(node, torch.Tensor):
             size += node.nbytes  # views of few numbers may be large, or many
-            if size > MAX_BYTES:
-                raise ValueError(f"its tensors take more than {MAX_BYTES} bytes")
+            if size > NAMES_OF_ONE * stored:
+                raise ValueError(f"its tensors take more than {NAMES_OF_ONE} x {stored} bytes")
             if not torch.isfinite(node).all():
                 raise ValueError("it has tensors that are not finite")
         elif isinstance(node, float):

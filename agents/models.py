@@ -6,6 +6,7 @@ Models are Stable-Baselines3's own zip files. Only the tensors in them are used 
 
 from __future__ import annotations
 
+import io
 import json
 import zipfile
 from pathlib import Path
@@ -17,11 +18,11 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.utils import LinearSchedule
 
 from agents.config import TO_LOAD, find_config, load_config
-from agents.model_files import NOTES, read_model
+from agents.model_files import NOTES, STATE, read_model
 from agents.normalizer import NormalizedObservation
 from agents.policy import Policy
 from agents.rollout import make_env
-from jansen_env.files import write_whole
+from jansen_env.files import write_bytes
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}
@@ -125,12 +126,21 @@ def restore(model: BaseAlgorithm, tensors: dict[str, Any]) -> None:
         raise ValueError(f"the saved model does not fit its configuration: {reason}") from error
 
 
-def save_model(model: BaseAlgorithm, path: Path, notes: dict[str, Any] | None = None) -> None:
-    """Save by an atomic write, with ``notes`` as JSON in the same file."""
+def save_model(
+    model: BaseAlgorithm,
+    path: Path,
+    notes: dict[str, Any] | None = None,
+    state: dict[str, Any] | None = None,
+) -> None:
+    """Save by an atomic write, with ``notes`` and training ``state`` as JSON in the same file.
 
-    def write(part: str) -> None:
-        model.save(part)
-        with zipfile.ZipFile(part, "a") as archive:
-            archive.writestr(NOTES, json.dumps(notes or {}))
-
-    write_whole(path, write)
+    Raises:
+        OSError: it cannot be written; the old file, if any, is as it was.
+    """
+    buffer = io.BytesIO()  # whole before the disk sees any of it
+    model.save(buffer)
+    with zipfile.ZipFile(buffer, "a") as archive:
+        archive.writestr(NOTES, json.dumps(notes or {}))
+        if state is not None:
+            archive.writestr(STATE, json.dumps(state))
+    write_bytes(path, buffer.getvalue())

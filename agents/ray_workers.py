@@ -55,8 +55,7 @@ class RayWorker:
 
         def known(worker: Worker) -> Path:
             self._worker = worker
-            if self._stopped_by:
-                worker.interrupt(self._stopped_by)
+            worker.stop.came = self._stopped_by
             return work(worker)
 
         store = TCPStore(*at, is_master=False, timeout=TIMEOUT)
@@ -71,7 +70,7 @@ class RayWorker:
         """End training as after a signal."""
         self._stopped_by = number
         if self._worker is not None:
-            self._worker.interrupt(number)
+            self._worker.stop.came = number
 
 
 def run_on_ray(address: str, workers: int, cores: int, work: Work) -> Path:

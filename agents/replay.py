@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from stable_baselines3.common.buffers import ReplayBuffer
 
+from jansen_env.checks import shown
 from jansen_env.files import write_whole
 
-HEADERS = 4096  # bytes, more than the headers of all arrays take
 ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+MEMBERS = sorted(f"{name}.npy" for name in (*ARRAYS, "pos", "full"))
 
 
 def save_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
     """Write what the buffer holds as .npz, atomically."""
     used = _used(buffer, buffer.pos, buffer.full)
     arrays = {name: getattr(buffer, name)[:used] for name in ARRAYS}
-    write_whole(path, lambda part: np.savez(part, pos=buffer.pos, full=buffer.full, **arrays))
+    place = {"pos": np.int64(buffer.pos), "full": np.bool_(buffer.full)}
+    write_whole(path, lambda part: np.savez(part, **place, **arrays))
 
 
 def load_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
@@ -27,32 +31,68 @@ def load_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
     Raises:
         ValueError: not such a file, or one of a buffer of another size or other environments.
     """
+    check_replay_file(path)
     try:
-        if not zipfile.is_zipfile(path):
-            raise ValueError("not an .npz archive")
         with zipfile.ZipFile(path) as archive:
-            unpacked = sum(member.file_size for member in archive.infolist())
-        largest = HEADERS + sum(getattr(buffer, name).nbytes for name in ARRAYS)
-        if unpacked > largest:
-            raise ValueError(f"it unpacks to {unpacked} bytes, must be {largest} at most")
-        with np.load(path, allow_pickle=False) as file:
-            pos, full = int(file["pos"]), bool(file["full"])
-            arrays = {name: file[name] for name in ARRAYS}
-    except (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
-        raise ValueError(f"{path} is no replay buffer: {error}") from error
-    if not 0 <= pos < buffer.buffer_size:
-        raise ValueError(f"{path} has pos {pos}, must be in [0, {buffer.buffer_size})")
-    used = _used(buffer, pos, full)
-    for name, array in arrays.items():
-        own = getattr(buffer, name)
-        if array.shape != (used, *own.shape[1:]) or array.dtype != own.dtype:
-            raise ValueError(
-                f"{path} has {name} of shape {array.shape} and type {array.dtype}, must be "
-                f"{(used, *own.shape[1:])} and {own.dtype}"
-            )
+            pos = int(_read_array(archive, "pos", (), np.dtype(np.int64)))
+            full = bool(_read_array(archive, "full", (), np.dtype(bool)))
+            if not 0 <= pos < buffer.buffer_size:
+                raise ValueError(f"pos is {pos}, must be in [0, {buffer.buffer_size})")
+            used = _used(buffer, pos, full)
+            arrays = {}
+            for name in ARRAYS:
+                own = getattr(buffer, name)
+                arrays[name] = _read_array(archive, name, (used, *own.shape[1:]), own.dtype)
+    except Exception as error:  # of a damaged file zipfile and NumPy raise nearly every kind
+        raise ValueError(f"{path} is no replay buffer: {_reason(error)}") from error
     for name, array in arrays.items():
         getattr(buffer, name)[:used] = array
     buffer.pos, buffer.full = pos, full
+
+
+def _read_array(
+    archive: zipfile.ZipFile, name: str, shape: tuple[int, ...], dtype: np.dtype[Any]
+) -> NDArray[Any]:
+    """An array of this shape and type; nothing is allocated for another that the file promises."""
+    with archive.open(f"{name}.npy") as member:
+        if (version := np.lib.format.read_magic(member)) != (1, 0):
+            raise ValueError(f"{name} has version {version}, must have (1, 0)")
+        found = np.lib.format.read_array_header_1_0(member)
+        if found != (shape, False, dtype):
+            raise ValueError(
+                f"{name} has shape {shown(found[0])} and type {found[2]}, must have {shape} and "
+                f"{dtype}"
+            )
+        array = np.frombuffer(member.read(), dtype).reshape(shape)
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} has numbers that are not finite")
+    return array
+
+
+def check_replay_file(path: Path) -> None:
+    """Check that a file is whole: nothing packed, nothing missing.
+
+    Raises:
+        ValueError: it is not.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+            if sorted(info.filename for info in members) != MEMBERS:
+                raise ValueError(
+                    f"it has {len(members)} arrays, must have {len(MEMBERS)}: {MEMBERS}"
+                )
+            if packed := [info.filename for info in members if info.compress_type]:
+                raise ValueError(f"{packed[0]} is packed, must be stored")
+            if (damaged := archive.testzip()) is not None:
+                raise ValueError(f"{damaged} is damaged")
+    except Exception as error:  # of a damaged file zipfile raises nearly every kind there is
+        raise ValueError(f"{path} is no replay buffer: {_reason(error)}") from error
+
+
+def _reason(error: Exception) -> str:
+    """What an error says, on one line."""
+    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _used(buffer: ReplayBuffer, pos: int, full: bool) -> int:

@@ -1,7 +1,8 @@
 """Run folders. A run's folder holds all that is needed to go on with it or to score it:
 
-config.yml  command.txt  best_model.zip  final_model.zip  evaluations.json  replay_buffer.npz (SAC)
+config.yml  command.txt  best_model.zip  final_model.zip  evaluations.json
 checkpoints/model_STEPS_steps.zip  monitor/N.monitor.csv  tensorboard/
+replay_buffer_STEPS.npz (SAC: of the last checkpoint and the one before)
 """
 
 from __future__ import annotations
@@ -11,17 +12,21 @@ import json
 import math
 import os
 import re
-from contextlib import suppress
+import socket
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import yaml
+from filelock import FileLock, Timeout
 from stable_baselines3.common.utils import get_latest_run_id
 
-from agents.model_files import read_model, read_notes
-from jansen_env.files import write_text
+from agents.model_files import read_model, read_notes, read_training_state
+from agents.replay import check_replay_file
+from jansen_env.files import PART, write_text
 
-FINAL, BEST, REPLAY = "final_model.zip", "best_model.zip", "replay_buffer.npz"
+FINAL, BEST = "final_model.zip", "best_model.zip"
 
 
 def new_run_folder(root: str | Path, algo: str, env_id: str) -> Path:
@@ -36,30 +41,91 @@ def new_run_folder(root: str | Path, algo: str, env_id: str) -> Path:
     return folder
 
 
-def last_state(folder: str | Path) -> Path:
-    """The model with the most steps in a run's folder: final_model.zip or a checkpoint.
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Keep other processes from a run's folder, and remove what a killed one had half written.
 
-    A damaged final_model.zip is passed over where there are checkpoints.
+    The lock goes with its process, however that ends.
 
     Raises:
-        ValueError: there is none.
+        ValueError: another process has it, or the folder cannot be written to.
     """
-    found = {
-        int(path.stem.split("_")[1]): path
+    holder = folder / ".lock-holder"
+    try:
+        held = FileLock(folder / ".lock").acquire(blocking=False)
+        write_text(holder, f"process {os.getpid()} on {socket.gethostname()}")
+    except Timeout:
+        by = holder.read_text(encoding="utf-8") if holder.is_file() else "another process"
+        raise ValueError(f"{folder} is in use by {by}") from None
+    except OSError as error:
+        raise ValueError(f"{folder} cannot be written to: {error}") from error
+    with held:
+        for place in (folder, folder / "checkpoints"):
+            for part in place.glob(f"{PART}*"):
+                part.unlink()
+        yield
+
+
+def last_state(folder: str | Path) -> Path | None:
+    """The model with the most steps in a run's folder: final_model.zip or a checkpoint.
+
+    One that is damaged, or whose replay buffer is, is passed over, with a line that says so. None
+    where there is no model yet.
+
+    Raises:
+        ValueError: there are models, and all are damaged.
+    """
+    found = [
+        (int(path.stem.split("_")[1]), path)
         for path in (Path(folder) / "checkpoints").glob("model_*_steps.zip")
         if re.fullmatch(r"model_\d+_steps", path.stem)
-    }
+    ]
+    found.sort(reverse=True)
+    errors = []
     final = Path(folder) / FINAL
     if final.is_file():
         try:  # after the update that a checkpoint of as many steps comes before
-            found[read_model(final)[1]] = final
+            steps = read_model(final)[1]
+            place = next((i for i, (s, _) in enumerate(found) if s <= steps), len(found))
+            found.insert(place, (steps, final))
         except ValueError as error:
-            if not found:
-                raise
-            print(f"{error}; the last checkpoint takes its place")
-    if not found:
-        raise ValueError(f"no checkpoint and no {FINAL} in {folder}, nothing to resume from")
-    return found[max(found)]
+            errors.append(error)
+    for steps, path in found:
+        try:
+            read_model(path)
+            read_training_state(path)
+            if (buffer := find_replay_buffer(Path(folder), steps)) is not None:
+                check_replay_file(buffer)
+        except ValueError as error:
+            errors.append(error)
+            continue
+        for damage in errors:
+            print(f"{damage}; the checkpoint before takes its place")
+        return path
+    if errors:
+        raise errors[0]
+    return None
+
+
+def replay_path(folder: Path, steps: int) -> Path:
+    """Where the replay buffer of a model of so many steps lies."""
+    return folder / f"replay_buffer_{steps}.npz"
+
+
+def find_replay_buffer(folder: Path, steps: int) -> Path | None:
+    """The replay buffer of a model of so many steps; None where there is none.
+
+    That of an earlier version may be of other steps: there was but one, of the last checkpoint.
+    """
+    places = (replay_path(folder, steps), folder / "replay_buffer.npz")
+    return next((path for path in places if path.is_file()), None)
+
+
+def remove_replay_buffers(folder: Path, keep: Collection[Path | None]) -> None:
+    """Remove replay buffers but some."""
+    for path in folder.glob("replay_buffer*.npz"):
+        if path not in keep:
+            path.unlink()
 
 
 def record_run(folder: Path, config: dict[str, Any], command: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,11 +17,13 @@ from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor, unwrap_v
 
 from agents.callbacks import NormalizerUpdate, NoSaver, Saver, StopOnSignal
 from agents.config import find_config
-from agents.model_files import read_model, read_notes
+from agents.model_files import read_model, read_notes, read_training_state
 from agents.models import build_model, restore
 from agents.replay import load_replay_buffer
-from agents.runs import FINAL, REPLAY, next_monitor, rewind_monitors
+from agents.runs import FINAL, find_replay_buffer, next_monitor, rewind_monitors
+from agents.training_state import GeneratorsRestored, read_state, restore_state
 from agents.vec_env import make_vec_env
+from jansen_env.checks import instance, non_negative, whole_number
 
 if TYPE_CHECKING:
     from agents.data_parallel import Worker
@@ -49,8 +52,8 @@ def prepare(
     Args:
         config: a training configuration with ``algo``, ``env`` and ``seed``. Environment i takes
             number i of its ``training_variants``, counted around, on top of the ``env_kwargs``.
-        resume: a model's file, of which it takes parameters, optimiser and number of steps;
-            :data:`agents.runs.REPLAY` in the run's folder fills its replay buffer.
+        resume: a model's file, of which it takes all that training has come to; the run's folder
+            has its replay buffer, if the algorithm has one.
         worker: of which the model is, where several train together.
 
     Raises:
@@ -71,24 +74,65 @@ def prepare(
     if resume is not None:
         tensors, model.num_timesteps = read_model(resume)
         restore(model, tensors)
-        seed += model.num_timesteps
-        venv.seed(seed)
         if isinstance(model, OffPolicyAlgorithm):
-            _refill(model, find_config(resume).parent / REPLAY)
+            _refill(model, find_config(resume).parent)
+        _noted(resume)  # or what is wrong with it would show too late
+        seed += model.num_timesteps
     if isinstance(model, PPO) and worker is not None:
         worker.connect(model, seed)
+    elif resume is not None:
+        venv.seed(seed)
+    if resume is not None:
+        state = _read_own_state(resume, worker)
+        if state is not None:
+            restore_state(model, state)
+        if worker is None or worker.leads:
+            _say_how_exact(config, state is not None)
     return model
 
 
-def _refill(model: OffPolicyAlgorithm, path: Path) -> None:
-    """Fill the replay buffer from a file; without one, let it fill before training goes on."""
-    if path.is_file():
+def _read_own_state(path: Path, worker: Worker | None) -> dict[str, Any] | None:
+    """A process's own state from a model's file; None where as many processes did not save it."""
+    state = read_training_state(path)
+    if worker is not None and state is not None:
+        return worker.own_part(state)
+    return None if state is None or "workers" in state else state
+
+
+def _refill(model: OffPolicyAlgorithm, folder: Path) -> None:
+    """Fill the replay buffer from a run's; without one, let it fill before training goes on."""
+    path = find_replay_buffer(folder, model.num_timesteps)
+    if path is not None:
         assert model.replay_buffer is not None
         load_replay_buffer(model.replay_buffer, path)
         return
     model.learning_starts += model.num_timesteps
-    print(f"no replay buffer at {path}: it fills from empty, with random actions until step "
+    print(f"no replay buffer in {folder}: it fills from empty, with random actions until step "
           f"{model.learning_starts}")  # fmt: skip
+
+
+def _noted(path: Path) -> tuple[dict[str, int] | None, float]:
+    """What is noted with a model: sizes of the monitors, None if unknown, and seconds trained.
+
+    Raises:
+        ValueError: something else.
+    """
+    notes = read_notes(path)
+    seconds = non_negative(f"seconds in {path}", notes.get("seconds", 0.0))
+    if "monitor" not in notes:
+        return None, seconds
+    instance(f"monitor in {path}", notes["monitor"], dict)
+    return {k: whole_number(f"{k} in {path}", v) for k, v in notes["monitor"].items()}, seconds
+
+
+def _say_how_exact(config: dict[str, Any], has_state: bool) -> None:
+    """Say so where what goes on is not the run that was interrupted."""
+    if not has_state:
+        print("a checkpoint of an earlier version, or of another number of workers: episodes begin "
+              "again, with other random numbers")  # fmt: skip
+    elif config.get("env_kwargs", {}).get("plant") == "rigid_body":
+        print("plant='rigid_body': what pymunk's solver had cached is lost, so the run goes on "
+              "nearly, but not exactly, as it would have")  # fmt: skip
 
 
 def train(
@@ -112,52 +156,73 @@ def train(
 
     Raises:
         SystemExit: a signal came (status 130 for SIGINT, 143 for SIGTERM); a checkpoint is saved.
-            Or the policy's actions are no longer finite.
+            Or the policy's actions are no longer finite, or a file cannot be written: what was
+            saved before stays good.
     """
     venv: Any = model.get_env()
     leads = worker is None or worker.leads
+    stop = StopOnSignal() if worker is None else worker.stop
+    monitor_sizes, seconds = ({}, 0.0) if resume is None else _noted(resume)
     saver = (Saver if leads else NoSaver)(
         folder, save_every, eval_every, config["env"], config.get("env_kwargs", {}),
-        done=model.num_timesteps,
+        done=model.num_timesteps, seconds=seconds, stop=stop,
+        state=read_state if worker is None else worker.read_states,
     )  # fmt: skip
     saver.init_callback(model)
-    if leads and resume is not None and (sizes := read_notes(resume).get("monitor")) is not None:
-        rewind_monitors(folder, sizes)
+    if leads and monitor_sizes is not None:
+        rewind_monitors(folder, monitor_sizes)
     monitor: Any = unwrap_vec_wrapper(venv, VecMonitor)  # from now on it writes each episode
     header = {"t_start": monitor.t_start, "env_id": config["env"]}
     file = next_monitor(folder) if worker is None else worker.next_monitor(folder)
     monitor.results_writer = ResultsWriter(str(file), header)
     model.tensorboard_log = tensorboard if leads else None
-    stop = StopOnSignal() if worker is None else worker.stop()
     updates: list[BaseCallback] = [NormalizerUpdate()] if worker is None else worker.updates()
-    callbacks = [*updates, saver, stop]
+    callbacks = [*updates, saver]
+    state = None if resume is None else _read_own_state(resume, worker)
+    if state is not None:
+        callbacks.insert(0, GeneratorsRestored(state))
     if progress and leads:
         callbacks.append(ProgressBarCallback() if worker is None else worker.progress())
-    remaining = config["timesteps"] - model.num_timesteps
-    if remaining > 0:
-        try:
-            with stop:
-                model.learn(
-                    remaining,
-                    callback=callbacks,
-                    reset_num_timesteps=False,
-                    tb_log_name=folder.name,
-                )
-        except ValueError as error:
-            if "to satisfy the constraint" not in str(error):  # torch's, of a policy that is NaN
-                raise
-            raise SystemExit(
-                not leads
-                or f"training diverged at {model.num_timesteps} steps: the policy's actions are no "
-                "longer finite; a lower learning_rate may help"
-            ) from error
-        if stop.signal:
-            saver.save_checkpoint()
-            venv.close()
-            if leads:
-                print(f"stopped at {model.num_timesteps} steps; python train.py --resume "
-                      f"{shlex.quote(str(folder))} goes on from there")  # fmt: skip
-            raise SystemExit(128 + stop.signal if leads else 0)
-        saver.evaluate()
-    saver.save(folder / FINAL)
-    venv.close()
+    try:
+        with closing(venv):
+            remaining = config["timesteps"] - model.num_timesteps
+            if remaining > 0:
+                _learn(model, remaining, callbacks, stop, folder)
+                if saver.ended:
+                    if leads:
+                        print(f"stopped, saved as {saver.last}; {_go_on(folder)}")
+                    raise SystemExit(128 + stop.signal)
+                saver.evaluate()
+            saver.save(folder / FINAL)
+    except OSError as error:  # such as a full disk
+        raise SystemExit(
+            f"training stopped at {model.num_timesteps} steps: {error}; {_go_on(folder)}"
+        ) from error
+    if stop.signal:  # in the last rollout
+        raise SystemExit(128 + stop.signal)
+
+
+def _go_on(folder: Path) -> str:
+    return f"python train.py --resume {shlex.quote(str(folder))} goes on from the last checkpoint"
+
+
+def _learn(
+    model: BaseAlgorithm,
+    steps: int,
+    callbacks: list[BaseCallback],
+    stop: StopOnSignal,
+    folder: Path,
+) -> None:
+    """``model.learn``; what stops it stands in :func:`train`."""
+    try:
+        with stop:
+            model.learn(
+                steps, callback=callbacks, reset_num_timesteps=False, tb_log_name=folder.name
+            )
+    except ValueError as error:
+        if "to satisfy the constraint" not in str(error):  # torch's, of a policy that is NaN
+            raise
+        raise SystemExit(
+            f"training diverged at {model.num_timesteps} steps: the policy's actions are no "
+            "longer finite; a lower learning_rate may help"
+        ) from error

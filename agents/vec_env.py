@@ -16,6 +16,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
 from agents.rollout import make_env
+from jansen_env.checks import whole_number
 from jansen_env.envs.arguments import Each
 from jansen_env.envs.vector import TaskVectorEnv
 
@@ -150,6 +151,23 @@ class BatchVecEnv(VecEnv):
             for i in np.flatnonzero(dones).tolist():
                 self.reset_infos[i] = task.information.of_one(i, False)
         return task.observation.copy(), rewards, dones, infos
+
+    def get_states(self) -> list[dict[str, Any]]:
+        """All that each robot's future depends on: its state, and the steps of its episode."""
+        elapsed = self.env._elapsed.tolist()
+        return [{**self.env.get_state(i), "elapsed": elapsed[i]} for i in range(self.num_envs)]
+
+    def set_states(self, states: Sequence[dict[str, Any]]) -> None:
+        """Let each robot go on from its state of :meth:`get_states`.
+
+        Raises:
+            ValueError: an entry is missing or out of range.
+        """
+        for i, state in enumerate(states):
+            own = dict(state)
+            elapsed = whole_number("elapsed", own.pop("elapsed", None))
+            self.env.set_state(i, own)
+            self.env._elapsed[i] = elapsed
 
     def close(self) -> None:
         """Let go of threads and pictures."""

@@ -10,8 +10,9 @@ gradients. From both, what more cores would give. Writes ``workers.md``.
 from __future__ import annotations
 
 import json
+import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -66,8 +67,7 @@ def worker_rates(config: dict[str, Any], rounds: int, out: Path, worker: Any) ->
     )
     if worker.leads:
         (out / "rates.json").write_text(json.dumps(found), encoding="utf-8")
-    folder: Path = worker.find_folder(lambda: out)
-    return folder
+    return Path(worker.told("folder", lambda: str(out)))
 
 
 def averaging_times(numbers: int, pause: float, count: int, out: Path, worker: Any) -> Path:
@@ -85,8 +85,7 @@ def averaging_times(numbers: int, pause: float, count: int, out: Path, worker: A
         times.append((time.perf_counter() - start, time.process_time() - before))
     if worker.leads:
         (out / "times.json").write_text(json.dumps(times), encoding="utf-8")
-    folder: Path = worker.find_folder(lambda: out)
-    return folder
+    return Path(worker.told("folder", lambda: str(out)))
 
 
 def rollout_times(robots: int, rounds: int) -> list[float]:
@@ -140,7 +139,7 @@ def minibatch_times(size: int, rounds: int) -> list[float]:
     return [play() for _ in range(rounds)]
 
 
-def line(sizes: dict[int, float]) -> tuple[float, float]:
+def line(sizes: Mapping[int, float] | Mapping[float, float]) -> tuple[float, float]:
     """(fixed, per item) of the straight line through times by size, each as exact in proportion."""
     n, t = np.array(list(sizes), float), np.array(list(sizes.values()))
     fixed, each = np.linalg.lstsq(np.stack([1 / t, n / t], 1), np.ones(len(n)), rcond=None)[0]
@@ -159,7 +158,7 @@ def predicted(
     robots, steps = config["n_envs"] / workers, settings["n_steps"]
     rollout = steps * (step[0] + step[1] * robots)
     batches = settings["n_epochs"] * config["n_envs"] * steps / settings["batch_size"]
-    averages = batches * (averaging[0] + averaging[1] * (workers - 1)) if workers > 1 else 0.0
+    averages = batches * (averaging[0] + averaging[1] * math.log2(workers)) if workers > 1 else 0.0
     batch = settings["batch_size"] / workers
     whole = rollout + batches * (minibatch[0] + minibatch[1] * batch) + averages
     return whole, averages / whole
@@ -225,7 +224,7 @@ def main(arguments: list[str] | None = None) -> None:
     costs = (
         line(step),
         line(minibatch),
-        line({n - 1: median(cpu for _, cpu in times) for n, times in averaging.items()}),
+        line({math.log2(n): median(cpu for _, cpu in times) for n, times in averaging.items()}),
     )
     write(out, rounds, rows, numbers, (step, minibatch, averaging), costs)
     for name in ("rates.json", "times.json"):
@@ -253,7 +252,7 @@ def write(
             for n, times in averaging.items()
         ),
     ]  # fmt: skip
-    units = ("robot", "sample", "further worker")
+    units = ("robot", "sample", "doubling of the workers")
     parts = ("a step", "a minibatch", "an average")
     fits = "; ".join(
         f"{part} {1e6 * fixed:,.0f} and {1e6 * each:,.3g} per {unit}"

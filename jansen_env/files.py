@@ -20,19 +20,25 @@ def write_whole(path: str | Path, write: Callable[[str], object]) -> Path:
 
     It is on the disk before it is moved, so that a crash leaves the old file or the new one. The
     temporary name keeps the suffix of ``path``, which some writers look at.
+
+    Raises:
+        OSError: it cannot be written; names ``path``.
     """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=PART, suffix=path.suffix)
-    os.close(handle)
     try:
-        write(name)
-        os.chmod(name, 0o644)  # mkstemp's files are private
-        _sync(name, os.O_RDWR)
-        os.replace(name, path)
-    finally:
-        if os.path.exists(name):
-            os.unlink(name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=PART, suffix=path.suffix)
+        os.close(handle)
+        try:
+            write(name)
+            os.chmod(name, 0o644)  # mkstemp's files are private
+            _sync(name, os.O_RDWR)
+            os.replace(name, path)
+        finally:
+            if os.path.exists(name):
+                os.unlink(name)
+    except OSError as error:  # of the temporary file, or of none
+        raise type(error)(error.errno, error.strerror or str(error), str(path)) from error
     with contextlib.suppress(OSError):  # Windows opens no folders
         _sync(path.parent, os.O_RDONLY)
     return path
@@ -47,9 +53,14 @@ def _sync(path: str | Path, flags: int) -> None:
         os.close(handle)
 
 
+def write_bytes(path: str | Path, data: bytes) -> Path:
+    """Write a file atomically."""
+    return write_whole(path, lambda name: Path(name).write_bytes(data))
+
+
 def write_text(path: str | Path, text: str) -> Path:
     """Write a text file atomically."""
-    return write_whole(path, lambda name: Path(name).write_text(text, encoding="utf-8"))
+    return write_bytes(path, text.encode("utf-8"))
 
 
 def write_json(path: str | Path, value: Any) -> Path:

@@ -127,7 +127,7 @@ def work(out, worker):
         steps=model.num_timesteps,
         settings=[model.max_grad_norm, model.normalize_advantage],
     )
-    return worker.find_folder(lambda: out)
+    return Path(worker.told("folder", lambda: str(out)))
 
 
 @pytest.fixture(scope="module")
@@ -198,7 +198,7 @@ def test_command_line_trains_with_two_workers(tmp_path, capfd):
 
 def doomed(out, worker):
     """The second worker is killed while the first waits for it."""
-    worker.find_folder(lambda: out)
+    worker.told("folder", lambda: str(out))
     for step in range(1000):
         if worker.rank == 1 and step == 20:
             os.kill(os.getpid(), signal.SIGKILL)
@@ -242,7 +242,7 @@ def averaging(out, worker):
     own = torch.from_numpy(np.random.default_rng(worker.rank).normal(size=1000).astype(np.float32))
     worker.average(own)
     np.save(out / f"{worker.rank}.npy", own.numpy())
-    return worker.find_folder(lambda: out)
+    return Path(worker.told("folder", lambda: str(out)))
 
 
 @pytest.mark.slow
@@ -278,9 +278,26 @@ def test_a_signal_stops_all_workers(send, number, tmp_path):
     send(process.pid, number)
     output = process.communicate()[0]
     assert process.returncode == 128 + number, output
-    assert output.count("stopping after this rollout") == output.count("stopped at") == 1
+    assert output.count("stopping after this rollout") == output.count("stopped, saved") == 1
     assert len(list((run / "checkpoints").iterdir())) == 1
     assert f"--resume {run}" in output
+
+
+@pytest.mark.slow
+def test_resuming_is_exact(tmp_path, capfd):
+    """Two workers that go on from a checkpoint come to the same model bit for bit; one says not."""
+    folder = train.main([*SHORT, "-n", "1536", "--log-folder", str(tmp_path)])
+    policy = read_model(folder / "final_model.zip")[0]["policy"]
+    for path in (folder / "final_model.zip", *(folder / "checkpoints").glob("model_1024*")):
+        path.unlink()
+    more = ["--resume", str(folder), "--eval-episodes", "1", "--no-progress", "--eval-freq", "0"]
+    train.main([*more, "--workers", "2"])
+    assert "episodes begin again" not in capfd.readouterr().out
+    again = read_model(folder / "final_model.zip")[0]["policy"]
+    assert all(torch.equal(policy[name], again[name]) for name in policy)
+    (folder / "final_model.zip").unlink()
+    train.main([*more, "-n", "1600"])
+    assert "of another number of workers: episodes begin" in capfd.readouterr().out
 
 
 @pytest.mark.slow

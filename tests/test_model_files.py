@@ -200,7 +200,7 @@ def test_models_that_do_not_fit_their_configuration(values, reason, folder):
          + b"".join(b"]q%c(" % (i + 1) + b"h%c" % i * 100 + b"e" for i in range(9)) + b".",
          "entries"),
         (tensor((2**40,), (1,)), "not resizable"),
-        (tensor((2**30, 2), (0, 0)), "take more than 67108864 bytes"),
+        (tensor((2**30, 2), (0, 0)), r"take more than 4 x \d+ bytes"),
         (tensor((4,), (1,), offset=1), "not resizable"),
         (tensor((2,), (1,), offset=-1), "offset"),
         (tensor((400,), (1,), count=400), "does not match expected size"),
@@ -284,9 +284,10 @@ def test_nothing_unpacks_without_bound(folder):
     assert peak < 2**20
     fill(zipfile.ZIP_BZIP2)
     refused(path, "67108864 at most", model_files.read_model)
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_BZIP2) as archive:
-        archive.writestr("policy.pth", b"\0" * 1000)
-    refused(path, "packed by method 12", model_files.read_model)
+    for method in (zipfile.ZIP_BZIP2, zipfile.ZIP_DEFLATED):
+        with zipfile.ZipFile(path, "w", method) as archive:
+            archive.writestr("policy.pth", b"\0" * 1000)
+        refused(path, f"packed by method {method}, must be stored", model_files.read_model)
     refused(hostile(path, tensor((4,), (1,)), large), "67108864 at most", model_files.read_model)
 
 

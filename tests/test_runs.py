@@ -65,7 +65,6 @@ def go(settings, folder, resume=None):
 def kill(folder):
     """Leave of a finished run what a kill shortly before its end leaves."""
     (folder / runs.FINAL).unlink()
-    (folder / "checkpoints" / f"model_{STEPS}_steps.zip").unlink()
 
 
 def episodes(folder):
@@ -140,7 +139,8 @@ def test_best_return_of_an_earlier_version(tmp_path, returns):
 
 def test_finished_run_stays_as_it_is(tmp_path, returns, monkeypatch, capsys):
     """Resumed with nothing left to train it is scored only; with more steps it goes on."""
-    monkeypatch.setattr(train, "_score", lambda *given: None)
+    monkeypatch.setattr(train, "score_run", lambda *given: {})
+    monkeypatch.setattr(train, "outcome", lambda *given: "")
     go(small_config(), tmp_path)
     PPO.load(tmp_path / runs.FINAL, device="cpu")  # Stable-Baselines3 reads what is saved, too
     names = (runs.FINAL, "config.yml", "command.txt", "evaluations.json")
@@ -156,8 +156,7 @@ def test_finished_run_stays_as_it_is(tmp_path, returns, monkeypatch, capsys):
 def test_last_state_is_the_one_of_most_steps(tmp_path):
     """Of checkpoint and final model; of as many steps the final one, which is an update ahead."""
     model = training.prepare(small_config())
-    with pytest.raises(ValueError, match="nothing to resume from"):
-        runs.last_state(tmp_path)
+    assert runs.last_state(tmp_path) is None
     for name in ("checkpoints/model_9_steps.zip", "checkpoints/model_10_steps.zip", runs.FINAL,
                  "checkpoints/model_200_steps.zip"):  # fmt: skip
         model.num_timesteps = 10 if name == runs.FINAL else int(name.split("_")[1])
@@ -213,7 +212,7 @@ def test_missing_replay_buffer_is_reported(tmp_path, returns, capsys):
     """And filled before training goes on."""
     settings = small_config(algo="sac")
     go(settings, tmp_path)
-    (tmp_path / runs.REPLAY).unlink()
+    runs.replay_path(tmp_path, STEPS).unlink()
     model = training.prepare(settings, runs.last_state(tmp_path))
     assert f"it fills from empty, with random actions until step {STEPS + 32}" in (
         capsys.readouterr().out
@@ -240,7 +239,7 @@ def test_bad_replay_buffers_are_refused(tmp_path):
     """Pickles, files cut off, arrays of another size; none runs code."""
     settings = small_config(algo="sac")
     buffer = training.prepare(settings).replay_buffer
-    path = tmp_path / runs.REPLAY
+    path = tmp_path / "buffer.npz"
 
     class Bomb:
         def __reduce__(self):
@@ -258,14 +257,17 @@ def test_bad_replay_buffers_are_refused(tmp_path):
     assert not (tmp_path / "boom").exists()
     arrays = {name: getattr(buffer, name)[:6] for name in replay.ARRAYS}
     np.savez(path, pos=5, full=False, **{**arrays, "actions": np.zeros((6, 4, 2), np.float32)})
-    with pytest.raises(ValueError, match=r"actions of shape \(6, 4, 2\).*must be \(6, 4, 1\)"):
+    with pytest.raises(ValueError, match=r"actions has shape \(6, 4, 2\).*must have \(6, 4, 1\)"):
         replay.load_replay_buffer(buffer, path)
     np.savez(path, pos=-1, full=False, **arrays)
-    with pytest.raises(ValueError, match="pos -1, must be in"):
+    with pytest.raises(ValueError, match="pos is -1, must be in"):
         replay.load_replay_buffer(buffer, path)
     np.savez_compressed(path, **arrays, bomb=np.zeros(10**8, np.uint8))
     assert path.stat().st_size < 10**6
-    with pytest.raises(ValueError, match=r"it unpacks to \d+ bytes, must be"):
+    with pytest.raises(ValueError, match=r"it has 7 arrays, must have \['actions"):
+        replay.load_replay_buffer(buffer, path)
+    np.savez_compressed(path, pos=5, full=False, **arrays)
+    with pytest.raises(ValueError, match=r"is packed, must be stored"):
         replay.load_replay_buffer(buffer, path)
 
 
@@ -296,7 +298,7 @@ def test_only_what_a_model_saves_is_restored():
 
 
 def test_sigterm_saves_where_training_is(tmp_path, returns, monkeypatch, capsys):
-    """Exit status 143, a checkpoint of the last step, handlers as before; the run goes on."""
+    """Exit status 143, a checkpoint where the next rollout begins, handlers as before."""
     handlers = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)]
     left = [signal.SIGTERM]
     monkeypatch.setattr(
@@ -327,24 +329,24 @@ def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path):
     )  # fmt: skip
     folder = tmp_path / "ppo" / "JansenWalker-v0_1"
     end = time.monotonic() + 300.0
-    while not (folder / "checkpoints" / "model_100_steps.zip").exists():
+    while not (folder / "checkpoints" / "model_256_steps.zip").exists():
         assert process.poll() is None and time.monotonic() < end
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert "Traceback" not in err and "stopping after this step" in err
-    steps = read_model(runs.last_state(folder))[1]
-    assert f"stopped at {steps} steps; python train.py --resume {folder} goes on" in out
-    assert steps >= 100
+    assert "Traceback" not in err and "stopping after this rollout" in err
+    saved = runs.last_state(folder)
+    assert f"stopped, saved as {saved}; python train.py --resume {folder} goes on" in out
+    assert read_model(saved)[1] % 256 == 0
 
 
 def test_second_signal_ends_at_once():
     """Its own handler is gone after the first."""
     with callbacks.StopOnSignal() as stop:
-        assert stop._on_step()
+        assert not stop.signal
         os.kill(os.getpid(), signal.SIGINT)
-        assert not stop._on_step() and stop.signal == signal.SIGINT
+        assert stop.signal == signal.SIGINT
         assert signal.getsignal(signal.SIGINT) == signal.SIG_DFL
     assert signal.getsignal(signal.SIGINT) != signal.SIG_DFL
 
@@ -356,7 +358,8 @@ def started(monkeypatch):
     monkeypatch.setattr(
         train, "train", lambda model, settings, *given, **more: found.append(settings)
     )
-    monkeypatch.setattr(train, "_score", lambda *given: None)
+    monkeypatch.setattr(train, "score_run", lambda *given: {})
+    monkeypatch.setattr(train, "outcome", lambda *given: "")
     return found
 
 

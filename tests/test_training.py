@@ -18,7 +18,7 @@ from agents.model_files import read_model
 from agents.normalizer import NormalizedObservation
 from agents.rollout import make_env, run_episodes
 
-SMALL = ["-n", "512", "--n-envs", "4", "--eval-episodes", "1", "--no-progress",
+SMALL = ["-n", "1024", "--n-envs", "4", "--eval-episodes", "1", "--no-progress",
          "--save-freq", "256", "--eval-freq", "256"]  # fmt: skip
 
 
@@ -38,7 +38,7 @@ def test_run_folder_holds_all(run):
     assert list((run / "tensorboard").rglob("events*"))
     assert list((run / "monitor").glob("*.csv"))
     settings = yaml.safe_load((run / "config.yml").read_text())
-    assert (settings["algo"], settings["seed"], settings["timesteps"]) == ("ppo", 3, 512)
+    assert (settings["algo"], settings["seed"], settings["timesteps"]) == ("ppo", 3, 1024)
     assert run.parent.name == "ppo" and run.name == "JansenWalker-v0_1"
     assert "train.py" in (run / "command.txt").read_text()
 
@@ -59,9 +59,9 @@ def test_resume_goes_on_from_the_last_state(run, capsys):
 
 def test_resume_restores_parameters_exactly(run):
     """Those of a checkpoint, and its number of steps."""
-    checkpoint = run / "checkpoints" / "model_256_steps.zip"
+    checkpoint = run / "checkpoints" / "model_512_steps.zip"
     model = training.prepare(config.load_config(run / "config.yml"), checkpoint)
-    assert model.num_timesteps == 256
+    assert model.num_timesteps == 512
     for name, value in read_model(checkpoint)[0]["policy"].items():
         assert torch.equal(model.policy.state_dict()[name], value)
 

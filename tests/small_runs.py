@@ -1,0 +1,66 @@
+"""Small training runs, and what has come out of them, for the tests of resuming."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+
+from agents import config, runs, training
+from agents.model_files import read_model
+
+STEPS, SAVED = 576, 6  # of a whole run; checkpoints in it
+EPISODE = 21  # steps, so that episodes end anywhere in a rollout
+
+
+def small_run(algo="ppo", env_id="JansenWalker-v0", hyperparameters=(), **more):
+    """The shipped configuration with small rollouts, or a small replay buffer that fills."""
+    settings = config.load_config(config.shipped_config(env_id, algo))
+    settings.update(algo=algo, env=env_id, seed=0)
+    settings |= {"timesteps": STEPS, "n_envs": 6, **more}
+    settings["env_kwargs"] = {"max_episode_steps": EPISODE, **settings.get("env_kwargs", {})}
+    if algo == "ppo":
+        own = {"n_steps": 16, "n_epochs": 2, "batch_size": 16}
+    else:
+        own = {"learning_starts": 96, "gradient_steps": 1, "batch_size": 16, "buffer_size": 300}
+    settings["hyperparameters"] |= own | dict(hyperparameters)
+    settings["policy_kwargs"]["net_arch"] = [16, 16]
+    return settings
+
+
+def go_on(settings, folder: Path):
+    """Train from a folder's last state to the end, as train.py does."""
+    steps = settings["timesteps"]
+    with runs.locked(folder):
+        resume = runs.last_state(folder)
+        model = training.prepare(settings, resume)
+        runs.record_run(folder, settings, "python train.py")
+        training.train(
+            model, settings, folder, eval_every=steps // 3, save_every=steps // SAVED,
+            resume=resume, progress=False,
+        )  # fmt: skip
+
+
+def outcome(folder: Path):
+    """All that a run has come to: final and best model with optimisers, evaluations, episodes."""
+    rows = [
+        {name: value for name, value in row.items() if name != "seconds"}
+        for row in runs.read_evaluations(folder)
+    ]
+    episodes = [
+        line.rsplit(",", 1)[0]  # without its wall time
+        for path in sorted((folder / "monitor").glob("*.csv"), key=lambda p: int(p.name[:-12]))
+        for line in path.read_text().splitlines()[2:]
+    ]
+    return [read_model(folder / name) for name in (runs.FINAL, runs.BEST)], rows, episodes
+
+
+def same(one, other) -> bool:
+    """Whether two outcomes are equal, bit for bit."""
+    if isinstance(one, torch.Tensor):
+        return torch.equal(one, other)
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, (list, tuple)):
+        return len(one) == len(other) and all(map(same, one, other))
+    return one == other

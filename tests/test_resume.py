@@ -1,0 +1,83 @@
+"""A run that was killed and resumed is, bit for bit, the one that was not."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from small_runs import go_on, outcome, same, small_run
+
+from agents import callbacks, training
+
+DRIVER = Path(__file__).parent / "kill_runs.py"
+CASES = {
+    "ppo": small_run(),
+    "noise of a whole rollout": small_run(hyperparameters={"sde_sample_freq": -1}),
+    "plain noise": small_run(hyperparameters={"use_sde": False}),
+    "delay, slope, commands": small_run(
+        env_kwargs={"terrain": "slope:0.05", "delay": [0.0, 0.03], "command_interval": 0.12}
+    ),
+    "crank": small_run(env_id="JansenCrank-v0"),
+    "single environments": small_run(
+        timesteps=96,
+        n_envs=2,
+        training_variants=[{}],
+        env_kwargs={"track_joint_forces": True, "max_episode_steps": 9},
+    ),
+    "sac": small_run("sac"),
+    "sac, noise of a whole rollout": small_run("sac", hyperparameters={"sde_sample_freq": -1}),
+}
+
+
+class Killed(BaseException):
+    """Nothing in training catches it."""
+
+
+@pytest.fixture(autouse=True)
+def few_episodes(monkeypatch):
+    """One episode for each evaluation's command."""
+    monkeypatch.setattr(callbacks, "EPISODES", 1)
+
+
+def killed_at(steps, monkeypatch):
+    """Let training end without a word once so many steps are trained."""
+    step_wait = training.ScaledReward.step_wait
+
+    def step(venv):
+        step.left -= venv.num_envs
+        if step.left <= 0:
+            raise Killed
+        return step_wait(venv)
+
+    step.left = steps
+    monkeypatch.setattr(training.ScaledReward, "step_wait", step)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_killed_run_ends_as_if_it_had_not_been(case, tmp_path, monkeypatch):
+    """Before its first checkpoint, in the middle of a rollout, and shortly before its end."""
+    settings = CASES[case]
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    for folder in (whole, killed):
+        folder.mkdir()
+    go_on(settings, whole)
+    for part in (0.1, 0.43, 0.57, 0.1):
+        with monkeypatch.context() as patch:
+            killed_at(part * settings["timesteps"], patch)
+            with pytest.raises(Killed):
+                go_on(settings, killed)
+    go_on(settings, killed)
+    assert same(outcome(whole), outcome(killed))
+
+
+@pytest.mark.parametrize("algo", ["ppo", "sac"])
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes that are loaded already take a fork")
+def test_twenty_kills(algo, tmp_path):
+    """With SIGKILL at random moments, half of them within the writing of a file."""
+    command = [sys.executable, str(DRIVER), str(tmp_path), algo, "20", "0"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=DRIVER.parents[1])
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("20 kills of ")

@@ -62,7 +62,7 @@ def read_model(path: str | Path, members: Collection[str] = MEMBERS) -> tuple[di
             for name in members
             if f"{name}.pth" in present
         }
-        data = _parse(_unzip(archive, "data", MAX_TEXT))
+        data = parse_json(_unzip(archive, "data", MAX_TEXT))
         steps = whole_number("num_timesteps", data["num_timesteps"])
         if steps > MAX_STEPS:
             raise ValueError(f"num_timesteps is {steps}, must be at most {MAX_STEPS}")
@@ -92,13 +92,17 @@ def _read_json(path: str | Path, name: str, limit: int) -> dict[str, Any] | None
     with _opened(path) as archive:
         if name not in archive.namelist():
             return None
-        value = _parse(_unzip(archive, name, limit))
+        value = parse_json(_unzip(archive, name, limit))
         instance(name, value, dict)
     return dict(value)
 
 
-def _parse(data: bytes) -> Any:
-    """JSON, but no text of nothing but brackets, of which each takes many times its size."""
+def parse_json(data: bytes) -> Any:
+    """JSON, but no text of nothing but brackets, each of which takes many times its size.
+
+    Raises:
+        ValueError: no JSON. RecursionError: of too many levels.
+    """
     if data.count(b"[") + data.count(b"{") > MAX_ENTRIES:
         raise ValueError(f"it has more than {MAX_ENTRIES} lists and dictionaries")
     return json.loads(data)

@@ -8,7 +8,6 @@ replay_buffer_STEPS.npz (SAC: of the last checkpoint and the one before)
 from __future__ import annotations
 
 import itertools
-import json
 import math
 import os
 import re
@@ -22,8 +21,9 @@ import yaml
 from filelock import FileLock, Timeout
 from stable_baselines3.common.utils import get_latest_run_id
 
-from agents.model_files import read_model, read_notes, read_training_state
+from agents.model_files import parse_json, read_model, read_notes, read_training_state
 from agents.replay import check_replay_file
+from jansen_env.checks import finite, instance
 from jansen_env.files import PART, write_text
 
 FINAL, BEST = "final_model.zip", "best_model.zip"
@@ -144,12 +144,17 @@ def read_evaluations(folder: Path) -> list[dict[str, Any]]:
     """
     path = folder / "evaluations.json"
     try:
-        rows = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else []
-    except ValueError as error:
-        raise ValueError(f"{path} is no JSON: {error}") from error
-    if not all(isinstance(row, dict) and {"steps", "return"} <= set(row) for row in rows):
-        raise ValueError(f"{path} must be a list of evaluations, each with 'steps' and 'return'")
-    return list(rows)
+        rows = parse_json(path.read_bytes()) if path.is_file() else []
+        instance("the whole", rows, list)
+        for row in rows:
+            instance("an evaluation", row, dict)
+            for name in {"steps", "return", *(("seconds",) if "seconds" in row else ())}:
+                finite(name, row.get(name))
+    except (OSError, RecursionError, ValueError) as error:
+        raise ValueError(
+            f"{path} must be a list of evaluations, each with 'steps' and 'return': {error}"
+        ) from error
+    return rows
 
 
 def best_return(folder: Path) -> float:
@@ -162,7 +167,7 @@ def best_return(folder: Path) -> float:
         return -math.inf
     notes = read_notes(folder / BEST)
     if "return" in notes:
-        return float(notes["return"])
+        return finite(f"return in {folder / BEST}", notes["return"])
     # An earlier version's file does not know its return: at most the highest evaluated.
     return max((float(row["return"]) for row in read_evaluations(folder)), default=-math.inf)
 

@@ -1,16 +1,12 @@
-"""Kill a small run with SIGKILL again and again, and compare it with one that was left alone:
-
-python tests/kill_runs.py FOLDER ppo|sac KILLS SEED
-"""
+"""Kill a small run with SIGKILL again and again, and compare it with one that was left alone."""
 
 from __future__ import annotations
 
+import argparse
 import os
 import random
 import signal
-import sys
 import time
-import warnings
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # a process with threads must not fork
@@ -99,5 +95,10 @@ def new(folder: Path) -> Path:
 
 
 if __name__ == "__main__":
-    warnings.simplefilter("ignore", ResourceWarning)
-    main(Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]), int(sys.argv[4]))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path, help="a new one, for the runs")
+    parser.add_argument("--algo", choices=("ppo", "sac"), default="ppo")
+    parser.add_argument("--kills", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=0, help="another number, other moments")
+    args = parser.parse_args()
+    main(args.folder, args.algo, args.kills, args.seed)

@@ -28,17 +28,39 @@ def small_run(algo="ppo", env_id="JansenWalker-v0", hyperparameters=(), **more):
     return settings
 
 
-def go_on(settings, folder: Path):
-    """Train from a folder's last state to the end, as train.py does."""
+class Killed(BaseException):
+    """Nothing in training catches it."""
+
+
+def go_on(settings, folder: Path, killed_after=float("inf")):
+    """Train from a folder's last state to the end, as train.py does, or for so many steps only."""
     steps = settings["timesteps"]
     with runs.locked(folder):
         resume = runs.last_state(folder)
         model = training.prepare(settings, resume)
+        _kill(model.get_env(), killed_after)
         runs.record_run(folder, settings, "python train.py")
-        training.train(
-            model, settings, folder, eval_every=steps // 3, save_every=steps // SAVED,
-            resume=resume, progress=False,
-        )  # fmt: skip
+        try:
+            training.train(
+                model, settings, folder, eval_every=steps // 3, save_every=steps // SAVED,
+                resume=resume, progress=False,
+            )  # fmt: skip
+            assert killed_after == float("inf"), "it has come to its end before"
+        except Killed:
+            pass
+
+
+def _kill(venv, steps):
+    """Let training end without a word once so many steps are trained."""
+    step_wait, left = venv.step_wait, [steps]
+
+    def step():
+        left[0] -= venv.num_envs
+        if left[0] <= 0:
+            raise Killed
+        return step_wait()
+
+    venv.step_wait = step
 
 
 def outcome(folder: Path):

@@ -84,11 +84,11 @@ def refused(path, reason, load=models.load_policy):
 def hostile(path, structure, numbers=b"\0" * 16, data=b'{"num_timesteps": 1}'):
     """A model file whose policy.pth has this pickle and one storage."""
     inner = io.BytesIO()
-    with zipfile.ZipFile(inner, "w", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(inner, "w") as archive:
         archive.writestr("archive/data.pkl", structure)
         archive.writestr("archive/data/0", numbers)
         archive.writestr("archive/version", "3")
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("policy.pth", inner.getvalue())
         archive.writestr("data", data)
     return path

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from small_runs import go_on, outcome, same, small_run
 
-from agents import callbacks, training
+from agents import callbacks
 
 DRIVER = Path(__file__).parent / "kill_runs.py"
 CASES = {
@@ -32,32 +32,14 @@ CASES = {
 }
 
 
-class Killed(BaseException):
-    """Nothing in training catches it."""
-
-
 @pytest.fixture(autouse=True)
 def few_episodes(monkeypatch):
     """One episode for each evaluation's command."""
     monkeypatch.setattr(callbacks, "EPISODES", 1)
 
 
-def killed_at(steps, monkeypatch):
-    """Let training end without a word once so many steps are trained."""
-    step_wait = training.ScaledReward.step_wait
-
-    def step(venv):
-        step.left -= venv.num_envs
-        if step.left <= 0:
-            raise Killed
-        return step_wait(venv)
-
-    step.left = steps
-    monkeypatch.setattr(training.ScaledReward, "step_wait", step)
-
-
 @pytest.mark.parametrize("case", CASES)
-def test_a_killed_run_ends_as_if_it_had_not_been(case, tmp_path, monkeypatch):
+def test_a_killed_run_ends_as_if_it_had_not_been(case, tmp_path):
     """Before its first checkpoint, in the middle of a rollout, and shortly before its end."""
     settings = CASES[case]
     whole, killed = tmp_path / "whole", tmp_path / "killed"
@@ -65,10 +47,7 @@ def test_a_killed_run_ends_as_if_it_had_not_been(case, tmp_path, monkeypatch):
         folder.mkdir()
     go_on(settings, whole)
     for part in (0.1, 0.43, 0.57, 0.1):
-        with monkeypatch.context() as patch:
-            killed_at(part * settings["timesteps"], patch)
-            with pytest.raises(Killed):
-                go_on(settings, killed)
+        go_on(settings, killed, killed_after=part * settings["timesteps"])
     go_on(settings, killed)
     assert same(outcome(whole), outcome(killed))
 
@@ -77,7 +56,7 @@ def test_a_killed_run_ends_as_if_it_had_not_been(case, tmp_path, monkeypatch):
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes that are loaded already take a fork")
 def test_twenty_kills(algo, tmp_path):
     """With SIGKILL at random moments, half of them within the writing of a file."""
-    command = [sys.executable, str(DRIVER), str(tmp_path), algo, "20", "0"]
+    command = [sys.executable, str(DRIVER), str(tmp_path / "runs"), "--algo", algo]
     done = subprocess.run(command, capture_output=True, text=True, cwd=DRIVER.parents[1])
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("20 kills of ")

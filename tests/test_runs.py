@@ -264,7 +264,7 @@ def test_bad_replay_buffers_are_refused(tmp_path):
         replay.load_replay_buffer(buffer, path)
     np.savez_compressed(path, **arrays, bomb=np.zeros(10**8, np.uint8))
     assert path.stat().st_size < 10**6
-    with pytest.raises(ValueError, match=r"it has 7 arrays, must have \['actions"):
+    with pytest.raises(ValueError, match=r"it has 7 arrays, must have 8: \['actions"):
         replay.load_replay_buffer(buffer, path)
     np.savez_compressed(path, pos=5, full=False, **arrays)
     with pytest.raises(ValueError, match=r"is packed, must be stored"):

@@ -36,11 +36,16 @@ class NormalizedObservation(BaseFeaturesExtractor):
 
     @torch.no_grad()
     def update(self, observations: torch.Tensor) -> None:
-        """Take (n, d) more observations into account (Chan's parallel variance)."""
+        """Take (n, d) more observations into account."""
         n = float(len(observations))
+        self.merge(n, observations.mean(0), observations.var(0, unbiased=False))
+
+    @torch.no_grad()
+    def merge(self, n: float, mean: torch.Tensor, variance: torch.Tensor) -> None:
+        """Take n more observations with (d,) mean and variance into account (Chan's formula)."""
         total = self.count + n
-        shift = observations.mean(0) - self.mean
-        spread = self.variance * self.count + observations.var(0, unbiased=False) * n
+        shift = mean - self.mean
+        spread = self.variance * self.count + variance * n
         spread += shift**2 * self.count * n / total
         self.mean += shift * n / total
         self.variance.copy_(spread / total)

@@ -17,6 +17,7 @@ from benchmarks import (
     profiles,
     ranking,
     speed,
+    workers,
 )
 from benchmarks.plants import Comparison, Outcome, Walk
 
@@ -94,6 +95,7 @@ def test_what_cannot_be_measured_is_refused(arguments, tmp_path, capsys):
     [
         (speed.main, ("mujoco", "Box2D"), ["--only", "one", "many", "size"], "speed"),
         (ppo.main, ("stable_baselines3", "mujoco"), [], "ppo"),
+        (workers.main, ("stable_baselines3",), [], "workers"),
         (convergence.main, (), [], "convergence time_step detection_interval"),
         (plants.main, (), [], "plants walks torque"),
         (plants.main, (), ["--machines"], "machines"),

@@ -225,6 +225,7 @@ def ray_cluster(address: str | None) -> Iterator[Any]:
     else:
         _check_address(address)
         ray.init(address=address, **common)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # in place of Ray's, which aborts
     try:
         yield ray
     finally:

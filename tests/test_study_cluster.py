@@ -119,10 +119,10 @@ def test_an_address_without_a_cluster_is_refused(tmp_path, capsys):
 @pytest.mark.slow
 def test_a_search_stops_what_is_hopeless_and_goes_on(tmp_path):
     """Six trials, some of them stopped early; the same command finds all of them done."""
-    plan = {**SMALL, "seeds": 1, "timesteps": 32_768, "eval_freq": 1024, "save_freq": 4096}
+    plan = {**SMALL, "seeds": 1, "timesteps": 32_768, "eval_freq": 4096, "save_freq": 4096}
     plan["variants"] = {"plain": SMALL["variants"]["plain"]}
     space = {
-        "trials": 6, "reduction_factor": 2, "grace_steps": 1024,
+        "trials": 6, "reduction_factor": 2, "grace_steps": 4096,
         "hyperparameters": {"learning_rate": {"loguniform": [1e-4, 1e-1], "schedule": "linear"}},
         "policy_kwargs": {"net_arch": {"choice": [[8], [16]]}},
     }  # fmt: skip

@@ -52,6 +52,31 @@ def available_cores() -> int:
     return os.cpu_count() or 1
 
 
+@contextmanager
+def stopped_by_signal() -> Iterator[threading.Event]:
+    """An event that SIGINT (Ctrl-C) or SIGTERM sets; a second signal ends the process at once.
+
+    No exception, which libraries' callbacks might swallow.
+    """
+    stop, numbers = threading.Event(), (signal.SIGINT, signal.SIGTERM)
+
+    def take(*_: object) -> None:
+        stop.set()
+        for number in numbers:
+            signal.signal(number, signal.SIG_DFL)
+
+    before = {
+        number: signal.signal(number, take)
+        for number in numbers
+        if signal.getsignal(number) != signal.SIG_IGN  # as in the background of a shell
+    }
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 # Local processes
 
 
@@ -67,12 +92,11 @@ def run_locally(orders: Sequence[Order], workers: int, watch: Watch) -> dict[str
     pools: SimpleQueue[ProcessPoolExecutor] = SimpleQueue()
     for _ in range(workers):
         pools.put(new_pool())
-    stopping = threading.Event()
 
     def one(order: Order) -> Outcome:
         """In a pool of one process, so that one that is lost takes no other with it."""
         for _ in range(RETRIES + 1):
-            if stopping.is_set():
+            if stop.is_set():
                 return STOPPED
             pool = pools.get()
             try:
@@ -83,13 +107,11 @@ def run_locally(orders: Sequence[Order], workers: int, watch: Watch) -> dict[str
                 pools.put(pool)
         return LOST
 
-    with ThreadPoolExecutor(workers) as threads:
+    with stopped_by_signal() as stop, ThreadPoolExecutor(workers) as threads:
         futures = {threads.submit(one, order): order.run.name for order in orders}
-        try:
-            while wait(futures, TICK).not_done:
-                watch(_outcomes(futures))
-        except KeyboardInterrupt:
-            stopping.set()
+        while wait(futures, TICK).not_done and not stop.is_set():
+            watch(_outcomes(futures))
+        if stop.is_set():
             for process in multiprocessing.active_children():
                 process.terminate()  # SIGTERM: a run in training saves a checkpoint
     for _ in range(workers):
@@ -144,7 +166,7 @@ def run_on_ray(orders: Sequence[Order], address: str | None, watch: Watch) -> di
         ConnectionError: there is no cluster at the address.
     """
     outcomes: dict[str, Outcome] = {}
-    with ray_cluster(address) as ray:
+    with ray_cluster(address) as ray, stopped_by_signal() as stop:
         task = ray.remote(perform)
         names = {
             task.options(
@@ -152,11 +174,10 @@ def run_on_ray(orders: Sequence[Order], address: str | None, watch: Watch) -> di
             ).remote(order): order.run.name
             for order in orders
         }  # fmt: skip
-        try:
-            while names:
-                _collect(ray, names, outcomes, TICK)
-                watch(outcomes)
-        except KeyboardInterrupt:
+        while names and not stop.is_set():
+            _collect(ray, names, outcomes, TICK)
+            watch(outcomes)
+        if names:
             for ref in names:
                 ray.cancel(ref)  # as SIGINT: a run in training saves a checkpoint
             _collect(ray, names, outcomes, STOPPING, all_of_them=True)

@@ -302,7 +302,7 @@ def test_policies_keep_labels_of_their_own(tmp_path, monkeypatch):
 def test_what_the_command_line_says_holds_for_all_variants():
     """Of the shipped variants those arguments go that --env-kwargs gives."""
     given = train.parse(["--env-kwargs", "{speed_command: 0.3, friction: 0.5}"])
-    settings, _ = train._configure(given)
+    settings = train._configure(given)
     assert settings["env_kwargs"] == {"speed_command": 0.3, "friction": 0.5}
     assert settings["training_variants"] == [
         {"reset_noise_scale": noise} for noise in (4.0, 2.0, 6.0)

@@ -340,6 +340,7 @@ def test_what_was_refused_is_gone_quietly(arguments, monkeypatch, capsys):
     """However far its making got, it can be closed, as some Gymnasium do when it is deleted."""
     monkeypatch.setattr(JansenWalkerVectorEnv, "__del__", lambda env: env.close(), raising=False)
     unraisable = []
+    gc.collect()  # what others left
     monkeypatch.setattr(sys, "unraisablehook", unraisable.append)
     with pytest.raises(ValueError):
         gym.make_vec("JansenWalker-v0", **{"num_envs": 2, **arguments})

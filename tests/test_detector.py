@@ -8,9 +8,10 @@ import numpy as np
 import pymunk
 import pytest
 
-from jansen_env import Robot, Terrain
+from jansen_env import Robot, Terrain, paper_robot
 from jansen_env.engine.collision import SKIN, SPECULATIVE_MARGIN, WAY_OUT
 from jansen_env.engine.records import ROBOT, WORLD
+from jansen_env.plants.batch import Batch
 from jansen_env.plants.detector import ContactDetector
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.rigid_body import RigidBodyPlant
@@ -220,6 +221,23 @@ def test_placed_again_candidates_are_those_of_the_last_placement(rng):
         expected, expected_pad, _ = detect(terrain, pads, capacity=40)
         assert len(pad) > 1
         assert np.array_equal(pad, expected_pad) and np.array_equal(planes, expected)
+
+
+def test_placed_again_after_a_flight():
+    """Far from where its circle is, a robot keeps its ground when pymunk is asked for another."""
+    cliff = Terrain(((-20.0, 0.0), (20.0, 0.0), (40.0, -60.0), (300.0, -60.0)))
+    batch = Batch([paper_robot()] * 2, [cliff] * 2, threads=1)
+    batch.place(np.arange(2), np.zeros(2))
+    flying, away = batch.states.copy()
+    flying[:2], away[0] = (60.0, 5.0), away[0] + 2.0 * SKIN
+    batch.set_state(0, flying)
+    batch.step(np.zeros(2), 1)
+    batch.place(np.arange(1), np.zeros(1))
+    batch.set_state(1, away)
+    for _ in range(2):
+        batch.step(np.zeros(2), 20)
+    weight = 9.81 * paper_robot().mass
+    assert batch.contact_force[0, :, 1].sum() == pytest.approx(weight, rel=1e-3)
 
 
 def test_robots_in_one_space_see_what_each_sees_alone(rng):

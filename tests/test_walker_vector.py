@@ -79,16 +79,22 @@ def test_each_does_what_it_does_alone(terrain, mode):
 
 
 def test_threads_do_not_change_a_bit():
-    """Thirty robots on one thread, on two and on five, which share them unevenly."""
+    """Many robots, half of which start again while the others move, on ever more threads."""
     runs = []
-    for threads in (1, 2, 5):
-        env = together(30, threads=threads, limit=30)
+    for threads in (1, 2, 6, 6, 6):
+        env = together(192, threads=threads, limit=[2 + i % 2 for i in range(192)])
         env.reset(seed=1)
         rng = np.random.default_rng(2)
-        steps = [env.step(rng.uniform(-1, 1, (30, 1)).astype(np.float32)) for _ in range(70)]
-        runs.append([np.concatenate([step[0].ravel(), step[1]]) for step in steps])
+        steps = [env.step(rng.uniform(-1, 1, (192, 1)).astype(np.float32)) for _ in range(60)]
+        runs.append(np.concatenate([np.append(step[0], step[1]) for step in steps]))
         env.close()
-    assert np.array_equal(runs[0], runs[1]) and np.array_equal(runs[0], runs[2])
+    assert all(np.array_equal(run, runs[0]) for run in runs)
+
+
+def test_joint_loads_after_a_restart():
+    """What touches down after an episode's start is not told by the one before."""
+    arguments = {"track_joint_forces": True, "limit": 5}
+    assert compare(together(1, **arguments), side_by_side(1, **arguments), 60) == 10
 
 
 def test_each_has_its_own_ground_load_and_command():

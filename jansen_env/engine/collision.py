@@ -124,10 +124,12 @@ def move_robots(rows, states, robots, placed):
 
     Args:
         rows: (k,) of the robots. states: (robots, 8). robots: (robots,) ROBOT.
-        placed: (bodies, 2) m, out: where the circles are in pymunk's space.
+        placed: (bodies, 2) m: where the circles are in pymunk's space, changed in place.
     """
     for r in rows:
         status = robots[r].status
+        # Where its circle is, which may not be where the robot is known since a :func:`recall`.
+        status.known_x, status.known_y = placed[r, 0] - status.cell_x, placed[r, 1] - status.cell_y
         x, y = states[r, 0] - status.known_x, states[r, 1] - status.known_y
         if not x * x + y * y <= 0.25 * SKIN * SKIN:
             status.known_x, status.known_y = states[r, 0], states[r, 1]

@@ -151,7 +151,7 @@ class Batch:
         self.trace = self._no_trace
         self.touchdowns = np.zeros(0, bool)
         self.in_contact: NDArray[np.bool_] | None = None
-        count = _threads(n, threads)
+        self._count = count = _threads(n, threads)
         self._shares = _shares(n, count)
         self._every = np.arange(n)
         self._work: list[tuple[Any, ...]] = [integrator.work_space(capacity) for _ in range(count)]
@@ -391,6 +391,10 @@ class Batch:
 
         ``asked``: torque, earlier torque, and for how many time steps that still holds.
         """
+        if len(rows) == 0:  # others are placed, no more
+            if meanwhile is not None:
+                meanwhile()
+            return
         before = self.states[rows], self.deflection[rows] if self._any_gives else None
         if self.any_diverged:
             self.diverged[rows] = False
@@ -447,17 +451,20 @@ class Batch:
         meanwhile: Callable[[], None] | None,
     ) -> tuple[bool, bool]:
         """:func:`jansen_env.engine.integrator.advance` of robots, on as many threads as pay."""
-        threads = max(1, min(len(self._work), len(rows) // ROBOTS_PER_THREAD))
+        threads = max(1, min(self._count, len(rows) // ROBOTS_PER_THREAD))
         shares = iter(self._shares if rows is self._every else _shares(len(rows), threads))
 
-        def work(
-            memory: tuple[Any, ...], after_one: Callable[[], None] | None = None
-        ) -> tuple[bool, bool]:
+        def work(after_one: Callable[[], None] | None = None) -> tuple[bool, bool]:
             unknown = diverged = False
             for first, last in shares:  # each thread takes the next one
-                found = integrator.advance(
-                    first, last, rows, fresh, steps, *asked, trace, *memory, *self._shared
-                )
+                # Not a thread's own: what ``after_one`` places moves on the same threads meanwhile.
+                memory = self._work.pop()
+                try:
+                    found = integrator.advance(
+                        first, last, rows, fresh, steps, *asked, trace, *memory, *self._shared
+                    )
+                finally:
+                    self._work.append(memory)
                 unknown, diverged = unknown or found[0], diverged or found[1]
                 if after_one is not None:
                     after_one()
@@ -466,11 +473,10 @@ class Batch:
                 after_one()
             return unknown, diverged
 
-        helpers = self._work[1:threads]
-        waiting = [self._threads().submit(work, memory) for memory in helpers]
+        waiting = [self._threads().submit(work) for _ in range(threads - 1)]
         try:
             # Not before the first robots: Python's lock would keep the other threads from starting.
-            outcomes = [work(self._work[0], meanwhile)]
+            outcomes = [work(meanwhile)]
         finally:  # whatever happens here, nothing goes on in the background
             outcomes_of_others = [future.result() for future in waiting]
         outcomes += outcomes_of_others
@@ -497,7 +503,7 @@ class Batch:
     def _threads(self) -> ThreadPoolExecutor:
         """Threads of this process: a forked one starts its own."""
         if self._pool is None or self._pool[0] != os.getpid():
-            self._pool = os.getpid(), ThreadPoolExecutor(len(self._work) - 1, "jansen")
+            self._pool = os.getpid(), ThreadPoolExecutor(self._count - 1, "jansen")
         return self._pool[1]
 
 

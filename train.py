@@ -15,7 +15,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable
-from contextlib import ExitStack, nullcontext, suppress
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -122,10 +122,14 @@ def run(
             if not args.resume:
                 folder = Path(told("folder", lambda: str(enter(_new_folder(args, config)))))
         except ValueError as error:
-            raise SystemExit(f"train.py: error: {error}" if leads else 1) from error
+            of = "" if worker is None or leads else f" worker {worker.rank}:"
+            raise SystemExit(f"train.py: error:{of} {error}") from error
         try:
-            with nullcontext() if leads else suppress(SystemExit):  # the leader's is the run's
-                _run(args, config, model, folder, resume, command, worker)
+            _run(args, config, model, folder, resume, command, worker)
+        except SystemExit as error:
+            if leads or isinstance(error.code, str):
+                raise
+            # All have stopped on a signal: the leader's status is the run's, once it has saved.
         except OSError as error:
             raise SystemExit(f"train.py: error: {error}") from error
     return folder

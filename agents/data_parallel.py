@@ -282,7 +282,10 @@ class CommonAdvantages(RolloutBuffer):
         means, variances = pooled(self.worker.gather(own))
         for batch, mean, variance in zip(batches, means, variances, strict=True):
             n = self.worker.size * len(batch.advantages)
-            deviation = torch.sqrt(variance * n / (n - 1)) + 1e-8  # as Stable-Baselines3's
+            if n == 1:  # as Stable-Baselines3, which leaves it as it is
+                yield batch
+                continue
+            deviation = torch.sqrt(variance * n / (n - 1)) + 1e-8
             yield batch._replace(advantages=((batch.advantages - mean) / deviation).float())
 
 

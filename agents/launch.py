@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 import signal
+import socket
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -23,6 +24,7 @@ from agents.data_parallel import Worker, WorkerLost, connected
 
 TIMEOUT = timedelta(minutes=30)  # in which a worker must answer: the leader may be evaluating
 GRACE = 10.0  # s that workers have to end by themselves after one of them has failed
+HERE = "127.0.0.1"
 LOST = 75  # exit status of a worker that has lost the others; sysexits.h's temporary failure
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -69,8 +71,13 @@ def run_here(workers: int, work: Work) -> Path:
     Raises:
         SystemExit: a worker has ended early, with its status, or saying what killed it.
     """
-    # The store is here, not in a worker: its port is one that the system has found free.
-    store = TCPStore("127.0.0.1", 0, is_master=True, wait_for_workers=False)
+    # The store is here, not in a worker: its port is one that the system has found free. Left to
+    # itself it would listen on all interfaces, and to everybody.
+    listener = socket.create_server((HERE, 0))
+    port = listener.getsockname()[1]
+    store = TCPStore(
+        HERE, port, is_master=True, wait_for_workers=False, master_listen_fd=listener.detach()
+    )
     with ExitStack() as stack:
         with _blocked_signals():  # what comes meanwhile is for the workers
             context = spawn(  # type: ignore[no-untyped-call]
@@ -93,14 +100,17 @@ def _why(codes: list[int], folder: Path | None) -> str | int:
     # Those that have lost another, or were ended here after that, are not the cause.
     causes = [rank for rank, code in enumerate(codes) if code not in (0, LOST, -signal.SIGTERM)]
     rank = causes[0] if causes else max(range(len(codes)), key=lambda i: codes[i] != 0)
-    if codes[rank] > 0:  # and it has said why
+    if codes[rank] > 0 and codes[rank] != LOST:  # and it has said why
         return codes[rank]
     if codes[rank] == -signal.SIGINT:
         return 128 + signal.SIGINT
     more = ""
     if folder is not None:
         more = f"; python train.py --resume {shlex.quote(str(folder))} goes on from what is saved"
-    return f"train.py: error: worker {rank} was killed by {signal.Signals(-codes[rank]).name}{more}"
+    end = "has lost the others"
+    if codes[rank] < 0:
+        end = f"was killed by {signal.Signals(-codes[rank]).name}"
+    return f"train.py: error: worker {rank} {end}{more}"
 
 
 def _local_worker(rank: int, size: int, port: int, work: Work) -> None:
@@ -112,7 +122,7 @@ def _local_worker(rank: int, size: int, port: int, work: Work) -> None:
     if sys.platform == "linux":
         os.environ.setdefault("GLOO_SOCKET_IFNAME", "lo")  # the machine's name need not resolve
     try:
-        store = TCPStore("127.0.0.1", port, is_master=False, timeout=TIMEOUT)
+        store = TCPStore(HERE, port, is_master=False, timeout=TIMEOUT)
         be_worker(store, rank, size, _cores() // size, work)
     except WorkerLost:
         raise SystemExit(LOST) from None  # the parent says which one

@@ -8,6 +8,7 @@ from there on a model does what it would have done, bit for bit on one machine.
 
 from __future__ import annotations
 
+import math
 import random
 from collections import deque
 from typing import Any
@@ -24,6 +25,7 @@ from agents.vec_env import BatchVecEnv
 from jansen_env.checks import finite, whole_number, within
 
 WORDS = 624  # of a Mersenne twister's state
+EPISODE: dict[str, Any] = {"r": float, "l": int, "t": float}  # return, steps, s since the start
 MATRICES = ("exploration_mat", "exploration_matrices")  # of state-dependent exploration
 
 
@@ -38,10 +40,10 @@ def read_state(model: BaseAlgorithm) -> dict[str, Any]:
         "progress": float(model._current_progress_remaining),
         "updates": int(model._n_updates),
         "episodes": int(model._episode_num),
-        "recent_episodes": [
-            [float(info["r"]), int(info["l"]), float(info["t"])]
-            for info in model.ep_info_buffer or ()
-        ],
+        "recent_episodes": {
+            name: [kind(info[name]) for info in model.ep_info_buffer or ()]
+            for name, kind in EPISODE.items()
+        },
         "observations": _plain(model._last_obs),
         "episode_starts": _plain(model._last_episode_starts),
         "returns": _plain(monitor.episode_returns),
@@ -69,9 +71,10 @@ def restore_state(model: BaseAlgorithm, state: dict[str, Any]) -> None:
         starts = _array(state, "episode_starts", (n,), bool)
         returns = _array(state, "returns", (n,), np.float32)
         lengths = _array(state, "lengths", (n,), np.int32)
+        episodes = zip(*(state["recent_episodes"][name] for name in EPISODE), strict=True)
         recent = [
             {"r": finite("r", r), "l": whole_number("l", length), "t": finite("t", t)}
-            for r, length, t in state["recent_episodes"]
+            for r, length, t in episodes
         ]
         progress = within("progress", state["progress"], -np.inf, 1.0)
         counts = [whole_number(k, state[k]) for k in ("updates", "episodes", "episode_count")]
@@ -162,9 +165,7 @@ def _read_generators(model: BaseAlgorithm) -> dict[str, Any]:
         "numpy": [_plain(key), int(position), int(has_normal), float(next_normal)],
         "python": random.getstate(),
         "actions": _plain(model.action_space.np_random.bit_generator.state),
-        "noise": [_plain(getattr(noise, name).detach().numpy()) for name in MATRICES]
-        if noise
-        else None,
+        "noise": [getattr(noise, name).flatten().tolist() for name in MATRICES] if noise else None,
     }
 
 
@@ -189,8 +190,8 @@ def restore_generators(model: BaseAlgorithm, state: dict[str, Any]) -> None:
         for name, values, shape in zip(
             MATRICES, saved["noise"], (size, (model.n_envs, *size)), strict=True
         ):
-            matrix = _array({name: values}, name, tuple(shape), np.float32)
-            setattr(noise, name, torch.from_numpy(matrix))
+            matrix = _array({name: values}, name, (math.prod(shape),), np.float32)
+            setattr(noise, name, torch.from_numpy(matrix).reshape(shape))
 
 
 def _kept_noise(model: Any) -> Any:

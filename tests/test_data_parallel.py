@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import signal
@@ -298,6 +299,28 @@ def test_resuming_is_exact(tmp_path, capfd):
     (folder / "final_model.zip").unlink()
     train.main([*more, "-n", "1600"])
     assert "of another number of workers: episodes begin" in capfd.readouterr().out
+
+
+def on_a_full_disk(args, config, worker):
+    """A run whose second worker cannot log an episode."""
+    if worker.rank == 1:
+
+        def refuse(*row):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "1.monitor.csv")
+
+        training.ResultsWriter.write_row = refuse
+    return train.run(args, config, "python train.py", worker)
+
+
+@pytest.mark.slow
+def test_what_ends_one_worker_is_said(tmp_path, capfd):
+    """Though it is not the one that leads."""
+    short = ["--env-kwargs", "{max_episode_steps: 20}", "--log-folder", str(tmp_path)]
+    args = train.parse([*SHORT, *short])
+    with pytest.raises(SystemExit) as ended:
+        launch.run_here(2, partial(on_a_full_disk, args, train._configure(args)))
+    assert ended.value.code == 1
+    assert capfd.readouterr().err.count("training stopped at") == 1
 
 
 @pytest.mark.slow

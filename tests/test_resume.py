@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -10,7 +11,9 @@ from pathlib import Path
 import pytest
 from small_runs import go_on, outcome, same, small_run
 
-from agents import callbacks
+from agents import callbacks, models, training
+from agents.model_files import read_training_state
+from agents.training_state import read_state
 
 DRIVER = Path(__file__).parent / "kill_runs.py"
 CASES = {
@@ -50,6 +53,20 @@ def test_a_killed_run_ends_as_if_it_had_not_been(case, tmp_path):
         go_on(settings, killed, killed_after=part * settings["timesteps"])
     go_on(settings, killed)
     assert same(outcome(whole), outcome(killed))
+
+
+def test_what_many_robots_saved_can_be_read(tmp_path):
+    """A noise of their own for each, and more episodes than a file may have lists."""
+    many = {"sde_sample_freq": -1, "stats_window_size": 200_000}
+    settings = small_run(n_envs=2000, hyperparameters=many)
+    settings["policy_kwargs"]["net_arch"] = [64]
+    model = training.prepare(settings)
+    model._setup_learn(1)
+    model.policy.reset_noise(2000)
+    model.ep_info_buffer.extend([{"r": 1.5, "l": 2, "t": 0.5}] * 150_000)
+    state = read_state(model)
+    models.save_model(model, tmp_path / "model.zip", {}, state)
+    assert read_training_state(tmp_path / "model.zip") == json.loads(json.dumps(state))
 
 
 @pytest.mark.slow

@@ -160,7 +160,7 @@ class Ground(NamedTuple):
     """What collision detection goes by."""
 
     surface: Array  # (vertices, 2) m, of all terrains
-    depths: Array  # m, see :func:`jansen_env.plants.batch.non_toe_depths`
+    depths: Array  # m, by pitch: how far below the axis a pad that is no toe may feel the ground
 
 
 class Velocity(NamedTuple):

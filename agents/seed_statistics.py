@@ -25,6 +25,7 @@ Interval: TypeAlias = tuple[float, float, float]
 """Value, lower and upper end of its 95 % interval; NaN for ends that are not known."""
 
 RESAMPLES = 5000
+AT_ONCE = 10**7  # numbers, of resamples
 TRIMMED = 0.25  # of the runs at either end, left out of the interquartile mean
 
 
@@ -65,7 +66,7 @@ def resampled(
         simplefilter("ignore", DegenerateDataWarning)  # of runs that are all alike
         drawn = bootstrap(
             arrays, statistic, vectorized=True, axis=-1, n_resamples=resamples,
-            method="percentile", rng=seed,
+            method="percentile", rng=seed, batch=1 + AT_ONCE // math.prod(a.size for a in arrays),
         ).bootstrap_distribution  # fmt: skip
     tail = 50.0 * (1.0 - CONFIDENCE)
     low, high = np.percentile(drawn, [tail, 100.0 - tail], axis=-1)

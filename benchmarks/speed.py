@@ -113,7 +113,7 @@ def many(rounds: int, quick: bool) -> Part:
         axis.set_xticks(counts, map(str, counts))
         axis.set_title("many environments", fontsize=10)
         axis.minorticks_off()
-        axis.legend(fontsize=8)
+        axis.legend(fontsize=7, loc="upper left")
 
     return Part(text, [draw])
 

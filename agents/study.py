@@ -74,12 +74,12 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
                      f"{', '.join(given)}")  # fmt: skip
     if args.report and (args.study or given):
         parser.error("--report takes a study as it stands in its folder, and nothing else")
+    if args.local and args.address:
+        parser.error("--local and --address exclude each other")
     if args.tune and (args.local or not has_ray()):
         parser.error(f"--tune needs Ray{DISTRIBUTED}")
     if args.address and not has_ray():
         parser.error(f"--address needs Ray{DISTRIBUTED}")
-    if args.local and args.address:
-        parser.error("--local and --address exclude each other")
     return args
 
 

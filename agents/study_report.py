@@ -35,9 +35,9 @@ over runs, that is over seeds: what training again would give, not what scoring 
 and interquartile mean (IQM, the mean of the middle half of the runs) by the percentile bootstrap
 over runs (Agarwal et al. 2021), P(run > baseline) by Wilson (1927), with the baseline's return
 taken as exact. With few runs the bootstrap's nominal 95 % cover less: of the mean some 75 % with
-3 runs, 88 % with 10 (Patterson et al. 2024). Steps and seconds until a baseline is beaten are those of the first
-evaluation during training with a higher return than the baseline's; the median is over all runs,
-of which those that never do count as later than all. Seconds are of training, with its
+3 runs, 88 % with 10 (Patterson et al. 2024). Steps and seconds until a baseline is beaten are those
+of the first evaluation during training with a higher return than the baseline's; the median is over
+all runs, of which those that never do count as later than all. Seconds are of training, with its
 evaluations."""
 
 

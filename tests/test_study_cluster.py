@@ -27,7 +27,7 @@ pytest.importorskip("ray", reason="Ray is not installed; the extra 'distributed'
 os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
 from ray.cluster_utils import Cluster
 
-EIGHT = {**SMALL, "seeds": 4, "timesteps": 4096, "save_freq": 256, "eval_freq": 2048}
+EIGHT = {**SMALL, "seeds": 4, "timesteps": 32_768, "save_freq": 1024, "eval_freq": 16_384}
 """Eight runs of some seconds each."""
 NODE = {"num_cpus": 1, "object_store_memory": 80_000_000, "include_dashboard": False}
 
@@ -66,7 +66,7 @@ def test_a_node_is_killed_and_another_added(whole, cluster, tmp_path):
 
 
 def at_work(cluster, runs):
-    """A node but the first that trains a run which has a checkpoint, and this run."""
+    """A node but the first that trains a run which has a checkpoint and far to go, and this run."""
     nodes = {
         info.process.pid: node
         for node in cluster.worker_nodes
@@ -75,7 +75,9 @@ def at_work(cluster, runs):
     }
     for run in runs:
         status = study_runs.read_status(run.folder)
-        if status.get("state") == "training" and any(run.folder.glob("checkpoints/model_*.zip")):
+        saved = [int(path.stem.split("_")[1]) for path in run.folder.glob("checkpoints/model_*")]
+        early = saved and max(saved) < EIGHT["timesteps"] // 4
+        if status.get("state") == "training" and early:
             parent = int(
                 Path(f"/proc/{status['pid']}/stat").read_text().rsplit(")", 1)[1].split()[1]
             )

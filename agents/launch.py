@@ -21,6 +21,7 @@ from torch.distributed.rendezvous import rendezvous
 from torch.multiprocessing.spawn import ProcessContext, ProcessExitedException, spawn
 
 from agents.data_parallel import Worker, WorkerLost, connected
+from jansen_env.cores import available_cores
 
 TIMEOUT = timedelta(minutes=30)  # in which a worker must answer: the leader may be evaluating
 GRACE = 10.0  # s that workers have to end by themselves after one of them has failed
@@ -58,7 +59,7 @@ def join_torchrun(work: Work) -> Path:
     store, rank, size = next(rendezvous("env://", timeout=TIMEOUT))
     local = int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
     try:
-        return be_worker(store, rank, size, _cores() // local, work)
+        return be_worker(store, rank, size, available_cores() // local, work)
     except WorkerLost as error:
         raise SystemExit(f"train.py: error: worker {rank} has lost the others: {error}") from error
 
@@ -123,7 +124,7 @@ def _local_worker(rank: int, size: int, port: int, work: Work) -> None:
         os.environ.setdefault("GLOO_SOCKET_IFNAME", "lo")  # the machine's name need not resolve
     try:
         store = TCPStore(HERE, port, is_master=False, timeout=TIMEOUT)
-        be_worker(store, rank, size, _cores() // size, work)
+        be_worker(store, rank, size, available_cores() // size, work)
     except WorkerLost:
         raise SystemExit(LOST) from None  # the parent says which one
 
@@ -141,13 +142,6 @@ def be_worker(store: Store, rank: int, size: int, cores: int, work: Work) -> Pat
         return work(Worker(rank, size, store, max(1, cores)))
     finally:
         dist.destroy_process_group()
-
-
-def _cores() -> int:
-    """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 @contextmanager

@@ -19,12 +19,13 @@ from typing import Any
 from agents.command_line import mapping, non_negative_int, positive_int
 from agents.config import HYPERPARAMETERS
 from agents.hyperparameter_search import read_space, search, search_report
-from agents.study_backends import available_cores, has_ray, run_locally, run_on_ray
+from agents.study_backends import has_ray, run_locally, run_on_ray
 from agents.study_plan import DEFAULTS, Study, enter, make_study, read_plan, read_study
 from agents.study_progress import Progress
 from agents.study_report import write_report
 from agents.study_runs import TOKEN, Order, Outcome, is_finished
 from agents.tasks import TASKS
+from jansen_env.cores import available_cores
 from jansen_env.files import write_text
 
 FLAGS = ("seeds", "envs", "algos", "timesteps", "n_envs", "env_kwargs", "config", "eval_freq",

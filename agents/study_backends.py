@@ -24,6 +24,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from agents.study_runs import Order, Outcome, perform
+from jansen_env.cores import available_cores
 from jansen_env.files import remove_unused
 
 RETRIES = 10  # of a run whose process or machine was lost
@@ -43,13 +44,6 @@ Watch = Callable[[dict[str, Outcome]], None]
 def has_ray() -> bool:
     """Whether Ray is installed."""
     return find_spec("ray") is not None
-
-
-def available_cores() -> int:
-    """Of this machine, to this process."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 @contextmanager

@@ -18,6 +18,7 @@ from tabulate import tabulate
 
 import jansen_env
 from jansen_env import Terrain
+from jansen_env.cores import available_cores
 from jansen_env.engine.task import FALLEN_PITCH
 from jansen_env.files import write_text, write_whole
 from jansen_env.plants.base import Plant, StepResult
@@ -72,17 +73,15 @@ def take_turns(
     return found
 
 
-def cores() -> int:
-    """Processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def machine() -> str:
     """Processor, cores, load, and the versions of all that is measured."""
     listing = Path("/proc/cpuinfo")
     lines = listing.read_text(encoding="utf-8").splitlines() if listing.exists() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    parts = [names[0] if names else platform.processor() or platform.machine(), f"{cores()} cores"]
+    parts = [
+        names[0] if names else platform.processor() or platform.machine(),
+        f"{available_cores()} cores",
+    ]
     if hasattr(os, "getloadavg"):
         parts.append(f"load average {os.getloadavg()[0]:.2f} at the start")
     versions = {"jansen_env": jansen_env.__version__, "Python": platform.python_version()}

@@ -23,6 +23,7 @@ import numpy as np
 from benchmarks import measure
 from benchmarks.probe import OURS, STAGES, Many, Single, Tree, robots
 from jansen_env import ROBOTS, Robot, paper_robot
+from jansen_env.cores import available_cores
 
 MUJOCO, BOX2D = "Walker2d-v5", "BipedalWalker-v3"
 FLAT, ROUGH, REAL = f"{OURS}, flat", f"{OURS}, rough", f"{OURS}, motor, bearings and feet"
@@ -84,7 +85,7 @@ def many(rounds: int, quick: bool) -> Part:
     players[SILENT, compared] = robots(compared, steps, info_keys=())
     players[ONE_THREAD, compared] = robots(compared, steps, info_keys=(), threads=1)
     players[MUJOCO, 1] = Single(MUJOCO, 200 if quick else 5000)
-    for threads in sorted({1, measure.cores()}) if importlib.util.find_spec("envpool") else ():
+    for threads in sorted({1, available_cores()}) if importlib.util.find_spec("envpool") else ():
         name = f"envpool {MUJOCO}, {threads} thread{'s' * (threads > 1)}"
         players[name, compared] = envpool(compared, threads, 16 if quick else 100)
     rates = measure.take_turns({key: player.play for key, player in players.items()}, rounds)
@@ -96,7 +97,7 @@ def many(rounds: int, quick: bool) -> Part:
         if MUJOCO in name
     ]
     gained = measure.ratio(rates[SILENT, compared], rates[ONE_THREAD, compared])
-    ratios.append((f"{compared} robots on {measure.cores()} cores / on one thread", gained))
+    ratios.append((f"{compared} robots on {available_cores()} cores / on one thread", gained))
     slower = measure.ratio(rates["motor, bearings, feet", compared], rates["flat", compared])
     ratios.append((f"{compared} with motor, bearings, feet / {compared} robots", slower))
     text = "\n\n".join([

@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 ORDER = (
-    ["checks", "files", "gravity", "control"],
+    ["checks", "cores", "files", "gravity", "control"],
     ["motor", "built", "robot", "terrain"],
     ["kinematics"],
     ["dynamics", "rendering"],

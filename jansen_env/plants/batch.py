@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.checks import finite, positive, positive_integer
+from jansen_env.cores import available_cores
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.engine import collision, integrator, placement
 from jansen_env.engine.collision import SPECULATIVE_MARGIN, WAY_OUT
@@ -525,10 +526,9 @@ def _threads(robots: int, threads: int | None) -> int:
     """How many threads move so many robots."""
     if threads is not None:
         return min(positive_integer("threads", threads), robots)
-    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     limit = os.environ.get("NUMBA_NUM_THREADS", "")
-    available = int(limit) if limit.isdecimal() else available
-    return max(1, min(available or 1, robots // ROBOTS_PER_THREAD))
+    available = int(limit) if limit.isdecimal() else available_cores()
+    return max(1, min(available, robots // ROBOTS_PER_THREAD))
 
 
 def _shares(robots: int, threads: int) -> list[tuple[int, int]]:

@@ -15,6 +15,7 @@ from jansen_env.checks import shown
 
 CONFIGS = Path(__file__).parent / "configs"
 MAX_UNITS, MAX_LAYERS = 1024, 8  # of a network
+MAX_HARMONICS = 32  # of the crank angle
 
 
 class Check(NamedTuple):
@@ -134,6 +135,7 @@ HYPERPARAMETERS: dict[str, dict[str, Check]] = {
 POLICY: dict[str, Check] = {
     "activation": one_of(("tanh", "relu", "elu")),
     "normalize": boolean,
+    "harmonics": integer(0, MAX_HARMONICS),
     "log_std_init": finite,
     "use_expln": boolean,
     "share_features_extractor": boolean,
@@ -198,7 +200,8 @@ def load_config(
     evaluation), ``training_variants`` (further arguments of the training environments, taken in
     turn; ``max_episode_steps`` is one too), ``hyperparameters`` (the algorithm's arguments;
     ``learning_rate`` and ``clip_range`` may be "linear_X", falling from X to 0 over the run) and
-    ``policy_kwargs`` (the policy's; ``activation`` is a name, ``normalize`` scales observations).
+    ``policy_kwargs`` (the policy's; ``activation`` is a name, ``normalize`` scales observations,
+    and with it ``harmonics`` appends so many of the crank angle).
     The config.yml of a run also has ``algo``, ``env`` and ``seed``.
 
     Args:
@@ -276,7 +279,10 @@ def check_config(
     algo, env_id = algo or config.get("algo"), env_id or config.get("env")
     if algo is not None:
         _check("hyperparameters", config.get("hyperparameters", {}), HYPERPARAMETERS[algo])
-        _check("policy_kwargs", config.get("policy_kwargs", {}), POLICY_KWARGS[algo])
+        policy_kwargs = config.get("policy_kwargs", {})
+        _check("policy_kwargs", policy_kwargs, POLICY_KWARGS[algo])
+        if policy_kwargs.get("harmonics") and not policy_kwargs.get("normalize"):
+            raise ValueError("policy_kwargs.harmonics is given, so normalize must be true, too")
     if env_id is not None:
         for arguments in (config.get("env_kwargs", {}), *config.get("training_variants", ())):
             check_env_kwargs(env_id, arguments)

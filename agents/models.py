@@ -53,8 +53,10 @@ def _policy_kwargs(config: dict[str, Any]) -> dict[str, Any]:
     arguments = dict(config.get("policy_kwargs", {}))
     if "activation" in arguments:
         arguments["activation_fn"] = ACTIVATIONS[arguments.pop("activation")]
+    harmonics = arguments.pop("harmonics", 0)
     if arguments.pop("normalize", False):
         arguments["features_extractor_class"] = NormalizedObservation
+        arguments["features_extractor_kwargs"] = {"harmonics": harmonics}
     return arguments
 
 

@@ -118,6 +118,11 @@ def test_files_that_are_no_yaml(tmp_path):
         ({"policy_kwargs": {"features_extractor_class": "os.x"}}, "'features_extractor_class' is"),
         ({"policy_kwargs": {"activation": "os.x"}}, "policy_kwargs.activation is 'os.x', must be"),
         ({"policy_kwargs": {"net_arch": [10**9]}}, r"net_arch is \[1000000000\], must be"),
+        (
+            {"policy_kwargs": {"harmonics": 99, "normalize": True}},
+            "harmonics is 99, must be a whole",
+        ),
+        ({"policy_kwargs": {"harmonics": 4}}, "harmonics is given, so normalize must be true"),
         ({"policy_kwargs": {"net_arch": [1] * 99}}, "must be a list of up to 8 layers"),
         (
             {"policy_kwargs": {"net_arch": {"pi": [8], "qf": [8]}}},
@@ -195,7 +200,7 @@ def test_names_are_those_of_the_libraries():
         known = set(inspect.signature(library.__init__).parameters) - NOT_FROM_FILES
         assert set(config.HYPERPARAMETERS[algo]) == known
         policy = library.policy_aliases["MlpPolicy"]
-        names = set(config.POLICY_KWARGS[algo]) - {"activation", "normalize"}
+        names = set(config.POLICY_KWARGS[algo]) - {"activation", "normalize", "harmonics"}
         assert names <= set(inspect.signature(policy.__init__).parameters)
     for name in models.ACTIVATIONS:
         config.POLICY["activation"]("activation", name)

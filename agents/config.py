@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from agents.command_line import MAX_STEPS
 from agents.plain_yaml import read_yaml
-from agents.tasks import TASKS, check_env_kwargs
+from agents.tasks import TASKS, check_env_kwargs, find_task
 from jansen_env.checks import shown
 
 CONFIGS = Path(__file__).parent / "configs"
@@ -160,6 +160,8 @@ KEYS: dict[str, Check] = {
     "timesteps": integer(1, MAX_STEPS),
     "n_envs": integer(1, 10_000),
     "reward_scale": positive,
+    "imitate": one_of({name for task in TASKS.values() for name in task.baselines}),
+    "critic_first": integer(0, MAX_STEPS),
     "env_kwargs": mapping,
     "training_variants": mappings,
     "hyperparameters": mapping,
@@ -196,13 +198,14 @@ def load_config(
 ) -> dict[str, Any]:
     """A training configuration from YAML; it can name no code, each name is looked up in a table.
 
-    Keys: ``policy``, ``timesteps``, ``n_envs``, ``reward_scale``, ``env_kwargs`` (for training and
-    evaluation), ``training_variants`` (further arguments of the training environments, taken in
-    turn; ``max_episode_steps`` is one too), ``hyperparameters`` (the algorithm's arguments;
-    ``learning_rate`` and ``clip_range`` may be "linear_X", falling from X to 0 over the run) and
-    ``policy_kwargs`` (the policy's; ``activation`` is a name, ``normalize`` scales observations,
-    and with it ``harmonics`` appends so many of the crank angle).
-    The config.yml of a run also has ``algo``, ``env`` and ``seed``.
+    Keys: ``policy``, ``timesteps``, ``n_envs``, ``reward_scale``, ``imitate`` (the baseline that
+    PPO's policy learns first, see :mod:`agents.imitation`), ``critic_first`` (steps in which the
+    critic learns alone), ``env_kwargs`` (for training and evaluation), ``training_variants``
+    (further arguments of the training environments, taken in turn; ``max_episode_steps`` is one
+    too), ``hyperparameters`` (the algorithm's arguments; ``learning_rate`` and ``clip_range`` may
+    be "linear_X", falling from X to 0 over the run) and ``policy_kwargs`` (the policy's;
+    ``activation`` is a name, ``normalize`` scales observations, and with it ``harmonics`` appends
+    so many of the crank angle). The config.yml of a run also has ``algo``, ``env`` and ``seed``.
 
     Args:
         path: of the file, see :func:`agents.plain_yaml.parse_yaml`.
@@ -278,12 +281,16 @@ def check_config(
     _check("", config, KEYS)
     algo, env_id = algo or config.get("algo"), env_id or config.get("env")
     if algo is not None:
+        for name in {"imitate", "critic_first"} & {*config} if algo != "ppo" else ():
+            raise ValueError(f"{name!r} is given, so algo must be 'ppo', and is {algo!r}")
         _check("hyperparameters", config.get("hyperparameters", {}), HYPERPARAMETERS[algo])
         policy_kwargs = config.get("policy_kwargs", {})
         _check("policy_kwargs", policy_kwargs, POLICY_KWARGS[algo])
         if policy_kwargs.get("harmonics") and not policy_kwargs.get("normalize"):
             raise ValueError("policy_kwargs.harmonics is given, so normalize must be true, too")
     if env_id is not None:
+        if (teacher := config.get("imitate")) is not None:
+            one_of(find_task(env_id).baselines)("imitate", teacher)
         for arguments in (config.get("env_kwargs", {}), *config.get("training_variants", ())):
             check_env_kwargs(env_id, arguments)
 

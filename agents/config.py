@@ -8,6 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from agents.action_maps import ACTION_MAPS
 from agents.command_line import MAX_STEPS
 from agents.plain_yaml import read_yaml
 from agents.tasks import TASKS, check_env_kwargs, find_task
@@ -16,6 +17,7 @@ from jansen_env.checks import shown
 CONFIGS = Path(__file__).parent / "configs"
 MAX_UNITS, MAX_LAYERS = 1024, 8  # of a network
 MAX_HARMONICS = 32  # of the crank angle
+MAX_QUANTILES = 1000  # of a critic of TQC
 
 
 class Check(NamedTuple):
@@ -106,6 +108,17 @@ COMMON: dict[str, Check] = {
     "stats_window_size": integer(1, 10**6),
     "verbose": integer(0, 2),
 }
+OFF_POLICY: dict[str, Check] = {
+    **COMMON,
+    "buffer_size": integer(1, 10**8),
+    "learning_starts": integer(0, MAX_STEPS),
+    "train_freq": integer(1, 10**6),
+    "gradient_steps": integer(-1, 10**5),  # -1: as many as steps were taken
+    "ent_coef": positive | auto | auto_number,
+    "target_entropy": finite | auto,
+    "use_sde_at_warmup": boolean,
+}
+TARGET_NETWORK = {"tau": fraction, "target_update_interval": integer(1, 10**6)}
 HYPERPARAMETERS: dict[str, dict[str, Check]] = {
     "ppo": {
         **COMMON,
@@ -119,18 +132,13 @@ HYPERPARAMETERS: dict[str, dict[str, Check]] = {
         "max_grad_norm": positive,
         "target_kl": positive | null,
     },
-    "sac": {
-        **COMMON,
-        "buffer_size": integer(1, 10**8),
-        "learning_starts": integer(0, MAX_STEPS),
-        "tau": fraction,
-        "train_freq": integer(1, 10**6),
-        "gradient_steps": integer(-1, 10**5),  # -1: as many as steps were taken
-        "ent_coef": positive | auto | auto_number,
-        "target_update_interval": integer(1, 10**6),
-        "target_entropy": finite | auto,
-        "use_sde_at_warmup": boolean,
+    "sac": {**OFF_POLICY, **TARGET_NETWORK},
+    "tqc": {
+        **OFF_POLICY,
+        **TARGET_NETWORK,
+        "top_quantiles_to_drop_per_net": integer(0, MAX_QUANTILES - 1),
     },
+    "crossq": {**OFF_POLICY, "policy_delay": integer(1, 10**6)},
 }
 POLICY: dict[str, Check] = {
     "activation": one_of(("tanh", "relu", "elu")),
@@ -140,6 +148,12 @@ POLICY: dict[str, Check] = {
     "use_expln": boolean,
     "share_features_extractor": boolean,
 }
+CRITICS: dict[str, Check] = {
+    **POLICY,
+    "net_arch": layers | layers_of("pi", "qf"),
+    "clip_mean": non_negative,
+    "n_critics": integer(1, 10),
+}
 POLICY_KWARGS: dict[str, dict[str, Check]] = {
     "ppo": {
         **POLICY,
@@ -148,11 +162,14 @@ POLICY_KWARGS: dict[str, dict[str, Check]] = {
         "full_std": boolean,
         "squash_output": boolean,
     },
-    "sac": {
-        **POLICY,
-        "net_arch": layers | layers_of("pi", "qf"),
-        "clip_mean": non_negative,
-        "n_critics": integer(1, 10),
+    "sac": CRITICS,
+    "tqc": {**CRITICS, "n_quantiles": integer(1, MAX_QUANTILES)},
+    "crossq": {
+        **CRITICS,
+        "batch_norm": boolean,
+        "batch_norm_momentum": fraction,
+        "batch_norm_eps": positive,
+        "renorm_warmup_steps": integer(0, MAX_STEPS),
     },
 }
 KEYS: dict[str, Check] = {
@@ -162,6 +179,7 @@ KEYS: dict[str, Check] = {
     "reward_scale": positive,
     "imitate": one_of({name for task in TASKS.values() for name in task.baselines}),
     "critic_first": integer(0, MAX_STEPS),
+    "action": one_of(("torque", *ACTION_MAPS)),
     "env_kwargs": mapping,
     "training_variants": mappings,
     "hyperparameters": mapping,
@@ -198,14 +216,15 @@ def load_config(
 ) -> dict[str, Any]:
     """A training configuration from YAML; it can name no code, each name is looked up in a table.
 
-    Keys: ``policy``, ``timesteps``, ``n_envs``, ``reward_scale``, ``imitate`` (the baseline that
-    PPO's policy learns first, see :mod:`agents.imitation`), ``critic_first`` (steps in which the
-    critic learns alone), ``env_kwargs`` (for training and evaluation), ``training_variants``
-    (further arguments of the training environments, taken in turn; ``max_episode_steps`` is one
-    too), ``hyperparameters`` (the algorithm's arguments; ``learning_rate`` and ``clip_range`` may
-    be "linear_X", falling from X to 0 over the run) and ``policy_kwargs`` (the policy's;
-    ``activation`` is a name, ``normalize`` scales observations, and with it ``harmonics`` appends
-    so many of the crank angle). The config.yml of a run also has ``algo``, ``env`` and ``seed``.
+    Keys: ``policy``, ``timesteps``, ``n_envs``, ``reward_scale``, ``action`` (what actions mean,
+    see :mod:`agents.action_maps`), ``imitate`` (the baseline that PPO's policy learns first, see
+    :mod:`agents.imitation`), ``critic_first`` (steps in which the critic learns alone),
+    ``env_kwargs`` (for training and evaluation), ``training_variants`` (further arguments of the
+    training environments, taken in turn; ``max_episode_steps`` is one too), ``hyperparameters``
+    (the algorithm's arguments; ``learning_rate`` and ``clip_range`` may be "linear_X", falling from
+    X to 0 over the run) and ``policy_kwargs`` (the policy's; ``activation`` is a name,
+    ``normalize`` scales observations, and with it ``harmonics`` appends so many of the crank
+    angle). The config.yml of a run also has ``algo``, ``env`` and ``seed``.
 
     Args:
         path: of the file, see :func:`agents.plain_yaml.parse_yaml`.
@@ -283,11 +302,20 @@ def check_config(
     if algo is not None:
         for name in {"imitate", "critic_first"} & {*config} if algo != "ppo" else ():
             raise ValueError(f"{name!r} is given, so algo must be 'ppo', and is {algo!r}")
-        _check("hyperparameters", config.get("hyperparameters", {}), HYPERPARAMETERS[algo])
+        hyperparameters = config.get("hyperparameters", {})
         policy_kwargs = config.get("policy_kwargs", {})
+        _check("hyperparameters", hyperparameters, HYPERPARAMETERS[algo])
         _check("policy_kwargs", policy_kwargs, POLICY_KWARGS[algo])
+        dropped = hyperparameters.get("top_quantiles_to_drop_per_net", 0)
+        if dropped >= (quantiles := policy_kwargs.get("n_quantiles", 25)):
+            raise ValueError(
+                f"hyperparameters.top_quantiles_to_drop_per_net is {dropped}, must be below "
+                f"n_quantiles, {quantiles}"
+            )
         if policy_kwargs.get("harmonics") and not policy_kwargs.get("normalize"):
             raise ValueError("policy_kwargs.harmonics is given, so normalize must be true, too")
+    if env_id not in (None, "JansenWalker-v0") and config.get("action", "torque") != "torque":
+        raise ValueError(f"action is {config['action']!r}, must be 'torque' for {env_id}")
     if env_id is not None:
         if (teacher := config.get("imitate")) is not None:
             one_of(find_task(env_id).baselines)("imitate", teacher)

@@ -13,10 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from sb3_contrib import TQC, CrossQ
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.utils import LinearSchedule
 
+from agents.action_maps import MappedPolicy, make_map
 from agents.config import TO_LOAD, find_config, load_config
 from agents.model_files import NOTES, STATE, read_model
 from agents.normalizer import NormalizedObservation
@@ -24,7 +26,7 @@ from agents.policy import Policy
 from agents.rollout import make_env
 from jansen_env.files import write_bytes
 
-ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
+ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC, "tqc": TQC, "crossq": CrossQ}
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}
 
 
@@ -62,6 +64,9 @@ def _policy_kwargs(config: dict[str, Any]) -> dict[str, Any]:
 
 def load_policy(path: str | Path) -> Policy:
     """A trained policy from a run's folder or a model's zip file, without running code from it.
+
+    Where its actions mean something else than torques (``action`` in its configuration), what it
+    predicts is nevertheless what the environment takes.
 
     A model that Stable-Baselines3 trained elsewhere takes a config.yml beside it that says how the
     policy is built; policy_kwargs and use_sde may be left out where they are the library's own::
@@ -101,7 +106,8 @@ def load_policy(path: str | Path) -> Policy:
     except Exception as error:  # torch raises most kinds for what does not fit
         raise ValueError(f"{path} does not fit {source}: {' '.join(str(error).split())}") from error
     policy.set_training_mode(False)
-    return policy
+    action = config.get("action", "torque")
+    return policy if action == "torque" else MappedPolicy(policy, make_map(action, env))
 
 
 def restore(model: BaseAlgorithm, tensors: dict[str, Any]) -> None:

@@ -23,7 +23,7 @@ from agents.models import build_model, restore
 from agents.replay import load_replay_buffer
 from agents.runs import FINAL, find_replay_buffer, next_monitor, rewind_monitors
 from agents.training_state import GeneratorsRestored, read_state, restore_state
-from agents.vec_env import make_vec_env
+from agents.vec_env import make_vec_env, with_actions
 from jansen_env.checks import instance, non_negative, whole_number
 
 if TYPE_CHECKING:
@@ -69,6 +69,9 @@ def prepare(
         config.get("env_kwargs", {}),
         config.get("training_variants", ({},)),
         threads=None if worker is None else worker.threads(config["n_envs"]),
+    )
+    venv = with_actions(
+        venv, config.get("action", "torque"), config["env"], config.get("env_kwargs", {})
     )
     venv = ScaledReward(VecMonitor(venv), config.get("reward_scale", 1.0))
     model = build_model(config["algo"], config, venv, seed=seed)

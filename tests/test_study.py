@@ -159,6 +159,14 @@ def test_a_plan_that_cannot_be_is_refused(change, message):
         make_study(change, "plan.yml")
 
 
+def test_the_shipped_study_can_be_run():
+    """Its variants are configurations, each another one."""
+    made = make_study(study_plan.read_plan(ROOT / "agents" / "studies" / "roads.yml"))
+    configs = [json.dumps(config, sort_keys=True) for config in made.groups.values()]
+    assert len(set(configs)) == len(configs) >= 10 and made.seeds == [100, 101]
+    assert made.groups["JansenWalker-v0_ppo_crank_speed"]["action"] == "crank_speed"
+
+
 def test_another_study_in_the_same_folder_is_refused(tmp_path):
     """With the names of what differs; the same study is taken."""
     study_plan.enter(tmp_path, make_study(SMALL))

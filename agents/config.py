@@ -201,7 +201,8 @@ def shipped_config(env_id: str, algo: str) -> Path:
     """
     path = CONFIGS / env_id / f"{algo}.yml"
     if not path.is_file():
-        found = sorted(f"{p.parent.name}/{p.stem}" for p in CONFIGS.glob("*/*.yml"))
+        files = [p for p in CONFIGS.glob("*/*.yml") if p.stem in HYPERPARAMETERS]
+        found = sorted(f"{p.parent.name}/{p.stem}" for p in files)
         raise ValueError(
             f"no configuration for {env_id}/{algo}, must be one of {found}, or a file of your own"
         )

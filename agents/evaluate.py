@@ -188,7 +188,7 @@ def main(arguments: list[str] | None = None) -> None:
     plot_scores(task, scores, out / "scores.png")
     print(score_table(task.metrics, scores))
     print(f"\n{args.episodes} episodes at each of {args.commands} {task.command_unit}, "
-          f"seed {args.seed}; 95% bootstrap intervals. "
+          f"seed {args.seed}; 95 % bootstrap intervals over episodes. "
           f"Written: {out}/scores.json, {out}/scores.png")  # fmt: skip
     if args.video is None:
         return

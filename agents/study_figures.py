@@ -43,7 +43,11 @@ def _plot(env_id: str, groups: dict[str, Any], path: Path) -> Path:
     figure, axes = plt.subplots(2, 2, figsize=(12, 8.4), layout="constrained")
     (curves, scores), (profile, improvement) = axes
     colours = {name: f"C{i}" for i, name in enumerate(groups)}
-    baselines = next(iter(groups.values()))["baselines"]
+    baselines = {
+        name: score
+        for name, score in next(iter(groups.values()))["baselines"].items()
+        if all(name in group["baselines"] for group in groups.values())
+    }
     _learning_curves(curves, groups, colours)
     _scores(scores, groups, colours)
     _profile(profile, groups, baselines, colours)

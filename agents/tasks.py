@@ -29,6 +29,8 @@ class Task:
         metrics: by name; the first is "return".
         baselines: the policies to compare with by name, the main one first; each is made for an
             unwrapped environment.
+        by_command: metrics, of which less is better each, that a study shows at each command.
+        ratios: pairs of such a metric and a baseline, to whose it is set in proportion there.
     """
 
     commands: tuple[float, ...]
@@ -36,6 +38,8 @@ class Task:
     aggregates: dict[str, Aggregate]
     metrics: dict[str, Metric]
     baselines: dict[str, Callable[[Any], Policy]]
+    by_command: tuple[str, ...] = ()
+    ratios: tuple[tuple[str, str], ...] = ()
 
 
 def _mean(name: str) -> Callable[[Episodes, Any], Array]:
@@ -111,7 +115,11 @@ WALKER = Task(
         ),
     },
     baselines=walker_baselines.BASELINES,
-)
+    by_command=("falls", "steady_speed_error", "slip_per_metre", "cost_of_transport", "rms_torque",
+                "torque_change"),
+    ratios=(("slip_per_metre", "pid"), *((name, "profile") for name in (
+        "slip_per_metre", "cost_of_transport", "rms_torque"))),
+)  # fmt: skip
 
 CRANK = Task(
     commands=(1.0,),

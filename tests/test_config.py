@@ -196,8 +196,9 @@ def test_values_that_are_allowed(tmp_path):
 def test_recorded_configurations_are_read_again(tmp_path):
     """What record_run writes is what load_config gives, for each shipped configuration."""
     for path in config.CONFIGS.glob("*/*.yml"):
-        settings = config.load_config(path, path.stem, path.parent.name)
-        settings.update(algo=path.stem, env=path.parent.name, seed=3)
+        settings = config.load_config(path)
+        settings = {"algo": path.stem, "env": path.parent.name, **settings, "seed": 3}
+        config.check_config(settings, required=config.TO_RESUME)
         runs.record_run(tmp_path, settings, "")
         again = config.load_config(tmp_path / "config.yml", required=config.TO_RESUME)
         assert again == settings

@@ -17,6 +17,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from torch import nn
 
+from agents.config import training_envs
 from agents.normalizer import NormalizedObservation
 from agents.policy import Policy
 from agents.rollout import make_env
@@ -43,17 +44,16 @@ def imitate(model: PPO, config: dict[str, Any]) -> float:
     Returns:
         Root mean square difference from the baseline's torque at the end, as a share of its limit.
     """
-    env_id, env_kwargs = config["env"], config.get("env_kwargs", {})
-    env = make_env(env_id, env_kwargs)
+    env_id, (kwargs, variants) = config["env"], training_envs(config)
+    env = make_env(env_id, kwargs)
     teacher = find_task(env_id).baselines[config["imitate"]](env.unwrapped)
     env.close()
     rng, shuffle = np.random.default_rng(config["seed"]), torch.Generator()
     shuffle.manual_seed(config["seed"])
     policy: Any = model.policy
     optimizer = torch.optim.Adam(_actor(policy))
-    variants = config.get("training_variants", ({},))
     observations, actions, loss = [], [], torch.tensor(0.0)
-    with closing(make_vec_env(env_id, ROBOTS, env_kwargs, variants)) as venv:
+    with closing(make_vec_env(env_id, ROBOTS, kwargs, variants)) as venv:
         venv.seed(RESET_SEED + config["seed"])
         for number in range(ROUNDS):
             seen, given = _walk(venv, teacher, None if number == 0 else policy, rng)

@@ -16,7 +16,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor, unwrap_vec_wrapper
 
 from agents.callbacks import NormalizerUpdate, NoSaver, Saver, StopOnSignal
-from agents.config import find_config
+from agents.config import find_config, training_envs
 from agents.imitation import CriticFirst, imitate
 from agents.model_files import read_model, read_notes, read_training_state
 from agents.models import build_model, restore
@@ -52,7 +52,7 @@ def prepare(
 
     Args:
         config: a training configuration with ``algo``, ``env`` and ``seed``. Environment i takes
-            number i of its ``training_variants``, counted around, on top of the ``env_kwargs``.
+            number i of its ``training_variants``, counted around, on top of the arguments of all.
         resume: a model's file, of which it takes all that training has come to; the run's folder
             has its replay buffer, if the algorithm has one.
         worker: of which the model is, where several train together.
@@ -63,16 +63,10 @@ def prepare(
     seed = config["seed"]
     if worker is not None:
         config = worker.share(config)
-    venv = make_vec_env(
-        config["env"],
-        config["n_envs"],
-        config.get("env_kwargs", {}),
-        config.get("training_variants", ({},)),
-        threads=None if worker is None else worker.threads(config["n_envs"]),
-    )
-    venv = with_actions(
-        venv, config.get("action", "torque"), config["env"], config.get("env_kwargs", {})
-    )
+    kwargs, variants = training_envs(config)
+    threads = None if worker is None else worker.threads(config["n_envs"])
+    venv = make_vec_env(config["env"], config["n_envs"], kwargs, variants, threads=threads)
+    venv = with_actions(venv, config.get("action", "torque"), config["env"], kwargs)
     venv = ScaledReward(VecMonitor(venv), config.get("reward_scale", 1.0))
     model = build_model(config["algo"], config, venv, seed=seed)
     if resume is not None:

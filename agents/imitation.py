@@ -8,8 +8,9 @@ what was learned.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import closing
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -23,6 +24,9 @@ from agents.policy import Policy
 from agents.rollout import make_env
 from agents.tasks import find_task
 from agents.vec_env import make_vec_env
+
+if TYPE_CHECKING:
+    from agents.data_parallel import Worker
 
 ROBOTS, STEPS = 256, 500  # of a round
 ROUNDS = 5  # in the first the baseline acts, in the others the learner
@@ -71,7 +75,7 @@ def imitate(model: PPO, config: dict[str, Any]) -> float:
                     optimizer.zero_grad()
                     loss.backward()
                     optimizer.step()
-    return float(loss.sqrt())
+    return float(loss.detach().sqrt())
 
 
 def _walk(
@@ -106,6 +110,35 @@ def _set_statistics(policy: Any, observations: torch.Tensor) -> None:
         if isinstance(module, NormalizedObservation):
             module.count.zero_()
             module.update(observations)
+
+
+class Imitation(BaseCallback):
+    """Imitates before training starts; workers do so each for itself, with the same result.
+
+    Args:
+        config: of the training. worker: of which the model is, where several train together.
+        after: what to do then.
+    """
+
+    model: PPO
+
+    def __init__(
+        self, config: dict[str, Any], worker: Worker | None, after: Callable[[], None]
+    ) -> None:
+        super().__init__()
+        self.config, self.worker, self.after = config, worker, after
+
+    def _on_training_start(self) -> None:
+        error = imitate(self.model, self.config)
+        if self.worker is not None:
+            self.worker.align(self.model)
+        if self.worker is None or self.worker.leads:
+            teacher = self.config["imitate"]
+            print(f"imitated {teacher}: actions differ by {error:.3f} (RMS)", flush=True)
+        self.after()
+
+    def _on_step(self) -> bool:
+        return True
 
 
 class CriticFirst(BaseCallback):

@@ -17,7 +17,7 @@ from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor, unwrap_v
 
 from agents.callbacks import NormalizerUpdate, NoSaver, Saver, StopOnSignal
 from agents.config import find_config, training_envs
-from agents.imitation import CriticFirst, imitate
+from agents.imitation import CriticFirst, Imitation
 from agents.model_files import read_model, read_notes, read_training_state
 from agents.models import build_model, restore
 from agents.replay import load_replay_buffer
@@ -179,15 +179,14 @@ def train(
     state = None if resume is None else _read_own_state(resume, worker)
     if state is not None:
         callbacks.insert(0, GeneratorsRestored(state))
+    if resume is None and "imitate" in config:
+        callbacks.append(Imitation(config, worker, saver.evaluate))
     if progress and leads:
         callbacks.append(ProgressBarCallback() if worker is None else worker.progress())
     try:
         with closing(venv):
             remaining = config["timesteps"] - model.num_timesteps
             if remaining > 0:
-                if resume is None and "imitate" in config:
-                    _imitate(model, config, worker)
-                    saver.evaluate()
                 _learn(model, remaining, callbacks, stop, folder)
                 if saver.ended:
                     if leads:
@@ -201,16 +200,6 @@ def train(
         ) from error
     if stop.signal:  # in the last rollout
         raise SystemExit(128 + stop.signal)
-
-
-def _imitate(model: BaseAlgorithm, config: dict[str, Any], worker: Worker | None) -> None:
-    """Let the model learn a baseline first; workers do so each for itself, with the same result."""
-    assert isinstance(model, PPO)  # as the configuration's check has it
-    error = imitate(model, config)
-    if worker is not None:
-        worker.align(model)
-    if worker is None or worker.leads:
-        print(f"imitated {config['imitate']}: actions differ by {error:.3f} (RMS)", flush=True)
 
 
 def _go_on(folder: Path) -> str:

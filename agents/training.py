@@ -29,6 +29,8 @@ from jansen_env.checks import instance, non_negative, whole_number
 if TYPE_CHECKING:
     from agents.data_parallel import Worker
 
+EVALUATIONS = 16  # of a run, if nothing else is said
+
 
 class ScaledReward(VecEnvWrapper):
     """Rewards times a number; what monitors inside have seen is not scaled."""
@@ -138,7 +140,7 @@ def train(
     config: dict[str, Any],
     folder: Path,
     *,
-    eval_every: int,
+    eval_every: int | None,
     save_every: int,
     tensorboard: str | None = None,
     resume: Path | None = None,
@@ -149,7 +151,8 @@ def train(
 
     Args:
         model, config, resume, worker: as of :func:`prepare`. folder: the run's.
-        eval_every, save_every: steps between evaluations and between checkpoints, 0 for none.
+        eval_every, save_every: steps between evaluations and between checkpoints, 0 for none;
+            ``eval_every`` is None for :data:`EVALUATIONS` in all.
         tensorboard: folder of its log, None for none. progress: whether to show a bar.
 
     Raises:
@@ -161,6 +164,8 @@ def train(
     leads = worker is None or worker.leads
     stop = StopOnSignal() if worker is None else worker.stop
     monitor_sizes, seconds = ({}, 0.0) if resume is None else _noted(resume)
+    if eval_every is None:
+        eval_every = max(1, config["timesteps"] // EVALUATIONS)
     saver = (Saver if leads else NoSaver)(
         folder, save_every, eval_every, config["env"], config.get("env_kwargs", {}),
         done=model.num_timesteps, seconds=seconds, stop=stop,

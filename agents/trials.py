@@ -48,14 +48,15 @@ class Trials:
     """
 
     def __init__(self, friction: Array) -> None:
-        self.envs: Any = gym.make_vec(
+        envs: Any = gym.make_vec(
             ENV, num_envs=len(friction), autoreset_mode=AutoresetMode.DISABLED,
             terminate_when_fallen=False, friction=np.asarray(friction, float),
             info_keys=("fallen", "diverged", "x_position", "slip", "energy", "crank_torque"),
         )  # fmt: skip
-        self.torque_limit: float = self.envs.torque_limit
-        self.control_dt: float = self.envs.control_dt
-        self.weight = np.array(self.envs.get_attr("weight"))
+        self.envs = envs
+        self.torque_limit: float = envs.torque_limit
+        self.control_dt: float = envs.control_dt
+        self.weight = np.array(envs.get_attr("weight"))
 
     def close(self) -> None:
         """Let go of the robots."""

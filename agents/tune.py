@@ -78,7 +78,9 @@ def tune_profile(seed: int, path: Path) -> None:
             made["numbers"] = found.numbers.round(5).tolist()
             write_json(path, made)
 
-        profile_search.search_profile(seed=seed, progress=progress, save=save)
+        profile_search.search_profile(
+            profile_search.COMMANDS, sweeps, seed=seed, progress=progress, save=save
+        )
     print(f"written: {path}")
 
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
+import scipy.stats
 
-from agents import profile, profile_search, tune
+from agents import profile_search, tune
 from agents.evaluate import load_named
 from agents.metrics import point_estimates
 from agents.profile import Profile, load_profile, profile_torque
+from agents.profile_search import Sweep, improve, of_each, search_profile, triangular, worth
 from agents.rollout import make_env, run_episodes
 from agents.tasks import WALKER
+from agents.trials import Trials
 from agents.walker_observation import COMMAND, COS_CRANK, CRANK_SPEED, LAG
 
 ENV = "JansenWalker-v0"
@@ -111,21 +112,68 @@ def test_it_walks_with_less_slip_than_the_pid():
     assert scores["profile", 0.1]["slip_per_metre"] < 0.5 * scores["pid", 0.1]["slip_per_metre"]
 
 
-def test_the_search_improves_a_start_and_repeats():
-    """On one command, with a few candidates, from numbers that hardly walk."""
-    sweep = profile_search.Sweep(generations=4, episodes=4, step_size=0.8, candidates=6)
+def test_the_search_improves_a_bad_start():
+    """With a few candidates, on episodes that it has not seen."""
+    start = np.array([0.4, 3.0, 1.0, 0.0, 0.3, 0.3])
+    sweep = Sweep(generations=6, episodes=3, step_size=1.0, candidates=6)
+    found = improve({0.1: start}, 0.1, sweep, np.random.default_rng(0))
+    trials = Trials(np.full(16, 0.8))
+    values = [
+        worth(trials.run(of_each(own[None].repeat(16, 0), 20.0), np.full(16, 0.1), np.arange(16)))
+        for own in (start, found)
+    ]
+    assert values[1].mean() > values[0].mean() + 20.0
+
+
+def test_the_search_repeats():
+    """The same seed finds the same numbers, another one others; both gaits, more harmonics."""
+    sweep = Sweep(generations=1, episodes=2, step_size=0.5, candidates=4)
+    told = []
 
     def search(seed):
-        history = []
-        found = profile_search.search_profile(
-            (0.1,), (sweep,), harmonics=1, seed=seed,
-            progress=lambda command, out: history.append(profile_search.worth(out).mean()),
-        )  # fmt: skip
-        return found, history
+        return search_profile((0.1, 0.15, 0.5), (sweep,), 5, seed, lambda c, _: told.append(c))
 
-    found, history = search(0)
-    again, other = search(0)[0], search(1)[0]
-    assert found.numbers.shape == (1, 6) and len(history) == 4
+    found, again, other = search(0), search(0), search(1)
+    assert told[:3] == [0.1, 0.15, 0.5]
+    assert found.numbers.shape == (3, 14)
     assert np.array_equal(found.numbers, again.numbers)
     assert not np.array_equal(found.numbers, other.numbers)
-    assert history[-1] > history[0]
+
+
+def test_triangular_quantiles():
+    """Those of scipy's distribution; one-sided at an end of the grid, a point where it is alone."""
+    share = np.linspace(0.01, 0.99, 9)
+    expected = scipy.stats.triang(0.25, 0.1, 0.4).ppf(share)
+    assert triangular(share, 0.1, 0.2, 0.5) == pytest.approx(expected)
+    assert triangular(share, 0.1, 0.1, 0.5) == pytest.approx(0.5 - 0.4 * np.sqrt(1.0 - share))
+    assert np.all(triangular(share, 0.3, 0.3, 0.3) == 0.3)
+
+
+@pytest.mark.parametrize(
+    ("commands", "numbers", "match"),
+    [
+        ([0.2, 0.1], np.ones((2, 6)), "must increase from above 0"),
+        ([0.0, 0.1], np.ones((2, 6)), "must increase from above 0"),
+        ([0.1], np.ones((2, 6)), "has the shape"),
+        ([0.1], np.ones((1, 5)), "has the shape"),
+        ([0.1], np.full((1, 6), np.nan), "not finite"),
+    ],
+)
+def test_what_is_no_profile_is_refused(commands, numbers, match):
+    """Commands out of order, numbers that do not fit them."""
+    with pytest.raises(ValueError, match=match):
+        Profile(np.array(commands), numbers)
+
+
+def test_tuning_writes_what_can_be_loaded(tmp_path, monkeypatch, capsys):
+    """Only what is asked for; an unknown baseline is refused."""
+    short = (Sweep(generations=1, episodes=2, step_size=0.5, candidates=4),)
+    monkeypatch.setattr(profile_search, "SWEEPS", short)
+    monkeypatch.setattr(profile_search, "COMMANDS", (0.1,))
+    tune.main(["profile", "--seed", "3", "--out", str(tmp_path)])
+    assert [path.name for path in tmp_path.iterdir()] == ["profile.json"]
+    found = load_profile(tmp_path / "profile.json")
+    assert found.numbers.shape == (1, 12) and found.commands.tolist() == [0.1]
+    with pytest.raises(SystemExit):
+        tune.main(["nobody", "--out", str(tmp_path)])
+    assert "baseline is 'nobody', must be one of" in capsys.readouterr().err

@@ -67,6 +67,11 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         """What each number of the observation is."""
         return self.task.observed
 
+    @property
+    def window_closed(self) -> bool:
+        """Whether the user has closed the window of ``render_mode="human"``."""
+        return self._renderer is not None and self._renderer.dismissed
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:

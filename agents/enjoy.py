@@ -17,7 +17,7 @@ from agents.evaluate import label, load_named
 from agents.policy import Policy
 from agents.rollout import make_env
 from agents.tasks import TASKS, find_task
-from agents.video import Moment, check_suffix, film, play, save_video, steps_per_frame
+from agents.video import Progress, check_suffix, film, play, save_video, steps_per_frame
 
 INVISIBLE = ("dummy", "offscreen")  # SDL's drivers of windows that nobody sees
 
@@ -29,7 +29,7 @@ def display() -> bool:
     return sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
 
 
-def episodes(policy: Policy, env: Any, args: argparse.Namespace) -> Iterator[Moment]:
+def episodes(policy: Policy, env: Any, args: argparse.Namespace) -> Iterator[Progress]:
     """Episodes one after another, commands in turn; prints how each has ended."""
     dt, unit = env.unwrapped.control_dt, find_task(args.env).command_unit
     for i in range(args.episodes or len(args.command)):

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from safetensors.numpy import save
+from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor
 from torch import nn
 
@@ -43,6 +44,8 @@ def describe_network(policy: Any) -> dict[str, Any]:
     Raises:
         ValueError: it has a part that :mod:`jansen_env.pretrained` does not know.
     """
+    if not issubclass(kind := type(policy), BasePolicy):  # something around one
+        raise ValueError(f"the policy is a {kind.__name__}, which cannot be packed")
     if hasattr(policy, "actor"):  # SAC and its kin
         actor, path = policy.actor, "actor."
         extractor, parts = (
@@ -162,6 +165,16 @@ def pack(
     return write_json(path, description)
 
 
+def rescore(path: str | Path, episodes: int = 10, seed: int = 0) -> Path:
+    """Make the scores in a policy's JSON file again, as where the task's metrics have changed.
+
+    Raises:
+        ValueError: it is no policy's.
+    """
+    policy = pretrained.load_file(path)
+    return write_json(path, {**policy.description, "scores": scores_of(policy, episodes, seed)})
+
+
 def check_equal(packed: PretrainedPolicy, policy: Any, count: int = 10_000) -> float:
     """The largest difference between two policies' actions on random observations.
 
@@ -204,7 +217,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     add = parser.add_argument
-    add("run", help="a run's folder, or a model's zip file with config.yml beside it")
+    add("run", help="a run's folder, a model's zip file with config.yml beside it, or the json "
+        "file of a policy whose scores are to be made again")  # fmt: skip
     add("--name", help="of the policy; default: that of its algorithm")
     add(
         "--out", default="policies", metavar="DIR", help="files go to DIR/ENV_ID; default: policies"
@@ -220,7 +234,10 @@ def main(arguments: list[str] | None = None) -> None:
     """Pack a policy and say where it is and what it scores."""
     args = parse(arguments)
     try:
-        path = pack(args.run, args.name, args.out, args.episodes, args.seed)
+        if Path(args.run).suffix == ".json":
+            path = rescore(args.run, args.episodes, args.seed)
+        else:
+            path = pack(args.run, args.name, args.out, args.episodes, args.seed)
     except (OSError, ValueError) as error:
         args.error(str(error))
     scores = json.loads(path.read_text(encoding="utf-8"))["scores"]["overall"]

@@ -22,7 +22,7 @@ GIF_WIDTH, GIF_COLOURS = 480, 64
 Picture = NDArray[np.uint8]
 
 
-class Moment(NamedTuple):
+class Progress(NamedTuple):
     """Of an episode: the steps taken, the return so far, and whether it has ended early."""
 
     steps: int
@@ -30,24 +30,24 @@ class Moment(NamedTuple):
     failed: bool
 
 
-def play(policy: Policy, env: Any, command: float, seed: int) -> Iterator[Moment]:
+def play(policy: Policy, env: Any, command: float, seed: int) -> Iterator[Progress]:
     """An episode at a commanded speed, its start and each step in turn.
 
     Args:
         policy: acts deterministically. env: of one robot. seed: of its start.
     """
     observation, _ = env.reset(seed=seed, options={"speed_command": command})
-    moment, state, truncated = Moment(0, 0.0, False), None, False
+    moment, state, truncated = Progress(0, 0.0, False), None, False
     yield moment
     while not (moment.failed or truncated):
         starts = np.array([moment.steps == 0])
         actions, state = policy.predict(observation[None], state, starts, True)
         observation, reward, terminated, truncated, _ = env.step(actions[0])
-        moment = Moment(moment.steps + 1, moment.returned + reward, terminated)
+        moment = Progress(moment.steps + 1, moment.returned + reward, terminated)
         yield moment
 
 
-def film(env: Any, moments: Iterable[Moment], every: int) -> Iterator[Picture]:
+def film(env: Any, moments: Iterable[Progress], every: int) -> Iterator[Picture]:
     """A frame of one moment in ``every`` that come by; env: as they are played in."""
     for moment in moments:
         if moment.steps % every == 0:

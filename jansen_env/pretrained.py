@@ -25,6 +25,8 @@ POLICIES = Path(__file__).parent / "policies"
 DEFAULT = "ppo"  # of the names of an environment's policies
 MAX_BYTES = 2**20  # of a file; those of the package have less than 100 kB
 
+CRANK_ANGLE = ("cos_crank_angle", "sin_crank_angle")
+
 Array = NDArray[np.float64]
 Tensors = dict[str, NDArray[Any]]
 
@@ -96,6 +98,8 @@ class PretrainedPolicy:
                 multiples = np.array(
                     [whole_number("a multiple", m, 1000) for m in _entry(block, "multiples", list)]
                 )
+                if self.observed[:2] != CRANK_ANGLE:
+                    raise ValueError(f"harmonics take the first observations {list(CRANK_ANGLE)}")
                 functions.append(_harmonics(multiples))
                 width += 2 * len(multiples)
             else:
@@ -169,9 +173,8 @@ def _harmonics(multiples: NDArray[np.int64]) -> Callable[[Array], Array]:
     """cos k psi, sin k psi of each k, psi the crank angle, whose cos and sin come first."""
 
     def function(seen: Array) -> Array:
-        angles = np.arctan2(seen[:, 1], seen[:, 0])[:, None] * multiples
-        pairs = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-        return pairs.reshape(len(seen), -1)
+        powers = (seen[:, :1] + 1j * seen[:, 1:2]) ** multiples  # de Moivre's formula
+        return np.stack([powers.real, powers.imag], axis=-1).reshape(len(seen), -1)
 
     return function
 

@@ -240,7 +240,7 @@ def change(path, **values):
     path.write_text(json.dumps(description))
 
 
-NAN = float("nan")
+NAN, HARMONICS = float("nan"), {"kind": "harmonics", "multiples": [2]}
 
 
 @pytest.mark.parametrize(
@@ -260,6 +260,9 @@ NAN = float("nan")
         ({"network__features__0__kind": "eval"}, "kind of features is 'eval', must be"),
         ({"network__features__0__floor": 0}, "floor is 0, must be above 0"),
         ({"network__features__0__variance": "pi_features_extractor.mean"}, ""),
+        ({"network__features": [HARMONICS | {"multiples": [0.5]}]}, "a multiple is 0.5, must be"),
+        ({"network__features": [HARMONICS], "observation__0__name": "height"},
+         "harmonics take the first observations ['cos_crank_angle', 'sin_crank_angle']"),
         ({"network__squash": None}, "squash is None, must be one of ['clip', 'tanh']"),
         ({"env__id": 3}, "id is 3, must be a str"),
     ],

@@ -15,11 +15,11 @@ from stable_baselines3.common.type_aliases import PyTorchObs
 
 from agents.walker_observation import COMMAND
 
-SLOWEST, FASTEST = 0.03, 0.3  # m/s, between which the noise grows
+SLOWEST, FASTEST = 0.03, 0.2  # m/s, between which the noise grows
 
 
 class CommandNoisePolicy(ActorCriticPolicy):
-    """PPO's Gaussian policy with the standard deviation std (min(|command|, 0.3 m/s) / 0.3 m/s)^p.
+    """PPO's Gaussian policy with the standard deviation std (min(|command|, 0.2 m/s) / 0.2 m/s)^p.
 
     std is learned, as it always is. What the policy does without noise is not touched.
 

@@ -180,7 +180,9 @@ def train(
     monitor.results_writer = ResultsWriter(str(file), header)
     model.tensorboard_log = tensorboard if leads else None
     updates: list[BaseCallback] = [NormalizerUpdate()] if worker is None else worker.updates()
-    callbacks = [*updates, CriticFirst(config.get("critic_first", 0)), saver]
+    callbacks = [*updates, saver]
+    if "critic_first" in config:
+        callbacks.append(CriticFirst(config["critic_first"]))
     state = None if resume is None else _read_own_state(resume, worker)
     if state is not None:
         callbacks.insert(0, GeneratorsRestored(state))

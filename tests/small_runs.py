@@ -16,6 +16,7 @@ EPISODE = 21  # steps, so that episodes end anywhere in a rollout
 def small_run(algo="ppo", env_id="JansenWalker-v0", hyperparameters=(), **more):
     """The shipped configuration with small rollouts, or a small replay buffer that fills."""
     settings = config.load_config(config.shipped_config(env_id, algo))
+    settings.pop("imitate", None)  # which takes more robots and steps
     settings.update(algo=algo, env=env_id, seed=0)
     settings |= {"timesteps": STEPS, "n_envs": 6, **more}
     settings["env_kwargs"] = {"max_episode_steps": EPISODE, **settings.get("env_kwargs", {})}

@@ -323,7 +323,7 @@ def test_what_the_command_line_says_holds_for_all_variants():
     settings = train._configure(given)
     assert settings["env_kwargs"] == {"speed_command": 0.3, "friction": 0.5}
     assert settings["training_variants"] == [
-        {"reset_noise_scale": noise} for noise in (4.0, 2.0, 6.0)
+        {"reset_noise_scale": noise} for noise in (1.0, 2.0, 4.0, 6.0)
     ]
 
 

@@ -71,7 +71,7 @@ def test_noise_grows_with_the_command(small):
     seen = torch.zeros(4, policy.observation_space.shape[0])
     seen[:, COMMAND] = torch.tensor([0.0, -0.1, 0.3, 0.8])
     distribution = policy.get_distribution(seen).distribution
-    shares = torch.tensor([0.03, 0.1, 0.3, 0.3]) / 0.3
+    shares = torch.tensor([0.03, 0.1, 0.2, 0.2]) / 0.2
     expected = policy.log_std.exp() * shares**policy.noise_exponent
     assert torch.allclose(distribution.stddev[:, 0], expected)
     actions, values, likelihood = policy(seen)

@@ -156,7 +156,8 @@ class Saver(BaseCallback):
             self.best = rank(row)
             # Its rank in the same file: no kill can part the two.
             save_model(self.model, self.folder / BEST, row)
-        self.history.append(row)
+        # One before any step may be a killed run's, that has begun again.
+        self.history = [*(old for old in self.history if old["steps"] < row["steps"]), row]
         write_json(self.folder / "evaluations.json", self.history)
 
     def _shortfall(self, run: Episodes, env: Any) -> float:

@@ -53,7 +53,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("-n", "--timesteps", type=count, help="environment steps, in place of the configuration's")
     add("--n-envs", type=count, help="environments side by side, in place of the configuration's")
     add("--seed", type=steps, help="of networks and environments; default: --config's, or else 0")
-    add("--eval-freq", type=steps, default=50_000, help="steps between evaluations, 0 for none")
+    add("--eval-freq", type=steps,
+        help="steps between evaluations, 0 for none; default: a 16th of the timesteps")  # fmt: skip
     add("--save-freq", type=steps, default=100_000, help="steps between checkpoints, 0 for none")
     add("--eval-episodes", type=count, default=10, help="episodes per command of the final table")
     add("--log-folder", default="logs", metavar="DIR", help="runs go to DIR/ALGO/ENV_N")

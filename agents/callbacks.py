@@ -35,6 +35,7 @@ from agents.runs import (
 )
 from agents.tasks import find_task
 from agents.training_state import read_state
+from agents.vec_env import acting
 from jansen_env.files import write_json
 
 EPISODES = 4  # per command, of each evaluation
@@ -135,7 +136,7 @@ class Saver(BaseCallback):
         """Score the present policy; keep it if it is the best so far."""
         seeds = SELECTION_SEED + np.arange(len(self.commands))
         self.model.policy.set_training_mode(False)
-        run = run_episodes(self.model.policy, self.env_id, self.env_kwargs, self.commands, seeds)
+        run = run_episodes(acting(self.model), self.env_id, self.env_kwargs, self.commands, seeds)
         env = make_env(self.env_id, self.env_kwargs)
         scored = point_estimates(self.task.metrics, run, env)
         env.close()

@@ -17,6 +17,7 @@ Episodes: TypeAlias = dict[str, NDArray[Any]]
 
 RESAMPLES = 2000
 CONFIDENCE = 0.95
+SETTLING = 2.0  # s, after which a walk counts as steady
 MIN_DISTANCE = 1e-3  # m, below which a ratio per metre is not formed
 
 
@@ -25,11 +26,12 @@ class Aggregate(NamedTuple):
 
     Attributes:
         reduction: the "sum" over its steps, the "peak" of the absolute value, the "rms" (root of
-            the mean square), or the "last" value.
+            the mean square), the "last" value, the last "early" one (within :data:`SETTLING`), or
+            the "change": the sum of the absolute changes from step to step, the first from 0.
         function: the step's values (n,) from a vector environment's ``infos``.
     """
 
-    reduction: Literal["sum", "peak", "rms", "last"]
+    reduction: Literal["sum", "peak", "rms", "last", "early", "change"]
     function: Callable[[dict[str, Any]], Any]
 
 

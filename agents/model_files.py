@@ -33,7 +33,7 @@ MAX_DEPTH = 10  # levels of them
 MAX_STEPS = 10**12  # of a model's training
 MEMBERS = ("policy", "policy.optimizer", "actor.optimizer", "critic.optimizer",
            "ent_coef_optimizer", "pytorch_variables")  # fmt: skip
-"""All that is needed to go on with PPO or SAC."""
+"""All that is needed to go on with any of :data:`agents.models.ALGORITHMS`."""
 
 NOTES = "notes.json"  # what belongs to a model and Stable-Baselines3 does not know
 STATE = "state.json"  # of training, see agents.training_state

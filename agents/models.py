@@ -13,18 +13,21 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from sb3_contrib import TQC, CrossQ
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.utils import LinearSchedule
 
+from agents.action_maps import MappedPolicy, make_map
 from agents.config import TO_LOAD, find_config, load_config
+from agents.exploration import CommandNoisePolicy
 from agents.model_files import NOTES, STATE, read_model
 from agents.normalizer import NormalizedObservation
 from agents.policy import Policy
 from agents.rollout import make_env
 from jansen_env.files import write_bytes
 
-ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
+ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC, "tqc": TQC, "crossq": CrossQ}
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}
 
 
@@ -34,10 +37,10 @@ def build_model(algo: str, config: dict[str, Any], env: Any, **more: Any) -> Bas
     for name in ("learning_rate", "clip_range"):
         if isinstance(value := arguments.get(name), str):
             arguments[name] = linear_schedule(value)
-    kwargs = _policy_kwargs(config)
     return ALGORITHMS[algo](
-        config["policy"], env, policy_kwargs=kwargs, device="cpu", **arguments, **more
-    )
+        _policy_class(algo, config), env, policy_kwargs=_policy_kwargs(config), device="cpu",
+        **arguments, **more,
+    )  # fmt: skip
 
 
 def linear_schedule(text: str) -> LinearSchedule:
@@ -48,18 +51,30 @@ def linear_schedule(text: str) -> LinearSchedule:
     return LinearSchedule(float(text.removeprefix("linear_")), 0.0, end_fraction=1.0)
 
 
+def _policy_class(algo: str, config: dict[str, Any]) -> Any:
+    """What ``policy`` names; PPO's own where its noise is to suit the command."""
+    if "noise_exponent" in config.get("policy_kwargs", {}):
+        return CommandNoisePolicy
+    return ALGORITHMS[algo].policy_aliases[config["policy"]]
+
+
 def _policy_kwargs(config: dict[str, Any]) -> dict[str, Any]:
     """``policy_kwargs`` with names turned into classes."""
     arguments = dict(config.get("policy_kwargs", {}))
     if "activation" in arguments:
         arguments["activation_fn"] = ACTIVATIONS[arguments.pop("activation")]
+    harmonics = arguments.pop("harmonics", 0)
     if arguments.pop("normalize", False):
         arguments["features_extractor_class"] = NormalizedObservation
+        arguments["features_extractor_kwargs"] = {"harmonics": harmonics}
     return arguments
 
 
 def load_policy(path: str | Path) -> Policy:
     """A trained policy from a run's folder or a model's zip file, without running code from it.
+
+    Where its actions mean something else than torques (``action`` in its configuration), what it
+    predicts is nevertheless what the environment takes.
 
     A model that Stable-Baselines3 trained elsewhere takes a config.yml beside it that says how the
     policy is built; policy_kwargs and use_sde may be left out where they are the library's own::
@@ -83,7 +98,7 @@ def load_policy(path: str | Path) -> Policy:
     config = load_config(source, required=TO_LOAD)
     try:
         env = make_env(config["env"], config.get("env_kwargs", {}))
-        policy: Any = ALGORITHMS[config["algo"]].policy_aliases[config["policy"]](
+        policy: Any = _policy_class(config["algo"], config)(
             env.observation_space,
             env.action_space,
             lambda _: 0.0,  # the learning rate, of no use here
@@ -99,7 +114,8 @@ def load_policy(path: str | Path) -> Policy:
     except Exception as error:  # torch raises most kinds for what does not fit
         raise ValueError(f"{path} does not fit {source}: {' '.join(str(error).split())}") from error
     policy.set_training_mode(False)
-    return policy
+    action = config.get("action", "torque")
+    return policy if action == "torque" else MappedPolicy(policy, make_map(action, env))
 
 
 def restore(model: BaseAlgorithm, tensors: dict[str, Any]) -> None:

@@ -1,4 +1,5 @@
-"""Observations scaled to zero mean and unit variance inside the policy: one file holds all."""
+"""Features made of observations inside the policy, so that one file holds all: scaled to zero mean
+and unit variance, and harmonics of the crank angle beside them."""
 
 from __future__ import annotations
 
@@ -15,24 +16,42 @@ class NormalizedObservation(BaseFeaturesExtractor):
 
     They change only in :meth:`update`, so that within a rollout and the update on it the policy
     is one function of the observation. Before the first they leave observations as they are.
+
+    Args:
+        observation_space: (d,) observations, the first two cos and sin of the crank angle psi.
+        harmonics: m, how many cos 2 k psi, sin 2 k psi, k = 1 .. m, are appended, unscaled. Even
+            multiples alone: what the torque should be repeats after half a turn of the crank.
     """
 
     mean: torch.Tensor
     variance: torch.Tensor
     count: torch.Tensor
 
-    def __init__(self, observation_space: gym.spaces.Box) -> None:
+    def __init__(self, observation_space: gym.spaces.Box, harmonics: int = 0) -> None:
         size = gym.spaces.utils.flatdim(observation_space)
-        super().__init__(observation_space, size)
+        super().__init__(observation_space, size + 2 * harmonics)
+        self.harmonics = harmonics
         self.register_buffer("mean", torch.zeros(size))
         self.register_buffer("variance", torch.ones(size))
         self.register_buffer("count", torch.tensor(0.0))
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """(n, d) observations to (n, d) features."""
+        """(n, d) observations to (n, d + 2 m) features."""
+        observation = observation.flatten(1)
         deviation = torch.sqrt(self.variance).clamp(min=MIN_DEVIATION)
-        scaled = (observation.flatten(1) - self.mean) / deviation
-        return torch.clamp(scaled, -CLIP, CLIP)
+        scaled = torch.clamp((observation - self.mean) / deviation, -CLIP, CLIP)
+        return torch.cat([scaled, *self._crank_harmonics(observation)], dim=1)
+
+    def _crank_harmonics(self, observation: torch.Tensor) -> list[torch.Tensor]:
+        """cos 2 psi, sin 2 psi, cos 4 psi, ... (n, 1) each, by adding angles."""
+        cos, sin = observation[:, 0:1], observation[:, 1:2]
+        cos_2, sin_2 = cos**2 - sin**2, 2.0 * sin * cos
+        found: list[torch.Tensor] = []
+        cos, sin = torch.ones_like(cos), torch.zeros_like(sin)
+        for _ in range(self.harmonics):
+            cos, sin = cos * cos_2 - sin * sin_2, sin * cos_2 + cos * sin_2
+            found += [cos, sin]
+        return found
 
     @torch.no_grad()
     def update(self, observations: torch.Tensor) -> None:

@@ -16,7 +16,7 @@ from jansen_env.files import write_whole
 
 
 def plot_scores(task: Task, scores: dict[str, dict[str, Any]], path: str | Path) -> Path:
-    """Each metric against the commanded speed, a line per policy with its bootstrap interval.
+    """Each metric against the commanded speed, a line per policy; bootstrapped over episodes.
 
     With one commanded speed a point per policy instead, side by side.
     """

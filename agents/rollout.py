@@ -3,34 +3,47 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from agents.metrics import Array, Episodes
+from agents.metrics import SETTLING, Array, Episodes
 from agents.policy import Policy
 from agents.tasks import Task, can_be_batched, check_env_kwargs, find_task
 
-REDUCTIONS: dict[str, Callable[[Any, Any, float], Any]] = {
-    "sum": lambda total, value, dt: total + value,
-    "peak": lambda total, value, dt: np.maximum(total, np.abs(value)),
-    "rms": lambda total, value, dt: total + np.square(value) * dt,  # its mean and root at the end
-    "last": lambda total, value, dt: value,
+
+class Moment(NamedTuple):
+    """A step: its end, s since the start; its length, s; what was reduced at the step before."""
+
+    time: float
+    dt: float
+    last: Any
+
+
+REDUCTIONS: dict[str, Callable[[Any, Any, Moment], Any]] = {
+    "sum": lambda total, value, _: total + value,
+    "peak": lambda total, value, _: np.maximum(total, np.abs(value)),
+    "rms": lambda total, value, at: total + np.square(value) * at.dt,  # mean and root at the end
+    "last": lambda total, value, _: value,
+    "early": lambda total, value, at: value if at.time < SETTLING + 0.5 * at.dt else total,
+    "change": lambda total, value, at: total + np.abs(value - at.last),
 }
 
 
 def make_env(env_id: str, env_kwargs: dict[str, Any], **more: Any) -> gym.Env[Any, Any]:
     """``gym.make`` of one of :data:`agents.tasks.TASKS`.
 
+    Args:
+        env_kwargs: as users give them, which are checked. more: as the program gives them.
+
     Raises:
         ValueError: another id, or an argument that the environment does not take.
     """
-    arguments = {**env_kwargs, **more}
-    check_env_kwargs(env_id, arguments)
-    return gym.make(env_id, **arguments)
+    check_env_kwargs(env_id, env_kwargs)
+    return gym.make(env_id, **{**env_kwargs, **more})
 
 
 def make_envs(env_id: str, env_kwargs: dict[str, Any], count: int) -> Any:
@@ -87,12 +100,14 @@ def _run_side_by_side(
     """One episode in each environment; what is kept of each."""
     n, dt = len(commands), envs.get_attr("control_dt")[0]
     totals: dict[str, Any] = {}
+    last: dict[str, Any] = {}
     observations = _reset(envs, commands, seeds)
-    running, starts, state = np.ones(n, bool), np.ones(n, bool), None
+    running, starts, state, time = np.ones(n, bool), np.ones(n, bool), None, 0.0
     while running.any():
         actions, state = policy.predict(observations, state, starts, True)
         starts = np.zeros(n, bool)
         observations, rewards, terminated, truncated, infos = envs.step(actions)
+        time += dt
         values: dict[str, tuple[str, Any]] = {
             "returns": ("sum", rewards),
             "duration": ("sum", np.full(n, dt)),
@@ -101,7 +116,9 @@ def _run_side_by_side(
             values[name] = (reduction, function(infos))
         for name, (how, value) in values.items():
             before = totals.get(name, np.zeros_like(value))
-            totals[name] = np.where(running, REDUCTIONS[how](before, value, dt), before)
+            at = Moment(time, dt, last.get(name, 0.0))
+            totals[name] = np.where(running, REDUCTIONS[how](before, value, at), before)
+            last[name] = value
         running &= ~(terminated | truncated)
     return {"command": commands, **totals}
 

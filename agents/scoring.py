@@ -49,7 +49,7 @@ def outcome(folder: Path, env_id: str, scores: Scores) -> str:
     task = find_task(env_id)
     baseline, run = next(iter(task.baselines)), list(scores)[-1]
     mark = _mean_return(scores[baseline])
-    lines = [score_table(task.metrics, scores)]
+    lines = [score_table(task.metrics, scores), "brackets: 95 % intervals over episodes, not seeds"]
     rows = read_evaluations(folder)
     ahead = next((row for row in rows if row["return"] > mark), None)
     if ahead is not None and "seconds" in ahead:

@@ -1,22 +1,23 @@
 """Scores of many runs as numbers: what differs between seeds, with intervals over them.
 
 After Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice",
-NeurIPS 2021: interquartile mean, performance profile and probability of improvement, with
-intervals by the percentile bootstrap over runs. A run's score is one number, so that the intervals
-are those of training again with other seeds; an interval over a run's episodes would be that of
-scoring the same policy again.
+NeurIPS 2021: interquartile mean, performance profile and probability of improvement. The mean has
+Student's interval, the interquartile mean that of the BCa bootstrap over runs (Efron 1987), the
+others the percentile bootstrap's, as there. A run's score is one number, so that the intervals are
+those of training again with other seeds; an interval over a run's episodes would be that of scoring
+the same policy again.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import DegenerateDataWarning, binomtest, bootstrap, trim_mean
+from scipy.stats import DegenerateDataWarning, binomtest, bootstrap, t, trim_mean
 
 from agents.metrics import CONFIDENCE
 
@@ -34,6 +35,22 @@ def mean(scores: ArrayLike, axis: int = 0) -> Any:
     return np.mean(np.asarray(scores, float), axis=axis)
 
 
+def mean_with_interval(scores: ArrayLike) -> Interval:
+    """The mean over runs with Student's 95 % interval: mean -+ t(n - 1) s / sqrt(n).
+
+    With few runs it holds the true mean more often than a bootstrap does (95 % of the time where
+    scores are normal; a bootstrap of 10 runs 90 %, of 3 runs 75 %).
+
+    Args:
+        scores: (n,) of runs.
+    """
+    values = np.asarray(scores, float)
+    if len(values) < 2:
+        return (float(values[0]) if len(values) else math.nan), math.nan, math.nan
+    half = t.ppf(0.5 + 0.5 * CONFIDENCE, len(values) - 1) * values.std(ddof=1) / len(values) ** 0.5
+    return float(values.mean()), float(values.mean() - half), float(values.mean() + half)
+
+
 def interquartile_mean(scores: ArrayLike, axis: int = 0) -> Any:
     """The mean of the middle half of the runs: 25 % at either end are left out, rounded down.
 
@@ -44,16 +61,22 @@ def interquartile_mean(scores: ArrayLike, axis: int = 0) -> Any:
 
 
 def resampled(
-    statistic: Callable[..., Any], *groups: ArrayLike, seed: int = 0, resamples: int = RESAMPLES
+    statistic: Callable[..., Any],
+    *groups: ArrayLike,
+    seed: int = 0,
+    resamples: int = RESAMPLES,
+    method: Literal["percentile", "BCa"] = "percentile",
 ) -> tuple[Array, Array]:
-    """The ends of the 95 % percentile bootstrap interval of a statistic, over runs.
+    """The ends of the 95 % bootstrap interval of a statistic, over runs.
 
-    Stratified: each group's runs are resampled within it, apart from the others'.
+    Stratified: each group's runs are resampled within it, apart from the others'. BCa corrects the
+    percentiles for bias and skewness; where it has no value, as of runs that are all alike, they
+    stand as they are.
 
     Args:
         statistic: of as many arrays as there are groups, along their ``axis``. groups: (n_i, ...)
             what is known of each run, such as its score, or its returns at several steps, which
-            stay together. seed, resamples: of the bootstrap.
+            stay together. seed, resamples, method: of the bootstrap.
 
     Returns:
         Lower and upper ends, of the shape of the statistic; NaN with less than two runs in a group.
@@ -62,24 +85,40 @@ def resampled(
     if min(array.shape[-1] for array in arrays) < 2:
         nothing = np.full(np.shape(statistic(*arrays, axis=-1)), np.nan)
         return nothing, nothing
-    with catch_warnings():
+    with catch_warnings(), np.errstate(invalid="ignore"):
         simplefilter("ignore", DegenerateDataWarning)  # of runs that are all alike
-        drawn = bootstrap(
-            arrays, statistic, vectorized=True, axis=-1, n_resamples=resamples,
-            method="percentile", rng=seed, batch=1 + AT_ONCE // math.prod(a.size for a in arrays),
-        ).bootstrap_distribution  # fmt: skip
+        found = bootstrap(
+            arrays, statistic, vectorized=True, axis=-1, n_resamples=resamples, method=method,
+            confidence_level=CONFIDENCE, rng=seed,
+            batch=1 + AT_ONCE // math.prod(a.size for a in arrays),
+        )  # fmt: skip
     tail = 50.0 * (1.0 - CONFIDENCE)
-    low, high = np.percentile(drawn, [tail, 100.0 - tail], axis=-1)
+    plain = np.percentile(found.bootstrap_distribution, [tail, 100.0 - tail], axis=-1)
+    low, high = np.where(np.isnan(found.confidence_interval), plain, found.confidence_interval)
     return low, high
 
 
-def with_interval(statistic: Callable[..., Any], *groups: ArrayLike, seed: int = 0) -> Interval:
+def with_interval(
+    statistic: Callable[..., Any],
+    *groups: ArrayLike,
+    seed: int = 0,
+    method: Literal["percentile", "BCa"] = "percentile",
+) -> Interval:
     """A number over runs with its interval, see :func:`resampled`; NaN without a run."""
     if min(len(np.asarray(group)) for group in groups) == 0:
         return math.nan, math.nan, math.nan
-    low, high = resampled(statistic, *groups, seed=seed)
+    low, high = resampled(statistic, *groups, seed=seed, method=method)
     value = statistic(*(np.asarray(group, float) for group in groups), axis=-1)
     return float(value), float(low), float(high)
+
+
+def iqm_with_interval(scores: ArrayLike) -> Interval:
+    """The interquartile mean over runs with its 95 % interval by the BCa bootstrap.
+
+    Args:
+        scores: (n,) of runs.
+    """
+    return with_interval(interquartile_mean, scores, method="BCa")
 
 
 def performance_profile(scores: ArrayLike, levels: ArrayLike) -> tuple[Array, Array, Array]:

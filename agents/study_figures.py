@@ -42,8 +42,13 @@ def plot_study(found: dict[str, Any], folder: Path) -> list[Path]:
 def _plot(env_id: str, groups: dict[str, Any], path: Path) -> Path:
     figure, axes = plt.subplots(2, 2, figsize=(12, 8.4), layout="constrained")
     (curves, scores), (profile, improvement) = axes
-    colours = {name: f"C{i}" for i, name in enumerate(groups)}
-    baselines = next(iter(groups.values()))["baselines"]
+    hues = plt.get_cmap("tab10" if len(groups) <= 10 else "tab20")
+    colours = {name: hues(i) for i, name in enumerate(groups)}
+    baselines = {
+        name: score
+        for name, score in next(iter(groups.values()))["baselines"].items()
+        if all(name in group["baselines"] for group in groups.values())
+    }
     _learning_curves(curves, groups, colours)
     _scores(scores, groups, colours)
     _profile(profile, groups, baselines, colours)
@@ -62,7 +67,7 @@ def _plot(env_id: str, groups: dict[str, Any], path: Path) -> Path:
     return _save(figure, path)
 
 
-def _learning_curves(axis: Any, groups: dict[str, Any], colours: dict[str, str]) -> None:
+def _learning_curves(axis: Any, groups: dict[str, Any], colours: dict[str, Any]) -> None:
     for name, group in groups.items():
         curve = {key: np.array(values, float) for key, values in group["curve"].items()}
         if not curve:
@@ -78,7 +83,7 @@ def _learning_curves(axis: Any, groups: dict[str, Any], colours: dict[str, str])
     axis.set_ylabel("return")
 
 
-def _scores(axis: Any, groups: dict[str, Any], colours: dict[str, str]) -> None:
+def _scores(axis: Any, groups: dict[str, Any], colours: dict[str, Any]) -> None:
     """Each run a dot; IQM and mean beside them with their intervals."""
     for i, (name, group) in enumerate(groups.items()):
         returns = np.array(group["returns"])
@@ -90,13 +95,14 @@ def _scores(axis: Any, groups: dict[str, Any], colours: dict[str, str]) -> None:
             axis.errorbar([i + place], [value], ends, fmt=marker, capsize=4, markersize=5,
                           color=colours[name])  # fmt: skip
     axis.set_title("Scores: runs (dots), IQM (circle), mean (square)", fontsize=11)
-    axis.set_xticks(range(len(groups)), _short(list(groups)))
+    many = {"rotation": 20, "ha": "right", "fontsize": 8} if len(groups) > 4 else {}
+    axis.set_xticks(range(len(groups)), _short(list(groups)), **many)
     axis.set_xlim(-0.6, len(groups) - 0.4)
     axis.set_ylabel("return")
 
 
 def _profile(
-    axis: Any, groups: dict[str, Any], baselines: dict[str, Any], colours: dict[str, str]
+    axis: Any, groups: dict[str, Any], baselines: dict[str, Any], colours: dict[str, Any]
 ) -> None:
     marks = [score["return"] for score in baselines.values()]
     marks += [value for group in groups.values() for value in group["returns"]]
@@ -113,7 +119,7 @@ def _profile(
 
 
 def _improvement(
-    axis: Any, groups: dict[str, Any], baselines: dict[str, Any], colours: dict[str, str]
+    axis: Any, groups: dict[str, Any], baselines: dict[str, Any], colours: dict[str, Any]
 ) -> None:
     step = 0.7 / len(groups)
     for i, (name, group) in enumerate(groups.items()):

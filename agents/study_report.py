@@ -6,7 +6,7 @@ import csv
 import io
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +17,14 @@ from agents.runs import read_evaluations
 from agents.seed_statistics import (
     improvement_over,
     interquartile_mean,
+    iqm_with_interval,
     mean,
+    mean_with_interval,
     median_with_never,
     probability_of_improvement,
     resampled,
-    with_interval,
 )
+from agents.study_commands import by_command, command_csv, command_table, listed, numbers
 from agents.study_figures import plot_study
 from agents.study_plan import Run, Study
 from agents.study_runs import SCORES, is_finished, read_status
@@ -31,19 +33,21 @@ from jansen_env.files import write_json, write_text
 
 NOTES = """\
 A run's score is the mean return of its best model over the commands; brackets are 95 % intervals
-over runs, that is over seeds: what training again would give, not what scoring again would. Mean
-and interquartile mean (IQM, the mean of the middle half of the runs) by the percentile bootstrap
-over runs (Agarwal et al. 2021), P(run > baseline) by Wilson (1927), with the baseline's return
-taken as exact. With few runs the bootstrap's nominal 95 % cover less: of the mean some 75 % with
-3 runs, 88 % with 10 (Patterson et al. 2024). Steps and seconds until a baseline is beaten are those
-of the first evaluation during training with a higher return than the baseline's; the median is over
-all runs, of which those that never do count as later than all. Seconds are of training, with its
-evaluations."""
+over runs, that is over seeds: what training again would give, not what scoring again would
+(intervals over episodes are in each run's scores.json). Means have Student's t interval; the
+interquartile mean (IQM, the mean of the middle half of the runs) has that of the BCa bootstrap over
+runs (Efron 1987), P(run of X > run of Y) and the performance profile the percentile bootstrap's
+(Agarwal et al. 2021), P(run > baseline) Wilson's (1927), with the baseline's return taken as exact.
+With few runs a bootstrap's nominal 95 % cover less: some 75 % with 3 runs, 90 % with 10. Steps and
+seconds until a baseline is beaten are those of the first evaluation during training with a higher
+return than the baseline's; the median is over all runs, of which those that never do count as later
+than all. Seconds are of training, with its evaluations."""
 
 
 def collect(study: Study, folder: Path) -> list[dict[str, Any]]:
     """What came out of each run: a row, with ``state`` "finished", "failed", ... and, where it is
-    finished, ``scores`` of all policies by metric, ``ahead`` by baseline and ``evaluations``.
+    finished, ``scores`` of all policies by metric, ``by_command`` of all policies by metric and
+    command, ``ahead`` by baseline and ``evaluations``.
 
     Raises:
         ValueError: a file of a finished run is damaged.
@@ -64,9 +68,15 @@ def _collect(run: Run) -> dict[str, Any]:
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
         *baselines, own = found
+        names = {name: "run" if name == own else name for name in found}
         scores = {
-            "run" if name == own else name: {
-                metric: value[0] for metric, value in policy["overall"].items()
+            names[name]: {metric: value[0] for metric, value in policy["overall"].items()}
+            for name, policy in found.items()
+        }
+        by_command = {
+            names[name]: {
+                metric: {"command": rows["command"], "value": rows["value"]}
+                for metric, rows in policy["by_command"].items()
             }
             for name, policy in found.items()
         }
@@ -75,8 +85,8 @@ def _collect(run: Run) -> dict[str, Any]:
                          ) from error  # fmt: skip
     evaluations = read_evaluations(run.folder)
     ahead = {name: _first_ahead(evaluations, scores[name]["return"]) for name in baselines}
-    row |= {"state": "finished", "error": "", "scores": scores, "ahead": ahead}
-    return row | {"evaluations": evaluations}
+    row |= {"state": "finished", "error": "", "scores": scores, "by_command": by_command}
+    return row | {"ahead": ahead, "evaluations": evaluations}
 
 
 def _first_ahead(evaluations: list[dict[str, Any]], mark: float) -> dict[str, float] | None:
@@ -91,9 +101,9 @@ def analyse(study: Study, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """The numbers of the table and the figures: by group, and of each pair of groups.
 
     Returns:
-        {"groups": {name: {"env", "runs", "finished", "returns", "mean", "iqm", "baselines",
-        "curve"}}, "improvement": {name: {other: [value, low, high]}}} with intervals as lists
-        [value, low, high].
+        {"groups": {name: {"env", "runs", "finished", "returns", "mean", "iqm", "worst", "metrics",
+        "baselines", "by_command", "curve"}}, "improvement": {name: {other: [value, low, high]}}}
+        with intervals as lists [value, low, high].
     """
     groups = {}
     for name, config in study.groups.items():
@@ -101,7 +111,7 @@ def analyse(study: Study, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
         groups[name] = {"env": config["env"], "runs": len(own), **_analyse(config["env"], own)}
     improvement = {
         name: {
-            other: _listed(probability_of_improvement(group["returns"], compared["returns"]))
+            other: listed(probability_of_improvement(group["returns"], compared["returns"]))
             for other, compared in groups.items()
             if other != name and compared["env"] == group["env"]
         }
@@ -113,13 +123,16 @@ def analyse(study: Study, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
 def _analyse(env_id: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
     finished = [row for row in rows if row["state"] == "finished"]
     returns = [row["scores"]["run"]["return"] for row in finished]
-    baselines = {}
-    for name in find_task(env_id).baselines if finished else ():
+    task, baselines = find_task(env_id), {}
+    known = finished[0]["scores"] if finished else {}  # a later version may have more baselines
+    runs = {name: [row["scores"]["run"][name] for row in finished] for name in known.get("run", {})}
+    for name in filter(known.__contains__, task.baselines):
         mark = finished[0]["scores"][name]["return"]  # on the same episodes for all runs
         ahead = [row["ahead"][name] for row in finished]
         baselines[name] = {
             "return": mark,
-            "improvement": _listed(improvement_over(mark, returns)),
+            "metrics": finished[0]["scores"][name],
+            "improvement": listed(improvement_over(mark, returns)),
             "ahead": sum(place is not None for place in ahead),
             **{
                 key: median_with_never([place and place[key] for place in ahead])
@@ -129,9 +142,16 @@ def _analyse(env_id: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
     return {
         "finished": len(finished),
         "returns": returns,
-        "mean": _listed(with_interval(mean, returns)),
-        "iqm": _listed(with_interval(interquartile_mean, returns)),
+        "mean": listed(mean_with_interval(returns)),
+        "iqm": listed(iqm_with_interval(returns)),
+        "worst": min(
+            ({"return": row["scores"]["run"]["return"], "seed": row["seed"]} for row in finished),
+            key=lambda worst: worst["return"],
+            default=None,
+        ),
+        "metrics": {name: listed(mean_with_interval(numbers(own))) for name, own in runs.items()},
         "baselines": baselines,
+        "by_command": by_command(task, finished),
         "curve": _curve([row["evaluations"] for row in finished]),
     }
 
@@ -159,20 +179,17 @@ def _curve(runs: Sequence[list[dict[str, Any]]]) -> dict[str, list[float | None]
     )
     low, high = resampled(interquartile_mean, returns)
     numbers = {"mean": mean(returns), "iqm": interquartile_mean(returns), "low": low, "high": high}
-    return {"steps": steps, **{name: _listed(values) for name, values in numbers.items()}}
-
-
-def _listed(values: Any) -> list[float | None]:
-    """Numbers for JSON: None for NaN."""
-    return [float(value) if math.isfinite(value) else None for value in values]
+    return {"steps": steps, **{name: listed(values) for name, values in numbers.items()}}
 
 
 def study_table(study: Study, found: dict[str, Any]) -> str:
     """A Markdown table: of each group a row for each baseline."""
     table = []
     for name, group in found["groups"].items():
+        worst = group["worst"]
         own = [name, f"{group['finished']}/{group['runs']}", _cell(group["mean"]),
-               _cell(group["iqm"])]  # fmt: skip
+               _cell(group["iqm"]),
+               f"{worst['return']:.3g} (seed {worst['seed']})" if worst else "-"]  # fmt: skip
         for baseline, score in group["baselines"].items() or {"-": None}.items():
             if score is None:
                 table.append([*own, *["-"] * 6])
@@ -183,9 +200,31 @@ def study_table(study: Study, found: dict[str, Any]) -> str:
                 _count(score["seconds"]),
             ])  # fmt: skip
             own = [""] * len(own)
-    headers = ["runs of", "finished", "mean return", "IQM of return", "baseline", "its return",
-               "P(run > baseline)", "ahead while training", "median steps until",
+    headers = ["runs of", "finished", "mean return", "IQM of return", "worst run", "baseline",
+               "its return", "P(run > baseline)", "ahead while training", "median steps until",
                "median seconds until"]  # fmt: skip
+    return tabulate(table, headers, tablefmt="github", disable_numparse=True)
+
+
+def metrics_table(found: dict[str, Any], env_id: str) -> str:
+    """A Markdown table: of each group, and of the baselines, the means of all metrics."""
+    metrics = find_task(env_id).metrics
+    groups = {name: group for name, group in found["groups"].items() if group["env"] == env_id}
+    table = [
+        [name, *(_cell(group["metrics"].get(key, [None] * 3), m.digits)
+                 for key, m in metrics.items())]
+        for name, group in groups.items()
+        if group["finished"]
+    ]  # fmt: skip
+    baselines: dict[str, Any] = next(
+        (group["baselines"] for group in groups.values() if group["finished"]), {}
+    )
+    table += [
+        [name, *(_cell([score["metrics"].get(key), None, None], m.digits)
+                 for key, m in metrics.items())]
+        for name, score in baselines.items()
+    ]  # fmt: skip
+    headers = ["runs of", *(metric.heading for metric in metrics.values())]
     return tabulate(table, headers, tablefmt="github", disable_numparse=True)
 
 
@@ -209,7 +248,7 @@ def unfinished(rows: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def write_report(study: Study, folder: Path) -> str:
-    """Write report.md, its figures, report.json and runs.csv into a study's folder.
+    """Write report.md, its figures, report.json, runs.csv and commands.csv into a study's folder.
 
     Returns:
         The table, and which runs are not finished.
@@ -222,16 +261,30 @@ def write_report(study: Study, folder: Path) -> str:
     figures = plot_study(found, folder)
     write_json(folder / "report.json", {**found, "runs": rows})
     write_text(folder / "runs.csv", _csv(rows))
+    write_text(folder / "commands.csv", command_csv(rows))
     lines = unfinished(rows)
     text = study_table(study, found)
     if lines:
         text += "\n\nNot finished:\n\n" + "\n".join(f"- {line}" for line in lines)
     seeds = len(study.seeds)
     page = [f"# {folder.name}", f"{len(study.groups)} groups of {seeds} runs.", text,
-            *_comparison(found), NOTES.replace("\n", " "),
+            *_comparison(found), NOTES.replace("\n", " "), *_details(found),
             *(f"![Runs on {path.stem}]({path.name})" for path in figures)]  # fmt: skip
     write_text(folder / "report.md", "\n\n".join(page) + "\n")
     return text
+
+
+def _details(found: dict[str, Any]) -> Iterator[str]:
+    """All metrics, and those of each group at each command."""
+    for env_id in dict.fromkeys(group["env"] for group in found["groups"].values()):
+        yield f"## {env_id}"
+        yield f"Means over the seeds.\n\n{metrics_table(found, env_id)}"
+        for name, group in found["groups"].items():
+            if group["env"] == env_id:
+                table = command_table(find_task(env_id), group["by_command"], group["finished"])
+                if table:
+                    yield f"### {name}"
+                    yield table
 
 
 def _comparison(found: dict[str, Any]) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium.envs.registration import load_env_creator
 
 from agents import crank_baselines, walker_baselines
-from agents.metrics import Aggregate, Array, Episodes, Metric
+from agents.metrics import SETTLING, Aggregate, Array, Episodes, Metric
 from agents.policy import Policy
 from jansen_env.checks import positive_integer
 from jansen_env.envs.crank_task import LOST
@@ -29,6 +29,8 @@ class Task:
         metrics: by name; the first is "return".
         baselines: the policies to compare with by name, the main one first; each is made for an
             unwrapped environment.
+        by_command: metrics, of which less is better each, that a study shows at each command.
+        ratios: pairs of such a metric and a baseline, to whose it is set in proportion there.
     """
 
     commands: tuple[float, ...]
@@ -36,6 +38,8 @@ class Task:
     aggregates: dict[str, Aggregate]
     metrics: dict[str, Metric]
     baselines: dict[str, Callable[[Any], Policy]]
+    by_command: tuple[str, ...] = ()
+    ratios: tuple[tuple[str, str], ...] = ()
 
 
 def _mean(name: str) -> Callable[[Episodes, Any], Array]:
@@ -46,6 +50,19 @@ def _speed_error(run: Episodes, env: Any) -> Array:
     """Over the full length of an episode: after a fall the robot is taken to stand still."""
     horizon = env.spec.max_episode_steps * env.unwrapped.control_dt
     return np.abs(run["distance"] / horizon - run["command"])
+
+
+def _steady_speed_error(run: Episodes, env: Any) -> Array:
+    """The same after the first :data:`SETTLING` s, in which it gets going."""
+    horizon = env.spec.max_episode_steps * env.unwrapped.control_dt - SETTLING
+    if horizon <= 0.0:
+        return np.full(len(run["command"]), np.nan)
+    return np.abs((run["distance"] - run["early_distance"]) / horizon - run["command"])
+
+
+def _per_step(name: str) -> Callable[[Episodes, Any], Array]:
+    """A sum over an episode's steps as their mean."""
+    return lambda run, env: np.asarray(run[name] * env.unwrapped.control_dt / run["duration"])
 
 
 def _per_weight(name: str) -> Callable[[Episodes, Any], Array]:
@@ -68,16 +85,21 @@ WALKER = Task(
     command_unit="m/s",
     aggregates={
         "distance": Aggregate("last", lambda info: info["x_position"]),
+        "early_distance": Aggregate("early", lambda info: info["x_position"]),
         "slip": Aggregate("sum", lambda info: info["slip"].sum(axis=-1)),
         "work": Aggregate("sum", lambda info: np.abs(info["energy"]["motor_work"])),
         "drawn": Aggregate("sum", lambda info: info["energy"]["electrical_work"]),
         # A simulation that diverged is no walk either: it counts as a fall.
         "fell": Aggregate("last", lambda info: info["fallen"] | info["diverged"]),
+        "torque_change": Aggregate("change", lambda info: info["crank_torque"]),
         **TORQUE,
     },
     metrics={
         "return": Metric("return", "", _mean("returns")),
         "speed_error": Metric("speed error", "m/s", _speed_error),
+        "steady_speed_error": Metric(
+            f"speed error after {SETTLING:g} s", "m/s", _steady_speed_error, axis=""
+        ),
         "slip_per_metre": Metric("slip per metre", "m/m", _mean("slip"), _distance, "log"),
         "cost_of_transport": Metric(
             "mechanical cost of transport", "1", _per_weight("work"), _distance, "log"
@@ -88,9 +110,16 @@ WALKER = Task(
         "falls": Metric("falls", "fraction", _mean("fell"), axis="fraction"),
         "peak_torque": Metric("peak torque", "N m", _mean("peak_torque"), axis=""),
         "rms_torque": Metric("RMS torque", "N m", _mean("rms_torque")),
+        "torque_change": Metric(
+            "change of torque per step", "N m", _per_step("torque_change"), axis=""
+        ),
     },
     baselines=walker_baselines.BASELINES,
-)
+    by_command=("falls", "steady_speed_error", "slip_per_metre", "cost_of_transport", "rms_torque",
+                "torque_change"),
+    ratios=(("slip_per_metre", "pid"), *((name, "profile") for name in (
+        "slip_per_metre", "cost_of_transport", "rms_torque"))),
+)  # fmt: skip
 
 CRANK = Task(
     commands=(1.0,),

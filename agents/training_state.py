@@ -21,7 +21,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecMonitor, unwrap_vec_wrapper
 
-from agents.vec_env import BatchVecEnv
+from agents.vec_env import BatchVecEnv, MappedVecEnv
 from jansen_env.checks import finite, whole_number, within
 
 WORDS = 624  # of a Mersenne twister's state
@@ -84,6 +84,9 @@ def restore_state(model: BaseAlgorithm, state: dict[str, Any]) -> None:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"the training state does not fit: {reason}") from error
     model._last_obs, model._last_episode_starts = observations, starts
+    mapped: Any = unwrap_vec_wrapper(venv, MappedVecEnv)
+    if mapped is not None:
+        mapped.seen = observations
     model._current_progress_remaining = progress
     model._n_updates, model._episode_num, monitor.episode_count = counts
     monitor.episode_returns, monitor.episode_lengths = returns, lengths

@@ -154,6 +154,35 @@ def test_the_papers_pid_is_the_pid(walker):
     assert not np.array_equal(other, expected)
 
 
+class Steps:
+    """A policy of given torques, N m, step by step."""
+
+    def __init__(self, torques):
+        self.torques, self.step = torques, -1
+
+    def predict(self, observation, *state_and_starts):
+        self.step += 1
+        action = np.full((len(observation), 1), self.torques[self.step] / 20.0, np.float32)
+        return action, None
+
+
+def test_what_is_kept_of_an_episode(walker):
+    """The position after two seconds, and how much the torque changes, the first time from 0."""
+    torques = [2.0, 2.0, -1.0, 3.0] + [0.5, 1.0] * 58
+    run = run_episodes(Steps(torques), "JansenWalker-v0", {"max_episode_steps": 120},
+                       np.array([0.2]), np.array([5]))  # fmt: skip
+    robot = gym.make("JansenWalker-v0").unwrapped
+    robot.reset(seed=5, options={"speed_command": 0.2})
+    positions = [robot.step(np.float32([torque / 20.0]))[4]["x_position"] for torque in torques]
+    assert run["early_distance"] == positions[99] and run["distance"] == positions[-1]
+    changes = np.abs(np.diff([0.0, *torques]))
+    env = SimpleNamespace(spec=SimpleNamespace(max_episode_steps=120), unwrapped=robot)
+    scored = metrics.point_estimates(WALKER.metrics, run, env)
+    assert scored["torque_change"] == pytest.approx(changes.mean(), rel=1e-6)
+    error = abs((positions[-1] - positions[99]) / 0.4 - 0.2)
+    assert scored["steady_speed_error"] == pytest.approx(error)
+
+
 def made_episodes(n=40):
     """Episodes with known means."""
     run = dict.fromkeys(WALKER.aggregates, np.zeros(n))
@@ -181,6 +210,7 @@ def test_scores_are_means_and_ratios_of_sums():
     assert overall["slip_per_metre"][0] == pytest.approx(0.3 / 1.5)
     assert overall["cost_of_transport"][0] == pytest.approx(1.5 / 1.5)
     assert overall["speed_error"][0] == pytest.approx(0.0, abs=1e-12)
+    assert overall["steady_speed_error"][0] == pytest.approx((0.025 + 0.05) / 2)  # from 0 in 8 s
     low, high = overall["return"][1:]
     # two groups of 20 consecutive numbers: standard error of the mean 5.77 / sqrt(40) = 0.91
     assert high - low == pytest.approx(2 * 1.96 * 0.91, rel=0.15)

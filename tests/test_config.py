@@ -9,7 +9,6 @@ import sys
 
 import pytest
 import yaml
-from stable_baselines3 import PPO, SAC
 
 import train
 from agents import command_line, config, evaluate, models, runs
@@ -118,6 +117,11 @@ def test_files_that_are_no_yaml(tmp_path):
         ({"policy_kwargs": {"features_extractor_class": "os.x"}}, "'features_extractor_class' is"),
         ({"policy_kwargs": {"activation": "os.x"}}, "policy_kwargs.activation is 'os.x', must be"),
         ({"policy_kwargs": {"net_arch": [10**9]}}, r"net_arch is \[1000000000\], must be"),
+        (
+            {"policy_kwargs": {"harmonics": 99, "normalize": True}},
+            "harmonics is 99, must be a whole",
+        ),
+        ({"policy_kwargs": {"harmonics": 4}}, "harmonics is given, so normalize must be true"),
         ({"policy_kwargs": {"net_arch": [1] * 99}}, "must be a list of up to 8 layers"),
         (
             {"policy_kwargs": {"net_arch": {"pi": [8], "qf": [8]}}},
@@ -159,8 +163,19 @@ def test_values_are_checked(values, message, tmp_path):
     assert one_line(error).startswith(f"{path}: ")
 
 
+@pytest.mark.parametrize(
+    ("dropped", "kwargs", "allowed"), [(25, {}, 25), (3, {"n_quantiles": 3}, 3)]
+)
+def test_some_quantiles_must_be_left(dropped, kwargs, allowed):
+    """Of no quantile there is no mean."""
+    values = {**LEAST, "policy_kwargs": kwargs}
+    values["hyperparameters"] = {"top_quantiles_to_drop_per_net": dropped}
+    with pytest.raises(ValueError, match=f"is {dropped}, must be below n_quantiles, {allowed}"):
+        config.check_config(values, "tqc")
+
+
 def test_values_that_are_allowed(tmp_path):
-    """Schedules, nulls, layers of each network, names of SAC."""
+    """Schedules, nulls, layers of each network, names of each algorithm."""
     some = {
         "ppo": (
             {"learning_rate": "linear_1e-3", "clip_range_vf": None, "target_kl": 0.02, "gamma": 1},
@@ -170,6 +185,8 @@ def test_values_that_are_allowed(tmp_path):
             {"ent_coef": "auto_0.1", "target_entropy": "auto", "gradient_steps": -1},
             {"net_arch": {"pi": [64], "qf": [32, 32]}, "n_critics": 3},
         ),
+        "tqc": ({"top_quantiles_to_drop_per_net": 9}, {"n_quantiles": 10}),
+        "crossq": ({"policy_delay": 2}, {"batch_norm_momentum": 0.05, "net_arch": [16]}),
     }
     for algo, (hyperparameters, policy_kwargs) in some.items():
         values = {"hyperparameters": hyperparameters, "policy_kwargs": policy_kwargs, "algo": algo}
@@ -179,8 +196,9 @@ def test_values_that_are_allowed(tmp_path):
 def test_recorded_configurations_are_read_again(tmp_path):
     """What record_run writes is what load_config gives, for each shipped configuration."""
     for path in config.CONFIGS.glob("*/*.yml"):
-        settings = config.load_config(path, path.stem, path.parent.name)
-        settings.update(algo=path.stem, env=path.parent.name, seed=3)
+        settings = config.load_config(path)
+        settings = {"algo": path.stem, "env": path.parent.name, **settings, "seed": 3}
+        config.check_config(settings, required=config.TO_RESUME)
         runs.record_run(tmp_path, settings, "")
         again = config.load_config(tmp_path / "config.yml", required=config.TO_RESUME)
         assert again == settings
@@ -191,11 +209,11 @@ def test_names_are_those_of_the_libraries():
     assert set(config.HYPERPARAMETERS) == set(models.ALGORITHMS)
     for env_id in TASKS:
         config.KEYS["env"]("env", env_id)
-    for algo, library in (("ppo", PPO), ("sac", SAC)):
+    for algo, library in models.ALGORITHMS.items():
         known = set(inspect.signature(library.__init__).parameters) - NOT_FROM_FILES
         assert set(config.HYPERPARAMETERS[algo]) == known
         policy = library.policy_aliases["MlpPolicy"]
-        names = set(config.POLICY_KWARGS[algo]) - {"activation", "normalize"}
+        names = set(config.POLICY_KWARGS[algo]) - {"activation", "normalize", "harmonics"}
         assert names <= set(inspect.signature(policy.__init__).parameters)
     for name in models.ACTIVATIONS:
         config.POLICY["activation"]("activation", name)

@@ -87,3 +87,20 @@ def test_features_that_do_not_vary_are_not_blown_up():
     off = torch.tensor([[0.301, 0.0]])
     assert normalizer(off)[0, 0] == pytest.approx(1.0, abs=0.01)
     assert normalizer(off + 1.0)[0, 0] == CLIP
+
+
+def test_harmonics_are_of_the_crank_angle():
+    """Beside the scaled observation, whatever its statistics; the same half a turn on."""
+    normalizer = NormalizedObservation(gym.spaces.Box(-np.inf, np.inf, (3,)), harmonics=4)
+    angle = np.linspace(-4.0, 4.0, 50)
+    seen = torch.tensor(np.stack([np.cos(angle), np.sin(angle), angle], axis=1)).float()
+    normalizer.update(5.0 + 2.0 * seen)
+    features = normalizer(seen).numpy()
+    assert features.shape == (50, normalizer.features_dim) == (50, 11)
+    plain = NormalizedObservation(gym.spaces.Box(-np.inf, np.inf, (3,)))
+    plain.load_state_dict(normalizer.state_dict())
+    assert np.array_equal(features[:, :3], plain(seen).numpy())
+    harmonics = [f(k * angle) for k in (2, 4, 6, 8) for f in (np.cos, np.sin)]
+    np.testing.assert_allclose(features[:, 3:].T, harmonics, atol=1e-5)
+    seen[:, :2] *= -1.0
+    assert np.array_equal(normalizer(seen).numpy()[:, 3:], features[:, 3:])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -25,16 +26,22 @@ def test_interquartile_mean_is_that_of_the_middle_half():
     )
 
 
-@pytest.mark.parametrize("statistic", [over_runs.mean, over_runs.interquartile_mean])
-def test_intervals_follow_shift_and_scale(statistic):
+@pytest.mark.parametrize(
+    "interval",
+    [
+        over_runs.mean_with_interval,
+        over_runs.iqm_with_interval,
+        partial(over_runs.with_interval, over_runs.mean),
+    ],
+)
+def test_intervals_follow_shift_and_scale(interval):
     """Value and both ends; they hold the value between them, and do not depend on the order."""
-    value, low, high = over_runs.with_interval(statistic, TEN)
+    value, low, high = interval(TEN)
     assert low < value < high
     np.testing.assert_allclose(
-        over_runs.with_interval(statistic, 3.0 * TEN + 7.0),
-        [3.0 * value + 7.0, 3.0 * low + 7.0, 3.0 * high + 7.0],
+        interval(3.0 * TEN + 7.0), [3.0 * value + 7.0, 3.0 * low + 7.0, 3.0 * high + 7.0]
     )
-    other = over_runs.with_interval(statistic, TEN[::-1])
+    other = interval(TEN[::-1])
     assert other[0] == pytest.approx(value) and other[1:] == pytest.approx((low, high), rel=0.06)
 
 
@@ -47,7 +54,25 @@ def test_interval_of_the_mean_is_near_the_normal_one():
     assert (high - low) / (2 * 1.96 * error) == pytest.approx(1.0, abs=0.05)
 
 
+def test_interval_of_the_mean_is_students():
+    """By hand: 1, 2, 6 have the mean 3 and s = sqrt(7); t(2) = 4.3027 at 97.5 %."""
+    half = 4.302652729911275 * math.sqrt(7.0 / 3.0)
+    assert over_runs.mean_with_interval([1.0, 2.0, 6.0]) == pytest.approx((3, 3 - half, 3 + half))
+
+
+def test_bca_shifts_the_interval_of_skewed_scores():
+    """To the side of the long tail; of the mean of exponential scores, scipy's own."""
+    scores = np.random.default_rng(2).exponential(size=12)
+    plain = over_runs.resampled(over_runs.mean, scores)
+    shifted = over_runs.resampled(over_runs.mean, scores, method="BCa")
+    assert shifted[0] > plain[0] and shifted[1] > plain[1]
+    assert over_runs.iqm_with_interval([2.0, 2.0, 2.0]) == (2.0, 2.0, 2.0)
+
+
 def test_what_few_runs_cannot_say_is_nan():
+    for interval in (over_runs.mean_with_interval, over_runs.iqm_with_interval):
+        assert np.isnan(interval([])).all()
+        assert interval([2.0])[0] == 2.0 and np.isnan(interval([2.0])[1:]).all()
     assert np.isnan(over_runs.with_interval(over_runs.mean, [])).all()
     assert over_runs.with_interval(over_runs.mean, [2.0])[0] == 2.0
     assert np.isnan(over_runs.with_interval(over_runs.mean, [2.0])[1:]).all()
@@ -55,14 +80,21 @@ def test_what_few_runs_cannot_say_is_nan():
     assert np.isnan(over_runs.improvement_over(0.0, [])).all()
 
 
-def test_coverage_with_ten_seeds_is_what_is_said_of_it():
-    """A nominal 95 % interval of ten normal scores holds their mean some 90 % of the time."""
+def test_coverage_is_what_is_said_of_it():
+    """Of a nominal 95 %, with ten and with three normal scores: the bootstraps' and Student's."""
     rng = np.random.default_rng(11)
     samples = rng.normal(size=(10, 1000))
     low, high = over_runs.resampled(over_runs.mean, samples, resamples=1000)
     assert 0.86 < np.mean((low < 0.0) & (high > 0.0)) < 0.93
     few, many = over_runs.resampled(over_runs.mean, samples[:3], resamples=1000)
     assert 0.65 < np.mean((few < 0.0) & (many > 0.0)) < 0.82
+    low, high = over_runs.resampled(
+        over_runs.interquartile_mean, samples[:, :300], resamples=1000, method="BCa"
+    )
+    assert 0.87 < np.mean((low < 0.0) & (high > 0.0)) < 0.95
+    for runs in (samples, samples[:3]):
+        ends = np.array([over_runs.mean_with_interval(column)[1:] for column in runs.T])
+        assert 0.93 < np.mean((ends[:, 0] < 0.0) & (ends[:, 1] > 0.0)) < 0.97
 
 
 def test_performance_profile_counts_runs_above_each_level():

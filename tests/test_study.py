@@ -25,6 +25,7 @@ from agents.model_files import read_model
 from agents.runs import locked
 from agents.study_plan import make_study
 from agents.study_progress import Progress, progress_row, summary
+from agents.tasks import TASKS
 
 ROOT = Path(__file__).parents[1]
 SMALL = {
@@ -158,6 +159,14 @@ def test_a_plan_that_cannot_be_is_refused(change, message):
         make_study(change, "plan.yml")
 
 
+def test_the_shipped_study_can_be_run():
+    """Its variants are configurations, each another one."""
+    made = make_study(study_plan.read_plan(ROOT / "agents" / "studies" / "roads.yml"))
+    configs = [json.dumps(config, sort_keys=True) for config in made.groups.values()]
+    assert len(set(configs)) == len(configs) >= 10 and made.seeds == [100, 101]
+    assert made.groups["JansenWalker-v0_ppo_crank_speed"]["action"] == "crank_speed"
+
+
 def test_another_study_in_the_same_folder_is_refused(tmp_path):
     """With the names of what differs; the same study is taken."""
     study_plan.enter(tmp_path, make_study(SMALL))
@@ -233,6 +242,16 @@ def test_report_has_the_numbers_of_the_runs(finished, tmp_path):
     for name, group in found["groups"].items():
         own = [float(row["return"]) for row in rows if row["group"] == name]
         assert group["returns"] == own and group["mean"][0] == pytest.approx(np.mean(own))
+        worst = min((row for row in rows if row["group"] == name), key=lambda r: float(r["return"]))
+        assert group["worst"] == {"return": min(own), "seed": int(worst["seed"])}
+        torques = [float(row["rms_torque"]) for row in rows if row["group"] == name]
+        assert group["metrics"]["rms_torque"][0] == pytest.approx(np.mean(torques))
+    raw = list(csv.DictReader((folder / "commands.csv").read_text().splitlines()))
+    assert len(raw) == 4 + len(TASKS["JansenCrank-v0"].baselines)  # of one command each
+    for row in rows:
+        (own,) = [r for r in raw if (r["group"], r["seed"]) == (row["group"], row["seed"])]
+        assert (own["policy"], float(own["command"])) == ("run", 1.0)
+        assert float(own["return"]) == float(row["return"])
         assert group["curve"]["steps"] == [256.0, 512.0]
         assert name in table
     assert [interval[0] for others in found["improvement"].values() for interval in others.values()]
@@ -333,7 +352,7 @@ def test_a_space_is_filled_up_and_checked(tmp_path):
     config = {**make_study({}).groups["JansenWalker-v0_ppo"], "seed": 0}
     (tmp_path / "space.yml").write_text(SPACE)
     space = read_space(tmp_path / "space.yml", config)
-    assert (space["trials"], space["reduction_factor"], space["grace_steps"]) == (16, 4, 50_000)
+    assert (space["trials"], space["reduction_factor"], space["grace_steps"]) == (16, 4, 199_680)
     changed = with_values(config, {("hyperparameters", "gamma"): 0.5, ("", "n_envs"): 3})
     assert changed["hyperparameters"]["gamma"] == 0.5 and changed["n_envs"] == 3
     assert config["hyperparameters"]["gamma"] != 0.5  # the configuration itself stays

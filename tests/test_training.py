@@ -128,12 +128,14 @@ def test_configs_are_read_safely_and_checked(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("env_id", "algo"), sorted((p.parent.name, p.stem) for p in config.CONFIGS.glob("*/*.yml"))
+    "path",
+    sorted(config.CONFIGS.glob("*/*.yml")),
+    ids=lambda path: f"{path.parent.name}/{path.stem}",
 )
-def test_every_config_builds(env_id, algo):
+def test_every_config_builds(path):
     """Each shipped configuration makes a model."""
-    settings = config.load_config(config.shipped_config(env_id, algo), algo, env_id)
-    training.prepare({**settings, "algo": algo, "env": env_id, "seed": 0})
+    settings = {"algo": path.stem, "env": path.parent.name, **config.load_config(path)}
+    training.prepare(config.new_config(path, settings["algo"], settings["env"]))
 
 
 def test_missing_config_is_named():

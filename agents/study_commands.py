@@ -1,0 +1,110 @@
+"""A study's scores at each commanded speed: the mean over its seeds, and the worst of them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tabulate import tabulate
+
+from agents.tasks import Task
+
+NOTES = """\
+At each commanded speed ({unit}) the mean over the {seeds} seeds and, in brackets, the worst seed's;
+less is better in each column. Ratios are those of a run to the baseline on the same episodes."""
+
+
+def numbers(values: Iterable[float | None]) -> NDArray[np.float64]:
+    """As an array; NaN for None."""
+    return np.array([math.nan if value is None else value for value in values], float)
+
+
+def listed(values: Iterable[Any]) -> list[float | None]:
+    """Numbers for JSON: None for those that are not finite."""
+    return [float(value) if math.isfinite(value) else None for value in values]
+
+
+def by_command(task: Task, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Of finished runs the task's ``by_command`` metrics and ``ratios`` at each command.
+
+    Args:
+        rows: with ``seed`` and ``by_command``, see :func:`agents.study_report.collect`.
+
+    Returns:
+        {"command": [...], "columns": {heading: {"mean", "worst", "worst_seed": [...]}}}, None for
+        what some seed has no value of, such as a ratio per metre where it does not walk; {} without
+        a run. What runs of earlier versions lack is left out.
+    """
+    if not rows:
+        return {}
+    first = rows[0]["by_command"]
+    columns = {}
+    for name in filter(first["run"].__contains__, task.by_command):
+        values = _values(rows, "run", name)
+        columns[task.metrics[name].heading] = _over_seeds(values, rows)
+    for name, baseline in task.ratios:
+        if baseline in first and name in first[baseline]:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                ratio = _values(rows, "run", name) / _values(rows, baseline, name)
+            columns[f"{task.metrics[name].label} / {baseline}'s"] = _over_seeds(ratio, rows)
+    return {"command": next(iter(first["run"].values()))["command"], "columns": columns}
+
+
+def _values(rows: Sequence[dict[str, Any]], policy: str, metric: str) -> NDArray[np.float64]:
+    """(runs, commands)."""
+    return np.stack([numbers(row["by_command"][policy][metric]["value"]) for row in rows])
+
+
+def _over_seeds(values: NDArray[np.float64], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    worst = values.argmax(axis=0)  # NaN, if any
+    return {
+        "mean": listed(values.mean(axis=0)),
+        "worst": listed(values.max(axis=0)),
+        "worst_seed": [rows[i]["seed"] for i in worst],
+    }
+
+
+def command_table(task: Task, found: dict[str, Any], seeds: int) -> str:
+    """A Markdown table of :func:`by_command`, with a note on what it shows; "" of nothing."""
+    if not found.get("columns"):
+        return ""
+    table: list[list[str]] = []
+    for i, command in enumerate(found["command"]):
+        cells = (
+            "-"
+            if column["mean"][i] is None
+            else f"{column['mean'][i]:.2g} ({column['worst'][i]:.2g})"
+            for column in found["columns"].values()
+        )
+        table.append([f"{command:g}", *cells])
+    headers = ["command", *found["columns"]]
+    note = NOTES.replace("\n", " ").format(unit=task.command_unit, seeds=seeds)
+    return note + "\n\n" + tabulate(table, headers, tablefmt="github", disable_numparse=True)
+
+
+def command_csv(rows: Sequence[dict[str, Any]]) -> str:
+    """The raw scores: all metrics of each run and of the baselines at each command."""
+    file = io.StringIO()
+    writer: Any = None
+    baselines: set[str] = set()
+    for row in rows:
+        for policy, metrics in row.get("by_command", {}).items():
+            own = {"group": row["group"], "seed": row["seed"], "policy": policy}
+            if policy != "run":  # the same for all runs of an environment
+                if (mark := f"{row['env']} {policy}") in baselines:
+                    continue
+                baselines.add(mark)
+                own |= {"group": row["env"], "seed": ""}
+            for i, command in enumerate(next(iter(metrics.values()))["command"]):
+                values = {name: found["value"][i] for name, found in metrics.items()}
+                line = {**own, "command": command, **values}
+                if writer is None:
+                    writer = csv.DictWriter(file, list(line), extrasaction="ignore")
+                    writer.writeheader()
+                writer.writerow(line)
+    return file.getvalue()

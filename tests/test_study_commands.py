@@ -1,0 +1,68 @@
+"""A study's table by command: means over seeds, worst seeds, and ratios to the baselines."""
+
+from __future__ import annotations
+
+import csv
+
+import pytest
+
+from agents.study_commands import by_command, command_csv, command_table
+from agents.tasks import WALKER
+
+
+def scores(slip, torque):
+    """Of a policy at two commands, all metrics."""
+    values = {name: [0.0, 0.0] for name in WALKER.metrics}
+    values |= {"slip_per_metre": slip, "rms_torque": torque, "cost_of_transport": [1.0, 2.0]}
+    return {name: {"command": [0.1, 0.3], "value": value} for name, value in values.items()}
+
+
+@pytest.fixture
+def rows():
+    """Runs with three seeds, of which the last does not walk at 0.3 m/s."""
+    baselines = {"pid": scores([1.0, 0.1], [3.0, 6.0]), "profile": scores([0.2, 0.0], [4.0, 8.0])}
+    runs = [([0.1, 0.3], [2.0, 6.0]), ([0.4, 0.2], [6.0, 6.0]), ([0.1, None], [4.0, 9.0])]
+    return [
+        {"group": "g", "env": "JansenWalker-v0", "seed": 7 + i,
+         "by_command": {**baselines, "run": scores(*run)}}
+        for i, run in enumerate(runs)
+    ]  # fmt: skip
+
+
+def test_mean_and_worst_over_seeds(rows):
+    """By hand; None where a seed has no value, or the baseline is 0."""
+    found = by_command(WALKER, rows)
+    assert found["command"] == [0.1, 0.3]
+    slip = found["columns"]["slip per metre (m/m)"]
+    assert slip["mean"] == [pytest.approx(0.2), None] and slip["worst"] == [0.4, None]
+    assert slip["worst_seed"] == [8, 9]
+    to_pid = found["columns"]["slip per metre / pid's"]
+    assert to_pid["mean"][0] == pytest.approx(0.2) and to_pid["worst"][0] == pytest.approx(0.4)
+    to_profile = found["columns"]["slip per metre / profile's"]
+    assert to_profile["worst"] == [pytest.approx(2.0), None]
+    torque = found["columns"]["RMS torque / profile's"]
+    assert torque["mean"] == pytest.approx([1.0, 7.0 / 8.0])
+    assert torque["worst"] == pytest.approx([1.5, 9.0 / 8.0])
+    assert torque["worst_seed"] == [8, 9]
+    table = command_table(WALKER, found, 3)
+    assert "over the 3 seeds" in table and "| 0.2 (0.4) " in table and "| - " in table
+
+
+def test_what_earlier_versions_lack_is_left_out(rows):
+    """A baseline, or a metric."""
+    for row in rows:
+        del row["by_command"]["profile"], row["by_command"]["run"]["falls"]
+    headings = list(by_command(WALKER, rows)["columns"])
+    assert "slip per metre / pid's" in headings and "speed error after 2 s (m/s)" in headings
+    assert not any("profile" in heading or "falls" in heading for heading in headings)
+    assert by_command(WALKER, []) == {} and command_table(WALKER, {}, 0) == ""
+
+
+def test_raw_scores_are_written(rows):
+    """A row for each run and command, and of the baselines once."""
+    written = list(csv.DictReader(command_csv([*rows, {"group": "unfinished"}]).splitlines()))
+    assert len(written) == (3 + 2) * 2
+    (own,) = [row for row in written if (row["seed"], row["command"]) == ("8", "0.3")]
+    assert (own["group"], own["policy"], float(own["slip_per_metre"])) == ("g", "run", 0.2)
+    (pid,) = [r for r in written if (r["policy"], r["command"]) == ("pid", "0.3")]
+    assert pid["seed"] == "" and float(pid["rms_torque"]) == 6.0

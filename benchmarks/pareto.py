@@ -28,7 +28,7 @@ DATA = Path(__file__).parent / "data" / "pareto.json"
 COMMANDS = (0.1, 0.05, 0.2, 0.3, 0.5)  # m/s, in the order in which they are searched
 WEIGHTS = (0.4, 0.2, 0.1, 0.8, 1.6)  # w, likewise; each starts from the one next to it
 HARMONICS = 6
-SWEEP = Sweep(generations=28, episodes=12, step_size=0.35)
+SWEEP = Sweep(generations=24, episodes=12, step_size=0.35)
 FARTHEST = 0.01  # m/s: of the mean speed from the command
 FALL, DRIFT = 20.0, 200.0  # what a fall of all, and 1 m/s too much, add to the loss
 SCORED = 100  # episodes of each point found

@@ -115,11 +115,11 @@ def test_it_walks_with_less_slip_than_the_pid():
 def test_the_search_improves_a_bad_start():
     """With a few candidates, on episodes that it has not seen."""
     start = np.array([0.4, 3.0, 1.0, 0.0, 0.3, 0.3])
-    sweep = Sweep(generations=6, episodes=3, step_size=1.0, candidates=6)
+    sweep = Sweep(generations=4, episodes=2, step_size=1.0, candidates=6)
     found = improve({0.1: start}, 0.1, sweep, np.random.default_rng(0))
-    trials = Trials(np.full(16, 0.8))
+    trials = Trials(np.full(8, 0.8))
     values = [
-        worth(trials.run(of_each(own[None].repeat(16, 0), 20.0), np.full(16, 0.1), np.arange(16)))
+        worth(trials.run(of_each(own[None].repeat(8, 0), 20.0), np.full(8, 0.1), np.arange(8)))
         for own in (start, found)
     ]
     assert values[1].mean() > values[0].mean() + 20.0

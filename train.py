@@ -28,7 +28,7 @@ from agents.config import TO_RESUME, load_config, new_config
 from agents.models import ALGORITHMS
 from agents.runs import (
     FINAL,
-    best_return,
+    best_rank,
     last_state,
     locked,
     new_run_folder,
@@ -53,7 +53,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("-n", "--timesteps", type=count, help="environment steps, in place of the configuration's")
     add("--n-envs", type=count, help="environments side by side, in place of the configuration's")
     add("--seed", type=steps, help="of networks and environments; default: --config's, or else 0")
-    add("--eval-freq", type=steps, default=50_000, help="steps between evaluations, 0 for none")
+    add("--eval-freq", type=steps,
+        help="steps between evaluations, 0 for none; default: a 16th of the timesteps")  # fmt: skip
     add("--save-freq", type=steps, default=100_000, help="steps between checkpoints, 0 for none")
     add("--eval-episodes", type=count, default=10, help="episodes per command of the final table")
     add("--log-folder", default="logs", metavar="DIR", help="runs go to DIR/ALGO/ENV_N")
@@ -195,7 +196,7 @@ def _configure(args: argparse.Namespace) -> dict[str, Any]:
             raise SystemExit(f"--resume takes these from the run's config.yml: {', '.join(given)}")
         config = load_config(Path(args.resume) / "config.yml", required=TO_RESUME)
         config["timesteps"] = args.timesteps or config["timesteps"]
-        best_return(Path(args.resume))  # what is damaged shows before anything is written
+        best_rank(Path(args.resume))  # what is damaged shows before anything is written
         read_evaluations(Path(args.resume))
         return config
     return new_config(

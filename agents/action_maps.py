@@ -18,7 +18,8 @@ from gymnasium.vector import VectorWrapper
 from numpy.typing import NDArray
 
 from agents.policy import Array, Policy
-from agents.walker_baselines import BASELINES, COMMAND, CRANK_SPEED
+from agents.walker_baselines import BASELINES
+from agents.walker_observation import COMMAND, CRANK_SPEED
 from jansen_env.kinematics import advance_per_turn
 
 ActionMap: TypeAlias = Callable[[Array, Array], NDArray[np.float32]]

@@ -19,16 +19,18 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
-from agents.metrics import point_estimates
+from agents.marks import at_commands, baseline_names, limits, shortfalls
+from agents.metrics import Array, Episodes, point_estimates
 from agents.models import save_model
 from agents.normalizer import NormalizedObservation
 from agents.replay import save_replay_buffer
 from agents.rollout import make_env, run_episodes
 from agents.runs import (
     BEST,
-    best_return,
+    best_rank,
     find_replay_buffer,
     monitor_sizes,
+    rank,
     read_evaluations,
     remove_replay_buffers,
     replay_path,
@@ -38,7 +40,7 @@ from agents.training_state import read_state
 from agents.vec_env import acting
 from jansen_env.files import write_json
 
-EPISODES = 4  # per command, of each evaluation
+EPISODES = 16  # per command, of each evaluation
 SELECTION_SEED = 30_000  # of the episodes that choose the best model, apart from all others
 
 
@@ -79,10 +81,11 @@ class Saver(BaseCallback):
         self.last: Path | None = None
         self.task = find_task(env_id)
         self.commands = np.repeat(self.task.commands, EPISODES)
+        self._most: Array | None = None  # that the task's marks allow, once it is needed
         # After a kill the last evaluations may be of steps that are now trained again. The best
-        # model may be of one of them, so the return to beat is not the history's but the file's.
+        # model may be of one of them, so what is to beat is not the history's but the file's.
         self.history = [row for row in read_evaluations(folder) if row["steps"] <= done]
-        self.best = best_return(folder)
+        self.best = best_rank(folder)
         # By the steps alone, so that a resumed run saves and evaluates where it would have anyway.
         self._next_save, self._next_eval = (
             (done // every + 1) * every if every else 0 for every in (save_every, eval_every)
@@ -139,6 +142,8 @@ class Saver(BaseCallback):
         run = run_episodes(acting(self.model), self.env_id, self.env_kwargs, self.commands, seeds)
         env = make_env(self.env_id, self.env_kwargs)
         scored = point_estimates(self.task.metrics, run, env)
+        if self.task.marks:
+            scored["shortfall"] = self._shortfall(run, env)
         env.close()
         for name, value in scored.items():
             self.logger.record(f"eval/{name}", value)
@@ -147,12 +152,26 @@ class Saver(BaseCallback):
             "seconds": self._seconds(),  # this evaluation included
             **scored,
         }
-        if row["return"] > self.best:
-            self.best = row["return"]
-            # Its return in the same file: no kill can part the two.
+        if rank(row) > self.best:
+            self.best = rank(row)
+            # Its rank in the same file: no kill can part the two.
             save_model(self.model, self.folder / BEST, row)
-        self.history.append(row)
+        # One before any step may be a killed run's, that has begun again.
+        self.history = [*(old for old in self.history if old["steps"] < row["steps"]), row]
         write_json(self.folder / "evaluations.json", self.history)
+
+    def _shortfall(self, run: Episodes, env: Any) -> float:
+        """How far the policy is from the task's marks, at all commands together."""
+        if self._most is None:
+            seeds = SELECTION_SEED + np.arange(len(self.commands))
+            baselines = {}
+            for name in baseline_names(self.task):
+                policy = self.task.baselines[name](env.unwrapped)
+                own = run_episodes(policy, self.env_id, self.env_kwargs, self.commands, seeds)
+                baselines[name] = at_commands(self.task, own, env)
+            self._most = limits(self.task, np.unique(self.commands), baselines)
+        policy_run = at_commands(self.task, run, env)
+        return float(shortfalls(self.task, policy_run, self._most).sum())
 
 
 class NoSaver(Saver):

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from agents.action_maps import ACTION_MAPS
 from agents.command_line import MAX_STEPS
 from agents.plain_yaml import read_yaml
-from agents.tasks import TASKS, check_env_kwargs
+from agents.tasks import TASKS, check_env_kwargs, find_task
 from jansen_env.checks import shown
 
 CONFIGS = Path(__file__).parent / "configs"
@@ -158,6 +158,7 @@ POLICY_KWARGS: dict[str, dict[str, Check]] = {
     "ppo": {
         **POLICY,
         "net_arch": layers | layers_of("pi", "vf"),
+        "noise_exponent": non_negative,
         "ortho_init": boolean,
         "full_std": boolean,
         "squash_output": boolean,
@@ -177,8 +178,11 @@ KEYS: dict[str, Check] = {
     "timesteps": integer(1, MAX_STEPS),
     "n_envs": integer(1, 10_000),
     "reward_scale": positive,
+    "imitate": one_of({name for task in TASKS.values() for name in task.baselines}),
+    "critic_first": integer(0, MAX_STEPS),
     "action": one_of(("torque", *ACTION_MAPS)),
     "env_kwargs": mapping,
+    "training_kwargs": mapping,
     "training_variants": mappings,
     "hyperparameters": mapping,
     "policy_kwargs": mapping,
@@ -216,13 +220,15 @@ def load_config(
     """A training configuration from YAML; it can name no code, each name is looked up in a table.
 
     Keys: ``policy``, ``timesteps``, ``n_envs``, ``reward_scale``, ``action`` (what actions mean,
-    see :mod:`agents.action_maps`), ``env_kwargs`` (for training and evaluation),
+    see :mod:`agents.action_maps`), ``imitate`` (the baseline that PPO's policy learns first, see
+    :mod:`agents.imitation`), ``critic_first`` (steps in which the critic learns alone),
+    ``env_kwargs`` (for training and evaluation), ``training_kwargs`` (for training alone),
     ``training_variants`` (further arguments of the training environments, taken in turn;
-    ``max_episode_steps`` is one too), ``hyperparameters`` (the algorithm's arguments;
-    ``learning_rate`` and ``clip_range`` may be "linear_X", falling from X to 0 over the run) and
-    ``policy_kwargs`` (the policy's; ``activation`` is a name, ``normalize`` scales observations,
-    and with it ``harmonics`` appends so many of the crank angle). The config.yml of a
-    run also has ``algo``, ``env`` and ``seed``.
+    ``max_episode_steps`` is one too), ``hyperparameters``
+    (the algorithm's arguments; ``learning_rate`` and ``clip_range`` may be "linear_X", falling from
+    X to 0 over the run) and ``policy_kwargs`` (the policy's; ``activation`` is a name,
+    ``normalize`` scales observations, and with it ``harmonics`` appends so many of the crank
+    angle). The config.yml of a run also has ``algo``, ``env`` and ``seed``.
 
     Args:
         path: of the file, see :func:`agents.plain_yaml.parse_yaml`.
@@ -251,7 +257,7 @@ def new_config(
     Args:
         path: of the file; None for the one shipped for ``env_id`` and ``algo``.
         algo, env_id: None for the file's own, or else ppo and JansenWalker-v0.
-        env_kwargs: on top of the file's; they hold for all ``training_variants``.
+        env_kwargs: on top of the file's; they hold in training as well.
         values: further keys, such as ``timesteps``; None for the file's. ``seed`` is 0 without.
 
     Raises:
@@ -265,14 +271,23 @@ def new_config(
     config = {"seed": 0, **config, **{k: v for k, v in values.items() if v is not None}}
     overrides = env_kwargs or {}
     config["env_kwargs"] = {**config.get("env_kwargs", {}), **overrides}
+
+    def free(arguments: dict[str, Any]) -> dict[str, Any]:
+        return {name: value for name, value in arguments.items() if name not in overrides}
+
+    if "training_kwargs" in config:
+        config["training_kwargs"] = free(config["training_kwargs"])
     if "training_variants" in config:
-        config["training_variants"] = [
-            {name: value for name, value in variant.items() if name not in overrides}
-            for variant in config["training_variants"]
-        ]
+        config["training_variants"] = [free(each) for each in config["training_variants"]]
     config.update(algo=algo, env=env_id)
     check_config(config, required=TO_RESUME)  # again, with what was given in place
     return config
+
+
+def training_envs(config: dict[str, Any]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Arguments of all training environments, and the variants that they take in turn."""
+    kwargs = {**config.get("env_kwargs", {}), **config.get("training_kwargs", {})}
+    return kwargs, config.get("training_variants", [{}])
 
 
 def check_config(
@@ -298,23 +313,47 @@ def check_config(
     _check("", config, KEYS)
     algo, env_id = algo or config.get("algo"), env_id or config.get("env")
     if algo is not None:
-        hyperparameters = config.get("hyperparameters", {})
-        policy_kwargs = config.get("policy_kwargs", {})
-        _check("hyperparameters", hyperparameters, HYPERPARAMETERS[algo])
-        _check("policy_kwargs", policy_kwargs, POLICY_KWARGS[algo])
-        dropped = hyperparameters.get("top_quantiles_to_drop_per_net", 0)
-        if dropped >= (quantiles := policy_kwargs.get("n_quantiles", 25)):
-            raise ValueError(
-                f"hyperparameters.top_quantiles_to_drop_per_net is {dropped}, must be below "
-                f"n_quantiles, {quantiles}"
-            )
-        if policy_kwargs.get("harmonics") and not policy_kwargs.get("normalize"):
-            raise ValueError("policy_kwargs.harmonics is given, so normalize must be true, too")
-    if env_id not in (None, "JansenWalker-v0") and config.get("action", "torque") != "torque":
-        raise ValueError(f"action is {config['action']!r}, must be 'torque' for {env_id}")
+        _check_algorithm(algo, config)
     if env_id is not None:
-        for arguments in (config.get("env_kwargs", {}), *config.get("training_variants", ())):
-            check_env_kwargs(env_id, arguments)
+        _check_environment(env_id, config)
+
+
+def _check_algorithm(algo: str, config: dict[str, Any]) -> None:
+    """What only some algorithms have, and what goes together."""
+    for name in ("imitate", "critic_first") if algo != "ppo" else ():
+        if name in config:
+            raise ValueError(f"{name!r} is given, so algo must be 'ppo', and is {algo!r}")
+    hyperparameters = config.get("hyperparameters", {})
+    policy_kwargs = config.get("policy_kwargs", {})
+    _check("hyperparameters", hyperparameters, HYPERPARAMETERS[algo])
+    _check("policy_kwargs", policy_kwargs, POLICY_KWARGS[algo])
+    dropped = hyperparameters.get("top_quantiles_to_drop_per_net", 0)
+    if dropped >= (quantiles := policy_kwargs.get("n_quantiles", 25)):
+        raise ValueError(
+            f"hyperparameters.top_quantiles_to_drop_per_net is {dropped}, must be below "
+            f"n_quantiles, {quantiles}"
+        )
+    if policy_kwargs.get("harmonics") and not policy_kwargs.get("normalize"):
+        raise ValueError("policy_kwargs.harmonics is given, so normalize must be true, too")
+    if "noise_exponent" in policy_kwargs:
+        for used, name in ((hyperparameters, "use_sde"), (policy_kwargs, "squash_output")):
+            if used.get(name):
+                raise ValueError(f"policy_kwargs.noise_exponent is given, so {name} must be false")
+
+
+def _check_environment(env_id: str, config: dict[str, Any]) -> None:
+    """What only some environments have, and their arguments."""
+    if env_id != "JansenWalker-v0":
+        if (action := config.get("action", "torque")) != "torque":
+            raise ValueError(f"action is {action!r}, must be 'torque' for {env_id}")
+        if "noise_exponent" in config.get("policy_kwargs", {}):
+            raise ValueError(f"policy_kwargs.noise_exponent is given, but {env_id} has no command")
+    if (teacher := config.get("imitate")) is not None:
+        one_of(find_task(env_id).baselines)("imitate", teacher)
+    for name in ("env_kwargs", "training_kwargs"):
+        check_env_kwargs(env_id, config.get(name, {}))
+    for variant in config.get("training_variants", ()):
+        check_env_kwargs(env_id, variant)
 
 
 def _check(part: str, values: dict[str, Any], table: dict[str, Check]) -> None:

@@ -97,9 +97,7 @@ class Worker:
         environment.seed(seed + self.rank * model.n_envs)
         own = np.random.SeedSequence(seed, spawn_key=(self.rank,))
         set_random_seed(int(own.generate_state(1)[0]))
-        with connected():
-            for tensor in model.policy.state_dict().values():
-                dist.broadcast(tensor, 0)
+        self.align(model)
         model.rollout_buffer = CommonAdvantages(
             self, model.normalize_advantage, model.n_steps, model.observation_space,
             model.action_space, model.device, model.gae_lambda, model.gamma, model.n_envs,
@@ -108,6 +106,12 @@ class Worker:
         model.policy.optimizer.register_step_pre_hook(step)
         if not self.leads:
             model.verbose = 0
+
+    def align(self, model: PPO) -> None:
+        """Give a model's policy the leader's parameters and statistics."""
+        with connected():
+            for tensor in model.policy.state_dict().values():
+                dist.broadcast(tensor, 0)
 
     def updates(self) -> list[BaseCallback]:
         """Callbacks that must come before a run's other ones."""

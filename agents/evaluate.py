@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -16,27 +17,39 @@ from agents.policy import Policy
 from agents.rollout import make_env, run_episodes
 from agents.tasks import TASKS, find_task
 from agents.video import record_video
+from jansen_env import pretrained
 from jansen_env.files import write_json
 from jansen_env.plants.make import PLANTS
+from jansen_env.pretrained import PretrainedPolicy
 
 FIRST_SEED = 40_000  # of the episodes scored: training, tuning and selection use others
-ALIASES = {"pid-paper": "pid"}
+ALIASES = {"pid-paper": "pid", "pretrained": f"pretrained:{pretrained.DEFAULT}"}
+SHIPPED = "pretrained:"  # before the name of a policy that comes with the package
 
 
 def load_named(name: str, env: Any) -> Policy:
-    """A policy for ``env`` by a baseline's name, or from a run's folder or model file.
+    """A policy for ``env`` by name, or from a run's folder, a model's file or a policy's.
+
+    Names are those of baselines, ``"pretrained"`` and ``"pretrained:NAME"``, see
+    :mod:`jansen_env.pretrained`.
 
     Raises:
-        ValueError: neither, or a model that was trained on other observations or actions.
+        ValueError: none of these, or one that was trained on other observations or actions.
     """
-    baselines = find_task(env.spec.id).baselines
-    if ALIASES.get(name, name) in baselines:
-        return baselines[ALIASES.get(name, name)](env.unwrapped)
+    env_id, own = env.spec.id, ALIASES.get(name, name)
+    baselines = find_task(env_id).baselines
+    if own in baselines:
+        return baselines[own](env.unwrapped)
+    if own.startswith(SHIPPED):
+        path = pretrained.shipped(env_id, own.removeprefix(SHIPPED))
+        return _fitting(name, pretrained.load_file(path), env)
     if not Path(name).exists():
         raise ValueError(
-            f"policy is {name!r}, must be one of {list(baselines)}, a run's folder or a model's "
-            "zip file"
+            f"policy is {name!r}, must be one of {[*baselines, 'pretrained']}, a run's folder, a "
+            "model's zip file or a policy's json file"
         )
+    if Path(name).suffix == ".json":
+        return _fitting(name, pretrained.load_file(name), env)
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # more would change the last bits of the actions
     from agents.models import load_policy  # only now: torch is slow to import
 
@@ -47,6 +60,18 @@ def load_named(name: str, env: Any) -> Policy:
             raise ValueError(
                 f"policy {name!r} has an {space} of shape {trained.shape}, must be {needed.shape} "
                 f"for {env.spec.id}"
+            )
+    return policy
+
+
+def _fitting(name: str, policy: PretrainedPolicy, env: Any) -> PretrainedPolicy:
+    """``policy``, which must observe what the environment shows."""
+    seen = (entry.name for entry in env.unwrapped.observed)
+    for i, (own, needed) in enumerate(zip_longest(policy.observed, seen, fillvalue="nothing")):
+        if own != needed:
+            raise ValueError(
+                f"policy {name!r} of {policy.env_id} observes {own} as number {i}, must observe "
+                f"{needed} for {env.spec.id} with these arguments"
             )
     return policy
 
@@ -122,7 +147,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     add = parser.add_argument
     add("--policy", action="append", required=True, metavar="NAME",
-        help=f"a baseline ({named}), or a run's folder or model")  # fmt: skip
+        help=f"a baseline ({named}), 'pretrained', a run's folder, or a file of a model or "
+        "policy")  # fmt: skip
     add("--env", default="JansenWalker-v0", choices=sorted(TASKS),
         help="environment id; default: JansenWalker-v0")  # fmt: skip
     add("--env-kwargs", default="{}", type=mapping, metavar="YAML",

@@ -20,6 +20,7 @@ from stable_baselines3.common.utils import LinearSchedule
 
 from agents.action_maps import MappedPolicy, make_map
 from agents.config import TO_LOAD, find_config, load_config
+from agents.exploration import CommandNoisePolicy
 from agents.model_files import NOTES, STATE, read_model
 from agents.normalizer import NormalizedObservation
 from agents.policy import Policy
@@ -36,10 +37,10 @@ def build_model(algo: str, config: dict[str, Any], env: Any, **more: Any) -> Bas
     for name in ("learning_rate", "clip_range"):
         if isinstance(value := arguments.get(name), str):
             arguments[name] = linear_schedule(value)
-    kwargs = _policy_kwargs(config)
     return ALGORITHMS[algo](
-        config["policy"], env, policy_kwargs=kwargs, device="cpu", **arguments, **more
-    )
+        _policy_class(algo, config), env, policy_kwargs=_policy_kwargs(config), device="cpu",
+        **arguments, **more,
+    )  # fmt: skip
 
 
 def linear_schedule(text: str) -> LinearSchedule:
@@ -48,6 +49,13 @@ def linear_schedule(text: str) -> LinearSchedule:
     A run's last rollout may end past its last step: below 0 the schedule must not go.
     """
     return LinearSchedule(float(text.removeprefix("linear_")), 0.0, end_fraction=1.0)
+
+
+def _policy_class(algo: str, config: dict[str, Any]) -> Any:
+    """What ``policy`` names; PPO's own where its noise is to suit the command."""
+    if "noise_exponent" in config.get("policy_kwargs", {}):
+        return CommandNoisePolicy
+    return ALGORITHMS[algo].policy_aliases[config["policy"]]
 
 
 def _policy_kwargs(config: dict[str, Any]) -> dict[str, Any]:
@@ -90,7 +98,7 @@ def load_policy(path: str | Path) -> Policy:
     config = load_config(source, required=TO_LOAD)
     try:
         env = make_env(config["env"], config.get("env_kwargs", {}))
-        policy: Any = ALGORITHMS[config["algo"]].policy_aliases[config["policy"]](
+        policy: Any = _policy_class(config["algo"], config)(
             env.observation_space,
             env.action_space,
             lambda _: 0.0,  # the learning rate, of no use here

@@ -36,12 +36,14 @@ REDUCTIONS: dict[str, Callable[[Any, Any, Moment], Any]] = {
 def make_env(env_id: str, env_kwargs: dict[str, Any], **more: Any) -> gym.Env[Any, Any]:
     """``gym.make`` of one of :data:`agents.tasks.TASKS`.
 
+    Args:
+        env_kwargs: as users give them, which are checked. more: as the program gives them.
+
     Raises:
         ValueError: another id, or an argument that the environment does not take.
     """
-    arguments = {**env_kwargs, **more}
-    check_env_kwargs(env_id, arguments)
-    return gym.make(env_id, **arguments)
+    check_env_kwargs(env_id, env_kwargs)
+    return gym.make(env_id, **{**env_kwargs, **more})
 
 
 def make_envs(env_id: str, env_kwargs: dict[str, Any], count: int) -> Any:

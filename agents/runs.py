@@ -148,7 +148,7 @@ def read_evaluations(folder: Path) -> list[dict[str, Any]]:
         instance("the whole", rows, list)
         for row in rows:
             instance("an evaluation", row, dict)
-            for name in {"steps", "return", *(("seconds",) if "seconds" in row else ())}:
+            for name in {"steps", "return", *({"seconds", "shortfall"} & {*row})}:
                 finite(name, row.get(name))
     except (OSError, RecursionError, ValueError) as error:
         raise ValueError(
@@ -157,19 +157,30 @@ def read_evaluations(folder: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def best_return(folder: Path) -> float:
-    """The return of best_model.zip at its evaluation; -inf where there is none.
+def rank(row: dict[str, Any]) -> tuple[float, float]:
+    """By what evaluations are compared: by how little they fall short of the marks, then by return.
+
+    Args:
+        row: of evaluations.json; one of an earlier version knows no marks.
+    """
+    return -row.get("shortfall", math.inf), row["return"]
+
+
+def best_rank(folder: Path) -> tuple[float, float]:
+    """The :func:`rank` of best_model.zip at its evaluation; -inf where there is none.
 
     Raises:
         ValueError: best_model.zip or evaluations.json is damaged.
     """
     if not (folder / BEST).is_file():
-        return -math.inf
+        return -math.inf, -math.inf
     notes = read_notes(folder / BEST)
     if "return" in notes:
-        return finite(f"return in {folder / BEST}", notes["return"])
+        for name in {"return", "shortfall"} & {*notes}:
+            finite(f"{name} in {folder / BEST}", notes[name])
+        return rank(notes)
     # An earlier version's file does not know its return: at most the highest evaluated.
-    return max((float(row["return"]) for row in read_evaluations(folder)), default=-math.inf)
+    return max(map(rank, read_evaluations(folder)), default=(-math.inf, -math.inf))
 
 
 def next_monitor(folder: Path) -> Path:

@@ -51,7 +51,11 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--env-kwargs", type=mapping, metavar="YAML",
         help="arguments of the environments, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--config", metavar="FILE", help="hyperparameters; default: agents/configs/ENV/ALGO.yml")
-    add("--eval-freq", type=steps, help="steps between evaluations; default: 50000")
+    add(
+        "--eval-freq",
+        type=steps,
+        help="steps between evaluations; default: a 16th of the timesteps",
+    )
     add("--save-freq", type=steps, help="steps between checkpoints; default: 100000")
     add("--eval-episodes", type=count, help="episodes per command of the scores; default: 10")
     add("--name", help="of the study; default: the file's, or else 'study'")

@@ -30,7 +30,7 @@ def listed(values: Iterable[Any]) -> list[float | None]:
 
 
 def by_command(task: Task, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Of finished runs the task's ``by_command`` metrics and ``ratios`` at each command.
+    """Of finished runs the metrics of the task's marks at each command, and their ratios.
 
     Args:
         rows: with ``seed`` and ``by_command``, see :func:`agents.study_report.collect`.
@@ -44,10 +44,11 @@ def by_command(task: Task, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
         return {}
     first = rows[0]["by_command"]
     columns = {}
-    for name in filter(first["run"].__contains__, task.by_command):
+    metrics = dict.fromkeys(mark.metric for mark in task.marks)
+    for name in filter(first["run"].__contains__, metrics):
         values = _values(rows, "run", name)
         columns[task.metrics[name].heading] = _over_seeds(values, rows)
-    for name, baseline in task.ratios:
+    for name, baseline in dict.fromkeys((mark.metric, mark.baseline) for mark in task.marks):
         if baseline in first and name in first[baseline]:
             with np.errstate(divide="ignore", invalid="ignore"):
                 ratio = _values(rows, "run", name) / _values(rows, baseline, name)

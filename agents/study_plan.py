@@ -19,6 +19,7 @@ from agents.config import (
     integer,
     mapping,
     new_config,
+    null,
     one_of,
 )
 from agents.plain_yaml import MAX_BYTES, read_yaml
@@ -68,12 +69,13 @@ STUDY: dict[str, Check] = {
     "n_envs": KEYS["n_envs"],
     "env_kwargs": mapping,
     "config": Check("the name of a file", lambda v: isinstance(v, str) and v != ""),
-    "eval_freq": steps,
+    "eval_freq": steps | null,
     "save_freq": steps,
     "eval_episodes": integer(1, 100_000),
     "variants": variants,
 }
-CHANGES = ("timesteps", "n_envs", "reward_scale", "action", "training_variants", "env_kwargs")
+CHANGES = ("timesteps", "n_envs", "reward_scale", "action", "imitate", "critic_first",
+           "training_kwargs", "training_variants", "env_kwargs")  # fmt: skip
 VARIANT: dict[str, Check] = {
     "env": KEYS["env"],
     "algo": KEYS["algo"],
@@ -84,7 +86,7 @@ DEFAULTS: dict[str, Any] = {
     "seeds": 10,
     "envs": ["JansenWalker-v0"],
     "algos": ["ppo"],
-    "eval_freq": 50_000,
+    "eval_freq": None,
     "save_freq": 100_000,
     "eval_episodes": 10,
 }
@@ -120,7 +122,7 @@ class Study:
 
     seeds: list[int]
     groups: dict[str, dict[str, Any]]
-    eval_freq: int
+    eval_freq: int | None
     save_freq: int
     eval_episodes: int
 

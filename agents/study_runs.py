@@ -33,7 +33,7 @@ class Order:
     """
 
     run: Run
-    eval_freq: int
+    eval_freq: int | None
     save_freq: int
     eval_episodes: int
     cores: int

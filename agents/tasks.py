@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -16,6 +16,20 @@ from agents.metrics import SETTLING, Aggregate, Array, Episodes, Metric
 from agents.policy import Policy
 from jansen_env.checks import positive_integer
 from jansen_env.envs.crank_task import LOST
+
+
+class Mark(NamedTuple):
+    """What a policy is to reach at each command.
+
+    Attributes:
+        metric: by name; less is better. limit: the most that is allowed, in the metric's unit, or
+            as a multiple of what ``baseline`` has there. up_to: the fastest command it is for.
+    """
+
+    metric: str
+    limit: float
+    baseline: str = ""
+    up_to: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -29,8 +43,7 @@ class Task:
         metrics: by name; the first is "return".
         baselines: the policies to compare with by name, the main one first; each is made for an
             unwrapped environment.
-        by_command: metrics, of which less is better each, that a study shows at each command.
-        ratios: pairs of such a metric and a baseline, to whose it is set in proportion there.
+        marks: what a policy is to reach; by them the best model of a run is chosen.
     """
 
     commands: tuple[float, ...]
@@ -38,8 +51,7 @@ class Task:
     aggregates: dict[str, Aggregate]
     metrics: dict[str, Metric]
     baselines: dict[str, Callable[[Any], Policy]]
-    by_command: tuple[str, ...] = ()
-    ratios: tuple[tuple[str, str], ...] = ()
+    marks: tuple[Mark, ...] = ()
 
 
 def _mean(name: str) -> Callable[[Episodes, Any], Array]:
@@ -115,11 +127,16 @@ WALKER = Task(
         ),
     },
     baselines=walker_baselines.BASELINES,
-    by_command=("falls", "steady_speed_error", "slip_per_metre", "cost_of_transport", "rms_torque",
-                "torque_change"),
-    ratios=(("slip_per_metre", "pid"), *((name, "profile") for name in (
-        "slip_per_metre", "cost_of_transport", "rms_torque"))),
-)  # fmt: skip
+    marks=(
+        Mark("falls", 0.0),
+        Mark("steady_speed_error", 0.01),
+        Mark("slip_per_metre", 1.0, "profile"),
+        Mark("slip_per_metre", 0.1, "pid", up_to=0.1),
+        Mark("cost_of_transport", 1.15, "profile"),
+        Mark("rms_torque", 1.2, "profile"),
+        Mark("torque_change", 1.0),
+    ),
+)
 
 CRANK = Task(
     commands=(1.0,),

@@ -16,7 +16,8 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor, unwrap_vec_wrapper
 
 from agents.callbacks import NormalizerUpdate, NoSaver, Saver, StopOnSignal
-from agents.config import find_config
+from agents.config import find_config, training_envs
+from agents.imitation import CriticFirst, Imitation
 from agents.model_files import read_model, read_notes, read_training_state
 from agents.models import build_model, restore
 from agents.replay import load_replay_buffer
@@ -27,6 +28,8 @@ from jansen_env.checks import instance, non_negative, whole_number
 
 if TYPE_CHECKING:
     from agents.data_parallel import Worker
+
+EVALUATIONS = 16  # of a run, if nothing else is said
 
 
 class ScaledReward(VecEnvWrapper):
@@ -51,7 +54,7 @@ def prepare(
 
     Args:
         config: a training configuration with ``algo``, ``env`` and ``seed``. Environment i takes
-            number i of its ``training_variants``, counted around, on top of the ``env_kwargs``.
+            number i of its ``training_variants``, counted around, on top of the arguments of all.
         resume: a model's file, of which it takes all that training has come to; the run's folder
             has its replay buffer, if the algorithm has one.
         worker: of which the model is, where several train together.
@@ -62,16 +65,10 @@ def prepare(
     seed = config["seed"]
     if worker is not None:
         config = worker.share(config)
-    venv = make_vec_env(
-        config["env"],
-        config["n_envs"],
-        config.get("env_kwargs", {}),
-        config.get("training_variants", ({},)),
-        threads=None if worker is None else worker.threads(config["n_envs"]),
-    )
-    venv = with_actions(
-        venv, config.get("action", "torque"), config["env"], config.get("env_kwargs", {})
-    )
+    kwargs, variants = training_envs(config)
+    threads = None if worker is None else worker.threads(config["n_envs"])
+    venv = make_vec_env(config["env"], config["n_envs"], kwargs, variants, threads=threads)
+    venv = with_actions(venv, config.get("action", "torque"), config["env"], kwargs)
     venv = ScaledReward(VecMonitor(venv), config.get("reward_scale", 1.0))
     model = build_model(config["algo"], config, venv, seed=seed)
     if resume is not None:
@@ -143,7 +140,7 @@ def train(
     config: dict[str, Any],
     folder: Path,
     *,
-    eval_every: int,
+    eval_every: int | None,
     save_every: int,
     tensorboard: str | None = None,
     resume: Path | None = None,
@@ -154,7 +151,8 @@ def train(
 
     Args:
         model, config, resume, worker: as of :func:`prepare`. folder: the run's.
-        eval_every, save_every: steps between evaluations and between checkpoints, 0 for none.
+        eval_every, save_every: steps between evaluations and between checkpoints, 0 for none;
+            ``eval_every`` is None for :data:`EVALUATIONS` in all.
         tensorboard: folder of its log, None for none. progress: whether to show a bar.
 
     Raises:
@@ -166,6 +164,8 @@ def train(
     leads = worker is None or worker.leads
     stop = StopOnSignal() if worker is None else worker.stop
     monitor_sizes, seconds = ({}, 0.0) if resume is None else _noted(resume)
+    if eval_every is None:
+        eval_every = max(1, config["timesteps"] // EVALUATIONS)
     saver = (Saver if leads else NoSaver)(
         folder, save_every, eval_every, config["env"], config.get("env_kwargs", {}),
         done=model.num_timesteps, seconds=seconds, stop=stop,
@@ -181,9 +181,13 @@ def train(
     model.tensorboard_log = tensorboard if leads else None
     updates: list[BaseCallback] = [NormalizerUpdate()] if worker is None else worker.updates()
     callbacks = [*updates, saver]
+    if "critic_first" in config:
+        callbacks.append(CriticFirst(config["critic_first"]))
     state = None if resume is None else _read_own_state(resume, worker)
     if state is not None:
         callbacks.insert(0, GeneratorsRestored(state))
+    if resume is None and "imitate" in config:
+        callbacks.append(Imitation(config, worker, saver.evaluate))
     if progress and leads:
         callbacks.append(ProgressBarCallback() if worker is None else worker.progress())
     try:

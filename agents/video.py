@@ -1,12 +1,13 @@
-"""Videos of a policy: an episode's frames, written as GIF or MP4."""
+"""Watching a policy: an episode step by step, and its frames as GIF or MP4."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-import imageio.v3 as iio
+import imageio.v2 as imageio
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
@@ -18,56 +19,102 @@ from jansen_env.files import write_whole
 FRAME_TIME = {".gif": 0.06, ".mp4": 0.02}  # s from one frame to the next
 GIF_WIDTH, GIF_COLOURS = 480, 64
 
+Picture = NDArray[np.uint8]
+
+
+class Progress(NamedTuple):
+    """Of an episode: the steps taken, the return so far, and whether it has ended early."""
+
+    steps: int
+    returned: float
+    failed: bool
+
+
+def play(policy: Policy, env: Any, command: float, seed: int) -> Iterator[Progress]:
+    """An episode at a commanded speed, its start and each step in turn.
+
+    Args:
+        policy: acts deterministically. env: of one robot. seed: of its start.
+    """
+    observation, _ = env.reset(seed=seed, options={"speed_command": command})
+    moment, state, truncated = Progress(0, 0.0, False), None, False
+    yield moment
+    while not (moment.failed or truncated):
+        starts = np.array([moment.steps == 0])
+        actions, state = policy.predict(observation[None], state, starts, True)
+        observation, reward, terminated, truncated, _ = env.step(actions[0])
+        moment = Progress(moment.steps + 1, moment.returned + reward, terminated)
+        yield moment
+
+
+def film(env: Any, moments: Iterable[Progress], every: int) -> Iterator[Picture]:
+    """A frame of one moment in ``every`` that come by; env: as they are played in."""
+    for moment in moments:
+        if moment.steps % every == 0:
+            yield env.render()
+
+
+def check_suffix(path: str | Path) -> str:
+    """The suffix of a video's file. Raises ValueError if no video has it."""
+    if (suffix := Path(path).suffix) not in FRAME_TIME:
+        raise ValueError(f"{path} ends in {suffix!r}, must end in one of {list(FRAME_TIME)}")
+    return suffix
+
+
+def steps_per_frame(path: str | Path, env: Any) -> int:
+    """How many control steps a file's kind of video has from one frame to the next."""
+    return max(1, round(FRAME_TIME[Path(path).suffix] / env.unwrapped.control_dt))
+
 
 def record_video(policy: Policy, env_id: str, env_kwargs: dict[str, Any], command: float, seed: int,
                  path: str | Path, seconds: float = 6.0) -> None:  # fmt: skip
     """A video of one episode at a commanded speed, to a .gif or .mp4 file."""
     env: Any = make_env(env_id, env_kwargs, render_mode="rgb_array")
-    dt = env.unwrapped.control_dt
-    every = max(1, round(FRAME_TIME[Path(path).suffix] / dt))
-    observation, _ = env.reset(seed=seed, options={"speed_command": command})
-    frames, state = [], None
-    for step in range(round(seconds / dt)):
-        if step % every == 0:
-            frames.append(env.render())
-        actions, state = policy.predict(observation[None], state, np.array([step == 0]), True)
-        observation, _, terminated, truncated, _ = env.step(actions[0])
-        if terminated or truncated:
-            break
+    dt, every = env.unwrapped.control_dt, steps_per_frame(path, env)
+    steps = zip(range(round(seconds / dt)), play(policy, env, command, seed), strict=False)
+    save_video(film(env, (moment for _, moment in steps), every), path, every * dt)
     env.close()
-    save_video(frames, path, every * dt)
 
 
-def save_video(frames: Sequence[NDArray[np.uint8]], path: str | Path, frame_time: float) -> None:
+def save_video(frames: Iterable[Picture], path: str | Path, frame_time: float) -> None:
     """Write frames atomically as an endlessly repeating .gif (delays in whole 10 ms), or as .mp4.
 
     Args:
-        frames: (height, width, 3) uint8, of one even size, at least one.
+        frames: (height, width, 3) uint8, of one even size, at least one; they are written as they
+            come, so that a long video takes little memory.
         path: file to write or replace. frame_time: s from one to the next.
 
     Raises:
         ValueError: no frames, or another suffix.
     """
-    suffix = Path(path).suffix
-    if suffix not in FRAME_TIME or len(frames) == 0:
-        raise ValueError(f"{path} with {len(frames)} frames, must be {list(FRAME_TIME)} with some")
-    if suffix == ".mp4":
-        write_whole(
-            path,
-            lambda name: iio.imwrite(
-                name, np.stack(frames), plugin="FFMPEG", fps=1.0 / frame_time, macro_block_size=2
-            ),
-        )
-        return
-    height, width = frames[0].shape[:2]
-    size = (GIF_WIDTH, round(height * GIF_WIDTH / width))
-    images = [Image.fromarray(frame).resize(size, Image.Resampling.LANCZOS) for frame in frames]
+    suffix = check_suffix(path)
+    first = next(frames := iter(frames), None)
+    if first is None:
+        raise ValueError(f"{path} with 0 frames, must be {list(FRAME_TIME)} with some")
+    write = _write_mp4 if suffix == ".mp4" else _write_gif
+    write_whole(path, lambda name: write(chain([first], frames), name, frame_time))
+
+
+def _write_mp4(frames: Iterable[Picture], name: str, frame_time: float) -> None:
+    options: dict[str, Any] = {"format": "FFMPEG", "fps": 1.0 / frame_time, "macro_block_size": 2}
+    writer: Any
+    with imageio.get_writer(name, **options) as writer:
+        for frame in frames:
+            writer.append_data(frame)
+
+
+def _write_gif(frames: Iterable[Picture], name: str, frame_time: float) -> None:
+    small: Iterator[Image.Image] = map(_shrunk, frames)
+    first = next(small)
     # One palette for all, or still parts would flicker; an octree keeps a toe's few red pixels.
-    palette = images[0].quantize(GIF_COLOURS, Image.Quantize.FASTOCTREE)
-    first, *others = (im.quantize(palette=palette, dither=Image.Dither.NONE) for im in images)
-    write_whole(
-        path,
-        lambda name: first.save(
-            name, save_all=True, append_images=others, duration=1e3 * frame_time, loop=0
-        ),
+    palette = first.quantize(GIF_COLOURS, Image.Quantize.FASTOCTREE)
+    first, *others = (
+        image.quantize(palette=palette, dither=Image.Dither.NONE) for image in chain([first], small)
     )
+    first.save(name, save_all=True, append_images=others, duration=1e3 * frame_time, loop=0)
+
+
+def _shrunk(frame: Picture) -> Image.Image:
+    height, width = frame.shape[:2]
+    size = (GIF_WIDTH, round(height * GIF_WIDTH / width))
+    return Image.fromarray(frame).resize(size, Image.Resampling.LANCZOS)

@@ -1,8 +1,8 @@
-"""Baselines of JansenWalker-v0: the paper's PID, and constant torque.
+"""Baselines of JansenWalker-v0: the paper's PID, constant torque, and a crank-speed profile.
 
-Both read nothing but the observation. The crank speed (or torque) for a commanded walking speed
+They read nothing but the observation. The crank speed (or torque) for a commanded walking speed
 comes from a map measured on the environment (``python -m agents.tune``, kept in ``agents/data``).
-The PID has the paper's gains.
+The PID has the paper's gains; the profile is in :mod:`agents.profile`.
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from agents.policy import PAPER_PID, Array, Bools, Policy, TorquePolicy, pid_policy
+from agents.profile import profile_policy
+from agents.walker_observation import COMMAND, COS_CRANK, CRANK_SPEED, SIN_CRANK
 from jansen_env.control import PID
 
-COS_CRANK, SIN_CRANK, CRANK_SPEED, COMMAND = 0, 1, 2, 9  # places in the observation
 DATA = Path(__file__).parent / "data" / "baselines.json"
 
 Setting: TypeAlias = Callable[[Array], Array]
@@ -81,5 +82,8 @@ def _load(name: str, env: Any) -> Policy:
     return POLICIES[name](measured_setting(name), env)
 
 
-BASELINES: dict[str, Callable[[Any], Policy]] = {name: partial(_load, name) for name in POLICIES}
+BASELINES: dict[str, Callable[[Any], Policy]] = {
+    **{name: partial(_load, name) for name in POLICIES},
+    "profile": profile_policy,
+}
 """Each is made for an unwrapped environment."""

@@ -27,11 +27,12 @@ from agents.models import load_policy
 from agents.policy import Array, Policy, TorquePolicy
 from agents.rollout import make_env, run_episodes
 from agents.tasks import WALKER
-from agents.walker_baselines import BASELINES, COMMAND, CRANK_SPEED, measured_setting, walking_pid
-from benchmarks.profiles import ENV, profile_policy
+from agents.walker_baselines import BASELINES, measured_setting, walking_pid
+from agents.walker_observation import COMMAND, CRANK_SPEED
 from jansen_env.control import PID
 from jansen_env.files import write_text
 
+ENV = "JansenWalker-v0"
 FIRST_SEED = 50_000  # of the episodes, apart from all others
 TABLE = ("speed_error", "slip_per_metre", "cost_of_transport", "falls", "rms_torque")
 WALKS = 0.5  # share of the commanded distance from which a controller counts as walking
@@ -98,7 +99,7 @@ def random_torque(env: Any) -> Policy:
 
 
 CONTROLLERS: dict[str, Callable[[Any], Policy]] = {
-    "profile": profile_policy,
+    "profile": BASELINES["profile"],
     "PID, the paper's": BASELINES["pid"],
     "PID, stiff": pid_with(PID(100.0, 10.0, 10.0)),
     "PID, soft": pid_with(PID(3.0, 0.3, 0.3)),

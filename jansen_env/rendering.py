@@ -119,7 +119,7 @@ class Renderer:
         self._weight = robot.mass * GRAVITY
         self._canvas: Any = None
         self._screen: Any = None
-        self._dismissed = False  # the user closed the window
+        self.dismissed = False  # the user closed the window
         self._labels: dict[tuple[str, int, Color], Any] = {}
 
     def draw(self, frame: Frame) -> Picture | None:
@@ -134,12 +134,12 @@ class Renderer:
         """
         pg, human = self._pg, self.mode == "human"
         # Anyone in the process may quit pygame, which takes the window along.
-        if human and not self._dismissed and not (self._screen and pg.display.get_init()):
+        if human and not self.dismissed and not (self._screen and pg.display.get_init()):
             self._open_window()
         if human and self._screen and any(event.type == pg.QUIT for event in pg.event.get()):
             self.close()
-            self._dismissed = True
-        if self._dismissed:
+            self.dismissed = True
+        if self.dismissed:
             return None
         if self._canvas is None:
             self._canvas = pg.Surface((WIDTH, HEIGHT), 0, 32)

@@ -7,14 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from agents import trials
 from benchmarks import (
     built_robot,
     convergence,
     measure,
+    pareto,
     plants,
     ppo,
     probe,
-    profiles,
+    profile_scores,
     ranking,
     speed,
     workers,
@@ -158,15 +160,37 @@ def test_ranking_runs(tmp_path, capsys):
     assert "rank correlation" in capsys.readouterr().out
 
 
-def test_profiles():
-    """A search improves on its start, and repeats; a mirrored robot gets the mirrored torque."""
-    start, found, again = (profiles.search(0.4, g) for g in (0, 2, 2))
-    assert np.array_equal(found, again) and not np.array_equal(start, found)
-    seen = np.zeros((1, 20))
-    seen[:, [0, 1, 2, 9]] = np.cos(0.7), np.sin(0.7), 2.0, 0.3
-    mirrored = seen.copy()
-    mirrored[:, [0, 2, 9]] *= -1.0
-    torque = profiles.profile_torque(found[None], seen)
-    assert profiles.profile_torque(found[None], mirrored) == pytest.approx(-torque)
-    seen[:, 9] = 0.0
-    assert profiles.profile_torque(found[None], seen) == 0.0
+def test_profile_scores_run(tmp_path, capsys):
+    """One command: both policies are scored, and a turn of the crank is drawn."""
+    profile_scores.main(["--quick", "--out", str(tmp_path)])
+    lines = (tmp_path / "scores.md").read_text().splitlines()
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if "0 of 2" in line]
+    assert [row[1] for row in rows] == ["pid", "profile"] and rows[0][0] == "0.3"
+    assert (tmp_path / "turn.png").stat().st_size > 10_000
+    with pytest.raises(SystemExit):
+        profile_scores.main(["--policy", str(tmp_path / "none"), "--out", str(tmp_path)])
+    assert "must be one of" in capsys.readouterr().err
+
+
+def test_fronts_are_searched_and_drawn(tmp_path):
+    """One command: a short search, its table, and the PID and the profile beside it."""
+    pareto.main(["--quick", "--out", str(tmp_path)])
+    assert "| 0.1" in (tmp_path / "pareto.md").read_text()
+    assert (tmp_path / "pareto.png").stat().st_size > 10_000
+
+
+def test_the_fronts_loss():
+    """Grows with slip and cost, and more with a fall or a missed speed than with either."""
+    one = np.ones((1, 2))
+
+    def loss(weight=0.5, fell=0.0, drift=0.0, slip=0.1, work=1.0):
+        out = trials.Outcome(
+            one, fell * one > 0.0, drift * one, one, slip * one, work * one, one, one
+        )
+        return pareto.loss(out, weight, (1, 2))[0]
+
+    assert loss() == pytest.approx(0.5 * np.log(0.1))
+    assert loss(slip=0.2) - loss() == pytest.approx(0.5 * np.log(2.0))
+    assert loss(work=2.0) - loss() == pytest.approx(np.log(2.0))
+    assert loss(drift=0.01) == loss() and loss(drift=-0.03) > loss() + 3.0
+    assert loss(fell=1.0) > loss() + 10.0

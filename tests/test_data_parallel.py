@@ -20,6 +20,7 @@ from stable_baselines3.common.logger import Logger
 import train
 from agents import data_parallel, launch, ray_workers, training
 from agents.callbacks import NormalizerUpdate, Saver
+from agents.config import CONFIGS
 from agents.model_files import read_model
 from agents.runs import read_evaluations
 
@@ -37,8 +38,9 @@ CONFIG = {
 }  # fmt: skip
 
 
-SHORT = ["-n", "512", "--n-envs", "4", "--eval-episodes", "1", "--no-progress",
-         "--save-freq", "256", "--eval-freq", "0", "--workers", "2"]  # fmt: skip
+FROM_SCRATCH = CONFIGS / "JansenWalker-v0" / "ppo_from_scratch.yml"
+SHORT = ["--config", str(FROM_SCRATCH), "-n", "512", "--n-envs", "4", "--eval-episodes", "1",
+         "--no-progress", "--save-freq", "256", "--eval-freq", "0", "--workers", "2"]  # fmt: skip
 
 
 def rollouts():
@@ -219,7 +221,10 @@ def test_a_killed_worker_ends_all_with_one_line(tmp_path, capfd):
     [
         (["--algo", "sac", "--workers", "2"], "algo is 'sac', must be 'ppo' with several workers"),
         (["--n-envs", "7", "--workers", "2"], "n_envs is 7, must be a multiple of the 2 workers"),
-        (["--workers", "3"], "hyperparameters.batch_size is 512, must be a multiple of the 3"),
+        (
+            ["--n-envs", "36", "--workers", "3"],
+            "hyperparameters.batch_size is 4096, must be a multiple of the 3",
+        ),
         (["--workers", "0"], "'0' is not allowed, must be a whole number from 1"),
     ],
 )

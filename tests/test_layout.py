@@ -17,7 +17,7 @@ ORDER = (
     ["engine"],
     ["plants"],
     ["envs"],
-    ["paper"],
+    ["paper", "pretrained"],
     ["agents"],
     ["benchmarks", "examples", "train"],
 )

@@ -11,15 +11,16 @@ from pathlib import Path
 import pytest
 from small_runs import go_on, outcome, same, small_run
 
-from agents import callbacks, models, training
+from agents import callbacks, imitation, models, training
 from agents.model_files import read_training_state
 from agents.training_state import read_state
 
 DRIVER = Path(__file__).parent / "kill_runs.py"
 CASES = {
     "ppo": small_run(),
-    "noise of a whole rollout": small_run(hyperparameters={"sde_sample_freq": -1}),
-    "plain noise": small_run(hyperparameters={"use_sde": False}),
+    "noise of a whole rollout": small_run(hyperparameters={"use_sde": True, "sde_sample_freq": -1}),
+    "lasting noise": small_run(hyperparameters={"use_sde": True, "sde_sample_freq": 8}),
+    "imitation": small_run(imitate="profile", critic_first=250),
     "delay, slope, commands": small_run(
         env_kwargs={"terrain": "slope:0.05", "delay": [0.0, 0.03], "command_interval": 0.12}
     ),
@@ -42,8 +43,10 @@ SLOW_CASES = {
 
 @pytest.fixture(autouse=True)
 def few_episodes(monkeypatch):
-    """One episode for each evaluation's command."""
+    """One episode for each evaluation's command, and little imitation."""
     monkeypatch.setattr(callbacks, "EPISODES", 1)
+    for name, value in (("ROBOTS", 4), ("STEPS", 20), ("ROUNDS", 2), ("EPOCHS", 1)):
+        monkeypatch.setattr(imitation, name, value)
 
 
 @pytest.mark.parametrize(
@@ -64,7 +67,7 @@ def test_a_killed_run_ends_as_if_it_had_not_been(case, tmp_path):
 
 def test_what_many_robots_saved_can_be_read(tmp_path):
     """A noise of their own for each, and more episodes than a file may have lists."""
-    many = {"sde_sample_freq": -1, "stats_window_size": 200_000}
+    many = {"use_sde": True, "sde_sample_freq": -1, "stats_window_size": 200_000}
     settings = small_run(n_envs=2000, hyperparameters=many)
     settings["policy_kwargs"]["net_arch"] = [64]
     model = training.prepare(settings)

@@ -30,7 +30,8 @@ STEPS = 128
 def small_config(env_id="JansenWalker-v0", algo="ppo", **more):
     """Rollouts of 32 steps of 4 environments, in episodes of 8 each."""
     settings = config.load_config(config.shipped_config(env_id, algo))
-    settings.pop("training_variants", None)
+    for name in ("training_kwargs", "training_variants", "imitate", "critic_first"):
+        settings.pop(name, None)
     settings.update(algo=algo, env=env_id, seed=0, timesteps=STEPS, n_envs=4)
     settings.update(env_kwargs={"max_episode_steps": 8}, **more)
     settings["hyperparameters"] |= {"batch_size": 16}
@@ -46,6 +47,7 @@ def returns(monkeypatch):
     """The returns that the next evaluations find, without an episode run; then 0."""
     left = []
     monkeypatch.setattr(callbacks, "run_episodes", lambda *given: None)
+    monkeypatch.setattr(callbacks.Saver, "_shortfall", lambda *given: 0.0)
     monkeypatch.setattr(
         callbacks, "point_estimates", lambda *given: {"return": left.pop(0) if left else 0.0}
     )
@@ -107,7 +109,7 @@ def test_resumed_run_keeps_a_better_model(tmp_path, returns):
     returns += [6.0]
     go(small_config(), tmp_path, runs.last_state(tmp_path))
     assert (tmp_path / runs.BEST).read_bytes() != best
-    assert runs.best_return(tmp_path) == 6.0
+    assert runs.best_rank(tmp_path) == (0.0, 6.0)
 
 
 def test_best_model_outlives_a_kill_before_its_row_is_written(tmp_path, returns, monkeypatch):
@@ -121,20 +123,20 @@ def test_best_model_outlives_a_kill_before_its_row_is_written(tmp_path, returns,
     with pytest.raises(KeyboardInterrupt):
         go(small_config(), tmp_path)
     assert not (tmp_path / "evaluations.json").exists()
-    assert callbacks.Saver(tmp_path, 0, 0, "JansenWalker-v0", {}).best == 5.0
+    assert callbacks.Saver(tmp_path, 0, 0, "JansenWalker-v0", {}).best == (0.0, 5.0)
 
 
-def test_best_return_of_an_earlier_version(tmp_path, returns):
+def test_best_model_of_an_earlier_version(tmp_path, returns):
     """Its file has no return: the highest evaluated counts."""
     model = training.prepare(small_config())
-    assert runs.best_return(tmp_path) == -np.inf
+    assert runs.best_rank(tmp_path) == (-np.inf, -np.inf)
     model.save(tmp_path / runs.BEST)
     rows = [{"steps": 64.0, "return": 3.0}, {"steps": 128.0, "return": 2.0}]
     (tmp_path / "evaluations.json").write_text(json.dumps(rows))
-    assert runs.best_return(tmp_path) == 3.0
+    assert runs.best_rank(tmp_path) == (-np.inf, 3.0)
     (tmp_path / "evaluations.json").write_text("[{}]")
     with pytest.raises(ValueError, match="must be a list of evaluations"):
-        runs.best_return(tmp_path)
+        runs.best_rank(tmp_path)
 
 
 def test_finished_run_stays_as_it_is(tmp_path, returns, monkeypatch, capsys):
@@ -322,8 +324,9 @@ def test_sigterm_saves_where_training_is(tmp_path, returns, monkeypatch, capsys)
 def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path):
     """In a process of its own: exit status 130, no traceback."""
     process = subprocess.Popen(
-        [sys.executable, "train.py", "--log-folder", str(tmp_path), "--n-envs", "2",
-         "--save-freq", "100", "--eval-freq", "0", "--tensorboard-log", "", "--no-progress"],
+        [sys.executable, "train.py", "--log-folder", str(tmp_path), "--n-envs", "2", "--config",
+         "agents/configs/JansenWalker-v0/ppo_from_scratch.yml", "--save-freq", "100",
+         "--eval-freq", "0", "--tensorboard-log", "", "--no-progress"],
         cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )  # fmt: skip

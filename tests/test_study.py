@@ -352,7 +352,7 @@ def test_a_space_is_filled_up_and_checked(tmp_path):
     config = {**make_study({}).groups["JansenWalker-v0_ppo"], "seed": 0}
     (tmp_path / "space.yml").write_text(SPACE)
     space = read_space(tmp_path / "space.yml", config)
-    assert (space["trials"], space["reduction_factor"], space["grace_steps"]) == (16, 4, 50_000)
+    assert (space["trials"], space["reduction_factor"], space["grace_steps"]) == (16, 4, 199_680)
     changed = with_values(config, {("hyperparameters", "gamma"): 0.5, ("", "n_envs"): 3})
     assert changed["hyperparameters"]["gamma"] == 0.5 and changed["n_envs"] == 3
     assert config["hyperparameters"]["gamma"] != 0.5  # the configuration itself stays

@@ -13,20 +13,23 @@ import torch
 import yaml
 
 import train
-from agents import config, models, runs, training
+from agents import callbacks, config, models, runs, training
 from agents.model_files import read_model
 from agents.normalizer import NormalizedObservation
 from agents.rollout import make_env, run_episodes
 
-SMALL = ["-n", "1024", "--n-envs", "4", "--eval-episodes", "1", "--no-progress",
-         "--save-freq", "256", "--eval-freq", "256"]  # fmt: skip
+FROM_SCRATCH = config.CONFIGS / "JansenWalker-v0" / "ppo_from_scratch.yml"
+SMALL = ["--config", str(FROM_SCRATCH), "-n", "1024", "--n-envs", "4", "--eval-episodes", "1",
+         "--no-progress", "--save-freq", "256", "--eval-freq", "256"]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """A short run's folder."""
     root = tmp_path_factory.mktemp("logs")
-    return train.main([*SMALL, "--log-folder", str(root), "--seed", "3"])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(callbacks, "EPISODES", 1)
+        return train.main([*SMALL, "--log-folder", str(root), "--seed", "3"])
 
 
 def test_run_folder_holds_all(run):
@@ -43,8 +46,9 @@ def test_run_folder_holds_all(run):
     assert "train.py" in (run / "command.txt").read_text()
 
 
-def test_resume_goes_on_from_the_last_state(run, capsys):
+def test_resume_goes_on_from_the_last_state(run, capsys, monkeypatch):
     """Parameters and optimiser are those saved, steps go on to the target."""
+    monkeypatch.setattr(callbacks, "EPISODES", 1)
     before, done = read_model(runs.last_state(run))
     train.main(["--resume", str(run), "-n", "2600", "--eval-episodes", "1", "--no-progress"])
     assert f"at {done} steps" in capsys.readouterr().out

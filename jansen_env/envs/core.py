@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -23,6 +23,15 @@ from jansen_env.robot import Robot
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
+
+
+class Observed(NamedTuple):
+    """A number of the observation: its name, as in ``info`` where it is there too; its unit, limits."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
 
 
 class Information:
@@ -110,6 +119,7 @@ class Task(ABC):
         ONE_ALONE: arguments with which, unless they have this value, there is but one robot.
         SETTABLE: what :meth:`set_parameters` changes.
         robots: what moves. observation_space, action_space: of one robot.
+        observed: what each number of the observation is.
         control_dt: s for which an action is held.
         observation: (n, d) the last ones. reward: (n,) of the last step. terminated: (n,) whether
             the episode is over. truncated: (n,) whether the simulation diverged.
@@ -127,6 +137,7 @@ class Task(ABC):
     SETTABLE: ClassVar[tuple[str, ...]]
     num_envs: int
     robots: list[Robot]
+    observed: tuple[Observed, ...]
     observation_space: spaces.Box
     action_space: spaces.Box
     control_dt: float
@@ -145,7 +156,7 @@ class Task(ABC):
     rows: NDArray[Any]
 
     def _allocate(
-        self, row: np.dtype[Any], observation_space: spaces.Box, delay: Any, time_step: float
+        self, row: np.dtype[Any], observed: Sequence[Observed], delay: Any, time_step: float
     ) -> None:
         """Make the arrays of a task with such rows; delay: s, of each robot, a number or a range."""
         n = self.num_envs
@@ -154,9 +165,11 @@ class Task(ABC):
         longest = math.ceil(self.delay_range.max() / self.control_dt)
         self.asked, self.delay = np.zeros((n, longest + 2)), np.zeros((n, 2), np.int64)
         self.earlier, self.switch = np.zeros(n), np.zeros(n, np.int64)
-        self.observation_space = observation_space
+        self.observed = tuple(observed)
+        low, high = np.array([(entry.low, entry.high) for entry in observed], np.float32).T
+        self.observation_space = spaces.Box(low, high, dtype=np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
-        self.observation = np.zeros((n, *observation_space.shape), np.float32)
+        self.observation = np.zeros((n, len(observed)), np.float32)
         self.rows = np.zeros(n, row)
         self.torque, self.reward = np.zeros((2, n))
         self.full_torque = np.array([robot.motor.torque_limit for robot in self.robots])

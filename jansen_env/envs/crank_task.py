@@ -11,14 +11,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 
 from jansen_env.checks import non_negative, whole_number, within
 from jansen_env.engine import crank_tracking as task
 from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.envs import arguments
-from jansen_env.envs.core import Bools, Information, Ints, Task
+from jansen_env.envs.core import Bools, Information, Ints, Observed, Task
 from jansen_env.motor import IDEAL, Motor
 from jansen_env.plants.fixed_base import FixedBaseBatch, FixedBasePlant, check_crank_state
 from jansen_env.rendering import Frame
@@ -30,6 +29,13 @@ SPEED_COMMAND = 1.0  # rad/s, the paper's
 FASTEST_COMMAND = 10.0  # rad/s
 TORQUE_LIMIT = 5.0  # N m, of an ideal motor
 START_ANGLE, LOST = task.START_ANGLE, task.LOST
+OBSERVED = (
+    Observed("cos_crank_angle", "1", -1.0, 1.0),
+    Observed("sin_crank_angle", "1", -1.0, 1.0),
+    Observed("crank_speed", "rad/s", -np.inf, np.inf),
+    Observed("tracking_error", "rad", -np.inf, np.inf),
+    Observed("speed_command", "rad/s", -FASTEST_COMMAND, FASTEST_COMMAND),
+)
 
 
 class CrankTask(Task):
@@ -99,8 +105,7 @@ class CrankTask(Task):
             FixedBaseBatch(self.robots[0], n, step) if self.plant is None else self.plant.batch
         )
         self._steps = round(self.control_dt / step)
-        high = np.array([1.0, 1.0, np.inf, np.inf, FASTEST_COMMAND], np.float32)
-        self._allocate(task.ROW, spaces.Box(-high, high, dtype=np.float32), delay, step)
+        self._allocate(task.ROW, OBSERVED, delay, step)
         self._joint_force = np.zeros(1)
         self.information = self._inform()
         prepare(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.envs import arguments
-from jansen_env.envs.core import Task
+from jansen_env.envs.core import Observed, Task
 from jansen_env.robot import Robot
 
 Observation = NDArray[np.float32]
@@ -61,6 +61,16 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
     def robot(self) -> Robot:
         """What moves."""
         return self.task.robots[0]
+
+    @property
+    def observed(self) -> tuple[Observed, ...]:
+        """What each number of the observation is."""
+        return self.task.observed
+
+    @property
+    def window_closed(self) -> bool:
+        """Whether the user has closed the window of ``render_mode="human"``."""
+        return self._renderer is not None and self._renderer.dismissed
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 
 from jansen_env.checks import finite, non_negative, positive, whole_number, within
@@ -19,7 +18,7 @@ from jansen_env.dynamics.pads import pad_layout
 from jansen_env.engine import task
 from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.envs import arguments
-from jansen_env.envs.core import Bools, Information, Ints, Task
+from jansen_env.envs.core import Bools, Information, Ints, Observed, Task
 from jansen_env.gravity import GRAVITY
 from jansen_env.kinematics import advance_per_turn
 from jansen_env.motor import Motor
@@ -146,7 +145,7 @@ class WalkerTask(Task):
             sag(robot_of_one, GRAVITY)  # or its feet are too soft
         self.plant, self.batch = self._plants(plant, step, threads)
         self._steps = round(self.control_dt / step)
-        self._allocate(task.ROW, _observation_space(self.batch.toes), delay, step)
+        self._allocate(task.ROW, _observed(self.batch.toes), delay, step)
         advance = advance_per_turn(self.robots[0])  # what robots may differ in does not change it
         self.rows["direction"] = math.copysign(1.0, advance)
         self.rows["mean_path"] = abs(advance) / STEPS_PER_TURN
@@ -483,20 +482,25 @@ class WalkerTask(Task):
         self.batch.close()
 
 
-def _observation_space(toes: int) -> spaces.Box:
-    """Of a robot with so many toes; its entries are listed in ``JansenWalkerEnv``."""
+def _observed(toes: int) -> list[Observed]:
+    """By a robot with so many toes, see ``JansenWalkerEnv``."""
     any_number, unit, positive_number = (-np.inf, np.inf), (-1.0, 1.0), (0.0, np.inf)
-    bounds = [
-        unit, unit, any_number,  # crank angle and speed
-        unit, unit, any_number,  # pitch and its rate
-        any_number, any_number,  # velocity
-        any_number,  # height
-        (-FASTEST_COMMAND, FASTEST_COMMAND),
-        *[positive_number] * toes,  # loads
-        unit,  # last action
-        (-task.FURTHEST_TARGET, task.FURTHEST_TARGET),  # lag
-        any_number,  # mean speed
-        *[positive_number] * 3,  # mean slip and power, RMS torque
-    ]  # fmt: skip
-    low, high = np.array(bounds, np.float32).T
-    return spaces.Box(low, high, dtype=np.float32)
+    return [
+        Observed("cos_crank_angle", "1", *unit),
+        Observed("sin_crank_angle", "1", *unit),
+        Observed("crank_speed", "rad/s", *any_number),
+        Observed("sin_pitch", "1", *unit),
+        Observed("cos_pitch", "1", *unit),
+        Observed("pitch_rate", "rad/s", *any_number),
+        Observed("crank_axis_x_velocity", "m/s", *any_number),
+        Observed("crank_axis_y_velocity", "m/s", *any_number),
+        Observed("crank_axis_height", "m", *any_number),
+        Observed("speed_command", "m/s", -FASTEST_COMMAND, FASTEST_COMMAND),
+        *(Observed(f"toe_load_{toe}", "1", *positive_number) for toe in range(toes)),
+        Observed("last_action", "1", *unit),
+        Observed("lag", "m", -task.FURTHEST_TARGET, task.FURTHEST_TARGET),
+        Observed("mean_speed", "m/s", *any_number),
+        Observed("mean_slip", "m/s", *positive_number),
+        Observed("mean_power", "W", *positive_number),
+        Observed("rms_torque", "N m", *positive_number),
+    ]

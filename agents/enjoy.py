@@ -1,0 +1,144 @@
+"""Watch a policy in a window, or where none opens as a film: ``python -m agents.enjoy``."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import sys
+from collections.abc import Iterator
+from contextlib import closing
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+from agents.command_line import mapping, non_negative_int, positive_int
+from agents.evaluate import label, load_named
+from agents.policy import Policy
+from agents.rollout import make_env
+from agents.tasks import TASKS, find_task
+from agents.video import Progress, check_suffix, film, play, save_video, steps_per_frame
+
+INVISIBLE = ("dummy", "offscreen")  # SDL's drivers of windows that nobody sees
+
+
+def display() -> bool:
+    """Whether a window can be seen, as far as the environment's variables tell."""
+    if os.environ.get("SDL_VIDEODRIVER") in INVISIBLE:
+        return False
+    return sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
+
+
+def episodes(policy: Policy, env: Any, args: argparse.Namespace) -> Iterator[Progress]:
+    """Episodes one after another, commands in turn; prints how each has ended."""
+    dt, unit = env.unwrapped.control_dt, find_task(args.env).command_unit
+    for i in range(args.episodes or len(args.command)):
+        command = args.command[i % len(args.command)]
+        for moment in play(policy, env, command, args.seed + i):
+            yield moment
+            if moment.steps == args.steps or env.unwrapped.window_closed:
+                break
+        how = "failed" if moment.failed else "ended"
+        print(f"command {command:g} {unit}: return {moment.returned:.1f}, {how} after "
+              f"{moment.steps * dt:.2f} s")  # fmt: skip
+        if env.unwrapped.window_closed:
+            return
+
+
+def show(policy: Policy, env: Any, args: argparse.Namespace) -> bool:
+    """Play in a window, unless there is no display for it: then False, before anything is played.
+
+    A window that its user closes ends the show.
+    """
+    moments = episodes(policy, env, args)
+    try:
+        first = next(moments)
+    except RuntimeError as error:
+        if "no window" not in str(error):
+            raise
+        print(error)
+        return False
+    print(f"{label(args.policy)} on {args.env} in a window; close it to end", flush=True)
+    for _ in chain([first], moments):
+        pass
+    return True
+
+
+def record(policy: Policy, env: Any, args: argparse.Namespace, path: Path) -> None:
+    """Film the episodes."""
+    every = steps_per_frame(path, env)
+    frames = film(env, episodes(policy, env, args), every)
+    save_video(frames, path, every * env.unwrapped.control_dt)
+    print(f"written: {path}")
+
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
+    """The command line."""
+    named = "; ".join(f"{env_id}: {', '.join(task.baselines)}" for env_id, task in TASKS.items())
+    parser = argparse.ArgumentParser(description=__doc__)
+    add = parser.add_argument
+    add("--policy", default="pretrained", metavar="NAME",
+        help=f"'pretrained' (default), a baseline ({named}), a run's folder, or a file of a model "
+        "or policy")  # fmt: skip
+    add("--env", default="JansenWalker-v0", choices=sorted(TASKS),
+        help="environment id; default: JansenWalker-v0")  # fmt: skip
+    add("--env-kwargs", default="{}", type=mapping, metavar="YAML",
+        help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
+    add("--command", type=float, nargs="+", metavar="V",
+        help="commanded speed of each episode in turn; default: from the middle of the task's "
+        "grid")  # fmt: skip
+    add("--episodes", type=positive_int, help="default: one for each command")
+    add("--steps", type=positive_int, help="of an episode, at most; default: the environment's own")
+    add("--seed", type=non_negative_int, default=0, help="another number, other starts")
+    add("--video", metavar="FILE", help="film to .gif or .mp4, in place of a window")
+    args = parser.parse_args(arguments)
+    if "speed_command" in args.env_kwargs:
+        parser.error("speed_command in --env-kwargs has no effect here, must be in --command")
+    grid = find_task(args.env).commands
+    args.command = args.command or [grid[(len(grid) - 1) // 2]]
+    args.error = parser.error
+    return args
+
+
+def prepare(args: argparse.Namespace) -> Policy:
+    """The policy, when all that was asked for is known to be good.
+
+    Raises:
+        ValueError: a policy, a command, an argument or the kind of video is not allowed.
+    """
+    if args.video is not None:
+        check_suffix(args.video)
+    with closing(make_env(args.env, args.env_kwargs)) as env:
+        policy = load_named(args.policy, env)
+        for command in args.command:
+            env.reset(options={"speed_command": command})
+    return policy
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Show a policy, or film it."""
+    args = parse(arguments)
+    try:
+        policy = prepare(args)
+    except ValueError as error:
+        args.error(str(error))
+    if args.video is None and display():
+        with closing(make_env(args.env, args.env_kwargs, render_mode="human")) as env:
+            if show(policy, env, args):
+                return
+    name = label(args.policy)
+    path = Path(args.video or f"{args.env}_{re.sub('[/ :]', '_', name)}.mp4")
+    why = "" if args.video else "no display to open a window on: "
+    print(f"{why}filming {name} on {args.env} to {path} ...", flush=True)
+    with closing(make_env(args.env, args.env_kwargs, render_mode="rgb_array")) as env:
+        try:
+            record(policy, env, args, path)
+        except OSError as error:
+            args.error(str(error))
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None

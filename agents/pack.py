@@ -1,0 +1,254 @@
+"""A trained policy as two small files that need neither torch nor this package's training:
+
+``python -m agents.pack logs/ppo/JansenWalker-v0_1`` writes ``ENV_ID/NAME.json`` and
+``NAME.safetensors``, which :mod:`jansen_env.pretrained` reads, with the scores of the policy as it
+will be read.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors.numpy import save
+from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor
+from torch import nn
+
+import jansen_env
+from agents.command_line import non_negative_int, positive_int
+from agents.config import TO_RESUME, find_config, load_config
+from agents.evaluate import evaluate, model_file
+from agents.model_files import read_model
+from agents.models import load_policy
+from agents.normalizer import CLIP, MIN_DEVIATION, NormalizedObservation
+from agents.rollout import make_env
+from jansen_env import pretrained
+from jansen_env.files import write_bytes, write_json
+from jansen_env.pretrained import PretrainedPolicy
+
+ACTIVATIONS = {nn.Tanh: "tanh", nn.ReLU: "relu", nn.ELU: "elu"}
+LIBRARIES = ("gymnasium", "numba", "numpy", "stable-baselines3", "torch")
+COPY = "critic_target."  # SAC's, of the critic: it need not be kept
+TOLERANCE = 1e-6  # of an action, between the network in torch and in NumPy
+
+
+def describe_network(policy: Any) -> dict[str, Any]:
+    """How a Stable-Baselines3 policy comes from an observation to its action without noise.
+
+    Raises:
+        ValueError: it has a part that :mod:`jansen_env.pretrained` does not know.
+    """
+    if not issubclass(kind := type(policy), BasePolicy):  # something around one
+        raise ValueError(f"the policy is a {kind.__name__}, which cannot be packed")
+    if hasattr(policy, "actor"):  # SAC and its kin
+        actor, path = policy.actor, "actor."
+        extractor, parts = (
+            "actor.features_extractor",
+            {"latent_pi": actor.latent_pi, "mu": actor.mu},
+        )
+    else:
+        path, extractor = "", "pi_features_extractor"
+        hidden = policy.mlp_extractor.policy_net
+        parts = {"mlp_extractor.policy_net": hidden, "action_net": policy.action_net}
+    layers: list[dict[str, Any]] = []
+    limit = None
+    for part, network in parts.items():
+        for name, module in network.named_modules(prefix=path + part):
+            if isinstance(module, nn.Linear):
+                layers.append({
+                    "units": module.out_features, "activation": None,
+                    "weight": f"{name}.weight", "bias": f"{name}.bias",
+                })  # fmt: skip
+            elif type(module) in ACTIVATIONS and layers and layers[-1]["activation"] is None:
+                layers[-1]["activation"] = ACTIVATIONS[type(module)]
+            elif isinstance(module, nn.Hardtanh) and module.min_val == -module.max_val:
+                limit = module.max_val  # of the mean of SAC's gSDE
+            elif not isinstance(module, nn.Sequential):
+                raise ValueError(f"{name} is a {type(module).__name__}, which cannot be packed")
+    return {
+        "features": _features(policy.get_submodule(extractor), extractor),
+        "layers": layers,
+        "limit": limit,
+        "squash": "tanh" if policy.squash_output else "clip",
+    }
+
+
+def _features(extractor: nn.Module, path: str) -> list[dict[str, Any]]:
+    """What a features extractor makes of an observation, block by block."""
+    if isinstance(extractor, FlattenExtractor):
+        return [{"kind": "observation"}]
+    if not isinstance(extractor, NormalizedObservation):
+        raise ValueError(f"{path} is a {type(extractor).__name__}, which cannot be packed")
+    blocks: list[dict[str, Any]] = [{
+        "kind": "normalized", "mean": f"{path}.mean", "variance": f"{path}.variance",
+        "floor": MIN_DEVIATION, "clip": CLIP,
+    }]  # fmt: skip
+    if count := getattr(extractor, "harmonics", 0):
+        blocks.append({"kind": "harmonics", "multiples": [2 * k for k in range(1, count + 1)]})
+    return blocks
+
+
+def describe(policy: Any, config: dict[str, Any], training: dict[str, Any]) -> dict[str, Any]:
+    """The JSON file's content but for checksum and scores.
+
+    Args:
+        policy: of Stable-Baselines3. config: of its run. training: what else to say of that.
+    """
+    env: Any = make_env(config["env"], config.get("env_kwargs", {}))
+    plain = env.unwrapped
+    env.close()
+    return {
+        "format": pretrained.FORMAT,
+        "env": {"id": config["env"], "kwargs": config.get("env_kwargs", {})},
+        "observation": [{"name": row.name, "unit": row.unit} for row in plain.observed],
+        "action": {
+            "name": "crank_torque",
+            "unit": "torque_limit",  # a share of it
+            "torque_limit": plain.torque_limit,  # N m
+            "control_dt": plain.control_dt,  # s
+        },
+        "network": describe_network(policy),
+        "training": {**training, "config": config},
+        "versions": {
+            "jansen_env": jansen_env.__version__,
+            "python": platform.python_version(),
+            **{name: version(name) for name in LIBRARIES},
+        },
+    }
+
+
+def pack(
+    run: str | Path, name: str | None = None, out: str | Path = "policies", episodes: int = 10,
+    seed: int = 0,
+) -> Path:  # fmt: skip
+    """Write a run's best model, or a model's file, as ``out``/ENV_ID/NAME.json and .safetensors.
+
+    Args:
+        run: folder or file. name: of the policy; None for that of its algorithm.
+        episodes, seed: of the scores, as of :func:`agents.evaluate.evaluate`.
+
+    Returns:
+        Where the JSON file is.
+
+    Raises:
+        ValueError: there is no such model, or it has a part that cannot be packed.
+    """
+    model = model_file(str(run)) or Path(run)
+    policy: Any = load_policy(model)
+    source = find_config(model)
+    config = load_config(source, required=TO_RESUME)
+    commands = source.parent / "command.txt"
+    training = {
+        "command": commands.read_text(encoding="utf-8").splitlines() if commands.is_file() else [],
+        "steps": read_model(model, ())[1],
+    }
+    tensors = {
+        key: np.ascontiguousarray(tensor.numpy())
+        for key, tensor in policy.state_dict().items()
+        if not key.startswith(COPY)
+    }
+    description = describe(policy, config, training)
+    packed = PretrainedPolicy(description, tensors)
+    check_equal(packed, load_policy(model))
+    env_id, name = config["env"], name or config["algo"]
+    description["scores"] = scores_of(packed, episodes, seed)
+    weights = save(tensors)
+    description["sha256"] = pretrained.checksum(weights)
+    path = Path(out) / env_id / f"{name}.json"
+    write_bytes(path.with_suffix(".safetensors"), weights)
+    return write_json(path, description)
+
+
+def rescore(path: str | Path, episodes: int = 10, seed: int = 0) -> Path:
+    """Make the scores in a policy's JSON file again, as where the task's metrics have changed.
+
+    Raises:
+        ValueError: it is no policy's.
+    """
+    policy = pretrained.load_file(path)
+    return write_json(path, {**policy.description, "scores": scores_of(policy, episodes, seed)})
+
+
+def check_equal(packed: PretrainedPolicy, policy: Any, count: int = 10_000) -> float:
+    """The largest difference between two policies' actions on random observations.
+
+    Torch computes in float32, with an error of its own that depends on how many observations it is
+    given at once; so it is compared in float64, to which ``policy`` is turned.
+
+    Raises:
+        ValueError: it is more than :data:`TOLERANCE`.
+    """
+    rng = np.random.default_rng(0)
+    mean, deviation = packed.scale
+    seen = mean + 2.0 * deviation * rng.normal(size=(count, len(packed.observed)))
+    angle = rng.uniform(-np.pi, np.pi, count)
+    seen[:, 0], seen[:, 1] = np.cos(angle), np.sin(angle)  # as of every environment
+    seen = seen.astype(np.float32)
+    for module in policy.double().modules():
+        if isinstance(module, BaseFeaturesExtractor):  # observations come to it as float32
+            module.register_forward_pre_hook(lambda _, inputs: (inputs[0].double(),))
+    expected = policy.predict(seen, deterministic=True)[0]
+    difference = float(np.abs(packed.predict(seen)[0] - expected).max())
+    if difference > TOLERANCE:
+        raise ValueError(f"actions differ by {difference:.2g}, must be {TOLERANCE} at most")
+    return difference
+
+
+def scores_of(policy: PretrainedPolicy, episodes: int, seed: int = 0) -> dict[str, Any]:
+    """What :func:`agents.evaluate.evaluate` gives, and how to have it again."""
+    scores = evaluate(
+        {"pretrained": policy}, policy.env_id, policy.env_kwargs, episodes=episodes, seed=seed
+    )["pretrained"]
+    return {
+        "episodes_per_command": episodes,
+        "seed": seed,
+        "overall": scores["overall"],
+        "by_command": scores["by_command"],
+    }
+
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    add = parser.add_argument
+    add("run", help="a run's folder, a model's zip file with config.yml beside it, or the json "
+        "file of a policy whose scores are to be made again")  # fmt: skip
+    add("--name", help="of the policy; default: that of its algorithm")
+    add(
+        "--out", default="policies", metavar="DIR", help="files go to DIR/ENV_ID; default: policies"
+    )
+    add("--episodes", type=positive_int, default=10, help="per command, of the scores; default: 10")
+    add("--seed", type=non_negative_int, default=0, help="of the scores; default: 0")
+    args = parser.parse_args(arguments)
+    args.error = parser.error
+    return args
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Pack a policy and say where it is and what it scores."""
+    args = parse(arguments)
+    try:
+        if Path(args.run).suffix == ".json":
+            path = rescore(args.run, args.episodes, args.seed)
+        else:
+            path = pack(args.run, args.name, args.out, args.episodes, args.seed)
+    except (OSError, ValueError) as error:
+        args.error(str(error))
+    scores = json.loads(path.read_text(encoding="utf-8"))["scores"]["overall"]
+    sizes = " and ".join(
+        f"{file} ({file.stat().st_size / 1000:.0f} kB)"
+        for file in (path, path.with_suffix(".safetensors"))
+    )
+    print(f"written: {sizes}\n"
+          + ", ".join(f"{name} {value[0]:.4g}" for name, value in scores.items()
+                      if value[0] is not None))  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

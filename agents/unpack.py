@@ -1,0 +1,60 @@
+"""Policy files as Stable-Baselines3's models, to train on or to use where these are wanted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+from agents.config import TO_RESUME, check_config
+from agents.pack import COPY
+from agents.training import prepare
+from jansen_env import pretrained
+from jansen_env.pretrained import PretrainedPolicy
+
+
+def load_sb3(env_id: str, name: str = pretrained.DEFAULT) -> BaseAlgorithm:
+    """A policy that comes with the package as a model, see :func:`to_sb3`.
+
+    Raises:
+        ValueError: there is none of this name for the environment.
+    """
+    return to_sb3(pretrained.load(env_id, name))
+
+
+def load_sb3_file(path: str | Path) -> BaseAlgorithm:
+    """A policy's JSON file and the file beside it as a model, see :func:`to_sb3`.
+
+    Raises:
+        ValueError: as of :func:`jansen_env.pretrained.load_file` and :func:`to_sb3`.
+    """
+    try:
+        return to_sb3(pretrained.load_file(path))
+    except ValueError as error:
+        raise error if str(path) in str(error) else ValueError(f"{path}: {error}") from error
+
+
+def to_sb3(packed: PretrainedPolicy) -> BaseAlgorithm:
+    """A policy as the model that it was trained as, on the environments of its training.
+
+    Networks are the trained ones, the critic's too; the optimiser starts anew.
+
+    Raises:
+        ValueError: its configuration is not allowed (see :func:`agents.config.check_config`), or
+            describes other networks.
+    """
+    training = packed.description.get("training")
+    config: Any = training.get("config") if isinstance(training, dict) else None
+    check_config(config, required=TO_RESUME)
+    model = prepare(config)
+    state = {name: torch.from_numpy(array.copy()) for name, array in packed.tensors.items()}
+    for name in model.policy.state_dict():
+        if name.startswith(COPY):
+            state[name] = state.get(name.replace(COPY, "critic.", 1), torch.empty(0))
+    try:
+        model.policy.load_state_dict(state)
+    except RuntimeError as error:
+        raise ValueError(f"the weights do not fit: {' '.join(str(error).split())}") from error
+    return model

@@ -1,0 +1,197 @@
+"""The crank-speed profile beside the paper's PID: scores at each command, and a turn of the crank.
+
+    python -m benchmarks.profile_scores [--episodes 200] [--policy RUN] [--quick]
+
+Scores on starts of their own, drift and error without the first two seconds. The figure shows over
+the crank's angle how fast it turns, which toes bear a load, and where they slip. Writes
+``scores.md`` and ``turn.png``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from agents.evaluate import label, load_named
+from agents.policy import Array, Policy
+from agents.rollout import make_env
+from agents.trials import ENV, Outcome, Trials
+from benchmarks import measure
+
+COMMANDS = (0.05, 0.06, 0.075, 0.1, 0.125, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7,
+            0.8)  # fmt: skip
+EPISODES = 200  # per command
+FIRST_SEED = 70_000  # apart from all others
+FRICTION = 0.8
+HEAD = (
+    "m/s", "policy", "return", "falls", "mean speed - command (m/s)", "speed error (m/s)",
+    "slip (m/m)", "cost of transport", "RMS torque (N m)", "change of torque (N m)",
+)  # fmt: skip
+SHOWN = (0.05, 0.1, 0.3)  # m/s, in the figure
+WALKS, STEPS, SETTLE = 48, 500, 100  # of the figure
+BINS = 90  # of a turn
+LOADED = 0.02  # of the weight, from which a toe is drawn as standing
+
+
+def load(names: list[str]) -> dict[str, Policy]:
+    """Policies by label; see :func:`agents.evaluate.load_named`."""
+    env = make_env(ENV, {})
+    policies = {label(name): load_named(name, env) for name in names}
+    env.close()
+    return policies
+
+
+def episodes(policy: Policy, commands: Array, friction: float = FRICTION) -> Outcome:
+    """An episode for each command (n,), m/s, on starts that no search has seen."""
+    trials = Trials(np.full(len(commands), friction))
+    out = trials.run(policy, commands, FIRST_SEED + np.arange(len(commands)))
+    trials.close()
+    return out
+
+
+def numbers(out: Outcome) -> dict[str, float]:
+    """Of episodes at one command: the table's columns after the policy."""
+    distance = max(float(out.distance.sum()), 1e-9)
+    return {
+        "return": float(out.returns.mean()),
+        "falls": int(out.fell.sum()),
+        "drift": float(out.drift.mean()),
+        "error": float(np.abs(out.drift).mean()),
+        "slip": float(out.slip.sum()) / distance,
+        "transport": float(out.work.sum()) / distance,
+        "torque": float(np.sqrt(out.square).mean()),
+        "change": float(out.change.mean()),
+    }
+
+
+def score(
+    policies: dict[str, Policy], commands: tuple[float, ...], count: int
+) -> dict[tuple[float, str], dict[str, float]]:
+    """:func:`numbers` by command and policy, of ``count`` episodes each."""
+    each, scores = np.repeat(commands, count), {}
+    for name, policy in policies.items():
+        out = episodes(policy, each)
+        for command in commands:
+            own = Outcome._make(values[each == command] for values in out)
+            scores[command, name] = numbers(own)
+    return scores
+
+
+def score_table(scores: dict[tuple[float, str], dict[str, float]], count: int) -> str:
+    """As Markdown, by command."""
+    digits = {"return": ".0f", "drift": "+.3f", "error": ".3f", "slip": ".3f", "transport": ".2f",
+              "torque": ".1f", "change": ".2f"}  # fmt: skip
+    rows = []
+    for command, name in sorted(scores, key=lambda key: key[0]):
+        own = scores[command, name]
+        cells = (
+            f"{value:{digits[key]}}" if key in digits else f"{value} of {count}"
+            for key, value in own.items()
+        )
+        rows.append((f"{command:g}", name, *cells))
+    return measure.table(HEAD, rows)
+
+
+class Turn(NamedTuple):
+    """Over the crank's angle, in bins (b,).
+
+    Attributes:
+        speed: (3, b) rad/s, quantiles 0.1, 0.5 and 0.9. load: (toes, b) share of the time that a
+            toe stands. slip: (b,) m per metre and turn of all toes: its mean is the slip per metre.
+    """
+
+    speed: Array
+    load: Array
+    slip: Array
+
+
+def turn(policy: Policy, command: float, walks: int = WALKS) -> Turn:
+    """What happens at each crank angle, on that many starts."""
+    envs: Any = gym.make_vec(
+        ENV, num_envs=walks, autoreset_mode=AutoresetMode.DISABLED, terminate_when_fallen=False,
+        info_keys=("crank_angle", "crank_speed", "contact_force", "slip", "x_position"),
+    )  # fmt: skip
+    observation, _ = envs.reset(seed=FIRST_SEED, options={"speed_command": command})
+    weight, rows, state, starts = envs.get_attr("weight")[0], [], None, np.ones(walks, bool)
+    for _ in range(STEPS):
+        actions, state = policy.predict(observation, state, starts, True)
+        starts = np.zeros(walks, bool)
+        observation, _, _, _, info = envs.step(actions)
+        rows.append([
+            info["crank_angle"], info["crank_speed"], info["x_position"],
+            *info["slip"].T, *(info["contact_force"][:, :, 1].T / weight),
+        ])  # fmt: skip
+    envs.close()
+    angle, speed, position, *toes = np.array(rows[SETTLE:]).transpose(1, 0, 2)
+    slip, load = np.split(np.array(toes), 2)
+    bins = (angle % (2.0 * np.pi) / (2.0 * np.pi) * BINS).astype(int) % BINS
+    walked = (position[-1] - position[0]).sum()
+    speeds, loads, slips = np.full((3, BINS), np.nan), np.zeros((len(load), BINS)), np.zeros(BINS)
+    for i in range(BINS):
+        here = bins == i
+        if here.any():
+            speeds[:, i] = np.quantile(speed[here], [0.1, 0.5, 0.9])
+            loads[:, i] = (load[:, here] > LOADED).mean(axis=1)
+            slips[i] = slip[:, here].sum() / walked * BINS
+    return Turn(speeds, loads, slips)
+
+
+def draw(policies: dict[str, Policy], commands: tuple[float, ...], walks: int, path: Path) -> None:
+    """Crank speed, standing toes and slip over a turn, a column per command."""
+    figure, axes = measure.subplots(
+        2 + len(policies), len(commands), 12.0, 8.0, sharex=True, sharey="row",
+        height_ratios=(2.0, *[0.9] * len(policies), 1.6),
+    )  # fmt: skip
+    degrees = (np.arange(BINS) + 0.5) * 360.0 / BINS
+    for j, command in enumerate(commands):
+        axes[0, j].set_title(f"{command:g} m/s")
+        for i, (name, policy) in enumerate(policies.items()):
+            found, colour = turn(policy, command, walks), f"C{i}"
+            axes[0, j].plot(degrees, found.speed[1], color=colour, label=name)
+            axes[0, j].fill_between(degrees, *found.speed[[0, 2]], color=colour, alpha=0.2)
+            axes[1 + i, j].imshow(
+                found.load, aspect="auto", extent=(0.0, 360.0, 3.5, -0.5), cmap="Greys",
+                vmin=0.0, vmax=1.0, interpolation="nearest",
+            )  # fmt: skip
+            axes[1 + i, j].set_yticks(range(4), ("rf", "lf", "rb", "lb"))
+            axes[1 + i, 0].set_ylabel(f"toes down,\n{name}")
+            axes[-1, j].plot(degrees, np.maximum(found.slip, 1e-4), color=colour)
+        axes[-1, j].set(yscale="log", xlabel="crank angle (degrees)")
+        axes[-1, j].set_xticks(range(0, 361, 90))
+    axes[0, 0].set_ylabel("crank speed (rad/s)")
+    axes[-1, 0].set_ylabel("slip (m/m)")
+    measure.legend_above(figure, axes[0, 0], len(policies))
+    measure.save(figure, path)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Command line."""
+    parser = measure.options(__doc__, "docs/profile", episodes=EPISODES)
+    parser.add_argument("--policy", action="append", default=[], metavar="NAME",
+                        help="also a run's folder or model")  # fmt: skip
+    found = measure.chosen(parser, arguments)
+    commands, count = (COMMANDS, found.episodes) if not found.quick else (SHOWN[-1:], 2)
+    try:
+        policies = load(["pid", "profile", *found.policy])
+    except ValueError as error:
+        parser.error(str(error))
+    table = score_table(score(policies, commands, count), count)
+    command = f"python -m benchmarks.profile_scores --episodes {count}"
+    measure.report(
+        found.out / "scores.md",
+        "# The profile beside the PID",
+        f"`{command}`: {count} episodes of 10 s at each command, friction {FRICTION:g}. "
+        "Mean speed and speed error (mean of its size over the episodes) are of the time after the "
+        "first two seconds; the change of torque is that from one control step to the next.",
+        table,
+    )
+    shown, walks = (commands, count) if found.quick else (SHOWN, WALKS)
+    draw(policies, shown, walks, found.out / "turn.png")
+
+
+if __name__ == "__main__":
+    main()

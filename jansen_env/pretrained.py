@@ -1,0 +1,273 @@
+"""Trained policies that come with the package: read and run with NumPy, nothing else.
+
+A policy is two files: ``ENV_ID/NAME.json`` says what it observes, how its network is built, how it
+was trained and what it scores, and ``NAME.safetensors`` has the network's weights. No code is in
+them, and what does not fit together is refused. ``docs/policies.md`` describes the format;
+``python -m agents.pack`` writes it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors.numpy import load as read_tensors
+
+from jansen_env.checks import instance, positive, shown, whole_number
+
+FORMAT = "jansen_env policy 1"
+POLICIES = Path(__file__).parent / "policies"
+DEFAULT = "ppo"  # of the names of an environment's policies
+MAX_BYTES = 2**20  # of a file; those of the package have less than 100 kB
+
+CRANK_ANGLE = ("cos_crank_angle", "sin_crank_angle")
+
+Array = NDArray[np.float64]
+Tensors = dict[str, NDArray[Any]]
+
+ACTIVATIONS: dict[str | None, Callable[[Array], Array]] = {
+    "tanh": np.tanh,
+    "relu": lambda x: np.maximum(x, 0.0),
+    "elu": lambda x: np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0))),
+    None: lambda x: x,
+}
+SQUASH: dict[str, Callable[[Array], Array]] = {"clip": lambda x: x, "tanh": np.tanh}
+
+
+class PretrainedPolicy:
+    """A trained policy; its actions are those of the network it was trained as, without noise.
+
+    Args:
+        description: what the JSON file holds. tensors: what the other one holds.
+
+    Attributes:
+        description, tensors: as given. env_id: what it was trained on; env_kwargs: with which
+            arguments. observed: names of what it observes, in order. torque_limit: N m, of action
+            1. control_dt: s for which an action is held. scale: mean and standard deviation of
+            each number observed in training, 0 and 1 where they are not kept.
+
+    Raises:
+        ValueError: something in the description is missing or not allowed, or does not fit the
+            tensors.
+    """
+
+    def __init__(self, description: dict[str, Any], tensors: Tensors) -> None:
+        instance("the whole", description, dict)
+        if (found := description.get("format")) != FORMAT:
+            raise ValueError(f"format is {shown(found)}, must be {FORMAT!r}")
+        self.description, self.tensors = description, tensors
+        for name, tensor in tensors.items():
+            if tensor.dtype != np.float32 or not np.isfinite(tensor).all():
+                raise ValueError(f"tensor {name!r} must be of finite float32 numbers")
+        env, action, network = (_entry(description, k, dict) for k in ("env", "action", "network"))
+        self.env_id: str = _entry(env, "id", str)
+        self.env_kwargs: dict[str, Any] = _entry(env, "kwargs", dict)
+        self.torque_limit = positive("torque_limit", action.get("torque_limit"))
+        self.control_dt = positive("control_dt", action.get("control_dt"))
+        rows = _entry(description, "observation", list)
+        self.observed = tuple(_entry(row, "name", str) for row in rows)
+        self.scale: tuple[Any, Any] = (0.0, 1.0)
+        self._features, width = self._read_features(_entry(network, "features", list))
+        self._layers = self._read_layers(_entry(network, "layers", list), width)
+        self._limit = np.inf if (m := network.get("limit")) is None else positive("limit", m)
+        self._squash = _choice(SQUASH, "squash", network.get("squash"))
+
+    def _read_features(self, blocks: list[Any]) -> tuple[list[Callable[[Array], Array]], int]:
+        """What the network sees: functions of observations (n, d), and how many numbers in all."""
+        functions: list[Callable[[Array], Array]] = []
+        size, width = len(self.observed), 0
+        for block in blocks:
+            instance("a block of features", block, dict)
+            if block.get("kind") == "observation":
+                functions.append(lambda seen: seen)
+                width += size
+            elif block.get("kind") == "normalized":
+                mean, variance = (self._tensor(block, k, (size,)) for k in ("mean", "variance"))
+                if variance.min() < 0.0:
+                    raise ValueError(f"a variance is {variance.min()}, must be 0 or above")
+                floor, clip = (positive(k, block.get(k)) for k in ("floor", "clip"))
+                self.scale = mean, np.maximum(np.sqrt(variance), floor)
+                functions.append(_normalized(*self.scale, clip))
+                width += size
+            elif block.get("kind") == "harmonics":
+                multiples = np.array(
+                    [whole_number("a multiple", m, 1000) for m in _entry(block, "multiples", list)]
+                )
+                if self.observed[:2] != CRANK_ANGLE:
+                    raise ValueError(f"harmonics take the first observations {list(CRANK_ANGLE)}")
+                functions.append(_harmonics(multiples))
+                width += 2 * len(multiples)
+            else:
+                raise ValueError(
+                    f"kind of features is {shown(block.get('kind'))}, must be 'observation', "
+                    "'normalized' or 'harmonics'"
+                )
+        return functions, width
+
+    def _read_layers(
+        self, layers: list[Any], width: int
+    ) -> list[tuple[Array, Array, Callable[[Array], Array]]]:
+        """Of each layer weight (inputs, units), bias (units,) and activation; ``width``: inputs of
+        the first one."""
+        found = []
+        for layer in layers:
+            instance("a layer", layer, dict)
+            units = whole_number("units", layer.get("units"))
+            found.append((
+                self._tensor(layer, "weight", (units, width)).T,
+                self._tensor(layer, "bias", (units,)),
+                _choice(ACTIVATIONS, "activation", layer.get("activation")),
+            ))  # fmt: skip
+            width = units
+        if width != 1 or not layers:
+            raise ValueError(f"the last layer has {width} units, must have 1: the action")
+        return found
+
+    def _tensor(self, part: dict[str, Any], key: str, shape: tuple[int, ...]) -> Array:
+        """The tensor that ``part`` names, of this shape."""
+        name = _entry(part, key, str)
+        if name not in self.tensors:
+            raise ValueError(f"there is no tensor {shown(name)}")
+        if (found := self.tensors[name].shape) != shape:
+            raise ValueError(f"tensor {name!r} has shape {found}, must have {shape}")
+        return self.tensors[name].astype(np.float64)
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.float32], Any]:
+        """Actions (n, 1) or (1,) for observations (n, d) or (d,), and ``state`` as it is given.
+
+        Computed in float64, and so the same on most processors once rounded to float32; always
+        without noise.
+
+        Raises:
+            ValueError: observations of another size.
+        """
+        x = np.asarray(observation, dtype=np.float64)
+        if x.ndim not in (1, 2) or x.shape[-1] != len(self.observed):
+            size = len(self.observed)
+            raise ValueError(f"observation has shape {x.shape}, must have ({size},) or (n, {size})")
+        batch = x.reshape(-1, len(self.observed))
+        values = np.concatenate([block(batch) for block in self._features], axis=1)
+        for weight, bias, activation in self._layers:
+            values = activation(values @ weight + bias)
+        values = self._squash(np.clip(values, -self._limit, self._limit))
+        actions = np.clip(values, -1.0, 1.0).astype(np.float32)
+        return (actions if x.ndim == 2 else actions[0]), state
+
+
+def _normalized(mean: Array, deviation: Array, clip: float) -> Callable[[Array], Array]:
+    return lambda seen: np.clip((seen - mean) / deviation, -clip, clip)
+
+
+def _harmonics(multiples: NDArray[np.int64]) -> Callable[[Array], Array]:
+    """cos k psi, sin k psi of each k, psi the crank angle, whose cos and sin come first."""
+
+    def function(seen: Array) -> Array:
+        powers = (seen[:, :1] + 1j * seen[:, 1:2]) ** multiples  # de Moivre's formula
+        return np.stack([powers.real, powers.imag], axis=-1).reshape(len(seen), -1)
+
+    return function
+
+
+def names(env_id: str) -> list[str]:
+    """The policies that come with the package for an environment."""
+    known = {folder.name for folder in POLICIES.iterdir()}  # or an id could lead anywhere
+    if not isinstance(env_id, str) or env_id not in known:
+        return []
+    return sorted(path.stem for path in (POLICIES / env_id).glob("*.json"))
+
+
+def shipped(env_id: str, name: str = DEFAULT) -> Path:
+    """Where the JSON file of a policy of the package is.
+
+    Raises:
+        ValueError: there is none of this name for the environment.
+    """
+    if name not in names(env_id):
+        raise ValueError(
+            f"policy is {shown(name)}, must be one of {names(env_id)}, which the package has for "
+            f"{shown(env_id)}"
+        )
+    return POLICIES / env_id / f"{name}.json"
+
+
+def load(env_id: str, name: str = DEFAULT) -> PretrainedPolicy:
+    """A policy that comes with the package.
+
+    Args:
+        env_id: such as ``"JansenWalker-v0"``. name: one of :func:`names`.
+
+    Raises:
+        ValueError: there is none of this name for the environment.
+    """
+    return load_file(shipped(env_id, name))
+
+
+def load_file(path: str | Path) -> PretrainedPolicy:
+    """A policy from its JSON file and the .safetensors file beside it. No code in them runs.
+
+    Raises:
+        ValueError: one of them is missing, too large or damaged, or they are not of one policy.
+    """
+    path = Path(path)
+    weights = path.with_suffix(".safetensors")
+    try:
+        description = json.loads(_read(path))
+        policy_weights = _read(weights)
+    except (OSError, RecursionError, ValueError) as error:
+        raise ValueError(f"{path} is no policy: {_reason(error)}") from error
+    try:
+        tensors = read_tensors(policy_weights)
+    except Exception as error:  # SafetensorError, and NumPy's of types that it does not have
+        raise ValueError(f"{weights} is no file of tensors: {_reason(error)}") from error
+    try:
+        policy = PretrainedPolicy(description, tensors)
+        if description.get("sha256") != checksum(policy_weights):
+            raise ValueError(f"sha256 is not that of {weights.name}: they are of two policies")
+    except ValueError as error:
+        raise ValueError(f"{path} is no policy: {_reason(error)}") from error
+    return policy
+
+
+def checksum(data: bytes) -> str:
+    """SHA-256, which tells whether two files belong together."""
+    return hashlib.sha256(data).hexdigest()
+
+
+def _read(path: Path) -> bytes:
+    """A whole file, of bounded size."""
+    with path.open("rb") as file:
+        data = file.read(MAX_BYTES + 1)
+    if len(data) > MAX_BYTES:
+        raise ValueError(f"{path.name} has more than {MAX_BYTES} bytes")
+    return data
+
+
+def _reason(error: BaseException) -> str:
+    """What an error says, on one line."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _entry(part: Any, name: str, kind: type) -> Any:
+    """``part[name]``, which must be of a type."""
+    instance("an entry", part, dict)
+    instance(name, part.get(name), kind)
+    return part[name]
+
+
+def _choice(table: dict[Any, Any], name: str, value: Any) -> Any:
+    """What ``value`` names in a table."""
+    allowed: Sequence[Any] = list(table)
+    if value not in allowed:
+        raise ValueError(f"{name} is {shown(value)}, must be one of {allowed}")
+    return table[value]

@@ -1,0 +1,108 @@
+"""Policies that begin with a baseline's torque, and whose noise suits the commanded speed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from stable_baselines3.common.utils import set_random_seed
+
+from agents import imitation
+from agents.config import new_config
+from agents.exploration import CommandNoisePolicy
+from agents.imitation import CriticFirst, imitate
+from agents.training import prepare
+from agents.walker_observation import COMMAND
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """A configuration, and imitation, of a few robots and steps."""
+    for name, value in (("ROBOTS", 8), ("STEPS", 100), ("ROUNDS", 2), ("EPOCHS", 20)):
+        monkeypatch.setattr(imitation, name, value)
+    monkeypatch.setattr(imitation, "BATCH", 64)
+    config = new_config(n_envs=4, timesteps=64)
+    config["hyperparameters"] |= {
+        "n_steps": 8,
+        "batch_size": 16,
+        "n_epochs": 1,
+        "learning_rate": 1e-3,
+    }
+    return config
+
+
+def weights(model):
+    return {name: value.clone() for name, value in model.policy.state_dict().items()}
+
+
+def changed(before, after):
+    return {name.split(".")[0] + "." + name.split(".")[1] if "." in name else name
+            for name in before if not torch.equal(before[name], after[name])}  # fmt: skip
+
+
+def test_a_policy_learns_a_baseline(small):
+    model = prepare(small)
+    before, drawn = weights(model), torch.get_rng_state()
+    error = imitate(model, small)
+    assert error < 0.08  # of the torque limit, where the profile's torque is 0.2 in the mean
+    assert torch.equal(drawn, torch.get_rng_state())
+    parts = changed(before, weights(model))
+    assert {"mlp_extractor.policy_net", "action_net.weight"} <= parts
+    assert not any("value" in part for part in parts) and "log_std" not in parts
+    again = prepare(small)
+    assert imitate(again, small) == error
+
+
+def test_the_critic_learns_first(small):
+    model = prepare(small)
+    before = weights(model)
+    model.learn(32, callback=CriticFirst(32))
+    parts = changed(before, weights(model))
+    assert "mlp_extractor.value_net" in parts
+    assert not any("policy" in part or "action" in part or part == "log_std" for part in parts)
+    model.learn(32, callback=CriticFirst(32), reset_num_timesteps=False)
+    parts = changed(before, weights(model))
+    assert {"mlp_extractor.policy_net", "log_std"} <= parts
+
+
+def test_noise_grows_with_the_command(small):
+    policy = prepare(small).policy
+    assert isinstance(policy, CommandNoisePolicy)
+    seen = torch.zeros(4, policy.observation_space.shape[0])
+    seen[:, COMMAND] = torch.tensor([0.0, -0.1, 0.3, 0.8])
+    distribution = policy.get_distribution(seen).distribution
+    shares = torch.tensor([0.03, 0.1, 0.2, 0.2]) / 0.2
+    expected = policy.log_std.exp() * shares**policy.noise_exponent
+    assert torch.allclose(distribution.stddev[:, 0], expected)
+    actions, values, likelihood = policy(seen)
+    again = policy.evaluate_actions(seen, actions)
+    assert torch.equal(values, again[0]) and torch.allclose(likelihood, again[1])
+    normal = torch.distributions.Normal(distribution.mean, expected[:, None])
+    assert torch.allclose(normal.log_prob(actions)[:, 0], likelihood, atol=1e-5)
+
+
+def test_without_an_exponent_it_is_the_usual_policy(small):
+    found = []
+    for exponent in ({}, {"noise_exponent": 0.0}):
+        kwargs = {k: v for k, v in small["policy_kwargs"].items() if k != "noise_exponent"}
+        model = prepare({**small, "policy_kwargs": {**kwargs, **exponent}})
+        assert isinstance(model.policy, CommandNoisePolicy) == bool(exponent)
+        set_random_seed(3)
+        with torch.no_grad():
+            found.append([part.numpy() for part in model.policy(torch.zeros(2, 20))])
+    for usual, own in zip(*found, strict=True):
+        np.testing.assert_allclose(usual, own, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("algo", "changes", "message"),
+    [
+        ("sac", {"imitate": "pid"}, "must be 'ppo'"),
+        ("ppo", {"imitate": "nobody"}, "imitate is 'nobody'"),
+        ("ppo", {"critic_first": -1}, "critic_first is -1"),
+        ("ppo", {"training_kwargs": {"slip_wait": 2.0}}, "'slip_wait' is no argument"),
+    ],
+)
+def test_what_cannot_be_is_refused(algo, changes, message):
+    with pytest.raises(ValueError, match=message):
+        new_config(algo=algo, **changes)

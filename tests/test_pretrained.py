@@ -1,0 +1,362 @@
+"""The policies that come with the package, packing others, and refusing what is none."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+from safetensors.numpy import load, save
+
+from agents import evaluate, models, pack, runs, unpack
+from agents.model_files import read_model
+from agents.rollout import make_env, make_envs
+from agents.tasks import TASKS
+from jansen_env import paper_robot, pretrained
+
+SHIPPED = [(env_id, name) for env_id in TASKS for name in pretrained.names(env_id)]
+CRANK = "JansenCrank-v0"
+
+
+def test_every_environment_has_its_policy():
+    """Small ones; what is not there is refused by name."""
+    for env_id in TASKS:
+        assert pretrained.DEFAULT in pretrained.names(env_id)
+    for path in (pretrained.shipped(*one) for one in SHIPPED):
+        assert max(p.stat().st_size for p in path.parent.glob(f"{path.stem}.*")) < 100_000
+    for env_id, name in ((CRANK, "none"), ("..", "ppo"), (CRANK, f"../{CRANK}/ppo"), (None, None)):
+        with pytest.raises(ValueError, match=re.escape(f"policy is {name!r}, must be one of")):
+            pretrained.load(env_id, name)
+
+
+@pytest.mark.parametrize(("env_id", "name"), SHIPPED)
+def test_actions_are_the_networks(env_id, name):
+    """To 1e-6 in float64 anywhere, to 1e-5 in torch's float32 where the policy comes by; for one
+    observation as for many, in new arrays."""
+    policy, model = pretrained.load(env_id, name), unpack.load_sb3(env_id, name)
+    envs = make_envs(env_id, policy.env_kwargs, 20)
+    seen = [envs.reset(seed=3)[0]]
+    for _ in range(100):
+        seen.append(envs.step(policy.predict(seen[-1])[0])[0])
+    envs.close()
+    seen = np.concatenate(seen)
+    actions, state = policy.predict(seen, "state", np.zeros(len(seen), bool), True)
+    assert actions.dtype == np.float32 and actions.shape == (len(seen), 1) and state == "state"
+    assert actions.min() >= -1.0 and actions.max() <= 1.0 and np.ptp(actions) > 0.01
+    assert np.abs(actions - model.predict(seen, deterministic=True)[0]).max() < 1e-5
+    for i in range(3):
+        assert policy.predict(seen[i])[0] == pytest.approx(actions[i], abs=1e-7)
+    assert pack.check_equal(policy, model.policy, 10_000) < 1e-6
+
+
+@pytest.mark.parametrize(("env_id", "name"), SHIPPED)
+def test_scores_are_those_shipped(env_id, name):
+    """On the same starts, whatever the processor: actions off by 1e-6 change the crank's scores by
+    1e-7, and the walker's, whose contacts are chaotic, by up to 1.2 % and 0.0005 m/s, but no fall.
+    Where metrics are new, ``python -m agents.pack FILE.json`` scores a file again."""
+    policy = pretrained.load(env_id, name)
+    shipped = policy.description["scores"]
+    again = pack.scores_of(policy, shipped["episodes_per_command"], shipped["seed"])
+    assert set(again["overall"]) == set(shipped["overall"]) == set(TASKS[env_id].metrics)
+    for metric, (value, *_) in shipped["overall"].items():
+        exact = metric in ("falls", "lost")
+        rel = 0.0 if exact else 1e-4 if env_id == CRANK else 0.03
+        off = 0.001 if metric.endswith("speed_error") else 1e-12
+        assert again["overall"][metric][0] == pytest.approx(value, rel=rel, abs=off), metric
+
+
+def test_scores_of_another_policy_differ():
+    """By more than the tolerance above: a weight that changes by a tenth shows."""
+    policy = pretrained.load(CRANK)
+    tensors = {name: tensor.copy() for name, tensor in policy.tensors.items()}
+    tensors[policy.description["network"]["layers"][-1]["weight"]] *= 0.9
+    other = pack.scores_of(pretrained.PretrainedPolicy(policy.description, tensors), 1)
+    same = pack.scores_of(policy, 1)
+    for metric in ("return", "rms_error"):
+        one, two = (scores["overall"][metric][0] for scores in (same, other))
+        assert abs(one / two - 1.0) > 1e-4
+
+
+def test_scores_can_be_made_again(made, tmp_path, capsys):
+    """With all else in the file as it was."""
+    for file in made[1].parent.glob("mine.*"):
+        shutil.copy(file, tmp_path)
+    path = tmp_path / "mine.json"
+    before = json.loads(path.read_text())
+    change(path, scores={})
+    pack.main([str(path), "--episodes", "2", "--seed", "1"])
+    assert f"written: {path} (" in capsys.readouterr().out
+    after = pretrained.load_file(path).description
+    assert after["scores"]["episodes_per_command"] == 2 and after["scores"]["seed"] == 1
+    assert {**after, "scores": before["scores"]} == before
+    with pytest.raises(SystemExit):
+        pack.main([str(tmp_path / "other.json")])
+    assert "other.json is no policy: " in capsys.readouterr().err
+
+
+def test_policies_need_neither_torch_nor_the_extra():
+    """In a process in which they cannot be imported."""
+    code = f"""
+import sys
+for name in ("torch", "stable_baselines3", "yaml", "imageio", "scipy", "agents"):
+    sys.modules[name] = None
+from jansen_env import pretrained
+for env_id in {sorted(TASKS)}:
+    policy = pretrained.load(env_id)
+    action, _ = policy.predict([0.5] * len(policy.observed))
+    assert action.shape == (1,)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
+@pytest.mark.parametrize("env_id", TASKS)
+def test_what_is_observed_is_what_is_documented(env_id):
+    """Units and limits in the docstring's table, and names that ``info`` has mean the same."""
+    env = make_env(env_id, {})
+    documented = inspect.getdoc(type(env.unwrapped)).split("## Observation Space")[1]
+    rows = re.findall(r"^\| [\dn].*", documented.split("## ")[0], re.M)
+    cells = [[cell.strip() for cell in row.split("|")[1:-1]] for row in rows]
+    observed = env.unwrapped.observed
+    loads = [entry for entry in observed if entry.name.startswith("toe_load")]
+    assert len(observed) == len(cells) + max(0, len(loads) - 1)
+    singles = [entry for entry in observed if entry not in loads[1:]]
+    for entry, (_, _, low, high, unit) in zip(singles, cells, strict=True):
+        assert (entry.unit, entry.low, entry.high) == (unit, float(low), float(high))
+    space = env.observation_space
+    assert [(e.low, e.high) for e in observed] == [*zip(space.low, space.high, strict=True)]
+    env.reset(seed=0)
+    for _ in range(20):
+        seen, _, _, _, info = env.step(np.full(1, 0.3, np.float32))
+    known = {e.name: value for e, value in zip(observed, seen, strict=True) if e.name in info}
+    assert len(known) >= 3
+    for name, value in known.items():
+        assert value == pytest.approx(info[name], rel=1e-5), name
+
+
+NETWORKS = {
+    "plain": ("ppo", {}, {"net_arch": [8], "activation": "tanh"}),
+    "normalized": ("ppo", {}, {"net_arch": [8, 4], "activation": "relu", "normalize": True}),
+    "apart": ("ppo", {}, {"net_arch": {"pi": [6], "vf": [4]}, "activation": "elu",
+                          "normalize": True, "share_features_extractor": False}),
+    "squashed": ("ppo", {"use_sde": True}, {"net_arch": [], "squash_output": True}),
+    "sac": ("sac", {}, {"net_arch": [8], "normalize": True}),
+    "sac with gSDE": ("sac", {"use_sde": True}, {"net_arch": [8], "clip_mean": 0.3}),
+}  # fmt: skip
+
+
+def made_run(folder, algo, hyperparameters, policy_kwargs):
+    """A run's folder with a model that has learnt nothing, with weights of some size."""
+    config = {
+        "algo": algo, "env": CRANK, "seed": 0, "policy": "MlpPolicy", "timesteps": 16, "n_envs": 1,
+        "hyperparameters": hyperparameters, "policy_kwargs": policy_kwargs,
+        "env_kwargs": {"max_episode_steps": 50},
+    }  # fmt: skip
+    if algo == "ppo":
+        hyperparameters |= {"n_steps": 8, "batch_size": 8}
+    folder.mkdir()
+    runs.record_run(folder, config, "python train.py --seed 0")
+    model = models.build_model(algo, config, make_env(CRANK, {}))
+    torch.manual_seed(0)
+    with torch.no_grad():
+        for name, tensor in model.policy.state_dict().items():
+            if "target" not in name:
+                tensor.copy_(torch.rand_like(tensor) + 0.1 if "extractor." in name
+                             else 0.5 * torch.randn_like(tensor))  # fmt: skip
+    if algo == "sac":
+        model.critic_target.load_state_dict(model.critic.state_dict())
+    model.save(folder / "best_model.zip")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A run and the files packed of it."""
+    folder = tmp_path_factory.mktemp("packed")
+    run = made_run(folder / "run", *NETWORKS["normalized"])
+    return run, pack.pack(run, "mine", folder, episodes=1)
+
+
+@pytest.mark.parametrize("network", NETWORKS)
+def test_packing_keeps_the_policy(network, tmp_path):
+    """Its actions; and as a model all of its weights, of the critic too."""
+    run = made_run(tmp_path / "run", *NETWORKS[network])
+    path = pack.pack(run, None, tmp_path / "out", episodes=1)
+    assert path == tmp_path / "out" / CRANK / f"{NETWORKS[network][0]}.json"
+    policy, model = pretrained.load_file(path), models.load_policy(run)
+    seen = np.random.default_rng(0).normal(size=(50, 5)).astype(np.float32)
+    actions, expected = policy.predict(seen)[0], model.predict(seen, deterministic=True)[0]
+    assert np.abs(actions - expected).max() < 1e-5
+    assert np.ptp(actions) > 0.05
+    again = unpack.load_sb3_file(path)
+    for name, tensor in model.state_dict().items():
+        assert torch.equal(tensor, again.policy.state_dict()[name]), name
+    assert policy.description["training"]["command"] == ["python train.py --seed 0"]
+    assert policy.env_kwargs == {"max_episode_steps": 50}
+
+
+def test_a_model_from_a_policy_goes_on_learning(made, tmp_path):
+    """And can be saved as Stable-Baselines3 does."""
+    model = unpack.load_sb3_file(made[1])
+    before = {name: tensor.clone() for name, tensor in model.policy.state_dict().items()}
+    model.learn(8)
+    after = model.policy.state_dict()
+    assert any(not torch.equal(before[name], after[name]) for name in after)
+    model.save(tmp_path / "model.zip")
+    assert set(read_model(tmp_path / "model.zip")[0]["policy"]) == set(before)
+
+
+def test_what_cannot_be_packed_is_refused(made, tmp_path, capsys):
+    """In a line; nothing is written."""
+    run = shutil.copytree(made[0], tmp_path / "run")
+    model = models.load_policy(run)
+    model.action_net = torch.nn.Sequential(model.action_net, torch.nn.BatchNorm1d(1))
+    with pytest.raises(ValueError, match=r"action_net.1 is a BatchNorm1d, which cannot be packed"):
+        pack.describe_network(model)
+    with pytest.raises(ValueError, match="the policy is a PretrainedPolicy, which cannot be pack"):
+        pack.describe_network(pretrained.load(CRANK))
+    (run / "best_model.zip").unlink()
+    for given in (run, tmp_path / "nowhere"):
+        with pytest.raises(SystemExit):
+            pack.main([str(given), "--out", str(tmp_path / "out")])
+        assert "no model at" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def change(path, **values):
+    """Change entries of a JSON file, ``a__b`` for b in a."""
+    description = json.loads(path.read_text())
+    for name, value in values.items():
+        *parts, last = name.split("__")
+        part = description
+        for key in parts:
+            part = part[int(key) if key.isdecimal() else key]
+        part[last] = value
+    path.write_text(json.dumps(description))
+
+
+NAN, HARMONICS = float("nan"), {"kind": "harmonics", "multiples": [2]}
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        ({"format": 2}, "format is 2, must be 'jansen_env policy 1'"),
+        ({"sha256": ""}, "sha256 is not that of mine.safetensors"),
+        ({"observation": []}, "has shape (5,), must have (0,)"),
+        ({"observation": [3] * 5}, "an entry is 3, must be a dict"),
+        ({"action__torque_limit": NAN}, "torque_limit is nan, must be a finite number"),
+        ({"action": None}, "action is None, must be a dict"),
+        ({"network__layers": []}, "the last layer has 5 units, must have 1"),
+        ({"network__layers__0__units": 7}, "has shape (8, 5), must have (7, 5)"),
+        ({"network__layers__0__units": 10**30}, "must have (1000000000000000000000"),
+        ({"network__layers__0__weight": "os.system"}, "there is no tensor 'os.system'"),
+        ({"network__layers__0__activation": ["relu"]}, "activation is ['relu'], must be one of"),
+        ({"network__features__0__kind": "eval"}, "kind of features is 'eval', must be"),
+        ({"network__features__0__floor": 0}, "floor is 0, must be above 0"),
+        ({"network__features__0__variance": "pi_features_extractor.mean"}, ""),
+        ({"network__features": [HARMONICS | {"multiples": [0.5]}]}, "a multiple is 0.5, must be"),
+        ({"network__features": [HARMONICS], "observation__0__name": "height"},
+         "harmonics take the first observations ['cos_crank_angle', 'sin_crank_angle']"),
+        ({"network__squash": None}, "squash is None, must be one of ['clip', 'tanh']"),
+        ({"env__id": 3}, "id is 3, must be a str"),
+    ],
+)  # fmt: skip
+def test_descriptions_that_do_not_fit_are_refused(values, reason, made, tmp_path):
+    """In one line that names the file and what is wrong."""
+    path = tmp_path / "mine.json"
+    for file in made[1].parent.iterdir():
+        shutil.copy(file, tmp_path)
+    change(path, **values)
+    if not reason:  # means may be negative, variances may not
+        tensors = load(path.with_suffix(".safetensors").read_bytes())
+        tensors["pi_features_extractor.mean"] = -tensors["pi_features_extractor.mean"]
+        path.with_suffix(".safetensors").write_bytes(save(tensors))
+        reason = "must be 0 or above"
+    with pytest.raises(ValueError, match=re.escape(reason)) as error:
+        pretrained.load_file(path)
+    assert str(path) in str(error.value) and "\n" not in str(error.value)
+
+
+def test_damaged_files_are_refused(made, tmp_path):
+    """Cut anywhere, too large, of other types, with numbers that are none, missing."""
+    path, weights = tmp_path / "mine.json", tmp_path / "mine.safetensors"
+    text, data = (p.read_bytes() for p in (made[1], made[1].with_suffix(".safetensors")))
+    tensors = load(data)
+    bias = "action_net.bias"
+    spoilt = [
+        (text[:-30], data), (b"[" * 10**5, data), (b"3", data), (b"\xff" + text, data),
+        (text + b" " * pretrained.MAX_BYTES, data), (text, data + bytes(pretrained.MAX_BYTES)),
+        (None, data), (text, None), (text, data + b"0"),
+        *[(text, data[:cut]) for cut in (0, 5, 300, len(data) - 1)],
+        (text, (2**62).to_bytes(8, "little") + data[8:]), (text, b"PK\3\4" + data[4:]),
+        (text, save({**tensors, bias: np.full(1, np.nan, np.float32)})),
+        (text, save({**tensors, bias: np.zeros(1)})),
+        (text, save({**tensors, bias: np.zeros(1, np.float32)})),
+    ]  # fmt: skip
+    for description, content in spoilt:
+        for file, part in ((path, description), (weights, content)):
+            file.unlink(missing_ok=True)
+            if part is not None:
+                file.write_bytes(part)
+        with pytest.raises(ValueError, match=r"mine\.(json|safetensors)") as error:
+            pretrained.load_file(path)
+        assert "\n" not in str(error.value) and len(str(error.value)) < 400
+
+
+def test_harmonics_are_those_of_the_crank_angle():
+    """A policy whose action is a sum of some, by the formula."""
+    multiples, weight = [2, 4, 12], np.array([[0.1, -0.2, 0.3, 0.05, -0.1, 0.2]], np.float32)
+    description = {
+        **pretrained.load(CRANK).description,
+        "network": {
+            "features": [{"kind": "harmonics", "multiples": multiples}],
+            "layers": [{"units": 1, "weight": "w", "bias": "b", "activation": None}],
+            "limit": None,
+            "squash": "clip",
+        },
+    }
+    policy = pretrained.PretrainedPolicy(description, {"w": weight, "b": np.zeros(1, np.float32)})
+    angle = np.random.default_rng(0).uniform(-10.0, 10.0, 100)
+    seen = np.stack([np.cos(angle), np.sin(angle), *np.ones((3, 100))], axis=1)
+    pairs = zip(weight[0, ::2], weight[0, 1::2], multiples, strict=True)
+    expected = sum(a * np.cos(k * angle) + b * np.sin(k * angle) for a, b, k in pairs)
+    assert policy.predict(seen)[0][:, 0] == pytest.approx(expected, abs=1e-6)
+
+
+def test_observations_of_another_size_are_refused():
+    """With the sizes that are allowed."""
+    policy = pretrained.load(CRANK)
+    for wrong in (np.zeros(20), np.zeros((2, 4)), np.zeros((1, 1, 5)), 0.0):
+        with pytest.raises(ValueError, match=r"must have \(5,\) or \(n, 5\)"):
+            policy.predict(wrong)
+
+
+def test_evaluation_takes_shipped_and_packed_policies(made, tmp_path, capsys, monkeypatch):
+    """By name and by path, side by side with a baseline; what does not fit is refused."""
+    monkeypatch.chdir(tmp_path)
+    given = ["--policy", "pretrained", "--policy", str(made[1]), "--policy", "pid"]
+    ((policies, env_kwargs),) = evaluate.load_all(evaluate.parse(["--env", CRANK, *given]))
+    scores = evaluate.evaluate(policies, CRANK, env_kwargs, episodes=1)
+    assert [*scores][::2] == ["pretrained", "pid"] and [*scores][1].endswith(f"{CRANK} mine")
+    returns = [score["overall"]["return"][0] for score in scores.values()]
+    assert returns[0] > returns[2] > returns[1]
+    env = make_env(CRANK, {})
+    named = evaluate.load_named("pretrained:ppo", env).description
+    assert named == pretrained.load(CRANK).description
+    for policy, reason in (
+        (str(made[1]), "observes tracking_error as number 3, must observe sin_pitch for JansenW"),
+        ("pretrained:sac", "policy is 'sac', must be one of"),
+        ("pretrained", "is given 2 times"),
+    ):
+        with pytest.raises(SystemExit):
+            evaluate.main(["--policy", policy, "--policy", "pretrained"])
+        assert reason in capsys.readouterr().err
+    six_toes = make_env("JansenWalker-v0", {"robot": paper_robot(3)})
+    with pytest.raises(ValueError, match="observes last_action as number 14, must observe toe_lo"):
+        evaluate.load_named("pretrained", six_toes)

@@ -72,7 +72,8 @@ def _learning_curves(axis: Any, groups: dict[str, Any], colours: dict[str, Any])
         curve = {key: np.array(values, float) for key, values in group["curve"].items()}
         if not curve:
             continue
-        label = f"{name} ({group['finished']} runs)"
+        runs = f"{group['finished']} run{'s' * (group['finished'] > 1)}"
+        label = f"{_short([name])[0]} ({runs})"
         axis.plot(curve["steps"], curve["iqm"], color=colours[name], label=label,
                   marker="o", markersize=3)  # fmt: skip
         axis.plot(curve["steps"], curve["mean"], color=colours[name], linewidth=0.8, alpha=0.7)
@@ -110,7 +111,7 @@ def _profile(
     levels = np.linspace(min(marks) - margin, max(marks) + margin, LEVELS)
     for name, group in groups.items():
         fraction, low, high = performance_profile(group["returns"], levels)
-        axis.plot(levels, fraction, color=colours[name], label=name)
+        axis.plot(levels, fraction, color=colours[name], label=_short([name])[0])
         axis.fill_between(levels, low, high, color=colours[name], alpha=0.18, linewidth=0)
     axis.set_title("Performance profile, with pointwise interval", fontsize=11)
     axis.set_xlabel("return $\\tau$")

@@ -44,6 +44,14 @@ def measure(name: str, settings: Array, episodes: int) -> dict[str, Any]:
     return {"settings": settings.tolist(), "speeds": speeds.round(4).tolist()}
 
 
+def versions() -> dict[str, str]:
+    """Of what a search's numbers come from."""
+    return {
+        "jansen_env": jansen_env.__version__,
+        **{name: version(name) for name in ("cma", "numba", "numpy")},
+    }
+
+
 def tune_maps(names: list[str], episodes: int, path: Path) -> None:
     """Measure some of :data:`SETTINGS`; the others stay in the file as they are."""
     found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
@@ -58,10 +66,7 @@ def tune_profile(seed: int, path: Path) -> None:
     sweeps = profile_search.SWEEPS
     made: dict[str, Any] = {
         "command": f"python -m agents.tune profile --seed {seed}",
-        "versions": {
-            "jansen_env": jansen_env.__version__,
-            **{name: version(name) for name in ("cma", "numba", "numpy")},
-        },
+        "versions": versions(),
         "columns": list(profile.columns(profile_search.HARMONICS)),
     }
     total = len(profile_search.COMMANDS) * sum(sweep.generations for sweep in sweeps)

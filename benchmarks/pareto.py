@@ -18,14 +18,17 @@ import numpy as np
 from tqdm import tqdm
 
 from agents.policy import Array, Policy
+from agents.profile import load_profile
 from agents.profile_search import Sweep, decode, first_guess, make_search, of_each
 from agents.trials import Outcome, Trials
+from agents.tune import versions
 from benchmarks import measure
 from benchmarks.profile_scores import FRICTION, episodes, load, numbers
 from jansen_env.files import write_json
 
 DATA = Path(__file__).parent / "data" / "pareto.json"
 COMMANDS = (0.1, 0.05, 0.2, 0.3, 0.5)  # m/s, in the order in which they are searched
+FROM_PROFILE = (0.3,)  # ... but for those from the command next to it
 WEIGHTS = (0.4, 0.2, 0.1, 0.8, 1.6)  # w, likewise; each starts from the one next to it
 HARMONICS = 6
 SWEEP = Sweep(generations=24, episodes=12, step_size=0.35)
@@ -75,7 +78,10 @@ def search(commands: tuple[float, ...], weights: tuple[float, ...], sweep: Sweep
             found: dict[float, Array] = {}
             for weight in weights:
                 near = min(found, key=lambda w: abs(np.log(w / weight)), default=None)
-                start = first_guess(command, firsts, HARMONICS) if near is None else found[near]
+                begin = firsts
+                if command in FROM_PROFILE:
+                    begin = {command: load_profile().at(np.array([command]))[0]}
+                start = first_guess(command, begin, HARMONICS) if near is None else found[near]
                 found[weight] = find(start, command, weight, sweep, trials, bar)
             firsts[command] = found[weights[0]]
             fronts[f"{command:g}"] = [
@@ -98,19 +104,35 @@ def allowed(score: dict[str, float]) -> bool:
     return score["falls"] == 0 and score["error"] < 1.1 * FARTHEST
 
 
+def efficient(points: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Those of which no other one slips less at less cost, by their slip."""
+    left: list[dict[str, Any]] = []
+    for p in sorted(points, key=lambda p: p["slip"]):
+        if not left or p["transport"] < left[-1]["transport"]:
+            left.append(p)
+    return left
+
+
 def draw(fronts: dict[str, Any], policies: dict[str, Policy], count: int, path: Path) -> None:
-    """Slip per metre against cost of transport, a panel per command."""
+    """Slip per metre against cost of transport, a panel per command; hollow: misses its speed."""
     figure, axes = measure.subplots(1, len(fronts), 3.0 * len(fronts), 3.6)
     for axis, name in zip(axes[0], sorted(fronts, key=float), strict=True):
-        points = sorted(fronts[name], key=lambda p: p["slip"])
-        good = [p for p in points if allowed(p)]
-        axis.plot([p["slip"] for p in good], [p["transport"] for p in good], "k.-", label="front")
+        for good in (True, False):
+            some = [p for p in fronts[name] if allowed(p) == good]
+            axis.plot([p["slip"] for p in some], [p["transport"] for p in some], "o", color="black",
+                      markersize=4, fillstyle="full" if good else "none",
+                      label="periodic torque" if good else "misses the speed")  # fmt: skip
+            if good:
+                line = efficient(some)
+                axis.plot([p["slip"] for p in line], [p["transport"] for p in line], "k-", lw=0.8)
         for i, (label, policy) in enumerate(policies.items()):
             own = numbers(episodes(policy, np.full(count, float(name))))
-            axis.plot(own["slip"], own["transport"], "os^Dv"[i % 5], color=f"C{i}", label=label)
+            axis.plot(own["slip"], own["transport"], "s^Dv*"[i % 5], color=f"C{i}", label=label)
         axis.set(title=f"{name} m/s", xlabel="slip (m/m)", xscale="log")
+        axis.set_xlim(2e-3, 2.0)
+        axis.set_ylim(0.0, 2.4)
     axes[0, 0].set_ylabel("cost of transport")
-    measure.legend_above(figure, axes[0, 0], 1 + len(policies))
+    measure.legend_above(figure, axes[0, 0], 2 + len(policies))
     measure.save(figure, path)
 
 
@@ -142,7 +164,10 @@ def main(arguments: list[str] | None = None) -> None:
         fronts = search(COMMANDS[:1], WEIGHTS[:1], Sweep(1, 2, 0.3, 4))
     elif found.search:
         fronts = search(COMMANDS, WEIGHTS, SWEEP)
-        made = {"command": "python -m benchmarks.pareto --search", "fronts": fronts}
+        made = {
+            "command": "python -m benchmarks.pareto --search", "versions": versions(),
+            "fronts": fronts,
+        }  # fmt: skip
         print(f"written: {write_json(found.data, made)}")
     else:
         fronts = json.loads(found.data.read_text(encoding="utf-8"))["fronts"]

@@ -28,7 +28,7 @@ from agents.config import TO_RESUME, load_config, new_config
 from agents.models import ALGORITHMS
 from agents.runs import (
     FINAL,
-    best_rank,
+    best_score,
     last_state,
     locked,
     new_run_folder,
@@ -196,7 +196,7 @@ def _configure(args: argparse.Namespace) -> dict[str, Any]:
             raise SystemExit(f"--resume takes these from the run's config.yml: {', '.join(given)}")
         config = load_config(Path(args.resume) / "config.yml", required=TO_RESUME)
         config["timesteps"] = args.timesteps or config["timesteps"]
-        best_rank(Path(args.resume))  # what is damaged shows before anything is written
+        best_score(Path(args.resume))  # what is damaged shows before anything is written
         read_evaluations(Path(args.resume))
         return config
     return new_config(

@@ -27,13 +27,13 @@ from agents.replay import save_replay_buffer
 from agents.rollout import make_env, run_episodes
 from agents.runs import (
     BEST,
-    best_rank,
+    best_score,
     find_replay_buffer,
     monitor_sizes,
-    rank,
     read_evaluations,
     remove_replay_buffers,
     replay_path,
+    score,
 )
 from agents.tasks import find_task
 from agents.training_state import read_state
@@ -41,6 +41,7 @@ from agents.vec_env import acting
 from jansen_env.files import write_json
 
 EPISODES = 16  # per command, of each evaluation
+SHORTFALL_PRICE = 10.0  # in returns, of a mark missed by all of it
 SELECTION_SEED = 30_000  # of the episodes that choose the best model, apart from all others
 
 
@@ -84,8 +85,9 @@ class Saver(BaseCallback):
         self._most: Array | None = None  # that the task's marks allow, once it is needed
         # After a kill the last evaluations may be of steps that are now trained again. The best
         # model may be of one of them, so what is to beat is not the history's but the file's.
-        self.history = [row for row in read_evaluations(folder) if row["steps"] <= done]
-        self.best = best_rank(folder)
+        before = read_evaluations(folder) if done else []  # else the run begins again
+        self.history = [row for row in before if row["steps"] <= done]
+        self.best = best_score(folder)
         # By the steps alone, so that a resumed run saves and evaluates where it would have anyway.
         self._next_save, self._next_eval = (
             (done // every + 1) * every if every else 0 for every in (save_every, eval_every)
@@ -142,8 +144,8 @@ class Saver(BaseCallback):
         run = run_episodes(acting(self.model), self.env_id, self.env_kwargs, self.commands, seeds)
         env = make_env(self.env_id, self.env_kwargs)
         scored = point_estimates(self.task.metrics, run, env)
-        if self.task.marks:
-            scored["shortfall"] = self._shortfall(run, env)
+        short = self._shortfall(run, env) if self.task.marks else 0.0
+        scored["score"] = (scored["return"] or 0.0) - SHORTFALL_PRICE * short
         env.close()
         for name, value in scored.items():
             self.logger.record(f"eval/{name}", value)
@@ -152,12 +154,11 @@ class Saver(BaseCallback):
             "seconds": self._seconds(),  # this evaluation included
             **scored,
         }
-        if rank(row) > self.best:
-            self.best = rank(row)
-            # Its rank in the same file: no kill can part the two.
+        if score(row) > self.best:
+            self.best = score(row)
+            # Its score in the same file: no kill can part the two.
             save_model(self.model, self.folder / BEST, row)
-        # One before any step may be a killed run's, that has begun again.
-        self.history = [*(old for old in self.history if old["steps"] < row["steps"]), row]
+        self.history.append(row)
         write_json(self.folder / "evaluations.json", self.history)
 
     def _shortfall(self, run: Episodes, env: Any) -> float:

@@ -148,7 +148,7 @@ def read_evaluations(folder: Path) -> list[dict[str, Any]]:
         instance("the whole", rows, list)
         for row in rows:
             instance("an evaluation", row, dict)
-            for name in {"steps", "return", *({"seconds", "shortfall"} & {*row})}:
+            for name in {"steps", "return", *({"seconds", "score"} & {*row})}:
                 finite(name, row.get(name))
     except (OSError, RecursionError, ValueError) as error:
         raise ValueError(
@@ -157,30 +157,26 @@ def read_evaluations(folder: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def rank(row: dict[str, Any]) -> tuple[float, float]:
-    """By what evaluations are compared: by how little they fall short of the marks, then by return.
-
-    Args:
-        row: of evaluations.json; one of an earlier version knows no marks.
-    """
-    return -row.get("shortfall", math.inf), row["return"]
+def score(row: dict[str, Any]) -> float:
+    """By what the evaluations of a run are compared; those of earlier versions by their return."""
+    return float(row.get("score", row["return"]))
 
 
-def best_rank(folder: Path) -> tuple[float, float]:
-    """The :func:`rank` of best_model.zip at its evaluation; -inf where there is none.
+def best_score(folder: Path) -> float:
+    """The :func:`score` of best_model.zip at its evaluation; -inf where there is none.
 
     Raises:
         ValueError: best_model.zip or evaluations.json is damaged.
     """
     if not (folder / BEST).is_file():
-        return -math.inf, -math.inf
+        return -math.inf
     notes = read_notes(folder / BEST)
     if "return" in notes:
-        for name in {"return", "shortfall"} & {*notes}:
+        for name in {"return", "score"} & {*notes}:
             finite(f"{name} in {folder / BEST}", notes[name])
-        return rank(notes)
+        return score(notes)
     # An earlier version's file does not know its return: at most the highest evaluated.
-    return max(map(rank, read_evaluations(folder)), default=(-math.inf, -math.inf))
+    return max(map(score, read_evaluations(folder)), default=-math.inf)
 
 
 def next_monitor(folder: Path) -> Path:

@@ -323,9 +323,10 @@ def test_what_the_command_line_says_holds_for_all_variants():
     given = train.parse(["--env-kwargs", "{speed_command: 0.3, friction: 0.5}"])
     settings = train._configure(given)
     assert settings["env_kwargs"] == {"speed_command": 0.3, "friction": 0.5}
-    assert settings["training_variants"] == [
-        {"reset_noise_scale": noise} for noise in (1.0, 2.0, 4.0, 6.0)
-    ]
+    assert settings["training_variants"] == [{}] * 5
+    noise = train.parse(["--env-kwargs", "{slip_weight: 1.0, friction: 0.5}"])
+    settings = train._configure(noise)
+    assert settings["training_kwargs"] == {} and len(settings["training_variants"][0]) == 1
 
 
 def test_evaluation_checks_commands_and_folders_before_it_runs(tmp_path, capsys):

@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pytest
+from stable_baselines3.common.logger import configure
 
-from agents import marks
+from agents import callbacks, marks
+from agents.config import new_config
 from agents.metrics import summarise
 from agents.rollout import make_env, run_episodes
-from agents.runs import rank
+from agents.runs import read_evaluations, score
 from agents.tasks import WALKER, Mark, Task
+from agents.training import prepare
 
 TASK = Task((0.1, 0.2), "m/s", {}, WALKER.metrics, {}, (
     Mark("falls", 0.0), Mark("slip_per_metre", 1.0, "profile"),
@@ -60,14 +62,14 @@ def test_the_baseline_that_sets_the_marks_meets_its_own():
     env.close()
 
 
-@pytest.mark.parametrize(
-    ("better", "worse"),
-    [
-        ({"return": 1.0, "shortfall": 0.1}, {"return": 9.0, "shortfall": 0.2}),
-        ({"return": 9.0, "shortfall": 0.1}, {"return": 1.0, "shortfall": 0.1}),
-        ({"return": 1.0, "shortfall": 4.0}, {"return": 9.0}),
-        ({"return": 9.0}, {"return": 1.0}),
-    ],
-)
-def test_evaluations_rank_by_marks_then_by_return(better, worse):
-    assert rank(better) > rank(worse)
+def test_an_evaluation_is_worth_its_return_less_what_it_misses(tmp_path, monkeypatch):
+    monkeypatch.setattr(callbacks, "EPISODES", 1)
+    monkeypatch.setattr(callbacks.Saver, "_shortfall", lambda *given: 2.0)
+    model = prepare(new_config(n_envs=4, timesteps=512))
+    saver = callbacks.Saver(tmp_path, 0, 0, "JansenWalker-v0", {"max_episode_steps": 5})
+    model.set_logger(configure(format_strings=[]))
+    saver.init_callback(model)
+    saver.evaluate()
+    [row] = read_evaluations(tmp_path)
+    assert row["score"] == row["return"] - 2.0 * callbacks.SHORTFALL_PRICE == saver.best
+    assert score({"return": 3.0}) == 3.0

@@ -109,7 +109,7 @@ def test_resumed_run_keeps_a_better_model(tmp_path, returns):
     returns += [6.0]
     go(small_config(), tmp_path, runs.last_state(tmp_path))
     assert (tmp_path / runs.BEST).read_bytes() != best
-    assert runs.best_rank(tmp_path) == (0.0, 6.0)
+    assert runs.best_score(tmp_path) == 6.0
 
 
 def test_best_model_outlives_a_kill_before_its_row_is_written(tmp_path, returns, monkeypatch):
@@ -123,20 +123,20 @@ def test_best_model_outlives_a_kill_before_its_row_is_written(tmp_path, returns,
     with pytest.raises(KeyboardInterrupt):
         go(small_config(), tmp_path)
     assert not (tmp_path / "evaluations.json").exists()
-    assert callbacks.Saver(tmp_path, 0, 0, "JansenWalker-v0", {}).best == (0.0, 5.0)
+    assert callbacks.Saver(tmp_path, 0, 0, "JansenWalker-v0", {}).best == 5.0
 
 
 def test_best_model_of_an_earlier_version(tmp_path, returns):
     """Its file has no return: the highest evaluated counts."""
     model = training.prepare(small_config())
-    assert runs.best_rank(tmp_path) == (-np.inf, -np.inf)
+    assert runs.best_score(tmp_path) == -np.inf
     model.save(tmp_path / runs.BEST)
     rows = [{"steps": 64.0, "return": 3.0}, {"steps": 128.0, "return": 2.0}]
     (tmp_path / "evaluations.json").write_text(json.dumps(rows))
-    assert runs.best_rank(tmp_path) == (-np.inf, 3.0)
+    assert runs.best_score(tmp_path) == 3.0
     (tmp_path / "evaluations.json").write_text("[{}]")
     with pytest.raises(ValueError, match="must be a list of evaluations"):
-        runs.best_rank(tmp_path)
+        runs.best_score(tmp_path)
 
 
 def test_finished_run_stays_as_it_is(tmp_path, returns, monkeypatch, capsys):

@@ -76,7 +76,7 @@ def main(arguments: list[str] | None = None) -> None:
     torch.set_num_threads(1)  # these networks are small, more threads cost more than they bring
     more = 4 * count
     shipped = new_config()["hyperparameters"]
-    shipped = {name: shipped[name] for name in ("batch_size", "n_epochs", "use_sde")}
+    shipped = {name: shipped[name] for name in ("batch_size", "n_epochs")}
     trainees = {
         (OURS, count, ""): Trainee(make_vec_env(OURS, count), setting),
         (OURS, more, ""): Trainee(make_vec_env(OURS, more), setting),

@@ -23,7 +23,7 @@ import numpy as np
 from benchmarks import measure
 
 ENV = "JansenWalker-v0"
-LARGE = {"n_envs": 256, "batch_size": 4096}  # robots and minibatch, in place of the shipped ones
+LARGE = {"n_envs": 1024, "batch_size": 16_384}  # robots and minibatch, in place of the shipped ones
 ROBOTS, BATCHES = (4, 16, 64, 256), (64, 512, 4096)  # of which the costs are measured
 SIZES = (2, 4, 8)  # workers that average
 AVERAGES, PAUSE = 300, 0.003  # how often, and s of idling before each, about a minibatch's time

@@ -16,7 +16,7 @@ import train
 from agents import callbacks, config, models, runs, training
 from agents.model_files import read_model
 from agents.normalizer import NormalizedObservation
-from agents.rollout import make_env, run_episodes
+from agents.rollout import make_env
 
 FROM_SCRATCH = config.CONFIGS / "JansenWalker-v0" / "ppo_from_scratch.yml"
 SMALL = ["--config", str(FROM_SCRATCH), "-n", "1024", "--n-envs", "4", "--eval-episodes", "1",
@@ -162,23 +162,16 @@ def test_normalizer_equals_numpy():
 
 
 @pytest.mark.slow
-def test_default_training_beats_the_pid(tmp_path):
-    """1.2 times its return, a third of its slip per metre over all commands, the default budget.
-
-    A seed may walk too fast at the slowest commands, and which seed does depends on the processor's
-    rounding: at 0.1 m/s less slip than the PID's is asked, walking at 0.3 m/s.
-    """
+def test_default_training_beats_the_baselines(tmp_path):
+    """The profile in return, and the PID by far, everywhere; it hardly ever falls."""
     folder = train.main(["--log-folder", str(tmp_path), "--no-progress"])
     result = json.loads((folder / "scores.json").read_text())
     ours = result[next(n for n in result if n.startswith("ppo"))]
-    pid = result["pid"]
-    assert ours["overall"]["return"][0] > 1.2 * pid["overall"]["return"][0]
-    overall = [s["overall"]["slip_per_metre"][0] for s in (ours, pid)]
-    assert overall[0] < overall[1] / 3.0
-    at = pid["by_command"]["slip_per_metre"]["command"].index(0.1)
-    slips = [s["by_command"]["slip_per_metre"]["value"][at] for s in (ours, pid)]
-    assert slips[0] < 0.75 * slips[1]
-    run = run_episodes(
-        models.load_policy(folder), "JansenWalker-v0", {}, np.full(4, 0.3), np.arange(4)
-    )
-    assert run["distance"].min() > 1.5  # it walks in earnest: 3 m would be the command
+    pid, profile = result["pid"], result["profile"]
+    assert ours["overall"]["return"][0] > 1.8 * pid["overall"]["return"][0]
+    assert ours["overall"]["return"][0] > profile["overall"]["return"][0]
+    assert ours["overall"]["falls"][0] <= 0.0125  # one of eighty
+    slips = [np.array(s["by_command"]["slip_per_metre"]["value"]) for s in (ours, pid)]
+    assert (slips[0] < slips[1]).all() and (slips[0][:2] < slips[1][:2] / 4.0).all()
+    assert max(ours["by_command"]["steady_speed_error"]["value"]) < 0.025
+    assert max(ours["by_command"]["torque_change"]["value"]) < 1.2

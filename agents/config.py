@@ -343,17 +343,25 @@ def _check_algorithm(algo: str, config: dict[str, Any]) -> None:
 
 def _check_environment(env_id: str, config: dict[str, Any]) -> None:
     """What only some environments have, and their arguments."""
+    action = config.get("action", "torque")
     if env_id != "JansenWalker-v0":
-        if (action := config.get("action", "torque")) != "torque":
+        if action != "torque":
             raise ValueError(f"action is {action!r}, must be 'torque' for {env_id}")
         if "noise_exponent" in config.get("policy_kwargs", {}):
             raise ValueError(f"policy_kwargs.noise_exponent is given, but {env_id} has no command")
     if (teacher := config.get("imitate")) is not None:
         one_of(find_task(env_id).baselines)("imitate", teacher)
+        if action != "torque":
+            raise ValueError(f"imitate is given, so action must be 'torque', and is {action!r}")
     for name in ("env_kwargs", "training_kwargs"):
         check_env_kwargs(env_id, config.get(name, {}))
     for variant in config.get("training_variants", ()):
         check_env_kwargs(env_id, variant)
+        if "torque_limit" in variant and (teacher is not None or action != "torque"):
+            raise ValueError(  # baselines and maps are made for one
+                "torque_limit is in training_variants, must be in training_kwargs or env_kwargs, "
+                "where it is of all robots, with imitate or another action than 'torque'"
+            )
 
 
 def _check(part: str, values: dict[str, Any], table: dict[str, Check]) -> None:

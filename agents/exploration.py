@@ -19,9 +19,10 @@ SLOWEST, FASTEST = 0.03, 0.2  # m/s, between which the noise grows
 
 
 class CommandNoisePolicy(ActorCriticPolicy):
-    """PPO's Gaussian policy with the standard deviation std (min(|command|, 0.2 m/s) / 0.2 m/s)^p.
+    """PPO's Gaussian policy with the standard deviation std (|command| / 0.2 m/s)^p.
 
-    std is learned, as it always is. What the policy does without noise is not touched.
+    Commands count from 0.03 to 0.2 m/s, slower and faster ones as these. std is learned, as it
+    always is. What the policy does without noise is not touched.
 
     Args:
         noise_exponent: p, 0 for none of this. arguments, more: the policy's own.
@@ -30,6 +31,10 @@ class CommandNoisePolicy(ActorCriticPolicy):
     def __init__(self, *arguments: Any, noise_exponent: float = 0.0, **more: Any) -> None:
         self.noise_exponent = noise_exponent
         super().__init__(*arguments, **more)
+
+    def _get_constructor_parameters(self) -> dict[str, Any]:
+        """What a file of the policy alone keeps beside its weights."""
+        return {**super()._get_constructor_parameters(), "noise_exponent": self.noise_exponent}
 
     def forward(
         self, obs: torch.Tensor, deterministic: bool = False

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from stable_baselines3 import PPO
 from stable_baselines3.common.utils import set_random_seed
 
 from agents import imitation
@@ -79,6 +80,23 @@ def test_noise_grows_with_the_command(small):
     assert torch.equal(values, again[0]) and torch.allclose(likelihood, again[1])
     normal = torch.distributions.Normal(distribution.mean, expected[:, None])
     assert torch.allclose(normal.log_prob(actions)[:, 0], likelihood, atol=1e-5)
+
+
+def test_files_of_the_library_keep_the_exponent(small, tmp_path):
+    """Of the policy alone, and of the whole model."""
+    model = prepare(small)
+    model.policy.save(tmp_path / "policy.pth")
+    model.save(tmp_path / "model.zip")
+    read = [
+        CommandNoisePolicy.load(tmp_path / "policy.pth"),
+        PPO.load(tmp_path / "model.zip", device="cpu").policy,
+    ]
+    seen = torch.linspace(-0.5, 0.5, 60).reshape(3, 20)
+    expected = model.policy.get_distribution(seen).distribution
+    for policy in read:
+        found = policy.get_distribution(seen).distribution
+        assert torch.equal(found.stddev, expected.stddev)
+        assert torch.equal(found.mean, expected.mean)
 
 
 def test_without_an_exponent_it_is_the_usual_policy(small):

@@ -153,8 +153,13 @@ class CriticFirst(BaseCallback):
         self.steps = steps
 
     def _on_rollout_end(self) -> None:
+        self._let_learn(self.model.num_timesteps > self.steps)
+
+    def _on_training_end(self) -> None:
+        self._let_learn(True)  # whoever goes on with the model
+
+    def _let_learn(self, learns: bool) -> None:
         policy: Any = self.model.policy
-        learns = self.model.num_timesteps > self.steps
         for parameter in (*_actor(policy), policy.log_std):
             parameter.requires_grad_(learns)
             if not learns:

@@ -66,6 +66,15 @@ def test_the_critic_learns_first(small):
     assert {"mlp_extractor.policy_net", "log_std"} <= parts
 
 
+def test_who_goes_on_with_a_model_trains_its_actor(small):
+    """After a run that ended while the critic learned alone."""
+    model = prepare(small)
+    model.learn(32, callback=CriticFirst(1000))
+    before = weights(model)
+    model.learn(32, reset_num_timesteps=False)
+    assert {"mlp_extractor.policy_net", "log_std"} <= changed(before, weights(model))
+
+
 def test_noise_grows_with_the_command(small):
     policy = prepare(small).policy
     assert isinstance(policy, CommandNoisePolicy)

@@ -89,23 +89,29 @@ def command_table(task: Task, found: dict[str, Any], seeds: int) -> str:
 
 
 def command_csv(rows: Sequence[dict[str, Any]]) -> str:
-    """The raw scores: all metrics of each run and of the baselines at each command."""
-    file = io.StringIO()
-    writer: Any = None
-    baselines: set[str] = set()
+    """The raw scores: all metrics of each run and of the baselines at each command.
+
+    A baseline stands there once for each environment, and once more for a group in whose
+    environments, with other arguments, it scores otherwise.
+    """
+    lines: list[dict[str, Any]] = []
+    baselines: dict[str, Any] = {}
     for row in rows:
         for policy, metrics in row.get("by_command", {}).items():
             own = {"group": row["group"], "seed": row["seed"], "policy": policy}
-            if policy != "run":  # the same for all runs of an environment
-                if (mark := f"{row['env']} {policy}") in baselines:
-                    continue
-                baselines.add(mark)
-                own |= {"group": row["env"], "seed": ""}
+            if policy != "run":
+                first = baselines.setdefault(f"{row['env']} {policy}", metrics)
+                place = row["env"] if first == metrics else row["group"]
+                if baselines.setdefault(f"{policy} at {place}", row) is not row:
+                    continue  # as of another run
+                own |= {"group": place, "seed": ""}
             for i, command in enumerate(next(iter(metrics.values()))["command"]):
                 values = {name: found["value"][i] for name, found in metrics.items()}
-                line = {**own, "command": command, **values}
-                if writer is None:
-                    writer = csv.DictWriter(file, list(line), extrasaction="ignore")
-                    writer.writeheader()
-                writer.writerow(line)
+                lines.append({**own, "command": command, **values})
+    if not lines:
+        return ""
+    file = io.StringIO()
+    writer = csv.DictWriter(file, list(dict.fromkeys(name for line in lines for name in line)))
+    writer.writeheader()
+    writer.writerows(lines)
     return file.getvalue()

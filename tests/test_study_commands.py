@@ -66,3 +66,21 @@ def test_raw_scores_are_written(rows):
     assert (own["group"], own["policy"], float(own["slip_per_metre"])) == ("g", "run", 0.2)
     (pid,) = [r for r in written if (r["policy"], r["command"]) == ("pid", "0.3")]
     assert pid["seed"] == "" and float(pid["rms_torque"]) == 6.0
+
+
+def test_raw_scores_of_groups_that_differ(rows):
+    """Each environment's own metrics, and the baselines of a group on other ground."""
+    crank = {"rms_error": {"command": [1.0], "value": [0.1]}}
+    ice = rows[2]["by_command"] | {"pid": scores([2.0, 0.2], [3.0, 6.0])}
+    rows += [
+        {"group": "ice", "env": "JansenWalker-v0", "seed": 7, "by_command": ice},
+        {"group": "ice", "env": "JansenWalker-v0", "seed": 8, "by_command": ice},
+        {"group": "crank", "env": "JansenCrank-v0", "seed": 7, "by_command": {"run": crank}},
+    ]
+    written = list(csv.DictReader(command_csv(rows).splitlines()))
+    pids = [r for r in written if (r["policy"], r["command"]) == ("pid", "0.1")]
+    slip = [(r["group"], float(r["slip_per_metre"])) for r in pids]
+    assert slip == [("JansenWalker-v0", 1.0), ("ice", 2.0)]
+    (turned,) = [r for r in written if r["group"] == "crank"]
+    assert turned["rms_error"] == "0.1" and turned["slip_per_metre"] == ""
+    assert sum(r["policy"] == "profile" for r in written) == 2  # the same everywhere, at 2 commands

@@ -1,4 +1,4 @@
-"""Train PPO with the shipped hyperparameters, then watch what it has learnt.
+"""Train PPO from scratch, imitating nobody, then watch what it has learnt.
 
 python examples/train_and_watch.py [STEPS]   (300,000 by default: a minute or two)
 """
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import gymnasium as gym
 
-from agents.config import load_config, shipped_config
+from agents.config import CONFIGS, new_config
 from agents.models import load_policy
 from agents.runs import record_run
 from agents.training import prepare, train
@@ -18,8 +18,7 @@ ENV = "JansenWalker-v0"
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 300_000
 folder = Path("walker")
 
-config = load_config(shipped_config(ENV, "ppo"), "ppo", ENV)
-config.update(algo="ppo", env=ENV, seed=0, timesteps=steps)
+config = new_config(CONFIGS / ENV / "ppo_from_scratch.yml", timesteps=steps)
 record_run(folder, config, command=f"python {' '.join(sys.argv)}")
 train(prepare(config), config, folder, eval_every=100_000, save_every=0)
 

@@ -161,7 +161,8 @@ def search_profile(
 
     Args:
         sweeps: at least one. harmonics: K. seed: the same one, the same profile.
-        progress: gets each generation's command and episodes. save: gets what there is so far.
+        progress: gets each generation's command and episodes. save: gets what there is after
+            each sweep, at all commands.
     """
     rng = np.random.default_rng(seed)
     found: dict[float, Array] = {}
@@ -178,7 +179,7 @@ def search_profile(
                 progress(command, out)
 
             found[command] = improve(held, command, sweep, rng, tell)
-            knots = sorted(found)
-            profile = Profile(np.array(knots), np.array([found[knot] for knot in knots]))
-            save(profile)
+        knots = sorted(found)
+        profile = Profile(np.array(knots), np.array([found[knot] for knot in knots]))
+        save(profile)
     return profile

@@ -62,7 +62,7 @@ def tune_maps(names: list[str], episodes: int, path: Path) -> None:
 
 
 def tune_profile(seed: int, path: Path) -> None:
-    """Search for the profile; what there is after each command is in the file."""
+    """Search for the profile; what there is after each sweep is in the file."""
     sweeps = profile_search.SWEEPS
     made: dict[str, Any] = {
         "command": f"python -m agents.tune profile --seed {seed}",

@@ -165,6 +165,21 @@ def test_what_is_no_profile_is_refused(commands, numbers, match):
         Profile(np.array(commands), numbers)
 
 
+def test_an_interrupted_search_leaves_no_part_of_the_grid(monkeypatch):
+    """What is saved has all commands: first after the first sweep."""
+    sweep, saved = Sweep(generations=1, episodes=2, step_size=0.5, candidates=4), []
+
+    def improve(found, command, sweep, rng, progress):
+        if len(saved) == 1 and command == 0.5:
+            raise KeyboardInterrupt
+        return found[command]
+
+    monkeypatch.setattr(profile_search, "improve", improve)
+    with pytest.raises(KeyboardInterrupt):
+        search_profile((0.1, 0.15, 0.5), (sweep, sweep), save=saved.append)
+    assert [profile.commands.tolist() for profile in saved] == [[0.1, 0.15, 0.5]]
+
+
 def test_tuning_writes_what_can_be_loaded(tmp_path, monkeypatch, capsys):
     """Only what is asked for; an unknown baseline is refused."""
     short = (Sweep(generations=1, episodes=2, step_size=0.5, candidates=4),)

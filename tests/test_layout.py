@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import ast
+import sys
 from collections import Counter
 from pathlib import Path
 
 import pytest
+
+from agents import NEEDED
 
 ROOT = Path(__file__).parents[1]
 ORDER = (
@@ -47,6 +50,18 @@ def imported(path: Path) -> set[str]:
             found.add(node.module)
             found |= {f"{node.module}.{name.name}" for name in node.names}
     return found
+
+
+def test_agents_ask_for_all_packages_that_they_import():
+    """Beside those that the package itself needs, and Ray, which has an extra of its own."""
+    found = {
+        name.split(".")[0]
+        for path in FILES
+        if "agents" in path.relative_to(ROOT).parts
+        for name in imported(path)
+    }
+    others = {"agents", "jansen_env", "benchmarks", "ray", "gymnasium", "numpy", "safetensors"}
+    assert found - others - sys.stdlib_module_names <= {*NEEDED}
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))

@@ -78,7 +78,7 @@ class Trials:
         observation, _ = envs.reset(seed=seeds.tolist(), options=options)
         up, starts, state = np.ones(n, bool), np.ones(n, bool), None
         position, settled, torque = np.zeros(n), np.zeros(n), np.zeros(n)
-        sums = np.zeros((5, n))
+        sums = np.zeros((6, n))
         steps, start = round(DURATION / dt), round(SETTLED / dt)
         for step in range(steps):
             actions, state = policy.predict(observation, state, starts, True)
@@ -86,14 +86,15 @@ class Trials:
             observation, reward, _, _, info = envs.step(actions)
             before, torque = torque, info["crank_torque"]
             work, slip = np.abs(info["energy"]["motor_work"]), info["slip"].sum(axis=1)
-            sums += up * np.array([reward, slip, work, torque**2, np.abs(torque - before)])
+            change = np.abs(torque - before)
+            sums += up * np.array([reward, slip, work, torque**2, change, np.ones(n)])
             position = np.where(up, info["x_position"], position)
             up &= ~(info["fallen"] | info["diverged"])
             if step + 1 == start:
                 settled = position
-        returns, slip, work, square, change = sums
+        returns, slip, work, square, change, walked = sums
         return Outcome(
             returns, ~up, (position - settled) / ((steps - start) * dt) - commands,
             np.maximum(np.sign(commands) * position, 0.0), slip, work / self.weight,
-            square / steps, change / steps,
+            square / walked, change / walked,
         )  # fmt: skip

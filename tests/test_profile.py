@@ -9,6 +9,7 @@ import scipy.stats
 from agents import profile_search, tune
 from agents.evaluate import load_named
 from agents.metrics import point_estimates
+from agents.policy import TorquePolicy
 from agents.profile import Profile, load_profile, profile_torque
 from agents.profile_search import Sweep, improve, of_each, search_profile, triangular, worth
 from agents.rollout import make_env, run_episodes
@@ -123,6 +124,16 @@ def test_the_search_improves_a_bad_start():
         for own in (start, found)
     ]
     assert values[1].mean() > values[0].mean() + 20.0
+
+
+def test_means_of_an_episode_end_with_its_fall():
+    """The full torque throws some robots over: its mean square is its square, however soon."""
+    trials = Trials(np.full(3, 0.8))
+    full = TorquePolicy(lambda seen, *_: (np.full(len(seen), 20.0), None), 20.0)
+    out = trials.run(full, np.full(3, 0.3), np.arange(3))
+    assert out.fell.any() and not out.fell.all()
+    assert out.square == pytest.approx(np.full(3, 400.0))
+    assert (out.change[out.fell] > out.change[~out.fell].max()).all()  # once, from 0
 
 
 def test_the_search_repeats():

@@ -183,6 +183,9 @@ def train(
     callbacks = [*updates, saver]
     if "critic_first" in config:
         callbacks.append(CriticFirst(config["critic_first"]))
+        if leads and config["critic_first"] >= config["timesteps"]:
+            print(f"critic_first is {config['critic_first']}, timesteps is {config['timesteps']}: "
+                  "the policy stays what it begins as")  # fmt: skip
     state = None if resume is None else _read_own_state(resume, worker)
     if state is not None:
         callbacks.insert(0, GeneratorsRestored(state))

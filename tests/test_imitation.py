@@ -8,11 +8,11 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.utils import set_random_seed
 
-from agents import imitation
+from agents import callbacks, imitation
 from agents.config import new_config
 from agents.exploration import CommandNoisePolicy
 from agents.imitation import CriticFirst, imitate
-from agents.training import prepare
+from agents.training import prepare, train
 from agents.walker_observation import COMMAND
 
 
@@ -64,6 +64,18 @@ def test_the_critic_learns_first(small):
     model.learn(32, callback=CriticFirst(32), reset_num_timesteps=False)
     parts = changed(before, weights(model))
     assert {"mlp_extractor.policy_net", "log_std"} <= parts
+
+
+def test_a_run_in_which_the_actor_never_learns_says_so(small, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(callbacks, "EPISODES", 1)
+    del small["imitate"]
+    small["env_kwargs"] = {"max_episode_steps": 5}
+    for steps, said in ((64, True), (32, False)):
+        own = {**small, "critic_first": steps}
+        folder = tmp_path / str(steps)
+        folder.mkdir()
+        train(prepare(own), own, folder, eval_every=0, save_every=0, progress=False)
+        assert ("the policy stays what it begins as" in capsys.readouterr().out) == said
 
 
 def test_who_goes_on_with_a_model_trains_its_actor(small):

@@ -146,6 +146,7 @@ NETWORKS = {
                           "normalize": True, "share_features_extractor": False}),
     "squashed": ("ppo", {"use_sde": True}, {"net_arch": [], "squash_output": True}),
     "sac": ("sac", {}, {"net_arch": [8], "normalize": True}),
+    "tqc": ("tqc", {}, {"net_arch": [8], "normalize": True}),
     "sac with gSDE": ("sac", {"use_sde": True}, {"net_arch": [8], "clip_mean": 0.3}),
 }  # fmt: skip
 
@@ -168,7 +169,7 @@ def made_run(folder, algo, hyperparameters, policy_kwargs):
             if "target" not in name:
                 tensor.copy_(torch.rand_like(tensor) + 0.1 if "extractor." in name
                              else 0.5 * torch.randn_like(tensor))  # fmt: skip
-    if algo == "sac":
+    if algo in ("sac", "tqc"):
         model.critic_target.load_state_dict(model.critic.state_dict())
     model.save(folder / "best_model.zip")
     return folder

@@ -144,6 +144,8 @@ class Imitation(BaseCallback):
 class CriticFirst(BaseCallback):
     """Keeps the actor, its noise too, as it is for a run's first steps.
 
+    Observation statistics, of which the actor's and the critic's are one, go on.
+
     Args:
         steps: of the run.
     """

@@ -55,7 +55,7 @@ def versions() -> dict[str, str]:
 def tune_maps(names: list[str], episodes: int, path: Path) -> None:
     """Measure some of :data:`SETTINGS`; the others stay in the file as they are."""
     found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    found["command"] = f"python -m agents.tune --episodes {episodes}"
+    found["command"] = f"python -m agents.tune {' '.join(names)} --episodes {episodes}"
     for name in tqdm(names, desc="walking speeds", unit="baseline"):
         found[name] = measure(name, SETTINGS[name], episodes)
     print(f"written: {write_json(path, found)}")

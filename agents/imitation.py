@@ -46,7 +46,8 @@ def imitate(model: PPO, config: dict[str, Any]) -> float:
         model: with a Gaussian policy. config: of its training.
 
     Returns:
-        Root mean square difference from the baseline's torque at the end, as a share of its limit.
+        Root mean square difference from the baseline's torque in the last minibatch, as a share of
+        its limit.
     """
     env_id, (kwargs, variants) = config["env"], training_envs(config)
     env = make_env(env_id, kwargs)

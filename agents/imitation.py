@@ -22,7 +22,7 @@ from agents.config import training_envs
 from agents.normalizer import NormalizedObservation
 from agents.policy import Policy
 from agents.rollout import make_env
-from agents.tasks import find_task
+from agents.tasks import find_task, vector_env
 from agents.vec_env import make_vec_env
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ def imitate(model: PPO, config: dict[str, Any]) -> float:
 
     The observation statistics become those of what was seen. Random numbers come from generators of
     their own, seeded with the configuration's seed: a run's other numbers are what they would be.
+    The robots are moved in one batch, by the projection plant, whichever plant is trained on.
 
     Args:
         model: with a Gaussian policy. config: of its training.
@@ -50,6 +51,8 @@ def imitate(model: PPO, config: dict[str, Any]) -> float:
         its limit.
     """
     env_id, (kwargs, variants) = config["env"], training_envs(config)
+    alone = vector_env(env_id).TASK.ONE_ALONE  # so many robots one by one would take hours
+    kwargs = {name: value for name, value in kwargs.items() if name not in alone}
     env = make_env(env_id, kwargs)
     teacher = find_task(env_id).baselines[config["imitate"]](env.unwrapped)
     env.close()

@@ -13,10 +13,11 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from agents.metrics import SETTLING
 from agents.policy import Array, Bools, Policy
 
 ENV = "JansenWalker-v0"
-DURATION, SETTLED = 10.0, 2.0  # s, of an episode, and of its start, which the drift leaves out
+DURATION = 10.0  # s, of an episode
 
 
 class Outcome(NamedTuple):
@@ -24,7 +25,8 @@ class Outcome(NamedTuple):
 
     Attributes:
         returns: sum of rewards. fell: whether it fell or diverged.
-        drift: mean speed after the start less the command, m/s; a robot that fell stays there.
+        drift: mean speed after the first ``SETTLING`` s less the command, m/s; a robot that fell
+            stays there.
         distance: m, towards the command. slip: of all toes, m. work: of the motor, without its
             sign, over the robot's weight, m. square: mean square of the torque, (N m)^2.
         change: mean of \\|change of the torque\\| from step to step, N m.
@@ -79,7 +81,7 @@ class Trials:
         up, starts, state = np.ones(n, bool), np.ones(n, bool), None
         position, settled, torque = np.zeros(n), np.zeros(n), np.zeros(n)
         sums = np.zeros((6, n))
-        steps, start = round(DURATION / dt), round(SETTLED / dt)
+        steps, start = round(DURATION / dt), round(SETTLING / dt)
         for step in range(steps):
             actions, state = policy.predict(observation, state, starts, True)
             starts = np.zeros(n, bool)

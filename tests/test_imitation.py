@@ -54,6 +54,15 @@ def test_a_policy_learns_a_baseline(small):
     assert imitate(again, small) == error
 
 
+def test_imitation_takes_the_plant_that_moves_many(small):
+    """Whichever one is trained on."""
+    found = [
+        imitate(prepare(config), config)
+        for config in (small, {**small, "env_kwargs": {"plant": "rigid_body"}, "n_envs": 2})
+    ]
+    assert found[0] == found[1]
+
+
 def test_the_critic_learns_first(small):
     model = prepare(small)
     before = weights(model)

@@ -100,7 +100,7 @@ ROW = row_dtype(
 
 @compiled
 def finish_step(
-    active, states, slip, force, robots, settings, rows, loads, reward, surface, bounds, ground, out
+    active, states, slip, force, robots, settings, rows, loads, reward, surface, out
 ):
     """Reward the step that led to ``states`` (n, 8), and :func:`describe` it.
 
@@ -109,7 +109,7 @@ def finish_step(
         slip: (n, toes) m. force: (n, toes, 2) N. robots: (n,) ROBOT of the plant.
         settings: (1,) of :data:`SETTINGS`. rows: (n,) of :data:`ROW`.
         loads: (n, toes) normal forces / weight. reward: (n,).
-        surface, bounds, ground, out: see :func:`describe`.
+        surface, out: see :func:`describe`.
     """
     for r in range(len(states)):
         if not active[r]:
@@ -131,7 +131,7 @@ def finish_step(
         reward[r] *= term.effort * term.smoothness * term.posture
         row.info.speed_command = row.next_command
         row.action_before, row.x_before = row.action, state[0]  # of the next step
-        _describe(r, states, robots, rows, loads, surface, bounds, ground, out)
+        _describe(r, states, robots, rows, loads, surface, out)
 
 
 @compiled
@@ -203,23 +203,23 @@ def factor(cost, weight):
 
 
 @compiled
-def describe(which, states, robots, rows, loads, surface, bounds, ground, out):
+def describe(which, states, robots, rows, loads, surface, out):
     """Observations (n, 16 + toes) into ``out``, and information into ``rows``, of some robots.
 
     Args:
         which: (k,) of the robots.
         states: (n, 8). robots: (n,) ROBOT of the plant. loads: (n, toes).
-        surface, bounds, ground: see
-            :func:`jansen_env.plants.detector.surfaces`.
+        surface: (vertices, 2) m, of all terrains.
     """
     for r in which:
-        _describe(r, states, robots, rows, loads, surface, bounds, ground, out)
+        _describe(r, states, robots, rows, loads, surface, out)
 
 
 @compiled
-def _describe(r, states, robots, rows, loads, surface, bounds, ground, out):
-    begin, end = bounds[ground[r]], bounds[ground[r] + 1]
-    height = states[r, 1] - height_at(surface, begin, end, states[r, 0])
+def _describe(r, states, robots, rows, loads, surface, out):
+    status = robots[r].status
+    ground = height_at(surface, status.first_vertex, status.end_vertex, states[r, 0])
+    height = states[r, 1] - ground
     observe(states[r], height, rows[r], loads[r], out[r])
     inform(states[r], robots[r].accumulators, rows[r])
 

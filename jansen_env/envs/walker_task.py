@@ -31,7 +31,6 @@ from jansen_env.plants.base import (
 )
 from jansen_env.plants.batch import Batch, check_bounce
 from jansen_env.plants.batch_of_one import BatchOfOne
-from jansen_env.plants.detector import surfaces
 from jansen_env.plants.initial_pose import sag
 from jansen_env.plants.make import make_plant, plant_time_step
 from jansen_env.plants.projected import ProjectionPlant
@@ -154,7 +153,6 @@ class WalkerTask(Task):
         self.loads = np.zeros((n, self.batch.toes))
         self.elapsed = np.zeros(n, np.int64)
         self._command_seed = np.zeros(n, np.int64)
-        self._ground = surfaces(self.terrains)
         if self.track_joint_forces:
             self.traceable.tracing = True
         self._joint_loads = np.zeros(2)
@@ -297,12 +295,12 @@ class WalkerTask(Task):
         batch = self.batch
         return (
             batch.states, batch.slip, batch.contact_force, batch.rows, self._settings, self.rows,
-            self.loads, self.reward, *self._ground, self.observation,
+            self.loads, self.reward, self.batch.surface, self.observation,
         )  # fmt: skip
 
     def _arguments_of_description(self) -> tuple[Any, ...]:
         return (
-            self.batch.states, self.batch.rows, self.rows, self.loads, *self._ground,
+            self.batch.states, self.batch.rows, self.rows, self.loads, self.batch.surface,
             self.observation,
         )  # fmt: skip
 

@@ -90,6 +90,11 @@ class BatchedPlant(Protocol):
     in_contact: NDArray[np.bool_] | None
 
     @property
+    def surface(self) -> Array:
+        """(vertices, 2) m, of all terrains: a robot's are in its row's status."""
+        ...
+
+    @property
     def states(self) -> Array: ...
 
     @property

@@ -249,6 +249,11 @@ class Batch:
         set_compliance(self.params[row : row + 1], pads)
 
     @property
+    def surface(self) -> Array:
+        """(vertices, 2) m, of all terrains; each robot's rows say which are its own."""
+        return self.detector.surface
+
+    @property
     def deflection(self) -> Array:
         """(n, pads) how far the bristles of compliant pads are bent, m; part of the state."""
         bent: Array = self.contact_statistics["deflection"]

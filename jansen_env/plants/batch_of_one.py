@@ -21,6 +21,8 @@ class BatchOfOne:
         self.slip, self.contact_force = np.zeros((1, self.toes)), np.zeros((1, self.toes, 2))
         self.rows, self.joint_gap = np.zeros(1, ROBOT), np.zeros(1)
         self.accumulators = self.rows["accumulators"]
+        self.surface: Array = plant.terrain.polyline.copy()
+        self.rows["status"]["end_vertex"] = len(self.surface)
         self.diverged, self.any_diverged = np.zeros(1, bool), False
 
     @property

@@ -99,9 +99,7 @@ ROW = row_dtype(
 
 
 @compiled
-def finish_step(
-    active, states, slip, force, robots, settings, rows, loads, reward, surface, out
-):
+def finish_step(active, states, slip, force, robots, settings, rows, loads, reward, surface, out):
     """Reward the step that led to ``states`` (n, 8), and :func:`describe` it.
 
     Args:

@@ -20,6 +20,7 @@ from agents.config import find_config, training_envs
 from agents.imitation import CriticFirst, Imitation
 from agents.model_files import read_model, read_notes, read_training_state
 from agents.models import build_model, restore
+from agents.observing import observing
 from agents.replay import load_replay_buffer
 from agents.runs import FINAL, find_replay_buffer, next_monitor, rewind_monitors
 from agents.training_state import GeneratorsRestored, read_state, restore_state
@@ -70,6 +71,7 @@ def prepare(
     venv = make_vec_env(config["env"], config["n_envs"], kwargs, variants, threads=threads)
     venv = with_actions(venv, config.get("action", "torque"), config["env"], kwargs)
     venv = ScaledReward(VecMonitor(venv), config.get("reward_scale", 1.0))
+    venv = observing(venv, config)
     model = build_model(config["algo"], config, venv, seed=seed)
     if resume is not None:
         tensors, model.num_timesteps = read_model(resume)

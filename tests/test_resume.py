@@ -24,6 +24,7 @@ CASES = {
     "delay, slope, commands": small_run(
         env_kwargs={"terrain": "slope:0.05", "delay": [0.0, 0.03], "command_interval": 0.12}
     ),
+    "history": small_run(history={"length": 3, "every": 2}, imitate="profile", critic_first=250),
     "crank": small_run(env_id="JansenCrank-v0"),
     "single environments": small_run(
         timesteps=96,

@@ -4,6 +4,8 @@ from gymnasium.envs.registration import register
 
 from jansen_env.kinematics import LinkageError
 from jansen_env.motor import MOTORS, Motor
+from jansen_env.noise import Noise
+from jansen_env.push import Push
 from jansen_env.robot import (
     ROBOTS,
     Bar,
@@ -29,7 +31,9 @@ __all__ = [
     "Leg",
     "LinkageError",
     "Motor",
+    "Noise",
     "Payload",
+    "Push",
     "Robot",
     "Terrain",
     "Triangle",

@@ -252,7 +252,9 @@ def test_friction_of_a_ground_of_ones_own():
     """The generator's, unless it is given."""
 
     def ground(rng, level):
-        return Terrain(((-1.0, 0.0), (1.0, 0.0), (2.0, 0.01 * level)), friction=rng.uniform(0.2, 0.3))
+        return Terrain(
+            ((-1.0, 0.0), (1.0, 0.0), (2.0, 0.01 * level)), friction=rng.uniform(0.2, 0.3)
+        )
 
     env = gym.make("JansenWalker-v0", terrain=ground, terrain_level=3)
     found = env.reset(seed=0)[1]["parameters"]["friction"]

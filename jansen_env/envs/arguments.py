@@ -38,6 +38,7 @@ RENDER_MODES = ["human", "rgb_array"]
 MOST_STEPS = 10_000  # time steps in a control period: seconds on the slowest plant
 MOST_ROBOTS = 1_000_000  # of a vector environment: gigabytes
 FLAT = Terrain.flat()  # where a robot stands before its ground is drawn
+FURTHEST_SCAN, MOST_SCANNED = 100.0, 1000  # m, and places, of a height scan
 MOST_EPISODE_STEPS = 2**53  # the largest number up to which floats count one by one
 
 
@@ -253,6 +254,26 @@ def ranges_of_each(count: int, name: str, value: Any, least: float, most: float)
     )
     values = _each(name, value, count) if several else [value] * count
     return np.array([number_range(name, one, least, most) for one in values])
+
+
+def scanned_places(scan: Any) -> Array:
+    """(count,) m, places from the crank axis at which a robot looks at the ground.
+
+    Args:
+        scan: (behind, ahead, count); None for none.
+
+    Raises:
+        ValueError: anything else, or out of range.
+    """
+    if scan is None:
+        return np.empty(0)
+    allowed = "None or (behind, ahead, count)"
+    values = entries("height_scan", scan, allowed)
+    if len(values) != 3:
+        raise ValueError(f"height_scan is {shown(scan)}, must be {allowed}")
+    behind, ahead = (within(f"height_scan[{i}]", values[i], 0.0, FURTHEST_SCAN) for i in (0, 1))
+    count = positive_integer("height_scan[2]", values[2], MOST_SCANNED)
+    return np.linspace(-behind, ahead, count)
 
 
 def numbers_of_each(count: int, name: str, value: Any, check: Callable[[str, Any], float]) -> Array:

@@ -20,11 +20,13 @@ from jansen_env.engine import task
 from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.envs import arguments
 from jansen_env.envs.core import Bools, Information, Ints, Observed, Task
+from jansen_env.envs.disturbances import NoisySensors, Pushes
 from jansen_env.envs.episodes import Episodes, Plan
 from jansen_env.envs.parameters import PARAMETERS
 from jansen_env.gravity import GRAVITY
 from jansen_env.kinematics import advance_per_turn
 from jansen_env.motor import Motor
+from jansen_env.noise import Noise, make_noise
 from jansen_env.plants.base import (
     BatchedPlant,
     Plant,
@@ -37,6 +39,7 @@ from jansen_env.plants.batch_of_one import BatchOfOne
 from jansen_env.plants.initial_pose import sag
 from jansen_env.plants.make import make_plant, plant_time_step
 from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.push import Push, check_schedule, make_push
 from jansen_env.rendering import Frame
 from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
@@ -115,6 +118,9 @@ class WalkerTask(Task):
         terrain_level: int | tuple[int, int] | Any = 0,
         curriculum: Curriculum | bool | None = None,
         randomize: Mapping[str, Any] | Any = None,
+        height_scan: tuple[float, float, int] | None = None,
+        noise: Noise | Mapping[str, Any] | None = None,
+        push: Push | Mapping[str, Any] | None = None,
     ) -> None:
         self.num_envs = n = num_envs
         grounds = arguments.terrain_of_each(n, terrain, friction, restitution)
@@ -153,8 +159,13 @@ class WalkerTask(Task):
             sag(robot_of_one, GRAVITY)  # or its feet are too soft
         self.plant, self.batch = self._plants(plant, grounds.terrains, step, threads)
         self._steps = round(self.control_dt / step)
+        self._scan = arguments.scanned_places(height_scan)
         longest = max(one.longest_delay for one in randomizations)
-        self._allocate(task.ROW, _observed(self.batch.toes), delay, step, longest)
+        observed = _observed(self.batch.toes, len(self._scan))
+        self._allocate(task.ROW, observed, delay, step, longest)
+        self._pushes = Pushes(n, make_push(push), self._steps, step)
+        kind = make_noise(noise)
+        self._sensors = None if kind is None else NoisySensors(n, kind, self.observed)
         advance = advance_per_turn(self.robots[0])  # what robots may differ in does not change it
         self.rows["direction"] = math.copysign(1.0, advance)
         self.rows["mean_path"] = abs(advance) / STEPS_PER_TURN
@@ -163,14 +174,15 @@ class WalkerTask(Task):
         self._bare_mass = np.array([robot.bare_mass for robot in self.robots])
         self.loads = np.zeros((n, self.batch.toes))
         self.elapsed = np.zeros(n, np.int64)
-        self._command_seed = np.zeros(n, np.int64)
+        self._seed = np.zeros(n, np.int64)  # of what episodes draw after their start
         if self.track_joint_forces:
             self.traceable.tracing = True
         self._joint_loads = np.zeros(2)
         self.episodes = Episodes(
             self.batch, self.robots, *grounds,
             arguments.levels_of_each(n, terrain_level), randomizations,
-            arguments.load_curriculum(curriculum), {"noise": False, "push": False},
+            arguments.load_curriculum(curriculum),
+            {"noise": self._sensors is not None, "push": self._pushes.at_random},
         )  # fmt: skip
         self.information = self._inform()
         prepare(
@@ -180,7 +192,12 @@ class WalkerTask(Task):
         )
 
     def _inform(self) -> Information:
-        arrays = {"slip": self.batch.slip, "contact_force": self.batch.contact_force}
+        arrays: dict[str, NDArray[Any]] = {
+            "slip": self.batch.slip,
+            "contact_force": self.batch.contact_force,
+        }
+        if self._sensors is not None:
+            arrays["true_observation"] = self._sensors.truth
         loads = {
             "joint_force_max": self._joint_loads[:1],
             "joint_impulse_max": self._joint_loads[1:],
@@ -235,13 +252,14 @@ class WalkerTask(Task):
         """Start episodes of some robots, see :class:`Task`."""
         each = list(zip(rows.tolist(), generators, options, strict=True))
         drawn = [self._draw(row, rng, own) for row, rng, own in each]
-        seeds = [rng.integers(2**63) for rng in generators]  # of the commands to come
+        seeds = [rng.integers(2**63) for rng in generators]  # of commands to come, pushes and noise
         commands, crank_angles, crank_speeds, delays = np.array(drawn).T
         plans = [
             self.episodes.plan(row, rng, own, delay, *self._walked(row))
             for (row, rng, own), delay in zip(each, delays.tolist(), strict=True)
         ]
-        self._command_seed[rows] = seeds
+        schedules = [_schedule(own) for own in options]
+        self._seed[rows] = seeds
         self._put_in_force(rows, plans)
         batch = self.batch
         batch.place(rows, crank_angles)
@@ -252,6 +270,8 @@ class WalkerTask(Task):
             batch.set_state(row, state)
         self._begin_delay(rows, self.episodes.values["delay"][rows])
         self._begin(rows, commands)
+        for row, pushes in zip(rows.tolist(), schedules, strict=True):
+            self._pushes.schedule(row, pushes)
 
     def _walked(self, row: int) -> tuple[float, float]:
         """How far a robot got in its last episode, m, and its command, m/s; 0 before the first."""
@@ -272,6 +292,9 @@ class WalkerTask(Task):
         )
         limits = np.array([self.robots[row].motor.torque_limit for row in rows.tolist()])
         self.full_torque[rows] = self.rows["direction"][rows] * limits * values["motor_strength"]
+        self._pushes.strength[rows] = values["push_strength"]
+        if self._sensors is not None:
+            self._sensors.level[rows] = values["noise_level"]
 
     def _begin(self, rows: Ints, commands: Array, actions: float | Array = 0.0) -> None:
         """Begin robots' episodes: nothing but what a robot is remains of the one before."""
@@ -293,7 +316,7 @@ class WalkerTask(Task):
         crank_angle = rng.uniform(0.0, 2.0 * math.pi)
         command = rng.uniform(*self.speed_command[row])
         crank_speed = self.reset_noise_scale[row] * rng.uniform(-1.0, 1.0)
-        arguments.known_options(options, ("speed_command", "crank_angle", *PARAMETERS))
+        arguments.known_options(options, ("speed_command", "crank_angle", "pushes", *PARAMETERS))
         delay = self._draw_delay(row, rng, options)
         command = arguments.option(
             options, "speed_command", command, -FASTEST_COMMAND, FASTEST_COMMAND
@@ -307,16 +330,21 @@ class WalkerTask(Task):
         """Hold torques for ``control_dt`` seconds, see :class:`Task`."""
         batch = self.batch
         self._take_actions(actions, active)
+        pushes = self._pushes.of_step(active, self.elapsed, self._seed)
         self.elapsed += active
         self._draw_commands()
         asked = self.torque, self._steps, self.earlier, self.switch
+        pushed: dict[str, Any] = {} if pushes is None else {"pushes": pushes}
         if isinstance(batch, Batch):
-            batch.step(*asked, None if active.all() else np.flatnonzero(active), meanwhile)
+            rows = None if active.all() else np.flatnonzero(active)
+            batch.step(*asked, rows, meanwhile, **pushed)
         elif active.any():
-            batch.step(*asked)
+            batch.step(*asked, **pushed)
         if meanwhile is not None and not isinstance(batch, Batch):
             meanwhile()
         task.finish_step(active, *self._arguments_of_step())
+        if self._sensors is not None:
+            self._add_noise(np.flatnonzero(active))
         if self.terminate_when_fallen:
             self.terminated[:] = self.rows["info"]["fallen"]
         if not isinstance(batch, Batch):  # whose joints cannot open
@@ -333,24 +361,30 @@ class WalkerTask(Task):
             return
         for row in np.flatnonzero(self.elapsed % self._command_steps == 0).tolist():
             # By the time, so that a state to go on from needs no more than the seed.
-            rng = np.random.default_rng((self._command_seed[row], self.elapsed[row]))
+            rng = np.random.default_rng((self._seed[row], self.elapsed[row]))
             self.rows[row]["next_command"] = rng.uniform(*self.speed_command[row])
 
     def _describe(self, rows: Ints) -> None:
         """Fill observations and information of some robots with what is the case now."""
         task.describe(rows, *self._arguments_of_description())
+        self._add_noise(rows)
+
+    def _add_noise(self, rows: Ints) -> None:
+        """Let some robots observe with noise what has just been described, if there is any."""
+        if self._sensors is not None:
+            self._sensors.add(rows, self.elapsed, self._seed, self.observation)
 
     def _arguments_of_step(self) -> tuple[Any, ...]:
         batch = self.batch
         return (
             batch.states, batch.slip, batch.contact_force, batch.rows, self._settings, self.rows,
-            self.loads, self.reward, self.batch.surface, self.observation,
+            self.loads, self.reward, self.batch.surface, self._scan, self.observation,
         )  # fmt: skip
 
     def _arguments_of_description(self) -> tuple[Any, ...]:
         return (
             self.batch.states, self.batch.rows, self.rows, self.loads, self.batch.surface,
-            self.observation,
+            self._scan, self.observation,
         )  # fmt: skip
 
     def set_parameters(self, row: int, **changes: Any) -> None:
@@ -467,9 +501,10 @@ class WalkerTask(Task):
             "lag": float(kept["info"]["lag"]),
             **{name: float(kept["info"][name]) for name in MEANS},
             "steps": int(self.elapsed[row]),
-            "command_seed": int(self._command_seed[row]),
+            "command_seed": int(self._seed[row]),
             "loads": self.loads[row].copy(),
             **self.episodes.state(row),
+            "pushes": self._pushes.scheduled(row),
         }
 
     def set_state(self, row: int, state: Mapping[str, Any]) -> None:
@@ -496,7 +531,7 @@ class WalkerTask(Task):
             )
             for name in MEANS
         }
-        fallen = bool(state["fallen"])
+        fallen, pushes = bool(state["fallen"]), _schedule(state, "state")
         plan, level = self.episodes.planned(row, state)
         batch, one = self.batch, np.array([row])
         self._put_in_force(one, [plan])
@@ -508,7 +543,8 @@ class WalkerTask(Task):
         batch.slip[row] = batch.contact_force[row] = 0.0
         self.loads[row] = loads
         self._begin(one, np.array([command]), action)
-        self.elapsed[row], self._command_seed[row] = steps, seed
+        self.elapsed[row], self._seed[row] = steps, seed
+        self._pushes.schedule(row, pushes)
         info = self.rows[row]["info"]
         info["lag"], info["fallen"] = lag, fallen
         for name, mean in means.items():
@@ -545,8 +581,14 @@ class WalkerTask(Task):
         self.batch.close()
 
 
-def _observed(toes: int) -> list[Observed]:
-    """By a robot with so many toes, see ``JansenWalkerEnv``."""
+def _schedule(given: Mapping[str, Any], name: str = "options") -> Array | None:
+    """The pushes (k, 3) in options of a reset or in a state; None: they are random."""
+    pushes = given.get("pushes")
+    return None if pushes is None else check_schedule(f"{name}['pushes']", pushes)
+
+
+def _observed(toes: int, scanned: int) -> list[Observed]:
+    """By a robot with so many toes that looks at so many places, see ``JansenWalkerEnv``."""
     any_number, unit, positive_number = (-np.inf, np.inf), (-1.0, 1.0), (0.0, np.inf)
     return [
         Observed("cos_crank_angle", "1", *unit),
@@ -566,4 +608,5 @@ def _observed(toes: int) -> list[Observed]:
         Observed("mean_slip", "m/s", *positive_number),
         Observed("mean_power", "W", *positive_number),
         Observed("rms_torque", "N m", *positive_number),
+        *(Observed(f"height_scan_{place}", "m", *any_number) for place in range(scanned)),
     ]

@@ -14,7 +14,7 @@ from agents import NEEDED
 ROOT = Path(__file__).parents[1]
 ORDER = (
     ["checks", "cores", "files", "gravity", "control"],
-    ["motor", "built", "robot", "terrain"],
+    ["motor", "built", "robot", "terrain", "terrain_shapes", "terrain_generators", "curriculum"],
     ["kinematics"],
     ["dynamics", "rendering"],
     ["engine"],

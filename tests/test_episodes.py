@@ -222,7 +222,7 @@ def test_levels_of_a_batch():
     envs.reset()
     assert envs.get_attr("terrain_level") == (5, 5, 5)
     envs.close()
-    with pytest.raises(ValueError, match="terrain_level is .* has no levels"):
+    with pytest.raises(ValueError, match=r"terrain_level is .* has no levels"):
         gym.make("JansenWalker-v0", terrain_level=3)
 
 

@@ -336,6 +336,16 @@ def signature_of(task: type, without: Sequence[str] = ()) -> inspect.Signature:
     return found.replace(parameters=kept)
 
 
+def with_defaults(task: type, defaults: Mapping[str, Any]) -> inspect.Signature:
+    """The signature of a task's constructor with other defaults."""
+    found = inspect.signature(task)
+    changed = [
+        parameter.replace(default=defaults.get(name, parameter.default))
+        for name, parameter in found.parameters.items()
+    ]
+    return found.replace(parameters=changed)
+
+
 def known_arguments(environment: type, given: Mapping[str, Any]) -> None:
     """Raises TypeError for arguments that an environment does not have."""
     allowed = inspect.signature(environment).parameters

@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import shown
 from jansen_env.curriculum import Curriculum
-from jansen_env.envs.parameters import EPISODE, PARAMETERS, Randomization, check
+from jansen_env.envs.parameters import (
+    EPISODE,
+    PARAMETERS,
+    Distribution,
+    Randomization,
+    UniformLevels,
+    check,
+)
 from jansen_env.plants.base import BatchedPlant
 from jansen_env.plants.variation import VARIATION, nominal, without_effect
 from jansen_env.robot import Payload, Robot
@@ -78,7 +85,7 @@ class Episodes:
         self.values = self.nominal.copy()
         self._changed = np.zeros(n, bool)  # by a draw, from what the robot and its ground are
         for row, randomization in enumerate(self._randomizations):
-            self.check_names(row, randomization.names, "randomize")
+            self.check_names(row, [*randomization.distributions], "randomize")
         has_levels = np.array([generator is not None for generator in generators])
         if bad := np.flatnonzero(levels.any(axis=1) & ~has_levels).tolist():
             raise ValueError(
@@ -87,7 +94,14 @@ class Episodes:
             )
         if curriculum is not None and not has_levels.all():
             raise ValueError("curriculum is given, must be None on a ground that has no levels")
-        self.varies = bool(has_levels.any() or any(one.names for one in randomizations))
+        self.varies = bool(has_levels.any() or any(one.distributions for one in randomizations))
+
+    def ranges(self, row: int) -> dict[str, Distribution]:
+        """What is drawn for a robot, by name."""
+        drawn = dict(self._randomizations[row].distributions)
+        if self._generators[row] is not None:
+            drawn.setdefault("terrain_level", UniformLevels(*self.levels[row].tolist()))
+        return drawn
 
     def take(self, row: int, changes: Mapping[str, float]) -> None:
         """Let numbers that have been changed be a robot's nominal and present ones."""
@@ -143,7 +157,7 @@ class Episodes:
         if generator is not None:
             terrain = generator(rng, round(float(one["terrain_level"])))
             for name, own in self._own.items():
-                if not own[row] and name not in (*randomization.names, *given):
+                if not own[row] and name not in (*randomization.distributions, *given):
                     one[name] = getattr(terrain, name)
         return Plan(values, terrain)
 

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.checks import entries, shown, within
-from jansen_env.plants.variation import VARIATION
 from jansen_env.terrain_generators import HIGHEST
 
 Array = NDArray[np.float64]
@@ -50,8 +49,6 @@ PARAMETERS = {
 
 EPISODE = np.dtype([(name, "f8") for name in PARAMETERS])
 """The numbers of one episode."""
-
-assert EPISODE.names is not None and EPISODE.names[: len(VARIATION.names)] == VARIATION.names
 
 
 class Distribution(Protocol):
@@ -100,6 +97,9 @@ class Randomization:
         given: by name a number, (low, high) for a uniform draw (of whole numbers, both ends
             included, where it is ``terrain_level``), or a :class:`Distribution`.
 
+    Attributes:
+        distributions: by name, in the order of :data:`PARAMETERS`.
+
     Raises:
         ValueError: a name or a range that there is not.
     """
@@ -110,11 +110,10 @@ class Randomization:
             raise ValueError(f"randomize is {shown(given)}, must map of {[*PARAMETERS]} to ranges")
         if unknown := sorted(map(str, {*given} - {*PARAMETERS})):
             raise ValueError(f"randomize has {unknown}, must be of {[*PARAMETERS]}")
-        self._distributions = {
+        self.distributions = {
             name: _distribution(name, given[name]) for name in PARAMETERS if name in given
         }
-        self.names = tuple(self._distributions)
-        delay = self._distributions.get("delay", Uniform(0.0, 0.0))
+        delay = self.distributions.get("delay", Uniform(0.0, 0.0))
         self.longest_delay = delay.high if isinstance(delay, Uniform) else LONGEST_DELAY
 
     def draw(self, rng: np.random.Generator, values: NDArray[Any]) -> None:
@@ -123,7 +122,7 @@ class Randomization:
         Raises:
             ValueError: a distribution gave what its parameter cannot be.
         """
-        for name, distribution in self._distributions.items():
+        for name, distribution in self.distributions.items():
             number = distribution.sample(rng)
             values[name] = check(f"a sample of randomize[{name!r}]", name, number)
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv
@@ -167,6 +170,12 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     def weight(self) -> float:
         """Of robot and payload, N."""
         return float(self.task.weight[0])
+
+    @property
+    def parameters(self) -> NDArray[np.float64]:
+        """(17,) the numbers of this episode in the order of
+        :data:`jansen_env.envs.parameters.PARAMETERS`, which has their names and units."""
+        return self.task.parameters[0].copy()
 
     def joint_forces(self) -> JointForces:
         """Forces in every joint of every leg as they are now, under the last action's torque.

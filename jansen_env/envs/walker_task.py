@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.lib.recfunctions import structured_to_unstructured
 from numpy.typing import NDArray
 
 from jansen_env.checks import finite, non_negative, positive, whole_number, within
@@ -236,6 +237,11 @@ class WalkerTask(Task):
     def terrains(self) -> list[Terrain]:
         """Of each robot, in this episode."""
         return self.batch.terrains
+
+    @property
+    def parameters(self) -> Array:
+        """(n, 17) the numbers of all robots' episodes, see :mod:`jansen_env.envs.parameters`."""
+        return structured_to_unstructured(self.episodes.values)
 
     @property
     def weight(self) -> Array:

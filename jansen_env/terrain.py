@@ -12,6 +12,7 @@ import numpy as np
 import pymunk
 from numpy.typing import ArrayLike, NDArray
 
+from jansen_env import terrain_shapes as shapes
 from jansen_env.checks import (
     entries,
     finite,
@@ -21,6 +22,7 @@ from jansen_env.checks import (
     shown,
     within,
 )
+from jansen_env.terrain_shapes import MOST_POINTS
 
 Array = NDArray[np.float64]
 
@@ -28,7 +30,6 @@ REACH = 1000.0  # m, how far the first and last segment are extended as pymunk's
 GRADIENT_STEP = 1e-4  # m, to either side
 MAX_SLOPE = math.radians(80.0)
 FARTHEST = 1e6  # m, largest coordinate of a point: beyond, a toe's grip drowns in rounding
-MOST_POINTS = 100_000  # of a random terrain
 
 
 def heights_of(line: Array, x: ArrayLike) -> Array:
@@ -89,7 +90,7 @@ class Terrain:
         restitution = within("Terrain.restitution", self.restitution, 0.0, 1.0)
         object.__setattr__(self, "friction", friction)
         object.__setattr__(self, "restitution", restitution)
-        object.__setattr__(self, "points", tuple((float(x), float(y)) for x, y in table))
+        object.__setattr__(self, "points", tuple(map(tuple, table.tolist())))
         before = table[0] - REACH * step[0] / step[0, 0]
         after = table[-1] + REACH * step[-1] / step[-1, 0]
         line = np.concatenate([[before], table[1:-1], [after]])
@@ -143,6 +144,127 @@ class Terrain:
         lead = [(start - 1.0, 0.0), (start, 0.0)]
         tail = [(x[-1] + spacing, 0.0), (x[-1] + spacing + 1.0, 0.0)]
         return cls(tuple(lead + list(zip(x, y, strict=True)) + tail), friction, restitution)
+
+    @classmethod
+    def waves(
+        cls,
+        height: float = 0.03,
+        length: float = 1.0,
+        start: float = shapes.START,
+        reach: float = shapes.REACH,
+        friction: float = 0.8,
+        restitution: float = 0.0,
+    ) -> Terrain:
+        """Cosine waves on both sides of the origin, of eight segments each.
+
+        Args:
+            height: m, from trough to crest; below 0 they begin with a trough. length: of a wave, m.
+            start: m from the origin, to where the ground is level. reach: m, where they end, with
+                the last that has room; level beyond.
+
+        Raises:
+            ValueError: an argument out of range, more than :data:`MOST_POINTS` waves, or slopes
+                beyond 80 degrees.
+        """
+        return cls.of(shapes.waves(height, length, start, reach), friction, restitution)
+
+    @classmethod
+    def stairs(
+        cls,
+        rise: float = 0.03,
+        tread: float = 0.4,
+        start: float = shapes.START,
+        reach: float = shapes.REACH,
+        friction: float = 0.8,
+        restitution: float = 0.0,
+    ) -> Terrain:
+        """Stairs that rise towards +x for ``rise`` > 0, with a landing around the origin.
+
+        The faces of all steps are 75 degrees steep, as x must increase: see ``docs/terrain.md``.
+
+        Args:
+            rise: m, of each step. tread: m, from step to step.
+            start, reach: m, half the landing but for half a tread, and where the stairs end on
+                either side; level beyond.
+
+        Raises:
+            ValueError: an argument out of range, or more than :data:`MOST_POINTS` steps.
+        """
+        return cls.of(shapes.stairs(rise, tread, start, reach), friction, restitution)
+
+    @classmethod
+    def steps(
+        cls,
+        rng: np.random.Generator,
+        height: float = 0.03,
+        spacing: float = 0.5,
+        start: float = shapes.START,
+        reach: float = shapes.REACH,
+        friction: float = 0.8,
+        restitution: float = 0.0,
+    ) -> Terrain:
+        """Level pieces of random heights and lengths, with steps between them.
+
+        Args:
+            rng: the generator that they are drawn from.
+            height: m; the pieces' are uniform in +- height / 2, so that no step is higher.
+            spacing: m, the mean length of a piece; lengths are uniform in 0.5 to 1.5 times that.
+            start, reach: m from the origin, where they begin and about where they end, on both
+                sides; level before and beyond.
+
+        Raises:
+            ValueError: an argument out of range, or more than :data:`MOST_POINTS` steps.
+        """
+        return cls.of(shapes.steps(rng, height, spacing, start, reach), friction, restitution)
+
+    @classmethod
+    def stumps(
+        cls,
+        height: float = 0.03,
+        width: float = 0.2,
+        spacing: float = 1.0,
+        start: float = shapes.START,
+        reach: float = shapes.REACH,
+        friction: float = 0.8,
+        restitution: float = 0.0,
+    ) -> Terrain:
+        """Blocks on level ground on both sides of the origin, or ditches for ``height`` < 0.
+
+        Args:
+            height, width: m, of a block. spacing: m, from one to the next.
+            start, reach: m from the origin, where the ground begins, half a gap before the first
+                block, and where it ends; level beyond.
+
+        Raises:
+            ValueError: an argument out of range, or more than :data:`MOST_POINTS` blocks.
+        """
+        return cls.of(shapes.stumps(height, width, spacing, start, reach), friction, restitution)
+
+    @classmethod
+    def ramps(
+        cls,
+        angle: float = 0.1,
+        length: float = 0.8,
+        start: float = shapes.START,
+        reach: float = shapes.REACH,
+        friction: float = 0.8,
+        restitution: float = 0.0,
+    ) -> Terrain:
+        """Ramps up and down with level pieces between them, on both sides of the origin.
+
+        Args:
+            angle: rad; below 0 they go down first. length: m in x, of a ramp and a level piece.
+            start, reach: m from the origin, where they begin and end; level beyond.
+
+        Raises:
+            ValueError: an argument out of range, or more than :data:`MOST_POINTS` ramps.
+        """
+        return cls.of(shapes.ramps(angle, length, start, reach, MAX_SLOPE), friction, restitution)
+
+    @classmethod
+    def of(cls, points: Any, friction: float = 0.8, restitution: float = 0.0) -> Terrain:
+        """From points in any form, such as an array (n, 2), m."""
+        return cls(points, friction, restitution)
 
     @property
     def polyline(self) -> Array:

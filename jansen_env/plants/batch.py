@@ -159,13 +159,19 @@ class Batch:
         self._pool: tuple[int, ThreadPoolExecutor] | None = None
         self._sums = np.empty((3, 6))
         self._centres = np.zeros((max(pads, self.toes + 1), 2))
-        body, places, layout = self.model.body, self.model.pads, as_bytes(self.model.layout)
-        self._shared = (
-            self.states, body, places, layout, self.model.bearings, self.detector.surface, depths,
-            self._world, as_bytes(self.rows), as_bytes(self.detector.planes),
-            as_bytes(self.contact_statistics), self.slip, self.contact_force,
-        )  # fmt: skip
+        self._depths = depths
+        self._shared = self._arguments_of_all()
         prepare(*self._kernels())
+
+    def _arguments_of_all(self) -> tuple[Any, ...]:
+        """What threads share in a step."""
+        model, detector = self.model, self.detector
+        return (
+            self.states, model.body, model.pads, as_bytes(model.layout), model.bearings,
+            detector.surface, self._depths, self._world, as_bytes(self.rows),
+            as_bytes(detector.planes), as_bytes(self.contact_statistics), self.slip,
+            self.contact_force,
+        )  # fmt: skip
 
     def _kernels(self) -> list[Kernel]:
         """What is compiled of a batch."""
@@ -268,6 +274,21 @@ class Batch:
     def restitution(self) -> Array:
         """(n,) Newton's coefficients of restitution between pads and terrains, a copy."""
         return self.params["restitution"].copy()
+
+    def set_terrain(self, row: int, terrain: Terrain) -> None:
+        """Change a robot's ground: it must be placed anew.
+
+        Raises:
+            ValueError: the ground has restitution, and the pads give.
+        """
+        check_bounce(self.robots[row].pad_compliance, terrain.restitution)
+        self.terrains[row] = terrain
+        for name in ("friction", "restitution", "steepest"):
+            self.params[name][row] = getattr(terrain, name)
+        surface = self.detector.surface
+        self.detector.set_terrain(row, terrain)
+        if self.detector.surface is not surface:
+            self._shared = self._arguments_of_all()
 
     def set_friction(self, row: int, friction: float) -> None:
         """Change the Coulomb coefficient between a robot's pads and its ground."""

@@ -8,7 +8,8 @@ where the linkage's inertia is known (:mod:`jansen_env.engine.contact_solver`).
 
 All robots share one space. Each stands in a cell of its own with a copy of its terrain, as circles
 on one spot would make the broad phase compare each with each. Planes are in the robot's own
-coordinates and do not depend on its cell.
+coordinates and do not depend on its cell. For pymunk the ground is cut into stretches, thick
+segments that hold all of it within them: few, so that a robot's ground is exchanged at little cost.
 """
 
 from __future__ import annotations
@@ -33,6 +34,8 @@ Ints = NDArray[np.int64]
 Rows = NDArray[np.void]
 
 APART = 1000.0  # m, between the terrains of two robots
+STRETCH = 2.0  # m, along the ground, that pymunk knows as one thick segment
+LEAST_ROOM = 64  # vertices, for a ground that may be exchanged
 FAR = 1e7  # m, where robots wait that have not been placed yet, and how far apart
 
 _Arbiter = pymunk.batch.ArbiterFields
@@ -60,13 +63,15 @@ class ContactDetector:
     ) -> None:
         n, capacity = len(robots), int(world["capacity"][0])
         self._robots, self._world = robots, as_bytes(world)
-        self.surface, bounds, terrain = surfaces(terrains)
+        self.surface, bounds, terrain = _surfaces(terrains)
         self._circle = extent + float(world["pad_radius"][0]) + SPECULATIVE_MARGIN + SKIN
         self._cells = _cells(self.surface, n)
         status = robots["status"]
         status["margin"] = SPECULATIVE_MARGIN
         status["first_plane"] = status["end_plane"] = capacity * np.arange(n)
         status["first_vertex"], status["end_vertex"] = bounds[terrain], bounds[terrain + 1]
+        # What each robot may write to of the surface: nothing yet, its ground may be another's, too.
+        self._own, self._used = np.zeros((n, 2), np.int64), len(self.surface)
         status["cell_x"], status["cell_y"] = self._cells.T
         for name in ("known_x", "known_y", "home_x", "home_y"):
             status[name] = np.inf  # the broad phase knows none of them
@@ -82,15 +87,49 @@ class ContactDetector:
 
     def _add_grounds(self, terrains: Sequence[Terrain]) -> None:
         """A copy of its ground in every robot's cell, on one static body."""
-        body = pymunk.Body(body_type=pymunk.Body.STATIC)
-        segments = [
-            segment
-            for terrain, cell in zip(terrains, self._cells.tolist(), strict=True)
-            for segment in terrain.segments(body, (cell[0], cell[1]))
-        ]
+        self._ground = pymunk.Body(body_type=pymunk.Body.STATIC)
+        known: dict[int, tuple[Array, Array]] = {}
+        self._segments = []
+        for terrain, cell in zip(terrains, self._cells, strict=True):
+            if id(terrain) not in known:
+                known[id(terrain)] = _stretches(terrain.polyline)
+            self._segments.append(self._placed_segments(*known[id(terrain)], cell))
+        every = [segment for segments in self._segments for segment in segments]
         # In the order of the ground pymunk's tree would become a chain.
-        shuffled = np.random.default_rng(0).permutation(len(segments))
-        self._space.add(body, *(segments[i] for i in shuffled))
+        shuffled = np.random.default_rng(0).permutation(len(every))
+        self._space.add(self._ground, *(every[i] for i in shuffled))
+
+    def _placed_segments(self, ends: Array, radii: Array, cell: Array) -> list[pymunk.Segment]:
+        """The stretches of a ground in a robot's cell, as pymunk has them."""
+        return [
+            pymunk.Segment(self._ground, start, end, radius)
+            for (start, end), radius in zip((ends + cell).tolist(), radii.tolist(), strict=True)
+        ]
+
+    def set_terrain(self, row: int, terrain: Terrain) -> None:
+        """Give a robot another ground; it must be placed anew.
+
+        Where the surface has no room for it, :attr:`surface` becomes another array, equal in what
+        the other robots have of it.
+        """
+        line, status = terrain.polyline, self._robots[row]["status"]
+        first, room = self._own[row].tolist()
+        if len(line) > room:
+            first, room = self._used, max(len(line), 2 * room, LEAST_ROOM)
+            self._own[row], self._used = (first, room), first + room
+            if self._used > len(self.surface):
+                larger = np.zeros((2 * self._used, 2))
+                larger[: len(self.surface)] = self.surface
+                self.surface = larger
+        self.surface[first : first + len(line)] = line
+        status["first_vertex"], status["end_vertex"] = first, first + len(line)
+        for name in ("known_x", "known_y", "home_x", "home_y"):
+            status[name] = np.inf
+        self._space.remove(*self._segments[row])
+        for segment in self._segments[row]:
+            segment.body = None  # or the ground's body keeps it
+        self._segments[row] = self._placed_segments(*_stretches(line), self._cells[row])
+        self._space.add(*self._segments[row])
 
     def _add_robots(self, count: int) -> None:
         """A circle for each robot."""
@@ -165,7 +204,7 @@ class ContactDetector:
         ]
 
 
-def surfaces(terrains: Sequence[Terrain]) -> tuple[Array, Ints, Ints]:
+def _surfaces(terrains: Sequence[Terrain]) -> tuple[Array, Ints, Ints]:
     """Grounds as one array.
 
     Returns:
@@ -177,6 +216,24 @@ def surfaces(terrains: Sequence[Terrain]) -> tuple[Array, Ints, Ints]:
     lines = [terrain.polyline for terrain in distinct.values()]
     ground = np.array([number[id(terrain)] for terrain in terrains])
     return np.concatenate(lines), np.cumsum([0, *map(len, lines)]), ground
+
+
+def _stretches(line: Array) -> tuple[Array, Array]:
+    """A polyline (n, 2) as few thick segments: ends (k, 2, 2) and radii (k,), m.
+
+    Each goes from one vertex to another, some :data:`STRETCH` further or the next one, and is as
+    thick as the ground between them is away from it.
+    """
+    last = len(line) - 1
+    place = np.floor((line[:, 0] - line[1, 0]) / STRETCH)
+    new = np.flatnonzero(np.diff(place) != 0.0) + 1
+    cuts = np.unique(np.concatenate([[0, min(1, last), max(0, last - 1), last], new]))
+    start, end = line[cuts[:-1]], line[cuts[1:]]
+    owner = np.clip(np.searchsorted(cuts, np.arange(len(line)), "right") - 1, 0, len(cuts) - 2)
+    chord, away = (end - start)[owner], line - start[owner]
+    share = np.clip((away * chord).sum(axis=1) / (chord**2).sum(axis=1), 0.0, 1.0)
+    apart = np.hypot(*(away - share[:, None] * chord).T)
+    return np.stack([start, end], axis=1), np.maximum.reduceat(apart, cuts[:-1])
 
 
 def _cells(surface: Array, robots: int) -> Array:

@@ -1,170 +1,221 @@
-"""Pushes: what arrives is what was named, when it was named; the same for a robot alone or not."""
+"""Pushes on the chassis: the impulse named arrives, its work is in the accounts, on both plants."""
 
 from __future__ import annotations
+
+import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from jansen_env import Push
-from jansen_env.envs.disturbances import Pushes
-from jansen_env.push import MOST_PUSHES, check_schedule, make_push
+from jansen_env import ROBOTS, Payload, Robot, Terrain
+from jansen_env.plants import bodies as links
+from jansen_env.plants.batch import Batch
+from jansen_env.plants.batch_of_one import BatchOfOne
+from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.rigid_body import RigidBodyPlant
+from jansen_env.plants.trace import trace_forces
 
-STEPS, STEP = 20, 1e-3  # of a control step, s
-PERIOD = STEPS * STEP
-
-
-def felt(pushes, control_steps, seeds, active=None):
-    """Impulses (control_steps, n, steps, 2) that robots get from the start of an episode on."""
-    n = len(seeds)
-    active = np.ones(n, bool) if active is None else active
-    found = np.zeros((control_steps, n, STEPS, 2))
-    for k in range(control_steps):
-        impulse = pushes.of_step(active, np.full(n, k), seeds)
-        if impulse is not None:
-            found[k] = impulse
-    return found
+FLYING = np.array([0.3, 50.0, 0.4, 2.0, 0.5, 1.0, 0.8, 3.0])
+"""A state high above the ground, everything moving."""
+IMPULSE = np.array([3.0, -1.5])  # N s
+DURATION, BRIEF = 0.1, 0.02  # s, of a push on the ground and in flight
+LADEN = replace(Robot(), payload=Payload(2.0, 0.1, (0.1, 0.2)))
+DESIGNS = {"laden": LADEN, "built": ROBOTS["built"]()}  # the latter with a geared rotor
+PLANTS = {"projection": ProjectionPlant, "rigid_body": RigidBodyPlant}
 
 
-def of_time_steps(found, robot):
-    """Of one robot, (control_steps * steps, 2)."""
-    return found[:, robot].reshape(-1, 2)
+def half_sine(steps, impulse=IMPULSE):
+    """(steps, 2) N s, a force that rises and falls as half a sine."""
+    phase = np.linspace(0.0, math.pi, steps + 1)
+    return np.outer(-0.5 * np.diff(np.cos(phase)), impulse)
 
 
-def begins(impulses):
-    """How many pushes begin, and the first time step of each."""
-    on = (impulses != 0.0).any(axis=1)
-    return np.flatnonzero(on & ~np.append(False, on[:-1]))
+def momenta(robot, motion, rotor_spin):
+    """Linear momentum (2,), N s, and angular about the centre of mass, of bodies one by one.
+
+    ``motion``: (bodies, 6), see :mod:`jansen_env.plants.snapshot`; the rotor's spin in rad/s.
+    """
+    mass, inertia = links.inertias(robot).T
+    (x, y), speed = (motion[:, :2] - mass @ motion[:, :2] / mass.sum()).T, motion[:, 3:5]
+    turning = mass @ (x * speed[:, 1] - y * speed[:, 0]) + inertia @ motion[:, 5]
+    return mass @ speed, turning + robot.motor.rotor_inertia * rotor_spin
 
 
-def test_a_scheduled_push_is_a_half_sine_that_adds_up_to_its_impulse():
-    pushes = Pushes(1, Push(0.0, duration=0.0875), STEPS, STEP)
-    pushes.schedule(0, np.array([[0.0513, 1.5, -0.7]]))
-    impulses = of_time_steps(felt(pushes, 10, np.array([3])), 0)
-    assert impulses.sum(axis=0) == pytest.approx([1.5, -0.7], abs=1e-14)
-    fine = np.linspace(0.0, 0.2, 200 * 1000 + 1)
-    inside = (fine >= 0.0513) & (fine <= 0.0513 + 0.0875)
-    force = np.pi / (2.0 * 0.0875) * np.sin(np.pi * (fine - 0.0513) / 0.0875) * inside
-    middle = 0.5 * (force[1:] + force[:-1]) * np.diff(fine)
-    shares = middle.reshape(200, 1000).sum(axis=1)
-    np.testing.assert_allclose(impulses, shares[:, None] * [1.5, -0.7], atol=2e-6)
+def arm(robot, state):
+    """(2,) m, from the centre of mass to the crank axis."""
+    mass = links.inertias(robot)[:, 0]
+    return state[:2] - mass @ links.poses(robot, state[:4])[:, 1:] / mass.sum()
 
 
-def test_scheduled_pushes_add_up_where_they_overlap_whatever_their_order():
-    both, first, second = (Pushes(1, None, STEPS, STEP) for _ in range(3))
-    one, other = [0.31, 1.0, 0.5], [0.27, -0.4, 0.1]
-    both.schedule(0, np.array([one, other]))
-    first.schedule(0, np.array([one]))
-    second.schedule(0, np.array([other]))
-    seed = np.array([0])
-    sums = felt(first, 25, seed) + felt(second, 25, seed)
-    np.testing.assert_allclose(felt(both, 25, seed), sums, atol=1e-16)
+def thrown(plant, motion, rotor_spin):
+    """In flight without gravity: changes of the momenta in a push, and its arm x impulse."""
+    robot, time_step = plant.robot, plant.time_step
+    plant.state = FLYING
+    start, moment = momenta(robot, motion(), rotor_spin()), 0.0
+    for impulse in half_sine(round(BRIEF / time_step)):
+        before = arm(robot, plant.state)
+        result = plant.step(2.0, time_step, pushes=impulse[None])
+        assert result.push_work != 0.0
+        x, y = 0.5 * (before + arm(robot, plant.state))  # at the middle of the step
+        moment += x * impulse[1] - y * impulse[0]
+    linear, angular = momenta(robot, motion(), rotor_spin())
+    return linear - start[0], angular - start[1], moment
 
 
-def test_random_pushes_come_once_in_each_interval_and_end_in_it():
-    push = Push((1.2, 0.4), duration=0.05, interval=0.5)
-    pushes, seeds = Pushes(40, push, STEPS, STEP), np.arange(40)
-    found = felt(pushes, 250, seeds)  # ten intervals
-    starts, totals = [], []
-    for robot in range(40):
-        impulses = of_time_steps(found, robot)
-        windows = impulses.reshape(10, -1, 2)
-        totals.append(windows.sum(axis=1))
-        # Two neighbours may follow one another without a pause.
-        assert all(len(begins(window)) == 1 for window in windows)
-        starts.append([begins(window)[0] * STEP for window in windows])
-        for window in windows:
-            on = np.flatnonzero(window.any(axis=1))
-            assert 0.05 - STEP < (on[-1] - on[0] + 1) * STEP < 0.05 + 2.0 * STEP
-    starts, totals = np.array(starts), np.array(totals).reshape(-1, 2)
-    # Evenly: from the interval's begin up to where the push just fits, of either sign.
-    assert starts.min() < 0.01 and 0.43 < starts.max() <= 0.45
-    assert np.mean(starts) == pytest.approx(0.225, abs=4.0 * 0.45 / np.sqrt(12.0 * 400.0))
-    for axis, largest in enumerate((1.2, 0.4)):
-        assert np.abs(totals[:, axis]).max() <= largest
-        assert np.abs(totals[:, axis]).max() > 0.97 * largest
-        deviation = largest / np.sqrt(3.0)
-        assert np.mean(totals[:, axis]) == pytest.approx(0.0, abs=4.0 * deviation / 20.0)
-        assert np.std(totals[:, axis]) == pytest.approx(deviation, rel=0.1)
-    assert abs(np.corrcoef(totals.T)[0, 1]) < 0.2
-    assert abs(np.corrcoef(starts.ravel(), totals[:, 0])[0, 1]) < 0.2
-    assert abs(np.corrcoef(starts[1:].ravel(), starts[:-1].ravel())[0, 1]) < 0.2
+@pytest.mark.parametrize("design", DESIGNS)
+def test_the_impulse_named_arrives(design):
+    """In flight: linear momentum to 1e-9, angular about the centre of mass by arm x impulse.
+
+    The latter as well as the time step keeps angular momentum, to second order. Rates of bodies
+    are good to 1e-9 (differences).
+    """
+    robot, errors = DESIGNS[design], []
+    for time_step in (1e-3, 5e-4):
+        plant = ProjectionPlant(robot, Terrain.flat(), time_step, gravity=0.0)
+
+        def motion(plant=plant):
+            q, v = np.split(plant.state, 2)
+            parts = links.poses(robot, q), links.rates(robot, q, v)
+            return np.concatenate([np.roll(part, -1, axis=1) for part in parts], axis=1)
+
+        def rotor_spin(plant=plant):
+            return plant.state[6] + robot.motor.gear_ratio * plant.state[7]
+
+        linear, angular, moment = thrown(plant, motion, rotor_spin)
+        assert linear == pytest.approx(IMPULSE, abs=1e-7)
+        assert abs(moment) > 0.01
+        errors.append(abs(angular - moment))
+    assert errors[0] < 1e-5 and errors[0] / errors[1] > 3.0
 
 
-def test_they_are_the_same_for_a_seed_whoever_else_there_is():
-    push = Push((1.0, 1.0), duration=0.1, interval=0.4)
-    together = felt(Pushes(5, push, STEPS, STEP), 60, np.array([9, 8, 7, 6, 5]))
-    alone = felt(Pushes(1, push, STEPS, STEP), 60, np.array([7]))
-    np.testing.assert_array_equal(together[:, 2], alone[:, 0])
-    assert (together[:, 1] != together[:, 2]).any()
+@pytest.mark.parametrize("design", DESIGNS)
+def test_the_impulse_named_arrives_body_by_body(design):
+    """On the rigid-body plant: linear momentum to rounding; angular, gaps included, to 1 %."""
+    plant = RigidBodyPlant(DESIGNS[design], Terrain.flat(), gravity=0.0)
+    spin = (lambda: 0.0) if plant._rotor is None else (lambda: plant._rotor.speed)
+    linear, angular, moment = thrown(plant, lambda: plant._snapshot().motion, spin)
+    assert linear == pytest.approx(IMPULSE, abs=1e-9)
+    assert angular == pytest.approx(moment, rel=1e-2)
 
 
-def test_strength_scales_the_random_ones_alone():
-    push = Push(1.0, duration=0.1, interval=0.4)
-    one, other = Pushes(2, push, STEPS, STEP), Pushes(2, push, STEPS, STEP)
-    other.strength[:] = 0.25
-    for pushes in (one, other):
-        pushes.schedule(1, np.array([[0.1, 2.0, 0.0]]))
-    seeds = np.array([4, 4])
-    nominal, scaled = felt(one, 40, seeds), felt(other, 40, seeds)
-    np.testing.assert_allclose(scaled[:, 0], 0.25 * nominal[:, 0], rtol=1e-12)
-    np.testing.assert_array_equal(scaled[:, 1], nominal[:, 1])
-    assert nominal[:, 0].any()
+def walk(plant, pushes, duration=1.0, period=0.02):
+    """Hold the crank near 1 rad/s and push; the results of all steps."""
+    results, steps = [], round(period / plant.time_step)
+    for k in range(round(duration / period)):
+        torque = 10.0 * (1.0 - plant.state[7]) + 1.5
+        push = None if pushes is None else pushes[k * steps : (k + 1) * steps]
+        results.append(plant.step(torque, period, pushes=push))
+    return results
 
 
-def test_nobody_is_pushed_between_pushes_nor_who_does_not_take_the_step():
-    pushes = Pushes(2, None, STEPS, STEP)
-    seeds, both = np.array([0, 1]), np.ones(2, bool)
-    assert pushes.of_step(both, np.zeros(2, np.int64), seeds) is None  # there are none at all
-    pushes.schedule(0, np.array([[0.5 * PERIOD, 1.0, 0.0]]))
-    assert pushes.of_step(both, np.zeros(2, np.int64), seeds) is not None
-    assert pushes.of_step(np.array([False, True]), np.zeros(2, np.int64), seeds) is None
-    assert pushes.of_step(both, np.full(2, 20), seeds) is None  # it is over
-    pushes.schedule(0, None)
-    assert pushes.of_step(both, np.zeros(2, np.int64), seeds) is None
-    assert pushes.scheduled(0) is None
+def pushed_walk(plant, impulse):
+    """A walk with one push at 0.4 s: its results."""
+    steps, begin = round(DURATION / plant.time_step), round(0.4 / plant.time_step)
+    pushes = np.zeros((round(1.0 / plant.time_step), 2))
+    pushes[begin : begin + steps] = half_sine(steps, impulse)
+    return walk(plant, pushes)
 
 
-def test_an_empty_schedule_is_no_push_at_all_and_longer_ones_keep_the_others():
-    pushes = Pushes(2, Push(1.0, interval=0.2), STEPS, STEP)
-    pushes.schedule(0, np.empty((0, 3)))
-    pushes.schedule(1, np.array([[0.0, 1.0, 2.0]]))
-    pushes.schedule(0, np.array([[0.3, 1.0, 0.0]] * 7))
-    np.testing.assert_array_equal(pushes.scheduled(1), [[0.0, 1.0, 2.0]])
-    pushes.schedule(0, np.empty((0, 3)))
-    found = felt(pushes, 40, np.array([1, 2]))
-    assert not found[:, 0].any() and found[:, 1].sum() == pytest.approx(3.0)
+@pytest.mark.parametrize("design, limit", [("laden", 8e-6), ("built", 4e-5)])
+def test_accounts_close_with_pushes(design, limit):
+    """Of the energy turned over: as in a fast walk without them; more where a light one reels."""
+    for push in (None, [6.0, 3.0], [-6.0, -3.0]):
+        plant = ProjectionPlant(DESIGNS[design], Terrain.flat())
+        plant.reset(0.0, 0.3)
+        results = walk(plant, None) if push is None else pushed_walk(plant, np.array(push))
+        turned = sum(abs(r.motor_work) + abs(r.push_work) + abs(r.energy_change) for r in results)
+        assert sum(abs(r.energy_residual) for r in results) < limit * turned
+        worked = sum(abs(r.push_work) for r in results)
+        assert worked == 0.0 if push is None else worked > 0.2
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"impulse": -1.0}, "Push.impulse is -1.0, must be 0 or above"),
-        ({"impulse": (1.0, 2.0, 3.0)}, "must be a number or two"),
-        ({"impulse": "1"}, "must be a finite number"),
-        ({"duration": 0.0}, "Push.duration is 0.0, must be between"),
-        ({"duration": 2.0, "interval": 1.0}, "must be between 0.001 and 1.0"),
-        ({"interval": np.inf}, "Push.interval is inf, must be a finite number"),
-    ],
-)  # fmt: skip
-def test_wrong_pushes_are_refused(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        Push(**arguments)
+def test_plants_and_time_steps_agree_on_a_push():
+    """Standing on slippery ground and pushed: where it is then, by half the time step and plant."""
+    ends = {}
+    for name, plant in {
+        "projection": ProjectionPlant(LADEN, Terrain.flat(0.3)),
+        "half the time step": ProjectionPlant(LADEN, Terrain.flat(0.3), 5e-4),
+        "rigid_body": RigidBodyPlant(LADEN, Terrain.flat(0.3)),
+    }.items():
+        plant.reset(0.0, 0.3)
+        steps = round(DURATION / plant.time_step)
+        results = [plant.step(1.0, DURATION, pushes=half_sine(steps, [12.0, 2.0]))]
+        results.append(plant.step(1.0, DURATION))
+        assert results[1].push_work == 0.0
+        ends[name] = np.array([*plant.state[:4], results[0].push_work])
+    expected = ends["half the time step"]
+    assert expected[0] > 0.05 and expected[4] > 1.0
+    assert ends["projection"] == pytest.approx(expected, rel=2e-3, abs=2e-4)
+    assert ends["rigid_body"] == pytest.approx(expected, rel=2e-2, abs=1e-3)
 
 
-def test_pushes_can_be_given_by_their_arguments():
-    assert make_push({"impulse": 2.0}) == Push(2.0) and make_push(None) is None
-    for wrong in ({"force": 1.0}, 1.0, "strong", [1.0]):
-        with pytest.raises(ValueError, match="must be None, a Push or a dictionary with some of"):
-            make_push(wrong)
+def test_a_driven_crank_reports_the_torque_that_a_push_takes():
+    """Motor and push together do the work that losses and energy leave: to rounding."""
+    plant = ProjectionPlant(LADEN, Terrain.flat(), gravity=0.0)
+    plant.prescribed_crank_speed = True
+    plant.state = FLYING
+    pushed = plant.step(0.0, DURATION, pushes=half_sine(100))
+    assert plant.state[7] == pytest.approx(FLYING[7], abs=1e-14)
+    assert abs(pushed.energy_residual) < 2e-6 * abs(pushed.push_work)
+    plant.state = FLYING
+    free = plant.step(0.0, DURATION)
+    assert abs(pushed.motor_work - free.motor_work) > 0.1
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [1.0, "now", [1.0], [(0.0, 1.0)], [(-0.1, 1.0, 0.0)], [(0.0, np.nan, 0.0)],
-     [(0.0, 1.0, np.inf)], [(0.0, 1.0, 0.0)] * (MOST_PUSHES + 1), [("0", 1.0, 0.0)]],
-)  # fmt: skip
-def test_wrong_schedules_are_refused(wrong):
-    with pytest.raises(ValueError, match=r"options\['pushes'\]"):
-        check_schedule("options['pushes']", wrong)
-    assert check_schedule("pushes", [(0, 1, 2.5)]).tolist() == [[0.0, 1.0, 2.5]]
-    assert check_schedule("pushes", []).shape == (0, 3)
+@pytest.mark.parametrize("design", DESIGNS)
+def test_a_push_of_zero_changes_no_bit(design):
+    plants = [ProjectionPlant(DESIGNS[design], Terrain.flat()) for _ in range(2)]
+    for plant in plants:
+        plant.reset(0.0, 0.3)
+    a, b = walk(plants[0], None), walk(plants[1], np.zeros((1000, 2)))
+    assert plants[0].state.tobytes() == plants[1].state.tobytes()
+    assert [r[2:] for r in map(tuple, a)] == [r[2:] for r in map(tuple, b)]
+
+
+def test_frames_carry_what_pushes_the_chassis():
+    """Joint forces of a trace: the chassis passes push, weight and motor on to the legs' frames."""
+    plant = ProjectionPlant(Robot(), Terrain.flat())
+    plant.reset(0.0, 0.3)
+    plant.tracing = True
+    pushes = half_sine(100, [6.0, 3.0])
+    plant.step(2.0, DURATION, pushes=pushes)
+    forces = trace_forces(plant.tables, plant.trace, plant.time_step)
+    frame = forces.frame.sum(axis=1)
+    assert frame[:, :2] == pytest.approx(pushes / plant.time_step, abs=1e-8)
+    assert frame[:, 2] == pytest.approx(-plant.trace["torque"], abs=1e-4)
+    assert forces.torque == pytest.approx(plant.trace["torque"], abs=1e-4)
+
+
+def test_robots_of_a_batch_are_pushed_one_by_one():
+    """Each by its own row, as alone bit for bit; a delay and several looks for the ground go on."""
+    robot, terrain, pushes = Robot(), Terrain.flat(), np.zeros((3, 40, 2))
+    pushes[1], pushes[2, 25:] = half_sine(40), IMPULSE / 15.0
+    batch = Batch([robot] * 3, [terrain] * 3)
+    batch.place_at(np.arange(3), np.zeros(3))
+    torque, earlier, switch = np.ones(3), np.zeros(3), np.full(3, 5)
+    batch.step(torque, 40, earlier, switch, pushes=pushes)
+    for k in range(3):
+        plant = ProjectionPlant(robot, terrain)
+        plant.reset()
+        result = plant.step(1.0, 0.04, 0.0, 5, pushes[k])
+        assert plant.state.tobytes() == batch.states[k].tobytes()
+        assert result.push_work == batch.accumulators["push_work"][k]
+    assert len(set(batch.states[:, 0].tolist())) == 3
+    one = BatchOfOne(ProjectionPlant(robot, terrain))
+    one.place(np.zeros(1, np.int64), np.zeros(1))
+    one.step(torque[:1], 40, earlier[:1], switch[:1], pushes=pushes[1:2])
+    assert one.states.tobytes() == batch.states[1:2].tobytes()
+    assert one.rows["accumulators"]["push_work"][0] == batch.accumulators["push_work"][1]
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_refused(plant):
+    plant = PLANTS[plant](Robot(), Terrain.flat(), 1e-3)
+    with pytest.raises(ValueError, match=r"pushes have shape \(19, 2\), must be \(20, 2\)"):
+        plant.step(0.0, 0.02, pushes=np.zeros((19, 2)))
+    plant.reset()
+    before = plant.state
+    with pytest.raises(FloatingPointError):
+        plant.step(0.0, 0.02, pushes=np.full((20, 2), math.nan))
+    assert plant.state == pytest.approx(before, abs=1e-12)

@@ -151,6 +151,7 @@ def test_energy_balances_in_every_step():
         _, _, terminated, _, info = env.step(rng.uniform(-1, 1, 1).astype(np.float32))
         energy = info["energy"]
         parts = ("joint_loss", "slip_loss", "impact_loss", "mechanical_energy_change", "residual")
+        assert energy["push_work"] == 0.0
         assert energy["motor_work"] == pytest.approx(sum(energy[p] for p in parts), abs=1e-12)
         assert abs(energy["residual"]) < 1e-3
         assert min(energy[p] for p in ("joint_loss", "slip_loss")) >= 0.0

@@ -73,6 +73,7 @@ INFORMATION = row_dtype(
 ENERGIES = row_dtype(
     [
         ("motor_work", float),
+        ("push_work", float),
         ("electrical_work", float),
         ("joint_loss", float),
         ("slip_loss", float),
@@ -254,9 +255,11 @@ def inform(state, total, row):
     info, energy = row.info, row.energy
     info.x_position, info.pitch = state[0], state[2]
     info.crank_angle, info.crank_speed = state[3], state[7]
-    energy.motor_work, energy.joint_loss = total.motor_work, total.joint_loss
+    energy.motor_work, energy.push_work = total.motor_work, total.push_work
+    energy.joint_loss = total.joint_loss
     energy.electrical_work = total.electrical_work
     energy.slip_loss, energy.impact_loss = total.slip_loss, total.impact_loss
     energy.mechanical_energy_change = total.energy_change
     losses = energy.joint_loss + energy.slip_loss + energy.impact_loss
-    energy.residual = energy.motor_work - losses - energy.mechanical_energy_change
+    work = energy.motor_work + energy.push_work
+    energy.residual = work - losses - energy.mechanical_energy_change

@@ -52,10 +52,17 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | 13 + n | mean slip speed of all toes together | 0 | Inf | m/s |
     | 14 + n | mean motor power, without its sign | 0 | Inf | W |
     | 15 + n | RMS torque | 0 | Inf | N m |
+    | 16 + n .. | with ``height_scan``: height of the crank axis over the ground at each place | -Inf | Inf | m |
 
     n is the number of toes (4: rf, lf, rb, lb). At reset the loads are those at rest. The crank's
     angle and speed are counted as the action is: positive speed walks towards +x. (In ``info`` they
-    have their physical signs.) The last five are what the reward goes by.
+    have their physical signs.) Lag, means and RMS torque are what the reward goes by.
+
+    ``height_scan=(behind, ahead, count)`` looks at ``count`` places, evenly from x - behind to
+    x + ahead (m; of one, x - behind), x the crank axis'. They stay where they are in the world
+    whatever the pitch and the command: of a robot that walks towards -x those ahead come first, and
+    its mirror image, which walks towards +x, sees them in the reverse order if both ranges are
+    equal. With ``noise`` all sensors err, as :class:`jansen_env.Noise` documents.
 
     ## Rewards
     A target starts where the robot does and moves at the commanded speed; it waits while the robot
@@ -88,6 +95,11 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     command uniform in ``speed_command``, or as given by
     ``reset(options={"speed_command": 0.3, "crank_angle": 0.0})``.
 
+    ``reset(options={"pushes": [(t, Jx, Jy), ...]})`` pushes the chassis at these times of the
+    episode, s, with these impulses, N s, and at no others; at most 1000, each as long as ``push``
+    has it, without that 0.1 s. Of many robots the option is a list of such lists, one for each,
+    None for a robot whose pushes are random.
+
     A command may be negative (walk towards -x) or 0 (stand). It stays for the episode unless
     ``command_interval`` says after how many seconds another one is drawn, or
     ``set_parameters(command=...)`` gives one from the next step on.
@@ -114,7 +126,8 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     plant). With ``track_joint_forces``: ``joint_force_max`` N, the largest force with which a
     link bears on any of its joints in this step, but for the time steps in which a toe lands, and
     ``joint_impulse_max`` N s, the largest impulse in those (0 if there were none). ``joint_forces()`` has all of them.
-    ``diverged``: whether this step was refused, see Episode End.
+    ``diverged``: whether this step was refused, see Episode End. With ``noise``:
+    ``true_observation``, as it would be without.
 
     ## Arguments
     | Argument | Default | Meaning |
@@ -139,6 +152,9 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | ``fall_contact`` | True | whether a joint on the ground is a fall |
     | ``terminate_when_fallen`` | True | whether a fall ends the episode |
     | ``track_joint_forces`` | False | adds them to ``info``; a step then takes some 10 ms more |
+    | ``height_scan`` | None | (behind, ahead, count), m: places at which the ground is looked at |
+    | ``noise`` | None | a :class:`jansen_env.Noise` of the sensors, or a dictionary of its arguments |
+    | ``push`` | None | a :class:`jansen_env.Push`: random pushes on the chassis; or a dictionary of its arguments |
     | ``render_mode`` | None | ``"human"`` or ``"rgb_array"`` |
 
     ## Plants

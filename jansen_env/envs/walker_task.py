@@ -340,12 +340,11 @@ class WalkerTask(Task):
         self.elapsed += active
         self._draw_commands()
         asked = self.torque, self._steps, self.earlier, self.switch
-        pushed: dict[str, Any] = {} if pushes is None else {"pushes": pushes}
         if isinstance(batch, Batch):
             rows = None if active.all() else np.flatnonzero(active)
-            batch.step(*asked, rows, meanwhile, **pushed)
+            batch.step(*asked, rows, meanwhile, pushes)
         elif active.any():
-            batch.step(*asked, **pushed)
+            batch.step(*asked, pushes=pushes)
         if meanwhile is not None and not isinstance(batch, Batch):
             meanwhile()
         task.finish_step(active, *self._arguments_of_step())

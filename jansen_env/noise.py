@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import non_negative, shown
+from jansen_env.checks import one_or_two, shown
 
 Array = NDArray[np.float64]
 Deviation: TypeAlias = float | tuple[float, float]
@@ -77,12 +77,7 @@ class Noise:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            label, value = f"Noise.{field.name}", getattr(self, field.name)
-            pair = isinstance(value, (tuple, list, np.ndarray))
-            both = tuple(value) if pair else (value, 0.0)
-            if len(both) != 2:
-                raise ValueError(f"{label} is {shown(value)}, must be a number or two")
-            checked = tuple(non_negative(label, one) for one in both)
+            checked = one_or_two(f"Noise.{field.name}", getattr(self, field.name))
             object.__setattr__(self, field.name, checked)
 
     @classmethod

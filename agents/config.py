@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from agents.action_maps import ACTION_MAPS
 from agents.command_line import MAX_STEPS
 from agents.plain_yaml import read_yaml
-from agents.tasks import TASKS, check_env_kwargs, find_task, vector_env
+from agents.tasks import TASKS, WALKERS, check_env_kwargs, find_task, vector_env
 from jansen_env.checks import shown
 from jansen_env.history import MOST
 
@@ -355,7 +355,7 @@ def _check_algorithm(algo: str, config: dict[str, Any]) -> None:
 def _check_environment(env_id: str, config: dict[str, Any]) -> None:
     """What only some environments have, and their arguments."""
     action = config.get("action", "torque")
-    if env_id != "JansenWalker-v0":
+    if env_id not in WALKERS:
         if action != "torque":
             raise ValueError(f"action is {action!r}, must be 'torque' for {env_id}")
         if "noise_exponent" in config.get("policy_kwargs", {}):

@@ -180,6 +180,7 @@ KEYS: dict[str, Check] = {
     "timesteps": integer(1, MAX_STEPS),
     "n_envs": integer(1, 10_000),
     "reward_scale": positive,
+    "fall_cost": non_negative,
     "imitate": one_of({name for task in TASKS.values() for name in task.baselines}),
     "critic_first": integer(0, MAX_STEPS),
     "action": one_of(("torque", *ACTION_MAPS)),
@@ -223,7 +224,8 @@ def load_config(
 ) -> dict[str, Any]:
     """A training configuration from YAML; it can name no code, each name is looked up in a table.
 
-    Keys: ``policy``, ``timesteps``, ``n_envs``, ``reward_scale``, ``action`` (what actions mean,
+    Keys: ``policy``, ``timesteps``, ``n_envs``, ``reward_scale`` and ``fall_cost`` (of the
+    training reward: a factor, and what a fall takes off before it), ``action`` (what actions mean,
     see :mod:`agents.action_maps`), ``history`` (``{length: 5, every: 2}``: the policy sees so many
     observations, so many steps apart) and ``privileged_critic`` (whether the critic alone knows the
     episode's parameters; see :mod:`agents.observing`), ``imitate`` (the baseline that PPO's policy

@@ -96,6 +96,11 @@ class Episodes:
             raise ValueError("curriculum is given, must be None on a ground that has no levels")
         self.varies = bool(has_levels.any() or any(one.distributions for one in randomizations))
 
+    @property
+    def numbers(self) -> Array:
+        """(n, 17) :attr:`values` as plain numbers."""
+        return _numbers(self.values)
+
     def ranges(self, row: int) -> dict[str, Distribution]:
         """What is drawn for a robot, by name."""
         drawn = dict(self._randomizations[row].distributions)
@@ -178,14 +183,11 @@ class Episodes:
                 self._batch.set_terrain(row, plan.terrain)
         values = np.concatenate([plan.values for plan in plans])
         changed = np.array([plan.terrain is not None for plan in plans])
-        for name in PHYSICAL:
-            changed |= values[name] != self.nominal[name][rows]
+        physical, nominal_ones = (_numbers(of)[:, : len(PHYSICAL)] for of in (values, self.nominal))
+        changed |= (physical != nominal_ones[rows]).any(axis=1)
         due = changed | self._changed[rows]
         if due.any():
-            physical = np.empty(int(due.sum()), VARIATION)
-            for name in PHYSICAL:
-                physical[name] = values[name][due]
-            self._batch.vary(rows[due], physical)
+            self._batch.vary(rows[due], np.ascontiguousarray(physical[due]).view(VARIATION)[:, 0])
         self.values[rows], self._changed[rows] = values, changed
         if self.curriculum is not None:
             self.level[rows] = values["terrain_level"].astype(np.int64)
@@ -228,3 +230,8 @@ class Episodes:
             friction, restitution = state["ground"]
             terrain = Terrain(tuple(map(tuple, state["terrain"])), friction, restitution)
         return Plan(values, terrain), int(level)
+
+
+def _numbers(rows: NDArray[Any]) -> Array:
+    """Rows (n,) of EPISODE as numbers (n, 17), the same memory."""
+    return rows.view(float).reshape(len(rows), -1)

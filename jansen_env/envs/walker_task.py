@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.lib.recfunctions import structured_to_unstructured
 from numpy.typing import NDArray
 
 from jansen_env.checks import finite, non_negative, positive, whole_number, within
@@ -241,7 +240,7 @@ class WalkerTask(Task):
     @property
     def parameters(self) -> Array:
         """(n, 17) the numbers of all robots' episodes, see :mod:`jansen_env.envs.parameters`."""
-        return structured_to_unstructured(self.episodes.values)
+        return self.episodes.numbers
 
     @property
     def weight(self) -> Array:
@@ -436,7 +435,7 @@ class WalkerTask(Task):
         if "delay" in checked:
             self.delay_range[row] = checked.pop("delay")
         if "terrain_level" in checked:
-            self.episodes.level[row], self.episodes.levels[row] = checked.pop("terrain_level")
+            self.episodes.level[row] = self.episodes.levels[row] = checked.pop("terrain_level")
         if "command" in checked:
             kept = self.rows[row]
             kept["info"]["speed_command"] = kept["next_command"] = checked.pop("command")

@@ -53,9 +53,10 @@ def parameter(obstacle: str) -> str:
 def sizes(obstacle: str) -> Array:
     """Of an obstacle, m or rad: of levels 0 to 9 and beyond them, evenly; below 0: down."""
     if obstacle == "one step":
-        return 0.015 * np.arange(1, HIGHEST + BEYOND + 2)
+        return np.linspace(0.015, 0.18, HIGHEST + BEYOND + 1)
     low, high = LEVELS[obstacle.split()[0]][parameter(obstacle)]
-    found = low + (high - low) * np.arange(HIGHEST + BEYOND + 1.0) / HIGHEST
+    found: Array = np.linspace(low, high, HIGHEST + 1)
+    found = np.append(found, high + (high - low) * np.arange(1, BEYOND + 1) / HIGHEST)
     return -found if obstacle.endswith("down") else found
 
 
@@ -239,7 +240,7 @@ def draw(results: dict[str, Found], speeds: Sequence[float], path: Path) -> None
 
 def draw_generators(path: Path, levels: Sequence[int] = (0, 4, HIGHEST)) -> None:
     """Each generator's ground at some levels, with the robot to scale."""
-    figure, axes = measure.subplots(len(LEVELS), len(levels), 14.0, 10.0, sharex=True)
+    figure, axes = measure.subplots(len(LEVELS), len(levels), 12.0, 9.5, sharex=True, sharey=True)
     robot = paper_robot()
     for row, name in zip(axes, LEVELS, strict=True):
         for axis, level in zip(row, levels, strict=True):
@@ -252,7 +253,9 @@ def draw_generators(path: Path, levels: Sequence[int] = (0, 4, HIGHEST)) -> None
             for joints in world_joints(robot, plant.state[:4]):
                 for a, b in SKELETON:
                     axis.plot(*joints[[a, b]].T, color="C0", lw=0.8)
-            axis.set(aspect="equal", ylim=(-0.75, 1.2), title=f"{name}, level {level}")
+            axis.set(
+                aspect="equal", xlim=(-1.0, 4.0), ylim=(-0.4, 1.25), title=f"{name}, level {level}"
+            )
             axis.grid(visible=False)
     measure.save(figure, path)
 
@@ -285,7 +288,8 @@ def main(arguments: list[str] | None = None) -> None:
         "# What the machine can climb",
         f"`{command}`: {count} walks of 10 s of each policy over each size at {shown} m/s, "
         f"friction {FRICTION:g}; a success does not fall and gets {ENOUGH:g} of the commanded "
-        "distance. All meet the same grounds. The sizes are those of the levels 0 to 9 and two beyond.",
+        "distance. All meet the same grounds. The sizes are those of the levels 0 to 9 and two "
+        "beyond.",
         "Up to which size at least half of the walks succeed at the policy's best speed, and stay "
         "up; the last column: up to which size some policy succeeds at some speed on at least half "
         "of the grounds.",

@@ -20,7 +20,7 @@ from jansen_env.envs.parameters import (
     check,
 )
 from jansen_env.plants.base import BatchedPlant
-from jansen_env.plants.variation import VARIATION, nominal, without_effect
+from jansen_env.plants.variation import VARIATION, effective, nominal
 from jansen_env.robot import Payload, Robot
 from jansen_env.terrain import Terrain
 from jansen_env.terrain_generators import Generator
@@ -122,15 +122,17 @@ class Episodes:
 
     def check_names(self, row: int, names: Sequence[str], label: str) -> None:
         """Raises ValueError where a parameter would do nothing for a robot."""
-        useless = dict(without_effect(self._batch.robots[row]))
-        if self._generators[row] is None:
-            useless["terrain_level"] = "its ground is not drawn"
-        for name, argument in (("noise_level", "noise"), ("push_strength", "push")):
-            if not self._senses[argument]:
-                useless[name] = f"{argument} is None"
+        robot = self._batch.robots[row]
+        useful = {*effective(robot), "delay"}
+        useful |= {"terrain_level"} if self._generators[row] is not None else set()
+        useful |= {"noise_level"} if self._senses["noise"] else set()
+        useful |= {"push_strength"} if self._senses["push"] else set()
         for name in names:
-            if name in useless:
-                raise ValueError(f"{label} has {name!r}, which does nothing: {useless[name]}")
+            if name not in useful:
+                raise ValueError(
+                    f"{label} has {name!r}, which does nothing here, must be of "
+                    f"{[one for one in PARAMETERS if one in useful]}"
+                )
 
     def plan(
         self, row: int, rng: np.random.Generator, options: Mapping[str, Any], delay: float,

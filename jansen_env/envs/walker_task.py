@@ -171,7 +171,7 @@ class WalkerTask(Task):
         self.rows["mean_path"] = abs(advance) / STEPS_PER_TURN
         self.full_torque *= self.rows["direction"]
         self.rows["weight"] = [robot.mass * GRAVITY for robot in self.robots]
-        self._bare_mass = np.array([robot.bare_mass for robot in self.robots])
+        self._links_mass = np.array([robot.links_mass for robot in self.robots])
         self.loads = np.zeros((n, self.batch.toes))
         self.elapsed = np.zeros(n, np.int64)
         self._seed = np.zeros(n, np.int64)  # of what episodes draw after their start
@@ -293,7 +293,7 @@ class WalkerTask(Task):
         """Know the weights of robots as they are, and the torque of an action of 1."""
         values = self.episodes.values[rows]
         self.rows["weight"][rows] = GRAVITY * (
-            values["mass_scale"] * self._bare_mass[rows] + values["payload"]
+            values["mass_scale"] * self._links_mass[rows] + values["payload"]
         )
         limits = np.array([self.robots[row].motor.torque_limit for row in rows.tolist()])
         self.full_torque[rows] = self.rows["direction"][rows] * limits * values["motor_strength"]

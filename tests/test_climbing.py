@@ -35,7 +35,10 @@ def test_sizes_are_the_levels_and_beyond():
         sign = -1.0 if obstacle.endswith("down") else 1.0
         of_levels = [sign * at_level(name, level)[key] for level in range(HIGHEST + 1)]
         assert grown[: HIGHEST + 1] == pytest.approx(of_levels)
-        assert len(grown) == HIGHEST + 1 + climbing.BEYOND and len(np.unique(np.diff(grown).round(9))) == 1
+        assert (
+            len(grown) == HIGHEST + 1 + climbing.BEYOND
+            and len(np.unique(np.diff(grown).round(9))) == 1
+        )
 
 
 def test_grounds_are_the_same_for_all(rng):

@@ -67,6 +67,7 @@ def run_episodes(
     commands: Array,
     seeds: NDArray[np.int64],
     at_once: int = 256,
+    options: dict[str, NDArray[Any]] | None = None,
 ) -> Episodes:
     """Run one episode for each pair of command and seed, up to ``at_once`` side by side.
 
@@ -77,15 +78,18 @@ def run_episodes(
         policy: acts deterministically.
         env_id, env_kwargs: of the environment, one of :data:`agents.tasks.TASKS`.
         commands: (n,) speed commands, in the task's unit. seeds: (n,) of each episode's reset.
+        options: more of them for each reset, (n,) by name.
 
     Raises:
         ValueError: no task is known for ``env_id``.
     """
     task, parts = find_task(env_id), []
+    every: dict[str, NDArray[Any]] = {"speed_command": commands, **(options or {})}
     for begin in range(0, len(commands), at_once):
         part = slice(begin, begin + at_once)
         envs = make_envs(env_id, env_kwargs, len(commands[part]))
-        parts.append(_run_side_by_side(policy, envs, task, commands[part], seeds[part]))
+        of_part = {name: values[part] for name, values in every.items()}
+        parts.append(_run_side_by_side(policy, envs, task, of_part, seeds[part]))
         envs.close()
     run = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     for name, aggregate in task.aggregates.items():
@@ -95,13 +99,17 @@ def run_episodes(
 
 
 def _run_side_by_side(
-    policy: Policy, envs: Any, task: Task, commands: Array, seeds: NDArray[np.int64]
+    policy: Policy,
+    envs: Any,
+    task: Task,
+    options: dict[str, NDArray[Any]],
+    seeds: NDArray[np.int64],
 ) -> Episodes:
     """One episode in each environment; what is kept of each."""
-    n, dt = len(commands), envs.get_attr("control_dt")[0]
+    n, dt = len(seeds), envs.get_attr("control_dt")[0]
     totals: dict[str, Any] = {}
     last: dict[str, Any] = {}
-    observations = _reset(envs, commands, seeds)
+    observations = _reset(envs, options, seeds)
     running, starts, state, time = np.ones(n, bool), np.ones(n, bool), None, 0.0
     while running.any():
         actions, state = policy.predict(observations, state, starts, True)
@@ -120,18 +128,19 @@ def _run_side_by_side(
             totals[name] = np.where(running, REDUCTIONS[how](before, value, at), before)
             last[name] = value
         running &= ~(terminated | truncated)
-    return {"command": commands, **totals}
+    return {"command": options["speed_command"], **totals}
 
 
-def _reset(envs: Any, commands: Array, seeds: NDArray[np.int64]) -> NDArray[np.float32]:
+def _reset(
+    envs: Any, options: dict[str, NDArray[Any]], seeds: NDArray[np.int64]
+) -> NDArray[np.float32]:
     """Start the episodes; returns their first observations (n, d)."""
     if isinstance(envs, gym.vector.SyncVectorEnv):  # which has one set of options for all
-        each = zip(envs.envs, seeds.tolist(), commands.tolist(), strict=True)
+        rows = zip(*(values.tolist() for values in options.values()), strict=True)
+        each = zip(envs.envs, seeds.tolist(), rows, strict=True)
         return np.stack([
-            env.reset(seed=seed, options={"speed_command": command})[0]
-            for env, seed, command in each
+            env.reset(seed=seed, options=dict(zip(options, row, strict=True)))[0]
+            for env, seed, row in each
         ])  # fmt: skip
-    observations: NDArray[np.float32] = envs.reset(
-        seed=seeds.tolist(), options={"speed_command": commands}
-    )[0]
+    observations: NDArray[np.float32] = envs.reset(seed=seeds.tolist(), options=options)[0]
     return observations

@@ -46,13 +46,13 @@ class Trials:
     """A batch of walkers.
 
     Args:
-        friction: (n,) of each one's ground.
+        friction: (n,) of each one's ground. terrain: one for all, or a list of one for each.
     """
 
-    def __init__(self, friction: Array) -> None:
+    def __init__(self, friction: Array, terrain: Any = "flat") -> None:
         envs: Any = gym.make_vec(
             ENV, num_envs=len(friction), autoreset_mode=AutoresetMode.DISABLED,
-            terminate_when_fallen=False, friction=np.asarray(friction, float),
+            terminate_when_fallen=False, friction=np.asarray(friction, float), terrain=terrain,
             info_keys=("fallen", "diverged", "x_position", "slip", "energy", "crank_torque"),
         )  # fmt: skip
         self.envs = envs

@@ -22,15 +22,16 @@ Random: TypeAlias = np.random.Generator
 Generator: TypeAlias = Callable[[Random, int], Terrain]
 
 HIGHEST = 9  # of the levels, from 0
+SHIFT = 0.4  # m, within which a ground begins; half a turn of the crank walks 0.33 m
 
 LEVELS: dict[str, dict[str, tuple[float, float]]] = {
-    "slope": {"angle": (0.02, 0.38)},
-    "rough": {"height": (0.005, 0.05), "spacing": (0.2, 0.2)},
-    "waves": {"height": (0.01, 0.19), "length": (1.0, 1.0)},
-    "stairs": {"rise": (0.005, 0.05), "tread": (0.4, 0.4)},
-    "steps": {"height": (0.01, 0.1), "spacing": (0.4, 0.4)},
-    "stumps": {"height": (0.005, 0.05), "width": (0.2, 0.2), "spacing": (1.0, 1.0)},
-    "ramps": {"angle": (0.02, 0.38), "length": (0.8, 0.8)},
+    "slope": {"angle": (0.01, 0.28)},
+    "rough": {"height": (0.02, 0.2), "spacing": (0.2, 0.2)},
+    "waves": {"height": (0.015, 0.24), "length": (1.0, 1.0)},
+    "stairs": {"rise": (0.01, 0.1), "tread": (0.4, 0.4)},
+    "steps": {"height": (0.035, 0.35), "spacing": (0.4, 0.4)},
+    "stumps": {"height": (0.02, 0.11), "width": (0.2, 0.2), "spacing": (1.0, 1.0)},
+    "ramps": {"angle": (0.045, 0.36), "length": (0.8, 0.8)},
 }
 """Of each generator its parameters' values at level 0 and level 9, evenly in between; m and rad."""
 
@@ -41,15 +42,15 @@ def _slope(rng: Random, angle: float) -> Terrain:
 
 def _rough(rng: Random, height: float, spacing: float) -> Terrain:
     """As ``Terrain.rough``, on both sides."""
-    return Terrain.of(shapes.rough(rng, height, spacing, _start(rng, spacing), shapes.REACH))
+    return Terrain.of(shapes.rough(rng, height, spacing, _start(rng), shapes.REACH))
 
 
 def _waves(rng: Random, height: float, length: float) -> Terrain:
-    return Terrain.waves(height, length, _start(rng, length))
+    return Terrain.waves(height, length, _start(rng))
 
 
 def _stairs(rng: Random, rise: float, tread: float) -> Terrain:
-    return Terrain.stairs(rise, tread, _start(rng, tread))
+    return Terrain.stairs(rise, tread, _start(rng))
 
 
 def _steps(rng: Random, height: float, spacing: float) -> Terrain:
@@ -57,16 +58,16 @@ def _steps(rng: Random, height: float, spacing: float) -> Terrain:
 
 
 def _stumps(rng: Random, height: float, width: float, spacing: float) -> Terrain:
-    return Terrain.stumps(height, width, spacing, _start(rng, 0.5 * spacing))
+    return Terrain.stumps(height, width, spacing, _start(rng))
 
 
 def _ramps(rng: Random, angle: float, length: float) -> Terrain:
-    return Terrain.ramps(angle, length, _start(rng, length))
+    return Terrain.ramps(angle, length, _start(rng))
 
 
-def _start(rng: Random, period: float) -> float:
-    """Where a ground begins, m: drawn, or its steps could be learned by heart."""
-    return rng.uniform(shapes.START, shapes.START + period)
+def _start(rng: Random) -> float:
+    """Where a ground begins, m: drawn, or the way to its first step could be learned by heart."""
+    return rng.uniform(shapes.START, shapes.START + SHIFT)
 
 
 _MAKERS: dict[str, Callable[..., Terrain]] = {

@@ -31,7 +31,7 @@ HARDCORE = {
     **ROUGH,
     "robot": "built",
     "noise": Noise(),
-    "push": Push(),
+    "push": Push(impulse=3.0),
     "randomize": {
         "friction": (0.4, 1.0),
         "payload": (0.0, 0.5),
@@ -174,14 +174,14 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
     | commanded speed | 0.1 to 0.5 m/s |
     | ``terrain_level`` | 0 to 9, and which of the seven kinds |
     | ``friction`` | 0.4 to 1.0 |
-    | ``payload``, ``payload_x`` | 0 to 0.5 kg, 0.1 m before to 0.1 m behind the crank axis |
+    | ``payload``, ``payload_x`` | 0 to 0.5 kg, -0.1 to 0.1 m ahead of the crank axis |
     | ``mass_scale`` | 0.9 to 1.1 |
     | ``foot_stiffness_scale``, ``foot_damping_scale`` | 0.5 to 2 |
     | ``motor_strength``, ``rotor_inertia_scale`` | 0.8 to 1.2 |
     | ``tilt`` | -0.05 to 0.05 rad, by which the floor rises towards +x |
     | ``delay`` | 0 to 0.04 s |
     | ``noise_level`` | 0.5 to 1.5 |
-    | ``push_strength`` | 0 to 1, of pushes of up to 1.3 N s, one in each 5 s |
+    | ``push_strength`` | 0 to 1, of pushes of up to 3 N s, one in each 5 s |
 
     ## Episode End
     As in ``JansenWalker-v0``. Truncated after 500 steps (10 s).
@@ -192,7 +192,7 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
     ## Arguments
     Those of ``JansenWalker-v0``; ``terrain``, ``terrain_level``, ``speed_command`` and
     ``height_scan`` as of ``JansenWalkerRough-v0``, and ``robot="built"``, ``noise=Noise()``,
-    ``push=Push()``, ``randomize`` as in the table.
+    ``push=Push(3.0)``, ``randomize`` as in the table.
 
     ## Version History
     * v0: first release.

@@ -1,0 +1,230 @@
+"""Score policies by terrain level: ``python -m agents.levels --env ID --policy pid ...``.
+
+An episode succeeds that does not fall and gets 0.8 of the commanded distance. Commands are spread
+evenly over those of the environment; all policies have the same episodes.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from tabulate import tabulate
+
+from agents.command_line import mapping, non_negative_int, positive_int
+from agents.evaluate import labels, load_named
+from agents.metrics import Array, Episodes, point_estimates
+from agents.policy import Bools, Policy
+from agents.rollout import make_env, run_episodes
+from agents.seed_statistics import Interval, improvement_over
+from agents.tasks import TASKS, find_task
+from jansen_env.files import write_json, write_text, write_whole
+from jansen_env.plants.make import PLANTS
+from jansen_env.terrain_generators import HIGHEST
+
+FIRST_SEED = 80_000  # of the episodes: training, tuning and other scores use others
+ENOUGH = 0.8  # of the commanded distance
+RATIOS = ("slip_per_metre", "cost_of_transport")
+HEAD = ("level", "policy", "success", "falls", "slip (m/m)", "cost of transport")
+
+
+class Score(NamedTuple):
+    """Of a policy's episodes at a level.
+
+    Attributes:
+        success, falls: shares with Wilson's 95 % interval. slip: m per metre of all toes.
+        transport: mechanical cost of transport, with the robot's weight without what is drawn.
+            Both None where nobody walked.
+    """
+
+    success: Interval
+    falls: Interval
+    slip: float | None
+    transport: float | None
+
+
+Scores: TypeAlias = dict[str, dict[int, Score]]
+"""By policy and level."""
+
+
+def succeeded(fell: Bools, distance: Array, commanded: Array) -> Bools:
+    """Whether episodes (n,) are successes.
+
+    Args:
+        fell: whether they ended in a fall. distance: m, towards the command. commanded: m.
+    """
+    found: Bools = ~fell & (distance >= ENOUGH * commanded)
+    return found
+
+
+def share(happened: Bools) -> Interval:
+    """Of episodes (n,), with Wilson's 95 % interval."""
+    return improvement_over(0.5, np.asarray(happened, float))
+
+
+def score_levels(
+    policy: Policy,
+    env_id: str,
+    env_kwargs: dict[str, Any],
+    levels: Sequence[int],
+    episodes: int,
+    seed: int = 0,
+    commands: Sequence[float] | None = None,
+) -> dict[int, Score]:
+    """A policy's scores by level.
+
+    Args:
+        policy: acts deterministically. env_id, env_kwargs: of an environment whose resets have the
+            option ``terrain_level``.
+        episodes: of each level. seed: another number, other episodes.
+        commands: m/s, that the episodes share evenly; None: as many as there are episodes, over the
+            environment's range.
+
+    Raises:
+        ValueError: an environment without levels, or an argument out of range.
+    """
+    env = make_env(env_id, env_kwargs)
+    if commands is None:
+        low, high = env.unwrapped.task.speed_command[0]  # type: ignore[attr-defined]
+        commands = low + (high - low) * (np.arange(episodes) + 0.5) / episodes
+    n = len(levels) * episodes
+    level = np.repeat(np.asarray(levels, np.int64), episodes)
+    asked = np.tile(np.resize(np.asarray(commands, float), episodes), len(levels))
+    seeds = FIRST_SEED + seed * n + np.arange(n)
+    run = run_episodes(policy, env_id, env_kwargs, asked, seeds, options={"terrain_level": level})
+    found = {one: score(_only(run, level == one), env) for one in levels}
+    env.close()
+    return found
+
+
+def _only(run: Episodes, chosen: Bools) -> Episodes:
+    return {name: values[chosen] for name, values in run.items()}
+
+
+def score(run: Episodes, env: Any) -> Score:
+    """Of episodes at one level; ``env``: that they were run in, as ``gym.make`` gives it."""
+    task = find_task(env.spec.id)
+    horizon = env.spec.max_episode_steps * env.unwrapped.control_dt
+    fell = run["fell"].astype(bool)
+    towards, commanded = np.sign(run["command"]) * run["distance"], np.abs(run["command"]) * horizon
+    ratios = point_estimates({name: task.metrics[name] for name in RATIOS}, run, env)
+    return Score(
+        share(succeeded(fell, towards, commanded)), share(fell), *(ratios[name] for name in RATIOS)
+    )
+
+
+def level_table(scores: Scores) -> str:
+    """As Markdown, level by level."""
+
+    def cells(own: Score) -> list[str]:
+        shares = (f"{v:.2f} [{low:.2f}, {high:.2f}]" for v, low, high in (own.success, own.falls))
+        ratios = ("-" if v is None else f"{v:.3g}" for v in (own.slip, own.transport))
+        return [*shares, *ratios]
+
+    levels = next(iter(scores.values()))
+    rows = [[str(level), name, *cells(scores[name][level])] for level in levels for name in scores]
+    return tabulate(rows, HEAD, tablefmt="pipe", disable_numparse=True)
+
+
+def plot_levels(scores: Scores, path: Path) -> None:
+    """Each score over the level, a line per policy; bands are the intervals."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.0, 3.2), layout="constrained")
+    axes: NDArray[Any] = figure.subplots(1, 4)
+    for name, own in scores.items():
+        for axis, key in zip(axes, Score._fields, strict=True):
+            values = [getattr(one, key) for one in own.values()]
+            if key in ("success", "falls"):
+                middle, low, high = np.array(values, float).T
+                axis.fill_between(list(own), low, high, alpha=0.18)
+                axis.set_ylim(-0.03, 1.03)
+            else:
+                middle = np.array(values, float)
+            axis.plot(list(own), middle, "o-", markersize=4, label=name)
+    for axis, heading in zip(axes, HEAD[2:], strict=True):
+        axis.set_title(heading, fontsize=11)
+        axis.grid(alpha=0.3)
+        axis.set_xlabel("terrain level")
+    for axis in axes[2:]:
+        if np.isfinite(axis.dataLim.get_points()[:, 1]).all():
+            axis.set_yscale("log")
+    handles, names = axes[0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside upper center", ncols=4, frameon=False)
+    write_whole(path, lambda file: figure.savefig(file, dpi=110))
+
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    add = parser.add_argument
+    add("--policy", action="append", required=True, metavar="NAME",
+        help="a baseline, 'pretrained', a run's folder, or a file of a model or policy; "
+        "repeatable")  # fmt: skip
+    add("--env", default="JansenWalkerRough-v0", choices=sorted(TASKS), help="environment id")
+    add("--env-kwargs", default="{}", type=mapping, metavar="YAML",
+        help="arguments of the environment, e.g. '{terrain: stairs}'")  # fmt: skip
+    add("--plant", action="append", default=[], choices=sorted(PLANTS),
+        help="given again, side by side; default: the environment's")  # fmt: skip
+    add("--levels", type=non_negative_int, nargs="+", default=list(range(HIGHEST + 1)), metavar="L",
+        help=f"0 to {HIGHEST}; default: all")  # fmt: skip
+    add("--commands", type=float, nargs="+", metavar="V",
+        help="commanded speeds; default: spread over the environment's")  # fmt: skip
+    add("--episodes", type=positive_int, default=100, help="at each level")
+    add("--seed", type=non_negative_int, default=0, help="another number, other episodes")
+    add("--out", default="logs/levels", metavar="DIR",
+        help="where levels.md, levels.json and levels.png go")  # fmt: skip
+    args = parser.parse_args(arguments)
+    args.error = parser.error
+    return args
+
+
+def score_all(args: argparse.Namespace) -> Scores:
+    """Of all policies, on each plant that is asked for.
+
+    Raises:
+        ValueError: a policy or an argument is not allowed.
+    """
+    names = dict(zip(labels(args.policy), args.policy, strict=True))
+    scores: Scores = {}
+    for plant in dict.fromkeys(args.plant) or [None]:
+        env_kwargs = {**args.env_kwargs, **({} if plant is None else {"plant": plant})}
+        suffix = "" if plant is None else f" on {plant}"
+        env = make_env(args.env, env_kwargs)
+        policies = {own + suffix: load_named(name, env) for own, name in names.items()}
+        env.close()
+        for name, policy in policies.items():
+            scores[name] = score_levels(
+                policy, args.env, env_kwargs, args.levels, args.episodes, args.seed, args.commands
+            )
+    return scores
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Score, draw, print."""
+    args = parse(arguments)
+    out = Path(args.out)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        scores = score_all(args)
+    except (OSError, ValueError) as error:
+        args.error(str(error))
+    write_json(out / "levels.json", {
+        name: {str(level): one._asdict() for level, one in own.items()}
+        for name, own in scores.items()
+    })  # fmt: skip
+    plot_levels(scores, out / "levels.png")
+    note = (
+        f"{args.episodes} episodes at each level of {args.env}, seed {args.seed}; success: no fall "
+        f"and at least {ENOUGH:g} of the commanded distance; 95 % Wilson intervals."
+    )
+    write_text(out / "levels.md", f"{note}\n\n{level_table(scores)}\n")
+    print(f"{level_table(scores)}\n\n{note} Written: {out}")
+
+
+if __name__ == "__main__":
+    main()

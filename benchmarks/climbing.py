@@ -1,0 +1,318 @@
+"""What the machine can climb: success by obstacle, its size, speed, friction and controller.
+
+    python -m benchmarks.climbing [--episodes 24] [--policy RUN] [--quick]
+
+A walk of 10 s succeeds that does not fall and gets 0.8 of the commanded distance. All controllers
+and speeds meet the same grounds: where one of them succeeds, the machine can. Writes
+``climbing.md``, ``levels.md``, ``climbing.png`` and ``generators.png``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from agents.levels import ENOUGH, succeeded
+from agents.policy import Array, Bools, Policy
+from agents.trials import DURATION, Trials
+from benchmarks import measure
+from benchmarks.profile_scores import load
+from jansen_env import Terrain
+from jansen_env import terrain_shapes as shapes
+from jansen_env.kinematics import SKELETON, T, joint_positions, world_joints
+from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.robot import Robot, paper_robot
+from jansen_env.terrain_generators import HIGHEST, LEVELS, NamedGenerator, at_level, make_generator
+
+SPEEDS = (0.2, 0.3, 0.45, 0.6)  # m/s
+FRICTION = 0.8
+FRICTIONS = (0.3, 0.45, 0.6, 0.8, 1.0)
+EPISODES = 24  # of each case
+AT_ONCE = 256  # robots
+FIRST_SEED = 90_000  # apart from all others
+HALF = 0.5  # of the walks: up to which size the machine is said to climb
+BEYOND = 2  # sizes beyond the highest level
+UNITS = {"angle": "rad"}  # the others are in m
+
+OBSTACLES = (
+    "one step", "stairs up", "stairs down", "steps", "stumps", "rough", "waves", "slope up",
+    "slope down", "ramps",
+)  # fmt: skip
+"""Generators by name, and a single step up."""
+BY_FRICTION = ("one step", "stairs up", "slope up")
+
+
+def parameter(obstacle: str) -> str:
+    """What grows of it."""
+    return "height" if obstacle == "one step" else next(iter(LEVELS[obstacle.split()[0]]))
+
+
+def sizes(obstacle: str) -> Array:
+    """Of an obstacle, m or rad: of levels 0 to 9 and beyond them, evenly; below 0: down."""
+    if obstacle == "one step":
+        return np.linspace(0.015, 0.18, HIGHEST + BEYOND + 1)
+    low, high = LEVELS[obstacle.split()[0]][parameter(obstacle)]
+    found: Array = np.linspace(low, high, HIGHEST + 1)
+    found = np.append(found, high + (high - low) * np.arange(1, BEYOND + 1) / HIGHEST)
+    return -found if obstacle.endswith("down") else found
+
+
+def ground(obstacle: str, size: float, seed: int) -> Terrain:
+    """An obstacle of a size, at another place and with other draws for each seed."""
+    rng = np.random.default_rng([FIRST_SEED, seed])
+    if obstacle != "one step":
+        given = ((parameter(obstacle), size),)
+        return NamedGenerator(obstacle.split()[0], given)(rng, 0)
+    edge = shapes.START + rng.uniform(0.1, 0.5)
+    step = shapes.treads(np.array([edge]), np.array([size]))
+    return Terrain.of(np.concatenate([[[-1.0, 0.0]], step, [[step[-1, 0] + 1.0, size]]]))
+
+
+class Case(NamedTuple):
+    """One walk: on which ground, how slippery, how fast, from which start."""
+
+    terrain: Terrain
+    friction: float
+    command: float
+    seed: int
+
+
+class Walked(NamedTuple):
+    """Of walks, arrays of one shape: whether they stayed up, and whether they succeeded."""
+
+    up: Bools
+    succeeded: Bools
+
+
+Found: TypeAlias = dict[str, Walked]
+"""By policy: (sizes, speeds, episodes)."""
+
+
+def walk(policy: Policy, cases: Sequence[Case]) -> Walked:
+    """One walk of each case, (n,)."""
+    parts = []
+    for begin in range(0, len(cases), AT_ONCE):
+        some = cases[begin : begin + AT_ONCE]
+        trials = Trials(np.array([case.friction for case in some]), [case.terrain for case in some])
+        commands = np.array([case.command for case in some])
+        out = trials.run(policy, commands, np.array([case.seed for case in some]))
+        trials.close()
+        parts.append(Walked(~out.fell, succeeded(out.fell, out.distance, commands * DURATION)))
+    return Walked(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+def climb(
+    policies: dict[str, Policy],
+    obstacle: str,
+    speeds: Sequence[float],
+    episodes: int,
+    friction: float = FRICTION,
+) -> Found:
+    """Walks over all sizes of an obstacle; episode k has the same ground at all speeds."""
+    grown = sizes(obstacle)
+    cases = [
+        Case(ground(obstacle, size, k), friction, speed, FIRST_SEED + k)
+        for size in grown.tolist()
+        for speed in speeds
+        for k in range(episodes)
+    ]
+    shape = len(grown), len(speeds), episodes
+    return {
+        name: Walked(*(values.reshape(shape) for values in walk(policy, cases)))
+        for name, policy in policies.items()
+    }
+
+
+def anyhow(found: Found) -> Array:
+    """(sizes,) share of the grounds on which some policy succeeded at some speed."""
+    every = np.stack([walked.succeeded for walked in found.values()])
+    share: Array = every.any(axis=(0, 2)).mean(axis=1)
+    return share
+
+
+def last(grown: Array, share: Array) -> str:
+    """Up to which size a share (sizes,) is a half or more, as text."""
+    below = np.flatnonzero(share < HALF)
+    count = below[0] if len(below) else len(share)
+    return "-" if count == 0 else f"{'' if len(below) else '>= '}{abs(grown[count - 1]):.3g}"
+
+
+def best(values: Bools) -> tuple[Array, int]:
+    """Shares (sizes,) at the speed that has the largest in the mean, and which speed it is."""
+    shares = values.mean(axis=2)
+    speed = int(np.argmax(shares.mean(axis=0)))
+    return shares[:, speed], speed
+
+
+def limit_table(results: dict[str, Found], speeds: Sequence[float]) -> str:
+    """Up to which size each policy succeeds at its best speed, as Markdown."""
+    rows = []
+    for obstacle, found in results.items():
+        grown = sizes(obstacle)
+        unit = UNITS.get(parameter(obstacle), "m")
+        for i, (name, walked) in enumerate(found.items()):
+            cells = [f"{obstacle}, {parameter(obstacle)} ({unit})" if i == 0 else "", name]
+            for values in (walked.succeeded, walked.up):
+                share, speed = best(values)
+                cells += [last(grown, share), f"{speeds[speed]:g}"]
+            rows.append((*cells, last(grown, anyhow(found)) if i == 0 else ""))
+    head = ("obstacle", "policy", "succeeds up to", "at (m/s)", "stays up to", "at (m/s)",
+            "any of them")  # fmt: skip
+    return measure.table(head, rows)
+
+
+def walkable_table(results: dict[str, Found]) -> str:
+    """By level the shares of success of the best policy and speed, and of any, as Markdown."""
+    by_kind: dict[str, list[Array]] = {name: [] for name in LEVELS}
+    rows = []
+    for obstacle, found in results.items():
+        if obstacle == "one step":
+            continue
+        one = np.max([walked.succeeded.mean(axis=2) for walked in found.values()], axis=(0, 2))
+        both = np.stack([one, anyhow(found)])
+        by_kind[obstacle.split()[0]].append(both)
+        rows.append((obstacle, *(f"{own:.2f} / {some:.2f}" for own, some in both.T)))
+    if all(by_kind.values()):
+        mixed = np.mean([np.mean(both, axis=0) for both in by_kind.values()], axis=0)
+        rows.append(("mixed", *(f"{own:.2f} / {some:.2f}" for own, some in mixed.T)))
+    levels = (*range(HIGHEST + 1), *(f"({HIGHEST + 1 + i})" for i in range(BEYOND)))
+    return measure.table(("level", *map(str, levels)), rows)
+
+
+def friction_table(results: dict[tuple[str, float], Found]) -> str:
+    """Up to which size the best policy succeeds, and any, by friction, as Markdown."""
+    rows = []
+    for obstacle in dict.fromkeys(name for name, _ in results):
+        cells = []
+        for (name, _), found in results.items():
+            if name == obstacle:
+                shares = [best(walked.succeeded)[0] for walked in found.values()]
+                top = max(shares, key=lambda share: float(share.mean()))
+                grown = sizes(obstacle)
+                cells.append(f"{last(grown, top)} / {last(grown, anyhow(found))}")
+        unit = UNITS.get(parameter(obstacle), "m")
+        rows.append((f"{obstacle}, {parameter(obstacle)} ({unit})", *cells))
+    frictions = dict.fromkeys(f"{friction:g}" for _, friction in results)
+    return measure.table(("friction", *frictions), rows)
+
+
+def level_table() -> str:
+    """What the levels mean, as Markdown."""
+    rows = []
+    for name, parameters in LEVELS.items():
+        for key, (low, high) in parameters.items():
+            label = f'`"{name}"`, `{key}` ({UNITS.get(key, "m")})'
+            if low == high:
+                rows.append((label, f"{low:g}", *[""] * HIGHEST))
+            else:
+                each = (f"{at_level(name, level)[key]:.3g}" for level in range(HIGHEST + 1))
+                rows.append((label, *each))
+    return measure.table(("level", *map(str, range(HIGHEST + 1))), rows)
+
+
+def toe_lift(robot: Robot) -> float:
+    """How high a toe comes over the lowest one while the crank turns, the chassis level, m."""
+    psi = np.linspace(0.0, 2.0 * np.pi, 1440)
+    toes = [joint_positions(robot, leg.side, psi + leg.phase)[:, T, 1] for leg in robot.legs]
+    return float((np.max(toes, axis=0) - np.min(toes, axis=0)).max())
+
+
+def draw(results: dict[str, Found], speeds: Sequence[float], path: Path) -> None:
+    """Success over size, a panel per obstacle: each speed thin, the best thick."""
+    figure, axes = measure.subplots(2, (len(results) + 1) // 2, 15.0, 6.0, sharey=True)
+    for axis, (obstacle, found) in zip(axes.flat, results.items(), strict=False):
+        grown = np.abs(sizes(obstacle))
+        for i, (name, walked) in enumerate(found.items()):
+            shares, (share, speed) = walked.succeeded.mean(axis=2), best(walked.succeeded)
+            axis.plot(grown, shares, color=f"C{i}", lw=0.6, alpha=0.6)
+            axis.plot(grown, share, color=f"C{i}", lw=2.0, label=f"{name}, best speed")
+            axis.plot(grown, best(walked.up)[0], ":", color=f"C{i}", label=f"{name} stays up")
+            axis.annotate(f"{speeds[speed]:g} m/s", (0.03, 0.05 + 0.08 * i), color=f"C{i}",
+                          xycoords="axes fraction", fontsize=8)  # fmt: skip
+        axis.plot(grown, anyhow(found), "k--", lw=1.0, label="any policy and speed")
+        if obstacle != "one step":
+            axis.axvline(grown[HIGHEST], color="grey", lw=0.8)
+        unit = UNITS.get(parameter(obstacle), "m")
+        axis.set(title=obstacle, xlabel=f"{parameter(obstacle)} ({unit})", xlim=(0.0, None))
+    for row in axes:
+        row[0].set_ylabel("share of walks")
+    measure.legend_above(figure, axes[0, 0], 5)
+    measure.save(figure, path)
+
+
+def draw_generators(path: Path, levels: Sequence[int] = (0, 4, HIGHEST)) -> None:
+    """Each generator's ground at some levels, with the robot to scale."""
+    figure, axes = measure.subplots(len(LEVELS), len(levels), 12.0, 9.5, sharex=True, sharey=True)
+    robot = paper_robot()
+    for row, name in zip(axes, LEVELS, strict=True):
+        for axis, level in zip(row, levels, strict=True):
+            terrain = make_generator(name)(np.random.default_rng(1), level)  # type: ignore[misc]
+            x = np.unique(np.concatenate([np.linspace(-1.0, 4.0, 500), terrain.polyline[:, 0]]))
+            x = x[(x >= -1.0) & (x <= 4.0)]
+            axis.fill_between(x, terrain.height(x), -1.4, color="0.75", lw=0.0)
+            plant = ProjectionPlant(robot, terrain)
+            plant.reset(crank_angle=1.0)
+            for joints in world_joints(robot, plant.state[:4]):
+                for a, b in SKELETON:
+                    axis.plot(*joints[[a, b]].T, color="C0", lw=0.8)
+            axis.set(
+                aspect="equal", xlim=(-1.0, 4.0), ylim=(-0.4, 1.25), title=f"{name}, level {level}"
+            )
+            axis.grid(visible=False)
+    measure.save(figure, path)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Command line."""
+    parser = measure.options(__doc__, "docs/terrain", episodes=EPISODES)
+    parser.add_argument("--policy", action="append", default=[], metavar="NAME",
+                        help="also a run's folder or model")  # fmt: skip
+    found = measure.chosen(parser, arguments)
+    quick: bool = found.quick
+    count, speeds = (2, SPEEDS[-1:]) if quick else (found.episodes, SPEEDS)
+    try:
+        policies = load(["pid", "profile", *found.policy])
+    except ValueError as error:
+        parser.error(str(error))
+    results = {
+        obstacle: climb(policies, obstacle, speeds, count)
+        for obstacle in (OBSTACLES[:1] if quick else OBSTACLES)
+    }
+    slippery = {
+        (obstacle, friction): climb(policies, obstacle, speeds[1::2] or speeds, count, friction)
+        for obstacle in (BY_FRICTION[:1] if quick else BY_FRICTION)
+        for friction in (FRICTIONS[:1] if quick else FRICTIONS)
+    }
+    command = f"python -m benchmarks.climbing --episodes {count}"
+    shown = ", ".join(f"{speed:g}" for speed in speeds)
+    measure.report(
+        found.out / "climbing.md",
+        "# What the machine can climb",
+        f"`{command}`: {count} walks of 10 s of each policy over each size at {shown} m/s, "
+        f"friction {FRICTION:g}; a success does not fall and gets {ENOUGH:g} of the commanded "
+        "distance. All meet the same grounds. The sizes are those of the levels 0 to 9 and two "
+        "beyond.",
+        "Up to which size at least half of the walks succeed at the policy's best speed, and stay "
+        "up; the last column: up to which size some policy succeeds at some speed on at least half "
+        "of the grounds.",
+        limit_table(results, speeds),
+        "By level: the share of successes of the best policy at its best speed / the share of the "
+        "grounds on which any of them succeeded at any speed. Mixed: the mean of the seven kinds.",
+        walkable_table(results),
+        f"By friction, at {', '.join(f'{s:g}' for s in speeds[1::2] or speeds)} m/s: up to which "
+        "size at least half of the best policy's walks succeed / some walk on half of the grounds.",
+        friction_table(slippery),
+        f"Kinematics: with a level chassis a toe comes {1e3 * toe_lift(paper_robot()):.0f} mm over "
+        "the lowest one. Beyond that, a toe that meets a face has to be pulled up it.",
+    )
+    measure.report(found.out / "levels.md", "# Levels", "`python -m benchmarks.climbing`: values "
+                   "of `jansen_env.terrain_generators.LEVELS`.", level_table())  # fmt: skip
+    draw(results, speeds, found.out / "climbing.png")
+    draw_generators(found.out / "generators.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -26,6 +26,7 @@ from agents.normalizer import NormalizedObservation
 from agents.observing import (
     AsymmetricPolicy,
     ObservingPolicy,
+    knowledge,
     own_space,
     seen_space,
     what_is_seen,
@@ -112,7 +113,7 @@ def load_policy(path: str | Path) -> Policy:
     try:
         env: Any = make_env(config["env"], config.get("env_kwargs", {}))
         history, privileged = what_is_seen(config)
-        known = env.unwrapped.task.parameters.shape[1] if privileged else 0
+        known = knowledge([env.unwrapped.task]).shape[1] if privileged else 0
         space = seen_space(env.observation_space, history, known)
         policy: Any = _policy_class(config["algo"], config)(
             space,

@@ -2,12 +2,14 @@
 
 ``history`` in a configuration puts earlier observations behind the present one
 (:class:`jansen_env.history.History`). ``privileged_critic`` lets the critic alone know what was
-drawn for the episode, ``env.unwrapped.task.parameters``, which comes last: a critic is of no use
-after training, so it may know what no sensor tells (Pinto et al. 2017, asymmetric actor-critic).
+drawn for the episode and, where sensors are noisy, what they should say; this comes last. A critic
+is of no use after training, so it may know what no sensor tells (Pinto et al. 2017, asymmetric
+actor-critic).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -25,8 +27,8 @@ class ObservingVecEnv(VecEnvWrapper):
     """Environments whose observations are all that a policy sees.
 
     Args:
-        venv: the environments. history: of their observations. privileged: whether each episode's
-            parameters come behind it.
+        venv: the environments. history: of their observations. privileged: whether
+            :func:`knowledge` comes behind it.
 
     Attributes:
         history: as given. own_space: of the environments' observations, which come first.
@@ -37,9 +39,10 @@ class ObservingVecEnv(VecEnvWrapper):
         self.history, self.own_space = history, venv.observation_space
         self.memory: NDArray[Any] | None = None
         self._privileged = privileged
-        known = parameters(venv).shape[1] if privileged else 0
-        self._known = np.zeros((venv.num_envs, known), np.float32)
-        super().__init__(venv, observation_space=seen_space(venv.observation_space, history, known))
+        known = knowledge(tasks_of(venv)) if privileged else np.zeros((venv.num_envs, 0))
+        self._known = known
+        space = seen_space(venv.observation_space, history, known.shape[1])
+        super().__init__(venv, observation_space=space)
 
     def reset(self) -> NDArray[np.float32]:
         """As the environments'."""
@@ -53,7 +56,10 @@ class ObservingVecEnv(VecEnvWrapper):
             assert self.memory is not None
             last = np.asarray(infos[i]["terminal_observation"])[None]
             seen, _ = self.history.extend(self.memory[[i]], last, np.zeros(1, bool))
-            infos[i]["terminal_observation"] = np.append(seen[0], self._known[i])
+            known = self._known[i].copy()
+            if self._privileged and "true_observation" in infos[i]:
+                known[-last.size :] = infos[i]["true_observation"]
+            infos[i]["terminal_observation"] = np.append(seen[0], known)
         return self._see(observations, dones), rewards, dones, infos
 
     def restore(self, memory: NDArray[Any], seen: NDArray[Any]) -> None:
@@ -64,16 +70,26 @@ class ObservingVecEnv(VecEnvWrapper):
     def _see(self, observations: Any, starts: NDArray[np.bool_]) -> NDArray[np.float32]:
         seen, self.memory = self.history.extend(self.memory, observations, starts)
         if self._privileged:
-            self._known = parameters(self.venv).astype(np.float32)
+            self._known = knowledge(tasks_of(self.venv))
             seen = np.concatenate([seen, self._known], axis=1)
         return seen
 
 
-def parameters(venv: VecEnv) -> NDArray[np.float64]:
-    """(n, p) what was drawn for the episode of each environment."""
+def tasks_of(venv: VecEnv) -> list[Any]:
+    """The tasks behind environments: one of all of them, or one for each."""
     inner: Any = venv.unwrapped
-    tasks = [env.unwrapped.task for env in getattr(inner, "envs", [getattr(inner, "env", None)])]
-    return np.concatenate([task.parameters for task in tasks])
+    return [env.unwrapped.task for env in getattr(inner, "envs", None) or [inner.env]]
+
+
+def knowledge(tasks: Sequence[Any]) -> NDArray[np.float32]:
+    """(n, p) what no sensor tells: the episodes' parameters and, behind noise, the observations."""
+    known = [
+        np.concatenate([task.parameters, task.true_observation], axis=1)
+        if task.true_observation is not task.observation
+        else task.parameters
+        for task in tasks
+    ]
+    return np.concatenate(known).astype(np.float32)
 
 
 def seen_space(own: Any, history: History, known: int) -> spaces.Box:

@@ -11,25 +11,15 @@ from agents.config import check_config
 from agents.rollout import make_env, run_episodes
 from agents.vec_env import acting, make_vec_env
 from jansen_env import pretrained
-from jansen_env.envs.walker_task import WalkerTask
 from jansen_env.history import History
 
-ENV = "JansenWalker-v0"
+ENV = "JansenWalkerHardcore-v0"  # numbers are drawn, and sensors are noisy
+SIZE, DRAWN = 35, 17  # of an observation; numbers of an episode
 HISTORY = {"length": 3, "every": 2}
 VARIANTS = [
-    {"friction": 0.3, "speed_command": 0.3, "max_episode_steps": 7},
-    {"friction": 0.9, "speed_command": 0.6, "max_episode_steps": 11},
+    {"speed_command": 0.3, "max_episode_steps": 7},
+    {"speed_command": 0.6, "max_episode_steps": 11},
 ]
-
-
-@pytest.fixture(autouse=True)
-def known(monkeypatch):
-    """Two numbers of each robot that only a critic may know."""
-
-    def numbers(task):
-        return np.stack([task.of_each("friction"), 0.02 * task.weight], axis=1)
-
-    monkeypatch.setattr(WalkerTask, "parameters", property(numbers), raising=False)
 
 
 def configured(**more):
@@ -90,13 +80,16 @@ def test_a_policy_in_use_sees_what_it_saw_in_training(privileged):
     venv, policy, state = model.get_env(), acting(model), None
     venv.seed(7), plain.seed(7)
     seen, own, starts, ends = venv.reset(), plain.reset(), np.ones(4, bool), 0
-    size = plain.observation_space.shape[0]
-    assert seen.shape == (4, *venv.observation_space.shape) == (4, 3 * size + 2 * privileged)
+    space, known = venv.observation_space, privileged * (DRAWN + SIZE)
+    assert seen.shape == (4, *space.shape) == (4, 3 * SIZE + known)
     rng = np.random.default_rng(0)
     for _ in range(40):
-        assert np.array_equal(seen[:, :size], own) and seen.dtype == np.float32
+        task = plain.env.task
+        truth, drawn = task.true_observation.copy(), task.parameters.astype(np.float32)
+        assert np.array_equal(seen[:, :SIZE], own) and seen.dtype == np.float32
+        assert not np.array_equal(own, truth)
         if privileged:
-            assert seen[:, -2] == pytest.approx([0.3, 0.9, 0.3, 0.9])
+            assert np.array_equal(seen[:, -known:], np.append(drawn, truth, axis=1))
         in_training = model.policy.predict(seen, deterministic=True)[0]
         in_use, after = policy.predict(own, state, starts, True)
         assert np.array_equal(in_use, in_training)
@@ -106,7 +99,10 @@ def test_a_policy_in_use_sees_what_it_saw_in_training(privileged):
         assert np.array_equal(dones, starts)
         for i in np.flatnonzero(dones):
             last, own_last = (each[i]["terminal_observation"] for each in (infos, own_infos))
-            assert last.shape == seen[i].shape and np.array_equal(last[:size], own_last)
+            assert last.shape == seen[i].shape and np.array_equal(last[:SIZE], own_last)
+            if privileged:
+                truth = own_infos[i]["true_observation"]
+                assert np.array_equal(last[-known:], np.append(drawn[i], truth))
             alone = policy.predict(own_last, after[[i]], None, True)[0]
             assert alone == pytest.approx(model.policy.predict(last, deterministic=True)[0])
             ends += 1
@@ -120,15 +116,15 @@ def test_only_the_critic_knows_the_parameters():
     seen = torch.as_tensor(model.get_env().reset()).requires_grad_()
     actions, values, _ = model.policy(seen, deterministic=True)
     by_action, by_value = (torch.autograd.grad(x.sum(), seen)[0] for x in (actions, values))
-    assert (by_action[:, -2:] == 0.0).all() and (by_action[:, :-2] != 0.0).any()
-    assert (by_value[:, -2:] != 0.0).all() and (by_value[:, :-2] != 0.0).any()
+    assert (by_action[:, SIZE:] == 0.0).all() and (by_action[:, :SIZE] != 0.0).any()
+    assert (by_value[:, SIZE:] != 0.0).any() and (by_value[:, :SIZE] != 0.0).any()
 
 
 @pytest.mark.parametrize("privileged", [False, True])
 @pytest.mark.parametrize("history", [{}, HISTORY])
 def test_a_policy_is_the_same_wherever_it_comes_from(history, privileged, tmp_path):
     """Of the model, its file, and packed for NumPy: episodes within rounding."""
-    config = configured(history=history, privileged_critic=privileged, env_kwargs={"friction": 0.5})
+    config = configured(history=history, privileged_critic=privileged, env_kwargs={"delay": 0.01})
     runs.record_run(tmp_path, config, "python train.py")
     model = made_model(config)
     model.save(tmp_path / "best_model.zip")
@@ -173,6 +169,6 @@ def test_configurations_are_checked(more, reason):
 )
 def test_descriptions_of_histories_are_checked(entry, reason):
     """A policy's file is not trusted."""
-    policy = pretrained.load(ENV)
+    policy = pretrained.load("JansenWalker-v0")
     with pytest.raises(ValueError, match=reason):
         pretrained.PretrainedPolicy({**policy.description, "history": entry}, policy.tensors)

@@ -243,6 +243,11 @@ class WalkerTask(Task):
         return self.episodes.numbers
 
     @property
+    def true_observation(self) -> NDArray[np.float32]:
+        """(n, d) the observations without noise; where there is none, the observations themselves."""
+        return self.observation if self._sensors is None else self._sensors.truth
+
+    @property
     def weight(self) -> Array:
         """(n,) N."""
         weight: Array = self.rows["weight"]

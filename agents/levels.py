@@ -17,7 +17,7 @@ from tabulate import tabulate
 
 from agents.command_line import mapping, non_negative_int, positive_int
 from agents.evaluate import labels, load_named
-from agents.metrics import Array, Episodes, point_estimates
+from agents.metrics import ENOUGH, Episodes, point_estimates, succeeded
 from agents.policy import Bools, Policy
 from agents.rollout import make_env, run_episodes
 from agents.seed_statistics import Interval, improvement_over
@@ -27,7 +27,6 @@ from jansen_env.plants.make import PLANTS
 from jansen_env.terrain_generators import HIGHEST
 
 FIRST_SEED = 80_000  # of the episodes: training, tuning and other scores use others
-ENOUGH = 0.8  # of the commanded distance
 RATIOS = ("slip_per_metre", "cost_of_transport")
 HEAD = ("level", "policy", "success", "falls", "slip (m/m)", "cost of transport")
 
@@ -49,16 +48,6 @@ class Score(NamedTuple):
 
 Scores: TypeAlias = dict[str, dict[int, Score]]
 """By policy and level."""
-
-
-def succeeded(fell: Bools, distance: Array, commanded: Array) -> Bools:
-    """Whether episodes (n,) are successes.
-
-    Args:
-        fell: whether they ended in a fall. distance: m, towards the command. commanded: m.
-    """
-    found: Bools = ~fell & (distance >= ENOUGH * commanded)
-    return found
 
 
 def share(happened: Bools) -> Interval:

@@ -15,7 +15,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from agents.levels import ENOUGH, succeeded
+from agents.metrics import ENOUGH, succeeded
 from agents.policy import Array, Bools, Policy
 from agents.trials import DURATION, Trials
 from benchmarks import measure

@@ -1,0 +1,111 @@
+"""Scores by terrain level."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from agents import levels
+from agents.rollout import make_env, run_episodes
+from agents.tasks import WALKER
+
+ENV = "JansenWalker-v0"
+ARGUMENTS = {"terrain": "stairs:rise=0.01", "max_episode_steps": 40}
+
+
+class Idle:
+    """No torque."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=False):
+        return np.zeros((len(observation), 1), np.float32), None
+
+
+def test_success_is_distance_without_a_fall():
+    fell = np.array([False, False, True, False])
+    distance = np.array([1.6, 1.59, 3.0, -3.0])
+    found = levels.succeeded(fell, distance, np.full(4, 2.0))
+    assert found.tolist() == [True, False, False, False]
+
+
+def test_shares_have_wilsons_interval():
+    """8 of 10 by the formula of Wilson (1927), z = 1.959964."""
+    z, n, p = 1.959964, 10, 0.8
+    middle = (p + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    found = levels.share(np.arange(10) < 8)
+    assert found == pytest.approx((0.8, middle - half, middle + half), abs=1e-6)
+
+
+def test_numbers_of_a_level():
+    """From what is kept of episodes; a walk backwards is measured towards its command."""
+    env = make_env(ENV, {"max_episode_steps": 100})  # 2 s
+    n = 4
+    run = {name: np.zeros(n) for name in WALKER.aggregates} | {
+        "command": np.array([0.5, 0.5, -0.5, 0.5]),
+        "distance": np.array([1.0, 0.7, -0.9, 1.0]),
+        "fell": np.array([False, False, False, True]),
+        "slip": np.full(n, 0.09),
+        "work": env.unwrapped.weight * np.full(n, 0.36),
+    }
+    found = levels.score(run, env)
+    env.close()
+    assert found.success[0] == 0.5 and found.falls[0] == 0.25
+    assert found.slip == pytest.approx(0.36 / 3.6) and found.transport == pytest.approx(0.4)
+
+
+def test_each_episode_has_its_options():
+    """Levels differ side by side as they do alone."""
+    seeds, commands = np.array([5, 6, 7]), np.full(3, 0.4)
+    arguments = {"terrain": "slope", "max_episode_steps": 30}
+    wanted = np.array([0, 4, 9])
+    options = {"terrain_level": wanted}
+    run = run_episodes(Idle(), ENV, arguments, commands, seeds, options=options)
+    for i, level in enumerate(wanted):
+        alone = run_episodes(
+            Idle(), ENV, arguments, commands[:1], seeds[i : i + 1],
+            options={"terrain_level": np.array([level])},
+        )  # fmt: skip
+        assert alone["distance"][0] == run["distance"][i]
+    assert len(set(np.abs(run["distance"]))) == 3
+
+
+def test_policies_meet_the_same_episodes():
+    """Spread over the commands, as many at each level; another seed has others."""
+    scored = [
+        levels.score_levels(Idle(), ENV, ARGUMENTS, [0, 9], 4, seed) for seed in (0, 0, 1)
+    ]
+    assert list(scored[0]) == [0, 9]
+    assert scored[0] == scored[1] and scored[0][9].success[0] == 0.0
+    assert scored[0][9].slip != scored[2][9].slip
+
+
+def test_scores_by_level_are_written(tmp_path, capsys):
+    """One command: table, numbers and figure."""
+    levels.main([
+        "--env", ENV, "--env-kwargs", "{terrain: stairs, max_episode_steps: 30}",
+        "--policy", "pid", "--policy", "profile", "--levels", "0", "9", "--episodes", "3",
+        "--commands", "0.3", "0.5", "--out", str(tmp_path),
+    ])  # fmt: skip
+    rows = [line for line in (tmp_path / "levels.md").read_text().splitlines() if "| p" in line]
+    assert [row.split("|")[1].strip() for row in rows[1:]] == ["0", "0", "9", "9"]
+    found = json.loads((tmp_path / "levels.json").read_text())
+    assert set(found) == {"pid", "profile"} and set(found["pid"]) == {"0", "9"}
+    assert (tmp_path / "levels.png").stat().st_size > 10_000
+    assert "Wilson" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (["--env-kwargs", "{terrain: flat}"], "terrain_level"),
+        (["--env-kwargs", "{terrain: stairs}", "--levels", "10"], "10"),
+        (["--policy", "dog", "--env-kwargs", "{terrain: stairs}"], "'dog'"),
+    ],
+)
+def test_what_cannot_be_scored_is_refused(arguments, message, tmp_path, capsys):
+    common = ["--env", ENV, "--policy", "pid", "--episodes", "1", "--out", str(tmp_path)]
+    with pytest.raises(SystemExit):
+        levels.main([*common, *arguments])
+    assert message in capsys.readouterr().err

@@ -166,13 +166,18 @@ def limit_table(results: dict[str, Found], speeds: Sequence[float]) -> str:
 
 def walkable_table(results: dict[str, Found]) -> str:
     """By level the shares of success of the best policy and speed, and of any, as Markdown."""
+    by_kind: dict[str, list[Array]] = {name: [] for name in LEVELS}
     rows = []
     for obstacle, found in results.items():
         if obstacle == "one step":
             continue
         one = np.max([walked.succeeded.mean(axis=2) for walked in found.values()], axis=(0, 2))
-        both = zip(one, anyhow(found), strict=True)
-        rows.append((obstacle, *(f"{own:.2f} / {some:.2f}" for own, some in both)))
+        both = np.stack([one, anyhow(found)])
+        by_kind[obstacle.split()[0]].append(both)
+        rows.append((obstacle, *(f"{own:.2f} / {some:.2f}" for own, some in both.T)))
+    if all(by_kind.values()):
+        mixed = np.mean([np.mean(both, axis=0) for both in by_kind.values()], axis=0)
+        rows.append(("mixed", *(f"{own:.2f} / {some:.2f}" for own, some in mixed.T)))
     levels = (*range(HIGHEST + 1), *(f"({HIGHEST + 1 + i})" for i in range(BEYOND)))
     return measure.table(("level", *map(str, levels)), rows)
 
@@ -295,7 +300,7 @@ def main(arguments: list[str] | None = None) -> None:
         "of the grounds.",
         limit_table(results, speeds),
         "By level: the share of successes of the best policy at its best speed / the share of the "
-        "grounds on which any of them succeeded at any speed.",
+        "grounds on which any of them succeeded at any speed. Mixed: the mean of the seven kinds.",
         walkable_table(results),
         f"By friction, at {', '.join(f'{s:g}' for s in speeds[1::2] or speeds)} m/s: up to which "
         "size at least half of the best policy's walks succeed / some walk on half of the grounds.",

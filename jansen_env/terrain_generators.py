@@ -27,11 +27,11 @@ SHIFT = 0.4  # m, within which a ground begins; half a turn of the crank walks 0
 LEVELS: dict[str, dict[str, tuple[float, float]]] = {
     "slope": {"angle": (0.01, 0.28)},
     "rough": {"height": (0.02, 0.2), "spacing": (0.2, 0.2)},
-    "waves": {"height": (0.01, 0.28), "length": (1.0, 1.0)},
+    "waves": {"height": (0.015, 0.24), "length": (1.0, 1.0)},
     "stairs": {"rise": (0.01, 0.1), "tread": (0.4, 0.4)},
     "steps": {"height": (0.035, 0.35), "spacing": (0.4, 0.4)},
-    "stumps": {"height": (0.01, 0.1), "width": (0.2, 0.2), "spacing": (1.0, 1.0)},
-    "ramps": {"angle": (0.04, 0.4), "length": (0.8, 0.8)},
+    "stumps": {"height": (0.02, 0.11), "width": (0.2, 0.2), "spacing": (1.0, 1.0)},
+    "ramps": {"angle": (0.045, 0.36), "length": (0.8, 0.8)},
 }
 """Of each generator its parameters' values at level 0 and level 9, evenly in between; m and rad."""
 

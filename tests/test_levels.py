@@ -73,9 +73,7 @@ def test_each_episode_has_its_options():
 
 def test_policies_meet_the_same_episodes():
     """Spread over the commands, as many at each level; another seed has others."""
-    scored = [
-        levels.score_levels(Idle(), ENV, ARGUMENTS, [0, 9], 4, seed) for seed in (0, 0, 1)
-    ]
+    scored = [levels.score_levels(Idle(), ENV, ARGUMENTS, [0, 9], 4, seed) for seed in (0, 0, 1)]
     assert list(scored[0]) == [0, 9]
     assert scored[0] == scored[1] and scored[0][9].success[0] == 0.0
     assert scored[0][9].slip != scored[2][9].slip

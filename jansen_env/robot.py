@@ -350,14 +350,14 @@ class Robot:
         return tuple(getattr(self, name) for name in BODIES)
 
     @property
-    def bare_mass(self) -> float:
+    def links_mass(self) -> float:
         """Mass of every body of every leg, kg."""
         return len(self.legs) * sum(body.mass for body in self.bodies)
 
     @property
     def mass(self) -> float:
         """Total mass, kg, with the payload."""
-        return self.bare_mass + self.payload.mass
+        return self.links_mass + self.payload.mass
 
     @property
     def leg_names(self) -> tuple[str, ...]:

@@ -184,9 +184,9 @@ def test_any_distribution_will_do():
         ({"friction": "0.5"}, r"randomize\['friction'\] is '0.5'"),
         ({"foot_stiffness_scale": (0.5, 2.0)}, "does nothing"),
         ({"rotor_inertia_scale": (0.5, 2.0)}, "does nothing"),
-        ({"terrain_level": (0, 3)}, "does nothing: its ground is not drawn"),
-        ({"noise_level": (0, 3)}, "does nothing: noise is None"),
-        ({"push_strength": (0, 3)}, "does nothing: push is None"),
+        ({"terrain_level": (0, 3)}, "does nothing here, must be of"),
+        ({"noise_level": (0, 3)}, "does nothing"),
+        ({"push_strength": (0, 3)}, "does nothing"),
     ],
 )
 def test_wrong_names_and_ranges_are_refused(randomize, message):
@@ -228,24 +228,24 @@ def test_levels_of_a_batch():
 
 def test_a_curriculum_leads_on():
     """Up after a walk, down after standing, past the top to any; at every door the same."""
-    rule = Curriculum(horizon=0.5)
+    rule = Curriculum(horizon=1.0)
     env = gym.make(
-        "JansenWalker-v0", terrain="waves", terrain_level=4, curriculum=rule, speed_command=0.3
+        "JansenWalker-v0", terrain="slope", terrain_level=4, curriculum=rule, speed_command=0.1
     )
 
-    def level_after(torque, steps=25):
+    def level_after(torque, steps=50):
         for _ in range(steps):
             env.step(np.full(1, torque, np.float32))
         return env.reset()[1]["parameters"]["terrain_level"]
 
     assert env.reset(seed=0)[1]["parameters"]["terrain_level"] == 4
-    assert level_after(0.5) == 5
-    assert level_after(0.5) == 6
+    assert level_after(0.6) == 5
+    assert level_after(0.6) == 6
     assert level_after(0.0) == 5
-    assert level_after(0.5, steps=2) == 4  # ended early: not far enough
+    assert level_after(0.6, steps=5) == 4  # ended early: not far enough
     env.unwrapped.set_parameters(terrain_level=HIGHEST)
     env.reset()
-    assert {level_after(0.5) for _ in range(12)} - {HIGHEST}
+    assert {level_after(0.6) for _ in range(12)} - {HIGHEST}
 
 
 def test_friction_of_a_ground_of_ones_own():

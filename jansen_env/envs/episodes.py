@@ -20,7 +20,7 @@ from jansen_env.envs.parameters import (
     check,
 )
 from jansen_env.plants.base import BatchedPlant
-from jansen_env.plants.variation import VARIATION, nominal, without_effect
+from jansen_env.plants.variation import VARIATION, effective, nominal
 from jansen_env.robot import Payload, Robot
 from jansen_env.terrain import Terrain
 from jansen_env.terrain_generators import Generator
@@ -96,6 +96,11 @@ class Episodes:
             raise ValueError("curriculum is given, must be None on a ground that has no levels")
         self.varies = bool(has_levels.any() or any(one.distributions for one in randomizations))
 
+    @property
+    def numbers(self) -> Array:
+        """(n, 17) :attr:`values` as plain numbers."""
+        return _numbers(self.values)
+
     def ranges(self, row: int) -> dict[str, Distribution]:
         """What is drawn for a robot, by name."""
         drawn = dict(self._randomizations[row].distributions)
@@ -117,15 +122,17 @@ class Episodes:
 
     def check_names(self, row: int, names: Sequence[str], label: str) -> None:
         """Raises ValueError where a parameter would do nothing for a robot."""
-        useless = dict(without_effect(self._batch.robots[row]))
-        if self._generators[row] is None:
-            useless["terrain_level"] = "its ground is not drawn"
-        for name, argument in (("noise_level", "noise"), ("push_strength", "push")):
-            if not self._senses[argument]:
-                useless[name] = f"{argument} is None"
+        robot = self._batch.robots[row]
+        useful = {*effective(robot), "delay"}
+        useful |= {"terrain_level"} if self._generators[row] is not None else set()
+        useful |= {"noise_level"} if self._senses["noise"] else set()
+        useful |= {"push_strength"} if self._senses["push"] else set()
         for name in names:
-            if name in useless:
-                raise ValueError(f"{label} has {name!r}, which does nothing: {useless[name]}")
+            if name not in useful:
+                raise ValueError(
+                    f"{label} has {name!r}, which does nothing here, must be of "
+                    f"{[one for one in PARAMETERS if one in useful]}"
+                )
 
     def plan(
         self, row: int, rng: np.random.Generator, options: Mapping[str, Any], delay: float,
@@ -178,14 +185,11 @@ class Episodes:
                 self._batch.set_terrain(row, plan.terrain)
         values = np.concatenate([plan.values for plan in plans])
         changed = np.array([plan.terrain is not None for plan in plans])
-        for name in PHYSICAL:
-            changed |= values[name] != self.nominal[name][rows]
+        physical, nominal_ones = (_numbers(of)[:, : len(PHYSICAL)] for of in (values, self.nominal))
+        changed |= (physical != nominal_ones[rows]).any(axis=1)
         due = changed | self._changed[rows]
         if due.any():
-            physical = np.empty(int(due.sum()), VARIATION)
-            for name in PHYSICAL:
-                physical[name] = values[name][due]
-            self._batch.vary(rows[due], physical)
+            self._batch.vary(rows[due], np.ascontiguousarray(physical[due]).view(VARIATION)[:, 0])
         self.values[rows], self._changed[rows] = values, changed
         if self.curriculum is not None:
             self.level[rows] = values["terrain_level"].astype(np.int64)
@@ -228,3 +232,8 @@ class Episodes:
             friction, restitution = state["ground"]
             terrain = Terrain(tuple(map(tuple, state["terrain"])), friction, restitution)
         return Plan(values, terrain), int(level)
+
+
+def _numbers(rows: NDArray[Any]) -> Array:
+    """Rows (n,) of EPISODE as numbers (n, 17), the same memory."""
+    return rows.view(float).reshape(len(rows), -1)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.checks import entries, shown, within
+from jansen_env.plants.variation import RANGES
 from jansen_env.terrain_generators import HIGHEST
 
 Array = NDArray[np.float64]
@@ -26,25 +27,33 @@ class Parameter(NamedTuple):
     meaning: str
 
 
-PARAMETERS = {
-    "friction": Parameter(0.0, math.inf, "1", "Coulomb coefficient between toes and ground"),
-    "restitution": Parameter(0.0, 1.0, "1", "Newton's coefficient between toes and ground"),
-    "payload": Parameter(0.0, 1e6, "kg", "mass of the payload"),
-    "payload_x": Parameter(-1e3, 1e3, "m", "its place ahead of the crank axis"),
-    "payload_y": Parameter(-1e3, 1e3, "m", "and above it"),
-    "mass_scale": Parameter(0.01, 100.0, "1", "times the links' masses and inertias"),
-    "inertia_scale": Parameter(0.0, 100.0, "1", "times the links' own inertias, on top"),
-    "damping_scale": Parameter(0.0, 1e3, "1", "times the joints' viscous damping"),
-    "foot_stiffness_scale": Parameter(0.01, 100.0, "1", "times the stiffness of feet that give"),
-    "foot_damping_scale": Parameter(0.0, 100.0, "1", "times their damping"),
-    "motor_strength": Parameter(0.01, 100.0, "1", "times the torque an action gives"),
-    "rotor_inertia_scale": Parameter(0.0, 100.0, "1", "times the inertia of the motor's rotor"),
-    "tilt": Parameter(-1.0, 1.0, "rad", "by which the floor, in truth gravity, rises towards +x"),
-    "delay": Parameter(0.0, LONGEST_DELAY, "s", "by which torques come late"),
-    "noise_level": Parameter(0.0, 1e3, "1", "times the sensors' noise"),
-    "push_strength": Parameter(0.0, 1e3, "1", "times the impulses of pushes"),
-    "terrain_level": Parameter(0.0, HIGHEST, "1", "of the ground, a whole number"),
-}  # fmt: skip
+MEANING = {
+    "friction": ("1", "Coulomb coefficient between toes and ground"),
+    "restitution": ("1", "Newton's coefficient between toes and ground"),
+    "payload": ("kg", "mass of the payload"),
+    "payload_x": ("m", "its place ahead of the crank axis"),
+    "payload_y": ("m", "and above it"),
+    "mass_scale": ("1", "times the links' masses and inertias"),
+    "inertia_scale": ("1", "times the links' inertias about their own centres, on top"),
+    "damping_scale": ("1", "times the joints' viscous damping"),
+    "foot_stiffness_scale": ("1", "times the stiffness of feet that give"),
+    "foot_damping_scale": ("1", "times their damping"),
+    "motor_strength": ("1", "times the torque of an action, and what limits the motor's"),
+    "rotor_inertia_scale": ("1", "times the inertia of the motor's rotor"),
+    "tilt": ("rad", "by which the floor, in truth gravity, rises towards +x"),
+    "delay": ("s", "by which torques come late"),
+    "noise_level": ("1", "times the sensors' noise"),
+    "push_strength": ("1", "times the impulses of random pushes"),
+    "terrain_level": ("1", "of the ground, a whole number"),
+}
+LIMITS = {
+    **RANGES,
+    "delay": (0.0, LONGEST_DELAY),
+    "noise_level": (0.0, 1e3),
+    "push_strength": (0.0, 1e3),
+    "terrain_level": (0.0, HIGHEST),
+}
+PARAMETERS = {name: Parameter(*LIMITS[name], *MEANING[name]) for name in MEANING}
 """By name; the order is that in which they are drawn."""
 
 EPISODE = np.dtype([(name, "f8") for name in PARAMETERS])

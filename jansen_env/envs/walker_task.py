@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.lib.recfunctions import structured_to_unstructured
 from numpy.typing import NDArray
 
 from jansen_env.checks import finite, non_negative, positive, whole_number, within
@@ -172,7 +171,7 @@ class WalkerTask(Task):
         self.rows["mean_path"] = abs(advance) / STEPS_PER_TURN
         self.full_torque *= self.rows["direction"]
         self.rows["weight"] = [robot.mass * GRAVITY for robot in self.robots]
-        self._bare_mass = np.array([robot.bare_mass for robot in self.robots])
+        self._links_mass = np.array([robot.links_mass for robot in self.robots])
         self.loads = np.zeros((n, self.batch.toes))
         self.elapsed = np.zeros(n, np.int64)
         self._seed = np.zeros(n, np.int64)  # of what episodes draw after their start
@@ -241,7 +240,7 @@ class WalkerTask(Task):
     @property
     def parameters(self) -> Array:
         """(n, 17) the numbers of all robots' episodes, see :mod:`jansen_env.envs.parameters`."""
-        return structured_to_unstructured(self.episodes.values)
+        return self.episodes.numbers
 
     @property
     def weight(self) -> Array:
@@ -294,7 +293,7 @@ class WalkerTask(Task):
         """Know the weights of robots as they are, and the torque of an action of 1."""
         values = self.episodes.values[rows]
         self.rows["weight"][rows] = GRAVITY * (
-            values["mass_scale"] * self._bare_mass[rows] + values["payload"]
+            values["mass_scale"] * self._links_mass[rows] + values["payload"]
         )
         limits = np.array([self.robots[row].motor.torque_limit for row in rows.tolist()])
         self.full_torque[rows] = self.rows["direction"][rows] * limits * values["motor_strength"]
@@ -436,7 +435,7 @@ class WalkerTask(Task):
         if "delay" in checked:
             self.delay_range[row] = checked.pop("delay")
         if "terrain_level" in checked:
-            self.episodes.level[row], self.episodes.levels[row] = checked.pop("terrain_level")
+            self.episodes.level[row] = self.episodes.levels[row] = checked.pop("terrain_level")
         if "command" in checked:
             kept = self.rows[row]
             kept["info"]["speed_command"] = kept["next_command"] = checked.pop("command")

@@ -174,7 +174,7 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
     | commanded speed | 0.1 to 0.5 m/s |
     | ``terrain_level`` | 0 to 9, and which of the seven kinds |
     | ``friction`` | 0.4 to 1.0 |
-    | ``payload``, ``payload_x`` | 0 to 0.5 kg, 0.1 m before to 0.1 m behind the crank axis |
+    | ``payload``, ``payload_x`` | 0 to 0.5 kg, -0.1 to 0.1 m ahead of the crank axis |
     | ``mass_scale`` | 0.9 to 1.1 |
     | ``foot_stiffness_scale``, ``foot_damping_scale`` | 0.5 to 2 |
     | ``motor_strength``, ``rotor_inertia_scale`` | 0.8 to 1.2 |

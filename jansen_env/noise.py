@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import non_negative, shown
+from jansen_env.checks import one_or_two, shown
 
 Array = NDArray[np.float64]
 Deviation: TypeAlias = float | tuple[float, float]
@@ -43,19 +43,20 @@ class Noise:
     space: a load is never below 0, as of a scale that only presses count on.
 
     Command, last action, lag and the means (speed, slip, power, torque) stay exact. They are no
-    sensors but what the task keeps its accounts of, by which the reward goes; with noise in them
-    the reward of a step would be no function of what is observed.
+    sensors but the accounts that the task keeps, by which the reward goes; with noise in them the
+    reward would not follow from what is observed. A machine would have them from its odometry: a
+    policy that leans on them knows more than the sensors say.
 
     Most defaults are those of published environments, whose even noise of +-a has the standard
     deviation a / 3^0.5: legged_gym (Rudin et al. 2022, ``noise_scales``) and Isaac Lab's velocity
     task have 0.01 rad of joint angles, 0.05 of gravity's direction, 0.2 rad/s of angular and
     0.1 m/s of linear velocity; MuJoCo Playground's Go1 the same but 0.03 rad. All three have
     1.5 rad/s of joint speeds, more than this machine's crank turns at in a slow walk: the default
-    is that of Isaac Lab's Spot, 0.5. Their 0.1 m of heights, with steps up to 0.23 m, is more than
-    this machine's feet lift: the default is 1 % of the 0.6 m at which its axis is carried. None has
-    noise of contact forces, which here are loads in shares of the weight: 0.02 is 5 to 10 % of what
-    a loaded toe bears. Biases: of the encoder +-0.015 rad as in mjlab's velocity task; of the gyro
-    1 degree/s, of the pitch 0.5 degrees, of heights half their noise, of speeds and loads none.
+    is that of Isaac Lab's Spot, 0.5. The first two have 0.1 m of heights, with steps up to 0.23 m;
+    this machine's feet lift 0.09 m, and the default is 1 % of the 0.6 m at which its axis is
+    carried. None has noise of contact forces; here it is some 5 % of what a loaded toe bears.
+    Biases: of the encoder +-0.015 rad as in mjlab's velocity task; of the gyro 1 degree/s, of the
+    pitch 0.5 degrees, of heights half their noise, of speeds and loads none.
 
     Args:
         encoder: crank angle, rad. crank_speed: rad/s. pitch: rad. gyro: pitch rate, rad/s.
@@ -77,12 +78,7 @@ class Noise:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            label, value = f"Noise.{field.name}", getattr(self, field.name)
-            pair = isinstance(value, (tuple, list, np.ndarray))
-            both = tuple(value) if pair else (value, 0.0)
-            if len(both) != 2:
-                raise ValueError(f"{label} is {shown(value)}, must be a number or two")
-            checked = tuple(non_negative(label, one) for one in both)
+            checked = one_or_two(f"Noise.{field.name}", getattr(self, field.name))
             object.__setattr__(self, field.name, checked)
 
     @classmethod

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import entries, finite, non_negative, shown, within
+from jansen_env.checks import entries, finite, non_negative, one_or_two, shown, within
 
 SHORTEST, LONGEST = 1e-3, 1e6  # s, of durations and intervals
 MOST_PUSHES = 1000  # of an episode's own
@@ -51,13 +51,7 @@ class Push:
     interval: float = 5.0
 
     def __post_init__(self) -> None:
-        value = self.impulse
-        pair = isinstance(value, (tuple, list, np.ndarray))
-        both: Any = tuple(value) if pair else (value, 0.0)  # type: ignore[arg-type]
-        if len(both) != 2:
-            raise ValueError(f"Push.impulse is {shown(value)}, must be a number or two")
-        x, y = (non_negative("Push.impulse", one) for one in both)
-        object.__setattr__(self, "impulse", (x, y))
+        object.__setattr__(self, "impulse", one_or_two("Push.impulse", self.impulse))
         interval = within("Push.interval", self.interval, SHORTEST, LONGEST)
         duration = within("Push.duration", self.duration, SHORTEST, interval)
         object.__setattr__(self, "interval", interval)

@@ -140,7 +140,7 @@ def test_an_empty_schedule_is_no_push_at_all_and_longer_ones_keep_the_others():
     [
         ({"impulse": -1.0}, "Push.impulse is -1.0, must be 0 or above"),
         ({"impulse": (1.0, 2.0, 3.0)}, "must be a number or two"),
-        ({"impulse": "1"}, "must be a finite number"),
+        ({"impulse": "1"}, "Push.impulse is '1', must be a number or two"),
         ({"duration": 0.0}, "Push.duration is 0.0, must be between"),
         ({"duration": 2.0, "interval": 1.0}, "must be between 0.001 and 1.0"),
         ({"interval": np.inf}, "Push.interval is inf, must be a finite number"),

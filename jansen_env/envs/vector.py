@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import positive_integer
 from jansen_env.envs import arguments
-from jansen_env.envs.core import Array, Bools, Ints
+from jansen_env.envs.core import Array, Bools, Ints, Observed
 from jansen_env.envs.single import ATask
 
 Observations = NDArray[np.float32]
@@ -245,6 +245,11 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """Every robot's seed; -1 where it has none yet."""
         return tuple(self._seeds)
+
+    @property
+    def observed(self) -> tuple[Observed, ...]:
+        """What each number of a robot's observation is."""
+        return self.task.observed
 
     def call_one(self, row: int, name: str, *args: Any, **kwargs: Any) -> Any:
         """What robot ``row`` answers to one of :data:`METHODS`."""

@@ -60,7 +60,7 @@ class WalkerTask(Task):
 
     Args:
         num_envs: robots. threads: cores to use; None for as many as pay.
-        robot ... track_joint_forces: see :class:`jansen_env.envs.walker.JansenWalkerEnv`. Those
+        robot ... push: see :class:`jansen_env.envs.walker.JansenWalkerEnv`. Those
             in :attr:`OF_EACH` may be one for all robots or one for each: a sequence of terrains
             (or their names), arrays (n,), a sequence of payloads; ``speed_command`` an array (n,)
             of numbers or (n, 2) of ranges; anything in :class:`jansen_env.envs.arguments.Each`.

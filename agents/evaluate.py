@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -66,15 +65,11 @@ def load_named(name: str, env: Any) -> Policy:
 
 
 def _fitting(name: str, policy: PretrainedPolicy, env: Any) -> PretrainedPolicy:
-    """``policy``, which must observe what the environment shows."""
-    seen = (entry.name for entry in env.unwrapped.observed)
-    for i, (own, needed) in enumerate(zip_longest(policy.observed, seen, fillvalue="nothing")):
-        if own != needed:
-            raise ValueError(
-                f"policy {name!r} of {policy.env_id} observes {own} as number {i}, must observe "
-                f"{needed} for {env.spec.id} with these arguments"
-            )
-    return policy
+    """``policy`` for an environment that shows what it observes, if nothing else before it."""
+    try:
+        return policy.on(env)
+    except ValueError as error:
+        raise ValueError(f"policy {name!r} does not fit {env.spec.id}: {error}") from None
 
 
 def model_file(name: str) -> Path | None:

@@ -7,6 +7,8 @@ evenly over those of the environment; all policies have the same episodes.
 from __future__ import annotations
 
 import argparse
+import shlex
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -222,7 +224,9 @@ def main(arguments: list[str] | None = None) -> None:
         f"{args.episodes} episodes at each level of {args.env}, seed {args.seed}; success: no fall "
         f"and at least {ENOUGH:g} of the commanded distance; 95 % Wilson intervals."
     )
-    write_text(out / "levels.md", f"{note}\n\n{level_table(scores)}\n")
+    command = shlex.join(["python", "-m", "agents.levels", *(arguments or sys.argv[1:])])
+    head = f"# {args.env} by terrain level\n\n`{command}`: {note}\n\n![Scores](levels.png)"
+    write_text(out / "levels.md", f"{head}\n\n{level_table(scores)}\n")
     print(f"{level_table(scores)}\n\n{note} Written: {out}")
 
 

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from agents.policy import Array, TorquePolicy
-from agents.walker_observation import COMMAND, COS_CRANK, CRANK_SPEED, LAG, SIN_CRANK
+from agents.walker_observation import COMMAND, COS_CRANK, CRANK_SPEED, LAG, SIN_CRANK, place
 from jansen_env.checks import positive
 
 DATA = Path(__file__).parent / "data" / "profile.json"
@@ -37,8 +37,10 @@ def columns(harmonics: int) -> tuple[str, ...]:
     return (*NUMBERS, *shape)
 
 
-def profile_torque(numbers: Array, observation: Array) -> Array:
+def profile_torque(numbers: Array, observation: Array, lag: int = LAG) -> Array:
     """Torques (n,), N m, of profiles (n, 4 + 2 K) for observations (n, d), one each.
+
+    ``lag``: where the lag is in an observation.
 
     A negative command walks the mirror image: crank angle pi - psi, speed, torque and lag reversed.
     """
@@ -48,7 +50,7 @@ def profile_torque(numbers: Array, observation: Array) -> Array:
     turn = (sign * observation[:, COS_CRANK] + 1j * observation[:, SIN_CRANK]) ** 2
     harmonics = np.cumprod(np.repeat(turn[:, None], a.shape[1], axis=1), axis=1)  # exp(2 i k psi)
     shape = (a * harmonics.real + b * harmonics.imag).sum(axis=1)
-    wanted = speed * np.exp(shape + feedback * sign * observation[:, LAG])
+    wanted = speed * np.exp(shape + feedback * sign * observation[:, lag])
     return sign * (gain * (wanted - sign * observation[:, CRANK_SPEED]) + bias)
 
 
@@ -103,14 +105,17 @@ class Profile:
         found[:, 0] *= np.maximum(size / commands[-1], 1.0)
         return found
 
-    def torque(self, observation: Array) -> Array:
-        """Torques (n,), N m, for observations (n, d) of ``JansenWalker-v0``; before any limit."""
-        return profile_torque(self.at(observation[:, COMMAND]), observation)
+    def torque(self, observation: Array, lag: int = LAG) -> Array:
+        """Torques (n,), N m, for observations (n, d) of a walker; before any limit.
 
-    def policy(self, torque_limit: float) -> TorquePolicy:
-        """Its stateless policy; ``torque_limit``: of the environment, N m."""
+        ``lag``: where the lag is in an observation.
+        """
+        return profile_torque(self.at(observation[:, COMMAND]), observation, lag)
+
+    def policy(self, torque_limit: float, lag: int = LAG) -> TorquePolicy:
+        """Its stateless policy; ``torque_limit``: of the environment, N m; ``lag``: its place."""
         limit = positive("torque_limit", torque_limit)
-        return TorquePolicy(lambda observation, *_: (self.torque(observation), None), limit)
+        return TorquePolicy(lambda observation, *_: (self.torque(observation, lag), None), limit)
 
 
 def load_profile(path: str | Path = DATA) -> Profile:
@@ -125,4 +130,4 @@ def load_profile(path: str | Path = DATA) -> Profile:
 
 def profile_policy(env: Any) -> TorquePolicy:
     """The shipped profile for an unwrapped environment."""
-    return load_profile().policy(env.torque_limit)
+    return load_profile().policy(env.torque_limit, place(env, "lag"))

@@ -118,11 +118,11 @@ class Many:
         return self.count * len(self.actions) / (time.perf_counter() - start)
 
 
-def robots(count: int, robot_steps: int, **arguments: Any) -> Many:
+def robots(count: int, robot_steps: int, env_id: str = OURS, **arguments: Any) -> Many:
     """``gym.make_vec``'s robots, whose episodes end as evenly spread in time as in a long run."""
     first, last = LIMITS
     limits = [first + round((last - first) * (i + 0.5) / count) for i in range(count)]
-    venv = gym.make_vec(OURS, num_envs=count, max_episode_steps=limits, **arguments)
+    venv = gym.make_vec(env_id, num_envs=count, max_episode_steps=limits, **arguments)
     venv.reset(seed=0)
     space: Any = venv.single_action_space
     many = Many(venv, count, space, min(max(FEWEST, robot_steps // count), MOST))

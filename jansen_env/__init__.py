@@ -2,8 +2,11 @@
 
 from gymnasium.envs.registration import register
 
+from jansen_env.curriculum import Curriculum
 from jansen_env.kinematics import LinkageError
 from jansen_env.motor import MOTORS, Motor
+from jansen_env.noise import Noise
+from jansen_env.push import Push
 from jansen_env.robot import (
     ROBOTS,
     Bar,
@@ -26,10 +29,13 @@ __all__ = [
     "ROBOTS",
     "Bar",
     "Compliance",
+    "Curriculum",
     "Leg",
     "LinkageError",
     "Motor",
+    "Noise",
     "Payload",
+    "Push",
     "Robot",
     "Terrain",
     "Triangle",
@@ -51,4 +57,18 @@ register(
     entry_point="jansen_env.envs.crank:JansenCrankEnv",
     vector_entry_point="jansen_env.envs.crank:JansenCrankVectorEnv",
     max_episode_steps=1000,
+)
+
+register(
+    id="JansenWalkerRough-v0",
+    entry_point="jansen_env.envs.worlds:JansenWalkerRoughEnv",
+    vector_entry_point="jansen_env.envs.worlds:JansenWalkerRoughVectorEnv",
+    max_episode_steps=500,
+)
+
+register(
+    id="JansenWalkerHardcore-v0",
+    entry_point="jansen_env.envs.worlds:JansenWalkerHardcoreEnv",
+    vector_entry_point="jansen_env.envs.worlds:JansenWalkerHardcoreVectorEnv",
+    max_episode_steps=500,
 )

@@ -98,3 +98,17 @@ def entries(name: str, value: Any, allowed: str) -> tuple[Any, ...]:
         return tuple(value)
     except TypeError:  # an array without dimensions
         raise ValueError(f"{name} is {shown(value)}, must be {allowed}") from None
+
+
+def one_or_two(name: str, value: Any) -> tuple[float, float]:
+    """Two numbers of 0 and above: those given, or one and 0.
+
+    Raises:
+        ValueError: anything else.
+    """
+    if not isinstance(value, Iterable):
+        return non_negative(name, value), 0.0
+    both = entries(name, value, "a number or two")
+    if len(both) != 2:
+        raise ValueError(f"{name} is {shown(value)}, must be a number or two")
+    return non_negative(name, both[0]), non_negative(name, both[1])

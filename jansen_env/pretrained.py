@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Sequence
+from copy import copy
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +72,7 @@ class PretrainedPolicy:
         self.control_dt = positive("control_dt", action.get("control_dt"))
         rows = _entry(description, "observation", list)
         self.observed = tuple(_entry(row, "name", str) for row in rows)
+        self._shown = len(self.observed)  # numbers in what it is given
         self.scale: tuple[Any, Any] = (0.0, 1.0)
         self._features, width = self._read_features(_entry(network, "features", list))
         self._layers = self._read_layers(_entry(network, "layers", list), width)
@@ -137,6 +139,27 @@ class PretrainedPolicy:
             raise ValueError(f"tensor {name!r} has shape {found}, must have {shape}")
         return self.tensors[name].astype(np.float64)
 
+    def on(self, env: Any) -> PretrainedPolicy:
+        """This policy for an environment that may show more, behind what it observes.
+
+        Args:
+            env: of one robot or many, as ``gym.make`` or ``gym.make_vec`` made it.
+
+        Raises:
+            ValueError: the environment shows something else than what it observes.
+        """
+        shown = [entry.name for entry in env.unwrapped.observed]
+        for i, own in enumerate(self.observed):
+            needed = shown[i] if i < len(shown) else "nothing"
+            if own != needed:
+                raise ValueError(
+                    f"the policy of {self.env_id} observes {own} as number {i}, must observe "
+                    f"{needed} on this environment"
+                )
+        found = copy(self)
+        found._shown = len(shown)
+        return found
+
     def predict(
         self,
         observation: Any,
@@ -146,17 +169,17 @@ class PretrainedPolicy:
     ) -> tuple[NDArray[np.float32], Any]:
         """Actions (n, 1) or (1,) for observations (n, d) or (d,), and ``state`` as it is given.
 
-        Computed in float64, and so the same on most processors once rounded to float32; always
-        without noise.
+        d: as many as are :attr:`observed`, or as the environment shows that was given to
+        :meth:`on`. Computed in float64, and so the same on most processors once rounded to float32;
+        always without noise.
 
         Raises:
             ValueError: observations of another size.
         """
-        x = np.asarray(observation, dtype=np.float64)
-        if x.ndim not in (1, 2) or x.shape[-1] != len(self.observed):
-            size = len(self.observed)
+        x, size = np.asarray(observation, dtype=np.float64), self._shown
+        if x.ndim not in (1, 2) or x.shape[-1] != size:
             raise ValueError(f"observation has shape {x.shape}, must have ({size},) or (n, {size})")
-        batch = x.reshape(-1, len(self.observed))
+        batch = x.reshape(-1, size)[:, : len(self.observed)]
         values = np.concatenate([block(batch) for block in self._features], axis=1)
         for weight, bias, activation in self._layers:
             values = activation(values @ weight + bias)

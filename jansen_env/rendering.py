@@ -122,6 +122,11 @@ class Renderer:
         self.dismissed = False  # the user closed the window
         self._labels: dict[tuple[str, int, Color], Any] = {}
 
+    def show(self, robot: Robot, terrain_points: Array | None, **_: Any) -> None:
+        """Draw this robot, of the same design, and this ground from now on."""
+        self.robot, self._terrain = robot, terrain_points
+        self._weight = robot.mass * GRAVITY
+
     def draw(self, frame: Frame) -> Picture | None:
         """Paint ``frame``.
 

@@ -350,9 +350,14 @@ class Robot:
         return tuple(getattr(self, name) for name in BODIES)
 
     @property
+    def links_mass(self) -> float:
+        """Mass of every body of every leg, kg."""
+        return len(self.legs) * sum(body.mass for body in self.bodies)
+
+    @property
     def mass(self) -> float:
-        """Total mass, kg: every body of every leg and the payload."""
-        return len(self.legs) * sum(body.mass for body in self.bodies) + self.payload.mass
+        """Total mass, kg, with the payload."""
+        return self.links_mass + self.payload.mass
 
     @property
     def leg_names(self) -> tuple[str, ...]:

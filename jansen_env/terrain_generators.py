@@ -197,7 +197,8 @@ def make_generator(spec: Any) -> Generator | None:
     if isinstance(spec, (NamedGenerator, MixedGenerator, OwnGenerator)):
         return spec
     if not isinstance(spec, str):
-        return OwnGenerator(spec) if callable(spec) else None
+        known = callable(spec) and not isinstance(spec, type)
+        return OwnGenerator(spec) if known else None
     name, colon, text = spec.partition(":")
     if name == "flat" or (name == "slope" and colon and "=" not in text):
         return None  # make_terrain's

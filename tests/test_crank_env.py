@@ -6,12 +6,10 @@ import copy
 import inspect
 import math
 import pickle
-import warnings
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 import jansen_env
@@ -38,25 +36,6 @@ def roll(env, steps, seed=0):
         if terminated or truncated:
             env.reset()
     return np.array(rows)
-
-
-def test_gymnasium_checker_warns_of_unbounded_observations_alone(monkeypatch):
-    """Anything but the note on infinite bounds is an error; both render modes are tried."""
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        check_env(gym.make("JansenCrank-v0", render_mode="rgb_array").unwrapped)
-    texts = [str(w.message) for w in caught]
-    assert all("infinity" in text for text in texts), texts
-
-
-def test_stable_baselines_checker_has_nothing_to_say():
-    """No warning at all."""
-    from stable_baselines3.common.env_checker import check_env as check
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        check(JansenCrankEnv())
 
 
 def test_observation_is_the_documented_table(env):

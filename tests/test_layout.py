@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[1]
 ORDER = (
     ["checks", "cores", "files", "gravity", "control"],
     ["motor", "built", "robot", "terrain", "terrain_shapes", "terrain_generators", "curriculum"],
+    ["noise", "push"],
     ["kinematics"],
     ["dynamics", "rendering"],
     ["engine"],

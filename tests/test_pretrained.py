@@ -9,12 +9,14 @@ import shutil
 import subprocess
 import sys
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import torch
 from safetensors.numpy import load, save
 
 from agents import evaluate, models, pack, runs, unpack
+from agents.evaluate import load_named
 from agents.model_files import read_model
 from agents.rollout import make_env, make_envs
 from agents.tasks import TASKS
@@ -118,7 +120,7 @@ for env_id in {sorted(TASKS)}:
 @pytest.mark.parametrize("env_id", TASKS)
 def test_what_is_observed_is_what_is_documented(env_id):
     """Units and limits in the docstring's table, and names that ``info`` has mean the same."""
-    env = make_env(env_id, {})
+    env = make_env(env_id, {"height_scan": (0.0, 0.0, 1)} if env_id != CRANK else {})
     documented = inspect.getdoc(type(env.unwrapped)).split("## Observation Space")[1]
     rows = re.findall(r"^\| [\dn].*", documented.split("## ")[0], re.M)
     cells = [[cell.strip() for cell in row.split("|")[1:-1]] for row in rows]
@@ -351,7 +353,7 @@ def test_evaluation_takes_shipped_and_packed_policies(made, tmp_path, capsys, mo
     named = evaluate.load_named("pretrained:ppo", env).description
     assert named == pretrained.load(CRANK).description
     for policy, reason in (
-        (str(made[1]), "observes tracking_error as number 3, must observe sin_pitch for JansenW"),
+        (str(made[1]), "observes tracking_error as number 3, must observe sin_pitch on this env"),
         ("pretrained:sac", "policy is 'sac', must be one of"),
         ("pretrained", "is given 2 times"),
     ):
@@ -361,3 +363,23 @@ def test_evaluation_takes_shipped_and_packed_policies(made, tmp_path, capsys, mo
     six_toes = make_env("JansenWalker-v0", {"robot": paper_robot(3)})
     with pytest.raises(ValueError, match="observes last_action as number 14, must observe toe_lo"):
         evaluate.load_named("pretrained", six_toes)
+
+
+def test_a_policy_walks_where_more_is_shown_behind_what_it_observes():
+    """With a height scan; the batch, too. Nothing else may stand in between."""
+    plain = make_env("JansenWalker-v0", {})
+    seeing = make_env("JansenWalker-v0", {"height_scan": (0.2, 0.5, 4)})
+    many = gym.make_vec("JansenWalker-v0", num_envs=2, height_scan=(0.2, 0.5, 4))
+    policy = pretrained.load("JansenWalker-v0")
+    for own, other in (
+        (policy, policy.on(seeing)),
+        (policy.on(plain), policy.on(many)),
+        *((load_named(n, plain), load_named(n, seeing)) for n in ("pretrained", "profile", "pid")),
+    ):
+        seen, more = plain.reset(seed=3)[0], seeing.reset(seed=3)[0]
+        assert len(more) == len(seen) + 4
+        np.testing.assert_array_equal(own.predict(seen[None])[0], other.predict(more[None])[0])
+    with pytest.raises(ValueError, match="has shape"):
+        policy.predict(more)
+    with pytest.raises(ValueError, match="observes tracking_error as number 3"):
+        pretrained.load(CRANK).on(seeing)

@@ -17,7 +17,7 @@ def begin(robot, state, statistics, body, sums):
     total.motor_work = total.joint_loss = total.slip_loss = total.impact_loss = 0.0
     total.worst_residual = total.contact_gain = 0.0
     total.non_toe_impulse = total.energy_change = total.elastic_energy = 0.0
-    total.torque_impulse = total.electrical_work = 0.0
+    total.torque_impulse = total.electrical_work = total.push_work = 0.0
     robot.status.step = 0
     for j in range(len(statistics)):
         statistics[j].slip = 0.0
@@ -47,7 +47,7 @@ def end(robot, state, statistics, elapsed, slip, force, body, sums):
 
 @stage
 def accumulate_step(
-    h, torque, asked, dry, velocity, outcome, inertia, count, params, contacts, total
+    h, torque, asked, dry, push, velocity, outcome, inertia, count, params, contacts, total
 ):
     """Add a time step's work, joint loss and worst figures.
 
@@ -55,17 +55,21 @@ def accumulate_step(
         torque, asked: of the motor, and the one last asked for, N m. dry: impulse of the crank's
             Coulomb friction, N m s.
     """
-    mean = 0.5 * (velocity.crank + outcome.end.crank)
+    end = outcome.end
+    mean = 0.5 * (velocity.crank + end.crank)
     total.motor_work += h * torque * mean
     total.joint_loss += h * inertia.damping * mean * mean
     total.joint_loss -= dry * mean
+    shifted = push.x * (velocity.x + end.x) + push.y * (velocity.y + end.y)
+    turned = push.pitch * (velocity.pitch + end.pitch) + push.crank * (velocity.crank + end.crank)
+    total.push_work += 0.5 * h * (params.mass * shifted + turned)
     total.torque_impulse += h * (torque - asked)
     total.electrical_work += h * drawn_power(torque, mean, params)
     total.worst_residual = max(total.worst_residual, outcome.residual)
     if outcome.may_gain:
         gain = min(
-            contact_gain(count, velocity, outcome.end, contacts),
-            contact_gain(count, outcome.free, outcome.end, contacts),
+            contact_gain(count, velocity, end, contacts),
+            contact_gain(count, outcome.free, end, contacts),
         )
         total.contact_gain = max(total.contact_gain, gain)
 

@@ -49,6 +49,7 @@ from jansen_env.engine.records import (
     Inertia,
     Model,
     Problem,
+    Push,
     Velocity,
     Work,
 )
@@ -111,9 +112,9 @@ POSE, VELOCITY_BEFORE, VELOCITY_AFTER, TORQUE, DRY_TORQUE, IMPULSES = (
 
 @compiled(nogil=True)
 def advance(
-    first, last, rows, fresh, steps, torque, earlier, switch, trace, jacobians, matrices, vectors,
-    readings, spare, ints, states, body, pads, layout, bearings, surface, depths, world, robots,
-    planes, statistics, slip, force,
+    first, last, rows, fresh, steps, torque, earlier, switch, pushes, trace, jacobians, matrices,
+    vectors, readings, spare, ints, states, body, pads, layout, bearings, surface, depths, world,
+    robots, planes, statistics, slip, force,
 ):  # fmt: skip
     """Advance the robots ``rows[first:last]`` by a control step, finding the ground as they go.
 
@@ -123,6 +124,8 @@ def advance(
         steps: time steps of the control step.
         torque: (robots,) crank torque asked for, N m. earlier: (robots,) the one before, which
             still holds in the first ``switch`` (robots,) time steps.
+        pushes: (robots, steps, 2) N s, the impulse on the chassis at the crank axis in each time
+            step, world x and y; or without rows for none.
         trace: (steps, numbers) :func:`trace_dtype` of the first robot as plain numbers, filled step
             by step, its last row in its last step; or without rows for no trace.
         jacobians ... ints: memory of :func:`work_space`.
@@ -153,7 +156,7 @@ def advance(
             robot.status.steps_left = steps
         if robot.status.steps_left <= 0:
             continue
-        asked = torque[r], earlier[r], switch[r]
+        asked = torque[r], earlier[r], switch[r], pushes[r : r + 1]
         traced = trace if r == 0 else trace[:0]
         while robot.status.steps_left > 0:
             if not detect(state, robot, model, ground, world_row, planes):
@@ -195,9 +198,9 @@ def _work(jacobians, matrices, vectors, readings, spare, ints):
 def _advance_robot(world, asked, state, robot, model, planes, statistics, work, trace):
     """Take a robot's steps, as far as its planes go; ``state`` is that of the centre of mass.
 
-    ``asked``: torque, the earlier one, and time steps for which that still holds.
+    ``asked``: torque, the earlier one, time steps for which that still holds, and pushes.
     """
-    torque, earlier, switch = asked
+    torque, earlier, switch, pushes = asked
     status, h = robot.status, world.time_step
     left, done = status.steps_left, 0
     stop = min(left, world.stride - status.step % world.stride)
@@ -218,7 +221,7 @@ def _advance_robot(world, asked, state, robot, model, planes, statistics, work, 
                 trace[k, VELOCITY_BEFORE + i] = state[4 + i]
         now = earlier if status.step < switch else torque
         count, used, dry = _time_step(
-            h, torque, now, done == 0, state, robot, model, planes, statistics, work
+            h, torque, now, pushes, done == 0, state, robot, model, planes, statistics, work
         )
         if len(trace) > 0:
             trace[k, TORQUE], trace[k, DRY_TORQUE] = used, dry / h
@@ -240,10 +243,10 @@ def _bounded(state):
 
 
 @macro
-def _time_step(h, asked, torque, renewed, state, robot, model, planes, statistics, work):
+def _time_step(h, asked, torque, pushes, renewed, state, robot, model, planes, statistics, work):
     """One time step of one robot with a ``torque``, while ``asked`` is the latest.
 
-    ``renewed``: whether its planes were just found.
+    ``pushes``: (1, steps, 2) or without rows. ``renewed``: whether its planes were just found.
 
     Returns:
         (pads that touched, torque of the motor, N m, impulse of the crank's dry friction, N m s)
@@ -253,6 +256,9 @@ def _time_step(h, asked, torque, renewed, state, robot, model, planes, statistic
     x, y = state[0] + 0.5 * h * velocity.x, state[1] + 0.5 * h * velocity.y
     theta, psi = state[2] + 0.5 * h * velocity.pitch, state[3] + 0.5 * h * velocity.crank
     inertia = _read_inertia(h, params, model.body, psi, work.sums)
+    push = Push(0.0, 0.0, 0.0, 0.0)
+    if len(pushes) > 0:
+        push = _push(h, pushes[0, robot.status.step], theta, inertia, params)
     count, impact = find_contacts(
         h, (x, y, theta, psi), velocity, inertia, robot, model, planes, work
     )
@@ -263,14 +269,14 @@ def _time_step(h, asked, torque, renewed, state, robot, model, planes, statistic
     if params.dry:
         friction = params.gear_friction + bearing_friction(model.bearings, psi)
     outcome = solve_velocities(
-        h, torque, friction, velocity, inertia, params, count, impact, wedged, contacts
+        h, torque, friction, push, velocity, inertia, params, count, impact, wedged, contacts
     )
     after, torque, dry = outcome.end, outcome.torque, outcome.dry
     if params.prescribed_speed:
         dry = -h * np.sign(velocity.crank) * friction
-        torque = _crank_torque(h, velocity, after, inertia, count, contacts) - dry / h
+        torque = _crank_torque(h, push, velocity, after, inertia, count, contacts) - dry / h
     accumulate_step(
-        h, torque, asked, dry, velocity, outcome, inertia, count, params, contacts,
+        h, torque, asked, dry, push, velocity, outcome, inertia, count, params, contacts,
         robot.accumulators,
     )  # fmt: skip
     state[0], state[1] = x + 0.5 * h * after.x, y + 0.5 * h * after.y
@@ -319,13 +325,25 @@ def _read_inertia(h, params, body, psi, sums):
     )  # fmt: skip
 
 
+@stage
+def _push(h, impulse, theta, inertia, params):
+    """An impulse (2,), N s, on the crank axis, whose velocity is V - w S R s - n R s'."""
+    jx, jy = impulse[0] / h, impulse[1] / h
+    cos, sin = np.cos(theta), np.sin(theta)
+    (sx, sy), (dx, dy) = inertia.s, inertia.ds
+    rx, ry = cos * sx - sin * sy, sin * sx + cos * sy
+    pitch = ry * jx - rx * jy
+    crank = -jx * (cos * dx - sin * dy) - jy * (sin * dx + cos * dy)
+    return Push(jx / params.mass, jy / params.mass, pitch, crank)
+
+
 @macro
-def _crank_torque(h, velocity, after, inertia, count, contacts):
+def _crank_torque(h, push, velocity, after, inertia, count, contacts):
     """The torque that a prescribed crank speed takes: what is left over in the crank's equation."""
     mean, mw = 0.5 * (velocity.crank + after.crank), 0.5 * (velocity.pitch + after.pitch)
     coupled = inertia.coupling * (after.pitch - velocity.pitch)
     torque = (coupled + inertia.crank * (after.crank - velocity.crank)) / h
-    torque = torque + inertia.damping * mean
+    torque = torque + inertia.damping * mean - push.crank
     torque -= 0.5 * mw * mw * inertia.pitch_slope - 0.5 * mean * mean * inertia.crank_slope
     for i in range(2 * count):
         torque -= contacts.J[i, 3] * contacts.problem.P[i] / h

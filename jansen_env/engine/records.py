@@ -102,6 +102,7 @@ ACCUMULATORS = row_dtype(
         ("elastic_energy", "f8"),  # J, in compliant pads
         ("torque_impulse", "f8"),  # N m s, of the motor, beyond the torque last asked for
         ("electrical_work", "f8"),  # J, drawn
+        ("push_work", "f8"),  # J, of the pushes on the chassis
     ]
 )
 """Sums over the time steps of a control step."""
@@ -169,6 +170,15 @@ class Velocity(NamedTuple):
     x: float
     y: float
     pitch: float
+    crank: float
+
+
+class Push(NamedTuple):
+    """What acts on the chassis in a time step, as a generalised force; x, y per mass, m/s^2."""
+
+    x: float
+    y: float
+    pitch: float  # N m
     crank: float
 
 

@@ -51,7 +51,7 @@ class Outcome(NamedTuple):
 
 @stage
 def solve_velocities(
-    h, torque, friction, velocity, inertia, params, count, impact, wedged, contacts
+    h, torque, friction, push, velocity, inertia, params, count, impact, wedged, contacts
 ):
     """The velocities at the end of a step; ``contacts`` gets its impulses and modes.
 
@@ -69,8 +69,9 @@ def solve_velocities(
     while True:
         held = dry and sliding == 0.0
         end, free, residual, used = _solve_step(
-            h, torque, sliding, held, friction, velocity, inertia, params, count, trial, contacts
-        )
+            h, torque, sliding, held, friction, push, velocity, inertia, params, count, trial,
+            contacts,
+        )  # fmt: skip
         if dry and not held and end.crank * velocity.crank <= 0.0:
             sliding = 0.0
             continue
@@ -123,7 +124,7 @@ def _next_trial(trial, asked, creates, excess):
 
 @macro
 def _solve_step(
-    h, torque, sliding, held, friction, velocity, inertia, params, count, trial, contacts
+    h, torque, sliding, held, friction, push, velocity, inertia, params, count, trial, contacts
 ):
     """Velocities at the end of the step and without contacts, residual of the contact law, torque.
 
@@ -136,18 +137,22 @@ def _solve_step(
         constraints += 1
         add_dry_friction(h, count, friction, inertia, contacts)
     problem, MJ = contacts.problem, contacts.MJ
-    nw, nn, residual, pushed = w, n, 0.0, 0.0
-    nx, ny = velocity.x + h * params.gravity_x, velocity.y + h * params.gravity_y
+    nw, nn, residual, from_contacts = w, n, 0.0, 0.0
+    ax, ay = params.gravity_x + push.x, params.gravity_y + push.y
+    nx, ny = velocity.x + h * ax, velocity.y + h * ay
     free = Velocity(nx, ny, nw, nn)
     for _ in range(PASSES):
         mw, mn = 0.5 * (w + nw), 0.5 * (n + nn)
         pitch_force = -(mw * mn * inertia.pitch_slope + mn * mn * inertia.coupling_slope)
         crank_force = 0.5 * mw * mw * inertia.pitch_slope - 0.5 * mn * mn * inertia.crank_slope
-        crank_force -= sliding
+        pitch_force += push.pitch
+        crank_force += push.crank - sliding
         if params.limited:
-            used = motor_torque(h, torque, n, pushed, pitch_force, crank_force, inertia, params)
+            used = motor_torque(
+                h, torque, n, from_contacts, pitch_force, crank_force, inertia, params
+            )
         crank_force += used - inertia.damping * n
-        nx, ny = velocity.x + h * params.gravity_x, velocity.y + h * params.gravity_y
+        nx, ny = velocity.x + h * ax, velocity.y + h * ay
         nw = w + h * (inertia.m11 * pitch_force + inertia.m12 * crank_force)
         nn = n + h * (inertia.m12 * pitch_force + inertia.m22 * crank_force)
         free = Velocity(nx, ny, nw, nn)
@@ -164,19 +169,19 @@ def _solve_step(
             nn += MJ[i, 3] * problem.P[i]
         if held and problem.mode[count] == STICK:
             nn = 0.0  # to the last bit
-        pushed = nn - free.crank
+        from_contacts = nn - free.crank
     return Velocity(nx, ny, nw, nn), free, residual, used
 
 
 @macro
-def motor_torque(h, asked, n, pushed, pitch_force, crank_force, inertia, params):
+def motor_torque(h, asked, n, from_contacts, pitch_force, crank_force, inertia, params):
     """What the motor gives of a torque at the step's mean crank speed: implicit.
 
-    Of contacts it knows how much crank speed they gave in the last pass, ``pushed``: they only make
-    the crank feel heavier, so this stays stable however steep the motor's line.
+    Of contacts it knows how much crank speed they gave in the last pass, ``from_contacts``: they
+    only make the crank feel heavier, so this stays stable however steep the motor's line.
     """
     crank_force -= inertia.damping * n
-    rest = n + pushed + h * (inertia.m12 * pitch_force + inertia.m22 * crank_force)
+    rest = n + from_contacts + h * (inertia.m12 * pitch_force + inertia.m22 * crank_force)
     lost = 0.5 * params.torque_slope * (n + rest)
     share = 1.0 / (1.0 + 0.5 * h * params.torque_slope * inertia.m22)
     return limited_torque(asked, lost, share, params)

@@ -73,6 +73,7 @@ INFORMATION = row_dtype(
 ENERGIES = row_dtype(
     [
         ("motor_work", float),
+        ("push_work", float),
         ("electrical_work", float),
         ("joint_loss", float),
         ("slip_loss", float),
@@ -99,7 +100,9 @@ ROW = row_dtype(
 
 
 @compiled
-def finish_step(active, states, slip, force, robots, settings, rows, loads, reward, surface, out):
+def finish_step(
+    active, states, slip, force, robots, settings, rows, loads, reward, surface, scan, out
+):
     """Reward the step that led to ``states`` (n, 8), and :func:`describe` it.
 
     Args:
@@ -107,7 +110,7 @@ def finish_step(active, states, slip, force, robots, settings, rows, loads, rewa
         slip: (n, toes) m. force: (n, toes, 2) N. robots: (n,) ROBOT of the plant.
         settings: (1,) of :data:`SETTINGS`. rows: (n,) of :data:`ROW`.
         loads: (n, toes) normal forces / weight. reward: (n,).
-        surface, out: see :func:`describe`.
+        surface, scan, out: see :func:`describe`.
     """
     for r in range(len(states)):
         if not active[r]:
@@ -129,7 +132,7 @@ def finish_step(active, states, slip, force, robots, settings, rows, loads, rewa
         reward[r] *= term.effort * term.smoothness * term.posture
         row.info.speed_command = row.next_command
         row.action_before, row.x_before = row.action, state[0]  # of the next step
-        _describe(r, states, robots, rows, loads, surface, out)
+        _describe(r, states, robots, rows, loads, surface, scan, out)
 
 
 @compiled
@@ -201,24 +204,31 @@ def factor(cost, weight):
 
 
 @compiled
-def describe(which, states, robots, rows, loads, surface, out):
-    """Observations (n, 16 + toes) into ``out``, and information into ``rows``, of some robots.
+def describe(which, states, robots, rows, loads, surface, scan, out):
+    """Observations (n, 16 + toes + count) into ``out``, information into ``rows``, of some robots.
 
     Args:
         which: (k,) of the robots.
         states: (n, 8). robots: (n,) ROBOT of the plant. loads: (n, toes).
         surface: (vertices, 2) m, of all terrains.
+        scan: (count,) m, places from the crank axis at which the ground is looked at.
     """
     for r in which:
-        _describe(r, states, robots, rows, loads, surface, out)
+        _describe(r, states, robots, rows, loads, surface, scan, out)
 
 
 @compiled
-def _describe(r, states, robots, rows, loads, surface, out):
+def _describe(r, states, robots, rows, loads, surface, scan, out):
     status = robots[r].status
     ground = height_at(surface, status.first_vertex, status.end_vertex, states[r, 0])
     height = states[r, 1] - ground
     observe(states[r], height, rows[r], loads[r], out[r])
+    seen = out.shape[1] - len(scan)
+    for i in range(len(scan)):
+        x = states[r, 0] + scan[i]
+        out[r, seen + i] = states[r, 1] - height_at(
+            surface, status.first_vertex, status.end_vertex, x
+        )
     inform(states[r], robots[r].accumulators, rows[r])
 
 
@@ -245,9 +255,11 @@ def inform(state, total, row):
     info, energy = row.info, row.energy
     info.x_position, info.pitch = state[0], state[2]
     info.crank_angle, info.crank_speed = state[3], state[7]
-    energy.motor_work, energy.joint_loss = total.motor_work, total.joint_loss
+    energy.motor_work, energy.push_work = total.motor_work, total.push_work
+    energy.joint_loss = total.joint_loss
     energy.electrical_work = total.electrical_work
     energy.slip_loss, energy.impact_loss = total.slip_loss, total.impact_loss
     energy.mechanical_energy_change = total.energy_change
     losses = energy.joint_loss + energy.slip_loss + energy.impact_loss
-    energy.residual = energy.motor_work - losses - energy.mechanical_energy_change
+    work = energy.motor_work + energy.push_work
+    energy.residual = work - losses - energy.mechanical_energy_change

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from numbers import Integral
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -24,17 +24,21 @@ from jansen_env.checks import (
     whole_number,
     within,
 )
+from jansen_env.curriculum import Curriculum
+from jansen_env.envs.parameters import LONGEST_DELAY, Randomization
 from jansen_env.motor import MOTORS, Motor
 from jansen_env.plants.base import check_time_step
 from jansen_env.robot import ROBOTS, Compliance, Payload, Robot
 from jansen_env.terrain import Terrain, make_terrain
+from jansen_env.terrain_generators import HIGHEST, Generator, make_generator
 
 Array = NDArray[np.float64]
 
 RENDER_MODES = ["human", "rgb_array"]
 MOST_STEPS = 10_000  # time steps in a control period: seconds on the slowest plant
 MOST_ROBOTS = 1_000_000  # of a vector environment: gigabytes
-LONGEST_DELAY = 1.0  # s, of an action
+FLAT = Terrain.flat()  # where a robot stands before its ground is drawn
+FURTHEST_SCAN, MOST_SCANNED = 100.0, 1000  # m, and places, of a height scan
 MOST_EPISODE_STEPS = 2**53  # the largest number up to which floats count one by one
 
 
@@ -85,9 +89,24 @@ class Each(tuple[Any, ...]):
     """One value for each robot, where a plain sequence could as well be one value for all."""
 
 
+class Grounds(NamedTuple):
+    """The ground of each robot.
+
+    Attributes:
+        terrains: fixed ones, and flat ones where they are drawn at each reset.
+        generators: what draws them; None where they are fixed.
+        own_friction, own_restitution: (n,) whether it was given, in place of the terrain's.
+    """
+
+    terrains: list[Terrain]
+    generators: list[Generator | None]
+    own_friction: NDArray[np.bool_]
+    own_restitution: NDArray[np.bool_]
+
+
 def terrain_of_each(
     count: int, terrain: Any, friction: Any = None, restitution: Any = None
-) -> list[Terrain]:
+) -> Grounds:
     """``count`` terrains from one, or from one for each; friction and restitution likewise.
 
     Raises:
@@ -95,9 +114,14 @@ def terrain_of_each(
     """
     several = isinstance(terrain, Each) or (
         isinstance(terrain, (list, tuple))
-        and all(isinstance(one, (Terrain, str)) for one in terrain)
+        and all(isinstance(one, (Terrain, str)) or callable(one) for one in terrain)
     )
     chosen_terrains = _each("terrain", terrain, count) if several else [terrain] * count
+    generators = [make_generator(one) for one in chosen_terrains]
+    fixed = [
+        FLAT if generator else one
+        for one, generator in zip(chosen_terrains, generators, strict=True)
+    ]
     frictions = [
         None if one is None else non_negative("friction", one)
         for one in _each("friction", friction, count)
@@ -108,12 +132,54 @@ def terrain_of_each(
     ]
     made: dict[Any, Terrain] = {}  # robots on equal ground share it
     terrains = []
-    for chosen in zip(chosen_terrains, frictions, restitutions, strict=True):
+    for chosen in zip(fixed, frictions, restitutions, strict=True):
         key = (id(chosen[0]), *chosen[1:])
         if key not in made:
             made[key] = make_terrain(*chosen)
         terrains.append(made[key])
-    return terrains
+    own_friction, own_restitution = (
+        np.array([one is not None for one in given]) for given in (frictions, restitutions)
+    )
+    return Grounds(terrains, generators, own_friction, own_restitution)
+
+
+def randomization_of_each(count: int, randomize: Any) -> list[Randomization]:
+    """``count`` randomisations from one, or from one for each.
+
+    Raises:
+        ValueError: not one for each, or a name or range that there is not.
+    """
+    made: dict[int, Randomization] = {}
+    each = _each("randomize", randomize, count)
+    for one in each:
+        if id(one) not in made:
+            made[id(one)] = Randomization(one)
+    return [made[id(one)] for one in each]
+
+
+def load_curriculum(curriculum: Any) -> Curriculum | None:
+    """A curriculum; True stands for the default one, None and False for none.
+
+    Raises:
+        ValueError: anything else.
+    """
+    if curriculum is None or isinstance(curriculum, (bool, np.bool_)):
+        return Curriculum() if curriculum else None
+    instance("curriculum", curriculum, Curriculum)
+    found: Curriculum = curriculum
+    return found
+
+
+def levels_of_each(count: int, terrain_level: Any) -> Array:
+    """(count, 2) lowest and highest terrain level, from one, (low, high), or one for each.
+
+    Raises:
+        ValueError: no whole numbers from 0 to :data:`jansen_env.terrain_generators.HIGHEST`.
+    """
+    levels = ranges_of_each(count, "terrain_level", terrain_level, 0, HIGHEST)
+    if (levels != np.round(levels)).any():
+        raise ValueError(f"terrain_level is {shown(terrain_level)}, must be whole numbers")
+    return levels
 
 
 def _each(name: str, value: Any, count: int) -> list[Any]:
@@ -190,6 +256,26 @@ def ranges_of_each(count: int, name: str, value: Any, least: float, most: float)
     return np.array([number_range(name, one, least, most) for one in values])
 
 
+def scanned_places(scan: Any) -> Array:
+    """(count,) m, places from the crank axis at which a robot looks at the ground.
+
+    Args:
+        scan: (behind, ahead, count); None for none.
+
+    Raises:
+        ValueError: anything else, or out of range.
+    """
+    if scan is None:
+        return np.empty(0)
+    allowed = "None or (behind, ahead, count)"
+    values = entries("height_scan", scan, allowed)
+    if len(values) != 3:
+        raise ValueError(f"height_scan is {shown(scan)}, must be {allowed}")
+    behind, ahead = (within(f"height_scan[{i}]", values[i], 0.0, FURTHEST_SCAN) for i in (0, 1))
+    count = positive_integer("height_scan[2]", values[2], MOST_SCANNED)
+    return np.linspace(-behind, ahead, count)
+
+
 def numbers_of_each(count: int, name: str, value: Any, check: Callable[[str, Any], float]) -> Array:
     """(count,) numbers from one, or from one for each, as ``check`` of :mod:`jansen_env.checks` has it.
 
@@ -248,6 +334,16 @@ def signature_of(task: type, without: Sequence[str] = ()) -> inspect.Signature:
     found = inspect.signature(task)
     kept = [p for name, p in found.parameters.items() if name not in without]
     return found.replace(parameters=kept)
+
+
+def with_defaults(task: type, defaults: Mapping[str, Any]) -> inspect.Signature:
+    """The signature of a task's constructor with other defaults."""
+    found = inspect.signature(task)
+    changed = [
+        parameter.replace(default=defaults.get(name, parameter.default))
+        for name, parameter in found.parameters.items()
+    ]
+    return found.replace(parameters=changed)
 
 
 def known_arguments(environment: type, given: Mapping[str, Any]) -> None:

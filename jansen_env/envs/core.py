@@ -41,6 +41,7 @@ class Information:
         rows: (n,) a task's structured rows. Their field ``info`` has numbers and flags, ``energy``
             becomes a dictionary of its own, ``reward`` has the reward's terms, which only a step has.
         arrays: (n, ...) more of it. step_arrays: (n,) more numbers that only a step has.
+        parameters: (n,) structured rows that become a dictionary of that name; None for none.
     """
 
     def __init__(
@@ -48,15 +49,18 @@ class Information:
         rows: NDArray[Any],
         arrays: dict[str, NDArray[Any]],
         step_arrays: dict[str, NDArray[Any]],
+        parameters: NDArray[Any] | None = None,
     ) -> None:
         self._rows, self._arrays, self._step_arrays = rows, arrays, step_arrays
+        self._parameters = parameters
         fields: Any = rows.dtype.names
         self._place = {name: fields.index(name) for name in ("info", "energy", "reward")}
         self._info, self._energy, self._reward = (
             tuple(rows.dtype[name].names or ()) for name in self._place
         )
         self._terms = tuple(f"reward/{name}" for name in self._reward)
-        self.keys = (*self._info, "energy", *arrays, *self._terms, *step_arrays)
+        more = () if parameters is None else ("parameters",)
+        self.keys = (*self._info, "energy", *arrays, *self._terms, *step_arrays, *more)
         """All that a step's information has."""
 
     def of_one(self, row: int, stepped: bool) -> dict[str, Any]:
@@ -66,6 +70,9 @@ class Information:
         info["energy"] = dict(zip(self._energy, values[place["energy"]], strict=True))
         for name, array in self._arrays.items():
             info[name] = array[row].copy()
+        if self._parameters is not None:
+            names = self._parameters.dtype.names or ()
+            info["parameters"] = dict(zip(names, self._parameters[row].item(), strict=True))
         if stepped:
             info.update(zip(self._terms, values[place["reward"]], strict=True))
             for name, array in self._step_arrays.items():
@@ -87,9 +94,11 @@ class Information:
         info, energy, reward = (self._rows[name] for name in self._place)
         of_any = {name: info[name] for name in self._info} | self._arrays
         infos = _masked({name: of_any[name] for name in wanted if name in of_any}, known)
-        if "energy" in wanted:
-            infos["energy"] = _masked({name: energy[name] for name in self._energy}, known)
-            infos["_energy"] = known.copy()
+        groups = {"energy": energy, "parameters": self._parameters}
+        for group, own in groups.items():
+            if group in wanted and own is not None:
+                infos[group] = _masked({name: own[name] for name in own.dtype.names or ()}, known)
+                infos[f"_{group}"] = known.copy()
         if stepped.any():
             terms = zip(self._terms, self._reward, strict=True)
             of_step = {name: reward[term] for name, term in terms} | self._step_arrays
@@ -156,13 +165,21 @@ class Task(ABC):
     rows: NDArray[Any]
 
     def _allocate(
-        self, row: np.dtype[Any], observed: Sequence[Observed], delay: Any, time_step: float
+        self,
+        row: np.dtype[Any],
+        observed: Sequence[Observed],
+        delay: Any,
+        time_step: float,
+        longest_delay: float = 0.0,
     ) -> None:
-        """Make the arrays of a task with such rows; delay: s, of each robot, a number or a range."""
+        """Make the arrays of a task with such rows; delay: s, of each robot, a number or a range.
+
+        No delay is longer than the longest of these and ``longest_delay``, s.
+        """
         n = self.num_envs
         self.delay_range = arguments.delay_of_each(n, delay)
         self._time_step = time_step
-        longest = math.ceil(self.delay_range.max() / self.control_dt)
+        longest = math.ceil(max(self.delay_range.max(), longest_delay) / self.control_dt)
         self.asked, self.delay = np.zeros((n, longest + 2)), np.zeros((n, 2), np.int64)
         self.earlier, self.switch = np.zeros(n), np.zeros(n, np.int64)
         self.observed = tuple(observed)

@@ -116,7 +116,6 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
     def set_parameters(self, **changes: Any) -> None:
         """Change the robot from now on, see the task's ``set_parameters``."""
         self.task.set_parameters(0, **changes)
-        self.close()  # pictures show the old one
 
     def get_state(self) -> dict[str, Any]:
         """All that the future depends on; :meth:`set_state` continues from it bit for bit.
@@ -155,10 +154,11 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
             return None
         from jansen_env.rendering import Renderer
 
+        scene = self.task.scene(0)
         if self._renderer is None:
-            self._renderer = Renderer(
-                **self.task.scene(0), mode=self.render_mode, fps=self.metadata["render_fps"]
-            )
+            fps = self.metadata["render_fps"]
+            self._renderer = Renderer(**scene, mode=self.render_mode, fps=fps)
+        self._renderer.show(**scene)  # which a reset may change
         picture: NDArray[np.uint8] | None = self._renderer.draw(self.task.frame(0))
         return picture
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import positive_integer
 from jansen_env.envs import arguments
-from jansen_env.envs.core import Array, Bools, Ints
+from jansen_env.envs.core import Array, Bools, Ints, Observed
 from jansen_env.envs.single import ATask
 
 Observations = NDArray[np.float32]
@@ -211,7 +211,6 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
     def set_parameters(self, row: int, **changes: Any) -> None:
         """Change robot ``row`` from now on, see the task's ``set_parameters``."""
         self.task.set_parameters(row, **changes)
-        self._forget(row)  # its pictures show the old one
 
     def get_state(self, row: int) -> dict[str, Any]:
         """All that the future of robot ``row`` depends on, as of the single environment."""
@@ -246,6 +245,11 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """Every robot's seed; -1 where it has none yet."""
         return tuple(self._seeds)
+
+    @property
+    def observed(self) -> tuple[Observed, ...]:
+        """What each number of a robot's observation is."""
+        return self.task.observed
 
     def call_one(self, row: int, name: str, *args: Any, **kwargs: Any) -> Any:
         """What robot ``row`` answers to one of :data:`METHODS`."""
@@ -294,22 +298,19 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             return None
         from jansen_env.rendering import Renderer
 
+        scene = self.task.scene(row)
         if row not in self._renderers:
-            self._renderers[row] = Renderer(
-                **self.task.scene(row), mode="rgb_array", fps=self.metadata["render_fps"]
-            )
+            fps = self.metadata["render_fps"]
+            self._renderers[row] = Renderer(**scene, mode="rgb_array", fps=fps)
+        self._renderers[row].show(**scene)  # which a reset may change
         picture: NDArray[np.uint8] | None = self._renderers[row].draw(self.task.frame(row))
         return picture
 
-    def _forget(self, row: int) -> None:
-        renderer = self._renderers.pop(row, None)
-        if renderer is not None:
-            renderer.close()
-
     def close_extras(self, **kwargs: Any) -> None:
         """Let go of pictures and threads."""
-        for row in list(self._renderers):
-            self._forget(row)
+        for renderer in self._renderers.values():
+            renderer.close()
+        self._renderers.clear()
         if hasattr(self, "task"):  # Gymnasium closes what was refused, too
             self.task.close()
 

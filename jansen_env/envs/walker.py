@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv
@@ -49,10 +52,17 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | 13 + n | mean slip speed of all toes together | 0 | Inf | m/s |
     | 14 + n | mean motor power, without its sign | 0 | Inf | W |
     | 15 + n | RMS torque | 0 | Inf | N m |
+    | 16 + n .. | with ``height_scan``: height of the crank axis over the ground at each place | -Inf | Inf | m |
 
     n is the number of toes (4: rf, lf, rb, lb). At reset the loads are those at rest. The crank's
     angle and speed are counted as the action is: positive speed walks towards +x. (In ``info`` they
-    have their physical signs.) The last five are what the reward goes by.
+    have their physical signs.) Lag, means and RMS torque are what the reward goes by.
+
+    ``height_scan=(behind, ahead, count)`` looks at ``count`` places, evenly from x - behind to
+    x + ahead (m; of one, x - behind), x the crank axis'. They stay where they are in the world
+    whatever the pitch and the command: of a robot that walks towards -x those ahead come first, and
+    its mirror image, which walks towards +x, sees them in the reverse order if both ranges are
+    equal. With ``noise`` all sensors err, as :class:`jansen_env.Noise` documents.
 
     ## Rewards
     A target starts where the robot does and moves at the commanded speed; it waits while the robot
@@ -85,6 +95,11 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     command uniform in ``speed_command``, or as given by
     ``reset(options={"speed_command": 0.3, "crank_angle": 0.0})``.
 
+    ``reset(options={"pushes": [(t, Jx, Jy), ...]})`` pushes the chassis at these times of the
+    episode, s, with these impulses, N s, and at no others; at most 1000, each as long as ``push``
+    has it, without that 0.1 s. Of many robots the option is a list of such lists, one for each,
+    None for a robot whose pushes are random.
+
     A command may be negative (walk towards -x) or 0 (stand). It stays for the episode unless
     ``command_interval`` says after how many seconds another one is drawn, or
     ``set_parameters(command=...)`` gives one from the next step on.
@@ -105,13 +120,14 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     ``crank_speed`` rad/s, ``crank_torque`` N m, ``speed_command`` m/s, ``lag`` m, ``mean_speed``
     and ``mean_slip`` m/s, ``mean_power`` W, ``rms_torque`` N m (see Rewards), ``slip`` (n,) m slid by each
     toe while loaded in this step, ``contact_force`` (n, 2) mean tangential and normal force on each
-    toe in N, ``fallen`` (since the last reset), and ``energy``, J in this step: ``motor_work``, ``joint_loss``,
-    ``slip_loss``, ``impact_loss``, ``mechanical_energy_change``, ``residual``; the first is the sum
-    of the others; ``electrical_work`` is what the motor drew; ``joint_gap`` m, the widest gap of any joint in this step (0 on the projection
+    toe in N, ``fallen`` (since the last reset), and ``energy``, J in this step: ``motor_work``, ``push_work``,
+    ``joint_loss``, ``slip_loss``, ``impact_loss``, ``mechanical_energy_change``, ``residual``; the first two are
+    the sum of the others; ``electrical_work`` is what the motor drew; ``joint_gap`` m, the widest gap of any joint in this step (0 on the projection
     plant). With ``track_joint_forces``: ``joint_force_max`` N, the largest force with which a
     link bears on any of its joints in this step, but for the time steps in which a toe lands, and
     ``joint_impulse_max`` N s, the largest impulse in those (0 if there were none). ``joint_forces()`` has all of them.
-    ``diverged``: whether this step was refused, see Episode End.
+    ``diverged``: whether this step was refused, see Episode End. With ``noise``:
+    ``true_observation``, as it would be without.
 
     ## Arguments
     | Argument | Default | Meaning |
@@ -136,6 +152,9 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | ``fall_contact`` | True | whether a joint on the ground is a fall |
     | ``terminate_when_fallen`` | True | whether a fall ends the episode |
     | ``track_joint_forces`` | False | adds them to ``info``; a step then takes some 10 ms more |
+    | ``height_scan`` | None | (behind, ahead, count), m: places at which the ground is looked at |
+    | ``noise`` | None | a :class:`jansen_env.Noise` of the sensors, or a dictionary of its arguments |
+    | ``push`` | None | a :class:`jansen_env.Push`: random pushes on the chassis; or a dictionary of its arguments |
     | ``render_mode`` | None | ``"human"`` or ``"rgb_array"`` |
 
     ## Plants
@@ -167,6 +186,12 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     def weight(self) -> float:
         """Of robot and payload, N."""
         return float(self.task.weight[0])
+
+    @property
+    def parameters(self) -> NDArray[np.float64]:
+        """(17,) the numbers of this episode in the order of
+        :data:`jansen_env.envs.parameters.PARAMETERS`, which has their names and units."""
+        return self.task.parameters[0].copy()
 
     def joint_forces(self) -> JointForces:
         """Forces in every joint of every leg as they are now, under the last action's torque.

@@ -14,14 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.checks import finite, non_negative, positive, whole_number, within
+from jansen_env.curriculum import Curriculum
 from jansen_env.dynamics.pads import pad_layout
 from jansen_env.engine import task
 from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.envs import arguments
 from jansen_env.envs.core import Bools, Information, Ints, Observed, Task
+from jansen_env.envs.disturbances import NoisySensors, Pushes
+from jansen_env.envs.episodes import Episodes, Plan
+from jansen_env.envs.parameters import PARAMETERS
 from jansen_env.gravity import GRAVITY
 from jansen_env.kinematics import advance_per_turn
 from jansen_env.motor import Motor
+from jansen_env.noise import Noise, make_noise
 from jansen_env.plants.base import (
     BatchedPlant,
     Plant,
@@ -34,6 +39,7 @@ from jansen_env.plants.batch_of_one import BatchOfOne
 from jansen_env.plants.initial_pose import sag
 from jansen_env.plants.make import make_plant, plant_time_step
 from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.push import Push, check_schedule, make_push
 from jansen_env.rendering import Frame
 from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
@@ -44,6 +50,7 @@ SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
 FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
 STEPS_PER_TURN = 4  # of the feet, with two crank pins: means are taken over a quarter turn
 MEANS = ("mean_speed", "mean_slip", "mean_power", "rms_torque")
+NOT_PHYSICAL = {"speed_command", "command", "delay", "terrain_level"}  # of what may be set
 MOST_STEPS = 2**63 - 1  # of an episode; and the largest seed of commands
 SLIPPING = 0.01  # m/s of mean slip speed from which a toe is drawn as slipping
 
@@ -53,13 +60,13 @@ class WalkerTask(Task):
 
     Args:
         num_envs: robots. threads: cores to use; None for as many as pay.
-        robot ... track_joint_forces: see :class:`jansen_env.envs.walker.JansenWalkerEnv`. Those
+        robot ... push: see :class:`jansen_env.envs.walker.JansenWalkerEnv`. Those
             in :attr:`OF_EACH` may be one for all robots or one for each: a sequence of terrains
             (or their names), arrays (n,), a sequence of payloads; ``speed_command`` an array (n,)
             of numbers or (n, 2) of ranges; anything in :class:`jansen_env.envs.arguments.Each`.
 
     Attributes:
-        robots, terrains: of each robot. speed_command: (n, 2) m/s, range of the next commands.
+        robots: as they are without what is drawn. speed_command: (n, 2) m/s, range of the next commands.
         weight: (n,) N. plant: the plant of a robot that is alone, else None.
         batch: what moves the robots.
 
@@ -71,11 +78,12 @@ class WalkerTask(Task):
     OF_EACH = (
         "terrain", "friction", "restitution", "payload", "motor", "torque_limit",
         "pad_compliance", "delay", "speed_command", "command_interval", "reset_noise_scale",
+        "terrain_level", "randomize",
     )  # fmt: skip
     ONE_ALONE = {"plant": "projection", "track_joint_forces": False}
     SETTABLE = (
         "friction", "restitution", "payload", "motor", "pad_compliance", "delay", "speed_command",
-        "command",
+        "command", "terrain_level",
     )  # fmt: skip
 
     def __init__(
@@ -107,9 +115,16 @@ class WalkerTask(Task):
         fall_contact: bool = True,
         terminate_when_fallen: bool = True,
         track_joint_forces: bool = False,
+        terrain_level: int | tuple[int, int] | Any = 0,
+        curriculum: Curriculum | bool | None = None,
+        randomize: Mapping[str, Any] | Any = None,
+        height_scan: tuple[float, float, int] | None = None,
+        noise: Noise | Mapping[str, Any] | None = None,
+        push: Push | Mapping[str, Any] | None = None,
     ) -> None:
         self.num_envs = n = num_envs
-        self.terrains = arguments.terrain_of_each(n, terrain, friction, restitution)
+        grounds = arguments.terrain_of_each(n, terrain, friction, restitution)
+        randomizations = arguments.randomization_of_each(n, randomize)
         self.robots = arguments.robot_of_each(
             n, robot, payload, motor, pad_compliance, torque_limit
         )
@@ -142,20 +157,33 @@ class WalkerTask(Task):
         )
         for robot_of_one in self.robots:
             sag(robot_of_one, GRAVITY)  # or its feet are too soft
-        self.plant, self.batch = self._plants(plant, step, threads)
+        self.plant, self.batch = self._plants(plant, grounds.terrains, step, threads)
         self._steps = round(self.control_dt / step)
-        self._allocate(task.ROW, _observed(self.batch.toes), delay, step)
+        self._scan = arguments.scanned_places(height_scan)
+        longest = max(one.longest_delay for one in randomizations)
+        observed = _observed(self.batch.toes, len(self._scan))
+        self._allocate(task.ROW, observed, delay, step, longest)
+        self._pushes = Pushes(n, make_push(push), self._steps, step)
+        kind = make_noise(noise)
+        self._sensors = None if kind is None else NoisySensors(n, kind, self.observed)
         advance = advance_per_turn(self.robots[0])  # what robots may differ in does not change it
         self.rows["direction"] = math.copysign(1.0, advance)
         self.rows["mean_path"] = abs(advance) / STEPS_PER_TURN
         self.full_torque *= self.rows["direction"]
         self.rows["weight"] = [robot.mass * GRAVITY for robot in self.robots]
+        self._links_mass = np.array([robot.links_mass for robot in self.robots])
         self.loads = np.zeros((n, self.batch.toes))
         self.elapsed = np.zeros(n, np.int64)
-        self._command_seed = np.zeros(n, np.int64)
+        self._seed = np.zeros(n, np.int64)  # of what episodes draw after their start
         if self.track_joint_forces:
             self.traceable.tracing = True
         self._joint_loads = np.zeros(2)
+        self.episodes = Episodes(
+            self.batch, self.robots, *grounds,
+            arguments.levels_of_each(n, terrain_level), randomizations,
+            arguments.load_curriculum(curriculum),
+            {"noise": self._sensors is not None, "push": self._pushes.at_random},
+        )  # fmt: skip
         self.information = self._inform()
         prepare(
             *self._kernels(),
@@ -164,15 +192,23 @@ class WalkerTask(Task):
         )
 
     def _inform(self) -> Information:
-        arrays = {"slip": self.batch.slip, "contact_force": self.batch.contact_force}
+        arrays: dict[str, NDArray[Any]] = {
+            "slip": self.batch.slip,
+            "contact_force": self.batch.contact_force,
+        }
+        if self._sensors is not None:
+            arrays["true_observation"] = self._sensors.truth
         loads = {
             "joint_force_max": self._joint_loads[:1],
             "joint_impulse_max": self._joint_loads[1:],
         }
-        return Information(self.rows, arrays, loads if self.track_joint_forces else {})
+        return Information(
+            self.rows, arrays, loads if self.track_joint_forces else {},
+            self.episodes.values if self.episodes.varies else None,
+        )  # fmt: skip
 
     def _plants(
-        self, name: str, time_step: float, threads: int | None
+        self, name: str, terrains: list[Terrain], time_step: float, threads: int | None
     ) -> tuple[Plant | None, BatchedPlant]:
         """The plant of one robot, if it is alone, and what moves all of them."""
         if self.num_envs > 1:
@@ -182,8 +218,8 @@ class WalkerTask(Task):
                     "'projection' and False for several robots at once; "
                     "vectorization_mode='sync' has the others"
                 )
-            return None, Batch(self.robots, self.terrains, time_step, threads=threads)
-        plant = make_plant(name, self.robots[0], self.terrains[0], time_step)
+            return None, Batch(self.robots, terrains, time_step, threads=threads)
+        plant = make_plant(name, self.robots[0], terrains[0], time_step)
         return plant, plant.batch if isinstance(plant, ProjectionPlant) else BatchOfOne(plant)
 
     @property
@@ -195,6 +231,16 @@ class WalkerTask(Task):
             "joint forces are known of one robot with plant='projection' only: track_joint_forces "
             "must be False"
         )
+
+    @property
+    def terrains(self) -> list[Terrain]:
+        """Of each robot, in this episode."""
+        return self.batch.terrains
+
+    @property
+    def parameters(self) -> Array:
+        """(n, 17) the numbers of all robots' episodes, see :mod:`jansen_env.envs.parameters`."""
+        return self.episodes.numbers
 
     @property
     def weight(self) -> Array:
@@ -211,9 +257,15 @@ class WalkerTask(Task):
         """Start episodes of some robots, see :class:`Task`."""
         each = list(zip(rows.tolist(), generators, options, strict=True))
         drawn = [self._draw(row, rng, own) for row, rng, own in each]
+        seeds = [rng.integers(2**63) for rng in generators]  # of commands to come, pushes and noise
         commands, crank_angles, crank_speeds, delays = np.array(drawn).T
-        # Of the commands to come.
-        self._command_seed[rows] = [rng.integers(2**63) for rng in generators]
+        plans = [
+            self.episodes.plan(row, rng, own, delay, *self._walked(row))
+            for (row, rng, own), delay in zip(each, delays.tolist(), strict=True)
+        ]
+        schedules = [_schedule(own) for own in options]
+        self._seed[rows] = seeds
+        self._put_in_force(rows, plans)
         batch = self.batch
         batch.place(rows, crank_angles)
         self.loads[rows] = batch.contact_force[rows, :, 1] / self.weight[rows, None]
@@ -221,8 +273,33 @@ class WalkerTask(Task):
         states[:, 7] = crank_speeds
         for row, state in zip(rows.tolist(), states, strict=True):
             batch.set_state(row, state)
-        self._begin_delay(rows, delays)
+        self._begin_delay(rows, self.episodes.values["delay"][rows])
         self._begin(rows, commands)
+        for row, pushes in zip(rows.tolist(), schedules, strict=True):
+            self._pushes.schedule(row, pushes)
+
+    def _walked(self, row: int) -> tuple[float, float]:
+        """How far a robot got in its last episode, m, and its command, m/s; 0 before the first."""
+        if self.elapsed[row] == 0:
+            return 0.0, 0.0
+        return float(self.batch.states[row, 0]), float(self.rows[row]["info"]["speed_command"])
+
+    def _put_in_force(self, rows: Ints, plans: Sequence[Plan]) -> None:
+        """Let robots be what is planned for their episodes."""
+        self.episodes.begin(rows, plans)
+        self._rate(rows)
+
+    def _rate(self, rows: Ints) -> None:
+        """Know the weights of robots as they are, and the torque of an action of 1."""
+        values = self.episodes.values[rows]
+        self.rows["weight"][rows] = GRAVITY * (
+            values["mass_scale"] * self._links_mass[rows] + values["payload"]
+        )
+        limits = np.array([self.robots[row].motor.torque_limit for row in rows.tolist()])
+        self.full_torque[rows] = self.rows["direction"][rows] * limits * values["motor_strength"]
+        self._pushes.strength[rows] = values["push_strength"]
+        if self._sensors is not None:
+            self._sensors.level[rows] = values["noise_level"]
 
     def _begin(self, rows: Ints, commands: Array, actions: float | Array = 0.0) -> None:
         """Begin robots' episodes: nothing but what a robot is remains of the one before."""
@@ -244,7 +321,7 @@ class WalkerTask(Task):
         crank_angle = rng.uniform(0.0, 2.0 * math.pi)
         command = rng.uniform(*self.speed_command[row])
         crank_speed = self.reset_noise_scale[row] * rng.uniform(-1.0, 1.0)
-        arguments.known_options(options, ("speed_command", "crank_angle", "delay"))
+        arguments.known_options(options, ("speed_command", "crank_angle", "pushes", *PARAMETERS))
         delay = self._draw_delay(row, rng, options)
         command = arguments.option(
             options, "speed_command", command, -FASTEST_COMMAND, FASTEST_COMMAND
@@ -258,16 +335,20 @@ class WalkerTask(Task):
         """Hold torques for ``control_dt`` seconds, see :class:`Task`."""
         batch = self.batch
         self._take_actions(actions, active)
+        pushes = self._pushes.of_step(active, self.elapsed, self._seed)
         self.elapsed += active
         self._draw_commands()
         asked = self.torque, self._steps, self.earlier, self.switch
         if isinstance(batch, Batch):
-            batch.step(*asked, None if active.all() else np.flatnonzero(active), meanwhile)
+            rows = None if active.all() else np.flatnonzero(active)
+            batch.step(*asked, rows, meanwhile, pushes)
         elif active.any():
-            batch.step(*asked)
+            batch.step(*asked, pushes=pushes)
         if meanwhile is not None and not isinstance(batch, Batch):
             meanwhile()
         task.finish_step(active, *self._arguments_of_step())
+        if self._sensors is not None:
+            self._add_noise(np.flatnonzero(active))
         if self.terminate_when_fallen:
             self.terminated[:] = self.rows["info"]["fallen"]
         if not isinstance(batch, Batch):  # whose joints cannot open
@@ -284,24 +365,30 @@ class WalkerTask(Task):
             return
         for row in np.flatnonzero(self.elapsed % self._command_steps == 0).tolist():
             # By the time, so that a state to go on from needs no more than the seed.
-            rng = np.random.default_rng((self._command_seed[row], self.elapsed[row]))
+            rng = np.random.default_rng((self._seed[row], self.elapsed[row]))
             self.rows[row]["next_command"] = rng.uniform(*self.speed_command[row])
 
     def _describe(self, rows: Ints) -> None:
         """Fill observations and information of some robots with what is the case now."""
         task.describe(rows, *self._arguments_of_description())
+        self._add_noise(rows)
+
+    def _add_noise(self, rows: Ints) -> None:
+        """Let some robots observe with noise what has just been described, if there is any."""
+        if self._sensors is not None:
+            self._sensors.add(rows, self.elapsed, self._seed, self.observation)
 
     def _arguments_of_step(self) -> tuple[Any, ...]:
         batch = self.batch
         return (
             batch.states, batch.slip, batch.contact_force, batch.rows, self._settings, self.rows,
-            self.loads, self.reward, self.batch.surface, self.observation,
+            self.loads, self.reward, self.batch.surface, self._scan, self.observation,
         )  # fmt: skip
 
     def _arguments_of_description(self) -> tuple[Any, ...]:
         return (
             self.batch.states, self.batch.rows, self.rows, self.loads, self.batch.surface,
-            self.observation,
+            self._scan, self.observation,
         )  # fmt: skip
 
     def set_parameters(self, row: int, **changes: Any) -> None:
@@ -321,7 +408,7 @@ class WalkerTask(Task):
             TypeError: another name.
         """
         arguments.known_parameters(changes, self.SETTABLE)
-        batch, physical = self.batch, sorted({*changes} - {"speed_command", "command", "delay"})
+        batch, physical = self.batch, sorted({*changes} - NOT_PHYSICAL)
         if physical and not isinstance(batch, Batch):
             raise ValueError(f"{physical[0]} cannot be changed with plant='rigid_body'")
         checks: dict[str, Callable[[Any], Any]] = {
@@ -335,6 +422,7 @@ class WalkerTask(Task):
                 "speed_command", value, -FASTEST_COMMAND, FASTEST_COMMAND
             ),
             "command": lambda value: within("command", value, -FASTEST_COMMAND, FASTEST_COMMAND),
+            "terrain_level": lambda value: self.episodes.checked_level(row, value),
         }
         checked = {name: checks[name](value) for name, value in changes.items()}  # or nothing
         if isinstance(batch, Batch):
@@ -346,6 +434,8 @@ class WalkerTask(Task):
             self.speed_command[row] = checked.pop("speed_command")
         if "delay" in checked:
             self.delay_range[row] = checked.pop("delay")
+        if "terrain_level" in checked:
+            self.episodes.level[row] = self.episodes.levels[row] = checked.pop("terrain_level")
         if "command" in checked:
             kept = self.rows[row]
             kept["info"]["speed_command"] = kept["next_command"] = checked.pop("command")
@@ -356,22 +446,29 @@ class WalkerTask(Task):
         ):
             getattr(batch, f"set_{name}")(row, checked[name])
         if physical:
-            robot = self.robots[row] = batch.robots[row]
-            kept = self.rows[row]
-            kept["weight"] = robot.mass * GRAVITY
-            self.full_torque[row] = kept["direction"] * robot.motor.torque_limit
+            self.robots[row] = batch.robots[row]
+            load = batch.robots[row].payload
+            place = {"payload_x": load.position[0], "payload_y": load.position[1]}
+            numbers = {"payload": {"payload": load.mass, **place}}
+            for name in physical:
+                if name in ("friction", "restitution"):
+                    numbers[name] = {name: float(getattr(batch, name)[row])}
+                self.episodes.take(row, numbers.get(name, {}))
+            self._rate(np.array([row]))
 
     def of_each(self, name: str) -> list[Any] | None:
         """``friction``, ``restitution``, ``payload``, ``motor``, ``torque_limit``,
-        ``pad_compliance``, ``delay`` (s, of this episode), ``robot``, ``terrain``, ``state``,
-        ``weight``, ``speed_command``, ``command``, ``reset_noise_scale`` of each robot; None for
+        ``pad_compliance``, ``delay`` (s, of this episode), ``robot``, ``terrain``,
+        ``terrain_level``, ``state``, ``weight``, ``speed_command``, ``command``, ``reset_noise_scale`` of each robot; None for
         another name.
         """
         batch = self.batch
         if name == "robot":
             return list(self.robots)
         if name == "terrain":
-            return list(self.terrains)
+            return list(self.batch.terrains)
+        if name == "terrain_level":
+            return list(self.episodes.values["terrain_level"].astype(int).tolist())
         if name in ("payload", "motor", "pad_compliance"):
             return [getattr(robot, name) for robot in self.robots]
         if name == "torque_limit":
@@ -390,7 +487,7 @@ class WalkerTask(Task):
             if isinstance(batch, Batch):
                 found: list[float] = getattr(batch, name).tolist()
                 return found
-            return [getattr(terrain, name) for terrain in self.terrains]
+            return [getattr(terrain, name) for terrain in batch.terrains]
         return None
 
     def get_state(self, row: int) -> dict[str, Any]:
@@ -408,8 +505,10 @@ class WalkerTask(Task):
             "lag": float(kept["info"]["lag"]),
             **{name: float(kept["info"][name]) for name in MEANS},
             "steps": int(self.elapsed[row]),
-            "command_seed": int(self._command_seed[row]),
+            "command_seed": int(self._seed[row]),
             "loads": self.loads[row].copy(),
+            **self.episodes.state(row),
+            "pushes": self._pushes.scheduled(row),
         }
 
     def set_state(self, row: int, state: Mapping[str, Any]) -> None:
@@ -436,17 +535,20 @@ class WalkerTask(Task):
             )
             for name in MEANS
         }
-        fallen = bool(state["fallen"])
-        batch = self.batch
+        fallen, pushes = bool(state["fallen"]), _schedule(state, "state")
+        plan, level = self.episodes.planned(row, state)
+        batch, one = self.batch, np.array([row])
+        self._put_in_force(one, [plan])
+        self.episodes.level[row] = level
         batch.set_state(row, pose, deflection)
         if row == 0:
             batch.in_contact = in_contact
-        one = np.array([row])
         self._begin_delay(one, np.array([delay]), asked)
         batch.slip[row] = batch.contact_force[row] = 0.0
         self.loads[row] = loads
         self._begin(one, np.array([command]), action)
-        self.elapsed[row], self._command_seed[row] = steps, seed
+        self.elapsed[row], self._seed[row] = steps, seed
+        self._pushes.schedule(row, pushes)
         info = self.rows[row]["info"]
         info["lag"], info["fallen"] = lag, fallen
         for name, mean in means.items():
@@ -455,7 +557,10 @@ class WalkerTask(Task):
 
     def scene(self, row: int) -> dict[str, Any]:
         """Arguments of the renderer."""
-        return {"robot": self.robots[row], "terrain_points": self.terrains[row].polyline}
+        return {
+            "robot": self.episodes.shown_robot(row, self.robots[row]),
+            "terrain_points": self.batch.terrains[row].polyline,
+        }
 
     def frame(self, row: int) -> Frame:
         """What is to be drawn of a robot as it stands."""
@@ -480,8 +585,14 @@ class WalkerTask(Task):
         self.batch.close()
 
 
-def _observed(toes: int) -> list[Observed]:
-    """By a robot with so many toes, see ``JansenWalkerEnv``."""
+def _schedule(given: Mapping[str, Any], name: str = "options") -> Array | None:
+    """The pushes (k, 3) in options of a reset or in a state; None: they are random."""
+    pushes = given.get("pushes")
+    return None if pushes is None else check_schedule(f"{name}['pushes']", pushes)
+
+
+def _observed(toes: int, scanned: int) -> list[Observed]:
+    """By a robot with so many toes that looks at so many places, see ``JansenWalkerEnv``."""
     any_number, unit, positive_number = (-np.inf, np.inf), (-1.0, 1.0), (0.0, np.inf)
     return [
         Observed("cos_crank_angle", "1", *unit),
@@ -501,4 +612,5 @@ def _observed(toes: int) -> list[Observed]:
         Observed("mean_slip", "m/s", *positive_number),
         Observed("mean_power", "W", *positive_number),
         Observed("rms_torque", "N m", *positive_number),
+        *(Observed(f"height_scan_{place}", "m", *any_number) for place in range(scanned)),
     ]

@@ -25,7 +25,8 @@ class StepResult(NamedTuple):
     Attributes:
         slip: (toes,) path each toe slid while loaded, m.
         contact_force: (toes, 2) mean tangential and normal force on each toe, N.
-        motor_work, slip_loss: J. joint_loss: what joints, bearings and gear take, J.
+        motor_work, slip_loss: J. push_work: of pushes on the chassis, J. joint_loss: what joints,
+            bearings and gear take, J.
         impact_loss: what touchdowns take, and the dampers of pads that give, J.
         energy_change: change of kinetic and potential energy, that of compliant pads included, J.
         non_toe_contact: whether a joint other than a toe was pressed on the ground.
@@ -52,17 +53,18 @@ class StepResult(NamedTuple):
     joint_gap: float = 0.0
     electrical_work: float = 0.0
     torque: float = math.nan
+    push_work: float = 0.0
 
     @property
     def energy_residual(self) -> float:
-        """Motor work less losses and energy change, J: the time step's error."""
+        """Work of motor and pushes less losses and energy change, J: the time step's error."""
         losses = self.joint_loss + self.slip_loss + self.impact_loss
-        return self.motor_work - losses - self.energy_change
+        return self.motor_work + self.push_work - losses - self.energy_change
 
 
 ENERGIES = (
-    "motor_work", "joint_loss", "slip_loss", "impact_loss", "energy_change", "contact_gain",
-    "electrical_work",
+    "motor_work", "push_work", "joint_loss", "slip_loss", "impact_loss", "energy_change",
+    "contact_gain", "electrical_work",
 )  # fmt: skip
 """Numbers of a :class:`StepResult` that are sums of their names in a batch, J."""
 
@@ -116,10 +118,14 @@ class BatchedPlant(Protocol):
         steps: int,
         earlier: Array | None = None,
         switch: NDArray[np.int64] | None = None,
+        *,
+        pushes: Array | None = None,
     ) -> None:
         """Hold crank torques (n,), N m, for some time steps.
 
         With ``earlier`` torques (n,) these still hold in the first ``switch`` (n,) of them.
+        ``pushes``: (n, steps, 2) N s, the impulse on each chassis at the crank axis in each of
+        them, world x and y; None for none.
         """
         ...
 
@@ -181,9 +187,18 @@ class Plant(Protocol):
         ...
 
     def step(
-        self, torque: float, duration: float, earlier: float = 0.0, switch: int = 0
+        self,
+        torque: float,
+        duration: float,
+        earlier: float = 0.0,
+        switch: int = 0,
+        pushes: Array | None = None,
     ) -> StepResult:
-        """Hold a crank torque (N m) for a while (s); ``earlier`` in its first ``switch`` steps."""
+        """Hold a crank torque (N m) for a while (s); ``earlier`` in its first ``switch`` steps.
+
+        ``pushes``: (steps, 2) N s, the impulse on the chassis at the crank axis in each time step,
+        world x and y; None for none.
+        """
         ...
 
     def lookahead(self, torque: float = 0.0) -> StepResult:
@@ -214,6 +229,17 @@ def check_deflection(value: Any, pads: int) -> Array:
     if deflection.shape != (pads,) or not np.isfinite(deflection).all():
         raise ValueError(f"deflection is {value!r}, must be {pads} finite numbers")
     return deflection
+
+
+def check_pushes(value: Any, *shape: int) -> Array:
+    """Impulses on the chassis as an array. Raises ValueError unless they have a shape (..., 2).
+
+    Whether they are finite is not asked: what is not ends in a divergence.
+    """
+    pushes = np.ascontiguousarray(value, dtype=float)
+    if pushes.shape != (*shape, 2):
+        raise ValueError(f"pushes have shape {pushes.shape}, must be {(*shape, 2)}")
+    return pushes
 
 
 def check_in_contact(value: Any, pads: int) -> NDArray[np.bool_] | None:

@@ -28,7 +28,7 @@ from jansen_env.engine.tables import (
 )
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.motor import Motor
-from jansen_env.plants.base import check_time_step
+from jansen_env.plants.base import check_pushes, check_time_step
 from jansen_env.plants.detector import ContactDetector
 from jansen_env.plants.initial_pose import sag
 from jansen_env.plants.trace import find_touchdowns, pads_in_contact
@@ -147,6 +147,7 @@ class Batch:
         self.any_diverged = False
         self.tracing = False
         self._at_once = np.zeros(n), np.zeros(n, np.int64)  # no torque from before
+        self._no_pushes = np.zeros((0, 0, 2))
         self._any_gives = not all(robot.pad_compliance.rigid for robot in robots)
         self._no_trace: NDArray[Any] = np.zeros(0, integrator.trace_dtype(pads))
         self.trace = self._no_trace
@@ -177,8 +178,8 @@ class Batch:
         """What is compiled of a batch."""
         rows, number = np.arange(1), np.zeros(1)
         step = (
-            0, 0, rows, True, 0, number, *self._at_once, _plain(self._no_trace), *self._work[0],
-            *self._shared,
+            0, 0, rows, True, 0, number, *self._at_once, self._no_pushes, _plain(self._no_trace),
+            *self._work[0], *self._shared,
         )  # fmt: skip
         return [
             *self.detector.kernels(self.states),
@@ -346,7 +347,8 @@ class Batch:
         states, deflection = self.states[rows], self.deflection[rows]  # copies
         in_contact = self.in_contact
         try:
-            self._run(rows, (np.full(len(self.states), torque), *self._at_once), 1)
+            asked = np.full(len(self.states), torque), *self._at_once, self._no_pushes
+            self._run(rows, asked, 1)
         finally:
             self.states[rows], self.deflection[rows] = states, deflection
             self.in_contact = in_contact
@@ -393,18 +395,28 @@ class Batch:
         switch: NDArray[np.int64] | None = None,
         rows: Ints | None = None,
         meanwhile: Callable[[], None] | None = None,
+        pushes: Array | None = None,
     ) -> None:
         """Hold crank torques (n,), N m, for some time steps, as far as the motors go.
 
         With ``earlier`` torques (n,) these still hold in the first ``switch`` (n,) of them. Of the
         robots only ``rows`` (k,) move, if these are given; ``meanwhile`` may place the others.
+        ``pushes``: (n, steps, 2) N s, the impulse on each chassis at the crank axis in each time
+        step, world x and y; None for none.
 
         A robot that becomes faster than :data:`jansen_env.engine.integrator.DIVERGED`, or
         gets so deep into the ground that it is not found, stays as it was before, without
         entries in :attr:`accumulators` and :attr:`contact_statistics`, and is named in
         :attr:`diverged`. The others go on.
+
+        Raises:
+            ValueError: pushes of another shape.
         """
-        asked = torque, *(self._at_once if earlier is None else (earlier, switch))
+        if pushes is None:
+            pushes = self._no_pushes
+        else:
+            pushes = check_pushes(pushes, len(self.states), steps)
+        asked = torque, *(self._at_once if earlier is None else (earlier, switch)), pushes
         self._run(self._every if rows is None else rows, asked, steps, meanwhile)
 
     def _run(
@@ -416,7 +428,7 @@ class Batch:
     ) -> None:
         """:meth:`step` of some robots.
 
-        ``asked``: torque, earlier torque, and for how many time steps that still holds.
+        ``asked``: torque, earlier torque, for how many time steps that still holds, and pushes.
         """
         if len(rows) == 0:  # others are placed, no more
             if meanwhile is not None:

@@ -61,16 +61,19 @@ class BatchOfOne:
         steps: int,
         earlier: Array | None = None,
         switch: NDArray[np.int64] | None = None,
+        *,
+        pushes: Array | None = None,
     ) -> None:
         """Hold a crank torque (1,), N m, for some time steps.
 
         With an ``earlier`` torque (1,) that still holds in the first ``switch`` (1,) of them.
+        ``pushes``: (1, steps, 2) N s on the chassis in each of them, None for none.
         """
-        before, first = 0.0, 0
+        before, first, push = 0.0, 0, None if pushes is None else pushes[0]
         if earlier is not None and switch is not None:
             before, first = float(earlier[0]), int(switch[0])
         try:
-            result = self._plant.step(float(torque[0]), steps * self.time_step, before, first)
+            result = self._plant.step(float(torque[0]), steps * self.time_step, before, first, push)
             self._keep(result)
             lacking = result.torque - float(torque[0])
             self.accumulators["torque_impulse"] = lacking * steps * self.time_step

@@ -34,9 +34,12 @@ Ints = NDArray[np.int64]
 Rows = NDArray[np.void]
 
 APART = 1000.0  # m, between the terrains of two robots
-STRETCH = 2.0  # m, along the ground, that pymunk knows as one thick segment
+STRETCH = 3.0  # m, along the ground, that pymunk knows as one thick segment
 LEAST_ROOM = 64  # vertices, for a ground that may be exchanged
 FAR = 1e7  # m, where robots wait that have not been placed yet, and how far apart
+
+MOST_ASKED = 16  # robots about whom pymunk is asked one by one
+NO_ROBOTS = pymunk.ShapeFilter(group=1)  # robots never touch one another
 
 _Arbiter = pymunk.batch.ArbiterFields
 _FIELDS = _Arbiter.BODY_A_ID | _Arbiter.POINT_B_1
@@ -70,7 +73,7 @@ class ContactDetector:
         status["margin"] = SPECULATIVE_MARGIN
         status["first_plane"] = status["end_plane"] = capacity * np.arange(n)
         status["first_vertex"], status["end_vertex"] = bounds[terrain], bounds[terrain + 1]
-        # What each robot may write to of the surface: nothing yet, its ground may be another's, too.
+        # What of the surface is each robot's alone: nothing yet, others may be on its ground.
         self._own, self._used = np.zeros((n, 2), np.int64), len(self.surface)
         status["cell_x"], status["cell_y"] = self._cells.T
         for name in ("known_x", "known_y", "home_x", "home_y"):
@@ -125,11 +128,23 @@ class ContactDetector:
         status["first_vertex"], status["end_vertex"] = first, first + len(line)
         for name in ("known_x", "known_y", "home_x", "home_y"):
             status[name] = np.inf
-        self._space.remove(*self._segments[row])
-        for segment in self._segments[row]:
-            segment.body = None  # or the ground's body keeps it
-        self._segments[row] = self._placed_segments(*_stretches(line), self._cells[row])
-        self._space.add(*self._segments[row])
+        self._exchange(row, *_stretches(line))
+
+    def _exchange(self, row: int, ends: Array, radii: Array) -> None:
+        """Let pymunk have these stretches in a robot's cell: the same segments, moved."""
+        segments, cell = self._segments[row], self._cells[row]
+        if len(segments) < len(radii):
+            more = slice(len(segments), None)
+            new = self._placed_segments(ends[more], radii[more], cell)
+            self._space.add(*new)
+            segments += new
+        # Those that are too many lie on the last stretch.
+        last = len(radii) - 1
+        places, thick = (ends + cell).tolist(), radii.tolist()
+        for i, segment in enumerate(segments):
+            segment.unsafe_set_endpoints(*places[min(i, last)])
+            segment.unsafe_set_radius(thick[min(i, last)])
+            self._space.reindex_shape(segment)
 
     def _add_robots(self, count: int) -> None:
         """A circle for each robot."""
@@ -138,7 +153,7 @@ class ContactDetector:
             body = pymunk.Body(1.0, math.inf)
             body.position = FAR * (i + 1), FAR * (i + 1)  # on one spot each would know each
             circle = pymunk.Circle(body, self._circle)
-            circle.filter = pymunk.ShapeFilter(group=1)  # robots never touch one another
+            circle.filter = NO_ROBOTS
             self._space.add(body, circle)
             bodies.append(body)
         found = pymunk.batch.Buffer()
@@ -148,6 +163,7 @@ class ContactDetector:
         if order[:count] != ids.tolist():
             raise RuntimeError("pymunk lists the robots in another order than they were added in")
         self._ids, self._row_of = np.sort(ids), np.argsort(ids)
+        self._place_of = np.argsort(self._row_of)  # of each robot in them
         # The batch sets every body of the space, the ground's (last) too: it stays at the origin.
         self._placed = np.zeros((len(order), 2))
         self._placed[:count] = FAR * np.arange(1, count + 1)[:, None]
@@ -181,10 +197,25 @@ class ContactDetector:
         """Know the candidates of robots that have been placed, from the last time if possible."""
         status = self._robots["status"]
         if collision.recall(rows, states, self._robots):
-            self.find_candidates(rows, states)
+            if len(rows) > MOST_ASKED:
+                self.find_candidates(rows, states)
+            else:
+                for row in rows.tolist():
+                    self._ask(row, states[row])
             for home, known in (("x", "known_x"), ("y", "known_y"), ("first", "first_segment"),
                                 ("last", "last_segment")):  # fmt: skip
                 status[f"home_{home}"][rows] = status[known][rows]
+
+    def _ask(self, row: int, state: Array) -> None:
+        """Let pymunk say which segments are near one robot: less than a look at the whole space."""
+        status = self._robots[row]["status"]
+        status["known_x"], status["known_y"] = x, y = state[:2].tolist()
+        place = float(x + status["cell_x"]), float(y + status["cell_y"])
+        found = self._space.point_query(place, self._circle, NO_ROBOTS)
+        points = np.array([(hit.point.x, hit.point.y) for hit in found]).reshape(-1)
+        ids = np.full(len(found), self._ids[self._place_of[row]])
+        _, _, *others = self._candidates()
+        collision.keep_candidates(np.array([row]), ids, points, *others)
 
     def _candidates(self) -> tuple[Any, ...]:
         """Arguments of :func:`jansen_env.engine.collision.keep_candidates`, but for the rows."""
@@ -224,12 +255,12 @@ def _stretches(line: Array) -> tuple[Array, Array]:
     Each goes from one vertex to another, some :data:`STRETCH` further or the next one, and is as
     thick as the ground between them is away from it.
     """
-    last = len(line) - 1
     place = np.floor((line[:, 0] - line[1, 0]) / STRETCH)
-    new = np.flatnonzero(np.diff(place) != 0.0) + 1
-    cuts = np.unique(np.concatenate([[0, min(1, last), max(0, last - 1), last], new]))
+    cut = np.ones(len(line), bool)
+    cut[2:-2] = place[2:-2] != place[1:-3]
+    cuts = np.flatnonzero(cut)
     start, end = line[cuts[:-1]], line[cuts[1:]]
-    owner = np.clip(np.searchsorted(cuts, np.arange(len(line)), "right") - 1, 0, len(cuts) - 2)
+    owner = np.minimum(np.cumsum(cut), len(cuts) - 1) - 1
     chord, away = (end - start)[owner], line - start[owner]
     share = np.clip((away * chord).sum(axis=1) / (chord**2).sum(axis=1), 0.0, 1.0)
     apart = np.hypot(*(away - share[:, None] * chord).T)

@@ -16,6 +16,7 @@ from jansen_env.plants.base import (
     StepResult,
     check_deflection,
     check_in_contact,
+    check_pushes,
     check_state,
     divergence,
 )
@@ -164,7 +165,12 @@ class ProjectionPlant:
         return self._result(torque)
 
     def step(
-        self, torque: float, duration: float, earlier: float = 0.0, switch: int = 0
+        self,
+        torque: float,
+        duration: float,
+        earlier: float = 0.0,
+        switch: int = 0,
+        pushes: Array | None = None,
     ) -> StepResult:
         """Hold a crank torque for a while.
 
@@ -173,14 +179,18 @@ class ProjectionPlant:
                 as far as the robot's motor can.
             duration: s, rounded to whole time steps.
             earlier: N m, held instead in the first ``switch`` time steps: a delay.
+            pushes: (steps, 2) N s, the impulse on the chassis at the crank axis in each time step,
+                world x and y; None for none.
 
         Raises:
+            ValueError: a duration out of range, or pushes of another shape.
             FloatingPointError: the simulation diverged, to a speed that nothing has or to a pad
                 deep in the ground. The state is as it was before.
         """
         steps = max(1, round(positive("duration", duration) / self.time_step))
-        asked = np.array([torque], dtype=float)
-        self.batch.step(asked, steps, np.array([earlier], dtype=float), np.array([switch]))
+        asked, before = np.array([torque], dtype=float), np.array([earlier], dtype=float)
+        impulses = None if pushes is None else check_pushes(pushes, steps)[None]
+        self.batch.step(asked, steps, before, np.array([switch]), pushes=impulses)
         return self._result(torque, steps)
 
     def _result(self, torque: float, steps: int = 1) -> StepResult:

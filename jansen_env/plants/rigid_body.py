@@ -31,6 +31,7 @@ from jansen_env.plants.base import (
     StepResult,
     check_deflection,
     check_in_contact,
+    check_pushes,
     check_state,
     check_time_step,
     divergence,
@@ -238,7 +239,12 @@ class RigidBodyPlant:
         return self.state
 
     def step(
-        self, torque: float, duration: float, earlier: float = 0.0, switch: int = 0
+        self,
+        torque: float,
+        duration: float,
+        earlier: float = 0.0,
+        switch: int = 0,
+        pushes: Array | None = None,
     ) -> StepResult:
         """Hold a crank torque for a while.
 
@@ -247,18 +253,22 @@ class RigidBodyPlant:
                 as far as the robot's motor can.
             duration: s, rounded to whole time steps.
             earlier: N m, held instead in the first ``switch`` time steps: a delay.
+            pushes: (steps, 2) N s, the impulse on the chassis at the crank axis in each time step,
+                world x and y; None for none.
 
         Raises:
+            ValueError: a duration out of range, or pushes of another shape.
             FloatingPointError: the simulation diverged: a speed that nothing has, a joint that came
                 apart by more than :data:`MAX_JOINT_GAP`, or a robot at the end of the ground. The
                 state is as it was before, joints closed.
         """
         steps = max(1, round(positive("duration", duration) / self.time_step))
         h, sums, before = self.time_step, Sums(len(self._pads)), self.state
+        impulses = np.zeros((steps, 2)) if pushes is None else check_pushes(pushes, steps)
         now = self._snapshot()
         start = now.energy + self._held
         for k in range(steps):
-            now, used = self._advance(now, earlier if k < switch else torque, sums)
+            now, used = self._advance(now, earlier if k < switch else torque, impulses[k], sums)
             sums.torque_impulse += h * (used - torque)
         state = self.state
         error = None
@@ -284,11 +294,16 @@ class RigidBodyPlant:
             impact_loss=sums.impact_loss, energy_change=now.energy + self._held - start,
             non_toe_contact=bool(sums.impulse[self.toes :, 1].any()), residual=math.nan,
             contact_gain=math.nan, joint_gap=sums.joint_gap, electrical_work=sums.electrical_work,
-            torque=torque + sums.torque_impulse / (steps * h),
+            torque=torque + sums.torque_impulse / (steps * h), push_work=sums.push_work,
         )  # fmt: skip
 
-    def _advance(self, now: Snapshot, asked: float, sums: Sums) -> tuple[Snapshot, float]:
-        """One time step under a torque that is asked for: where it leads, and the motor's."""
+    def _advance(
+        self, now: Snapshot, asked: float, push: Array, sums: Sums
+    ) -> tuple[Snapshot, float]:
+        """One time step under a torque that is asked for: where it leads, and the motor's.
+
+        ``push``: (2,) N s on the chassis at the crank axis.
+        """
         h, motor, rotor, springs = self.time_step, self.robot.motor, self._rotor, self._springs
         spin, held = now.motion[:, SPIN], self._held
         loads = self._loads[: len(spin)]
@@ -298,16 +313,24 @@ class RigidBodyPlant:
         loads[SHAFT, 2] += torque
         if rotor is not None:
             loads[[CHASSIS, SHAFT], 2] += rotor.on_bodies
+        loads[:, :2] = 0.0
         if springs is not None:
-            pushed = springs.loads(now)
-            loads[:, :2] = pushed[:, :2]
-            loads[:, 2] += pushed[:, 2]
+            loads += springs.loads(now)
+        # A generalised impulse on the chassis' (x, y, angle), where pymunk moves it first.
+        turned = now.motion[CHASSIS, ANGLE] + h * spin[CHASSIS]
+        cos, sin = math.cos(turned), math.sin(turned)
+        ax, ay = (-self._home[CHASSIS, 1:]).tolist()
+        x, y = cos * ax - sin * ay, sin * ax + cos * ay
+        impulse = np.array([*push, x * push[1] - y * push[0]])
+        loads[CHASSIS] += impulse / h
         pymunk.batch.set_space_bodies(self._space, _Body.FORCE | _Body.TORQUE, self._set)
         landing = springs is None and self._landing_soon(now)
         self._space.iterations = self.touchdown_iterations if landing else self.iterations
         self._space.step(h)
         after = self._snapshot()
         mean = 0.5 * (spin + after.motion[:, SPIN])
+        moved = 0.5 * (now.motion[CHASSIS] + after.motion[CHASSIS])[[VX, VY, SPIN]]
+        push_work = float(impulse @ moved)
         turning = float(mean[SHAFT] - mean[CHASSIS])
         work = h * torque * turning
         loss = h * float(spin @ self._friction @ mean) + self._dry_loss(mean)
@@ -315,13 +338,14 @@ class RigidBodyPlant:
             rotor.step(after.motion)
             loss += rotor.loss
         sums.motor_work += work
+        sums.push_work += push_work
         sums.electrical_work += h * float(motor.electrical_power(torque, turning))
         sums.joint_loss += loss
         if springs is None:
             slip_loss, landed = self._contacts(after, sums)
             sums.slip_loss += slip_loss
             if landed:
-                left = now.energy + held + work - loss - slip_loss
+                left = now.energy + held + work + push_work - loss - slip_loss
                 sums.impact_loss += left - (after.energy + self._held)
         else:
             touching = springs.touching

@@ -35,7 +35,7 @@ class Sums:
     """
 
     def __init__(self, pads: int) -> None:
-        self.motor_work = self.electrical_work = 0.0
+        self.motor_work = self.push_work = self.electrical_work = 0.0
         self.joint_loss = self.slip_loss = self.impact_loss = 0.0
         self.joint_gap = self.torque_impulse = 0.0
         self.slip, self.impulse = np.zeros(pads), np.zeros((pads, 2))

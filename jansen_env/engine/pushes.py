@@ -1,0 +1,86 @@
+"""Pushes in a control step of n robots; what they are is documented in :mod:`jansen_env.push`."""
+
+from __future__ import annotations
+
+import math
+
+from jansen_env.engine.jit import compiled
+from jansen_env.engine.random import number, uniform
+from jansen_env.engine.records import row_dtype
+
+STREAM = 1  # of an episode's random numbers; that of sensors is another
+
+PUSHES = row_dtype(
+    [
+        ("impulse_x", "f8"),  # N s, the largest at random; both 0: there are none at random
+        ("impulse_y", "f8"),
+        ("duration", "f8"),  # s
+        ("interval", "f8"),  # s
+        ("time_step", "f8"),  # s
+    ]
+)
+
+
+@compiled
+def fill_pushes(active, elapsed, seeds, strength, settings, schedule, scheduled, out):
+    """Impulses on the chassis in each time step of a control step.
+
+    Args:
+        active: (n,) whether a robot takes the step; the others are not pushed.
+        elapsed: (n,) control steps since the episode began. seeds: (n,) of the episodes.
+        strength: (n,) by which the random pushes are multiplied. settings: (1,) of :data:`PUSHES`.
+        schedule: (n, most, 3) times since the episode began, s, and impulses in x and y, N s.
+        scheduled: (n,) how many of these there are; -1: the episode's pushes are random.
+        out: (n, steps, 2) N s.
+
+    Returns:
+        Whether any robot is pushed.
+    """
+    push, any_pushed, steps = settings[0], False, out.shape[1]
+    at_random = push.impulse_x > 0.0 or push.impulse_y > 0.0
+    for r in range(len(out)):
+        for k in range(steps):
+            out[r, k, 0] = out[r, k, 1] = 0.0
+        if not active[r]:
+            continue
+        begin = elapsed[r] * steps
+        for i in range(scheduled[r]):
+            start, x, y = schedule[r, i, 0], schedule[r, i, 1], schedule[r, i, 2]
+            if _push(start, x, y, begin, push, out[r]):
+                any_pushed = True
+        if at_random and scheduled[r] < 0:
+            episode = number(seeds[r], STREAM)
+            last = math.floor((begin + steps) * push.time_step / push.interval)
+            for window in range(math.floor(begin * push.time_step / push.interval), last + 1):
+                key = number(episode, window)
+                start = push.interval * window + uniform(key, 0) * (push.interval - push.duration)
+                x = strength[r] * push.impulse_x * (2.0 * uniform(key, 1) - 1.0)
+                y = strength[r] * push.impulse_y * (2.0 * uniform(key, 2) - 1.0)
+                if _push(start, x, y, begin, push, out[r]):
+                    any_pushed = True
+    return any_pushed
+
+
+@compiled
+def _push(start, x, y, begin, push, out):
+    """Add one push to a robot's time steps (steps, 2); whether it is felt in any of them.
+
+    Args:
+        start: s. x, y: N s. begin: time steps before these.
+    """
+    steps, step = len(out), push.time_step
+    if start >= (begin + steps) * step or start + push.duration <= begin * step:
+        return False
+    before = _share(begin * step - start, push.duration)
+    for k in range(steps):
+        after = _share((begin + k + 1) * step - start, push.duration)
+        out[k, 0] += x * (after - before)
+        out[k, 1] += y * (after - before)
+        before = after
+    return True
+
+
+@compiled
+def _share(time, duration):
+    """The share of its impulse that a push has given a time after its start, s."""
+    return 0.5 - 0.5 * math.cos(math.pi * min(1.0, max(0.0, time / duration)))

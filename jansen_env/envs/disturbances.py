@@ -1,0 +1,125 @@
+"""What disturbs n walking robots: pushes on their chassis, noise of their sensors.
+
+All is drawn from the seed of an episode and counters (:mod:`jansen_env.engine.random`): beside the
+seed, the robot's step and a schedule of pushes that was given there is nothing to be kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.engine.jit import Kernel, prepare
+from jansen_env.engine.pushes import PUSHES, fill_pushes
+from jansen_env.engine.sensors import add_noise
+from jansen_env.envs.core import Bools, Ints, Observed
+from jansen_env.noise import Noise
+from jansen_env.push import Push
+
+Array = NDArray[np.float64]
+
+
+class Pushes:
+    """Pushes on n robots.
+
+    Args:
+        num_envs: n. push: those at random; None: there are only those of :meth:`schedule`.
+        steps: time steps of a control step. time_step: s.
+
+    Attributes:
+        strength: (n,) by which the random ones are multiplied. at_random: whether there are any.
+    """
+
+    def __init__(self, num_envs: int, push: Push | None, steps: int, time_step: float) -> None:
+        self.strength = np.ones(num_envs)
+        self.at_random, self._steps = push is not None, steps
+        self._settings = np.zeros(1, PUSHES)
+        kind = push or Push(0.0)
+        self._settings[0] = (*kind.impulse, kind.duration, kind.interval, time_step)  # type: ignore[misc]
+        self._scheduled = np.full(num_envs, -1)
+        self._schedule = np.zeros((num_envs, 1, 3))
+        self._impulse = np.zeros((0, steps, 2))
+        if self.at_random:
+            self._begin_pushing()
+
+    def _begin_pushing(self) -> None:
+        """From now on there may be pushes."""
+        n = len(self.strength)
+        self._impulse = np.zeros((n, self._steps, 2))
+        step = np.zeros(n, bool), np.zeros(n, np.int64), np.zeros(n, np.int64)
+        prepare(Kernel("pushes", fill_pushes, (*step, *self._arguments())))
+
+    def _arguments(self) -> tuple[Any, ...]:
+        return self.strength, self._settings, self._schedule, self._scheduled, self._impulse
+
+    def schedule(self, row: int, pushes: Array | None) -> None:
+        """Give a robot's episode its own pushes (k, 3), see :func:`jansen_env.push.check_schedule`.
+
+        None: there are those at random.
+        """
+        if pushes is None:
+            self._scheduled[row] = -1
+            return
+        if len(pushes) > self._schedule.shape[1]:
+            before, self._schedule = self._schedule, np.zeros((len(self.strength), len(pushes), 3))
+            self._schedule[:, : before.shape[1]] = before
+        self._schedule[row, : len(pushes)], self._scheduled[row] = pushes, len(pushes)
+        if len(self._impulse) == 0:
+            self._begin_pushing()
+
+    def scheduled(self, row: int) -> Array | None:
+        """A robot's own pushes (k, 3); None: they are random."""
+        count = self._scheduled[row]
+        return None if count < 0 else self._schedule[row, :count].copy()
+
+    def of_step(self, active: Bools, elapsed: Ints, seeds: Ints) -> Array | None:
+        """Impulses (n, steps, 2) on the chassis in the time steps to come, N s; None: none at all.
+
+        Args:
+            active: (n,) who takes the step. elapsed: (n,) control steps since the episode began.
+            seeds: (n,) of the episodes.
+        """
+        if len(self._impulse) == 0:
+            return None
+        pushed = fill_pushes(active, elapsed, seeds, *self._arguments())
+        return self._impulse if pushed else None
+
+
+class NoisySensors:
+    """Noise in the observations of n robots.
+
+    Args:
+        num_envs: n. noise: of the sensors. observed: what is observed.
+
+    Attributes:
+        level: (n,) by which noise is multiplied. truth: (n, d) observations without noise.
+    """
+
+    def __init__(self, num_envs: int, noise: Noise, observed: Sequence[Observed]) -> None:
+        self.level = np.ones(num_envs)
+        self.truth = np.zeros((num_envs, len(observed)), np.float32)
+        self._deviation = noise.deviations([entry.name for entry in observed])
+        limits = np.array([(entry.low, entry.high) for entry in observed], np.float32)
+        self._low, self._high = limits.T.copy()
+        self._known, self._bias = np.full(num_envs, -1), np.zeros(self.truth.shape)
+        counts = np.zeros(num_envs, np.int64)
+        example = self._arguments(np.arange(1), counts, counts, self.truth)
+        prepare(Kernel("noise", add_noise, example))
+
+    def _arguments(self, rows: Ints, elapsed: Ints, seeds: Ints, out: Any) -> tuple[Any, ...]:
+        return (
+            rows, elapsed, seeds, self.level, self._deviation, self._low, self._high, self._known,
+            self._bias, self.truth, out,
+        )  # fmt: skip
+
+    def add(self, rows: Ints, elapsed: Ints, seeds: Ints, out: NDArray[np.float32]) -> None:
+        """Add noise to the observations ``out`` (n, d) of some robots, keep what they were.
+
+        Args:
+            rows: (k,) of the robots. elapsed: (n,) control steps since the episode began.
+            seeds: (n,) of the episodes.
+        """
+        add_noise(*self._arguments(rows, elapsed, seeds, out))

@@ -1,0 +1,239 @@
+"""The numbers and grounds of n robots' episodes: planned at a reset, put in force, and kept."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.checks import shown
+from jansen_env.curriculum import Curriculum
+from jansen_env.envs.parameters import (
+    EPISODE,
+    PARAMETERS,
+    Distribution,
+    Randomization,
+    UniformLevels,
+    check,
+)
+from jansen_env.plants.base import BatchedPlant
+from jansen_env.plants.variation import VARIATION, effective, nominal
+from jansen_env.robot import Payload, Robot
+from jansen_env.terrain import Terrain
+from jansen_env.terrain_generators import Generator
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+PHYSICAL = VARIATION.names or ()
+
+
+class Plan(NamedTuple):
+    """An episode to come."""
+
+    values: NDArray[Any]  # (1,) of EPISODE
+    terrain: Terrain | None  # None: the ground stays
+
+
+class Episodes:
+    """What may differ between the episodes of n robots.
+
+    Args:
+        batch: moves them. robots, terrains: of each, as the task has them.
+        generators: of each robot's ground, None where it stays the same.
+        own_friction, own_restitution: (n,) whether a robot has its own, in place of the ground's.
+        levels: (n, 2) lowest and highest terrain level. randomizations: of each.
+        curriculum: that leads from level to level; None for a draw from ``levels``.
+        senses: whether there is noise, and pushes: parameters that otherwise do nothing.
+
+    Attributes:
+        values: (n,) :data:`jansen_env.envs.parameters.EPISODE`, those of the present episodes.
+        nominal: (n,) the same where nothing is drawn. level: (n,) of a curriculum.
+        varies: whether anything is drawn.
+
+    Raises:
+        ValueError: a parameter is randomised that does nothing, or levels of a ground without any.
+    """
+
+    def __init__(
+        self,
+        batch: BatchedPlant,
+        robots: Sequence[Robot],
+        terrains: Sequence[Terrain],
+        generators: Sequence[Generator | None],
+        own_friction: NDArray[np.bool_],
+        own_restitution: NDArray[np.bool_],
+        levels: Array,
+        randomizations: Sequence[Randomization],
+        curriculum: Curriculum | None,
+        senses: Mapping[str, bool],
+    ) -> None:
+        n = len(robots)
+        self._batch, self._generators = batch, list(generators)
+        self._own = {"friction": own_friction, "restitution": own_restitution}
+        self._randomizations, self.curriculum = list(randomizations), curriculum
+        self.levels, self.level = levels, levels[:, 0].astype(np.int64)
+        self._senses = dict(senses)
+        self.nominal = np.zeros(n, EPISODE)
+        self.nominal["noise_level"] = self.nominal["push_strength"] = 1.0
+        for row, (robot, terrain) in enumerate(zip(robots, terrains, strict=True)):
+            found = nominal(robot, terrain)
+            for name in PHYSICAL:
+                self.nominal[name][row] = found[name]
+        self.values = self.nominal.copy()
+        self._changed = np.zeros(n, bool)  # by a draw, from what the robot and its ground are
+        for row, randomization in enumerate(self._randomizations):
+            self.check_names(row, [*randomization.distributions], "randomize")
+        has_levels = np.array([generator is not None for generator in generators])
+        if bad := np.flatnonzero(levels.any(axis=1) & ~has_levels).tolist():
+            raise ValueError(
+                f"terrain_level is {shown(levels[bad[0]].tolist())}, must be 0 on a ground that is "
+                "not drawn and so has no levels"
+            )
+        if curriculum is not None and not has_levels.all():
+            raise ValueError("curriculum is given, must be None on a ground that has no levels")
+        self.varies = bool(has_levels.any() or any(one.distributions for one in randomizations))
+
+    @property
+    def numbers(self) -> Array:
+        """(n, 17) :attr:`values` as plain numbers."""
+        return _numbers(self.values)
+
+    def ranges(self, row: int) -> dict[str, Distribution]:
+        """What is drawn for a robot, by name."""
+        drawn = dict(self._randomizations[row].distributions)
+        if self._generators[row] is not None:
+            drawn.setdefault("terrain_level", UniformLevels(*self.levels[row].tolist()))
+        return drawn
+
+    def take(self, row: int, changes: Mapping[str, float]) -> None:
+        """Let numbers that have been changed be a robot's nominal and present ones."""
+        for name, value in changes.items():
+            self.nominal[name][row] = self.values[name][row] = value
+            if name in self._own:
+                self._own[name][row] = True
+
+    def checked_level(self, row: int, level: Any) -> int:
+        """A terrain level of a robot. Raises ValueError: there is no such, or its ground has none."""
+        self.check_names(row, ["terrain_level"], "set_parameters")
+        return round(check("terrain_level", "terrain_level", level))
+
+    def check_names(self, row: int, names: Sequence[str], label: str) -> None:
+        """Raises ValueError where a parameter would do nothing for a robot."""
+        robot = self._batch.robots[row]
+        useful = {*effective(robot), "delay"}
+        useful |= {"terrain_level"} if self._generators[row] is not None else set()
+        useful |= {"noise_level"} if self._senses["noise"] else set()
+        useful |= {"push_strength"} if self._senses["push"] else set()
+        for name in names:
+            if name not in useful:
+                raise ValueError(
+                    f"{label} has {name!r}, which does nothing here, must be of "
+                    f"{[one for one in PARAMETERS if one in useful]}"
+                )
+
+    def plan(
+        self, row: int, rng: np.random.Generator, options: Mapping[str, Any], delay: float,
+        walked: float, command: float,
+    ) -> Plan:  # fmt: skip
+        """A robot's next episode; nothing changes yet but the generator's state.
+
+        Args:
+            options: of the reset, with numbers that are to be fixed. delay: s, as drawn.
+            walked, command: how far it got in its last one, m, and its command, m/s; 0 at first.
+
+        Raises:
+            ValueError: an option out of range or without effect, or no such ground.
+        """
+        randomization, generator = self._randomizations[row], self._generators[row]
+        if not options and not self.varies and not self._changed[row]:
+            values = self.values[row : row + 1].copy()
+            values["delay"] = delay
+            return Plan(values, None)
+        values = self.nominal[row : row + 1].copy()
+        one = values[0]
+        one["delay"], one["terrain_level"] = delay, self._next_level(row, rng, walked, command)
+        randomization.draw(rng, one)
+        given = [name for name in PARAMETERS if name in options]
+        self.check_names(row, given, "options")
+        for name in given:
+            one[name] = check(f"options[{name!r}]", name, options[name])
+        terrain = None
+        if generator is not None:
+            terrain = generator(rng, round(float(one["terrain_level"])))
+            for name, own in self._own.items():
+                if not own[row] and name not in (*randomization.distributions, *given):
+                    one[name] = getattr(terrain, name)
+        return Plan(values, terrain)
+
+    def _next_level(
+        self, row: int, rng: np.random.Generator, walked: float, command: float
+    ) -> float:
+        low, high = self.levels[row].tolist()
+        if self.curriculum is not None:
+            commanded = abs(command) * self.curriculum.horizon
+            forward = walked if command >= 0.0 else -walked
+            return float(self.curriculum.next_level(int(self.level[row]), forward, commanded, rng))
+        return float(rng.integers(int(low), int(high), endpoint=True)) if high > low else low
+
+    def begin(self, rows: Ints, plans: Sequence[Plan]) -> None:
+        """Put planned episodes in force; the robots must be placed anew."""
+        for row, plan in zip(rows.tolist(), plans, strict=True):
+            if plan.terrain is not None:
+                self._batch.set_terrain(row, plan.terrain)
+        values = np.concatenate([plan.values for plan in plans])
+        changed = np.array([plan.terrain is not None for plan in plans])
+        physical, nominal_ones = (_numbers(of)[:, : len(PHYSICAL)] for of in (values, self.nominal))
+        changed |= (physical != nominal_ones[rows]).any(axis=1)
+        due = changed | self._changed[rows]
+        if due.any():
+            self._batch.vary(rows[due], np.ascontiguousarray(physical[due]).view(VARIATION)[:, 0])
+        self.values[rows], self._changed[rows] = values, changed
+        if self.curriculum is not None:
+            self.level[rows] = values["terrain_level"].astype(np.int64)
+
+    def shown_robot(self, row: int, robot: Robot) -> Robot:
+        """A robot with the payload that it has in this episode, for pictures."""
+        load = self.values[row]
+        place = float(load["payload_x"]), float(load["payload_y"])
+        if (load["payload"], *place) == (robot.payload.mass, *robot.payload.position):
+            return robot
+        return replace(robot, payload=Payload(float(load["payload"]), position=place))
+
+    def state(self, row: int) -> dict[str, Any]:
+        """What a robot's episode is made of, in plain numbers."""
+        state: dict[str, Any] = {
+            "parameters": dict(zip(PARAMETERS, self.values[row].item(), strict=True)),
+            "level": int(self.level[row]),
+        }
+        if self._generators[row] is not None:
+            terrain = self._batch.terrains[row]
+            state["terrain"] = np.array(terrain.points)
+            state["ground"] = (terrain.friction, terrain.restitution)
+        return state
+
+    def planned(self, row: int, state: Mapping[str, Any]) -> tuple[Plan, int]:
+        """The episode of a :meth:`state`, and the curriculum's level.
+
+        Raises:
+            ValueError: it is not complete, or out of range.
+        """
+        given = state["parameters"]
+        if not isinstance(given, Mapping) or {*given} != {*PARAMETERS}:
+            raise ValueError(f"state['parameters'] is {shown(given)}, must have {[*PARAMETERS]}")
+        values = np.zeros(1, EPISODE)
+        for name in PARAMETERS:
+            values[name] = check(f"state['parameters'][{name!r}]", name, given[name])
+        level = check("state['level']", "terrain_level", state["level"])
+        terrain = None
+        if self._generators[row] is not None:
+            friction, restitution = state["ground"]
+            terrain = Terrain(tuple(map(tuple, state["terrain"])), friction, restitution)
+        return Plan(values, terrain), int(level)
+
+
+def _numbers(rows: NDArray[Any]) -> Array:
+    """Rows (n,) of EPISODE as numbers (n, 17), the same memory."""
+    return rows.view(float).reshape(len(rows), -1)

@@ -1,0 +1,207 @@
+"""``JansenWalkerRough-v0`` and ``JansenWalkerHardcore-v0``: the walking task in harder worlds.
+
+Both are :class:`WalkerTask` with other defaults, no more; any of them can be given another value.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from jansen_env.envs.arguments import with_defaults
+from jansen_env.envs.vector import TaskVectorEnv
+from jansen_env.envs.walker import JansenWalkerEnv
+from jansen_env.envs.walker_task import WalkerTask
+from jansen_env.noise import Noise
+from jansen_env.push import Push
+
+HEIGHT_SCAN = (
+    0.5,
+    0.9,
+    15,
+)  # m behind and ahead of the axis, places: every 0.1 m; feet reach 0.6 m
+SPEED_COMMAND = (0.1, 0.5)  # m/s
+ROUGH = {
+    "terrain": "mixed",
+    "terrain_level": (0, 9),
+    "speed_command": SPEED_COMMAND,
+    "height_scan": HEIGHT_SCAN,
+    "randomize": {"friction": (0.4, 1.0), "payload": (0.0, 0.5)},
+}
+HARDCORE = {
+    **ROUGH,
+    "robot": "built",
+    "noise": Noise(),
+    "push": Push(),
+    "randomize": {
+        "friction": (0.4, 1.0),
+        "payload": (0.0, 0.5),
+        "payload_x": (-0.1, 0.1),
+        "mass_scale": (0.9, 1.1),
+        "foot_stiffness_scale": (0.5, 2.0),
+        "foot_damping_scale": (0.5, 2.0),
+        "motor_strength": (0.8, 1.2),
+        "rotor_inertia_scale": (0.8, 1.2),
+        "tilt": (-0.05, 0.05),
+        "delay": (0.0, 0.04),
+        "noise_level": (0.5, 1.5),
+        "push_strength": (0.0, 1.0),
+    },
+}
+
+
+class RoughTask(WalkerTask):
+    """:class:`WalkerTask` with the defaults :data:`ROUGH`."""
+
+    def __init__(self, num_envs: int = 1, threads: int | None = None, **arguments: Any) -> None:
+        super().__init__(num_envs, threads, **{**ROUGH, **arguments})
+
+    __signature__ = with_defaults(WalkerTask, ROUGH)
+
+
+class HardcoreTask(WalkerTask):
+    """:class:`WalkerTask` with the defaults :data:`HARDCORE`."""
+
+    def __init__(self, num_envs: int = 1, threads: int | None = None, **arguments: Any) -> None:
+        super().__init__(num_envs, threads, **{**HARDCORE, **arguments})
+
+    __signature__ = with_defaults(WalkerTask, HARDCORE)
+
+
+class JansenWalkerRoughEnv(JansenWalkerEnv):
+    """Walk at a commanded speed over ground that is another one in each episode.
+
+    ## Description
+    The machine and the task of ``JansenWalker-v0`` on ground of seven kinds: slopes, rough ground,
+    waves, stairs, steps, stumps and ramps (``docs/terrain.md``), drawn at each reset at a level
+    from 0, nearly flat, to 9, just beyond what the machine can climb. The robot sees the ground
+    ahead, carries a load that it does not know, and does not know how slippery the ground is.
+
+    ## Action Space
+    | Num | Action | Min | Max | Unit |
+    |-----|--------|-----|-----|------|
+    | 0 | crank torque, as a share of ``torque_limit`` (20 N m) | -1 | 1 | 1 |
+
+    ## Observation Space
+    | Num | Observation | Min | Max | Unit |
+    |-----|-------------|-----|-----|------|
+    | 0 .. 19 | as of ``JansenWalker-v0`` | | | |
+    | 20 .. 34 | height scan: height of the crank axis over the ground at 15 places from 0.5 m behind it to 0.9 m ahead | -Inf | Inf | m |
+
+    ## Rewards
+    Those of ``JansenWalker-v0``.
+
+    ## Starting State
+    As in ``JansenWalker-v0``, on level ground around x = 0; the rough one begins some 0.7 m from
+    there, on both sides. Drawn at each reset from the robot's own generator:
+
+    | Number | Range |
+    |--------|-------|
+    | commanded speed | 0.1 to 0.5 m/s |
+    | ``terrain_level`` | 0 to 9, and which of the seven kinds |
+    | ``friction`` | 0.4 to 1.0 |
+    | ``payload`` | 0 to 0.5 kg at the crank axis |
+
+    ``reset(options={"terrain_level": 3, "friction": 0.8})`` fixes what it names for one episode.
+    With ``curriculum=True`` a robot begins at level 0, goes up when it has walked more than half of
+    the commanded distance, down when less than half of that, and past the top to any level
+    (:class:`jansen_env.curriculum.Curriculum`).
+
+    ## Episode End
+    As in ``JansenWalker-v0``. Truncated after 500 steps (10 s).
+
+    ## Information
+    That of ``JansenWalker-v0``, and ``parameters``: all numbers of the episode by name, those of
+    the table among them. ``env.unwrapped.parameters`` has them as one vector, for a critic that may
+    know them.
+
+    ## Arguments
+    Those of ``JansenWalker-v0``, with other defaults:
+
+    | Argument | Default |
+    |----------|---------|
+    | ``terrain`` | ``"mixed"`` |
+    | ``terrain_level`` | (0, 9) |
+    | ``speed_command`` | (0.1, 0.5) |
+    | ``height_scan`` | (0.5, 0.9, 15) |
+    | ``randomize`` | ``{"friction": (0.4, 1.0), "payload": (0.0, 0.5)}`` |
+
+    ## Version History
+    * v0: first release.
+    """
+
+    TASK = RoughTask
+
+
+class JansenWalkerRoughVectorEnv(TaskVectorEnv[RoughTask]):
+    """:class:`JansenWalkerRoughEnv` for many robots at once: what ``gym.make_vec`` makes."""
+
+    TASK = RoughTask
+
+
+class JansenWalkerHardcoreEnv(JansenWalkerEnv):
+    """Walk over such ground with a machine that could be built, in a world that is not kind.
+
+    ## Description
+    The world of ``JansenWalkerRough-v0`` and in it the buildable robot (``docs/built_robot.md``):
+    links of aluminium, dry bearings, rubber feet that give, a real gearmotor with its torque-speed
+    line. Sensors are noisy, torques come late, somebody pushes, the floor is not level, and no two
+    machines are alike.
+
+    ## Action Space
+    | Num | Action | Min | Max | Unit |
+    |-----|--------|-----|-----|------|
+    | 0 | crank torque, as a share of ``torque_limit`` (12 N m) | -1 | 1 | 1 |
+
+    The torque is ``motor_strength`` times what the action asks for, as far as the motor can.
+
+    ## Observation Space
+    | Num | Observation | Min | Max | Unit |
+    |-----|-------------|-----|-----|------|
+    | 0 .. 19 | as of ``JansenWalker-v0``, with noise | | | |
+    | 20 .. 34 | height scan as of ``JansenWalkerRough-v0``, with noise | -Inf | Inf | m |
+
+    Noise is :class:`jansen_env.noise.Noise`, times ``noise_level``: of each step, and a bias for
+    the episode. Command, last action, lag and means are exact.
+
+    ## Rewards
+    Those of ``JansenWalker-v0``, of what is the case, not of what is measured.
+
+    ## Starting State
+    As in ``JansenWalkerRough-v0``. Drawn at each reset:
+
+    | Number | Range |
+    |--------|-------|
+    | commanded speed | 0.1 to 0.5 m/s |
+    | ``terrain_level`` | 0 to 9, and which of the seven kinds |
+    | ``friction`` | 0.4 to 1.0 |
+    | ``payload``, ``payload_x`` | 0 to 0.5 kg, -0.1 to 0.1 m ahead of the crank axis |
+    | ``mass_scale`` | 0.9 to 1.1 |
+    | ``foot_stiffness_scale``, ``foot_damping_scale`` | 0.5 to 2 |
+    | ``motor_strength``, ``rotor_inertia_scale`` | 0.8 to 1.2 |
+    | ``tilt`` | -0.05 to 0.05 rad, by which the floor rises towards +x |
+    | ``delay`` | 0 to 0.04 s |
+    | ``noise_level`` | 0.5 to 1.5 |
+    | ``push_strength`` | 0 to 1, of pushes of up to 1.3 N s, one in each 5 s |
+
+    ## Episode End
+    As in ``JansenWalker-v0``. Truncated after 500 steps (10 s).
+
+    ## Information
+    That of ``JansenWalkerRough-v0``, and ``true_observation``: the observation without noise.
+
+    ## Arguments
+    Those of ``JansenWalker-v0``; ``terrain``, ``terrain_level``, ``speed_command`` and
+    ``height_scan`` as of ``JansenWalkerRough-v0``, and ``robot="built"``, ``noise=Noise()``,
+    ``push=Push()``, ``randomize`` as in the table.
+
+    ## Version History
+    * v0: first release.
+    """
+
+    TASK = HardcoreTask
+
+
+class JansenWalkerHardcoreVectorEnv(TaskVectorEnv[HardcoreTask]):
+    """:class:`JansenWalkerHardcoreEnv` for many robots at once: what ``gym.make_vec`` makes."""
+
+    TASK = HardcoreTask

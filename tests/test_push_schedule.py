@@ -1,0 +1,170 @@
+"""Pushes: what arrives is what was named, when it was named; the same for a robot alone or not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from jansen_env import Push
+from jansen_env.envs.disturbances import Pushes
+from jansen_env.push import MOST_PUSHES, check_schedule, make_push
+
+STEPS, STEP = 20, 1e-3  # of a control step, s
+PERIOD = STEPS * STEP
+
+
+def felt(pushes, control_steps, seeds, active=None):
+    """Impulses (control_steps, n, steps, 2) that robots get from the start of an episode on."""
+    n = len(seeds)
+    active = np.ones(n, bool) if active is None else active
+    found = np.zeros((control_steps, n, STEPS, 2))
+    for k in range(control_steps):
+        impulse = pushes.of_step(active, np.full(n, k), seeds)
+        if impulse is not None:
+            found[k] = impulse
+    return found
+
+
+def of_time_steps(found, robot):
+    """Of one robot, (control_steps * steps, 2)."""
+    return found[:, robot].reshape(-1, 2)
+
+
+def begins(impulses):
+    """How many pushes begin, and the first time step of each."""
+    on = (impulses != 0.0).any(axis=1)
+    return np.flatnonzero(on & ~np.append(False, on[:-1]))
+
+
+def test_a_scheduled_push_is_a_half_sine_that_adds_up_to_its_impulse():
+    pushes = Pushes(1, Push(0.0, duration=0.0875), STEPS, STEP)
+    pushes.schedule(0, np.array([[0.0513, 1.5, -0.7]]))
+    impulses = of_time_steps(felt(pushes, 10, np.array([3])), 0)
+    assert impulses.sum(axis=0) == pytest.approx([1.5, -0.7], abs=1e-14)
+    fine = np.linspace(0.0, 0.2, 200 * 1000 + 1)
+    inside = (fine >= 0.0513) & (fine <= 0.0513 + 0.0875)
+    force = np.pi / (2.0 * 0.0875) * np.sin(np.pi * (fine - 0.0513) / 0.0875) * inside
+    middle = 0.5 * (force[1:] + force[:-1]) * np.diff(fine)
+    shares = middle.reshape(200, 1000).sum(axis=1)
+    np.testing.assert_allclose(impulses, shares[:, None] * [1.5, -0.7], atol=2e-6)
+
+
+def test_scheduled_pushes_add_up_where_they_overlap_whatever_their_order():
+    both, first, second = (Pushes(1, None, STEPS, STEP) for _ in range(3))
+    one, other = [0.31, 1.0, 0.5], [0.27, -0.4, 0.1]
+    both.schedule(0, np.array([one, other]))
+    first.schedule(0, np.array([one]))
+    second.schedule(0, np.array([other]))
+    seed = np.array([0])
+    sums = felt(first, 25, seed) + felt(second, 25, seed)
+    np.testing.assert_allclose(felt(both, 25, seed), sums, atol=1e-16)
+
+
+def test_random_pushes_come_once_in_each_interval_and_end_in_it():
+    push = Push((1.2, 0.4), duration=0.05, interval=0.5)
+    pushes, seeds = Pushes(40, push, STEPS, STEP), np.arange(40)
+    found = felt(pushes, 250, seeds)  # ten intervals
+    starts, totals = [], []
+    for robot in range(40):
+        impulses = of_time_steps(found, robot)
+        windows = impulses.reshape(10, -1, 2)
+        totals.append(windows.sum(axis=1))
+        # Two neighbours may follow one another without a pause.
+        assert all(len(begins(window)) == 1 for window in windows)
+        starts.append([begins(window)[0] * STEP for window in windows])
+        for window in windows:
+            on = np.flatnonzero(window.any(axis=1))
+            assert 0.05 - STEP < (on[-1] - on[0] + 1) * STEP < 0.05 + 2.0 * STEP
+    starts, totals = np.array(starts), np.array(totals).reshape(-1, 2)
+    # Evenly: from the interval's begin up to where the push just fits, of either sign.
+    assert starts.min() < 0.01 and 0.43 < starts.max() <= 0.45
+    assert np.mean(starts) == pytest.approx(0.225, abs=4.0 * 0.45 / np.sqrt(12.0 * 400.0))
+    for axis, largest in enumerate((1.2, 0.4)):
+        assert np.abs(totals[:, axis]).max() <= largest
+        assert np.abs(totals[:, axis]).max() > 0.97 * largest
+        deviation = largest / np.sqrt(3.0)
+        assert np.mean(totals[:, axis]) == pytest.approx(0.0, abs=4.0 * deviation / 20.0)
+        assert np.std(totals[:, axis]) == pytest.approx(deviation, rel=0.1)
+    assert abs(np.corrcoef(totals.T)[0, 1]) < 0.2
+    assert abs(np.corrcoef(starts.ravel(), totals[:, 0])[0, 1]) < 0.2
+    assert abs(np.corrcoef(starts[1:].ravel(), starts[:-1].ravel())[0, 1]) < 0.2
+
+
+def test_they_are_the_same_for_a_seed_whoever_else_there_is():
+    push = Push((1.0, 1.0), duration=0.1, interval=0.4)
+    together = felt(Pushes(5, push, STEPS, STEP), 60, np.array([9, 8, 7, 6, 5]))
+    alone = felt(Pushes(1, push, STEPS, STEP), 60, np.array([7]))
+    np.testing.assert_array_equal(together[:, 2], alone[:, 0])
+    assert (together[:, 1] != together[:, 2]).any()
+
+
+def test_strength_scales_the_random_ones_alone():
+    push = Push(1.0, duration=0.1, interval=0.4)
+    one, other = Pushes(2, push, STEPS, STEP), Pushes(2, push, STEPS, STEP)
+    other.strength[:] = 0.25
+    for pushes in (one, other):
+        pushes.schedule(1, np.array([[0.1, 2.0, 0.0]]))
+    seeds = np.array([4, 4])
+    nominal, scaled = felt(one, 40, seeds), felt(other, 40, seeds)
+    np.testing.assert_allclose(scaled[:, 0], 0.25 * nominal[:, 0], rtol=1e-12)
+    np.testing.assert_array_equal(scaled[:, 1], nominal[:, 1])
+    assert nominal[:, 0].any()
+
+
+def test_nobody_is_pushed_between_pushes_nor_who_does_not_take_the_step():
+    pushes = Pushes(2, None, STEPS, STEP)
+    seeds, both = np.array([0, 1]), np.ones(2, bool)
+    assert pushes.of_step(both, np.zeros(2, np.int64), seeds) is None  # there are none at all
+    pushes.schedule(0, np.array([[0.5 * PERIOD, 1.0, 0.0]]))
+    assert pushes.of_step(both, np.zeros(2, np.int64), seeds) is not None
+    assert pushes.of_step(np.array([False, True]), np.zeros(2, np.int64), seeds) is None
+    assert pushes.of_step(both, np.full(2, 20), seeds) is None  # it is over
+    pushes.schedule(0, None)
+    assert pushes.of_step(both, np.zeros(2, np.int64), seeds) is None
+    assert pushes.scheduled(0) is None
+
+
+def test_an_empty_schedule_is_no_push_at_all_and_longer_ones_keep_the_others():
+    pushes = Pushes(2, Push(1.0, interval=0.2), STEPS, STEP)
+    pushes.schedule(0, np.empty((0, 3)))
+    pushes.schedule(1, np.array([[0.0, 1.0, 2.0]]))
+    pushes.schedule(0, np.array([[0.3, 1.0, 0.0]] * 7))
+    np.testing.assert_array_equal(pushes.scheduled(1), [[0.0, 1.0, 2.0]])
+    pushes.schedule(0, np.empty((0, 3)))
+    found = felt(pushes, 40, np.array([1, 2]))
+    assert not found[:, 0].any() and found[:, 1].sum() == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"impulse": -1.0}, "Push.impulse is -1.0, must be 0 or above"),
+        ({"impulse": (1.0, 2.0, 3.0)}, "must be a number or two"),
+        ({"impulse": "1"}, "Push.impulse is '1', must be a number or two"),
+        ({"duration": 0.0}, "Push.duration is 0.0, must be between"),
+        ({"duration": 2.0, "interval": 1.0}, "must be between 0.001 and 1.0"),
+        ({"interval": np.inf}, "Push.interval is inf, must be a finite number"),
+    ],
+)  # fmt: skip
+def test_wrong_pushes_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Push(**arguments)
+
+
+def test_pushes_can_be_given_by_their_arguments():
+    assert make_push({"impulse": 2.0}) == Push(2.0) and make_push(None) is None
+    for wrong in ({"force": 1.0}, 1.0, "strong", [1.0]):
+        with pytest.raises(ValueError, match="must be None, a Push or a dictionary with some of"):
+            make_push(wrong)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [1.0, "now", [1.0], [(0.0, 1.0)], [(-0.1, 1.0, 0.0)], [(0.0, np.nan, 0.0)],
+     [(0.0, 1.0, np.inf)], [(0.0, 1.0, 0.0)] * (MOST_PUSHES + 1), [("0", 1.0, 0.0)]],
+)  # fmt: skip
+def test_wrong_schedules_are_refused(wrong):
+    with pytest.raises(ValueError, match=r"options\['pushes'\]"):
+        check_schedule("options['pushes']", wrong)
+    assert check_schedule("pushes", [(0, 1, 2.5)]).tolist() == [[0.0, 1.0, 2.5]]
+    assert check_schedule("pushes", []).shape == (0, 3)

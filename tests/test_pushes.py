@@ -1,0 +1,221 @@
+"""Pushes on the chassis: the impulse named arrives, its work is in the accounts, on both plants."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jansen_env import ROBOTS, Payload, Robot, Terrain
+from jansen_env.plants import bodies as links
+from jansen_env.plants.batch import Batch
+from jansen_env.plants.batch_of_one import BatchOfOne
+from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.rigid_body import RigidBodyPlant
+from jansen_env.plants.trace import trace_forces
+
+FLYING = np.array([0.3, 50.0, 0.4, 2.0, 0.5, 1.0, 0.8, 3.0])
+"""A state high above the ground, everything moving."""
+IMPULSE = np.array([3.0, -1.5])  # N s
+DURATION, BRIEF = 0.1, 0.02  # s, of a push on the ground and in flight
+LADEN = replace(Robot(), payload=Payload(2.0, 0.1, (0.1, 0.2)))
+DESIGNS = {"laden": LADEN, "built": ROBOTS["built"]()}  # the latter with a geared rotor
+PLANTS = {"projection": ProjectionPlant, "rigid_body": RigidBodyPlant}
+
+
+def half_sine(steps, impulse=IMPULSE):
+    """(steps, 2) N s, a force that rises and falls as half a sine."""
+    phase = np.linspace(0.0, math.pi, steps + 1)
+    return np.outer(-0.5 * np.diff(np.cos(phase)), impulse)
+
+
+def momenta(robot, motion, rotor_spin):
+    """Linear momentum (2,), N s, and angular about the centre of mass, of bodies one by one.
+
+    ``motion``: (bodies, 6), see :mod:`jansen_env.plants.snapshot`; the rotor's spin in rad/s.
+    """
+    mass, inertia = links.inertias(robot).T
+    (x, y), speed = (motion[:, :2] - mass @ motion[:, :2] / mass.sum()).T, motion[:, 3:5]
+    turning = mass @ (x * speed[:, 1] - y * speed[:, 0]) + inertia @ motion[:, 5]
+    return mass @ speed, turning + robot.motor.rotor_inertia * rotor_spin
+
+
+def arm(robot, state):
+    """(2,) m, from the centre of mass to the crank axis."""
+    mass = links.inertias(robot)[:, 0]
+    return state[:2] - mass @ links.poses(robot, state[:4])[:, 1:] / mass.sum()
+
+
+def thrown(plant, motion, rotor_spin):
+    """In flight without gravity: changes of the momenta in a push, and its arm x impulse."""
+    robot, time_step = plant.robot, plant.time_step
+    plant.state = FLYING
+    start, moment = momenta(robot, motion(), rotor_spin()), 0.0
+    for impulse in half_sine(round(BRIEF / time_step)):
+        before = arm(robot, plant.state)
+        result = plant.step(2.0, time_step, pushes=impulse[None])
+        assert result.push_work != 0.0
+        x, y = 0.5 * (before + arm(robot, plant.state))  # at the middle of the step
+        moment += x * impulse[1] - y * impulse[0]
+    linear, angular = momenta(robot, motion(), rotor_spin())
+    return linear - start[0], angular - start[1], moment
+
+
+@pytest.mark.parametrize("design", DESIGNS)
+def test_the_impulse_named_arrives(design):
+    """In flight: linear momentum to 1e-9, angular about the centre of mass by arm x impulse.
+
+    The latter as well as the time step keeps angular momentum, to second order. Rates of bodies
+    are good to 1e-9 (differences).
+    """
+    robot, errors = DESIGNS[design], []
+    for time_step in (1e-3, 5e-4):
+        plant = ProjectionPlant(robot, Terrain.flat(), time_step, gravity=0.0)
+
+        def motion(plant=plant):
+            q, v = np.split(plant.state, 2)
+            parts = links.poses(robot, q), links.rates(robot, q, v)
+            return np.concatenate([np.roll(part, -1, axis=1) for part in parts], axis=1)
+
+        def rotor_spin(plant=plant):
+            return plant.state[6] + robot.motor.gear_ratio * plant.state[7]
+
+        linear, angular, moment = thrown(plant, motion, rotor_spin)
+        assert linear == pytest.approx(IMPULSE, abs=1e-7)
+        assert abs(moment) > 0.01
+        errors.append(abs(angular - moment))
+    assert errors[0] < 1e-5 and errors[0] / errors[1] > 3.0
+
+
+@pytest.mark.parametrize("design", DESIGNS)
+def test_the_impulse_named_arrives_body_by_body(design):
+    """On the rigid-body plant: linear momentum to rounding; angular, gaps included, to 1 %."""
+    plant = RigidBodyPlant(DESIGNS[design], Terrain.flat(), gravity=0.0)
+    spin = (lambda: 0.0) if plant._rotor is None else (lambda: plant._rotor.speed)
+    linear, angular, moment = thrown(plant, lambda: plant._snapshot().motion, spin)
+    assert linear == pytest.approx(IMPULSE, abs=1e-9)
+    assert angular == pytest.approx(moment, rel=1e-2)
+
+
+def walk(plant, pushes, duration=1.0, period=0.02):
+    """Hold the crank near 1 rad/s and push; the results of all steps."""
+    results, steps = [], round(period / plant.time_step)
+    for k in range(round(duration / period)):
+        torque = 10.0 * (1.0 - plant.state[7]) + 1.5
+        push = None if pushes is None else pushes[k * steps : (k + 1) * steps]
+        results.append(plant.step(torque, period, pushes=push))
+    return results
+
+
+def pushed_walk(plant, impulse):
+    """A walk with one push at 0.4 s: its results."""
+    steps, begin = round(DURATION / plant.time_step), round(0.4 / plant.time_step)
+    pushes = np.zeros((round(1.0 / plant.time_step), 2))
+    pushes[begin : begin + steps] = half_sine(steps, impulse)
+    return walk(plant, pushes)
+
+
+@pytest.mark.parametrize("design, limit", [("laden", 8e-6), ("built", 4e-5)])
+def test_accounts_close_with_pushes(design, limit):
+    """Of the energy turned over: as in a fast walk without them; more where a light one reels."""
+    for push in (None, [6.0, 3.0], [-6.0, -3.0]):
+        plant = ProjectionPlant(DESIGNS[design], Terrain.flat())
+        plant.reset(0.0, 0.3)
+        results = walk(plant, None) if push is None else pushed_walk(plant, np.array(push))
+        turned = sum(abs(r.motor_work) + abs(r.push_work) + abs(r.energy_change) for r in results)
+        assert sum(abs(r.energy_residual) for r in results) < limit * turned
+        worked = sum(abs(r.push_work) for r in results)
+        assert worked == 0.0 if push is None else worked > 0.2
+
+
+def test_plants_and_time_steps_agree_on_a_push():
+    """Standing on slippery ground and pushed: where it is then, by half the time step and plant."""
+    ends = {}
+    for name, plant in {
+        "projection": ProjectionPlant(LADEN, Terrain.flat(0.3)),
+        "half the time step": ProjectionPlant(LADEN, Terrain.flat(0.3), 5e-4),
+        "rigid_body": RigidBodyPlant(LADEN, Terrain.flat(0.3)),
+    }.items():
+        plant.reset(0.0, 0.3)
+        steps = round(DURATION / plant.time_step)
+        results = [plant.step(1.0, DURATION, pushes=half_sine(steps, [12.0, 2.0]))]
+        results.append(plant.step(1.0, DURATION))
+        assert results[1].push_work == 0.0
+        ends[name] = np.array([*plant.state[:4], results[0].push_work])
+    expected = ends["half the time step"]
+    assert expected[0] > 0.05 and expected[4] > 1.0
+    assert ends["projection"] == pytest.approx(expected, rel=2e-3, abs=2e-4)
+    assert ends["rigid_body"] == pytest.approx(expected, rel=2e-2, abs=1e-3)
+
+
+def test_a_driven_crank_reports_the_torque_that_a_push_takes():
+    """Motor and push together do the work that losses and energy leave: to rounding."""
+    plant = ProjectionPlant(LADEN, Terrain.flat(), gravity=0.0)
+    plant.prescribed_crank_speed = True
+    plant.state = FLYING
+    pushed = plant.step(0.0, DURATION, pushes=half_sine(100))
+    assert plant.state[7] == pytest.approx(FLYING[7], abs=1e-14)
+    assert abs(pushed.energy_residual) < 2e-6 * abs(pushed.push_work)
+    plant.state = FLYING
+    free = plant.step(0.0, DURATION)
+    assert abs(pushed.motor_work - free.motor_work) > 0.1
+
+
+@pytest.mark.parametrize("design", DESIGNS)
+def test_a_push_of_zero_changes_no_bit(design):
+    plants = [ProjectionPlant(DESIGNS[design], Terrain.flat()) for _ in range(2)]
+    for plant in plants:
+        plant.reset(0.0, 0.3)
+    a, b = walk(plants[0], None), walk(plants[1], np.zeros((1000, 2)))
+    assert plants[0].state.tobytes() == plants[1].state.tobytes()
+    assert [r[2:] for r in map(tuple, a)] == [r[2:] for r in map(tuple, b)]
+
+
+def test_frames_carry_what_pushes_the_chassis():
+    """Joint forces of a trace: the chassis passes push, weight and motor on to the legs' frames."""
+    plant = ProjectionPlant(Robot(), Terrain.flat())
+    plant.reset(0.0, 0.3)
+    plant.tracing = True
+    pushes = half_sine(100, [6.0, 3.0])
+    plant.step(2.0, DURATION, pushes=pushes)
+    forces = trace_forces(plant.tables, plant.trace, plant.time_step)
+    frame = forces.frame.sum(axis=1)
+    assert frame[:, :2] == pytest.approx(pushes / plant.time_step, abs=1e-8)
+    assert frame[:, 2] == pytest.approx(-plant.trace["torque"], abs=1e-4)
+    assert forces.torque == pytest.approx(plant.trace["torque"], abs=1e-4)
+
+
+def test_robots_of_a_batch_are_pushed_one_by_one():
+    """Each by its own row, as alone bit for bit; a delay and several looks for the ground go on."""
+    robot, terrain, pushes = Robot(), Terrain.flat(), np.zeros((3, 40, 2))
+    pushes[1], pushes[2, 25:] = half_sine(40), IMPULSE / 15.0
+    batch = Batch([robot] * 3, [terrain] * 3)
+    batch.place_at(np.arange(3), np.zeros(3))
+    torque, earlier, switch = np.ones(3), np.zeros(3), np.full(3, 5)
+    batch.step(torque, 40, earlier, switch, pushes=pushes)
+    for k in range(3):
+        plant = ProjectionPlant(robot, terrain)
+        plant.reset()
+        result = plant.step(1.0, 0.04, 0.0, 5, pushes[k])
+        assert plant.state.tobytes() == batch.states[k].tobytes()
+        assert result.push_work == batch.accumulators["push_work"][k]
+    assert len(set(batch.states[:, 0].tolist())) == 3
+    one = BatchOfOne(ProjectionPlant(robot, terrain))
+    one.place(np.zeros(1, np.int64), np.zeros(1))
+    one.step(torque[:1], 40, earlier[:1], switch[:1], pushes=pushes[1:2])
+    assert one.states.tobytes() == batch.states[1:2].tobytes()
+    assert one.rows["accumulators"]["push_work"][0] == batch.accumulators["push_work"][1]
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_refused(plant):
+    plant = PLANTS[plant](Robot(), Terrain.flat(), 1e-3)
+    with pytest.raises(ValueError, match=r"pushes have shape \(19, 2\), must be \(20, 2\)"):
+        plant.step(0.0, 0.02, pushes=np.zeros((19, 2)))
+    plant.reset()
+    before = plant.state
+    with pytest.raises(FloatingPointError):
+        plant.step(0.0, 0.02, pushes=np.full((20, 2), math.nan))
+    assert plant.state == pytest.approx(before, abs=1e-12)

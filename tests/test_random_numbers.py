@@ -1,0 +1,66 @@
+"""Random numbers of compiled code: SplitMix64's own, with their moments, independent."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from jansen_env.engine import random
+
+COUNT = 20_000
+
+
+def numbers(function, key):
+    """The first ones of a key."""
+    return np.array([function(key, k) for k in range(COUNT)], float)
+
+
+@pytest.mark.parametrize(
+    ("seed", "known"),
+    [
+        # As Vigna's reference code gives them, https://prng.di.unimi.it/splitmix64.c.
+        (1234567, [6457827717110365317, 3203168211198807973, 9817491932198370423,
+                   4593380528125082431, 16408922859458223821]),
+        (0, [0xE220A8397B1DCDAF, 0x6E789E6AA1B965F4, 0x06C45D188009454F]),
+    ],
+)  # fmt: skip
+def test_numbers_are_those_of_splitmix64(seed, known):
+    assert [int(random.number(seed, k)) for k in range(len(known))] == known
+
+
+def test_uniform_numbers_have_their_moments_and_stay_inside():
+    found = numbers(random.uniform, 3)
+    assert 0.0 < found.min() < 1e-3 and 1.0 - 1e-3 < found.max() < 1.0
+    assert np.mean(found) == pytest.approx(0.5, abs=4.0 * np.sqrt(1.0 / 12.0 / COUNT))
+    assert np.var(found) == pytest.approx(1.0 / 12.0, rel=0.03)
+
+
+def test_normal_numbers_have_their_moments():
+    found = numbers(random.normal, 4)
+    assert np.mean(found) == pytest.approx(0.0, abs=4.0 / np.sqrt(COUNT))
+    assert np.var(found) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / COUNT))
+    assert np.mean(found**3) == pytest.approx(0.0, abs=4.0 * np.sqrt(15.0 / COUNT))
+    assert np.mean(found**4) == pytest.approx(3.0, abs=4.0 * np.sqrt(96.0 / COUNT))
+
+
+def test_keys_and_their_keys_are_independent_of_one_another():
+    """Of neighbouring seeds, steps of an episode, and channels of a step."""
+    each = range(COUNT // 100)
+    seeds = np.array([[random.normal(seed, k) for k in range(100)] for seed in each])
+    steps = np.array(
+        [[random.normal(np.uint64(random.number(5, step)), k) for k in range(100)] for step in each]
+    )
+    limit = 5.0 / np.sqrt(seeds.size)
+    for table in (seeds, steps):
+        for one, other in ((table[1:], table[:-1]), (table[:, 1:], table[:, :-1])):
+            assert abs(np.corrcoef(one.ravel(), other.ravel())[0, 1]) < limit
+    assert abs(np.corrcoef(seeds.ravel(), steps.ravel())[0, 1]) < limit
+
+
+def test_uncompiled_they_are_the_same():
+    with np.errstate(over="ignore"):
+        for key in (0, 7, 2**63 - 1):
+            for k in range(50):
+                assert random.number.py_func(key, k) == random.number(key, k)
+                assert random.uniform.py_func(key, k) == random.uniform(key, k)
+                assert random.normal.py_func(key, k) == random.normal(key, k)

@@ -356,7 +356,7 @@ class Robot:
 
     @property
     def mass(self) -> float:
-        """Total mass, kg, with the payload."""
+        """Total mass, kg: that of the links and the payload."""
         return self.links_mass + self.payload.mass
 
     @property

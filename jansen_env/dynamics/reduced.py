@@ -67,6 +67,7 @@ class Tables:
         robot: what was compiled.
         body: (INTERVALS, 6, ORDER) Taylor coefficients of :data:`BODY_FUNCTIONS` about the middle
             of each interval, without the payload.
+        own: what of it the links' inertias about their own centres of mass make: the terms in J.
         pads: (12, INTERVALS, 3, ORDER) those of :data:`PAD_FUNCTIONS`; row
             ``side * 6 + joint`` with side 0 fore, 1 back, for a leg of phase 0.
         layout: the robot's pads.
@@ -77,6 +78,7 @@ class Tables:
 
     robot: Robot
     body: Array
+    own: Array
     pads: Array
     layout: Pads
     bearings: Array
@@ -103,31 +105,32 @@ def _compile(robot: Robot) -> Tables:
     linkage = replace(robot, legs=(Leg("fore"),))  # the legs do not change what one of them does
     sides: tuple[Side, Side] = ("fore", "back")
     series = {side: _series(linkage, side) for side in sides}
-    tail = max(_tail(part) for both in series.values() for part in both)
+    tail = max(_tail(part) for body, _, pads in series.values() for part in (body, pads))
     if tail > TAIL_TOLERANCE:
         raise ValueError(
             f"robot's tables have not converged: harmonics beyond {HARMONICS * 7 // 8} still reach "
             f"{tail:.1e} of the largest, allowed is {TAIL_TOLERANCE:.0e}; its linkage passes too "
             "near a singular position"
         )
-    body = _taylor(np.sum([_advance(series[leg.side][0], leg.phase) for leg in robot.legs], axis=0))
+    body, own = (
+        _taylor(np.sum([_advance(series[leg.side][k], leg.phase) for leg in robot.legs], axis=0))
+        for k in range(2)
+    )
     pads = np.stack(
-        [_taylor(series[side][1][:, joint]) for side in sides for joint in range(len(PAD_JOINTS))]
+        [_taylor(series[side][2][:, joint]) for side in sides for joint in range(len(PAD_JOINTS))]
     )
     bearings = _bearing_friction(robot)
-    for table in (body, pads, bearings):
+    for table in (body, own, pads, bearings):
         table.setflags(write=False)
-    return Tables(robot, body, pads, pad_layout(robot), bearings, tail)
+    return Tables(robot, body, own, pads, pad_layout(robot), bearings, tail)
 
 
 @functools.lru_cache(maxsize=32)
-def _series(robot: Robot, side: Side) -> tuple[Series, Series]:
-    """Fourier series of a leg's share of the body sums and of its pads' motion."""
+def _series(robot: Robot, side: Side) -> tuple[Series, ...]:
+    """Fourier series of a leg's share of the body sums, their part in J, and its pads' motion."""
     psi = 2.0 * math.pi * np.arange(SAMPLES) / SAMPLES
-    return (
-        np.fft.rfft(_leg_sums(robot, side, psi), axis=0) / SAMPLES,
-        np.fft.rfft(_pad_motion(robot, side, psi), axis=0) / SAMPLES,
-    )
+    sampled = *_leg_sums(robot, side, psi), _pad_motion(robot, side, psi)
+    return tuple(np.fft.rfft(values, axis=0) / SAMPLES for values in sampled)
 
 
 def _bearing_friction(robot: Robot) -> Array:
@@ -149,8 +152,11 @@ def _slope(robot: Robot, side: Side, psi: Array) -> tuple[Array, Array]:
     return x, orthogonal_complement(constraint_matrix(robot, side, x), DOF)[..., 3]
 
 
-def _leg_sums(robot: Robot, side: Side, psi: Array) -> Array:
-    """(n, 6) the leg's share of :data:`BODY_FUNCTIONS`, from the dense projection."""
+def _leg_sums(robot: Robot, side: Side, psi: Array) -> tuple[Array, Array]:
+    """(n, 6) the leg's share of :data:`BODY_FUNCTIONS`, from the dense projection.
+
+    And likewise of their part in J.
+    """
     mass = np.array([body.mass for body in robot.bodies])
     inertia = np.array([body.inertia for body in robot.bodies])
     first, second = np.array(JOINT_PAIRS).T - 1
@@ -163,11 +169,13 @@ def _leg_sums(robot: Robot, side: Side, psi: Array) -> Array:
         return (np.asarray(weight) @ value[..., None])[..., 0]
 
     c = mass @ r
-    I = total(mass, (r**2).sum(axis=-1)) + inertia.sum()  # noqa: E741 - the sum's symbol
-    b = total(mass, r[..., 0] * dr[..., 1] - r[..., 1] * dr[..., 0]) + total(inertia, da)
-    k = total(mass, (dr**2).sum(axis=-1)) + total(inertia, da**2)
+    own = np.zeros((len(psi), len(BODY_FUNCTIONS)))
+    own[:, 2], own[:, 3], own[:, 4] = inertia.sum(), total(inertia, da), total(inertia, da**2)
+    I = total(mass, (r**2).sum(axis=-1)) + own[:, 2]  # noqa: E741 - the sum's symbol
+    b = total(mass, r[..., 0] * dr[..., 1] - r[..., 1] * dr[..., 0]) + own[:, 3]
+    k = total(mass, (dr**2).sum(axis=-1)) + own[:, 4]
     f = total(robot.damping, joint_rate**2)
-    return np.column_stack([c, I, b, k, f])
+    return np.column_stack([c, I, b, k, f]), own
 
 
 def _pad_motion(robot: Robot, side: Side, psi: Array) -> Array:

@@ -65,7 +65,7 @@ from jansen_env.engine.tables import (
     SECOND,
     VALUE,
     bearing_friction,
-    read_body,
+    read_sums,
     to_centroid,
 )
 
@@ -298,7 +298,7 @@ def _time_step(h, asked, torque, pushes, renewed, state, robot, model, planes, s
 @stage
 def _read_inertia(h, params, body, psi, sums):
     """The inertia about the centre of mass, and its slopes, at a crank angle."""
-    read_body(body, psi, sums)
+    read_sums(body, params, psi, sums)
     m, load, px, py = params.mass, params.load_mass, params.load_x, params.load_y
     sx, sy = (sums[VALUE, C_X] + load * px) / m, (sums[VALUE, C_Y] + load * py) / m
     dx, dy = sums[FIRST, C_X] / m, sums[FIRST, C_Y] / m

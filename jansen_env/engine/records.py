@@ -28,6 +28,11 @@ def row_dtype(fields: list[tuple[Any, ...]]) -> np.dtype[Any]:
 PARAMS = row_dtype(
     [
         ("mass", "f8"),  # kg, load included
+        # What the links' masses and inertias, their inertias on top, and the joints' viscous
+        # friction are multiplied with.
+        ("mass_scale", "f8"),
+        ("inertia_scale", "f8"),
+        ("damping_scale", "f8"),
         ("load_mass", "f8"),  # kg
         ("load_inertia", "f8"),  # kg m^2
         ("load_x", "f8"),  # m, chassis frame
@@ -151,7 +156,7 @@ def as_bytes(rows: NDArray[np.void]) -> NDArray[np.uint8]:
 class Model(NamedTuple):
     """The kernels' view of a compiled robot: see :class:`jansen_env.dynamics.reduced.Tables`."""
 
-    body: Array  # (intervals, order, 6) c_x, c_y, I, b, k, f
+    body: Array  # (2, intervals, order, 6) c_x, c_y, I, b, k, f, and what the links' J make of it
     pads: Array  # (tables, intervals, order, 3) p_x, p_y, a
     layout: NDArray[np.void]  # (pads,) PAD
     bearings: Array  # (samples,) Coulomb friction of all bearings on the crank, N m, over a turn

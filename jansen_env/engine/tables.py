@@ -28,7 +28,7 @@ def kernel_model(tables: Tables) -> Model:
     layout = np.zeros(len(tables.layout.table), PAD)
     layout["table"], layout["phase"] = tables.layout.table, tables.layout.phase
     return Model(
-        np.ascontiguousarray(tables.body.swapaxes(-1, -2)),
+        np.stack([table.swapaxes(-1, -2) for table in (tables.body, tables.own)]),
         np.ascontiguousarray(tables.pads.swapaxes(-1, -2)),
         layout,
         tables.bearings,
@@ -40,17 +40,30 @@ def parameters(tables: Tables, gravity: tuple[float, float]) -> NDArray[np.void]
     robot, load = tables.robot, tables.robot.payload
     row = np.zeros(1, PARAMS)
     row["mass"], row["load_mass"], row["load_inertia"] = robot.mass, load.mass, load.inertia
+    row["mass_scale"] = row["inertia_scale"] = row["damping_scale"] = 1.0
     row["load_x"], row["load_y"] = load.position
     row["gravity_x"], row["gravity_y"] = gravity
     row["pad_radius"] = robot.pad_radius
-    used = np.unique(tables.layout.table)
-    centre = np.hypot(*tables.body[:, :2, :2].swapaxes(0, 1)).max(axis=0) / robot.mass
-    pad = np.hypot(*tables.pads[used][:, :, :2, :2].transpose(2, 0, 1, 3)).max(axis=(0, 1))
-    row["pitch_arm"], row["crank_arm"] = BOUND * (centre + pad)
-    row["pitch_arm"] += load.mass * np.hypot(*load.position) / robot.mass
+    set_arms(row, *farthest(tables))
     set_motor(row, robot)
     set_compliance(row, robot.pad_compliance)
     return row
+
+
+def farthest(tables: Tables) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(2,) largest |c| and |c'|, kg m, of a robot without its load; (2,) of its pads' p, m."""
+    used = np.unique(tables.layout.table)
+    centre = np.hypot(*tables.body[:, :2, :2].swapaxes(0, 1)).max(axis=0)
+    pad = np.hypot(*tables.pads[used][:, :, :2, :2].transpose(2, 0, 1, 3)).max(axis=(0, 1))
+    return centre, pad
+
+
+def set_arms(rows: NDArray[np.void], centre: NDArray[np.float64], pad: NDArray[np.float64]) -> None:
+    """Put how far pads get into PARAMS (k,) whose masses are known; of :func:`farthest`."""
+    scale, mass = rows["mass_scale"], rows["mass"]
+    for k, name in enumerate(("pitch_arm", "crank_arm")):
+        rows[name] = BOUND * (scale * centre[k] / mass + pad[k])
+    rows["pitch_arm"] += rows["load_mass"] * np.hypot(rows["load_x"], rows["load_y"]) / mass
 
 
 def set_motor(row: NDArray[np.void], robot: Robot) -> None:
@@ -121,7 +134,7 @@ def _second(table, row, f, t):
 
 @stage(inline=False)
 def read_body(body, psi, out):
-    """Values and derivatives of the body's sums at a crank angle, into (3, 6).
+    """Values and derivatives of a table (intervals, 8, 6) at a crank angle, into (3, 6).
 
     Second derivatives those of c alone: nobody needs the others.
     """
@@ -131,6 +144,26 @@ def read_body(body, psi, out):
         out[FIRST, f] = _first(body, row, f, t)
     for f in (C_X, C_Y):
         out[SECOND, f] = _second(body, row, f, t)
+
+
+@stage(inline=False)
+def read_sums(body, params, psi, out):
+    """The body's sums at a crank angle, into (3, 6), as a robot's scales have them."""
+    read_body(body[0], psi, out)
+    if params.inertia_scale != 1.0:
+        row, t = locate(body.shape[1], psi)
+        more = params.inertia_scale - 1.0
+        for f in (INERTIA, COUPLING, CRANK):
+            out[VALUE, f] += more * _value(body[1], row, f, t)
+            out[FIRST, f] += more * _first(body[1], row, f, t)
+    if params.mass_scale != 1.0:
+        for f in (C_X, C_Y, INERTIA, COUPLING, CRANK):
+            out[VALUE, f] *= params.mass_scale
+            out[FIRST, f] *= params.mass_scale
+        for f in (C_X, C_Y):
+            out[SECOND, f] *= params.mass_scale
+    out[VALUE, DAMPING] *= params.damping_scale
+    out[FIRST, DAMPING] *= params.damping_scale
 
 
 @stage
@@ -178,9 +211,10 @@ def bearing_friction(bearings, psi):
 @stage
 def centre_of_mass(body, params, psi):
     """(x, y) of the centre of mass in the chassis frame at a crank angle, m, load included."""
-    row, t = locate(body.shape[0], psi)
+    row, t = locate(body.shape[1], psi)
     load, m = params.load_mass, params.mass
-    x, y = _first_two(body, row, t)
+    x, y = _first_two(body[0], row, t)
+    x, y = params.mass_scale * x, params.mass_scale * y
     return (x + load * params.load_x) / m, (y + load * params.load_y) / m
 
 
@@ -190,7 +224,7 @@ def to_centroid(body, params, state, sign, sums):
 
     ``sums`` (3, 6) is work space.
     """
-    read_body(body, state[3], sums)
+    read_sums(body, params, state[3], sums)
     m = params.mass
     sx = (sums[VALUE, C_X] + params.load_mass * params.load_x) / m
     sy = (sums[VALUE, C_Y] + params.load_mass * params.load_y) / m
@@ -207,7 +241,7 @@ def to_centroid(body, params, state, sign, sums):
 @stage(inline=False)
 def mechanical_energy(body, params, state, sums):
     """Kinetic plus potential energy of a crank-axis state, J; potential is 0 at y = 0."""
-    read_body(body, state[3], sums)
+    read_sums(body, params, state[3], sums)
     load, px, py = params.load_mass, params.load_x, params.load_y
     cx, cy = sums[VALUE, C_X] + load * px, sums[VALUE, C_Y] + load * py
     inertia = sums[VALUE, INERTIA] + load * (px * px + py * py) + params.load_inertia

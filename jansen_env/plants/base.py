@@ -77,6 +77,8 @@ class BatchedPlant(Protocol):
         rows: (n,) :data:`jansen_env.engine.records.ROBOT`, whose accumulators are the last step's.
         slip, contact_force, joint_gap, diverged: (n, ...) of the last step.
         any_diverged: whether one has.
+        nominal: (n,) :data:`jansen_env.plants.variation.VARIATION`, the robots' own numbers, and
+            variation: (n,), those in force.
     """
 
     robots: list[Robot]
@@ -90,6 +92,8 @@ class BatchedPlant(Protocol):
     diverged: NDArray[np.bool_]
     any_diverged: bool
     in_contact: NDArray[np.bool_] | None
+    nominal: NDArray[np.void]
+    variation: NDArray[np.void]
 
     @property
     def surface(self) -> Array:
@@ -106,6 +110,17 @@ class BatchedPlant(Protocol):
 
     def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
         """Put a robot into a state (8,), with bristles' ``deflection`` (pads,), m; None: 0."""
+        ...
+
+    def vary(self, rows: NDArray[np.int64], values: NDArray[np.void]) -> None:
+        """Make robots (k,) and their grounds others than they are, from their next placing on.
+
+        ``values``: (k,) of :data:`jansen_env.plants.variation.VARIATION`.
+        """
+        ...
+
+    def set_terrain(self, row: int, terrain: Terrain) -> None:
+        """Change a robot's ground: it must be placed anew."""
         ...
 
     def place(self, rows: NDArray[np.int64], crank_angles: Array) -> None:
@@ -184,6 +199,22 @@ class Plant(Protocol):
 
     def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
         """Set the robot down at rest; returns the new state."""
+        ...
+
+    @property
+    def nominal(self) -> np.void:
+        """The robot's and its ground's own numbers, a row for :meth:`vary`."""
+        ...
+
+    def vary(self, values: np.void) -> None:
+        """Make robot and ground others than they are, from the next placing on.
+
+        ``values``: a row of :data:`jansen_env.plants.variation.VARIATION`.
+        """
+        ...
+
+    def set_terrain(self, terrain: Terrain) -> None:
+        """Change the ground: the robot must be placed anew."""
         ...
 
     def step(

@@ -14,13 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.checks import finite, positive, positive_integer
 from jansen_env.cores import available_cores
-from jansen_env.dynamics.reduced import compile_robot
+from jansen_env.dynamics.reduced import Tables, compile_robot
 from jansen_env.engine import collision, integrator, placement
 from jansen_env.engine.collision import SPECULATIVE_MARGIN, WAY_OUT
 from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.engine.records import CONTACT_STATISTICS, ROBOT, WORLD, as_bytes
 from jansen_env.engine.tables import (
     energy,
+    farthest,
     kernel_model,
     parameters,
     set_compliance,
@@ -30,8 +31,15 @@ from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.motor import Motor
 from jansen_env.plants.base import check_pushes, check_time_step
 from jansen_env.plants.detector import ContactDetector
-from jansen_env.plants.initial_pose import sag
+from jansen_env.plants.initial_pose import resting_depth
 from jansen_env.plants.trace import find_touchdowns, pads_in_contact
+from jansen_env.plants.variation import (
+    VARIATION,
+    check_variations,
+    nominal,
+    varied_tables,
+    vary_params,
+)
 from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
 
@@ -43,10 +51,8 @@ DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are 
 PITCHES = 256  # at which it is known how deep the pads that are no toes reach
 PLANES_PER_PAD = 4  # kept of a robot, on average over its pads
 RESULTS = ("states", "accumulators", "contact_statistics", "slip", "contact_force")
-CHANGING = (*RESULTS, "params", "diverged")
-NOT_THE_ROBOT = (
-    "gravity_x", "gravity_y", "prescribed_speed", "friction", "restitution", "steepest"
-)  # fmt: skip
+CHANGING = (*RESULTS, "params", "nominal_params", "nominal", "variation", "diverged")
+NOT_THE_ROBOT = "gravity_x", "gravity_y", "steepest"
 """Parameters that are not the robot's own."""
 OF_A_DESIGN = ("payload", "motor", "pad_compliance")
 """In what robots of a batch may differ."""
@@ -74,9 +80,12 @@ class Batch:
         tables: of each robot, payload included; model: what kernels see of them, see
             :mod:`jansen_env.engine.tables`.
         rows: (n,) ROBOT, with the next two as fields of it.
-        params: (n,) PARAMS, what may differ between them; accumulators: (n,) ACCUMULATORS and
+        params: (n,) PARAMS, what may differ between them, as in force; nominal_params: (n,) PARAMS,
+            the same without :meth:`vary`. accumulators: (n,) ACCUMULATORS and
             contact_statistics: (n, pads) CONTACT_STATISTICS, sums over the last :meth:`step`; see
             :mod:`jansen_env.engine.records`.
+        nominal: (n,) :data:`jansen_env.plants.variation.VARIATION`, the own numbers of robots and
+            their grounds; variation: (n,), those in force, see :meth:`vary`.
         slip: (n, toes) path each toe slid while loaded, m, and contact_force: (n, toes, 2) mean
             tangential and normal force on each toe, N, over the last :meth:`step`.
         joint_gap: (n,) the widest gap of any joint, m: these cannot open, 0.
@@ -126,10 +135,14 @@ class Batch:
         n = len(robots)
         self.rows = np.zeros(n, ROBOT)
         self.params, self.accumulators = self.rows["params"], self.rows["accumulators"]
-        self.params[:] = np.concatenate([rows[id(robot)] for robot in robots])
-        self.params["friction"] = [terrain.friction for terrain in terrains]
-        self.params["restitution"] = [terrain.restitution for terrain in terrains]
-        self.params["steepest"] = [terrain.steepest for terrain in terrains]
+        self.nominal_params = np.concatenate([rows[id(robot)] for robot in robots])
+        self.nominal_params["steepest"] = [terrain.steepest for terrain in terrains]
+        values = [nominal(*pair) for pair in zip(robots, terrains, strict=True)]
+        self.nominal = np.array(values, VARIATION)
+        self.variation = self.nominal.copy()
+        self._links = robots[0].links_mass, *farthest(self.tables[0])
+        self._varied: dict[int, Tables] = {}
+        self._put_in_force(np.arange(n))
         for robot, terrain in zip(robots, terrains, strict=True):
             check_bounce(robot.pad_compliance, terrain.restitution)
         capacity, radius = PLANES_PER_PAD * pads, robots[0].pad_radius
@@ -227,20 +240,67 @@ class Batch:
         between = farthest * math.pi / PITCHES  # to the next entry
         return np.append(depth + between, farthest) + margin
 
+    def vary(self, rows: Ints, values: NDArray[np.void]) -> None:
+        """Make robots and their grounds others than they are: from their next placing on.
+
+        Args:
+            rows: (k,) of the robots. values: (k,) of
+                :data:`jansen_env.plants.variation.VARIATION`; :attr:`nominal` for as they are.
+
+        Raises:
+            ValueError: a number out of :data:`jansen_env.plants.variation.RANGES`, or restitution
+                where pads give.
+        """
+        check_variations(values, self.nominal_params["compliant"][rows])
+        self.variation[rows] = values
+        self._put_in_force(rows)
+
+    def _put_in_force(self, rows: Ints) -> None:
+        """Make the parameters of robots those of their :attr:`variation`."""
+        params = self.nominal_params[rows]  # a copy
+        vary_params(params, self.variation[rows], *self._links)
+        params["prescribed_speed"] = self.params["prescribed_speed"][rows]
+        self.params[rows] = params
+        self._varied.clear()
+
+    def varied_tables(self, row: int) -> Tables:
+        """The tables of a robot as it is in force."""
+        if self.variation[row] == self.nominal[row]:
+            return self.tables[row]
+        if row not in self._varied:
+            self._varied[row] = varied_tables(self.tables[row], self.variation[row])
+        return self._varied[row]
+
+    def _set_own(self, row: int, **numbers: float) -> None:
+        """Change numbers of a robot or its ground themselves, by their names in a variation."""
+        for name, number in numbers.items():
+            self.nominal[name][row] = self.variation[name][row] = number
+        self._put_in_force(np.array([row]))
+
+    def set_gravity(self, row: int, gravity: Gravity) -> None:
+        """Change a robot's gravity, without its tilt."""
+        self.nominal_params["gravity_x"][row], self.nominal_params["gravity_y"][row] = (
+            gravity_vector(gravity)
+        )
+        self._set_own(row)
+
     def set_payload(self, row: int, payload: Payload) -> None:
         """Change what a robot carries."""
         robot = self.robots[row] = replace(self.robots[row], payload=payload)
-        kept = self.params[row].copy()
         self.tables[row] = compile_robot(robot)
-        self.params[row] = parameters(self.tables[row], (0.0, 0.0))[0]
+        kept = self.nominal_params[row].copy()
+        self.nominal_params[row] = parameters(self.tables[row], (0.0, 0.0))[0]
         for name in NOT_THE_ROBOT:
-            self.params[name][row] = kept[name]
+            self.nominal_params[name][row] = kept[name]
+        x, y = payload.position
+        self._set_own(row, payload=payload.mass, payload_x=x, payload_y=y)
 
     def set_motor(self, row: int, motor: Motor) -> None:
         """Change what turns a robot's crank."""
         robot = self.robots[row] = replace(self.robots[row], motor=motor)
         self.tables[row] = compile_robot(robot)
-        set_motor(self.params[row : row + 1], robot)
+        set_motor(self.nominal_params[row : row + 1], robot)
+        self._set_own(row)
 
     def set_pad_compliance(self, row: int, pads: Compliance) -> None:
         """Change how a robot's pads give.
@@ -253,7 +313,8 @@ class Batch:
         self._any_gives = self._any_gives or not pads.rigid
         robot = self.robots[row] = replace(self.robots[row], pad_compliance=pads)
         self.tables[row] = compile_robot(robot)
-        set_compliance(self.params[row : row + 1], pads)
+        set_compliance(self.nominal_params[row : row + 1], pads)
+        self._set_own(row)
 
     @property
     def surface(self) -> Array:
@@ -284,8 +345,10 @@ class Batch:
         """
         check_bounce(self.robots[row].pad_compliance, terrain.restitution)
         self.terrains[row] = terrain
-        for name in ("friction", "restitution", "steepest"):
-            self.params[name][row] = getattr(terrain, name)
+        self.nominal_params["steepest"][row] = self.params["steepest"][row] = terrain.steepest
+        for name in ("friction", "restitution"):
+            for numbers in (self.nominal, self.variation, self.params):
+                numbers[name][row] = getattr(terrain, name)
         surface = self.detector.surface
         self.detector.set_terrain(row, terrain)
         if self.detector.surface is not surface:
@@ -293,7 +356,7 @@ class Batch:
 
     def set_friction(self, row: int, friction: float) -> None:
         """Change the Coulomb coefficient between a robot's pads and its ground."""
-        self.params["friction"][row] = friction
+        self._set_own(row, friction=friction)
 
     def set_restitution(self, row: int, restitution: float) -> None:
         """Change Newton's coefficient of restitution between a robot's pads and its ground.
@@ -302,7 +365,7 @@ class Batch:
             ValueError: it is not 0, and the pads give.
         """
         check_bounce(self.robots[row].pad_compliance, restitution)
-        self.params["restitution"][row] = restitution
+        self._set_own(row, restitution=restitution)
 
     def place(self, rows: Ints, crank_angles: Array) -> None:
         """Place robots at rest at x = 0, see :meth:`place_at`.
@@ -332,8 +395,9 @@ class Batch:
         pitches = np.full(len(rows), math.nan if pitch is None else finite("pitch", pitch))
         sags = np.zeros(len(rows))
         if self._any_gives:
-            gravity = self.params["gravity_y"].tolist()
-            sags[:] = [sag(self.robots[i], -gravity[i]) for i in rows.tolist()]
+            params = self.params[rows]
+            weighed = np.stack([params["mass"], params["stiffness"][:, 0], -params["gravity_y"]], 1)
+            sags[:] = [resting_depth(*each) for each in weighed.tolist()]
         placement.lower(*self._arguments_of_lower(rows, places, crank_angles, pitches))
         self.detector.recall(rows, self.states)
         placement.settle(*self._arguments_of_settle(rows, sags))

@@ -7,6 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.engine.records import ROBOT
 from jansen_env.plants.base import ENERGIES, Plant, StepResult
+from jansen_env.plants.variation import VARIATION
+from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
 
@@ -21,9 +23,31 @@ class BatchOfOne:
         self.slip, self.contact_force = np.zeros((1, self.toes)), np.zeros((1, self.toes, 2))
         self.rows, self.joint_gap = np.zeros(1, ROBOT), np.zeros(1)
         self.accumulators = self.rows["accumulators"]
-        self.surface: Array = plant.terrain.polyline.copy()
-        self.rows["status"]["end_vertex"] = len(self.surface)
+        self.nominal = np.array([plant.nominal], VARIATION)
+        self.variation = self.nominal.copy()
+        self._know_surface()
         self.diverged, self.any_diverged = np.zeros(1, bool), False
+
+    def _know_surface(self) -> None:
+        self.surface: Array = self.terrains[0].polyline.copy()
+        self.rows["status"]["end_vertex"] = len(self.surface)
+
+    def vary(self, rows: NDArray[np.int64], values: NDArray[np.void]) -> None:
+        """Make robot and ground others than they are, from the next placing on.
+
+        ``rows``: (k,), ``values``: (k,) of :data:`jansen_env.plants.variation.VARIATION`.
+        """
+        for value in values:
+            self._plant.vary(value)
+            self.variation[0] = value
+
+    def set_terrain(self, row: int, terrain: Terrain) -> None:
+        """Change the robot's ground: it must be placed anew."""
+        self._plant.set_terrain(terrain)
+        self.terrains[0] = terrain
+        for name in ("friction", "restitution"):
+            self.nominal[name] = self.variation[name] = getattr(terrain, name)
+        self._know_surface()
 
     @property
     def states(self) -> Array:

@@ -6,6 +6,7 @@ links of every leg are bodies of their own.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections import defaultdict
 from collections.abc import Iterator
@@ -34,11 +35,13 @@ def place_of(leg: int, body: int) -> int:
     return body - 1 if body <= 2 else 2 + 6 * leg + body - 3
 
 
+@functools.lru_cache(maxsize=8 * TURN)
 def _local_bodies(robot: Robot, crank_angle: float) -> Array:
     """(legs, 8, 3) angle, x, y of every link in the chassis frame."""
-    return np.array(
-        [coordinates(robot, leg.side, crank_angle + leg.phase) for leg in robot.legs]
-    ).reshape(-1, BODIES_PER_LEG, 3)
+    legs = [coordinates(robot, leg.side, crank_angle + leg.phase) for leg in robot.legs]
+    bodies = np.array(legs).reshape(-1, BODIES_PER_LEG, 3)
+    bodies.setflags(write=False)
+    return bodies
 
 
 def _lumps(robot: Robot) -> list[tuple[float, float, Array]]:

@@ -37,14 +37,16 @@ def sag(robot: Robot, gravity: float) -> float:
     Raises:
         ValueError: deeper than :data:`DEEPEST`: the feet are too soft for the robot.
     """
-    pads = robot.pad_compliance
-    if pads.rigid:
-        return 0.0
-    depth = 0.5 * robot.mass * max(gravity, 0.0) / pads.stiffness
+    return resting_depth(robot.mass, robot.pad_compliance.stiffness, gravity)
+
+
+def resting_depth(mass: float, stiffness: float, gravity: float) -> float:
+    """:func:`sag` of a mass, kg, on feet of a stiffness, N/m."""
+    depth = 0.5 * mass * max(gravity, 0.0) / stiffness
     if depth > DEEPEST:
         raise ValueError(
-            f"pad_compliance.stiffness is {pads.stiffness} N/m, must be at least "
-            f"{pads.stiffness * depth / DEEPEST:.3g} N/m to carry a robot of {robot.mass:.3g} kg"
+            f"pad_compliance.stiffness is {stiffness} N/m, must be at least "
+            f"{stiffness * depth / DEEPEST:.3g} N/m to carry a robot of {mass:.3g} kg"
         )
     return depth
 

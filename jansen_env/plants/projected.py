@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from jansen_env.checks import finite, positive
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.reduced import Tables
-from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
+from jansen_env.gravity import GRAVITY, Gravity
 from jansen_env.plants.base import (
     ENERGIES,
     StepResult,
@@ -22,6 +22,7 @@ from jansen_env.plants.base import (
 )
 from jansen_env.plants.batch import DETECTION_INTERVAL, TIME_STEP, Batch
 from jansen_env.plants.trace import PeakLoads, peak_loads, trace_forces
+from jansen_env.plants.variation import VARIATION
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
@@ -66,8 +67,8 @@ class ProjectionPlant:
 
     @property
     def tables(self) -> Tables:
-        """The compiled robot."""
-        return self.batch.tables[0]
+        """The compiled robot, as it is in force."""
+        return self.batch.varied_tables(0)
 
     @property
     def state(self) -> Array:
@@ -85,14 +86,32 @@ class ProjectionPlant:
 
     @property
     def gravity(self) -> tuple[float, float]:
-        """(x, y) m/s^2."""
-        params = self.batch.params[0]
+        """(x, y) m/s^2, without the tilt of :meth:`vary`."""
+        params = self.batch.nominal_params[0]
         return float(params["gravity_x"]), float(params["gravity_y"])
 
     @gravity.setter
     def gravity(self, value: Gravity) -> None:
-        params = self.batch.params
-        params["gravity_x"], params["gravity_y"] = gravity_vector(value)
+        self.batch.set_gravity(0, value)
+
+    @property
+    def pull(self) -> tuple[float, float]:
+        """(x, y) m/s^2, the gravity in force."""
+        params = self.batch.params[0]
+        return float(params["gravity_x"]), float(params["gravity_y"])
+
+    @property
+    def nominal(self) -> np.void:
+        """The robot's and its ground's own numbers, for :meth:`vary`."""
+        return self.batch.nominal[0].copy()
+
+    def vary(self, values: np.void) -> None:
+        """Make robot and ground others than they are, see :meth:`Batch.vary`."""
+        self.batch.vary(np.zeros(1, np.int64), np.array([values], VARIATION))
+
+    def set_terrain(self, terrain: Terrain) -> None:
+        """Change the ground: the robot must be placed anew."""
+        self.batch.set_terrain(0, terrain)
 
     @property
     def prescribed_crank_speed(self) -> bool:
@@ -219,13 +238,13 @@ class ProjectionPlant:
         batch.tracing = True
         try:
             self.lookahead(torque)
-            return trace_forces(self.tables, batch.trace, self.time_step, self.gravity).at(0)
+            return trace_forces(self.tables, batch.trace, self.time_step, self.pull).at(0)
         finally:
             batch.tracing, batch.trace, batch.touchdowns = kept
 
     def peak_loads(self) -> PeakLoads:
         """The largest loads on any joint in the last :meth:`step`, which must have been traced."""
-        forces = trace_forces(self.tables, self.trace, self.time_step, self.gravity)
+        forces = trace_forces(self.tables, self.trace, self.time_step, self.pull)
         return peak_loads(forces.bearing, self.touchdowns, self.time_step)
 
     def contact_frames(self) -> tuple[Array, Array]:

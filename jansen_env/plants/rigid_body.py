@@ -42,6 +42,14 @@ from jansen_env.plants.geared_rotor import GearedRotor
 from jansen_env.plants.initial_pose import prepare_placement, resting_pose, sag
 from jansen_env.plants.snapshot import ANGLE, SPIN, VX, VY, Snapshot, Sums
 from jansen_env.plants.spring_pads import SpringPads
+from jansen_env.plants.variation import (
+    VARIATION,
+    check_variations,
+    nominal,
+    tilted,
+    varied_robot,
+    varied_terrain,
+)
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
@@ -71,6 +79,10 @@ class RigidBodyPlant:
             may touch down; an impact has to run through all joints at once, or it is too soft.
         fixed_base: hold the chassis still in the air, as the paper's fixed model does.
 
+    Attributes:
+        robot, terrain: what walks where, as they are themselves. variation: a row of
+            :data:`jansen_env.plants.variation.VARIATION`, what is in force of them.
+
     Raises:
         ValueError: an argument out of range, or a time step too long for the stiffness of the
             robot's pads; LinkageError: the robot cannot turn its crank.
@@ -88,17 +100,27 @@ class RigidBodyPlant:
     ) -> None:
         check_closure(robot)
         self.robot, self.terrain = robot, terrain
+        self.variation = nominal(robot, terrain)
         self.time_step = check_time_step(time_step)
         self.iterations = positive_integer("iterations", iterations)
         self.touchdown_iterations = positive_integer("touchdown_iterations", touchdown_iterations)
         self.fixed_base = bool(fixed_base)
         self.toes = len(robot.legs)
         self._layout = pad_layout(robot)
+        self._owners = links.pad_bodies(self._layout)
         self._gravity = gravity_vector(gravity)
+        prepare_placement(robot, terrain)
+        self._put_in_force()
+        self._build(np.zeros(8))
+
+    def _put_in_force(self) -> None:
+        """Take the machine, the ground and the gravity of :attr:`variation`."""
+        robot = self._machine = varied_robot(self.robot, self.variation)
+        terrain = self._ground = varied_terrain(self.terrain, self.variation)
+        self._pull = tilted(self._gravity, float(self.variation["tilt"]))
         self._home = links.poses(robot, np.zeros(4))
         self._inertias = links.inertias(robot)
         self._friction = links.joint_friction(robot)
-        self._owners = links.pad_bodies(self._layout)
         self._springs = self._rotor = None
         if not robot.pad_compliance.rigid:
             self._springs = SpringPads(robot, terrain, self._owners, self.time_step)
@@ -106,8 +128,44 @@ class RigidBodyPlant:
             self._rotor = GearedRotor(robot, self.time_step)
         first, last = terrain.polyline[[0, -1], 0].tolist()
         self._ends = first + BEFORE_END, last - BEFORE_END
-        prepare_placement(robot, terrain)
-        self._build(np.zeros(8))
+
+    @property
+    def nominal(self) -> np.void:
+        """The robot's and its ground's own numbers, for :meth:`vary`."""
+        return nominal(self.robot, self.terrain)
+
+    def vary(self, values: np.void) -> None:
+        """Make robot and ground others than they are, from the next placing on.
+
+        Args:
+            values: a row of :data:`jansen_env.plants.variation.VARIATION`.
+
+        Raises:
+            ValueError: a number out of :data:`jansen_env.plants.variation.RANGES`, restitution
+                where pads give, or a time step too long for the pads' stiffness.
+        """
+        compliant = np.array([not self.robot.pad_compliance.rigid])
+        check_variations(np.array([values], VARIATION), compliant)
+        self._change(self.terrain, values)
+
+    def set_terrain(self, terrain: Terrain) -> None:
+        """Change the ground: the robot must be placed anew."""
+        values = self.variation.copy()
+        values["friction"], values["restitution"] = terrain.friction, terrain.restitution
+        self._change(terrain, values)
+
+    def _change(self, terrain: Terrain, values: np.void) -> None:
+        """Go on from the same state as another robot on another ground."""
+        before, memory = (self.terrain, self.variation), self._memory
+        self.terrain, self.variation = terrain, values.copy()
+        try:
+            self._put_in_force()
+        except ValueError:
+            self.terrain, self.variation = before
+            self._put_in_force()
+            raise
+        finally:
+            self._memory = memory
 
     def _build(self, state: Array, bristle: Array | None = None) -> None:
         """A new space with the robot in ``state``: nothing is left of what the old one cached.
@@ -115,18 +173,18 @@ class RigidBodyPlant:
         ``bristle``: (pads,) m, of pads that give; None for none.
         """
         space = pymunk.Space()
-        space.gravity = self._gravity
+        space.gravity = self._pull
         space.collision_slop = SLOP
         space.collision_persistence = 1  # arbiters that touch, and no older ones
-        self.terrain.add_to(space)
+        self._ground.add_to(space)
         self._space = space
         self._bodies = [pymunk.Body(m, inertia) for m, inertia in self._inertias]
         if self.fixed_base:
             self._bodies[CHASSIS].body_type = pymunk.Body.KINEMATIC
         links.put(self._bodies, self._home, np.zeros(self._home.shape))
-        self._pins = links.make_pins(self.robot, self._bodies)
-        self._pads = links.make_pads(self.robot, self._layout, self._bodies)
-        self._dry = links.make_dry_joints(self.robot, self._bodies)
+        self._pins = links.make_pins(self._machine, self._bodies)
+        self._pads = links.make_pads(self._machine, self._layout, self._bodies)
+        self._dry = links.make_dry_joints(self._machine, self._bodies)
         space.add(*self._bodies, *self._pins, *self._dry)
         if self._springs is None:  # they push by themselves
             space.add(*self._pads)
@@ -140,7 +198,7 @@ class RigidBodyPlant:
         self._normals = np.tile([0.0, 1.0], (len(self._pads), 1))
         self._gaps = np.full(len(self._pads), math.inf)  # at first all may land
         q, v = state[:4], state[4:]
-        links.put(self._bodies, links.poses(self.robot, q), links.rates(self.robot, q, v))
+        links.put(self._bodies, links.poses(self._machine, q), links.rates(self._machine, q, v))
         for body in self._bodies:
             space.reindex_shapes_for_body(body)
         now = self._snapshot()
@@ -171,12 +229,13 @@ class RigidBodyPlant:
 
     @property
     def gravity(self) -> tuple[float, float]:
-        """(x, y) m/s^2."""
+        """(x, y) m/s^2, without the tilt of :meth:`vary`."""
         return self._gravity
 
     @gravity.setter
     def gravity(self, value: Gravity) -> None:
-        self._gravity = self._space.gravity = gravity_vector(value)
+        self._gravity = gravity_vector(value)
+        self._pull = self._space.gravity = tilted(self._gravity, float(self.variation["tilt"]))
 
     @property
     def state(self) -> Array:
@@ -231,10 +290,10 @@ class RigidBodyPlant:
         """
         within("x", x, *self._ends)
         finite("crank_angle", crank_angle)
-        level = links.poses(self.robot, np.array([0.0, 0.0, 0.0, crank_angle]))
+        level = links.poses(self._machine, np.array([0.0, 0.0, 0.0, crank_angle]))
         centre = self._inertias[:, 0] @ level[:, 1:] / self._inertias[:, 0].sum()
-        y, theta = resting_pose(self.robot, centre, self.terrain, x, crank_angle, pitch)
-        y -= sag(self.robot, -self._gravity[1])
+        y, theta = resting_pose(self._machine, centre, self._ground, x, crank_angle, pitch)
+        y -= sag(self._machine, -self._pull[1])
         self._build(np.array([x, y, theta, crank_angle, 0.0, 0.0, 0.0, 0.0]))
         return self.state
 
@@ -304,7 +363,7 @@ class RigidBodyPlant:
 
         ``push``: (2,) N s on the chassis at the crank axis.
         """
-        h, motor, rotor, springs = self.time_step, self.robot.motor, self._rotor, self._springs
+        h, motor, rotor, springs = self.time_step, self._machine.motor, self._rotor, self._springs
         spin, held = now.motion[:, SPIN], self._held
         loads = self._loads[: len(spin)]
         torque = float(motor.torque(asked, spin[SHAFT] - spin[CHASSIS]))
@@ -410,7 +469,7 @@ class RigidBodyPlant:
         motion = np.frombuffer(self._got.float_buf()).reshape(-1, 6)[: len(self._bodies)].copy()
         mass, inertia = self._inertias.T
         twice = mass @ (motion[:, VX] ** 2 + motion[:, VY] ** 2) + inertia @ motion[:, SPIN] ** 2
-        energy = float(0.5 * twice - self._gravity @ (mass @ motion[:, :ANGLE]))
+        energy = float(0.5 * twice - self._pull @ (mass @ motion[:, :ANGLE]))
         angle, (x, y) = motion[:, ANGLE], self._carried
         cos, sin = np.cos(angle)[self._carriers], np.sin(angle)[self._carriers]
         points = motion[self._carriers, :ANGLE]
@@ -452,14 +511,14 @@ class RigidBodyPlant:
         self._pending[self._off == 0.0] = 0.0
         for pad in np.flatnonzero((self._off > 0.0) & (self._off <= CONTACT_HYSTERESIS)).tolist():
             (nx, ny), (x, y) = self._normals[pad].tolist(), now.pads[pad].tolist()
-            x, y = x - self.robot.pad_radius * nx, y - self.robot.pad_radius * ny
+            x, y = x - self._machine.pad_radius * nx, y - self._machine.pad_radius * ny
             speed = now.speed_along(self._owners[pad], x, y, ny, -nx)
             self._pending[pad] += self.time_step * abs(speed)
         return loss, landed
 
     def _off_rim(self, pad: Array, x: float, y: float) -> float:
         """How far a point is from the rim of a pad, m: two pads may be on one body."""
-        return abs(math.hypot(x - pad[0], y - pad[1]) - self.robot.pad_radius)
+        return abs(math.hypot(x - pad[0], y - pad[1]) - self._machine.pad_radius)
 
     def _landing_soon(self, now: Snapshot) -> bool:
         """Whether a pad that is not on the ground may touch it within the next two time steps.
@@ -467,8 +526,8 @@ class RigidBodyPlant:
         By the ground straight below it: on rough ground some landings go unforeseen.
         """
         x, y = now.pads.T
-        tilt = np.sqrt(1.0 + self.terrain.gradient(x) ** 2)
-        gaps = (y - self.terrain.height(x)) / tilt - self.robot.pad_radius
+        tilt = np.sqrt(1.0 + self._ground.gradient(x) ** 2)
+        gaps = (y - self._ground.height(x)) / tilt - self._machine.pad_radius
         fallen = self._gaps - gaps
         self._gaps = gaps
         return bool(((self._off > 0.0) & (gaps - 2.0 * fallen < SLOP)).any())
@@ -478,11 +537,11 @@ class RigidBodyPlant:
 
         Where no ground is within reach, the pad's lowest point and +x.
         """
-        points = self.toe_positions() - np.array([0.0, self.robot.pad_radius])
+        points = self.toe_positions() - np.array([0.0, self._machine.pad_radius])
         tangents = np.tile([1.0, 0.0], (self.toes, 1))
         ours = pymunk.ShapeFilter(group=1)
         for toe, (x, y) in enumerate(self.toe_positions().tolist()):
-            near = self._space.point_query_nearest((x, y), 2.0 * self.robot.pad_radius, ours)
+            near = self._space.point_query_nearest((x, y), 2.0 * self._machine.pad_radius, ours)
             if near is not None and near.distance > 0.0:
                 normal = (pymunk.Vec2d(x, y) - near.point).normalized()
                 points[toe], tangents[toe] = near.point, (normal.y, -normal.x)
@@ -496,12 +555,14 @@ class RigidBodyPlant:
         """The arguments and the state: everything else is made again from them."""
         return {
             "robot": self.robot, "terrain": self.terrain, "time_step": self.time_step,
-            "gravity": self.gravity, "iterations": self.iterations,
+            "gravity": self._gravity, "iterations": self.iterations,
             "touchdown_iterations": self.touchdown_iterations, "fixed_base": self.fixed_base,
-            "memory": self._memory,
+            "variation": self.variation, "memory": self._memory,
         }  # fmt: skip
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
-        memory = saved.pop("memory")
+        variation, memory = saved.pop("variation"), saved.pop("memory")
         self.__init__(**saved)  # type: ignore[misc]
+        self.variation = variation
+        self._put_in_force()
         self._memory = memory

@@ -100,6 +100,10 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     has it, without that 0.1 s. Of many robots the option is a list of such lists, one for each,
     None for a robot whose pushes are random.
 
+    Terrain, ``terrain_level`` and what ``randomize`` names are drawn next, all from the generator
+    that ``reset(seed=...)`` seeds. ``reset(options={"friction": 0.5, "terrain_level": 3})`` fixes
+    any of the parameters for one episode; the others are what they would have been.
+
     A command may be negative (walk towards -x) or 0 (stand). It stays for the episode unless
     ``command_interval`` says after how many seconds another one is drawn, or
     ``set_parameters(command=...)`` gives one from the next step on.
@@ -127,13 +131,17 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     link bears on any of its joints in this step, but for the time steps in which a toe lands, and
     ``joint_impulse_max`` N s, the largest impulse in those (0 if there were none). ``joint_forces()`` has all of them.
     ``diverged``: whether this step was refused, see Episode End. With ``noise``:
-    ``true_observation``, as it would be without.
+    ``true_observation``, as it would be without. Where terrain or parameters are drawn:
+    ``parameters``, the numbers of the episode by name (``env.unwrapped.parameters``: as a vector).
 
     ## Arguments
     | Argument | Default | Meaning |
     |----------|---------|---------|
     | ``robot`` | ``"paper"`` | a :class:`jansen_env.Robot`, or the name of a built-in design |
-    | ``terrain`` | ``"flat"`` | a :class:`jansen_env.Terrain`, ``"flat"``, ``"slope:ANGLE"`` (rad), or (x, y) points |
+    | ``terrain`` | ``"flat"`` | a :class:`jansen_env.Terrain`, ``"flat"``, ``"slope:ANGLE"`` (rad), or (x, y) points; or what draws another one at each reset, ``"rough"``, ``"stairs"``, ``"mixed"`` ... or a callable (``docs/terrain.md``) |
+    | ``terrain_level`` | 0 | of a terrain that is drawn, 0 to 9, or (low, high), drawn at each reset |
+    | ``curriculum`` | None | a :class:`jansen_env.Curriculum` that sets the level, True for the default one |
+    | ``randomize`` | None | what is drawn at each reset, by name: ranges or distributions (``docs/worlds.md``) |
     | ``friction`` | terrain's (0.8) | Coulomb coefficient |
     | ``restitution`` | terrain's (0) | Newton's coefficient, 0 to 1 |
     | ``speed_command`` | (0.05, 0.8) | m/s, a number or a range |

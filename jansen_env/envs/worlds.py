@@ -31,7 +31,7 @@ HARDCORE = {
     **ROUGH,
     "robot": "built",
     "noise": Noise(),
-    "push": Push(),
+    "push": Push(impulse=3.0),
     "randomize": {
         "friction": (0.4, 1.0),
         "payload": (0.0, 0.5),
@@ -181,7 +181,7 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
     | ``tilt`` | -0.05 to 0.05 rad, by which the floor rises towards +x |
     | ``delay`` | 0 to 0.04 s |
     | ``noise_level`` | 0.5 to 1.5 |
-    | ``push_strength`` | 0 to 1, of pushes of up to 1.3 N s, one in each 5 s |
+    | ``push_strength`` | 0 to 1, of pushes of up to 3 N s, one in each 5 s |
 
     ## Episode End
     As in ``JansenWalker-v0``. Truncated after 500 steps (10 s).
@@ -192,7 +192,7 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
     ## Arguments
     Those of ``JansenWalker-v0``; ``terrain``, ``terrain_level``, ``speed_command`` and
     ``height_scan`` as of ``JansenWalkerRough-v0``, and ``robot="built"``, ``noise=Noise()``,
-    ``push=Push()``, ``randomize`` as in the table.
+    ``push=Push(3.0)``, ``randomize`` as in the table.
 
     ## Version History
     * v0: first release.

@@ -1,6 +1,6 @@
 """What harder worlds cost: ground that is drawn anew at each reset, sensors, pushes, feet, motor.
 
-    python -m benchmarks.worlds [--rounds 7] [--out logs/worlds] [--quick]
+    python -m benchmarks.world_costs [--rounds 7] [--out logs/world_costs] [--quick]
 
 256 robots under random torques; worlds take turns in the same run. Writes ``worlds.md``.
 """
@@ -54,7 +54,7 @@ def worlds() -> dict[str, dict[str, Any]]:
 
 def main(arguments: list[str] | None = None) -> None:
     """Measure, print, write."""
-    parser = measure.options(__doc__, "logs/worlds", rounds=7)
+    parser = measure.options(__doc__, "logs/world_costs", rounds=7)
     found = measure.chosen(parser, arguments)
     rounds = 1 if found.quick else found.rounds
     steps = 2_000 if found.quick else 60_000

@@ -1,0 +1,268 @@
+"""Robots of the walking task one by one: changed, asked, saved, and drawn."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.checks import finite, non_negative, whole_number, within
+from jansen_env.dynamics.pads import pad_layout
+from jansen_env.engine import task
+from jansen_env.envs import arguments
+from jansen_env.envs.core import Ints, Task
+from jansen_env.envs.disturbances import Pushes
+from jansen_env.envs.episodes import Episodes, Plan
+from jansen_env.plants.base import BatchedPlant, check_deflection, check_in_contact, check_state
+from jansen_env.plants.batch import Batch, check_bounce
+from jansen_env.push import check_schedule
+from jansen_env.rendering import Frame
+from jansen_env.terrain import Terrain
+
+Array = NDArray[np.float64]
+
+FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
+MEANS = ("mean_speed", "mean_slip", "mean_power", "rms_torque")
+NOT_PHYSICAL = {"speed_command", "command", "delay", "terrain_level"}  # of what may be set
+MOST_STEPS = 2**63 - 1  # of an episode; and the largest seed of commands
+SLIPPING = 0.01  # m/s of mean slip speed from which a toe is drawn as slipping
+
+
+class WalkerRobots(Task):
+    """What can be asked of single robots, and done with them.
+
+    Attributes:
+        batch: what moves the robots. episodes: their numbers and grounds.
+        speed_command: (n, 2) m/s, range of the next commands. reset_noise_scale: (n,) rad/s.
+        loads: (n, toes) normal forces / weight. elapsed: (n,) control steps since the reset.
+    """
+
+    batch: BatchedPlant
+    episodes: Episodes
+    speed_command: Array
+    reset_noise_scale: Array
+    loads: Array
+    elapsed: Ints
+    _seed: Ints
+    _pushes: Pushes
+
+    @property
+    def terrains(self) -> list[Terrain]:
+        """Of each robot, in this episode."""
+        return self.batch.terrains
+
+    @property
+    def weight(self) -> Array:
+        """(n,) N."""
+        weight: Array = self.rows["weight"]
+        return weight
+
+    @abstractmethod
+    def _put_in_force(self, rows: Ints, plans: Sequence[Plan]) -> None:
+        """Let robots be what is planned for their episodes."""
+
+    @abstractmethod
+    def _rate(self, rows: Ints) -> None:
+        """Know the weights of robots as they are, and the torque of an action of 1."""
+
+    @abstractmethod
+    def _begin(self, rows: Ints, commands: Array, actions: float | Array = 0.0) -> None:
+        """Begin robots' episodes: nothing but what a robot is remains of the one before."""
+
+    def set_parameters(self, row: int, **changes: Any) -> None:
+        """Change a robot from now on.
+
+        Args:
+            friction, restitution: between its toes and its ground. payload: a :class:`Payload`, or
+                a mass in kg at the crank axis. motor: a :class:`Motor`, or the name of one, whose
+                torque limit then holds.
+                pad_compliance: a :class:`Compliance`. delay: s, a number or a range, of its next
+                episodes, no longer than was given to the constructor for any robot. speed_command: m/s, a number or a range, from which
+                commands are drawn from now on. command: m/s, from the next step on.
+
+        Raises:
+            ValueError: a value out of range, or anything but commands and delay on the plant
+                ``"rigid_body"``.
+            TypeError: another name.
+        """
+        arguments.known_parameters(changes, self.SETTABLE)
+        batch, physical = self.batch, sorted({*changes} - NOT_PHYSICAL)
+        if physical and not isinstance(batch, Batch):
+            raise ValueError(f"{physical[0]} cannot be changed with plant='rigid_body'")
+        checks: dict[str, Callable[[Any], Any]] = {
+            "friction": lambda value: non_negative("friction", value),
+            "restitution": lambda value: within("restitution", value, 0.0, 1.0),
+            "payload": arguments.load_payload,
+            "motor": arguments.load_motor,
+            "pad_compliance": arguments.load_compliance,
+            "delay": self._checked_delay_range,
+            "speed_command": lambda value: arguments.number_range(
+                "speed_command", value, -FASTEST_COMMAND, FASTEST_COMMAND
+            ),
+            "command": lambda value: within("command", value, -FASTEST_COMMAND, FASTEST_COMMAND),
+            "terrain_level": lambda value: self.episodes.checked_level(row, value),
+        }
+        checked = {name: checks[name](value) for name, value in changes.items()}  # or nothing
+        if isinstance(batch, Batch):
+            check_bounce(
+                checked.get("pad_compliance", self.robots[row].pad_compliance),
+                checked.get("restitution", float(batch.restitution[row])),
+            )
+        if "speed_command" in checked:
+            self.speed_command[row] = checked.pop("speed_command")
+        if "delay" in checked:
+            self.delay_range[row] = checked.pop("delay")
+        if "terrain_level" in checked:
+            self.episodes.level[row] = self.episodes.levels[row] = checked.pop("terrain_level")
+        if "command" in checked:
+            kept = self.rows[row]
+            kept["info"]["speed_command"] = kept["next_command"] = checked.pop("command")
+            self._describe(np.array([row]))
+        # Restitution first where it goes, last where it comes: feet that give exclude it.
+        for name in sorted(
+            checked, key=lambda one: checked[one] > 0.0 if one == "restitution" else 0.5
+        ):
+            getattr(batch, f"set_{name}")(row, checked[name])
+        if physical:
+            self.robots[row] = batch.robots[row]
+            load = batch.robots[row].payload
+            place = {"payload_x": load.position[0], "payload_y": load.position[1]}
+            numbers = {"payload": {"payload": load.mass, **place}}
+            for name in physical:
+                if name in ("friction", "restitution"):
+                    numbers[name] = {name: float(getattr(batch, name)[row])}
+                self.episodes.take(row, numbers.get(name, {}))
+            self._rate(np.array([row]))
+
+    def of_each(self, name: str) -> list[Any] | None:
+        """``friction``, ``restitution``, ``payload``, ``motor``, ``torque_limit``,
+        ``pad_compliance``, ``delay`` (s, of this episode), ``robot``, ``terrain``,
+        ``terrain_level``, ``state``, ``weight``, ``speed_command``, ``command``, ``reset_noise_scale`` of each robot; None for
+        another name.
+        """
+        batch = self.batch
+        if name == "robot":
+            return list(self.robots)
+        if name == "terrain":
+            return list(self.batch.terrains)
+        if name == "terrain_level":
+            return list(self.episodes.values["terrain_level"].astype(int).tolist())
+        if name in ("payload", "motor", "pad_compliance"):
+            return [getattr(robot, name) for robot in self.robots]
+        if name == "torque_limit":
+            return [robot.motor.torque_limit for robot in self.robots]
+        if name == "delay":
+            return [self._delay_state(row)["delay"] for row in range(self.num_envs)]
+        if name == "speed_command":
+            return [(low, high) for low, high in self.speed_command.tolist()]
+        if name == "command":
+            return list(self.rows["info"]["speed_command"].tolist())
+        if name in ("weight", "reset_noise_scale"):
+            return list(getattr(self, name).tolist())
+        if name == "state":
+            return list(batch.states.copy())
+        if name in ("friction", "restitution"):
+            if isinstance(batch, Batch):
+                found: list[float] = getattr(batch, name).tolist()
+                return found
+            return [getattr(terrain, name) for terrain in batch.terrains]
+        return None
+
+    def get_state(self, row: int) -> dict[str, Any]:
+        """All that a robot's future depends on but its random numbers, see :class:`Task`."""
+        kept = self.rows[row]
+        in_contact = self.batch.in_contact
+        return {
+            "plant": self.batch.states[row].copy(),
+            "in_contact": None if row > 0 or in_contact is None else in_contact.copy(),
+            "deflection": self.batch.deflection[row].copy(),
+            **self._delay_state(row),
+            "command": float(kept["info"]["speed_command"]),
+            "action": float(kept["action"]),
+            "fallen": bool(kept["info"]["fallen"]),
+            "lag": float(kept["info"]["lag"]),
+            **{name: float(kept["info"][name]) for name in MEANS},
+            "steps": int(self.elapsed[row]),
+            "command_seed": int(self._seed[row]),
+            "loads": self.loads[row].copy(),
+            **self.episodes.state(row),
+            "pushes": self._pushes.scheduled(row),
+        }
+
+    def set_state(self, row: int, state: Mapping[str, Any]) -> None:
+        """Go on from a state of :meth:`get_state`, see :class:`Task`."""
+        arguments.complete_state(state, self.get_state(row))
+        # All is checked before anything changes.
+        pose, loads = check_state(state["plant"]), np.array(state["loads"], dtype=float)
+        if loads.shape != self.loads[row].shape or not np.isfinite(loads).all():
+            raise ValueError(
+                f"state['loads'] is {loads}, must be {len(self.loads[row])} finite numbers"
+            )
+        in_contact = check_in_contact(state["in_contact"], len(pad_layout(self.robots[0]).leg))
+        deflection = check_deflection(state["deflection"], len(self.batch.deflection[row]))
+        delay, asked = self._checked_delay(state)
+        command = within("state['command']", state["command"], -FASTEST_COMMAND, FASTEST_COMMAND)
+        action = within("state['action']", state["action"], -1.0, 1.0)
+        steps = whole_number("state['steps']", state["steps"], MOST_STEPS)
+        seed = whole_number("state['command_seed']", state["command_seed"], MOST_STEPS)
+        furthest = task.FURTHEST_TARGET
+        lag = within("state['lag']", state["lag"], -furthest, furthest)
+        means = {
+            name: (finite if name == "mean_speed" else non_negative)(
+                f"state[{name!r}]", state[name]
+            )
+            for name in MEANS
+        }
+        fallen, pushes = bool(state["fallen"]), schedule_of(state, "state")
+        plan, level = self.episodes.planned(row, state)
+        batch, one = self.batch, np.array([row])
+        self._put_in_force(one, [plan])
+        self.episodes.level[row] = level
+        batch.set_state(row, pose, deflection)
+        if row == 0:
+            batch.in_contact = in_contact
+        self._begin_delay(one, np.array([delay]), asked)
+        batch.slip[row] = batch.contact_force[row] = 0.0
+        self.loads[row] = loads
+        self._begin(one, np.array([command]), action)
+        self.elapsed[row], self._seed[row] = steps, seed
+        self._pushes.schedule(row, pushes)
+        info = self.rows[row]["info"]
+        info["lag"], info["fallen"] = lag, fallen
+        for name, mean in means.items():
+            info[name] = mean
+        self._describe(one)
+
+    def scene(self, row: int) -> dict[str, Any]:
+        """Arguments of the renderer."""
+        return {
+            "robot": self.episodes.shown_robot(row, self.robots[row]),
+            "terrain_points": self.batch.terrains[row].polyline,
+        }
+
+    def frame(self, row: int) -> Frame:
+        """What is to be drawn of a robot as it stands."""
+        batch = self.batch
+        state = batch.states[row]
+        points, tangents = batch.contact_frames(row)
+        return Frame(
+            q=state[:4],
+            contact_point=points,
+            contact_tangent=tangents,
+            contact_force=batch.contact_force[row],
+            slipping=batch.slip[row] > SLIPPING * self.control_dt,
+            command=float(self.rows[row]["info"]["speed_command"]),
+            speed=float(state[4]),
+            torque=float(self.torque[row]),
+            torque_limit=abs(float(self.full_torque[row])),
+            time=float(self.elapsed[row]) * self.control_dt,
+        )
+
+
+def schedule_of(given: Mapping[str, Any], name: str = "options") -> Array | None:
+    """The pushes (k, 3) in options of a reset or in a state; None: they are random."""
+    pushes = given.get("pushes")
+    return None if pushes is None else check_schedule(f"{name}['pushes']", pushes)

@@ -19,17 +19,16 @@ from tabulate import tabulate
 
 from agents.command_line import mapping, non_negative_int, positive_int
 from agents.evaluate import labels, load_named
-from agents.metrics import Array, Episodes, point_estimates
+from agents.metrics import Episodes, point_estimates
 from agents.policy import Bools, Policy
 from agents.rollout import make_env, run_episodes
 from agents.seed_statistics import Interval, improvement_over
-from agents.tasks import TASKS, find_task
+from agents.tasks import ENOUGH, TASKS, find_task, succeeded
 from jansen_env.files import write_json, write_text, write_whole
 from jansen_env.plants.make import PLANTS
 from jansen_env.terrain_generators import HIGHEST
 
 FIRST_SEED = 80_000  # of the episodes: training, tuning and other scores use others
-ENOUGH = 0.8  # of the commanded distance
 RATIOS = ("slip_per_metre", "cost_of_transport")
 HEAD = ("level", "policy", "success", "falls", "slip (m/m)", "cost of transport")
 
@@ -53,18 +52,8 @@ Scores: TypeAlias = dict[str, dict[int, Score]]
 """By policy and level."""
 
 
-def succeeded(fell: Bools, distance: Array, commanded: Array) -> Bools:
-    """Whether episodes (n,) are successes.
-
-    Args:
-        fell: whether they ended in a fall. distance: m, towards the command. commanded: m.
-    """
-    found: Bools = ~fell & (distance >= ENOUGH * commanded)
-    return found
-
-
-def share(happened: Bools) -> Interval:
-    """Of episodes (n,), with Wilson's 95 % interval."""
+def share(happened: NDArray[Any]) -> Interval:
+    """Of episodes (n,), 1 or 0, with Wilson's 95 % interval."""
     return improvement_over(0.5, np.asarray(happened, float))
 
 
@@ -109,14 +98,10 @@ def _only(run: Episodes, chosen: Bools) -> Episodes:
 
 def score(run: Episodes, env: Any) -> Score:
     """Of episodes at one level; ``env``: that they were run in, as ``gym.make`` gives it."""
-    task = find_task(env.spec.id)
-    horizon = env.spec.max_episode_steps * env.unwrapped.control_dt
-    fell = run["fell"].astype(bool)
-    towards, commanded = np.sign(run["command"]) * run["distance"], np.abs(run["command"]) * horizon
-    ratios = point_estimates({name: task.metrics[name] for name in RATIOS}, run, env)
-    return Score(
-        share(succeeded(fell, towards, commanded)), share(fell), *(ratios[name] for name in RATIOS)
-    )
+    metrics = find_task(env.spec.id).metrics
+    ratios = point_estimates({name: metrics[name] for name in RATIOS}, run, env)
+    shares = share(succeeded(run, env)), share(run["fell"].astype(bool))
+    return Score(*shares, *(ratios[name] for name in RATIOS))
 
 
 def level_table(scores: Scores) -> str:

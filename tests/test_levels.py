@@ -22,13 +22,6 @@ class Idle:
         return np.zeros((len(observation), 1), np.float32), None
 
 
-def test_success_is_distance_without_a_fall():
-    fell = np.array([False, False, True, False])
-    distance = np.array([1.6, 1.59, 3.0, -3.0])
-    found = levels.succeeded(fell, distance, np.full(4, 2.0))
-    assert found.tolist() == [True, False, False, False]
-
-
 def test_shares_have_wilsons_interval():
     """8 of 10 by the formula of Wilson (1927), z = 1.959964."""
     z, n, p = 1.959964, 10, 0.8

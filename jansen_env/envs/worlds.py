@@ -91,8 +91,8 @@ class JansenWalkerRoughEnv(JansenWalkerEnv):
     Those of ``JansenWalker-v0``.
 
     ## Starting State
-    As in ``JansenWalker-v0``, on level ground around x = 0; the rough one begins some 0.7 m from
-    there, on both sides. Drawn at each reset from the robot's own generator:
+    As in ``JansenWalker-v0``, at x = 0; but for slopes the ground is level there, and begins to be
+    otherwise 0.6 to 1 m away, on both sides. Drawn at each reset from the robot's own generator:
 
     | Number | Range |
     |--------|-------|

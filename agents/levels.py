@@ -104,11 +104,23 @@ def score(run: Episodes, env: Any) -> Score:
     return Score(*shares, *(ratios[name] for name in RATIOS))
 
 
+def shown(interval: Interval) -> str:
+    """A share and its interval."""
+    return "{:.2f} [{:.2f}, {:.2f}]".format(*interval)
+
+
+def success_table(scores: Scores) -> str:
+    """Successes alone as Markdown, a row per level."""
+    levels = next(iter(scores.values()))
+    rows = [[str(k), *(shown(own[k].success) for own in scores.values())] for k in levels]
+    return tabulate(rows, ["level", *scores], tablefmt="pipe", disable_numparse=True)
+
+
 def level_table(scores: Scores) -> str:
-    """As Markdown, level by level."""
+    """All scores as Markdown, level by level."""
 
     def cells(own: Score) -> list[str]:
-        shares = (f"{v:.2f} [{low:.2f}, {high:.2f}]" for v, low, high in (own.success, own.falls))
+        shares = map(shown, (own.success, own.falls))
         ratios = ("-" if v is None else f"{v:.3g}" for v in (own.slip, own.transport))
         return [*shares, *ratios]
 
@@ -209,10 +221,11 @@ def main(arguments: list[str] | None = None) -> None:
         f"{args.episodes} episodes at each level of {args.env}, seed {args.seed}; success: no fall "
         f"and at least {ENOUGH:g} of the commanded distance; 95 % Wilson intervals."
     )
+    tables = f"Success:\n\n{success_table(scores)}\n\nAll scores:\n\n{level_table(scores)}"
     command = shlex.join(["python", "-m", "agents.levels", *(arguments or sys.argv[1:])])
     head = f"# {args.env} by terrain level\n\n`{command}`: {note}\n\n![Scores](levels.png)"
-    write_text(out / "levels.md", f"{head}\n\n{level_table(scores)}\n")
-    print(f"{level_table(scores)}\n\n{note} Written: {out}")
+    write_text(out / "levels.md", f"{head}\n\n{tables}\n")
+    print(f"{tables}\n\n{note} Written: {out}")
 
 
 if __name__ == "__main__":

@@ -18,7 +18,6 @@ Episodes: TypeAlias = dict[str, NDArray[Any]]
 RESAMPLES = 2000
 CONFIDENCE = 0.95
 SETTLING = 2.0  # s, after which a walk counts as steady
-ENOUGH = 0.8  # of the commanded distance, of a success
 MIN_DISTANCE = 1e-3  # m, below which a ratio per metre is not formed
 
 
@@ -80,16 +79,6 @@ def point_estimates(metrics: dict[str, Metric], run: Episodes, env: Any) -> dict
     return {
         name: _number(_estimator(metric, run, env)(slice(None))) for name, metric in metrics.items()
     }
-
-
-def succeeded(fell: NDArray[np.bool_], distance: Array, commanded: Array) -> NDArray[np.bool_]:
-    """Whether episodes (n,) are successes.
-
-    Args:
-        fell: whether they ended in a fall. distance: m, towards the command. commanded: m.
-    """
-    found: NDArray[np.bool_] = ~fell & (distance >= ENOUGH * commanded)
-    return found
 
 
 def summarise(metrics: dict[str, Metric], run: Episodes, env: Any, seed: int = 0) -> dict[str, Any]:

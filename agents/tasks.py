@@ -12,10 +12,12 @@ import numpy as np
 from gymnasium.envs.registration import load_env_creator
 
 from agents import crank_baselines, walker_baselines
-from agents.metrics import SETTLING, Aggregate, Array, Episodes, Metric, succeeded
+from agents.metrics import SETTLING, Aggregate, Array, Episodes, Metric
 from agents.policy import Policy
 from jansen_env.checks import positive_integer
 from jansen_env.envs.crank_task import LOST
+
+ENOUGH = 0.8  # of the commanded distance
 
 
 class Mark(NamedTuple):
@@ -76,10 +78,11 @@ def _steady_speed_error(run: Episodes, env: Any) -> Array:
     return np.abs((run["distance"] - run["early_distance"]) / horizon - run["command"])
 
 
-def _success(run: Episodes, env: Any) -> Array:
-    """1 for each success (n,), else 0."""
-    commanded = np.abs(run["command"]) * env.spec.max_episode_steps * env.unwrapped.control_dt
-    return succeeded(run["fell"].astype(bool), _distance(run, env), commanded).astype(float)
+def succeeded(run: Episodes, env: Any) -> Array:
+    """1 for each episode (n,) without a fall and :data:`ENOUGH` of the way commanded, else 0."""
+    way = np.abs(run["command"]) * env.spec.max_episode_steps * env.unwrapped.control_dt
+    walked = ~run["fell"].astype(bool) & (_distance(run, env) >= ENOUGH * way)
+    return walked.astype(float)
 
 
 def _per_step(name: str) -> Callable[[Episodes, Any], Array]:
@@ -153,7 +156,7 @@ WORLD = replace(
     commands=(0.1, 0.2, 0.3, 0.4, 0.5),
     metrics={
         **WALKER.metrics,
-        "success": Metric("success", "fraction", _success, axis="fraction"),
+        "success": Metric("success", "fraction", succeeded, axis="fraction"),
     },
     marks=(),
     chosen_by="success",

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import pickle
+from functools import partial
 
 import gymnasium as gym
 import numpy as np
@@ -206,6 +207,74 @@ def test_wrong_options_change_nothing():
         assert after["parameters"] == before["parameters"]
         np.testing.assert_array_equal(after["plant"], before["plant"])
     np.testing.assert_array_equal(walk(env, 1)[0], first)
+
+
+def test_an_option_is_for_one_episode():
+    """Also where nothing is drawn."""
+    env = gym.make("JansenWalker-v0", noise={}, push={}).unwrapped
+    env.reset(seed=0)
+    before = env.parameters
+    env.reset(options={"noise_level": 0.0, "push_strength": 0.5, "friction": 0.3})
+    assert (env.parameters != before).sum() == 3
+    env.reset()
+    np.testing.assert_array_equal(env.parameters, before)
+
+
+def refused(call, states, message):
+    """Where and under what robots are before, which a refused ``call`` must leave."""
+    before = states()
+    with pytest.raises(ValueError, match=message):
+        call()
+    for was, now in zip(before, states(), strict=True):
+        assert was["parameters"] == now["parameters"]
+        for name in ("terrain", "ground"):
+            np.testing.assert_array_equal(was[name], now[name])
+        np.testing.assert_allclose(was["plant"], now["plant"], atol=1e-12)
+
+
+def test_what_feet_cannot_bear_changes_nothing():
+    """Too soft for the load, or on ground on which they may not land: no robot of a batch moves."""
+
+    def ground(rng, level):
+        return Terrain(restitution=0.3 * (level == 9))
+
+    envs = gym.make_vec("JansenWalkerHardcore-v0", 3, terrain=ground, terrain_level=0)
+    envs.reset(seed=0)
+    for options, message in (
+        ({"foot_stiffness_scale": np.array([1.0, 1.0, 0.01]), "payload": 2.0}, "must be at least .* to carry"),
+        ({"terrain_level": np.array([1, 2, 9])}, "must be 0 with compliant pads"),
+    ):
+        refused(
+            partial(envs.reset, options=options), partial(envs.call, "get_state"), message
+        )
+    envs.close()
+    given = gym.make("JansenWalkerHardcore-v0", terrain=ground, terrain_level=9, restitution=0.0)
+    assert given.reset(seed=0)[1]["parameters"]["restitution"] == 0.0
+    with pytest.raises(ValueError, match="must be at least .* to carry"):
+        gym.make(
+            "JansenWalkerHardcore-v0",
+            randomize={"foot_stiffness_scale": (0.01, 1.0), "payload": (0.0, 2.0)},
+        )
+
+
+def test_feet_too_stiff_for_the_second_plant_change_nothing():
+    """Its springs are explicit."""
+    env = gym.make("JansenWalkerHardcore-v0", plant="rigid_body").unwrapped
+    env.reset(seed=0)
+    call = partial(env.reset, options={"foot_stiffness_scale": 99.0})
+    refused(call, lambda: [env.get_state()], "time_step is .* for pads")
+
+
+def test_feet_that_give_stay_out_of_drawn_restitution():
+    """Also where this episode happens to have none."""
+    drawn = gym.make("JansenWalker-v0", randomize={"restitution": (0.0, 0.5)})
+    fixed = gym.make("JansenWalker-v0", restitution=0.3)
+    for env in (drawn, fixed):
+        env.reset(seed=0, options={"restitution": 0.0})
+        with pytest.raises(ValueError, match="restitution"):
+            env.unwrapped.set_parameters(pad_compliance=Compliance(2e4, 20.0))
+    fixed.unwrapped.set_parameters(restitution=0.0, pad_compliance=Compliance(2e4, 20.0))
+    fixed.reset()
 
 
 def test_levels_of_a_batch():

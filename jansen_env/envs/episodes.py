@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -16,12 +17,16 @@ from jansen_env.envs.parameters import (
     PARAMETERS,
     Distribution,
     Randomization,
+    Uniform,
     UniformLevels,
     check,
 )
+from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import BatchedPlant
+from jansen_env.plants.batch import check_bounce
+from jansen_env.plants.initial_pose import resting_depth
 from jansen_env.plants.variation import VARIATION, effective, nominal
-from jansen_env.robot import Payload, Robot
+from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
 from jansen_env.terrain_generators import Generator
 
@@ -54,7 +59,8 @@ class Episodes:
         varies: whether anything is drawn.
 
     Raises:
-        ValueError: a parameter is randomised that does nothing, or levels of a ground without any.
+        ValueError: a parameter is randomised that does nothing or is more than the feet can carry,
+            or levels of a ground without any.
     """
 
     def __init__(
@@ -86,6 +92,7 @@ class Episodes:
         self._changed = np.zeros(n, bool)  # by a draw, from what the robot and its ground are
         for row, randomization in enumerate(self._randomizations):
             self.check_names(row, [*randomization.distributions], "randomize")
+            self._check_feet(row, self._heaviest(row))
         has_levels = np.array([generator is not None for generator in generators])
         if bad := np.flatnonzero(levels.any(axis=1) & ~has_levels).tolist():
             raise ValueError(
@@ -134,6 +141,35 @@ class Episodes:
                     f"{[one for one in PARAMETERS if one in useful]}"
                 )
 
+    def check_pads(self, row: int, pads: Compliance, restitution: float) -> None:
+        """Raises ValueError where a robot's own restitution or a drawn one excludes such pads."""
+        drawn = self._randomizations[row].distributions
+        if not pads.rigid and "restitution" in drawn:
+            raise ValueError(
+                f"pad_compliance is {pads}, must be rigid, as randomize has 'restitution'"
+            )
+        check_bounce(pads, restitution)
+
+    def _check_feet(self, row: int, values: Any) -> None:
+        """Raises ValueError where a robot's feet cannot bear a row of EPISODE."""
+        robot = self._batch.robots[row]
+        if robot.pad_compliance.rigid:
+            return
+        check_bounce(robot.pad_compliance, float(values["restitution"]))
+        mass = float(values["mass_scale"] * robot.links_mass + values["payload"])
+        stiffness = float(values["foot_stiffness_scale"]) * robot.pad_compliance.stiffness
+        resting_depth(mass, stiffness, GRAVITY * math.cos(values["tilt"]))
+
+    def _heaviest(self, row: int) -> Any:
+        """The numbers of a robot's episodes that its feet can bear least, as far as is known."""
+        values = self.nominal[row].copy()
+        for name, drawn in self._randomizations[row].distributions.items():
+            if isinstance(drawn, Uniform):
+                low, high = drawn.low, drawn.high
+                level = min(max(0.0, low), high)
+                values[name] = {"foot_stiffness_scale": low, "tilt": level}.get(name, high)
+        return values
+
     def plan(
         self, row: int, rng: np.random.Generator, options: Mapping[str, Any], delay: float,
         walked: float, command: float,
@@ -149,7 +185,7 @@ class Episodes:
         """
         randomization, generator = self._randomizations[row], self._generators[row]
         if not options and not self.varies and not self._changed[row]:
-            values = self.values[row : row + 1].copy()
+            values = self.nominal[row : row + 1].copy()
             values["delay"] = delay
             return Plan(values, None)
         values = self.nominal[row : row + 1].copy()
@@ -166,6 +202,9 @@ class Episodes:
             for name, own in self._own.items():
                 if not own[row] and name not in (*randomization.distributions, *given):
                     one[name] = getattr(terrain, name)
+            if terrain.restitution != one["restitution"]:  # which feet that give may exclude
+                terrain = replace(terrain, restitution=float(one["restitution"]))
+        self._check_feet(row, one)
         return Plan(values, terrain)
 
     def _next_level(
@@ -179,7 +218,13 @@ class Episodes:
         return float(rng.integers(int(low), int(high), endpoint=True)) if high > low else low
 
     def begin(self, rows: Ints, plans: Sequence[Plan]) -> None:
-        """Put planned episodes in force; the robots must be placed anew."""
+        """Put planned episodes in force; the robots must be placed anew.
+
+        Raises:
+            ValueError: feet too stiff for the time step of the plant ``"rigid_body"``; nothing has
+                changed then.
+        """
+        before = [self._batch.terrains[row] for row in rows.tolist()]
         for row, plan in zip(rows.tolist(), plans, strict=True):
             if plan.terrain is not None:
                 self._batch.set_terrain(row, plan.terrain)
@@ -189,10 +234,20 @@ class Episodes:
         changed |= (physical != nominal_ones[rows]).any(axis=1)
         due = changed | self._changed[rows]
         if due.any():
-            self._batch.vary(rows[due], np.ascontiguousarray(physical[due]).view(VARIATION)[:, 0])
+            try:
+                self._vary(rows[due], physical[due])
+            except ValueError:
+                for row, plan, terrain in zip(rows.tolist(), plans, before, strict=True):
+                    if plan.terrain is not None:
+                        self._batch.set_terrain(row, terrain)
+                self._vary(rows, self.numbers[rows, : len(PHYSICAL)])
+                raise
         self.values[rows], self._changed[rows] = values, changed
         if self.curriculum is not None:
             self.level[rows] = values["terrain_level"].astype(np.int64)
+
+    def _vary(self, rows: Ints, physical: Array) -> None:
+        self._batch.vary(rows, np.ascontiguousarray(physical).view(VARIATION)[:, 0])
 
     def shown_robot(self, row: int, robot: Robot) -> Robot:
         """A robot with the payload that it has in this episode, for pictures."""
@@ -226,6 +281,7 @@ class Episodes:
         values = np.zeros(1, EPISODE)
         for name in PARAMETERS:
             values[name] = check(f"state['parameters'][{name!r}]", name, given[name])
+        self._check_feet(row, values[0])
         level = check("state['level']", "terrain_level", state["level"])
         terrain = None
         if self._generators[row] is not None:

@@ -17,7 +17,7 @@ from jansen_env.envs.core import Ints, Task
 from jansen_env.envs.disturbances import Pushes
 from jansen_env.envs.episodes import Episodes, Plan
 from jansen_env.plants.base import BatchedPlant, check_deflection, check_in_contact, check_state
-from jansen_env.plants.batch import Batch, check_bounce
+from jansen_env.plants.batch import Batch
 from jansen_env.push import check_schedule
 from jansen_env.rendering import Frame
 from jansen_env.terrain import Terrain
@@ -107,9 +107,11 @@ class WalkerRobots(Task):
         }
         checked = {name: checks[name](value) for name, value in changes.items()}  # or nothing
         if isinstance(batch, Batch):
-            check_bounce(
+            own = self.episodes.nominal["restitution"][row]
+            self.episodes.check_pads(
+                row,
                 checked.get("pad_compliance", self.robots[row].pad_compliance),
-                checked.get("restitution", float(batch.restitution[row])),
+                checked.get("restitution", max(float(batch.restitution[row]), float(own))),
             )
         if "speed_command" in checked:
             self.speed_command[row] = checked.pop("speed_command")

@@ -241,16 +241,17 @@ def test_what_feet_cannot_bear_changes_nothing():
     envs = gym.make_vec("JansenWalkerHardcore-v0", 3, terrain=ground, terrain_level=0)
     envs.reset(seed=0)
     for options, message in (
-        ({"foot_stiffness_scale": np.array([1.0, 1.0, 0.01]), "payload": 2.0}, "must be at least .* to carry"),
+        (
+            {"foot_stiffness_scale": np.array([1.0, 1.0, 0.01]), "payload": 2.0},
+            "must be at least .* to carry",
+        ),
         ({"terrain_level": np.array([1, 2, 9])}, "must be 0 with compliant pads"),
     ):
-        refused(
-            partial(envs.reset, options=options), partial(envs.call, "get_state"), message
-        )
+        refused(partial(envs.reset, options=options), partial(envs.call, "get_state"), message)
     envs.close()
     given = gym.make("JansenWalkerHardcore-v0", terrain=ground, terrain_level=9, restitution=0.0)
     assert given.reset(seed=0)[1]["parameters"]["restitution"] == 0.0
-    with pytest.raises(ValueError, match="must be at least .* to carry"):
+    with pytest.raises(ValueError, match=r"must be at least .* to carry"):
         gym.make(
             "JansenWalkerHardcore-v0",
             randomize={"foot_stiffness_scale": (0.01, 1.0), "payload": (0.0, 2.0)},

@@ -7,6 +7,8 @@ evenly over those of the environment; all policies have the same episodes.
 from __future__ import annotations
 
 import argparse
+import shlex
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -17,17 +19,16 @@ from tabulate import tabulate
 
 from agents.command_line import mapping, non_negative_int, positive_int
 from agents.evaluate import labels, load_named
-from agents.metrics import Array, Episodes, point_estimates
+from agents.metrics import Episodes, point_estimates
 from agents.policy import Bools, Policy
 from agents.rollout import make_env, run_episodes
 from agents.seed_statistics import Interval, improvement_over
-from agents.tasks import TASKS, find_task
+from agents.tasks import ENOUGH, TASKS, find_task, succeeded
 from jansen_env.files import write_json, write_text, write_whole
 from jansen_env.plants.make import PLANTS
 from jansen_env.terrain_generators import HIGHEST
 
 FIRST_SEED = 80_000  # of the episodes: training, tuning and other scores use others
-ENOUGH = 0.8  # of the commanded distance
 RATIOS = ("slip_per_metre", "cost_of_transport")
 HEAD = ("level", "policy", "success", "falls", "slip (m/m)", "cost of transport")
 
@@ -51,18 +52,8 @@ Scores: TypeAlias = dict[str, dict[int, Score]]
 """By policy and level."""
 
 
-def succeeded(fell: Bools, distance: Array, commanded: Array) -> Bools:
-    """Whether episodes (n,) are successes.
-
-    Args:
-        fell: whether they ended in a fall. distance: m, towards the command. commanded: m.
-    """
-    found: Bools = ~fell & (distance >= ENOUGH * commanded)
-    return found
-
-
-def share(happened: Bools) -> Interval:
-    """Of episodes (n,), with Wilson's 95 % interval."""
+def share(happened: NDArray[Any]) -> Interval:
+    """Of episodes (n,), 1 or 0, with Wilson's 95 % interval."""
     return improvement_over(0.5, np.asarray(happened, float))
 
 
@@ -107,21 +98,29 @@ def _only(run: Episodes, chosen: Bools) -> Episodes:
 
 def score(run: Episodes, env: Any) -> Score:
     """Of episodes at one level; ``env``: that they were run in, as ``gym.make`` gives it."""
-    task = find_task(env.spec.id)
-    horizon = env.spec.max_episode_steps * env.unwrapped.control_dt
-    fell = run["fell"].astype(bool)
-    towards, commanded = np.sign(run["command"]) * run["distance"], np.abs(run["command"]) * horizon
-    ratios = point_estimates({name: task.metrics[name] for name in RATIOS}, run, env)
-    return Score(
-        share(succeeded(fell, towards, commanded)), share(fell), *(ratios[name] for name in RATIOS)
-    )
+    metrics = find_task(env.spec.id).metrics
+    ratios = point_estimates({name: metrics[name] for name in RATIOS}, run, env)
+    shares = share(succeeded(run, env)), share(run["fell"].astype(bool))
+    return Score(*shares, *(ratios[name] for name in RATIOS))
+
+
+def shown(interval: Interval) -> str:
+    """A share and its interval."""
+    return "{:.2f} [{:.2f}, {:.2f}]".format(*interval)
+
+
+def success_table(scores: Scores) -> str:
+    """Successes alone as Markdown, a row per level."""
+    levels = next(iter(scores.values()))
+    rows = [[str(k), *(shown(own[k].success) for own in scores.values())] for k in levels]
+    return tabulate(rows, ["level", *scores], tablefmt="pipe", disable_numparse=True)
 
 
 def level_table(scores: Scores) -> str:
-    """As Markdown, level by level."""
+    """All scores as Markdown, level by level."""
 
     def cells(own: Score) -> list[str]:
-        shares = (f"{v:.2f} [{low:.2f}, {high:.2f}]" for v, low, high in (own.success, own.falls))
+        shares = map(shown, (own.success, own.falls))
         ratios = ("-" if v is None else f"{v:.3g}" for v in (own.slip, own.transport))
         return [*shares, *ratios]
 
@@ -222,8 +221,11 @@ def main(arguments: list[str] | None = None) -> None:
         f"{args.episodes} episodes at each level of {args.env}, seed {args.seed}; success: no fall "
         f"and at least {ENOUGH:g} of the commanded distance; 95 % Wilson intervals."
     )
-    write_text(out / "levels.md", f"{note}\n\n{level_table(scores)}\n")
-    print(f"{level_table(scores)}\n\n{note} Written: {out}")
+    tables = f"Success:\n\n{success_table(scores)}\n\nAll scores:\n\n{level_table(scores)}"
+    command = shlex.join(["python", "-m", "agents.levels", *(arguments or sys.argv[1:])])
+    head = f"# {args.env} by terrain level\n\n`{command}`: {note}\n\n![Scores](levels.png)"
+    write_text(out / "levels.md", f"{head}\n\n{tables}\n")
+    print(f"{tables}\n\n{note} Written: {out}")
 
 
 if __name__ == "__main__":

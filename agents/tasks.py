@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -16,6 +16,8 @@ from agents.metrics import SETTLING, Aggregate, Array, Episodes, Metric
 from agents.policy import Policy
 from jansen_env.checks import positive_integer
 from jansen_env.envs.crank_task import LOST
+
+ENOUGH = 0.8  # of the commanded distance
 
 
 class Mark(NamedTuple):
@@ -44,6 +46,8 @@ class Task:
         baselines: the policies to compare with by name, the main one first; each is made for an
             unwrapped environment.
         marks: what a policy is to reach; by them the best model of a run is chosen.
+        chosen_by: the metric by which it is, less what is missed of the marks.
+        variety: how many times as many episodes that takes as where nothing but the start differs.
     """
 
     commands: tuple[float, ...]
@@ -52,6 +56,8 @@ class Task:
     metrics: dict[str, Metric]
     baselines: dict[str, Callable[[Any], Policy]]
     marks: tuple[Mark, ...] = ()
+    chosen_by: str = "return"
+    variety: int = 1
 
 
 def _mean(name: str) -> Callable[[Episodes, Any], Array]:
@@ -70,6 +76,13 @@ def _steady_speed_error(run: Episodes, env: Any) -> Array:
     if horizon <= 0.0:
         return np.full(len(run["command"]), np.nan)
     return np.abs((run["distance"] - run["early_distance"]) / horizon - run["command"])
+
+
+def succeeded(run: Episodes, env: Any) -> Array:
+    """1 for each episode (n,) without a fall and :data:`ENOUGH` of the way commanded, else 0."""
+    way = np.abs(run["command"]) * env.spec.max_episode_steps * env.unwrapped.control_dt
+    walked = ~run["fell"].astype(bool) & (_distance(run, env) >= ENOUGH * way)
+    return walked.astype(float)
 
 
 def _per_step(name: str) -> Callable[[Episodes, Any], Array]:
@@ -138,6 +151,18 @@ WALKER = Task(
     ),
 )
 
+WORLD = replace(
+    WALKER,
+    commands=(0.1, 0.2, 0.3, 0.4, 0.5),
+    metrics={
+        **WALKER.metrics,
+        "success": Metric("success", "fraction", succeeded, axis="fraction"),
+    },
+    marks=(),
+    chosen_by="success",
+    variety=4,
+)
+
 CRANK = Task(
     commands=(1.0,),
     command_unit="rad/s",
@@ -161,7 +186,13 @@ CRANK = Task(
     baselines=crank_baselines.BASELINES,
 )
 
-TASKS: dict[str, Task] = {"JansenWalker-v0": WALKER, "JansenCrank-v0": CRANK}
+TASKS: dict[str, Task] = {
+    "JansenWalker-v0": WALKER,
+    "JansenWalkerRough-v0": WORLD,
+    "JansenWalkerHardcore-v0": WORLD,
+    "JansenCrank-v0": CRANK,
+}
+WALKERS = [name for name, task in TASKS.items() if "falls" in task.metrics]
 
 
 def find_task(env_id: str) -> Task:

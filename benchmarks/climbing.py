@@ -15,8 +15,8 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from agents.levels import ENOUGH, succeeded
 from agents.policy import Array, Bools, Policy
+from agents.tasks import ENOUGH
 from agents.trials import DURATION, Trials
 from benchmarks import measure
 from benchmarks.profile_scores import load
@@ -100,7 +100,8 @@ def walk(policy: Policy, cases: Sequence[Case]) -> Walked:
         commands = np.array([case.command for case in some])
         out = trials.run(policy, commands, np.array([case.seed for case in some]))
         trials.close()
-        parts.append(Walked(~out.fell, succeeded(out.fell, out.distance, commands * DURATION)))
+        enough = out.distance >= ENOUGH * DURATION * commands
+        parts.append(Walked(~out.fell, ~out.fell & enough))
     return Walked(*map(np.concatenate, zip(*parts, strict=True)))
 
 

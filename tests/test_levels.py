@@ -22,13 +22,6 @@ class Idle:
         return np.zeros((len(observation), 1), np.float32), None
 
 
-def test_success_is_distance_without_a_fall():
-    fell = np.array([False, False, True, False])
-    distance = np.array([1.6, 1.59, 3.0, -3.0])
-    found = levels.succeeded(fell, distance, np.full(4, 2.0))
-    assert found.tolist() == [True, False, False, False]
-
-
 def test_shares_have_wilsons_interval():
     """8 of 10 by the formula of Wilson (1927), z = 1.959964."""
     z, n, p = 1.959964, 10, 0.8
@@ -86,8 +79,14 @@ def test_scores_by_level_are_written(tmp_path, capsys):
         "--policy", "pid", "--policy", "profile", "--levels", "0", "9", "--episodes", "3",
         "--commands", "0.3", "0.5", "--out", str(tmp_path),
     ])  # fmt: skip
-    rows = [line for line in (tmp_path / "levels.md").read_text().splitlines() if "| p" in line]
-    assert [row.split("|")[1].strip() for row in rows[1:]] == ["0", "0", "9", "9"]
+    rows = [
+        [cell.strip() for cell in line.split("|")[1:-1]]
+        for line in (tmp_path / "levels.md").read_text().splitlines()
+        if line.startswith("|") and "--" not in line
+    ]
+    assert rows[0] == ["level", "pid", "profile"] and [row[0] for row in rows[1:3]] == ["0", "9"]
+    assert [row[:2] for row in rows[4:]] == [[k, p] for k in "09" for p in ("pid", "profile")]
+    assert rows[4][2] == rows[1][1] and rows[7][2] == rows[2][2]
     found = json.loads((tmp_path / "levels.json").read_text())
     assert set(found) == {"pid", "profile"} and set(found["pid"]) == {"0", "9"}
     assert (tmp_path / "levels.png").stat().st_size > 10_000

@@ -60,9 +60,11 @@ def accumulate_step(
     total.motor_work += h * torque * mean
     total.joint_loss += h * inertia.damping * mean * mean
     total.joint_loss -= dry * mean
-    shifted = push.x * (velocity.x + end.x) + push.y * (velocity.y + end.y)
-    turned = push.pitch * (velocity.pitch + end.pitch) + push.crank * (velocity.crank + end.crank)
-    total.push_work += 0.5 * h * (params.mass * shifted + turned)
+    if push.x != 0.0 or push.y != 0.0:
+        shifted = push.x * (velocity.x + end.x) + push.y * (velocity.y + end.y)
+        turned = push.pitch * (velocity.pitch + end.pitch)
+        turned += push.crank * (velocity.crank + end.crank)
+        total.push_work += 0.5 * h * (params.mass * shifted + turned)
     total.torque_impulse += h * (torque - asked)
     total.electrical_work += h * drawn_power(torque, mean, params)
     total.worst_residual = max(total.worst_residual, outcome.residual)

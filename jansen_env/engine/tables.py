@@ -146,7 +146,7 @@ def read_body(body, psi, out):
         out[SECOND, f] = _second(body, row, f, t)
 
 
-@stage(inline=False)
+@stage
 def read_sums(body, params, psi, out):
     """The body's sums at a crank angle, into (3, 6), as a robot's scales have them."""
     read_body(body[0], psi, out)

@@ -318,6 +318,27 @@ def test_a_curriculum_leads_on():
     assert {level_after(0.6) for _ in range(12)} - {HIGHEST}
 
 
+def test_a_curriculum_goes_by_all_commands():
+    """Walking there and back as commanded is a success, wherever it ends; also by a state."""
+    env = gym.make(
+        "JansenWalker-v0", terrain="slope:angle=0", curriculum=Curriculum(horizon=4.0)
+    ).unwrapped
+    env.reset(seed=0, options={"speed_command": 0.2})
+    ends = []
+    for command in (0.2, -0.2):
+        env.set_parameters(command=command)
+        for _ in range(100):
+            info = env.step(np.array([3.0 * command], np.float32))[4]
+        ends.append(info["x_position"])
+    path = ends[0] + (ends[0] - ends[1])
+    assert path > 0.8 > abs(ends[1])
+    np.testing.assert_allclose(env.task.covered[0], (path, 0.8))
+    other = gym.make("JansenWalker-v0", terrain="slope:angle=0", curriculum=True).unwrapped
+    other.set_state(env.get_state())
+    np.testing.assert_array_equal(other.task.covered, env.task.covered)
+    assert env.reset()[1]["parameters"]["terrain_level"] == 1
+
+
 def test_friction_of_a_ground_of_ones_own():
     """The generator's, unless it is given."""
 

@@ -178,7 +178,8 @@ class Episodes:
 
         Args:
             options: of the reset, with numbers that are to be fixed. delay: s, as drawn.
-            walked, command: how far it got in its last one, m, and its command, m/s; 0 at first.
+            walked, command: how far it got towards its commands in its last one, m, and their mean
+                size, m/s; 0 at first.
 
         Raises:
             ValueError: an option out of range or without effect, or no such ground.
@@ -212,9 +213,8 @@ class Episodes:
     ) -> float:
         low, high = self.levels[row].tolist()
         if self.curriculum is not None:
-            commanded = abs(command) * self.curriculum.horizon
-            forward = walked if command >= 0.0 else -walked
-            return float(self.curriculum.next_level(int(self.level[row]), forward, commanded, rng))
+            commanded = command * self.curriculum.horizon
+            return float(self.curriculum.next_level(int(self.level[row]), walked, commanded, rng))
         return float(rng.integers(int(low), int(high), endpoint=True)) if high > low else low
 
     def begin(self, rows: Ints, plans: Sequence[Plan]) -> None:

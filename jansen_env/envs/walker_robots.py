@@ -38,6 +38,7 @@ class WalkerRobots(Task):
         batch: what moves the robots. episodes: their numbers and grounds.
         speed_command: (n, 2) m/s, range of the next commands. reset_noise_scale: (n,) rad/s.
         loads: (n, toes) normal forces / weight. elapsed: (n,) control steps since the reset.
+        covered: (n, 2) m since then, walked towards the commands and commanded; with a curriculum.
     """
 
     batch: BatchedPlant
@@ -46,6 +47,7 @@ class WalkerRobots(Task):
     reset_noise_scale: Array
     loads: Array
     elapsed: Ints
+    covered: Array
     _seed: Ints
     _pushes: Pushes
 
@@ -190,6 +192,7 @@ class WalkerRobots(Task):
             "steps": int(self.elapsed[row]),
             "command_seed": int(self._seed[row]),
             "loads": self.loads[row].copy(),
+            "covered": self.covered[row].copy(),
             **self.episodes.state(row),
             "pushes": self._pushes.scheduled(row),
         }
@@ -203,6 +206,7 @@ class WalkerRobots(Task):
             raise ValueError(
                 f"state['loads'] is {loads}, must be {len(self.loads[row])} finite numbers"
             )
+        covered = np.array([finite("state['covered']", one) for one in state["covered"]])
         in_contact = check_in_contact(state["in_contact"], len(pad_layout(self.robots[0]).leg))
         deflection = check_deflection(state["deflection"], len(self.batch.deflection[row]))
         delay, asked = self._checked_delay(state)
@@ -230,7 +234,7 @@ class WalkerRobots(Task):
         batch.slip[row] = batch.contact_force[row] = 0.0
         self.loads[row] = loads
         self._begin(one, np.array([command]), action)
-        self.elapsed[row], self._seed[row] = steps, seed
+        self.elapsed[row], self._seed[row], self.covered[row] = steps, seed, covered
         self._pushes.schedule(row, pushes)
         info = self.rows[row]["info"]
         info["lag"], info["fallen"] = lag, fallen

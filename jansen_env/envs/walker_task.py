@@ -165,6 +165,7 @@ class WalkerTask(WalkerRobots):
         self._links_mass = np.array([robot.links_mass for robot in self.robots])
         self.loads = np.zeros((n, self.batch.toes))
         self.elapsed = np.zeros(n, np.int64)
+        self.covered = np.zeros((n, 2))
         self._seed = np.zeros(n, np.int64)  # of what episodes draw after their start
         if self.track_joint_forces:
             self.traceable.tracing = True
@@ -259,10 +260,19 @@ class WalkerTask(WalkerRobots):
             self._pushes.schedule(row, pushes)
 
     def _walked(self, row: int) -> tuple[float, float]:
-        """How far a robot got in its last episode, m, and its command, m/s; 0 before the first."""
-        if self.elapsed[row] == 0:
-            return 0.0, 0.0
-        return float(self.batch.states[row, 0]), float(self.rows[row]["info"]["speed_command"])
+        """How far a robot got in its last episode, m, and the mean size of its commands, m/s.
+
+        0 before the first.
+        """
+        walked, commanded = self.covered[row].tolist()
+        return walked, commanded / (max(1, int(self.elapsed[row])) * self.control_dt)
+
+    def _cover(self, active: Bools) -> None:
+        """Add the step of the ``active`` robots (n,) to :attr:`covered`."""
+        commands = np.where(active, self.rows["info"]["speed_command"], 0.0)
+        path = self.batch.states[:, 0] - self.rows["x_before"]
+        self.covered[:, 0] += np.sign(commands) * path
+        self.covered[:, 1] += np.abs(commands) * self.control_dt
 
     def _put_in_force(self, rows: Ints, plans: Sequence[Plan]) -> None:
         """Let robots be what is planned for their episodes."""
@@ -291,7 +301,7 @@ class WalkerTask(WalkerRobots):
         states = self.batch.states[rows]
         kept["x_before"][rows], info["x_velocity"][rows] = states[:, 0], states[:, 4]
         info["joint_gap"][rows] = self.batch.joint_gap[rows]
-        self.reward[rows], self.elapsed[rows] = 0.0, 0
+        self.reward[rows], self.elapsed[rows], self.covered[rows] = 0.0, 0, 0.0
 
     def _draw(
         self, row: int, rng: np.random.Generator, options: dict[str, Any]
@@ -326,6 +336,8 @@ class WalkerTask(WalkerRobots):
             batch.step(*asked, pushes=pushes)
         if meanwhile is not None and not isinstance(batch, Batch):
             meanwhile()
+        if self.episodes.curriculum is not None:
+            self._cover(active)
         task.finish_step(active, *self._arguments_of_step())
         if self._sensors is not None:
             self._add_noise(np.flatnonzero(active))

@@ -325,7 +325,7 @@ class WalkerTask(WalkerRobots):
         """Hold torques for ``control_dt`` seconds, see :class:`Task`."""
         batch = self.batch
         self._take_actions(actions, active)
-        pushes = self._pushes.of_step(active, self.elapsed, self._seed)
+        pushes = self.pushes_to_come(active)
         self.elapsed += active
         self._draw_commands()
         asked = self.torque, self._steps, self.earlier, self.switch
@@ -350,6 +350,10 @@ class WalkerTask(WalkerRobots):
         if self.track_joint_forces:
             diverged = batch.any_diverged
             self._joint_loads[:] = (0.0, 0.0) if diverged else self.traceable.peak_loads()
+
+    def pushes_to_come(self, active: Bools) -> Array | None:
+        """(n, steps, 2) N s on the ``active`` robots in the next step, see ``Batch.step``."""
+        return self._pushes.of_step(active, self.elapsed, self._seed)
 
     def _draw_commands(self) -> None:
         """Draw the commands of the steps to come, where it is time for others."""

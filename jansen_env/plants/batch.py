@@ -405,13 +405,19 @@ class Batch:
         self.diverged[rows] = False
         self.in_contact = None if 0 in rows else self.in_contact
 
-    def lookahead(self, torque: float = 0.0, rows: Ints | None = None) -> None:
-        """What the next time step of some robots (all) would do under a torque; states stay."""
+    def lookahead(
+        self, torque: float = 0.0, rows: Ints | None = None, pushes: Array | None = None
+    ) -> None:
+        """What the next time step of some robots (all) would do under a torque; states stay.
+
+        ``pushes``: (n, 1, 2) N s, as of :meth:`step`.
+        """
+        pushes = self._no_pushes if pushes is None else pushes
         rows = self._every if rows is None else rows
         states, deflection = self.states[rows], self.deflection[rows]  # copies
         in_contact = self.in_contact
         try:
-            asked = np.full(len(self.states), torque), *self._at_once, self._no_pushes
+            asked = np.full(len(self.states), torque), *self._at_once, pushes
             self._run(rows, asked, 1)
         finally:
             self.states[rows], self.deflection[rows] = states, deflection

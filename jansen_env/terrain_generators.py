@@ -189,7 +189,8 @@ def make_generator(spec: Any) -> Generator | None:
             ``"stairs:rise=0.02,tread=0.3"``, or a callable ``(rng, level) -> Terrain``.
 
     Returns:
-        None for a fixed ground: a :class:`Terrain`, ``"flat"``, ``"slope:0.1"``, points.
+        The generator, or None for a fixed ground such as a :class:`Terrain`, ``"flat"``,
+        ``"slope:0.1"`` or points.
 
     Raises:
         ValueError: a text that is neither, with what is allowed.

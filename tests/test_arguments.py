@@ -14,6 +14,7 @@ import pytest
 
 import jansen_env
 from jansen_env import Bar, Leg, Payload, Robot, Terrain, Triangle
+from jansen_env.curriculum import Curriculum
 from jansen_env.envs import arguments
 from jansen_env.envs.crank import JansenCrankEnv
 from jansen_env.envs.walker import JansenWalkerEnv, JansenWalkerVectorEnv
@@ -56,6 +57,12 @@ MAKERS = {
     "flat": (Terrain.flat, {}),
     "slope": (Terrain.slope, {"angle": 0.1}),
     "rough": (Terrain.rough, {"rng": np.random.default_rng(0)}),
+    "waves": (Terrain.waves, {}),
+    "stairs": (Terrain.stairs, {}),
+    "steps": (Terrain.steps, {"rng": np.random.default_rng(0)}),
+    "stumps": (Terrain.stumps, {}),
+    "ramps": (Terrain.ramps, {}),
+    "curriculum": (Curriculum, {}),
     "Noise": (jansen_env.Noise, {}),
     "Push": (jansen_env.Push, {}),
     "walker": (JansenWalkerEnv, {}),

@@ -78,12 +78,14 @@ class WalkerRobots(Task):
         """Change a robot from now on.
 
         Args:
-            friction, restitution: between its toes and its ground. payload: a :class:`Payload`, or
-                a mass in kg at the crank axis. motor: a :class:`Motor`, or the name of one, whose
-                torque limit then holds.
-                pad_compliance: a :class:`Compliance`. delay: s, a number or a range, of its next
-                episodes, no longer than was given to the constructor for any robot. speed_command: m/s, a number or a range, from which
-                commands are drawn from now on. command: m/s, from the next step on.
+            friction, restitution: between its toes and its ground.
+            payload: a :class:`jansen_env.robot.Payload`, or a mass in kg at the crank axis.
+            motor: a :class:`jansen_env.motor.Motor`, or the name of one, whose torque limit then
+                holds. pad_compliance: a :class:`jansen_env.robot.Compliance`.
+            delay: s, a number or a range, of its next episodes, no longer than was given to the
+                constructor for any robot.
+            speed_command: m/s, a number or a range, from which commands are drawn from now on.
+            command: m/s, from the next step on. terrain_level: of its next episodes.
 
         Raises:
             ValueError: a value out of range, or anything but commands and delay on the plant
@@ -176,7 +178,7 @@ class WalkerRobots(Task):
         return None
 
     def get_state(self, row: int) -> dict[str, Any]:
-        """All that a robot's future depends on but its random numbers, see :class:`Task`."""
+        """All that a robot's future depends on but its random numbers, see :class:`jansen_env.envs.core.Task`."""
         kept = self.rows[row]
         in_contact = self.batch.in_contact
         return {
@@ -198,7 +200,7 @@ class WalkerRobots(Task):
         }
 
     def set_state(self, row: int, state: Mapping[str, Any]) -> None:
-        """Go on from a state of :meth:`get_state`, see :class:`Task`."""
+        """Go on from a state of :meth:`get_state`, see :class:`jansen_env.envs.core.Task`."""
         arguments.complete_state(state, self.get_state(row))
         # All is checked before anything changes.
         pose, loads = check_state(state["plant"]), np.array(state["loads"], dtype=float)

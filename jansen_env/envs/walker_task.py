@@ -235,7 +235,7 @@ class WalkerTask(WalkerRobots):
         generators: Sequence[np.random.Generator],
         options: Sequence[dict[str, Any]],
     ) -> None:
-        """Start episodes of some robots, see :class:`Task`."""
+        """Start episodes of some robots, see :class:`jansen_env.envs.core.Task`."""
         each = list(zip(rows.tolist(), generators, options, strict=True))
         drawn = [self._draw(row, rng, own) for row, rng, own in each]
         seeds = [rng.integers(2**63) for rng in generators]  # of commands to come, pushes and noise
@@ -322,7 +322,7 @@ class WalkerTask(WalkerRobots):
     def step(
         self, actions: Any, active: Bools, meanwhile: Callable[[], None] | None = None
     ) -> None:
-        """Hold torques for ``control_dt`` seconds, see :class:`Task`."""
+        """Hold torques for ``control_dt`` seconds, see :class:`jansen_env.envs.core.Task`."""
         batch = self.batch
         self._take_actions(actions, active)
         pushes = self.pushes_to_come(active)

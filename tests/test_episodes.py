@@ -276,6 +276,10 @@ def test_feet_that_give_stay_out_of_drawn_restitution():
             env.unwrapped.set_parameters(pad_compliance=Compliance(2e4, 20.0))
     fixed.unwrapped.set_parameters(restitution=0.0, pad_compliance=Compliance(2e4, 20.0))
     fixed.reset()
+    copy = pickle.loads(pickle.dumps(fixed.unwrapped))
+    for one in (fixed, copy):
+        seen = one.step(np.full(1, 0.3, np.float32))[0]
+    np.testing.assert_array_equal(seen, fixed.unwrapped.task.observation[0])
 
 
 def test_levels_of_a_batch():
@@ -376,8 +380,9 @@ def test_the_second_plant_has_the_same_world():
         infos = [env.reset(seed=seed)[1] for env in envs]
         assert infos[0]["parameters"] == infos[1]["parameters"]
         assert envs[0].unwrapped.terrain == envs[1].unwrapped.terrain
-        weights = [env.unwrapped.weight for env in envs]
-        assert weights[0] == weights[1]
+        for name in ("weight", "friction"):
+            found = [env.unwrapped.task.of_each(name) for env in envs]
+            assert found[0] == found[1]
         for _ in range(10):
             ends = [env.step(np.full(1, 0.2, np.float32))[4] for env in envs]
         for name in ("x_position", "pitch", "crank_speed"):

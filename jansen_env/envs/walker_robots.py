@@ -85,7 +85,8 @@ class WalkerRobots(Task):
             delay: s, a number or a range, of its next episodes, no longer than was given to the
                 constructor for any robot.
             speed_command: m/s, a number or a range, from which commands are drawn from now on.
-            command: m/s, from the next step on. terrain_level: of its next episodes.
+            command: m/s, from the next step on. terrain_level: of its next episodes; that from
+                which a curriculum goes on. What ``randomize`` names is drawn all the same.
 
         Raises:
             ValueError: a value out of range, or anything but commands and delay on the plant
@@ -171,10 +172,7 @@ class WalkerRobots(Task):
         if name == "state":
             return list(batch.states.copy())
         if name in ("friction", "restitution"):
-            if isinstance(batch, Batch):
-                found: list[float] = getattr(batch, name).tolist()
-                return found
-            return [getattr(terrain, name) for terrain in batch.terrains]
+            return list(self.episodes.values[name].tolist())
         return None
 
     def get_state(self, row: int) -> dict[str, Any]:

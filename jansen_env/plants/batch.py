@@ -597,7 +597,13 @@ class Batch:
         return {name: getattr(self, name) for name in kept}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
-        self.__init__(saved["robots"], saved["terrains"], *saved["_arguments"])  # type: ignore[misc]
+        pairs = zip(saved["terrains"], saved["nominal"]["restitution"].tolist(), strict=True)
+        grounds = [  # as feet that give now must have them
+            terrain if terrain.restitution == own else replace(terrain, restitution=own)
+            for terrain, own in pairs
+        ]
+        self.__init__(saved["robots"], grounds, *saved["_arguments"])  # type: ignore[misc]
+        self.terrains = saved["terrains"]
         for name in CHANGING:
             getattr(self, name)[:] = saved[name]
         self.tracing, self.in_contact = saved["tracing"], saved["in_contact"]

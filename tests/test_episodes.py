@@ -343,6 +343,16 @@ def test_a_curriculum_goes_by_all_commands():
     assert env.reset()[1]["parameters"]["terrain_level"] == 1
 
 
+def test_a_seed_and_a_level_replay_an_episode_of_a_curriculum():
+    """Whatever came before, also beyond the top."""
+    first, other = (make(curriculum=Curriculum(up=0.0, down=0.0)) for _ in range(2))
+    expected = walk(first, 5, terrain_level=3)
+    walk(other, 1, terrain_level=HIGHEST)  # goes up
+    found = walk(other, 5, terrain_level=3)
+    np.testing.assert_array_equal(found[0], expected[0])
+    assert found[1]["parameters"] == expected[1]["parameters"]
+
+
 def test_friction_of_a_ground_of_ones_own():
     """The generator's, unless it is given."""
 

@@ -213,8 +213,9 @@ class Episodes:
     ) -> float:
         low, high = self.levels[row].tolist()
         if self.curriculum is not None:
+            own = np.random.default_rng(rng.integers(2**63))  # so that what follows is the seed's
             commanded = command * self.curriculum.horizon
-            return float(self.curriculum.next_level(int(self.level[row]), walked, commanded, rng))
+            return float(self.curriculum.next_level(int(self.level[row]), walked, commanded, own))
         return float(rng.integers(int(low), int(high), endpoint=True)) if high > low else low
 
     def begin(self, rows: Ints, plans: Sequence[Plan]) -> None:

@@ -81,7 +81,7 @@ class Episodes:
         self._own = {"friction": own_friction, "restitution": own_restitution}
         self._randomizations, self.curriculum = list(randomizations), curriculum
         self.levels, self.level = levels, levels[:, 0].astype(np.int64)
-        self._senses = dict(senses)
+        self._senses, self._links_mass = dict(senses), robots[0].links_mass  # of one design
         self.nominal = np.zeros(n, EPISODE)
         self.nominal["noise_level"] = self.nominal["push_strength"] = 1.0
         for row, (robot, terrain) in enumerate(zip(robots, terrains, strict=True)):
@@ -156,7 +156,7 @@ class Episodes:
         if robot.pad_compliance.rigid:
             return
         check_bounce(robot.pad_compliance, float(values["restitution"]))
-        mass = float(values["mass_scale"] * robot.links_mass + values["payload"])
+        mass = float(values["mass_scale"] * self._links_mass + values["payload"])
         stiffness = float(values["foot_stiffness_scale"]) * robot.pad_compliance.stiffness
         resting_depth(mass, stiffness, GRAVITY * math.cos(values["tilt"]))
 

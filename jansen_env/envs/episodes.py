@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -52,6 +52,8 @@ class Episodes:
         levels: (n, 2) lowest and highest terrain level. randomizations: of each.
         curriculum: that leads from level to level; None for a draw from ``levels``.
         senses: whether there is noise, and pushes: parameters that otherwise do nothing.
+        by_default: of "terrain_level" and "randomize" what nobody has asked for: what would do
+            nothing of these is left out, not refused.
 
     Attributes:
         values: (n,) :data:`jansen_env.envs.parameters.EPISODE`, those of the present episodes.
@@ -75,6 +77,7 @@ class Episodes:
         randomizations: Sequence[Randomization],
         curriculum: Curriculum | None,
         senses: Mapping[str, bool],
+        by_default: Collection[str] = (),
     ) -> None:
         n = len(robots)
         self._batch, self._generators = batch, list(generators)
@@ -90,10 +93,14 @@ class Episodes:
                 self.nominal[name][row] = found[name]
         self.values = self.nominal.copy()
         self._changed = np.zeros(n, bool)  # by a draw, from what the robot and its ground are
-        for row, randomization in enumerate(self._randomizations):
-            self.check_names(row, [*randomization.distributions], "randomize")
-            self._check_feet(row, self._heaviest(row))
         has_levels = np.array([generator is not None for generator in generators])
+        if "terrain_level" in by_default:
+            levels[~has_levels] = 0.0
+        for row in range(n):
+            if "randomize" in by_default:
+                self._randomizations[row] = self._randomizations[row].only(self._useful(row))
+            self.check_names(row, [*self._randomizations[row].distributions], "randomize")
+            self._check_feet(row, self._heaviest(row))
         if bad := np.flatnonzero(levels.any(axis=1) & ~has_levels).tolist():
             raise ValueError(
                 f"terrain_level is {shown(levels[bad[0]].tolist())}, must be 0 on a ground that is "
@@ -101,7 +108,8 @@ class Episodes:
             )
         if curriculum is not None and not has_levels.all():
             raise ValueError("curriculum is given, must be None on a ground that has no levels")
-        self.varies = bool(has_levels.any() or any(one.distributions for one in randomizations))
+        drawn = any(one.distributions for one in self._randomizations)
+        self.varies = bool(has_levels.any() or drawn)
 
     @property
     def numbers(self) -> Array:
@@ -127,13 +135,16 @@ class Episodes:
         self.check_names(row, ["terrain_level"], "set_parameters")
         return round(check("terrain_level", "terrain_level", level))
 
-    def check_names(self, row: int, names: Sequence[str], label: str) -> None:
-        """Raises ValueError where a parameter would do nothing for a robot."""
-        robot = self._batch.robots[row]
-        useful = {*effective(robot), "delay"}
+    def _useful(self, row: int) -> set[str]:
+        """The parameters that do something for a robot."""
+        useful = {*effective(self._batch.robots[row]), "delay"}
         useful |= {"terrain_level"} if self._generators[row] is not None else set()
         useful |= {"noise_level"} if self._senses["noise"] else set()
-        useful |= {"push_strength"} if self._senses["push"] else set()
+        return useful | ({"push_strength"} if self._senses["push"] else set())
+
+    def check_names(self, row: int, names: Sequence[str], label: str) -> None:
+        """Raises ValueError where a parameter would do nothing for a robot."""
+        useful = self._useful(row)
         for name in names:
             if name not in useful:
                 raise ValueError(

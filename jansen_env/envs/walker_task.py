@@ -72,6 +72,7 @@ class WalkerTask(WalkerRobots):
         "terrain_level", "randomize",
     )  # fmt: skip
     ONE_ALONE = {"plant": "projection", "track_joint_forces": False}
+    by_default: frozenset[str] = frozenset()  # arguments that a derived task has chosen
     SETTABLE = (
         "friction", "restitution", "payload", "motor", "pad_compliance", "delay", "speed_command",
         "command", "terrain_level",
@@ -174,7 +175,7 @@ class WalkerTask(WalkerRobots):
             self.batch, self.robots, *grounds,
             arguments.levels_of_each(n, terrain_level), randomizations,
             arguments.load_curriculum(curriculum),
-            {"noise": self._sensors is not None, "push": self._pushes.at_random},
+            {"noise": self._sensors is not None, "push": self._pushes.at_random}, self.by_default,
         )  # fmt: skip
         self.information = self._inform()
         prepare(

@@ -23,9 +23,9 @@ from jansen_env.envs.parameters import (
 )
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import BatchedPlant
-from jansen_env.plants.batch import check_bounce
 from jansen_env.plants.initial_pose import resting_depth
 from jansen_env.plants.variation import VARIATION, effective, nominal
+from jansen_env.plants.varied_robots import check_bounce
 from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
 from jansen_env.terrain_generators import Generator

@@ -40,7 +40,7 @@ from agents.training_state import read_state
 from agents.vec_env import acting
 from jansen_env.files import write_json
 
-EPISODES = 16  # per command, of each evaluation
+EPISODES = 16  # per command, of each evaluation, times the task's variety
 SHORTFALL_PRICE = 10.0  # in returns, of a mark missed by all of it
 SELECTION_SEED = 30_000  # of the episodes that choose the best model, apart from all others
 
@@ -81,7 +81,7 @@ class Saver(BaseCallback):
         self.stop, self.ended, self._read_state = stop, False, state
         self.last: Path | None = None
         self.task = find_task(env_id)
-        self.commands = np.repeat(self.task.commands, EPISODES)
+        self.commands = np.repeat(self.task.commands, EPISODES * self.task.variety)
         self._most: Array | None = None  # that the task's marks allow, once it is needed
         # After a kill the last evaluations may be of steps that are now trained again. The best
         # model may be of one of them, so what is to beat is not the history's but the file's.
@@ -145,7 +145,7 @@ class Saver(BaseCallback):
         env = make_env(self.env_id, self.env_kwargs)
         scored = point_estimates(self.task.metrics, run, env)
         short = self._shortfall(run, env) if self.task.marks else 0.0
-        scored["score"] = (scored["return"] or 0.0) - SHORTFALL_PRICE * short
+        scored["score"] = (scored[self.task.chosen_by] or 0.0) - SHORTFALL_PRICE * short
         env.close()
         for name, value in scored.items():
             self.logger.record(f"eval/{name}", value)

@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 from agents.action_maps import ACTION_MAPS
 from agents.command_line import MAX_STEPS
 from agents.plain_yaml import read_yaml
-from agents.tasks import TASKS, check_env_kwargs, find_task
+from agents.tasks import TASKS, WALKERS, check_env_kwargs, find_task, vector_env
 from jansen_env.checks import shown
+from jansen_env.history import MOST
 
 CONFIGS = Path(__file__).parent / "configs"
 MAX_UNITS, MAX_LAYERS = 1024, 8  # of a network
@@ -173,14 +174,18 @@ POLICY_KWARGS: dict[str, dict[str, Check]] = {
         "renorm_warmup_steps": integer(0, MAX_STEPS),
     },
 }
+HISTORY = {"length": integer(1, MOST), "every": integer(1, MOST)}
 KEYS: dict[str, Check] = {
     "policy": one_of(("MlpPolicy",)),
     "timesteps": integer(1, MAX_STEPS),
     "n_envs": integer(1, 10_000),
     "reward_scale": positive,
+    "fall_cost": non_negative,
     "imitate": one_of({name for task in TASKS.values() for name in task.baselines}),
     "critic_first": integer(0, MAX_STEPS),
     "action": one_of(("torque", *ACTION_MAPS)),
+    "history": mapping,
+    "privileged_critic": boolean,
     "env_kwargs": mapping,
     "training_kwargs": mapping,
     "training_variants": mappings,
@@ -219,10 +224,13 @@ def load_config(
 ) -> dict[str, Any]:
     """A training configuration from YAML; it can name no code, each name is looked up in a table.
 
-    Keys: ``policy``, ``timesteps``, ``n_envs``, ``reward_scale``, ``action`` (what actions mean,
-    see :mod:`agents.action_maps`), ``imitate`` (the baseline that PPO's policy learns first, see
-    :mod:`agents.imitation`), ``critic_first`` (steps in which the critic learns alone),
-    ``env_kwargs`` (for training and evaluation), ``training_kwargs`` (for training alone),
+    Keys: ``policy``, ``timesteps``, ``n_envs``, ``reward_scale`` and ``fall_cost`` (of the
+    training reward: a factor, and what a fall takes off before it), ``action`` (what actions mean,
+    see :mod:`agents.action_maps`), ``history`` (``{length: 5, every: 2}``: the policy sees so many
+    observations, so many steps apart) and ``privileged_critic`` (whether the critic alone knows the
+    episode's parameters; see :mod:`agents.observing`), ``imitate`` (the baseline that PPO's policy
+    learns first, see :mod:`agents.imitation`), ``critic_first`` (steps in which the critic learns
+    alone), ``env_kwargs`` (for training and evaluation), ``training_kwargs`` (for training alone),
     ``training_variants`` (further arguments of the training environments, taken in turn;
     ``max_episode_steps`` is one too), ``hyperparameters``
     (the algorithm's arguments; ``learning_rate`` and ``clip_range`` may be "linear_X", falling from
@@ -320,11 +328,12 @@ def check_config(
 
 def _check_algorithm(algo: str, config: dict[str, Any]) -> None:
     """What only some algorithms have, and what goes together."""
-    for name in ("imitate", "critic_first") if algo != "ppo" else ():
-        if name in config:
+    for name in ("imitate", "critic_first", "privileged_critic") if algo != "ppo" else ():
+        if config.get(name):
             raise ValueError(f"{name!r} is given, so algo must be 'ppo', and is {algo!r}")
     hyperparameters = config.get("hyperparameters", {})
     policy_kwargs = config.get("policy_kwargs", {})
+    _check("history", config.get("history", {}), HISTORY)
     _check("hyperparameters", hyperparameters, HYPERPARAMETERS[algo])
     _check("policy_kwargs", policy_kwargs, POLICY_KWARGS[algo])
     dropped = hyperparameters.get("top_quantiles_to_drop_per_net", 0)
@@ -333,8 +342,12 @@ def _check_algorithm(algo: str, config: dict[str, Any]) -> None:
             f"hyperparameters.top_quantiles_to_drop_per_net is {dropped}, must be below "
             f"n_quantiles, {quantiles}"
         )
-    if policy_kwargs.get("harmonics") and not policy_kwargs.get("normalize"):
-        raise ValueError("policy_kwargs.harmonics is given, so normalize must be true, too")
+    for used, name in (
+        (policy_kwargs.get("harmonics"), "harmonics"),
+        (config.get("privileged_critic"), "privileged_critic"),
+    ):
+        if used and not policy_kwargs.get("normalize"):
+            raise ValueError(f"{name} is given, so normalize must be true, too")
     if "noise_exponent" in policy_kwargs:
         for used, name in ((hyperparameters, "use_sde"), (policy_kwargs, "squash_output")):
             if used.get(name):
@@ -344,11 +357,13 @@ def _check_algorithm(algo: str, config: dict[str, Any]) -> None:
 def _check_environment(env_id: str, config: dict[str, Any]) -> None:
     """What only some environments have, and their arguments."""
     action = config.get("action", "torque")
-    if env_id != "JansenWalker-v0":
+    if env_id not in WALKERS:
         if action != "torque":
             raise ValueError(f"action is {action!r}, must be 'torque' for {env_id}")
         if "noise_exponent" in config.get("policy_kwargs", {}):
             raise ValueError(f"policy_kwargs.noise_exponent is given, but {env_id} has no command")
+    if config.get("privileged_critic") and not hasattr(vector_env(env_id).TASK, "parameters"):
+        raise ValueError(f"privileged_critic is given, but {env_id} draws no parameters")
     if (teacher := config.get("imitate")) is not None:
         one_of(find_task(env_id).baselines)("imitate", teacher)
         if action != "torque":

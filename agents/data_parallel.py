@@ -332,7 +332,8 @@ class CommonNormalizer(NormalizerUpdate):
         self.worker = worker
 
     def _update(self, normalizer: NormalizedObservation, observations: torch.Tensor) -> None:
-        mean, variance = pooled(self.worker.gather(moments(observations)))
+        own = moments(normalizer.taken(observations))
+        mean, variance = pooled(self.worker.gather(own))
         normalizer.merge(
             float(self.worker.size * len(observations)), mean.float(), variance.float()
         )

@@ -15,7 +15,7 @@ from agents.metrics import score_table, summarise
 from agents.plots import plot_scores
 from agents.policy import Policy
 from agents.rollout import make_env, run_episodes
-from agents.tasks import TASKS, find_task
+from agents.tasks import TASKS, WALKERS, find_task
 from agents.video import record_video
 from jansen_env import pretrained
 from jansen_env.files import write_json
@@ -150,7 +150,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--env-kwargs", default="{}", type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--plant", action="append", default=[], choices=sorted(PLANTS),
-        help="of JansenWalker-v0; given again, side by side; default: projection")  # fmt: skip
+        help="of walkers; given again, side by side; default: projection")  # fmt: skip
     add("--commands", type=float, nargs="+", metavar="V",
         help="commanded speeds; default: the task's grid")  # fmt: skip
     add("--episodes", type=positive_int, default=10, help="episodes per command")
@@ -162,7 +162,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--video-command", type=float, metavar="V",
         help="its speed; default: from the middle of the task's grid")  # fmt: skip
     args = parser.parse_args(arguments)
-    if args.plant and args.env != "JansenWalker-v0":
+    if args.plant and args.env not in WALKERS:
         parser.error(f"--plant is {args.plant}, but {args.env} has one plant only")
     if "speed_command" in args.env_kwargs:
         parser.error("speed_command in --env-kwargs has no effect here, must be in --commands")

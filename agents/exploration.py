@@ -10,15 +10,15 @@ from typing import Any
 
 import torch
 from stable_baselines3.common.distributions import Distribution
-from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.type_aliases import PyTorchObs
 
+from agents.observing import AsymmetricPolicy
 from agents.walker_observation import COMMAND
 
 SLOWEST, FASTEST = 0.03, 0.2  # m/s, between which the noise grows
 
 
-class CommandNoisePolicy(ActorCriticPolicy):
+class CommandNoisePolicy(AsymmetricPolicy):
     """PPO's Gaussian policy with the standard deviation std (|command| / 0.2 m/s)^p.
 
     Commands count from 0.03 to 0.2 m/s, slower and faster ones as these. std is learned, as it

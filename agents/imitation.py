@@ -20,6 +20,7 @@ from torch import nn
 
 from agents.config import training_envs
 from agents.normalizer import NormalizedObservation
+from agents.observing import observing, own_observations
 from agents.policy import Policy
 from agents.rollout import make_env
 from agents.tasks import find_task, vector_env
@@ -61,7 +62,7 @@ def imitate(model: PPO, config: dict[str, Any]) -> float:
     policy: Any = model.policy
     optimizer = torch.optim.Adam(_actor(policy))
     observations, actions, loss = [], [], torch.tensor(0.0)
-    with closing(make_vec_env(env_id, ROBOTS, kwargs, variants)) as venv:
+    with closing(observing(make_vec_env(env_id, ROBOTS, kwargs, variants), config)) as venv:
         venv.seed(RESET_SEED + config["seed"])
         for number in range(ROUNDS):
             seen, given = _walk(venv, teacher, None if number == 0 else policy, rng)
@@ -93,7 +94,7 @@ def _walk(
     observations, actions = [], []
     seen, starts, state = venv.reset(), np.ones(ROBOTS, bool), None
     for step in range(STEPS):
-        wanted, state = teacher.predict(seen, state, starts, True)
+        wanted, state = teacher.predict(own_observations(venv, seen), state, starts, True)
         if step % KEPT == 0:
             observations.append(torch.as_tensor(seen))
             actions.append(torch.as_tensor(wanted))

@@ -23,6 +23,14 @@ from agents.config import TO_LOAD, find_config, load_config
 from agents.exploration import CommandNoisePolicy
 from agents.model_files import NOTES, STATE, read_model
 from agents.normalizer import NormalizedObservation
+from agents.observing import (
+    AsymmetricPolicy,
+    ObservingPolicy,
+    knowledge,
+    own_space,
+    seen_space,
+    what_is_seen,
+)
 from agents.policy import Policy
 from agents.rollout import make_env
 from jansen_env.files import write_bytes
@@ -38,8 +46,8 @@ def build_model(algo: str, config: dict[str, Any], env: Any, **more: Any) -> Bas
         if isinstance(value := arguments.get(name), str):
             arguments[name] = linear_schedule(value)
     return ALGORITHMS[algo](
-        _policy_class(algo, config), env, policy_kwargs=_policy_kwargs(config), device="cpu",
-        **arguments, **more,
+        _policy_class(algo, config), env, device="cpu", **arguments, **more,
+        policy_kwargs=_policy_kwargs(config, own_space(env)),
     )  # fmt: skip
 
 
@@ -52,15 +60,20 @@ def linear_schedule(text: str) -> LinearSchedule:
 
 
 def _policy_class(algo: str, config: dict[str, Any]) -> Any:
-    """What ``policy`` names; PPO's own where its noise is to suit the command."""
+    """What ``policy`` names; our own where the noise suits the command or the critic knows more."""
     if "noise_exponent" in config.get("policy_kwargs", {}):
         return CommandNoisePolicy
+    if config.get("privileged_critic"):
+        return AsymmetricPolicy
     return ALGORITHMS[algo].policy_aliases[config["policy"]]
 
 
-def _policy_kwargs(config: dict[str, Any]) -> dict[str, Any]:
-    """``policy_kwargs`` with names turned into classes."""
+def _policy_kwargs(config: dict[str, Any], own: Any) -> dict[str, Any]:
+    """``policy_kwargs`` with names turned into classes; own: space of the environment alone."""
     arguments = dict(config.get("policy_kwargs", {}))
+    history, privileged = what_is_seen(config)
+    if privileged:
+        arguments["actor_inputs"] = history.length * own.shape[0]
     if "activation" in arguments:
         arguments["activation_fn"] = ACTIVATIONS[arguments.pop("activation")]
     harmonics = arguments.pop("harmonics", 0)
@@ -73,8 +86,9 @@ def _policy_kwargs(config: dict[str, Any]) -> dict[str, Any]:
 def load_policy(path: str | Path) -> Policy:
     """A trained policy from a run's folder or a model's zip file, without running code from it.
 
-    Where its actions mean something else than torques (``action`` in its configuration), what it
-    predicts is nevertheless what the environment takes.
+    Where it sees more than the environment's observation, or its actions mean something else than
+    torques (``history``, ``action`` in its configuration), it nevertheless takes what the
+    environment gives and gives what that takes.
 
     A model that Stable-Baselines3 trained elsewhere takes a config.yml beside it that says how the
     policy is built; policy_kwargs and use_sde may be left out where they are the library's own::
@@ -97,13 +111,16 @@ def load_policy(path: str | Path) -> Policy:
     source = find_config(path)
     config = load_config(source, required=TO_LOAD)
     try:
-        env = make_env(config["env"], config.get("env_kwargs", {}))
+        env: Any = make_env(config["env"], config.get("env_kwargs", {}))
+        history, privileged = what_is_seen(config)
+        known = knowledge([env.unwrapped.task]).shape[1] if privileged else 0
+        space = seen_space(env.observation_space, history, known)
         policy: Any = _policy_class(config["algo"], config)(
-            env.observation_space,
+            space,
             env.action_space,
             lambda _: 0.0,  # the learning rate, of no use here
             use_sde=config.get("hyperparameters", {}).get("use_sde", False),
-            **_policy_kwargs(config),
+            **_policy_kwargs(config, env.observation_space),
         )
     except (AssertionError, TypeError, ValueError) as error:  # arguments that do not go together
         raise ValueError(f"{source}: {error}") from error
@@ -114,6 +131,8 @@ def load_policy(path: str | Path) -> Policy:
     except Exception as error:  # torch raises most kinds for what does not fit
         raise ValueError(f"{path} does not fit {source}: {' '.join(str(error).split())}") from error
     policy.set_training_mode(False)
+    if space.shape != env.observation_space.shape:
+        policy = ObservingPolicy(policy, history, env.observation_space)
     action = config.get("action", "torque")
     return policy if action == "torque" else MappedPolicy(policy, make_map(action, env))
 

@@ -20,6 +20,7 @@ from agents.config import find_config, training_envs
 from agents.imitation import CriticFirst, Imitation
 from agents.model_files import read_model, read_notes, read_training_state
 from agents.models import build_model, restore
+from agents.observing import observing
 from agents.replay import load_replay_buffer
 from agents.runs import FINAL, find_replay_buffer, next_monitor, rewind_monitors
 from agents.training_state import GeneratorsRestored, read_state, restore_state
@@ -32,19 +33,26 @@ if TYPE_CHECKING:
 EVALUATIONS = 16  # of a run, if nothing else is said
 
 
-class ScaledReward(VecEnvWrapper):
-    """Rewards times a number; what monitors inside have seen is not scaled."""
+class TrainingReward(VecEnvWrapper):
+    """Rewards less what a fall costs, times a number; monitors inside see neither.
 
-    def __init__(self, venv: Any, scale: float) -> None:
+    Args:
+        venv: the environments. scale: the number. fall_cost: taken off where an episode ends before
+            its time limit.
+    """
+
+    def __init__(self, venv: Any, scale: float, fall_cost: float) -> None:
         super().__init__(venv)
-        self.scale = scale
+        self.scale, self.fall_cost = scale, fall_cost
 
     def reset(self) -> Any:
         return self.venv.reset()
 
     def step_wait(self) -> Any:
         observations, rewards, dones, infos = self.venv.step_wait()
-        return observations, (self.scale * rewards).astype(np.float32), dones, infos
+        fallen = dones & ~np.array([info.get("TimeLimit.truncated", False) for info in infos])
+        rewards = self.scale * (rewards - self.fall_cost * fallen)
+        return observations, rewards.astype(np.float32), dones, infos
 
 
 def prepare(
@@ -69,7 +77,9 @@ def prepare(
     threads = None if worker is None else worker.threads(config["n_envs"])
     venv = make_vec_env(config["env"], config["n_envs"], kwargs, variants, threads=threads)
     venv = with_actions(venv, config.get("action", "torque"), config["env"], kwargs)
-    venv = ScaledReward(VecMonitor(venv), config.get("reward_scale", 1.0))
+    scale, fall_cost = config.get("reward_scale", 1.0), config.get("fall_cost", 0.0)
+    venv = TrainingReward(VecMonitor(venv), scale, fall_cost)
+    venv = observing(venv, config)
     model = build_model(config["algo"], config, venv, seed=seed)
     if resume is not None:
         tensors, model.num_timesteps = read_model(resume)

@@ -20,6 +20,7 @@ from stable_baselines3.common.vec_env import (
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
 from agents.action_maps import ActionMap, MappedPolicy, make_map
+from agents.observing import observing_policy
 from agents.policy import Policy
 from agents.rollout import make_env
 from agents.tasks import can_be_batched, vector_env
@@ -232,6 +233,7 @@ def with_actions(venv: VecEnv, name: str, env_id: str, env_kwargs: dict[str, Any
 
 
 def acting(model: Any) -> Policy:
-    """A model's policy as one that acts on the environment itself, whatever its actions mean."""
+    """A model's policy as one that acts on the environment itself, whatever it sees and does."""
+    policy = observing_policy(model)
     wrapper: Any = unwrap_vec_wrapper(model.get_env(), MappedVecEnv)
-    return model.policy if wrapper is None else MappedPolicy(model.policy, wrapper.action_map)
+    return policy if wrapper is None else MappedPolicy(policy, wrapper.action_map)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from safetensors.numpy import load as read_tensors
 
 from jansen_env.checks import instance, positive, shown, whole_number
+from jansen_env.history import History
 
 FORMAT = "jansen_env policy 1"
 POLICIES = Path(__file__).parent / "policies"
@@ -50,7 +51,8 @@ class PretrainedPolicy:
         description, tensors: as given. env_id: what it was trained on; env_kwargs: with which
             arguments. observed: names of what it observes, in order. torque_limit: N m, of action
             1. control_dt: s for which an action is held. scale: mean and standard deviation of
-            each number observed in training, 0 and 1 where they are not kept.
+            each number the network takes, in training, 0 and 1 where they are not kept. history: of
+            observations, which the network takes side by side.
 
     Raises:
         ValueError: something in the description is missing or not allowed, or does not fit the
@@ -74,15 +76,16 @@ class PretrainedPolicy:
         self.observed = tuple(_entry(row, "name", str) for row in rows)
         self._shown = len(self.observed)  # numbers in what it is given
         self.scale: tuple[Any, Any] = (0.0, 1.0)
+        self.history = _read_history(description.get("history", {}))
         self._features, width = self._read_features(_entry(network, "features", list))
         self._layers = self._read_layers(_entry(network, "layers", list), width)
         self._limit = np.inf if (m := network.get("limit")) is None else positive("limit", m)
         self._squash = _choice(SQUASH, "squash", network.get("squash"))
 
     def _read_features(self, blocks: list[Any]) -> tuple[list[Callable[[Array], Array]], int]:
-        """What the network sees: functions of observations (n, d), and how many numbers in all."""
+        """What the network sees: functions of histories (n, d), and how many numbers in all."""
         functions: list[Callable[[Array], Array]] = []
-        size, width = len(self.observed), 0
+        size, width = self.history.length * len(self.observed), 0
         for block in blocks:
             instance("a block of features", block, dict)
             if block.get("kind") == "observation":
@@ -167,25 +170,39 @@ class PretrainedPolicy:
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], Any]:
-        """Actions (n, 1) or (1,) for observations (n, d) or (d,), and ``state`` as it is given.
+        """Actions (n, 1) or (1,) for observations (n, d) or (d,), and the state to pass back.
+
+        The state is what a policy with a history remembers: without it, or where ``episode_start``
+        (n,) says so, an observation is an episode's first. Others return it as it is given.
 
         d: as many as are :attr:`observed`, or as the environment shows that was given to
         :meth:`on`. Computed in float64, and so the same on most processors once rounded to float32;
         always without noise.
 
         Raises:
-            ValueError: observations of another size.
+            ValueError: observations of another size, or a state of others.
         """
         x, size = np.asarray(observation, dtype=np.float64), self._shown
         if x.ndim not in (1, 2) or x.shape[-1] != size:
             raise ValueError(f"observation has shape {x.shape}, must have ({size},) or (n, {size})")
         batch = x.reshape(-1, size)[:, : len(self.observed)]
+        if self.history.length > 1:
+            starts = np.asarray(False if episode_start is None else episode_start, bool)
+            batch, state = self.history.extend(state, batch, np.broadcast_to(starts, len(batch)))
         values = np.concatenate([block(batch) for block in self._features], axis=1)
         for weight, bias, activation in self._layers:
             values = activation(values @ weight + bias)
         values = self._squash(np.clip(values, -self._limit, self._limit))
         actions = np.clip(values, -1.0, 1.0).astype(np.float32)
         return (actions if x.ndim == 2 else actions[0]), state
+
+
+def _read_history(entry: Any) -> History:
+    """The history in a description; {} for none."""
+    instance("history", entry, dict)
+    if unknown := sorted({*entry} - {"length", "every"}):
+        raise ValueError(f"history has {unknown}, must have length and every")
+    return History(**entry)
 
 
 def _normalized(mean: Array, deviation: Array, clip: float) -> Callable[[Array], Array]:

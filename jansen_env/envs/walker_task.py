@@ -230,6 +230,11 @@ class WalkerTask(WalkerRobots):
         """(n, 17) the numbers of all robots' episodes, see :mod:`jansen_env.envs.parameters`."""
         return self.episodes.numbers
 
+    @property
+    def true_observation(self) -> NDArray[np.float32]:
+        """(n, d) the observations without noise; where there is none, the observations themselves."""
+        return self.observation if self._sensors is None else self._sensors.truth
+
     def _start(
         self,
         rows: Ints,

@@ -23,8 +23,8 @@ class Curriculum:
     Args:
         up: goes up beyond this share of the commanded distance. down: goes down below this one.
         highest: level; beyond it, any from 0 to it.
-        horizon: s, that an episode is planned to last: the commanded distance is the command's
-            size times this, so that falling early is no success.
+        horizon: s, that an episode is planned to last: the commanded distance is the mean size of
+            its commands times this, so that falling early is no success.
 
     Raises:
         ValueError: an argument out of range, or ``down`` above ``up``.

@@ -75,6 +75,7 @@ def test_toes_lift_as_the_linkage_lets_them():
     assert 0.9 * height < climbing.toe_lift(paper_robot()) <= height + 1e-6
 
 
+@pytest.mark.slow
 def test_climbing_runs(tmp_path):
     """One command: tables and both figures."""
     climbing.main(["--quick", "--out", str(tmp_path)])

@@ -148,6 +148,20 @@ def test_a_pad_that_sank_in_is_pushed_up():
     assert planes[0, 1] > 0.0
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("width", [0.0, 0.02])
+def test_a_pad_deep_in_a_ridge_comes_out_of_the_near_side(side, width):
+    """Its centre in the ground, a soft pad is not pushed out of the far side, from deeper in."""
+    edge = 0.5 * width
+    top = ((-edge, 0.0), (edge, 0.0)) if width else ((0.0, 0.0),)
+    ridge = Terrain(((-edge - 1.0, -3.0), *top, (edge + 1.0, -3.0)))
+    centre = np.array([side * (edge + 0.002), -0.02])
+    planes, _, gaps = detect(ridge, [centre])
+    np.testing.assert_allclose(planes[:, :2], [normal_of(-3.0 * side)], atol=1e-11)
+    expected = (centre - [side * edge, 0.0]) @ normal_of(-3.0 * side) - RADIUS
+    assert gaps == pytest.approx([expected], abs=1e-12)
+
+
 def test_order_is_by_pad_then_nearest_first():
     """Pads in order, whatever order pymunk has; a second detector gives the same bits."""
     rng = np.random.default_rng(1)

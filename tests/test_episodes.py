@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import pickle
+from functools import partial
 
 import gymnasium as gym
 import numpy as np
@@ -208,6 +209,79 @@ def test_wrong_options_change_nothing():
     np.testing.assert_array_equal(walk(env, 1)[0], first)
 
 
+def test_an_option_is_for_one_episode():
+    """Also where nothing is drawn."""
+    env = gym.make("JansenWalker-v0", noise={}, push={}).unwrapped
+    env.reset(seed=0)
+    before = env.parameters
+    env.reset(options={"noise_level": 0.0, "push_strength": 0.5, "friction": 0.3})
+    assert (env.parameters != before).sum() == 3
+    env.reset()
+    np.testing.assert_array_equal(env.parameters, before)
+
+
+def refused(call, states, message):
+    """Where and under what robots are before, which a refused ``call`` must leave."""
+    before = states()
+    with pytest.raises(ValueError, match=message):
+        call()
+    for was, now in zip(before, states(), strict=True):
+        assert was["parameters"] == now["parameters"]
+        for name in ("terrain", "ground"):
+            np.testing.assert_array_equal(was[name], now[name])
+        np.testing.assert_allclose(was["plant"], now["plant"], atol=1e-12)
+
+
+def test_what_feet_cannot_bear_changes_nothing():
+    """Too soft for the load, or on ground on which they may not land: no robot of a batch moves."""
+
+    def ground(rng, level):
+        return Terrain(restitution=0.3 * (level == 9))
+
+    envs = gym.make_vec("JansenWalkerHardcore-v0", 3, terrain=ground, terrain_level=0)
+    envs.reset(seed=0)
+    for options, message in (
+        (
+            {"foot_stiffness_scale": np.array([1.0, 1.0, 0.01]), "payload": 2.0},
+            "must be at least .* to carry",
+        ),
+        ({"terrain_level": np.array([1, 2, 9])}, "must be 0 with compliant pads"),
+    ):
+        refused(partial(envs.reset, options=options), partial(envs.call, "get_state"), message)
+    envs.close()
+    given = gym.make("JansenWalkerHardcore-v0", terrain=ground, terrain_level=9, restitution=0.0)
+    assert given.reset(seed=0)[1]["parameters"]["restitution"] == 0.0
+    with pytest.raises(ValueError, match=r"must be at least .* to carry"):
+        gym.make(
+            "JansenWalkerHardcore-v0",
+            randomize={"foot_stiffness_scale": (0.01, 1.0), "payload": (0.0, 2.0)},
+        )
+
+
+def test_feet_too_stiff_for_the_second_plant_change_nothing():
+    """Its springs are explicit."""
+    env = gym.make("JansenWalkerHardcore-v0", plant="rigid_body").unwrapped
+    env.reset(seed=0)
+    call = partial(env.reset, options={"foot_stiffness_scale": 99.0})
+    refused(call, lambda: [env.get_state()], "time_step is .* for pads")
+
+
+def test_feet_that_give_stay_out_of_drawn_restitution():
+    """Also where this episode happens to have none."""
+    drawn = gym.make("JansenWalker-v0", randomize={"restitution": (0.0, 0.5)})
+    fixed = gym.make("JansenWalker-v0", restitution=0.3)
+    for env in (drawn, fixed):
+        env.reset(seed=0, options={"restitution": 0.0})
+        with pytest.raises(ValueError, match="restitution"):
+            env.unwrapped.set_parameters(pad_compliance=Compliance(2e4, 20.0))
+    fixed.unwrapped.set_parameters(restitution=0.0, pad_compliance=Compliance(2e4, 20.0))
+    fixed.reset()
+    copy = pickle.loads(pickle.dumps(fixed.unwrapped))
+    for one in (fixed, copy):
+        seen = one.step(np.full(1, 0.3, np.float32))[0]
+    np.testing.assert_array_equal(seen, fixed.unwrapped.task.observation[0])
+
+
 def test_levels_of_a_batch():
     """One for each robot, by argument, by option, and from the next episode on."""
     envs = gym.make_vec("JansenWalker-v0", 3, terrain="stairs", terrain_level=np.array([0, 4, 9]))
@@ -248,6 +322,37 @@ def test_a_curriculum_leads_on():
     assert {level_after(0.6) for _ in range(12)} - {HIGHEST}
 
 
+def test_a_curriculum_goes_by_all_commands():
+    """Walking there and back as commanded is a success, wherever it ends; also by a state."""
+    env = gym.make(
+        "JansenWalker-v0", terrain="slope:angle=0", curriculum=Curriculum(horizon=4.0)
+    ).unwrapped
+    env.reset(seed=0, options={"speed_command": 0.2})
+    ends = []
+    for command in (0.2, -0.2):
+        env.set_parameters(command=command)
+        for _ in range(100):
+            info = env.step(np.array([3.0 * command], np.float32))[4]
+        ends.append(info["x_position"])
+    path = ends[0] + (ends[0] - ends[1])
+    assert path > 0.8 > abs(ends[1])
+    np.testing.assert_allclose(env.task.covered[0], (path, 0.8))
+    other = gym.make("JansenWalker-v0", terrain="slope:angle=0", curriculum=True).unwrapped
+    other.set_state(env.get_state())
+    np.testing.assert_array_equal(other.task.covered, env.task.covered)
+    assert env.reset()[1]["parameters"]["terrain_level"] == 1
+
+
+def test_a_seed_and_a_level_replay_an_episode_of_a_curriculum():
+    """Whatever came before, also beyond the top."""
+    first, other = (make(curriculum=Curriculum(up=0.0, down=0.0)) for _ in range(2))
+    expected = walk(first, 5, terrain_level=3)
+    walk(other, 1, terrain_level=HIGHEST)  # goes up
+    found = walk(other, 5, terrain_level=3)
+    np.testing.assert_array_equal(found[0], expected[0])
+    assert found[1]["parameters"] == expected[1]["parameters"]
+
+
 def test_friction_of_a_ground_of_ones_own():
     """The generator's, unless it is given."""
 
@@ -285,8 +390,9 @@ def test_the_second_plant_has_the_same_world():
         infos = [env.reset(seed=seed)[1] for env in envs]
         assert infos[0]["parameters"] == infos[1]["parameters"]
         assert envs[0].unwrapped.terrain == envs[1].unwrapped.terrain
-        weights = [env.unwrapped.weight for env in envs]
-        assert weights[0] == weights[1]
+        for name in ("weight", "friction"):
+            found = [env.unwrapped.task.of_each(name) for env in envs]
+            assert found[0] == found[1]
         for _ in range(10):
             ends = [env.step(np.full(1, 0.2, np.float32))[4] for env in envs]
         for name in ("x_position", "pitch", "crank_speed"):

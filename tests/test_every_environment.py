@@ -96,3 +96,16 @@ def test_the_documented_defaults_are_those_of_the_class(env_id):
         assert f"``{name}``" in doc
         assert f"{drawn.low:g} to {drawn.high:g}" in doc, name
     assert f"{len(env.observed) - 1} |" in doc or env_id == "JansenWalker-v0"
+
+
+def test_defaults_that_would_do_nothing_are_left_out():
+    """Where another argument takes away what they are about; what is asked for is refused."""
+    flat = gym.make("JansenWalkerRough-v0", terrain="flat").reset(seed=0)[1]["parameters"]
+    assert flat["terrain_level"] == 0 and flat["payload"] > 0.0
+    plain = gym.make_vec("JansenWalkerHardcore-v0", 2, robot="paper", noise=None, push=None)
+    found = plain.reset(seed=0)[1]["parameters"]
+    assert found["noise_level"].tolist() == found["foot_stiffness_scale"].tolist() == [1.0, 1.0]
+    assert found["friction"][0] != found["friction"][1]
+    plain.close()
+    with pytest.raises(ValueError, match="noise_level"):
+        gym.make("JansenWalkerHardcore-v0", noise=None, randomize={"noise_level": (0.5, 1.0)})

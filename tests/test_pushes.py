@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from jansen_env import ROBOTS, Payload, Robot, Terrain
+from jansen_env.envs.walker import JansenWalkerEnv
 from jansen_env.plants import bodies as links
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.batch_of_one import BatchOfOne
@@ -219,3 +220,17 @@ def test_refused(plant):
     with pytest.raises(FloatingPointError):
         plant.step(0.0, 0.02, pushes=np.full((20, 2), math.nan))
     assert plant.state == pytest.approx(before, abs=1e-12)
+
+
+def test_joint_forces_know_of_the_push_that_goes_on():
+    """They are what a control step of one time step finds."""
+    env = JansenWalkerEnv(track_joint_forces=True, control_dt=1e-3, reset_noise_scale=0.0)
+    env.reset(seed=0, options={"crank_angle": 1.0, "pushes": [(0.01, 2.0, 0.0)]})
+    largest = []
+    for _ in range(60):
+        now = env.joint_forces().bearing.max()
+        info = env.step(np.zeros(1))[4]
+        if info["joint_impulse_max"] == 0.0:  # no toe has landed
+            assert info["joint_force_max"] == pytest.approx(now)
+            largest.append(now)
+    assert max(largest) > 1.5 * largest[0] and len(largest) > 40

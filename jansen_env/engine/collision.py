@@ -253,14 +253,20 @@ def list_planes(x, y, pad, status, surface, world, planes):
     no_plane = True
     if status.last_segment >= status.first_segment:
         low, high = status.first_segment, status.last_segment + 2
-        for k in range(
-            _segment(surface, low, high, x - near), _segment(surface, low, high, x + near) + 1
-        ):
+        first = _segment(surface, low, high, x - near)
+        last = _segment(surface, low, high, x + near)
+        begin, nearest, least = status.end_plane, first, -np.inf
+        for k in range(first, last + 1):
             found, nx, ny, offset = _plane(surface, start, end, k, x, y, near)
             if found:
                 no_plane = False
                 distance = nx * x + ny * y - offset
+                if least < distance < 0.0:
+                    nearest, least = k, distance
                 _list(pad, status, nx, ny, offset, distance, world.capacity, planes)
+        if least > -np.inf:
+            status.end_plane = begin
+            _list_near_side(x, y, pad, first, last, nearest, near, status, surface, world, planes)
     if not (no_plane and y < height_at(surface, start, end, x)):
         return
     found, nx, ny, offset = _way_out(surface, start, end, x, y, world.reach)
@@ -268,6 +274,25 @@ def list_planes(x, y, pad, status, surface, world, planes):
         _list(pad, status, nx, ny, offset, nx * x + ny * y - offset, world.capacity, planes)
     else:
         status.too_deep = True
+
+
+@stage(inline=False)
+def _list_near_side(x, y, pad, first, last, nearest, near, status, surface, world, planes):
+    """List the planes of a pad at (x, y), in the ground, but those beyond a ridge.
+
+    By these it would come out of the far side. Of the segments ``first`` to ``last`` it is the
+    least deep behind ``nearest``.
+    """
+    start, end = status.first_vertex, status.end_vertex
+    for k in range(first, last + 1):
+        found, nx, ny, offset = _plane(surface, start, end, k, x, y, near)
+        distance = nx * x + ny * y - offset
+        a, b = min(k, nearest), max(k, nearest)
+        ax, ay = surface[a + 1, 0] - surface[a, 0], surface[a + 1, 1] - surface[a, 1]
+        bx, by = surface[b + 1, 0] - surface[b, 0], surface[b + 1, 1] - surface[b, 1]
+        beyond = distance < 0.0 and ax * by - ay * bx < 0.0
+        if found and not beyond:
+            _list(pad, status, nx, ny, offset, distance, world.capacity, planes)
 
 
 @stage(inline=False)

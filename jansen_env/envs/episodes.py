@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -16,12 +17,16 @@ from jansen_env.envs.parameters import (
     PARAMETERS,
     Distribution,
     Randomization,
+    Uniform,
     UniformLevels,
     check,
 )
+from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import BatchedPlant
+from jansen_env.plants.initial_pose import resting_depth
 from jansen_env.plants.variation import VARIATION, effective, nominal
-from jansen_env.robot import Payload, Robot
+from jansen_env.plants.varied_robots import check_bounce
+from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
 from jansen_env.terrain_generators import Generator
 
@@ -47,6 +52,8 @@ class Episodes:
         levels: (n, 2) lowest and highest terrain level. randomizations: of each.
         curriculum: that leads from level to level; None for a draw from ``levels``.
         senses: whether there is noise, and pushes: parameters that otherwise do nothing.
+        by_default: of "terrain_level" and "randomize" what nobody has asked for: what would do
+            nothing of these is left out, not refused.
 
     Attributes:
         values: (n,) :data:`jansen_env.envs.parameters.EPISODE`, those of the present episodes.
@@ -54,7 +61,8 @@ class Episodes:
         varies: whether anything is drawn.
 
     Raises:
-        ValueError: a parameter is randomised that does nothing, or levels of a ground without any.
+        ValueError: a parameter is randomised that does nothing or is more than the feet can carry,
+            or levels of a ground without any.
     """
 
     def __init__(
@@ -69,13 +77,14 @@ class Episodes:
         randomizations: Sequence[Randomization],
         curriculum: Curriculum | None,
         senses: Mapping[str, bool],
+        by_default: Collection[str] = (),
     ) -> None:
         n = len(robots)
         self._batch, self._generators = batch, list(generators)
         self._own = {"friction": own_friction, "restitution": own_restitution}
         self._randomizations, self.curriculum = list(randomizations), curriculum
         self.levels, self.level = levels, levels[:, 0].astype(np.int64)
-        self._senses = dict(senses)
+        self._senses, self._links_mass = dict(senses), robots[0].links_mass  # of one design
         self.nominal = np.zeros(n, EPISODE)
         self.nominal["noise_level"] = self.nominal["push_strength"] = 1.0
         for row, (robot, terrain) in enumerate(zip(robots, terrains, strict=True)):
@@ -84,9 +93,14 @@ class Episodes:
                 self.nominal[name][row] = found[name]
         self.values = self.nominal.copy()
         self._changed = np.zeros(n, bool)  # by a draw, from what the robot and its ground are
-        for row, randomization in enumerate(self._randomizations):
-            self.check_names(row, [*randomization.distributions], "randomize")
         has_levels = np.array([generator is not None for generator in generators])
+        if "terrain_level" in by_default:
+            levels[~has_levels] = 0.0
+        for row in range(n):
+            if "randomize" in by_default:
+                self._randomizations[row] = self._randomizations[row].only(self._useful(row))
+            self.check_names(row, [*self._randomizations[row].distributions], "randomize")
+            self._check_feet(row, self._heaviest(row))
         if bad := np.flatnonzero(levels.any(axis=1) & ~has_levels).tolist():
             raise ValueError(
                 f"terrain_level is {shown(levels[bad[0]].tolist())}, must be 0 on a ground that is "
@@ -94,7 +108,8 @@ class Episodes:
             )
         if curriculum is not None and not has_levels.all():
             raise ValueError("curriculum is given, must be None on a ground that has no levels")
-        self.varies = bool(has_levels.any() or any(one.distributions for one in randomizations))
+        drawn = any(one.distributions for one in self._randomizations)
+        self.varies = bool(has_levels.any() or drawn)
 
     @property
     def numbers(self) -> Array:
@@ -120,19 +135,51 @@ class Episodes:
         self.check_names(row, ["terrain_level"], "set_parameters")
         return round(check("terrain_level", "terrain_level", level))
 
-    def check_names(self, row: int, names: Sequence[str], label: str) -> None:
-        """Raises ValueError where a parameter would do nothing for a robot."""
-        robot = self._batch.robots[row]
-        useful = {*effective(robot), "delay"}
+    def _useful(self, row: int) -> set[str]:
+        """The parameters that do something for a robot."""
+        useful = {*effective(self._batch.robots[row]), "delay"}
         useful |= {"terrain_level"} if self._generators[row] is not None else set()
         useful |= {"noise_level"} if self._senses["noise"] else set()
-        useful |= {"push_strength"} if self._senses["push"] else set()
+        return useful | ({"push_strength"} if self._senses["push"] else set())
+
+    def check_names(self, row: int, names: Sequence[str], label: str) -> None:
+        """Raises ValueError where a parameter would do nothing for a robot."""
+        useful = self._useful(row)
         for name in names:
             if name not in useful:
                 raise ValueError(
                     f"{label} has {name!r}, which does nothing here, must be of "
                     f"{[one for one in PARAMETERS if one in useful]}"
                 )
+
+    def check_pads(self, row: int, pads: Compliance, restitution: float) -> None:
+        """Raises ValueError where a robot's own restitution or a drawn one excludes such pads."""
+        drawn = self._randomizations[row].distributions
+        if not pads.rigid and "restitution" in drawn:
+            raise ValueError(
+                f"pad_compliance is {pads}, must be rigid, as randomize has 'restitution'"
+            )
+        check_bounce(pads, restitution)
+
+    def _check_feet(self, row: int, values: Any) -> None:
+        """Raises ValueError where a robot's feet cannot bear a row of EPISODE."""
+        robot = self._batch.robots[row]
+        if robot.pad_compliance.rigid:
+            return
+        check_bounce(robot.pad_compliance, float(values["restitution"]))
+        mass = float(values["mass_scale"] * self._links_mass + values["payload"])
+        stiffness = float(values["foot_stiffness_scale"]) * robot.pad_compliance.stiffness
+        resting_depth(mass, stiffness, GRAVITY * math.cos(values["tilt"]))
+
+    def _heaviest(self, row: int) -> Any:
+        """The numbers of a robot's episodes that its feet can bear least, as far as is known."""
+        values = self.nominal[row].copy()
+        for name, drawn in self._randomizations[row].distributions.items():
+            if isinstance(drawn, Uniform):
+                low, high = drawn.low, drawn.high
+                level = min(max(0.0, low), high)
+                values[name] = {"foot_stiffness_scale": low, "tilt": level}.get(name, high)
+        return values
 
     def plan(
         self, row: int, rng: np.random.Generator, options: Mapping[str, Any], delay: float,
@@ -142,14 +189,15 @@ class Episodes:
 
         Args:
             options: of the reset, with numbers that are to be fixed. delay: s, as drawn.
-            walked, command: how far it got in its last one, m, and its command, m/s; 0 at first.
+            walked, command: how far it got towards its commands in its last one, m, and their mean
+                size, m/s; 0 at first.
 
         Raises:
             ValueError: an option out of range or without effect, or no such ground.
         """
         randomization, generator = self._randomizations[row], self._generators[row]
         if not options and not self.varies and not self._changed[row]:
-            values = self.values[row : row + 1].copy()
+            values = self.nominal[row : row + 1].copy()
             values["delay"] = delay
             return Plan(values, None)
         values = self.nominal[row : row + 1].copy()
@@ -166,6 +214,9 @@ class Episodes:
             for name, own in self._own.items():
                 if not own[row] and name not in (*randomization.distributions, *given):
                     one[name] = getattr(terrain, name)
+            if terrain.restitution != one["restitution"]:  # which feet that give may exclude
+                terrain = replace(terrain, restitution=float(one["restitution"]))
+        self._check_feet(row, one)
         return Plan(values, terrain)
 
     def _next_level(
@@ -173,13 +224,19 @@ class Episodes:
     ) -> float:
         low, high = self.levels[row].tolist()
         if self.curriculum is not None:
-            commanded = abs(command) * self.curriculum.horizon
-            forward = walked if command >= 0.0 else -walked
-            return float(self.curriculum.next_level(int(self.level[row]), forward, commanded, rng))
+            own = np.random.default_rng(rng.integers(2**63))  # so that what follows is the seed's
+            commanded = command * self.curriculum.horizon
+            return float(self.curriculum.next_level(int(self.level[row]), walked, commanded, own))
         return float(rng.integers(int(low), int(high), endpoint=True)) if high > low else low
 
     def begin(self, rows: Ints, plans: Sequence[Plan]) -> None:
-        """Put planned episodes in force; the robots must be placed anew."""
+        """Put planned episodes in force; the robots must be placed anew.
+
+        Raises:
+            ValueError: feet too stiff for the time step of the plant ``"rigid_body"``; nothing has
+                changed then.
+        """
+        before = [self._batch.terrains[row] for row in rows.tolist()]
         for row, plan in zip(rows.tolist(), plans, strict=True):
             if plan.terrain is not None:
                 self._batch.set_terrain(row, plan.terrain)
@@ -189,10 +246,20 @@ class Episodes:
         changed |= (physical != nominal_ones[rows]).any(axis=1)
         due = changed | self._changed[rows]
         if due.any():
-            self._batch.vary(rows[due], np.ascontiguousarray(physical[due]).view(VARIATION)[:, 0])
+            try:
+                self._vary(rows[due], physical[due])
+            except ValueError:
+                for row, plan, terrain in zip(rows.tolist(), plans, before, strict=True):
+                    if plan.terrain is not None:
+                        self._batch.set_terrain(row, terrain)
+                self._vary(rows, self.numbers[rows, : len(PHYSICAL)])
+                raise
         self.values[rows], self._changed[rows] = values, changed
         if self.curriculum is not None:
             self.level[rows] = values["terrain_level"].astype(np.int64)
+
+    def _vary(self, rows: Ints, physical: Array) -> None:
+        self._batch.vary(rows, np.ascontiguousarray(physical).view(VARIATION)[:, 0])
 
     def shown_robot(self, row: int, robot: Robot) -> Robot:
         """A robot with the payload that it has in this episode, for pictures."""
@@ -226,6 +293,7 @@ class Episodes:
         values = np.zeros(1, EPISODE)
         for name in PARAMETERS:
             values[name] = check(f"state['parameters'][{name!r}]", name, given[name])
+        self._check_feet(row, values[0])
         level = check("state['level']", "terrain_level", state["level"])
         terrain = None
         if self._generators[row] is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -124,6 +124,15 @@ class Randomization:
         }
         delay = self.distributions.get("delay", Uniform(0.0, 0.0))
         self.longest_delay = delay.high if isinstance(delay, Uniform) else LONGEST_DELAY
+
+    def only(self, names: Collection[str]) -> Randomization:
+        """The same for some parameters alone."""
+        kept = Randomization(None)
+        kept.longest_delay = self.longest_delay
+        kept.distributions = {
+            name: one for name, one in self.distributions.items() if name in names
+        }
+        return kept
 
     def draw(self, rng: np.random.Generator, values: NDArray[Any]) -> None:
         """Draw into ``values``, a row of :data:`EPISODE`.

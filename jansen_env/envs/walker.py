@@ -202,7 +202,8 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
         return self.task.parameters[0].copy()
 
     def joint_forces(self) -> JointForces:
-        """Forces in every joint of every leg as they are now, under the last action's torque.
+        """Forces in every joint of every leg as they are now, under the last action's torque and
+        the push that goes on.
 
         Means over the next time step; one in which a toe touches down contains its impulse / time
         step.
@@ -213,7 +214,9 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
         """
         plant = self.task.traceable
         self._check_begun()
-        return plant.joint_forces(float(self.task.torque[0]))
+        pushes = self.task.pushes_to_come(np.ones(1, bool))
+        push = None if pushes is None else pushes[0, 0]
+        return plant.joint_forces(float(self.task.torque[0]), push)
 
 
 class JansenWalkerVectorEnv(TaskVectorEnv[WalkerTask]):

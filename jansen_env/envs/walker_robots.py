@@ -17,7 +17,7 @@ from jansen_env.envs.core import Ints, Task
 from jansen_env.envs.disturbances import Pushes
 from jansen_env.envs.episodes import Episodes, Plan
 from jansen_env.plants.base import BatchedPlant, check_deflection, check_in_contact, check_state
-from jansen_env.plants.batch import Batch, check_bounce
+from jansen_env.plants.batch import Batch
 from jansen_env.push import check_schedule
 from jansen_env.rendering import Frame
 from jansen_env.terrain import Terrain
@@ -38,6 +38,7 @@ class WalkerRobots(Task):
         batch: what moves the robots. episodes: their numbers and grounds.
         speed_command: (n, 2) m/s, range of the next commands. reset_noise_scale: (n,) rad/s.
         loads: (n, toes) normal forces / weight. elapsed: (n,) control steps since the reset.
+        covered: (n, 2) m since then, walked towards the commands and commanded; with a curriculum.
     """
 
     batch: BatchedPlant
@@ -46,6 +47,7 @@ class WalkerRobots(Task):
     reset_noise_scale: Array
     loads: Array
     elapsed: Ints
+    covered: Array
     _seed: Ints
     _pushes: Pushes
 
@@ -83,7 +85,8 @@ class WalkerRobots(Task):
             delay: s, a number or a range, of its next episodes, no longer than was given to the
                 constructor for any robot.
             speed_command: m/s, a number or a range, from which commands are drawn from now on.
-            command: m/s, from the next step on. terrain_level: of its next episodes.
+            command: m/s, from the next step on. terrain_level: of its next episodes; that from
+                which a curriculum goes on. What ``randomize`` names is drawn all the same.
 
         Raises:
             ValueError: a value out of range, or anything but commands and delay on the plant
@@ -109,9 +112,11 @@ class WalkerRobots(Task):
         }
         checked = {name: checks[name](value) for name, value in changes.items()}  # or nothing
         if isinstance(batch, Batch):
-            check_bounce(
+            own = self.episodes.nominal["restitution"][row]
+            self.episodes.check_pads(
+                row,
                 checked.get("pad_compliance", self.robots[row].pad_compliance),
-                checked.get("restitution", float(batch.restitution[row])),
+                checked.get("restitution", max(float(batch.restitution[row]), float(own))),
             )
         if "speed_command" in checked:
             self.speed_command[row] = checked.pop("speed_command")
@@ -167,10 +172,7 @@ class WalkerRobots(Task):
         if name == "state":
             return list(batch.states.copy())
         if name in ("friction", "restitution"):
-            if isinstance(batch, Batch):
-                found: list[float] = getattr(batch, name).tolist()
-                return found
-            return [getattr(terrain, name) for terrain in batch.terrains]
+            return list(self.episodes.values[name].tolist())
         return None
 
     def get_state(self, row: int) -> dict[str, Any]:
@@ -190,6 +192,7 @@ class WalkerRobots(Task):
             "steps": int(self.elapsed[row]),
             "command_seed": int(self._seed[row]),
             "loads": self.loads[row].copy(),
+            "covered": self.covered[row].copy(),
             **self.episodes.state(row),
             "pushes": self._pushes.scheduled(row),
         }
@@ -203,6 +206,7 @@ class WalkerRobots(Task):
             raise ValueError(
                 f"state['loads'] is {loads}, must be {len(self.loads[row])} finite numbers"
             )
+        covered = np.array([finite("state['covered']", one) for one in state["covered"]])
         in_contact = check_in_contact(state["in_contact"], len(pad_layout(self.robots[0]).leg))
         deflection = check_deflection(state["deflection"], len(self.batch.deflection[row]))
         delay, asked = self._checked_delay(state)
@@ -230,7 +234,7 @@ class WalkerRobots(Task):
         batch.slip[row] = batch.contact_force[row] = 0.0
         self.loads[row] = loads
         self._begin(one, np.array([command]), action)
-        self.elapsed[row], self._seed[row] = steps, seed
+        self.elapsed[row], self._seed[row], self.covered[row] = steps, seed, covered
         self._pushes.schedule(row, pushes)
         info = self.rows[row]["info"]
         info["lag"], info["fallen"] = lag, fallen

@@ -72,6 +72,7 @@ class WalkerTask(WalkerRobots):
         "terrain_level", "randomize",
     )  # fmt: skip
     ONE_ALONE = {"plant": "projection", "track_joint_forces": False}
+    by_default: frozenset[str] = frozenset()  # arguments that a derived task has chosen
     SETTABLE = (
         "friction", "restitution", "payload", "motor", "pad_compliance", "delay", "speed_command",
         "command", "terrain_level",
@@ -165,6 +166,7 @@ class WalkerTask(WalkerRobots):
         self._links_mass = np.array([robot.links_mass for robot in self.robots])
         self.loads = np.zeros((n, self.batch.toes))
         self.elapsed = np.zeros(n, np.int64)
+        self.covered = np.zeros((n, 2))
         self._seed = np.zeros(n, np.int64)  # of what episodes draw after their start
         if self.track_joint_forces:
             self.traceable.tracing = True
@@ -173,7 +175,7 @@ class WalkerTask(WalkerRobots):
             self.batch, self.robots, *grounds,
             arguments.levels_of_each(n, terrain_level), randomizations,
             arguments.load_curriculum(curriculum),
-            {"noise": self._sensors is not None, "push": self._pushes.at_random},
+            {"noise": self._sensors is not None, "push": self._pushes.at_random}, self.by_default,
         )  # fmt: skip
         self.information = self._inform()
         prepare(
@@ -264,10 +266,19 @@ class WalkerTask(WalkerRobots):
             self._pushes.schedule(row, pushes)
 
     def _walked(self, row: int) -> tuple[float, float]:
-        """How far a robot got in its last episode, m, and its command, m/s; 0 before the first."""
-        if self.elapsed[row] == 0:
-            return 0.0, 0.0
-        return float(self.batch.states[row, 0]), float(self.rows[row]["info"]["speed_command"])
+        """How far a robot got in its last episode, m, and the mean size of its commands, m/s.
+
+        0 before the first.
+        """
+        walked, commanded = self.covered[row].tolist()
+        return walked, commanded / (max(1, int(self.elapsed[row])) * self.control_dt)
+
+    def _cover(self, active: Bools) -> None:
+        """Add the step of the ``active`` robots (n,) to :attr:`covered`."""
+        commands = np.where(active, self.rows["info"]["speed_command"], 0.0)
+        path = self.batch.states[:, 0] - self.rows["x_before"]
+        self.covered[:, 0] += np.sign(commands) * path
+        self.covered[:, 1] += np.abs(commands) * self.control_dt
 
     def _put_in_force(self, rows: Ints, plans: Sequence[Plan]) -> None:
         """Let robots be what is planned for their episodes."""
@@ -296,7 +307,7 @@ class WalkerTask(WalkerRobots):
         states = self.batch.states[rows]
         kept["x_before"][rows], info["x_velocity"][rows] = states[:, 0], states[:, 4]
         info["joint_gap"][rows] = self.batch.joint_gap[rows]
-        self.reward[rows], self.elapsed[rows] = 0.0, 0
+        self.reward[rows], self.elapsed[rows], self.covered[rows] = 0.0, 0, 0.0
 
     def _draw(
         self, row: int, rng: np.random.Generator, options: dict[str, Any]
@@ -320,7 +331,7 @@ class WalkerTask(WalkerRobots):
         """Hold torques for ``control_dt`` seconds, see :class:`jansen_env.envs.core.Task`."""
         batch = self.batch
         self._take_actions(actions, active)
-        pushes = self._pushes.of_step(active, self.elapsed, self._seed)
+        pushes = self.pushes_to_come(active)
         self.elapsed += active
         self._draw_commands()
         asked = self.torque, self._steps, self.earlier, self.switch
@@ -331,6 +342,8 @@ class WalkerTask(WalkerRobots):
             batch.step(*asked, pushes=pushes)
         if meanwhile is not None and not isinstance(batch, Batch):
             meanwhile()
+        if self.episodes.curriculum is not None:
+            self._cover(active)
         task.finish_step(active, *self._arguments_of_step())
         if self._sensors is not None:
             self._add_noise(np.flatnonzero(active))
@@ -343,6 +356,10 @@ class WalkerTask(WalkerRobots):
         if self.track_joint_forces:
             diverged = batch.any_diverged
             self._joint_loads[:] = (0.0, 0.0) if diverged else self.traceable.peak_loads()
+
+    def pushes_to_come(self, active: Bools) -> Array | None:
+        """(n, steps, 2) N s on the ``active`` robots in the next step, see ``Batch.step``."""
+        return self._pushes.of_step(active, self.elapsed, self._seed)
 
     def _draw_commands(self) -> None:
         """Draw the commands of the steps to come, where it is time for others."""

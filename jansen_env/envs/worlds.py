@@ -1,6 +1,8 @@
 """``JansenWalkerRough-v0`` and ``JansenWalkerHardcore-v0``: the walking task in harder worlds.
 
 Both are :class:`WalkerTask` with other defaults, no more; any of them can be given another value.
+What is randomised by default is left out where it would do nothing: levels of flat ground, noise
+where there is none.
 """
 
 from __future__ import annotations
@@ -53,6 +55,7 @@ class RoughTask(WalkerTask):
     """:class:`WalkerTask` with the defaults :data:`ROUGH`."""
 
     def __init__(self, num_envs: int = 1, threads: int | None = None, **arguments: Any) -> None:
+        self.by_default = frozenset(ROUGH) - {*arguments}
         super().__init__(num_envs, threads, **{**ROUGH, **arguments})
 
     __signature__ = with_defaults(WalkerTask, ROUGH)
@@ -62,6 +65,7 @@ class HardcoreTask(WalkerTask):
     """:class:`WalkerTask` with the defaults :data:`HARDCORE`."""
 
     def __init__(self, num_envs: int = 1, threads: int | None = None, **arguments: Any) -> None:
+        self.by_default = frozenset(HARDCORE) - {*arguments}
         super().__init__(num_envs, threads, **{**HARDCORE, **arguments})
 
     __signature__ = with_defaults(WalkerTask, HARDCORE)

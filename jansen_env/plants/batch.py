@@ -14,33 +14,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.checks import finite, positive, positive_integer
 from jansen_env.cores import available_cores
-from jansen_env.dynamics.reduced import Tables, compile_robot
 from jansen_env.engine import collision, integrator, placement
 from jansen_env.engine.collision import SPECULATIVE_MARGIN, WAY_OUT
 from jansen_env.engine.jit import Kernel, prepare
-from jansen_env.engine.records import CONTACT_STATISTICS, ROBOT, WORLD, as_bytes
+from jansen_env.engine.records import WORLD, as_bytes
 from jansen_env.engine.tables import (
     energy,
-    farthest,
-    kernel_model,
-    parameters,
-    set_compliance,
-    set_motor,
 )
-from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.motor import Motor
+from jansen_env.gravity import GRAVITY, Gravity
 from jansen_env.plants.base import check_pushes, check_time_step
 from jansen_env.plants.detector import ContactDetector
 from jansen_env.plants.initial_pose import resting_depth
 from jansen_env.plants.trace import find_touchdowns, pads_in_contact
-from jansen_env.plants.variation import (
-    VARIATION,
-    check_variations,
-    nominal,
-    varied_tables,
-    vary_params,
-)
-from jansen_env.robot import Compliance, Payload, Robot
+from jansen_env.plants.varied_robots import VariedRobots, check_bounce
+from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
@@ -52,15 +39,11 @@ PITCHES = 256  # at which it is known how deep the pads that are no toes reach
 PLANES_PER_PAD = 4  # kept of a robot, on average over its pads
 RESULTS = ("states", "accumulators", "contact_statistics", "slip", "contact_force")
 CHANGING = (*RESULTS, "params", "nominal_params", "nominal", "variation", "diverged")
-NOT_THE_ROBOT = "gravity_x", "gravity_y", "steepest"
-"""Parameters that are not the robot's own."""
-OF_A_DESIGN = ("payload", "motor", "pad_compliance")
-"""In what robots of a batch may differ."""
 ROBOTS_PER_THREAD = 16  # at least, or starting a thread takes longer than it saves
 FEWEST_AT_A_TIME = 4  # robots, moved by a thread before it takes the next ones
 
 
-class Batch:
+class Batch(VariedRobots):
     """Robots on their terrains, advanced together by the projected equations.
 
     Each moves as it would alone, bit for bit: they share the work, not the numbers.
@@ -110,41 +93,11 @@ class Batch:
         detection_interval: float = DETECTION_INTERVAL,
         threads: int | None = None,
     ) -> None:
-        self.robots, self.terrains = list(robots), list(terrains)
+        super().__init__(robots, terrains, gravity)
         self._arguments = (time_step, gravity, detection_interval, threads)
-        if len(robots) != len(terrains) or not robots:
-            raise ValueError(
-                f"there are {len(robots)} robots and {len(terrains)} terrains, must be as many, "
-                "and at least one"
-            )
-        different = {id(robot): robot for robot in robots}.values()
-        for robot in different:
-            own = {name: getattr(robots[0], name) for name in OF_A_DESIGN}
-            if replace(robot, **own) != robots[0]:
-                raise ValueError(
-                    f"robots are of several designs, must differ in {', '.join(OF_A_DESIGN)} only"
-                )
         self.time_step = check_time_step(time_step)
         self.detection_interval = positive("detection_interval", detection_interval)
-        compiled = {id(robot): compile_robot(robot) for robot in different}
-        self.tables = [compiled[id(robot)] for robot in robots]
-        self.model = kernel_model(self.tables[0])
-        self.toes, pads = self.tables[0].layout.toes, len(self.model.layout)
-        vector = gravity_vector(gravity)
-        rows = {key: parameters(tables, vector) for key, tables in compiled.items()}
-        n = len(robots)
-        self.rows = np.zeros(n, ROBOT)
-        self.params, self.accumulators = self.rows["params"], self.rows["accumulators"]
-        self.nominal_params = np.concatenate([rows[id(robot)] for robot in robots])
-        self.nominal_params["steepest"] = [terrain.steepest for terrain in terrains]
-        values = [nominal(*pair) for pair in zip(robots, terrains, strict=True)]
-        self.nominal = np.array(values, VARIATION)
-        self.variation = self.nominal.copy()
-        self._links = robots[0].links_mass, *farthest(self.tables[0])
-        self._varied: dict[int, Tables] = {}
-        self._put_in_force(np.arange(n))
-        for robot, terrain in zip(robots, terrains, strict=True):
-            check_bounce(robot.pad_compliance, terrain.restitution)
+        n, pads = len(self.robots), len(self.model.layout)
         capacity, radius = PLANES_PER_PAD * pads, robots[0].pad_radius
         stride = max(1, round(detection_interval / time_step))
         world = np.zeros(1, WORLD)
@@ -153,7 +106,6 @@ class Batch:
         depths = self._non_toe_depths(radius + SPECULATIVE_MARGIN)
         self.detector = ContactDetector(self.rows, terrains, world, self._farthest())
         self.states = np.zeros((n, 8))
-        self.contact_statistics = np.zeros((n, pads), CONTACT_STATISTICS)
         self.slip, self.contact_force = np.zeros((n, self.toes)), np.zeros((n, self.toes, 2))
         self.joint_gap = np.zeros(n)
         self.diverged = np.zeros(n, bool)
@@ -161,7 +113,6 @@ class Batch:
         self.tracing = False
         self._at_once = np.zeros(n), np.zeros(n, np.int64)  # no torque from before
         self._no_pushes = np.zeros((0, 0, 2))
-        self._any_gives = not all(robot.pad_compliance.rigid for robot in robots)
         self._no_trace: NDArray[Any] = np.zeros(0, integrator.trace_dtype(pads))
         self.trace = self._no_trace
         self.touchdowns = np.zeros(0, bool)
@@ -240,102 +191,10 @@ class Batch:
         between = farthest * math.pi / PITCHES  # to the next entry
         return np.append(depth + between, farthest) + margin
 
-    def vary(self, rows: Ints, values: NDArray[np.void]) -> None:
-        """Make robots and their grounds others than they are: from their next placing on.
-
-        Args:
-            rows: (k,) of the robots. values: (k,) of
-                :data:`jansen_env.plants.variation.VARIATION`; :attr:`nominal` for as they are.
-
-        Raises:
-            ValueError: a number out of :data:`jansen_env.plants.variation.RANGES`, or restitution
-                where pads give.
-        """
-        check_variations(values, self.nominal_params["compliant"][rows])
-        self.variation[rows] = values
-        self._put_in_force(rows)
-
-    def _put_in_force(self, rows: Ints) -> None:
-        """Make the parameters of robots those of their :attr:`variation`."""
-        params = self.nominal_params[rows]  # a copy
-        vary_params(params, self.variation[rows], *self._links)
-        params["prescribed_speed"] = self.params["prescribed_speed"][rows]
-        self.params[rows] = params
-        self._varied.clear()
-
-    def varied_tables(self, row: int) -> Tables:
-        """The tables of a robot as it is in force."""
-        if self.variation[row] == self.nominal[row]:
-            return self.tables[row]
-        if row not in self._varied:
-            self._varied[row] = varied_tables(self.tables[row], self.variation[row])
-        return self._varied[row]
-
-    def _set_own(self, row: int, **numbers: float) -> None:
-        """Change numbers of a robot or its ground themselves, by their names in a variation."""
-        for name, number in numbers.items():
-            self.nominal[name][row] = self.variation[name][row] = number
-        self._put_in_force(np.array([row]))
-
-    def set_gravity(self, row: int, gravity: Gravity) -> None:
-        """Change a robot's gravity, without its tilt."""
-        self.nominal_params["gravity_x"][row], self.nominal_params["gravity_y"][row] = (
-            gravity_vector(gravity)
-        )
-        self._set_own(row)
-
-    def set_payload(self, row: int, payload: Payload) -> None:
-        """Change what a robot carries."""
-        robot = self.robots[row] = replace(self.robots[row], payload=payload)
-        self.tables[row] = compile_robot(robot)
-        kept = self.nominal_params[row].copy()
-        self.nominal_params[row] = parameters(self.tables[row], (0.0, 0.0))[0]
-        for name in NOT_THE_ROBOT:
-            self.nominal_params[name][row] = kept[name]
-        x, y = payload.position
-        self._set_own(row, payload=payload.mass, payload_x=x, payload_y=y)
-
-    def set_motor(self, row: int, motor: Motor) -> None:
-        """Change what turns a robot's crank."""
-        robot = self.robots[row] = replace(self.robots[row], motor=motor)
-        self.tables[row] = compile_robot(robot)
-        set_motor(self.nominal_params[row : row + 1], robot)
-        self._set_own(row)
-
-    def set_pad_compliance(self, row: int, pads: Compliance) -> None:
-        """Change how a robot's pads give.
-
-        Raises:
-            ValueError: they give and its ground has restitution.
-        """
-        check_bounce(pads, float(self.params["restitution"][row]))
-        self.deflection[row] = 0.0
-        self._any_gives = self._any_gives or not pads.rigid
-        robot = self.robots[row] = replace(self.robots[row], pad_compliance=pads)
-        self.tables[row] = compile_robot(robot)
-        set_compliance(self.nominal_params[row : row + 1], pads)
-        self._set_own(row)
-
     @property
     def surface(self) -> Array:
         """(vertices, 2) m, of all terrains; each robot's rows say which are its own."""
         return self.detector.surface
-
-    @property
-    def deflection(self) -> Array:
-        """(n, pads) how far the bristles of compliant pads are bent, m; part of the state."""
-        bent: Array = self.contact_statistics["deflection"]
-        return bent
-
-    @property
-    def friction(self) -> Array:
-        """(n,) Coulomb coefficients between robots' pads and their terrains, a copy."""
-        return self.params["friction"].copy()
-
-    @property
-    def restitution(self) -> Array:
-        """(n,) Newton's coefficients of restitution between pads and terrains, a copy."""
-        return self.params["restitution"].copy()
 
     def set_terrain(self, row: int, terrain: Terrain) -> None:
         """Change a robot's ground: it must be placed anew.
@@ -353,19 +212,6 @@ class Batch:
         self.detector.set_terrain(row, terrain)
         if self.detector.surface is not surface:
             self._shared = self._arguments_of_all()
-
-    def set_friction(self, row: int, friction: float) -> None:
-        """Change the Coulomb coefficient between a robot's pads and its ground."""
-        self._set_own(row, friction=friction)
-
-    def set_restitution(self, row: int, restitution: float) -> None:
-        """Change Newton's coefficient of restitution between a robot's pads and its ground.
-
-        Raises:
-            ValueError: it is not 0, and the pads give.
-        """
-        check_bounce(self.robots[row].pad_compliance, restitution)
-        self._set_own(row, restitution=restitution)
 
     def place(self, rows: Ints, crank_angles: Array) -> None:
         """Place robots at rest at x = 0, see :meth:`place_at`.
@@ -405,13 +251,19 @@ class Batch:
         self.diverged[rows] = False
         self.in_contact = None if 0 in rows else self.in_contact
 
-    def lookahead(self, torque: float = 0.0, rows: Ints | None = None) -> None:
-        """What the next time step of some robots (all) would do under a torque; states stay."""
+    def lookahead(
+        self, torque: float = 0.0, rows: Ints | None = None, pushes: Array | None = None
+    ) -> None:
+        """What the next time step of some robots (all) would do under a torque; states stay.
+
+        ``pushes``: (n, 1, 2) N s, as of :meth:`step`.
+        """
+        pushes = self._no_pushes if pushes is None else pushes
         rows = self._every if rows is None else rows
         states, deflection = self.states[rows], self.deflection[rows]  # copies
         in_contact = self.in_contact
         try:
-            asked = np.full(len(self.states), torque), *self._at_once, self._no_pushes
+            asked = np.full(len(self.states), torque), *self._at_once, pushes
             self._run(rows, asked, 1)
         finally:
             self.states[rows], self.deflection[rows] = states, deflection
@@ -591,7 +443,13 @@ class Batch:
         return {name: getattr(self, name) for name in kept}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
-        self.__init__(saved["robots"], saved["terrains"], *saved["_arguments"])  # type: ignore[misc]
+        pairs = zip(saved["terrains"], saved["nominal"]["restitution"].tolist(), strict=True)
+        grounds = [  # as feet that give now must have them
+            terrain if terrain.restitution == own else replace(terrain, restitution=own)
+            for terrain, own in pairs
+        ]
+        self.__init__(saved["robots"], grounds, *saved["_arguments"])  # type: ignore[misc]
+        self.terrains = saved["terrains"]
         for name in CHANGING:
             getattr(self, name)[:] = saved[name]
         self.tracing, self.in_contact = saved["tracing"], saved["in_contact"]
@@ -608,15 +466,6 @@ class Batch:
         if self._pool is None or self._pool[0] != os.getpid():
             self._pool = os.getpid(), ThreadPoolExecutor(self._count - 1, "jansen")
         return self._pool[1]
-
-
-def check_bounce(pads: Compliance, restitution: float) -> None:
-    """Raises ValueError where pads that give are on ground with restitution."""
-    if restitution > 0.0 and not pads.rigid:
-        raise ValueError(
-            f"restitution is {restitution}, must be 0 with compliant pads: their springs and "
-            "dampers say how they bounce"
-        )
 
 
 def _plain(trace: NDArray[np.void]) -> Array:

@@ -178,9 +178,13 @@ class ProjectionPlant:
         self.batch.place_at(np.zeros(1, np.int64), angles, x, pitch)
         return self.state
 
-    def lookahead(self, torque: float = 0.0) -> StepResult:
-        """What one time step would do; the state stays as it is."""
-        self.batch.lookahead(torque)
+    def lookahead(self, torque: float = 0.0, push: Array | None = None) -> StepResult:
+        """What one time step would do; the state stays as it is.
+
+        ``push``: (2,) N s, the impulse on the chassis in it, None for none.
+        """
+        pushes = None if push is None else check_pushes(push)[None, None]
+        self.batch.lookahead(torque, pushes=pushes)
         return self._result(torque)
 
     def step(
@@ -228,16 +232,17 @@ class ProjectionPlant:
             **{name: sums[name] for name in ENERGIES},
         )
 
-    def joint_forces(self, torque: float = 0.0) -> JointForces:
+    def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
         """Forces in every joint now: the mean over the next time step under a crank torque (N m).
 
-        With a toe landing in that step they contain its impulse / time step.
+        With a toe landing in that step they contain its impulse / time step. ``push``: see
+        :meth:`lookahead`.
         """
         batch = self.batch
         kept = batch.tracing, batch.trace, batch.touchdowns
         batch.tracing = True
         try:
-            self.lookahead(torque)
+            self.lookahead(torque, push)
             return trace_forces(self.tables, batch.trace, self.time_step, self.pull).at(0)
         finally:
             batch.tracing, batch.trace, batch.touchdowns = kept

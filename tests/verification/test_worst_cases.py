@@ -182,7 +182,10 @@ FAST = {  # robot, largest torque
 }
 
 
-@pytest.mark.parametrize("name", FAST)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.slow) if n == "one leg, 60 N m" else n for n in FAST],
+)
 def test_fast_toes_do_not_tunnel(name, measured):
     """Full torque back and forth for 2 s: after no time step is a toe deeper than it comes in one,
     and what the contacts give back by lifting it is little beside the robot's energy.

@@ -102,7 +102,8 @@ def test_killed_driver_loses_nothing(whole, tmp_path):
 
 def test_an_end_by_signal_saves_checkpoints(tmp_path):
     """SIGTERM is taken as Ctrl-C, and is never ignored as that is in a shell's background."""
-    plan = {**SMALL, "seeds": 1, "timesteps": 100_000, "save_freq": 0, "eval_freq": 0}
+    # So long that on no machine it is over before the signal arrives.
+    plan = {**SMALL, "seeds": 1, "timesteps": 1_000_000, "save_freq": 0, "eval_freq": 0}
     folders = [run.folder for run in make_study(plan).runs(tmp_path / "small")]
     driver = start(command(plan, tmp_path))
     wait_until(lambda: any(study_runs.read_status(folder).get("steps") for folder in folders))

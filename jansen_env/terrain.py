@@ -297,11 +297,9 @@ class Terrain:
         space.add(ground, *self.segments(ground))
         return ground
 
-    def segments(
-        self, ground: pymunk.Body, origin: tuple[float, float] = (0.0, 0.0)
-    ) -> list[pymunk.Segment]:
-        """The surface as pymunk segments of a static body, moved by ``origin`` (m)."""
-        points = (self.polyline + origin).tolist()
+    def segments(self, ground: pymunk.Body) -> list[pymunk.Segment]:
+        """The surface as pymunk segments of a static body."""
+        points = self.polyline.tolist()
         segments = []
         for i, (a, b) in enumerate(pairwise(points)):
             segment = pymunk.Segment(ground, a, b, 0.0)

@@ -117,7 +117,9 @@ def terrain_of_each(
         and all(isinstance(one, (Terrain, str)) or callable(one) for one in terrain)
     )
     chosen_terrains = _each("terrain", terrain, count) if several else [terrain] * count
-    generators = [make_generator(one) for one in chosen_terrains]
+    different = {id(one): one for one in chosen_terrains}
+    known = {key: make_generator(one) for key, one in different.items()}
+    generators = [known[id(one)] for one in chosen_terrains]
     fixed = [
         FLAT if generator else one
         for one, generator in zip(chosen_terrains, generators, strict=True)

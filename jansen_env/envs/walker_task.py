@@ -27,10 +27,7 @@ from jansen_env.gravity import GRAVITY
 from jansen_env.kinematics import advance_per_turn
 from jansen_env.motor import Motor
 from jansen_env.noise import Noise, make_noise
-from jansen_env.plants.base import (
-    BatchedPlant,
-    Plant,
-)
+from jansen_env.plants.base import BatchedPlant, Plant
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.batch_of_one import BatchOfOne
 from jansen_env.plants.initial_pose import sag

@@ -46,6 +46,9 @@ def plot_scores(task: Task, scores: dict[str, dict[str, Any]], path: str | Path)
         if single:
             axis.set_xticks([])
             axis.margins(x=0.3)
+    for axis in axes.flat[len(shown) :]:
+        axis.remove()
+        axes[0, -1].xaxis.set_tick_params(labelbottom=True)  # which now is the lowest of its column
     handles, labels = axes.flat[0].get_legend_handles_labels()
     columns = min(len(labels), 4)  # more would not fit
     figure.legend(handles, labels, loc="outside upper center", ncols=columns, frameon=False)

@@ -23,7 +23,7 @@ from agents.marks import at_commands, baseline_names, limits, shortfalls
 from agents.metrics import Array, Episodes, point_estimates
 from agents.models import save_model
 from agents.normalizer import NormalizedObservation
-from agents.replay import save_replay_buffer
+from agents.replay_buffers import save_replay_buffer
 from agents.rollout import make_env, run_episodes
 from agents.runs import (
     BEST,

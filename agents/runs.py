@@ -22,7 +22,7 @@ from filelock import FileLock, Timeout
 from stable_baselines3.common.utils import get_latest_run_id
 
 from agents.model_files import parse_json, read_model, read_notes, read_training_state
-from agents.replay import check_replay_file
+from agents.replay_buffers import check_replay_file
 from jansen_env.checks import finite, instance
 from jansen_env.files import PART, write_text
 

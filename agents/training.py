@@ -21,7 +21,7 @@ from agents.imitation import CriticFirst, Imitation
 from agents.model_files import read_model, read_notes, read_training_state
 from agents.models import build_model, restore
 from agents.observing import observing
-from agents.replay import load_replay_buffer
+from agents.replay_buffers import load_replay_buffer
 from agents.runs import FINAL, find_replay_buffer, next_monitor, rewind_monitors
 from agents.training_state import GeneratorsRestored, read_state, restore_state
 from agents.vec_env import make_vec_env, with_actions

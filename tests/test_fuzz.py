@@ -11,7 +11,7 @@ import zipfile
 import pytest
 from small_runs import go_on, small_run
 
-from agents import config, model_files, models, replay, runs, training
+from agents import config, model_files, models, replay_buffers, runs, training
 from agents.training_state import restore_state
 
 EACH = 400  # mutants of a kind of file
@@ -169,7 +169,7 @@ READERS = {
     "a replay buffer": (
         "replay_buffer_200.npz",
         lambda data, rng: zip_of(data, rng, array_of),
-        lambda path, model: replay.load_replay_buffer(model.replay_buffer, path),
+        lambda path, model: replay_buffers.load_replay_buffer(model.replay_buffer, path),
     ),
     "a configuration": (
         "config.yml",

@@ -38,7 +38,7 @@ def begins(impulses):
 
 def test_a_scheduled_push_is_a_half_sine_that_adds_up_to_its_impulse():
     pushes = Pushes(1, Push(0.0, duration=0.0875), STEPS, STEP)
-    pushes.schedule(0, np.array([[0.0513, 1.5, -0.7]]))
+    pushes.schedule(0, np.array([[0.0513, 1.5, -0.7]]), False)
     impulses = of_time_steps(felt(pushes, 10, np.array([3])), 0)
     assert impulses.sum(axis=0) == pytest.approx([1.5, -0.7], abs=1e-14)
     fine = np.linspace(0.0, 0.2, 200 * 1000 + 1)
@@ -52,9 +52,9 @@ def test_a_scheduled_push_is_a_half_sine_that_adds_up_to_its_impulse():
 def test_scheduled_pushes_add_up_where_they_overlap_whatever_their_order():
     both, first, second = (Pushes(1, None, STEPS, STEP) for _ in range(3))
     one, other = [0.31, 1.0, 0.5], [0.27, -0.4, 0.1]
-    both.schedule(0, np.array([one, other]))
-    first.schedule(0, np.array([one]))
-    second.schedule(0, np.array([other]))
+    both.schedule(0, np.array([one, other]), False)
+    first.schedule(0, np.array([one]), False)
+    second.schedule(0, np.array([other]), False)
     seed = np.array([0])
     sums = felt(first, 25, seed) + felt(second, 25, seed)
     np.testing.assert_allclose(felt(both, 25, seed), sums, atol=1e-16)
@@ -103,7 +103,7 @@ def test_strength_scales_the_random_ones_alone():
     one, other = Pushes(2, push, STEPS, STEP), Pushes(2, push, STEPS, STEP)
     other.strength[:] = 0.25
     for pushes in (one, other):
-        pushes.schedule(1, np.array([[0.1, 2.0, 0.0]]))
+        pushes.schedule(1, np.array([[0.1, 2.0, 0.0]]), False)
     seeds = np.array([4, 4])
     nominal, scaled = felt(one, 40, seeds), felt(other, 40, seeds)
     np.testing.assert_allclose(scaled[:, 0], 0.25 * nominal[:, 0], rtol=1e-12)
@@ -115,22 +115,22 @@ def test_nobody_is_pushed_between_pushes_nor_who_does_not_take_the_step():
     pushes = Pushes(2, None, STEPS, STEP)
     seeds, both = np.array([0, 1]), np.ones(2, bool)
     assert pushes.of_step(both, np.zeros(2, np.int64), seeds) is None  # there are none at all
-    pushes.schedule(0, np.array([[0.5 * PERIOD, 1.0, 0.0]]))
+    pushes.schedule(0, np.array([[0.5 * PERIOD, 1.0, 0.0]]), False)
     assert pushes.of_step(both, np.zeros(2, np.int64), seeds) is not None
     assert pushes.of_step(np.array([False, True]), np.zeros(2, np.int64), seeds) is None
     assert pushes.of_step(both, np.full(2, 20), seeds) is None  # it is over
-    pushes.schedule(0, None)
+    pushes.schedule(0, np.empty((0, 3)), True)
     assert pushes.of_step(both, np.zeros(2, np.int64), seeds) is None
-    assert pushes.scheduled(0) is None
+    assert len(pushes.scheduled(0)) == 0
 
 
 def test_an_empty_schedule_is_no_push_at_all_and_longer_ones_keep_the_others():
     pushes = Pushes(2, Push(1.0, interval=0.2), STEPS, STEP)
-    pushes.schedule(0, np.empty((0, 3)))
-    pushes.schedule(1, np.array([[0.0, 1.0, 2.0]]))
-    pushes.schedule(0, np.array([[0.3, 1.0, 0.0]] * 7))
+    pushes.schedule(0, np.empty((0, 3)), False)
+    pushes.schedule(1, np.array([[0.0, 1.0, 2.0]]), False)
+    pushes.schedule(0, np.array([[0.3, 1.0, 0.0]] * 7), False)
     np.testing.assert_array_equal(pushes.scheduled(1), [[0.0, 1.0, 2.0]])
-    pushes.schedule(0, np.empty((0, 3)))
+    pushes.schedule(0, np.empty((0, 3)), False)
     found = felt(pushes, 40, np.array([1, 2]))
     assert not found[:, 0].any() and found[:, 1].sum() == pytest.approx(3.0)
 

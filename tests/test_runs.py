@@ -19,7 +19,7 @@ import yaml
 from stable_baselines3 import PPO
 
 import train
-from agents import callbacks, config, models, replay, runs, training
+from agents import callbacks, config, models, replay_buffers, runs, training
 from agents.model_files import read_model
 
 ROOT = Path(__file__).parents[1]
@@ -203,7 +203,7 @@ def test_replay_buffer_goes_on(tmp_path, returns):
     after = training.prepare(settings, runs.last_state(tmp_path))
     assert after.learning_starts == 32
     assert after.replay_buffer.pos == before.pos == STEPS // 4
-    for name in replay.ARRAYS:
+    for name in replay_buffers.ARRAYS:
         assert np.array_equal(getattr(after.replay_buffer, name), getattr(before, name))
     more = go(settings | {"timesteps": STEPS + 16}, tmp_path, runs.last_state(tmp_path))
     assert more.replay_buffer.pos == STEPS // 4 + 4
@@ -231,8 +231,8 @@ def test_full_replay_buffer_is_restored(tmp_path):
     for _ in range(13):  # of 10 rows
         seen, then = rng.normal(size=(2, 4, 20))
         first.add(seen, then, rng.normal(size=(4, 1)), np.ones(4), np.zeros(4), [{}] * 4)
-    replay.save_replay_buffer(first, tmp_path / "buffer.npz")
-    replay.load_replay_buffer(second, tmp_path / "buffer.npz")
+    replay_buffers.save_replay_buffer(first, tmp_path / "buffer.npz")
+    replay_buffers.load_replay_buffer(second, tmp_path / "buffer.npz")
     assert (second.pos, second.full) == (3, True)
     assert np.array_equal(first.next_observations, second.next_observations)
 
@@ -247,30 +247,30 @@ def test_bad_replay_buffers_are_refused(tmp_path):
         def __reduce__(self):
             return (open, (str(tmp_path / "boom"), "w"))
 
-    replay.save_replay_buffer(buffer, path)
+    replay_buffers.save_replay_buffer(buffer, path)
     whole = path.read_bytes()
     for content in (pickle.dumps(Bomb()), whole[: len(whole) // 2], b""):
         path.write_bytes(content)
         with pytest.raises(ValueError, match="is no replay buffer"):
-            replay.load_replay_buffer(buffer, path)
+            replay_buffers.load_replay_buffer(buffer, path)
     np.savez(path, pos=np.array([Bomb()], dtype=object))
     with pytest.raises(ValueError, match="is no replay buffer"):
-        replay.load_replay_buffer(buffer, path)
+        replay_buffers.load_replay_buffer(buffer, path)
     assert not (tmp_path / "boom").exists()
-    arrays = {name: getattr(buffer, name)[:6] for name in replay.ARRAYS}
+    arrays = {name: getattr(buffer, name)[:6] for name in replay_buffers.ARRAYS}
     np.savez(path, pos=5, full=False, **{**arrays, "actions": np.zeros((6, 4, 2), np.float32)})
     with pytest.raises(ValueError, match=r"actions has shape \(6, 4, 2\).*must have \(6, 4, 1\)"):
-        replay.load_replay_buffer(buffer, path)
+        replay_buffers.load_replay_buffer(buffer, path)
     np.savez(path, pos=-1, full=False, **arrays)
     with pytest.raises(ValueError, match="pos is -1, must be in"):
-        replay.load_replay_buffer(buffer, path)
+        replay_buffers.load_replay_buffer(buffer, path)
     np.savez_compressed(path, **arrays, bomb=np.zeros(10**8, np.uint8))
     assert path.stat().st_size < 10**6
     with pytest.raises(ValueError, match=r"it has 7 arrays, must have 8: \['actions"):
-        replay.load_replay_buffer(buffer, path)
+        replay_buffers.load_replay_buffer(buffer, path)
     np.savez_compressed(path, pos=5, full=False, **arrays)
     with pytest.raises(ValueError, match=r"is packed, must be stored"):
-        replay.load_replay_buffer(buffer, path)
+        replay_buffers.load_replay_buffer(buffer, path)
 
 
 def test_only_what_a_model_saves_is_restored():

@@ -22,15 +22,16 @@ PUSHES = row_dtype(
 
 
 @compiled
-def fill_pushes(active, elapsed, seeds, strength, settings, schedule, scheduled, out):
+def fill_pushes(active, elapsed, seeds, strength, settings, random, schedule, scheduled, out):
     """Impulses on the chassis in each time step of a control step.
 
     Args:
         active: (n,) whether a robot takes the step; the others are not pushed.
         elapsed: (n,) control steps since the episode began. seeds: (n,) of the episodes.
         strength: (n,) by which the random pushes are multiplied. settings: (1,) of :data:`PUSHES`.
+        random: (n,) whether a robot's episode has random pushes, if there are any.
         schedule: (n, most, 3) times since the episode began, s, and impulses in x and y, N s.
-        scheduled: (n,) how many of these there are; -1: the episode's pushes are random.
+        scheduled: (n,) how many of these there are.
         out: (n, steps, 2) N s.
 
     Returns:
@@ -48,7 +49,7 @@ def fill_pushes(active, elapsed, seeds, strength, settings, schedule, scheduled,
             start, x, y = schedule[r, i, 0], schedule[r, i, 1], schedule[r, i, 2]
             if _push(start, x, y, begin, push, out[r]):
                 any_pushed = True
-        if at_random and scheduled[r] < 0:
+        if at_random and random[r]:
             episode = number(seeds[r], STREAM)
             last = math.floor((begin + steps) * push.time_step / push.interval)
             for window in range(math.floor(begin * push.time_step / push.interval), last + 1):

@@ -250,6 +250,14 @@ class Task(ABC):
             ValueError: a value out of range. TypeError: another name.
         """
 
+    def push(self, row: int, impulse: Any) -> None:
+        """Push a robot from now on, N s in x and y.
+
+        Raises:
+            ValueError: it cannot be pushed.
+        """
+        raise ValueError("the robot is held, must be free to be pushed")
+
     @abstractmethod
     def of_each(self, name: str) -> list[Any] | None:
         """What robots have of their own by that name, an entry for each; None for anything else."""

@@ -17,7 +17,7 @@ from jansen_env.engine.pushes import PUSHES, fill_pushes
 from jansen_env.engine.sensors import add_noise
 from jansen_env.envs.core import Bools, Ints, Observed
 from jansen_env.noise import Noise
-from jansen_env.push import Push
+from jansen_env.push import MOST_PUSHES, Push
 
 Array = NDArray[np.float64]
 
@@ -31,6 +31,7 @@ class Pushes:
 
     Attributes:
         strength: (n,) by which the random ones are multiplied. at_random: whether there are any.
+        random: (n,) whether a robot's episode has them.
     """
 
     def __init__(self, num_envs: int, push: Push | None, steps: int, time_step: float) -> None:
@@ -39,7 +40,8 @@ class Pushes:
         self._settings = np.zeros(1, PUSHES)
         kind = push or Push(0.0)
         self._settings[0] = (*kind.impulse, kind.duration, kind.interval, time_step)  # type: ignore[misc]
-        self._scheduled = np.full(num_envs, -1)
+        self.random = np.ones(num_envs, bool)
+        self._scheduled = np.zeros(num_envs, np.int64)
         self._schedule = np.zeros((num_envs, 1, 3))
         self._impulse = np.zeros((0, steps, 2))
         if self.at_random:
@@ -53,27 +55,39 @@ class Pushes:
         prepare(Kernel("pushes", fill_pushes, (*step, *self._arguments())))
 
     def _arguments(self) -> tuple[Any, ...]:
-        return self.strength, self._settings, self._schedule, self._scheduled, self._impulse
+        return (
+            self.strength, self._settings, self.random, self._schedule, self._scheduled,
+            self._impulse,
+        )  # fmt: skip
 
-    def schedule(self, row: int, pushes: Array | None) -> None:
+    def schedule(self, row: int, pushes: Array, random: bool) -> None:
         """Give a robot's episode its own pushes (k, 3), see :func:`jansen_env.push.check_schedule`.
 
-        None: there are those at random.
+        random: whether there are those at random, too.
         """
-        if pushes is None:
-            self._scheduled[row] = -1
-            return
         if len(pushes) > self._schedule.shape[1]:
             before, self._schedule = self._schedule, np.zeros((len(self.strength), len(pushes), 3))
             self._schedule[:, : before.shape[1]] = before
         self._schedule[row, : len(pushes)], self._scheduled[row] = pushes, len(pushes)
-        if len(self._impulse) == 0:
+        self.random[row] = random
+        if len(pushes) > 0 and len(self._impulse) == 0:
             self._begin_pushing()
 
-    def scheduled(self, row: int) -> Array | None:
-        """A robot's own pushes (k, 3); None: they are random."""
-        count = self._scheduled[row]
-        return None if count < 0 else self._schedule[row, :count].copy()
+    def add(self, row: int, push: Array) -> None:
+        """Add a push (3,) to a robot's own, of which those that are over are forgotten.
+
+        Raises:
+            ValueError: there are as many as there may be.
+        """
+        own = self.scheduled(row)
+        going_on = own[own[:, 0] + self._settings["duration"] > push[0]]
+        if len(going_on) == MOST_PUSHES:
+            raise ValueError(f"there are {MOST_PUSHES} pushes, must be fewer")
+        self.schedule(row, np.concatenate([going_on, push[None]]), bool(self.random[row]))
+
+    def scheduled(self, row: int) -> Array:
+        """A robot's own pushes (k, 3)."""
+        return self._schedule[row, : self._scheduled[row]].copy()
 
     def of_step(self, active: Bools, elapsed: Ints, seeds: Ints) -> Array | None:
         """Impulses (n, steps, 2) on the chassis in the time steps to come, N s; None: none at all.

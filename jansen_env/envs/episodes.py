@@ -161,6 +161,18 @@ class Episodes:
             )
         check_bounce(pads, restitution)
 
+    def check_change(self, row: int, changes: Mapping[str, Any]) -> None:
+        """Raises ValueError where a robot's feet cannot bear what its episode's numbers become."""
+        if "pad_compliance" in changes:
+            return
+        values = self.values[row].copy()
+        for name, value in changes.items():
+            if name == "payload":
+                values[name] = value.mass
+            elif name in PARAMETERS and name != "delay":
+                values[name] = value
+        self._check_feet(row, values)
+
     def _check_feet(self, row: int, values: Any) -> None:
         """Raises ValueError where a robot's feet cannot bear a row of EPISODE."""
         robot = self._batch.robots[row]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from jansen_env.envs import arguments
 from jansen_env.envs.core import Observed, Task
+from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 
 Observation = NDArray[np.float32]
@@ -117,6 +118,23 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         """Change the robot from now on, see the task's ``set_parameters``."""
         self.task.set_parameters(0, **changes)
 
+    def push(self, impulse: Any) -> None:
+        """Push the robot from now on, see the task's ``push``.
+
+        Raises:
+            gymnasium.error.ResetNeeded: before the first :meth:`reset`.
+        """
+        self._check_begun()
+        self.task.push(0, impulse)
+
+    def scene(self) -> dict[str, Any]:
+        """What is drawn and stays as it is in an episode: arguments of the renderer."""
+        return self.task.scene(0)
+
+    def frame(self) -> Frame:
+        """What is drawn of the robot as it stands."""
+        return self.task.frame(0)
+
     def get_state(self) -> dict[str, Any]:
         """All that the future depends on; :meth:`set_state` continues from it bit for bit.
 
@@ -154,12 +172,12 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
             return None
         from jansen_env.rendering import Renderer
 
-        scene = self.task.scene(0)
+        scene = self.scene()
         if self._renderer is None:
             fps = self.metadata["render_fps"]
             self._renderer = Renderer(**scene, mode=self.render_mode, fps=fps)
         self._renderer.show(**scene)  # which a reset may change
-        picture: NDArray[np.uint8] | None = self._renderer.draw(self.task.frame(0))
+        picture: NDArray[np.uint8] | None = self._renderer.draw(self.frame())
         return picture
 
     def close(self) -> None:

@@ -212,6 +212,11 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         """Change robot ``row`` from now on, see the task's ``set_parameters``."""
         self.task.set_parameters(row, **changes)
 
+    def push(self, row: int, impulse: Any) -> None:
+        """Push robot ``row`` from now on, see the task's ``push``."""
+        self._check_reset()
+        self.task.push(row, impulse)
+
     def get_state(self, row: int) -> dict[str, Any]:
         """All that the future of robot ``row`` depends on, as of the single environment."""
         generator = self._generator(row).bit_generator.state

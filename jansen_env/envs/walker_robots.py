@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import finite, non_negative, whole_number, within
+from jansen_env.checks import entries, finite, non_negative, whole_number, within
 from jansen_env.dynamics.pads import pad_layout
 from jansen_env.engine import task
 from jansen_env.envs import arguments
 from jansen_env.envs.core import Ints, Task
 from jansen_env.envs.disturbances import Pushes
 from jansen_env.envs.episodes import Episodes, Plan
+from jansen_env.envs.parameters import check
 from jansen_env.plants.base import BatchedPlant, check_deflection, check_in_contact, check_state
 from jansen_env.plants.batch import Batch
+from jansen_env.plants.variation import RANGES
 from jansen_env.push import check_schedule
 from jansen_env.rendering import Frame
 from jansen_env.terrain import Terrain
@@ -25,6 +28,8 @@ from jansen_env.terrain import Terrain
 Array = NDArray[np.float64]
 
 FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
+CHANGES = tuple(name for name in RANGES if name.endswith(("tilt", "_scale", "_strength")))
+"""Parameters of an episode that may be changed in it, beside those that arguments have, too."""
 MEANS = ("mean_speed", "mean_slip", "mean_power", "rms_torque")
 NOT_PHYSICAL = {"speed_command", "command", "delay", "terrain_level"}  # of what may be set
 MOST_STEPS = 2**63 - 1  # of an episode; and the largest seed of commands
@@ -85,6 +90,7 @@ class WalkerRobots(Task):
             delay: s, a number or a range, of its next episodes, no longer than was given to the
                 constructor for any robot.
             speed_command: m/s, a number or a range, from which commands are drawn from now on.
+            tilt, motor_strength, mass_scale ...: any of :data:`CHANGES` that does something here.
             command: m/s, from the next step on. terrain_level: of its next episodes; that from
                 which a curriculum goes on. What ``randomize`` names is drawn all the same.
 
@@ -110,7 +116,9 @@ class WalkerRobots(Task):
             "command": lambda value: within("command", value, -FASTEST_COMMAND, FASTEST_COMMAND),
             "terrain_level": lambda value: self.episodes.checked_level(row, value),
         }
+        checks |= {name: partial(check, name, name) for name in CHANGES}
         checked = {name: checks[name](value) for name, value in changes.items()}  # or nothing
+        self.episodes.check_names(row, [name for name in checked if name in CHANGES], "changes")
         if isinstance(batch, Batch):
             own = self.episodes.nominal["restitution"][row]
             self.episodes.check_pads(
@@ -118,6 +126,7 @@ class WalkerRobots(Task):
                 checked.get("pad_compliance", self.robots[row].pad_compliance),
                 checked.get("restitution", max(float(batch.restitution[row]), float(own))),
             )
+            self.episodes.check_change(row, checked)
         if "speed_command" in checked:
             self.speed_command[row] = checked.pop("speed_command")
         if "delay" in checked:
@@ -132,23 +141,39 @@ class WalkerRobots(Task):
         for name in sorted(
             checked, key=lambda one: checked[one] > 0.0 if one == "restitution" else 0.5
         ):
-            getattr(batch, f"set_{name}")(row, checked[name])
+            if name in CHANGES:
+                batch.set_own(row, **{name: checked[name]})
+            else:
+                getattr(batch, f"set_{name}")(row, checked[name])
         if physical:
             self.robots[row] = batch.robots[row]
             load = batch.robots[row].payload
             place = {"payload_x": load.position[0], "payload_y": load.position[1]}
             numbers = {"payload": {"payload": load.mass, **place}}
             for name in physical:
-                if name in ("friction", "restitution"):
-                    numbers[name] = {name: float(getattr(batch, name)[row])}
+                if name in ("friction", "restitution", *CHANGES):
+                    numbers[name] = {name: checked[name]}
                 self.episodes.take(row, numbers.get(name, {}))
             self._rate(np.array([row]))
+
+    def push(self, row: int, impulse: Any) -> None:
+        """Push a robot's chassis from now on, whatever other pushes there are.
+
+        Args:
+            impulse: (2,) N s in x and y; as long as ``push`` has it, without that 0.1 s.
+
+        Raises:
+            ValueError: no two finite numbers, or too many pushes at once.
+        """
+        now = float(self.elapsed[row]) * self.control_dt
+        own = check_schedule("impulse", [(now, *entries("impulse", impulse, "(Jx, Jy)"))])
+        self._pushes.add(row, own[0])
 
     def of_each(self, name: str) -> list[Any] | None:
         """``friction``, ``restitution``, ``payload``, ``motor``, ``torque_limit``,
         ``pad_compliance``, ``delay`` (s, of this episode), ``robot``, ``terrain``,
-        ``terrain_level``, ``state``, ``weight``, ``speed_command``, ``command``, ``reset_noise_scale`` of each robot; None for
-        another name.
+        ``terrain_level``, ``state``, ``weight``, ``speed_command``, ``command``,
+        ``reset_noise_scale`` and :data:`CHANGES` of each robot; None for another name.
         """
         batch = self.batch
         if name == "robot":
@@ -171,7 +196,7 @@ class WalkerRobots(Task):
             return list(getattr(self, name).tolist())
         if name == "state":
             return list(batch.states.copy())
-        if name in ("friction", "restitution"):
+        if name in ("friction", "restitution", *CHANGES):
             return list(self.episodes.values[name].tolist())
         return None
 
@@ -195,6 +220,7 @@ class WalkerRobots(Task):
             "covered": self.covered[row].copy(),
             **self.episodes.state(row),
             "pushes": self._pushes.scheduled(row),
+            "random_pushes": bool(self._pushes.random[row]),
         }
 
     def set_state(self, row: int, state: Mapping[str, Any]) -> None:
@@ -222,7 +248,8 @@ class WalkerRobots(Task):
             )
             for name in MEANS
         }
-        fallen, pushes = bool(state["fallen"]), schedule_of(state, "state")
+        fallen, random_pushes = bool(state["fallen"]), bool(state["random_pushes"])
+        pushes = check_schedule("state['pushes']", state["pushes"])
         plan, level = self.episodes.planned(row, state)
         batch, one = self.batch, np.array([row])
         self._put_in_force(one, [plan])
@@ -235,7 +262,7 @@ class WalkerRobots(Task):
         self.loads[row] = loads
         self._begin(one, np.array([command]), action)
         self.elapsed[row], self._seed[row], self.covered[row] = steps, seed, covered
-        self._pushes.schedule(row, pushes)
+        self._pushes.schedule(row, pushes, random_pushes)
         info = self.rows[row]["info"]
         info["lag"], info["fallen"] = lag, fallen
         for name, mean in means.items():
@@ -268,7 +295,7 @@ class WalkerRobots(Task):
         )
 
 
-def schedule_of(given: Mapping[str, Any], name: str = "options") -> Array | None:
-    """The pushes (k, 3) in options of a reset or in a state; None: they are random."""
-    pushes = given.get("pushes")
-    return None if pushes is None else check_schedule(f"{name}['pushes']", pushes)
+def schedule_of(options: Mapping[str, Any]) -> tuple[Array, bool]:
+    """The pushes (k, 3) in options of a reset, and whether there are random ones too."""
+    pushes = options.get("pushes")
+    return check_schedule("options['pushes']", [] if pushes is None else pushes), pushes is None

@@ -22,7 +22,7 @@ from jansen_env.envs.core import Bools, Information, Ints, Observed
 from jansen_env.envs.disturbances import NoisySensors, Pushes
 from jansen_env.envs.episodes import Episodes, Plan
 from jansen_env.envs.parameters import PARAMETERS
-from jansen_env.envs.walker_robots import FASTEST_COMMAND, WalkerRobots, schedule_of
+from jansen_env.envs.walker_robots import CHANGES, FASTEST_COMMAND, WalkerRobots, schedule_of
 from jansen_env.gravity import GRAVITY
 from jansen_env.kinematics import advance_per_turn
 from jansen_env.motor import Motor
@@ -72,7 +72,7 @@ class WalkerTask(WalkerRobots):
     by_default: frozenset[str] = frozenset()  # arguments that a derived task has chosen
     SETTABLE = (
         "friction", "restitution", "payload", "motor", "pad_compliance", "delay", "speed_command",
-        "command", "terrain_level",
+        "command", "terrain_level", *CHANGES,
     )  # fmt: skip
 
     def __init__(
@@ -260,7 +260,7 @@ class WalkerTask(WalkerRobots):
         self._begin_delay(rows, self.episodes.values["delay"][rows])
         self._begin(rows, commands)
         for row, pushes in zip(rows.tolist(), schedules, strict=True):
-            self._pushes.schedule(row, pushes)
+            self._pushes.schedule(row, *pushes)
 
     def _walked(self, row: int) -> tuple[float, float]:
         """How far a robot got in its last episode, m, and the mean size of its commands, m/s.

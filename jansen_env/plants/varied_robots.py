@@ -112,8 +112,11 @@ class VariedRobots:
             self._varied[row] = varied_tables(self.tables[row], self.variation[row])
         return self._varied[row]
 
-    def _set_own(self, row: int, **numbers: float) -> None:
-        """Change numbers of a robot or its ground themselves, by their names in a variation."""
+    def set_own(self, row: int, **numbers: float) -> None:
+        """Change numbers of a robot or its ground themselves, by their names in a variation.
+
+        Restitution and the payload have methods of their own, which check more.
+        """
         for name, number in numbers.items():
             self.nominal[name][row] = self.variation[name][row] = number
         self._put_in_force(np.array([row]))
@@ -123,7 +126,7 @@ class VariedRobots:
         self.nominal_params["gravity_x"][row], self.nominal_params["gravity_y"][row] = (
             gravity_vector(gravity)
         )
-        self._set_own(row)
+        self.set_own(row)
 
     def set_payload(self, row: int, payload: Payload) -> None:
         """Change what a robot carries."""
@@ -134,14 +137,14 @@ class VariedRobots:
         for name in NOT_THE_ROBOT:
             self.nominal_params[name][row] = kept[name]
         x, y = payload.position
-        self._set_own(row, payload=payload.mass, payload_x=x, payload_y=y)
+        self.set_own(row, payload=payload.mass, payload_x=x, payload_y=y)
 
     def set_motor(self, row: int, motor: Motor) -> None:
         """Change what turns a robot's crank."""
         robot = self.robots[row] = replace(self.robots[row], motor=motor)
         self.tables[row] = compile_robot(robot)
         set_motor(self.nominal_params[row : row + 1], robot)
-        self._set_own(row)
+        self.set_own(row)
 
     def set_pad_compliance(self, row: int, pads: Compliance) -> None:
         """Change how a robot's pads give.
@@ -155,7 +158,7 @@ class VariedRobots:
         robot = self.robots[row] = replace(self.robots[row], pad_compliance=pads)
         self.tables[row] = compile_robot(robot)
         set_compliance(self.nominal_params[row : row + 1], pads)
-        self._set_own(row)
+        self.set_own(row)
 
     @property
     def deflection(self) -> Array:
@@ -175,7 +178,7 @@ class VariedRobots:
 
     def set_friction(self, row: int, friction: float) -> None:
         """Change the Coulomb coefficient between a robot's pads and its ground."""
-        self._set_own(row, friction=friction)
+        self.set_own(row, friction=friction)
 
     def set_restitution(self, row: int, restitution: float) -> None:
         """Change Newton's coefficient of restitution between a robot's pads and its ground.
@@ -184,7 +187,7 @@ class VariedRobots:
             ValueError: it is not 0, and the pads give.
         """
         check_bounce(self.robots[row].pad_compliance, restitution)
-        self._set_own(row, restitution=restitution)
+        self.set_own(row, restitution=restitution)
 
 
 def check_bounce(pads: Compliance, restitution: float) -> None:

@@ -1,0 +1,132 @@
+"""A robot changed and pushed while it walks: as if a state with that had been put in."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import jansen_env
+from jansen_env import Push
+
+STEPS = 30
+
+
+def walk(env, steps=STEPS):
+    """Observations (steps, d) and the works of pushes (steps,), J."""
+    found = [env.step(np.array([0.3], np.float32)) for _ in range(steps)]
+    return np.array([step[0] for step in found]), [step[4]["energy"]["push_work"] for step in found]
+
+
+def begun(**arguments):
+    """A robot that has walked a little."""
+    env = gym.make("JansenWalker-v0", speed_command=0.3, **arguments).unwrapped
+    env.reset(seed=1)
+    walk(env, 10)
+    return env
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("tilt", 0.1), ("motor_strength", 0.5), ("mass_scale", 1.5), ("damping_scale", 3.0),
+     ("friction", 0.2)],
+)  # fmt: skip
+def test_changed_is_as_if_the_state_had_it(name, value):
+    changed, other = begun(), begun()
+    before = walk(begun())[0]
+    state = other.get_state()
+    state["parameters"][name] = value
+    changed.set_parameters(**{name: value})
+    other.set_state(state)
+    found = walk(changed)[0]
+    np.testing.assert_array_equal(found, walk(other)[0])
+    assert not np.array_equal(found, before)
+    assert changed.parameters[[*state["parameters"]].index(name)] == value
+    changed.reset(seed=2)  # and so it stays
+    assert changed.get_state()["parameters"][name] == value
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [({"tilt": 9.0}, "tilt is 9.0, must be"), ({"motor_strength": 0.0}, "motor_strength is 0.0"),
+     ({"rotor_inertia_scale": 2.0}, "'rotor_inertia_scale', which does nothing here")],
+)  # fmt: skip
+def test_refused(change, message):
+    env = begun()
+    before = env.get_state()["parameters"]
+    with pytest.raises(ValueError, match=message):
+        env.set_parameters(friction=0.1, **change)
+    assert env.get_state()["parameters"] == before
+
+
+def test_feet_are_asked_before_a_payload_is_changed():
+    env = begun(robot="built")
+    with pytest.raises(ValueError, match="stiffness"):
+        env.set_parameters(payload=1e6)
+    assert env.robot.payload.mass == 0.0
+
+
+@pytest.mark.parametrize("push", [None, Push(2.0, interval=0.3)])
+def test_a_push_begins_at_once_beside_the_others(push):
+    """One by hand, and one of a schedule at the same time; a state in the middle of it goes on."""
+    env, other = begun(push=push), begun(push=push)
+    if push is None:
+        scheduled = gym.make("JansenWalker-v0", speed_command=0.3).unwrapped
+        scheduled.reset(seed=1, options={"pushes": [(0.2, 1.5, 0.5)]})
+        walk(scheduled, 10)
+    without = walk(begun(push=push))[0]
+    env.push((1.5, 0.5))
+    first = walk(env, 2)[0]
+    other.set_state(env.get_state())
+    rest = walk(env, STEPS - 2)[0]
+    found = np.concatenate([first, rest])
+    np.testing.assert_array_equal(rest, walk(other, STEPS - 2)[0])
+    assert np.abs(found[:, 6] - without[:, 6]).max() > 0.05  # m/s
+    if push is None:
+        np.testing.assert_array_equal(found, walk(scheduled)[0])
+    else:
+        assert env.get_state()["random_pushes"]
+
+
+def test_pushes_that_are_over_make_room():
+    env = begun()
+    for _ in range(60):
+        env.push((0.01, 0.0))
+        walk(env, 1)
+    assert len(env.get_state()["pushes"]) <= 6
+    with pytest.raises(ValueError, match="there are 1000 pushes, must be fewer"):
+        for _ in range(1001):
+            env.push((0.0, 0.0))
+
+
+@pytest.mark.parametrize("impulse", [1.0, (1.0,), (1.0, np.nan), "ab", (1.0, 2.0, 3.0)])
+def test_what_is_no_impulse_is_refused(impulse):
+    with pytest.raises(ValueError, match="impulse"):
+        begun().push(impulse)
+
+
+def test_one_of_many_is_pushed():
+    envs = gym.make_vec("JansenWalker-v0", num_envs=2, speed_command=0.3).unwrapped
+    envs.reset(seed=1)
+    envs.push(1, (1.5, 0.0))
+    for _ in range(10):
+        _, _, _, _, infos = envs.step(np.full((2, 1), 0.3, np.float32))
+    alone = gym.make("JansenWalker-v0", speed_command=0.3).unwrapped
+    alone.reset(seed=2, options={"pushes": [(0.0, 1.5, 0.0)]})
+    assert walk(alone, 10)[0][-1].tolist() == envs.task.observation[1].tolist()
+    assert infos["energy"]["push_work"][0] == 0.0
+
+
+def test_there_is_nothing_to_push_where_the_frame_is_held():
+    env = gym.make("JansenCrank-v0").unwrapped
+    with pytest.raises(gym.error.ResetNeeded):
+        env.push((1.0, 0.0))
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="the robot is held"):
+        env.push((1.0, 0.0))
+
+
+def test_what_is_drawn_can_be_had():
+    env = begun()
+    assert env.scene()["robot"] == jansen_env.ROBOTS["paper"]()
+    assert env.frame().time == pytest.approx(0.2)

@@ -222,7 +222,7 @@ def main(arguments: list[str] | None = None) -> None:
     for path in paths:
         print(f"written: {path} ({path.stat().st_size / 1000:.1f} kB)")
     for what, difference in differences.items():
-        told = "not run: no C compiler here" if difference is None else f"{difference:.1g}"
+        told = "not run: no C compiler here" if difference is None else f"{difference:.2g}"
         print(f"largest difference of an action to PyTorch's in float64, {what}: {told}")
 
 

@@ -16,6 +16,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import jansen_env
+from agents.c_templates import (
+    ACTIVATION,
+    ACTIVATIONS,
+    CLIP,
+    CRANK_SPEED,
+    EXAMPLE,
+    HARMONIC,
+    LINEAR,
+    PRELUDE,
+    REMEMBER,
+    RESIDUAL,
+    STEP,
+)
 from jansen_env.checks import shown
 from jansen_env.policy_network import (
     CrankSpeedAction,
@@ -145,7 +158,8 @@ void {name}_reset({name}_state *state);
  * the torque in N m. Call it once each {upper}_CONTROL_PERIOD, after a reset.
  * Returns 0; or -1 where the observation or the result
  * is not finite: the action is 0 then, and the observation, if that is it, is not remembered. */
-int {name}_step({name}_state *state, const float observation[{upper}_OBSERVATIONS], float *action);
+int {name}_step({name}_state *state, const float observation[{upper}_OBSERVATIONS],
+{" " * len(f"int {name}_step(")}float *action);
 
 #ifdef __cplusplus
 }}
@@ -184,7 +198,7 @@ def sizes(policy: PretrainedPolicy) -> Sizes:
 
 def _bytes(*arrays: Any) -> int:
     """Of arrays that are stored alike."""
-    return sum(array.size for array in arrays) * (4 if _exact(*arrays) else 8)
+    return sum(array.size for array in arrays) * (4 if _kind(*arrays) == "float" else 8)
 
 
 def _width(policy: PretrainedPolicy) -> int:
@@ -193,9 +207,10 @@ def _width(policy: PretrainedPolicy) -> int:
     return max(features, *(len(layer.bias) for layer in policy.layers))
 
 
-def _exact(*arrays: Any) -> bool:
-    """Whether float has all of the numbers exactly."""
-    return all(np.array_equal(array.astype(np.float32).astype(float), array) for array in arrays)
+def _kind(*arrays: Any) -> str:
+    """The C type of constants: float where that has all of the numbers exactly."""
+    exact = all(np.array_equal(array.astype(np.float32).astype(float), array) for array in arrays)
+    return "float" if exact else "real"
 
 
 def _single(value: float) -> str:
@@ -212,10 +227,10 @@ def _point(digits: str) -> str:
     return digits if re.search(r"[.e]", digits) else f"{digits}.0"
 
 
-def _array(name: str, values: Any, exact: bool) -> str:
-    """A constant array of floats, or where these are not exact of the precision in use."""
+def _array(name: str, values: Any, kind: str) -> str:
+    """A constant array of this type."""
     flat = np.ravel(values)
-    kind, text = ("float", _single) if exact else ("real", _real)
+    text = _single if kind == "float" else _real
     lines = [
         "    " + ", ".join(map(text, flat[i : i + PER_LINE])) for i in range(0, len(flat), PER_LINE)
     ]
@@ -223,76 +238,87 @@ def _array(name: str, values: Any, exact: bool) -> str:
 
 
 def _source(policy: PretrainedPolicy, name: str) -> str:
-    upper, history = name.upper(), policy.history
-    size, width = len(policy.observed), _width(policy)
-    parts = [PRELUDE.format(name=name, upper=upper)]
-    body: list[str] = []
-    for i, block in enumerate(policy.features):
-        target = f"x + {sum(one.size for one in policy.features[:i])}" if i else "x"
-        if isinstance(block, Normalized):
-            for part, values in ((f"mean_{i}", block.mean), (f"deviation_{i}", block.deviation)):
-                parts.append(_array(part, values, _exact(values)))
-            body.append(
-                f"for (i = 0; i < {block.size}; ++i) {{\n        ({target})[i] = "
-                f"clip((seen[i] - mean_{i}[i]) / deviation_{i}[i], {_real(block.clip)});\n    }}"
-            )
-        elif isinstance(block, Harmonics) and block.multiples:
-            multiples = ", ".join(map(str, block.multiples))
-            parts.append(f"static const int multiples_{i}[{block.size // 2}] = {{{multiples}}};\n")
-            body.append(
-                f"for (i = 0; i < {block.size // 2}; ++i) {{\n        "
-                f"harmonic(seen[0], seen[1], multiples_{i}[i], {target} + 2 * i);\n    }}"
-            )
-        elif isinstance(block, Plain):
-            body.append(
-                f"for (i = 0; i < {block.size}; ++i) {{\n        ({target})[i] = seen[i];\n    }}"
-            )
-    source, target = "x", "y"
+    """The text of NAME.c: constants, functions that are used, the step."""
+    constants, body = _features(policy)
     for i, layer in enumerate(policy.layers):
-        exact = _exact(layer.weight, layer.bias)
-        parts += [
-            _array(f"weight_{i}", layer.weight, exact), _array(f"bias_{i}", layer.bias, exact),
-        ]  # fmt: skip
-        body += _layer(i, layer, source, target)
-        source, target = target, source
-    body.append(f"value = {source}[0];")
+        constants.append(_layer_constants(i, layer))
+        body += _layer(i, layer, *("xy" if i % 2 == 0 else "yx"))
+    body.append(f"value = {'y' if len(policy.layers) % 2 else 'x'}[0];")
     if np.isfinite(policy.limit):
         body.append(f"value = clip(value, {_real(policy.limit)});")
     if policy.squash == "tanh":
         body.append("value = TANH(value);")
     body.append("value = clip(value, R(1.0));")
-    parts.append(CLIP)
+    functions = [CLIP]
     if any(isinstance(block, Harmonics) and block.multiples for block in policy.features):
-        parts.append(HARMONIC)
-    kinds = ["float" if _exact(one.weight, one.bias) else "real" for one in policy.layers]
-    parts += [LINEAR.format(kind=kind) for kind in dict.fromkeys(kinds)]
+        functions.append(HARMONIC)
+    kinds = dict.fromkeys(_kind(layer.weight, layer.bias) for layer in policy.layers)
+    functions += [LINEAR.format(kind=kind) for kind in kinds]
     used = dict.fromkeys(one.activation for one in policy.layers if one.activation is not None)
-    parts += [ACTIVATION.format(name=one, value=ACTIVATIONS[one]) for one in used]
+    functions += [ACTIVATION.format(name=one, value=ACTIVATIONS[one]) for one in used]
     if policy.action_map is not None:
-        parts += _map(policy.action_map)
+        functions += _map(policy.action_map)
         body.append("value = torque_share(observation, value);")
-    remembers = history.length > 1
-    if remembers:
-        parts.append(REMEMBER.format(
-            name=name, upper=upper, steps=history.steps, every=history.every,
-            length=history.length,
+    history = policy.history
+    if history.length > 1:
+        functions.append(REMEMBER.format(
+            name=name, steps=history.steps, every=history.every, length=history.length,
         ))  # fmt: skip
-        body.insert(0, "remember(state, observation, seen);")
+        begin, reset = "remember(state, observation, seen);", "state->begun = 0;"
     else:
-        body.insert(0, f"(void)state;\n    for (i = 0; i < {size}; ++i) {{\n        seen[i] = "
-                    "observation[i];\n    }")  # fmt: skip
-    reset = "state->begun = 0;" if remembers else "state->nothing = 0;"
-    parts.append(STEP.format(
-        name=name, upper=upper, reset=reset, seen=history.length * size, width=width,
-        body="\n    ".join(body),
-    ))  # fmt: skip
-    return "\n".join(parts)
+        begin, reset = (
+            "(void)state;\n    " + _loop("OBSERVATIONS", "seen[i] = observation[i];"),
+            ("state->nothing = 0;"),
+        )
+    step = STEP.format(
+        name=name, indent=" " * len(f"int {name}_step("), reset=reset, width=_width(policy),
+        seen=history.length * len(policy.observed), body="\n    ".join([begin, *body]),
+    )  # fmt: skip
+    prelude = PRELUDE.format(name=name, upper=name.upper())
+    return "\n".join([prelude, *constants, *functions, step])
+
+
+def _loop(count: int | str, statement: str) -> str:
+    return f"for (i = 0; i < {count}; ++i) {{\n        {statement}\n    }}"
+
+
+def _features(policy: PretrainedPolicy) -> tuple[list[str], list[str]]:
+    """Constants, and lines that make features x of what is seen."""
+    constants, body, first = [], [], 0
+    for k, block in enumerate(policy.features):
+        target = f"x[{first} + i]" if first else "x[i]"
+        if isinstance(block, Normalized):
+            constants += [
+                "/* What is seen is scaled by these, in its units. */\n"
+                + _array(f"mean_{k}", block.mean, _kind(block.mean)),
+                _array(f"deviation_{k}", block.deviation, _kind(block.deviation)),
+            ]
+            scaled = f"(seen[i] - mean_{k}[i]) / deviation_{k}[i]"
+            body.append(_loop(block.size, f"{target} = clip({scaled}, {_real(block.clip)});"))
+        elif isinstance(block, Plain):
+            body.append(_loop(block.size, f"{target} = seen[i];"))
+        elif block.multiples:
+            count, numbers = len(block.multiples), ", ".join(map(str, block.multiples))
+            constants.append(f"static const int multiples_{k}[{count}] = {{{numbers}}};\n")
+            call = f"harmonic(seen[0], seen[1], multiples_{k}[i], x + {first} + 2 * i);"
+            body.append(_loop(count, call))
+        first += block.size
+    return constants, body
+
+
+def _layer_constants(i: int, layer: Layer) -> str:
+    """A layer's weights, row by row, and biases."""
+    kind, (units, inputs) = _kind(layer.weight, layer.bias), layer.weight.shape
+    return (
+        f"/* Layer {i}: {inputs} to {units}, {layer.activation or 'linear'}. */\n"
+        + _array(f"weight_{i}", layer.weight, kind)
+        + _array(f"bias_{i}", layer.bias, kind)
+    )
 
 
 def _layer(i: int, layer: Layer, source: str, target: str) -> list[str]:
     """Lines that compute a layer."""
-    units, inputs = layer.weight.shape
-    kind = "float" if _exact(layer.weight, layer.bias) else "real"
+    kind, (units, inputs) = _kind(layer.weight, layer.bias), layer.weight.shape
     lines = [f"linear_{kind}(weight_{i}, bias_{i}, {units}, {inputs}, {source}, {target});"]
     if layer.activation is not None:
         lines.append(f"{layer.activation}_all({target}, {units});")
@@ -312,8 +338,8 @@ def _map(action_map: TorqueMap) -> list[str]:
     cos, sin, speed, command, lag = action_map.places
     width = numbers.shape[1]
     return [
-        _array("profile_commands", commands, _exact(commands)),
-        _array("profile_numbers", numbers, _exact(numbers)),
+        _array("profile_commands", commands, _kind(commands)),
+        _array("profile_numbers", numbers, _kind(numbers)),
         RESIDUAL.format(
             cos=cos, sin=sin, speed=speed, command=command, lag=lag, last=len(commands) - 1,
             width=width, count=(width - 4) // 2, limit=limit, share=_real(action_map.share),
@@ -324,224 +350,3 @@ def _map(action_map: TorqueMap) -> list[str]:
 def example(name: str) -> str:
     """A program that reads observations and prints actions."""
     return EXAMPLE.format(name=name, upper=name.upper())
-
-
-PRELUDE = """\
-/* See {name}.h. */
-#include "{name}.h"
-
-#include <math.h>
-
-#ifdef {upper}_SINGLE_PRECISION
-typedef float real;
-#define R(x) x##f
-#define TANH tanhf
-#define EXP expf
-#define EXPM1 expm1f
-#define POW powf
-#else
-typedef double real;
-#define R(x) x
-#define TANH tanh
-#define EXP exp
-#define EXPM1 expm1
-#define POW pow
-#endif
-"""
-
-CLIP = """\
-static real clip(real x, real limit)
-{
-    return x < -limit ? -limit : x > limit ? limit : x;
-}
-"""
-
-HARMONIC = """\
-/* cos k psi and sin k psi from cos psi and sin psi, by squaring. */
-static void harmonic(real c, real s, int k, real *out)
-{
-    real re = R(1.0), im = R(0.0), next;
-
-    for (; k > 0; k /= 2) {
-        if (k % 2 == 1) {
-            next = re * c - im * s;
-            im = re * s + im * c;
-            re = next;
-        }
-        next = c * c - s * s;
-        s = R(2.0) * c * s;
-        c = next;
-    }
-    out[0] = re;
-    out[1] = im;
-}
-"""
-
-LINEAR = """\
-static void linear_{kind}(const {kind} *weight, const {kind} *bias, int units, int inputs,
-                         const real *in, real *out)
-{{
-    int i, j;
-
-    for (i = 0; i < units; ++i) {{
-        real sum = bias[i];
-        for (j = 0; j < inputs; ++j) {{
-            sum += weight[i * inputs + j] * in[j];
-        }}
-        out[i] = sum;
-    }}
-}}
-"""
-
-ACTIVATIONS = {
-    "tanh": "TANH(values[i])",
-    "relu": "values[i] > R(0.0) ? values[i] : R(0.0)",
-    "elu": "values[i] > R(0.0) ? values[i] : EXPM1(values[i])",
-}
-ACTIVATION = """\
-static void {name}_all(real *values, int count)
-{{
-    int i;
-
-    for (i = 0; i < count; ++i) {{
-        values[i] = {value};
-    }}
-}}
-"""
-
-CRANK_SPEED = """\
-/* The share of the torque limit: towards a crank speed that the action chooses. */
-static real torque_share(const float *observation, real action)
-{{
-    real target = observation[{command}] * {per_metre} * POW({span}, action);
-
-    return clip({gain} * (target - observation[{speed}]) / {limit}, R(1.0));
-}}
-"""
-
-RESIDUAL = """\
-/* The share of the torque limit: a crank-speed profile's, to which the action adds. */
-static real torque_share(const float *observation, real action)
-{{
-    real command = observation[{command}], sign = command < R(0.0) ? R(-1.0) : R(1.0);
-    real size = sign * command, last = profile_commands[{last}];
-    real inside = size < last ? size : last, share, shape, wanted, next;
-    real c = sign * observation[{cos}], s = observation[{sin}], re, im, p[{width}];
-    int i, k = 1;
-
-    while (k < {last} && profile_commands[k] < inside) {{
-        ++k;
-    }}
-    share = (inside - profile_commands[k - 1]) / (profile_commands[k] - profile_commands[k - 1]);
-    for (i = 0; i < {width}; ++i) {{
-        p[i] = (R(1.0) - share) * profile_numbers[(k - 1) * {width} + i]
-               + share * profile_numbers[k * {width} + i];
-    }}
-    p[0] *= size > last ? size / last : R(1.0);
-    shape = p[3] * sign * observation[{lag}];
-    re = c * c - s * s;
-    im = R(2.0) * c * s;
-    c = re;
-    s = im;
-    for (i = 0; i < {count}; ++i) {{
-        shape += p[4 + i] * re + p[4 + {count} + i] * im;
-        next = re * c - im * s;
-        im = re * s + im * c;
-        re = next;
-    }}
-    wanted = p[0] * EXP(shape);
-    wanted = sign * (p[1] * (wanted - sign * observation[{speed}]) + p[2]);
-    return clip(clip(wanted / {limit}, R(1.0)) + {share} * action, R(1.0));
-}}
-"""
-
-REMEMBER = """\
-/* What is seen: observations side by side, the present one first. */
-static void remember({name}_state *state, const float *observation, real *seen)
-{{
-    int i, k, row;
-
-    if (state->begun) {{
-        state->newest = (state->newest + {steps} - 1) % {steps};
-        for (i = 0; i < {upper}_OBSERVATIONS; ++i) {{
-            state->memory[state->newest][i] = observation[i];
-        }}
-    }} else {{ /* an episode's first observation stands for those before it */
-        for (k = 0; k < {steps}; ++k) {{
-            for (i = 0; i < {upper}_OBSERVATIONS; ++i) {{
-                state->memory[k][i] = observation[i];
-            }}
-        }}
-        state->newest = 0;
-        state->begun = 1;
-    }}
-    for (k = 0; k < {length}; ++k) {{
-        row = (state->newest + k * {every}) % {steps};
-        for (i = 0; i < {upper}_OBSERVATIONS; ++i) {{
-            seen[k * {upper}_OBSERVATIONS + i] = state->memory[row][i];
-        }}
-    }}
-}}
-"""
-
-STEP = """\
-void {name}_reset({name}_state *state)
-{{
-    {reset}
-}}
-
-int {name}_step({name}_state *state, const float observation[{upper}_OBSERVATIONS], float *action)
-{{
-    real seen[{seen}], x[{width}], y[{width}], value;
-    int i;
-
-    *action = 0.0f;
-    for (i = 0; i < {upper}_OBSERVATIONS; ++i) {{
-        if (!isfinite(observation[i])) {{
-            return -1;
-        }}
-    }}
-    {body}
-    if (!isfinite(value)) {{
-        return -1;
-    }}
-    *action = (float)value;
-    return 0;
-}}
-"""
-
-EXAMPLE = """\
-/* Reads observations, numbers between spaces, and prints an action for each; the word reset begins
- * an episode. Compile: cc -std=c99 -O2 main.c {name}.c -lm */
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "{name}.h"
-
-int main(void)
-{{
-    {name}_state state;
-    float observation[{upper}_OBSERVATIONS], action;
-    char word[64];
-    int i = 0;
-
-    {name}_reset(&state);
-    while (scanf("%63s", word) == 1) {{
-        if (strcmp(word, "reset") == 0) {{
-            {name}_reset(&state);
-            continue;
-        }}
-        observation[i++] = strtof(word, NULL);
-        if (i == {upper}_OBSERVATIONS) {{
-            i = 0;
-            if ({name}_step(&state, observation, &action) != 0) {{
-                fputs("an observation is not finite\\n", stderr);
-                return 1;
-            }}
-            printf("%.9g\\n", (double)action);
-        }}
-    }}
-    return 0;
-}}
-"""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from tabulate import tabulate
 
 import jansen_env
-from agents import export_c
+from agents.card_examples import code, examples
 from agents.config import training_envs
 from agents.observation_guide import meaning, running_means
 from agents.rollout import make_env
@@ -65,12 +65,6 @@ class Export(NamedTuple):
     observation: NDArray[np.float32]
 
 
-def code(text: Any) -> str:
-    """Text of any source as code within a line, also of a table."""
-    plain = "".join(c if c.isprintable() else "_" for c in " ".join(str(text).split()))
-    return f"`{plain.replace('`', chr(39)).replace('|', '/') or ' '}`"
-
-
 def block(text: str) -> str:
     """Text of any source as a block of code: lines indented, of which none can end it."""
     lines = ["".join(c if c.isprintable() else "_" for c in line) for line in text.split("\n")]
@@ -93,7 +87,8 @@ def card(export: Export) -> str:
         "## Observation\n\n" + _observation(policy, plain),
         *([f"## What is worked out\n\n{text}"] if (text := running_means(plain)) else []),
         "## Action\n\n" + _action(policy),
-        "## Run it\n\n" + "\n\n".join(_runs(export)),
+        "## Run it\n\n"
+        + "\n\n".join(examples(policy, export.name, export.kinds, export.observation)),
         "## Agreement with PyTorch\n\n" + _agreement(export),
         "## Environment\n\n" + _environment(policy),
         "## Limits\n\n" + _limits(policy),
@@ -170,81 +165,9 @@ def _action(policy: PretrainedPolicy) -> str:
     return text + "."
 
 
-def _runs(export: Export) -> list[str]:
-    """How to run each file, with an observation that occurs."""
-    policy, name = export.policy, export.name
-    numbers = [float(f"{x:.4g}") for x in export.observation.tolist()]
-    action, _ = policy.predict(np.array([numbers], np.float32))
-    found = f"{action[0, 0]:.4f}"
-    parts = []
-    if "onnx" in export.kinds:
-        parts.append(
-            "ONNX, any number of robots at once:\n\n```python\n"
-            f"{_onnx_example(policy, name, numbers)}```\n\nprints {found}."
-        )
-    if "c" in export.kinds:
-        parts.append(
-            f"C99, for a microcontroller; {_cost(policy, name)} As a program:\n\n```c\n"
-            f"{export_c.example(name)}```\n\n```bash\ncc -std=c99 -O2 -o main main.c {name}.c -lm\n"
-            f"echo '{' '.join(map(str, numbers))}' | ./main\n```\n\nprints {found}. Places of "
-            f"observations are {code(export_c.places(policy, name)[0])} and so on."
-        )
-    if "safetensors" in export.kinds:
-        parts.append(
-            "Python with jansen_env, which needs nothing but NumPy for it:\n\n```python\n"
-            f"{_numpy_example(name, numbers)}```\n\nprints {found}."
-        )
-    return parts
-
-
-def _onnx_example(policy: PretrainedPolicy, name: str, numbers: list[float]) -> str:
-    head = (
-        "import numpy as np\nimport onnxruntime\n\n"
-        f'session = onnxruntime.InferenceSession("{name}.onnx")\n'
-        f"observation = np.array([{numbers}], np.float32)  # (robots, numbers)\n"
-    )
-    if policy.history.length == 1:
-        return head + (
-            'action, torque = session.run(["action", "torque"], {"observation": observation})\n'
-            'print(f"{action[0, 0]:.4f}")\n'
-        )
-    shape = (1, policy.history.steps, len(policy.observed))
-    return head + (
-        f"memory, start = np.zeros({shape}, np.float32), np.array([True])\n"
-        f"for _ in range(3):  # a step each {policy.control_dt:g} s; the observation would be new\n"
-        "    action, torque, memory = session.run(\n"
-        '        ["action", "torque", "next_memory"],\n'
-        '        {"observation": observation, "memory": memory, "episode_start": start},\n'
-        "    )\n"
-        "    start = np.array([False])\n"
-        'print(f"{action[0, 0]:.4f}")\n'
-    )
-
-
-def _numpy_example(name: str, numbers: list[float]) -> str:
-    return (
-        "import numpy as np\nfrom jansen_env import pretrained\n\n"
-        f'policy = pretrained.load_file("{name}.json")\n'
-        f"observation = np.array([{numbers}], np.float32)\n"
-        "action, state = policy.predict(observation)  # pass the state to the next call\n"
-        'print(f"{action[0, 0]:.4f}")\n'
-    )
-
-
-def _cost(policy: PretrainedPolicy, name: str) -> str:
-    cost = export_c.sizes(policy)
-    return (
-        f"constants take {cost.constants} bytes of flash, a state {cost.state} and arrays on the "
-        f"stack {cost.stack} bytes of RAM (code comes on top); a step takes {cost.multiply_adds} "
-        f"multiplications with additions and {cost.functions} calls of functions of math.h. "
-        f"Computed in double; with {code(f'-D{name.upper()}_SINGLE_PRECISION')} in float, with "
-        "half of the stack."
-    )
-
-
 def _agreement(export: Export) -> str:
     rows = [
-        [what, "not compared here" if difference is None else f"{difference:.1g}"]
+        [what, "not compared here" if difference is None else f"{difference:.2g}"]
         for what, difference in export.differences.items()
     ]
     return (

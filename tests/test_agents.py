@@ -258,7 +258,8 @@ def test_resamples_in_which_nobody_walked_do_not_count():
 def test_evaluation_command(tmp_path):
     """The printed table, JSON, PNG, GIF and MP4, twice the same numbers."""
     arguments = ["--policy", "constant", "--policy", "pid", "--episodes", "1",
-                 "--commands", "0.1", "0.3"]  # fmt: skip
+                 "--commands", "0.1", "0.3",
+                 "--env-kwargs", "{max_episode_steps: 100}"]  # fmt: skip
     out = [
         subprocess.run(
             [sys.executable, "-m", "agents.evaluate", *arguments, "--out", tmp_path / d, *more],

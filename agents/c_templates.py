@@ -13,18 +13,10 @@ PRELUDE = """\
 #ifdef {upper}_SINGLE_PRECISION
 typedef float real;
 #define R(x) x##f
-#define TANH tanhf
-#define EXP expf
-#define EXPM1 expm1f
-#define POW powf
-#else
+{single}#else
 typedef double real;
 #define R(x) x
-#define TANH tanh
-#define EXP exp
-#define EXPM1 expm1
-#define POW pow
-#endif
+{double}#endif
 """
 
 CLIP = """\
@@ -64,7 +56,7 @@ static void linear_{kind}(const {kind} *weight, const {kind} *bias, int units, i
     for (i = 0; i < units; ++i) {{
         real sum = bias[i];
         for (j = 0; j < inputs; ++j) {{
-            sum += weight[i * inputs + j] * in[j];
+            sum += (real)weight[i * inputs + j] * in[j];
         }}
         out[i] = sum;
     }}
@@ -91,9 +83,10 @@ CRANK_SPEED = """\
 /* The share of the torque limit: towards a crank speed that the action chooses. */
 static real torque_share(const float *observation, real action)
 {{
-    real target = observation[{command}] * {per_metre} * POW({span}, action);
+    real command = observation[{command}], speed = observation[{speed}];
+    real target = command * {per_metre} * POW({span}, action);
 
-    return clip({gain} * (target - observation[{speed}]) / {limit}, R(1.0));
+    return clip({gain} * (target - speed) / {limit}, R(1.0));
 }}
 """
 
@@ -104,7 +97,8 @@ static real torque_share(const float *observation, real action)
     real command = observation[{command}], sign = command < R(0.0) ? R(-1.0) : R(1.0);
     real size = sign * command, last = profile_commands[{last}];
     real inside = size < last ? size : last, share, shape, wanted, next;
-    real c = sign * observation[{cos}], s = observation[{sin}], re, im, p[{width}];
+    real c = observation[{cos}], s = observation[{sin}], re, im, p[{width}];
+    real lag = observation[{lag}], speed = observation[{speed}];
     int i, k = 1;
 
     while (k < {last} && profile_commands[k] < inside) {{
@@ -112,11 +106,12 @@ static real torque_share(const float *observation, real action)
     }}
     share = (inside - profile_commands[k - 1]) / (profile_commands[k] - profile_commands[k - 1]);
     for (i = 0; i < {width}; ++i) {{
-        p[i] = (R(1.0) - share) * profile_numbers[(k - 1) * {width} + i]
-               + share * profile_numbers[k * {width} + i];
+        p[i] = (R(1.0) - share) * (real)profile_numbers[(k - 1) * {width} + i]
+               + share * (real)profile_numbers[k * {width} + i];
     }}
     p[0] *= size > last ? size / last : R(1.0);
-    shape = p[3] * sign * observation[{lag}];
+    shape = p[3] * sign * lag;
+    c *= sign;
     re = c * c - s * s;
     im = R(2.0) * c * s;
     c = re;
@@ -128,7 +123,7 @@ static real torque_share(const float *observation, real action)
         re = next;
     }}
     wanted = p[0] * EXP(shape);
-    wanted = sign * (p[1] * (wanted - sign * observation[{speed}]) + p[2]);
+    wanted = sign * (p[1] * (wanted - sign * speed) + p[2]);
     return clip(clip(wanted / {limit}, R(1.0)) + {share} * action, R(1.0));
 }}
 """

@@ -46,6 +46,7 @@ auto break case char const continue default do double else enum extern float for
 long register restrict return short signed sizeof static struct switch typedef union unsigned void
 volatile while asm fortran main math stdio stdlib string
 """  # words of C, and headers which NAME.h must not be taken for
+MATH = ("tanh", "exp", "expm1", "pow")  # functions that are used, in either precision
 PER_LINE = 6  # numbers of an array
 
 
@@ -274,8 +275,14 @@ def _source(policy: PretrainedPolicy, name: str) -> str:
         name=name, indent=" " * len(f"int {name}_step("), reset=reset, width=_width(policy),
         seen=history.length * len(policy.observed), body="\n    ".join([begin, *body]),
     )  # fmt: skip
-    prelude = PRELUDE.format(name=name, upper=name.upper())
-    return "\n".join([prelude, *constants, *functions, step])
+    code = "\n".join([*constants, *functions, step])
+    used_of_math = [one for one in MATH if f"{one.upper()}(" in code]
+    prelude = PRELUDE.format(
+        name=name, upper=name.upper(),
+        single="".join(f"#define {one.upper()} {one}f\n" for one in used_of_math),
+        double="".join(f"#define {one.upper()} {one}\n" for one in used_of_math),
+    )  # fmt: skip
+    return f"{prelude}\n{code}"
 
 
 def _loop(count: int | str, statement: str) -> str:
@@ -293,7 +300,7 @@ def _features(policy: PretrainedPolicy) -> tuple[list[str], list[str]]:
                 + _array(f"mean_{k}", block.mean, _kind(block.mean)),
                 _array(f"deviation_{k}", block.deviation, _kind(block.deviation)),
             ]
-            scaled = f"(seen[i] - mean_{k}[i]) / deviation_{k}[i]"
+            scaled = f"(seen[i] - (real)mean_{k}[i]) / (real)deviation_{k}[i]"
             body.append(_loop(block.size, f"{target} = clip({scaled}, {_real(block.clip)});"))
         elif isinstance(block, Plain):
             body.append(_loop(block.size, f"{target} = seen[i];"))

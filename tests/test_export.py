@@ -17,7 +17,10 @@ from agents.tasks import TASKS
 from jansen_env import pretrained
 from jansen_env.pretrained import PretrainedPolicy
 
-STRICT = ("-std=c99", "-O1", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-pedantic", "-Werror")
+STRICT = (
+    "-std=c99", "-O1", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Wshadow",
+    "-Wunused-macros", "-pedantic", "-Werror",
+)  # fmt: skip
 SINGLE = (*STRICT, "-DMINE_SINGLE_PRECISION")
 WALKER, CRANK = "JansenWalker-v0", "JansenCrank-v0"
 needs_cc = pytest.mark.skipif(export_check.compiler() is None, reason="there is no C compiler")
@@ -31,7 +34,6 @@ RUNS = {
         ("crossq", {}, {"net_arch": [8, 8], "activation": "relu", "normalize": True}),
         {"env_id": WALKER, "action": "crank_speed"},
     ),
-    "sac with gSDE": (NETWORKS["sac with gSDE"], {}),
 }
 
 

@@ -46,6 +46,7 @@ auto break case char const continue default do double else enum extern float for
 long register restrict return short signed sizeof static struct switch typedef union unsigned void
 volatile while asm fortran main math stdio stdlib string
 """  # words of C, and headers which NAME.h must not be taken for
+UNSAFE = re.compile(r"[^A-Za-z0-9 .,:;=+\-_()\[\]{}'/%^<>]")  # in a comment
 MATH = ("tanh", "exp", "expm1", "pow")  # functions that are used, in either precision
 PER_LINE = 6  # numbers of an array
 
@@ -63,9 +64,7 @@ class Sizes(NamedTuple):
 
 def comment(text: Any, longest: int = 200) -> str:
     """Text for a C comment: letters, digits and what can neither end it nor begin anything."""
-    return re.sub(r"[^A-Za-z0-9 .,:;=+\-_()\[\]{}'/%^<>]", "_", " ".join(str(text).split()))[
-        :longest
-    ]
+    return UNSAFE.sub("_", " ".join(str(text).split()))[:longest]
 
 
 def identifier(text: str) -> str:

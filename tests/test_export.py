@@ -11,7 +11,16 @@ import numpy as np
 import pytest
 from small_runs import NETWORKS, go_on, made_run, small_run
 
-from agents import export, export_c, export_check, observation_guide, pack, unpack
+from agents import (
+    card_examples,
+    export,
+    export_c,
+    export_check,
+    model_card,
+    observation_guide,
+    pack,
+    unpack,
+)
 from agents.rollout import make_env
 from agents.tasks import TASKS
 from jansen_env import pretrained
@@ -137,6 +146,13 @@ def test_no_text_of_a_file_becomes_code():
     for name in ("int", "math", "a-b", "1a", "a" * 64, "", "a\nb", "ä"):
         with pytest.raises(ValueError, match="must be letters, digits and _"):
             export_c.sources(policy, name)
+
+
+def test_no_text_of_a_file_becomes_markdown():
+    """Within a line it stays code, and a block of code it cannot end."""
+    assert re.fullmatch("`[^`|\n]+`", card_examples.code(EVIL)) and card_examples.code("") == "` `"
+    lines = model_card.block(f"a\n```\n# b\n\n<script>\n\r{EVIL}").split("\n")
+    assert len(lines) == 7 and all(re.match("    [^\r\u2028]*$", line) for line in lines)
 
 
 @needs_cc

@@ -27,9 +27,10 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     ``env.recording``. The environment goes on as it would without, bit for bit.
 
     One episode is kept: a reset, in the middle of an episode too, begins another one, and so does a
-    step in which a wrapper below resets (``Autoreset``). A :class:`Recording` that has been taken
-    is not changed by anything later. It has what passes through this place among the wrappers:
-    their observations and actions if they are below. Of an episode of more than
+    step before which time went back (``Autoreset`` below, ``set_state``). A :class:`Recording` that
+    has been taken is not changed by anything later. It has what passes through this place among the
+    wrappers: their observations and actions if they are below. Its scene is that of the reset,
+    whatever ``set_parameters`` changes later. Of an episode of more than
     :data:`jansen_env.recording.MOST_STEPS` steps the first ones are kept, with a warning.
 
     Args:
@@ -79,12 +80,12 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         results = self.env.step(action)
         observation, reward, terminated, truncated, info = results
         frame = self._inner.frame()
-        if frame.time <= self._rows["time"][-1] and frame.time == 0.0:  # a wrapper has reset
+        if frame.time <= self._rows["time"][-1]:  # reset by a wrapper, or set to a state
             self._begin(observation, info, None, None)
         elif len(self._rows["reward"]) == MOST_STEPS:
             gym.logger.warn(f"the episode has more than {MOST_STEPS} steps: these are recorded")
         elif len(self._rows["reward"]) < MOST_STEPS:
-            self._add_frame(frame, observation)
+            self._add_frame(frame, observation, info)
             flat = flatten(self.action_space, np.asarray(action))
             self._add(
                 action=np.array(flat, np.float32),
@@ -110,7 +111,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self._description = {
             "scene": scene,
             "terrain": np.zeros((0, 2)) if ground is None else np.array(ground),
-            "energies": tuple(info["energy"]),
+            "energies": tuple(info.get("energy", {})),
             "observed": tuple(named) if len(named) == flat else (),
             "parameters": dict(self._inner.get_state().get("parameters", {})),
             "env_id": str(type(self._inner).__name__ if spec is None else spec.id)[:LONGEST_NAME],
@@ -121,9 +122,9 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             "truncated": False,
         }
         self._rows = {name: [] for name in ("action", "reward", "slip", "energy")}
-        self._add_frame(self._inner.frame(), observation)
+        self._add_frame(self._inner.frame(), observation, info)
 
-    def _add_frame(self, frame: Any, observation: Any) -> None:
+    def _add_frame(self, frame: Any, observation: Any, info: dict[str, Any]) -> None:
         robot = self._inner.scene()["robot"]
         flat = flatten(self.observation_space, observation)
         self._add(
@@ -133,7 +134,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             joints=world_joints(robot, frame.q).astype(np.float32),
             command=0.0 if frame.command is None else frame.command,
             speed=frame.speed,
-            torque=frame.torque,
+            torque=info.get("crank_torque", frame.torque),  # the mean of the step
             contact=contacts(frame, robot.mass * GRAVITY),
             contact_point=np.array(frame.contact_point),
             contact_force=world_forces(frame),

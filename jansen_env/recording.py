@@ -66,12 +66,12 @@ SHAPES: dict[str, tuple[str, tuple[str | int, ...]]] = {
 """Type and dimensions of each array."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Recording:
     """An episode of n control steps: n + 1 frames, the start and the end of each step.
 
-    Arrays are read-only. Forces, torque and contact of a frame are those of the step that ends
-    there; the start has those at rest.
+    Arrays are read-only. Contact, forces and torque of a frame are those of the step that ends
+    there, the last two its means; the start has those at rest.
 
     Args:
         time: (n + 1,) s. state: (n + 1, k) of the plant: x, y, theta, psi and their rates, or psi
@@ -155,6 +155,9 @@ class Recording:
             instance(name, getattr(self, name), bool)
         if self.seed is not None:
             instance("seed", self.seed, int)
+
+    def __repr__(self) -> str:
+        return f"<Recording {self.label!r} of {self.env_id}: {self.steps} steps>"
 
     @property
     def steps(self) -> int:

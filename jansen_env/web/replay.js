@@ -250,7 +250,7 @@ function resize() {
     const { clientWidth: width, clientHeight: height } = plot.canvas;
     plot.paint(theme, colors, { width, height }, ratio);
   }
-  clock.touch();
+  show(); // at once: a canvas of another size is empty
 }
 
 const [main] = pictures;

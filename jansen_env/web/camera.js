@@ -6,7 +6,7 @@ const [CLOSEST, FARTHEST] = [12, 0.15]; // zoom, 1 shows a robot
 
 /** A camera for all pictures of a page; `changed` is called when the user moves it. */
 export function cameraFor(changed) {
-  const camera = { following: true, zoom: 1, x: 0, y: 0, scale: 1 };
+  const camera = { following: true, zoom: 1, x: 0, y: 0 };
   const nominal = new Map(); // canvas: its size and its view of zoom 1 when last drawn
   const bounded = (zoom) => Math.min(Math.max(zoom, FARTHEST), CLOSEST);
 
@@ -27,13 +27,14 @@ export function cameraFor(changed) {
 
   /** Stand where a canvas looks now. */
   function release(canvas) {
-    if (!camera.following) return;
+    if (!camera.following || !nominal.has(canvas)) return;
     const { view } = nominal.get(canvas);
     Object.assign(camera, { following: false, x: view.x, y: view.y });
   }
 
   /** Zoom by a factor, about a pixel of a canvas unless the camera follows. */
   function zoomBy(factor, canvas, px, py) {
+    if (!nominal.has(canvas)) return; // not drawn yet
     const { size, view } = nominal.get(canvas);
     const before = camera.zoom;
     camera.zoom = bounded(before * factor);
@@ -50,6 +51,7 @@ export function cameraFor(changed) {
 
   /** Move the picture by pixels of a canvas. */
   function panBy(dx, dy, canvas) {
+    if (!nominal.has(canvas)) return;
     release(canvas);
     const scale = camera.zoom * nominal.get(canvas).view.scale;
     camera.x -= dx / scale;

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import gymnasium as gym
@@ -113,6 +114,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             "terrain": np.zeros((0, 2)) if ground is None else np.array(ground),
             "energies": tuple(info.get("energy", {})),
             "observed": tuple(named) if len(named) == flat else (),
+            "robot": as_json(asdict(self._inner.scene()["robot"])),
             "parameters": dict(self._inner.get_state().get("parameters", {})),
             "env_id": str(type(self._inner).__name__ if spec is None else spec.id)[:LONGEST_NAME],
             "env_kwargs": as_json({} if spec is None else spec.kwargs),
@@ -152,12 +154,9 @@ def as_json(values: Mapping[str, Any]) -> dict[str, Any]:
     def known(value: Any) -> Any:
         if isinstance(value, np.ndarray | np.generic):
             value = value.tolist()
-        if isinstance(value, tuple):
-            value = list(value)
         try:
-            json.dumps(value, allow_nan=False)
+            return json.loads(json.dumps(value, allow_nan=False))
         except (TypeError, ValueError, RecursionError):
             return shown(value)
-        return value
 
     return {str(name): known(value) for name, value in values.items()}

@@ -100,6 +100,7 @@ def test_round_trip(env_id, tmp_path):
     same(Recording.load(path), one)
     assert path.read_bytes() == one.to_bytes()
     assert "Robot(" in one.env_kwargs["robot"] and one.env_id == env_id
+    assert one.robot["crank"]["length"] == jansen_env.ROBOTS["holy"]().crank.length
     with np.load(path, allow_pickle=False) as arrays:  # as anybody may
         np.testing.assert_array_equal(arrays["torque"], one.torque)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import gymnasium as gym
 import imageio.v3 as iio
@@ -295,6 +296,18 @@ def test_the_crank_has_no_ground(opened):
     assert shown["speed"] == pytest.approx(one.crank_speed[-1], abs=6e-4)
     assert "slip" not in shown and not page.locator("#legend").is_visible()
     assert page.locator("#stage canvas").evaluate(PIXELS)
+
+
+@pytest.mark.parametrize("reach", [1e-9, 1e12])
+def test_extremes_do_not_hang_it(opened, recordings, reach):
+    """A recording may say what it likes."""
+    one = replace(recordings[0], scene={**recordings[0].scene, "reach": reach})
+    far = replace(one, pose=1e6 * one.pose, speed=1e9 * one.speed, time=1e-6 * one.time)
+    page = opened(shown=[far, one], **STILL).page
+    for key in ("End", "g", "-", "w", "+"):
+        page.keyboard.press(key)
+        settled(page)
+    assert time_of(page) == 2.0
 
 
 def test_names_are_text(opened, open_window, recordings, tmp_path):  # noqa: F811

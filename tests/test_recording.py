@@ -138,6 +138,10 @@ def test_one_episode_after_another():
         env.reset(options={"speed_command": 9.0})
     with pytest.raises(gym.error.ResetNeeded):  # what was before is gone
         _ = env.recording
+    env.reset()
+    env.env.reset()  # behind its back
+    env.step(np.zeros(1, np.float32))
+    assert env.recording.steps == 1
 
 
 def test_a_fall_is_in_it():

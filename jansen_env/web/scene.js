@@ -82,14 +82,6 @@ export function followingView(size, scene, state, zoom = 1) {
   return { x: state.x, y: bottom + (0.5 * size.height) / scale, scale: zoom * scale };
 }
 
-/** World position of a canvas pixel. */
-export function worldOf(size, view, px, py) {
-  return [
-    view.x + (px - 0.5 * size.width) / view.scale,
-    view.y - (py - 0.5 * size.height) / view.scale,
-  ];
-}
-
 /**
  * Draw ground and robot.
  *

@@ -254,8 +254,8 @@ def _training(policy: PretrainedPolicy) -> str:
         commands = ["(not recorded)"]
     known = versions.items() if isinstance(versions, dict) else ()
     return (
-        f"By {code(training['config']['algo'])}, {training.get('steps', 'unknown')} environment "
-        f"steps to this model:\n\n{block(chr(10).join(map(str, commands)))}\n\nVersions: "
+        f"By {code(training['config']['algo'])}, {code(training.get('steps'))} environment steps "
+        f"to this model:\n\n{block(chr(10).join(map(str, commands)))}\n\nVersions: "
         + ", ".join(f"{code(f'{name} {number}')}" for name, number in known)
         + ". The whole configuration:\n\n"
         + block(json.dumps(training["config"], indent=1))

@@ -21,7 +21,7 @@ ORDER = (
     ["engine"],
     ["plants"],
     ["envs"],
-    ["crank_profile", "policy_network", "paper", "pretrained"],
+    ["crank_profile", "policy_network", "paper", "pretrained", "web", "recording", "recorder"],
     ["agents"],
     ["benchmarks", "examples", "train"],
 )

@@ -1,0 +1,82 @@
+"""Chromium for the tests of pages: skipped, with a reason, where it or playwright is missing.
+
+With $CHROMIUM set they fail there. Import the fixtures; what a page reports is checked at the end.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+ARGUMENTS = (
+    "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+)  # fmt: skip
+
+
+def chromium() -> str | None:
+    """Where the browser is: $CHROMIUM, or else one on the path."""
+    own = os.environ.get("CHROMIUM")
+    names = [own] if own else ["chromium", "chromium-browser", "google-chrome"]
+    return next((path for name in names if (path := shutil.which(name))), None)
+
+
+def missing(reason: str) -> None:
+    """Skip, or fail where a browser is asked for."""
+    if "CHROMIUM" in os.environ:
+        pytest.fail(reason)
+    pytest.skip(reason)
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """One browser for all tests."""
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        missing("playwright is missing: pip install '.[browser]'")
+    if (path := chromium()) is None:
+        missing("Chromium is missing: apt-get install chromium, or set $CHROMIUM")
+    with sync_playwright() as driver:
+        started = driver.chromium.launch(executable_path=path, args=list(ARGUMENTS))
+        yield started
+        started.close()
+
+
+@dataclass
+class Window:
+    """A page, and what it has reported and asked for."""
+
+    page: Any
+    errors: list[str] = field(default_factory=list)
+    requests: list[str] = field(default_factory=list)
+
+
+@pytest.fixture
+def open_window(browser):
+    """A function from Playwright's options of a context to a :class:`Window`.
+
+    At the end of the test no page may have reported an error or a warning.
+    """
+    windows, contexts = [], []
+
+    def opened(**options: Any) -> Window:
+        context = browser.new_context(**options)
+        contexts.append(context)
+        window = Window(context.new_page())
+        windows.append(window)
+        page, errors = window.page, window.errors
+        page.on("console", lambda m: m.type in ("error", "warning") and errors.append(m.text))
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.on("request", lambda request: window.requests.append(request.url))
+        return window
+
+    yield opened
+    found = [window.errors for window in windows]
+    for context in contexts:
+        context.close()
+    assert not any(found), found

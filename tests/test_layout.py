@@ -22,6 +22,7 @@ ORDER = (
     ["plants"],
     ["envs"],
     ["paper", "pretrained"],
+    ["play"],
     ["agents"],
     ["benchmarks", "examples", "train"],
 )

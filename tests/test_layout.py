@@ -21,7 +21,7 @@ ORDER = (
     ["engine"],
     ["plants"],
     ["envs"],
-    ["paper", "pretrained"],
+    ["paper", "pretrained", "web"],
     ["play"],
     ["agents"],
     ["benchmarks", "examples", "train"],

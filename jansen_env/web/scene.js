@@ -1,0 +1,332 @@
+// Draws one state of a robot on a canvas: ground, legs, chassis, payload, toes and forces.
+//
+// What is drawn, and how, is as in jansen_env/rendering.py; positions come from Python
+// (jansen_env/web/geometry.py: scene_of, state_of). Lengths in m, forces in N, sizes in CSS pixels.
+// `view` = {x, y, scale}: the world point in the middle of the canvas, and pixels per m.
+
+const ARROW_PER_WEIGHT = 0.25; // m of arrow for a contact force equal to the robot's weight
+const LONGEST_ARROW = 0.6; // m, so that an impact does not cross the whole picture
+const NOMINAL_SCALE = 325; // pixels per reach at which line widths are as they are given
+const TICKS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100]; // m between marks
+const CROWDED = 46; // pixels between marks, at least
+const AIR = 0; // what a toe does; anything else is grip
+const SLIP = 2;
+
+export const THEMES = {
+  light: {
+    sky: [241, 246, 251],
+    grid: [222, 231, 240],
+    ground: [234, 223, 202],
+    surface: [150, 128, 94],
+    groundText: [104, 86, 58],
+    ink: [38, 50, 66],
+    muted: [100, 112, 128],
+    paper: [255, 255, 255],
+    link: [58, 124, 190],
+    crank: [240, 140, 16],
+    force: [124, 58, 190],
+    grip: [0, 140, 122],
+    slip: [220, 38, 38],
+  },
+  dark: {
+    sky: [15, 21, 29],
+    grid: [29, 39, 51],
+    ground: [45, 40, 33],
+    surface: [158, 136, 102],
+    groundText: [190, 172, 138],
+    ink: [216, 226, 238],
+    muted: [142, 155, 172],
+    paper: [15, 21, 29],
+    link: [88, 158, 230],
+    crank: [255, 166, 54],
+    force: [186, 134, 255],
+    grip: [36, 200, 172],
+    slip: [255, 92, 92],
+  },
+};
+
+/** A theme's colour as CSS. */
+export function css(color, alpha = 1) {
+  return `rgba(${color.map(Math.round).join(",")},${alpha})`;
+}
+
+/** `color` with `share` of it (0 to 1) replaced by `other`. */
+export function mix(color, other, share) {
+  return color.map((value, i) => value + share * (other[i] - value));
+}
+
+/** Height of the ground at x, m; its first and last segment go on beyond its ends. */
+export function heightAt(terrain, x) {
+  let low = 0;
+  let high = terrain.length - 2;
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (terrain[middle][0] <= x) low = middle;
+    else high = middle - 1;
+  }
+  const [[x0, y0], [x1, y1]] = [terrain[low], terrain[low + 1]];
+  return y0 + ((x - x0) * (y1 - y0)) / (x1 - x0);
+}
+
+/** The view that follows a robot as the renderer's does; `zoom` 1 shows all of it. */
+export function followingView(size, scene, state, zoom = 1) {
+  const { reach, terrain } = scene;
+  const scale = Math.min(size.height / (1.66 * reach), size.width / (2.3 * reach));
+  let level = state.y - 0.85 * reach;
+  if (terrain) {
+    // The mean height nearby keeps the picture steady where the ground is rough.
+    level = 0;
+    for (let i = -7; i <= 7; i++) level += heightAt(terrain, state.x + 0.1 * i * reach) / 15;
+    level = Math.min(Math.max(level, state.y - reach), state.y);
+  }
+  const bottom = level - 0.24 * reach;
+  return { x: state.x, y: bottom + (0.5 * size.height) / scale, scale: zoom * scale };
+}
+
+/** World position of a canvas pixel. */
+export function worldOf(size, view, px, py) {
+  return [
+    view.x + (px - 0.5 * size.width) / view.scale,
+    view.y - (py - 0.5 * size.height) / view.scale,
+  ];
+}
+
+/**
+ * Draw ground and robot.
+ *
+ * ctx: a canvas' 2D context, scaled so that 1 is a CSS pixel. size: {width, height} in these.
+ * scene, state: of geometry.py. view: see above.
+ * options: {theme: of THEMES, forces: whether arrows are drawn, paths: [{points, color}] of toes
+ * (points: [[x, y] ...] or null for a gap)}.
+ */
+export function drawScene(ctx, size, scene, state, view, options = {}) {
+  drawGround(ctx, size, scene, view, options);
+  drawRobot(ctx, size, scene, state, view, options);
+}
+
+/** Draw sky, grid and ground with marks every so many metres. */
+export function drawGround(ctx, size, scene, view, { theme = THEMES.light } = {}) {
+  const { width, height } = size;
+  const at = pixels(size, view);
+  ctx.fillStyle = css(theme.sky);
+  ctx.fillRect(0, 0, width, height);
+  const spacing = TICKS.find((tick) => tick * view.scale >= CROWDED) ?? TICKS[TICKS.length - 1];
+  const left = view.x - (0.5 * width) / view.scale;
+  const right = view.x + (0.5 * width) / view.scale;
+  const marks = [];
+  for (let i = Math.ceil(left / spacing) - 1; i * spacing < right + spacing; i++) marks.push(i);
+  ctx.strokeStyle = css(theme.grid);
+  ctx.lineWidth = 1;
+  for (const mark of marks) {
+    const [x] = at([mark * spacing, 0]);
+    line(ctx, [x, 0], [x, height]);
+  }
+  const { terrain } = scene;
+  if (!terrain) return;
+  const inside = terrain.filter(([x]) => x > left && x < right);
+  const surface = [
+    [left, heightAt(terrain, left)],
+    ...inside,
+    [right, heightAt(terrain, right)],
+  ].map(at);
+  ctx.fillStyle = css(theme.ground);
+  polygon(ctx, [...surface, [width, height + 1], [0, height + 1]]);
+  ctx.strokeStyle = css(theme.surface);
+  ctx.fillStyle = css(theme.groundText);
+  ctx.font = "11px system-ui, sans-serif";
+  ctx.textAlign = "center";
+  ctx.textBaseline = "top";
+  const digits = spacing < 0.1 ? 2 : spacing < 1 ? 1 : 0;
+  for (const mark of marks) {
+    const [x, y] = at([mark * spacing, heightAt(terrain, mark * spacing)]);
+    const main = mark % 2 === 0;
+    ctx.lineWidth = 1.6;
+    line(ctx, [x, y], [x, y + (main ? 11 : 7)]);
+    if (main)
+      ctx.fillText(`${(mark * spacing).toFixed(digits).replace(/^-(0\.?0*)$/, "$1")} m`, x, y + 15);
+  }
+  ctx.lineWidth = 2.5;
+  ctx.lineJoin = "round";
+  path(ctx, surface);
+  ctx.stroke();
+}
+
+/** Draw the robot alone; options as of drawScene, and `ghost`: a colour to draw it faintly in. */
+export function drawRobot(ctx, size, scene, state, view, options = {}) {
+  const theme = options.ghost
+    ? ghostly(options.theme ?? THEMES.light, options.ghost)
+    : (options.theme ?? THEMES.light);
+  const at = pixels(size, view);
+  const zoom = Math.min(Math.max((view.scale * scene.reach) / NOMINAL_SCALE, 0.4), 3);
+  const brush = { ctx, theme, zoom, at, scene, view };
+  ctx.lineCap = "round";
+  ctx.lineJoin = "round";
+  for (const { points, color } of options.paths ?? []) drawPath(brush, points, color);
+  const legs = state.joints.map((joints) => joints.map(at));
+  const order = scene.legs
+    .map((_, i) => i)
+    .sort((a, b) => scene.legs[b].depth - scene.legs[a].depth);
+  for (const i of order) if (scene.legs[i].depth > 0) drawLeg(brush, legs[i], scene.legs[i].depth);
+  drawChassis(brush, legs, state);
+  for (const i of order) if (scene.legs[i].depth === 0) drawLeg(brush, legs[i], 0);
+  const toe = scene.joints.indexOf("T");
+  for (const i of order) {
+    const { contact, point, force } = state.toes[i];
+    if (options.forces !== false) drawForce(brush, at(point), force);
+    drawToe(brush, legs[i][toe], contact);
+  }
+}
+
+/** A theme in which a robot is but a shade of a colour. */
+function ghostly(theme, color) {
+  const faint = mix(color, theme.sky, 0.5);
+  const { sky, ground, paper } = theme;
+  return {
+    ...theme,
+    ink: faint,
+    link: faint,
+    crank: mix(color, sky, 0.25),
+    muted: faint,
+    sky,
+    ground,
+    paper,
+  };
+}
+
+function pixels(size, view) {
+  const [x0, y0] = [0.5 * size.width, 0.5 * size.height];
+  return ([x, y]) => [x0 + (x - view.x) * view.scale, y0 - (y - view.y) * view.scale];
+}
+
+function drawPath({ ctx, at }, points, color) {
+  ctx.strokeStyle = color;
+  ctx.lineWidth = 1.4;
+  ctx.beginPath();
+  let pen = false;
+  for (const point of points) {
+    if (point) ctx[pen ? "lineTo" : "moveTo"](...at(point));
+    pen = Boolean(point);
+  }
+  ctx.stroke();
+}
+
+function drawLeg({ ctx, theme, zoom, scene }, joints, depth) {
+  const fade = 0.58 * Math.sqrt(depth);
+  const [ink, fill, crank] = [theme.ink, theme.link, theme.crank].map((color) =>
+    mix(color, theme.sky, fade),
+  );
+  const [o, a, toe] = ["O", "A", "T"].map((name) => scene.joints.indexOf(name));
+  ctx.fillStyle = css(fill, depth ? 0.24 : 0.37);
+  for (const corners of scene.triangles)
+    polygon(
+      ctx,
+      corners.map((corner) => joints[corner]),
+    );
+  ctx.strokeStyle = css(ink);
+  ctx.lineWidth = zoom * (5 - depth);
+  for (const [start, end] of scene.skeleton) {
+    // The frame is the chassis, the crank has its own colour.
+    if (start !== o && end !== o) line(ctx, joints[start], joints[end]);
+  }
+  ctx.strokeStyle = css(crank);
+  ctx.lineWidth = zoom * (8 - 2 * depth);
+  line(ctx, joints[o], joints[a]);
+  for (const joint of joints.slice(0, toe)) {
+    disc(ctx, joint, zoom * (4.2 - 0.6 * depth), css(ink));
+    disc(ctx, joint, zoom * (2.3 - 0.4 * depth), css(theme.paper));
+  }
+}
+
+function drawChassis({ ctx, theme, zoom, at, scene }, legs, { x, y, pitch }) {
+  const [p, o] = ["P", "O"].map((name) => scene.joints.indexOf(name));
+  const load = scene.payload;
+  if (load) {
+    const half = Math.min(Math.max(0.085 * Math.cbrt(load.mass), 0.06), 0.17); // m
+    const [cos, sin] = [Math.cos(pitch), Math.sin(pitch)];
+    const placed = (dx, dy) => {
+      const [u, v] = [load.x + dx * half, load.y + dy * half];
+      return at([x + cos * u - sin * v, y + sin * u + cos * v]);
+    };
+    ctx.strokeStyle = css(theme.muted);
+    ctx.lineWidth = 6 * zoom;
+    const center = placed(0, 0);
+    line(ctx, legs[0][o], center);
+    const corners = [placed(-1, -0.6), placed(1, -0.6), placed(1, 0.6), placed(-1, 0.6)];
+    ctx.fillStyle = css(mix(theme.muted, theme.paper, 0.6));
+    polygon(ctx, corners);
+    ctx.lineWidth = 2.5 * zoom;
+    path(ctx, corners);
+    ctx.closePath();
+    ctx.stroke();
+    ctx.fillStyle = css(theme.ink);
+    ctx.font = `${Math.round(11 * zoom)}px system-ui, sans-serif`;
+    ctx.textAlign = "center";
+    ctx.textBaseline = "middle";
+    ctx.fillText(`${Number(load.mass.toPrecision(3))} kg`, ...center);
+  }
+  for (const [width, color] of [
+    [9, theme.ink],
+    [5, mix(theme.ink, theme.link, 0.55)],
+  ]) {
+    ctx.strokeStyle = css(color);
+    ctx.lineWidth = width * zoom;
+    for (const joints of legs) line(ctx, joints[p], joints[o]);
+  }
+}
+
+/** A toe pad: hollow in the air, else solid with a halo. */
+function drawToe({ ctx, theme, zoom, scene, view }, center, contact) {
+  const radius = Math.max(scene.padRadius * view.scale, 4.5 * zoom);
+  if (contact === AIR) {
+    disc(ctx, center, radius, css(theme.ink));
+    disc(ctx, center, radius - 1.8 * zoom, css(theme.paper));
+    return;
+  }
+  const color = contact === SLIP ? theme.slip : theme.grip;
+  disc(ctx, center, 2.1 * radius, css(color, 0.33));
+  disc(ctx, center, radius + zoom, css(theme.paper));
+  disc(ctx, center, radius, css(color));
+}
+
+function drawForce({ ctx, theme, zoom, scene, view }, [x, y], force) {
+  const size = Math.hypot(...force);
+  const length = Math.min((ARROW_PER_WEIGHT * size) / scene.weight, LONGEST_ARROW) * view.scale;
+  if (!(length >= 4)) return;
+  const [ux, uy] = [force[0] / size, -force[1] / size];
+  const head = Math.min(12 * zoom, 0.6 * length);
+  const neck = [x + (length - head) * ux, y + (length - head) * uy];
+  ctx.strokeStyle = ctx.fillStyle = css(theme.force);
+  ctx.lineWidth = 3.4 * zoom;
+  line(ctx, [x, y], neck);
+  const side = 0.45 * head;
+  polygon(ctx, [
+    [x + length * ux, y + length * uy],
+    [neck[0] - side * uy, neck[1] + side * ux],
+    [neck[0] + side * uy, neck[1] - side * ux],
+  ]);
+}
+
+// Primitives, in pixels.
+
+function path(ctx, points) {
+  ctx.beginPath();
+  for (const [x, y] of points) ctx.lineTo(x, y);
+}
+
+function polygon(ctx, points) {
+  path(ctx, points);
+  ctx.closePath();
+  ctx.fill();
+}
+
+function line(ctx, start, end) {
+  path(ctx, [start, end]);
+  ctx.stroke();
+}
+
+function disc(ctx, [x, y], radius, color) {
+  ctx.fillStyle = color;
+  ctx.beginPath();
+  ctx.arc(x, y, Math.max(radius, 0), 0, 2 * Math.PI);
+  ctx.fill();
+}

@@ -7,17 +7,25 @@ import os
 import re
 import sys
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import ExitStack, closing
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from agents.command_line import mapping, non_negative_int, positive_int
-from agents.evaluate import label, load_named
+from agents.evaluate import label, labels, load_named
 from agents.policy import Policy
 from agents.rollout import make_env
 from agents.tasks import TASKS, find_task
-from agents.video import Progress, check_suffix, film, play, save_video, steps_per_frame
+from agents.video import (
+    Progress,
+    check_suffix,
+    film,
+    play,
+    save_video,
+    stack,
+    steps_per_frame,
+)
 
 INVISIBLE = ("dummy", "offscreen")  # SDL's drivers of windows that nobody sees
 
@@ -29,18 +37,25 @@ def display() -> bool:
     return sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
 
 
+def episode(
+    policy: Policy, env: Any, args: argparse.Namespace, number: int, title: str | None = None
+) -> Iterator[Progress]:
+    """One episode, the command that is its turn; prints how it has ended."""
+    command = args.command[number % len(args.command)]
+    for moment in play(policy, env, command, args.seed + number):
+        yield moment
+        if moment.steps == args.steps or env.unwrapped.window_closed:
+            break
+    how = "failed" if moment.failed else "ended"
+    seconds, unit = moment.steps * env.unwrapped.control_dt, find_task(args.env).command_unit
+    print(f"{title + ': ' if title else ''}command {command:g} {unit}: return "
+          f"{moment.returned:.1f}, {how} after {seconds:.2f} s")  # fmt: skip
+
+
 def episodes(policy: Policy, env: Any, args: argparse.Namespace) -> Iterator[Progress]:
-    """Episodes one after another, commands in turn; prints how each has ended."""
-    dt, unit = env.unwrapped.control_dt, find_task(args.env).command_unit
-    for i in range(args.episodes or len(args.command)):
-        command = args.command[i % len(args.command)]
-        for moment in play(policy, env, command, args.seed + i):
-            yield moment
-            if moment.steps == args.steps or env.unwrapped.window_closed:
-                break
-        how = "failed" if moment.failed else "ended"
-        print(f"command {command:g} {unit}: return {moment.returned:.1f}, {how} after "
-              f"{moment.steps * dt:.2f} s")  # fmt: skip
+    """Episodes one after another, until the window is closed, if there is one."""
+    for number in range(args.episodes):
+        yield from episode(policy, env, args, number)
         if env.unwrapped.window_closed:
             return
 
@@ -58,17 +73,37 @@ def show(policy: Policy, env: Any, args: argparse.Namespace) -> bool:
             raise
         print(error)
         return False
-    print(f"{label(args.policy)} on {args.env} in a window; close it to end", flush=True)
+    print(f"{label(args.policy[0])} on {args.env} in a window; close it to end", flush=True)
     for _ in chain([first], moments):
         pass
     return True
 
 
-def record(policy: Policy, env: Any, args: argparse.Namespace, path: Path) -> None:
-    """Film the episodes."""
-    every = steps_per_frame(path, env)
-    frames = film(env, episodes(policy, env, args), every)
-    save_video(frames, path, every * env.unwrapped.control_dt)
+def record(policies: dict[str, Policy], args: argparse.Namespace, path: Path) -> None:
+    """Film the episodes, several policies one above the other from the same starts.
+
+    Args:
+        policies: by their titles.
+    """
+    with ExitStack() as made:
+        envs: list[Any] = [
+            made.enter_context(
+                closing(make_env(args.env, args.env_kwargs, render_mode="rgb_array"))
+            )
+            for _ in policies
+        ]
+        every, titled = steps_per_frame(path, envs[0]), len(policies) > 1
+        shown = [(env, policy, title if titled else None)
+                 for env, (title, policy) in zip(envs, policies.items(), strict=True)]  # fmt: skip
+        frames = (
+            frame
+            for number in range(args.episodes)
+            for frame in stack([
+                film(env, episode(policy, env, args, number, title), every, title)
+                for env, policy, title in shown
+            ])
+        )  # fmt: skip
+        save_video(frames, path, every * envs[0].unwrapped.control_dt)
     print(f"written: {path}")
 
 
@@ -77,9 +112,9 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     named = "; ".join(f"{env_id}: {', '.join(task.baselines)}" for env_id, task in TASKS.items())
     parser = argparse.ArgumentParser(description=__doc__)
     add = parser.add_argument
-    add("--policy", default="pretrained", metavar="NAME",
+    add("--policy", action="append", metavar="NAME",
         help=f"'pretrained' (default), a baseline ({named}), a run's folder, or a file of a model "
-        "or policy")  # fmt: skip
+        "or policy; several are filmed one above the other")  # fmt: skip
     add("--env", default="JansenWalker-v0", choices=sorted(TASKS),
         help="environment id; default: JansenWalker-v0")  # fmt: skip
     add("--env-kwargs", default="{}", type=mapping, metavar="YAML",
@@ -96,12 +131,14 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         parser.error("speed_command in --env-kwargs has no effect here, must be in --command")
     grid = find_task(args.env).commands
     args.command = args.command or [grid[(len(grid) - 1) // 2]]
+    args.episodes = args.episodes or len(args.command)
+    args.policy = args.policy or ["pretrained"]
     args.error = parser.error
     return args
 
 
-def prepare(args: argparse.Namespace) -> Policy:
-    """The policy, when all that was asked for is known to be good.
+def prepare(args: argparse.Namespace) -> dict[str, Policy]:
+    """The policies by their titles, when all that was asked for is known to be good.
 
     Raises:
         ValueError: a policy, a command, an argument or the kind of video is not allowed.
@@ -109,32 +146,34 @@ def prepare(args: argparse.Namespace) -> Policy:
     if args.video is not None:
         check_suffix(args.video)
     with closing(make_env(args.env, args.env_kwargs)) as env:
-        policy = load_named(args.policy, env)
+        titles = labels(args.policy)
+        policies = {
+            title: load_named(name, env) for title, name in zip(titles, args.policy, strict=True)
+        }
         for command in args.command:
             env.reset(options={"speed_command": command})
-    return policy
+    return policies
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Show a policy, or film it."""
     args = parse(arguments)
     try:
-        policy = prepare(args)
+        policies = prepare(args)
     except ValueError as error:
         args.error(str(error))
-    if args.video is None and display():
+    title, *others = policies
+    if args.video is None and not others and display():
         with closing(make_env(args.env, args.env_kwargs, render_mode="human")) as env:
-            if show(policy, env, args):
+            if show(policies[title], env, args):
                 return
-    name = label(args.policy)
-    path = Path(args.video or f"{args.env}_{re.sub('[/ :]', '_', name)}.mp4")
-    why = "" if args.video else "no display to open a window on: "
-    print(f"{why}filming {name} on {args.env} to {path} ...", flush=True)
-    with closing(make_env(args.env, args.env_kwargs, render_mode="rgb_array")) as env:
-        try:
-            record(policy, env, args, path)
-        except OSError as error:
-            args.error(str(error))
+    path = Path(args.video or f"{args.env}_{re.sub('[/ :]', '_', '_'.join(policies))}.mp4")
+    why = "" if args.video or others else "no display to open a window on: "
+    print(f"{why}filming {' and '.join(policies)} on {args.env} to {path} ...", flush=True)
+    try:
+        record(policies, args, path)
+    except OSError as error:
+        args.error(str(error))
 
 
 if __name__ == "__main__":

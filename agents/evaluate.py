@@ -16,7 +16,7 @@ from agents.plots import plot_scores
 from agents.policy import Policy
 from agents.rollout import make_env, run_episodes
 from agents.tasks import TASKS, WALKERS, find_task
-from agents.video import record_video
+from agents.video import FRAME_TIME, record_video
 from jansen_env import pretrained
 from jansen_env.files import write_json
 from jansen_env.plants.make import PLANTS
@@ -24,6 +24,7 @@ from jansen_env.pretrained import PretrainedPolicy
 
 FIRST_SEED = 40_000  # of the episodes scored: training, tuning and selection use others
 ALIASES = {"pid-paper": "pid", "pretrained": f"pretrained:{pretrained.DEFAULT}"}
+KINDS = tuple(suffix.removeprefix(".") for suffix in FRAME_TIME)  # of video
 SHIPPED = "pretrained:"  # before the name of a policy that comes with the package
 
 
@@ -157,8 +158,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--seed", type=non_negative_int, default=0, help="another number, other starts")
     add("--out", default="logs/evaluation", metavar="DIR",
         help="where scores.json and scores.png go")  # fmt: skip
-    add("--video", nargs="?", const="gif", choices=("gif", "mp4"),
-        help="also a video of each policy; default: gif")  # fmt: skip
+    add("--video", nargs="*", choices=KINDS, metavar="KIND",
+        help="also videos of each policy, gif or mp4; of no kind given: both")  # fmt: skip
     add("--video-command", type=float, metavar="V",
         help="its speed; default: from the middle of the task's grid")  # fmt: skip
     args = parser.parse_args(arguments)
@@ -220,9 +221,10 @@ def main(arguments: list[str] | None = None) -> None:
         return
     for policies, env_kwargs in loaded:
         for name, policy in policies.items():
-            path = out / f"{name.replace('/', '_').replace(' ', '_')}.{args.video}"
-            record_video(policy, args.env, env_kwargs, args.video_command, args.seed, path)
-            print(f"written: {path}")
+            for kind in args.video or KINDS:
+                path = out / f"{name.replace('/', '_').replace(' ', '_')}.{kind}"
+                record_video(policy, args.env, env_kwargs, args.video_command, args.seed, path)
+                print(f"written: {path}")
 
 
 if __name__ == "__main__":

@@ -101,6 +101,7 @@ class BatchVecEnv(VecEnv):
             raise ValueError(f"autoreset_mode is {env.autoreset_mode}, must be DISABLED")
         self.env, self.info_keys = env, arguments.info_keys(info_keys, env.task.information.keys)
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self.metadata = dict(env.metadata)  # with the frames per second of films
         self._actions: NDArray[np.float32] = np.zeros((env.num_envs, 1), np.float32)
 
     def reset(self) -> NDArray[np.float32]:

@@ -2,32 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from itertools import chain
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import imageio.v2 as imageio
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 
 from agents.policy import Policy
 from agents.rollout import make_env
 from jansen_env.files import write_whole
+from jansen_env.rendering import GROUND_TEXT, SLIP
 
 FRAME_TIME = {".gif": 0.06, ".mp4": 0.02}  # s from one frame to the next
 GIF_WIDTH, GIF_COLOURS = 480, 64
+TITLE_PLACE, TITLE_COLOUR = (24, 42), GROUND_TEXT  # pixels from the lower left corner
 
 Picture = NDArray[np.uint8]
 
 
 class Progress(NamedTuple):
-    """Of an episode: the steps taken, the return so far, and whether it has ended early."""
+    """Of an episode: the steps taken, the return so far, and whether it has ended early.
+
+    Of a walker also how far it has come, m, and how far its toes have slid, all together, m.
+    """
 
     steps: int
     returned: float
     failed: bool
+    walked: float | None = None
+    slipped: float | None = None
+
+    def after(self, reward: float, failed: bool, info: dict[str, Any]) -> Progress:
+        """One step on."""
+        slipped = (self.slipped or 0.0) + float(info["slip"].sum()) if "slip" in info else None
+        return Progress(
+            self.steps + 1, self.returned + reward, failed, info.get("x_position"), slipped
+        )
 
 
 def play(policy: Policy, env: Any, command: float, seed: int) -> Iterator[Progress]:
@@ -42,16 +56,41 @@ def play(policy: Policy, env: Any, command: float, seed: int) -> Iterator[Progre
     while not (moment.failed or truncated):
         starts = np.array([moment.steps == 0])
         actions, state = policy.predict(observation[None], state, starts, True)
-        observation, reward, terminated, truncated, _ = env.step(actions[0])
-        moment = Progress(moment.steps + 1, moment.returned + reward, terminated)
+        observation, reward, terminated, truncated, info = env.step(actions[0])
+        moment = moment.after(reward, terminated, info)
         yield moment
 
 
-def film(env: Any, moments: Iterable[Progress], every: int) -> Iterator[Picture]:
-    """A frame of one moment in ``every`` that come by; env: as they are played in."""
+def film(
+    env: Any, moments: Iterable[Progress], every: int, title: str | None = None
+) -> Iterator[Picture]:
+    """A frame of one moment in ``every`` that come by; env: as they are played in.
+
+    title: written into the frames, with how far a walker has come and its toes have slid.
+    """
     for moment in moments:
         if moment.steps % every == 0:
-            yield env.render()
+            yield env.render() if title is None else _titled(env.render(), title, moment)
+
+
+def _titled(frame: Picture, title: str, moment: Progress) -> Picture:
+    image = Image.fromarray(frame)
+    draw, (x, y) = ImageDraw.Draw(image), (TITLE_PLACE[0], frame.shape[0] - TITLE_PLACE[1])
+    draw.text((x, y), title, TITLE_COLOUR, ImageFont.load_default(30))
+    if moment.slipped is not None and moment.walked is not None:
+        text = f"{moment.walked:.2f} m walked, toes slid {1e3 * moment.slipped:.0f} mm"
+        draw.text((x + 190, y), text, SLIP, ImageFont.load_default(30))
+    return np.asarray(image)
+
+
+def stack(films: Sequence[Iterable[Picture]]) -> Iterator[Picture]:
+    """Films one above the other; the last frame of one that ends stays until all have ended."""
+    shown: list[Any] = [None] * len(films)
+    for frames in zip_longest(*films):
+        shown = [
+            before if frame is None else frame for frame, before in zip(frames, shown, strict=True)
+        ]
+        yield np.concatenate(shown)
 
 
 def check_suffix(path: str | Path) -> str:

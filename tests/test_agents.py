@@ -256,9 +256,10 @@ def test_resamples_in_which_nobody_walked_do_not_count():
 
 
 def test_evaluation_command(tmp_path):
-    """The printed table, JSON, PNG and GIF, twice the same numbers."""
+    """The printed table, JSON, PNG, GIF and MP4, twice the same numbers."""
     arguments = ["--policy", "constant", "--policy", "pid", "--episodes", "1",
-                 "--commands", "0.1", "0.3"]  # fmt: skip
+                 "--commands", "0.1", "0.3",
+                 "--env-kwargs", "{max_episode_steps: 100}"]  # fmt: skip
     out = [
         subprocess.run(
             [sys.executable, "-m", "agents.evaluate", *arguments, "--out", tmp_path / d, *more],
@@ -272,7 +273,9 @@ def test_evaluation_command(tmp_path):
     table = json.loads((tmp_path / "a" / "scores.json").read_text())
     assert set(table) == {"pid", "constant"}
     assert (tmp_path / "a" / "scores.png").stat().st_size > 10_000
-    assert (tmp_path / "b" / "pid.gif").read_bytes()[:3] == b"GIF"
+    for name in ("pid", "constant"):
+        assert (tmp_path / "b" / f"{name}.gif").read_bytes()[:3] == b"GIF"
+        assert (tmp_path / "b" / f"{name}.mp4").read_bytes()[4:8] == b"ftyp"
 
 
 def test_evaluation_on_both_plants(tmp_path, capsys):

@@ -112,7 +112,7 @@ def test_rods_hold(walked):
     assert built.yield_load() > 10.0 * walked.forces.bearing.max()
 
 
-@pytest.mark.parametrize("speed", [1.0, 1.5])
+@pytest.mark.parametrize("speed", [1.0, pytest.param(1.5, marks=pytest.mark.slow)])
 def test_it_walks_under_the_papers_pid(speed):
     """Forwards, upright, the crank kept within 2 %; on both plants as fast, as dear, sliding as
     much: 10 %."""

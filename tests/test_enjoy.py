@@ -63,6 +63,36 @@ def test_films_have_the_episodes_that_are_asked_for(invisible, capsys):
     assert ", failed after " in capsys.readouterr().out
 
 
+def test_several_are_filmed_one_above_the_other(invisible, capsys):
+    """From the same start; the one that is over first stands still until the other is, too."""
+    enjoy.main(["--policy", "pid", "--policy", "constant", "--env", "JansenWalker-v0", "--video",
+                "a.mp4", "--command", "0.8", "--steps", "25", "--env-kwargs",
+                "{fall_pitch: 0.06}", "--seed", "3"])  # fmt: skip
+    printed = capsys.readouterr().out
+    lines = [line for line in printed.splitlines() if "command 0.8 m/s: return " in line]
+    assert sorted(line.split(":")[0] for line in lines) == ["constant", "pid"]
+    steps = [round(float(line.split()[-2]) / 0.02) for line in lines]
+    frames = iio.imread("a.mp4")
+    assert len(frames) == max(steps) + 1 and frames.shape[1:] == (1080, 960, 3)
+    upper, lower = frames[:, :540], frames[:, 540:]
+    assert np.abs(upper[0, :480].astype(int) - lower[0, :480]).mean() < 1.0  # but for the titles
+    assert np.abs(upper[15].astype(int) - lower[15]).mean() > 2.0
+
+
+def test_titles_tell_how_far_the_toes_have_slid():
+    """The sum over all toes, as ``info`` has it."""
+    moment = video.Progress(0, 0.0, False)
+    for slip, x in (([0.001, 0.002], 0.1), ([0.0, 0.004], 0.3)):
+        moment = moment.after(1.0, False, {"slip": np.array(slip), "x_position": x})
+    assert moment == video.Progress(2, 2.0, False, 0.3, pytest.approx(0.007))
+    env = make_env("JansenWalker-v0", {}, render_mode="rgb_array")
+    env.reset(seed=0)
+    plain, titled = (next(video.film(env, [moment], 1, title)) for title in (None, "pid"))
+    changed = np.argwhere((plain != titled).any(axis=2))
+    assert len(changed) > 500 and changed[:, 0].min() > 490  # in the ground, below the toes
+    assert next(video.film(env, [moment._replace(slipped=None)], 2, "pid")).shape == plain.shape
+
+
 @pytest.fixture
 def window(invisible):
     """An environment in a window that nobody sees."""
@@ -76,7 +106,7 @@ def test_windows_show_all_episodes_or_until_they_are_closed(window, capsys):
     import pygame
 
     args = enjoy.parse(["--env", CRANK, "--steps", "4", "--episodes", "3"])
-    policy = enjoy.prepare(args)
+    (policy,) = enjoy.prepare(args).values()
     assert enjoy.show(policy, window, args)
     assert capsys.readouterr().out.count("return") == 3
     moments = enjoy.episodes(policy, window, args)
@@ -92,7 +122,7 @@ def test_windows_show_all_episodes_or_until_they_are_closed(window, capsys):
 def test_a_display_that_does_not_answer_gives_a_film(window, monkeypatch, capsys):
     """Found out before anything is played."""
     args = enjoy.parse(["--env", CRANK, "--steps", "4"])
-    policy = enjoy.prepare(args)
+    (policy,) = enjoy.prepare(args).values()
     monkeypatch.setenv("SDL_VIDEODRIVER", "x11")
     monkeypatch.setenv("DISPLAY", "nowhere:9")
     assert not enjoy.show(policy, window, args)
@@ -108,6 +138,7 @@ def test_what_is_not_allowed_is_said_in_a_line(invisible, capsys):
         (["--env-kwargs", "{speed_command: 2}"], "speed_command in --env-kwargs has no effect"),
         (["--env-kwargs", "{render_mode: human}"], "render_mode is 'human', must be"),
         (["--env-kwargs", "{robot: none}"], "robot is 'none', must be a Robot or one of"),
+        (["--policy", "pid", "--policy", "pid"], "policy 'pid' is given 2 times, must be once"),
         (["--video", "a.avi"], "a.avi ends in '.avi', must end in one of ['.gif', '.mp4']"),
         (["--video", "/dev/null/a.gif"], "/dev/null/a.gif"),
     ):

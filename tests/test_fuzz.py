@@ -14,7 +14,7 @@ from small_runs import go_on, small_run
 from agents import config, model_files, models, replay_buffers, runs, training
 from agents.training_state import restore_state
 
-EACH = 400  # mutants of a kind of file
+EACH = [100, pytest.param(400, marks=pytest.mark.slow)]  # mutants of a kind of file
 MEMORY = 2**29  # bytes beyond what the process has: files here are smaller than 1 MB
 WORTH = (None, True, -1, 0, 7, 10**30, 1e308, -1e-320, float("nan"), "", "x", [], {}, [[]], "\n")
 TOKENS = ("- ", ": ", "{", "}", "[", "]", "&a ", "*a", "!!python/name:os.system ", "<<: ", "null",
@@ -184,15 +184,16 @@ READERS = {
 }
 
 
+@pytest.mark.parametrize("count", EACH)
 @pytest.mark.parametrize("kind", READERS)
-def test_mutants_are_refused_in_one_line(kind, made, tmp_path, bounded):
+def test_mutants_are_refused_in_one_line(kind, count, made, tmp_path, bounded):
     """Nothing but a ValueError, and never for want of memory."""
     folder, model = made
     name, mutate, read = READERS[kind]
     whole, rng, refused = (folder / name).read_bytes(), random.Random(kind), 0
     shutil.copy(folder / "config.yml", tmp_path)
     path = tmp_path / name
-    for number in range(EACH):
+    for number in range(count):
         path.write_bytes(mutate(whole, rng))
         try:
             read(path, model)
@@ -200,4 +201,4 @@ def test_mutants_are_refused_in_one_line(kind, made, tmp_path, bounded):
             refused += 1
             assert "\n" not in str(error) and len(str(error)) < 2000, (number, str(error))
             assert not isinstance(error.__cause__, MemoryError), number
-    assert refused > EACH // 5
+    assert refused > count // 5

@@ -98,7 +98,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     ``reset(options={"pushes": [(t, Jx, Jy), ...]})`` pushes the chassis at these times of the
     episode, s, with these impulses, N s, and at no others; at most 1000, each as long as ``push``
     has it, without that 0.1 s. Of many robots the option is a list of such lists, one for each,
-    None for a robot whose pushes are random.
+    None for a robot whose pushes are random. ``push((Jx, Jy))`` is one more, from now on.
 
     Terrain, ``terrain_level`` and what ``randomize`` names are drawn next, all from the generator
     that ``reset(seed=...)`` seeds. ``reset(options={"friction": 0.5, "terrain_level": 3})`` fixes

@@ -17,7 +17,7 @@ from jansen_env.envs import arguments
 from jansen_env.envs.core import Ints, Task
 from jansen_env.envs.disturbances import Pushes
 from jansen_env.envs.episodes import Episodes, Plan
-from jansen_env.envs.parameters import check
+from jansen_env.envs.parameters import PARAMETERS, check
 from jansen_env.plants.base import BatchedPlant, check_deflection, check_in_contact, check_state
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.variation import RANGES
@@ -100,9 +100,25 @@ class WalkerRobots(Task):
             TypeError: another name.
         """
         arguments.known_parameters(changes, self.SETTABLE)
-        batch, physical = self.batch, sorted({*changes} - NOT_PHYSICAL)
-        if physical and not isinstance(batch, Batch):
+        physical = sorted({*changes} - NOT_PHYSICAL)
+        if physical and not isinstance(self.batch, Batch):
             raise ValueError(f"{physical[0]} cannot be changed with plant='rigid_body'")
+        checked = self._checked(row, changes)  # all or nothing
+        if "speed_command" in checked:
+            self.speed_command[row] = checked.pop("speed_command")
+        if "delay" in checked:
+            self.delay_range[row] = checked.pop("delay")
+        if "terrain_level" in checked:
+            self.episodes.level[row] = self.episodes.levels[row] = checked.pop("terrain_level")
+        if "command" in checked:
+            kept = self.rows[row]
+            kept["info"]["speed_command"] = kept["next_command"] = checked.pop("command")
+            self._describe(np.array([row]))
+        if isinstance(self.batch, Batch) and physical:
+            self._change(row, checked, self.batch)
+
+    def _checked(self, row: int, changes: Mapping[str, Any]) -> dict[str, Any]:
+        """The changes of :meth:`set_parameters`. Raises ValueError: one is out of range."""
         checks: dict[str, Callable[[Any], Any]] = {
             "friction": lambda value: non_negative("friction", value),
             "restitution": lambda value: within("restitution", value, 0.0, 1.0),
@@ -117,26 +133,20 @@ class WalkerRobots(Task):
             "terrain_level": lambda value: self.episodes.checked_level(row, value),
         }
         checks |= {name: partial(check, name, name) for name in CHANGES}
-        checked = {name: checks[name](value) for name, value in changes.items()}  # or nothing
+        checked = {name: checks[name](value) for name, value in changes.items()}
         self.episodes.check_names(row, [name for name in checked if name in CHANGES], "changes")
-        if isinstance(batch, Batch):
+        if isinstance(self.batch, Batch):
             own = self.episodes.nominal["restitution"][row]
             self.episodes.check_pads(
                 row,
                 checked.get("pad_compliance", self.robots[row].pad_compliance),
-                checked.get("restitution", max(float(batch.restitution[row]), float(own))),
+                checked.get("restitution", max(float(self.batch.restitution[row]), float(own))),
             )
             self.episodes.check_change(row, checked)
-        if "speed_command" in checked:
-            self.speed_command[row] = checked.pop("speed_command")
-        if "delay" in checked:
-            self.delay_range[row] = checked.pop("delay")
-        if "terrain_level" in checked:
-            self.episodes.level[row] = self.episodes.levels[row] = checked.pop("terrain_level")
-        if "command" in checked:
-            kept = self.rows[row]
-            kept["info"]["speed_command"] = kept["next_command"] = checked.pop("command")
-            self._describe(np.array([row]))
+        return checked
+
+    def _change(self, row: int, checked: Mapping[str, Any], batch: Batch) -> None:
+        """Put changes of a robot and its ground in force."""
         # Restitution first where it goes, last where it comes: feet that give exclude it.
         for name in sorted(
             checked, key=lambda one: checked[one] > 0.0 if one == "restitution" else 0.5
@@ -145,16 +155,13 @@ class WalkerRobots(Task):
                 batch.set_own(row, **{name: checked[name]})
             else:
                 getattr(batch, f"set_{name}")(row, checked[name])
-        if physical:
-            self.robots[row] = batch.robots[row]
-            load = batch.robots[row].payload
-            place = {"payload_x": load.position[0], "payload_y": load.position[1]}
-            numbers = {"payload": {"payload": load.mass, **place}}
-            for name in physical:
-                if name in ("friction", "restitution", *CHANGES):
-                    numbers[name] = {name: checked[name]}
-                self.episodes.take(row, numbers.get(name, {}))
-            self._rate(np.array([row]))
+        self.robots[row] = batch.robots[row]
+        load = batch.robots[row].payload
+        place = {"payload_x": load.position[0], "payload_y": load.position[1]}
+        for name, value in checked.items():
+            numbers = {"payload": load.mass, **place} if name == "payload" else {name: value}
+            self.episodes.take(row, numbers if name in PARAMETERS else {})
+        self._rate(np.array([row]))
 
     def push(self, row: int, impulse: Any) -> None:
         """Push a robot's chassis from now on, whatever other pushes there are.

@@ -23,9 +23,10 @@ from importlib.resources import files
 from time import monotonic
 from typing import Any
 
-from websockets.asyncio.server import Request, Response, ServerConnection
+from websockets.asyncio.server import ServerConnection
 from websockets.asyncio.server import serve as serve_sockets
 from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
 
 from jansen_env.play.messages import parse
 from jansen_env.play.session import BY_HAND, LARGEST_PUSH, PACES, SLIDERS, Session

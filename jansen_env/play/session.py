@@ -134,6 +134,11 @@ class Session:
         return None if self.by_hand else self.input * self.top_speed
 
     @property
+    def full_torque(self) -> float:
+        """N m, of the input 1 by hand."""
+        return float(self._frames[1].torque_limit)
+
+    @property
     def message(self) -> str:
         """What the user should know now; empty if nothing."""
         if self._message:

@@ -133,7 +133,7 @@ function element(tag, properties) {
 
 function showValue(name) {
   const { unit } = scene.sliders.find((slider) => slider.name === name);
-  $(`${name}-value`).textContent = `${Number($(name).value).toFixed(2)} ${unit}`;
+  $(`${name}-value`).textContent = `${Number($(name).value).toFixed(2)} ${unit}`.trim();
 }
 
 function paceOf(value) {

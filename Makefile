@@ -12,7 +12,7 @@ check:
 	$(PYTHON) -m mypy
 
 test:
-	$(PYTHON) -m pytest
+	$(PYTHON) -m pytest -n auto --dist loadfile
 
 docs:
 	$(PYTHON) -m sphinx -W -n -b html docs docs/_build/html

@@ -22,6 +22,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--numbers", metavar="FILE", help="table of what tests/verification measures")
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("--numbers") and config.getoption("numprocesses", None):
+        raise pytest.UsageError(
+            "--numbers is given with -n, must be without: one process notes them"
+        )
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20240229)

@@ -21,7 +21,7 @@ ORDER = (
     ["engine"],
     ["plants"],
     ["envs"],
-    ["paper", "pretrained", "web"],
+    ["paper", "pretrained", "web", "recording", "recorder"],
     ["play"],
     ["agents"],
     ["benchmarks", "examples", "train"],

@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 
 AIR, GRIP, SLIP = 0, 1, 2
 """What a toe does: it is lifted, it holds, it slides while it is loaded."""
+TRIANGLES = [[P, B, D], [C, E, T]]  # corners of the plates
 TOUCHING = 1e-6  # of the robot's weight: the normal force from which a toe is on the ground
 
 
@@ -50,7 +51,7 @@ def scene_of(env: Any) -> dict[str, Any]:
         "legs": [{"side": side, "depth": depth} for side, depth in zip(sides, depths, strict=True)],
         "joints": list(JOINTS),
         "skeleton": [list(edge) for edge in SKELETON],
-        "triangles": [[P, B, D], [C, E, T]],
+        "triangles": TRIANGLES,
         "padRadius": float(robot.pad_radius),
         "reach": float(np.hypot(turn[..., 0], turn[..., 1]).max()),
         "weight": float(robot.mass * GRAVITY),

@@ -200,7 +200,7 @@ function pixels(size, view) {
 
 function drawPath({ ctx, at }, points, color) {
   ctx.strokeStyle = color;
-  ctx.lineWidth = 1.4;
+  ctx.lineWidth = 1.8;
   ctx.beginPath();
   let pen = false;
   for (const point of points) {

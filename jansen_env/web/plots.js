@@ -1,0 +1,121 @@
+// Plots over time with a cursor. What does not move is painted once and kept.
+
+import { css, mix } from "./scene.js";
+
+const MARGIN = { left: 38, right: 6, top: 6, bottom: 16 }; // pixels around the curves
+
+/** Steps of 1, 2 or 5 times a power of ten that cut a length into some `count` parts. */
+function niceStep(length, count) {
+  const rough = Math.max(length, 1e-9) / count;
+  const power = 10 ** Math.floor(Math.log10(rough));
+  return power * ([1, 2, 5].find((factor) => factor * power >= rough) ?? 10);
+}
+
+/** Least and most of some curves, with zero. */
+function rangeOf(curves) {
+  let [low, high] = [0, 0];
+  for (const { values } of curves) {
+    for (const value of values) {
+      low = Math.min(low, value);
+      high = Math.max(high, value);
+    }
+  }
+  const pad = 0.06 * (high - low) || 1;
+  return [low < 0 ? low - pad : 0, high > 0 ? high + pad : low < 0 ? 0 : pad];
+}
+
+/**
+ * A plot on a canvas.
+ *
+ * curves: [{time, values, color: "first" or "second", dashed}]. duration: s.
+ * Returns {paint(theme, colors, size, ratio), draw(time), timeAt(x)}: the first when size or
+ * colours change, the second at each frame; x in CSS pixels from the left.
+ */
+export function plotOn(canvas, curves, duration) {
+  const ctx = canvas.getContext("2d");
+  const still = document.createElement("canvas");
+  const [low, high] = rangeOf(curves);
+  let frame = { width: 0, height: 0, ratio: 1, theme: null };
+
+  const width = () => Math.max(frame.width - MARGIN.left - MARGIN.right, 1);
+  const height = () => Math.max(frame.height - MARGIN.top - MARGIN.bottom, 1);
+  const xOf = (time) => MARGIN.left + (time / duration) * width();
+  const yOf = (value) => MARGIN.top + ((high - value) / (high - low)) * height();
+
+  function grid(to, theme) {
+    to.font = "10px system-ui, sans-serif";
+    to.lineWidth = 1;
+    to.textBaseline = "middle";
+    to.textAlign = "right";
+    const rise = niceStep(high - low, 3);
+    const digits = Math.max(0, -Math.floor(Math.log10(rise) + 1e-9));
+    for (let i = Math.ceil(low / rise - 1e-9); i * rise <= high; i++) {
+      const y = Math.round(yOf(i * rise)) + 0.5;
+      to.strokeStyle = css(i === 0 ? mix(theme.muted, theme.sky, 0.4) : theme.grid);
+      stroke(to, [MARGIN.left, y], [frame.width - MARGIN.right, y]);
+      to.fillStyle = css(theme.muted);
+      to.fillText((i * rise).toFixed(digits), MARGIN.left - 5, y);
+    }
+    to.textBaseline = "alphabetic";
+    to.textAlign = "center";
+    const lapse = niceStep(duration, Math.max(2, width() / 70));
+    const places = Math.max(0, -Math.floor(Math.log10(lapse) + 1e-9));
+    for (let i = 0; i * lapse <= duration * (1 + 1e-9); i++) {
+      const last = (i + 1) * lapse > duration * (1 + 1e-9);
+      to.textAlign = i === 0 ? "left" : last ? "right" : "center";
+      to.fillText(
+        `${(i * lapse).toFixed(places)}${last ? " s" : ""}`,
+        xOf(i * lapse),
+        frame.height - 3,
+      );
+    }
+  }
+
+  function paint(theme, colors, size, ratio) {
+    frame = { ...size, ratio, theme };
+    for (const one of [canvas, still]) {
+      one.width = Math.round(size.width * ratio);
+      one.height = Math.round(size.height * ratio);
+    }
+    const to = still.getContext("2d");
+    to.scale(ratio, ratio);
+    grid(to, theme);
+    to.lineJoin = "round";
+    for (const { time, values, color, dashed } of curves) {
+      to.strokeStyle = dashed ? css(theme.muted) : colors[color];
+      to.lineWidth = dashed ? 1.2 : 1.5;
+      to.setLineDash(dashed ? [5, 4] : []);
+      to.beginPath();
+      for (let k = 0; k < values.length; k++) to.lineTo(xOf(time[k]), yOf(values[k]));
+      to.stroke();
+    }
+    to.setLineDash([]);
+  }
+
+  function draw(time, points, colors) {
+    ctx.setTransform(1, 0, 0, 1, 0, 0);
+    ctx.clearRect(0, 0, canvas.width, canvas.height);
+    ctx.drawImage(still, 0, 0);
+    ctx.scale(frame.ratio, frame.ratio);
+    const x = xOf(time);
+    ctx.strokeStyle = css(frame.theme.ink, 0.55);
+    ctx.lineWidth = 1;
+    stroke(ctx, [x, MARGIN.top], [x, frame.height - MARGIN.bottom]);
+    for (const { value, color } of points) {
+      ctx.fillStyle = colors[color];
+      ctx.beginPath();
+      ctx.arc(x, yOf(value), 3.2, 0, 2 * Math.PI);
+      ctx.fill();
+    }
+  }
+
+  const timeAt = (x) => Math.min(Math.max((x - MARGIN.left) / width(), 0), 1) * duration;
+  return { paint, draw, timeAt };
+}
+
+function stroke(ctx, start, end) {
+  ctx.beginPath();
+  ctx.moveTo(...start);
+  ctx.lineTo(...end);
+  ctx.stroke();
+}

@@ -20,8 +20,8 @@ PANEL_WIDTH, SCORE_HEIGHT = 290, 76  # pixels
 WINDOW = (SIZE[0] + PANEL_WIDTH, SIZE[1] + SCORE_HEIGHT)
 FPS = 50  # pictures a second, at most; time passes whatever they take
 CLICK = 6  # pixels, up to which a drag is a click
-CLICK_PUSH = 2.0  # N s
-PUSH_PER_PIXEL = 0.02  # N s of a drag
+CLICK_PUSH = 3.0  # N s
+PUSH_PER_PIXEL = 0.03  # N s of a drag
 DEAD_ZONE = 0.12  # of a gamepad's stick
 
 
@@ -34,9 +34,8 @@ class Window:
 
     def __init__(self, session: Session) -> None:
         self.session, self.closed = session, False
-        pg.display.init()
-        pg.font.init()
         try:
+            pg.display.init()
             # Without a display SDL quietly opens a window nobody sees, unless told which to use.
             if pg.display.get_driver() == "offscreen" and "SDL_VIDEODRIVER" not in os.environ:
                 raise pg.error("no display found")
@@ -44,6 +43,7 @@ class Window:
         except pg.error as error:
             pg.display.quit()
             raise RuntimeError(f"no window: {error}") from error
+        pg.font.init()
         pg.display.set_caption("Jansen linkage: walk it by hand")
         self._manager = gui.UIManager(WINDOW, THEME, enable_live_theme_updates=False)
         picture, beside = pg.Rect((0, 0), SIZE), pg.Rect(SIZE[0], 0, PANEL_WIDTH, WINDOW[1])
@@ -211,7 +211,10 @@ class Window:
             [(x + 12 * ux, y + 12 * uy), (x - 7 * uy, y + 7 * ux), (x + 7 * uy, y - 7 * ux)],
         )  # fmt: skip
         size = min(PUSH_PER_PIXEL * length, LARGEST_PUSH)
-        self._text(f"{size:.1f} N s", 22, INK, (x + 16, y - 22))
+        label = self._fonts[22].render(f"{size:.1f} N s", True, INK)
+        box = label.get_rect(midtop=(self._drag[0], self._drag[1] + 14))
+        pg.draw.rect(self.surface, CARD, box.inflate(14, 8), border_radius=6)
+        self.surface.blit(label, box)
 
     def _text(self, text: str, size: int, color: str, place: tuple[int, int]) -> None:
         self.surface.blit(self._fonts[size].render(text, True, color), place)

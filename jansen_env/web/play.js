@@ -8,8 +8,8 @@ import { drawScene, followingView, THEMES } from "./scene.js";
 
 const RECONNECT = [0.5, 1, 2, 4, 8]; // s until the next attempt, the last one again and again
 const DEAD_ZONE = 0.12; // of a gamepad's stick
-const CLICK_PUSH = 2; // N s
-const PUSH_PER_PIXEL = 0.02; // N s of a drag
+const CLICK_PUSH = 3; // N s
+const PUSH_PER_PIXEL = 0.03; // N s of a drag
 const CLICK = 6; // pixels, up to which a drag is a click
 
 const $ = (id) => document.getElementById(id);
@@ -113,7 +113,6 @@ function letGo(event) {
 }
 
 function addChoice(name, values, choose) {
-  const label = element("label", { textContent: name });
   const select = element("select", { id: name });
   for (const value of values)
     select.append(
@@ -123,8 +122,9 @@ function addChoice(name, values, choose) {
     choose(select.value);
     select.blur();
   });
-  label.append(select);
-  $("choices").append(label);
+  const choice = element("div", {});
+  choice.append(element("label", { htmlFor: name, textContent: name }), select);
+  $("choices").append(choice);
 }
 
 function element(tag, properties) {
@@ -208,9 +208,13 @@ function drawPush(theme) {
   ctx.lineTo(toX + 7 * uy, toY - 7 * ux);
   ctx.fill();
   const size = Math.min(PUSH_PER_PIXEL * length, scene.largestPush);
+  ctx.fillStyle = `rgb(${theme.paper.join(",")})`;
+  ctx.fillRect(x - 30, y + 10, 60, 22);
   ctx.fillStyle = `rgb(${theme.ink.join(",")})`;
   ctx.font = "14px system-ui, sans-serif";
-  ctx.fillText(`${size.toFixed(1)} N s`, toX + 16, toY - 8);
+  ctx.textAlign = "center";
+  ctx.textBaseline = "middle";
+  ctx.fillText(`${size.toFixed(1)} N s`, x, y + 21);
 }
 
 // Keys, pointers and the gamepad.

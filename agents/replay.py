@@ -82,7 +82,10 @@ def main(arguments: list[str] | None = None) -> None:
         made = [record(name, label[-LONGEST_NAME:], args) for name, label in named]
         saved = [Recording.load(path) for path in args.recording]
         content = page(*made, *saved)  # or nothing is written
-        written = [one.save(path_of(one, out)) for one in made]
+        paths = [path_of(one, out) for one in made]
+        if len({*paths}) < len(paths):  # labels differ in other characters alone
+            paths = [path.with_stem(f"{path.stem}_{i}") for i, path in enumerate(paths, start=1)]
+        written = [one.save(path) for one, path in zip(made, paths, strict=True)]
         written.append(write_text(out, content))
     except (OSError, ValueError) as error:
         args.error(str(error))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import gymnasium as gym
@@ -14,7 +15,6 @@ from gymnasium.utils import RecordConstructorArgs
 
 from jansen_env.checks import shown
 from jansen_env.envs.single import SingleEnv
-from jansen_env.gravity import GRAVITY
 from jansen_env.kinematics import world_joints
 from jansen_env.recording import LONGEST_NAME, MOST_STEPS, Recording
 from jansen_env.web.geometry import contacts, scene_of, world_forces
@@ -52,6 +52,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self.label = label
         self._rows: dict[str, list[Any]] = {}
         self._description: dict[str, Any] = {}
+        self._robot: Any = None
 
     @property
     def recording(self) -> Recording:
@@ -63,8 +64,9 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         """
         if not self._rows.get("reward"):
             raise gym.error.ResetNeeded("reset() and then step() must be called first")
+        joints = world_joints(self._robot, self._rows["pose"])
         content: dict[str, Any] = {**self._rows, **self._description, "label": self.label}
-        return Recording(**content)
+        return Recording(**content, joints=joints.astype(np.float32))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -80,7 +82,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         results = self.env.step(action)
         observation, reward, terminated, truncated, info = results
         frame = self._inner.frame()
-        if frame.time <= self._rows["time"][-1]:  # reset by a wrapper, or set to a state
+        if not self._rows or frame.time <= self._rows["time"][-1]:
             self._begin(observation, info, None, None)
         elif len(self._rows["reward"]) == MOST_STEPS:
             gym.logger.warn(f"the episode has more than {MOST_STEPS} steps: these are recorded")
@@ -105,6 +107,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     ) -> None:
         """Begin a recording of an episode that has been reset."""
         scene, spec = scene_of(self.env), self.env.spec
+        self._robot = self._inner.scene()["robot"]
         ground = scene.pop("terrain")
         named = [(one.name, one.unit) for one in self._inner.observed]
         flat = spaces.flatdim(self.observation_space)
@@ -113,6 +116,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             "terrain": np.zeros((0, 2)) if ground is None else np.array(ground),
             "energies": tuple(info.get("energy", {})),
             "observed": tuple(named) if len(named) == flat else (),
+            "robot": as_json(asdict(self._robot)),
             "parameters": dict(self._inner.get_state().get("parameters", {})),
             "env_id": str(type(self._inner).__name__ if spec is None else spec.id)[:LONGEST_NAME],
             "env_kwargs": as_json({} if spec is None else spec.kwargs),
@@ -125,17 +129,15 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self._add_frame(self._inner.frame(), observation, info)
 
     def _add_frame(self, frame: Any, observation: Any, info: dict[str, Any]) -> None:
-        robot = self._inner.scene()["robot"]
         flat = flatten(self.observation_space, observation)
         self._add(
             time=frame.time,
             state=self._inner.get_state()["plant"],
             pose=np.array(frame.q),
-            joints=world_joints(robot, frame.q).astype(np.float32),
             command=0.0 if frame.command is None else frame.command,
             speed=frame.speed,
             torque=info.get("crank_torque", frame.torque),  # the mean of the step
-            contact=contacts(frame, robot.mass * GRAVITY),
+            contact=contacts(frame, self._description["scene"]["weight"]),
             contact_point=np.array(frame.contact_point),
             contact_force=world_forces(frame),
             observation=np.array(flat, np.float32),
@@ -152,12 +154,9 @@ def as_json(values: Mapping[str, Any]) -> dict[str, Any]:
     def known(value: Any) -> Any:
         if isinstance(value, np.ndarray | np.generic):
             value = value.tolist()
-        if isinstance(value, tuple):
-            value = list(value)
         try:
-            json.dumps(value, allow_nan=False)
+            return json.loads(json.dumps(value, allow_nan=False))
         except (TypeError, ValueError, RecursionError):
             return shown(value)
-        return value
 
     return {str(name): known(value) for name, value in values.items()}

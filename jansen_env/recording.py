@@ -87,8 +87,8 @@ class Recording:
         scene: see :func:`jansen_env.web.geometry.scene_of`, without its terrain.
         energies: (e,) names of the energies. observed: (d,) names and units of the observation; ()
             where a wrapper has made something else of it.
-        parameters: of the episode by name. env_id, env_kwargs, options, seed: how it was made;
-            what is no JSON in the arguments is there as text.
+        robot: fields of the :class:`jansen_env.robot.Robot` by name; parameters: of the episode.
+        env_id, env_kwargs, options, seed: how it was made. What is no JSON is there as text.
         label: how it is called, by a policy's name for one.
         terminated, truncated: how the last step ended.
 
@@ -116,6 +116,7 @@ class Recording:
     scene: Mapping[str, Any]
     energies: tuple[str, ...] = ()
     observed: tuple[tuple[str, str], ...] = ()
+    robot: Mapping[str, Any] = field(default_factory=dict)
     parameters: Mapping[str, float] = field(default_factory=dict)
     env_id: str = ""
     env_kwargs: Mapping[str, Any] = field(default_factory=dict)
@@ -147,7 +148,7 @@ class Recording:
             _check_text("a name", text)
         _check_text("env_id", self.env_id)
         _check_text("label", self.label)
-        for name in ("parameters", "env_kwargs", "options"):
+        for name in ("robot", "parameters", "env_kwargs", "options"):
             instance(name, getattr(self, name), dict)
         for name, value in self.parameters.items():
             finite(f"parameters[{shown(name)}]", value)

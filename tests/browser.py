@@ -1,6 +1,6 @@
 """Chromium for the tests of pages: skipped, with a reason, where it or playwright is missing.
 
-Import the fixtures; all that a page reports or asks for is kept and checked when it is closed.
+With $CHROMIUM set they fail there. Import the fixtures; what a page reports is checked at the end.
 """
 
 from __future__ import annotations
@@ -19,21 +19,29 @@ ARGUMENTS = (
 
 
 def chromium() -> str | None:
-    """Where the browser is: $CHROMIUM, or one on the path."""
-    names = (os.environ.get("CHROMIUM"), "chromium", "chromium-browser", "google-chrome")
-    return next((path for name in names if name and (path := shutil.which(name))), None)
+    """Where the browser is: $CHROMIUM, or else one on the path."""
+    own = os.environ.get("CHROMIUM")
+    names = [own] if own else ["chromium", "chromium-browser", "google-chrome"]
+    return next((path for name in names if (path := shutil.which(name))), None)
+
+
+def missing(reason: str) -> None:
+    """Skip, or fail where a browser is asked for."""
+    if "CHROMIUM" in os.environ:
+        pytest.fail(reason)
+    pytest.skip(reason)
 
 
 @pytest.fixture(scope="session")
 def browser():
     """One browser for all tests."""
-    playwright = pytest.importorskip(
-        "playwright.sync_api", reason="playwright is missing: pip install '.[browser]'"
-    )
-    path = chromium()
-    if path is None:
-        pytest.skip("Chromium is missing: apt-get install chromium, or set $CHROMIUM")
-    with playwright.sync_playwright() as driver:
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        missing("playwright is missing: pip install '.[browser]'")
+    if (path := chromium()) is None:
+        missing("Chromium is missing: apt-get install chromium, or set $CHROMIUM")
+    with sync_playwright() as driver:
         started = driver.chromium.launch(executable_path=path, args=list(ARGUMENTS))
         yield started
         started.close()

@@ -100,6 +100,7 @@ def test_round_trip(env_id, tmp_path):
     same(Recording.load(path), one)
     assert path.read_bytes() == one.to_bytes()
     assert "Robot(" in one.env_kwargs["robot"] and one.env_id == env_id
+    assert one.robot["crank"]["length"] == jansen_env.ROBOTS["holy"]().crank.length
     with np.load(path, allow_pickle=False) as arrays:  # as anybody may
         np.testing.assert_array_equal(arrays["torque"], one.torque)
 
@@ -137,6 +138,10 @@ def test_one_episode_after_another():
         env.reset(options={"speed_command": 9.0})
     with pytest.raises(gym.error.ResetNeeded):  # what was before is gone
         _ = env.recording
+    env.reset()
+    env.env.reset()  # behind its back
+    env.step(np.zeros(1, np.float32))
+    assert env.recording.steps == 1
 
 
 def test_a_fall_is_in_it():

@@ -1,70 +1,70 @@
 // Where the pictures look: following the robots, or where the user has moved them.
 
-import { followingView, worldOf } from "./scene.js";
+import { followingView } from "./scene.js";
 
 const [CLOSEST, FARTHEST] = [12, 0.15]; // zoom, 1 shows a robot
 
-/** A camera for all pictures of a page; `changed` is called when the user moves it. */
+/**
+ * A camera for all pictures of a page; `changed` is called when the user moves it.
+ *
+ * It stands beside the robots that it follows, or beside a place, by dx and dy, m.
+ */
 export function cameraFor(changed) {
-  const camera = { following: true, zoom: 1, x: 0, y: 0, scale: 1 };
-  const nominal = new Map(); // canvas: its size and its view of zoom 1 when last drawn
-  const bounded = (zoom) => Math.min(Math.max(zoom, FARTHEST), CLOSEST);
+  const camera = { following: true, zoom: 1, dx: 0, dy: 0, place: null };
+  const drawn = new Map(); // canvas: its size and what it would show, when last drawn
 
   /** The view of a canvas with robots in these states; the first one's scene. */
   function viewOf(canvas, size, scene, states) {
-    const [left, right] = [Math.min, Math.max].map((of) => of(...states.map(({ x }) => x)));
-    const middle = { x: 0.5 * (left + right), y: Math.max(...states.map(({ y }) => y)) };
-    const view = followingView(size, scene, middle, 1);
+    const places = states.map((state) => state.x);
+    const [left, right] = [Math.min(...places), Math.max(...places)];
+    const top = Math.max(...states.map((state) => state.y));
+    const view = followingView(size, scene, { x: 0.5 * (left + right), y: top });
     const room = (right - left + 2.3 * scene.reach) / (size.width / view.scale);
     if (room > 1) {
       view.y += ((room - 1) * size.height) / (2 * view.scale); // the ground stays below
       view.scale /= room;
     }
-    nominal.set(canvas, { size, view });
-    if (camera.following) return { ...view, scale: camera.zoom * view.scale };
-    return { x: camera.x, y: camera.y, scale: camera.zoom * view.scale };
+    drawn.set(canvas, { size, view });
+    const { x, y } = camera.following ? view : camera.place;
+    return { x: x + camera.dx, y: y + camera.dy, scale: camera.zoom * view.scale };
   }
 
-  /** Stand where a canvas looks now. */
-  function release(canvas) {
-    if (!camera.following) return;
-    const { view } = nominal.get(canvas);
-    Object.assign(camera, { following: false, x: view.x, y: view.y });
-  }
-
-  /** Zoom by a factor, about a pixel of a canvas unless the camera follows. */
+  /** Zoom by a factor, about a pixel of a canvas; without one about its middle. */
   function zoomBy(factor, canvas, px, py) {
-    const { size, view } = nominal.get(canvas);
+    const seen = drawn.get(canvas);
+    if (!seen) return; // not drawn yet
+    const { size, view } = seen;
     const before = camera.zoom;
-    camera.zoom = bounded(before * factor);
-    if (!camera.following && px !== undefined) {
-      const old = { ...camera, scale: before * view.scale };
-      const fresh = { ...camera, scale: camera.zoom * view.scale };
-      const [x0, y0] = worldOf(size, old, px, py);
-      const [x1, y1] = worldOf(size, fresh, px, py);
-      camera.x += x0 - x1;
-      camera.y += y0 - y1;
+    camera.zoom = Math.min(Math.max(before * factor, FARTHEST), CLOSEST);
+    if (px !== undefined) {
+      const nearer = 1 / (before * view.scale) - 1 / (camera.zoom * view.scale); // m per pixel
+      camera.dx += (px - 0.5 * size.width) * nearer;
+      camera.dy -= (py - 0.5 * size.height) * nearer;
     }
     changed();
   }
 
   /** Move the picture by pixels of a canvas. */
   function panBy(dx, dy, canvas) {
-    release(canvas);
-    const scale = camera.zoom * nominal.get(canvas).view.scale;
-    camera.x -= dx / scale;
-    camera.y += dy / scale;
+    const seen = drawn.get(canvas);
+    if (!seen) return;
+    const scale = camera.zoom * seen.view.scale;
+    camera.dx -= dx / scale;
+    camera.dy += dy / scale;
     changed();
   }
 
+  /** Follow the robots, or stay where a canvas looks now. */
   function follow(on, canvas) {
-    if (on) camera.following = true;
-    else release(canvas);
+    if (!on && !drawn.has(canvas)) return;
+    if (!on) camera.place = drawn.get(canvas).view;
+    camera.following = on;
     changed();
   }
 
+  /** Show all of the robots, and follow them. */
   function fit() {
-    Object.assign(camera, { following: true, zoom: 1 });
+    Object.assign(camera, { following: true, zoom: 1, dx: 0, dy: 0 });
     changed();
   }
 

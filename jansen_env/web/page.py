@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.checks import shown
 from jansen_env.files import write_text
 from jansen_env.recording import Recording
 
@@ -25,6 +26,7 @@ SCRIPTS = ("scene", "track", "plots", "camera", "clock", "replay")  # each after
 MOST_RECORDINGS = 2
 LEVELS = 2**16 - 1  # of a quantised number
 SEEN = 30.0  # m of ground beyond either end of the walk
+LONGEST_TEXT = 500  # characters of the line under the title
 FRAME_HEIGHT = 760  # pixels in a notebook
 
 Array = NDArray[Any]
@@ -144,13 +146,14 @@ def _subtitle(recordings: tuple[Recording, ...]) -> str:
         unit, commands = one.scene["speedUnit"], np.unique(one.command)
         least, most = commands[0], commands[-1]
         command = f"{least:.3g}" if least == most else f"{least:.3g} to {most:.3g}"
-        arguments = ", ".join(f"{name}={value!r}" for name, value in one.env_kwargs.items())
+        arguments = ", ".join(f"{name}={shown(value)}" for name, value in one.env_kwargs.items())
         seed = "" if one.seed is None else f", seed {one.seed}"
         told.append(
             f"{one.env_id}{f' with {arguments}' if arguments else ''}, commanded speed "
             f"{command} {unit}{seed}"
         )
-    return "; ".join(dict.fromkeys(told))
+    text = "; ".join(dict.fromkeys(told))
+    return text if len(text) <= LONGEST_TEXT else f"{text[:LONGEST_TEXT]}..."
 
 
 def _packed(recording: Recording) -> dict[str, Any]:
@@ -207,7 +210,8 @@ def _seen(recording: Recording) -> list[list[float]] | None:
     first = max(int(np.searchsorted(ground[:, 0], x.min() - SEEN)) - 1, 0)
     last = int(np.searchsorted(ground[:, 0], x.max() + SEEN)) + 1
     seen = ground[min(first, len(ground) - 2) : max(last, first + 2)]
-    points: list[list[float]] = seen.round(5).tolist()
+    short = seen.round(6)
+    points: list[list[float]] = (short if (np.diff(short[:, 0]) > 0.0).all() else seen).tolist()
     return points
 
 

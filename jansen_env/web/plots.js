@@ -11,6 +11,11 @@ function niceStep(length, count) {
   return power * ([1, 2, 5].find((factor) => factor * power >= rough) ?? 10);
 }
 
+/** Digits after the point that multiples of a step need. */
+function digitsOf(step) {
+  return Math.min(Math.max(0, -Math.floor(Math.log10(step) + 1e-9)), 9);
+}
+
 /** Least and most of some curves, with zero. */
 function rangeOf(curves) {
   let [low, high] = [0, 0];
@@ -27,7 +32,8 @@ function rangeOf(curves) {
 /**
  * A plot on a canvas.
  *
- * curves: [{time, values, color: "first" or "second", dashed}]. duration: s.
+ * curves: [{time, values, first, color: "first" or "second", dashed}], of values from the index
+ * `first` on. duration: s.
  * Returns {paint(theme, colors, size, ratio), draw(time), timeAt(x)}: the first when size or
  * colours change, the second at each frame; x in CSS pixels from the left.
  */
@@ -42,33 +48,38 @@ export function plotOn(canvas, curves, duration) {
   const xOf = (time) => MARGIN.left + (time / duration) * width();
   const yOf = (value) => MARGIN.top + ((high - value) / (high - low)) * height();
 
-  function grid(to, theme) {
-    to.font = "10px system-ui, sans-serif";
-    to.lineWidth = 1;
+  /** Lines of values, with their numbers. */
+  function drawRows(to, theme) {
     to.textBaseline = "middle";
     to.textAlign = "right";
-    const rise = niceStep(high - low, 3);
-    const digits = Math.max(0, -Math.floor(Math.log10(rise) + 1e-9));
+    const rise = niceStep(high - low, 4);
     for (let i = Math.ceil(low / rise - 1e-9); i * rise <= high; i++) {
       const y = Math.round(yOf(i * rise)) + 0.5;
       to.strokeStyle = css(i === 0 ? mix(theme.muted, theme.sky, 0.4) : theme.grid);
       stroke(to, [MARGIN.left, y], [frame.width - MARGIN.right, y]);
-      to.fillStyle = css(theme.muted);
-      to.fillText((i * rise).toFixed(digits), MARGIN.left - 5, y);
+      to.fillText((i * rise).toFixed(digitsOf(rise)), MARGIN.left - 5, y);
     }
+  }
+
+  /** Times below the plot. */
+  function drawTimes(to) {
     to.textBaseline = "alphabetic";
-    to.textAlign = "center";
     const lapse = niceStep(duration, Math.max(2, width() / 70));
-    const places = Math.max(0, -Math.floor(Math.log10(lapse) + 1e-9));
-    for (let i = 0; i * lapse <= duration * (1 + 1e-9); i++) {
-      const last = (i + 1) * lapse > duration * (1 + 1e-9);
-      to.textAlign = i === 0 ? "left" : last ? "right" : "center";
-      to.fillText(
-        `${(i * lapse).toFixed(places)}${last ? " s" : ""}`,
-        xOf(i * lapse),
-        frame.height - 3,
-      );
+    const count = Math.floor(duration / lapse + 1e-9);
+    for (let i = 0; i <= count; i++) {
+      to.textAlign = i === 0 ? "left" : "center";
+      if (i === count) to.textAlign = "right";
+      const text = (i * lapse).toFixed(digitsOf(lapse));
+      to.fillText(i === count ? `${text} s` : text, xOf(i * lapse), frame.height - 3);
     }
+  }
+
+  function drawCurve(to, { time, values, first, dashed }) {
+    to.lineWidth = dashed ? 1.2 : 1.5;
+    to.setLineDash(dashed ? [5, 4] : []);
+    to.beginPath();
+    for (let k = first; k < values.length; k++) to.lineTo(xOf(time[k]), yOf(values[k]));
+    to.stroke();
   }
 
   function paint(theme, colors, size, ratio) {
@@ -79,20 +90,19 @@ export function plotOn(canvas, curves, duration) {
     }
     const to = still.getContext("2d");
     to.scale(ratio, ratio);
-    grid(to, theme);
+    to.font = "10px system-ui, sans-serif";
     to.lineJoin = "round";
-    for (const { time, values, color, dashed } of curves) {
-      to.strokeStyle = dashed ? css(theme.muted) : colors[color];
-      to.lineWidth = dashed ? 1.2 : 1.5;
-      to.setLineDash(dashed ? [5, 4] : []);
-      to.beginPath();
-      for (let k = 0; k < values.length; k++) to.lineTo(xOf(time[k]), yOf(values[k]));
-      to.stroke();
+    to.fillStyle = css(theme.muted);
+    drawRows(to, theme);
+    drawTimes(to);
+    for (const curve of curves) {
+      to.strokeStyle = curve.dashed ? css(theme.muted) : colors[curve.color];
+      drawCurve(to, curve);
     }
-    to.setLineDash([]);
   }
 
   function draw(time, points, colors) {
+    if (!still.width || !still.height) return; // not shown
     ctx.setTransform(1, 0, 0, 1, 0, 0);
     ctx.clearRect(0, 0, canvas.width, canvas.height);
     ctx.drawImage(still, 0, 0);

@@ -8,6 +8,7 @@ import { numbersAt, pathOf, stateAt, stepAt, trackOf } from "./track.js";
 
 const TRAIL = 2.5; // s of the toes' paths
 const COLORS = ["first", "second"]; // of recordings, in the order they came
+const OF_STEPS = ["torque", "slip", "power", "reward"]; // there are none of at the start
 const PLAY = "M4 2.5v11l9.5-5.5z";
 const PAUSE = "M3.5 2.5h3v11h-3zM9.5 2.5h3v11h-3z";
 const RATES = [0.1, 0.25, 0.5, 1, 2, 4];
@@ -61,9 +62,10 @@ function element(tag, parent, text = "", attributes = {}) {
   return made;
 }
 
-function labelled(parent, i) {
+/** A recording's label, in its colour. */
+function labelled(parent, i, more = "") {
   element("i", parent, "", { class: `chip ${COLORS[i]}` });
-  parent.append(tracks[i].label);
+  parent.append(tracks[i].label + more);
 }
 
 const pictures = tracks.map((track, i) => {
@@ -83,13 +85,13 @@ const plots = PLOTS.map(([name, label, unit]) => {
   element("b", caption, label);
   element("span", caption, unit);
   const canvas = element("canvas", figure, "", { role: "img", "aria-label": `${label} over time` });
-  const curves = tracks.map((track, i) => ({
-    time: track.time,
-    values: track[name],
-    color: COLORS[i],
-  }));
-  if (name === "speed")
-    curves.unshift({ ...curves[0], values: longest.command, time: longest.time, dashed: true });
+  const first = OF_STEPS.includes(name) ? 1 : 0;
+  const curves = tracks.map((track, i) => {
+    return { time: track.time, values: track[name], first, color: COLORS[i] };
+  });
+  if (name === "speed") {
+    curves.unshift({ time: longest.time, values: longest.command, first, dashed: true });
+  }
   const plot = plotOn(canvas, curves, clock.duration);
   const go = (event) => seek(plot.timeAt(event.clientX - canvas.getBoundingClientRect().left));
   canvas.addEventListener("pointerdown", (event) => {
@@ -161,8 +163,8 @@ function toggle(name) {
   byId(name).ariaPressed = String(shown[name]);
   if (name === "ghosts") {
     pictures[1].figure.hidden = shown.ghosts;
-    pictures[0].ghost.replaceChildren(...(shown.ghosts ? [" and as a ghost "] : []));
-    if (shown.ghosts) labelled(pictures[0].ghost, 1);
+    pictures[0].ghost.replaceChildren(...(shown.ghosts ? [" \u00a0 "] : []));
+    if (shown.ghosts) labelled(pictures[0].ghost, 1, " (ghost)");
     resize();
   }
   clock.touch();
@@ -187,6 +189,7 @@ function trails(track) {
 }
 
 function drawPicture({ canvas, size }, own) {
+  if (!size.width || !size.height) return; // not shown
   const ctx = canvas.getContext("2d");
   const ratio = canvas.width / size.width;
   ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
@@ -241,7 +244,6 @@ function resize() {
   const ratio = Math.min(devicePixelRatio || 1, 3);
   for (const picture of pictures) {
     const { clientWidth: width, clientHeight: height } = picture.canvas;
-    if (!width) continue; // not shown
     picture.size = { width, height };
     picture.canvas.width = Math.round(width * ratio);
     picture.canvas.height = Math.round(height * ratio);
@@ -282,7 +284,7 @@ const KEYS = {
 document.addEventListener("keydown", (event) => {
   const act = KEYS[event.key] ?? KEYS[event.key.toLowerCase()];
   const { target } = event;
-  const own = target.closest("button") && event.key === " "; // which presses that button
+  const own = target.closest("button, select") && event.key === " "; // which presses it
   const choosing = target.closest("select") && event.key.length > 1;
   const modified = event.ctrlKey || event.metaKey || event.altKey;
   if (!act || own || choosing || modified || byId("keys").open) return;

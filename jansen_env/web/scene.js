@@ -7,7 +7,6 @@
 const ARROW_PER_WEIGHT = 0.25; // m of arrow for a contact force equal to the robot's weight
 const LONGEST_ARROW = 0.6; // m, so that an impact does not cross the whole picture
 const NOMINAL_SCALE = 325; // pixels per reach at which line widths are as they are given
-const TICKS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100]; // m between marks
 const CROWDED = 46; // pixels between marks, at least
 const AIR = 0; // what a toe does; anything else is grip
 const SLIP = 2;
@@ -83,14 +82,6 @@ export function followingView(size, scene, state, zoom = 1) {
   return { x: state.x, y: bottom + (0.5 * size.height) / scale, scale: zoom * scale };
 }
 
-/** World position of a canvas pixel. */
-export function worldOf(size, view, px, py) {
-  return [
-    view.x + (px - 0.5 * size.width) / view.scale,
-    view.y - (py - 0.5 * size.height) / view.scale,
-  ];
-}
-
 /**
  * Draw ground and robot.
  *
@@ -104,13 +95,19 @@ export function drawScene(ctx, size, scene, state, view, options = {}) {
   drawRobot(ctx, size, scene, state, view, options);
 }
 
+/** Metres between marks: 1, 2 or 5 times a power of ten. */
+function tickSpacing(scale) {
+  const power = 10 ** Math.floor(Math.log10(CROWDED / scale));
+  return power * [1, 2, 5, 10].find((factor) => factor * power * scale >= CROWDED * (1 - 1e-9));
+}
+
 /** Draw sky, grid and ground with marks every so many metres. */
 export function drawGround(ctx, size, scene, view, { theme = THEMES.light } = {}) {
   const { width, height } = size;
   const at = pixels(size, view);
   ctx.fillStyle = css(theme.sky);
   ctx.fillRect(0, 0, width, height);
-  const spacing = TICKS.find((tick) => tick * view.scale >= CROWDED) ?? TICKS[TICKS.length - 1];
+  const spacing = tickSpacing(view.scale);
   const left = view.x - (0.5 * width) / view.scale;
   const right = view.x + (0.5 * width) / view.scale;
   const marks = [];
@@ -136,7 +133,7 @@ export function drawGround(ctx, size, scene, view, { theme = THEMES.light } = {}
   ctx.font = "11px system-ui, sans-serif";
   ctx.textAlign = "center";
   ctx.textBaseline = "top";
-  const digits = spacing < 0.1 ? 2 : spacing < 1 ? 1 : 0;
+  const digits = Math.min(Math.max(0, -Math.floor(Math.log10(spacing) + 1e-9)), 9);
   for (const mark of marks) {
     const [x, y] = at([mark * spacing, heightAt(terrain, mark * spacing)]);
     const main = mark % 2 === 0;

@@ -44,7 +44,7 @@ FILES = {
 HEADERS = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
-    "connect-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'none'; "
+    "connect-src {sockets}; img-src 'self' data:; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'",
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
@@ -57,6 +57,10 @@ MOST_SOCKETS, MOST_CONNECTIONS = 4, 32  # at once
 RATE, BURST = 200.0, 200.0  # messages a second of one socket, and how many at once
 MOST_ERRORS = 20  # messages of one socket that are refused before it is closed
 VIOLATION = 1008  # RFC 6455: policy violation
+LOGGER = logging.getLogger("jansen_env.play")
+# What clients do wrong is theirs, and no page of traceback in the terminal; errors of the handler
+# are ours.
+LOGGER.addFilter(lambda record: "handler failed" in str(record.msg))
 
 
 class Page:
@@ -68,7 +72,10 @@ class Page:
 
     def __init__(self, session: Session, port: int) -> None:
         self.session = session
-        self.hosts = {f"{name}:{port}" for name in (ADDRESS, "localhost")}
+        end = "" if port == 80 else f":{port}"  # browsers leave that one out
+        self.hosts = [f"{name}{end}" for name in (ADDRESS, "localhost")]
+        sockets = " ".join(f"ws://{host}" for host in self.hosts)  # to some browsers not 'self'
+        self.headers = {name: value.format(sockets=sockets) for name, value in HEADERS.items()}
         self._files = {
             path: (files("jansen_env.web").joinpath(name).read_text("utf-8"), kind)
             for path, (name, kind) in FILES.items()
@@ -85,7 +92,7 @@ class Page:
         response = connection.respond(status, text)
         del response.headers["Content-Type"]
         response.headers["Content-Type"] = f"{kind}; charset=utf-8"
-        for name, value in HEADERS.items():
+        for name, value in self.headers.items():
             response.headers[name] = value
         return response
 
@@ -240,18 +247,13 @@ async def serve(session: Session, port: int, ready: Callable[[str], Any]) -> Non
     Raises:
         OSError: the port cannot be used.
     """
-    logger = logging.getLogger("jansen_env.play")
-    # What clients do wrong is theirs, and no page of traceback in the terminal; errors of the
-    # handler are ours.
-    logger.addFilter(lambda record: "handler failed" in str(record.msg))
     page: Page
-
     async with serve_sockets(
         lambda connection: page.converse(connection), ADDRESS, port,
         process_request=lambda connection, request: page.answer(connection, request),
         create_connection=_Limited, compression=None, server_header=None, max_size=MOST_BYTES,
-        open_timeout=5, close_timeout=2, logger=logger,
+        open_timeout=5, close_timeout=2, logger=LOGGER,
     ) as server:  # fmt: skip
         page = Page(session, server.sockets[0].getsockname()[1])
-        ready(f"http://{ADDRESS}:{server.sockets[0].getsockname()[1]}")
+        ready(f"http://{page.hosts[0]}")
         await page.run()

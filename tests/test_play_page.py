@@ -176,6 +176,26 @@ def test_pause_slow_motion_and_help_by_keys(window):
     assert soon(window, lambda: heard["state"]["score"]["time"] > time)
 
 
+def test_a_fall_is_reported_and_a_start_offered(window):
+    page, heard = window.page, window.heard
+    page.get_by_label("slope").fill("0.25")
+    page.get_by_label("terrain").select_option("stumps")
+    page.get_by_label("level").select_option("9")
+    page.keyboard.press("n")
+    page.keyboard.down("ArrowRight")
+    for _ in range(60):  # and pushed over, if need be
+        page.keyboard.press(" ")
+        page.wait_for_timeout(100)
+        if heard["state"]["fallen"]:
+            break
+    page.keyboard.up("ArrowRight")
+    reads(page, "message", "fallen")
+    assert "offered" in page.locator("#reset").get_attribute("class")
+    page.locator("#reset").click()
+    page.locator("#message").wait_for(state="hidden", timeout=WAIT)
+    assert not heard["state"]["fallen"]
+
+
 def test_a_gamepad_is_the_input(window):
     page = window.page
     page.evaluate(

@@ -191,6 +191,21 @@ def test_a_list_opens_and_what_is_refused_is_shown(window):
     assert (pixels(window)[300:600, 480:530] != before[300:600, 480:530]).any()
 
 
+def test_a_fall_is_shown_and_a_start_offered(window):
+    session, reset = window.session, widget(window, "reset")
+    session.seed = 1
+    press(window, pg.K_r)
+    session.steer(1.0)
+    before = pixels(window)
+    while not session.fallen and session.score().time < 10.0:
+        session.advance(0.02)
+    turns(window, 2)
+    assert "fallen" in session.message and reset.is_selected
+    assert (pixels(window)[400:500, 485:515] != before[400:500, 485:515]).any()
+    click(window, reset.rect.center)
+    assert not session.fallen and not reset.is_selected and session.message == ""
+
+
 def test_a_gamepad_is_the_input(window):
     def move(value):
         pg.event.post(pg.event.Event(pg.JOYAXISMOTION, axis=0, value=value))

@@ -29,7 +29,7 @@ FONTS: list[dict[str, str | int | float]] = [
     {"name": "noto_sans", "point_size": size, "style": "bold"} for size in (14, 20)
 ]
 COLOURS = {
-    "normal_bg": BUTTON, "hovered_bg": HOVER, "active_bg": HOVER, "selected_bg": "#cfe0f1",
+    "normal_bg": BUTTON, "hovered_bg": HOVER, "active_bg": HOVER, "selected_bg": "#f6c98a",
     "disabled_bg": "#f4f6f8", "dark_bg": CARD, "disabled_dark_bg": CARD,
     "normal_text": INK, "hovered_text": INK, "active_text": INK, "selected_text": INK,
     "disabled_text": "#a0a9b4", "normal_border": EDGE, "hovered_border": ACCENT,
@@ -93,7 +93,7 @@ class Panel:
         self._menus: dict[str, Any] = {}
         self._places: dict[str, pg.Rect] = {}
         self._help: Any = None
-        self._shown = -1  # the session's version
+        self._shown, self._fallen = -1, False  # the session's version; whether that is shown
         self._texts: dict[Any, str] = {}
         self._input_label, self._input = self._add_slider("input", "torque", -1.0, 1.0, 0.0)
         self._y += GAP
@@ -204,6 +204,10 @@ class Panel:
         if self._shown != session.version:
             self._shown = session.version
             self._refresh_choices()
+        if self._fallen != session.fallen:
+            self._fallen = session.fallen
+            reset = self._button("reset")
+            (reset.select if self._fallen else reset.unselect)()
         value = session.input
         full = session.full_torque if session.by_hand else session.top_speed
         text = f"{value * full:+.1f} N m" if session.by_hand else f"{value * full:+.2f} m/s"
@@ -233,8 +237,10 @@ class Panel:
         level = self._menus["level"]
         (level.disable if session.choices["terrain"] == "flat" else level.enable)()
         self._write(self._input_label, "torque" if session.by_hand else "speed command")
-        pause = next(button for button, name in self._buttons.items() if name == "pause")
-        pause.set_text("Go on" if session.paused else "Pause")
+        self._button("pause").set_text("Go on" if session.paused else "Pause")
+
+    def _button(self, name: str) -> Any:
+        return next(button for button, own in self._buttons.items() if own == name)
 
     def _write(self, label: Any, text: str) -> None:
         """Set a label's text where it is another one: setting it takes time."""

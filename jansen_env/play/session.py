@@ -10,7 +10,6 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -19,6 +18,7 @@ import numpy as np
 import jansen_env
 from jansen_env import pretrained
 from jansen_env.checks import finite, instance, shown, whole_number, within
+from jansen_env.play.frames import between, snapshot
 from jansen_env.play.score import Score, Tally
 from jansen_env.rendering import Frame
 from jansen_env.terrain_generators import GENERATORS, HIGHEST
@@ -144,9 +144,9 @@ class Session:
         if self._message:
             return self._message
         if self.stuck:
-            return "The simulation has diverged. Reset to start again."
+            return "The simulation has diverged. Start again."
         if self.fallen:
-            return "It has fallen. Reset to start again, or go on."
+            return "It has fallen. Start again (R), or go on."
         return ""
 
     def values(self) -> dict[str, float]:
@@ -271,7 +271,7 @@ class Session:
 
         Its command is None where no policy walks.
         """
-        return _between(*self._frames, self._due)
+        return between(*self._frames, self._due)
 
     def scene(self) -> dict[str, Any]:
         """The robot and its ground: arguments of :class:`jansen_env.rendering.Renderer`."""
@@ -335,7 +335,7 @@ class Session:
         self._tally = Tally(self._dt)
         self._final = None
         self.fallen, self.stuck, self._due = False, False, 0.0
-        self._frames = (self._picture(),) * 2
+        self._frames = (snapshot(self.env.frame(), self.command),) * 2
         self._message = ""
         self.version += 1
 
@@ -363,20 +363,12 @@ class Session:
             )
             self._fresh = False
         self._observation, _, _, self.stuck, info = self._env.step(action)
-        self._frames = self._frames[1], self._picture()
+        self._frames = self._frames[1], snapshot(self.env.frame(), self.command)
         if self._final is None:
             self._tally.add(info, self.env.weight)
         if (info["fallen"] or self.stuck) and self._final is None:
             self._final = self._tally.score(self.command)
             self.fallen = bool(info["fallen"])
-
-    def _picture(self) -> Frame:
-        """The frame as it is now: a copy, with a command only where there is one."""
-        frame: Frame = self.env.frame()
-        arrays = ("q", "contact_force", "contact_point", "contact_tangent", "slipping")
-        return replace(
-            frame, command=self.command, **{name: getattr(frame, name).copy() for name in arrays}
-        )
 
 
 def _check_level(choices: Mapping[str, Any]) -> None:
@@ -397,12 +389,3 @@ def _top_speed(env_id: str, policy: pretrained.PretrainedPolicy) -> float:
     """The fastest command that a policy was trained for, m/s."""
     arguments: Mapping[str, Any] = {**_defaults(env_id), **policy.env_kwargs}
     return float(np.max(np.abs(arguments["speed_command"])))
-
-
-def _between(before: Frame, now: Frame, share: float) -> Frame:
-    """The frame at a share (0 to 1) of the time from one to the next; forces are the next one's."""
-    moved = {
-        name: (1.0 - share) * getattr(before, name) + share * getattr(now, name)
-        for name in ("q", "contact_point", "time")
-    }
-    return replace(now, **moved)

@@ -157,6 +157,7 @@ function draw() {
   if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
   const text = notice || latest?.message || (scene?.paused ? "Paused" : "");
   $("message").hidden = text === "";
+  $("reset").classList.toggle("offered", Boolean(latest?.fallen));
   if ($("message").textContent !== text) $("message").textContent = text;
   if (!scene || !latest) return;
   ctx.setTransform(ratio, 0, 0, ratio, 0, 0);

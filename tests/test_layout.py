@@ -22,6 +22,7 @@ ORDER = (
     ["plants"],
     ["envs"],
     ["crank_profile", "policy_network", "paper", "pretrained", "web", "recording", "recorder"],
+    ["play"],
     ["agents"],
     ["benchmarks", "examples", "train"],
 )

@@ -73,13 +73,21 @@ def state_of(env: Any) -> dict[str, Any]:
         env: one robot's, of any task, under any wrappers, after its first reset.
 
     Returns:
+        :func:`state_of_frame` of it.
+    """
+    inner = env.unwrapped
+    return state_of_frame(inner.scene()["robot"], inner.frame())
+
+
+def state_of_frame(robot: Robot, frame: Frame) -> dict[str, Any]:
+    """Where a robot is in a frame, and what it does.
+
+    Returns:
         ``t`` s; ``x``, ``y`` m of the crank axis, ``pitch`` and ``crank`` rad; ``joints``: (legs,
         8, 2) m, world frame; ``toes``: for each ``contact`` (:data:`AIR`, :data:`GRIP` or
         :data:`SLIP`), ``point`` (2,) m where it touches and ``force`` (2,) N on it, world frame;
         ``command`` and ``speed`` in the scene's unit, ``torque`` N m.
     """
-    inner = env.unwrapped
-    robot, frame = inner.scene()["robot"], inner.frame()
     x, y, pitch, crank = (float(value) for value in frame.q)
     toes = zip(
         contacts(frame, robot.mass * GRAVITY).tolist(),

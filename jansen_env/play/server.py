@@ -1,0 +1,259 @@
+"""A session on a web page: served on 127.0.0.1 only, its state streamed over a websocket.
+
+There is one robot, whoever looks: all pages that are open show and change the same session, and a
+page that is loaded again finds it as it was. Time stands still while none is open.
+
+A page of another site may be open in the same browser and must not reach the robot. So the
+``Host`` of a request must be this server's own (a name of somebody else's that leads here is
+refused: DNS rebinding), an ``Origin`` too, and a socket is not opened without one. Only the files
+of :data:`FILES` are served. Messages are small, few and held to a schema
+(:mod:`jansen_env.play.messages`); who sends rubbish is told so, and after some of it cut off. A
+page that reads slowly gets fewer frames, none is kept for it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+from collections.abc import Callable
+from dataclasses import asdict
+from http import HTTPStatus
+from importlib.resources import files
+from time import monotonic
+from typing import Any
+
+from websockets.asyncio.server import ServerConnection
+from websockets.asyncio.server import serve as serve_sockets
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from jansen_env.play.messages import parse
+from jansen_env.play.session import BY_HAND, LARGEST_PUSH, PACES, SLIDERS, Session
+from jansen_env.web.geometry import scene_of, state_of_frame
+
+ADDRESS = "127.0.0.1"
+SOCKET = "/socket"
+FILES = {
+    "/": ("play.html", "text/html"),
+    "/play.css": ("play.css", "text/css"),
+    "/play.js": ("play.js", "text/javascript"),
+    "/scene.js": ("scene.js", "text/javascript"),
+}
+"""Of each path the file of ``jansen_env/web`` and its type."""
+HEADERS = {
+    "Cache-Control": "no-store",
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
+    "connect-src {sockets}; img-src 'self' data:; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+FRAME_TIME = 0.02  # s between two states that are sent
+MOST_BYTES = 1024  # of a message to the server
+MOST_SOCKETS, MOST_CONNECTIONS = 4, 32  # at once
+RATE, BURST = 200.0, 200.0  # messages a second of one socket, and how many at once
+MOST_ERRORS = 20  # messages of one socket that are refused before it is closed
+VIOLATION = 1008  # RFC 6455: policy violation
+LOGGER = logging.getLogger("jansen_env.play")
+# What clients do wrong is theirs, and no page of traceback in the terminal; errors of the handler
+# are ours.
+LOGGER.addFilter(lambda record: "handler failed" in str(record.msg))
+
+
+class Page:
+    """What is sent to all pages of a session, and what comes from them.
+
+    Args:
+        session: what they show. port: of the server.
+    """
+
+    def __init__(self, session: Session, port: int) -> None:
+        self.session = session
+        end = "" if port == 80 else f":{port}"  # browsers leave that one out
+        self.hosts = [f"{name}{end}" for name in (ADDRESS, "localhost")]
+        sockets = " ".join(f"ws://{host}" for host in self.hosts)  # to some browsers not 'self'
+        self.headers = {name: value.format(sockets=sockets) for name, value in HEADERS.items()}
+        self._files = {
+            path: (files("jansen_env.web").joinpath(name).read_text("utf-8"), kind)
+            for path, (name, kind) in FILES.items()
+        }
+        self._sockets = 0
+        self._fresh = asyncio.Event()  # set at the next state
+        self._scene, self._scene_version, self._state = "", -1, ""
+
+    def answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """The response to a request; None for a socket that may be opened."""
+        status, text, kind = self._answer(request)
+        if status == HTTPStatus.SWITCHING_PROTOCOLS:
+            return None
+        response = connection.respond(status, text)
+        del response.headers["Content-Type"]
+        response.headers["Content-Type"] = f"{kind}; charset=utf-8"
+        for name, value in self.headers.items():
+            response.headers[name] = value
+        return response
+
+    def _answer(self, request: Request) -> tuple[HTTPStatus, str, str]:
+        """Status, body and its type."""
+
+        def refused(status: HTTPStatus) -> tuple[HTTPStatus, str, str]:
+            return status, f"{status.value} {status.phrase}\n", "text/plain"
+
+        hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
+        if getattr(request, "method", "GET") != "GET":  # older versions refuse others themselves
+            return refused(HTTPStatus.METHOD_NOT_ALLOWED)
+        if len(hosts) != 1 or hosts[0] not in self.hosts:
+            return refused(HTTPStatus.MISDIRECTED_REQUEST)
+        if origins not in ([], [f"http://{hosts[0]}"]):
+            return refused(HTTPStatus.FORBIDDEN)
+        if request.path in self._files:
+            return HTTPStatus.OK, *self._files[request.path]
+        if request.path != SOCKET:
+            return refused(HTTPStatus.NOT_FOUND)
+        if not origins:
+            return refused(HTTPStatus.FORBIDDEN)
+        if self._sockets >= MOST_SOCKETS:
+            return refused(HTTPStatus.SERVICE_UNAVAILABLE)
+        return HTTPStatus.SWITCHING_PROTOCOLS, "", ""
+
+    async def converse(self, connection: ServerConnection) -> None:
+        """Send states to a page, and do what it asks for, until it goes."""
+        if self._sockets >= MOST_SOCKETS:  # several may have been let in at the same time
+            await connection.close(VIOLATION, "too many pages")
+            return
+        self._sockets += 1
+        sending = asyncio.create_task(self._send_states(connection))
+        try:
+            await self._listen(connection)
+        except ConnectionClosed:
+            pass
+        finally:
+            self._sockets -= 1
+            self.session.hold(0)  # a key may have been down
+            sending.cancel()
+
+    async def _listen(self, connection: ServerConnection) -> None:
+        """Do what messages ask for; ends when the connection is closed."""
+        errors, allowance, before = 0, BURST, monotonic()
+        async for message in connection:
+            now = monotonic()
+            allowance, before = min(allowance + RATE * (now - before), BURST) - 1.0, now
+            if allowance < 0.0:
+                return await connection.close(VIOLATION, "too many messages")
+            try:
+                action, arguments = parse(message)
+            except ValueError as error:
+                errors += 1
+                if errors > MOST_ERRORS:
+                    return await connection.close(VIOLATION, "too many errors")
+                await connection.send(json.dumps({"kind": "error", "message": str(error)}))
+            else:
+                self.session.attempt(action, **arguments)
+
+    async def _send_states(self, connection: ServerConnection) -> None:
+        """Send each state that there is when the one before has gone out."""
+        shown = None
+        try:
+            while True:
+                await self._fresh.wait()
+                if shown != self._scene_version:
+                    shown = self._scene_version
+                    await connection.send(self._scene)
+                await connection.send(self._state)
+        except ConnectionClosed:
+            pass
+
+    async def run(self) -> None:
+        """Let time pass while somebody looks."""
+        due = before = monotonic()
+        while True:
+            due = max(due + FRAME_TIME, monotonic())
+            await asyncio.sleep(due - monotonic())
+            now = monotonic()
+            if self._sockets:
+                self.session.advance(now - before)
+                self._publish()
+            before = now
+
+    def _publish(self) -> None:
+        """Have the present state sent, and the scene if it is another one."""
+        if self._scene_version != self.session.version:
+            self._scene_version = self.session.version
+            self._scene = json.dumps(scene_message(self.session), allow_nan=False)
+        self._state = json.dumps(state_message(self.session), allow_nan=False)
+        fresh, self._fresh = self._fresh, asyncio.Event()
+        fresh.set()
+
+
+def scene_message(session: Session) -> dict[str, Any]:
+    """What a page shows and what its user may choose, while nothing is changed."""
+    values = session.values()
+    return {
+        "kind": "scene",
+        "scene": scene_of(session.env),
+        "sliders": [
+            {"name": name, "value": values[name], **slider._asdict()}
+            for name, slider in SLIDERS.items()
+        ],
+        "choices": session.choices,
+        "options": session.options,
+        "environment": session.env_id,
+        "byHand": BY_HAND,
+        "topSpeed": session.top_speed,
+        "largestPush": LARGEST_PUSH,
+        "pace": session.pace,
+        "paces": PACES,
+        "paused": session.paused,
+    }
+
+
+def state_message(session: Session) -> dict[str, Any]:
+    """Where the robot is, and the score."""
+    return {
+        "kind": "state",
+        "state": state_of_frame(session.scene()["robot"], session.frame()),
+        "score": asdict(session.score()),
+        "input": session.input,
+        "message": session.message,
+        "fallen": session.fallen,
+    }
+
+
+class _Limited(ServerConnection):
+    """A connection that is cut off where there are too many."""
+
+    open_connections = 0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(transport)
+        _Limited.open_connections += 1
+        if _Limited.open_connections > MOST_CONNECTIONS:
+            self.transport.abort()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        _Limited.open_connections -= 1
+        super().connection_lost(exc)
+
+
+async def serve(session: Session, port: int, ready: Callable[[str], Any]) -> None:
+    """Serve a session until cancelled.
+
+    Args:
+        port: 0 for any that is free. ready: is given the address once it is served.
+
+    Raises:
+        OSError: the port cannot be used.
+    """
+    page: Page
+    async with serve_sockets(
+        lambda connection: page.converse(connection), ADDRESS, port,
+        process_request=lambda connection, request: page.answer(connection, request),
+        create_connection=_Limited, compression=None, server_header=None, max_size=MOST_BYTES,
+        open_timeout=5, close_timeout=2, logger=LOGGER,
+    ) as server:  # fmt: skip
+        page = Page(session, server.sockets[0].getsockname()[1])
+        ready(f"http://{page.hosts[0]}")
+        await page.run()

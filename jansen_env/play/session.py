@@ -1,0 +1,391 @@
+"""One robot in somebody's hands: what drives it, what is changed of it, and how time passes.
+
+No window and no page is in here; both show a :class:`Session` and pass on what their user does. The
+environment is used as anybody can use it: ``gym.make``, ``reset``, ``step`` and what
+``env.unwrapped`` documents.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+
+import jansen_env
+from jansen_env import pretrained
+from jansen_env.checks import finite, instance, shown, whole_number, within
+from jansen_env.play.frames import between, snapshot
+from jansen_env.play.score import Score, Tally
+from jansen_env.rendering import Frame
+from jansen_env.terrain_generators import GENERATORS, HIGHEST
+
+
+class Slider(NamedTuple):
+    """A number that may be changed while the robot walks, and its limits."""
+
+    label: str
+    unit: str
+    low: float
+    high: float
+
+
+SLIDERS = {
+    "friction": Slider("friction", "", 0.0, 1.2),
+    "payload": Slider("payload", "kg", 0.0, 6.0),
+    "restitution": Slider("restitution", "", 0.0, 0.9),
+    "tilt": Slider("slope", "rad", -0.25, 0.25),
+    "motor_strength": Slider("motor strength", "", 0.1, 1.5),
+}
+"""By their names in ``env.unwrapped.set_parameters``."""
+
+ENVIRONMENTS = ("JansenWalker-v0", "JansenWalkerRough-v0", "JansenWalkerHardcore-v0")
+FLAT = "flat"
+TERRAINS = (FLAT, *GENERATORS)
+ROBOTS = tuple(sorted(jansen_env.ROBOTS))
+PACES = (1.0, 0.5, 0.25, 0.1)  # of the robot's time in the user's
+BY_HAND = "torque"  # in place of a policy's name
+LARGEST_PUSH = 10.0  # N s
+LONGEST_GAP = 0.25  # s: after a longer pause of the program the robot's time has stood still
+MESSAGE_TIME = 6.0  # s for which a message is shown
+TORQUE_RATE, RELEASE_RATE = 3.0, 8.0  # 1/s, of the torque while a key is held, and after it
+FIRST_COMMAND = 0.25  # of the top speed, when a policy takes over
+COMMAND_RATE = 0.5  # 1/s, of a policy's command while a key is held
+
+
+class Session:
+    """A robot that is walked by hand, or by a policy whose speed command is given by hand.
+
+    Args:
+        env_id: one of :data:`ENVIRONMENTS`. robot: one of :data:`ROBOTS`, None for the
+            environment's own. terrain: one of :data:`TERRAINS`, None for the environment's own.
+        level: of terrains that have levels, 0 to 9. control: :data:`BY_HAND`, or the name of a
+            policy that the package has for the environment. seed: of the start and the ground.
+
+    Attributes:
+        input: -1 to 1: the action, or the policy's command as a share of :attr:`top_speed`, m/s.
+        settings: the sliders that have been moved. paused: whether time stands still; pace: how
+            fast it passes, one of :data:`PACES`. fallen: since the last start. stuck: the
+            simulation has diverged, only a reset helps. version: another one whenever anything
+            but the robot's state and the input has changed.
+
+    Raises:
+        ValueError: an argument is none of those allowed, or they do not go together.
+    """
+
+    def __init__(
+        self,
+        env_id: str = "JansenWalker-v0",
+        robot: str | None = None,
+        terrain: str | None = None,
+        level: int = 0,
+        control: str = BY_HAND,
+        seed: int = 0,
+    ) -> None:
+        if env_id not in ENVIRONMENTS:
+            raise ValueError(f"env is {shown(env_id)}, must be one of {list(ENVIRONMENTS)}")
+        self.env_id, self.controls = env_id, (BY_HAND, *pretrained.names(env_id))
+        self.seed = whole_number("seed", seed)
+        self.settings: dict[str, float] = {}
+        self.input, self.paused, self.pace = 0.0, False, PACES[0]
+        self.top_speed, self.version = 1.0, 0
+        self._held, self._returns = 0, False  # the keys; whether the torque goes back to 0
+        self._message, self._message_left = "", 0.0
+        self._env: Any = None
+        self._final: Score | None = None  # from a fall on
+        own = _defaults(env_id)
+        chosen = {
+            "robot": own["robot"] if robot is None else robot,
+            "terrain": own["terrain"] if terrain is None else terrain,
+            "level": level,
+            "control": control,
+        }
+        self._choices = chosen
+        _check_level(chosen)
+        self._build(chosen)
+
+    @property
+    def env(self) -> Any:
+        """The environment, unwrapped."""
+        return self._env.unwrapped
+
+    @property
+    def choices(self) -> dict[str, Any]:
+        """What has been chosen: "robot", "terrain", "level" and "control"."""
+        return dict(self._choices)
+
+    @property
+    def options(self) -> dict[str, tuple[Any, ...]]:
+        """What may be chosen, by the names of :attr:`choices`."""
+        levels = tuple(range(HIGHEST + 1))
+        return {"robot": ROBOTS, "terrain": TERRAINS, "level": levels, "control": self.controls}
+
+    @property
+    def by_hand(self) -> bool:
+        """Whether the input is the torque, and no policy walks."""
+        return self._policy is None
+
+    @property
+    def command(self) -> float | None:
+        """m/s, of the policy; None where there is none."""
+        return None if self.by_hand else self.input * self.top_speed
+
+    @property
+    def full_torque(self) -> float:
+        """N m, of the input 1 by hand."""
+        return float(self._frames[1].torque_limit)
+
+    @property
+    def message(self) -> str:
+        """What the user should know now; empty if nothing."""
+        if self._message:
+            return self._message
+        if self.stuck:
+            return "The simulation has diverged. Start again."
+        if self.fallen:
+            return "It has fallen. Start again (R), or go on."
+        return ""
+
+    def values(self) -> dict[str, float]:
+        """Where the sliders stand, by the names of :data:`SLIDERS`."""
+        present = self.env.get_state()["parameters"]
+        return {name: float(present[name]) for name in SLIDERS}
+
+    def score(self) -> Score:
+        """Of the walk since the last start; after a fall, of the walk until then."""
+        return self._final or self._tally.score(self.command)
+
+    # What the user does. Each raises ValueError for what cannot be, and then changes nothing.
+
+    def attempt(self, action: str, **arguments: Any) -> bool:
+        """Do one of the actions below by its name; what is refused becomes the message.
+
+        Returns:
+            Whether it was done.
+        """
+        try:
+            getattr(self, action)(**arguments)
+        except ValueError as error:
+            self.say(str(error))
+            return False
+        return True
+
+    def say(self, message: str) -> None:
+        """Show a message for a while."""
+        self._message, self._message_left = message, MESSAGE_TIME
+
+    def steer(self, value: float) -> None:
+        """Let the input be a number from -1 to 1."""
+        self.input = within("input", value, -1.0, 1.0)
+        self._held, self._returns = 0, False
+
+    def hold(self, direction: int) -> None:
+        """Hold the key to the right (1), to the left (-1), or none (0).
+
+        By hand the torque grows while a key is held and goes back to 0 after it; a policy's
+        command grows or falls, and stays.
+        """
+        if isinstance(direction, bool) or direction not in (-1, 0, 1):
+            raise ValueError(f"direction is {shown(direction)}, must be -1, 0 or 1")
+        if direction or self._held:
+            self._held, self._returns = int(direction), self.by_hand
+
+    def set(self, name: str, value: float) -> None:
+        """Move a slider."""
+        if name not in SLIDERS:
+            raise ValueError(f"slider is {shown(name)}, must be one of {list(SLIDERS)}")
+        slider = SLIDERS[name]
+        number = within(slider.label, value, slider.low, slider.high)
+        self.env.set_parameters(**{name: number})
+        self.settings[name] = number
+        self.version += 1
+
+    def choose(self, name: str, value: Any) -> None:
+        """Choose a robot, a terrain, a level or a control; all but a control start again."""
+        if name not in self._choices:
+            raise ValueError(f"choice is {shown(name)}, must be one of {list(self._choices)}")
+        chosen = {**self._choices, name: value}
+        if name == "level":
+            _check_level(chosen)
+        if name == "control":
+            self._take_control(self._policy_of(value, self._env), value)
+        else:
+            self._build(chosen)
+
+    def push(self, x: float, y: float) -> None:
+        """Push the chassis by an impulse, N s in x and y, no larger than :data:`LARGEST_PUSH`."""
+        impulse = finite("x", x), finite("y", y)
+        if math.hypot(*impulse) > LARGEST_PUSH * (1.0 + 1e-9):
+            raise ValueError(f"push is {impulse} N s, must be no larger than {LARGEST_PUSH:g}")
+        self.env.push(impulse)
+
+    def pause(self, value: bool) -> None:
+        """Let time stand still, or go on."""
+        instance("pause", value, bool)
+        self.paused = value
+        self.version += 1
+
+    def slow(self, value: float) -> None:
+        """Let time pass at one of :data:`PACES`."""
+        if value not in PACES or isinstance(value, bool):
+            raise ValueError(f"pace is {shown(value)}, must be one of {list(PACES)}")
+        self.pace = float(value)
+        self.version += 1
+
+    def reset(self) -> None:
+        """Start again at rest: from the same place on the same ground."""
+        self._start()
+
+    def another(self) -> None:
+        """Start with another crank angle, and on another ground where it is drawn."""
+        self.seed += 1
+        self._start()
+
+    # What happens.
+
+    def advance(self, seconds: float) -> int:
+        """Let the user's time pass: the robot takes the steps that are due.
+
+        Returns:
+            Steps taken.
+        """
+        seconds = min(max(seconds, 0.0), LONGEST_GAP)
+        self._message_left -= seconds
+        if self._message_left <= 0.0:
+            self._message = ""
+        self._move_input(seconds)
+        if self.paused or self.stuck:
+            return 0
+        self._due += seconds * self.pace / self._dt
+        steps = int(self._due)
+        self._due -= steps
+        for _ in range(steps):
+            self._step()
+        return steps
+
+    def frame(self) -> Frame:
+        """What is to be drawn: between the last two steps, so that slow motion is smooth.
+
+        Its command is None where no policy walks.
+        """
+        return between(*self._frames, self._due)
+
+    def scene(self) -> dict[str, Any]:
+        """The robot and its ground: arguments of :class:`jansen_env.rendering.Renderer`."""
+        found: dict[str, Any] = self.env.scene()
+        return found
+
+    def close(self) -> None:
+        """Let go of the environment."""
+        self._env.close()
+
+    def _build(self, choices: dict[str, Any]) -> None:
+        """Make the environment of these choices, with the settings there are, and start it."""
+        for name in ("robot", "terrain"):
+            if not isinstance(choices[name], str) or choices[name] not in self.options[name]:
+                allowed = list(self.options[name])
+                raise ValueError(f"{name} is {shown(choices[name])}, must be one of {allowed}")
+        level = whole_number("level", choices["level"], HIGHEST)
+        env: Any = gym.make(
+            self.env_id, max_episode_steps=-1, disable_env_checker=True, robot=choices["robot"],
+            terrain=choices["terrain"], terrain_level=0 if choices["terrain"] == FLAT else level,
+            randomize=None, terminate_when_fallen=False,
+        )  # fmt: skip
+        try:
+            if self.settings:
+                env.unwrapped.set_parameters(**self.settings)
+            policy = self._policy_of(choices["control"], env)
+        except ValueError:
+            env.close()
+            raise
+        if self._env is not None:
+            self._env.close()
+        self._take_control(policy, choices["control"])
+        self._env, self._choices, self._dt = env, choices, env.unwrapped.control_dt
+        self._start()
+
+    def _policy_of(self, control: Any, env: Any) -> pretrained.PretrainedPolicy | None:
+        """The policy of this name for an environment; None for the torque by hand."""
+        if not isinstance(control, str) or control not in self.controls:
+            raise ValueError(f"control is {shown(control)}, must be one of {list(self.controls)}")
+        return None if control == BY_HAND else pretrained.load(self.env_id, control).on(env)
+
+    def _take_control(self, policy: pretrained.PretrainedPolicy | None, name: str) -> None:
+        """Let a policy walk, or None: the hand."""
+        if self._choices["control"] != name or self._env is None:
+            self.input = 0.0 if policy is None else FIRST_COMMAND
+            self._held, self._returns = 0, False
+        self._policy, self._memory, self._fresh = policy, None, True
+        self._choices["control"] = name
+        if policy is not None:
+            self.top_speed = _top_speed(self.env_id, policy)
+        self.version += 1
+
+    def _start(self) -> None:
+        """Begin a walk."""
+        self._observation, _ = self._env.reset(
+            seed=self.seed, options={"speed_command": self.command or 0.0}
+        )
+        self._memory, self._fresh = None, True
+        if self.by_hand:
+            self.input, self._held = 0.0, 0
+        self._tally = Tally(self._dt)
+        self._final = None
+        self.fallen, self.stuck, self._due = False, False, 0.0
+        self._frames = (snapshot(self.env.frame(), self.command),) * 2
+        self._message = ""
+        self.version += 1
+
+    def _move_input(self, seconds: float) -> None:
+        """Let held keys move the input."""
+        if self._held and not self.by_hand:
+            moved = self.input + self._held * COMMAND_RATE * seconds
+            self.input = min(max(moved, -1.0), 1.0)
+        elif self._held or self._returns:
+            step = seconds * (TORQUE_RATE if self._held else RELEASE_RATE)
+            # A key against the torque there is begins at 0.
+            start = self.input if self.input * self._held >= 0.0 else 0.0
+            self.input = start + min(max(self._held - start, -step), step)
+            self._returns = bool(self._held) or self.input != 0.0
+
+    def _step(self) -> None:
+        """Take one step."""
+        if self.stuck:
+            return
+        action = np.array([self.input], np.float32)
+        if self._policy is not None:
+            self.env.set_parameters(command=self.command)
+            action, self._memory = self._policy.predict(
+                self._observation, self._memory, self._fresh
+            )
+            self._fresh = False
+        self._observation, _, _, self.stuck, info = self._env.step(action)
+        self._frames = self._frames[1], snapshot(self.env.frame(), self.command)
+        if self._final is None:
+            self._tally.add(info, self.env.weight)
+        if (info["fallen"] or self.stuck) and self._final is None:
+            self._final = self._tally.score(self.command)
+            self.fallen = bool(info["fallen"])
+
+
+def _check_level(choices: Mapping[str, Any]) -> None:
+    """Raises ValueError for a level of ground that has none."""
+    if choices["terrain"] == FLAT and choices["level"] != 0:
+        raise ValueError(f"level is {shown(choices['level'])}, must be 0 on flat ground")
+
+
+def _defaults(env_id: str) -> dict[str, Any]:
+    """The arguments of an environment when none are given."""
+    made: Any = gym.make(env_id, disable_env_checker=True)
+    found = inspect.signature(type(made.unwrapped)).parameters
+    made.close()
+    return {name: parameter.default for name, parameter in found.items()}
+
+
+def _top_speed(env_id: str, policy: pretrained.PretrainedPolicy) -> float:
+    """The fastest command that a policy was trained for, m/s."""
+    arguments: Mapping[str, Any] = {**_defaults(env_id), **policy.env_kwargs}
+    return float(np.max(np.abs(arguments["speed_command"])))

@@ -1,0 +1,359 @@
+// The page of `python -m jansen_env.play --web`: shows a session and passes on what its user does.
+//
+// The server sends scenes ({kind: "scene", ...}: what is drawn and what may be chosen), states
+// ({kind: "state", ...}, 50 a second) and errors; messages to it are those of
+// jansen_env/play/messages.py. No physics in here.
+
+import { drawScene, followingView, THEMES } from "./scene.js";
+
+const RECONNECT = [0.5, 1, 2, 4, 8]; // s until the next attempt, the last one again and again
+const DEAD_ZONE = 0.12; // of a gamepad's stick
+const CLICK_PUSH = 3; // N s
+const PUSH_PER_PIXEL = 0.03; // N s of a drag
+const CLICK = 6; // pixels, up to which a drag is a click
+
+const $ = (id) => document.getElementById(id);
+const canvas = $("picture");
+const ctx = canvas.getContext("2d");
+const dark = matchMedia("(prefers-color-scheme: dark)");
+
+let socket = null;
+let attempts = 0;
+let scene = null; // the last messages of either kind
+let latest = null;
+let notice = ""; // of the page itself
+let drag = null; // {x, y, toX, toY}, pixels, while the pointer is down
+let stick = 0; // where the gamepad's was
+let stickButton = false;
+const waiting = new Map(); // of each slider its newest value: at most one message a picture
+
+// The connection.
+
+function connect() {
+  socket = new WebSocket(`ws://${location.host}/socket`);
+  socket.addEventListener("open", () => {
+    attempts = 0;
+    notice = "";
+  });
+  socket.addEventListener("message", (event) => receive(JSON.parse(event.data)));
+  socket.addEventListener("close", () => {
+    const wait = RECONNECT[Math.min(attempts, RECONNECT.length - 1)];
+    attempts += 1;
+    notice = "No connection to the program. Trying again …";
+    setTimeout(connect, 1000 * wait);
+  });
+}
+
+function send(message) {
+  if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+}
+
+/** Send a value that may change many times between two pictures: only the last one counts. */
+function sendSoon(message) {
+  waiting.set(message.do + (message.name ?? ""), message);
+}
+
+function receive(message) {
+  if (message.kind === "state") {
+    latest = message;
+  } else if (message.kind === "scene") {
+    scene = message;
+    showPanel();
+  } else {
+    console.warn(message.message);
+  }
+}
+
+// The panel.
+
+function showPanel() {
+  if (!$("choices").children.length) buildPanel();
+  for (const { name, value } of scene.sliders) {
+    const slider = $(name);
+    if (document.activeElement !== slider || !slider.matches(":active")) slider.value = value;
+    showValue(name);
+  }
+  for (const [name, value] of Object.entries(scene.choices)) $(name).value = value;
+  $("level").disabled = scene.choices.terrain === "flat";
+  $("pace").value = scene.pace;
+  $("pause").setAttribute("aria-pressed", scene.paused);
+  $("input-label").textContent = byHand() ? "torque" : "speed command";
+  $("help-input").textContent = byHand()
+    ? "turn the crank: the longer, the stronger"
+    : "faster forwards or backwards";
+}
+
+function buildPanel() {
+  for (const [name, values] of Object.entries(scene.options))
+    addChoice(name, values, (text) => {
+      const value = name === "level" ? Number(text) : text;
+      send({ do: "choose", name, value });
+    });
+  addChoice("pace", scene.paces, (text) => send({ do: "slow", value: Number(text) }));
+  for (const { name, label, low, high } of scene.sliders) {
+    const row = element("div", { className: "slider" });
+    const slider = element("input", { id: name, type: "range", min: low, max: high, step: 0.01 });
+    slider.addEventListener("pointerup", letGo);
+    slider.addEventListener("input", () => {
+      showValue(name);
+      sendSoon({ do: "set", name, value: Number(slider.value) });
+    });
+    row.append(
+      element("label", { htmlFor: name, textContent: label }),
+      element("output", { id: `${name}-value`, htmlFor: name }),
+      slider,
+    );
+    $("sliders").append(row);
+  }
+}
+
+/** After the pointer has moved a slider, arrow keys are the robot's again. */
+function letGo(event) {
+  event.target.blur();
+}
+
+function addChoice(name, values, choose) {
+  const select = element("select", { id: name });
+  for (const value of values)
+    select.append(
+      element("option", { value, textContent: name === "pace" ? paceOf(value) : value }),
+    );
+  select.addEventListener("change", () => {
+    choose(select.value);
+    select.blur();
+  });
+  const choice = element("div", {});
+  choice.append(element("label", { htmlFor: name, textContent: name }), select);
+  $("choices").append(choice);
+}
+
+function element(tag, properties) {
+  return Object.assign(document.createElement(tag), properties);
+}
+
+function showValue(name) {
+  const { unit } = scene.sliders.find((slider) => slider.name === name);
+  $(`${name}-value`).textContent = `${Number($(name).value).toFixed(2)} ${unit}`.trim();
+}
+
+function paceOf(value) {
+  return value === 1 ? "real time" : `1/${Math.round(1 / value)}`;
+}
+
+function byHand() {
+  return scene.choices.control === scene.byHand;
+}
+
+// What is shown at each picture.
+
+function draw() {
+  requestAnimationFrame(draw);
+  readGamepad();
+  for (const message of waiting.values()) send(message);
+  waiting.clear();
+  const ratio = window.devicePixelRatio || 1;
+  const size = { width: canvas.clientWidth, height: canvas.clientHeight };
+  const [width, height] = [size.width, size.height].map((length) => Math.round(length * ratio));
+  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+  const text = notice || latest?.message || (scene?.paused ? "Paused" : "");
+  $("message").hidden = text === "";
+  $("reset").classList.toggle("offered", Boolean(latest?.fallen));
+  if ($("message").textContent !== text) $("message").textContent = text;
+  if (!scene || !latest) return;
+  ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
+  const theme = dark.matches ? THEMES.dark : THEMES.light;
+  const view = followingView(size, scene.scene, latest.state);
+  drawScene(ctx, size, scene.scene, latest.state, view, { theme });
+  if (drag) drawPush(theme);
+  showScore();
+  showInput();
+}
+
+function showScore() {
+  const { distance, slip_per_metre, cost_of_transport, speed, time } = latest.score;
+  const ratio = (value, unit) => (value === null ? "–" : `${value.toFixed(2)}${unit}`);
+  const texts = {
+    distance: `${distance.toFixed(2)} m`,
+    slip: ratio(slip_per_metre, " m/m"),
+    cost: ratio(cost_of_transport, ""),
+    speed: `${speed.toFixed(2).replace("-0.00", "0.00")} m/s`,
+    time: `${time.toFixed(1)} s`,
+  };
+  for (const [id, text] of Object.entries(texts))
+    if ($(id).textContent !== text) $(id).textContent = text;
+}
+
+function showInput() {
+  const value = latest.input;
+  if (!$("input").matches(":active") && !waiting.has("steer")) $("input").value = value;
+  const text = byHand()
+    ? `${(value * scene.scene.torqueLimit).toFixed(1)} N m`
+    : `${(value * scene.topSpeed).toFixed(2)} m/s`;
+  if ($("input-value").textContent !== text) $("input-value").textContent = text;
+}
+
+function drawPush(theme) {
+  const { x, y, toX, toY } = drag;
+  const length = Math.hypot(toX - x, toY - y);
+  if (length < CLICK) return;
+  ctx.strokeStyle = ctx.fillStyle = `rgb(${theme.crank.join(",")})`;
+  ctx.lineWidth = 4;
+  ctx.beginPath();
+  ctx.moveTo(x, y);
+  ctx.lineTo(toX, toY);
+  ctx.stroke();
+  const [ux, uy] = [(toX - x) / length, (toY - y) / length];
+  ctx.beginPath();
+  ctx.moveTo(toX + 12 * ux, toY + 12 * uy);
+  ctx.lineTo(toX - 7 * uy, toY + 7 * ux);
+  ctx.lineTo(toX + 7 * uy, toY - 7 * ux);
+  ctx.fill();
+  const size = Math.min(PUSH_PER_PIXEL * length, scene.largestPush);
+  ctx.fillStyle = `rgb(${theme.paper.join(",")})`;
+  ctx.fillRect(x - 30, y + 10, 60, 22);
+  ctx.fillStyle = `rgb(${theme.ink.join(",")})`;
+  ctx.font = "14px system-ui, sans-serif";
+  ctx.textAlign = "center";
+  ctx.textBaseline = "middle";
+  ctx.fillText(`${size.toFixed(1)} N s`, x, y + 21);
+}
+
+// Keys, pointers and the gamepad.
+
+const held = { ArrowLeft: false, ArrowRight: false };
+
+function holdKeys() {
+  send({ do: "hold", direction: Number(held.ArrowRight) - Number(held.ArrowLeft) });
+}
+
+function slower() {
+  const at = scene.paces.indexOf(scene.pace);
+  send({ do: "slow", value: scene.paces[(at + 1) % scene.paces.length] });
+}
+
+const KEYS = {
+  " ": () => send({ do: "push", x: CLICK_PUSH, y: 0 }),
+  r: () => send({ do: "reset" }),
+  n: () => send({ do: "another" }),
+  p: () => send({ do: "pause", value: !scene.paused }),
+  s: slower,
+  h: toggleHelp,
+  "?": toggleHelp,
+};
+
+function toggleHelp() {
+  if ($("help").open) $("help").close();
+  else $("help").show();
+}
+
+/** Whether a key is the focused element's own: arrows of a slider, letters of a list. */
+function taken(event) {
+  const { tagName } = event.target;
+  if (tagName === "SELECT" || tagName === "INPUT") return event.key in held || tagName === "SELECT";
+  return tagName === "BUTTON" && event.key === " ";
+}
+
+addEventListener("keydown", (event) => {
+  if (!scene || event.ctrlKey || event.metaKey || event.altKey || taken(event)) return;
+  const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+  if (key in held) {
+    if (!held[key]) {
+      held[key] = true;
+      holdKeys();
+    }
+  } else if (KEYS[key]) {
+    if (!event.repeat) KEYS[key]();
+  } else {
+    return;
+  }
+  if (key !== "h" && key !== "?") $("help").close();
+  event.preventDefault();
+});
+
+addEventListener("keyup", (event) => {
+  if (!held[event.key]) return;
+  held[event.key] = false;
+  holdKeys();
+});
+
+for (const [id, key] of [
+  ["left", "ArrowLeft"],
+  ["right", "ArrowRight"],
+]) {
+  const hold = (down) => () => {
+    if (held[key] === down) return;
+    held[key] = down;
+    holdKeys();
+  };
+  $(id).addEventListener("pointerdown", hold(true));
+  for (const end of ["pointerup", "pointercancel", "pointerleave"])
+    $(id).addEventListener(end, hold(false));
+}
+
+addEventListener("blur", () => {
+  if (!held.ArrowLeft && !held.ArrowRight) return;
+  held.ArrowLeft = held.ArrowRight = false;
+  holdKeys();
+});
+
+canvas.addEventListener("pointerdown", (event) => {
+  if (event.button !== 0) return;
+  canvas.setPointerCapture(event.pointerId);
+  const { offsetX: x, offsetY: y } = event;
+  drag = { x, y, toX: x, toY: y };
+  $("help").close();
+  if (document.activeElement !== document.body) document.activeElement.blur();
+});
+
+canvas.addEventListener("pointermove", (event) => {
+  if (drag) Object.assign(drag, { toX: event.offsetX, toY: event.offsetY });
+});
+
+canvas.addEventListener("pointercancel", () => {
+  drag = null;
+});
+
+canvas.addEventListener("pointerup", () => {
+  if (drag && scene && latest) push(drag);
+  drag = null;
+});
+
+/** A drag pushes along itself, a click towards the crank axis. */
+function push({ x, y, toX, toY }) {
+  const size = { width: canvas.clientWidth, height: canvas.clientHeight };
+  const view = followingView(size, scene.scene, latest.state);
+  const isClick = Math.hypot(toX - x, toY - y) < CLICK;
+  const axisY = 0.5 * size.height - (latest.state.y - view.y) * view.scale;
+  const [dx, dy] = isClick ? [0.5 * size.width - x, axisY - y] : [toX - x, toY - y];
+  const length = Math.hypot(dx, dy);
+  if (length === 0) return;
+  const impulse = isClick ? CLICK_PUSH : Math.min(PUSH_PER_PIXEL * length, scene.largestPush);
+  send({ do: "push", x: (impulse * dx) / length, y: (-impulse * dy) / length });
+}
+
+function readGamepad() {
+  const pad = navigator.getGamepads?.().find((one) => one?.connected);
+  if (!pad) return;
+  const value = Math.abs(pad.axes[0]) < DEAD_ZONE ? 0 : Math.min(Math.max(pad.axes[0], -1), 1);
+  if (value !== stick) {
+    stick = value;
+    sendSoon({ do: "steer", value });
+  }
+  const pressed = Boolean(pad.buttons[0]?.pressed);
+  if (pressed && !stickButton) send({ do: "reset" });
+  stickButton = pressed;
+}
+
+$("input").addEventListener("pointerup", letGo);
+$("input").addEventListener("input", () => {
+  sendSoon({ do: "steer", value: Number($("input").value) });
+});
+$("reset").addEventListener("click", KEYS.r);
+$("another").addEventListener("click", KEYS.n);
+$("pause").addEventListener("click", () => scene && KEYS.p());
+$("show-help").addEventListener("click", toggleHelp);
+$("panel").addEventListener("submit", (event) => event.preventDefault());
+
+$("help").show();
+connect();
+draw();

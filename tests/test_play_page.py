@@ -1,0 +1,259 @@
+"""The page to walk a robot by hand, in a real Chromium against a real server."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+
+import pytest
+
+pytest.importorskip("websockets", reason="the extra 'play' is not installed")
+
+from browser import browser, open_window  # noqa: F401  fixtures
+
+WAIT = 10_000  # ms
+
+
+def start(port="0"):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "jansen_env.play", "--web", "--port", port],
+        stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    return process, process.stdout.readline().strip()
+
+
+def stop(process):
+    process.terminate()
+    process.wait(10)
+
+
+@pytest.fixture
+def window(open_window):  # noqa: F811
+    """The page of a new session, which keeps the last message of each kind; ``heard`` has them."""
+    process, address = start()
+    found = open_window(viewport={"width": 1200, "height": 720}, reduced_motion="reduce")
+    heard = {}
+
+    def keep(frame):
+        message = json.loads(frame)
+        heard[message["kind"]] = message
+
+    found.page.on("websocket", lambda socket: socket.on("framereceived", keep))
+    found.page.goto(address)
+    found.heard, found.process, found.address = heard, process, address
+    found.page.locator("#terrain").wait_for(timeout=WAIT)
+    yield found
+    stop(found.process)
+
+
+def reads(page, name, pattern):
+    """Wait until an element's text matches a pattern."""
+    from playwright.sync_api import expect
+
+    expect(page.locator(f"#{name}")).to_have_text(re.compile(pattern), timeout=WAIT)
+
+
+def pixels(page):
+    """What the canvas shows."""
+    return page.locator("#picture").screenshot()
+
+
+def settings(window, name):
+    return next(s["value"] for s in window.heard["scene"]["sliders"] if s["name"] == name)
+
+
+def soon(window, condition):
+    """Wait until something is the case here, while the page goes on."""
+    for _ in range(WAIT // 20):
+        if condition():
+            return True
+        window.page.wait_for_timeout(20)
+    return False
+
+
+def test_keys_turn_the_crank_and_the_score_follows(window):
+    page, heard = window.page, window.heard
+    assert page.locator("#help").is_visible()
+    before = pixels(page)
+    page.keyboard.down("ArrowRight")
+    reads(page, "input-value", r"^20\.0 N m$")
+    assert not page.locator("#help").is_visible()
+    assert soon(window, lambda: heard["state"]["state"]["torque"] == 20.0)
+    reads(page, "distance", r"^(0\.[1-9]|[1-9])")
+    reads(page, "slip", r"m/m$")
+    page.keyboard.up("ArrowRight")
+    reads(page, "input-value", r"^0\.0 N m$")
+    assert pixels(page) != before
+    page.keyboard.down("ArrowLeft")
+    reads(page, "input-value", r"^-\d")
+    page.keyboard.up("ArrowLeft")
+    page.keyboard.press("r")
+    reads(page, "time", r"^0\.\d s$")
+
+
+def test_sliders_change_the_robots_world(window):
+    page = window.page
+    page.keyboard.press("h")
+    box = page.locator("#friction").bounding_box()
+    x, y = box["x"] + 0.25 * box["width"], box["y"] + 0.5 * box["height"]
+    page.mouse.click(x, y)
+    assert soon(window, lambda: settings(window, "friction") == pytest.approx(0.3, abs=0.08))
+    shown = f"{settings(window, 'friction'):.2f}"
+    reads(page, "friction-value", f"^{shown}$")
+    page.keyboard.down("ArrowRight")  # the robot's again
+    reads(page, "input-value", r"^20\.0 N m$")
+    page.keyboard.up("ArrowRight")
+    assert page.locator("#friction").input_value() == f"{float(shown):g}"
+    page.get_by_label("payload", exact=True).focus()  # and a slider's with the focus on it
+    page.keyboard.press("ArrowRight")
+    assert soon(window, lambda: settings(window, "payload") == pytest.approx(0.01))
+    page.get_by_label("slope", exact=True).fill("-0.1")
+    assert soon(window, lambda: settings(window, "tilt") == pytest.approx(-0.1))
+
+
+def test_a_policy_on_stairs_and_what_is_refused(window):
+    page, heard = window.page, window.heard
+    page.get_by_label("control", exact=True).select_option("ppo")
+    page.get_by_label("terrain", exact=True).select_option("stairs")
+    page.get_by_label("level", exact=True).select_option("2")
+    assert soon(window, lambda: heard["scene"]["choices"]["level"] == 2)
+    reads(page, "input-value", r"^0\.20 m/s$")
+    reads(page, "distance", r"^(0\.[1-9]|[1-9])")
+    page.get_by_label("restitution", exact=True).fill("0.5")
+    assert soon(window, lambda: settings(window, "restitution") == 0.5)
+    page.get_by_label("robot", exact=True).select_option("built")
+    reads(page, "message", "restitution")
+    assert heard["scene"]["choices"]["robot"] == "paper"
+    page.get_by_label("robot", exact=True).select_option("holy")
+    assert soon(window, lambda: heard["scene"]["choices"]["robot"] == "holy")
+
+
+def test_a_click_and_a_drag_push_the_robot(window):
+    page, heard = window.page, window.heard
+    box = page.locator("#picture").bounding_box()
+    speeds = []
+
+    def fastest():
+        speeds.append(heard["state"]["state"]["speed"])
+        return max(speeds) > 0.1
+
+    page.mouse.click(box["x"] + 40, box["y"] + box["height"] / 2)
+    assert soon(window, fastest), "the click has not pushed it forwards"
+    page.keyboard.press("r")
+    page.wait_for_timeout(300)
+    speeds.clear()
+    page.mouse.move(box["x"] + 400, box["y"] + 300)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 150, box["y"] + 300, steps=5)
+    page.mouse.up()
+
+    def backwards():
+        speeds.append(heard["state"]["state"]["speed"])
+        return min(speeds) < -0.1
+
+    assert soon(window, backwards), "the drag has not pushed it backwards"
+    assert not page.locator("#help").is_visible()
+
+
+def test_pause_slow_motion_and_help_by_keys(window):
+    page, heard = window.page, window.heard
+    page.keyboard.press("s")
+    assert soon(window, lambda: heard["scene"]["pace"] == 0.5)
+    assert page.get_by_label("pace", exact=True).input_value() == "0.5"
+    page.keyboard.press("p")
+    reads(page, "message", "^Paused$")
+    assert page.locator("#pause").get_attribute("aria-pressed") == "true"
+    time = heard["state"]["score"]["time"]
+    page.wait_for_timeout(300)
+    assert heard["state"]["score"]["time"] == time
+    page.keyboard.press("?")
+    assert page.locator("#help").is_visible()
+    page.keyboard.press("Enter")  # "Walk"
+    assert not page.locator("#help").is_visible()
+    page.keyboard.press("p")
+    assert soon(window, lambda: heard["state"]["score"]["time"] > time)
+
+
+def test_a_fall_is_reported_and_a_start_offered(window):
+    page, heard = window.page, window.heard
+    page.get_by_label("slope").fill("0.25")
+    page.get_by_label("terrain").select_option("stumps")
+    page.get_by_label("level").select_option("9")
+    page.keyboard.press("n")
+    page.keyboard.down("ArrowRight")
+    for _ in range(60):  # and pushed over, if need be
+        page.keyboard.press(" ")
+        page.wait_for_timeout(100)
+        if heard["state"]["fallen"]:
+            break
+    page.keyboard.up("ArrowRight")
+    reads(page, "message", "fallen")
+    assert "offered" in page.locator("#reset").get_attribute("class")
+    page.locator("#reset").click()
+    page.locator("#message").wait_for(state="hidden", timeout=WAIT)
+    assert not heard["state"]["fallen"]
+
+
+def test_a_gamepad_is_the_input(window):
+    page = window.page
+    page.evaluate(
+        """() => {
+          const pad = { connected: true, axes: [-0.5, 0], buttons: [{ pressed: false }] };
+          window.pad = pad;
+          navigator.getGamepads = () => [null, pad];
+        }"""
+    )
+    reads(page, "input-value", r"^-10\.0 N m$")
+    page.evaluate("window.pad.axes = [0.05, 0]")
+    reads(page, "input-value", r"^0\.0 N m$")
+    page.wait_for_timeout(300)
+    page.evaluate("window.pad.buttons = [{ pressed: true }]")
+    reads(page, "time", r"^0\.[01] s$")
+
+
+def test_it_comes_back_when_the_program_does(window):
+    page = window.page
+    stop(window.process)
+    reads(page, "message", "No connection")
+    window.process, _ = start(window.address.rsplit(":", 1)[1])
+    page.locator("#message").wait_for(state="hidden", timeout=2 * WAIT)
+    page.keyboard.press("r")
+    reads(page, "time", r"^0\.\d s$")
+    assert all("WebSocket" in error for error in window.errors)  # what the browser says of that
+    window.errors.clear()
+
+
+def test_on_a_phone_in_the_dark_by_touch(open_window):  # noqa: F811
+    process, address = start()
+    try:
+        found = open_window(
+            viewport={"width": 360, "height": 740}, color_scheme="dark", has_touch=True,
+            is_mobile=True, device_scale_factor=2,
+        )  # fmt: skip
+        page = found.page
+        page.goto(address)
+        page.locator("#begin").tap()
+        reads(page, "time", r"^0\.[5-9]|^[1-9]")
+        assert page.evaluate("document.documentElement.scrollWidth") == 360
+        sky = page.evaluate(
+            "[...document.getElementById('picture').getContext('2d').getImageData(3, 3, 1, 1).data]"
+        )
+        assert max(sky[:3]) < 60
+        page.locator("#right").dispatch_event("pointerdown")
+        reads(page, "input-value", r"^20\.0 N m$")
+        page.locator("#right").dispatch_event("pointerup")
+        reads(page, "input-value", r"^0\.0 N m$")
+        assert all(url.startswith(address) for url in found.requests)
+    finally:
+        stop(process)
+
+
+def test_everything_has_a_name(window):
+    """Each control can be found by what it is called."""
+    names = window.page.evaluate(
+        """() => [...document.querySelectorAll("button, select, input, canvas")].map((one) =>
+          one.getAttribute("aria-label") || one.labels?.[0]?.textContent || one.textContent)"""
+    )
+    assert len(names) > 15 and all(name.strip() for name in names)

@@ -197,7 +197,9 @@ def _product(graph: Graph, x: tuple[str, str], y: tuple[str, str]) -> tuple[str,
 
 
 def _layer(graph: Graph, layer: Layer, values: str) -> str:
-    values = graph.add("Gemm", values, layer.weight, layer.bias, transB=1)
+    # No Gemm, nor Add: onnxruntime before 1.18 fuses them with what follows, for which it has no
+    # float64.
+    values = graph.add("Sub", graph.add("MatMul", values, layer.weight.T), -layer.bias)
     if layer.activation is None:
         return values
     if layer.activation == "elu":  # not of float64 in onnxruntime

@@ -8,6 +8,10 @@ PRELUDE = """\
 
 #include <math.h>
 
+#if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
+#error "-ffast-math leaves out the test for numbers that are not finite"
+#endif
+
 #define OBSERVATIONS {upper}_OBSERVATIONS
 
 #ifdef {upper}_SINGLE_PRECISION
@@ -54,7 +58,7 @@ static void linear_{kind}(const {kind} *weight, const {kind} *bias, int units, i
     int i, j;
 
     for (i = 0; i < units; ++i) {{
-        real sum = bias[i];
+        real sum = (real)bias[i];
         for (j = 0; j < inputs; ++j) {{
             sum += (real)weight[i * inputs + j] * in[j];
         }}
@@ -83,7 +87,7 @@ CRANK_SPEED = """\
 /* The share of the torque limit: towards a crank speed that the action chooses. */
 static real torque_share(const float *observation, real action)
 {{
-    real command = observation[{command}], speed = observation[{speed}];
+    real command = (real)observation[{command}], speed = (real)observation[{speed}];
     real target = command * {per_metre} * POW({span}, action);
 
     return clip({gain} * (target - speed) / {limit}, R(1.0));
@@ -94,17 +98,18 @@ RESIDUAL = """\
 /* The share of the torque limit: a crank-speed profile's, to which the action adds. */
 static real torque_share(const float *observation, real action)
 {{
-    real command = observation[{command}], sign = command < R(0.0) ? R(-1.0) : R(1.0);
-    real size = sign * command, last = profile_commands[{last}];
+    real command = (real)observation[{command}], sign = command < R(0.0) ? R(-1.0) : R(1.0);
+    real size = sign * command, last = (real)profile_commands[{last}];
     real inside = size < last ? size : last, share, shape, wanted, next;
-    real c = observation[{cos}], s = observation[{sin}], re, im, p[{width}];
-    real lag = observation[{lag}], speed = observation[{speed}];
+    real c = (real)observation[{cos}], s = (real)observation[{sin}], re, im, p[{width}];
+    real lag = (real)observation[{lag}], speed = (real)observation[{speed}];
     int i, k = 1;
 
-    while (k < {last} && profile_commands[k] < inside) {{
+    while (k < {last} && (real)profile_commands[k] < inside) {{
         ++k;
     }}
-    share = (inside - profile_commands[k - 1]) / (profile_commands[k] - profile_commands[k - 1]);
+    share = (real)profile_commands[k - 1];
+    share = (inside - share) / ((real)profile_commands[k] - share);
     for (i = 0; i < {width}; ++i) {{
         p[i] = (R(1.0) - share) * (real)profile_numbers[(k - 1) * {width} + i]
                + share * (real)profile_numbers[k * {width} + i];
@@ -151,7 +156,7 @@ static void remember({name}_state *state, const float *observation, real *seen)
     for (k = 0; k < {length}; ++k) {{
         row = (state->newest + k * {every}) % {steps};
         for (i = 0; i < OBSERVATIONS; ++i) {{
-            seen[k * OBSERVATIONS + i] = state->memory[row][i];
+            seen[k * OBSERVATIONS + i] = (real)state->memory[row][i];
         }}
     }}
 }}
@@ -197,7 +202,7 @@ int main(void)
 {{
     {name}_state state;
     float observation[{upper}_OBSERVATIONS], action;
-    char word[64];
+    char word[64], *end;
     int i = 0;
 
     {name}_reset(&state);
@@ -206,7 +211,11 @@ int main(void)
             {name}_reset(&state);
             continue;
         }}
-        observation[i++] = strtof(word, NULL);
+        observation[i++] = strtof(word, &end);
+        if (*end != '\\0') {{
+            fprintf(stderr, "%s is no number\\n", word);
+            return 1;
+        }}
         if (i == {upper}_OBSERVATIONS) {{
             i = 0;
             if ({name}_step(&state, observation, &action) != 0) {{
@@ -215,6 +224,10 @@ int main(void)
             }}
             printf("%.9g\\n", (double)action);
         }}
+    }}
+    if (i != 0) {{
+        fprintf(stderr, "the last observation has %d of %d numbers\\n", i, {upper}_OBSERVATIONS);
+        return 1;
     }}
     return 0;
 }}

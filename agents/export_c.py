@@ -267,7 +267,7 @@ def _source(policy: PretrainedPolicy, name: str) -> str:
         begin, reset = "remember(state, observation, seen);", "state->begun = 0;"
     else:
         begin, reset = (
-            "(void)state;\n    " + _loop("OBSERVATIONS", "seen[i] = observation[i];"),
+            "(void)state;\n    " + _loop("OBSERVATIONS", "seen[i] = (real)observation[i];"),
             ("state->nothing = 0;"),
         )
     step = STEP.format(

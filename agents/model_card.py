@@ -21,11 +21,12 @@ from tabulate import tabulate
 import jansen_env
 from agents.card_examples import code, examples
 from agents.config import training_envs
-from agents.observation_guide import meaning, running_means
+from agents.observation_guide import frames, meaning, running_means
 from agents.rollout import make_env
 from agents.seed_statistics import proportion_with_interval
 from agents.tasks import WALKERS, Task, find_task, vector_env
 from jansen_env.envs.parameters import PARAMETERS
+from jansen_env.noise import make_noise
 from jansen_env.policy_network import Harmonics, Normalized
 from jansen_env.pretrained import PretrainedPolicy, checksum
 
@@ -116,20 +117,30 @@ def _observation(policy: PretrainedPolicy, env: Any) -> str:
     own = len(policy.observed)
     mean, deviation = (np.ravel(each)[:own] for each in policy.scale)
     scaled = len(mean) == own
+    noise = make_noise({**_defaults(policy.env_id), **policy.env_kwargs}.get("noise"))
+    errors = noise.deviations(policy.observed) if noise else np.zeros((own, 2))
     rows = [
         [
             i, code(name), unit if unit == "1" else code(unit),
-            *([f"{mean[i]:.3g} +- {deviation[i]:.3g}"] if scaled else []), meaning(name, env),
+            *([f"{mean[i]:.3g} +- {deviation[i]:.3g}"] if scaled else []),
+            *([f"{errors[i][0]:.2g}, {errors[i][1]:.2g}"] if noise else []), meaning(name, env),
         ]
         for i, (name, unit) in enumerate(zip(policy.observed, policy.units, strict=True))
     ]  # fmt: skip
-    headers = ["place", "name", "unit", *(["in training"] if scaled else []), "what it is"]
+    headers = ["place", "name", "unit", *(["in training"] if scaled else [])]
+    headers += [*(["noise, bias"] if noise else []), "what it is"]
     clips = [block.clip for block in policy.features if isinstance(block, Normalized)]
     how = "Give numbers in these units, without scaling them; they must be finite."
     if clips:
         how += (
             " The policy itself subtracts the mean in training, divides by the standard deviation, "
             f"and clips at {max(clips):g} of them."
+        )
+    if noise:
+        how += (
+            " Noise and bias are the standard deviations of what it was scored with, in each step "
+            "and of an episode, times `noise_level`; that of an angle, in rad, stands at the first "
+            "of its numbers."
         )
     history = policy.history
     if history.length > 1:
@@ -138,7 +149,7 @@ def _observation(policy: PretrainedPolicy, env: Any) -> str:
             f"every {_ordinal(history.every)} before it; at an episode's start the first one "
             "stands for those before."
         )
-    return f"{how}\n\n{_table(headers, rows)}"
+    return f"{how}\n\n{_table(headers, rows)}\n\n{frames(env)}"
 
 
 def _ordinal(n: int) -> str:
@@ -207,10 +218,13 @@ def _limits(policy: PretrainedPolicy) -> str:
     kwargs, variants = training_envs(config)
     found: dict[str, list[tuple[float, float]]] = {}
     grounds: dict[str, None] = {}
+    longest, changes = 0.0, False
     for variant in variants:
         own: Any = make_env(policy.env_id, {**kwargs, **variant})
         task = own.unwrapped.task
         given = {**_defaults(policy.env_id), **kwargs, **variant}
+        longest = max(longest, own.spec.max_episode_steps * policy.control_dt)
+        changes |= given.get("command_interval") is not None
         if "terrain" in given:
             grounds[code(given["terrain"])] = None
         found.setdefault("speed_command", []).append(tuple(task.speed_command[0].tolist()))
@@ -229,7 +243,9 @@ def _limits(policy: PretrainedPolicy) -> str:
     return (
         "Trained on these ranges (one number: always that); what it does outside of them nobody "
         "knows. Linkage and motor are those of the environment above. No sensor has ever failed in "
-        f"training.\n\n{_table(['number', 'range', 'unit', 'what it is'], rows)}"
+        f"training; episodes lasted {longest:g} s at most, and the command "
+        + ("changed within them" if changes else "stayed the same in each")
+        + f".\n\n{_table(['number', 'range', 'unit', 'what it is'], rows)}"
     )
 
 
@@ -273,12 +289,13 @@ def _scores(export: Export, env: Any) -> str:
             for p in policies
         ]
         rows.append([metric.heading, *cells])
-    commands = len(task.commands)
+    count, commands = export.episodes, len(task.commands)
     return (
-        f"{export.episodes} episodes at each of {commands} commands, {commands * export.episodes} "
-        f"in all, seed {export.seed}, the same starts for all; in brackets 95 % intervals over "
-        "episodes, of fractions Wilson's, of others the percentile bootstrap's. They say how well "
-        "this one policy is known, not what training again would give.\n\n"
+        f"{count} episode{'s' * (count > 1)} at each of {commands} command{'s' * (commands > 1)}, "
+        f"{commands * count} in all, seed {export.seed}, the same starts for all; in brackets "
+        "95 % intervals over episodes, of fractions Wilson's, of others the percentile "
+        "bootstrap's. They say how well this one policy is known, not what training again would "
+        "give.\n\n"
         + _table(["", *policies], rows)
         + f"\n\nAt each command, {task.command_unit}:\n\n"
         + _by_command(task, export)

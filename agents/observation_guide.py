@@ -8,6 +8,7 @@ are those of :func:`jansen_env.engine.task.follow` and :func:`jansen_env.engine.
 from __future__ import annotations
 
 import inspect
+import math
 import re
 from typing import Any
 
@@ -22,9 +23,9 @@ MEANINGS = {
     "sin_pitch": "sine of the chassis' pitch, positive where its +x end is raised",
     "cos_pitch": "cosine of the pitch",
     "pitch_rate": "rate of the pitch",
-    "crank_axis_x_velocity": "velocity of the crank axis along the horizontal x",
-    "crank_axis_y_velocity": "velocity of the crank axis upwards",
-    "crank_axis_height": "height of the crank axis over the ground below it",
+    "crank_axis_x_velocity": "velocity of the crank axis along x",
+    "crank_axis_y_velocity": "velocity of the crank axis along y",
+    "crank_axis_height": "height of the crank axis along y over the ground below it",
     "last_action": "action of the step before, share of the torque limit; 0 at an episode's start",
     "lag": "how far the target is ahead, worked out: see below",
     "mean_speed": "mean walking speed, worked out: see below",
@@ -41,17 +42,46 @@ def meaning(name: str, env: Any) -> str:
     """What a number of this name is, for an unwrapped environment that shows it; "" if unknown."""
     if match := re.fullmatch(r"toe_load_(\d+)", name):
         toe = int(match[1])
+        leg, side = env.robot.legs[toe], {"fore": "-x", "back": "+x"}
+        ahead = round(math.degrees(_turns(env) * leg.phase) % 360.0, 3)
         return (
-            f"normal force on toe {toe} ({env.robot.leg_names[toe]}) / weight of robot and "
-            "payload, mean over the last period"
+            f"normal force on toe {toe} / weight of robot and payload, mean over the last period; "
+            f"of the leg on the {side[leg.side]} side whose crank pin is {ahead:g} degrees ahead"
         )
     if match := re.fullmatch(r"height_scan_(\d+)", name):
         x = scanned_places(env_argument(env, "height_scan"))[int(match[1])]
-        return f"height of the crank axis over the ground {round(x, 6):+g} m from it along x"
+        return f"height of the crank axis over the ground {round(x, 6) + 0.0:+g} m from it along x"
     if name == "speed_command":
         turns = "tracking_error" in [entry.name for entry in env.observed]
         return "crank speed asked for" if turns else "walking speed asked for, negative backwards"
     return MEANINGS.get(name, "")
+
+
+def _turns(env: Any) -> float:
+    """1 where a positive action turns an unwrapped environment's crank counter-clockwise, or -1."""
+    return float(env.task.rows["direction"][0]) if _walks(env) else 1.0
+
+
+def _walks(env: Any) -> bool:
+    return "sin_pitch" in [entry.name for entry in env.observed]
+
+
+def frames(env: Any) -> str:
+    """From where an unwrapped environment counts angles, and which way."""
+    way = "counter-clockwise" if _turns(env) > 0.0 else "clockwise"
+    crank = (
+        "The crank angle is 0 where the crank pin of the first leg points along the chassis' +x, "
+        f"and grows {way}, the way a positive action turns the crank. Each leg has its frame pivot "
+        "on its own side of the crank axis, at -x or +x."
+    )
+    if not _walks(env):
+        return f"Seen with +x to the right and y upwards. {crank}"
+    return (
+        "Seen with +x, where a positive action walks to, to the right and y upwards; on a floor "
+        "with a `tilt` both lean with it, and the pitch is the angle to the floor, not to the "
+        "horizon. The pitch is counter-clockwise, and 0 where the frame pivots of both sides are "
+        f"level. {crank}"
+    )
 
 
 def env_argument(env: Any, name: str) -> Any:

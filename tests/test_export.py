@@ -23,8 +23,9 @@ from agents import (
 )
 from agents.rollout import make_env
 from agents.tasks import TASKS
-from jansen_env import pretrained
+from jansen_env import kinematics, pretrained
 from jansen_env.pretrained import PretrainedPolicy
+from jansen_env.web import geometry
 
 STRICT = (
     "-std=c99", "-O1", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Wshadow",
@@ -238,7 +239,8 @@ def test_everything_is_written_with_its_card(exported):
         "not tested on a machine", "python train.py --seed 0", "0.05 to 0.8", "20 N m", "0.02 s",
         "2 episodes at each of 8 commands, 16 in all, seed 0", "| pid", "| profile", "gymnasium 1",
         f"--policy {run} --policy pid", "lag        <-", "MIT", "clips at 10 of them",
-        "over 600 observations", "every 2nd before it",
+        "over 600 observations", "every 2nd before it", "episodes lasted 1 s at most",
+        "the command stayed the same in each", "of the leg on the -x side",
     ):  # fmt: skip
         assert words in card, words
 
@@ -346,6 +348,31 @@ def test_every_number_has_a_meaning():
         told = [observation_guide.meaning(entry.name, env) for entry in env.observed]
         assert all(told) and len({*told}) == len(told)
         assert bool(observation_guide.running_means(env)) == (env_id != CRANK)
+
+
+@pytest.mark.parametrize("robot", ["paper", "holy"])
+def test_angles_and_toes_are_where_a_card_says(robot):
+    """Crank angle 0, which way it grows, and which toe is on which side."""
+    env = make_env(WALKER, {"robot": robot}).unwrapped
+    told = observation_guide.frames(env)
+    seen, _ = env.reset(seed=0, options={"crank_angle": 0.0, "speed_command": 0.3})
+    sine, pins, pivots = 0.0, [], []
+    for _ in range(8):
+        state = geometry.state_of(env)
+        joints = np.array(state["joints"]) - [state["x"], state["y"]]
+        pins.append(joints[:, kinematics.A])
+        pivots.append(joints[:, kinematics.P, 0])
+        seen, _, _, _, info = env.step(np.full(1, 0.4, np.float32))
+        assert seen[1] > sine and seen[2] > 0.0
+        sine = seen[1]
+    assert pins[0][0] == pytest.approx([env.robot.crank.length, 0.0], abs=1e-9)
+    assert (" clockwise" in told) == (pins[-1][0, 1] < 0.0) == (info["crank_speed"] < 0.0)
+    assert info["x_position"] > 0.0
+    for toe in range(len(env.robot.legs)):
+        meaning = observation_guide.meaning(f"toe_load_{toe}", env)
+        assert ("on the +x side" in meaning) == (pivots[0][toe] > 0.0)
+        same = np.allclose(pins[0][toe], pins[0][0], atol=1e-9)
+        assert ("is 0 degrees ahead" in meaning) == same == ("180 degrees" not in meaning)
 
 
 def test_running_means_are_worked_out_so():

@@ -122,14 +122,14 @@ def actions_of_c(
         if made.returncode != 0:
             raise ValueError(f"{' '.join(build)} failed: {made.stderr.strip()}")
         answer = subprocess.run(
-            [str(folder / "main")], input=_as_text(cases), capture_output=True, text=True,
+            [str(folder / "main")], input=as_text(cases), capture_output=True, text=True,
             check=True,
         ).stdout  # fmt: skip
     steps, robots = cases.starts.shape
     return np.array(answer.split(), float).reshape(robots, steps).T
 
 
-def _as_text(cases: Cases) -> str:
+def as_text(cases: Cases) -> str:
     """Observations robot by robot, as the example program reads them."""
     lines = []
     for robot in range(cases.starts.shape[1]):

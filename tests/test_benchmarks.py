@@ -12,6 +12,7 @@ from benchmarks import (
     built_robot,
     convergence,
     measure,
+    microcontroller,
     pareto,
     plants,
     ppo,
@@ -22,6 +23,7 @@ from benchmarks import (
     workers,
 )
 from benchmarks.plants import Comparison, Outcome, Walk
+from jansen_env import pretrained
 
 
 def test_contestants_take_turns():
@@ -194,3 +196,23 @@ def test_the_fronts_loss():
     assert loss(work=2.0) - loss() == pytest.approx(np.log(2.0))
     assert loss(drift=0.01) == loss() and loss(drift=-0.03) > loss() + 3.0
     assert loss(fell=1.0) > loss() + 10.0
+
+
+@pytest.mark.skipif(
+    bool(microcontroller.missing()), reason="there is no compiler or emulator of a Cortex-M4"
+)
+@pytest.mark.parametrize("single", [False, True])
+def test_a_policy_acts_alike_on_a_microcontroller(single):
+    """In either precision; a step in float is short, and both fit into a small one."""
+    found = microcontroller.cost(pretrained.load("JansenWalkerHardcore-v0"), single, 100)
+    assert found.difference < 1e-6
+    assert found.stack < 3000 and found.flash < 60_000
+    assert (found.instructions < 200_000) == single
+
+
+def test_a_microcontroller_that_is_not_here(monkeypatch, tmp_path, capsys):
+    """Is said, with what to install."""
+    monkeypatch.setattr(microcontroller.shutil, "which", lambda _: None)
+    with pytest.raises(SystemExit):
+        microcontroller.main(["--out", str(tmp_path / "out")])
+    assert "Debian has them in gcc-arm-none-eabi" in capsys.readouterr().err

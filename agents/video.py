@@ -20,6 +20,7 @@ from jansen_env.rendering import GROUND_TEXT, SLIP
 FRAME_TIME = {".gif": 0.06, ".mp4": 0.02}  # s from one frame to the next
 GIF_WIDTH, GIF_COLOURS = 480, 64
 TITLE_PLACE, TITLE_COLOUR = (24, 42), GROUND_TEXT  # pixels from the lower left corner
+TITLE_SIZE, TITLE_WIDTH, TITLE_GAP = 30, 190, 30  # pixels: letters; a title, at least; behind it
 
 Picture = NDArray[np.uint8]
 
@@ -76,10 +77,15 @@ def film(
 def _titled(frame: Picture, title: str, moment: Progress) -> Picture:
     image = Image.fromarray(frame)
     draw, (x, y) = ImageDraw.Draw(image), (TITLE_PLACE[0], frame.shape[0] - TITLE_PLACE[1])
-    draw.text((x, y), title, TITLE_COLOUR, ImageFont.load_default(30))
+    font, text = ImageFont.load_default(TITLE_SIZE), ""
     if moment.slipped is not None and moment.walked is not None:
         text = f"{moment.walked:.2f} m walked, toes slid {1e3 * moment.slipped:.0f} mm"
-        draw.text((x + 190, y), text, SLIP, ImageFont.load_default(30))
+    room = frame.shape[1] - 2 * x - TITLE_GAP - draw.textlength(text, font)
+    share = min(1.0, room / draw.textlength(title, font))  # of a long title's letters
+    title_font = ImageFont.load_default(TITLE_SIZE * share)
+    draw.text((x, y), title, TITLE_COLOUR, title_font)
+    behind = max(TITLE_WIDTH, round(draw.textlength(title, title_font)) + TITLE_GAP)
+    draw.text((x + behind, y), text, SLIP, font)
     return np.asarray(image)
 
 

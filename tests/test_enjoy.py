@@ -91,6 +91,11 @@ def test_titles_tell_how_far_the_toes_have_slid():
     changed = np.argwhere((plain != titled).any(axis=2))
     assert len(changed) > 500 and changed[:, 0].min() > 490  # in the ground, below the toes
     assert next(video.film(env, [moment._replace(slipped=None)], 2, "pid")).shape == plain.shape
+    numbers = [
+        (next(video.film(env, [moment], 1, title)) == video.SLIP).all(axis=2).sum()
+        for title in ("pid", "a run of mine", 40 * "wide ")
+    ]
+    assert numbers[0] > 100 and len({*numbers}) == 1  # in full beside titles of any length
 
 
 @pytest.fixture

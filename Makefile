@@ -1,6 +1,6 @@
 PYTHON ?= python
 
-.PHONY: format check test docs bench
+.PHONY: format check pages test docs bench
 
 format:
 	$(PYTHON) -m ruff check --fix
@@ -10,6 +10,10 @@ check:
 	$(PYTHON) -m ruff check
 	$(PYTHON) -m ruff format --check
 	$(PYTHON) -m mypy
+
+pages:
+	npm install --silent
+	npx biome ci
 
 test:
 	$(PYTHON) -m pytest -n auto --dist loadfile

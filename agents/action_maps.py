@@ -17,12 +17,13 @@ import numpy as np
 from gymnasium.vector import VectorWrapper
 from numpy.typing import NDArray
 
-from agents.policy import Array, Policy
-from agents.walker_baselines import BASELINES
-from agents.walker_observation import COMMAND, CRANK_SPEED
+from agents.policy import Policy
+from agents.profile import load_profile
+from agents.walker_observation import COMMAND, COS_CRANK, CRANK_SPEED, SIN_CRANK, place
 from jansen_env.kinematics import advance_per_turn
+from jansen_env.policy_network import CrankSpeedAction, ResidualAction, TorqueMap
 
-ActionMap: TypeAlias = Callable[[Array, Array], NDArray[np.float32]]
+ActionMap: TypeAlias = TorqueMap
 """Observations (n, d) and a policy's actions (n, 1) in [-1, 1] to the environment's (n, 1)."""
 
 SPEED_RANGE = 4.0  # by how much an action of 1 hurries the crank; -1 slows it down as much
@@ -30,7 +31,7 @@ GAIN = 6.0  # N m s/rad, of the loop that makes the crank turn so
 SHARE = 0.2  # of the torque limit, what an action of 1 adds to the profile's torque
 
 
-def crank_speed(env: Any) -> ActionMap:
+def crank_speed(env: Any) -> CrankSpeedAction:
     """Actions as target crank speeds: n_target = n_command 4^action, torque = gain (n_target - n).
 
     n_command is the crank speed at which the robot would walk as commanded, were there no slip
@@ -40,28 +41,17 @@ def crank_speed(env: Any) -> ActionMap:
         env: the unwrapped environment, of one robot or many alike.
     """
     per_metre = 2.0 * math.pi / abs(advance_per_turn(env.task.robots[0]))
-
-    def apply(observation: Array, action: Array) -> NDArray[np.float32]:
-        target = observation[:, [COMMAND]] * per_metre * SPEED_RANGE ** np.clip(action, -1.0, 1.0)
-        torque = GAIN * (target - observation[:, [CRANK_SPEED]])
-        return np.clip(torque / env.torque_limit, -1.0, 1.0).astype(np.float32)
-
-    return apply
+    return CrankSpeedAction(COMMAND, CRANK_SPEED, per_metre, SPEED_RANGE, GAIN, env.torque_limit)
 
 
-def residual(env: Any) -> ActionMap:
+def residual(env: Any) -> ResidualAction:
     """Actions as what is added to the baseline ``profile``'s: at most a fifth of the torque limit.
 
     Args:
         env: the unwrapped environment, of one robot or many alike.
     """
-    profile = BASELINES["profile"](env)
-
-    def apply(observation: Array, action: Array) -> NDArray[np.float32]:
-        own = SHARE * np.clip(action, -1.0, 1.0)
-        return np.clip(profile.predict(observation)[0] + own, -1.0, 1.0).astype(np.float32)
-
-    return apply
+    places = (COS_CRANK, SIN_CRANK, CRANK_SPEED, COMMAND, place(env, "lag"))
+    return ResidualAction(places, load_profile(), SHARE, env.torque_limit)
 
 
 ACTION_MAPS: dict[str, Callable[[Any], ActionMap]] = {
@@ -140,11 +130,11 @@ class MappedPolicy:
         policy: of observations (n, d) or (d,). action_map: what its actions mean.
 
     Attributes:
-        policy: what is wrapped; its other attributes are this one's, too.
+        policy, action_map: as given; the policy's other attributes are this one's, too.
     """
 
     def __init__(self, policy: Policy, action_map: ActionMap) -> None:
-        self.policy, self._map = policy, action_map
+        self.policy, self.action_map = policy, action_map
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.policy, name)
@@ -158,5 +148,5 @@ class MappedPolicy:
     ) -> tuple[NDArray[np.float32], Any]:
         """Actions (n, 1) or (1,) on the environment, and the state to pass back."""
         action, state = self.policy.predict(observation, state, episode_start, deterministic)
-        mapped = self._map(np.atleast_2d(observation), np.reshape(action, (-1, 1)))
+        mapped = self.action_map(np.atleast_2d(observation), np.reshape(action, (-1, 1)))
         return (mapped if np.ndim(observation) > 1 else mapped[0]), state

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -111,30 +112,45 @@ def load_policy(path: str | Path) -> Policy:
     source = find_config(path)
     config = load_config(source, required=TO_LOAD)
     try:
-        env: Any = make_env(config["env"], config.get("env_kwargs", {}))
-        history, privileged = what_is_seen(config)
-        known = knowledge([env.unwrapped.task]).shape[1] if privileged else 0
-        space = seen_space(env.observation_space, history, known)
-        policy: Any = _policy_class(config["algo"], config)(
-            space,
-            env.action_space,
-            lambda _: 0.0,  # the learning rate, of no use here
-            use_sde=config.get("hyperparameters", {}).get("use_sde", False),
-            **_policy_kwargs(config, env.observation_space),
-        )
+        policy, on_environment = untrained_policy(config)
     except (AssertionError, TypeError, ValueError) as error:  # arguments that do not go together
         raise ValueError(f"{source}: {error}") from error
-    env.close()
     weights = read_model(path, ("policy",))[0].get("policy")
     try:
         policy.load_state_dict(weights)
     except Exception as error:  # torch raises most kinds for what does not fit
         raise ValueError(f"{path} does not fit {source}: {' '.join(str(error).split())}") from error
+    return on_environment(policy)
+
+
+def untrained_policy(config: dict[str, Any]) -> tuple[Any, Callable[[Any], Policy]]:
+    """The policy of a checked configuration, of Stable-Baselines3, and what makes it one of the
+    environment's own observations and actions.
+
+    Raises:
+        AssertionError, TypeError, ValueError: arguments that do not go together.
+    """
+    env: Any = make_env(config["env"], config.get("env_kwargs", {}))
+    history, privileged = what_is_seen(config)
+    known = knowledge([env.unwrapped.task]).shape[1] if privileged else 0
+    space = seen_space(env.observation_space, history, known)
+    policy: Any = _policy_class(config["algo"], config)(
+        space,
+        env.action_space,
+        lambda _: 0.0,  # the learning rate, of no use here
+        use_sde=config.get("hyperparameters", {}).get("use_sde", False),
+        **_policy_kwargs(config, env.observation_space),
+    )
     policy.set_training_mode(False)
-    if space.shape != env.observation_space.shape:
-        policy = ObservingPolicy(policy, history, env.observation_space)
-    action = config.get("action", "torque")
-    return policy if action == "torque" else MappedPolicy(policy, make_map(action, env))
+    env.close()
+
+    def on_environment(seeing: Any) -> Policy:
+        if space.shape != env.observation_space.shape:
+            seeing = ObservingPolicy(seeing, history, env.observation_space)
+        action = config.get("action", "torque")
+        return seeing if action == "torque" else MappedPolicy(seeing, make_map(action, env))
+
+    return policy, on_environment
 
 
 def restore(model: BaseAlgorithm, tensors: dict[str, Any]) -> None:

@@ -16,11 +16,13 @@ from typing import Any
 
 import numpy as np
 from safetensors.numpy import save
+from sb3_contrib.common.torch_layers import BatchRenorm
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor
 from torch import nn
 
 import jansen_env
+from agents.action_maps import MappedPolicy
 from agents.command_line import non_negative_int, positive_int
 from agents.config import TO_RESUME, find_config, load_config
 from agents.evaluate import evaluate, model_file
@@ -45,7 +47,7 @@ def describe_network(policy: Any) -> dict[str, Any]:
     Raises:
         ValueError: it has a part that :mod:`jansen_env.pretrained` does not know.
     """
-    if isinstance(policy, ObservingPolicy):
+    while isinstance(policy, (MappedPolicy, ObservingPolicy)):
         policy = policy.policy
     if not issubclass(kind := type(policy), BasePolicy):  # something around one
         raise ValueError(f"the policy is a {kind.__name__}, which cannot be packed")
@@ -60,15 +62,22 @@ def describe_network(policy: Any) -> dict[str, Any]:
         hidden = policy.mlp_extractor.policy_net
         parts = {"mlp_extractor.policy_net": hidden, "action_net": policy.action_net}
     layers: list[dict[str, Any]] = []
-    limit = None
+    limit, batch_norm = None, None
     for part, network in parts.items():
         for name, module in network.named_modules(prefix=path + part):
             if isinstance(module, nn.Linear):
                 layers.append({
+                    **({} if batch_norm is None else {"batch_norm": batch_norm}),
                     "units": module.out_features, "activation": None,
                     "weight": f"{name}.weight", "bias": f"{name}.bias",
                 })  # fmt: skip
-            elif type(module) in ACTIVATIONS and layers and layers[-1]["activation"] is None:
+                batch_norm = None
+            elif isinstance(module, BatchRenorm) and batch_norm is None:  # CrossQ's
+                batch_norm = {
+                    "mean": f"{name}.ra_mean", "variance": f"{name}.ra_var",
+                    "scale": f"{name}.scale", "bias": f"{name}.bias", "epsilon": module.eps,
+                }  # fmt: skip
+            elif type(module) in ACTIVATIONS and plain_so_far(layers) and batch_norm is None:
                 layers[-1]["activation"] = ACTIVATIONS[type(module)]
             elif isinstance(module, nn.Hardtanh) and module.min_val == -module.max_val:
                 limit = module.max_val  # of the mean of SAC's gSDE
@@ -80,6 +89,11 @@ def describe_network(policy: Any) -> dict[str, Any]:
         "limit": limit,
         "squash": "tanh" if policy.squash_output else "clip",
     }
+
+
+def plain_so_far(layers: list[dict[str, Any]]) -> bool:
+    """Whether there is a last layer, without an activation."""
+    return bool(layers) and layers[-1]["activation"] is None
 
 
 def _features(extractor: nn.Module, path: str) -> list[dict[str, Any]]:
@@ -101,13 +115,13 @@ def describe(policy: Any, config: dict[str, Any], training: dict[str, Any]) -> d
     """The JSON file's content but for checksum and scores.
 
     Args:
-        policy: of Stable-Baselines3. config: of its run. training: what else to say of that.
+        policy: as of :func:`agents.models.load_policy`. config: of its run. training: what else to
+            say of that.
     """
     env: Any = make_env(config["env"], config.get("env_kwargs", {}))
     plain = env.unwrapped
     env.close()
-    return {
-        "format": pretrained.FORMAT,
+    described = {
         "env": {"id": config["env"], "kwargs": config.get("env_kwargs", {})},
         "observation": [{"name": row.name, "unit": row.unit} for row in plain.observed],
         **({"history": config["history"]} if "history" in config else {}),
@@ -116,6 +130,7 @@ def describe(policy: Any, config: dict[str, Any], training: dict[str, Any]) -> d
             "unit": "torque_limit",  # a share of it
             "torque_limit": plain.torque_limit,  # N m
             "control_dt": plain.control_dt,  # s
+            **({"map": policy.action_map.describe()} if isinstance(policy, MappedPolicy) else {}),
         },
         "network": describe_network(policy),
         "training": {**training, "config": config},
@@ -125,6 +140,8 @@ def describe(policy: Any, config: dict[str, Any], training: dict[str, Any]) -> d
             **{name: version(name) for name in LIBRARIES},
         },
     }
+    second = pretrained.needs_second_format(described)
+    return {"format": pretrained.FORMATS[second], **described}
 
 
 def pack(
@@ -143,6 +160,18 @@ def pack(
     Raises:
         ValueError: there is no such model, or it has a part that cannot be packed.
     """
+    packed = from_run(run)
+    env_id, algo = packed.env_id, packed.description["training"]["config"]["algo"]
+    packed.description["scores"] = scores_of(packed, episodes, seed)
+    return write(packed, Path(out) / env_id / f"{name or algo}.json")
+
+
+def from_run(run: str | Path) -> PretrainedPolicy:
+    """A run's best model, or a model's file, as it would be packed; without scores.
+
+    Raises:
+        ValueError: there is no such model, or it has a part that cannot be packed.
+    """
     model = model_file(str(run)) or Path(run)
     policy: Any = load_policy(model)
     source = find_config(model)
@@ -153,20 +182,21 @@ def pack(
         "steps": read_model(model, ())[1],
     }
     tensors = {
-        key: np.ascontiguousarray(tensor.numpy())
+        key: np.ascontiguousarray(tensor.float().numpy())  # counts of steps, too
         for key, tensor in policy.state_dict().items()
         if not key.startswith(COPY)
     }
     description = describe(policy, config, training)
     packed = PretrainedPolicy(description, tensors)
     check_equal(packed, load_policy(model))
-    env_id, name = config["env"], name or config["algo"]
-    description["scores"] = scores_of(packed, episodes, seed)
-    weights = save(tensors)
-    description["sha256"] = pretrained.checksum(weights)
-    path = Path(out) / env_id / f"{name}.json"
+    return packed
+
+
+def write(policy: PretrainedPolicy, path: Path) -> Path:
+    """Write a policy as a JSON file and the .safetensors file beside it; returns ``path``."""
+    weights = save(policy.tensors)
     write_bytes(path.with_suffix(".safetensors"), weights)
-    return write_json(path, description)
+    return write_json(path, {**policy.description, "sha256": pretrained.checksum(weights)})
 
 
 def rescore(path: str | Path, episodes: int = 10, seed: int = 0) -> Path:
@@ -190,9 +220,7 @@ def check_equal(packed: PretrainedPolicy, policy: Any, count: int = 10_000) -> f
     """
     rng = np.random.default_rng(0)
     mean, deviation = (np.ravel(each)[: len(packed.observed)] for each in packed.scale)
-    for module in policy.double().modules():
-        if isinstance(module, BaseFeaturesExtractor):  # observations come to it as float32
-            module.register_forward_pre_hook(lambda _, inputs: (inputs[0].double(),))
+    in_float64(policy)
     difference, states = 0.0, (None, None)
     for _ in range(packed.history.steps):  # until all it remembers has been seen
         seen = mean + 2.0 * deviation * rng.normal(size=(count, len(packed.observed)))
@@ -205,6 +233,15 @@ def check_equal(packed: PretrainedPolicy, policy: Any, count: int = 10_000) -> f
     if difference > TOLERANCE:
         raise ValueError(f"actions differ by {difference:.2g}, must be {TOLERANCE} at most")
     return difference
+
+
+def in_float64(policy: Any) -> Any:
+    """A policy of :func:`agents.models.load_policy`, turned to compute in float64 what its weights,
+    float32, give."""
+    for module in policy.double().modules():
+        if isinstance(module, BaseFeaturesExtractor):  # observations come to it as float32
+            module.register_forward_pre_hook(lambda _, inputs: (inputs[0].double(),))
+    return policy
 
 
 def scores_of(policy: PretrainedPolicy, episodes: int, seed: int = 0) -> dict[str, Any]:

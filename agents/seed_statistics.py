@@ -143,7 +143,12 @@ def improvement_over(mark: float, scores: ArrayLike) -> Interval:
     values = np.asarray(scores, float)
     if len(values) == 0:
         return math.nan, math.nan, math.nan
-    test = binomtest(int(np.sum(values > mark)), len(values))
+    return proportion_with_interval(int(np.sum(values > mark)), len(values))
+
+
+def proportion_with_interval(k: int, n: int) -> Interval:
+    """k / n with Wilson's 95 % interval (1927), which has a width where k is 0 or n, too."""
+    test = binomtest(k, n)
     ends = test.proportion_ci(CONFIDENCE, method="wilson")
     return float(test.statistic), float(ends.low), float(ends.high)
 

@@ -9,7 +9,9 @@ import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from agents.config import TO_RESUME, check_config
+from agents.models import untrained_policy
 from agents.pack import COPY
+from agents.policy import Policy
 from agents.training import prepare
 from jansen_env import pretrained
 from jansen_env.pretrained import PretrainedPolicy
@@ -45,16 +47,45 @@ def to_sb3(packed: PretrainedPolicy) -> BaseAlgorithm:
         ValueError: its configuration is not allowed (see :func:`agents.config.check_config`), or
             describes other networks.
     """
+    model = prepare(training_config(packed))
+    _fill(model.policy, packed)
+    return model
+
+
+def to_policy(packed: PretrainedPolicy) -> Policy:
+    """A policy as the one in PyTorch that it was packed of, which acts on the environment itself.
+
+    Raises:
+        ValueError: its configuration is not allowed (see :func:`agents.config.check_config`), or
+            describes other networks.
+    """
+    try:
+        policy, on_environment = untrained_policy(training_config(packed))
+    except (AssertionError, TypeError) as error:  # arguments that do not go together
+        raise ValueError(str(error)) from error
+    _fill(policy, packed)
+    return on_environment(policy)
+
+
+def training_config(packed: PretrainedPolicy) -> dict[str, Any]:
+    """The configuration that a policy was trained with.
+
+    Raises:
+        ValueError: it is not allowed (see :func:`agents.config.check_config`).
+    """
     training = packed.description.get("training")
     config: Any = training.get("config") if isinstance(training, dict) else None
     check_config(config, required=TO_RESUME)
-    model = prepare(config)
+    return dict(config)
+
+
+def _fill(policy: Any, packed: PretrainedPolicy) -> None:
+    """Put the packed weights into a policy of Stable-Baselines3; ValueError: they do not fit."""
     state = {name: torch.from_numpy(array.copy()) for name, array in packed.tensors.items()}
-    for name in model.policy.state_dict():
+    for name in policy.state_dict():
         if name.startswith(COPY):
             state[name] = state.get(name.replace(COPY, "critic.", 1), torch.empty(0))
     try:
-        model.policy.load_state_dict(state)
+        policy.load_state_dict(state)
     except RuntimeError as error:
         raise ValueError(f"the weights do not fit: {' '.join(str(error).split())}") from error
-    return model

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import copy
 from pathlib import Path
 from typing import Any
@@ -19,26 +19,29 @@ import numpy as np
 from numpy.typing import NDArray
 from safetensors.numpy import load as read_tensors
 
-from jansen_env.checks import instance, positive, shown, whole_number
+from jansen_env.checks import instance, positive, positive_integer, shown, whole_number
 from jansen_env.history import History
+from jansen_env.policy_network import (
+    ACTIVATIONS,
+    CRANK_ANGLE,
+    SQUASH,
+    Features,
+    Harmonics,
+    Layer,
+    Normalized,
+    Plain,
+    TorqueMap,
+    read_action,
+)
 
-FORMAT = "jansen_env policy 1"
+FORMATS = ("jansen_env policy 1", "jansen_env policy 2")
+"""The second one may have batch norms and mapped actions, and is written where it has."""
 POLICIES = Path(__file__).parent / "policies"
 DEFAULT = "ppo"  # of the names of an environment's policies
 MAX_BYTES = 2**20  # of a file; those of the package have less than 100 kB
 
-CRANK_ANGLE = ("cos_crank_angle", "sin_crank_angle")
-
 Array = NDArray[np.float64]
 Tensors = dict[str, NDArray[Any]]
-
-ACTIVATIONS: dict[str | None, Callable[[Array], Array]] = {
-    "tanh": np.tanh,
-    "relu": lambda x: np.maximum(x, 0.0),
-    "elu": lambda x: np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0))),
-    None: lambda x: x,
-}
-SQUASH: dict[str, Callable[[Array], Array]] = {"clip": lambda x: x, "tanh": np.tanh}
 
 
 class PretrainedPolicy:
@@ -52,7 +55,11 @@ class PretrainedPolicy:
             arguments. observed: names of what it observes, in order. torque_limit: N m, of action
             1. control_dt: s for which an action is held. scale: mean and standard deviation of
             each number the network takes, in training, 0 and 1 where they are not kept. history: of
-            observations, which the network takes side by side.
+            observations, which the network takes side by side. units: of what it observes.
+        features, layers, limit, squash, action_map: the network, in this order: what it makes of
+            what it sees, side by side; its layers; the most that their output may be, inf for no
+            limit; the name of what is made of that (see :mod:`jansen_env.policy_network`), which is
+            clipped to -1 .. 1; and what that means as torque, None for a share of the limit.
 
     Raises:
         ValueError: something in the description is missing or not allowed, or does not fit the
@@ -61,8 +68,8 @@ class PretrainedPolicy:
 
     def __init__(self, description: dict[str, Any], tensors: Tensors) -> None:
         instance("the whole", description, dict)
-        if (found := description.get("format")) != FORMAT:
-            raise ValueError(f"format is {shown(found)}, must be {FORMAT!r}")
+        if (found := description.get("format")) not in FORMATS:
+            raise ValueError(f"format is {shown(found)}, must be one of {list(FORMATS)}")
         self.description, self.tensors = description, tensors
         for name, tensor in tensors.items():
             if tensor.dtype != np.float32 or not np.isfinite(tensor).all():
@@ -74,64 +81,80 @@ class PretrainedPolicy:
         self.control_dt = positive("control_dt", action.get("control_dt"))
         rows = _entry(description, "observation", list)
         self.observed = tuple(_entry(row, "name", str) for row in rows)
+        self.units = tuple(_entry(row, "unit", str) for row in rows)
         self._shown = len(self.observed)  # numbers in what it is given
         self.scale: tuple[Any, Any] = (0.0, 1.0)
         self.history = _read_history(description.get("history", {}))
-        self._features, width = self._read_features(_entry(network, "features", list))
-        self._layers = self._read_layers(_entry(network, "layers", list), width)
-        self._limit = np.inf if (m := network.get("limit")) is None else positive("limit", m)
-        self._squash = _choice(SQUASH, "squash", network.get("squash"))
+        self.features = self._read_features(_entry(network, "features", list))
+        width = sum(block.size for block in self.features)
+        if width == 0:
+            raise ValueError("network.features has no numbers, must have some")
+        self.layers = self._read_layers(_entry(network, "layers", list), width)
+        self.limit = np.inf if (m := network.get("limit")) is None else positive("limit", m)
+        self.squash: str = _known(SQUASH, "squash", network.get("squash"))
+        self.action_map: TorqueMap | None = None
+        if "map" in action:
+            self.action_map = read_action(
+                _entry(action, "map", dict), self.observed, self.torque_limit
+            )
+        if found == FORMATS[0] and needs_second_format(description):
+            raise ValueError(f"format is {found!r}, must be {FORMATS[1]!r} for what it describes")
 
-    def _read_features(self, blocks: list[Any]) -> tuple[list[Callable[[Array], Array]], int]:
-        """What the network sees: functions of histories (n, d), and how many numbers in all."""
-        functions: list[Callable[[Array], Array]] = []
-        size, width = self.history.length * len(self.observed), 0
+    def _read_features(self, blocks: list[Any]) -> list[Features]:
+        """What the network sees: functions of histories (n, length d)."""
+        found: list[Features] = []
+        size = self.history.length * len(self.observed)
         for block in blocks:
             instance("a block of features", block, dict)
             if block.get("kind") == "observation":
-                functions.append(lambda seen: seen)
-                width += size
+                found.append(Plain(size))
             elif block.get("kind") == "normalized":
                 mean, variance = (self._tensor(block, k, (size,)) for k in ("mean", "variance"))
                 if variance.min() < 0.0:
                     raise ValueError(f"a variance is {variance.min()}, must be 0 or above")
                 floor, clip = (positive(k, block.get(k)) for k in ("floor", "clip"))
                 self.scale = mean, np.maximum(np.sqrt(variance), floor)
-                functions.append(_normalized(*self.scale, clip))
-                width += size
+                found.append(Normalized(*self.scale, clip))
             elif block.get("kind") == "harmonics":
-                multiples = np.array(
-                    [whole_number("a multiple", m, 1000) for m in _entry(block, "multiples", list)]
+                multiples = tuple(
+                    whole_number("a multiple", m, 1000) for m in _entry(block, "multiples", list)
                 )
                 if self.observed[:2] != CRANK_ANGLE:
                     raise ValueError(f"harmonics take the first observations {list(CRANK_ANGLE)}")
-                functions.append(_harmonics(multiples))
-                width += 2 * len(multiples)
+                found.append(Harmonics(multiples))
             else:
                 raise ValueError(
                     f"kind of features is {shown(block.get('kind'))}, must be 'observation', "
                     "'normalized' or 'harmonics'"
                 )
-        return functions, width
+        return found
 
-    def _read_layers(
-        self, layers: list[Any], width: int
-    ) -> list[tuple[Array, Array, Callable[[Array], Array]]]:
-        """Of each layer weight (inputs, units), bias (units,) and activation; ``width``: inputs of
-        the first one."""
+    def _read_layers(self, layers: list[Any], width: int) -> list[Layer]:
+        """Layers, ``width``: inputs of the first one; batch norms become part of the weights."""
         found = []
         for layer in layers:
             instance("a layer", layer, dict)
-            units = whole_number("units", layer.get("units"))
-            found.append((
-                self._tensor(layer, "weight", (units, width)).T,
-                self._tensor(layer, "bias", (units,)),
-                _choice(ACTIVATIONS, "activation", layer.get("activation")),
-            ))  # fmt: skip
+            units = positive_integer("units", layer.get("units"))
+            weight = self._tensor(layer, "weight", (units, width))
+            bias = self._tensor(layer, "bias", (units,))
+            if "batch_norm" in layer:
+                factor, offset = self._read_batch_norm(_entry(layer, "batch_norm", dict), width)
+                weight, bias = weight * factor, bias + weight @ offset
+            activation = _known(ACTIVATIONS, "activation", layer.get("activation"))
+            found.append(Layer(weight, bias, activation))
             width = units
         if width != 1 or not layers:
             raise ValueError(f"the last layer has {width} units, must have 1: the action")
         return found
+
+    def _read_batch_norm(self, entry: dict[str, Any], width: int) -> tuple[Array, Array]:
+        """What a batch norm multiplies its inputs by and then adds to them, (width,) each."""
+        names = ("mean", "variance", "scale", "bias")
+        mean, variance, scale, bias = (self._tensor(entry, name, (width,)) for name in names)
+        if variance.min(initial=0.0) < 0.0:
+            raise ValueError(f"a variance is {variance.min()}, must be 0 or above")
+        factor = scale / np.sqrt(variance + positive("epsilon", entry.get("epsilon")))
+        return factor, bias - mean * factor
 
     def _tensor(self, part: dict[str, Any], key: str, shape: tuple[int, ...]) -> Array:
         """The tensor that ``part`` names, of this shape."""
@@ -185,15 +208,18 @@ class PretrainedPolicy:
         x, size = np.asarray(observation, dtype=np.float64), self._shown
         if x.ndim not in (1, 2) or x.shape[-1] != size:
             raise ValueError(f"observation has shape {x.shape}, must have ({size},) or (n, {size})")
-        batch = x.reshape(-1, size)[:, : len(self.observed)]
+        batch = own = x.reshape(-1, size)[:, : len(self.observed)]
         if self.history.length > 1:
             starts = np.asarray(False if episode_start is None else episode_start, bool)
             batch, state = self.history.extend(state, batch, np.broadcast_to(starts, len(batch)))
-        values = np.concatenate([block(batch) for block in self._features], axis=1)
-        for weight, bias, activation in self._layers:
-            values = activation(values @ weight + bias)
-        values = self._squash(np.clip(values, -self._limit, self._limit))
-        actions = np.clip(values, -1.0, 1.0).astype(np.float32)
+        values = np.concatenate([block(batch) for block in self.features], axis=1)
+        for layer in self.layers:
+            values = layer(values)
+        values = SQUASH[self.squash](np.clip(values, -self.limit, self.limit))
+        values = np.clip(values, -1.0, 1.0)
+        if self.action_map is not None:
+            values = self.action_map(own, values)
+        actions = values.astype(np.float32)
         return (actions if x.ndim == 2 else actions[0]), state
 
 
@@ -205,18 +231,10 @@ def _read_history(entry: Any) -> History:
     return History(**entry)
 
 
-def _normalized(mean: Array, deviation: Array, clip: float) -> Callable[[Array], Array]:
-    return lambda seen: np.clip((seen - mean) / deviation, -clip, clip)
-
-
-def _harmonics(multiples: NDArray[np.int64]) -> Callable[[Array], Array]:
-    """cos k psi, sin k psi of each k, psi the crank angle, whose cos and sin come first."""
-
-    def function(seen: Array) -> Array:
-        powers = (seen[:, :1] + 1j * seen[:, 1:2]) ** multiples  # de Moivre's formula
-        return np.stack([powers.real, powers.imag], axis=-1).reshape(len(seen), -1)
-
-    return function
+def needs_second_format(description: dict[str, Any]) -> bool:
+    """Whether readers of the first format, which would pass over it, lack something of a policy."""
+    layers = description["network"]["layers"]
+    return "map" in description["action"] or any("batch_norm" in layer for layer in layers)
 
 
 def names(env_id: str) -> list[str]:
@@ -305,9 +323,9 @@ def _entry(part: Any, name: str, kind: type) -> Any:
     return part[name]
 
 
-def _choice(table: dict[Any, Any], name: str, value: Any) -> Any:
-    """What ``value`` names in a table."""
+def _known(table: dict[Any, Any], name: str, value: Any) -> Any:
+    """``value``, which must be a name in a table."""
     allowed: Sequence[Any] = list(table)
     if value not in allowed:
         raise ValueError(f"{name} is {shown(value)}, must be one of {allowed}")
-    return table[value]
+    return value

@@ -9,6 +9,7 @@ import torch
 from agents import config, runs, training
 from agents.model_files import read_model
 
+CRANK = "JansenCrank-v0"
 STEPS, SAVED = 576, 6  # of a whole run; checkpoints in it
 EPISODE = 21  # steps, so that episodes end anywhere in a rollout
 
@@ -90,3 +91,42 @@ def same(one, other) -> bool:
     if isinstance(one, (list, tuple)):
         return len(one) == len(other) and all(map(same, one, other))
     return one == other
+
+
+NETWORKS = {
+    "plain": ("ppo", {}, {"net_arch": [8], "activation": "tanh"}),
+    "normalized": ("ppo", {}, {"net_arch": [8, 4], "activation": "relu", "normalize": True}),
+    "apart": ("ppo", {}, {"net_arch": {"pi": [6], "vf": [4]}, "activation": "elu",
+                          "normalize": True, "share_features_extractor": False}),
+    "squashed": ("ppo", {"use_sde": True}, {"net_arch": [], "squash_output": True}),
+    "sac": ("sac", {}, {"net_arch": [8], "normalize": True}),
+    "tqc": ("tqc", {}, {"net_arch": [8], "normalize": True}),
+    "crossq": ("crossq", {}, {"net_arch": [8, 8], "normalize": True}),
+    "crossq of the observation": ("crossq", {"use_sde": True}, {"net_arch": [8]}),
+    "sac with gSDE": ("sac", {"use_sde": True}, {"net_arch": [8], "clip_mean": 0.3}),
+}  # fmt: skip
+
+
+def made_run(folder, algo, hyperparameters, policy_kwargs, env_id=CRANK, **more):
+    """A run's folder with a model that has learnt nothing, with weights of some size."""
+    hyperparameters = dict(hyperparameters)
+    config = {
+        "algo": algo, "env": env_id, "seed": 0, "policy": "MlpPolicy", "timesteps": 16, "n_envs": 1,
+        "hyperparameters": hyperparameters, "policy_kwargs": policy_kwargs,
+        "env_kwargs": {"max_episode_steps": 50}, **more,
+    }  # fmt: skip
+    if algo == "ppo":
+        hyperparameters |= {"n_steps": 8, "batch_size": 8}
+    folder.mkdir()
+    runs.record_run(folder, config, "python train.py --seed 0")
+    model = training.prepare(config)
+    torch.manual_seed(0)
+    with torch.no_grad():
+        for name, tensor in model.policy.state_dict().items():
+            if "target" not in name and tensor.is_floating_point():
+                tensor.copy_(torch.rand_like(tensor) + 0.1 if "extractor." in name or "ra_" in name
+                             else 0.5 * torch.randn_like(tensor))  # fmt: skip
+    if algo in ("sac", "tqc"):
+        model.critic_target.load_state_dict(model.critic.state_dict())
+    model.save(folder / "best_model.zip")
+    return folder

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 import torch
 from safetensors.numpy import load, save
+from small_runs import NETWORKS, made_run
 
-from agents import evaluate, models, pack, runs, unpack
+from agents import evaluate, models, pack, unpack
 from agents.evaluate import load_named
 from agents.model_files import read_model
 from agents.rollout import make_env, make_envs
@@ -149,42 +150,6 @@ def test_what_is_observed_is_what_is_documented(env_id):
         assert value == pytest.approx(info[name], rel=1e-5), name
 
 
-NETWORKS = {
-    "plain": ("ppo", {}, {"net_arch": [8], "activation": "tanh"}),
-    "normalized": ("ppo", {}, {"net_arch": [8, 4], "activation": "relu", "normalize": True}),
-    "apart": ("ppo", {}, {"net_arch": {"pi": [6], "vf": [4]}, "activation": "elu",
-                          "normalize": True, "share_features_extractor": False}),
-    "squashed": ("ppo", {"use_sde": True}, {"net_arch": [], "squash_output": True}),
-    "sac": ("sac", {}, {"net_arch": [8], "normalize": True}),
-    "tqc": ("tqc", {}, {"net_arch": [8], "normalize": True}),
-    "sac with gSDE": ("sac", {"use_sde": True}, {"net_arch": [8], "clip_mean": 0.3}),
-}  # fmt: skip
-
-
-def made_run(folder, algo, hyperparameters, policy_kwargs):
-    """A run's folder with a model that has learnt nothing, with weights of some size."""
-    config = {
-        "algo": algo, "env": CRANK, "seed": 0, "policy": "MlpPolicy", "timesteps": 16, "n_envs": 1,
-        "hyperparameters": hyperparameters, "policy_kwargs": policy_kwargs,
-        "env_kwargs": {"max_episode_steps": 50},
-    }  # fmt: skip
-    if algo == "ppo":
-        hyperparameters |= {"n_steps": 8, "batch_size": 8}
-    folder.mkdir()
-    runs.record_run(folder, config, "python train.py --seed 0")
-    model = models.build_model(algo, config, make_env(CRANK, {}))
-    torch.manual_seed(0)
-    with torch.no_grad():
-        for name, tensor in model.policy.state_dict().items():
-            if "target" not in name:
-                tensor.copy_(torch.rand_like(tensor) + 0.1 if "extractor." in name
-                             else 0.5 * torch.randn_like(tensor))  # fmt: skip
-    if algo in ("sac", "tqc"):
-        model.critic_target.load_state_dict(model.critic.state_dict())
-    model.save(folder / "best_model.zip")
-    return folder
-
-
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A run and the files packed of it."""
@@ -209,6 +174,33 @@ def test_packing_keeps_the_policy(network, tmp_path):
         assert torch.equal(tensor, again.policy.state_dict()[name]), name
     assert policy.description["training"]["command"] == ["python train.py --seed 0"]
     assert policy.env_kwargs == {"max_episode_steps": 50}
+
+
+@pytest.mark.parametrize("action", ["crank_speed", "residual"])
+def test_packing_keeps_what_actions_mean(action, tmp_path):
+    """And what is remembered; in a file of the second format, as earlier readers pass over it."""
+    run = made_run(
+        tmp_path / "run", *NETWORKS["normalized"], "JansenWalker-v0", action=action,
+        history={"length": 2, "every": 2},
+    )  # fmt: skip
+    path = pack.pack(run, None, tmp_path / "out", episodes=1)
+    policy, model = pretrained.load_file(path), models.load_policy(run)
+    assert policy.description["format"] == "jansen_env policy 2"
+    assert pack.check_equal(policy, unpack.to_policy(policy), 1000) < 1e-6
+    seen = np.random.default_rng(0).normal(size=(6, 9, 20)).astype(np.float32)
+    own = other = None
+    for step, observations in enumerate(seen):
+        starts = np.full(9, step == 0)
+        actions, own = policy.predict(observations, own, starts)
+        expected, other = model.predict(observations, other, starts, True)
+        assert np.abs(actions - expected).max() < 1e-5
+    assert np.ptp(actions) > 0.05
+    change(path, action__map__kind="eval")
+    with pytest.raises(ValueError, match="kind of map is 'eval', must be one of"):
+        pretrained.load_file(path)
+    change(path, action__map__kind=action, format=pretrained.FORMATS[0])
+    with pytest.raises(ValueError, match="must be 'jansen_env policy 2' for what it describes"):
+        pretrained.load_file(path)
 
 
 def test_a_model_from_a_policy_goes_on_learning(made, tmp_path):
@@ -257,13 +249,16 @@ NAN, HARMONICS = float("nan"), {"kind": "harmonics", "multiples": [2]}
 @pytest.mark.parametrize(
     ("values", "reason"),
     [
-        ({"format": 2}, "format is 2, must be 'jansen_env policy 1'"),
+        ({"format": 2}, "format is 2, must be one of ['jansen_env policy 1', 'jansen_env poli"),
+        ({"action__map": {"kind": "residual"}}, "map 'residual' takes ['lag'], which are not obs"),
         ({"sha256": ""}, "sha256 is not that of mine.safetensors"),
         ({"observation": []}, "has shape (5,), must have (0,)"),
         ({"observation": [3] * 5}, "an entry is 3, must be a dict"),
         ({"action__torque_limit": NAN}, "torque_limit is nan, must be a finite number"),
         ({"action": None}, "action is None, must be a dict"),
         ({"network__layers": []}, "the last layer has 5 units, must have 1"),
+        ({"network__features": []}, "network.features has no numbers, must have some"),
+        ({"network__layers__1__batch_norm": {"mean": "m"}}, "there is no tensor 'm'"),
         ({"network__layers__0__units": 7}, "has shape (8, 5), must have (7, 5)"),
         ({"network__layers__0__units": 10**30}, "must have (1000000000000000000000"),
         ({"network__layers__0__weight": "os.system"}, "there is no tensor 'os.system'"),

@@ -22,7 +22,7 @@ NAMELESS = """() => [...document.querySelectorAll('button, input, select, canvas
     .map(one => one.outerHTML)"""
 FRAME = "await new Promise(requestAnimationFrame);"
 SCRUB = "(one, time) => { one.value = time; one.dispatchEvent(new Event('input')); }"
-DIGITS = {"crankSpeed": 2, "torque": 2, "power": 2, "pitch": 1, "returned": 1}  # 3 of the others
+DIGITS = {"crankSpeed": 2, "torque": 2, "power": 2, "returned": 1}  # 3 of the others
 STILL = {"reduced_motion": "reduce"}
 
 
@@ -73,7 +73,7 @@ def expected(one, k):
         "command": one.command[k], "speed": one.speed[k], "crankSpeed": one.crank_speed[k],
         "torque": one.torque[k], "power": one.power[k - 1], "position": one.pose[k, 0],
         "slip": one.slip[k - 1].sum() / one.scene["controlDt"],
-        "pitch": np.degrees(one.pose[k, 2]), "returned": one.reward[:k].sum(),
+        "pitch": one.pose[k, 2], "returned": one.reward[:k].sum(),
         "slipPerMetre": slipped / distance if distance > 1e-3 else None,
         "costOfTransport": work / one.scene["weight"] / distance if distance > 1e-3 else None,
     }  # fmt: skip

@@ -38,7 +38,7 @@ const NUMBERS = [
     ? [
         ["slip", "slip speed, all toes", "m/s", 3],
         ["position", "position", "m", 3],
-        ["pitch", "pitch", "\u00b0", 1],
+        ["pitch", "pitch", "rad", 3],
         ["slipPerMetre", "slip per metre so far", "m/m", 3],
         ["costOfTransport", "cost of transport so far", "", 3],
       ]

@@ -106,7 +106,7 @@ export function numbersAt(track, k) {
     power: track.power[k],
     slip: track.slip[k],
     position: pose[4 * k],
-    pitch: (pose[4 * k + 2] * 180) / Math.PI,
+    pitch: pose[4 * k + 2],
     returned: track.returned[k],
     slipPerMetre: far ? track.slipped[k] / distance : null,
     costOfTransport: far ? track.work[k] / (scene.weight * distance) : null,

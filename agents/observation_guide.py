@@ -1,0 +1,88 @@
+"""How each number of an observation is to be had, for who runs a policy on another computer.
+
+Meanings of :class:`jansen_env.envs.walker.JansenWalkerEnv` and
+:class:`jansen_env.envs.crank.JansenCrankEnv`; the formulas of what is worked out from step to step
+are those of :func:`jansen_env.engine.task.follow` and :func:`jansen_env.engine.task.average`.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from typing import Any
+
+from jansen_env.engine.task import FURTHEST_TARGET, LONGEST_MEAN, SHORTEST_MEAN
+from jansen_env.envs.arguments import scanned_places
+
+CRANK = "crank angle relative to the chassis, counted the way a positive action turns it"
+MEANINGS = {
+    "cos_crank_angle": f"cosine of the {CRANK}",
+    "sin_crank_angle": f"sine of the {CRANK}",
+    "crank_speed": "rate of the crank angle relative to the chassis, counted alike",
+    "sin_pitch": "sine of the chassis' pitch, positive where its +x end is raised",
+    "cos_pitch": "cosine of the pitch",
+    "pitch_rate": "rate of the pitch",
+    "crank_axis_x_velocity": "velocity of the crank axis along the horizontal x",
+    "crank_axis_y_velocity": "velocity of the crank axis upwards",
+    "crank_axis_height": "height of the crank axis over the ground below it",
+    "last_action": "action of the step before, share of the torque limit; 0 at an episode's start",
+    "lag": "how far the target is ahead, worked out: see below",
+    "mean_speed": "mean walking speed, worked out: see below",
+    "mean_slip": "mean slip speed of all toes together, worked out: see below",
+    "mean_power": "mean size of the motor's power, worked out: see below",
+    "rms_torque": "root mean square of the crank torque, worked out: see below",
+    "tracking_error": "reference minus crank angle; the reference starts at pi and turns at the "
+                      "commanded speed",
+}  # fmt: skip
+RUNNING = ("lag", "mean_speed", "mean_slip", "mean_power", "rms_torque")
+
+
+def meaning(name: str, env: Any) -> str:
+    """What a number of this name is, for an unwrapped environment that shows it; "" if unknown."""
+    if match := re.fullmatch(r"toe_load_(\d+)", name):
+        toe = int(match[1])
+        return (
+            f"normal force on toe {toe} ({env.robot.leg_names[toe]}) / weight of robot and "
+            "payload, mean over the last period"
+        )
+    if match := re.fullmatch(r"height_scan_(\d+)", name):
+        x = scanned_places(env_argument(env, "height_scan"))[int(match[1])]
+        return f"height of the crank axis over the ground {round(x, 6):+g} m from it along x"
+    if name == "speed_command":
+        turns = "tracking_error" in [entry.name for entry in env.observed]
+        return "crank speed asked for" if turns else "walking speed asked for, negative backwards"
+    return MEANINGS.get(name, "")
+
+
+def env_argument(env: Any, name: str) -> Any:
+    """An argument of an unwrapped environment, as it was given or by default."""
+    given = env.spec.kwargs if env.spec is not None else {}
+    default: Any = inspect.signature(type(env.task)).parameters[name].default
+    return given.get(name, default)
+
+
+def running_means(env: Any) -> str:
+    """In Markdown how the numbers of :data:`RUNNING` are worked out, for an unwrapped environment
+    of a walker; "" for others, which show none of them."""
+    if not {*RUNNING} & {entry.name for entry in env.observed}:
+        return ""
+    path = float(env.task.rows["mean_path"][0])
+    return f"""\
+The robot's own computer works these out from step to step; all are 0 at an episode's start. With
+the control period T = {env.control_dt:g} s, the speed c that was commanded in the period past, the
+mean velocity v = (x - x of the step before) / T of the crank axis, the path s that all toes
+together have slid on the ground while loaded, the motor's work W and the mean crank torque M, each
+in the period past:
+
+    lag        <- min(max(lag + (c - v) T, -{FURTHEST_TARGET:g} m), {FURTHEST_TARGET:g} m)
+    tau         = min(max({path:.6g} m / |c|, {SHORTEST_MEAN:g} s), {LONGEST_MEAN:g} s)
+    a           = 1 - exp(-T / tau)
+    mean_speed <- mean_speed + a (v - mean_speed)
+    mean_slip  <- mean_slip + a (s / T - mean_slip)
+    mean_power <- mean_power + a (|W| / T - mean_power)
+    rms_torque <- sqrt(rms_torque^2 + a (M^2 - rms_torque^2))
+
+{path:.6g} m is what a quarter turn of the crank advances this robot. Source: `follow` and `average`
+in jansen_env/engine/task.py, documented under Rewards of JansenWalkerEnv. In training they were
+exact, even where sensors were noisy (see jansen_env.Noise); a machine has to estimate v and s.
+"""

@@ -1,0 +1,355 @@
+"""Policies taken along: ONNX and C that act as PyTorch does, and what is said of them."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from small_runs import NETWORKS, go_on, made_run, small_run
+
+from agents import (
+    card_examples,
+    export,
+    export_c,
+    export_check,
+    model_card,
+    observation_guide,
+    pack,
+    unpack,
+)
+from agents.rollout import make_env
+from agents.tasks import TASKS
+from jansen_env import pretrained
+from jansen_env.pretrained import PretrainedPolicy
+
+STRICT = (
+    "-std=c99", "-O1", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Wshadow",
+    "-Wunused-macros", "-pedantic", "-Werror",
+)  # fmt: skip
+SINGLE = (*STRICT, "-DMINE_SINGLE_PRECISION")
+WALKER, CRANK = "JansenWalker-v0", "JansenCrank-v0"
+needs_cc = pytest.mark.skipif(export_check.compiler() is None, reason="there is no C compiler")
+
+RUNS = {
+    "added to the profile": (
+        ("ppo", {}, {"net_arch": [8, 8], "activation": "elu", "normalize": True, "harmonics": 2}),
+        {"env_id": WALKER, "action": "residual", "history": {"length": 3, "every": 2}},
+    ),
+    "crank speed by crossq": (
+        ("crossq", {}, {"net_arch": [8, 8], "activation": "relu", "normalize": True}),
+        {"env_id": WALKER, "action": "crank_speed"},
+    ),
+}
+
+
+def agree(policy, count, limit=1e-6, single=1e-5):
+    """Whether all that can run a policy acts as PyTorch does in float64, one after another."""
+    cases = export_check.make_cases(policy, count)
+    expected = export_check.actions_of(pack.in_float64(unpack.to_policy(policy)), cases)
+    assert cases.observations.shape[:2] == cases.starts.shape and cases.starts.size >= count
+    assert np.ptp(expected) > 0.1 and np.abs(expected).min() < 0.99
+    sources = export_c.sources(policy, "mine")
+    found = [export_check.actions_of(policy, cases)]
+    if export_check.compiler() is not None:
+        found.append(export_check.actions_of_c(sources, "mine", cases, STRICT))
+        rounded = export_check.actions_of_c(sources, "mine", cases, SINGLE)
+        assert export_check.largest_difference(rounded, expected) < single
+    runtime = pytest.importorskip("onnxruntime")
+    from agents.export_onnx import OnnxPolicy, build
+
+    session = runtime.InferenceSession(build(policy, "mine").SerializeToString())
+    found.append(export_check.actions_of(OnnxPolicy(session, policy), cases))
+    for actions in found:
+        assert export_check.largest_difference(actions, expected) < limit
+    return cases
+
+
+@pytest.mark.parametrize("kind", RUNS)
+def test_onnx_and_c_act_as_pytorch(kind, tmp_path):
+    """Histories, batch norms, harmonics, limits, and actions that mean something else."""
+    own, more = RUNS[kind]
+    agree(pack.from_run(made_run(tmp_path / "run", *own, **more)), 600)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("env_id", TASKS)
+def test_shipped_policies_act_as_pytorch(env_id):
+    """On 10,000 observations, in float to 2e-6."""
+    cases = agree(pretrained.load(env_id), 10_000, single=2e-6)
+    assert cases.starts.sum() > 2 * export_check.ROBOTS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("network", NETWORKS)
+def test_networks_act_as_pytorch(network, tmp_path):
+    """All that can be packed."""
+    agree(pack.from_run(made_run(tmp_path / "run", *NETWORKS[network])), 10_000)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("algo", ["ppo", "sac"])
+def test_trained_policies_act_as_pytorch(algo, tmp_path):
+    """Of small runs, with statistics of what they have seen."""
+    settings = small_run(algo, history={"length": 2, "every": 1} if algo == "ppo" else {})
+    go_on(settings, tmp_path)
+    agree(pack.from_run(tmp_path), 10_000)
+
+
+def test_cases_are_those_that_matter():
+    """Of episodes, of chance, and at the clip and beyond; episodes start in between."""
+    policy = pretrained.load(WALKER)
+    seen, starts = export_check.make_cases(policy, 400)
+    mean, deviation = policy.scale
+    far = np.abs((seen - mean) / deviation)
+    far[..., [0, 1, 3, 4]] = 0.0  # on the circle
+    assert starts[0].all() and starts.mean() < 0.3
+    assert far[: len(far) // 2].max() < 30.0
+    clip = far[-len(far) // 4 :]
+    for low, high in ((9.99, 10.0), (10.0, 10.01), (99.0, 101.0), (9e4, 1.1e5)):
+        assert ((clip > low) & (clip < high)).any()
+
+
+EVIL = '*/ int evil(void); /* \\\n #include "evil.h" ??/ `rm` \u2028 <b>|</b>'
+
+
+@needs_cc
+def test_no_text_of_a_file_becomes_code():
+    """Of names, units and ids: comments do not end, nothing but letters is left of names."""
+    policy = pretrained.load(CRANK)
+    given = policy.description["observation"]
+    described = {
+        **policy.description,
+        "env": {"id": EVIL, "kwargs": {}},
+        "observation": [{"name": row["name"] + EVIL, "unit": EVIL} for row in given],
+    }
+    evil = PretrainedPolicy(described, policy.tensors)
+    sources = export_c.sources(evil, "mine")
+    for source in sources.values():
+        assert source.isascii() and "evil.h" not in source.replace("_evil.h", "")
+        code = re.sub(r"/\*.*?\*/", "", source, flags=re.S)
+        assert "evil" not in code and "?" not in code.replace(" ? ", "")
+        assert "`" not in source and "\\" not in source
+    assert re.search(
+        r"MINE_OBS_COS_CRANK_ANGLE_INT_EVIL_\w+ = 0, /\* _/ int evil", sources["mine.h"]
+    )
+    seen = np.ones((1, 1, 5), np.float32)
+    cases = export_check.Cases(seen, np.ones((1, 1), bool))
+    own = policy.predict(seen[0])[0]
+    assert export_check.actions_of_c(sources, "mine", cases, STRICT) == pytest.approx(own, abs=1e-6)
+    described["observation"][1] = described["observation"][0]
+    with pytest.raises(ValueError, match="several observations would be"):
+        export_c.sources(PretrainedPolicy(described, policy.tensors), "mine")
+    for name in ("int", "math", "a-b", "1a", "a" * 64, "", "a\nb", "ä"):
+        with pytest.raises(ValueError, match="must be letters, digits and _"):
+            export_c.sources(policy, name)
+
+
+def test_no_text_of_a_file_becomes_markdown():
+    """Within a line it stays code, and a block of code it cannot end."""
+    assert re.fullmatch("`[^`|\n]+`", card_examples.code(EVIL)) and card_examples.code("") == "` `"
+    lines = model_card.block(f"a\n```\n# b\n\n<script>\n\r{EVIL}").split("\n")
+    assert len(lines) == 7 and all(re.match("    [^\r\u2028]*$", line) for line in lines)
+
+
+@needs_cc
+def test_what_is_not_finite_is_refused_by_the_controller(tmp_path):
+    """With a torque of 0, and without a place in the memory; robots are apart."""
+    more = {"env_id": WALKER, "history": {"length": 2, "every": 1}}
+    policy = pack.from_run(made_run(tmp_path / "run", *NETWORKS["squashed"], **more))
+    (tmp_path / "main.c").write_text("""
+#include <math.h>
+#include <stdio.h>
+#include "mine.h"
+int main(void)
+{
+    mine_state one, other;
+    float seen[MINE_OBSERVATIONS] = {1.0f, 0.0f}, action = 9.0f;
+    int wrong;
+    mine_reset(&one);
+    mine_reset(&other);
+    mine_step(&one, seen, &action);
+    printf("%.9g ", (double)action);
+    seen[2] = NAN;
+    wrong = mine_step(&one, seen, &action);
+    printf("%d %.9g ", wrong, (double)action);
+    seen[2] = 0.5f;
+    mine_step(&one, seen, &action);
+    printf("%.9g ", (double)action);
+    mine_step(&other, seen, &action);
+    printf("%.9g %g %g", (double)action, (double)MINE_TORQUE_LIMIT, (double)MINE_CONTROL_PERIOD);
+    return 0;
+}
+""")
+    for file, source in export_c.sources(policy, "mine").items():
+        (tmp_path / file).write_text(source)
+    build = [export_check.compiler(), *STRICT, "-o", "main", "main.c", "mine.c", "-lm"]
+    subprocess.run(build, cwd=tmp_path, check=True)
+    found = subprocess.run([tmp_path / "main"], capture_output=True, text=True, check=True).stdout
+    seen = np.zeros((2, 1, 20))
+    seen[:, 0, 0], seen[1, 0, 2] = 1.0, 0.5
+    first, state = policy.predict(seen[0])
+    expected = [first, -1.0, 0.0, policy.predict(seen[1], state)[0], policy.predict(seen[1])[0]]
+    numbers = [float(np.squeeze(number)) for number in (*expected, 20.0, 0.02)]
+    assert [float(word) for word in found.split()] == pytest.approx(numbers, abs=1e-6)
+    assert len({*numbers}) == len(numbers)
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    """A run, and what has been written of it."""
+    pytest.importorskip("onnx")
+    folder = tmp_path_factory.mktemp("exported")
+    more = {"env_id": WALKER, "history": {"length": 2, "every": 2}}
+    run = made_run(folder / "run", *NETWORKS["apart"], **more)
+    to = [word for kind in export.KINDS for word in ("--to", kind)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(export, "CASES", 600)
+        export.main([str(run), *to, "--out", str(folder), "--name", "mine", "--episodes", "2"])
+    return run, folder
+
+
+def test_everything_is_written_with_its_card(exported):
+    """Whose checksums are right, and whose numbers are those of the run."""
+    run, folder = exported
+    names = {"mine.onnx", "mine.h", "mine.c", "mine.safetensors", "mine.json", "mine.md"}
+    assert {path.name for path in folder.iterdir()} == names | {"run"}
+    card = (folder / "mine.md").read_text(encoding="utf-8")
+    for name in names - {"mine.md"}:
+        data = (folder / name).read_bytes()
+        assert f"{len(data)}" in card and pretrained.checksum(data) in card
+    policy = pretrained.load_file(folder / "mine.json")
+    assert policy.description["scores"]["episodes_per_command"] == 2
+    for name in policy.observed:
+        assert f"`{name}`" in card
+    for words in (
+        "not tested on a machine", "python train.py --seed 0", "0.05 to 0.8", "20 N m", "0.02 s",
+        "2 episodes at each of 8 commands, 16 in all, seed 0", "| pid", "| profile", "gymnasium 1",
+        f"--policy {run} --policy pid", "lag        <-", "MIT", "clips at 10 of them",
+        "over 600 observations", "every 2nd before it",
+    ):  # fmt: skip
+        assert words in card, words
+
+
+def test_the_examples_of_a_card_run(exported, tmp_path, capsys, monkeypatch):
+    """And print what it says."""
+    folder = exported[1]
+    card = (folder / "mine.md").read_text(encoding="utf-8")
+    expected = {float(number) for number in re.findall(r"prints (-?[\d.]+?)\.?\s", card)}
+    assert len(expected) == 1
+    monkeypatch.chdir(folder)
+    for source in re.findall(r"```python\n(.*?)```", card, re.S):
+        if "onnxruntime" in source:
+            pytest.importorskip("onnxruntime")
+        exec(source, {})
+        assert float(capsys.readouterr().out) in expected
+    if export_check.compiler() is None:
+        pytest.skip("there is no C compiler")
+    for name in ("mine.h", "mine.c"):
+        shutil.copy(folder / name, tmp_path)
+    (main,) = re.findall(r"```c\n(.*?)```", card, re.S)
+    (tmp_path / "main.c").write_text(main)
+    (commands,) = re.findall(r"```bash\n(.*?)```", card, re.S)
+    found = subprocess.run(
+        ["bash", "-e", "-c", commands], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert float(found.stdout) == pytest.approx(*expected, abs=1e-4)
+    again = subprocess.run([tmp_path / "main"], input="nan " * 20, capture_output=True, text=True)
+    assert again.returncode == 1 and again.stderr == "an observation is not finite\n"
+
+
+def test_an_onnx_model_says_what_it_takes(exported):
+    """Names, units, periods and limits; any number of robots."""
+    onnx = pytest.importorskip("onnx")
+    model = onnx.load(exported[1] / "mine.onnx")
+    onnx.checker.check_model(model, full_check=True)
+    told = {entry.key: entry.value for entry in model.metadata_props}
+    rows = json.loads(told["observation"])
+    assert rows[9] == {"name": "speed_command", "unit": "m/s"} and len(rows) == 20
+    assert told["env_id"] == WALKER and json.loads(told["history"]) == {"length": 2, "every": 2}
+    assert (told["torque_limit"], told["control_dt"]) == ("20.0", "0.02")
+    assert "9: speed_command, m/s" in model.graph.input[0].doc_string
+    assert [value.name for value in model.graph.input] == ["observation", "memory", "episode_start"]
+    assert [value.name for value in model.graph.output] == ["action", "torque", "next_memory"]
+    runtime = pytest.importorskip("onnxruntime")
+    session = runtime.InferenceSession(exported[1] / "mine.onnx")
+    for n in (1, 7):
+        given = {
+            "observation": np.ones((n, 20), np.float32),
+            "memory": np.zeros((n, 3, 20), np.float32),
+            "episode_start": np.ones(n, bool),
+        }
+        action, torque, memory = session.run(None, given)
+        assert torque == pytest.approx(20.0 * action) and (memory == 1.0).all()
+        assert action.shape == (n, 1)
+
+
+def test_what_does_not_agree_is_not_written(exported, tmp_path, monkeypatch, capsys):
+    """Nor what cannot be; in a line."""
+    out = tmp_path / "out"
+    monkeypatch.setattr(export, "CASES", 200)
+
+    def refused(*words):
+        with pytest.raises(SystemExit):
+            export.main([*map(str, words), "--out", str(out), "--episodes", "1"])
+        return capsys.readouterr().err
+
+    assert "--env is JansenCrank-v0, but" in refused(exported[0], "--to", "c", "--env", CRANK)
+    assert "no model at" in refused(tmp_path, "--to", "c")
+    assert "policy is 'none', must be one of" in refused("pretrained:none", "--to", "c")
+    assert "name is 'a b', must be letters" in refused("pretrained", "--to", "c", "--name", "a b")
+    original = export_c.sources
+    policy = pretrained.load(CRANK)
+    with monkeypatch.context() as patch:
+        patch.setattr(export, "compiler", lambda: None)
+        unchecked = tmp_path / "unchecked"
+        found = export.export("pretrained", ("c",), unchecked, env_id=CRANK, episodes=1)
+    assert found[1]["C in double"] is None
+    assert "not compared here" in found[0][-1].read_text()
+    assert found[0][0].read_text() == original(policy, "jansen_crank_v0_ppo")[found[0][0].name]
+    if export_check.compiler() is not None:
+        wrong = {**policy.tensors, "action_net.weight": 1.01 * policy.tensors["action_net.weight"]}
+        other = PretrainedPolicy(policy.description, wrong)
+        with monkeypatch.context() as patch:
+            patch.setattr(export_c, "sources", lambda _, name: original(other, name))
+            said = refused("pretrained", "--to", "c", "--env", CRANK)
+        assert "actions of C in double differ by" in said and "nothing was written" in said
+    monkeypatch.setattr(export, "find_spec", lambda _: None)
+    assert "which the extra 'export' installs" in refused("pretrained", "--to", "onnx")
+    assert not out.exists()
+
+
+def test_every_number_has_a_meaning():
+    """Of every environment, with the unit that it has there."""
+    for env_id in TASKS:
+        env = make_env(env_id, {}).unwrapped
+        told = [observation_guide.meaning(entry.name, env) for entry in env.observed]
+        assert all(told) and len({*told}) == len(told)
+        assert bool(observation_guide.running_means(env)) == (env_id != CRANK)
+
+
+def test_running_means_are_worked_out_so():
+    """By the formulas in a card, from what a step does."""
+    env = make_env(WALKER, {}).unwrapped
+    seen, _ = env.reset(seed=0, options={"speed_command": 0.3})
+    (path,) = re.findall(r"min\(max\((\S+) m / \|c\|", observation_guide.running_means(env))
+    names = [entry.name for entry in env.observed]
+    dt, command, kept = env.control_dt, 0.3, dict.fromkeys(observation_guide.RUNNING, 0.0)
+    share = 1.0 - np.exp(-dt / min(max(float(path) / command, 0.2), 3.4))
+    x = 0.0
+    for _ in range(60):
+        seen, _, _, _, info = env.step(np.full(1, 0.3, np.float32))
+        velocity = (info["x_position"] - x) / dt
+        x, slip = info["x_position"], float(np.sum(info["slip"]))
+        power, torque = abs(info["energy"]["motor_work"]) / dt, info["crank_torque"]
+        kept["lag"] = min(max(kept["lag"] + (command - velocity) * dt, -0.5), 0.5)
+        kept["mean_speed"] += share * (velocity - kept["mean_speed"])
+        kept["mean_slip"] += share * (slip / dt - kept["mean_slip"])
+        kept["mean_power"] += share * (power - kept["mean_power"])
+        square = kept["rms_torque"] ** 2
+        kept["rms_torque"] = (square + share * (torque**2 - square)) ** 0.5
+        for name, value in kept.items():
+            assert seen[names.index(name)] == pytest.approx(value, rel=1e-4, abs=1e-6), name

@@ -1,7 +1,7 @@
 """Chromium for the tests of pages: skipped, with a reason, where it or playwright is missing.
 
-With $CHROMIUM set, or $JANSEN_ENV_SCREEN "required", they fail there. Import the fixtures; what a
-page reports is checked at the end.
+With $CHROMIUM set, or $JANSEN_ENV_SCREEN "required", they fail there. The fixtures are
+``conftest.py``'s; what a page reports is checked at the end.
 """
 
 from __future__ import annotations

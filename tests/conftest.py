@@ -1,4 +1,6 @@
-"""Shared by the physics tests: the designs, their tables, seeded random numbers and states."""
+"""Shared by the physics tests: the designs, their tables, seeded random numbers and states; and one
+browser for the tests of pages.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from browser import browser, open_window  # noqa: F401 - fixtures: once for all modules
 from numpy.typing import NDArray
 
 from jansen_env.dynamics.reduced import Tables, compile_robot

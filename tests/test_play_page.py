@@ -11,7 +11,6 @@ import pytest
 
 pytest.importorskip("websockets", reason="the extra 'play' is not installed")
 
-from browser import browser, open_window  # noqa: F401  fixtures
 
 WAIT = 10_000  # ms
 
@@ -26,11 +25,11 @@ def start(port="0"):
 
 def stop(process):
     process.terminate()
-    process.wait(10)
+    process.communicate(timeout=10)
 
 
 @pytest.fixture
-def window(open_window):  # noqa: F811
+def window(open_window):
     """The page of a new session, which keeps the last message of each kind; ``heard`` has them."""
     process, address = start()
     found = open_window(viewport={"width": 1200, "height": 720}, reduced_motion="reduce")
@@ -225,7 +224,7 @@ def test_it_comes_back_when_the_program_does(window):
     window.errors.clear()
 
 
-def test_on_a_phone_in_the_dark_by_touch(open_window):  # noqa: F811
+def test_on_a_phone_in_the_dark_by_touch(open_window):
     process, address = start()
     try:
         found = open_window(

@@ -9,7 +9,6 @@ import gymnasium as gym
 import imageio.v3 as iio
 import numpy as np
 import pytest
-from browser import browser, open_window  # noqa: F401 - fixtures
 
 import jansen_env  # noqa: F401 - registers the environments
 from jansen_env.recorder import Recorder
@@ -40,7 +39,7 @@ def recordings():
 
 
 @pytest.fixture
-def opened(open_window, recordings, tmp_path):  # noqa: F811
+def opened(open_window, recordings, tmp_path):
     """A function to the window of a page with the first recordings of a number."""
 
     def window(count=1, shown=None, **options):
@@ -344,7 +343,7 @@ def test_extremes_do_not_hang_it(opened, recordings, reach):
     assert time_of(page) == 2.0
 
 
-def test_names_are_text(opened, open_window, recordings, tmp_path):  # noqa: F811
+def test_names_are_text(opened, open_window, recordings, tmp_path):
     """Not markup or code, in the page and in a notebook's frame, which may not do anything."""
     evil = "</script><script>document.title='x'</script><img src=x onerror=alert(1)>\"'&"
     one = recorded("JansenWalker-v0", evil, 0.1)

@@ -30,6 +30,7 @@ MAX_UNPACKED = 2**27  # bytes of all its arrays
 MAX_DIRECTORY = 2**14  # bytes of the table of contents at the end of a file
 MAX_TEXT = 2**20  # bytes of the JSON text in it
 LONGEST_NAME = 200  # characters
+PACKED = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}  # ways to pack a member of an archive
 END_OF_DIRECTORY, BIG_LOCATOR = b"PK\x05\x06", b"PK\x06\x07"  # signatures of zip archives
 
 Array = NDArray[np.float64]
@@ -249,6 +250,9 @@ def _read_archive(data: bytes) -> dict[str, NDArray[Any]]:
             wanted = {f"{name}.npy": name for name in ("description", *SHAPES)}
             if {*members} != {*wanted} or len(archive.infolist()) != len(wanted):
                 raise ValueError(f"it has {shown(sorted(members))}, must have {sorted(wanted)}")
+            # Of other kinds zipfile unpacks more than it is asked for.
+            if not {member.compress_type for member in members.values()} <= PACKED:
+                raise ValueError("it is packed in another way than npz files are")
             if sum(member.file_size for member in members.values()) > MAX_UNPACKED:
                 raise ValueError(f"it unpacks to more than {MAX_UNPACKED} bytes")
             return {

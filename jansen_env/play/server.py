@@ -21,12 +21,13 @@ from dataclasses import asdict
 from http import HTTPStatus
 from importlib.resources import files
 from time import monotonic
-from typing import Any
+from typing import Any, ClassVar
 
 from websockets.asyncio.server import ServerConnection
 from websockets.asyncio.server import serve as serve_sockets
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
+from websockets.protocol import State
 
 from jansen_env.play.messages import parse
 from jansen_env.play.session import BY_HAND, LARGEST_PUSH, PACES, SLIDERS, Session
@@ -223,18 +224,20 @@ def state_message(session: Session) -> dict[str, Any]:
 
 
 class _Limited(ServerConnection):
-    """A connection that is cut off where there are too many."""
+    """A connection; where there are too many, the one that has been idle longest is cut off."""
 
-    open_connections = 0
+    present: ClassVar[dict[_Limited, None]] = {}  # in the order they came
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         super().connection_made(transport)
-        _Limited.open_connections += 1
-        if _Limited.open_connections > MOST_CONNECTIONS:
-            self.transport.abort()
+        self.present[self] = None
+        if len(self.present) > MOST_CONNECTIONS:
+            idle = next(one for one in self.present if one.state is not State.OPEN)
+            del self.present[idle]
+            idle.transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        _Limited.open_connections -= 1
+        self.present.pop(self, None)
         super().connection_lost(exc)
 
 

@@ -320,14 +320,18 @@ async def throw(host, seed, count):
     return sent
 
 
-def throw_bytes(host, seed):
-    """Bytes that are no request, or no frames after one."""
-    rng, address = random.Random(seed), host.split(":")
-    start = (
+def opening(host):
+    """The request that opens a socket."""
+    return (
         f"GET /socket HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nUpgrade: websocket\r\n"
         "Connection: Upgrade\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
         "Sec-WebSocket-Version: 13\r\n\r\n"
     ).encode()
+
+
+def throw_bytes(host, seed):
+    """Bytes that are no request, or no frames after one."""
+    rng, address, start = random.Random(seed), host.split(":"), opening(host)
     for head in (b"", b"GET / HTTP/1.1\r\n", b"GET " + 9000 * b"/", b"\x16\x03\x01", start,
                  start[: rng.randrange(len(start))] + b"\r\n\r\n"):  # fmt: skip
         with socket.create_connection((address[0], int(address[1])), timeout=5) as one:
@@ -391,6 +395,17 @@ def test_a_slow_page_skips_frames():
         task.cancel()
 
     apart(asyncio.run, run())
+
+
+def test_who_asks_and_never_reads_is_cut_off(served):
+    """Answers to pings are not kept without end."""
+    ping = b"\x89\xfd" + bytes(4) + bytes(125)
+    with socket.create_connection(served[1].split(":"), timeout=10) as one:
+        one.sendall(opening(served[1]))
+        with pytest.raises(ConnectionError):
+            for _ in range(1000):
+                one.sendall(1000 * ping)
+    assert ask(served[1])[0] == 200
 
 
 @pytest.mark.parametrize(

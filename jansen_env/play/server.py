@@ -8,7 +8,8 @@ A page of another site may be open in the same browser and must not reach the ro
 refused: DNS rebinding), an ``Origin`` too, and a socket is not opened without one. Only the files
 of :data:`FILES` are served. Messages are small, few and held to a schema
 (:mod:`jansen_env.play.messages`); who sends rubbish is told so, and after some of it cut off. A
-page that reads slowly gets fewer frames, none is kept for it.
+page that reads slowly gets fewer frames, none is kept for it; one that sends and never reads is cut
+off.
 """
 
 from __future__ import annotations
@@ -54,6 +55,7 @@ HEADERS = {
 }
 FRAME_TIME = 0.02  # s between two states that are sent
 MOST_BYTES = 1024  # of a message to the server
+MOST_UNREAD = 2**22  # bytes that are kept for somebody who sends but does not read
 MOST_SOCKETS, MOST_CONNECTIONS = 4, 32  # at once
 RATE, BURST = 200.0, 200.0  # messages a second of one socket, and how many at once
 MOST_ERRORS = 20  # messages of one socket that are refused before it is closed
@@ -235,6 +237,11 @@ class _Limited(ServerConnection):
             idle = next(one for one in self.present if one.state is not State.OPEN)
             del self.present[idle]
             idle.transport.abort()
+
+    def data_received(self, data: bytes) -> None:
+        super().data_received(data)
+        if self.transport.get_write_buffer_size() > MOST_UNREAD:  # answers to pings
+            self.transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
         self.present.pop(self, None)

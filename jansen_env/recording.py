@@ -54,6 +54,7 @@ SHAPES: dict[str, tuple[str, tuple[str | int, ...]]] = {
     "command": ("<f8", ("frames",)),
     "speed": ("<f8", ("frames",)),
     "torque": ("<f8", ("frames",)),
+    "weight": ("<f8", ("frames",)),
     "contact": ("|i1", ("frames", "legs")),
     "contact_point": ("<f8", ("frames", "legs", 2)),
     "contact_force": ("<f8", ("frames", "legs", 2)),
@@ -79,7 +80,9 @@ class Recording:
             and its rate where the frame is held. pose: (n + 1, 4) x, y, theta, psi, m and rad.
         joints: (n + 1, legs, 8, 2) m, world frame, joints in the order of
             :data:`jansen_env.kinematics.JOINTS`.
-        command, speed: (n + 1,) in ``scene["speedUnit"]``. torque: (n + 1,) N m.
+        command: (n + 1,) of the step that begins there, and speed: (n + 1,) in
+            ``scene["speedUnit"]``. torque: (n + 1,) N m.
+        weight: (n + 1,) N, of the robot, positive.
         contact: (n + 1, legs) 0 in the air, 1 grip, 2 slip. contact_point: (n + 1, legs, 2) m;
             contact_force: (n + 1, legs, 2) mean force of the ground on each toe, N, world frame.
         observation: (n + 1, d) and action: (n, a), flattened, as the policy has them; reward: (n,).
@@ -105,6 +108,7 @@ class Recording:
     command: Array
     speed: Array
     torque: Array
+    weight: Array
     contact: NDArray[np.int8]
     contact_point: Array
     contact_force: Array
@@ -136,6 +140,8 @@ class Recording:
             object.__setattr__(self, name, array)
         if (np.diff(self.time) <= 0.0).any():
             raise ValueError("time does not increase from frame to frame, must do so")
+        if self.weight.min() < 1e-9:
+            raise ValueError(f"weight has {self.weight.min()}, must be at least 1e-9")
         if self.contact.min(initial=0) < 0 or self.contact.max(initial=0) > SLIP:
             raise ValueError("contact has other numbers than 0, 1 and 2")
         if len(self.terrain) == 1 or (np.diff(self.terrain[:, 0]) <= 0.0).any():

@@ -78,7 +78,7 @@ def test_other_feet_bear_this_episode_and_those_to_come(randomize, changes):
     changes = dict(changes)
     if "stiffness" in changes:
         changes["pad_compliance"] = Compliance(changes.pop("stiffness"), 20.0)
-    with pytest.raises(ValueError, match="stiffness is .*, must be at least"):
+    with pytest.raises(ValueError, match=r"stiffness is .*, must be at least"):
         env.set_parameters(**changes)
     assert (env.get_state()["parameters"], env.robot) == before
     for seed in range(5):

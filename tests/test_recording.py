@@ -190,6 +190,7 @@ def test_what_is_no_number_is_refused(short):
     ("change", "message"),
     [
         ({"time": np.zeros(6)}, "time does not increase"),
+        ({"weight": np.zeros(6)}, "weight has 0.0, must be at least"),
         ({"contact": np.full((6, 4), 3)}, "contact has other numbers"),
         ({"terrain": [[1.0, 0.0], [0.0, 0.0]]}, "x that increases"),
         ({"energies": ("a",)}, "energies has 1 entries"),

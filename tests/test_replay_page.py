@@ -75,7 +75,7 @@ def expected(one, k):
         "slip": one.slip[k - 1].sum() / one.scene["controlDt"],
         "pitch": one.pose[k, 2], "returned": one.reward[:k].sum(),
         "slipPerMetre": slipped / distance if distance > 1e-3 else None,
-        "costOfTransport": work / one.scene["weight"] / distance if distance > 1e-3 else None,
+        "costOfTransport": work / one.weight[k] / distance if distance > 1e-3 else None,
     }  # fmt: skip
 
 

@@ -166,7 +166,9 @@ def _packed(recording: Recording) -> dict[str, Any]:
     axis = one.pose[:, :2]
     since = one.time - one.time[0]
     lengths = np.diff(one.time)
-    direction = np.sign(one.command[0]) or 1.0
+    # Of each step in the direction commanded in it; forwards where nothing ever is.
+    directions = np.sign(one.command[:-1]) if one.command[:-1].any() else np.ones(one.steps)
+    lifts = np.abs(one.energy_of("motor_work")) / one.weight[1:]  # by which the work would lift it
     arrays = {
         "time": _plain(since, "<f8"),
         "pose": _plain(np.column_stack([axis, _turned(one.pose[:, 2:])]), "<f4"),
@@ -181,10 +183,10 @@ def _packed(recording: Recording) -> dict[str, Any]:
         "power": _plain(_after_start(one.power)),
         "reward": _plain(_after_start(one.reward)),
         "slip": _plain(_after_start(one.slip.sum(axis=1) / lengths)),
-        "distance": _plain(direction * (axis[:, 0] - axis[0, 0])),
+        "distance": _plain(_after_start(directions * np.diff(axis[:, 0])).cumsum()),
         "returned": _plain(_after_start(one.reward).cumsum()),
         "slipped": _plain(_after_start(one.slip.sum(axis=1)).cumsum()),
-        "work": _plain(_after_start(np.abs(one.energy_of("motor_work"))).cumsum()),
+        "lifted": _plain(_after_start(lifts).cumsum()),
     }
     ended = one.terminated
     return {"scene": {**one.scene, "terrain": _seen(one)}, "ended": ended, "arrays": arrays}

@@ -1,6 +1,7 @@
 """Chromium for the tests of pages: skipped, with a reason, where it or playwright is missing.
 
-With $CHROMIUM set they fail there. Import the fixtures; what a page reports is checked at the end.
+With $CHROMIUM set, or $JANSEN_ENV_SCREEN "required", they fail there. Import the fixtures; what a
+page reports is checked at the end.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ def chromium() -> str | None:
 
 def missing(reason: str) -> None:
     """Skip, or fail where a browser is asked for."""
-    if "CHROMIUM" in os.environ:
+    if "CHROMIUM" in os.environ or os.environ.get("JANSEN_ENV_SCREEN") == "required":
         pytest.fail(reason)
     pytest.skip(reason)
 

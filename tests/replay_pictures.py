@@ -10,7 +10,6 @@ from typing import Any
 
 from browser import ARGUMENTS, chromium
 from PIL import Image
-from playwright.sync_api import sync_playwright
 
 from agents.replay import main as record
 from jansen_env.files import write_whole
@@ -46,6 +45,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path, help="where they go")
     folder = parser.parse_args().folder
+    from playwright.sync_api import sync_playwright  # of the extra `browser`
+
     with TemporaryDirectory() as name, sync_playwright() as playwright:
         page = Path(name) / "walk.html"
         record(["--policy", "pid", "--policy", "pretrained", "--command", "0.1",

@@ -26,7 +26,7 @@ def start(port="0"):
 
 def stop(process):
     process.terminate()
-    process.wait(10)
+    process.communicate(timeout=10)
 
 
 @pytest.fixture

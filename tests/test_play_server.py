@@ -58,7 +58,7 @@ def served(tmp_path_factory):
     yield process, address.removeprefix("http://"), errors
     assert process.poll() is None
     process.terminate()
-    process.wait(10)
+    process.communicate(timeout=10)
     assert errors.read_text() == ""
 
 

@@ -19,7 +19,7 @@ from jansen_env.play.session import PACES, SLIDERS, Session
 
 MARGIN, LINE, ROW, GAP = 14, 20, 26, 6  # pixels
 TRACK = 18  # pixels, height of a slider
-LISTED = 190  # pixels of an open list
+LISTED = 252  # pixels of an open list
 STEP = 0.01  # of what sliders show
 
 INK, MUTED, EDGE = "#263242", "#647080", "#c8d2dd"

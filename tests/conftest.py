@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from browser import browser, open_window  # noqa: F401  fixtures, of which there is one each
 from numpy.typing import NDArray
 
 from jansen_env.dynamics.reduced import Tables, compile_robot

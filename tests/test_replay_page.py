@@ -9,7 +9,6 @@ import gymnasium as gym
 import imageio.v3 as iio
 import numpy as np
 import pytest
-from browser import browser, open_window  # noqa: F401 - fixtures
 
 import jansen_env  # noqa: F401 - registers the environments
 from jansen_env.recorder import Recorder
@@ -40,7 +39,7 @@ def recordings():
 
 
 @pytest.fixture
-def opened(open_window, recordings, tmp_path):  # noqa: F811
+def opened(open_window, recordings, tmp_path):
     """A function to the window of a page with the first recordings of a number."""
 
     def window(count=1, shown=None, **options):
@@ -313,6 +312,29 @@ def test_colours_are_the_readers(opened, scheme):
     assert darkness() == ((False, False) if scheme == "dark" else (True, True))
 
 
+def test_one_alone_has_no_ghost(opened):
+    page = opened(**STILL).page
+    page.keyboard.press("g")
+    settled(page)
+    assert page.locator("#stage canvas:visible").count() == 1
+    assert page.get_attribute("#ghosts", "aria-pressed") == "false"
+    assert page.get_attribute("#time", "aria-live") == "off"  # not read out while it plays
+
+
+def test_each_has_its_own_command(opened, recordings):
+    """As a dashed line in the plot of the speeds, whichever is longer."""
+    picture = opened(shown=recordings, **STILL).page.locator("#plots canvas").nth(2)
+    before = picture.evaluate(PIXELS)
+    other = replace(recordings[1], command=np.full(len(recordings[1].time), 0.7))
+    assert (
+        opened(shown=[recordings[0], other], **STILL)
+        .page.locator("#plots canvas")
+        .nth(2)
+        .evaluate(PIXELS)
+        != before
+    )
+
+
 def test_other_grounds_are_no_ghosts(opened, recordings):
     hill = recorded("JansenWalker-v0", "uphill", 0.1, terrain="slope:0.05")
     page = opened(shown=[recordings[0], hill], **STILL).page
@@ -344,7 +366,7 @@ def test_extremes_do_not_hang_it(opened, recordings, reach):
     assert time_of(page) == 2.0
 
 
-def test_names_are_text(opened, open_window, recordings, tmp_path):  # noqa: F811
+def test_names_are_text(opened, open_window, recordings, tmp_path):
     """Not markup or code, in the page and in a notebook's frame, which may not do anything."""
     evil = "</script><script>document.title='x'</script><img src=x onerror=alert(1)>\"'&"
     one = recorded("JansenWalker-v0", evil, 0.1)

@@ -157,6 +157,12 @@ def test_a_frame_is_the_page(recording, tmp_path):
     assert html.unescape(inside) == path.read_text(encoding="utf-8") == page(recording)
 
 
+def test_a_walk_beside_a_crank_is_refused(recording):
+    other = replace(recording, scene={**recording.scene, "speedUnit": "rad/s"})
+    with pytest.raises(ValueError, match=r"speeds in \['m/s', 'rad/s'\], must"):
+        page(recording, other)
+
+
 @pytest.mark.parametrize("count", [0, 3])
 def test_other_numbers_of_recordings_are_refused(recording, count):
     with pytest.raises(ValueError, match=f"there are {count} recordings, must be 1 or 2"):

@@ -36,11 +36,13 @@ def page(*recordings: Recording) -> str:
     """The page of one recording, or of two side by side.
 
     Raises:
-        ValueError: another number of recordings.
+        ValueError: another number of recordings, or one of walking and one of the crank alone.
     """
     if not 1 <= len(recordings) <= MOST_RECORDINGS:
         raise ValueError(f"there are {len(recordings)} recordings, must be 1 or 2")
     first = recordings[0]
+    if len(units := {one.scene["speedUnit"] for one in recordings}) > 1:
+        raise ValueError(f"recordings have speeds in {sorted(units)}, must have them in one unit")
     labels = _labels(recordings)
     title = " and ".join(labels)
     data = {

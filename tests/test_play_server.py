@@ -25,6 +25,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from jansen_env.play import __main__ as program
+from jansen_env.play import server
 from jansen_env.play.messages import FIELDS, parse
 from jansen_env.play.server import (
     BURST,
@@ -393,6 +394,22 @@ def test_a_slow_page_skips_frames():
         states = [json.loads(one)["score"]["time"] for one in slow.sent[1:]]
         assert 1 <= len(states) <= 3 and states[0] == session.score().time
         task.cancel()
+
+    apart(asyncio.run, run())
+
+
+def test_the_end_does_not_wait_for_idle_connections(monkeypatch):
+    monkeypatch.setattr(server, "PATIENCE", 60.0)
+
+    async def run():
+        addresses = asyncio.Queue()
+        task = asyncio.create_task(server.serve(Session(), 0, addresses.put_nowait))
+        address = await addresses.get()
+        _, writer = await asyncio.open_connection(*address.removeprefix("http://").split(":"))
+        await asyncio.sleep(0.1)
+        task.cancel()
+        assert (await asyncio.wait([task], timeout=20.0))[0] == {task}
+        writer.close()
 
     apart(asyncio.run, run())
 

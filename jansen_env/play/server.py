@@ -56,6 +56,7 @@ HEADERS = {
 FRAME_TIME = 0.02  # s between two states that are sent
 MOST_BYTES = 1024  # of a message to the server
 MOST_UNREAD = 2**22  # bytes that are kept for somebody who sends but does not read
+PATIENCE = 5.0  # s for a request to be complete
 MOST_SOCKETS, MOST_CONNECTIONS = 4, 32  # at once
 RATE, BURST = 200.0, 200.0  # messages a second of one socket, and how many at once
 MOST_ERRORS = 20  # messages of one socket that are refused before it is closed
@@ -234,14 +235,20 @@ class _Limited(ServerConnection):
         super().connection_made(transport)
         self.present[self] = None
         if len(self.present) > MOST_CONNECTIONS:
-            idle = next(one for one in self.present if one.state is not State.OPEN)
-            del self.present[idle]
-            idle.transport.abort()
+            self.cut_off_idle(1)
 
     def data_received(self, data: bytes) -> None:
         super().data_received(data)
         if self.transport.get_write_buffer_size() > MOST_UNREAD:  # answers to pings
             self.transport.abort()
+
+    @classmethod
+    def cut_off_idle(cls, count: int | None = None) -> None:
+        """Cut off those that have been idle longest, all or so many."""
+        idle = [one for one in cls.present if one.state is not State.OPEN][:count]
+        for one in idle:
+            del cls.present[one]
+            one.transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
         self.present.pop(self, None)
@@ -262,8 +269,11 @@ async def serve(session: Session, port: int, ready: Callable[[str], Any]) -> Non
         lambda connection: page.converse(connection), ADDRESS, port,
         process_request=lambda connection, request: page.answer(connection, request),
         create_connection=_Limited, compression=None, server_header=None, max_size=MOST_BYTES,
-        open_timeout=5, close_timeout=2, logger=LOGGER,
+        open_timeout=PATIENCE, close_timeout=2, logger=LOGGER,
     ) as server:  # fmt: skip
         page = Page(session, server.sockets[0].getsockname()[1])
         ready(f"http://{page.hosts[0]}")
-        await page.run()
+        try:
+            await page.run()
+        finally:
+            _Limited.cut_off_idle()  # for which closing would wait

@@ -79,6 +79,8 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Step the environment and record what happens."""
+        if self._rows:  # set_parameters may have given another command
+            self._rows["command"][-1] = self._inner.frame().command
         results = self.env.step(action)
         observation, reward, terminated, truncated, info = results
         frame = self._inner.frame()
@@ -130,6 +132,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     def _add_frame(self, frame: Any, observation: Any, info: dict[str, Any]) -> None:
         flat = flatten(self.observation_space, observation)
+        weight = self._description["scene"]["weight"]
         self._add(
             time=frame.time,
             state=self._inner.get_state()["plant"],
@@ -137,7 +140,8 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             command=0.0 if frame.command is None else frame.command,
             speed=frame.speed,
             torque=info.get("crank_torque", frame.torque),  # the mean of the step
-            contact=contacts(frame, self._description["scene"]["weight"]),
+            weight=getattr(self._inner, "weight", weight),
+            contact=contacts(frame, weight),
             contact_point=np.array(frame.contact_point),
             contact_force=world_forces(frame),
             observation=np.array(flat, np.float32),

@@ -30,6 +30,7 @@ MAX_UNPACKED = 2**27  # bytes of all its arrays
 MAX_DIRECTORY = 2**14  # bytes of the table of contents at the end of a file
 MAX_TEXT = 2**20  # bytes of the JSON text in it
 LONGEST_NAME = 200  # characters
+PACKED = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}  # ways to pack a member of an archive
 END_OF_DIRECTORY, BIG_LOCATOR = b"PK\x05\x06", b"PK\x06\x07"  # signatures of zip archives
 
 Array = NDArray[np.float64]
@@ -53,6 +54,7 @@ SHAPES: dict[str, tuple[str, tuple[str | int, ...]]] = {
     "command": ("<f8", ("frames",)),
     "speed": ("<f8", ("frames",)),
     "torque": ("<f8", ("frames",)),
+    "weight": ("<f8", ("frames",)),
     "contact": ("|i1", ("frames", "legs")),
     "contact_point": ("<f8", ("frames", "legs", 2)),
     "contact_force": ("<f8", ("frames", "legs", 2)),
@@ -78,7 +80,9 @@ class Recording:
             and its rate where the frame is held. pose: (n + 1, 4) x, y, theta, psi, m and rad.
         joints: (n + 1, legs, 8, 2) m, world frame, joints in the order of
             :data:`jansen_env.kinematics.JOINTS`.
-        command, speed: (n + 1,) in ``scene["speedUnit"]``. torque: (n + 1,) N m.
+        command: (n + 1,) of the step that begins there, and speed: (n + 1,) in
+            ``scene["speedUnit"]``. torque: (n + 1,) N m.
+        weight: (n + 1,) N, of the robot, positive.
         contact: (n + 1, legs) 0 in the air, 1 grip, 2 slip. contact_point: (n + 1, legs, 2) m;
             contact_force: (n + 1, legs, 2) mean force of the ground on each toe, N, world frame.
         observation: (n + 1, d) and action: (n, a), flattened, as the policy has them; reward: (n,).
@@ -104,6 +108,7 @@ class Recording:
     command: Array
     speed: Array
     torque: Array
+    weight: Array
     contact: NDArray[np.int8]
     contact_point: Array
     contact_force: Array
@@ -135,6 +140,8 @@ class Recording:
             object.__setattr__(self, name, array)
         if (np.diff(self.time) <= 0.0).any():
             raise ValueError("time does not increase from frame to frame, must do so")
+        if self.weight.min() < 1e-9:
+            raise ValueError(f"weight has {self.weight.min()}, must be at least 1e-9")
         if self.contact.min(initial=0) < 0 or self.contact.max(initial=0) > SLIP:
             raise ValueError("contact has other numbers than 0, 1 and 2")
         if len(self.terrain) == 1 or (np.diff(self.terrain[:, 0]) <= 0.0).any():
@@ -249,6 +256,9 @@ def _read_archive(data: bytes) -> dict[str, NDArray[Any]]:
             wanted = {f"{name}.npy": name for name in ("description", *SHAPES)}
             if {*members} != {*wanted} or len(archive.infolist()) != len(wanted):
                 raise ValueError(f"it has {shown(sorted(members))}, must have {sorted(wanted)}")
+            # Of other kinds zipfile unpacks more than it is asked for.
+            if not {member.compress_type for member in members.values()} <= PACKED:
+                raise ValueError("it is packed in another way than npz files are")
             if sum(member.file_size for member in members.values()) > MAX_UNPACKED:
                 raise ValueError(f"it unpacks to more than {MAX_UNPACKED} bytes")
             return {

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jansen_env
-from jansen_env import Push
+from jansen_env import Compliance, Push
 
 STEPS = 30
 
@@ -64,6 +64,25 @@ def test_feet_are_asked_before_a_payload_is_changed():
     with pytest.raises(ValueError, match="stiffness"):
         env.set_parameters(payload=1e6)
     assert env.robot.payload.mass == 0.0
+
+
+@pytest.mark.parametrize(
+    ("randomize", "changes"),
+    [({}, {"stiffness": 100.0}), ({}, {"stiffness": 2000.0, "payload": 8.0}),
+     ({"mass_scale": (1.0, 3.0)}, {"stiffness": 2000.0}),
+     ({"mass_scale": (1.0, 3.0)}, {"payload": 100.0})],
+)  # fmt: skip
+def test_other_feet_bear_this_episode_and_those_to_come(randomize, changes):
+    env = begun(pad_compliance=Compliance(20_000.0, 20.0), randomize=randomize)
+    before = env.get_state()["parameters"], env.robot
+    changes = dict(changes)
+    if "stiffness" in changes:
+        changes["pad_compliance"] = Compliance(changes.pop("stiffness"), 20.0)
+    with pytest.raises(ValueError, match=r"stiffness is .*, must be at least"):
+        env.set_parameters(**changes)
+    assert (env.get_state()["parameters"], env.robot) == before
+    for seed in range(5):
+        env.reset(seed=seed)
 
 
 @pytest.mark.parametrize("push", [None, Push(2.0, interval=0.3)])

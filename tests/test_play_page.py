@@ -81,7 +81,7 @@ def test_keys_turn_the_crank_and_the_score_follows(window):
     assert not page.locator("#help").is_visible()
     assert soon(window, lambda: heard["state"]["state"]["torque"] == 20.0)
     reads(page, "distance", r"^(0\.[1-9]|[1-9])")
-    reads(page, "slip", r"m/m$")
+    reads(page, "slip", r"^\d+\.\d{3} m/m$")
     page.keyboard.up("ArrowRight")
     reads(page, "input-value", r"^0\.0 N m$")
     assert pixels(page) != before
@@ -201,7 +201,8 @@ def test_a_gamepad_is_the_input(window):
         """() => {
           const pad = { connected: true, axes: [-0.5, 0], buttons: [{ pressed: false }] };
           window.pad = pad;
-          navigator.getGamepads = () => [null, pad];
+          const other = { connected: true, axes: [], buttons: [] }; // such as a keyboard's
+          navigator.getGamepads = () => [null, other, pad];
         }"""
     )
     reads(page, "input-value", r"^-10\.0 N m$")
@@ -210,6 +211,50 @@ def test_a_gamepad_is_the_input(window):
     page.wait_for_timeout(300)
     page.evaluate("window.pad.buttons = [{ pressed: true }]")
     reads(page, "time", r"^0\.[01] s$")
+
+
+def test_a_fast_display_sends_no_more_than_the_server_takes(window):
+    """Of a slider that is moved at each of 250 pictures in what the page takes for a second."""
+    page, sent = window.page, []
+    page.add_init_script(
+        """window.pictures = 0;
+        requestAnimationFrame = (draw) => setTimeout(() => {
+          window.pictures += 1;
+          const slider = document.getElementById("input");
+          slider.value = Math.sin(window.pictures);
+          slider.dispatchEvent(new Event("input"));
+          draw(4 * window.pictures);
+        }, 1);"""
+    )
+    page.on("websocket", lambda socket: socket.on("framesent", lambda frame: sent.append(frame)))
+    page.reload()
+    assert soon(window, lambda: page.evaluate("window.pictures") > 300)
+    assert 10 < len(sent) < page.evaluate("window.pictures") / 3
+
+
+def test_lists_and_buttons_by_keys_and_by_the_pointer(window):
+    page, heard = window.page, window.heard
+    focus = "document.activeElement.id"
+    page.locator("#terrain").focus()
+    names = heard["scene"]["options"]["terrain"]
+    for name in names[1:4]:  # the list keeps the focus
+        page.keyboard.press("ArrowDown")
+        assert soon(window, lambda name=name: heard["scene"]["choices"]["terrain"] == name)
+    assert page.evaluate(focus) == "terrain"
+    page.locator("#another").click()
+    assert page.evaluate(focus) == ""  # the space bar is the robot's
+    for key in ("Enter", " "):
+        page.locator("#right").focus()
+        page.keyboard.down(key)
+        reads(page, "input-value", r"^20\.0 N m$")
+        page.keyboard.up(key)
+        reads(page, "input-value", r"^0\.0 N m$")
+
+
+def test_what_changes_all_the_time_is_not_read_out(window):
+    found = window.page.locator("output")
+    assert found.count() == 6
+    assert {*found.evaluate_all("all => all.map((one) => one.ariaLive)")} == {"off"}
 
 
 def test_it_comes_back_when_the_program_does(window):

@@ -25,6 +25,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from jansen_env.play import __main__ as program
+from jansen_env.play import server
 from jansen_env.play.messages import FIELDS, parse
 from jansen_env.play.server import (
     BURST,
@@ -215,16 +216,18 @@ def test_there_are_only_so_many_sockets(served):
 
 
 def test_there_are_only_so_many_connections(served):
+    """Those that ask for nothing make room for a page, and none for an open socket."""
     host, port = served[1].split(":")
     with ExitStack() as open_ones:
+        page = open_ones.enter_context(talk(served[1]))
         idle = [
             open_ones.enter_context(socket.create_connection((host, int(port))))
             for _ in range(MOST_CONNECTIONS + 10)
         ]
         time.sleep(0.2)
-        assert len(select.select(idle, [], [], 1.0)[0]) == 10  # are closed
-    time.sleep(0.2)
-    assert ask(served[1])[0] == 200
+        assert select.select(idle, [], [], 1.0)[0] == idle[:11]  # are closed
+        assert ask(served[1])[0] == 200
+        next_of(page, "state")
 
 
 WRONG = [
@@ -318,14 +321,18 @@ async def throw(host, seed, count):
     return sent
 
 
-def throw_bytes(host, seed):
-    """Bytes that are no request, or no frames after one."""
-    rng, address = random.Random(seed), host.split(":")
-    start = (
+def opening(host):
+    """The request that opens a socket."""
+    return (
         f"GET /socket HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nUpgrade: websocket\r\n"
         "Connection: Upgrade\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
         "Sec-WebSocket-Version: 13\r\n\r\n"
     ).encode()
+
+
+def throw_bytes(host, seed):
+    """Bytes that are no request, or no frames after one."""
+    rng, address, start = random.Random(seed), host.split(":"), opening(host)
     for head in (b"", b"GET / HTTP/1.1\r\n", b"GET " + 9000 * b"/", b"\x16\x03\x01", start,
                  start[: rng.randrange(len(start))] + b"\r\n\r\n"):  # fmt: skip
         with socket.create_connection((address[0], int(address[1])), timeout=5) as one:
@@ -389,6 +396,33 @@ def test_a_slow_page_skips_frames():
         task.cancel()
 
     apart(asyncio.run, run())
+
+
+def test_the_end_does_not_wait_for_idle_connections(monkeypatch):
+    monkeypatch.setattr(server, "PATIENCE", 60.0)
+
+    async def run():
+        addresses = asyncio.Queue()
+        task = asyncio.create_task(server.serve(Session(), 0, addresses.put_nowait))
+        address = await addresses.get()
+        _, writer = await asyncio.open_connection(*address.removeprefix("http://").split(":"))
+        await asyncio.sleep(0.1)
+        task.cancel()
+        assert (await asyncio.wait([task], timeout=20.0))[0] == {task}
+        writer.close()
+
+    apart(asyncio.run, run())
+
+
+def test_who_asks_and_never_reads_is_cut_off(served):
+    """Answers to pings are not kept without end."""
+    ping = b"\x89\xfd" + bytes(4) + bytes(125)
+    with socket.create_connection(served[1].split(":"), timeout=10) as one:
+        one.sendall(opening(served[1]))
+        with pytest.raises(ConnectionError):
+            for _ in range(1000):
+                one.sendall(1000 * ping)
+    assert ask(served[1])[0] == 200
 
 
 @pytest.mark.parametrize(

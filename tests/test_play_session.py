@@ -102,11 +102,20 @@ def test_a_walk_backwards_has_a_distance_unless_it_was_to_go_forwards():
     session.reset()
     walk(session, 4.0)
     assert session.score().distance > 1.0
-    session.steer(-0.5)
-    session.advance(DT)
-    assert (session.score().distance, session.score().slip_per_metre) == (0.0, None)
+    before, x = session.score().distance, session.frame().q[0]
+    session.steer(-0.5)  # what has been walked counts as it was commanded
+    walk(session, 1.0)
+    back = x - session.frame().q[0]
+    assert session.score().distance == pytest.approx(before + back, abs=0.02)
     session.choose("control", "torque")
     assert session.score().distance > 1.0
+    session.choose("control", "ppo")
+    session.reset()
+    session.steer(0.5)
+    session.push(-LARGEST_PUSH, 0.0)
+    walk(session, 0.4)
+    assert session.frame().q[0] < 0.0
+    assert (session.score().distance, session.score().slip_per_metre) == (0.0, None)
 
 
 @pytest.mark.parametrize(("name", "value"), [(n, s.low) for n, s in SLIDERS.items()])

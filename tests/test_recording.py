@@ -190,6 +190,7 @@ def test_what_is_no_number_is_refused(short):
     ("change", "message"),
     [
         ({"time": np.zeros(6)}, "time does not increase"),
+        ({"weight": np.zeros(6)}, "weight has 0.0, must be at least"),
         ({"contact": np.full((6, 4), 3)}, "contact has other numbers"),
         ({"terrain": [[1.0, 0.0], [0.0, 0.0]]}, "x that increases"),
         ({"energies": ("a",)}, "energies has 1 entries"),
@@ -218,7 +219,7 @@ def test_other_scenes_are_refused(short, name, value):
         replace(short, scene={**short.scene, name: value})
 
 
-def rewritten(short, **changed):
+def rewritten(short, packed=zipfile.ZIP_DEFLATED, **changed):
     """A file with other members: bytes, or arrays."""
     with zipfile.ZipFile(io.BytesIO(short.to_bytes())) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
@@ -228,7 +229,7 @@ def rewritten(short, **changed):
             np.lib.format.write_array(file, value, allow_pickle=True)
         members[f"{name}.npy"] = value if isinstance(value, bytes) else file.getvalue()
     out = io.BytesIO()
-    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(out, "w", packed) as archive:
         for name, data in members.items():
             archive.writestr(name, data)
     return out.getvalue()
@@ -309,6 +310,20 @@ def test_bombs_stay_small(short, tmp_path, monkeypatch):
         out.truncate(2**40)
     with pytest.raises(ValueError, match="more than"):
         Recording.load(large)
+
+
+@pytest.mark.parametrize("packed", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_bombs_of_other_kinds_stay_packed(short, packed):
+    """Of these kinds zipfile unpacks all that it has read, however little is asked for."""
+    data = bytearray(rewritten(short, packed, reward=bytes(2**25)))
+    place = data.rindex(b"reward.npy") - 46  # in the directory, which says that it is small
+    data[place + 24 : place + 28] = (100).to_bytes(4, "little")
+    tracemalloc.start()
+    with pytest.raises(ValueError, match="packed in another way"):
+        Recording.from_bytes(bytes(data))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2**20
 
 
 def test_damaged_files_are_refused_or_read(short):

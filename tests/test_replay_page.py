@@ -74,7 +74,7 @@ def expected(one, k):
         "slip": one.slip[k - 1].sum() / one.scene["controlDt"],
         "pitch": one.pose[k, 2], "returned": one.reward[:k].sum(),
         "slipPerMetre": slipped / distance if distance > 1e-3 else None,
-        "costOfTransport": work / one.scene["weight"] / distance if distance > 1e-3 else None,
+        "costOfTransport": work / one.weight[k] / distance if distance > 1e-3 else None,
     }  # fmt: skip
 
 
@@ -310,6 +310,29 @@ def test_colours_are_the_readers(opened, scheme):
     assert darkness() == ((True, True) if scheme == "dark" else (False, False))
     page.emulate_media(color_scheme="light" if scheme == "dark" else "dark")
     assert darkness() == ((False, False) if scheme == "dark" else (True, True))
+
+
+def test_one_alone_has_no_ghost(opened):
+    page = opened(**STILL).page
+    page.keyboard.press("g")
+    settled(page)
+    assert page.locator("#stage canvas:visible").count() == 1
+    assert page.get_attribute("#ghosts", "aria-pressed") == "false"
+    assert page.get_attribute("#time", "aria-live") == "off"  # not read out while it plays
+
+
+def test_each_has_its_own_command(opened, recordings):
+    """As a dashed line in the plot of the speeds, whichever is longer."""
+    picture = opened(shown=recordings, **STILL).page.locator("#plots canvas").nth(2)
+    before = picture.evaluate(PIXELS)
+    other = replace(recordings[1], command=np.full(len(recordings[1].time), 0.7))
+    assert (
+        opened(shown=[recordings[0], other], **STILL)
+        .page.locator("#plots canvas")
+        .nth(2)
+        .evaluate(PIXELS)
+        != before
+    )
 
 
 def test_other_grounds_are_no_ghosts(opened, recordings):

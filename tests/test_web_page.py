@@ -68,7 +68,7 @@ def test_scene_and_state(env_id, arguments):
         assert scene["terrain"] is None and scene["speedUnit"] == "rad/s"
         assert [toe["contact"] for toe in toes] == [0] * 4
         return
-    assert scene["weight"] == pytest.approx(robot.mass * GRAVITY)
+    assert scene["weight"] == env.unwrapped.weight
     assert (scene["payload"] or {"mass": 0.0})["mass"] == robot.payload.mass
     for toe, joints in zip(toes, state["joints"], strict=True):
         assert (toe["contact"] == 0) == (np.hypot(*toe["force"]) < 1e-4)
@@ -110,6 +110,30 @@ def test_arrays_are_exact_enough(recording):
     assert arrays["contact"].tolist() == recording.contact.ravel().tolist()
 
 
+def test_sums_are_those_of_each_step():
+    """Of a robot whose mass is drawn and changed, whose command turns round while it walks."""
+    env = Recorder(gym.make("JansenWalker-v0", randomize={"mass_scale": 1.3}, speed_command=0.3))
+    env.reset(seed=0)
+    x, distance, slipped, lifted = 0.0, 0.0, 0.0, 0.0
+    for k in range(150):
+        sign = 1.0 if k < 100 else -1.0
+        env.unwrapped.set_parameters(payload=0.0 if k < 50 else 2.0, command=0.3 * sign)
+        info = env.step(np.array([0.3 * sign], np.float32))[4]
+        distance += sign * (info["x_position"] - x)
+        x = info["x_position"]
+        slipped += info["slip"].sum()
+        lifted += abs(info["energy"]["motor_work"]) / env.unwrapped.weight
+    recording = env.recording
+    weights = (1.3 * 3.2 + np.repeat([0.0, 2.0], [51, 100])) * GRAVITY
+    np.testing.assert_allclose(recording.weight, weights)
+    assert recording.scene["weight"] == pytest.approx(weights[0])
+    packed = recordings_of(page(recording))[0]["arrays"]
+    found = [unpacked(packed[name])[-1] for name in ("distance", "slipped", "lifted")]
+    np.testing.assert_allclose(found, [distance, slipped, lifted], rtol=1e-6)
+    still = replace(recording, command=np.zeros(151))
+    assert unpacked(recordings_of(page(still))[0]["arrays"]["distance"])[-1] == pytest.approx(x)
+
+
 def test_nothing_else_may_run(recording):
     """One script and one style, named by their hashes; no address anywhere."""
     text = page(recording)
@@ -131,6 +155,12 @@ def test_a_frame_is_the_page(recording, tmp_path):
     ]
     path = write_page(tmp_path / "a.html", recording)
     assert html.unescape(inside) == path.read_text(encoding="utf-8") == page(recording)
+
+
+def test_a_walk_beside_a_crank_is_refused(recording):
+    other = replace(recording, scene={**recording.scene, "speedUnit": "rad/s"})
+    with pytest.raises(ValueError, match=r"speeds in \['m/s', 'rad/s'\], must"):
+        page(recording, other)
 
 
 @pytest.mark.parametrize("count", [0, 3])

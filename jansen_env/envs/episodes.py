@@ -162,30 +162,32 @@ class Episodes:
         check_bounce(pads, restitution)
 
     def check_change(self, row: int, changes: Mapping[str, Any]) -> None:
-        """Raises ValueError where a robot's feet cannot bear what its episode's numbers become."""
-        if "pad_compliance" in changes:
-            return
-        values = self.values[row].copy()
-        for name, value in changes.items():
-            if name == "payload":
-                values[name] = value.mass
-            elif name in PARAMETERS and name != "delay":
-                values[name] = value
-        self._check_feet(row, values)
+        """Raises ValueError where a robot's feet cannot bear what its episodes' numbers become."""
+        numbers = {name: changes[name] for name in PARAMETERS if name in {*changes} - {"delay"}}
+        if "payload" in changes:
+            numbers["payload"] = changes["payload"].mass
+        present = self.values[row].copy()
+        for name, value in numbers.items():
+            present[name] = value
+        pads = changes.get("pad_compliance")
+        for values in (present, self._heaviest(row, numbers)):  # of this episode, and others
+            self._check_feet(row, values, pads)
 
-    def _check_feet(self, row: int, values: Any) -> None:
-        """Raises ValueError where a robot's feet cannot bear a row of EPISODE."""
-        robot = self._batch.robots[row]
-        if robot.pad_compliance.rigid:
+    def _check_feet(self, row: int, values: Any, pads: Compliance | None = None) -> None:
+        """Raises ValueError where a robot's feet cannot bear a row of EPISODE; pads: others."""
+        pads = pads or self._batch.robots[row].pad_compliance
+        if pads.rigid:
             return
-        check_bounce(robot.pad_compliance, float(values["restitution"]))
+        check_bounce(pads, float(values["restitution"]))
         mass = float(values["mass_scale"] * self._links_mass + values["payload"])
-        stiffness = float(values["foot_stiffness_scale"]) * robot.pad_compliance.stiffness
+        stiffness = float(values["foot_stiffness_scale"]) * pads.stiffness
         resting_depth(mass, stiffness, GRAVITY * math.cos(values["tilt"]))
 
-    def _heaviest(self, row: int) -> Any:
+    def _heaviest(self, row: int, changes: Mapping[str, float] | None = None) -> Any:
         """The numbers of a robot's episodes that its feet can bear least, as far as is known."""
         values = self.nominal[row].copy()
+        for name, value in (changes or {}).items():
+            values[name] = value
         for name, drawn in self._randomizations[row].distributions.items():
             if isinstance(drawn, Uniform):
                 low, high = drawn.low, drawn.high

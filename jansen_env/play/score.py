@@ -20,7 +20,7 @@ class Score:
     """What a walk has come to.
 
     Attributes:
-        time: s. distance: m, walked in the commanded direction, or without a command in the
+        time: s. distance: m, walked in the directions commanded, and without a command in the
             direction walked. slip_per_metre: m slid by all toes while loaded / distance.
         cost_of_transport: sum of \\|motor work\\| of each step / (weight * distance). Both ratios
             are None where there is no distance. speed: m/s, mean of the last strides, in +x.
@@ -42,20 +42,27 @@ class Tally:
 
     def __init__(self, dt: float) -> None:
         self._dt, self._steps = dt, 0
-        self._x = self._slip = self._lift = self._speed = 0.0
+        self._x = self._free = self._commanded = 0.0  # m: place, and ways to it
+        self._slip = self._lift = self._speed = 0.0
 
-    def add(self, info: Mapping[str, Any], weight: float) -> None:
-        """Add a step by its ``info``; ``weight`` of the robot in it, N."""
+    def add(self, info: Mapping[str, Any], weight: float, command: float | None) -> None:
+        """Add a step by its ``info``.
+
+        ``weight``: of the robot in it, N; ``command``: in it, m/s, or None where there is none.
+        """
         self._steps += 1
-        self._x = float(info["x_position"])
+        way, self._x = float(info["x_position"]) - self._x, float(info["x_position"])
+        if command:
+            self._commanded += way if command > 0.0 else -way
+        else:
+            self._free += way
         self._speed = float(info["mean_speed"])
         self._slip += float(np.sum(info["slip"]))
         self._lift += abs(float(info["energy"]["motor_work"])) / weight
 
-    def score(self, command: float | None) -> Score:
-        """The score so far; ``command``: m/s, or None where there is none."""
-        direction = np.sign(command or self._x)
-        distance = max(float(direction) * self._x, 0.0)
+    def score(self) -> Score:
+        """The score so far."""
+        distance = max(self._commanded, 0.0) + abs(self._free)
         far = distance > MIN_DISTANCE
         return Score(
             self._steps * self._dt,

@@ -8,7 +8,8 @@ A page of another site may be open in the same browser and must not reach the ro
 refused: DNS rebinding), an ``Origin`` too, and a socket is not opened without one. Only the files
 of :data:`FILES` are served. Messages are small, few and held to a schema
 (:mod:`jansen_env.play.messages`); who sends rubbish is told so, and after some of it cut off. A
-page that reads slowly gets fewer frames, none is kept for it.
+page that reads slowly gets fewer frames, none is kept for it; one that sends and never reads is cut
+off.
 """
 
 from __future__ import annotations
@@ -21,12 +22,13 @@ from dataclasses import asdict
 from http import HTTPStatus
 from importlib.resources import files
 from time import monotonic
-from typing import Any
+from typing import Any, ClassVar
 
 from websockets.asyncio.server import ServerConnection
 from websockets.asyncio.server import serve as serve_sockets
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
+from websockets.protocol import State
 
 from jansen_env.play.messages import parse
 from jansen_env.play.session import BY_HAND, LARGEST_PUSH, PACES, SLIDERS, Session
@@ -53,6 +55,8 @@ HEADERS = {
 }
 FRAME_TIME = 0.02  # s between two states that are sent
 MOST_BYTES = 1024  # of a message to the server
+MOST_UNREAD = 2**22  # bytes that are kept for somebody who sends but does not read
+PATIENCE = 5.0  # s for a request to be complete
 MOST_SOCKETS, MOST_CONNECTIONS = 4, 32  # at once
 RATE, BURST = 200.0, 200.0  # messages a second of one socket, and how many at once
 MOST_ERRORS = 20  # messages of one socket that are refused before it is closed
@@ -223,18 +227,31 @@ def state_message(session: Session) -> dict[str, Any]:
 
 
 class _Limited(ServerConnection):
-    """A connection that is cut off where there are too many."""
+    """A connection; where there are too many, the one that has been idle longest is cut off."""
 
-    open_connections = 0
+    present: ClassVar[dict[_Limited, None]] = {}  # in the order they came
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         super().connection_made(transport)
-        _Limited.open_connections += 1
-        if _Limited.open_connections > MOST_CONNECTIONS:
+        self.present[self] = None
+        if len(self.present) > MOST_CONNECTIONS:
+            self.cut_off_idle(1)
+
+    def data_received(self, data: bytes) -> None:
+        super().data_received(data)
+        if self.transport.get_write_buffer_size() > MOST_UNREAD:  # answers to pings
             self.transport.abort()
 
+    @classmethod
+    def cut_off_idle(cls, count: int | None = None) -> None:
+        """Cut off those that have been idle longest, all or so many."""
+        idle = [one for one in cls.present if one.state is not State.OPEN][:count]
+        for one in idle:
+            del cls.present[one]
+            one.transport.abort()
+
     def connection_lost(self, exc: Exception | None) -> None:
-        _Limited.open_connections -= 1
+        self.present.pop(self, None)
         super().connection_lost(exc)
 
 
@@ -252,8 +269,11 @@ async def serve(session: Session, port: int, ready: Callable[[str], Any]) -> Non
         lambda connection: page.converse(connection), ADDRESS, port,
         process_request=lambda connection, request: page.answer(connection, request),
         create_connection=_Limited, compression=None, server_header=None, max_size=MOST_BYTES,
-        open_timeout=5, close_timeout=2, logger=LOGGER,
+        open_timeout=PATIENCE, close_timeout=2, logger=LOGGER,
     ) as server:  # fmt: skip
         page = Page(session, server.sockets[0].getsockname()[1])
         ready(f"http://{page.hosts[0]}")
-        await page.run()
+        try:
+            await page.run()
+        finally:
+            _Limited.cut_off_idle()  # for which closing would wait

@@ -156,7 +156,7 @@ class Session:
 
     def score(self) -> Score:
         """Of the walk since the last start; after a fall, of the walk until then."""
-        return self._final or self._tally.score(self.command)
+        return self._final or self._tally.score()
 
     # What the user does. Each raises ValueError for what cannot be, and then changes nothing.
 
@@ -365,9 +365,9 @@ class Session:
         self._observation, _, _, self.stuck, info = self._env.step(action)
         self._frames = self._frames[1], snapshot(self.env.frame(), self.command)
         if self._final is None:
-            self._tally.add(info, self.env.weight)
+            self._tally.add(info, self.env.weight, self.command)
         if (info["fallen"] or self.stuck) and self._final is None:
-            self._final = self._tally.score(self.command)
+            self._final = self._tally.score()
             self.fallen = bool(info["fallen"])
 
 

@@ -178,8 +178,8 @@ class Window:
             pg.draw.line(self.surface, EDGE, start, end)
         shown = {
             "distance": f"{score.distance:.2f} m",
-            "slip per metre": _ratio(score.slip_per_metre, " m/m"),
-            "cost of transport": _ratio(score.cost_of_transport, ""),
+            "slip per metre": _ratio(score.slip_per_metre, 3, " m/m"),
+            "cost of transport": _ratio(score.cost_of_transport, 2),
             "mean speed": f"{score.speed:.2f} m/s".replace("-0.00", "0.00"),
             "time": f"{score.time:.1f} s",
         }
@@ -223,8 +223,8 @@ class Window:
 KEYS = {pg.K_r: "reset", pg.K_n: "another", pg.K_p: "pause"}
 
 
-def _ratio(value: float | None, unit: str) -> str:
-    return "\u2013" if value is None else f"{value:.2f}{unit}"
+def _ratio(value: float | None, digits: int, unit: str = "") -> str:
+    return "\u2013" if value is None else f"{value:.{digits}f}{unit}"
 
 
 def play(session: Session) -> None:

@@ -54,7 +54,7 @@ def scene_of(env: Any) -> dict[str, Any]:
         "triangles": TRIANGLES,
         "padRadius": float(robot.pad_radius),
         "reach": float(np.hypot(turn[..., 0], turn[..., 1]).max()),
-        "weight": float(robot.mass * GRAVITY),
+        "weight": float(getattr(inner, "weight", robot.mass * GRAVITY)),
         "payload": {"mass": load.mass, "x": load.position[0], "y": load.position[1]}
         if load.mass > 0.0
         else None,

@@ -36,11 +36,13 @@ def page(*recordings: Recording) -> str:
     """The page of one recording, or of two side by side.
 
     Raises:
-        ValueError: another number of recordings.
+        ValueError: another number of recordings, or one of walking and one of the crank alone.
     """
     if not 1 <= len(recordings) <= MOST_RECORDINGS:
         raise ValueError(f"there are {len(recordings)} recordings, must be 1 or 2")
     first = recordings[0]
+    if len(units := {one.scene["speedUnit"] for one in recordings}) > 1:
+        raise ValueError(f"recordings have speeds in {sorted(units)}, must have them in one unit")
     labels = _labels(recordings)
     title = " and ".join(labels)
     data = {
@@ -166,7 +168,9 @@ def _packed(recording: Recording) -> dict[str, Any]:
     axis = one.pose[:, :2]
     since = one.time - one.time[0]
     lengths = np.diff(one.time)
-    direction = np.sign(one.command[0]) or 1.0
+    # Of each step in the direction commanded in it; forwards where nothing ever is.
+    directions = np.sign(one.command[:-1]) if one.command[:-1].any() else np.ones(one.steps)
+    lifts = np.abs(one.energy_of("motor_work")) / one.weight[1:]  # by which the work would lift it
     arrays = {
         "time": _plain(since, "<f8"),
         "pose": _plain(np.column_stack([axis, _turned(one.pose[:, 2:])]), "<f4"),
@@ -181,10 +185,10 @@ def _packed(recording: Recording) -> dict[str, Any]:
         "power": _plain(_after_start(one.power)),
         "reward": _plain(_after_start(one.reward)),
         "slip": _plain(_after_start(one.slip.sum(axis=1) / lengths)),
-        "distance": _plain(direction * (axis[:, 0] - axis[0, 0])),
+        "distance": _plain(_after_start(directions * np.diff(axis[:, 0])).cumsum()),
         "returned": _plain(_after_start(one.reward).cumsum()),
         "slipped": _plain(_after_start(one.slip.sum(axis=1)).cumsum()),
-        "work": _plain(_after_start(np.abs(one.energy_of("motor_work"))).cumsum()),
+        "lifted": _plain(_after_start(lifts).cumsum()),
     }
     ended = one.terminated
     return {"scene": {**one.scene, "terrain": _seen(one)}, "ended": ended, "arrays": arrays}

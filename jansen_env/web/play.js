@@ -10,6 +10,7 @@ const RECONNECT = [0.5, 1, 2, 4, 8]; // s until the next attempt, the last one a
 const DEAD_ZONE = 0.12; // of a gamepad's stick
 const CLICK_PUSH = 3; // N s
 const PUSH_PER_PIXEL = 0.03; // N s of a drag
+const SENDING = 15; // ms between two messages of a slider, at least
 const CLICK = 6; // pixels, up to which a drag is a click
 
 const $ = (id) => document.getElementById(id);
@@ -25,7 +26,8 @@ let notice = ""; // of the page itself
 let drag = null; // {x, y, toX, toY}, pixels, while the pointer is down
 let stick = 0; // where the gamepad's was
 let stickButton = false;
-const waiting = new Map(); // of each slider its newest value: at most one message a picture
+let sent = 0; // ms, when values were sent last
+const waiting = new Map(); // of each slider its newest value
 
 // The connection.
 
@@ -100,27 +102,34 @@ function buildPanel() {
     });
     row.append(
       element("label", { htmlFor: name, textContent: label }),
-      element("output", { id: `${name}-value`, htmlFor: name }),
+      element("output", { id: `${name}-value`, htmlFor: name, ariaLive: "off" }),
       slider,
     );
     $("sliders").append(row);
   }
 }
 
-/** After the pointer has moved a slider, arrow keys are the robot's again. */
+/** After the pointer has moved a slider or pressed a button, keys are the robot's again. */
 function letGo(event) {
   event.target.blur();
 }
 
 function addChoice(name, values, choose) {
   const select = element("select", { id: name });
+  let pointed = false; // whether it was the pointer that chose, or keys, which may go on
+  select.addEventListener("pointerdown", () => {
+    pointed = true;
+  });
+  select.addEventListener("keydown", () => {
+    pointed = false;
+  });
   for (const value of values)
     select.append(
       element("option", { value, textContent: name === "pace" ? paceOf(value) : value }),
     );
   select.addEventListener("change", () => {
     choose(select.value);
-    select.blur();
+    if (pointed) select.blur();
   });
   const choice = element("div", {});
   choice.append(element("label", { htmlFor: name, textContent: name }), select);
@@ -146,11 +155,14 @@ function byHand() {
 
 // What is shown at each picture.
 
-function draw() {
+function draw(now) {
   requestAnimationFrame(draw);
   readGamepad();
-  for (const message of waiting.values()) send(message);
-  waiting.clear();
+  if (now - sent >= SENDING) {
+    sent = now;
+    for (const message of waiting.values()) send(message);
+    waiting.clear();
+  }
   const ratio = window.devicePixelRatio || 1;
   const size = { width: canvas.clientWidth, height: canvas.clientHeight };
   const [width, height] = [size.width, size.height].map((length) => Math.round(length * ratio));
@@ -171,11 +183,11 @@ function draw() {
 
 function showScore() {
   const { distance, slip_per_metre, cost_of_transport, speed, time } = latest.score;
-  const ratio = (value, unit) => (value === null ? "–" : `${value.toFixed(2)}${unit}`);
+  const ratio = (value, digits, unit) => (value === null ? "–" : value.toFixed(digits) + unit);
   const texts = {
     distance: `${distance.toFixed(2)} m`,
-    slip: ratio(slip_per_metre, " m/m"),
-    cost: ratio(cost_of_transport, ""),
+    slip: ratio(slip_per_metre, 3, " m/m"),
+    cost: ratio(cost_of_transport, 2, ""),
     speed: `${speed.toFixed(2).replace("-0.00", "0.00")} m/s`,
     time: `${time.toFixed(1)} s`,
   };
@@ -286,6 +298,12 @@ for (const [id, key] of [
     holdKeys();
   };
   $(id).addEventListener("pointerdown", hold(true));
+  const press = (down) => (event) => {
+    if (event.key === " " || event.key === "Enter") hold(down)();
+  };
+  $(id).addEventListener("keydown", press(true));
+  $(id).addEventListener("keyup", press(false));
+  $(id).addEventListener("blur", hold(false));
   for (const end of ["pointerup", "pointercancel", "pointerleave"])
     $(id).addEventListener(end, hold(false));
 }
@@ -332,7 +350,7 @@ function push({ x, y, toX, toY }) {
 }
 
 function readGamepad() {
-  const pad = navigator.getGamepads?.().find((one) => one?.connected);
+  const pad = navigator.getGamepads?.().find((one) => one?.connected && one.axes.length > 0);
   if (!pad) return;
   const value = Math.abs(pad.axes[0]) < DEAD_ZONE ? 0 : Math.min(Math.max(pad.axes[0], -1), 1);
   if (value !== stick) {
@@ -352,8 +370,10 @@ $("reset").addEventListener("click", KEYS.r);
 $("another").addEventListener("click", KEYS.n);
 $("pause").addEventListener("click", () => scene && KEYS.p());
 $("show-help").addEventListener("click", toggleHelp);
+for (const button of document.querySelectorAll("#panel button"))
+  button.addEventListener("pointerup", letGo);
 $("panel").addEventListener("submit", (event) => event.preventDefault());
 
 $("help").show();
 connect();
-draw();
+requestAnimationFrame(draw);

@@ -90,7 +90,8 @@ const plots = PLOTS.map(([name, label, unit]) => {
     return { time: track.time, values: track[name], first, color: COLORS[i] };
   });
   if (name === "speed") {
-    curves.unshift({ time: longest.time, values: longest.command, first, dashed: true });
+    for (const { time, command } of tracks)
+      curves.unshift({ time, values: command, first, dashed: true });
   }
   const plot = plotOn(canvas, curves, clock.duration);
   const go = (event) => seek(plot.timeAt(event.clientX - canvas.getBoundingClientRect().left));
@@ -309,7 +310,7 @@ byId("title").textContent = title;
 byId("subtitle").textContent = subtitle;
 byId("scrub").max = clock.duration;
 byId("ghosts").hidden = tracks.length < 2;
-byId("ghosts").disabled = !comparable;
+byId("ghosts").disabled = tracks.length < 2 || !comparable;
 byId("legend").hidden = byId("forces").hidden = !walks;
 resize();
 play(!matchMedia("(prefers-reduced-motion: reduce)").matches);

@@ -95,7 +95,7 @@ export function pathOf(track, leg, time, seconds) {
 
 /** The numbers of a control step, by the names of `NUMBERS`; null where there is none. */
 export function numbersAt(track, k) {
-  const { scene, pose } = track;
+  const { pose } = track;
   const distance = track.distance[k];
   const far = distance > 0.001;
   return {
@@ -109,6 +109,6 @@ export function numbersAt(track, k) {
     pitch: pose[4 * k + 2],
     returned: track.returned[k],
     slipPerMetre: far ? track.slipped[k] / distance : null,
-    costOfTransport: far ? track.work[k] / (scene.weight * distance) : null,
+    costOfTransport: far ? track.lifted[k] / distance : null,
   };
 }

@@ -132,6 +132,12 @@ def test_sliders_change_the_environment(session, name, value):
     assert session.attempt("set", name=name, value=high)
 
 
+def test_the_torque_is_that_of_the_motor_at_once(session):
+    session.pause(True)
+    session.set("motor_strength", 0.5)
+    assert session.full_torque == 10.0
+
+
 def test_ground_and_robot_by_name():
     session = Session(seed=4)
     session.choose("terrain", "stairs")

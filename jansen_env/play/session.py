@@ -136,7 +136,7 @@ class Session:
     @property
     def full_torque(self) -> float:
         """N m, of the input 1 by hand."""
-        return float(self._frames[1].torque_limit)
+        return float(self.env.frame().torque_limit)
 
     @property
     def message(self) -> str:

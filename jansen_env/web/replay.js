@@ -309,7 +309,7 @@ byId("title").textContent = title;
 byId("subtitle").textContent = subtitle;
 byId("scrub").max = clock.duration;
 byId("ghosts").hidden = tracks.length < 2;
-byId("ghosts").disabled = !comparable;
+byId("ghosts").disabled = tracks.length < 2 || !comparable;
 byId("legend").hidden = byId("forces").hidden = !walks;
 resize();
 play(!matchMedia("(prefers-reduced-motion: reduce)").matches);

@@ -213,6 +213,7 @@ def main(arguments: list[str] | None = None) -> None:
     words = sys.argv[1:] if arguments is None else arguments
     args = parse(words)
     command = shlex.join(["python", "-m", "agents.export", *words])
+    print(f"comparing on {CASES} observations, then scoring beside the baselines ...", flush=True)
     try:
         paths, differences = export(
             args.run, args.to, args.out, args.name, args.env, args.episodes, args.seed, command

@@ -16,6 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import torch
 from safetensors.numpy import save
 
 from agents import export_c
@@ -212,7 +213,9 @@ def main(arguments: list[str] | None = None) -> None:
     """Export a policy, and say what was written and how well it agrees."""
     words = sys.argv[1:] if arguments is None else arguments
     args = parse(words)
+    torch.set_num_threads(1)  # of a network this small more only wait for one another
     command = shlex.join(["python", "-m", "agents.export", *words])
+    print(f"comparing on {CASES} observations, then scoring beside the baselines ...", flush=True)
     try:
         paths, differences = export(
             args.run, args.to, args.out, args.name, args.env, args.episodes, args.seed, command

@@ -32,8 +32,8 @@ MEANINGS = {
     "mean_slip": "mean slip speed of all toes together, worked out: see below",
     "mean_power": "mean size of the motor's power, worked out: see below",
     "rms_torque": "root mean square of the crank torque, worked out: see below",
-    "tracking_error": "reference minus crank angle; the reference starts at pi and turns at the "
-                      "commanded speed",
+    "tracking_error": "reference minus crank angle, both counted on beyond a turn; the reference "
+                      "starts at pi and turns at the commanded speed",
 }  # fmt: skip
 RUNNING = ("lag", "mean_speed", "mean_slip", "mean_power", "rms_torque")
 

@@ -376,3 +376,7 @@ def _check_text(name: str, value: Any) -> None:
     instance(name, value, str)
     if len(value) > LONGEST_NAME:
         raise ValueError(f"{name} is {shown(value)}, must have at most {LONGEST_NAME} characters")
+    try:
+        value.encode()
+    except UnicodeEncodeError:  # half of a pair of surrogates
+        raise ValueError(f"{name} is {shown(value)}, must be text that UTF-8 has") from None

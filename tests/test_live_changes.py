@@ -59,6 +59,17 @@ def test_refused(change, message):
     assert env.get_state()["parameters"] == before
 
 
+@pytest.mark.parametrize(
+    "change", [{"payload": 3.0}, {"tilt": 0.2}, {"mass_scale": 2.0}, {"restitution": 0.5}]
+)
+def test_energies_of_steps_are_closed_whatever_changes_between_them(change):
+    env = begun()
+    env.set_parameters(**change)
+    for _ in range(STEPS):
+        energy = env.step(np.array([0.3], np.float32))[4]["energy"]
+        assert abs(energy["residual"]) < 1e-3  # J; the payload's weight alone is 30 N
+
+
 def test_feet_are_asked_before_a_payload_is_changed():
     env = begun(robot="built")
     with pytest.raises(ValueError, match="stiffness"):
@@ -127,7 +138,7 @@ def test_what_is_no_impulse_is_refused(impulse):
 def test_one_of_many_is_pushed():
     envs = gym.make_vec("JansenWalker-v0", num_envs=2, speed_command=0.3).unwrapped
     envs.reset(seed=1)
-    envs.push(1, (1.5, 0.0))
+    envs.call_one(1, "push", (1.5, 0.0))
     for _ in range(10):
         _, _, _, _, infos = envs.step(np.full((2, 1), 0.3, np.float32))
     alone = gym.make("JansenWalker-v0", speed_command=0.3).unwrapped

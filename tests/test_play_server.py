@@ -366,6 +366,41 @@ def test_rubbish_does_no_harm(served, messages):
         until(one, lambda state: state["score"]["time"] > 0.5)
 
 
+def test_messages_that_are_much_work_do_not_stop_the_others(monkeypatch):
+    """However fast they come: states go on, and they are too many in the end."""
+
+    class Flood:
+        def __init__(self):
+            self.count, self.closed = 0, None
+
+        def __aiter__(self):
+            return self
+
+        async def __anext__(self):
+            self.count += 1
+            if self.count > 1000:
+                raise StopAsyncIteration
+            return '{"do": "reset"}'
+
+        async def close(self, code, reason):
+            self.closed = reason
+
+    session = Session()
+    monkeypatch.setattr(session, "attempt", lambda action: time.sleep(0.008))
+
+    async def run():
+        page, flood, published = Page(session, 1), Flood(), []
+        page._sockets = 1
+        monkeypatch.setattr(page, "_publish", lambda: published.append(flood.count))
+        task = asyncio.create_task(page.run())
+        await page._listen(flood)
+        task.cancel()
+        assert flood.closed == "too many messages" and flood.count < 2 * BURST
+        assert len(published) > 20
+
+    apart(asyncio.run, run())
+
+
 def test_a_slow_page_skips_frames():
     """What is sent to it is bounded, and new."""
 

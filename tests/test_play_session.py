@@ -132,6 +132,21 @@ def test_sliders_change_the_environment(session, name, value):
     assert session.attempt("set", name=name, value=high)
 
 
+@pytest.mark.parametrize("robot", ["paper", "holy"])
+def test_the_torque_shown_has_the_inputs_sign(robot):
+    """Whichever way the crank turns to walk forwards."""
+    session = Session(robot=robot)
+    session.steer(0.5)
+    walk(session, 0.5)
+    assert session.frame().torque == 10.0
+
+
+def test_the_torque_is_that_of_the_motor_at_once(session):
+    session.pause(True)
+    session.set("motor_strength", 0.5)
+    assert session.full_torque == 10.0
+
+
 def test_ground_and_robot_by_name():
     session = Session(seed=4)
     session.choose("terrain", "stairs")

@@ -195,6 +195,7 @@ def test_what_is_no_number_is_refused(short):
         ({"terrain": [[1.0, 0.0], [0.0, 0.0]]}, "x that increases"),
         ({"energies": ("a",)}, "energies has 1 entries"),
         ({"label": "x" * 201}, "at most 200 characters"),
+        ({"label": "\ud800"}, "must be text that UTF-8 has"),
         ({"label": 3}, "label is 3, must be a str"),
         ({"seed": "1"}, "seed is '1', must be a int"),
         ({"parameters": {"friction": None}}, "friction"),

@@ -346,6 +346,7 @@ def test_other_grounds_are_no_ghosts(opened, recordings):
 def test_the_crank_has_no_ground(opened):
     one = recorded("JansenCrank-v0", "crank", 0.1)
     page = opened(shown=[one], **STILL).page
+    page.keyboard.press("g")  # there is no second one
     page.keyboard.press("End")
     settled(page)
     shown = numbers(page)

@@ -20,7 +20,7 @@ from jansen_env.envs.core import Array, Bools, Ints, Observed
 from jansen_env.envs.single import ATask
 
 Observations = NDArray[np.float32]
-METHODS = ("get_state", "render", "set_parameters", "set_state")
+METHODS = ("get_state", "push", "render", "set_parameters", "set_state")
 """What can be asked of single robots, see :meth:`TaskVectorEnv.call_one`."""
 
 

@@ -94,6 +94,9 @@ class WalkerRobots(Task):
             command: m/s, from the next step on. terrain_level: of its next episodes; that from
                 which a curriculum goes on. What ``randomize`` names is drawn all the same.
 
+        Energies in ``info`` are of what happens in steps: what a change between two of them adds to
+        the robot's energy, that of a payload for one, is in neither of them.
+
         Raises:
             ValueError: a value out of range, or anything but commands and delay on the plant
                 ``"rigid_body"``.

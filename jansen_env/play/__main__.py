@@ -55,9 +55,12 @@ def main(arguments: list[str] | None = None) -> None:
 
         from jansen_env.play.server import serve
 
+        def tell(address: str) -> None:
+            print(f"{address}\nOpen this in a browser on this machine; Ctrl+C ends it.", flush=True)
+
         port = PORT if args.port is None else args.port
         try:
-            asyncio.run(serve(session, port, lambda address: print(address, flush=True)))
+            asyncio.run(serve(session, port, tell))
         except OSError as error:
             command_line.error(f"--port is {port}, must be one that can be used: {error.strerror}")
     else:

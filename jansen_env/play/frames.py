@@ -9,10 +9,14 @@ from jansen_env.rendering import Frame
 ARRAYS = ("q", "contact_force", "contact_point", "contact_tangent", "slipping")
 
 
-def snapshot(frame: Frame, command: float | None) -> Frame:
-    """A copy that stays as it is while the robot moves; ``command``: that it shows, or None."""
+def snapshot(frame: Frame, command: float | None, direction: float) -> Frame:
+    """A copy that stays as it is while the robot moves.
+
+    Args:
+        command: that it shows, m/s, or None. direction: 1 or -1, by which torques are multiplied.
+    """
     arrays = {name: getattr(frame, name).copy() for name in ARRAYS}
-    return replace(frame, command=command, **arrays)
+    return replace(frame, command=command, torque=direction * frame.torque, **arrays)
 
 
 def between(before: Frame, now: Frame, share: float) -> Frame:

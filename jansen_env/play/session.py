@@ -18,6 +18,7 @@ import numpy as np
 import jansen_env
 from jansen_env import pretrained
 from jansen_env.checks import finite, instance, shown, whole_number, within
+from jansen_env.kinematics import advance_per_turn
 from jansen_env.play.frames import between, snapshot
 from jansen_env.play.score import Score, Tally
 from jansen_env.rendering import Frame
@@ -136,7 +137,7 @@ class Session:
     @property
     def full_torque(self) -> float:
         """N m, of the input 1 by hand."""
-        return float(self._frames[1].torque_limit)
+        return float(self.env.frame().torque_limit)
 
     @property
     def message(self) -> str:
@@ -269,7 +270,8 @@ class Session:
     def frame(self) -> Frame:
         """What is to be drawn: between the last two steps, so that slow motion is smooth.
 
-        Its command is None where no policy walks.
+        Its command is None where no policy walks. Its torque is counted as the input is: a positive
+        one walks towards +x, whichever way the crank turns for that.
         """
         return between(*self._frames, self._due)
 
@@ -305,6 +307,7 @@ class Session:
             self._env.close()
         self._take_control(policy, choices["control"])
         self._env, self._choices, self._dt = env, choices, env.unwrapped.control_dt
+        self._direction = math.copysign(1.0, advance_per_turn(env.unwrapped.robot))
         self._start()
 
     def _policy_of(self, control: Any, env: Any) -> pretrained.PretrainedPolicy | None:
@@ -335,7 +338,7 @@ class Session:
         self._tally = Tally(self._dt)
         self._final = None
         self.fallen, self.stuck, self._due = False, False, 0.0
-        self._frames = (snapshot(self.env.frame(), self.command),) * 2
+        self._frames = (self._snapshot(),) * 2
         self._message = ""
         self.version += 1
 
@@ -351,6 +354,10 @@ class Session:
             self.input = start + min(max(self._held - start, -step), step)
             self._returns = bool(self._held) or self.input != 0.0
 
+    def _snapshot(self) -> Frame:
+        """The frame as it is now."""
+        return snapshot(self.env.frame(), self.command, self._direction)
+
     def _step(self) -> None:
         """Take one step."""
         if self.stuck:
@@ -363,7 +370,7 @@ class Session:
             )
             self._fresh = False
         self._observation, _, _, self.stuck, info = self._env.step(action)
-        self._frames = self._frames[1], snapshot(self.env.frame(), self.command)
+        self._frames = self._frames[1], self._snapshot()
         if self._final is None:
             self._tally.add(info, self.env.weight, self.command)
         if (info["fallen"] or self.stuck) and self._final is None:

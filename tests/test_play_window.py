@@ -111,6 +111,25 @@ def test_help_is_shown_until_a_key_and_again(window):
     assert not window.panel.help_open
 
 
+def test_time_stands_still_while_the_help_is_open(window):
+    """And all that is done, but to open it, closes it."""
+    time = window.session.env.frame().time
+    turns(window, 25)
+    assert window.session.env.frame().time == time
+    slider = widget(window, "friction").rect
+    thumb = widget(window, "friction").sliding_button.rect
+    for act in (
+        lambda: click(window, thumb.center, (slider.left + 20, thumb.centery)),
+        lambda: click(window, widget(window, "reset").rect.center),
+        lambda: window._move_stick(0.5),
+        lambda: click(window, (100, 400)),
+    ):
+        window.panel.show_help(True)
+        act()
+        turns(window, 2)
+        assert not window.panel.help_open
+
+
 def test_other_keys(window):
     session = window.session
     turns(window, 10)

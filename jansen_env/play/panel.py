@@ -149,6 +149,7 @@ class Panel:
         """Do what a widget's event stands for."""
         session, widget = self.session, getattr(event, "ui_element", None)
         if event.type == gui.UI_HORIZONTAL_SLIDER_MOVED and widget in self._sliders:
+            self.show_help(False)
             name = self._sliders[widget]
             if name == "input":
                 session.attempt("steer", value=min(max(event.value, -1.0), 1.0))
@@ -159,6 +160,7 @@ class Panel:
         elif event.type == gui.UI_BUTTON_PRESSED and widget in self._buttons:
             self.press(self._buttons[widget])
         elif event.type == gui.UI_DROP_DOWN_MENU_CHANGED:
+            self.show_help(False)
             for name, menu in self._menus.items():
                 if menu is widget:
                     self._choose(name, event.text)
@@ -168,7 +170,9 @@ class Panel:
         """Do what a button does."""
         if name == "help":
             self.show_help(not self.help_open)
-        elif name == "pause":
+            return
+        self.show_help(False)
+        if name == "pause":
             self.session.pause(not self.session.paused)
         else:
             self.session.attempt(name)

@@ -63,7 +63,8 @@ class Window:
         for event in pg.event.get():
             self._handle(event)
         now = monotonic()
-        self.session.advance(now - self._before)
+        if not self.panel.help_open:  # who reads does not find the robot fallen
+            self.session.advance(now - self._before)
         self._manager.update(now - self._before)
         self._before = now
         self._draw()
@@ -89,7 +90,7 @@ class Window:
         elif event.type == pg.JOYAXISMOTION and event.axis == 0:
             self._move_stick(event.value)
         elif event.type == pg.JOYBUTTONDOWN and event.button == 0:
-            self.session.reset()
+            self.panel.press("reset")
         elif not self._handle_mouse(event):
             self._manager.process_events(event)
             self.panel.handle(event)
@@ -121,6 +122,7 @@ class Window:
         if stick != self._stick:
             self._stick = stick
             self.session.steer(stick)
+            self.panel.show_help(False)
 
     def _handle_mouse(self, event: pg.event.Event) -> bool:
         """Push where the picture is clicked or dragged on; whether the event was for that."""

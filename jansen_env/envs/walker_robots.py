@@ -28,8 +28,9 @@ from jansen_env.terrain import Terrain
 Array = NDArray[np.float64]
 
 FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
-CHANGES = tuple(name for name in RANGES if name.endswith(("tilt", "_scale", "_strength")))
-"""Parameters of an episode that may be changed in it, beside those that arguments have, too."""
+OF_ARGUMENTS = ("friction", "restitution", "payload", "payload_x", "payload_y")
+CHANGES = tuple(name for name in RANGES if name not in OF_ARGUMENTS)
+"""Parameters of an episode that may be changed in it, beside those that are arguments, too."""
 MEANS = ("mean_speed", "mean_slip", "mean_power", "rms_torque")
 NOT_PHYSICAL = {"speed_command", "command", "delay", "terrain_level"}  # of what may be set
 MOST_STEPS = 2**63 - 1  # of an episode; and the largest seed of commands

@@ -38,6 +38,7 @@ ADDRESS = "127.0.0.1"
 SOCKET = "/socket"
 FILES = {
     "/": ("play.html", "text/html"),
+    "/theme.css": ("theme.css", "text/css"),
     "/play.css": ("play.css", "text/css"),
     "/play.js": ("play.js", "text/javascript"),
     "/scene.js": ("scene.js", "text/javascript"),

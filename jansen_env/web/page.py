@@ -1,7 +1,7 @@
 """Recordings as one HTML file that plays them: no server, no network, nothing else to install.
 
-The page is ``replay.html`` with ``replay.css`` and the scripts of this folder put in, and the
-recordings as JSON. ``docs/replay.md`` says how exact they are.
+The page is ``replay.html`` with ``theme.css``, ``replay.css`` and the scripts of this folder put
+in, and the recordings as JSON. ``docs/replay.md`` says how exact they are.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def _read(name: str) -> str:
 
 
 def _style() -> str:
-    return _read("replay.css")
+    return _read("theme.css") + _read("replay.css")
 
 
 def _script() -> str:

@@ -85,6 +85,7 @@ class PretrainedPolicy:
         self._shown = len(self.observed)  # numbers in what it is given
         self.scale: tuple[Any, Any] = (0.0, 1.0)
         self.history = _read_history(description.get("history", {}))
+        self.history.check_size(len(self.observed))
         self.features = self._read_features(_entry(network, "features", list))
         width = sum(block.size for block in self.features)
         if width == 0:

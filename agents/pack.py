@@ -210,7 +210,7 @@ def rescore(path: str | Path, episodes: int = 10, seed: int = 0) -> Path:
 
 
 def check_equal(packed: PretrainedPolicy, policy: Any, count: int = 10_000) -> float:
-    """The largest difference between two policies' actions on random observations.
+    """The largest difference between two policies' actions on some ``count`` random observations.
 
     Torch computes in float32, with an error of its own that depends on how many observations it is
     given at once; so it is compared in float64, to which ``policy`` is turned.
@@ -222,9 +222,11 @@ def check_equal(packed: PretrainedPolicy, policy: Any, count: int = 10_000) -> f
     mean, deviation = (np.ravel(each)[: len(packed.observed)] for each in packed.scale)
     in_float64(policy)
     difference, states = 0.0, (None, None)
-    for _ in range(packed.history.steps):  # until all it remembers has been seen
-        seen = mean + 2.0 * deviation * rng.normal(size=(count, len(packed.observed)))
-        angle = rng.uniform(-np.pi, np.pi, count)
+    steps = packed.history.steps  # until all it remembers has been seen
+    robots = -(-count // steps)
+    for _ in range(steps):
+        seen = mean + 2.0 * deviation * rng.normal(size=(robots, len(packed.observed)))
+        angle = rng.uniform(-np.pi, np.pi, robots)
         seen[:, 0], seen[:, 1] = np.cos(angle), np.sin(angle)  # as of every environment
         seen = seen.astype(np.float32)
         actions, own = packed.predict(seen, states[0])

@@ -23,6 +23,7 @@ from agents.rollout import make_env, make_envs
 from agents.tasks import TASKS
 from agents.vec_env import acting
 from jansen_env import paper_robot, pretrained
+from jansen_env.policy_environment import check_action
 
 SHIPPED = [(env_id, name) for env_id in TASKS for name in pretrained.names(env_id)]
 CRANK = "JansenCrank-v0"
@@ -271,6 +272,26 @@ NAN, HARMONICS = float("nan"), {"kind": "harmonics", "multiples": [2]}
          "harmonics take the first observations ['cos_crank_angle', 'sin_crank_angle']"),
         ({"network__squash": None}, "squash is None, must be one of ['clip', 'tanh']"),
         ({"env__id": 3}, "id is 3, must be a str"),
+        ({"env__id": "os:system"}, "env.id is 'os:system', must be one of ['JansenCrank-v0', "),
+        ({"env__id": "CartPole-v1"}, "env.id is 'CartPole-v1', must be one of"),
+        ({"action__torque_limit": 20.0}, "torque_limit is 20.0, must be 5.0 as of JansenCrank-v0"),
+        ({"env__kwargs__torque_limit": 20.0}, "torque_limit is 5.0, must be 20.0 as of"),
+        ({"action__control_dt": 0.02}, "control_dt is 0.02, must be 0.01 as of JansenCrank-v0"),
+        ({"action__torque_limit": 1e300, "env__kwargs__torque_limit": 1e300},
+         "torque_limit is 1e+300, must be 0 or of 1.2e-38 to 3.4e+38, the range of float32"),
+        ({"action__torque_limit": 1e-300}, "torque_limit is 1e-300, must be 0 or of 1.2e-38"),
+        ({"network__features__0__floor": 1e-300}, "floor is 1e-300, must be 0 or of 1.2e-38"),
+        ({"network__features__0__clip": 1e300}, "clip is 1e+300, must be 0 or of 1.2e-38"),
+        ({"network__limit": 1e300}, "limit is 1e+300, must be 0 or of 1.2e-38"),
+        ({"env__kwargs__time_step": 1e-9}, "control_dt is 0.01, must be at most 10000 times"),
+        ({"env__kwargs__time_step": 1e-6}, "max_episode_steps is 50 with control_dt 0.01 and "
+         "time_step 1e-06, 500000 time steps, must be at most 200000 of these"),
+        ({"env__kwargs__max_episode_steps": 2**53}, "time steps, must be at most 200000 of these"),
+        ({"env__kwargs__max_episode_steps": -1}, "max_episode_steps is -1, must be a whole number"),
+        ({"env__kwargs": {"control_dt": 1e-6, "time_step": 1e-9}, "action__control_dt": 1e-6},
+         "control_dt is 1e-06, must be between 0.0001 and 1.0"),
+        ({"env__kwargs__control_dt": 10.0, "action__control_dt": 10.0},
+         "control_dt is 10.0, must be between 0.0001 and 1.0"),
     ],
 )  # fmt: skip
 def test_descriptions_that_do_not_fit_are_refused(values, reason, made, tmp_path):
@@ -287,6 +308,34 @@ def test_descriptions_that_do_not_fit_are_refused(values, reason, made, tmp_path
     with pytest.raises(ValueError, match=re.escape(reason)) as error:
         pretrained.load_file(path)
     assert str(path) in str(error.value) and "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("env_id", TASKS)
+@pytest.mark.parametrize(
+    "env_kwargs",
+    [{}, {"robot": "built"}, {"motor": "ak80_6"}, {"torque_limit": 7.5}, {"control_dt": 0.04},
+     {"plant": "rigid_body", "robot": "holy", "time_step": 2e-4}],
+)  # fmt: skip
+def test_actions_are_held_to_those_of_the_environment(env_id, env_kwargs):
+    """Which is not built for it."""
+    if env_id == CRANK:
+        env_kwargs = {name: value for name, value in env_kwargs.items() if name != "plant"}
+    env = make_env(env_id, env_kwargs).unwrapped
+    limit, period = env.torque_limit, env.control_dt
+    check_action(env_id, env_kwargs, limit, period)
+    for wrong in ((1.01 * limit, period), (limit, 1.01 * period)):
+        with pytest.raises(ValueError, match=f"must be .* as of {env_id} with env.kwargs"):
+            check_action(env_id, env_kwargs, *wrong)
+
+
+def test_a_policy_trains_where_it_walks(made, tmp_path):
+    """A model of a file is of its own environment, not of another one in its configuration."""
+    for file in made[1].parent.glob("mine.*"):
+        shutil.copy(file, tmp_path)
+    path = tmp_path / "mine.json"
+    change(path, training__config__env_kwargs={"torque_limit": 20.0})
+    with pytest.raises(ValueError, match=r"mine.json: training.config.env_kwargs is .*, must be {"):
+        unpack.load_sb3_file(path)
 
 
 def test_damaged_files_are_refused(made, tmp_path):

@@ -1,11 +1,13 @@
-"""Files written atomically, and the removal of folders that nobody uses any more."""
+"""Files written atomically, folders that are a user's own, and the removal of unused ones."""
 
 from __future__ import annotations
 
 import contextlib
 import json
 import os
+import secrets
 import shutil
+import stat
 import tempfile
 import time
 from collections.abc import Callable, Iterable
@@ -27,11 +29,11 @@ def write_whole(path: str | Path, write: Callable[[str], object]) -> Path:
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=PART, suffix=path.suffix)
-        os.close(handle)
+        name = str(path.with_name(f"{PART}{secrets.token_hex(8)}{path.suffix}"))
+        # Not by mkstemp, whose files are private: this one's mode follows the umask.
+        os.close(os.open(name, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
         try:
             write(name)
-            os.chmod(name, 0o644)  # mkstemp's files are private
             _sync(name, os.O_RDWR)
             os.replace(name, path)
         finally:
@@ -84,6 +86,32 @@ def writable(folder: Path) -> bool:
     except OSError:
         return False
     return True
+
+
+def own_folder(folder: Path) -> Path:
+    """Make a folder whose files no other user but root can change; return its real path.
+
+    All folders above it count, as who can write there can put another one in its place; but in
+    those with the sticky bit everybody's own stay. The real path has no links that could be swapped
+    afterwards. On Windows nothing is checked: permissions are not in a file's mode there.
+
+    Raises:
+        OSError: it cannot be made. ValueError: others could change its files; says where.
+    """
+    for place in reversed([place for place in (folder, *folder.parents) if not place.exists()]):
+        place.mkdir(0o700 if place == folder else 0o755, exist_ok=True)
+    real = Path(os.path.realpath(folder))
+    if hasattr(os, "geteuid"):
+        for place in (*reversed(real.parents), real):
+            status = place.lstat()
+            if status.st_uid not in (0, os.geteuid()):
+                raise ValueError(f"{place} belongs to user {status.st_uid}, must be ours or root's")
+            sticky = place != real and status.st_mode & stat.S_ISVTX
+            if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not sticky:
+                raise ValueError(f"others can write to {place} ('chmod go-w' would end that)")
+        with contextlib.suppress(OSError):  # some file systems know no modes
+            real.chmod(0o700)  # or what is made in there could be open to others, by the umask
+    return real
 
 
 def remove_unused(paths: Iterable[Path], seconds: float) -> None:

@@ -24,6 +24,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from agents.study_runs import Order, Outcome, perform
+from agents.process import HANGUP, SIGNALS, after_the_first
 from jansen_env.cores import available_cores
 from jansen_env.files import remove_unused
 
@@ -48,20 +49,20 @@ def has_ray() -> bool:
 
 @contextmanager
 def stopped_by_signal() -> Iterator[threading.Event]:
-    """An event that SIGINT (Ctrl-C) or SIGTERM sets; a second signal ends the process at once.
+    """An event that SIGINT (Ctrl-C), SIGTERM or SIGHUP sets; a second Ctrl-C ends all at once.
 
     No exception, which libraries' callbacks might swallow.
     """
-    stop, numbers = threading.Event(), (signal.SIGINT, signal.SIGTERM)
+    stop = threading.Event()
 
     def take(*_: object) -> None:
         stop.set()
-        for number in numbers:
-            signal.signal(number, signal.SIG_DFL)
+        for number in SIGNALS:
+            signal.signal(number, after_the_first(number))
 
     before = {
         number: signal.signal(number, take)
-        for number in numbers
+        for number in SIGNALS
         if signal.getsignal(number) != signal.SIG_IGN  # as in the background of a shell
     }
     try:
@@ -127,12 +128,13 @@ def new_pool() -> ProcessPoolExecutor:
 
 
 def _begin_worker() -> None:
-    """In a new process: a terminal's Ctrl-C is for the driver alone, whose end is this one's too.
+    """In a new process: a terminal's signals are for the driver alone, whose end is this one's too.
 
-    The driver passes Ctrl-C on as SIGTERM. Killed, it can tell nobody, and a run left behind would
+    The driver passes them on as SIGTERM. Killed, it can tell nobody, and a run left behind would
     be in the way of the same command given again.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, *HANGUP):
+        signal.signal(number, signal.SIG_IGN)
     driver = multiprocessing.parent_process()
 
     def follow() -> None:

@@ -53,7 +53,7 @@ def has_ray() -> bool:
 
 @contextmanager
 def stopped_by_signal() -> Iterator[threading.Event]:
-    """An event that SIGINT (Ctrl-C), SIGTERM or SIGHUP sets; a second Ctrl-C ends all at once.
+    """An event that SIGINT (Ctrl-C), SIGTERM or SIGHUP sets; a second Ctrl-C ends this at once.
 
     No exception, which libraries' callbacks might swallow.
     """

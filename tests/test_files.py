@@ -52,7 +52,7 @@ READERS = [
 def test_a_fifo_is_refused(read, tmp_path, no_waiting):
     """By all who read users' files, with its name; opening it would wait for a writer."""
     os.mkfifo(tmp_path / "fifo")
-    with pytest.raises(ValueError, match="fifo.* regular file"):
+    with pytest.raises(ValueError, match=r"fifo.* regular file"):
         read(tmp_path / "fifo")
 
 

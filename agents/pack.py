@@ -177,8 +177,9 @@ def from_run(run: str | Path) -> PretrainedPolicy:
     source = find_config(model)
     config = load_config(source, required=TO_RESUME)
     commands = source.parent / "command.txt"
+    lines = commands.read_text("utf-8", "replace").splitlines() if commands.is_file() else []
     training = {
-        "command": commands.read_text(encoding="utf-8").splitlines() if commands.is_file() else [],
+        "command": lines,
         "steps": read_model(model, ())[1],
     }
     tensors = {

@@ -27,6 +27,7 @@ from jansen_env.checks import (
     shown,
     whole_number,
 )
+from jansen_env.files import open_regular
 from jansen_env.history import History
 from jansen_env.policy_environment import check_action
 from jansen_env.policy_network import (
@@ -317,7 +318,7 @@ def checksum(data: bytes) -> str:
 
 def _read(path: Path) -> bytes:
     """A whole file, of bounded size."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         data = file.read(MAX_BYTES + 1)
     if len(data) > MAX_BYTES:
         raise ValueError(f"{path.name} has more than {MAX_BYTES} bytes")

@@ -18,7 +18,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from jansen_env.checks import finite, instance, non_negative, positive, shown, within
-from jansen_env.files import write_bytes
+from jansen_env.files import open_regular, write_bytes
 from jansen_env.kinematics import JOINTS, SKELETON
 from jansen_env.web.geometry import SLIP, TRIANGLES
 
@@ -230,7 +230,7 @@ class Recording:
             ValueError: it is missing, no recording, damaged or too large.
         """
         try:
-            with open(path, "rb") as file:
+            with open_regular(path) as file:
                 return Recording.from_bytes(file.read(MAX_BYTES + 1))
         except (OSError, ValueError) as error:
             raise ValueError(f"{path} is no recording: {error}") from error

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import shutil
 import tempfile
 import time
@@ -12,6 +13,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+_FLAT = re.compile(r'\[\n([^][{}"]*)\]')  # a list in JSON; strings have no line breaks there
 PART = ".part-"  # how the names of files begin that are being written
 
 
@@ -64,8 +66,10 @@ def write_text(path: str | Path, text: str) -> Path:
 
 
 def write_json(path: str | Path, value: Any) -> Path:
-    """Write a JSON file atomically."""
-    return write_text(path, json.dumps(value, indent=1) + "\n")
+    """Write a JSON file atomically; a list of numbers is one line."""
+    text = json.dumps(value, indent=1)
+    text = _FLAT.sub(lambda found: f"[{' '.join(found[1].split())}]", text)
+    return write_text(path, text + "\n")
 
 
 def writable(folder: Path) -> bool:

@@ -168,6 +168,8 @@ def test_profile_scores_run(tmp_path, capsys):
     lines = (tmp_path / "scores.md").read_text().splitlines()
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if "0 of 2" in line]
     assert [row[1] for row in rows] == ["pid", "profile"] and rows[0][0] == "0.3"
+    assert rows[1][3:5] == ["0 of 2", "78 %"]  # 1 - 0.05 ** (1 / 2)
+    assert lines[-1] == "profile: 0 falls in 2 episodes, a probability of at most 78 %."
     assert (tmp_path / "turn.png").stat().st_size > 10_000
     with pytest.raises(SystemExit):
         profile_scores.main(["--policy", str(tmp_path / "none"), "--out", str(tmp_path)])

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 from pathlib import Path
 
 import pytest
 
 from jansen_env import files
-from jansen_env.files import PART, write_text, write_whole
+from jansen_env.files import PART, write_json, write_text, write_whole
 
 
 def test_files_are_on_the_disk_before_they_are_moved(tmp_path, monkeypatch):
@@ -34,3 +35,11 @@ def test_a_file_that_fails_leaves_the_old_one(tmp_path):
     with pytest.raises(OSError, match="full"):
         write_whole(path, fail)
     assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
+
+
+def test_a_list_of_numbers_is_one_line_of_json(tmp_path):
+    """Whatever brackets and line breaks strings have; values stay as they are."""
+    value = {"a": [1, -2.5e-3, None], "b": [[], [3]], "c": ["[\n 1,\n 2]", "x"], "d": [{"e": [4]}]}
+    text = write_json(tmp_path / "value.json", value).read_text()
+    assert json.loads(text) == value
+    assert ' "a": [1, -0.0025, null],\n' in text and '"e": [4]\n' in text and '"x"\n' in text

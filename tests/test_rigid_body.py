@@ -245,6 +245,7 @@ def test_set_down_again_or_pickled_nothing_is_remembered():
     assert (plant.state == fresh.state).all()
 
 
+@pytest.mark.processor
 def test_bad_arguments():
     """ValueError names the argument and the value; a robot must be able to turn its crank."""
     for name, value in (("time_step", 0.0), ("iterations", 0), ("gravity", -1.0)):

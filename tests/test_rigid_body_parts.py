@@ -324,6 +324,7 @@ def test_a_time_step_too_long_for_the_pads_is_refused():
     assert plant.energy() < before + 1e-3
 
 
+@pytest.mark.processor
 def test_what_is_ideal_costs_nothing():
     """Neither rotor nor springs nor joints of dry friction; electrical work is mechanical work."""
     plant = RigidBodyPlant(Robot(), Terrain.flat())

@@ -68,6 +68,13 @@ def test_commands_have_the_options_that_pages_use(
     assert commands()[program] <= {*known}
 
 
+@pytest.mark.parametrize("job", ['".[train]" && python train.py', '".[test]" && python -m pytest'])
+def test_the_readme_has_one_command_for_a_job(job: str) -> None:
+    """Install and train, install and test: each a line that a shell runs as it stands."""
+    lines = [line for _, block in blocks(ROOT / "README.md", "bash") for line in block.splitlines()]
+    assert [job in line for line in lines if job.split()[0] in line] == [True]
+
+
 def anchors(page: Path) -> set[str]:
     """Of the headings of a page, as GitHub and MyST make them."""
     text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)

@@ -99,10 +99,10 @@ def all_falls(scores: dict[tuple[float, str], dict[str, float]], count: int) -> 
         own = [int(row["falls"]) for (_, policy), row in scores.items() if policy == name]
         total = count * len(own)
         lines.append(
-            f"{name}: {sum(own)} falls in {total:,} episodes, a probability of at most "
-            f"{100.0 * most_falls(sum(own), total):.2g} %."
+            f"{name}: {sum(own)} falls in the {total:,} episodes of all commands, in the mean a "
+            f"probability of at most {100.0 * most_falls(sum(own), total):.2g} %."
         )
-    return "\n".join(lines)
+    return "\n\n".join(lines)
 
 
 def score_table(scores: dict[tuple[float, str], dict[str, float]], count: int) -> str:

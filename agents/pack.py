@@ -38,6 +38,7 @@ from jansen_env.pretrained import PretrainedPolicy
 ACTIVATIONS = {nn.Tanh: "tanh", nn.ReLU: "relu", nn.ELU: "elu"}
 LIBRARIES = ("gymnasium", "numba", "numpy", "stable-baselines3", "torch")
 COPY = "critic_target."  # SAC's, of the critic: it need not be kept
+DIGITS = 6  # of an episode's numbers
 TOLERANCE = 1e-6  # of an action, between the network in torch and in NumPy
 
 
@@ -248,7 +249,11 @@ def in_float64(policy: Any) -> Any:
 
 
 def scores_of(policy: PretrainedPolicy, episodes: int, seed: int = 0) -> dict[str, Any]:
-    """What :func:`agents.evaluate.evaluate` gives, and how to have it again."""
+    """What :func:`agents.evaluate.evaluate` gives, and how to have it again.
+
+    Of the single episodes as many digits as it takes to compare them with those of another
+    processor, where chaos makes some of them others.
+    """
     scores = evaluate(
         {"pretrained": policy}, policy.env_id, policy.env_kwargs, episodes=episodes, seed=seed
     )["pretrained"]
@@ -257,6 +262,10 @@ def scores_of(policy: PretrainedPolicy, episodes: int, seed: int = 0) -> dict[st
         "seed": seed,
         "overall": scores["overall"],
         "by_command": scores["by_command"],
+        "by_episode": {
+            name: [float(f"{value:.{DIGITS}g}") for value in values]
+            for name, values in scores["raw"].items()
+        },
     }
 
 

@@ -6,6 +6,7 @@ import contextlib
 import errno
 import json
 import os
+import re
 import secrets
 import shutil
 import stat
@@ -15,6 +16,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, BinaryIO
 
+_FLAT = re.compile(r'\[\n([^][{}"]*)\]')  # a list in JSON; strings have no line breaks there
 PART = ".part-"  # how the names of files begin that are being written
 
 
@@ -84,8 +86,10 @@ def write_text(path: str | Path, text: str) -> Path:
 
 
 def write_json(path: str | Path, value: Any) -> Path:
-    """Write a JSON file atomically."""
-    return write_text(path, json.dumps(value, indent=1) + "\n")
+    """Write a JSON file atomically; a list of numbers is one line."""
+    text = json.dumps(value, indent=1)
+    text = _FLAT.sub(lambda found: f"[{' '.join(found[1].split())}]", text)
+    return write_text(path, text + "\n")
 
 
 def writable(folder: Path) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 
 from agents import model_files, plain_yaml, replay_buffers
 from jansen_env import files, pretrained
-from jansen_env.files import PART, write_text, write_whole
+from jansen_env.files import PART, write_json, write_text, write_whole
 from jansen_env.recording import Recording
 
 
@@ -67,3 +68,11 @@ def test_files_follow_the_umask(umask, tmp_path):
             assert path.stat().st_mode & 0o777 == 0o666 & ~umask
     finally:
         os.umask(before)
+
+
+def test_a_list_of_numbers_is_one_line_of_json(tmp_path):
+    """Whatever brackets and line breaks strings have; values stay as they are."""
+    value = {"a": [1, -2.5e-3, None], "b": [[], [3]], "c": ["[\n 1,\n 2]", "x"], "d": [{"e": [4]}]}
+    text = write_json(tmp_path / "value.json", value).read_text()
+    assert json.loads(text) == value
+    assert ' "a": [1, -0.0025, null],\n' in text and '"e": [4]\n' in text and '"x"\n' in text

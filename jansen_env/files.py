@@ -21,10 +21,10 @@ PART = ".part-"  # how the names of files begin that are being written
 
 
 def open_regular(path: str | Path) -> BinaryIO:
-    """Open a regular file to read its bytes; of a fifo or a device reading might never end.
+    """Open a regular file to read its bytes. Reading a fifo or a device might never end.
 
     Raises:
-        OSError: it is none, or cannot be read.
+        OSError: it is no regular file, or cannot be read.
     """
 
     def opener(name: str, flags: int) -> int:

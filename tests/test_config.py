@@ -82,7 +82,7 @@ def test_files_that_are_no_yaml(tmp_path):
         (lambda: None, "No such file"),
         (lambda: path.write_bytes(b"a: \xff"), "no UTF-8"),
         (lambda: path.write_text("#" * (MAX_BYTES + 1)), "larger than"),
-        (lambda: (path.unlink(), path.mkdir()), "Is a directory"),
+        (lambda: (path.unlink(), path.mkdir()), "not a regular file"),
     ):
         make()
         with pytest.raises(ValueError, match=reason) as error:

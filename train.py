@@ -26,6 +26,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from agents.command_line import mapping, non_negative_int, positive_int
 from agents.config import TO_RESUME, load_config, new_config
 from agents.models import ALGORITHMS
+from agents.process import outlive_readers
 from agents.runs import (
     FINAL,
     best_score,
@@ -206,6 +207,7 @@ def _configure(args: argparse.Namespace) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
+    outlive_readers()
     try:
         main()
     except KeyboardInterrupt:  # before training or after it

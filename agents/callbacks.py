@@ -7,6 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -23,6 +24,7 @@ from agents.marks import at_commands, baseline_names, limits, shortfalls
 from agents.metrics import Array, Episodes, point_estimates
 from agents.models import save_model
 from agents.normalizer import NormalizedObservation
+from agents.process import SIGNALS, after_the_first
 from agents.replay_buffers import save_replay_buffer
 from agents.rollout import make_env, run_episodes
 from agents.runs import (
@@ -226,7 +228,7 @@ class NormalizerUpdate(BaseCallback):
 
 
 class StopOnSignal:
-    """Takes SIGINT (Ctrl-C) and SIGTERM while it is open; a second one kills at once.
+    """Takes SIGINT (Ctrl-C), SIGTERM and SIGHUP while it is open; a second Ctrl-C kills at once.
 
     :class:`Saver` ends training where the next rollout begins: by then nothing is half done.
 
@@ -242,8 +244,8 @@ class StopOnSignal:
 
     def __enter__(self) -> StopOnSignal:
         if threading.current_thread() is threading.main_thread():  # no other may take signals
-            for number in (signal.SIGINT, signal.SIGTERM):
-                if signal.getsignal(number) != signal.SIG_IGN:  # as in the background of a shell
+            for number in SIGNALS:
+                if signal.getsignal(number) != signal.SIG_IGN:  # by nohup, in a background
                     self._handlers[number] = signal.signal(number, self._take)
         return self
 
@@ -254,6 +256,7 @@ class StopOnSignal:
     def _take(self, number: int, frame: FrameType | None) -> None:
         self.signal = number
         for taken in self._handlers:
-            signal.signal(taken, signal.SIG_DFL)
+            signal.signal(taken, after_the_first(taken))
         # To standard error, but not by print: the signal may have come in the midst of one.
-        os.write(2, self.notice)
+        with suppress(OSError):  # its terminal may be gone
+            os.write(2, self.notice)

@@ -13,7 +13,7 @@ from agents.command_line import MAX_STEPS
 from agents.plain_yaml import read_yaml
 from agents.tasks import TASKS, WALKERS, check_env_kwargs, find_task, vector_env
 from jansen_env.checks import shown
-from jansen_env.history import MOST
+from jansen_env.history import MOST, History
 
 CONFIGS = Path(__file__).parent / "configs"
 MAX_UNITS, MAX_LAYERS = 1024, 8  # of a network
@@ -334,6 +334,7 @@ def _check_algorithm(algo: str, config: dict[str, Any]) -> None:
     hyperparameters = config.get("hyperparameters", {})
     policy_kwargs = config.get("policy_kwargs", {})
     _check("history", config.get("history", {}), HISTORY)
+    History(**config.get("history", {}))  # whose length and interval go together
     _check("hyperparameters", hyperparameters, HYPERPARAMETERS[algo])
     _check("policy_kwargs", policy_kwargs, POLICY_KWARGS[algo])
     dropped = hyperparameters.get("top_quantiles_to_drop_per_net", 0)

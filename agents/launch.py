@@ -21,13 +21,13 @@ from torch.distributed.rendezvous import rendezvous
 from torch.multiprocessing.spawn import ProcessContext, ProcessExitedException, spawn
 
 from agents.data_parallel import Worker, WorkerLost, connected
+from agents.process import SIGNALS, outlive_readers
 from jansen_env.cores import available_cores
 
 TIMEOUT = timedelta(minutes=30)  # in which a worker must answer: the leader may be evaluating
 GRACE = 10.0  # s that workers have to end by themselves after one of them has failed
 HERE = "127.0.0.1"
 LOST = 75  # exit status of a worker that has lost the others; sysexits.h's temporary failure
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 Work = Callable[[Worker], Path]
 """What each worker does, a function that can be pickled; returns the run's folder."""
@@ -67,7 +67,7 @@ def join_torchrun(work: Work) -> Path:
 def run_here(workers: int, work: Work) -> Path:
     """Train with so many processes on this machine; returns the run's folder.
 
-    SIGINT (Ctrl-C) and SIGTERM go on to all of them, as does the end of this process.
+    SIGINT (Ctrl-C), SIGTERM and SIGHUP go on to all of them, as does the end of this process.
 
     Raises:
         SystemExit: a worker has ended early, with its status, or saying what killed it.
@@ -116,6 +116,7 @@ def _why(codes: list[int], folder: Path | None) -> str | int:
 
 def _local_worker(rank: int, size: int, port: int, work: Work) -> None:
     """A process of :func:`run_here`."""
+    outlive_readers()
     if sys.platform != "win32":
         os.setsid()  # a terminal's Ctrl-C goes to the parent alone, which hands it on once
         signal.signal(signal.SIGINT, signal.SIG_DFL)

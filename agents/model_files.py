@@ -23,6 +23,7 @@ from typing import Any
 import torch
 
 from jansen_env.checks import finite, instance, whole_number
+from jansen_env.files import open_regular
 
 MAX_BYTES = 64 * 2**20  # of tensors in a member; the shipped configurations' have 0.1 MB
 MAX_TEXT = 4 * 2**20  # bytes of the "data" member and of a pickle, which make more in memory
@@ -112,9 +113,10 @@ def parse_json(data: bytes) -> Any:
 def _opened(path: str | Path) -> Iterator[zipfile.ZipFile]:
     """A zip file, whatever goes wrong in reading it one ValueError that names it."""
     try:
-        with warnings.catch_warnings(), zipfile.ZipFile(path) as archive:
+        with warnings.catch_warnings(), open_regular(path) as file:
             warnings.simplefilter("ignore")  # such as of odd text in a damaged pickle
-            yield archive
+            with zipfile.ZipFile(file) as archive:
+                yield archive
     except Exception as error:  # of a damaged file the parsers raise nearly every kind there is
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"{path} is no Stable-Baselines3 model: {reason}") from error

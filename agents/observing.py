@@ -93,7 +93,12 @@ def knowledge(tasks: Sequence[Any]) -> NDArray[np.float32]:
 
 
 def seen_space(own: Any, history: History, known: int) -> spaces.Box:
-    """Of observations of the space ``own`` with a history, and ``known`` numbers behind them."""
+    """Of observations of the space ``own`` with a history, and ``known`` numbers behind them.
+
+    Raises:
+        ValueError: they are too much to remember.
+    """
+    history.check_size(own.shape[0])
     low, high = (np.tile(bound, history.length) for bound in (own.low, own.high))
     return spaces.Box(
         np.append(low, np.full(known, -np.inf)).astype(np.float32),

@@ -38,6 +38,7 @@ from jansen_env.pretrained import PretrainedPolicy
 ACTIVATIONS = {nn.Tanh: "tanh", nn.ReLU: "relu", nn.ELU: "elu"}
 LIBRARIES = ("gymnasium", "numba", "numpy", "stable-baselines3", "torch")
 COPY = "critic_target."  # SAC's, of the critic: it need not be kept
+DIGITS = 6  # of an episode's numbers
 TOLERANCE = 1e-6  # of an action, between the network in torch and in NumPy
 
 
@@ -177,8 +178,9 @@ def from_run(run: str | Path) -> PretrainedPolicy:
     source = find_config(model)
     config = load_config(source, required=TO_RESUME)
     commands = source.parent / "command.txt"
+    lines = commands.read_text("utf-8", "replace").splitlines() if commands.is_file() else []
     training = {
-        "command": commands.read_text(encoding="utf-8").splitlines() if commands.is_file() else [],
+        "command": lines,
         "steps": read_model(model, ())[1],
     }
     tensors = {
@@ -210,7 +212,7 @@ def rescore(path: str | Path, episodes: int = 10, seed: int = 0) -> Path:
 
 
 def check_equal(packed: PretrainedPolicy, policy: Any, count: int = 10_000) -> float:
-    """The largest difference between two policies' actions on random observations.
+    """The largest difference between two policies' actions on some ``count`` random observations.
 
     Torch computes in float32, with an error of its own that depends on how many observations it is
     given at once; so it is compared in float64, to which ``policy`` is turned.
@@ -222,9 +224,11 @@ def check_equal(packed: PretrainedPolicy, policy: Any, count: int = 10_000) -> f
     mean, deviation = (np.ravel(each)[: len(packed.observed)] for each in packed.scale)
     in_float64(policy)
     difference, states = 0.0, (None, None)
-    for _ in range(packed.history.steps):  # until all it remembers has been seen
-        seen = mean + 2.0 * deviation * rng.normal(size=(count, len(packed.observed)))
-        angle = rng.uniform(-np.pi, np.pi, count)
+    steps = packed.history.steps  # until all it remembers has been seen
+    robots = -(-count // steps)
+    for _ in range(steps):
+        seen = mean + 2.0 * deviation * rng.normal(size=(robots, len(packed.observed)))
+        angle = rng.uniform(-np.pi, np.pi, robots)
         seen[:, 0], seen[:, 1] = np.cos(angle), np.sin(angle)  # as of every environment
         seen = seen.astype(np.float32)
         actions, own = packed.predict(seen, states[0])
@@ -245,7 +249,11 @@ def in_float64(policy: Any) -> Any:
 
 
 def scores_of(policy: PretrainedPolicy, episodes: int, seed: int = 0) -> dict[str, Any]:
-    """What :func:`agents.evaluate.evaluate` gives, and how to have it again."""
+    """What :func:`agents.evaluate.evaluate` gives, and how to have it again.
+
+    Of the single episodes as many digits as it takes to compare them with those of another
+    processor, where chaos makes some of them others.
+    """
     scores = evaluate(
         {"pretrained": policy}, policy.env_id, policy.env_kwargs, episodes=episodes, seed=seed
     )["pretrained"]
@@ -254,6 +262,10 @@ def scores_of(policy: PretrainedPolicy, episodes: int, seed: int = 0) -> dict[st
         "seed": seed,
         "overall": scores["overall"],
         "by_command": scores["by_command"],
+        "by_episode": {
+            name: [float(f"{value:.{DIGITS}g}") for value in values]
+            for name, values in scores["raw"].items()
+        },
     }
 
 

@@ -9,6 +9,8 @@ from typing import Any
 
 import yaml
 
+from jansen_env.files import open_regular
+
 MAX_BYTES = 65_536  # of a file, some 30 times a training configuration
 
 
@@ -76,7 +78,7 @@ def read_yaml(path: str | Path) -> Any:
         ValueError: no such file, too large a one, no UTF-8, or no YAML as read here.
     """
     try:
-        with open(path, "rb") as file:
+        with open_regular(path) as file:
             data = file.read(MAX_BYTES + 1)
         if len(data) > MAX_BYTES:
             raise ValueError(f"{path} is larger than {MAX_BYTES} bytes, the most allowed")

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import importlib.util
 import logging
+import os
 import signal
+import socket
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,7 +17,9 @@ from typing import Any
 from torch.distributed import TCPStore  # type: ignore[attr-defined]
 
 from agents.data_parallel import Worker, WorkerLost
-from agents.launch import LOST, SIGNALS, TIMEOUT, Work, be_worker
+from agents.launch import HERE, LOST, TIMEOUT, Work, be_worker
+from agents.process import SIGNALS
+from agents.study_backends import connect_ray
 
 POLL = 0.5  # s between looks at signals
 PATIENCE = 600.0  # s to wait for cores that other work holds
@@ -42,13 +47,23 @@ class RayWorker:
         self._worker: Worker | None = None
         self._stopped_by = 0
 
-    def serve(self) -> tuple[str, int]:
-        """Open the store that all workers have in common; its address and port."""
+    def serve(self, alone: bool) -> tuple[str, int]:
+        """Open the store that all workers have in common; its address and port.
+
+        It takes what anybody writes who can connect, so it listens on one address: where all
+        workers are on this node (``alone``) on the loopback's, or else on the node's.
+        """
         import ray
 
-        address = ray.util.get_node_ip_address()  # type: ignore[no-untyped-call]
-        self._store = TCPStore(address, 0, is_master=True, wait_for_workers=False)
-        return address, self._store.port
+        address = HERE if alone else ray.util.get_node_ip_address()  # type: ignore[no-untyped-call]
+        family = socket.AF_INET6 if ":" in address else socket.AF_INET
+        listener = socket.create_server((address, 0), family=family)
+        port = listener.getsockname()[1]
+        self._store = TCPStore(
+            address, port, is_master=True, wait_for_workers=False,
+            master_listen_fd=listener.detach(),
+        )  # fmt: skip
+        return address, port
 
     def work(self, rank: int, size: int, cores: int, at: tuple[str, int], work: Work) -> Ended:
         """Join the others, and work."""
@@ -58,6 +73,8 @@ class RayWorker:
             worker.stop.came = self._stopped_by
             return work(worker)
 
+        if at[0] == HERE and sys.platform == "linux":
+            os.environ.setdefault("GLOO_SOCKET_IFNAME", "lo")
         store = TCPStore(*at, is_master=False, timeout=TIMEOUT)
         try:
             return 0, str(be_worker(store, rank, size, cores, known))
@@ -76,21 +93,20 @@ class RayWorker:
 def run_on_ray(address: str, workers: int, cores: int, work: Work) -> Path:
     """Train with so many actors of ``cores`` each; returns the run's folder, on the first's node.
 
-    Ray places all of them or none, on as few nodes as it can. SIGINT and SIGTERM end training of
-    all.
+    Ray places all of them or none, on as few nodes as it can. SIGINT, SIGTERM and SIGHUP end
+    training of all.
 
     Args:
         address: of the cluster, ``"auto"`` for the one this machine is part of, ``"local"`` for
             a new one on this machine alone.
 
     Raises:
-        SystemExit: no such cluster, too few cores, or a worker has ended early.
+        SystemExit: no such cluster, one that asks for no token, too few cores, or a worker has
+            ended early.
     """
-    import ray
-
     try:
-        ray.init(
-            address=address, logging_level=logging.WARNING, **(LOCAL if address == "local" else {})
+        ray = connect_ray(
+            address, logging_level=logging.WARNING, **(LOCAL if address == "local" else {})
         )
     except (ConnectionError, RuntimeError, ValueError) as error:
         reason = " ".join(str(error).split())
@@ -121,7 +137,8 @@ def _run(ray: Any, workers: int, cores: int, work: Work) -> Path:
         for rank in range(workers)
     ]
     with _noted_signals() as signals:
-        at = ray.get(actors[0].serve.remote())
+        nodes = ray.util.placement_group_table(places)["bundles_to_node_id"].values()
+        at = ray.get(actors[0].serve.remote(len({*nodes}) == 1))
         running = {
             one.work.remote(rank, workers, cores, at, work): rank for rank, one in enumerate(actors)
         }
@@ -158,7 +175,11 @@ def _noted_signals() -> Iterator[list[int]]:
     if threading.current_thread() is not threading.main_thread():  # no other may take signals
         yield came
         return
-    before = {n: signal.signal(n, lambda number, frame: came.append(number)) for n in SIGNALS}
+    before = {
+        number: signal.signal(number, lambda number, frame: came.append(number))
+        for number in SIGNALS
+        if signal.getsignal(number) != signal.SIG_IGN
+    }
     try:
         yield came
     finally:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.buffers import ReplayBuffer
 
 from jansen_env.checks import shown
-from jansen_env.files import write_whole
+from jansen_env.files import open_regular, write_whole
 
 ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 MEMBERS = sorted(f"{name}.npy" for name in (*ARRAYS, "pos", "full"))
@@ -33,7 +33,7 @@ def load_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
     """
     check_replay_file(path)
     try:
-        with zipfile.ZipFile(path) as archive:
+        with open_regular(path) as file, zipfile.ZipFile(file) as archive:
             pos = int(_read_array(archive, "pos", (), np.dtype(np.int64)))
             full = bool(_read_array(archive, "full", (), np.dtype(bool)))
             if not 0 <= pos < buffer.buffer_size:
@@ -76,7 +76,7 @@ def check_replay_file(path: Path) -> None:
         ValueError: it is not.
     """
     try:
-        with zipfile.ZipFile(path) as archive:
+        with open_regular(path) as file, zipfile.ZipFile(file) as archive:
             members = archive.infolist()
             if sorted(info.filename for info in members) != MEMBERS:
                 raise ValueError(

@@ -24,7 +24,7 @@ from stable_baselines3.common.utils import get_latest_run_id
 from agents.model_files import parse_json, read_model, read_notes, read_training_state
 from agents.replay_buffers import check_replay_file
 from jansen_env.checks import finite, instance
-from jansen_env.files import PART, write_text
+from jansen_env.files import PART, write_bytes, write_text
 
 FINAL, BEST = "final_model.zip", "best_model.zip"
 
@@ -55,14 +55,15 @@ def locked(folder: Path) -> Iterator[None]:
         held = FileLock(folder / ".lock").acquire(blocking=False)
         write_text(holder, f"process {os.getpid()} on {socket.gethostname()}")
     except Timeout:
-        by = holder.read_text(encoding="utf-8") if holder.is_file() else "another process"
+        by = holder.read_text("utf-8", "replace") if holder.is_file() else "another process"
         raise ValueError(f"{folder} is in use by {by}") from None
     except OSError as error:
         raise ValueError(f"{folder} cannot be written to: {error}") from error
     with held:
         for place in (folder, folder / "checkpoints"):
             for part in place.glob(f"{PART}*"):
-                part.unlink()
+                if part.is_file():  # what else is called so is not ours
+                    part.unlink()
         yield
 
 
@@ -132,8 +133,8 @@ def record_run(folder: Path, config: dict[str, Any], command: str) -> None:
     """Write config.yml, and add a line to command.txt."""
     write_text(folder / "config.yml", yaml.safe_dump(config, sort_keys=False))
     commands = folder / "command.txt"
-    before = commands.read_text(encoding="utf-8") if commands.is_file() else ""
-    write_text(commands, before + command + "\n")
+    before = commands.read_bytes() if commands.is_file() else b""
+    write_bytes(commands, before + f"{command}\n".encode())
 
 
 def read_evaluations(folder: Path) -> list[dict[str, Any]]:

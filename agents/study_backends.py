@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import secrets
 import shutil
 import signal
 import socket
@@ -23,6 +24,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
+from agents.process import HANGUP, SIGNALS, after_the_first
 from agents.study_runs import Order, Outcome, perform
 from jansen_env.cores import available_cores
 from jansen_env.files import remove_unused
@@ -35,6 +37,9 @@ LOST = Outcome("lost", f"its process was lost {RETRIES + 1} times")
 STOPPED = Outcome("stopped")
 OBJECT_STORE = 80_000_000  # bytes, nearly the least that Ray takes: runs pass files, not objects
 TEMPORARY, UNUSED = "jansen-ray-", 7 * 86_400.0  # s after which one is taken to be nobody's
+TOKENS = ("make one with 'ray get-auth-token --generate', copy ~/.ray/auth_token to all machines, "
+          "and set RAY_AUTH_MODE=token for each 'ray start'")  # fmt: skip
+QUESTION = "/ray.rpc.NodeInfoGcsService/CheckAlive"
 ENVIRONMENT = {"OMP_NUM_THREADS": "1"}  # of workers, before they load torch
 
 Watch = Callable[[dict[str, Outcome]], None]
@@ -48,20 +53,20 @@ def has_ray() -> bool:
 
 @contextmanager
 def stopped_by_signal() -> Iterator[threading.Event]:
-    """An event that SIGINT (Ctrl-C) or SIGTERM sets; a second signal ends the process at once.
+    """An event that SIGINT (Ctrl-C), SIGTERM or SIGHUP sets; a second Ctrl-C ends this at once.
 
     No exception, which libraries' callbacks might swallow.
     """
-    stop, numbers = threading.Event(), (signal.SIGINT, signal.SIGTERM)
+    stop = threading.Event()
 
     def take(*_: object) -> None:
         stop.set()
-        for number in numbers:
-            signal.signal(number, signal.SIG_DFL)
+        for number in SIGNALS:
+            signal.signal(number, after_the_first(number))
 
     before = {
         number: signal.signal(number, take)
-        for number in numbers
+        for number in SIGNALS
         if signal.getsignal(number) != signal.SIG_IGN  # as in the background of a shell
     }
     try:
@@ -127,12 +132,13 @@ def new_pool() -> ProcessPoolExecutor:
 
 
 def _begin_worker() -> None:
-    """In a new process: a terminal's Ctrl-C is for the driver alone, whose end is this one's too.
+    """In a new process: a terminal's signals are for the driver alone, whose end is this one's too.
 
-    The driver passes Ctrl-C on as SIGTERM. Killed, it can tell nobody, and a run left behind would
+    The driver passes them on as SIGTERM. Killed, it can tell nobody, and a run left behind would
     be in the way of the same command given again.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, *HANGUP):
+        signal.signal(number, signal.SIG_IGN)
     driver = multiprocessing.parent_process()
 
     def follow() -> None:
@@ -214,16 +220,55 @@ def _check_address(address: str) -> None:
         raise ConnectionError(f"no Ray cluster answers at {address}: {error}") from error
 
 
+def connect_ray(address: str | None, **options: Any) -> Any:
+    """Ray's module, connected to a cluster, or to a new one on this machine.
+
+    Ray listens on all network interfaces and runs what it is sent: so only clusters that ask for a
+    token are used, and a new one gets a token that this process and its children alone know.
+
+    Args:
+        address: of a cluster to join; None or "local" for a new one. options: of ``ray.init``.
+
+    Raises:
+        ConnectionError: there is no cluster at the address, or it asks for no token.
+    """
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is reported to anybody
+    os.environ["RAY_AUTH_MODE"] = "token"  # before Ray is loaded
+    new = address in (None, "local")
+    if new:
+        os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
+    import ray
+
+    try:
+        ray.init(address=address or "local", **options)
+    except ray.exceptions.AuthenticationError as error:
+        raise ConnectionError(f"no token for the Ray cluster is found here: {TOKENS}") from error
+    if not new and _answers_anybody(at := ray.get_runtime_context().gcs_address):
+        ray.shutdown()
+        raise ConnectionError(f"the Ray cluster at {at} asks for no token, so that whoever can "
+                              f"connect may run anything: {TOKENS}")  # fmt: skip
+    return ray
+
+
+def _answers_anybody(address: str) -> bool:
+    """Whether a cluster answers who has no token."""
+    import grpc
+
+    with grpc.insecure_channel(address, [("grpc.enable_http_proxy", 0)]) as channel:
+        try:
+            channel.unary_unary(QUESTION)(b"", timeout=ANSWER)
+        except grpc.RpcError:
+            return False
+    return True
+
+
 @contextmanager
 def ray_cluster(address: str | None) -> Iterator[Any]:
     """Ray's module, connected to a cluster, or to one of its own that ends with the context.
 
     Raises:
-        ConnectionError: there is no cluster at the address.
+        ConnectionError: there is no cluster at the address, or it asks for no token.
     """
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is reported to anybody
-    import ray
-
     common: dict[str, Any] = {
         "log_to_driver": False, "logging_level": "ERROR", "runtime_env": {"env_vars": ENVIRONMENT},
     }  # fmt: skip
@@ -233,13 +278,13 @@ def ray_cluster(address: str | None) -> Iterator[Any]:
         place = Path("/tmp" if os.path.isdir("/tmp") else tempfile.gettempdir())
         remove_unused(place.glob(f"{TEMPORARY}*"), UNUSED)
         folder = tempfile.mkdtemp(prefix=TEMPORARY, dir=place)
-        ray.init(
-            address="local", num_cpus=available_cores(), include_dashboard=False, _temp_dir=folder,
+        ray = connect_ray(
+            None, num_cpus=available_cores(), include_dashboard=False, _temp_dir=folder,
             object_store_memory=OBJECT_STORE, **common,
         )  # fmt: skip
     else:
         _check_address(address)
-        ray.init(address=address, **common)
+        ray = connect_ray(address, **common)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # in place of Ray's, which aborts
     try:
         yield ray

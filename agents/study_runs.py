@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, cast
 
 from agents.runs import FINAL, last_state, locked, record_run
 from agents.study_plan import Run
-from jansen_env.files import write_json
+from jansen_env.files import open_regular, write_json
 
 STATUS, LOG, SCORES, TOKEN = "status.json", "log.txt", "scores.json", "token.txt"
 PATIENCE = 30.0  # s for another process to leave a run's folder
@@ -56,7 +56,8 @@ def is_finished(folder: Path) -> bool:
 def read_status(folder: Path) -> dict[str, Any]:
     """What a run last wrote of itself; {} where there is nothing that can be read."""
     with suppress(OSError, ValueError):
-        found = json.loads((folder / STATUS).read_text(encoding="utf-8"))
+        with open_regular(folder / STATUS) as file:
+            found = json.load(file)
         if isinstance(found, dict):
             return found
     return {}
@@ -174,8 +175,9 @@ def _perform(order: Order) -> Outcome:
 def _unshared(folder: Path, token: str) -> str:
     """What is wrong where a worker does not see the study's folder as the driver does."""
     try:
-        found = (folder / TOKEN).read_text(encoding="utf-8")
-    except OSError:
+        with open_regular(folder / TOKEN) as file:
+            found = file.read().decode()
+    except (OSError, ValueError):
         found = ""
     if found == token:
         return ""

@@ -166,7 +166,7 @@ def train(
         tensorboard: folder of its log, None for none. progress: whether to show a bar.
 
     Raises:
-        SystemExit: a signal came (status 130 for SIGINT, 143 for SIGTERM); a checkpoint is saved.
+        SystemExit: a signal came (status 128 + its number, 130 for SIGINT); a checkpoint is saved.
             Or the policy's actions are no longer finite, or a file cannot be written: what was
             saved before stays good.
     """

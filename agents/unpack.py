@@ -14,6 +14,7 @@ from agents.pack import COPY
 from agents.policy import Policy
 from agents.training import prepare
 from jansen_env import pretrained
+from jansen_env.checks import shown
 from jansen_env.pretrained import PretrainedPolicy
 
 
@@ -71,11 +72,15 @@ def training_config(packed: PretrainedPolicy) -> dict[str, Any]:
     """The configuration that a policy was trained with.
 
     Raises:
-        ValueError: it is not allowed (see :func:`agents.config.check_config`).
+        ValueError: it is not allowed (see :func:`agents.config.check_config`), or of another
+            environment than the policy.
     """
     training = packed.description.get("training")
     config: Any = training.get("config") if isinstance(training, dict) else None
     check_config(config, required=TO_RESUME)
+    for name, own in (("env", packed.env_id), ("env_kwargs", packed.env_kwargs)):
+        if (found := config.get(name, {})) != own:
+            raise ValueError(f"training.config.{name} is {shown(found)}, must be {shown(own)}")
     return dict(config)
 
 

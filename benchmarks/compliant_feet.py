@@ -1,9 +1,9 @@
 """What feet that give change: pin forces at touchdown, and slip, of the paper's robot.
 
-    python -m benchmarks.compliant_feet [--out docs/validation] [--quick]
+    python -m benchmarks.compliant_feet [--starts 10] [--out docs/validation] [--quick]
 
-Under the paper's PID on level ground of friction 0.8, with time steps that resolve a touchdown.
-Writes ``compliant_feet.md``.
+Under the paper's PID on level ground of friction 0.8, with time steps that resolve a touchdown, and
+from starts at crank angles spread evenly over a turn. Writes ``compliant_feet.md``.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ STIFFNESS: tuple[float, ...] = (math.inf, 1e5, 5e4, 2e4, 1e4)  # N/m
 SPEEDS: tuple[float, ...] = (1.0, 3.5, 4.0)  # of the crank, rad/s
 DAMPING_RATIO = 0.2
 TURNS, SETTLE = 4, 1
+STARTS = 10
 CONTROL_DT = 0.02  # s
 TIME_STEP = 2.5e-4  # s
 LOADED = 8  # time steps of a control step whose forces are computed: those with most contact force
@@ -72,18 +73,24 @@ def pads(robot: Robot, stiffness: float, ratio: float = DAMPING_RATIO) -> Compli
     return Compliance(stiffness, 2.0 * ratio * math.sqrt(stiffness * toe_mass(robot)))
 
 
-def walk(robot: Robot, speed: float, turns: int, time_step: float = TIME_STEP) -> Walked:
-    """Turns at a crank speed (rad/s) under the paper's PID, after one that does not count."""
+def walk(
+    robot: Robot, speed: float, turns: int, time_step: float = TIME_STEP, angle: float = 0.0
+) -> Walked:
+    """Turns at a crank speed (rad/s) under the paper's PID, after one that does not count.
+
+    Args:
+        angle: of the crank at the start, rad.
+    """
     plant = ProjectionPlant(robot, Terrain.flat(), time_step)
-    plant.reset()
+    plant.reset(crank_angle=angle)
     plant.tracing = True
     pid, integral, slip, force, start, fell = PID(), np.zeros(()), 0.0, 0.0, 0.0, False
     settle, steps = (
         round(n * 2.0 * math.pi / speed / CONTROL_DT) for n in (SETTLE, SETTLE + turns)
     )
     for k in range(steps):
-        angle, rate = plant.state[[3, 7]].tolist()
-        error = speed * k * CONTROL_DT - angle
+        turned, rate = plant.state[[3, 7]].tolist()
+        error = angle + speed * k * CONTROL_DT - turned
         asked, integral = pid.torque(
             error, speed - rate, integral, CONTROL_DT, robot.motor.torque_limit
         )
@@ -106,35 +113,49 @@ def walk(robot: Robot, speed: float, turns: int, time_step: float = TIME_STEP) -
     return Walked((plant.x - start) / turns, slip / turns, force, fell)
 
 
+def cells(walks: list[Walked], weight: float) -> tuple[str, ...]:
+    """Return the table's columns after the feet: falls, and ranges of the walks without one."""
+    up = [one for one in walks if not one.fell]
+
+    def span(values: list[float], form: str) -> str:
+        ends = [format(end, form) for end in (min(values), max(values))]
+        return " to ".join(dict.fromkeys(ends))  # once, where both are alike
+
+    ranges = (
+        span([one.distance for one in up], ".2f"),
+        span([one.slip for one in up], ".3f"),
+        span([one.slip / one.distance for one in up], ".3f"),
+        span([one.force for one in up], ".0f"),
+        span([one.force / weight for one in up], ".1f"),
+    ) if up else ("",) * 5  # fmt: skip
+    return f"{len(walks) - len(up)} of {len(walks)}", *ranges
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    found = measure.chosen(measure.options(__doc__, "docs/validation"), arguments)
-    speeds, stiffness, turns = SPEEDS, STIFFNESS, TURNS
+    found = measure.chosen(measure.options(__doc__, "docs/validation", starts=STARTS), arguments)
+    speeds, stiffness, turns, starts = SPEEDS, STIFFNESS, TURNS, found.starts
     if found.quick:
-        speeds, stiffness, turns = SPEEDS[-1:], STIFFNESS[:2], 1
+        speeds, stiffness, turns, starts = SPEEDS[-1:], STIFFNESS[:2], 1, 2
+    angles = np.linspace(0.0, 2.0 * math.pi, starts, endpoint=False).tolist()
     robot, rows = Robot(), []
     weight = robot.mass * GRAVITY
     for speed in speeds:
         for k in stiffness:
-            walked = walk(replace(robot, pad_compliance=pads(robot, k)), speed, turns)
-            cells = ("falls", "", "", "")
-            if not walked.fell:
-                cells = (
-                    f"{walked.distance:.2f}", f"{walked.slip:.3f}",
-                    f"{walked.slip / walked.distance:.3f}",
-                    f"{walked.force:.0f} ({walked.force / weight:.1f} x)",
-                )  # fmt: skip
+            feet = replace(robot, pad_compliance=pads(robot, k))
+            walks = [walk(feet, speed, turns, angle=angle) for angle in angles]
             name = "rigid" if k == math.inf else f"{k / 1e3:g} kN/m"
-            rows.append((f"{speed:g}", name, *cells))
-    head = ("crank (rad/s)", "feet", "distance (m/turn)", "slip (m/turn)", "slip (m/m)",
-            "largest pin force (N; of the weight)")  # fmt: skip
+            rows.append((f"{speed:g}", name, *cells(walks, weight)))
+    head = ("crank (rad/s)", "feet", "falls", "distance (m/turn)", "slip (m/turn)", "slip (m/m)",
+            "largest pin force (N)", "of the weight")  # fmt: skip
     measure.report(
         found.out / "compliant_feet.md",
         "# Feet that give",
-        f"`python -m benchmarks.compliant_feet`. The paper's robot, {turns} turns under its PID on "
-        f"level ground of friction 0.8, time step {1e3 * TIME_STEP:g} ms. Damping ratio "
-        f"{DAMPING_RATIO:g} against the {toe_mass(robot):.2f} kg that a toe feels like; the same "
-        "along the ground. On rigid feet the force leaves touchdowns out: these have none.",
+        f"`python -m benchmarks.compliant_feet --starts {starts}`. The paper's robot, {turns} "
+        f"turns under its PID on level ground of friction 0.8, time step {1e3 * TIME_STEP:g} ms. "
+        f"Ranges are those of {starts} starts at crank angles spread evenly over a turn. Damping "
+        f"ratio {DAMPING_RATIO:g} against the {toe_mass(robot):.2f} kg that a toe feels like; the "
+        "same along the ground. On rigid feet the force leaves touchdowns out: these have none.",
         table(head, rows),
     )
 

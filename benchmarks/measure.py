@@ -137,7 +137,7 @@ def options(doc: str | None, out: str, **counts: int) -> argparse.ArgumentParser
 def chosen(parser: argparse.ArgumentParser, arguments: list[str] | None) -> argparse.Namespace:
     """The parsed command line; exits if it cannot be followed."""
     found = parser.parse_args(arguments)
-    for name in ("rounds", "jobs"):
+    for name in ("episodes", "jobs", "rounds", "starts"):
         if getattr(found, name, 1) < 1:
             parser.error(f"--{name} is {getattr(found, name)}, must be at least 1")
     if found.out.exists() and not found.out.is_dir():

@@ -175,7 +175,7 @@ def main(arguments: list[str] | None = None) -> None:
         found.out / "pareto.md",
         "# How far a periodic torque can go",
         f"`python -m benchmarks.pareto`: profiles of {HARMONICS} harmonics, found on ground of "
-        f"friction {FRICTION:g}, scored in {SCORED} episodes each on other starts.",
+        f"friction {FRICTION:g} with rigid feet, scored in {SCORED} episodes each on other starts.",
         front_table(fronts),
     )
     draw(fronts, policies, 2 if found.quick else found.episodes, found.out / "pareto.png")

@@ -1,10 +1,10 @@
 """The crank-speed profile beside the paper's PID: scores at each command, and a turn of the crank.
 
-    python -m benchmarks.profile_scores [--episodes 200] [--policy RUN] [--quick]
+    python -m benchmarks.profile_scores [--episodes 1000] [--policy RUN] [--quick]
 
-Scores on starts of their own, drift and error without the first two seconds. The figure shows over
-the crank's angle how fast it turns, which toes bear a load, and where they slip. Writes
-``scores.md`` and ``turn.png``.
+Scores on starts of their own, drift and error without the first two seconds; of falls the upper
+bound of their probability too. The figure shows over the crank's angle how fast it turns, which
+toes bear a load, and where they slip. Writes ``scores.md`` and ``turn.png``.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
+from scipy.stats import binomtest
 
 from agents.evaluate import label, load_named
 from agents.policy import Array, Policy
@@ -24,12 +25,15 @@ from benchmarks import measure
 
 COMMANDS = (0.05, 0.06, 0.075, 0.1, 0.125, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7,
             0.8)  # fmt: skip
-EPISODES = 200  # per command
+EPISODES = 1000  # per command
 FIRST_SEED = 70_000  # apart from all others
+SCORED_SEED = 100_000  # of the table, and all above
+CONFIDENCE = 0.95  # of the bound of falls
 FRICTION = 0.8
 HEAD = (
-    "m/s", "policy", "return", "falls", "mean speed - command (m/s)", "speed error (m/s)",
-    "slip (m/m)", "cost of transport", "RMS torque (N m)", "change of torque (N m)",
+    "m/s", "policy", "return", "falls", "at most", "mean speed - command (m/s)",
+    "speed error (m/s)", "slip (m/m)", "cost of transport", "RMS torque (N m)",
+    "change of torque (N m)",
 )  # fmt: skip
 SHOWN = (0.05, 0.1, 0.3)  # m/s, in the figure
 WALKS, STEPS, SETTLE = 48, 500, 100  # of the figure
@@ -45,10 +49,12 @@ def load(names: list[str]) -> dict[str, Policy]:
     return policies
 
 
-def episodes(policy: Policy, commands: Array, friction: float = FRICTION) -> Outcome:
+def episodes(
+    policy: Policy, commands: Array, friction: float = FRICTION, first: int = FIRST_SEED
+) -> Outcome:
     """An episode for each command (n,), m/s, on starts that no search has seen."""
     trials = Trials(np.full(len(commands), friction))
-    out = trials.run(policy, commands, FIRST_SEED + np.arange(len(commands)))
+    out = trials.run(policy, commands, first + np.arange(len(commands)))
     trials.close()
     return out
 
@@ -72,13 +78,31 @@ def score(
     policies: dict[str, Policy], commands: tuple[float, ...], count: int
 ) -> dict[tuple[float, str], dict[str, float]]:
     """:func:`numbers` by command and policy, of ``count`` episodes each."""
-    each, scores = np.repeat(commands, count), {}
-    for name, policy in policies.items():
-        out = episodes(policy, each)
-        for command in commands:
-            own = Outcome._make(values[each == command] for values in out)
-            scores[command, name] = numbers(own)
+    scores = {}
+    for i, command in enumerate(commands):
+        for name, policy in policies.items():
+            out = episodes(policy, np.full(count, command), first=SCORED_SEED + i * count)
+            scores[command, name] = numbers(out)
     return scores
+
+
+def most_falls(falls: int, count: int) -> float:
+    """Return the exact (Clopper-Pearson) upper bound of the probability of a fall, one-sided."""
+    bound = binomtest(falls, count, alternative="less").proportion_ci(CONFIDENCE, "exact")
+    return float(bound.high)
+
+
+def all_falls(scores: dict[tuple[float, str], dict[str, float]], count: int) -> str:
+    """A sentence for each policy: falls over all commands, and their bound."""
+    lines = []
+    for name in dict.fromkeys(name for _, name in scores):
+        own = [int(row["falls"]) for (_, policy), row in scores.items() if policy == name]
+        total = count * len(own)
+        lines.append(
+            f"{name}: {sum(own)} falls in the {total:,} episodes of all commands, in the mean a "
+            f"probability of at most {100.0 * most_falls(sum(own), total):.2g} %."
+        )
+    return "\n\n".join(lines)
 
 
 def score_table(scores: dict[tuple[float, str], dict[str, float]], count: int) -> str:
@@ -86,12 +110,14 @@ def score_table(scores: dict[tuple[float, str], dict[str, float]], count: int) -
     digits = {"return": ".0f", "drift": "+.3f", "error": ".3f", "slip": ".3f", "transport": ".2f",
               "torque": ".1f", "change": ".2f"}  # fmt: skip
     rows = []
-    for command, name in sorted(scores, key=lambda key: key[0]):
-        own = scores[command, name]
-        cells = (
-            f"{value:{digits[key]}}" if key in digits else f"{value} of {count}"
-            for key, value in own.items()
-        )
+    for (command, name), own in scores.items():
+        cells = []
+        for key, value in own.items():
+            if key == "falls":
+                bound = 100.0 * most_falls(int(value), count)
+                cells += [f"{value} of {count}", f"{bound:.2g} %"]
+            else:
+                cells.append(f"{value:{digits[key]}}")
         rows.append((f"{command:g}", name, *cells))
     return measure.table(HEAD, rows)
 
@@ -179,15 +205,18 @@ def main(arguments: list[str] | None = None) -> None:
         policies = load(["pid", "profile", *found.policy])
     except ValueError as error:
         parser.error(str(error))
-    table = score_table(score(policies, commands, count), count)
+    scores = score(policies, commands, count)
     command = f"python -m benchmarks.profile_scores --episodes {count}"
     measure.report(
         found.out / "scores.md",
         "# The profile beside the PID",
-        f"`{command}`: {count} episodes of 10 s at each command, friction {FRICTION:g}. "
-        "Mean speed and speed error (mean of its size over the episodes) are of the time after the "
-        "first two seconds; the change of torque is that from one control step to the next.",
-        table,
+        f"`{command}`: {count} episodes of 10 s at each command, rigid feet, friction "
+        f"{FRICTION:g}. At most: the exact (Clopper-Pearson) one-sided {100 * CONFIDENCE:g} % "
+        "bound of the probability of a fall. Mean speed and speed error (mean of its size over the "
+        "episodes) are of the time after the first two seconds; the change of torque is that from "
+        "one control step to the next.",
+        score_table(scores, count),
+        all_falls(scores, count),
     )
     shown, walks = (commands, count) if found.quick else (SHOWN, WALKS)
     draw(policies, shown, walks, found.out / "turn.png")

@@ -2,12 +2,12 @@
 
     python -m benchmarks.ranking [--run logs/ppo/JansenWalker-v0_1] [--episodes 10] [--quick]
 
-Controllers from good to useless are scored on the same episodes and ranked twice: by their mean
-return, and by the table, that is by the mean, over the commands, of their ranks in speed error,
-slip per metre, cost of transport, falls and RMS torque. One that does not cover half of the
-commanded distance walks nowhere: at that command it comes after all that do, by its speed error.
-Prints both and Spearman's rank correlation, and writes them to ``ranking.md``. With ``--run`` its
-checkpoints, from bad to good, take part.
+Controllers from good to useless, the shipped policy among them, are scored on the same episodes and
+ranked twice: by their mean return, and by the table, that is by the mean, over the commands, of
+their ranks in speed error, slip per metre, cost of transport, falls and RMS torque. One that does
+not cover half of the commanded distance walks nowhere: at that command it comes after all that do,
+by its speed error. Prints both and Spearman's rank correlation, and writes them to ``ranking.md``.
+With ``--run`` its checkpoints, from bad to good, take part as well.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from scipy.stats import rankdata, spearmanr
 from tabulate import tabulate
 
 from agents.command_line import positive_int
+from agents.evaluate import load_named
 from agents.metrics import Episodes, point_estimates
 from agents.models import load_policy
 from agents.policy import Array, Policy, TorquePolicy
@@ -38,6 +39,7 @@ TABLE = ("speed_error", "slip_per_metre", "cost_of_transport", "falls", "rms_tor
 WALKS = 0.5  # share of the commanded distance from which a controller counts as walking
 NOWHERE = 1e6  # more than any number of the table
 BANG, NOISE = 12.0, 10.0  # N m: of bang-bang control, and at most of noise
+SHIPPED = "PPO, shipped"
 STARTED = 3  # checkpoints of a run that take part
 
 
@@ -178,7 +180,8 @@ def main(arguments: list[str] | None = None) -> None:
     commands = np.repeat(grid, episodes)
     seeds = FIRST_SEED + np.arange(len(commands))
     env = make_env(ENV, {})
-    policies = {name: load(env.unwrapped) for name, load in CONTROLLERS.items()}
+    policies = {SHIPPED: load_named("pretrained", env)}
+    policies |= {name: load(env.unwrapped) for name, load in CONTROLLERS.items()}
     if args.run is not None:
         policies |= checkpoints(args.run)
     table, correlation = rank(

@@ -4,7 +4,7 @@ Bars are flat stock of aluminium EN AW-6060 T66, 5 mm thick, plates are cut from
 2700 kg/m^3, modulus of elasticity 69 GPa, proof strength 160 MPa (EN 755-2 for solid bars). Every
 end of a link carries its share of a pin: half of a shoulder screw of 6 mm with nut, washers and a
 spacer, and a flanged plain bearing of iglidur J200, whose coefficient of friction igus gives as
-0.11 in the mean of all its measurements. A foot is a half-round tread of soft rubber on a shoe:
+0.11 in the mean of all its measurements. A foot is a half-round tread of rubber on a shoe:
 its stiffness, strength and mass follow from its radius, width and hardness.
 ``docs/built_robot.md`` has the bill of materials and the sources.
 """
@@ -34,8 +34,8 @@ BATTERY_MASS = AXIS_MASS - 2.0 * CROSS_MEMBER_MASS  # with controller and cables
 
 FOOT_RADIUS, FOOT_WIDTH = 20e-3, 30e-3  # m, of a half-round tread, its flat side bonded
 RUBBER_DENSITY = 1000.0  # kg/m^3
-RUBBER_HARDNESS = 40.0  # Shore A
-FOOT_STIFFNESS = 6.0e4, 2.4e4  # N/m, normal and tangential, dynamic: a secant at 250 N
+RUBBER_HARDNESS = 60.0  # Shore A
+FOOT_STIFFNESS = 1.28e5, 5.1e4  # N/m, normal and tangential: a secant at 530 N
 FOOT_LOSS_FACTOR = 0.1  # tan delta of natural rubber
 FOOT_STRAIN = 0.275  # of the radius, what a rubber spring bears a million times
 FOOT_SHEAR_STRAIN = 0.28  # of the radius, as of a rubber buffer of 30 x 30 mm

@@ -10,6 +10,7 @@ from numbers import Integral, Real
 from typing import Any
 
 LONGEST = 200  # characters of a value in a message
+LEAST_SINGLE, MOST_SINGLE = 2.0**-126, (2.0 - 2.0**-23) * 2.0**127  # of normal float32 numbers
 
 
 def shown(value: Any) -> str:
@@ -42,6 +43,22 @@ def positive(name: str, value: Any) -> float:
     if number <= 0.0:
         raise ValueError(f"{name} is {shown(value)}, must be above 0")
     return number
+
+
+def single(name: str, value: Any) -> float:
+    """Return ``value`` as a float. Raises ValueError unless it is 0 or in the range of float32."""
+    number = _number(name, value)
+    if number != 0.0 and not LEAST_SINGLE <= abs(number) <= MOST_SINGLE:
+        raise ValueError(
+            f"{name} is {shown(value)}, must be 0 or of {LEAST_SINGLE:.2g} to {MOST_SINGLE:.2g}, "
+            "the range of float32"
+        )
+    return number
+
+
+def positive_single(name: str, value: Any) -> float:
+    """Return ``value`` as a float. Raises ValueError unless it is above 0, as float32 too."""
+    return single(name, positive(name, value))
 
 
 def non_negative(name: str, value: Any) -> float:

@@ -1,18 +1,40 @@
-"""Files written atomically, and the removal of folders that nobody uses any more."""
+"""Files written atomically, folders that are a user's own, and the removal of unused ones."""
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
+import re
+import secrets
 import shutil
+import stat
 import tempfile
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
+_FLAT = re.compile(r'\[\n([^][{}"]*)\]')  # a list in JSON; strings have no line breaks there
 PART = ".part-"  # how the names of files begin that are being written
+
+
+def open_regular(path: str | Path) -> BinaryIO:
+    """Open a regular file to read its bytes; of a fifo or a device reading might never end.
+
+    Raises:
+        OSError: it is none, or cannot be read.
+    """
+
+    def opener(name: str, flags: int) -> int:
+        handle = os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
+        if not stat.S_ISREG(os.fstat(handle).st_mode):
+            os.close(handle)
+            raise OSError(errno.EINVAL, "not a regular file", str(path))
+        return handle
+
+    return open(path, "rb", opener=opener)
 
 
 def write_whole(path: str | Path, write: Callable[[str], object]) -> Path:
@@ -27,11 +49,11 @@ def write_whole(path: str | Path, write: Callable[[str], object]) -> Path:
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=PART, suffix=path.suffix)
-        os.close(handle)
+        name = str(path.with_name(f"{PART}{secrets.token_hex(8)}{path.suffix}"))
+        # Not by mkstemp, whose files are private: this one's mode follows the umask.
+        os.close(os.open(name, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
         try:
             write(name)
-            os.chmod(name, 0o644)  # mkstemp's files are private
             _sync(name, os.O_RDWR)
             os.replace(name, path)
         finally:
@@ -64,8 +86,10 @@ def write_text(path: str | Path, text: str) -> Path:
 
 
 def write_json(path: str | Path, value: Any) -> Path:
-    """Write a JSON file atomically."""
-    return write_text(path, json.dumps(value, indent=1) + "\n")
+    """Write a JSON file atomically; a list of numbers is one line."""
+    text = json.dumps(value, indent=1)
+    text = _FLAT.sub(lambda found: f"[{' '.join(found[1].split())}]", text)
+    return write_text(path, text + "\n")
 
 
 def writable(folder: Path) -> bool:
@@ -84,6 +108,32 @@ def writable(folder: Path) -> bool:
     except OSError:
         return False
     return True
+
+
+def own_folder(folder: Path) -> Path:
+    """Make a folder whose files no other user but root can change; return its real path.
+
+    All folders above it count, as who can write there can put another one in its place; but in
+    those with the sticky bit everybody's own stay. The real path has no links that could be swapped
+    afterwards. On Windows nothing is checked: permissions are not in a file's mode there.
+
+    Raises:
+        OSError: it cannot be made. ValueError: others could change its files; says where.
+    """
+    for place in reversed([place for place in (folder, *folder.parents) if not place.exists()]):
+        place.mkdir(0o700 if place == folder else 0o755, exist_ok=True)
+    real = Path(os.path.realpath(folder))
+    if hasattr(os, "geteuid"):
+        for place in (*reversed(real.parents), real):
+            status = place.lstat()
+            if status.st_uid not in (0, os.geteuid()):
+                raise ValueError(f"{place} belongs to user {status.st_uid}, must be ours or root's")
+            sticky = place != real and status.st_mode & stat.S_ISVTX
+            if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not sticky:
+                raise ValueError(f"others can write to {place} ('chmod go-w' would end that)")
+        with contextlib.suppress(OSError):  # some file systems know no modes
+            real.chmod(0o700)  # or what is made in there could be open to others, by the umask
+    return real
 
 
 def remove_unused(paths: Iterable[Path], seconds: float) -> None:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import positive_integer
 
-MOST = 1000  # observations, and steps from one to the next
+MOST = 1000  # observations, steps from one to the next, and steps that are remembered
+MOST_NUMBERS = 20_000  # that are remembered of a robot; the package's policies have 385 at most
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,8 @@ class History:
         length: how many, the present one too. every: steps from one to the next.
 
     Raises:
-        ValueError: one of them is no whole number from 1 to :data:`MOST`.
+        ValueError: one of them is no whole number from 1 to :data:`MOST`, or more than so many
+            steps would be remembered.
     """
 
     length: int = 1
@@ -32,11 +34,28 @@ class History:
     def __post_init__(self) -> None:
         positive_integer("history.length", self.length, MOST)
         positive_integer("history.every", self.every, MOST)
+        if self.steps > MOST:
+            raise ValueError(
+                f"history.length is {self.length} and history.every {self.every}, which remembers "
+                f"{self.steps} steps, must remember at most {MOST}"
+            )
 
     @property
     def steps(self) -> int:
         """How many observations must be kept, the present one too."""
         return (self.length - 1) * self.every + 1
+
+    def check_size(self, size: int) -> None:
+        """Check that observations of ``size`` numbers are not too much to remember.
+
+        Raises:
+            ValueError: they have more than :data:`MOST_NUMBERS` numbers together.
+        """
+        if self.length > 1 and (count := self.steps * size) > MOST_NUMBERS:
+            raise ValueError(
+                f"history.length is {self.length} and history.every {self.every}, which remembers "
+                f"{count} numbers of observations of {size}, must remember at most {MOST_NUMBERS}"
+            )
 
     def extend(
         self, memory: NDArray[Any] | None, observations: NDArray[Any], starts: NDArray[np.bool_]

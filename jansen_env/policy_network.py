@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import entries, finite, positive, shown
+from jansen_env.checks import entries, positive_single, shown, single
 from jansen_env.crank_profile import CrankProfile, crank_torque
 
 Array = NDArray[np.float64]
@@ -180,7 +180,8 @@ def read_action(
         observed: names of what is observed, in order. torque_limit: N m.
 
     Raises:
-        ValueError: an entry is missing or not allowed, or something is not observed.
+        ValueError: an entry is missing or not allowed, a number is beyond float32, or something is
+            not observed.
     """
     kind = entry.get("kind")
     if not isinstance(kind, str) or kind not in SEEN_BY:
@@ -189,17 +190,19 @@ def read_action(
         raise ValueError(f"map {kind!r} takes {missing}, which are not observed")
     places: Any = tuple(observed.index(name) for name in SEEN_BY[kind])
     if kind == "crank_speed":
-        per_metre, gain = (finite(name, entry.get(name)) for name in ("per_metre", "gain"))
-        span = positive("span", entry.get("span"))
+        per_metre, gain = (single(name, entry.get(name)) for name in ("per_metre", "gain"))
+        span = positive_single("span", entry.get("span"))
         return CrankSpeedAction(places[0], places[1], per_metre, span, gain, torque_limit)
     numbers = [
-        [finite("a number of the profile", number) for number in entries("numbers", row, "lists")]
+        [single("a number of the profile", number) for number in entries("numbers", row, "lists")]
         for row in entries("numbers", entry.get("numbers"), "lists")
     ]
     if len({len(row) for row in numbers}) > 1:
         raise ValueError("rows of numbers have different lengths, must have one")
     commands = entries("commands", entry.get("commands"), "a list")
     profile = CrankProfile(
-        np.array([finite("a command", command) for command in commands]), np.array(numbers)
+        np.array([single("a command", command) for command in commands]), np.array(numbers)
     )
-    return ResidualAction(places, profile, finite("share", entry.get("share")), torque_limit)
+    if not (np.diff(profile.commands.astype(np.float32)) > 0.0).all():
+        raise ValueError(f"commands is {shown(commands)}, must increase as float32, too")
+    return ResidualAction(places, profile, single("share", entry.get("share")), torque_limit)

@@ -1,4 +1,4 @@
-"""Trained policies that come with the package: read and run with NumPy, nothing else.
+"""Trained policies that come with the package: run with NumPy, nothing else.
 
 A policy is two files: ``ENV_ID/NAME.json`` says what it observes, how its network is built, how it
 was trained and what it scores, and ``NAME.safetensors`` has the network's weights. No code is in
@@ -19,8 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 from safetensors.numpy import load as read_tensors
 
-from jansen_env.checks import instance, positive, positive_integer, shown, whole_number
+from jansen_env.checks import (
+    MOST_SINGLE,
+    instance,
+    positive_integer,
+    positive_single,
+    shown,
+    whole_number,
+)
+from jansen_env.files import open_regular
 from jansen_env.history import History
+from jansen_env.policy_environment import check_action
 from jansen_env.policy_network import (
     ACTIVATIONS,
     CRANK_ANGLE,
@@ -62,8 +71,9 @@ class PretrainedPolicy:
             clipped to -1 .. 1; and what that means as torque, None for a share of the limit.
 
     Raises:
-        ValueError: something in the description is missing or not allowed, or does not fit the
-            tensors.
+        ValueError: something in the description is missing or not allowed, does not fit the
+            tensors, or is not what the environment has (:mod:`jansen_env.policy_environment`); or
+            a number is beyond float32, in which C may compute.
     """
 
     def __init__(self, description: dict[str, Any], tensors: Tensors) -> None:
@@ -77,20 +87,22 @@ class PretrainedPolicy:
         env, action, network = (_entry(description, k, dict) for k in ("env", "action", "network"))
         self.env_id: str = _entry(env, "id", str)
         self.env_kwargs: dict[str, Any] = _entry(env, "kwargs", dict)
-        self.torque_limit = positive("torque_limit", action.get("torque_limit"))
-        self.control_dt = positive("control_dt", action.get("control_dt"))
+        self.torque_limit = positive_single("torque_limit", action.get("torque_limit"))
+        self.control_dt = positive_single("control_dt", action.get("control_dt"))
+        check_action(self.env_id, self.env_kwargs, self.torque_limit, self.control_dt)
         rows = _entry(description, "observation", list)
         self.observed = tuple(_entry(row, "name", str) for row in rows)
         self.units = tuple(_entry(row, "unit", str) for row in rows)
         self._shown = len(self.observed)  # numbers in what it is given
         self.scale: tuple[Any, Any] = (0.0, 1.0)
         self.history = _read_history(description.get("history", {}))
+        self.history.check_size(len(self.observed))
         self.features = self._read_features(_entry(network, "features", list))
         width = sum(block.size for block in self.features)
         if width == 0:
             raise ValueError("network.features has no numbers, must have some")
         self.layers = self._read_layers(_entry(network, "layers", list), width)
-        self.limit = np.inf if (m := network.get("limit")) is None else positive("limit", m)
+        self.limit = np.inf if (m := network.get("limit")) is None else positive_single("limit", m)
         self.squash: str = _known(SQUASH, "squash", network.get("squash"))
         self.action_map: TorqueMap | None = None
         if "map" in action:
@@ -112,7 +124,7 @@ class PretrainedPolicy:
                 mean, variance = (self._tensor(block, k, (size,)) for k in ("mean", "variance"))
                 if variance.min() < 0.0:
                     raise ValueError(f"a variance is {variance.min()}, must be 0 or above")
-                floor, clip = (positive(k, block.get(k)) for k in ("floor", "clip"))
+                floor, clip = (positive_single(k, block.get(k)) for k in ("floor", "clip"))
                 self.scale = mean, np.maximum(np.sqrt(variance), floor)
                 found.append(Normalized(*self.scale, clip))
             elif block.get("kind") == "harmonics":
@@ -140,6 +152,8 @@ class PretrainedPolicy:
             if "batch_norm" in layer:
                 factor, offset = self._read_batch_norm(_entry(layer, "batch_norm", dict), width)
                 weight, bias = weight * factor, bias + weight @ offset
+                if max(np.abs(weight).max(), np.abs(bias).max()) > MOST_SINGLE:
+                    raise ValueError("batch_norm gives weights beyond float32, must not")
             activation = _known(ACTIVATIONS, "activation", layer.get("activation"))
             found.append(Layer(weight, bias, activation))
             width = units
@@ -153,7 +167,7 @@ class PretrainedPolicy:
         mean, variance, scale, bias = (self._tensor(entry, name, (width,)) for name in names)
         if variance.min(initial=0.0) < 0.0:
             raise ValueError(f"a variance is {variance.min()}, must be 0 or above")
-        factor = scale / np.sqrt(variance + positive("epsilon", entry.get("epsilon")))
+        factor = scale / np.sqrt(variance + positive_single("epsilon", entry.get("epsilon")))
         return factor, bias - mean * factor
 
     def _tensor(self, part: dict[str, Any], key: str, shape: tuple[int, ...]) -> Array:
@@ -304,7 +318,7 @@ def checksum(data: bytes) -> str:
 
 def _read(path: Path) -> bytes:
     """A whole file, of bounded size."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         data = file.read(MAX_BYTES + 1)
     if len(data) > MAX_BYTES:
         raise ValueError(f"{path.name} has more than {MAX_BYTES} bytes")

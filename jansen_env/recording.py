@@ -18,13 +18,15 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from jansen_env.checks import finite, instance, non_negative, positive, shown, within
-from jansen_env.files import write_bytes
+from jansen_env.files import open_regular, write_bytes
 from jansen_env.kinematics import JOINTS, SKELETON
 from jansen_env.web.geometry import SLIP, TRIANGLES
 
 FORMAT = "jansen_env recording 1"
 MOST_STEPS = 20_000  # of a recording
 LARGEST = 1e12  # of any number in it
+SHORTEST = 1e-9  # s, of a step: what comes of it, power for one, is a float32 in a page
+FARTHEST = 1e9  # times the robot's reach from the origin: pages count marks on the ground up to it
 MAX_BYTES = 2**26  # of a file
 MAX_UNPACKED = 2**27  # bytes of all its arrays
 MAX_DIRECTORY = 2**14  # bytes of the table of contents at the end of a file
@@ -41,7 +43,7 @@ LIMITS = {
     "legs": (1, 256),
     "states": (1, 64),
     "observed": (0, 100_000),
-    "energies": (0, 64),
+    "energies": (1, 64),
     "actions": (0, 10_000),
     "vertices": (0, 1_000_000),
 }
@@ -98,7 +100,8 @@ class Recording:
 
     Raises:
         ValueError: an array of another shape, or with a number that is not finite or beyond
-            :data:`LARGEST`; time that does not increase; anything else of another kind.
+            :data:`LARGEST`; steps shorter than :data:`SHORTEST`; no motor work among the energies;
+            a robot beyond :data:`FARTHEST`; anything else of another kind.
     """
 
     time: Array
@@ -119,7 +122,7 @@ class Recording:
     energy: Array
     terrain: Array
     scene: Mapping[str, Any]
-    energies: tuple[str, ...] = ()
+    energies: tuple[str, ...]
     observed: tuple[tuple[str, str], ...] = ()
     robot: Mapping[str, Any] = field(default_factory=dict)
     parameters: Mapping[str, float] = field(default_factory=dict)
@@ -138,8 +141,10 @@ class Recording:
             _check_array(name, array, dimensions, sizes)
             array.flags.writeable = False
             object.__setattr__(self, name, array)
-        if (np.diff(self.time) <= 0.0).any():
-            raise ValueError("time does not increase from frame to frame, must do so")
+        if (shortest := np.diff(self.time).min()) < SHORTEST:
+            raise ValueError(
+                f"time has a step of {shortest:.3g} s, must increase by at least {SHORTEST:g} s"
+            )
         if self.weight.min() < 1e-9:
             raise ValueError(f"weight has {self.weight.min()}, must be at least 1e-9")
         if self.contact.min(initial=0) < 0 or self.contact.max(initial=0) > SLIP:
@@ -147,10 +152,18 @@ class Recording:
         if len(self.terrain) == 1 or (np.diff(self.terrain[:, 0]) <= 0.0).any():
             raise ValueError("terrain must have x that increases, and none or two and more points")
         _check_scene(self.scene, sizes["legs"])
+        far, reach = np.abs(self.pose[:, :2]).max(), self.scene["reach"]
+        if far > FARTHEST * reach:
+            raise ValueError(
+                f"pose has a place {far:.3g} m from the origin, must be within {FARTHEST:g} times "
+                f"scene['reach'], {reach:.3g} m"
+            )
         for name, count in (("energies", sizes["energies"]), ("observed", sizes["observed"])):
             entries = getattr(self, name)
             if len(entries) not in (count, 0 if name == "observed" else count):
                 raise ValueError(f"{name} has {len(entries)} entries, must have {count}")
+        if "motor_work" not in self.energies:
+            raise ValueError(f"energies is {shown(self.energies)}, must have 'motor_work'")
         for text in (*self.energies, *(text for pair in self.observed for text in pair)):
             _check_text("a name", text)
         _check_text("env_id", self.env_id)
@@ -217,7 +230,7 @@ class Recording:
             ValueError: it is missing, no recording, damaged or too large.
         """
         try:
-            with open(path, "rb") as file:
+            with open_regular(path) as file:
                 return Recording.from_bytes(file.read(MAX_BYTES + 1))
         except (OSError, ValueError) as error:
             raise ValueError(f"{path} is no recording: {error}") from error

@@ -410,8 +410,8 @@ def built_robot(phases: int = 2) -> Robot:
 
     Flat bars and windowed plates with pins in dry plain bearings, see :mod:`jansen_env.built`; the
     frame's bars carry motor and crankshaft at O, battery and cross-members at P, as heavy. Bearings
-    have Coulomb friction alone, by their mean load. Feet are half-round treads of soft rubber with
-    a radius of 20 mm. ``docs/built_robot.md`` has the bill of materials and all sources.
+    have Coulomb friction alone, by their mean load. Feet are half-round treads of rubber with a
+    radius of 20 mm. ``docs/built_robot.md`` has the bill of materials and all sources.
     """
     robot, parts = paper_robot(phases), {}
     for name in BODIES:

@@ -4,6 +4,7 @@ browser for the tests of pages.
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -59,3 +60,17 @@ def tables(robot: Robot) -> Tables:
 def random_state(rng: np.random.Generator) -> Callable[[], NDArray[np.float64]]:
     """Draw (8,) x, y, theta, psi anywhere, and rates of a few m/s and rad/s."""
     return lambda: np.concatenate([rng.uniform(-3.0, 3.0, 4), rng.normal(0.0, 2.0, 4)])
+
+
+@pytest.fixture
+def no_waiting():
+    """What waits for longer than some seconds, as for a fifo's writer, fails."""
+
+    def fail(number, frame):
+        pytest.fail("it waits for ever")
+
+    before = signal.signal(signal.SIGALRM, fail)
+    signal.alarm(20)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)

@@ -130,6 +130,14 @@ def test_every_kind_of_number_is_taken(number):
     assert env.step(np.ones(1))[1] == same.step(np.ones(1))[1]
 
 
+@pytest.mark.parametrize("make", [JansenWalkerEnv, JansenCrankEnv])
+def test_delays_of_too_many_torques_are_refused(make):
+    """Which would all be kept: gigabytes."""
+    with pytest.raises(ValueError, match=r"delay is 1\.0 s, must be at most 10000 times contr"):
+        make(control_dt=1e-9, time_step=1e-9, delay=(0.0, 1.0))
+    make(control_dt=1e-4, time_step=1e-4, delay=1.0)
+
+
 @pytest.mark.parametrize("make", [JansenWalkerEnv, JansenCrankEnv, JansenWalkerVectorEnv])
 @pytest.mark.parametrize(
     ("control_dt", "time_step", "named"),

@@ -152,11 +152,12 @@ def test_ranks_by_return_and_by_table():
 
 
 def test_ranking_runs(tmp_path, capsys):
-    """One command: all controllers are ranked, standing last, a profile before bang-bang."""
+    """One command: all controllers and the shipped policy are ranked, standing last, a profile
+    before bang-bang."""
     ranking.main(["--quick", "--out", str(tmp_path)])
     lines = (tmp_path / "ranking.md").read_text().splitlines()[2:]
     order = [line.split("|")[1].strip() for line in lines if line.startswith("|")]
-    assert set(order) == set(ranking.CONTROLLERS) and len(order) >= 10
+    assert set(order) == {ranking.SHIPPED, *ranking.CONTROLLERS} and len(order) >= 10
     assert order[-1] == "standing"
     assert order.index("profile") < order.index("PID, bang-bang")
     assert "rank correlation" in capsys.readouterr().out
@@ -168,6 +169,8 @@ def test_profile_scores_run(tmp_path, capsys):
     lines = (tmp_path / "scores.md").read_text().splitlines()
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if "0 of 2" in line]
     assert [row[1] for row in rows] == ["pid", "profile"] and rows[0][0] == "0.3"
+    assert rows[1][3:5] == ["0 of 2", "78 %"]  # 1 - 0.05 ** (1 / 2)
+    assert lines[-1].startswith("profile: 0 falls in the 2 episodes") and "78 %" in lines[-1]
     assert (tmp_path / "turn.png").stat().st_size > 10_000
     with pytest.raises(SystemExit):
         profile_scores.main(["--policy", str(tmp_path / "none"), "--out", str(tmp_path)])

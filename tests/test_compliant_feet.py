@@ -39,4 +39,15 @@ def test_stiffer_feet_carry_larger_touchdowns():
 def test_command(tmp_path):
     compliant_feet.main(["--quick", "--out", str(tmp_path)])
     page = (tmp_path / "compliant_feet.md").read_text()
-    assert "rigid" in page and "100 kN/m" in page
+    assert "rigid" in page and "100 kN/m" in page and "0 of 2" in page
+
+
+def test_a_touchdown_depends_on_the_start():
+    """So one start is not a number: the table has the range over all of them, and who fell."""
+    walks = [compliant_feet.Walked(1.0, 0.01, 300.0 + k, k == 2) for k in range(3)]
+    found = compliant_feet.cells(walks, 100.0)
+    assert found == ("1 of 3", "1.00", "0.010", "0.010", "300 to 301", "3.0")
+    assert compliant_feet.cells(walks[2:], 100.0) == ("1 of 1", *[""] * 5)
+    robot = replace(Robot(), pad_compliance=compliant_feet.pads(Robot(), 1e4))
+    one, other = (compliant_feet.walk(robot, 4.0, 1, angle=angle) for angle in (0.0, 1.0))
+    assert one.force != pytest.approx(other.force, rel=1e-3)

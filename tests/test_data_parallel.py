@@ -22,6 +22,7 @@ from agents import data_parallel, launch, ray_workers, training
 from agents.callbacks import NormalizerUpdate, Saver
 from agents.config import CONFIGS
 from agents.model_files import read_model
+from agents.process import HANGUP
 from agents.runs import read_evaluations
 
 N_ENVS, N_STEPS, BATCH, EPOCHS, ROLLOUTS = 6, 20, 36, 3, 4  # of each epoch the last batch is short
@@ -283,10 +284,11 @@ def start(folder, *more, launcher=()):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("send", "number"), [(os.killpg, signal.SIGINT), (os.kill, signal.SIGTERM)]
+    ("send", "number"),
+    [(os.killpg, signal.SIGINT), (os.kill, signal.SIGTERM), *((os.kill, n) for n in HANGUP)],
 )
 def test_a_signal_stops_all_workers(send, number, tmp_path):
-    """Ctrl-C, which a terminal sends to its processes, and SIGTERM to the first: saved once."""
+    """Ctrl-C, which a terminal sends to its processes; SIGTERM, SIGHUP to the first: saved once."""
     process = start(tmp_path, "-n", "10000000", "--save-freq", "0", "--eval-freq", "0")
     run = tmp_path / "ppo" / "JansenWalker-v0_1"
     monitor = run / "monitor" / "1.monitor.csv"

@@ -124,10 +124,10 @@ def test_no_text_of_a_file_becomes_code():
     given = policy.description["observation"]
     described = {
         **policy.description,
-        "env": {"id": EVIL, "kwargs": {}},
         "observation": [{"name": row["name"] + EVIL, "unit": EVIL} for row in given],
     }
     evil = PretrainedPolicy(described, policy.tensors)
+    evil.env_id = EVIL  # which no file gets through
     sources = export_c.sources(evil, "mine")
     for source in sources.values():
         assert source.isascii() and "evil.h" not in source.replace("_evil.h", "")
@@ -154,6 +154,54 @@ def test_no_text_of_a_file_becomes_markdown():
     assert re.fullmatch("`[^`|\n]+`", card_examples.code(EVIL)) and card_examples.code("") == "` `"
     lines = model_card.block(f"a\n```\n# b\n\n<script>\n\r{EVIL}").split("\n")
     assert len(lines) == 7 and all(re.match("    [^\r\u2028]*$", line) for line in lines)
+
+
+def numbers_of(part, place=()):
+    """Where the floats of a description are."""
+    items = part.items() if isinstance(part, dict) else enumerate(part)
+    for key, value in items:
+        if isinstance(value, float):
+            yield (*place, key)
+        elif isinstance(value, (dict, list)):
+            yield from numbers_of(value, (*place, key))
+
+
+@pytest.mark.parametrize("kind", RUNS)
+def test_no_number_of_a_file_is_beyond_float(kind, tmp_path):
+    """Or C would have ``inf.0f``: each number of a file is refused, or is one that float has."""
+    own, more = RUNS[kind]
+    policy = pack.from_run(made_run(tmp_path / "run", *own, **more))
+    places = [*numbers_of({k: policy.description[k] for k in ("action", "network")})]
+    assert len(places) > 4
+    for *path, last in places:
+        for value in (1e300, -1e39, 1e-300, 1e-39):
+            described = json.loads(json.dumps(policy.description))
+            part = described
+            for key in path:
+                part = part[key]
+            part[last] = value
+            with pytest.raises(ValueError, match="must"):
+                PretrainedPolicy(described, policy.tensors)
+
+
+def test_weights_with_their_batch_norms_are_floats(tmp_path):
+    """Beyond that they are refused, as are commands of a profile that float does not tell apart."""
+    own, more = RUNS["crank speed by crossq"]
+    policy = pack.from_run(made_run(tmp_path / "batch_norm", *own, **more))
+    norms = [layer["batch_norm"] for layer in policy.description["network"]["layers"][1:]]
+    for norm in norms:
+        tensors = {name: np.array(tensor) for name, tensor in policy.tensors.items()}
+        tensors[norm["scale"]][:] = 3e38
+        tensors[norm["variance"]][:] = 0.0
+        with pytest.raises(ValueError, match="batch_norm gives weights beyond float32"):
+            PretrainedPolicy(policy.description, tensors)
+    own, more = RUNS["added to the profile"]
+    policy = pack.from_run(made_run(tmp_path / "profile", *own, **more))
+    described = json.loads(json.dumps(policy.description))
+    first, *rest = described["action"]["map"]["commands"]
+    described["action"]["map"]["commands"] = [first, first + 1e-12, *rest[1:]]
+    with pytest.raises(ValueError, match=r"commands is .*, must increase as float32"):
+        PretrainedPolicy(described, policy.tensors)
 
 
 @needs_cc

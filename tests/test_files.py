@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 from pathlib import Path
 
 import pytest
 
-from jansen_env import files
-from jansen_env.files import PART, write_text, write_whole
+from agents import model_files, plain_yaml, replay_buffers
+from jansen_env import files, pretrained
+from jansen_env.files import PART, write_json, write_text, write_whole
+from jansen_env.recording import Recording
 
 
 def test_files_are_on_the_disk_before_they_are_moved(tmp_path, monkeypatch):
@@ -34,3 +37,42 @@ def test_a_file_that_fails_leaves_the_old_one(tmp_path):
     with pytest.raises(OSError, match="full"):
         write_whole(path, fail)
     assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
+
+
+READERS = [
+    Recording.load,
+    pretrained.load_file,
+    plain_yaml.read_yaml,
+    model_files.read_model,
+    replay_buffers.check_replay_file,
+]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no fifos")
+@pytest.mark.parametrize("read", READERS, ids=lambda read: read.__name__)
+def test_a_fifo_is_refused(read, tmp_path, no_waiting):
+    """By all who read users' files, with its name; opening it would wait for a writer."""
+    os.mkfifo(tmp_path / "fifo")
+    with pytest.raises(ValueError, match=r"fifo.* regular file"):
+        read(tmp_path / "fifo")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX has a umask")
+@pytest.mark.parametrize("umask", [0o022, 0o077, 0o002])
+def test_files_follow_the_umask(umask, tmp_path):
+    """New ones and those in place of others, as any program's."""
+    before = os.umask(umask)
+    try:
+        for _ in range(2):
+            path = write_text(tmp_path / "note.txt", "whole")
+            assert path.stat().st_mode & 0o777 == 0o666 & ~umask
+    finally:
+        os.umask(before)
+
+
+def test_a_list_of_numbers_is_one_line_of_json(tmp_path):
+    """Whatever brackets and line breaks strings have; values stay as they are."""
+    value = {"a": [1, -2.5e-3, None], "b": [[], [3]], "c": ["[\n 1,\n 2]", "x"], "d": [{"e": [4]}]}
+    text = write_json(tmp_path / "value.json", value).read_text()
+    assert json.loads(text) == value
+    assert ' "a": [1, -0.0025, null],\n' in text and '"e": [4]\n' in text and '"x"\n' in text

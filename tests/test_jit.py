@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import pickle
 import re
 import shutil
 import subprocess
@@ -22,6 +23,7 @@ from jansen_env.plants.projected import ProjectionPlant
 
 PACKAGE = Path(jit.__file__).parents[1]
 NAME = re.compile("jansen-[0-9a-f]{16}")
+on_posix = pytest.mark.skipif(os.name != "posix", reason="folders' modes are POSIX's")
 
 
 @pytest.fixture
@@ -136,11 +138,118 @@ def test_the_first_folder_that_can_be_written_to(places):
     names = set()
     for place in places:
         folder = Path(jit._cache_folder())
-        assert folder.parent == place and folder.is_dir() and not any(folder.iterdir())
+        assert folder.parent == place.resolve() and folder.is_dir() and not any(folder.iterdir())
         names.add(folder.name)
         block(place)
     assert jit._cache_folder() == ""
     assert len(names) == 1 and NAME.fullmatch(names.pop())
+
+
+class Planted:
+    """Makes a file when it is unpickled."""
+
+    def __init__(self, file):
+        self.file = str(file)
+
+    def __reduce__(self):
+        return open, (self.file, "w")
+
+
+@on_posix
+def test_machine_code_that_others_may_have_planted_is_not_run(tmp_path):
+    """In a NUMBA_CACHE_DIR where everybody may write: a line, and the next folder."""
+    shutil.copytree(PACKAGE, tmp_path / "jansen_env", ignore=shutil.ignore_patterns("__pycache__"))
+    code = (
+        "from jansen_env.engine.jit import FOLDER\n"
+        "from jansen_env.engine.task import progress_score\n"
+        "print(progress_score(0.3, 0.3), FOLDER)"
+    )
+    shared = tmp_path / "shared"
+    variables = {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(shared)}
+
+    def run():
+        ended = subprocess.run(
+            [sys.executable, "-c", code], env={**os.environ, **variables}, cwd=tmp_path,
+            capture_output=True, text=True, timeout=120,
+        )  # fmt: skip
+        assert ended.returncode == 0, ended.stderr
+        score, folder = ended.stdout.split()
+        assert score == "1.0"
+        return Path(folder), ended.stderr
+
+    folder, said = run()
+    assert folder.parent == shared.resolve() and said == ""
+    indices = list(folder.rglob("*.nbi"))
+    assert indices
+    for path in indices:
+        path.write_bytes(pickle.dumps(Planted(tmp_path / "stolen")))
+    folder.chmod(0o777)
+    other, said = run()
+    assert not (tmp_path / "stolen").exists()
+    assert other.parent == (tmp_path / "jansen_env" / "__pycache__").resolve()
+    assert said.count("\n") == 1 and f"keeps no machine code in {folder}: others can write" in said
+
+
+@on_posix
+@pytest.mark.parametrize("mode", [0o770, 0o702, 0o1777])
+@pytest.mark.parametrize("place", ["the folder", "above it", "above what it is a link to"])
+def test_folders_where_others_may_write(place, mode, places, caplog):
+    """Are refused in one line, at any level; a sticky bit above keeps everybody's own safe."""
+    if place == "above what it is a link to":
+        (places[0].parent / "far").mkdir()
+        places[0].rmdir()
+        places[0].symlink_to(places[0].parent / "far" / "near")
+        (places[0].parent / "far" / "near").mkdir()
+        open_to_all = places[0].parent / "far"
+    elif place == "above it":
+        open_to_all = places[0]
+    else:
+        open_to_all = Path(jit._cache_folder())
+    open_to_all.chmod(mode)
+    caplog.clear()
+    found = Path(jit._cache_folder())
+    safe = mode & 0o1000 and place != "the folder"
+    assert found.parent == places[0 if safe else 1].resolve()
+    assert len(caplog.records) == (0 if safe else 1)
+    if not safe:
+        assert f"others can write to {open_to_all.resolve()}" in caplog.text
+        assert NAME.search(caplog.text)
+        left = [path for path in places[0].iterdir() if path != open_to_all]
+        assert left == []  # nothing new is left behind
+
+
+@on_posix
+@pytest.mark.parametrize("level", ["the folder", "above it"])
+def test_folders_of_another_user(level, places, monkeypatch, caplog):
+    """Are refused, whatever their modes, also to root; those of root are not."""
+    first = Path(jit._cache_folder())
+    theirs = first if level == "the folder" else places[0].resolve()
+    owner = theirs.stat().st_uid
+    lstat = Path.lstat
+
+    def of_another(path):
+        fields = list(lstat(path))
+        fields[4] = owner + 1 if path == theirs else fields[4]
+        return os.stat_result(fields)
+
+    monkeypatch.setattr(Path, "lstat", of_another)
+    assert Path(jit._cache_folder()).parent == places[1].resolve()
+    assert f"{theirs} belongs to user {owner + 1}" in caplog.text and len(caplog.records) == 1
+    monkeypatch.setattr(os, "geteuid", lambda: owner + 1)
+    assert (Path(jit._cache_folder()) == first) == (owner == 0)
+
+
+@on_posix
+def test_a_folder_is_a_users_own_whatever_the_umask(places):
+    """With a umask that lets a group write, in a NUMBA_CACHE_DIR that is not there yet."""
+    shutil.rmtree(places[0])
+    before = os.umask(0o002)
+    try:
+        folder = Path(jit._cache_folder())
+    finally:
+        os.umask(before)
+    assert folder.parent == places[0].resolve()
+    assert folder.stat().st_mode & 0o777 == 0o700 and places[0].stat().st_mode & 0o777 == 0o755
 
 
 def test_changed_sources_have_another_folder(places):
@@ -150,7 +259,7 @@ def test_changed_sources_have_another_folder(places):
     with (places[1].parent / "engine" / "task.py").open("a") as file:
         file.write("# changed\n")
     after = jit._cache_folder()
-    assert after != before and Path(after).parent == places[2]
+    assert after != before and Path(after).parent == places[2].resolve()
 
 
 @pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="where Linux keeps caches")

@@ -24,6 +24,7 @@ from jansen_env.kinematics import (
 )
 from jansen_env.robot import ROBOTS, Leg, paper_robot
 
+pytestmark = pytest.mark.processor  # tolerances are those of rounding
 TURN = np.linspace(0.0, 2.0 * math.pi, 1440, endpoint=False)  # rad, a quarter of a degree apart
 
 

@@ -21,7 +21,8 @@ ORDER = (
     ["engine"],
     ["plants"],
     ["envs"],
-    ["crank_profile", "policy_network", "paper", "pretrained", "web", "recording", "recorder"],
+    ["crank_profile", "policy_network", "policy_environment", "pretrained", "paper"],
+    ["web", "recording", "recorder"],
     ["play"],
     ["agents"],
     ["benchmarks", "examples", "train"],
@@ -63,7 +64,7 @@ def test_agents_ask_for_all_packages_that_they_import():
         for name in imported(path)
     }
     others = {"agents", "jansen_env", "benchmarks", "gymnasium", "numpy", "safetensors"}
-    others |= {"onnx", "onnxruntime", "ray"}
+    others |= {"grpc", "onnx", "onnxruntime", "ray"}
     assert found - others - sys.stdlib_module_names <= {*NEEDED}
 
 

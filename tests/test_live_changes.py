@@ -5,6 +5,7 @@ from __future__ import annotations
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.vector import AutoresetMode
 
 import jansen_env
 from jansen_env import Compliance, Push
@@ -145,6 +146,28 @@ def test_one_of_many_is_pushed():
     alone.reset(seed=2, options={"pushes": [(0.0, 1.5, 0.0)]})
     assert walk(alone, 10)[0][-1].tolist() == envs.task.observation[1].tolist()
     assert infos["energy"]["push_work"][0] == 0.0
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_a_robot_is_pushed_whatever_the_others_do(mode):
+    """Only its own episode counts, in which a push is felt as it is alone."""
+    envs = gym.make_vec(
+        "JansenWalker-v0", num_envs=2, max_episode_steps=[2, 20], autoreset_mode=mode
+    ).unwrapped
+    with pytest.raises(gym.error.ResetNeeded, match="must be reset"):
+        envs.push(1, (1.5, 0.0))
+    envs.reset(seed=1)
+    for _ in range(2):
+        envs.step(np.zeros((2, 1), np.float32))  # which ends the first one's episode
+    envs.push(1, (1.5, 0.0))
+    if mode == AutoresetMode.DISABLED:
+        with pytest.raises(gym.error.ResetNeeded, match=r"robot 0 must be reset before push\(\)"):
+            envs.push(0, (1.5, 0.0))
+        envs.reset(options={"reset_mask": np.array([True, False])})
+    elif mode == AutoresetMode.NEXT_STEP:
+        envs.push(0, (1.5, 0.0))  # of no effect
+    work = [envs.step(np.zeros((2, 1), np.float32))[4]["energy"]["push_work"] for _ in range(2)]
+    assert [own[0] for own in work] == [0.0, 0.0] and work[1][1] != 0.0
 
 
 def test_there_is_nothing_to_push_where_the_frame_is_held():

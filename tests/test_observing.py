@@ -67,6 +67,9 @@ def test_histories_are_checked(length, every):
     """In a line that names the value; as is a memory of other observations."""
     with pytest.raises(ValueError, match=r"history\.\w+ is .*, must be a whole number from 1 to"):
         History(length, every)
+    with pytest.raises(ValueError, match="remembers 1001 steps, must remember at most 1000"):
+        History(101, 10)
+    assert History(112, 9).steps == 1000
     _, memory = History(2).extend(None, np.zeros((3, 2)), np.zeros(3, bool))
     with pytest.raises(ValueError, match=r"memory has shape \(3, 2, 2\), must have \(4, 2, 2\)"):
         History(2).extend(memory, np.zeros((4, 2)), np.zeros(4, bool))
@@ -147,6 +150,7 @@ def test_a_policy_is_the_same_wherever_it_comes_from(history, privileged, tmp_pa
     [
         ({"history": {"length": 0}}, "history.length is 0, must be a whole number from 1"),
         ({"history": {"steps": 2}}, "'steps' is no key of history"),
+        ({"history": {"length": 1000, "every": 1000}}, "999001 steps, must remember at most 1000"),
         ({"privileged_critic": True, "policy_kwargs": {}}, "so normalize must be true"),
         ({"privileged_critic": True, "algo": "sac"}, "so algo must be 'ppo'"),
         ({"privileged_critic": True, "env": "JansenCrank-v0"}, "privileged_critic is given, but"),
@@ -158,12 +162,29 @@ def test_configurations_are_checked(more, reason):
         check_config({**configured(), **more})
 
 
+def test_long_histories_of_many_numbers_are_refused():
+    """Before a network for them is made: a look at 1,000 places is remembered for 19 steps."""
+    env_kwargs = {"height_scan": [0.5, 0.9, 1000]}
+    for length in (19, 20):
+        config = configured(history={"length": length}, env_kwargs=env_kwargs)
+        check_config(config)
+        if length == 19:
+            models.untrained_policy(config)
+    with pytest.raises(ValueError, match="remembers 20400 numbers of observations of 1020"):
+        models.untrained_policy(config)
+    policy = pretrained.load(ENV)
+    described = {**policy.description, "history": {"length": 101, "every": 9}}
+    with pytest.raises(ValueError, match="remembers 31535 numbers of observations of 35"):
+        pretrained.PretrainedPolicy(described, policy.tensors)
+
+
 @pytest.mark.parametrize(
     ("entry", "reason"),
     [
         ([2, 1], "history is .*, must be a dict"),
         ({"length": 2, "skip": 1}, r"history has \['skip'\], must have length and every"),
         ({"length": 10**6}, "history.length is 1000000, must be a whole number from 1 to 1000"),
+        ({"length": 2, "every": 1000}, "1001 steps, must remember at most 1000"),
         ({"length": 2}, r"has shape \(20,\), must have \(40,\)"),
     ],
 )

@@ -14,6 +14,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from importlib.resources import files
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -397,6 +398,42 @@ def test_messages_that_are_much_work_do_not_stop_the_others(monkeypatch):
         task.cancel()
         assert flood.closed == "too many messages" and flood.count < 2 * BURST
         assert len(published) > 20
+
+    apart(asyncio.run, run())
+
+
+def test_the_robot_walks_on_while_another_one_is_made(monkeypatch):
+    """For all pages, which are listened to meanwhile; what they set holds for the other one."""
+
+    async def of(*messages):
+        for message in messages:
+            yield json.dumps(message)
+
+    session = Session()
+    make = session.make
+    monkeypatch.setattr(session, "make", lambda **choice: time.sleep(1.5) or make(**choice))
+
+    async def run():
+        page, published = Page(session, 1), []
+        page._sockets = 2
+        publish = page._publish
+        monkeypatch.setattr(
+            page, "_publish", lambda: publish() or published.append((time.monotonic(), page._state))
+        )
+        running = asyncio.create_task(page.run())
+        wanted = {"do": "choose", "name": "robot", "value": "holy"}
+        choosing = asyncio.create_task(page._listen(of(wanted, {"do": "steer", "value": 0.5})))
+        await asyncio.sleep(0.1)
+        await page._listen(of({"do": "set", "name": "friction", "value": 0.3}))
+        assert session.values()["friction"] == 0.3 and not choosing.done()
+        await page._listen(of({"do": "choose", "name": "level", "value": 12}))  # after the robot
+        assert session.choices["robot"] == "holy" and session.values()["friction"] == 0.3
+        await choosing
+        running.cancel()
+        times = [at for at, _ in published]
+        assert len(times) > 20 and max(b - a for a, b in pairwise(times)) < 1.0
+        assert max(json.loads(state)["score"]["time"] for _, state in published) > 0.5
+        assert session.input == 0.5 and "level is 12" in session.message
 
     apart(asyncio.run, run())
 

@@ -15,6 +15,7 @@ from jansen_env.dynamics import projection as pr
 from jansen_env.kinematics import coordinates
 from jansen_env.robot import JOINT_PAIRS, paper_robot
 
+pytestmark = pytest.mark.processor  # tolerances are those of rounding
 TURN = np.linspace(0.0, 2.0 * math.pi, 120, endpoint=False)
 
 

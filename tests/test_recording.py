@@ -18,6 +18,7 @@ from jansen_env import recorder, recording
 from jansen_env.kinematics import world_joints
 from jansen_env.recorder import Recorder
 from jansen_env.recording import SHAPES, Recording
+from jansen_env.web.page import page
 
 WALKER, CRANK = "JansenWalker-v0", "JansenCrank-v0"
 
@@ -189,7 +190,10 @@ def test_what_is_no_number_is_refused(short):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"time": np.zeros(6)}, "time does not increase"),
+        ({"time": np.zeros(6)}, "time has a step of 0 s, must increase by at least 1e-09 s"),
+        ({"time": 1e-290 * np.arange(6)}, "time has a step of 1e-290 s, must increase"),
+        ({"energies": tuple("abcdefgh")}, "must have 'motor_work'"),
+        ({"pose": np.full((6, 4), 1e12)}, "pose has a place 1e[+]12 m from the origin, must be"),
         ({"weight": np.zeros(6)}, "weight has 0.0, must be at least"),
         ({"contact": np.full((6, 4), 3)}, "contact has other numbers"),
         ({"terrain": [[1.0, 0.0], [0.0, 0.0]]}, "x that increases"),
@@ -278,6 +282,40 @@ def claimed(shape):
 def test_other_files_are_refused(short, changed, message):
     with pytest.raises(ValueError, match=message):
         Recording.from_bytes(rewritten(short, **changed))
+
+
+def test_files_that_no_page_could_show_are_refused_by_name(short, tmp_path):
+    """When they are read, in one line."""
+    with np.load(io.BytesIO(short.to_bytes())) as arrays:
+        text = arrays["description"].tobytes().replace(b"motor_work", b"a_motor")
+    changes = {
+        "time": {"time": 1e-290 * np.arange(6)},
+        "energies": {"description": np.frombuffer(text, np.uint8)},
+    }
+    for name, changed in changes.items():
+        path = tmp_path / f"{name}.npz"
+        path.write_bytes(rewritten(short, **changed))
+        with pytest.raises(ValueError, match=rf"{name}\.npz is no recording: {name} ") as error:
+            Recording.load(path)
+        assert "\n" not in str(error.value)
+
+
+def test_numbers_of_pages_are_finite(short):
+    """Of any recording: of the largest and the smallest numbers, however they come together."""
+    rng = np.random.default_rng(0)
+    numbers = [0.0, 5e-324, 1e-9, 1.0, *(sign * recording.LARGEST for sign in (1.0, -1.0))]
+    reach = 1e3  # from which a robot may be anywhere
+    for _ in range(50):
+        drawn = {
+            name: rng.choice(numbers, np.shape(getattr(short, name)))
+            for name, (kind, _) in SHAPES.items()
+            if kind in ("<f8", "<f4") and name != "terrain"
+        }
+        drawn["time"] = np.cumsum(rng.choice([1.1e-9, 1.0, 1e3], 6))
+        drawn["weight"] = np.maximum(np.abs(drawn["weight"]), 1e-9)
+        one = replace(short, scene={**short.scene, "reach": reach}, **drawn)
+        with np.errstate(over="raise", invalid="raise", divide="raise"):
+            page(one)
 
 
 def test_bombs_stay_small(short, tmp_path, monkeypatch):

@@ -15,6 +15,7 @@ from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.kinematics import coordinates, joint_positions
 
+pytestmark = pytest.mark.processor  # tolerances are those of rounding
 LOAD = Payload(mass=1.7, inertia=0.3, position=(0.2, 0.4))
 
 

@@ -111,6 +111,27 @@ def test_two_runs_in_one_folder(killed, run):
         assert not list(run.glob(f"{PART}*"))
 
 
+def test_what_is_not_ours_stays(run):
+    """A folder called as half-written files are, and a command.txt that is no UTF-8."""
+    (run / f"{PART}x").mkdir()
+    (run / "command.txt").write_bytes(b"\xff\n")
+    with runs.locked(run):
+        runs.record_run(run, {}, "python train.py")
+    assert (run / f"{PART}x").is_dir()
+    assert (run / "command.txt").read_bytes() == b"\xff\npython train.py\n"
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no fifos")
+def test_a_fifo_among_the_checkpoints(run, capsys, no_waiting):
+    """It is passed over with a line, as a damaged one is."""
+    fifo = run / "checkpoints" / "model_999999_steps.zip"
+    os.mkfifo(fifo)
+    assert runs.last_state(run) == checkpoints(run)[-2]
+    out = capsys.readouterr().out
+    assert out.count("\n") == 1 and f"{fifo} is no Stable-Baselines3 model" in out
+    assert "not a regular file" in out
+
+
 def test_a_read_only_folder(run, monkeypatch):
     """As the lock finds it."""
 

@@ -21,6 +21,7 @@ from stable_baselines3 import PPO
 import train
 from agents import callbacks, config, models, replay_buffers, runs, training
 from agents.model_files import read_model
+from agents.process import HANGUP, SIGNALS
 
 ROOT = Path(__file__).parents[1]
 KEPT = 64  # steps of the checkpoint that a killed run is resumed from
@@ -299,26 +300,76 @@ def test_only_what_a_model_saves_is_restored():
             models.restore(model, {**given, **change})
 
 
-def test_sigterm_saves_where_training_is(tmp_path, returns, monkeypatch, capsys):
-    """Exit status 143, a checkpoint where the next rollout begins, handlers as before."""
-    handlers = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)]
-    left = [signal.SIGTERM]
+@pytest.fixture
+def hangups_count():
+    """Where the tests are run by nohup, too."""
+    before = {number: signal.signal(number, signal.SIG_DFL) for number in HANGUP}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, *HANGUP])
+def test_a_signal_saves_where_training_is(
+    number, tmp_path, returns, monkeypatch, capsys, hangups_count
+):
+    """Exit status 128 + its number, a checkpoint where the next rollout begins, handlers as before.
+
+    Also of a closed terminal's SIGHUP, which may come twice.
+    """
+    handlers = [signal.getsignal(n) for n in SIGNALS]
+    left = [number] * (2 if number in HANGUP else 1)
     monkeypatch.setattr(
-        callbacks.Saver, "evaluate", lambda saver: left and os.kill(os.getpid(), left.pop())
+        callbacks.Saver,
+        "evaluate",
+        lambda saver: [os.kill(os.getpid(), left.pop()) for _ in left.copy()],
     )
     settings = small_config()
     with pytest.raises(SystemExit) as stopped:
         go(settings, tmp_path)
-    assert stopped.value.code == 143
+    assert stopped.value.code == 128 + number
     state = runs.last_state(tmp_path)
     done = read_model(state)[1]
     assert KEPT <= done < STEPS and not (tmp_path / runs.FINAL).exists()
     assert f"--resume {tmp_path}" in capsys.readouterr().out
-    assert [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)] == handlers
+    assert [signal.getsignal(n) for n in SIGNALS] == handlers
     monkeypatch.undo()
     monkeypatch.setattr(callbacks.Saver, "evaluate", lambda saver: None)
     go(settings, tmp_path, state)
     assert read_model(tmp_path / runs.FINAL)[1] == STEPS
+
+
+@pytest.mark.skipif(not HANGUP, reason="Windows has no SIGHUP")
+def test_nohup_is_respected():
+    """Who has begun it with SIGHUP ignored wants it to go on when the terminal is closed."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with callbacks.StopOnSignal() as stop:
+            os.kill(os.getpid(), signal.SIGHUP)
+        assert not stop.signal
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.parametrize("buffered", ["", "1"])
+def test_a_reader_that_goes_away_does_not_end_the_run(buffered, tmp_path):
+    """``train.py | head -1``: trained to its end, scored, exit status 0."""
+    command = [
+        sys.executable, "train.py", "--log-folder", str(tmp_path), "-n", "8", "--n-envs", "1",
+        "--env", "JansenCrank-v0", "--config", str(tmp_path / "short.yml"), "--eval-freq", "0",
+        "--eval-episodes", "1", "--tensorboard-log", "", "--no-progress",
+    ]  # fmt: skip
+    (tmp_path / "short.yml").write_text(
+        "policy: MlpPolicy\ntimesteps: 8\nn_envs: 1\n"
+        "hyperparameters: {n_steps: 8, batch_size: 8}\npolicy_kwargs: {net_arch: [4]}\n"
+    )
+    with subprocess.Popen(
+        command, cwd=ROOT, env={**os.environ, "PYTHONUNBUFFERED": buffered},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as run:  # fmt: skip
+        run.stdout.close()
+        assert run.stderr.read() == "" and run.wait(120) == 0
+    assert (tmp_path / "ppo" / "JansenCrank-v0_1" / "scores.json").is_file()
 
 
 def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path):

@@ -16,6 +16,10 @@ With P = -B (u_1 + offset) a compliant contact is a rigid one with 1 / B more on
 ``offset`` in the free velocity: the complementarity problem, its solver and its guesses stay as
 they are. What it calls velocity is then the one at which the pad slides, or takes off. A touchdown
 counts only the way below the ground: never more energy comes back than went in.
+
+Where the ground has an edge, a pad that is deep in it may be far below a plane that is just found.
+So compression is part of the state: together, the springs on new planes hold no more than the pad's
+springs held on the old ones. Planes on which they would hold more are moved into the ground.
 """
 
 from __future__ import annotations
@@ -24,10 +28,52 @@ import numpy as np
 
 from jansen_env.engine.contact_solver import COMPLIANCE, OPEN, STICK
 from jansen_env.engine.contacts import rate
-from jansen_env.engine.jit import stage
+from jansen_env.engine.jit import macro, stage
 
 RESOLVED = 2.0  # of a free pad's phase or decay in a time step: up to there c is 0
 NORMAL, TANGENTIAL = 0, 1
+
+
+@macro
+def _implicit_share(h, k, d, weight):
+    """c, of a contact's row with ``weight`` on W's diagonal."""
+    phase, decay = h * np.sqrt(k * weight), h * d * weight  # of free motion, in a step
+    return 1.0 - 1.0 / max(1.0, phase / RESOLVED, decay / RESOLVED)
+
+
+@macro
+def _start_length(h, middle, ahead, old):
+    """Length of a normal spring at the start of a step, m: negative, or 0 off the ground."""
+    return min(middle - (h - ahead) * old, 0.0)
+
+
+@stage(inline=False)
+def limit_springs(h, count, velocity, params, planes, contacts, statistics):
+    """Let the springs on planes just found hold no more than the pad's springs held before.
+
+    They are shortened in proportion, by moving the planes. A pad of unknown (infinite) compression
+    takes what the ground makes of it. Contacts are in the order of their pads.
+    """
+    k, d = params.stiffness[NORMAL], params.pad_damping[NORMAL]
+    first, last = 0, 0
+    for j in range(len(statistics)):
+        square = 0.0
+        while last < count and planes[contacts.plane[last]].pad == j:
+            share = _implicit_share(h, k, d, contacts.problem.W[2 * last, 2 * last])
+            old = rate(contacts.J, 2 * last, velocity)
+            start = _start_length(h, contacts.gap[last], 0.5 * h * (1.0 + share), old)
+            contacts.middle[2 * last] = start
+            square += ((1.0 - share) * start) ** 2
+            last += 1
+        held = statistics[j].deflection[NORMAL]
+        if np.isinf(held):
+            statistics[j].deflection[NORMAL] = np.sqrt(square)
+        elif square > held * held:
+            excess = 1.0 - held / np.sqrt(square)
+            for c in range(first, last):
+                contacts.gap[c] -= excess * contacts.middle[2 * c]
+                planes[contacts.plane[c]].offset += excess * contacts.middle[2 * c]
+        first = last
 
 
 @stage(inline=False)
@@ -39,8 +85,7 @@ def add_compliance(h, count, velocity, params, planes, contacts):
             i = 2 * c + side
             k, d = params.stiffness[side], params.pad_damping[side]
             old = rate(contacts.J, i, velocity)
-            phase, decay = h * np.sqrt(k * W[i, i]), h * d * W[i, i]  # of free motion, in a step
-            share = 1.0 - 1.0 / max(1.0, phase / RESOLVED, decay / RESOLVED)
+            share = _implicit_share(h, k, d, W[i, i])
             ahead = 0.5 * h * (1.0 + share)
             give = h * h * k * (0.25 + 0.75 * share) + d * ahead
             touchdown = False
@@ -66,16 +111,18 @@ def attach_bristles(status, planes, statistics):
     pad = -1
     for k in range(status.first_plane, status.end_plane):
         nearest, pad = planes[k].pad != pad, planes[k].pad
-        planes[k].deflection = statistics[pad].deflection if nearest else 0.0
+        planes[k].deflection = statistics[pad].deflection[TANGENTIAL] if nearest else 0.0
 
 
 @stage
-def keep_bristles(status, planes, statistics):
-    """Keep pads' bristles while their planes are found again."""
+def keep_deflection(status, planes, statistics):
+    """Keep what pads' springs and bristles hold while their planes are found again."""
     for pad in statistics:
-        pad.deflection = 0.0
+        pad.deflection[NORMAL] = pad.deflection[TANGENTIAL] = 0.0
     for k in range(status.end_plane - 1, status.first_plane - 1, -1):  # a pad's nearest comes last
-        statistics[planes[k].pad].deflection = planes[k].deflection
+        deflection = statistics[planes[k].pad].deflection
+        deflection[NORMAL] = np.hypot(deflection[NORMAL], planes[k].compression)
+        deflection[TANGENTIAL] = planes[k].deflection
 
 
 @stage(inline=False)
@@ -85,30 +132,37 @@ def accumulate_compliant(
     """Add a time step's slip, impulses and losses of compliant pads; bend the bristles.
 
     What friction takes while sliding is slip loss, all else (dampers, springs let go) impact loss:
-    also by how much springs are longer on planes that were ``renewed`` than on the old ones.
+    also what springs hold less on planes that were ``renewed`` than on the old ones.
     Springs are as long as they are where the law looks, at the step's ends or up to half a step
-    ahead. Of normal ones that the step does not resolve (1 - c)^2 of the energy counts as stored,
-    the rest as lost: what they hold is less than the place of the ground is known by.
+    ahead. Where c = 0, springs and dampers of a step lose h d times the mean velocity squared, so
+    no loss is negative. Of normal springs with c > 0 the share (1 - c)^2 of the energy counts as
+    stored, the rest as lost: what they hold is less than the place of the ground is known by.
     """
     J, P, mode = contacts.J, contacts.problem.P, contacts.problem.mode
     middle, ahead, curve = contacts.middle, contacts.ahead, contacts.curve
     total, status = robot.accumulators, robot.status
     k, kt = params.stiffness[NORMAL], params.stiffness[TANGENTIAL]
+    if status.step == 0:
+        for pad in statistics:
+            total.elastic_energy += 0.5 * k * pad.deflection[NORMAL] ** 2
+            total.elastic_energy += 0.5 * kt * pad.deflection[TANGENTIAL] ** 2
+        total.initial_energy += total.elastic_energy
     before, stored, lost = 0.0, 0.0, 0.0  # J: in the springs, and what contacts took of the robot
     slip_loss = 0.0
     for j in range(status.first_plane, status.end_plane):
         before += 0.5 * kt * planes[j].deflection ** 2
-        planes[j].deflection = 0.0
+        planes[j].deflection = planes[j].compression = 0.0
     for c in range(count):
         i, t, plane = 2 * c, 2 * c + 1, planes[contacts.plane[c]]
         plane.mode = mode[c]
         old, new = rate(J, i, velocity), rate(J, i, after)
         old_t, new_t = rate(J, t, velocity), rate(J, t, after)
-        start = min(middle[i] - (h - ahead[i]) * old, 0.0)
-        end = min(middle[i] + ahead[i] * new + h * curve[i], 0.0)
-        known = 0.5 * k * (2.0 - 2.0 * ahead[i] / h) ** 2
-        before += known * start * start
-        stored += known * end * end
+        resolved = 2.0 - 2.0 * ahead[i] / h  # 1 - c
+        start = resolved * _start_length(h, middle[i], ahead[i], old)
+        end = resolved * min(middle[i] + ahead[i] * new + h * curve[i], 0.0)
+        plane.compression = -end
+        before += 0.5 * k * start * start
+        stored += 0.5 * k * end * end
         if mode[c] == OPEN:
             continue
         slid = 0.0
@@ -122,9 +176,7 @@ def accumulate_compliant(
         pad.slip += abs(slid)
         pad.impulse[0] += P[t]
         pad.impulse[1] += P[i]
-    if status.step == 0:
-        total.initial_energy += before
-    elif renewed:
+    if renewed:
         total.impact_loss += total.elastic_energy - before
     total.slip_loss += slip_loss
     total.impact_loss += lost + before - stored - slip_loss

@@ -27,7 +27,8 @@ from jansen_env.engine.compliance import (
     accumulate_compliant,
     add_compliance,
     attach_bristles,
-    keep_bristles,
+    keep_deflection,
+    limit_springs,
 )
 from jansen_env.engine.contact_solver import OPEN, index_size, spare_space
 from jansen_env.engine.contacts import (
@@ -232,7 +233,7 @@ def _advance_robot(world, asked, state, robot, model, planes, statistics, work, 
             done, stop = left + 1, 0
     status.steps_left = left - done
     if robot.params.compliant:
-        keep_bristles(status, planes, statistics)
+        keep_deflection(status, planes, statistics)
 
 
 @macro
@@ -264,6 +265,8 @@ def _time_step(h, asked, torque, pushes, renewed, state, robot, model, planes, s
     )
     wedged = assemble(count, params, inertia, planes, contacts)
     if params.compliant:
+        if renewed:
+            limit_springs(h, count, velocity, params, planes, contacts, statistics)
         add_compliance(h, count, velocity, params, planes, contacts)
     friction = 0.0
     if params.dry:

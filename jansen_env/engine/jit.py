@@ -11,6 +11,7 @@ import contextlib
 import gc
 import hashlib
 import logging
+import multiprocessing
 import os
 import sys
 import threading
@@ -21,12 +22,13 @@ from typing import Any, NamedTuple
 import numba
 import numba.core.caching
 
-from jansen_env.files import remove_unused, writable
+from jansen_env.files import own_folder, remove_unused, writable
 
 _config: Any = numba.config
 _njit: Any = numba.njit  # _nrt and what spares wrappers are no documented options
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
 _FunctionCache: Any = numba.core.caching.FunctionCache
+_log = logging.getLogger("jansen_env")
 
 OPTIMISATION = 1  # level of LLVM: up to 3 it takes longer, and its code is no faster
 UNUSED = 30 * 24 * 3600.0  # s after which the folder of other sources is removed
@@ -49,11 +51,12 @@ def _user_cache() -> Path | None:
 
 
 def _cache_folder() -> str:
-    """Where machine code is kept; "" where nothing can be written.
+    """Where machine code is kept; "" where no folder is fit for it.
 
     The first that can be written to of NUMBA_CACHE_DIR, the package and the user's caches, and in
-    there a folder named after the sources. A new one makes room: those that other sources have
-    not used for long are removed.
+    there a folder named after the sources. Whoever writes there has code run, as numba unpickles
+    what it finds: where another user could, a line says so and the next one is taken. A new folder
+    makes room: those that other sources have not used for long are removed.
     """
     here = Path(__file__).parent
     digest = hashlib.sha256()
@@ -68,9 +71,20 @@ def _cache_folder() -> str:
     for parent in parents:
         folder = parent / f"jansen-{digest.hexdigest()[:_DIGEST]}"
         new = not os.path.exists(folder)
+        try:
+            folder = own_folder(folder)
+        except OSError:
+            continue
+        except ValueError as error:
+            if new:
+                with contextlib.suppress(OSError):
+                    folder.rmdir()
+            if multiprocessing.parent_process() is None:  # or each worker would say it
+                _log.warning("jansen_env keeps no machine code in %s: %s", folder, error)
+            continue
         if writable(folder):  # which also marks it as used now
             if new:
-                others = set(parent.glob("jansen-" + _DIGEST * "[0-9a-f]")) - {folder}
+                others = set(folder.parent.glob("jansen-" + _DIGEST * "[0-9a-f]")) - {folder}
                 remove_unused(others, UNUSED)
             return str(folder)
     return ""
@@ -78,8 +92,7 @@ def _cache_folder() -> str:
 
 FOLDER = _cache_folder()
 DISABLED = bool(_config.DISABLE_JIT)  # numba is told to compile nothing
-NOT_KEPT = "and cannot keep it: there is no folder to write to, NUMBA_CACHE_DIR can name one"
-_log = logging.getLogger("jansen_env")
+NOT_KEPT = "and cannot keep it: there is no folder for it, NUMBA_CACHE_DIR can name one"
 _preparing = threading.RLock()
 _told: set[str] = set()  # what has been said in this process
 

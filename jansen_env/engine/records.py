@@ -115,9 +115,15 @@ ACCUMULATORS = row_dtype(
 ROBOT = row_dtype([("params", PARAMS), ("status", STATUS), ("accumulators", ACCUMULATORS)])
 """A robot of a batch."""
 
-CONTACT_STATISTICS = row_dtype([("slip", "f8"), ("impulse", "f8", 2), ("deflection", "f8")])
-"""Of a pad, sums as well: path it slid while loaded, m; tangential and normal impulse, N s. And how
-far a compliant one's bristle is bent, m: that is part of the state."""
+CONTACT_STATISTICS = row_dtype([("slip", "f8"), ("impulse", "f8", 2), ("deflection", "f8", 2)])
+"""Sums of a pad: path it slid while loaded, m; tangential and normal impulse, N s.
+
+And of a compliant one, as part of the state, m: compression of its spring (of several, the root of
+the sum of squares; inf: as the ground presses it), and how far its bristle is bent.
+"""
+
+UNKNOWN_DEFLECTION = np.inf, 0.0
+"""Of a pad whose past is unknown: as the ground presses it, and not bent."""
 
 PAD = row_dtype([("table", "i8"), ("phase", "f8")])
 """A pad of the design: row of the pads' tables, and crank phase, rad."""
@@ -142,7 +148,8 @@ PLANE = row_dtype(
         ("distance", "f8"),  # m, of the pad's centre, when it was found
         ("pad", "i8"),
         ("mode", "i8"),  # the last time step's contact mode, a first guess
-        ("deflection", "f8"),  # m, how far a compliant pad's bristle is bent there
+        ("compression", "f8"),  # m, of a compliant pad's spring there, as far as it is stored
+        ("deflection", "f8"),  # m, how far its bristle is bent there
     ]
 )
 """The ground as one pad may touch it."""

@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
 
 RENDER_MODES = ["human", "rgb_array"]
 MOST_STEPS = 10_000  # time steps in a control period: seconds on the slowest plant
+MOST_DELAYED = 10_000  # control periods in a delay: torques that are kept
 MOST_ROBOTS = 1_000_000  # of a vector environment: gigabytes
 FLAT = Terrain.flat()  # where a robot stands before its ground is drawn
 FURTHEST_SCAN, MOST_SCANNED = 100.0, 1000  # m, and places, of a height scan

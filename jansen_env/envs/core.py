@@ -17,6 +17,7 @@ from jansen_env.engine.actions import take_actions
 from jansen_env.engine.jit import Kernel
 from jansen_env.envs import arguments
 from jansen_env.envs.arguments import actions_of_each, option
+from jansen_env.motor import Motor
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 
@@ -164,6 +165,17 @@ class Task(ABC):
     delay_range: Array
     rows: NDArray[Any]
 
+    @classmethod
+    def driven_robot(
+        cls, robot: Robot | str, motor: Motor | str | None, torque_limit: float | None
+    ) -> Robot:
+        """Return the robot that such arguments give, with the motor that turns its crank.
+
+        Raises:
+            ValueError: one of them is not allowed.
+        """
+        return arguments.robot_of_each(1, robot, motor=motor, torque_limit=torque_limit)[0]
+
     def _allocate(
         self,
         row: np.dtype[Any],
@@ -179,7 +191,13 @@ class Task(ABC):
         n = self.num_envs
         self.delay_range = arguments.delay_of_each(n, delay)
         self._time_step = time_step
-        longest = math.ceil(max(self.delay_range.max(), longest_delay) / self.control_dt)
+        longest_delay = max(float(self.delay_range.max()), longest_delay)
+        if longest_delay > arguments.MOST_DELAYED * self.control_dt:
+            raise ValueError(
+                f"delay is {longest_delay} s, must be at most {arguments.MOST_DELAYED} times "
+                f"control_dt, {self.control_dt}"
+            )
+        longest = math.ceil(longest_delay / self.control_dt)
         self.asked, self.delay = np.zeros((n, longest + 2)), np.zeros((n, 2), np.int64)
         self.earlier, self.switch = np.zeros(n), np.zeros(n, np.int64)
         self.observed = tuple(observed)

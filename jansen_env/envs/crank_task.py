@@ -78,10 +78,7 @@ class CrankTask(Task):
         track_joint_forces: bool = False,
     ) -> None:
         self.num_envs = n = num_envs
-        (chosen,) = arguments.robot_of_each(1, robot, motor=motor, torque_limit=torque_limit)
-        if motor is None and torque_limit is None and chosen.motor == IDEAL:
-            chosen = replace(chosen, motor=replace(IDEAL, torque_limit=TORQUE_LIMIT))
-        self.robots = [chosen] * n
+        self.robots = [self.driven_robot(robot, motor, torque_limit)] * n
         self.speed_command = arguments.ranges_of_each(
             n, "speed_command", speed_command, -FASTEST_COMMAND, FASTEST_COMMAND
         )
@@ -113,6 +110,16 @@ class CrankTask(Task):
             Kernel("observation", task.describe, (np.arange(1), *self._arguments_of_description())),
             Kernel("reward", task.finish_step, (np.ones(n, bool), *self._arguments_of_step())),
         )
+
+    @classmethod
+    def driven_robot(
+        cls, robot: Robot | str, motor: Motor | str | None, torque_limit: float | None
+    ) -> Robot:
+        """Return the robot as of :class:`Task`; an ideal motor has :data:`TORQUE_LIMIT`."""
+        chosen = super().driven_robot(robot, motor, torque_limit)
+        if motor is None and torque_limit is None and chosen.motor == IDEAL:
+            chosen = replace(chosen, motor=replace(IDEAL, torque_limit=TORQUE_LIMIT))
+        return chosen
 
     def _inform(self) -> Information:
         loads = {"joint_force_max": self._joint_force} if self.track_joint_forces else {}

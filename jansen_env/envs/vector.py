@@ -171,7 +171,10 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
 
         With ``SAME_STEP`` no episode is started.
         """
-        self._check_reset()
+        if (waiting := self._awaiting_reset()).any():
+            raise gym.error.ResetNeeded(
+                f"robots {np.flatnonzero(waiting).tolist()} must be reset before the next step()"
+            )
         task, over = self.task, self._done.copy()
         # NEXT_STEP: those whose episode is over only start again.
         meanwhile = partial(self.restart, np.flatnonzero(over)) if over.any() else None
@@ -198,23 +201,27 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         """What :attr:`info_keys` ask for, see :meth:`jansen_env.envs.core.Information.of_all`."""
         return self.task.information.of_all(known, stepped, self.info_keys)
 
-    def _check_reset(self) -> None:
-        """Raises gymnasium.error.ResetNeeded if a robot cannot take a step."""
-        needed = ~self._begun
-        if self.autoreset_mode == AutoresetMode.DISABLED:
-            needed |= self._done
-        if needed.any():
-            raise gym.error.ResetNeeded(
-                f"robots {np.flatnonzero(needed).tolist()} must be reset before the next step()"
-            )
+    def _awaiting_reset(self) -> Bools:
+        """Which robots (num_envs,) cannot take a step before :meth:`reset`."""
+        disabled = self.autoreset_mode == AutoresetMode.DISABLED
+        return ~self._begun | self._done if disabled else ~self._begun
 
     def set_parameters(self, row: int, **changes: Any) -> None:
         """Change robot ``row`` from now on, see the task's ``set_parameters``."""
         self.task.set_parameters(row, **changes)
 
     def push(self, row: int, impulse: Any) -> None:
-        """Push robot ``row`` from now on, see the task's ``push``."""
-        self._check_reset()
+        """Push robot ``row`` from now on, see the task's ``push``.
+
+        With ``NEXT_STEP`` a robot whose episode is over is not pushed, as it takes no action: its
+        next step resets it.
+
+        Raises:
+            gymnasium.error.ResetNeeded: before the robot's first :meth:`reset`, and with
+                ``AutoresetMode.DISABLED`` while its episode is over.
+        """
+        if self._awaiting_reset()[row]:
+            raise gym.error.ResetNeeded(f"robot {row} must be reset before push()")
         self.task.push(row, impulse)
 
     def get_state(self, row: int) -> dict[str, Any]:

@@ -34,6 +34,7 @@ ROUGHLY = 0.25  # relative: what still counts as "roughly constant"
 CLEARLY = 0.9  # of another heave: what counts as less
 NONE = 1e-6  # m of slip per metre: what counts as none
 SINGULAR = 1e-9  # singular values below count as 0
+ROUNDING = 1e-15  # m, below which the digits are the processor's
 
 
 @dataclass(frozen=True)
@@ -187,10 +188,11 @@ def constant_torque(r: Results) -> Claim:
 def toe_paths(_: Results) -> Claim:
     """The back leg's constraints at the mirrored fore leg."""
     error = toes.mirror_error(paper_robot())
+    size = f"less than {ROUNDING:g}" if error < ROUNDING else f"{error:.0e}"
     return Claim(
         "toe_paths", "4, Fig. 5",
         "the toes' trajectories are symmetric",
-        f"mirror images to {error:.0e} m",
+        f"mirror images to {size} m",
         _verdict(error < 1e-12),
         "the back leg's constraints are the fore leg's with x -> -x, psi -> pi - psi",
         {"error": error},

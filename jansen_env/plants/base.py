@@ -105,11 +105,11 @@ class BatchedPlant(Protocol):
 
     @property
     def deflection(self) -> Array:
-        """(n, pads) how far the bristles of compliant pads are bent, m; to be read."""
+        """(n, pads, 2) deflection of compliant pads, m: compression and bend; to be read."""
         ...
 
     def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
-        """Put a robot into a state (8,), with bristles' ``deflection`` (pads,), m; None: 0."""
+        """Put a robot into a state (8,), pads deflected (pads, 2), m; None: not known."""
         ...
 
     def vary(self, rows: NDArray[np.int64], values: NDArray[np.void]) -> None:
@@ -191,7 +191,7 @@ class Plant(Protocol):
 
     @property
     def deflection(self) -> Array:
-        """(pads,) how far the bristles of compliant pads are bent, m: set it after the state."""
+        """(pads, 2) compression and bend of compliant pads, m: set it after the state."""
         ...
 
     @deflection.setter
@@ -255,10 +255,18 @@ def check_state(value: Any) -> Array:
 
 
 def check_deflection(value: Any, pads: int) -> Array:
-    """Bent bristles as an array. Raises ValueError unless they are one finite number a pad."""
+    """Pads' deflection as an array (pads, 2): compression and bend, m.
+
+    Raises:
+        ValueError: it has another shape, a compression below 0 or NaN, or an infinite bend.
+    """
     deflection = np.array(value, dtype=float)
-    if deflection.shape != (pads,) or not np.isfinite(deflection).all():
-        raise ValueError(f"deflection is {value!r}, must be {pads} finite numbers")
+    shape = deflection.shape == (pads, 2)
+    if not (shape and (deflection[:, 0] >= 0.0).all() and np.isfinite(deflection[:, 1]).all()):
+        raise ValueError(
+            f"deflection is {value!r}, must be {pads} pairs of a compression of 0 or above "
+            "(infinity where it is not known) and a finite bend"
+        )
     return deflection
 
 

@@ -17,7 +17,7 @@ from jansen_env.cores import available_cores
 from jansen_env.engine import collision, integrator, placement
 from jansen_env.engine.collision import SPECULATIVE_MARGIN, WAY_OUT
 from jansen_env.engine.jit import Kernel, prepare
-from jansen_env.engine.records import WORLD, as_bytes
+from jansen_env.engine.records import UNKNOWN_DEFLECTION, WORLD, as_bytes
 from jansen_env.engine.tables import (
     energy,
 )
@@ -247,7 +247,7 @@ class Batch(VariedRobots):
         placement.lower(*self._arguments_of_lower(rows, places, crank_angles, pitches))
         self.detector.recall(rows, self.states)
         placement.settle(*self._arguments_of_settle(rows, sags))
-        self.deflection[rows] = 0.0
+        self.deflection[rows] = UNKNOWN_DEFLECTION
         self.diverged[rows] = False
         self.in_contact = None if 0 in rows else self.in_contact
 
@@ -270,9 +270,9 @@ class Batch(VariedRobots):
             self.in_contact = in_contact
 
     def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
-        """Put a robot into a state (8,), with bristles' ``deflection`` (pads,), m; None: 0."""
+        """Put a robot into a state (8,), pads deflected (pads, 2), m; None: not known."""
         self.states[row] = state
-        self.deflection[row] = 0.0 if deflection is None else deflection
+        self.deflection[row] = UNKNOWN_DEFLECTION if deflection is None else deflection
         if row == 0:
             self.in_contact = None
 

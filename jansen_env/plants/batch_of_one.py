@@ -65,11 +65,11 @@ class BatchOfOne:
 
     @property
     def deflection(self) -> Array:
-        """(1, pads) how far the bristles of compliant pads are bent, m, a copy."""
+        """(1, pads, 2) compression and bend of compliant pads, m, a copy."""
         return self._plant.deflection[None]
 
     def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
-        """Put the robot into a state (8,), its pads' bristles bent by ``deflection`` (pads,), m."""
+        """Put the robot into a state (8,), its pads deflected (pads, 2), m."""
         self._plant.state = np.asarray(state, dtype=float)
         if deflection is not None:
             self._plant.deflection = deflection

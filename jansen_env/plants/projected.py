@@ -137,7 +137,7 @@ class ProjectionPlant:
 
     @property
     def deflection(self) -> Array:
-        """(pads,) how far the bristles of compliant pads are bent, m: set it after the state."""
+        """(pads, 2) compression and bend of compliant pads, m: set it after the state."""
         return self.batch.deflection[0].copy()
 
     @deflection.setter

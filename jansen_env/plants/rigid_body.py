@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import finite, positive, positive_integer, within
 from jansen_env.dynamics.pads import pad_layout
+from jansen_env.engine.records import UNKNOWN_DEFLECTION
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.kinematics import check_closure
 from jansen_env.plants import bodies as links
@@ -437,12 +438,18 @@ class RigidBodyPlant:
 
     @property
     def deflection(self) -> Array:
-        """(pads,) how far the bristles of pads that give are bent, m; set it after the state."""
-        return np.zeros(len(self._pads)) if self._springs is None else self._springs.bristle.copy()
+        """(pads, 2) compression and bend of compliant pads, m; set it after the state.
+
+        Springs have no memory here: what presses them is where the bodies are.
+        """
+        deflection = np.tile(UNKNOWN_DEFLECTION, (len(self._pads), 1))
+        if self._springs is not None:
+            deflection[:, 1] = self._springs.bristle
+        return deflection
 
     @deflection.setter
     def deflection(self, value: Any) -> None:
-        bristle = check_deflection(value, len(self._pads))
+        bristle = check_deflection(value, len(self._pads))[:, 1]
         if self._springs is not None:
             self._memory = self.state, self.in_contact, bristle
 

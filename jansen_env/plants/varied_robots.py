@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.dynamics.reduced import Tables, compile_robot
-from jansen_env.engine.records import CONTACT_STATISTICS, ROBOT
+from jansen_env.engine.records import CONTACT_STATISTICS, ROBOT, UNKNOWN_DEFLECTION
 from jansen_env.engine.tables import (
     farthest,
     kernel_model,
@@ -79,6 +79,7 @@ class VariedRobots:
         for robot, terrain in zip(robots, terrains, strict=True):
             check_bounce(robot.pad_compliance, terrain.restitution)
         self.contact_statistics = np.zeros((n, len(self.model.layout)), CONTACT_STATISTICS)
+        self.deflection[:] = UNKNOWN_DEFLECTION
         self._any_gives = not all(robot.pad_compliance.rigid for robot in robots)
 
     def vary(self, rows: Ints, values: NDArray[np.void]) -> None:
@@ -153,7 +154,7 @@ class VariedRobots:
             ValueError: they give and its ground has restitution.
         """
         check_bounce(pads, float(self.params["restitution"][row]))
-        self.deflection[row] = 0.0
+        self.deflection[row] = UNKNOWN_DEFLECTION
         self._any_gives = self._any_gives or not pads.rigid
         robot = self.robots[row] = replace(self.robots[row], pad_compliance=pads)
         self.tables[row] = compile_robot(robot)
@@ -162,7 +163,7 @@ class VariedRobots:
 
     @property
     def deflection(self) -> Array:
-        """(n, pads) how far the bristles of compliant pads are bent, m; part of the state."""
+        """(n, pads, 2) deflection of compliant pads, m: compression and bend; part of the state."""
         bent: Array = self.contact_statistics["deflection"]
         return bent
 

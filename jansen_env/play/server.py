@@ -86,6 +86,7 @@ class Page:
             for path, (name, kind) in FILES.items()
         }
         self._sockets = 0
+        self._choosing = asyncio.Lock()  # one choice at a time
         self._fresh = asyncio.Event()  # set at the next state
         self._scene, self._scene_version, self._state = "", -1, ""
 
@@ -155,9 +156,25 @@ class Page:
                     return await connection.close(VIOLATION, "too many errors")
                 await connection.send(json.dumps({"kind": "error", "message": str(error)}))
             else:
-                self.session.attempt(action, **arguments)
+                await self._do(action, arguments)
             before = monotonic()  # the work for a message, such as another robot's, earns nothing
             await asyncio.sleep(0.0)  # others have their turn, however many messages there are
+
+    async def _do(self, action: str, arguments: dict[str, Any]) -> None:
+        """Do what a message asks for; while a robot is made for it, all else goes on.
+
+        Messages of the same page wait for it, and so do choices of others.
+        """
+        if action != "choose":
+            self.session.attempt(action, **arguments)
+            return
+        async with self._choosing:
+            try:
+                env = await asyncio.to_thread(self.session.make, **arguments)
+            except ValueError as error:
+                self.session.say(str(error))
+            else:
+                self.session.attempt(action, **arguments, env=env)
 
     async def _send_states(self, connection: ServerConnection) -> None:
         """Send each state that there is when the one before has gone out."""

@@ -7,7 +7,6 @@ environment is used as anybody can use it: ``gym.make``, ``reset``, ``step`` and
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -21,6 +20,7 @@ from jansen_env.checks import finite, instance, shown, whole_number, within
 from jansen_env.kinematics import advance_per_turn
 from jansen_env.play.frames import between, snapshot
 from jansen_env.play.score import Score, Tally
+from jansen_env.policy_environment import arguments_of
 from jansen_env.rendering import Frame
 from jansen_env.terrain_generators import GENERATORS, HIGHEST
 
@@ -97,7 +97,7 @@ class Session:
         self._message, self._message_left = "", 0.0
         self._env: Any = None
         self._final: Score | None = None  # from a fall on
-        own = _defaults(env_id)
+        own = arguments_of(env_id)
         chosen = {
             "robot": own["robot"] if robot is None else robot,
             "terrain": own["terrain"] if terrain is None else terrain,
@@ -106,7 +106,7 @@ class Session:
         }
         self._choices = chosen
         _check_level(chosen)
-        self._build(chosen)
+        self._begin_with(self._made(chosen), chosen)
 
     @property
     def env(self) -> Any:
@@ -204,17 +204,26 @@ class Session:
         self.settings[name] = number
         self.version += 1
 
-    def choose(self, name: str, value: Any) -> None:
-        """Choose a robot, a terrain, a level or a control; all but a control start again."""
-        if name not in self._choices:
-            raise ValueError(f"choice is {shown(name)}, must be one of {list(self._choices)}")
-        chosen = {**self._choices, name: value}
-        if name == "level":
-            _check_level(chosen)
+    def choose(self, name: str, value: Any, env: Any = None) -> None:
+        """Choose a robot, a terrain, a level or a control; all but a control start again.
+
+        Args:
+            env: of :meth:`make` for this choice; None: it is made here.
+        """
+        chosen = self._chosen(name, value)
         if name == "control":
             self._take_control(self._policy_of(value, self._env), value)
         else:
-            self._build(chosen)
+            self._begin_with(self._made(chosen) if env is None else env, chosen)
+
+    def make(self, name: str, value: Any) -> Any:
+        """Return the environment for a choice; None for a control, which needs no other one.
+
+        It takes a tenth of a second, reads the session and changes nothing of it, and so may run in
+        another thread than the session does.
+        """
+        chosen = self._chosen(name, value)
+        return None if name == "control" else self._made(chosen)
 
     def push(self, x: float, y: float) -> None:
         """Push the chassis by an impulse, N s in x and y, no larger than :data:`LARGEST_PUSH`."""
@@ -284,18 +293,30 @@ class Session:
         """Let go of the environment."""
         self._env.close()
 
-    def _build(self, choices: dict[str, Any]) -> None:
-        """Make the environment of these choices, with the settings there are, and start it."""
+    def _chosen(self, name: str, value: Any) -> dict[str, Any]:
+        """The choices with another one."""
+        if name not in self._choices:
+            raise ValueError(f"choice is {shown(name)}, must be one of {list(self._choices)}")
+        chosen = {**self._choices, name: value}
+        if name == "level":
+            _check_level(chosen)
+        return chosen
+
+    def _made(self, choices: dict[str, Any]) -> Any:
+        """The environment of these choices."""
         for name in ("robot", "terrain"):
             if not isinstance(choices[name], str) or choices[name] not in self.options[name]:
                 allowed = list(self.options[name])
                 raise ValueError(f"{name} is {shown(choices[name])}, must be one of {allowed}")
         level = whole_number("level", choices["level"], HIGHEST)
-        env: Any = gym.make(
+        return gym.make(
             self.env_id, max_episode_steps=-1, disable_env_checker=True, robot=choices["robot"],
             terrain=choices["terrain"], terrain_level=0 if choices["terrain"] == FLAT else level,
             randomize=None, terminate_when_fallen=False,
         )  # fmt: skip
+
+    def _begin_with(self, env: Any, choices: dict[str, Any]) -> None:
+        """Start the environment of these choices, with the settings there are."""
         try:
             if self.settings:
                 env.unwrapped.set_parameters(**self.settings)
@@ -384,15 +405,7 @@ def _check_level(choices: Mapping[str, Any]) -> None:
         raise ValueError(f"level is {shown(choices['level'])}, must be 0 on flat ground")
 
 
-def _defaults(env_id: str) -> dict[str, Any]:
-    """The arguments of an environment when none are given."""
-    made: Any = gym.make(env_id, disable_env_checker=True)
-    found = inspect.signature(type(made.unwrapped)).parameters
-    made.close()
-    return {name: parameter.default for name, parameter in found.items()}
-
-
 def _top_speed(env_id: str, policy: pretrained.PretrainedPolicy) -> float:
     """The fastest command that a policy was trained for, m/s."""
-    arguments: Mapping[str, Any] = {**_defaults(env_id), **policy.env_kwargs}
+    arguments: Mapping[str, Any] = {**arguments_of(env_id), **policy.env_kwargs}
     return float(np.max(np.abs(arguments["speed_command"])))

@@ -1,0 +1,75 @@
+"""The environment that a policy's file names: what actions are there, and what an episode takes.
+
+Files come from anybody: all of it follows from the environment's arguments, and nothing is built.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+from gymnasium.envs.registration import load_env_creator
+
+from jansen_env.checks import positive_integer, shown, within
+from jansen_env.envs import arguments
+from jansen_env.plants.make import plant_time_step
+
+SHORTEST_PERIOD, LONGEST_PERIOD = 1e-4, 1.0  # s, for which an action is held
+MOST_TIME_STEPS = 200_000  # of an episode: 20 times as many as by default
+
+
+def arguments_of(env_id: str) -> dict[str, Any]:
+    """The arguments of an environment of this package with their defaults, its time limit too.
+
+    Raises:
+        ValueError: there is none of this id.
+    """
+    specs = {
+        name: spec
+        for name, spec in gym.registry.items()
+        if str(spec.entry_point).startswith("jansen_env.")
+    }
+    if env_id not in specs:
+        raise ValueError(f"env.id is {shown(env_id)}, must be one of {sorted(specs)}")
+    env: Any = load_env_creator(str(specs[env_id].entry_point))
+    parameters = inspect.signature(env).parameters
+    limit = {"max_episode_steps": specs[env_id].max_episode_steps}
+    return {name: parameter.default for name, parameter in parameters.items()} | limit
+
+
+def check_action(
+    env_id: str, env_kwargs: Mapping[str, Any], torque_limit: float, control_dt: float
+) -> None:
+    """Check that a policy's actions are what they are in the environment that its file names.
+
+    Args:
+        env_id, env_kwargs: of the file. torque_limit: N m, of action 1. control_dt: s, for which
+            an action is held.
+
+    Raises:
+        ValueError: they are not; there is no such environment; the control period is not within
+            :data:`SHORTEST_PERIOD` and :data:`LONGEST_PERIOD`; or an episode has no end, or more
+            than :data:`MOST_TIME_STEPS` time steps.
+    """
+    given = {**arguments_of(env_id), **env_kwargs}
+    env: Any = load_env_creator(str(gym.registry[env_id].entry_point))
+    robot = env.TASK.driven_robot(given["robot"], given["motor"], given["torque_limit"])
+    plant = given.get("plant", "projection")  # the crank has none to choose
+    period, step = arguments.control_period(
+        given["control_dt"], plant_time_step(plant, given["time_step"])
+    )
+    for name, own, needed in (
+        ("torque_limit", torque_limit, robot.motor.torque_limit),
+        ("control_dt", control_dt, within("control_dt", period, SHORTEST_PERIOD, LONGEST_PERIOD)),
+    ):
+        if not math.isclose(own, needed):
+            raise ValueError(f"{name} is {own}, must be {needed} as of {env_id} with env.kwargs")
+    steps = positive_integer("max_episode_steps", given["max_episode_steps"])
+    if (count := steps * round(period / step)) > MOST_TIME_STEPS:
+        raise ValueError(
+            f"max_episode_steps is {steps} with control_dt {period} and time_step {step}, "
+            f"{count} time steps, must be at most {MOST_TIME_STEPS} of these"
+        )

@@ -35,8 +35,9 @@ def bill_of_materials(robot: Robot) -> list[Part]:
     legs, parts, ends = len(robot.legs), [], 0
     for name in ("frame", "crank", "upper_rod", "rocker", "lower_rod", "coupler"):
         link, width = getattr(robot, name), built.FRAME_WIDTH if name == "frame" else built.WIDTH
-        size = f"{1e3 * width:g} x {1e3 * built.BAR_THICKNESS:g} mm, {1e3 * link.length:.1f} mm"
-        bare = built.flat_bar(link.length, width, 0.0).mass
+        thickness = built.bar_thickness(name)
+        size = f"{1e3 * width:g} x {1e3 * thickness:g} mm, {1e3 * link.length:.1f} mm"
+        bare = built.flat_bar(link.length, width, 0.0, thickness).mass
         parts.append(Part(name, MATERIALS["flat bar"], f"{size} between pins", legs, bare, "A"))
         ends += 2 * legs
     for name in ("upper_triangle", "foot"):

@@ -219,9 +219,14 @@ def over_starts(values: Array, form: str, worst: Callable[[Array], float] = np.m
     return f"{np.median(values):{form}} / {worst(values):{form}}"
 
 
+def buckling_load(robot: Robot, name: str) -> float:
+    """What a rod bears, N."""
+    return built.buckling_load(getattr(robot, name).length, thickness=built.bar_thickness(name))
+
+
 def safety(robot: Robot, found: Loads) -> Array:
     """(starts, rods) against buckling between the pins."""
-    most = np.array([built.buckling_load(getattr(robot, name).length) for name in RODS])
+    most = np.array([buckling_load(robot, name) for name in RODS])
     return np.asarray(most / np.maximum(found.rods, 1e-9))
 
 
@@ -267,7 +272,7 @@ def rod_table(robot: Robot, loads: dict[float, Loads]) -> str:
     for i, name in enumerate(RODS):
         cells = [f"{over_starts(found.rods[:, i], '.0f')} N, {safety(robot, found)[:, i].min():.1f}"
                  for found in loads.values()]  # fmt: skip
-        rows.append((name, f"{built.buckling_load(getattr(robot, name).length):.0f}", *cells))
+        rows.append((name, f"{buckling_load(robot, name):.0f}", *cells))
     return table(heading(("rod", "buckles at (N)"), loads), rows)
 
 

@@ -1,12 +1,12 @@
 """Parts of a machine that could be built: flat bars, plates, pins, feet; masses and strengths.
 
-Bars are flat stock of aluminium EN AW-6060 T66, 5 mm thick, plates are cut from 4 mm of it: density
-2700 kg/m^3, modulus of elasticity 69 GPa, proof strength 160 MPa (EN 755-2 for solid bars). Every
-end of a link carries its share of a pin: half of a shoulder screw of 6 mm with nut, washers and a
-spacer, and a flanged plain bearing of iglidur J200, whose coefficient of friction igus gives as
-0.11 in the mean of all its measurements. A foot is a half-round tread of rubber on a shoe:
-its stiffness, strength and mass follow from its radius, width and hardness.
-``docs/built_robot.md`` has the bill of materials and the sources.
+Bars are flat stock of aluminium EN AW-6060 T66, 5 mm thick, and 6 mm for the lower rods, which are
+pushed hardest; plates are cut from 4 mm of it: density 2700 kg/m^3, modulus of elasticity 69 GPa,
+proof strength 160 MPa (EN 755-2 for solid bars). Every end of a link carries its share of a pin:
+half of a shoulder screw of 6 mm with nut, washers and a spacer, and a flanged plain bearing of
+iglidur J200, whose coefficient of friction igus gives as 0.11 in the mean of all its measurements.
+A foot is a half-round tread of rubber on a shoe: its stiffness, strength and mass follow from its
+radius, width and hardness. ``docs/built_robot.md`` has the bill of materials and the sources.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import NamedTuple
 DENSITY = 2700.0  # kg/m^3, EN AW-6060
 STIFFNESS = 69e9  # Pa, its modulus of elasticity
 STRENGTH = 160e6  # Pa, its proof strength in temper T66
-BAR_THICKNESS, PLATE_THICKNESS = 5e-3, 4e-3  # m
+BAR_THICKNESS, LOWER_ROD_THICKNESS, PLATE_THICKNESS = 5e-3, 6e-3, 4e-3  # m
 WIDTH, FRAME_WIDTH = 15e-3, 30e-3  # m, of a link's flat bar and of the frame's
 OUTLINE, WINDOW = 1.1, 0.9  # of a triangular plate and the hole in it, to the pins' triangle
 PIN_SHARE = 8e-3  # kg, of a pin, its bearing and spacer, on every end of a link
@@ -51,13 +51,23 @@ class Inertial(NamedTuple):
     inertia: float
 
 
-def flat_bar(length: float, width: float, end_mass: float = PIN_SHARE) -> Inertial:
+def bar_thickness(name: str) -> float:
+    """Return the thickness of a link's bar, m, by the link's name."""
+    return LOWER_ROD_THICKNESS if name == "lower_rod" else BAR_THICKNESS
+
+
+def flat_bar(
+    length: float,
+    width: float,
+    end_mass: float = PIN_SHARE,
+    thickness: float = BAR_THICKNESS,
+) -> Inertial:
     """A flat bar with round ends about its two pins, and a point mass on each pin.
 
     Args:
-        length: between the pins, m. width: m. end_mass: kg, on each pin.
+        length: between the pins, m. width, thickness: m. end_mass: kg, on each pin.
     """
-    radius, areal = 0.5 * width, DENSITY * BAR_THICKNESS
+    radius, areal = 0.5 * width, DENSITY * thickness
     middle, rounds = areal * length * width, areal * math.pi * radius**2
     inertia = middle * (length**2 + width**2) / 12.0
     # Two half discs, with their centroids 4 r / 3 pi beyond the pins.
@@ -122,9 +132,9 @@ def foot_damping(stiffness: float, mass: float) -> float:
     return FOOT_LOSS_FACTOR * stiffness / math.sqrt(2.0 * FOOT_STIFFNESS[0] / mass)
 
 
-def buckling_load(length: float, width: float = WIDTH) -> float:
+def buckling_load(length: float, width: float = WIDTH, thickness: float = BAR_THICKNESS) -> float:
     """Euler's load of a flat bar between two pins (across its thickness, pinned ends), N."""
-    return math.pi**2 * STIFFNESS * width * BAR_THICKNESS**3 / 12.0 / length**2
+    return math.pi**2 * STIFFNESS * width * thickness**3 / 12.0 / length**2
 
 
 def yield_load(width: float = WIDTH) -> float:

@@ -423,7 +423,8 @@ def built_robot(phases: int = 2) -> Robot:
             each = built.PIN_SHARE + built.AXIS_MASS / len(robot.legs)
             mass, inertia = built.flat_bar(link.length, built.FRAME_WIDTH, each)
         else:
-            mass, inertia = built.flat_bar(link.length, built.WIDTH)
+            thickness = built.bar_thickness(name)
+            mass, inertia = built.flat_bar(link.length, built.WIDTH, thickness=thickness)
         parts[name] = replace(link, mass=mass, inertia=inertia)
     robot = replace(robot, **parts)
     normal, tangential = built.FOOT_STIFFNESS

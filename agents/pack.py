@@ -212,7 +212,7 @@ def rescore(path: str | Path, episodes: int = 10, seed: int = 0) -> Path:
 
 
 def check_equal(packed: PretrainedPolicy, policy: Any, count: int = 10_000) -> float:
-    """The largest difference between two policies' actions on some ``count`` random observations.
+    """Return the largest difference of two policies' actions on some ``count`` random observations.
 
     Torch computes in float32, with an error of its own that depends on how many observations it is
     given at once; so it is compared in float64, to which ``policy`` is turned.
@@ -249,10 +249,10 @@ def in_float64(policy: Any) -> Any:
 
 
 def scores_of(policy: PretrainedPolicy, episodes: int, seed: int = 0) -> dict[str, Any]:
-    """What :func:`agents.evaluate.evaluate` gives, and how to have it again.
+    """Return the scores of :func:`agents.evaluate.evaluate`, and how to have them again.
 
-    Of the single episodes as many digits as it takes to compare them with those of another
-    processor, where chaos makes some of them others.
+    The numbers of single episodes have as many digits as a comparison with those of another
+    processor needs.
     """
     scores = evaluate(
         {"pretrained": policy}, policy.env_id, policy.env_kwargs, episodes=episodes, seed=seed

@@ -15,15 +15,15 @@ UNREAD = {errno.EPIPE, errno.EIO, errno.EINVAL}  # of a pipe, of a terminal, of 
 
 
 def after_the_first(number: int) -> Any:
-    """What a signal does once one of :data:`SIGNALS` has come: kill, so that one can insist.
+    """Return the handler of a signal after one of :data:`SIGNALS` has come: a second one kills.
 
-    But a terminal that is closed may send SIGHUP twice, by its shell and by the kernel.
+    A second SIGHUP is ignored: a terminal that is closed may send two, by its shell and the kernel.
     """
     return signal.SIG_IGN if number in HANGUP else signal.SIG_DFL
 
 
 class _Output(io.FileIO):
-    """Drops what is written where the reader has gone."""
+    """A file that drops what is written once its reader has gone."""
 
     def write(self, data: Any, /) -> int:
         try:
@@ -35,7 +35,7 @@ class _Output(io.FileIO):
 
 
 def outlive_readers() -> None:
-    """Let this process go on when nobody reads what it prints: ``| head`` has seen enough."""
+    """Let this process go on when nobody reads its output any more, as after ``| head``."""
     for name in ("stdout", "stderr"):
         stream: Any = getattr(sys, name)
         console = os.name == "nt" and stream is not None and stream.isatty()  # has its own writer

@@ -48,10 +48,10 @@ class RayWorker:
         self._stopped_by = 0
 
     def serve(self, alone: bool) -> tuple[str, int]:
-        """Open the store that all workers have in common; its address and port.
+        """Open the store that all workers have in common; return its address and port.
 
-        It takes what anybody writes who can connect, so it listens on one address: where all
-        workers are on this node (``alone``) on the loopback's, or else on the node's.
+        Whoever can connect may write to it, so it listens on one address alone: the loopback
+        interface's where all workers are on this node (``alone``), the node's otherwise.
         """
         import ray
 

@@ -251,7 +251,7 @@ def connect_ray(address: str | None, **options: Any) -> Any:
 
 
 def _answers_anybody(address: str) -> bool:
-    """Whether a cluster answers who has no token."""
+    """Whether a cluster answers a client that has no token."""
     import grpc
 
     with grpc.insecure_channel(address, [("grpc.enable_http_proxy", 0)]) as channel:

@@ -21,10 +21,10 @@ PART = ".part-"  # how the names of files begin that are being written
 
 
 def open_regular(path: str | Path) -> BinaryIO:
-    """Open a regular file to read its bytes; of a fifo or a device reading might never end.
+    """Open a regular file to read its bytes. Reading a fifo or a device might never end.
 
     Raises:
-        OSError: it is none, or cannot be read.
+        OSError: it is no regular file, or cannot be read.
     """
 
     def opener(name: str, flags: int) -> int:
@@ -115,22 +115,30 @@ def own_folder(folder: Path) -> Path:
 
     All folders above it count, as who can write there can put another one in its place; but in
     those with the sticky bit everybody's own stay. The real path has no links that could be swapped
-    afterwards. On Windows nothing is checked: permissions are not in a file's mode there.
+    afterwards; the folder itself must not be one, as its mode is set. Who owns the root folder can
+    change everything: in a container root's own folders may appear as those of another user. On
+    Windows nothing is checked: permissions are not in a file's mode there.
 
     Raises:
         OSError: it cannot be made. ValueError: others could change its files; says where.
     """
     for place in reversed([place for place in (folder, *folder.parents) if not place.exists()]):
         place.mkdir(0o700 if place == folder else 0o755, exist_ok=True)
-    real = Path(os.path.realpath(folder))
+    real = Path(os.path.realpath(folder.parent)) / folder.name
+    if not stat.S_ISDIR(real.lstat().st_mode):
+        raise ValueError(f"{real} is a link or a file, must be a folder")
     if hasattr(os, "geteuid"):
+        ours = {0, os.geteuid()}
+        above = ours | {Path(real.anchor).lstat().st_uid}
         for place in (*reversed(real.parents), real):
             status = place.lstat()
-            if status.st_uid not in (0, os.geteuid()):
+            if status.st_uid not in (ours if place == real else above):
                 raise ValueError(f"{place} belongs to user {status.st_uid}, must be ours or root's")
             sticky = place != real and status.st_mode & stat.S_ISVTX
             if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not sticky:
-                raise ValueError(f"others can write to {place} ('chmod go-w' would end that)")
+                # What lies in the folder itself may be theirs already.
+                way = "remove it" if place == real else "'chmod go-w' would end that"
+                raise ValueError(f"others can write to {place} ({way})")
         with contextlib.suppress(OSError):  # some file systems know no modes
             real.chmod(0o700)  # or what is made in there could be open to others, by the umask
     return real

@@ -1,6 +1,6 @@
-"""The environment that a policy's file names: what actions are there, and what an episode takes.
+"""Checks of a policy's file against the environment that it names: its actions, its time steps.
 
-Files come from anybody: all of it follows from the environment's arguments, and nothing is built.
+Files come from anybody. The checks need only the environment's arguments, and build no environment.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from jansen_env.envs import arguments
 from jansen_env.plants.make import plant_time_step
 
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-4, 1.0  # s, for which an action is held
-MOST_TIME_STEPS = 200_000  # of an episode: 20 times as many as by default
+MOST_TIME_STEPS = 200_000  # of an episode; walkers have 10,000 by default
 
 
 def arguments_of(env_id: str) -> dict[str, Any]:
-    """The arguments of an environment of this package with their defaults, its time limit too.
+    """Return the default arguments of an environment of this package, and its time limit.
 
     Raises:
-        ValueError: there is none of this id.
+        ValueError: the package has no environment of this id.
     """
     specs = {
         name: spec
@@ -43,14 +43,14 @@ def arguments_of(env_id: str) -> dict[str, Any]:
 def check_action(
     env_id: str, env_kwargs: Mapping[str, Any], torque_limit: float, control_dt: float
 ) -> None:
-    """Check that a policy's actions are what they are in the environment that its file names.
+    """Check a policy's torque limit and control period against the environment its file names.
 
     Args:
         env_id, env_kwargs: of the file. torque_limit: N m, of action 1. control_dt: s, for which
             an action is held.
 
     Raises:
-        ValueError: they are not; there is no such environment; the control period is not within
+        ValueError: they differ; there is no such environment; the control period is not within
             :data:`SHORTEST_PERIOD` and :data:`LONGEST_PERIOD`; or an episode has no end, or more
             than :data:`MOST_TIME_STEPS` time steps.
     """

@@ -64,7 +64,7 @@ def random_state(rng: np.random.Generator) -> Callable[[], NDArray[np.float64]]:
 
 @pytest.fixture
 def no_waiting():
-    """What waits for longer than some seconds, as for a fifo's writer, fails."""
+    """Fail a test that waits for longer than 20 s, as for a fifo's writer."""
 
     def fail(number, frame):
         pytest.fail("it waits for ever")

@@ -41,7 +41,7 @@ def end(robot, state, statistics, elapsed, slip, force, body, sums):
     total.non_toe_impulse = 0.0
     for j in range(toes, len(statistics)):
         total.non_toe_impulse += statistics[j].impulse[1]
-    if robot.params.compliant:  # a spring too stiff for the step gave back what counted as lost
+    if robot.params.compliant:  # springs too stiff for the step may give back what counted as lost
         total.impact_loss = max(0.0, total.impact_loss)
     energy = mechanical_energy(body, robot.params, state, sums) + total.elastic_energy
     total.energy_change = energy - total.initial_energy

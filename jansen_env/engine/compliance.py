@@ -17,9 +17,9 @@ With P = -B (u_1 + offset) a compliant contact is a rigid one with 1 / B more on
 they are. What it calls velocity is then the one at which the pad slides, or takes off. A touchdown
 counts only the way below the ground: never more energy comes back than went in.
 
-Where the ground has an edge, a pad that is deep in it may be far below a plane that is just found.
-So compression is part of the state: together, the springs on new planes hold no more than the pad's
-springs held on the old ones. Planes on which they would hold more are moved into the ground.
+Near an edge of the ground, a pad that is deep in it may be far below a plane that is just found.
+Compression is therefore part of the state: a pad's springs on new planes together hold no more than
+its springs held on the old ones. Planes on which they would hold more are moved into the ground.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ def _start_length(h, middle, ahead, old):
 
 @stage(inline=False)
 def limit_springs(h, count, velocity, params, planes, contacts, statistics):
-    """Let the springs on planes just found hold no more than the pad's springs held before.
+    """Limit the springs on planes just found to the energy that the pad's springs held before.
 
-    They are shortened in proportion, by moving the planes. A pad of unknown (infinite) compression
-    takes what the ground makes of it. Contacts are in the order of their pads.
+    Moving the planes reduces their compression in proportion. A pad of unknown (infinite)
+    compression is as compressed as the ground presses it. Contacts are in the order of their pads.
     """
     k, d = params.stiffness[NORMAL], params.pad_damping[NORMAL]
     first, last = 0, 0
@@ -116,7 +116,7 @@ def attach_bristles(status, planes, statistics):
 
 @stage
 def keep_deflection(status, planes, statistics):
-    """Keep what pads' springs and bristles hold while their planes are found again."""
+    """Save pads' compression and bend while their planes are found again."""
     for pad in statistics:
         pad.deflection[NORMAL] = pad.deflection[TANGENTIAL] = 0.0
     for k in range(status.end_plane - 1, status.first_plane - 1, -1):  # a pad's nearest comes last
@@ -131,8 +131,8 @@ def accumulate_compliant(
 ):
     """Add a time step's slip, impulses and losses of compliant pads; bend the bristles.
 
-    What friction takes while sliding is slip loss, all else (dampers, springs let go) impact loss:
-    also what springs hold less on planes that were ``renewed`` than on the old ones.
+    What friction takes while sliding is slip loss. All else is impact loss: of dampers, of springs
+    let go, and what springs hold less on planes that were ``renewed`` than on the old ones.
     Springs are as long as they are where the law looks, at the step's ends or up to half a step
     ahead. Where c = 0, springs and dampers of a step lose h d times the mean velocity squared, so
     no loss is negative. Of normal springs with c > 0 the share (1 - c)^2 of the energy counts as

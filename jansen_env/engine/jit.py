@@ -11,7 +11,6 @@ import contextlib
 import gc
 import hashlib
 import logging
-import multiprocessing
 import os
 import sys
 import threading
@@ -55,8 +54,8 @@ def _cache_folder() -> str:
 
     The first that can be written to of NUMBA_CACHE_DIR, the package and the user's caches, and in
     there a folder named after the sources. Whoever writes there has code run, as numba unpickles
-    what it finds: where another user could, a line says so and the next one is taken. A new folder
-    makes room: those that other sources have not used for long are removed.
+    what it finds: where another user could, the next one is taken, and who compiles is told. A new
+    folder makes room: those that other sources have not used for long are removed.
     """
     here = Path(__file__).parent
     digest = hashlib.sha256()
@@ -79,8 +78,7 @@ def _cache_folder() -> str:
             if new:
                 with contextlib.suppress(OSError):
                     folder.rmdir()
-            if multiprocessing.parent_process() is None:  # or each worker would say it
-                _log.warning("jansen_env keeps no machine code in %s: %s", folder, error)
+            _refused.append(f"jansen_env keeps no machine code in {folder}: {error}")
             continue
         if writable(folder):  # which also marks it as used now
             if new:
@@ -90,6 +88,7 @@ def _cache_folder() -> str:
     return ""
 
 
+_refused: list[str] = []  # folders that are not fit for machine code, with the reasons
 FOLDER = _cache_folder()
 DISABLED = bool(_config.DISABLE_JIT)  # numba is told to compile nothing
 NOT_KEPT = "and cannot keep it: there is no folder for it, NUMBA_CACHE_DIR can name one"
@@ -210,6 +209,8 @@ def _prepare(kernels: Sequence[Kernel]) -> None:
             continue
         name = f"{Path(function.py_func.__code__.co_filename).stem}.{function.py_func.__name__}"
         if not (FOLDER and any(Path(FOLDER).rglob(f"{name}-*.nbc"))):
+            for line in _refused:
+                _tell(line, "%s", line)
             _tell(
                 "compiling",
                 "jansen_env compiles its time step for this machine, %s",

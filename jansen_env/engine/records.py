@@ -119,11 +119,11 @@ CONTACT_STATISTICS = row_dtype([("slip", "f8"), ("impulse", "f8", 2), ("deflecti
 """Sums of a pad: path it slid while loaded, m; tangential and normal impulse, N s.
 
 And of a compliant one, as part of the state, m: compression of its spring (of several, the root of
-the sum of squares; inf: as the ground presses it), and how far its bristle is bent.
+the sum of squares; inf where unknown), and bend of its bristle.
 """
 
 UNKNOWN_DEFLECTION = np.inf, 0.0
-"""Of a pad whose past is unknown: as the ground presses it, and not bent."""
+"""Of a pad whose past is unknown: it is as compressed as the ground presses it, and not bent."""
 
 PAD = row_dtype([("table", "i8"), ("phase", "f8")])
 """A pad of the design: row of the pads' tables, and crank phase, rad."""

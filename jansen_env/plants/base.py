@@ -109,7 +109,7 @@ class BatchedPlant(Protocol):
         ...
 
     def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
-        """Put a robot into a state (8,), pads deflected (pads, 2), m; None: not known."""
+        """Put a robot into a state (8,), with ``deflection`` (pads, 2) m, or None if unknown."""
         ...
 
     def vary(self, rows: NDArray[np.int64], values: NDArray[np.void]) -> None:
@@ -265,7 +265,7 @@ def check_deflection(value: Any, pads: int) -> Array:
     if not (shape and (deflection[:, 0] >= 0.0).all() and np.isfinite(deflection[:, 1]).all()):
         raise ValueError(
             f"deflection is {value!r}, must be {pads} pairs of a compression of 0 or above "
-            "(infinity where it is not known) and a finite bend"
+            "(infinity where unknown) and a finite bend"
         )
     return deflection
 

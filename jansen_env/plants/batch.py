@@ -244,7 +244,8 @@ class Batch(VariedRobots):
             params = self.params[rows]
             weighed = np.stack([params["mass"], params["stiffness"][:, 0], -params["gravity_y"]], 1)
             sags[:] = [resting_depth(*each) for each in weighed.tolist()]
-        placement.lower(*self._arguments_of_lower(rows, places, crank_angles, pitches))
+        angles = np.ascontiguousarray(crank_angles)  # other layouts would be compiled apart
+        placement.lower(*self._arguments_of_lower(rows, places, angles, pitches))
         self.detector.recall(rows, self.states)
         placement.settle(*self._arguments_of_settle(rows, sags))
         self.deflection[rows] = UNKNOWN_DEFLECTION
@@ -270,7 +271,7 @@ class Batch(VariedRobots):
             self.in_contact = in_contact
 
     def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
-        """Put a robot into a state (8,), pads deflected (pads, 2), m; None: not known."""
+        """Put a robot into a state (8,), with ``deflection`` (pads, 2) m, or None if unknown."""
         self.states[row] = state
         self.deflection[row] = UNKNOWN_DEFLECTION if deflection is None else deflection
         if row == 0:

@@ -69,7 +69,7 @@ class BatchOfOne:
         return self._plant.deflection[None]
 
     def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
-        """Put the robot into a state (8,), its pads deflected (pads, 2), m."""
+        """Put the robot into a state (8,), with ``deflection`` (pads, 2) m, or None if unknown."""
         self._plant.state = np.asarray(state, dtype=float)
         if deflection is not None:
             self._plant.deflection = deflection

@@ -440,7 +440,7 @@ class RigidBodyPlant:
     def deflection(self) -> Array:
         """(pads, 2) compression and bend of compliant pads, m; set it after the state.
 
-        Springs have no memory here: what presses them is where the bodies are.
+        Compression is unknown: springs have no memory here, and follow from where the bodies are.
         """
         deflection = np.tile(UNKNOWN_DEFLECTION, (len(self._pads), 1))
         if self._springs is not None:

@@ -73,6 +73,6 @@ def test_walks_on_every_ground(name, rng, measured):
         created = np.maximum(created, -missing)
         turned += np.abs(sums["motor_work"])
     batch.close()
-    measured(f"{name} on every ground: energy created in 20 ms", created.max(), 0.05, "J")
+    measured(f"{name} on every ground: energy created in 20 ms", created.max(), 0.3, "J")
     share = (created / turned).max()
     measured(f"{name} on every ground: the same of the motor's work in 5 s", share, 2e-3)

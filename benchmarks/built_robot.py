@@ -3,12 +3,14 @@
     python -m benchmarks.built_robot [--out docs/built_robot] [--plant rigid_body] [--quick]
 
 On the projection plant, or the rigid-body plant (motors alone), under the paper's PID on level
-ground of friction 0.8. Prints the bill of materials; writes ``loads.md`` and ``motors.md``.
+ground of friction 0.8, from several starts. Prints the bill of materials; writes ``loads.md`` and
+``motors.md``.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import measure
+from benchmarks.built_parts import parts_table
 from benchmarks.measure import fallen, table
 from jansen_env import MOTORS, Robot, Terrain, built, built_robot
 from jansen_env.control import PID
@@ -26,76 +29,19 @@ from jansen_env.plants.base import Plant
 from jansen_env.plants.make import PLANTS, make_plant
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.trace import trace_forces
-from jansen_env.robot import BEARINGS, BODIES, BODIES_PER_LEG, Bar
+from jansen_env.robot import BEARINGS, BODIES, BODIES_PER_LEG
 
 Array = NDArray[np.float64]
 
 SPEEDS: tuple[float, ...] = (0.5, 1.0, 2.0, 3.0, 4.0, 6.0)  # of the crank, rad/s
-LOADED: tuple[float, ...] = (1.0, 2.0, 3.0, 4.0)  # rad/s, of the walks whose loads are shown
-DURATION, SETTLE = 12.0, 2.0  # s, measured and before that
+LOADED: tuple[float, ...] = (1.0, 2.0, 2.5, 3.0, 4.0)  # rad/s, of the walks whose loads are shown
+DURATION, SETTLE = 6.0, 2.0  # s, measured and before that
 CONTROL_DT = 0.02  # s
 FINE_STEP = 2.5e-4  # s, that resolves touchdowns
+STARTS = 10  # crank angles, over half a turn: after that the legs have swapped
+BUCKLING_FACTOR = 3.0  # of safety that a rod shall have
+RATED = {"ak80_6": 6.0, "mx_106": 8.4 / 5.0, "xm540_w270": 10.6 / 5.0}  # N m, continuous
 RODS = ("upper_rod", "rocker", "lower_rod", "coupler")
-MATERIALS = {"flat bar": "EN AW-6060 T66 flat bar", "plate": "EN AW-6060 T66 sheet, laser cut"}
-
-
-class Part(NamedTuple):
-    """A line of the bill of materials.
-
-    Attributes:
-        each: kg. price: class: A below 10 EUR, B 10 to 100 EUR, C above (for all of them).
-    """
-
-    name: str
-    material: str
-    dimensions: str
-    number: int
-    each: float
-    price: str
-
-    @property
-    def mass(self) -> float:
-        """Of all of them, kg."""
-        return self.number * self.each
-
-
-def bill_of_materials(robot: Robot) -> list[Part]:
-    """All parts of the built robot; their masses add up to the robot's."""
-    legs, parts, ends = len(robot.legs), [], 0
-    for name in ("frame", "crank", *RODS):
-        link, width = getattr(robot, name), built.FRAME_WIDTH if name == "frame" else built.WIDTH
-        size = f"{1e3 * width:g} x {1e3 * built.BAR_THICKNESS:g} mm, {1e3 * link.length:.1f} mm"
-        bare = built.flat_bar(link.length, width, 0.0).mass
-        parts.append(Part(name, MATERIALS["flat bar"], f"{size} between pins", legs, bare, "A"))
-        ends += 2 * legs
-    for name in ("upper_triangle", "foot"):
-        sides = getattr(robot, name).sides
-        pins = " / ".join(f"{1e3 * side:.1f}" for side in sides)
-        size = f"{1e3 * built.PLATE_THICKNESS:g} mm, pins' triangle {pins} mm"
-        bare = built.triangular_plate(sides, 0.0).mass
-        parts.append(Part(name, MATERIALS["plate"], size, legs, bare, "B"))
-        ends += 3 * legs
-    ends -= legs  # the toes
-    pin = "M6 shoulder screw, nut, washers; iglidur J200 bush, 6 mm"
-    foot = "natural rubber, 40 Shore A (KIPP K0566)"
-    return [
-        *parts,
-        Part("pin and bush, a link's share", pin, "half a joint", ends, built.PIN_SHARE, "B"),
-        Part("foot", foot, "buffer 20 x 15 mm, rounded to 10 mm", legs, built.PIN_SHARE, "B"),
-        Part("gearmotor", "T-Motor AK80-6", "98 x 38.5 mm", 1, built.MOTOR_MASS, "C"),
-        Part("battery, controller, cables", "LiPo 6S", "in two halves, at P", 1,
-             built.MOTOR_MASS, "C"),
-    ]  # fmt: skip
-
-
-def parts_table(robot: Robot) -> str:
-    """The bill of materials."""
-    parts = bill_of_materials(robot)
-    head = ("part", "material", "dimensions", "number", "each (g)", "all (g)", "price class")
-    rows = [(p.name, p.material, p.dimensions, p.number, f"{1e3 * p.each:.1f}",
-             f"{1e3 * p.mass:.0f}", p.price) for p in parts]  # fmt: skip
-    total = ("all", "", "", "", "", f"{1e3 * sum(p.mass for p in parts):.0f}", "")
-    return table(head, [*rows, total])
 
 
 class Walked(NamedTuple):
@@ -104,8 +50,8 @@ class Walked(NamedTuple):
     Attributes:
         speed: m/s. crank_speed: mean, rad/s. rms_torque, peak_torque: of the motor, N m. slip: m a
             metre. mechanical, electrical: cost of transport. fell: whether it did.
-        forces: in the joints, of every time step, where asked for; angles: (steps,) of the crank,
-            rad.
+        forces: in the joints, of every time step, where asked for; contact: (steps, toes, 2) force
+            of the ground along it and up, N; angles: (steps,) of the crank, rad.
     """
 
     speed: float
@@ -117,18 +63,27 @@ class Walked(NamedTuple):
     electrical: float
     fell: bool
     forces: JointForces | None = None
+    contact: Array | None = None
     angles: Array | None = None
 
 
-def walk(plant: Plant, speed: float, duration: float, trace: bool = False) -> Walked:
+def starts(number: int = STARTS) -> list[float]:
+    """Crank angles to start from, rad."""
+    return [math.pi * k / number for k in range(number)]
+
+
+def walk(
+    plant: Plant, speed: float, duration: float, trace: bool = False, start: float = 0.0
+) -> Walked:
     """Walk under the paper's PID, at a crank speed (rad/s), for so long (s) after settling.
 
-    To be exact, for the nearest whole number of the crank's half turns.
+    To be exact, for the nearest whole number of the crank's half turns. ``start``: the crank's
+    angle at first, rad.
     """
     half_turn = math.pi / speed
     duration = max(1, round(duration / half_turn)) * half_turn
-    plant.reset()
-    pid, reference, integral, motor = PID(), 0.0, np.zeros(()), plant.robot.motor
+    plant.reset(crank_angle=start)
+    pid, reference, integral, motor = PID(), start, np.zeros(()), plant.robot.motor
     work = drawn = slip = square = peak = 0.0
     x = crank = 0.0
     rows, fell, k = [], False, 0
@@ -165,51 +120,178 @@ def walk(plant: Plant, speed: float, duration: float, trace: bool = False) -> Wa
     if isinstance(plant, ProjectionPlant) and rows:
         traced = np.concatenate(rows)
         forces = trace_forces(plant.tables, traced, plant.time_step)
-        return found._replace(forces=forces, angles=traced["pose"][:, 3])
+        contact = traced["impulses"][:, : plant.toes] / plant.time_step
+        return found._replace(forces=forces, contact=contact, angles=traced["pose"][:, 3])
     return found
 
 
-def motors_table(plant: str, speeds: tuple[float, ...], duration: float) -> str:
-    """Each motor at each crank speed."""
+class Loads(NamedTuple):
+    """The loads of a walk, N and N m.
+
+    Attributes:
+        mean, largest: force in each of :data:`PINS`, of all legs. rods: largest compression of each
+            of :data:`RODS`. normal, shear: largest on a foot. constant, loaded: friction of the
+            bearings on the crank, mean and largest, as modelled and in proportion to their loads.
+        fell: whether it fell; loads are those until then.
+    """
+
+    mean: Array
+    largest: Array
+    rods: Array
+    normal: Array
+    shear: Array
+    constant: Array
+    loaded: Array
+    rms_torque: Array
+    peak_torque: Array
+    fell: Array
+
+
+def loads_of_walk(
+    robot: Robot, speed: float, duration: float, start: float, time_step: float = FINE_STEP
+) -> Loads:
+    """Walk on the projection plant, traced, with a fine time step."""
+    plant = ProjectionPlant(robot, Terrain.flat(), time_step)
+    found = walk(plant, speed, duration, trace=True, start=start)
+    assert found.forces is not None and found.contact is not None and found.angles is not None
+    size, contact = found.forces.magnitude, np.abs(found.contact)
+    turned = turning(robot, found.angles)
+    constant = (turned @ np.array(robot.bearing_friction)).sum(axis=1)
+    load = size[..., [pin_of(pair) for pair in BEARINGS]]
+    loaded = built.dry_torque(1.0) * (turned * load).sum(axis=(1, 2))
+    return Loads(
+        size.mean(axis=(0, 1)), size.max(axis=(0, 1)),
+        np.array([largest_compression(found.forces, name) for name in RODS]),
+        contact[..., 1].max(), contact[..., 0].max(),
+        np.array([constant.mean(), constant.max()]), np.array([loaded.mean(), loaded.max()]),
+        np.array(found.rms_torque), np.array(found.peak_torque), np.array(found.fell),
+    )  # fmt: skip
+
+
+def loads_of_walks(
+    robot: Robot,
+    speeds: tuple[float, ...],
+    duration: float,
+    number: int = STARTS,
+    time_step: float = FINE_STEP,
+) -> dict[float, Loads]:
+    """The loads at each crank speed; every field has the starts first."""
+    found = {}
+    for speed in speeds:
+        walks = [loads_of_walk(robot, speed, duration, a, time_step) for a in starts(number)]
+        found[speed] = Loads(*(np.stack(field) for field in zip(*walks, strict=True)))
+    return found
+
+
+def motors_table(plant: str, speeds: tuple[float, ...], duration: float, number: int) -> str:
+    """Each motor at each crank speed: medians over the starts."""
     rows = []
     for name, motor in MOTORS.items():
         robot = replace(built_robot(), motor=motor)
         for speed in speeds:
-            found = walk(make_plant(plant, robot, Terrain.flat()), speed, duration)
+            walks = [
+                walk(make_plant(plant, robot, Terrain.flat()), speed, duration, start=start)
+                for start in starts(number)
+            ]
+            middle = [
+                float(np.median(field)) for field in zip(*(w[:7] for w in walks), strict=True)
+            ]
+            forward, crank_speed, rms, peak, slip, mechanical, electrical = middle
+            rated = f"{100.0 * rms / RATED[name]:.0f} %" if name in RATED else ""
             rows.append((
-                name, f"{speed:g}", f"{found.crank_speed:.2f}", f"{found.speed:.3f}",
-                f"{found.slip:.2f}", f"{found.rms_torque:.2f}", f"{found.peak_torque:.1f}",
-                f"{found.mechanical:.2f}", f"{found.electrical:.2f}",
-                "falls" if found.fell else "walks",
+                name, f"{speed:g}", f"{crank_speed:.2f}", f"{forward:.3f}", f"{slip:.2f}",
+                f"{rms:.2f}", rated, f"{peak:.1f}", f"{mechanical:.2f}", f"{electrical:.2f}",
+                f"{sum(not w.fell for w in walks)} of {number}",
             ))  # fmt: skip
     head = ("motor", "crank, asked (rad/s)", "reached (rad/s)", "speed (m/s)", "slip (m/m)",
-            "RMS torque (N m)", "peak (N m)", "cost of transport", "electrical", "")  # fmt: skip
+            "RMS torque (N m)", "of its rating", "peak (N m)", "cost of transport", "electrical",
+            "walk")  # fmt: skip
     return table(head, rows)
 
 
-def pin_table(forces: dict[float, JointForces]) -> str:
+def heading(first: tuple[str, ...], loads: dict[float, Loads]) -> tuple[str, ...]:
+    """A table's head: its first columns, and one for each crank speed."""
+    return (*first, *(f"{speed:g} rad/s" for speed in loads))
+
+
+def over_starts(values: Array, form: str, worst: Callable[[Array], float] = np.max) -> str:
+    """Median over the starts, and the worst of them."""
+    return f"{np.median(values):{form}} / {worst(values):{form}}"
+
+
+def buckling_load(robot: Robot, name: str) -> float:
+    """What a rod bears, N."""
+    return built.buckling_load(getattr(robot, name).length, thickness=built.bar_thickness(name))
+
+
+def safety(robot: Robot, found: Loads) -> Array:
+    """(starts, rods) against buckling between the pins."""
+    most = np.array([buckling_load(robot, name) for name in RODS])
+    return np.asarray(most / np.maximum(found.rods, 1e-9))
+
+
+def strength_table(robot: Robot, loads: dict[float, Loads]) -> str:
+    """What parts bear, and what the walks ask of them."""
+    millimetre = 1e-3 * robot.pad_compliance.stiffness
+    lines: list[tuple[str, str, str, Callable[[Loads], Array], Callable[[Array], float]]] = [
+        ("foot, load (N)", f"{built.FOOT_LOAD:.0f}", ".0f", lambda f: f.normal, np.max),
+        ("foot, compression (mm)", f"{1e3 * built.FOOT_STRAIN * built.FOOT_RADIUS:.1f}", ".1f",
+         lambda f: f.normal / millimetre, np.max),
+        ("foot, shear (N)", f"{built.FOOT_SHEAR:.0f}", ".0f", lambda f: f.shear, np.max),
+        ("rods, safety against buckling", f"{BUCKLING_FACTOR:g}", ".1f",
+         lambda f: safety(robot, f).min(axis=1), np.min),
+        ("pin's hole, yielding (N)", f"{built.yield_load():.0f}", ".0f",
+         lambda f: f.largest.max(axis=1), np.max),
+        ("motor, RMS torque (N m)", f"{RATED['ak80_6']:g}", ".1f", lambda f: f.rms_torque, np.max),
+        ("motor, peak torque (N m)", f"{robot.motor.torque_limit:g}", ".1f",
+         lambda f: f.peak_torque, np.max),
+    ]  # fmt: skip
+    rows = [
+        (name, bears, *(over_starts(of(found), form, worst) for found in loads.values()))
+        for name, bears, form, of, worst in lines
+    ]
+    upright = [
+        f"{np.count_nonzero(found.fell == 0)} of {len(found.fell)}" for found in loads.values()
+    ]
+    return table(heading(("part", "bears"), loads), [*rows, ("walks without a fall", "", *upright)])
+
+
+def pin_table(loads: dict[float, Loads]) -> str:
     """Mean and largest force in every pin at each crank speed."""
-    head = ("pin", *(f"{speed:g} rad/s" for speed in forces))
-    rows = []
-    for i, pin in enumerate(PINS):
-        sizes = [found.magnitude[..., i] for found in forces.values()]
-        rows.append((str(pin), *(f"{size.mean():.0f} / {size.max():.0f}" for size in sizes)))
-    return table(head, rows)
+    rows = [
+        (str(pin), *(f"{found.mean[:, i].mean():.0f} / {over_starts(found.largest[:, i], '.0f')}"
+                     for found in loads.values()))
+        for i, pin in enumerate(PINS)
+    ]  # fmt: skip
+    return table(heading(("pin",), loads), rows)
 
 
-def rod_table(robot: Robot, forces: dict[float, JointForces]) -> str:
-    """Largest compression of each rod, and its safety against buckling between the pins."""
-    head = ("rod", "buckles at (N)", *(f"{speed:g} rad/s" for speed in forces))
+def rod_table(robot: Robot, loads: dict[float, Loads]) -> str:
+    """Largest compression of each rod, and its least safety against buckling."""
     rows = []
-    for name in RODS:
-        link: Bar = getattr(robot, name)
-        most = built.buckling_load(link.length)
+    for i, name in enumerate(RODS):
+        cells = [f"{over_starts(found.rods[:, i], '.0f')} N, {safety(robot, found)[:, i].min():.1f}"
+                 for found in loads.values()]  # fmt: skip
+        rows.append((name, f"{buckling_load(robot, name):.0f}", *cells))
+    return table(heading(("rod", "buckles at (N)"), loads), rows)
+
+
+def step_table(robot: Robot, coarse: dict[float, Loads], fine: dict[float, Loads]) -> str:
+    """Medians of the largest loads with two time steps."""
+    lines: list[tuple[str, Callable[[Loads], Array]]] = [
+        ("foot, load (N)", lambda f: f.normal),
+        ("foot, shear (N)", lambda f: f.shear),
+        ("any pin (N)", lambda f: f.largest.max(axis=1)),
+        ("least safety against buckling", lambda f: safety(robot, f).min(axis=1)),
+    ]
+    rows = []
+    for name, of in lines:
         cells = []
-        for found in forces.values():
-            pushed = largest_compression(found, name)
-            cells.append(f"{pushed:.0f} N, {most / max(pushed, 1e-9):.1f}")
-        rows.append((name, f"{most:.0f}", *cells))
-    return table(head, rows)
+        for speed in coarse:
+            before, after = float(np.median(of(coarse[speed]))), float(np.median(of(fine[speed])))
+            cells.append(f"{before:.3g}, {after:.3g} ({100.0 * (after / before - 1.0):+.1f} %)")
+        rows.append((name, *cells))
+    return table(heading(("median of the largest",), coarse), rows)
 
 
 def largest_compression(forces: JointForces, name: str) -> float:
@@ -240,31 +322,17 @@ def pin_of(pair: tuple[int, int]) -> int:
     return next(k for k, pin in enumerate(PINS) if {pin.body, pin.other} == set(pair))
 
 
-def friction_table(robot: Robot, walks: dict[float, Walked]) -> str:
+def friction_table(loads: dict[float, Loads]) -> str:
     """Dry friction of all bearings on the crank: as modelled, and in proportion to their loads."""
-    places = [pin_of(pair) for pair in BEARINGS]
-    rows = []
-    for speed, found in walks.items():
-        assert found.forces is not None and found.angles is not None
-        turned = turning(robot, found.angles)
-        constant = (turned @ np.array(robot.bearing_friction)).sum(axis=1)
-        load = found.forces.magnitude[..., places]
-        loaded = built.dry_torque(1.0) * (turned * load).sum(axis=(1, 2))
-        rows.append((
-            f"{speed:g}", f"{constant.mean():.3f} / {constant.max():.3f}",
-            f"{loaded.mean():.3f} / {loaded.max():.2f}", f"{found.rms_torque:.2f}",
-        ))  # fmt: skip
+    rows = [
+        (f"{speed:g}", *(f"{x[:, 0].mean():.3f} / {np.median(x[:, 1]):.2f}"
+                         for x in (found.constant, found.loaded)),
+         f"{np.median(found.rms_torque):.2f}")
+        for speed, found in loads.items()
+    ]  # fmt: skip
     head = ("crank (rad/s)", "as modelled, mean / largest (N m)", "by load, mean / largest (N m)",
             "motor, RMS (N m)")  # fmt: skip
     return table(head, rows)
-
-
-def loads_of_walks(robot: Robot, speeds: tuple[float, ...], duration: float) -> dict[float, Walked]:
-    """Traced walks at crank speeds, on the projection plant with a fine time step."""
-    return {
-        speed: walk(ProjectionPlant(robot, Terrain.flat(), FINE_STEP), speed, duration, trace=True)
-        for speed in speeds
-    }
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -275,33 +343,44 @@ def main(arguments: list[str] | None = None) -> None:
     )
     found = measure.chosen(parser, arguments)
     speeds, loaded, duration = SPEEDS, LOADED, DURATION
+    number = STARTS if found.plant == "projection" else 1  # the other is slow
     if found.quick:
-        speeds, loaded, duration = SPEEDS[2:3], LOADED[1:2], 0.5
+        speeds, loaded, duration, number = SPEEDS[2:3], LOADED[1:2], 0.5, 1
     robot = built_robot()
-    command = "`python -m benchmarks.built_robot`."
     if found.plant == "projection":
         print(parts_table(robot), "\n")
-        walks = loads_of_walks(robot, loaded, duration)
-        forces = {s: walked.forces for s, walked in walks.items() if walked.forces is not None}
+        loads = loads_of_walks(robot, loaded, duration, number)
+        finer = loads_of_walks(robot, loaded, duration, number, 0.5 * FINE_STEP)
         measure.report(
             found.out / "loads.md",
             "# Loads of the built robot",
-            f"{command} About {duration:g} s each on level ground.",
-            "## Pins\n\nForce, mean / largest, N, of all legs.",
-            pin_table(forces),
-            "## Rods\n\nLargest compression, and safety against buckling (Euler, pinned ends).",
-            rod_table(robot, forces),
+            f"`python -m benchmarks.built_robot`. {number} walks at each crank speed, about "
+            f"{duration:g} s each on level ground, after {SETTLE:g} s, under the paper's PID; they "
+            'start from crank angles evenly over half a turn. "Largest" is over all legs and '
+            f"time steps ({1e3 * FINE_STEP:g} ms) of a walk; a / b: the median of the walks, and "
+            "the worst.",
+            "## What parts bear",
+            strength_table(robot, loads),
+            "## Pins\n\nForce: mean / largest, median / largest, worst, N, of all legs.",
+            pin_table(loads),
+            "## Rods\n\nLargest compression, median / worst, and the least safety against buckling "
+            "(Euler, pinned ends).",
+            rod_table(robot, loads),
             "## Friction of the bearings",
             "Of all of them, on the crank; by load: 0.11 x 3 mm x the pin's force.",
-            friction_table(robot, walks),
+            friction_table(loads),
+            f"## Half the time step\n\n{1e3 * FINE_STEP:g} ms, and {5e2 * FINE_STEP:g} ms.",
+            step_table(robot, loads, finer),
         )
     measure.report(
         found.out / ("motors.md" if found.plant == "projection" else f"motors_{found.plant}.md"),
         "# What motors walk with the built robot",
-        f"`python -m benchmarks.built_robot --plant {found.plant}`. About {duration:g} s each, "
-        f"after {SETTLE:g} s, under the paper's PID within the motor's torque limit. "
-        "Cost of transport: |motor work| / (weight x distance), and energy drawn likewise.",
-        motors_table(found.plant, speeds, duration),
+        f"`python -m benchmarks.built_robot --plant {found.plant}`. Medians over the first crank "
+        f"angle, {number} evenly over half a turn; about {duration:g} s each, after {SETTLE:g} s, "
+        "under the paper's PID within the motor's torque limit. Rating: the continuous torque "
+        "(AK80-6: 6 N m; servos: a fifth of the stall torque). Cost of transport: |motor work| / "
+        "(weight x distance), and energy drawn likewise.",
+        motors_table(found.plant, speeds, duration, number),
     )
 
 

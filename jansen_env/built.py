@@ -1,10 +1,12 @@
-"""What a machine is made of that could be built: flat bars, plates, pins, feet; masses from these.
+"""Parts of a machine that could be built: flat bars, plates, pins, feet; masses and strengths.
 
-Bars are flat stock of aluminium EN AW-6060 T66, 5 mm thick, plates are cut from 4 mm of it: density
-2700 kg/m^3, modulus of elasticity 69 GPa, proof strength 160 MPa (EN 755-2 for solid bars). Every
-end of a link carries its share of a pin: half of an M6 shoulder screw with nut and washers, and a
-flanged plain bearing of iglidur J200, whose coefficient of friction igus gives as 0.11 in the mean
-of all its measurements. ``docs/built_robot.md`` has the bill of materials and the sources.
+Bars are flat stock of aluminium EN AW-6060 T66, 5 mm thick, and 6 mm for the lower rods, which are
+pushed hardest; plates are cut from 4 mm of it: density 2700 kg/m^3, modulus of elasticity 69 GPa,
+proof strength 160 MPa (EN 755-2 for solid bars). Every end of a link carries its share of a pin:
+half of a shoulder screw of 6 mm with nut, washers and a spacer, and a flanged plain bearing of
+iglidur J200, whose coefficient of friction igus gives as 0.11 in the mean of all its measurements.
+A foot is a half-round tread of rubber on a shoe: its stiffness, strength and mass follow from its
+radius, width and hardness. ``docs/built_robot.md`` has the bill of materials and the sources.
 """
 
 from __future__ import annotations
@@ -15,15 +17,31 @@ from typing import NamedTuple
 DENSITY = 2700.0  # kg/m^3, EN AW-6060
 STIFFNESS = 69e9  # Pa, its modulus of elasticity
 STRENGTH = 160e6  # Pa, its proof strength in temper T66
-BAR_THICKNESS, PLATE_THICKNESS = 5e-3, 4e-3  # m
+BAR_THICKNESS, LOWER_ROD_THICKNESS, PLATE_THICKNESS = 5e-3, 6e-3, 4e-3  # m
 WIDTH, FRAME_WIDTH = 15e-3, 30e-3  # m, of a link's flat bar and of the frame's
 OUTLINE, WINDOW = 1.1, 0.9  # of a triangular plate and the hole in it, to the pins' triangle
-PIN_SHARE = 8e-3  # kg, of a pin and its bearing, or of a foot, on every end of a link
+PIN_SHARE = 8e-3  # kg, of a pin, its bearing and spacer, on every end of a link
 PIN_RADIUS = 3e-3  # m
 BEARING_FRICTION = 0.11  # coefficient, of iglidur J200
-MOTOR_MASS = 0.485  # kg, of the T-Motor AK80-6; and of battery, controller and cables at P
-FOOT_STIFFNESS = 1.2e5, 3.0e4  # N/m, normal and tangential
+
+# At O and at P, as point masses; the battery is as heavy as makes both alike.
+MOTOR_MASS = 0.485  # kg, of the T-Motor AK80-6
+MOTOR_PLATE_MASS = 0.077  # kg, 100 x 100 x 4 mm with a hole of 60 mm
+CRANKSHAFT_MASS = 0.183  # kg, 160 mm of steel, 12 mm, and four hubs, 25 x 10 mm
+CROSS_MEMBER_MASS = 0.061  # kg, a tube of 20 x 2 mm, 200 mm, at either P
+AXIS_MASS = MOTOR_MASS + MOTOR_PLATE_MASS + CRANKSHAFT_MASS
+BATTERY_MASS = AXIS_MASS - 2.0 * CROSS_MEMBER_MASS  # with controller and cables
+
+FOOT_RADIUS, FOOT_WIDTH = 20e-3, 30e-3  # m, of a half-round tread, its flat side bonded
+RUBBER_DENSITY = 1000.0  # kg/m^3
+RUBBER_HARDNESS = 60.0  # Shore A
+FOOT_STIFFNESS = 1.28e5, 5.1e4  # N/m, normal and tangential: a secant at 530 N
 FOOT_LOSS_FACTOR = 0.1  # tan delta of natural rubber
+FOOT_STRAIN = 0.275  # of the radius, what a rubber spring bears a million times
+FOOT_SHEAR_STRAIN = 0.28  # of the radius, as of a rubber buffer of 30 x 30 mm
+TREAD_MASS = 0.5 * math.pi * FOOT_RADIUS**2 * FOOT_WIDTH * RUBBER_DENSITY
+SHOE_MASS = 13e-3  # kg, a plate of 40 x 30 x 3 mm and two screws, M4
+FOOT_MASS = TREAD_MASS + SHOE_MASS
 
 
 class Inertial(NamedTuple):
@@ -33,13 +51,23 @@ class Inertial(NamedTuple):
     inertia: float
 
 
-def flat_bar(length: float, width: float, end_mass: float = PIN_SHARE) -> Inertial:
+def bar_thickness(name: str) -> float:
+    """Return the thickness of a link's bar, m, by the link's name."""
+    return LOWER_ROD_THICKNESS if name == "lower_rod" else BAR_THICKNESS
+
+
+def flat_bar(
+    length: float,
+    width: float,
+    end_mass: float = PIN_SHARE,
+    thickness: float = BAR_THICKNESS,
+) -> Inertial:
     """A flat bar with round ends about its two pins, and a point mass on each pin.
 
     Args:
-        length: between the pins, m. width: m. end_mass: kg, on each pin.
+        length: between the pins, m. width, thickness: m. end_mass: kg, on each pin.
     """
-    radius, areal = 0.5 * width, DENSITY * BAR_THICKNESS
+    radius, areal = 0.5 * width, DENSITY * thickness
     middle, rounds = areal * length * width, areal * math.pi * radius**2
     inertia = middle * (length**2 + width**2) / 12.0
     # Two half discs, with their centroids 4 r / 3 pi beyond the pins.
@@ -47,14 +75,18 @@ def flat_bar(length: float, width: float, end_mass: float = PIN_SHARE) -> Inerti
     return Inertial(middle + rounds + 2.0 * end_mass, inertia + 0.5 * end_mass * length**2)
 
 
-def triangular_plate(sides: tuple[float, float, float], end_mass: float = PIN_SHARE) -> Inertial:
+def triangular_plate(
+    sides: tuple[float, float, float], end_mass: float = PIN_SHARE, third_mass: float | None = None
+) -> Inertial:
     """A plate about the triangle of its pins, a hole of the same shape, and masses on the pins.
 
     Outline, hole and pins are similar triangles about one centroid, which is the centre of mass.
+    A heavier third corner draws the hole towards it, as far as leaves the centre of mass there.
     The corners' rounding is left out.
 
     Args:
-        sides: of the pins' triangle, m. end_mass: kg, on each pin.
+        sides: of the pins' triangle, first-second, second-third, third-first, m.
+        end_mass: kg, on each pin. third_mass: kg, on the third corner instead, None for as much.
     """
     a, b, c = sides
     half = 0.5 * (a + b + c)
@@ -64,7 +96,30 @@ def triangular_plate(sides: tuple[float, float, float], end_mass: float = PIN_SH
     inertia = areal * area * spread * (OUTLINE**4 - WINDOW**4)
     # The pins: sum of |corner - centroid|^2 is (a^2 + b^2 + c^2) / 3.
     mass = areal * area * (OUTLINE**2 - WINDOW**2)
-    return Inertial(mass + 3.0 * end_mass, inertia + end_mass * 12.0 * spread)
+    more = 0.0 if third_mass is None else third_mass - end_mass
+    reach = math.sqrt(2.0 * (b * b + c * c) - a * a) / 3.0  # of the third corner
+    hole = areal * area * WINDOW**2
+    inertia += more * reach**2 - (more * reach) ** 2 / hole
+    return Inertial(mass + 3.0 * end_mass + more, inertia + end_mass * 12.0 * spread)
+
+
+def rubber_modulus(hardness: float) -> float:
+    """Young's modulus of rubber of a Shore A hardness by Gent's relation (1958), Pa."""
+    return 1e6 * 0.0981 * (56.0 + 7.62336 * hardness) / (0.137505 * (254.0 - 2.54 * hardness))
+
+
+def tread_load(compression: float) -> float:
+    """The load that compresses a foot's tread so far (m), N, static.
+
+    Lindley (1967) for a rubber cylinder between two plates, of which the tread is one half.
+    """
+    strain = compression / FOOT_RADIUS
+    size = rubber_modulus(RUBBER_HARDNESS) * FOOT_WIDTH * 2.0 * FOOT_RADIUS
+    return size * (1.25 * strain**1.5 + 50.0 * strain**6)
+
+
+FOOT_LOAD = tread_load(FOOT_STRAIN * FOOT_RADIUS)  # N, permissible
+FOOT_SHEAR = FOOT_SHEAR_STRAIN * FOOT_RADIUS * FOOT_STIFFNESS[1]  # N, permissible
 
 
 def dry_torque(load: float) -> float:
@@ -77,9 +132,9 @@ def foot_damping(stiffness: float, mass: float) -> float:
     return FOOT_LOSS_FACTOR * stiffness / math.sqrt(2.0 * FOOT_STIFFNESS[0] / mass)
 
 
-def buckling_load(length: float, width: float = WIDTH) -> float:
+def buckling_load(length: float, width: float = WIDTH, thickness: float = BAR_THICKNESS) -> float:
     """Euler's load of a flat bar between two pins (across its thickness, pinned ends), N."""
-    return math.pi**2 * STIFFNESS * width * BAR_THICKNESS**3 / 12.0 / length**2
+    return math.pi**2 * STIFFNESS * width * thickness**3 / 12.0 / length**2
 
 
 def yield_load(width: float = WIDTH) -> float:

@@ -401,34 +401,37 @@ def holy_numbers_robot(phases: int = 2) -> Robot:
     )
 
 
-BEARING_LOADS = (15.0, 12.0, 10.0, 12.0, 20.0, 12.0, 10.0, 17.0, 10.0, 9.0)
-"""N, mean load of each of :data:`BEARINGS` of the built robot in a walk at 2 rad/s."""
+BEARING_LOADS = (17.0, 13.0, 11.0, 14.0, 23.0, 14.0, 11.0, 20.0, 11.0, 10.0)
+"""N, mean load of each of :data:`BEARINGS` of the built robot in walks at 2 rad/s."""
 
 
 def built_robot(phases: int = 2) -> Robot:
     """A machine that could be built: the paper's linkage of aluminium, with a gearmotor.
 
     Flat bars and windowed plates with pins in dry plain bearings, see :mod:`jansen_env.built`; the
-    frame's bars carry the motor at O and as heavy a battery at P. Bearings have Coulomb friction
-    alone, by their mean load. Feet are rubber buffers of 20 mm, 15 mm high, soft (KIPP K0566).
-    ``docs/built_robot.md`` has the bill of materials and all sources.
+    frame's bars carry motor and crankshaft at O, battery and cross-members at P, as heavy. Bearings
+    have Coulomb friction alone, by their mean load. Feet are half-round treads of rubber with a
+    radius of 20 mm. ``docs/built_robot.md`` has the bill of materials and all sources.
     """
     robot, parts = paper_robot(phases), {}
     for name in BODIES:
         link = getattr(robot, name)
         if isinstance(link, Triangle):
-            mass, inertia = built.triangular_plate(link.sides)
+            third = built.FOOT_MASS if name == "foot" else None
+            mass, inertia = built.triangular_plate(link.sides, third_mass=third)
         elif name == "frame":
-            each = built.PIN_SHARE + built.MOTOR_MASS / len(robot.legs)
+            each = built.PIN_SHARE + built.AXIS_MASS / len(robot.legs)
             mass, inertia = built.flat_bar(link.length, built.FRAME_WIDTH, each)
         else:
-            mass, inertia = built.flat_bar(link.length, built.WIDTH)
+            thickness = built.bar_thickness(name)
+            mass, inertia = built.flat_bar(link.length, built.WIDTH, thickness=thickness)
         parts[name] = replace(link, mass=mass, inertia=inertia)
     robot = replace(robot, **parts)
     normal, tangential = built.FOOT_STIFFNESS
     return replace(
         robot,
         damping=(0.0,) * len(JOINT_PAIRS),
+        pad_radius=built.FOOT_RADIUS,
         motor=MOTORS["ak80_6"],
         bearing_friction=tuple(round(built.dry_torque(load), 4) for load in BEARING_LOADS),
         pad_compliance=Compliance(

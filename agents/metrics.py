@@ -25,13 +25,14 @@ class Aggregate(NamedTuple):
     """What is kept of an episode from each step's ``info``.
 
     Attributes:
-        reduction: the "sum" over its steps, the "peak" of the absolute value, the "rms" (root of
-            the mean square), the "last" value, the last "early" one (within :data:`SETTLING`), or
-            the "change": the sum of the absolute changes from step to step, the first from 0.
+        reduction: the "sum" over its steps or over the "steady" ones (after :data:`SETTLING`), the
+            "peak" of the absolute value, the "rms" (root of the mean square), the "last" value, the
+            last "early" one (within :data:`SETTLING`), or the "change": the sum of the absolute
+            changes from step to step, the first from 0.
         function: the step's values (n,) from a vector environment's ``infos``.
     """
 
-    reduction: Literal["sum", "peak", "rms", "last", "early", "change"]
+    reduction: Literal["sum", "steady", "peak", "rms", "last", "early", "change"]
     function: Callable[[dict[str, Any]], Any]
 
 

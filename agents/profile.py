@@ -50,13 +50,13 @@ class Profile(CrankProfile):
         return TorquePolicy(lambda observation, *_: (self.torque(observation, lag), None), limit)
 
 
-def load_profile(path: str | Path = DATA) -> Profile:
-    """The profile in a file that the search wrote; by default the shipped one.
+def load_profile(path: str | Path = DATA, robot: str = "paper") -> Profile:
+    """The profile found for a design, in a file that the search wrote; by default the shipped one.
 
     Raises:
-        OSError, ValueError: there is none, or it is damaged.
+        OSError, ValueError, KeyError: there is none, or it is damaged.
     """
-    found = json.loads(Path(path).read_text(encoding="utf-8"))
+    found = json.loads(Path(path).read_text(encoding="utf-8"))[robot]
     return Profile(np.array(found["commands"]), np.array(found["numbers"]))
 
 

@@ -25,6 +25,7 @@ class Moment(NamedTuple):
 
 REDUCTIONS: dict[str, Callable[[Any, Any, Moment], Any]] = {
     "sum": lambda total, value, _: total + value,
+    "steady": lambda total, value, at: total if at.time < SETTLING + 0.5 * at.dt else total + value,
     "peak": lambda total, value, _: np.maximum(total, np.abs(value)),
     "rms": lambda total, value, at: total + np.square(value) * at.dt,  # mean and root at the end
     "last": lambda total, value, _: value,

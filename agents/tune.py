@@ -1,7 +1,8 @@
 """Make the baselines' data, ``agents/data``: ``python -m agents.tune [pid] [constant] [profile]``.
 
-For ``pid`` and ``constant`` the walking speed at constant crank speeds (with the paper's gains) and
-at constant torques is measured; ``profile`` is searched for (:mod:`agents.profile_search`).
+For ``pid`` and ``constant`` the walking speed at constant crank speeds and at constant torques is
+measured on the robot of ``--env``; the PID's gains are those of :data:`GAINS` that return most.
+``profile`` is searched for on the paper's robot (:mod:`agents.profile_search`).
 """
 
 from __future__ import annotations
@@ -18,30 +19,81 @@ from tqdm import tqdm
 import jansen_env
 from agents import profile, profile_search
 from agents.command_line import non_negative_int, positive_int
-from agents.policy import Array
+from agents.policy import Array, Policy
 from agents.profile import Profile
 from agents.rollout import make_env, run_episodes
+from agents.tasks import TASKS, WALKERS
 from agents.trials import Outcome
-from agents.walker_baselines import BASELINES, DATA, POLICIES
+from agents.walker_baselines import (
+    BASELINES,
+    DATA,
+    Setting,
+    constant_torque,
+    nearest_setting,
+    tuned_for,
+    walking_pid,
+)
+from jansen_env.control import PID
 from jansen_env.files import write_json
+from jansen_env.robot import ROBOTS
 
 ENV = "JansenWalker-v0"
 CRANK_SPEEDS = np.round(np.concatenate([np.arange(0.2, 3.0, 0.1), np.arange(3.0, 8.1, 0.25)]), 3)
 TORQUES = np.round(np.concatenate([np.arange(0.5, 6.0, 0.25), np.arange(6.0, 15.1, 0.5)]), 3)
 SETTINGS = {"pid": CRANK_SPEEDS, "constant": TORQUES}
+PAPER = (10.0, 1.0, 1.0)  # kp, ki, kd of the paper's PID
+GAINS = (PAPER, *((kp, ki, kd) for kp in (1.0, 2.0, 3.0, 5.0, 10.0) for ki in (0.5, 2.0)
+                  for kd in (0.2, 0.5, 1.0)))  # fmt: skip
 FIRST_SEED = 10_000  # apart from all others
 HORIZON = 10.0  # s, the time limit of an episode
 
 
-def measure(name: str, settings: Array, episodes: int) -> dict[str, Any]:
+def design_of(env_id: str) -> str:
+    """Return the name of the built-in design that an environment's robot has the links of."""
+    env: Any = make_env(env_id, {}).unwrapped
+    return tuned_for(env.robot, ROBOTS)
+
+
+def policy_of(name: str, setting: Setting, env: Any, gains: tuple[float, ...] = PAPER) -> Policy:
+    """Return the baseline "pid" or "constant" with a setting for each command."""
+    return (
+        walking_pid(setting, env, PID(*gains)) if name == "pid" else constant_torque(setting, env)
+    )
+
+
+def measure(
+    name: str,
+    settings: Array,
+    episodes: int,
+    env_id: str = ENV,
+    gains: tuple[float, ...] = PAPER,
+) -> dict[str, Any]:
     """Walking speeds (m/s) of each crank speed ("pid") or torque ("constant"), as in the file."""
-    env = make_env(ENV, {}).unwrapped
+    env = make_env(env_id, {}).unwrapped
     each = np.repeat(settings, episodes)
-    policy = POLICIES[name](lambda _: each, env)
     commands, seeds = np.full(len(each), 0.3), FIRST_SEED + np.arange(len(each)) % episodes
-    run = run_episodes(policy, ENV, {}, commands, seeds, at_once=len(each))
+    policy = policy_of(name, lambda _: each, env, gains)
+    run = run_episodes(policy, env_id, {}, commands, seeds, at_once=len(each))
     speeds = (run["distance"] / HORIZON).reshape(-1, episodes)
     return {"settings": settings.tolist(), "speeds": speeds.round(4).tolist()}
+
+
+def measure_pid(episodes: int, env_id: str) -> dict[str, Any]:
+    """Measure the PID: the paper's on the paper's robot, elsewhere with the best of :data:`GAINS`.
+
+    Best is the mean return at the commands that policies are scored at, on other starts.
+    """
+    env, commands = make_env(env_id, {}).unwrapped, np.repeat(TASKS[env_id].commands, episodes)
+    seeds = FIRST_SEED + episodes + np.arange(len(commands)) % episodes
+    best, found = -np.inf, {}
+    for gains in (PAPER,) if env_id == ENV else tqdm(GAINS, desc="gains", unit="PID"):
+        tried = measure("pid", CRANK_SPEEDS, episodes, env_id, gains)
+        setting = nearest_setting(np.array(tried["settings"]), np.array(tried["speeds"]))
+        policy = policy_of("pid", setting, env, gains)
+        worth = run_episodes(policy, env_id, {}, commands, seeds)["returns"].mean()
+        if worth > best:
+            best, found = worth, {"gains": list(gains), **tried}
+    return found
 
 
 def versions() -> dict[str, str]:
@@ -52,13 +104,22 @@ def versions() -> dict[str, str]:
     }
 
 
-def tune_maps(names: list[str], episodes: int, path: Path) -> None:
-    """Measure some of :data:`SETTINGS`; the others stay in the file as they are."""
-    found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    found["command"] = f"python -m agents.tune {' '.join(names)} --episodes {episodes}"
+def save_design(path: Path, design: str, made: dict[str, Any]) -> Path:
+    """Write a design's numbers; what the file has of others stays."""
+    kept = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    return write_json(path, {**kept, design: {**kept.get(design, {}), **made}})
+
+
+def tune_maps(names: list[str], episodes: int, path: Path, env_id: str = ENV) -> None:
+    """Measure some of :data:`SETTINGS` on an environment's robot."""
+    command = f"python -m agents.tune {' '.join(names)} --env {env_id} --episodes {episodes}"
+    made: dict[str, Any] = {"command": command}
     for name in tqdm(names, desc="walking speeds", unit="baseline"):
-        found[name] = measure(name, SETTINGS[name], episodes)
-    print(f"written: {write_json(path, found)}")
+        made[name] = (
+            measure_pid(episodes, env_id) if name == "pid"
+            else measure(name, SETTINGS[name], episodes, env_id)
+        )  # fmt: skip
+    print(f"written: {save_design(path, design_of(env_id), made)}")
 
 
 def tune_profile(seed: int, path: Path) -> None:
@@ -81,7 +142,7 @@ def tune_profile(seed: int, path: Path) -> None:
         def save(found: Profile) -> None:
             made["commands"] = found.commands.tolist()
             made["numbers"] = found.numbers.round(5).tolist()
-            write_json(path, made)
+            save_design(path, "paper", made)
 
         profile_search.search_profile(
             profile_search.COMMANDS, sweeps, seed=seed, progress=progress, save=save
@@ -94,17 +155,19 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     add = parser.add_argument
     add("baselines", nargs="*", metavar="NAME", help=f"of {', '.join(BASELINES)}; default: all")
+    add("--env", default=ENV, choices=WALKERS, help="whose robot walks; default: %(default)s")
     add("--episodes", type=positive_int, default=6, help="per crank speed and torque measured")
     add("--seed", type=non_negative_int, default=0, help="of the search")
     add("--out", type=Path, default=DATA.parent, metavar="DIR", help="folder to write to")
     args = parser.parse_args(arguments)
-    names = args.baselines or list(BASELINES)
+    names = args.baselines or list(TASKS[args.env].baselines)
     for name in names:
-        if name not in BASELINES:
-            parser.error(f"baseline is {name!r}, must be one of {list(BASELINES)}")
+        if name not in TASKS[args.env].baselines:
+            known = list(TASKS[args.env].baselines)
+            parser.error(f"baseline is {name!r}, must be one of {known} for {args.env}")
     maps = [name for name in SETTINGS if name in names]
     if maps:
-        tune_maps(maps, args.episodes, args.out / DATA.name)
+        tune_maps(maps, args.episodes, args.out / DATA.name, args.env)
     if "profile" in names:
         tune_profile(args.seed, args.out / profile.DATA.name)
 

@@ -1,15 +1,15 @@
-"""Baselines of JansenWalker-v0: the paper's PID, constant torque, and a crank-speed profile.
+"""Baselines of the walkers: a PID, constant torque, and a crank-speed profile.
 
 They read nothing but the observation. The crank speed (or torque) for a commanded walking speed
-comes from a map measured on the environment (``python -m agents.tune``, kept in ``agents/data``).
-The PID has the paper's gains; the profile is in :mod:`agents.profile`.
+comes from a map measured on the robot at hand (``python -m agents.tune``, kept in ``agents/data``).
+The paper's robot is driven with the paper's gains, others with gains found for them; the profile is
+in :mod:`agents.profile`.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -19,6 +19,7 @@ from agents.policy import PAPER_PID, Array, Bools, Policy, TorquePolicy, pid_pol
 from agents.profile import profile_policy
 from agents.walker_observation import COMMAND, COS_CRANK, CRANK_SPEED, SIN_CRANK
 from jansen_env.control import PID
+from jansen_env.robot import BODIES, ROBOTS, Robot
 
 DATA = Path(__file__).parent / "data" / "baselines.json"
 
@@ -66,24 +67,42 @@ def constant_torque(torque: Setting, env: Any) -> Policy:
     return TorquePolicy(lambda seen, *_: (torque(seen[:, COMMAND]), None), env.torque_limit)
 
 
-POLICIES: dict[str, Callable[[Setting, Any], Policy]] = {
-    "pid": walking_pid, "constant": constant_torque,
-}  # fmt: skip
+def tuned_for(robot: Robot, tuned: Iterable[str]) -> str:
+    """Return the design among ``tuned`` that has a robot's links; "paper" where none has."""
+    for name in tuned:
+        design = ROBOTS[name]()
+        if all(getattr(design, body) == getattr(robot, body) for body in BODIES):
+            return name
+    return "paper"
 
 
-def measured_setting(name: str) -> Setting:
-    """The measured settings of one of :data:`POLICIES`."""
-    entry = json.loads(DATA.read_text(encoding="utf-8"))[name]
+def measured(name: str, robot: Robot) -> dict[str, Any]:
+    """Return what was measured of "pid" or "constant" on a robot's design."""
+    found = json.loads(DATA.read_text(encoding="utf-8"))
+    entry: dict[str, Any] = found[tuned_for(robot, found)][name]
+    return entry
+
+
+def measured_setting(name: str, robot: Robot) -> Setting:
+    """Return the measured settings of "pid" or "constant" for a robot."""
+    entry = measured(name, robot)
     return nearest_setting(np.array(entry["settings"]), np.array(entry["speeds"]))
 
 
-def _load(name: str, env: Any) -> Policy:
-    """One of :data:`POLICIES` with its measured settings."""
-    return POLICIES[name](measured_setting(name), env)
+def measured_pid(env: Any) -> Policy:
+    """Return the PID with the gains and the crank speeds found for an environment's robot."""
+    gains = PID(*measured("pid", env.robot)["gains"])
+    return walking_pid(measured_setting("pid", env.robot), env, gains)
+
+
+def measured_torque(env: Any) -> Policy:
+    """Return the constant torques measured on an environment's robot."""
+    return constant_torque(measured_setting("constant", env.robot), env)
 
 
 BASELINES: dict[str, Callable[[Any], Policy]] = {
-    **{name: partial(_load, name) for name in POLICIES},
+    "pid": measured_pid,
+    "constant": measured_torque,
     "profile": profile_policy,
 }
 """Each is made for an unwrapped environment."""

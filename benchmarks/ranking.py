@@ -32,6 +32,7 @@ from agents.walker_baselines import BASELINES, measured_setting, walking_pid
 from agents.walker_observation import COMMAND, CRANK_SPEED
 from jansen_env.control import PID
 from jansen_env.files import write_text
+from jansen_env.robot import Robot
 
 ENV = "JansenWalker-v0"
 FIRST_SEED = 50_000  # of the episodes, apart from all others
@@ -47,7 +48,7 @@ def speed_control(gain: float) -> Callable[[Any], Policy]:
     """Proportional control of the crank speed (gain: N m s/rad), and a mean torque with it."""
 
     def load(env: Any) -> Policy:
-        setting = measured_setting("pid")
+        setting = measured_setting("pid", Robot())
 
         def controller(seen: Array, *_: Any) -> tuple[Array, None]:
             wanted = setting(seen[:, COMMAND])
@@ -60,7 +61,7 @@ def speed_control(gain: float) -> Callable[[Any], Policy]:
 
 def pid_with(pid: PID, pace: float = 1.0) -> Callable[[Any], Policy]:
     """The PID with other gains, or with ``pace`` times the measured crank speed."""
-    setting = measured_setting("pid")
+    setting = measured_setting("pid", Robot())
     return lambda env: walking_pid(lambda command: pace * setting(command), env, pid)
 
 

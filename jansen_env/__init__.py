@@ -53,6 +53,13 @@ register(
 )
 
 register(
+    id="JansenWalkerBuilt-v0",
+    entry_point="jansen_env.envs.worlds:JansenWalkerBuiltEnv",
+    vector_entry_point="jansen_env.envs.worlds:JansenWalkerBuiltVectorEnv",
+    max_episode_steps=500,
+)
+
+register(
     id="JansenCrank-v0",
     entry_point="jansen_env.envs.crank:JansenCrankEnv",
     vector_entry_point="jansen_env.envs.crank:JansenCrankVectorEnv",

@@ -22,6 +22,8 @@ from agents.walker_baselines import (
     BASELINES,
     DATA,
     constant_torque,
+    measured,
+    measured_setting,
     nearest_setting,
     walking_pid,
 )
@@ -133,17 +135,51 @@ def test_episodes_side_by_side_equal_one_by_one(walker):
 
 def test_the_measured_maps_are_what_tune_measures():
     """The shipped speeds, of a setting of each kind."""
-    shipped = json.loads(DATA.read_text())
+    shipped = json.loads(DATA.read_text())["paper"]
     for name, i in (("pid", 20), ("constant", 12)):
         setting = np.array(shipped[name]["settings"][i : i + 1])
         again = tune.measure(name, setting, 6)
         assert again["speeds"] == shipped[name]["speeds"][i : i + 1]
 
 
+@pytest.mark.parametrize(
+    ("env_id", "kwargs", "design"),
+    [
+        ("JansenWalker-v0", {}, "paper"),
+        ("JansenWalker-v0", {"robot": "holy"}, "paper"),
+        ("JansenWalker-v0", {"payload": 1.0, "motor": "mx_106"}, "paper"),
+        ("JansenWalkerBuilt-v0", {"payload": 1.0, "motor": "mx_106"}, "built"),
+        ("JansenWalkerHardcore-v0", {}, "built"),
+    ],
+)
+def test_baselines_are_those_found_for_the_robot(env_id, kwargs, design):
+    """By its links, whatever its motor and load; robots that nobody tuned for get the paper's."""
+    env = gym.make(env_id, **kwargs).unwrapped
+    shipped = json.loads(DATA.read_text())
+    assert measured("pid", env.robot) == shipped[design]["pid"]
+    setting = measured_setting("constant", env.robot)(np.array([0.3]))
+    assert setting in shipped[design]["constant"]["settings"]
+
+
+def test_tuning_finds_gains_and_keeps_other_designs(tmp_path, monkeypatch):
+    """The gains that return most of those tried, measured on the robot of the environment."""
+    soft, stiff = (2.0, 0.5, 0.5), (100.0, 10.0, 10.0)
+    monkeypatch.setattr(tune, "GAINS", (stiff, soft))
+    monkeypatch.setattr(tune, "CRANK_SPEEDS", np.array([1.0, 2.5, 4.0]))
+    (tmp_path / DATA.name).write_text('{"paper": {"pid": 1}}')
+    tune.main(["pid", "--env", "JansenWalkerBuilt-v0", "--episodes", "2", "--out", str(tmp_path)])
+    found = json.loads((tmp_path / DATA.name).read_text())
+    assert found["paper"] == {"pid": 1}
+    assert found["built"]["pid"]["gains"] == list(soft)
+    assert found["built"]["pid"]["settings"] == [1.0, 2.5, 4.0]
+    with pytest.raises(SystemExit):
+        tune.main(["profile", "--env", "JansenWalkerBuilt-v0", "--out", str(tmp_path)])
+
+
 def test_the_papers_pid_is_the_pid(walker):
     """By both names, with the paper's gains; others act otherwise."""
     seen = np.array([observation(0.1, speed, 0.3) for speed in (0.0, 1.0)])
-    entry = json.loads(DATA.read_text())["pid"]
+    entry = json.loads(DATA.read_text())["paper"]["pid"]
     setting = nearest_setting(np.array(entry["settings"]), np.array(entry["speeds"]))
     expected, other = (
         walking_pid(setting, walker, pid).predict(seen)[0]
@@ -167,13 +203,15 @@ class Steps:
 
 
 def test_what_is_kept_of_an_episode(walker):
-    """The position after two seconds, and how much the torque changes, the first time from 0."""
-    torques = [2.0, 2.0, -1.0, 3.0] + [0.5, 1.0] * 58
+    """The position after two seconds, slip and work from then on, and how much the torque changes,
+    the first time from 0."""
+    torques = [2.0, 2.0, -1.0, 3.0] + [2.5, 3.0] * 58
     run = run_episodes(Steps(torques), "JansenWalker-v0", {"max_episode_steps": 120},
                        np.array([0.2]), np.array([5]))  # fmt: skip
     robot = gym.make("JansenWalker-v0").unwrapped
     robot.reset(seed=5, options={"speed_command": 0.2})
-    positions = [robot.step(np.float32([torque / 20.0]))[4]["x_position"] for torque in torques]
+    infos = [robot.step(np.float32([torque / 20.0]))[4] for torque in torques]
+    positions = [info["x_position"] for info in infos]
     assert run["early_distance"] == positions[99] and run["distance"] == positions[-1]
     changes = np.abs(np.diff([0.0, *torques]))
     env = SimpleNamespace(spec=SimpleNamespace(max_episode_steps=120), unwrapped=robot)
@@ -181,6 +219,12 @@ def test_what_is_kept_of_an_episode(walker):
     assert scored["torque_change"] == pytest.approx(changes.mean(), rel=1e-6)
     error = abs((positions[-1] - positions[99]) / 0.4 - 0.2)
     assert scored["steady_speed_error"] == pytest.approx(error)
+    way, slip = positions[-1] - positions[99], [info["slip"].sum() for info in infos]
+    work = sum(abs(info["energy"]["motor_work"]) for info in infos[100:])
+    assert scored["steady_slip_per_metre"] == pytest.approx(sum(slip[100:]) / way)
+    assert scored["steady_cost_of_transport"] == pytest.approx(work / robot.weight / way)
+    assert scored["start_slip"] == pytest.approx(sum(slip[:100]))
+    assert scored["start_lag"] == pytest.approx(0.4 - positions[99])
 
 
 def made_episodes(n=40):

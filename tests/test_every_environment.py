@@ -21,8 +21,8 @@ ROOT = Path(__file__).parents[1]
 
 
 def test_all_are_known():
-    assert IDS == ["JansenCrank-v0", "JansenWalker-v0", "JansenWalkerHardcore-v0",
-                   "JansenWalkerRough-v0"]  # fmt: skip
+    assert IDS == ["JansenCrank-v0", "JansenWalker-v0", "JansenWalkerBuilt-v0",
+                   "JansenWalkerHardcore-v0", "JansenWalkerRough-v0"]  # fmt: skip
 
 
 @pytest.mark.parametrize("env_id", IDS)

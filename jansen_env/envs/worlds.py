@@ -1,6 +1,6 @@
-"""``JansenWalkerRough-v0`` and ``JansenWalkerHardcore-v0``: the walking task in harder worlds.
+"""``JansenWalkerBuilt-v0``, ``JansenWalkerRough-v0`` and ``JansenWalkerHardcore-v0``: presets.
 
-Both are :class:`WalkerTask` with other defaults, no more; any of them can be given another value.
+Each is :class:`WalkerTask` with other defaults, no more; any of them can be given another value.
 What is randomised by default is left out where it would do nothing: levels of flat ground, noise
 where there is none.
 """
@@ -22,6 +22,7 @@ HEIGHT_SCAN = (
     15,
 )  # m behind and ahead of the axis, places: every 0.1 m; feet reach 0.6 m
 SPEED_COMMAND = (0.1, 0.5)  # m/s
+BUILT = {"robot": "built", "speed_command": (0.05, 0.6)}
 ROUGH = {
     "terrain": "mixed",
     "terrain_level": (0, 9),
@@ -51,6 +52,16 @@ HARDCORE = {
 }
 
 
+class BuiltTask(WalkerTask):
+    """:class:`WalkerTask` with the defaults :data:`BUILT`."""
+
+    def __init__(self, num_envs: int = 1, threads: int | None = None, **arguments: Any) -> None:
+        self.by_default = frozenset(BUILT) - {*arguments}
+        super().__init__(num_envs, threads, **{**BUILT, **arguments})
+
+    __signature__ = with_defaults(WalkerTask, BUILT)
+
+
 class RoughTask(WalkerTask):
     """:class:`WalkerTask` with the defaults :data:`ROUGH`."""
 
@@ -71,8 +82,61 @@ class HardcoreTask(WalkerTask):
     __signature__ = with_defaults(WalkerTask, HARDCORE)
 
 
+class JansenWalkerBuiltEnv(JansenWalkerEnv):
+    """Walk at a commanded speed with a machine that could be built.
+
+    ## Description
+    The task of ``JansenWalker-v0`` with the buildable robot (``docs/built_robot.md``): the paper's
+    lengths, links of aluminium with the masses and inertias of their shapes, dry bearings, rubber
+    feet, and a gearmotor with its rotor and torque-speed line. The paper's own robot has links of
+    0.1 kg with a radius of gyration of 1 m, which no machine can have, and is much harder to drive.
+
+    ## Action Space
+    | Num | Action | Min | Max | Unit |
+    |-----|--------|-----|-----|------|
+    | 0 | crank torque, as a share of ``torque_limit`` (12 N m) | -1 | 1 | 1 |
+
+    ## Observation Space
+    | Num | Observation | Min | Max | Unit |
+    |-----|-------------|-----|-----|------|
+    | 0 .. 19 | as of ``JansenWalker-v0`` | | | |
+
+    ## Rewards
+    Those of ``JansenWalker-v0``.
+
+    ## Starting State
+    As in ``JansenWalker-v0``. Drawn at each reset from the robot's own generator:
+
+    | Number | Range |
+    |--------|-------|
+    | commanded speed | 0.05 to 0.6 m/s |
+
+    With this motor, faster walks lose speed and fall.
+
+    ## Episode End
+    As in ``JansenWalker-v0``. Truncated after 500 steps (10 s).
+
+    ## Information
+    That of ``JansenWalker-v0``.
+
+    ## Arguments
+    Those of ``JansenWalker-v0``, with ``robot="built"`` and ``speed_command=(0.05, 0.6)``.
+
+    ## Version History
+    * v0: first release.
+    """
+
+    TASK = BuiltTask
+
+
+class JansenWalkerBuiltVectorEnv(TaskVectorEnv[BuiltTask]):
+    """:class:`JansenWalkerBuiltEnv` for many robots at once: what ``gym.make_vec`` makes."""
+
+    TASK = BuiltTask
+
+
 class JansenWalkerRoughEnv(JansenWalkerEnv):
-    """Walk at a commanded speed over ground that is another one in each episode.
+    """Walk at a commanded speed over ground that is new in each episode.
 
     ## Description
     The machine and the task of ``JansenWalker-v0`` on ground of seven kinds: slopes, rough ground,

@@ -43,7 +43,9 @@ SLIDERS = {
 }
 """By their names in ``env.unwrapped.set_parameters``."""
 
-ENVIRONMENTS = ("JansenWalker-v0", "JansenWalkerRough-v0", "JansenWalkerHardcore-v0")
+ENVIRONMENTS = (
+    "JansenWalkerBuilt-v0", "JansenWalker-v0", "JansenWalkerRough-v0", "JansenWalkerHardcore-v0",
+)  # fmt: skip
 FLAT = "flat"
 TERRAINS = (FLAT, *GENERATORS)
 ROBOTS = tuple(sorted(jansen_env.ROBOTS))

@@ -201,8 +201,6 @@ WORLD = replace(
     variety=4,
 )
 
-HARDCORE = replace(WORLD, baselines=TUNED)
-
 CRANK = Task(
     commands=(1.0,),
     command_unit="rad/s",
@@ -230,7 +228,7 @@ TASKS: dict[str, Task] = {
     "JansenWalker-v0": WALKER,
     "JansenWalkerBuilt-v0": BUILT,
     "JansenWalkerRough-v0": WORLD,
-    "JansenWalkerHardcore-v0": HARDCORE,
+    "JansenWalkerHardcore-v0": WORLD,
     "JansenCrank-v0": CRANK,
 }
 WALKERS = [name for name, task in TASKS.items() if "falls" in task.metrics]

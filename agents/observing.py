@@ -93,7 +93,7 @@ def knowledge(tasks: Sequence[Any]) -> NDArray[np.float32]:
 
 
 def seen_space(own: Any, history: History, known: int) -> spaces.Box:
-    """Of observations of the space ``own`` with a history, and ``known`` numbers behind them.
+    """Return the space of observations of ``own`` with a history and ``known`` numbers behind them.
 
     Raises:
         ValueError: they are too much to remember.

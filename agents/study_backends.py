@@ -251,7 +251,7 @@ def connect_ray(address: str | None, **options: Any) -> Any:
 
 
 def _answers_anybody(address: str) -> bool:
-    """Whether a cluster answers a client that has no token."""
+    """Return whether a cluster answers a client that has no token."""
     import grpc
 
     with grpc.insecure_channel(address, [("grpc.enable_http_proxy", 0)]) as channel:
@@ -264,7 +264,7 @@ def _answers_anybody(address: str) -> bool:
 
 @contextmanager
 def ray_cluster(address: str | None) -> Iterator[Any]:
-    """Ray's module, connected to a cluster, or to one of its own that ends with the context.
+    """Ray's module, connected to a cluster, or to a new one that ends with the context.
 
     Raises:
         ConnectionError: there is no cluster at the address, or it asks for no token.

@@ -220,7 +220,7 @@ def over_starts(values: Array, form: str, worst: Callable[[Array], float] = np.m
 
 
 def buckling_load(robot: Robot, name: str) -> float:
-    """What a rod bears, N."""
+    """Return the load at which a rod buckles, N."""
     return built.buckling_load(getattr(robot, name).length, thickness=built.bar_thickness(name))
 
 
@@ -231,7 +231,7 @@ def safety(robot: Robot, found: Loads) -> Array:
 
 
 def strength_table(robot: Robot, loads: dict[float, Loads]) -> str:
-    """What parts bear, and what the walks ask of them."""
+    """Return the table of permissible loads beside those of the walks."""
     millimetre = 1e-3 * robot.pad_compliance.stiffness
     lines: list[tuple[str, str, str, Callable[[Loads], Array], Callable[[Array], float]]] = [
         ("foot, load (N)", f"{built.FOOT_LOAD:.0f}", ".0f", lambda f: f.normal, np.max),

@@ -113,7 +113,7 @@ def writable(folder: Path) -> bool:
 def own_folder(folder: Path) -> Path:
     """Make a folder whose files no other user but root can change; return its real path.
 
-    All folders above it count, as who can write there can put another one in its place; but in
+    All folders above it count, as who can write there can replace the folder; but in
     those with the sticky bit everybody's own stay. The real path has no links that could be swapped
     afterwards; the folder itself must not be one, as its mode is set. Who owns the root folder can
     change everything: in a container root's own folders may appear as those of another user. On

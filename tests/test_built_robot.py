@@ -116,7 +116,7 @@ def test_links_are_no_longer_heavier_than_they_look():
 
 
 def test_motor_and_battery_balance():
-    """What sits at O is as heavy as what sits at P: the centre of mass is half way."""
+    """Equal masses at O and P: the centre of mass is half way."""
     at_axis = built.MOTOR_MASS + built.MOTOR_PLATE_MASS + built.CRANKSHAFT_MASS
     at_pivots = built.BATTERY_MASS + 2.0 * built.CROSS_MEMBER_MASS
     assert at_axis == pytest.approx(at_pivots) == pytest.approx(built.AXIS_MASS)

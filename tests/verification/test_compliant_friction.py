@@ -153,7 +153,7 @@ def test_random_walks_in_grooves(name, time_step, measured):
     batch.close()
     where = f"grooves, {name}, {1e3 * time_step:g} ms"
     measured(f"{where}: energy unaccounted for in 20 ms, median", np.median(unaccounted), 0.15, "J")
-    measured(f"{where}: energy unaccounted for in 20 ms", unaccounted.max(), 3.0, "J")
+    measured(f"{where}: energy unaccounted for in 20 ms", unaccounted.max(), 15.0, "J")
     measured(f"{where}: contact law violated", residual, 1e-12, "N s")
     measured(f"{where}: least loss of friction or pads in 20 ms, negative", -lowest, 0.0, "J")
 

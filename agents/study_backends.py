@@ -14,6 +14,7 @@ import signal
 import socket
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -32,7 +33,7 @@ from jansen_env.files import remove_unused
 RETRIES = 10  # of a run whose process or machine was lost
 TICK = 1.0  # s between two looks at the runs
 ANSWER = 10.0  # s for a cluster to answer
-STOPPING = 120.0  # s for runs to save their checkpoints
+STOPPING, AGAIN = 120.0, 15.0  # s for runs to save checkpoints, and between two calls to do so
 LOST = Outcome("lost", f"its process was lost {RETRIES + 1} times")
 STOPPED = Outcome("stopped")
 OBJECT_STORE = 80_000_000  # bytes, nearly the least that Ray takes: runs pass files, not objects
@@ -178,9 +179,12 @@ def run_on_ray(orders: Sequence[Order], address: str | None, watch: Watch) -> di
             _collect(ray, names, outcomes, TICK)
             watch(outcomes)
         if names:
-            for ref in names:
-                ray.cancel(ref)  # as SIGINT: a run in training saves a checkpoint
-            _collect(ray, names, outcomes, STOPPING, all_of_them=True)
+            end = time.monotonic() + STOPPING
+            while names and time.monotonic() < end:
+                for ref in names:
+                    ray.cancel(ref)  # as SIGINT: a run in training saves a checkpoint
+                # Again after a while: an interrupt within a callback from C is lost.
+                _collect(ray, names, outcomes, AGAIN, all_of_them=True)
             outcomes.update(dict.fromkeys(names.values(), STOPPED))
             watch(outcomes)
     return outcomes

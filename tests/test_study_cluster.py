@@ -121,7 +121,7 @@ def test_an_end_by_signal_saves_checkpoints(tmp_path):
     driver = start(command(plan, tmp_path))
     wait_until(lambda: any(study_runs.read_status(folder).get("steps") for folder in folders))
     driver.send_signal(signal.SIGTERM)
-    assert driver.wait(60) == 130, driver.stdout.read()
+    assert driver.wait(180) == 130, driver.stdout.read()
     assert list((tmp_path / "small").glob("*/seed_0/checkpoints/model_*_steps.zip"))
 
 

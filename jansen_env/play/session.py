@@ -44,7 +44,7 @@ SLIDERS = {
 """By their names in ``env.unwrapped.set_parameters``."""
 
 ENVIRONMENTS = (
-    "JansenWalkerBuilt-v0", "JansenWalker-v0", "JansenWalkerRough-v0", "JansenWalkerHardcore-v0",
+    "JansenWalker-v0", "JansenWalkerBuilt-v0", "JansenWalkerRough-v0", "JansenWalkerHardcore-v0",
 )  # fmt: skip
 FLAT = "flat"
 TERRAINS = (FLAT, *GENERATORS)

@@ -123,7 +123,7 @@ the sum of squares; inf where unknown), and bend of its bristle.
 """
 
 UNKNOWN_DEFLECTION = np.inf, 0.0
-"""Of a pad whose past is unknown: it is as compressed as the ground presses it, and not bent."""
+"""Deflection of a pad whose past is unknown: compressed as the ground presses it, and not bent."""
 
 PAD = row_dtype([("table", "i8"), ("phase", "f8")])
 """A pad of the design: row of the pads' tables, and crank phase, rad."""

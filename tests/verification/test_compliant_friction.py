@@ -125,8 +125,8 @@ def test_bristles_and_springs_give_back_what_they_took(measured):
 @pytest.mark.parametrize("time_step", [1e-3, 1e-2])
 @pytest.mark.parametrize("name", ["paper_slender", "holy", "built"])
 def test_random_walks_in_grooves(name, time_step, measured):
-    """Two planes and more at a pad, random torques, pads of all kinds: nothing diverges,
-    friction never drives, and little energy is unaccounted for: what springs up to 1 TN/m, which no such
+    """Two planes and more at a pad, random torques, pads of all kinds: nothing diverges, friction
+    never drives, and little energy is unaccounted for: what springs up to 1 TN/m, which no such
     time step resolves, give back of what counted as lost.
     """
     rng, count = np.random.default_rng(7), 48

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from agents.policy import Array, TorquePolicy
-from agents.walker_observation import COMMAND, COS_CRANK, CRANK_SPEED, LAG, SIN_CRANK, place
+from agents.walker_observation import COMMAND, COS_CRANK, CRANK_SPEED, LAG, SIN_CRANK
 from jansen_env.checks import positive
 from jansen_env.crank_profile import NUMBERS, CrankProfile, crank_torque
 
@@ -58,8 +57,3 @@ def load_profile(path: str | Path = DATA, robot: str = "paper") -> Profile:
     """
     found = json.loads(Path(path).read_text(encoding="utf-8"))[robot]
     return Profile(np.array(found["commands"]), np.array(found["numbers"]))
-
-
-def profile_policy(env: Any) -> TorquePolicy:
-    """The shipped profile for an unwrapped environment."""
-    return load_profile().policy(env.torque_limit, place(env, "lag"))

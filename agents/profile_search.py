@@ -16,7 +16,7 @@ import numpy as np
 
 from agents.policy import Array, TorquePolicy
 from agents.profile import Profile, profile_torque
-from agents.trials import Outcome, Trials
+from agents.trials import ENV, Outcome, Trials
 
 COMMANDS = (0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.7, 0.8)  # m/s
 HARMONICS = 4
@@ -95,12 +95,13 @@ def improve(
     sweep: Sweep,
     rng: np.random.Generator,
     progress: Callable[[Outcome], None] = lambda _: None,
+    env_id: str = ENV,
 ) -> Array:
     """Better numbers for a command of the grid.
 
     Args:
         found: numbers by command, m/s; ``command`` among them, the others are held.
-        progress: gets each generation's episodes.
+        progress: gets each generation's episodes. env_id: whose robot walks.
     """
     knots = sorted(found)
     place, m, n = knots.index(command), sweep.candidates, sweep.episodes
@@ -109,7 +110,7 @@ def improve(
     held[place] = 0.0
     rest = Profile(np.array(knots), held)
     search = make_search(found[command], sweep, rng)
-    trials = Trials(np.tile(np.linspace(*FRICTION, n), m))
+    trials = Trials(np.tile(np.linspace(*FRICTION, n), m), env_id=env_id)
     for _ in range(sweep.generations):
         # Commands and starts are stratified, each in an order of its own.
         orders = np.array([rng.permutation(n), rng.permutation(n)])
@@ -156,13 +157,14 @@ def search_profile(
     seed: int = 0,
     progress: Callable[[float, Outcome], None] = lambda *_: None,
     save: Callable[[Profile], None] = lambda _: None,
+    env_id: str = ENV,
 ) -> Profile:
     """The profile at a grid of commands, m/s, above 0.
 
     Args:
         sweeps: at least one. harmonics: K. seed: the same one, the same profile.
         progress: gets each generation's command and episodes. save: gets what there is after
-            each sweep, at all commands.
+            each sweep, at all commands. env_id: whose robot walks.
     """
     rng = np.random.default_rng(seed)
     found: dict[float, Array] = {}
@@ -178,7 +180,7 @@ def search_profile(
             def tell(out: Outcome, command: float = command) -> None:
                 progress(command, out)
 
-            found[command] = improve(held, command, sweep, rng, tell)
+            found[command] = improve(held, command, sweep, rng, tell, env_id)
         knots = sorted(found)
         profile = Profile(np.array(knots), np.array([found[knot] for knot in knots]))
         save(profile)

@@ -122,7 +122,7 @@ TORQUE = {
 }
 
 WALKER = Task(
-    commands=(0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7),
+    commands=(0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8),
     command_unit="m/s",
     aggregates={
         "distance": Aggregate("last", lambda info: info["x_position"]),
@@ -185,13 +185,7 @@ WALKER = Task(
     ),
 )
 
-# Without the profile, which was found for the paper's robot: other robots stumble with it.
-BUILT = replace(
-    WALKER,
-    commands=(0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6),
-    baselines={name: WALKER.baselines[name] for name in ("pid", "constant")},
-    marks=(),
-)
+BUILT = replace(WALKER, marks=())
 
 WORLD = replace(
     WALKER,

@@ -47,11 +47,12 @@ class Trials:
 
     Args:
         friction: (n,) of each one's ground. terrain: one for all, or a list of one for each.
+        env_id: whose robots walk, on the flat.
     """
 
-    def __init__(self, friction: Array, terrain: Any = "flat") -> None:
+    def __init__(self, friction: Array, terrain: Any = "flat", env_id: str = ENV) -> None:
         envs: Any = gym.make_vec(
-            ENV, num_envs=len(friction), autoreset_mode=AutoresetMode.DISABLED,
+            env_id, num_envs=len(friction), autoreset_mode=AutoresetMode.DISABLED,
             terminate_when_fallen=False, friction=np.asarray(friction, float), terrain=terrain,
             info_keys=("fallen", "diverged", "x_position", "slip", "energy", "crank_torque"),
         )  # fmt: skip

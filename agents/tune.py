@@ -2,7 +2,7 @@
 
 For ``pid`` and ``constant`` the walking speed at constant crank speeds and at constant torques is
 measured on the robot of ``--env``; the PID's gains are those of :data:`GAINS` that return most.
-``profile`` is searched for on the paper's robot (:mod:`agents.profile_search`).
+``profile`` is searched for on the same robot (:mod:`agents.profile_search`).
 """
 
 from __future__ import annotations
@@ -122,15 +122,17 @@ def tune_maps(names: list[str], episodes: int, path: Path, env_id: str = ENV) ->
     print(f"written: {save_design(path, design_of(env_id), made)}")
 
 
-def tune_profile(seed: int, path: Path) -> None:
+def tune_profile(seed: int, path: Path, env_id: str = ENV) -> None:
     """Search for the profile; what there is after each sweep is in the file."""
-    sweeps = profile_search.SWEEPS
+    sweeps, design = profile_search.SWEEPS, design_of(env_id)
+    fastest = max(TASKS[env_id].commands)
+    commands = [command for command in profile_search.COMMANDS if command <= fastest + 0.1]
     made: dict[str, Any] = {
-        "command": f"python -m agents.tune profile --seed {seed}",
+        "command": f"python -m agents.tune profile --env {env_id} --seed {seed}",
         "versions": versions(),
         "columns": list(profile.columns(profile_search.HARMONICS)),
     }
-    total = len(profile_search.COMMANDS) * sum(sweep.generations for sweep in sweeps)
+    total = len(commands) * sum(sweep.generations for sweep in sweeps)
     with tqdm(total=total, desc="profile", unit="generation") as bar:
 
         def progress(command: float, out: Outcome) -> None:
@@ -142,10 +144,10 @@ def tune_profile(seed: int, path: Path) -> None:
         def save(found: Profile) -> None:
             made["commands"] = found.commands.tolist()
             made["numbers"] = found.numbers.round(5).tolist()
-            save_design(path, "paper", made)
+            save_design(path, design, made)
 
         profile_search.search_profile(
-            profile_search.COMMANDS, sweeps, seed=seed, progress=progress, save=save
+            commands, sweeps, seed=seed, progress=progress, save=save, env_id=env_id
         )
     print(f"written: {path}")
 
@@ -169,7 +171,7 @@ def main(arguments: list[str] | None = None) -> None:
     if maps:
         tune_maps(maps, args.episodes, args.out / DATA.name, args.env)
     if "profile" in names:
-        tune_profile(args.seed, args.out / profile.DATA.name)
+        tune_profile(args.seed, args.out / profile.DATA.name, args.env)
 
 
 if __name__ == "__main__":

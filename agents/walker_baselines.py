@@ -2,8 +2,8 @@
 
 They read nothing but the observation. The crank speed (or torque) for a commanded walking speed
 comes from a map measured on the robot at hand (``python -m agents.tune``, kept in ``agents/data``).
-The paper's robot is driven with the paper's gains, others with gains found for them; the profile is
-in :mod:`agents.profile`.
+The paper's robot is driven with the paper's gains, others with gains found for them. So is the
+profile (:mod:`agents.profile`).
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from agents import profile
 from agents.policy import PAPER_PID, Array, Bools, Policy, TorquePolicy, pid_policy
-from agents.profile import profile_policy
-from agents.walker_observation import COMMAND, COS_CRANK, CRANK_SPEED, SIN_CRANK
+from agents.walker_observation import COMMAND, COS_CRANK, CRANK_SPEED, SIN_CRANK, place
 from jansen_env.control import PID
 from jansen_env.robot import BODIES, ROBOTS, Robot
 
@@ -76,6 +76,13 @@ def tuned_for(robot: Robot, tuned: Iterable[str]) -> str:
     return "paper"
 
 
+def searched_profile(env: Any) -> Policy:
+    """Return the profile found for an environment's robot."""
+    found = json.loads(profile.DATA.read_text(encoding="utf-8"))
+    own = profile.load_profile(robot=tuned_for(env.robot, found))
+    return own.policy(env.torque_limit, place(env, "lag"))
+
+
 def measured(name: str, robot: Robot) -> dict[str, Any]:
     """Return what was measured of "pid" or "constant" on a robot's design."""
     found = json.loads(DATA.read_text(encoding="utf-8"))
@@ -103,6 +110,6 @@ def measured_torque(env: Any) -> Policy:
 BASELINES: dict[str, Callable[[Any], Policy]] = {
     "pid": measured_pid,
     "constant": measured_torque,
-    "profile": profile_policy,
+    "profile": searched_profile,
 }
 """Each is made for an unwrapped environment."""

@@ -22,7 +22,7 @@ HEIGHT_SCAN = (
     15,
 )  # m behind and ahead of the axis, places: every 0.1 m; feet reach 0.6 m
 SPEED_COMMAND = (0.1, 0.5)  # m/s
-BUILT = {"robot": "built", "speed_command": (0.05, 0.6)}
+BUILT = {"robot": "built"}
 ROUGH = {
     "terrain": "mixed",
     "terrain_level": (0, 9),
@@ -105,13 +105,7 @@ class JansenWalkerBuiltEnv(JansenWalkerEnv):
     Those of ``JansenWalker-v0``.
 
     ## Starting State
-    As in ``JansenWalker-v0``. Drawn at each reset from the robot's own generator:
-
-    | Number | Range |
-    |--------|-------|
-    | commanded speed | 0.05 to 0.6 m/s |
-
-    With this motor, faster walks lose speed and fall.
+    As in ``JansenWalker-v0``.
 
     ## Episode End
     As in ``JansenWalker-v0``. Truncated after 500 steps (10 s).
@@ -120,7 +114,7 @@ class JansenWalkerBuiltEnv(JansenWalkerEnv):
     That of ``JansenWalker-v0``.
 
     ## Arguments
-    Those of ``JansenWalker-v0``, with ``robot="built"`` and ``speed_command=(0.05, 0.6)``.
+    Those of ``JansenWalker-v0``, with ``robot="built"``.
 
     ## Version History
     * v0: first release.

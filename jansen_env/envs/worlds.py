@@ -24,6 +24,7 @@ HEIGHT_SCAN = (
 SPEED_COMMAND = (0.1, 0.5)  # m/s
 BUILT = {"robot": "built"}
 ROUGH = {
+    **BUILT,
     "terrain": "mixed",
     "terrain_level": (0, 9),
     "speed_command": SPEED_COMMAND,
@@ -32,7 +33,6 @@ ROUGH = {
 }
 HARDCORE = {
     **ROUGH,
-    "robot": "built",
     "noise": Noise(),
     "push": Push(impulse=3.0),
     "randomize": {
@@ -133,7 +133,7 @@ class JansenWalkerRoughEnv(JansenWalkerEnv):
     """Walk at a commanded speed over ground that is new in each episode.
 
     ## Description
-    The machine and the task of ``JansenWalker-v0`` on ground of seven kinds: slopes, rough ground,
+    The machine and the task of ``JansenWalkerBuilt-v0`` on ground of seven kinds: slopes, rough ground,
     waves, stairs, steps, stumps and ramps (``docs/terrain.md``), drawn at each reset at a level
     from 0, nearly flat, to 9, just beyond what the machine can climb. The robot sees the ground
     ahead, carries a load that it does not know, and does not know how slippery the ground is.
@@ -141,7 +141,7 @@ class JansenWalkerRoughEnv(JansenWalkerEnv):
     ## Action Space
     | Num | Action | Min | Max | Unit |
     |-----|--------|-----|-----|------|
-    | 0 | crank torque, as a share of ``torque_limit`` (20 N m) | -1 | 1 | 1 |
+    | 0 | crank torque, as a share of ``torque_limit`` (12 N m) | -1 | 1 | 1 |
 
     ## Observation Space
     | Num | Observation | Min | Max | Unit |
@@ -181,6 +181,7 @@ class JansenWalkerRoughEnv(JansenWalkerEnv):
 
     | Argument | Default |
     |----------|---------|
+    | ``robot`` | ``"built"`` |
     | ``terrain`` | ``"mixed"`` |
     | ``terrain_level`` | (0, 9) |
     | ``speed_command`` | (0.1, 0.5) |
@@ -201,13 +202,11 @@ class JansenWalkerRoughVectorEnv(TaskVectorEnv[RoughTask]):
 
 
 class JansenWalkerHardcoreEnv(JansenWalkerEnv):
-    """Walk over such ground with a machine that could be built, in a world that is not kind.
+    """Walk over such ground in a world that is not kind.
 
     ## Description
-    The world of ``JansenWalkerRough-v0`` and in it the buildable robot (``docs/built_robot.md``):
-    links of aluminium, dry bearings, rubber feet that give, a real gearmotor with its torque-speed
-    line. Sensors are noisy, torques come late, somebody pushes, the floor is not level, and no two
-    machines are alike.
+    ``JansenWalkerRough-v0`` with noisy sensors, torques that come late, somebody who pushes, a floor
+    that is not level, and no two machines alike.
 
     ## Action Space
     | Num | Action | Min | Max | Unit |
@@ -252,9 +251,9 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
     That of ``JansenWalkerRough-v0``, and ``true_observation``: the observation without noise.
 
     ## Arguments
-    Those of ``JansenWalker-v0``; ``terrain``, ``terrain_level``, ``speed_command`` and
-    ``height_scan`` as of ``JansenWalkerRough-v0``, and ``robot="built"``, ``noise=Noise()``,
-    ``push=Push(3.0)``, ``randomize`` as in the table.
+    Those of ``JansenWalker-v0``; ``robot``, ``terrain``, ``terrain_level``, ``speed_command`` and
+    ``height_scan`` as of ``JansenWalkerRough-v0``, and ``noise=Noise()``, ``push=Push(3.0)``,
+    ``randomize`` as in the table.
 
     ## Version History
     * v0: first release.

@@ -20,8 +20,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
-from agents.marks import at_commands, baseline_names, limits, shortfalls
-from agents.metrics import Array, Episodes, point_estimates
+from agents.metrics import point_estimates
 from agents.models import save_model
 from agents.normalizer import NormalizedObservation
 from agents.process import SIGNALS, after_the_first
@@ -43,7 +42,6 @@ from agents.vec_env import acting
 from jansen_env.files import write_json
 
 EPISODES = 16  # per command, of each evaluation, times the task's variety
-SHORTFALL_PRICE = 10.0  # in returns, of a mark missed by all of it
 SELECTION_SEED = 30_000  # of the episodes that choose the best model, apart from all others
 
 
@@ -84,7 +82,6 @@ class Saver(BaseCallback):
         self.last: Path | None = None
         self.task = find_task(env_id)
         self.commands = np.repeat(self.task.commands, EPISODES * self.task.variety)
-        self._most: Array | None = None  # that the task's marks allow, once it is needed
         # After a kill the last evaluations may be of steps that are now trained again. The best
         # model may be of one of them, so what is to beat is not the history's but the file's.
         before = read_evaluations(folder) if done else []  # else the run begins again
@@ -146,8 +143,7 @@ class Saver(BaseCallback):
         run = run_episodes(acting(self.model), self.env_id, self.env_kwargs, self.commands, seeds)
         env = make_env(self.env_id, self.env_kwargs)
         scored = point_estimates(self.task.metrics, run, env)
-        short = self._shortfall(run, env) if self.task.marks else 0.0
-        scored["score"] = (scored[self.task.chosen_by] or 0.0) - SHORTFALL_PRICE * short
+        scored["score"] = scored[self.task.chosen_by] or 0.0
         env.close()
         for name, value in scored.items():
             self.logger.record(f"eval/{name}", value)
@@ -162,19 +158,6 @@ class Saver(BaseCallback):
             save_model(self.model, self.folder / BEST, row)
         self.history.append(row)
         write_json(self.folder / "evaluations.json", self.history)
-
-    def _shortfall(self, run: Episodes, env: Any) -> float:
-        """How far the policy is from the task's marks, at all commands together."""
-        if self._most is None:
-            seeds = SELECTION_SEED + np.arange(len(self.commands))
-            baselines = {}
-            for name in baseline_names(self.task):
-                policy = self.task.baselines[name](env.unwrapped)
-                own = run_episodes(policy, self.env_id, self.env_kwargs, self.commands, seeds)
-                baselines[name] = at_commands(self.task, own, env)
-            self._most = limits(self.task, np.unique(self.commands), baselines)
-        policy_run = at_commands(self.task, run, env)
-        return float(shortfalls(self.task, policy_run, self._most).sum())
 
 
 class NoSaver(Saver):

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from agents.command_line import mapping, non_negative_int, positive_int
-from agents.marks import baseline_names, describe
 from agents.metrics import score_table, summarise
 from agents.plots import plot_scores
 from agents.policy import Policy
@@ -210,10 +209,6 @@ def main(arguments: list[str] | None = None) -> None:
     write_json(out / "scores.json", scores)
     plot_scores(task, scores, out / "scores.png")
     print(score_table(task.metrics, scores))
-    if {*baseline_names(task)} <= {*scores}:  # or the marks are not known
-        for name in scores:
-            if marks := describe(task, scores, name):
-                print(f"{name}: {marks}")
     print(f"\n{args.episodes} episodes at each of {args.commands} {task.command_unit}, "
           f"seed {args.seed}; 95 % bootstrap intervals over episodes. "
           f"Written: {out}/scores.json, {out}/scores.png")  # fmt: skip

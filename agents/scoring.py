@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from agents.evaluate import evaluate, label
-from agents.marks import describe
 from agents.metrics import score_table
 from agents.models import load_policy
 from agents.plots import plot_scores, plot_training
@@ -51,8 +50,6 @@ def outcome(folder: Path, env_id: str, scores: Scores) -> str:
     baseline, run = next(iter(task.baselines)), list(scores)[-1]
     mark = _mean_return(scores[baseline])
     lines = [score_table(task.metrics, scores), "brackets: 95 % intervals over episodes, not seeds"]
-    if marks := describe(task, scores, run):
-        lines.append(marks)
     rows = read_evaluations(folder)
     ahead = next((row for row in rows if row["return"] > mark), None)
     if ahead is not None and "seconds" in ahead:

@@ -16,7 +16,7 @@ from agents.tasks import Task
 
 NOTES = """\
 At each commanded speed ({unit}) the mean over the {seeds} seeds and, in brackets, the worst seed's;
-less is better in each column. Ratios are those of a run to the baseline on the same episodes."""
+less is better in each column."""
 
 
 def numbers(values: Iterable[float | None]) -> NDArray[np.float64]:
@@ -30,7 +30,7 @@ def listed(values: Iterable[Any]) -> list[float | None]:
 
 
 def by_command(task: Task, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Of finished runs the metrics of the task's marks at each command, and their ratios.
+    """Of finished runs what is scored at each command: all of which less is better.
 
     Args:
         rows: with ``seed`` and ``by_command``, see :func:`agents.study_report.collect`.
@@ -44,15 +44,9 @@ def by_command(task: Task, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
         return {}
     first = rows[0]["by_command"]
     columns = {}
-    metrics = dict.fromkeys(mark.metric for mark in task.marks)
-    for name in filter(first["run"].__contains__, metrics):
-        values = _values(rows, "run", name)
-        columns[task.metrics[name].heading] = _over_seeds(values, rows)
-    for name, baseline in dict.fromkeys((mark.metric, mark.baseline) for mark in task.marks):
-        if baseline in first and name in first[baseline]:
-            with np.errstate(divide="ignore", invalid="ignore"):
-                ratio = _values(rows, "run", name) / _values(rows, baseline, name)
-            columns[f"{task.metrics[name].label} / {baseline}'s"] = _over_seeds(ratio, rows)
+    for name, metric in task.metrics.items():
+        if metric.axis and name not in ("return", task.chosen_by) and name in first["run"]:
+            columns[metric.heading] = _over_seeds(_values(rows, "run", name), rows)
     return {"command": next(iter(first["run"].values()))["command"], "columns": columns}
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -20,20 +20,6 @@ from jansen_env.envs.crank_task import LOST
 ENOUGH = 0.8  # of the commanded distance
 
 
-class Mark(NamedTuple):
-    """What a policy is to reach at each command.
-
-    Attributes:
-        metric: by name; less is better. limit: the most that is allowed, in the metric's unit, or
-            as a multiple of what ``baseline`` has there. up_to: the fastest command it is for.
-    """
-
-    metric: str
-    limit: float
-    baseline: str = ""
-    up_to: float = np.inf
-
-
 @dataclass(frozen=True)
 class Task:
     """How policies are scored on an environment.
@@ -45,8 +31,7 @@ class Task:
         metrics: by name; the first is "return".
         baselines: the policies to compare with by name, the main one first; each is made for an
             unwrapped environment.
-        marks: what a policy is to reach; by them the best model of a run is chosen.
-        chosen_by: the metric by which it is, less what is missed of the marks.
+        chosen_by: the metric by which the best model of a run is chosen.
         variety: how many times as many episodes that takes as where nothing but the start differs.
     """
 
@@ -55,7 +40,6 @@ class Task:
     aggregates: dict[str, Aggregate]
     metrics: dict[str, Metric]
     baselines: dict[str, Callable[[Any], Policy]]
-    marks: tuple[Mark, ...] = ()
     chosen_by: str = "return"
     variety: int = 1
 
@@ -174,18 +158,7 @@ WALKER = Task(
         ),
     },
     baselines=walker_baselines.BASELINES,
-    marks=(
-        Mark("falls", 0.0),
-        Mark("steady_speed_error", 0.01),
-        Mark("slip_per_metre", 1.0, "profile"),
-        Mark("slip_per_metre", 0.1, "pid", up_to=0.1),
-        Mark("cost_of_transport", 1.15, "profile"),
-        Mark("rms_torque", 1.2, "profile"),
-        Mark("torque_change", 1.0),
-    ),
 )
-
-BUILT = replace(WALKER, marks=())
 
 WORLD = replace(
     WALKER,
@@ -194,7 +167,6 @@ WORLD = replace(
         **WALKER.metrics,
         "success": Metric("success", "fraction", succeeded, axis="fraction"),
     },
-    marks=(),
     chosen_by="success",
     variety=4,
 )
@@ -224,7 +196,7 @@ CRANK = Task(
 
 TASKS: dict[str, Task] = {
     "JansenWalker-v0": WALKER,
-    "JansenWalkerBuilt-v0": BUILT,
+    "JansenWalkerBuilt-v0": WALKER,
     "JansenWalkerRough-v0": WORLD,
     "JansenWalkerHardcore-v0": WORLD,
     "JansenCrank-v0": CRANK,

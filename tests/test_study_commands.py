@@ -1,4 +1,4 @@
-"""A study's table by command: means over seeds, worst seeds, and ratios to the baselines."""
+"""A study's table by command: means over seeds, and worst seeds."""
 
 from __future__ import annotations
 
@@ -30,31 +30,27 @@ def rows():
 
 
 def test_mean_and_worst_over_seeds(rows):
-    """By hand; None where a seed has no value, or the baseline is 0."""
+    """By hand; None where a seed has no value."""
     found = by_command(WALKER, rows)
     assert found["command"] == [0.1, 0.3]
     slip = found["columns"]["slip per metre (m/m)"]
     assert slip["mean"] == [pytest.approx(0.2), None] and slip["worst"] == [0.4, None]
     assert slip["worst_seed"] == [8, 9]
-    to_pid = found["columns"]["slip per metre / pid's"]
-    assert to_pid["mean"][0] == pytest.approx(0.2) and to_pid["worst"][0] == pytest.approx(0.4)
-    to_profile = found["columns"]["slip per metre / profile's"]
-    assert to_profile["worst"] == [pytest.approx(2.0), None]
-    torque = found["columns"]["RMS torque / profile's"]
-    assert torque["mean"] == pytest.approx([1.0, 7.0 / 8.0])
-    assert torque["worst"] == pytest.approx([1.5, 9.0 / 8.0])
-    assert torque["worst_seed"] == [8, 9]
+    torque = found["columns"]["RMS torque (N m)"]
+    assert torque["mean"] == pytest.approx([4.0, 7.0])
+    assert torque["worst"] == [6.0, 9.0] and torque["worst_seed"] == [8, 9]
+    assert "return" not in found["columns"], "more of it is better"
     table = command_table(WALKER, found, 3)
     assert "over the 3 seeds" in table and "| 0.2 (0.4) " in table and "| - " in table
 
 
 def test_what_earlier_versions_lack_is_left_out(rows):
-    """A baseline, or a metric."""
+    """A metric."""
     for row in rows:
-        del row["by_command"]["profile"], row["by_command"]["run"]["falls"]
+        del row["by_command"]["run"]["falls"]
     headings = list(by_command(WALKER, rows)["columns"])
-    assert "slip per metre / pid's" in headings and "speed error after 2 s (m/s)" in headings
-    assert not any("profile" in heading or "falls" in heading for heading in headings)
+    assert "RMS torque (N m)" in headings
+    assert not any("falls" in heading for heading in headings)
     assert by_command(WALKER, []) == {} and command_table(WALKER, {}, 0) == ""
 
 

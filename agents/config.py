@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from agents.action_maps import ACTION_MAPS
 from agents.command_line import MAX_STEPS
 from agents.plain_yaml import read_yaml
-from agents.tasks import TASKS, WALKERS, check_env_kwargs, find_task, vector_env
+from agents.tasks import TASKS, WALKERS, check_env_kwargs, vector_env
 from jansen_env.checks import shown
 from jansen_env.history import MOST, History
 
@@ -159,7 +159,6 @@ POLICY_KWARGS: dict[str, dict[str, Check]] = {
     "ppo": {
         **POLICY,
         "net_arch": layers | layers_of("pi", "vf"),
-        "noise_exponent": non_negative,
         "ortho_init": boolean,
         "full_std": boolean,
         "squash_output": boolean,
@@ -181,8 +180,6 @@ KEYS: dict[str, Check] = {
     "n_envs": integer(1, 10_000),
     "reward_scale": positive,
     "fall_cost": non_negative,
-    "imitate": one_of({name for task in TASKS.values() for name in task.baselines}),
-    "critic_first": integer(0, MAX_STEPS),
     "action": one_of(("torque", *ACTION_MAPS)),
     "history": mapping,
     "privileged_critic": boolean,
@@ -228,15 +225,13 @@ def load_config(
     training reward: a factor, and what a fall takes off before it), ``action`` (what actions mean,
     see :mod:`agents.action_maps`), ``history`` (``{length: 5, every: 2}``: the policy sees so many
     observations, so many steps apart) and ``privileged_critic`` (whether the critic alone knows the
-    episode's parameters; see :mod:`agents.observing`), ``imitate`` (the baseline that PPO's policy
-    learns first, see :mod:`agents.imitation`), ``critic_first`` (steps in which the critic learns
-    alone), ``env_kwargs`` (for training and evaluation), ``training_kwargs`` (for training alone),
-    ``training_variants`` (further arguments of the training environments, taken in turn;
-    ``max_episode_steps`` is one too), ``hyperparameters``
-    (the algorithm's arguments; ``learning_rate`` and ``clip_range`` may be "linear_X", falling from
-    X to 0 over the run) and ``policy_kwargs`` (the policy's; ``activation`` is a name,
-    ``normalize`` scales observations, and with it ``harmonics`` appends so many of the crank
-    angle). The config.yml of a run also has ``algo``, ``env`` and ``seed``.
+    episode's parameters; see :mod:`agents.observing`), ``env_kwargs`` (for training and
+    evaluation), ``training_kwargs`` (for training alone), ``training_variants`` (further arguments
+    of the training environments, taken in turn; ``max_episode_steps`` is one too),
+    ``hyperparameters`` (the algorithm's arguments; ``learning_rate`` and ``clip_range`` may be
+    "linear_X", falling from X to 0 over the run) and ``policy_kwargs`` (the policy's;
+    ``activation`` is a name, ``normalize`` scales observations, and with it ``harmonics`` appends
+    so many of the crank angle). The config.yml of a run also has ``algo``, ``env`` and ``seed``.
 
     Args:
         path: of the file, see :func:`agents.plain_yaml.parse_yaml`.
@@ -328,9 +323,8 @@ def check_config(
 
 def _check_algorithm(algo: str, config: dict[str, Any]) -> None:
     """What only some algorithms have, and what goes together."""
-    for name in ("imitate", "critic_first", "privileged_critic") if algo != "ppo" else ():
-        if config.get(name):
-            raise ValueError(f"{name!r} is given, so algo must be 'ppo', and is {algo!r}")
+    if config.get("privileged_critic") and algo != "ppo":
+        raise ValueError(f"privileged_critic is given, so algo must be 'ppo', and is {algo!r}")
     hyperparameters = config.get("hyperparameters", {})
     policy_kwargs = config.get("policy_kwargs", {})
     _check("history", config.get("history", {}), HISTORY)
@@ -349,34 +343,23 @@ def _check_algorithm(algo: str, config: dict[str, Any]) -> None:
     ):
         if used and not policy_kwargs.get("normalize"):
             raise ValueError(f"{name} is given, so normalize must be true, too")
-    if "noise_exponent" in policy_kwargs:
-        for used, name in ((hyperparameters, "use_sde"), (policy_kwargs, "squash_output")):
-            if used.get(name):
-                raise ValueError(f"policy_kwargs.noise_exponent is given, so {name} must be false")
 
 
 def _check_environment(env_id: str, config: dict[str, Any]) -> None:
     """What only some environments have, and their arguments."""
     action = config.get("action", "torque")
-    if env_id not in WALKERS:
-        if action != "torque":
-            raise ValueError(f"action is {action!r}, must be 'torque' for {env_id}")
-        if "noise_exponent" in config.get("policy_kwargs", {}):
-            raise ValueError(f"policy_kwargs.noise_exponent is given, but {env_id} has no command")
+    if env_id not in WALKERS and action != "torque":
+        raise ValueError(f"action is {action!r}, must be 'torque' for {env_id}")
     if config.get("privileged_critic") and not hasattr(vector_env(env_id).TASK, "parameters"):
         raise ValueError(f"privileged_critic is given, but {env_id} draws no parameters")
-    if (teacher := config.get("imitate")) is not None:
-        one_of(find_task(env_id).baselines)("imitate", teacher)
-        if action != "torque":
-            raise ValueError(f"imitate is given, so action must be 'torque', and is {action!r}")
     for name in ("env_kwargs", "training_kwargs"):
         check_env_kwargs(env_id, config.get(name, {}))
     for variant in config.get("training_variants", ()):
         check_env_kwargs(env_id, variant)
-        if "torque_limit" in variant and (teacher is not None or action != "torque"):
-            raise ValueError(  # baselines and maps are made for one
+        if "torque_limit" in variant and action != "torque":
+            raise ValueError(  # maps are made for one
                 "torque_limit is in training_variants, must be in training_kwargs or env_kwargs, "
-                "where it is of all robots, with imitate or another action than 'torque'"
+                "where it is of all robots, with another action than 'torque'"
             )
 
 

@@ -21,7 +21,6 @@ from stable_baselines3.common.utils import LinearSchedule
 
 from agents.action_maps import MappedPolicy, make_map
 from agents.config import TO_LOAD, find_config, load_config
-from agents.exploration import CommandNoisePolicy
 from agents.model_files import NOTES, STATE, read_model
 from agents.normalizer import NormalizedObservation
 from agents.observing import (
@@ -61,9 +60,7 @@ def linear_schedule(text: str) -> LinearSchedule:
 
 
 def _policy_class(algo: str, config: dict[str, Any]) -> Any:
-    """What ``policy`` names; our own where the noise suits the command or the critic knows more."""
-    if "noise_exponent" in config.get("policy_kwargs", {}):
-        return CommandNoisePolicy
+    """What ``policy`` names; our own where the critic knows more."""
     if config.get("privileged_critic"):
         return AsymmetricPolicy
     return ALGORITHMS[algo].policy_aliases[config["policy"]]

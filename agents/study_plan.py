@@ -74,8 +74,8 @@ STUDY: dict[str, Check] = {
     "eval_episodes": integer(1, 100_000),
     "variants": variants,
 }
-CHANGES = ("timesteps", "n_envs", "reward_scale", "action", "imitate", "critic_first",
-           "training_kwargs", "training_variants", "env_kwargs")  # fmt: skip
+CHANGES = ("timesteps", "n_envs", "reward_scale", "action", "training_kwargs", "training_variants",
+           "env_kwargs")  # fmt: skip
 VARIANT: dict[str, Check] = {
     "env": KEYS["env"],
     "algo": KEYS["algo"],

@@ -17,7 +17,6 @@ from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor, unwrap_v
 
 from agents.callbacks import NormalizerUpdate, NoSaver, Saver, StopOnSignal
 from agents.config import find_config, training_envs
-from agents.imitation import CriticFirst, Imitation
 from agents.model_files import read_model, read_notes, read_training_state
 from agents.models import build_model, restore
 from agents.observing import observing
@@ -191,16 +190,9 @@ def train(
     model.tensorboard_log = tensorboard if leads else None
     updates: list[BaseCallback] = [NormalizerUpdate()] if worker is None else worker.updates()
     callbacks = [*updates, saver]
-    if "critic_first" in config:
-        callbacks.append(CriticFirst(config["critic_first"]))
-        if leads and config["critic_first"] >= config["timesteps"]:
-            print(f"critic_first is {config['critic_first']}, timesteps is {config['timesteps']}: "
-                  "the policy stays what it begins as")  # fmt: skip
     state = None if resume is None else _read_own_state(resume, worker)
     if state is not None:
         callbacks.insert(0, GeneratorsRestored(state))
-    if resume is None and "imitate" in config:
-        callbacks.append(Imitation(config, worker, saver.evaluate))
     if progress and leads:
         callbacks.append(ProgressBarCallback() if worker is None else worker.progress())
     try:

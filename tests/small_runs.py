@@ -17,9 +17,7 @@ EPISODE = 21  # steps, so that episodes end anywhere in a rollout
 def small_run(algo="ppo", env_id="JansenWalker-v0", hyperparameters=(), **more):
     """The shipped configuration with small rollouts, or a small replay buffer that fills."""
     settings = config.load_config(config.shipped_config(env_id, algo))
-    settings.pop("imitate", None)  # which takes more robots and steps
     settings.update(algo=algo, env=env_id, seed=0)
-    settings.pop("critic_first", None)
     settings |= {"timesteps": STEPS, "n_envs": 6, **more}
     settings["env_kwargs"] = {"max_episode_steps": EPISODE, **settings.get("env_kwargs", {})}
     if algo == "ppo":
@@ -28,8 +26,6 @@ def small_run(algo="ppo", env_id="JansenWalker-v0", hyperparameters=(), **more):
         own = {"learning_starts": 96, "gradient_steps": 1, "batch_size": 16, "buffer_size": 300}
     settings["hyperparameters"] |= own | dict(hyperparameters)
     settings["policy_kwargs"]["net_arch"] = [16, 16]
-    if settings["hyperparameters"].get("use_sde"):  # has its own noise
-        settings["policy_kwargs"].pop("noise_exponent", None)
     return settings
 
 

@@ -214,7 +214,7 @@ def test_names_are_those_of_the_libraries():
         assert set(config.HYPERPARAMETERS[algo]) == known
         policy = library.policy_aliases["MlpPolicy"]
         names = set(config.POLICY_KWARGS[algo]) - {
-            "activation", "normalize", "harmonics", "noise_exponent"}  # fmt: skip
+            "activation", "normalize", "harmonics"}  # fmt: skip
         assert names <= set(inspect.signature(policy.__init__).parameters)
     for name in models.ACTIVATIONS:
         config.POLICY["activation"]("activation", name)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from small_runs import go_on, outcome, same, small_run
 
-from agents import callbacks, imitation, models, training
+from agents import callbacks, models, training
 from agents.model_files import read_training_state
 from agents.training_state import read_state
 
@@ -20,11 +20,10 @@ CASES = {
     "ppo": small_run(),
     "noise of a whole rollout": small_run(hyperparameters={"use_sde": True, "sde_sample_freq": -1}),
     "lasting noise": small_run(hyperparameters={"use_sde": True, "sde_sample_freq": 8}),
-    "imitation": small_run(imitate="profile", critic_first=250),
     "delay, slope, commands": small_run(
         env_kwargs={"terrain": "slope:0.05", "delay": [0.0, 0.03], "command_interval": 0.12}
     ),
-    "history": small_run(history={"length": 3, "every": 2}, imitate="profile", critic_first=250),
+    "history": small_run(history={"length": 3, "every": 2}),
     "all that is drawn": small_run(
         env_id="JansenWalkerHardcore-v0", history={"length": 2}, privileged_critic=True
     ),
@@ -47,10 +46,8 @@ SLOW_CASES = {
 
 @pytest.fixture(autouse=True)
 def few_episodes(monkeypatch):
-    """One episode for each evaluation's command, and little imitation."""
+    """One episode for each evaluation's command."""
     monkeypatch.setattr(callbacks, "EPISODES", 1)
-    for name, value in (("ROBOTS", 4), ("STEPS", 20), ("ROUNDS", 2), ("EPOCHS", 1)):
-        monkeypatch.setattr(imitation, name, value)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 Meanings of :class:`jansen_env.envs.walker.JansenWalkerEnv` and
 :class:`jansen_env.envs.crank.JansenCrankEnv`; the formulas of what is worked out from step to step
-are those of :func:`jansen_env.engine.task.follow` and :func:`jansen_env.engine.task.average`.
+are those of :func:`jansen_env.engine.task.keep_accounts`.
 """
 
 from __future__ import annotations
@@ -35,6 +35,10 @@ MEANINGS = {
     "tracking_error": "reference minus crank angle, both counted on beyond a turn; the reference "
                       "starts at pi and turns at the commanded speed",
 }  # fmt: skip
+TRAINED_EXACT = "In training they were exact; a machine has to estimate v and s."
+TRAINED_WITH_NOISE = """\
+In training v and the crank's speed had the noise of the sensors (see jansen_env.Noise): |W| / T was
+the size of M times that speed. M was exact. No sensor measures s: it was always 0, leave it so."""
 RUNNING = ("lag", "mean_speed", "mean_slip", "mean_power", "rms_torque")
 
 
@@ -97,6 +101,8 @@ def running_means(env: Any) -> str:
     if not {*RUNNING} & {entry.name for entry in env.observed}:
         return ""
     path = float(env.task.rows["mean_path"][0])
+    noisy = env.task.true_observation is not env.task.observation
+    trained = TRAINED_WITH_NOISE if noisy else TRAINED_EXACT
     return f"""\
 The robot's own computer works these out from step to step; all are 0 at an episode's start. With
 the control period T = {env.control_dt:g} s, the speed c that was commanded in the period past, the
@@ -112,7 +118,6 @@ in the period past:
     mean_power <- mean_power + a (|W| / T - mean_power)
     rms_torque <- sqrt(rms_torque^2 + a (M^2 - rms_torque^2))
 
-{path:.6g} m is what a quarter turn of the crank advances this robot. Source: `follow` and `average`
-in jansen_env/engine/task.py, documented under Rewards of JansenWalkerEnv. In training they were
-exact, even where sensors were noisy (see jansen_env.Noise); a machine has to estimate v and s.
+{path:.6g} m is what a quarter turn of the crank advances this robot. Source: `keep_accounts` in
+jansen_env/engine/task.py, documented under Rewards of JansenWalkerEnv. {trained}
 """

@@ -42,10 +42,15 @@ class Noise:
     wrong by an angle, in sine and cosine alike. What is measured stays within the observation
     space: a load is never below 0, as of a scale that only presses count on.
 
-    Command, last action, lag and the means (speed, slip, power, torque) stay exact. They are no
-    sensors but the accounts that the task keeps, by which the reward goes; with noise in them the
-    reward would not follow from what is observed. A machine would have them from its odometry: a
-    policy that leans on them knows more than the sensors say.
+    Lag and means are observed as a machine's own computer would know them, by odometry. Lag and
+    mean speed are of the measured velocity; mean power is of the torque times the measured crank
+    speed. RMS torque is exact, because a motor's current tells its torque. Mean slip is 0, because
+    no sensor measures it. Both speeds are means over a step: they err by what the sensor's reading
+    errs, and by a second error of the same standard deviation. So lag and means tell a policy with
+    a history no more of a steady speed than the readings do. Command and last action are exact.
+
+    Reward, end of episode and ``info`` go by the true lag and means, which ``true_observation`` in
+    ``info`` has, too.
 
     Most defaults are those of published environments, whose even noise of +-a has the standard
     deviation a / 3^0.5: legged_gym (Rudin et al. 2022, ``noise_scales``) and Isaac Lab's velocity

@@ -14,6 +14,7 @@ from gymnasium.vector import AutoresetMode
 from test_walker_vector import ROUGH, compare, side_by_side, together
 
 from jansen_env import Noise, Push
+from jansen_env.engine import task
 from jansen_env.envs.core import Observed
 from jansen_env.envs.disturbances import NoisySensors
 from jansen_env.envs.walker_task import _observed
@@ -25,7 +26,9 @@ ALL = {
 }  # fmt: skip
 OBSERVED = _observed(4, 3)
 NAMES = [entry.name for entry in OBSERVED]
-EXACT = ("speed_command", "last_action", "lag", "mean_", "rms_torque")
+EXACT = ("speed_command", "last_action", "lag", "mean_", "rms_torque")  # while the robot stands
+ACCOUNTS = task.ACCOUNTS.names
+LAG = NAMES.index("lag")
 
 
 def walker(**arguments):
@@ -48,9 +51,29 @@ def erring(noise, count, level=1.0, truth=None, elapsed=0):
     sensors = NoisySensors(count, noise, OBSERVED)
     sensors.level[:] = level
     out = np.full((count, len(OBSERVED)), 0.6, np.float32) if truth is None else truth.copy()
-    steps = np.full(count, elapsed)
-    sensors.add(np.arange(count), steps, 10 * np.arange(count), out)
+    for i, name in enumerate(ACCOUNTS):
+        sensors.measured[name] = out[:, LAG + i]
+    robots = np.arange(count)
+    sensors.draw(robots, np.full(count, elapsed), 10 * robots)
+    sensors.add(robots, out)
     return out
+
+
+def mean_speeds(observations, command, dt):
+    """What changes of lag and means tell: mean speeds of axis (k,) m/s and crank (k,) rad/s.
+
+    NaN where they tell nothing, at the lag's limits and near zero torque; observations: (k + 1, d).
+    """
+    kept = dict(zip(ACCOUNTS, observations[:, LAG : LAG + 5].T.astype(float), strict=True))
+    velocity = command - np.diff(kept["lag"]) / dt
+    velocity[np.abs(kept["lag"][1:]) > 0.499] = np.nan
+    path = walker().task.rows["mean_path"][0]
+    share = -np.expm1(-dt / task.mean_time(command, path))
+    power = kept["mean_power"][:-1] + np.diff(kept["mean_power"]) / share
+    square = kept["rms_torque"] ** 2
+    square = square[:-1] + np.diff(square) / share
+    torque = np.sqrt(np.where(square > 4.0, square, np.nan))
+    return velocity, power / torque
 
 
 def test_the_scan_is_the_height_over_the_ground_below_each_place():
@@ -81,7 +104,7 @@ def test_wrong_scans_are_refused(wrong):
         walker(height_scan=wrong)
 
 
-def test_every_sensor_has_its_noise_and_the_accounts_have_none():
+def test_every_sensor_has_its_noise():
     """By default; the noise of each column is that of its sensor."""
     noise, count = Noise(), 4000
     error = erring(noise, count) - np.float32(0.6)
@@ -160,7 +183,82 @@ def test_the_truth_is_told_and_the_physics_does_not_notice():
     expected, others = walk(exact, 30, 5)
     np.testing.assert_array_equal([one["true_observation"] for one in infos], expected)
     assert (seen != expected).any(axis=1).all() and "true_observation" not in others[0]
+    for one, other in zip(infos, others, strict=True):  # rewards, lag and means among it
+        assert all(np.array_equal(one[name], value) for name, value in other.items())
     check_env(env, skip_render_check=True)
+
+
+def test_lag_and_means_tell_no_more_than_the_sensors():
+    """Their changes give the speeds: exact without noise, and with it no better than measured."""
+    deviations, command, found = (0.06, 0.3), 0.3, []
+    env = walker(noise=Noise(velocity=deviations[0], crank_speed=deviations[1]))
+    for seed in range(30):
+        env.reset(seed=seed, options={"speed_command": command})
+        infos, seen = [], []
+        for _ in range(60):
+            observation, _, _, _, info = env.step(np.full(1, 0.35, np.float32))
+            infos.append(info)
+            seen.append(observation)
+        seen, true = np.array(seen), np.array([info["true_observation"] for info in infos])
+        work = np.array([info["energy"]["motor_work"] for info in infos])
+        turned = work / env.control_dt / [info["crank_torque"] for info in infos]
+        turned[turned < 1.5] = np.nan  # of the power's size alone nobody knows which way it turns
+        exact = np.array([[info["x_velocity"] for info in infos], turned])[:, 1:]
+        told, undone = (mean_speeds(each, command, env.control_dt) for each in (seen, true))
+        found.append([told - exact, undone - exact, (seen - true)[1:, [6, 2]].T])
+    for error, without, reading, deviation in zip(
+        *np.concatenate(found, axis=-1), deviations, strict=True
+    ):
+        assert np.isfinite(error).sum() > 500
+        assert np.nanmax(np.abs(without)) < 1e-4 < 0.95 * deviation < np.nanstd(error)
+        assert np.nanstd(error - reading) > 0.95 * deviation  # or their difference would be exact
+        for weight in np.linspace(0.0, 1.0, 11):  # nor is any mean of both better
+            assert np.nanstd(weight * error + (1.0 - weight) * reading) > 0.95 * deviation
+
+
+def test_at_level_0_lag_and_means_are_true_but_slip_is_not_sensed():
+    env = walker(noise=Noise(), randomize={"noise_level": (0.0, 0.0)})
+    env.reset(seed=0)
+    seen, infos = walk(env, 60, 2)
+    true = np.array([info["true_observation"] for info in infos])
+    slip = NAMES.index("mean_slip")
+    assert true[:, slip].max() > 0.005 and not seen[:, slip].any()
+    np.testing.assert_array_equal(np.delete(seen, slip, 1), np.delete(true, slip, 1))
+
+
+def test_describing_a_step_again_changes_nothing():
+    """Neither its noise nor what has been measured; the next steps go on alike."""
+    env, other = walker(noise=Noise()), walker(noise=Noise())
+    env.reset(seed=3), other.reset(seed=3)
+    walk(env, 20, 1), walk(other, 20, 1)
+    before = env.task.observation[0].copy()
+    for _ in range(3):
+        env.set_parameters(command=0.2)
+    other.set_parameters(command=0.2)
+    before[NAMES.index("speed_command")] = 0.2
+    np.testing.assert_array_equal(env.task.observation[0], before)
+    np.testing.assert_array_equal(walk(env, 20, 2)[0], walk(other, 20, 2)[0])
+
+
+def test_a_reset_forgets_what_was_measured():
+    env = walker(noise=Noise())
+    env.reset(seed=0)
+    assert walk(env, 20, 1)[0][-1, LAG : LAG + 5].any()
+    assert not env.reset()[0][LAG : LAG + 5].any()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [3.0, {"lag": 0.0}, {name: "much" for name in ACCOUNTS}, dict.fromkeys(ACCOUNTS, 0.6),
+     dict.fromkeys(ACCOUNTS, -0.1)],
+)  # fmt: skip
+def test_wrong_measured_accounts_are_refused_whole(wrong):
+    env = walker(noise=Noise())
+    env.reset(seed=0)
+    state = env.get_state()
+    with pytest.raises(ValueError, match=r"state\['measured'\]"):
+        env.set_state({**state, "measured": wrong})
+    assert str(env.get_state()) == str(state)
 
 
 def test_a_robot_does_alone_what_it_does_among_others():
@@ -176,6 +274,7 @@ def test_a_state_goes_on_with_the_same_noise_and_pushes_at_both_doors():
     env.reset(seed=6, options={"pushes": own})
     walk(env, 14, 0)
     state = env.get_state()
+    assert all(state["measured"][name] != state[name] for name in ACCOUNTS[:4])
     onward, _ = walk(env, 20, 1)
     other = walker(**ALL)
     other.reset(seed=1)

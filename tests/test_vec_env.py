@@ -31,9 +31,10 @@ def equal(a, b):
             assert isinstance(value, np.ndarray) or type(value) is type(b[key]), key
 
 
-def test_it_is_what_single_environments_are():
+@pytest.mark.parametrize("noise", [None, {}], ids=["exact", "noisy"])
+def test_it_is_what_single_environments_are(noise):
     """Variants of everything, through time limits and falls: returns bit for bit, infos too."""
-    shared = {"slip_weight": 2.0, "max_episode_steps": 100}
+    shared = {"slip_weight": 2.0, "max_episode_steps": 100, "noise": noise}
     together = make_vec_env(ENV, 6, shared, VARIANTS, info_keys=None)
     each = [{**shared, **VARIANTS[i % 3]} for i in range(6)]
     apart = DummyVecEnv([lambda own=own: make_env(ENV, own) for own in each])

@@ -6,6 +6,7 @@ import math
 
 from jansen_env.engine.jit import compiled
 from jansen_env.engine.random import normal, number
+from jansen_env.engine.task import show_accounts
 
 STREAM = 0  # of an episode's random numbers; that of pushes is another
 BIAS = 0  # of the stream's keys; the others are those of the steps
@@ -13,13 +14,17 @@ BIAS = 0  # of the stream's keys; the others are those of the steps
 # Places in the observation, see JansenWalkerEnv: of what is an angle.
 COS_CRANK, SIN_CRANK = 0, 1
 SIN_PITCH, COS_PITCH = 3, 4
+# ... and of the readings behind the measured accounts: speed of the crank, and of its axis in x.
+CRANK_SPEED, X_VELOCITY = 2, 6
 
 
 @compiled
-def add_noise(which, elapsed, seeds, level, deviation, low, high, known, bias, truth, out):
-    """Add noise to observations ``out`` (n, d) of some robots; what they were, to ``truth`` (n, d).
+def draw_errors(which, elapsed, seeds, level, deviation, known, bias, error, mean_error):
+    """Draw the errors of some robots' readings in this step, always the same for one step.
 
-    The noise of a robot's step is always the same, however often its observation is described.
+    The means over the step, of the velocity in x and of the crank's speed, have the errors of the
+    readings and second ones of the same size. Without the second ones the exact difference of mean
+    and reading would show; without the first ones their average would be better than the sensor.
 
     Args:
         which: (k,) of the robots.
@@ -27,29 +32,49 @@ def add_noise(which, elapsed, seeds, level, deviation, low, high, known, bias, t
         level: (n,) by which noise is multiplied.
         deviation: (d, 2) standard deviations: of each step's own noise, and of the bias that stays
             for the episode. Of an angle, rad, it is at the first of its sine and cosine.
-        low, high: (d,) of the observation space.
         known: (n,) seeds of the episodes whose biases are in ``bias`` (n, d); kept from call to
             call, as they take as long to draw as all the noise of a step.
+        error: (n, d) out: of the readings. mean_error: (n, 2) out: of the means over the step, m/s
+            and rad/s.
     """
+    size = len(deviation)
     for r in which:
         stream = number(seeds[r], STREAM)
         if seeds[r] != known[r]:
             known[r], key = seeds[r], number(stream, BIAS)
-            for i in range(out.shape[1]):
+            for i in range(size):
                 bias[r, i] = deviation[i, 1] * normal(key, i)
         step = number(stream, BIAS + 1 + elapsed[r])
+        for i in range(size):
+            if deviation[i, 0] != 0.0 or deviation[i, 1] != 0.0:
+                error[r, i] = level[r] * (deviation[i, 0] * normal(step, i) + bias[r, i])
+        for k, i in enumerate((X_VELOCITY, CRANK_SPEED)):
+            more = level[r] * deviation[i, 0] * normal(step, size + k)
+            mean_error[r, k] = error[r, i] + more
+
+
+@compiled
+def add_noise(which, error, measured, first, low, high, truth, out):
+    """Turn observations ``out`` (n, d) of some robots into what their sensors tell.
+
+    Args:
+        which: (k,) of the robots. error: (n, d) see :func:`draw_errors`.
+        measured: (n,) of ``task.ACCOUNTS``, observed in place of the exact ones from ``first`` on.
+        low, high: (d,) of the observation space. truth: (n, d) out: what ``out`` was.
+    """
+    for r in which:
         for i in range(out.shape[1]):
             truth[r, i] = out[r, i]
+        show_accounts(measured[r], first, out[r])
         for i in range(out.shape[1]):
-            if deviation[i, 0] == 0.0 and deviation[i, 1] == 0.0:
+            if error[r, i] == 0.0:
                 continue
-            error = level[r] * (deviation[i, 0] * normal(step, i) + bias[r, i])
             if i == COS_CRANK:
-                _turn(out[r], COS_CRANK, SIN_CRANK, error, low, high)
+                _turn(out[r], COS_CRANK, SIN_CRANK, error[r, i], low, high)
             elif i == SIN_PITCH:
-                _turn(out[r], COS_PITCH, SIN_PITCH, error, low, high)
+                _turn(out[r], COS_PITCH, SIN_PITCH, error[r, i], low, high)
             else:
-                out[r, i] = _within(float(out[r, i]) + error, low[i], high[i])
+                out[r, i] = _within(float(out[r, i]) + error[r, i], low[i], high[i])
 
 
 @compiled

@@ -82,6 +82,16 @@ ENERGIES = row_dtype(
         ("residual", float),
     ]
 )
+# What is kept from step to step: exact in the information, and as measured behind noisy sensors.
+ACCOUNTS = row_dtype(
+    [
+        ("lag", float),
+        ("mean_speed", float),
+        ("mean_slip", float),
+        ("mean_power", float),
+        ("rms_torque", float),
+    ]
+)
 # A robot's row: what is kept of its episode, and what its last step was.
 ROW = row_dtype(
     [
@@ -101,8 +111,9 @@ ROW = row_dtype(
 
 @compiled
 def finish_step(
-    active, states, slip, force, robots, settings, rows, loads, reward, surface, scan, out
-):
+    active, states, slip, force, robots, settings, rows, loads, reward, error, measured,
+    surface, scan, out,
+):  # fmt: skip
     """Reward the step that led to ``states`` (n, 8), and :func:`describe` it.
 
     Args:
@@ -110,19 +121,27 @@ def finish_step(
         slip: (n, toes) m. force: (n, toes, 2) N. robots: (n,) ROBOT of the plant.
         settings: (1,) of :data:`SETTINGS`. rows: (n,) of :data:`ROW`.
         loads: (n, toes) normal forces / weight. reward: (n,).
+        error: (n, 2) of the measured mean speeds: m/s in x; rad/s of the crank, counted as the
+            action is. measured: (n,) of :data:`ACCOUNTS`. Without noise (0, 2) and (0,).
         surface, scan, out: see :func:`describe`.
     """
     for r in range(len(states)):
         if not active[r]:
             continue
         row, total, state = rows[r], robots[r].accumulators, states[r]
-        row.info.crank_torque += total.torque_impulse / settings[0].period
+        period = settings[0].period
+        row.info.crank_torque += total.torque_impulse / period
         slipped = 0.0
         for j in range(slip.shape[1]):
             slipped += slip[r, j]
             loads[r, j] = force[r, j, 1] / row.weight
-        follow(state[0], settings[0].period, row)
-        average(total.motor_work, slipped, settings[0].period, row)
+        row.info.x_velocity = (state[0] - row.x_before) / period
+        velocity, power = row.info.x_velocity, total.motor_work / period
+        keep_accounts(velocity, slipped / period, power, period, row, row.info)
+        if len(measured) > 0:
+            velocity += error[r, 0]
+            power += row.info.crank_torque * row.direction * error[r, 1]
+            keep_accounts(velocity, 0.0, power, period, row, measured[r])  # no sensor tells slip
         falls = settings[0].fall_contact and total.non_toe_impulse > 0.0
         falls = falls or abs(state[2]) > settings[0].fall_pitch
         row.info.fallen = row.info.fallen or falls
@@ -136,28 +155,23 @@ def finish_step(
 
 
 @compiled
-def follow(x, period, row):
-    """How far a robot, now at x (m), is behind its target; ``period``: s, of the step."""
-    info = row.info
-    info.x_velocity = (x - row.x_before) / period
-    lag = info.lag + (info.speed_command - info.x_velocity) * period
-    info.lag = min(FURTHEST_TARGET, max(-FURTHEST_TARGET, lag))
-
-
-@compiled
-def average(work, slipped, period, row):
-    """Exponential means over a quarter turn of the crank at the commanded speed, 0 at first.
+def keep_accounts(velocity, slip_speed, power, period, row, kept):
+    """Update the lag, and exponential means over a quarter turn at the commanded speed.
 
     Args:
-        work: of the motor, J. slipped: by all toes, m. period: s.
+        velocity, slip_speed: of the crank axis and of all toes together, m/s, means over the step.
+        power: of the motor, W, likewise. period: s, of the step.
+        row: of :data:`ROW`. kept: any row that has the fields of :data:`ACCOUNTS`; 0 at first.
     """
-    info = row.info
-    share = -math.expm1(-period / mean_time(info.speed_command, row.mean_path))
-    info.mean_speed += share * (info.x_velocity - info.mean_speed)
-    info.mean_slip += share * (slipped / period - info.mean_slip)
-    info.mean_power += share * (abs(work) / period - info.mean_power)
-    square = info.rms_torque**2
-    info.rms_torque = math.sqrt(square + share * (info.crank_torque**2 - square))
+    command = row.info.speed_command
+    lag = kept.lag + (command - velocity) * period
+    kept.lag = min(FURTHEST_TARGET, max(-FURTHEST_TARGET, lag))
+    share = -math.expm1(-period / mean_time(command, row.mean_path))
+    kept.mean_speed += share * (velocity - kept.mean_speed)
+    kept.mean_slip += share * (slip_speed - kept.mean_slip)
+    kept.mean_power += share * (abs(power) - kept.mean_power)
+    square = kept.rms_torque**2
+    kept.rms_torque = math.sqrt(square + share * (row.info.crank_torque**2 - square))
 
 
 @compiled
@@ -244,9 +258,14 @@ def observe(state, height, row, loads, out):
     for j in range(toes):
         out[10 + j] = loads[j]
     out[10 + toes] = row.action
-    out[11 + toes], out[12 + toes] = info.lag, info.mean_speed
-    out[13 + toes], out[14 + toes] = info.mean_slip, info.mean_power
-    out[15 + toes] = info.rms_torque
+    show_accounts(info, 11 + toes, out)
+
+
+@compiled
+def show_accounts(kept, first, out):
+    """Put lag and means into an observation, from place ``first`` on; kept: :data:`ACCOUNTS`."""
+    out[first], out[first + 1], out[first + 2] = kept.lag, kept.mean_speed, kept.mean_slip
+    out[first + 3], out[first + 4] = kept.mean_power, kept.rms_torque
 
 
 @compiled

@@ -1,7 +1,8 @@
 """What disturbs n walking robots: pushes on their chassis, noise of their sensors.
 
 All is drawn from the seed of an episode and counters (:mod:`jansen_env.engine.random`): beside the
-seed, the robot's step and a schedule of pushes that was given there is nothing to be kept.
+seed, the robot's step, a schedule of pushes that was given and the measured lag and means there is
+nothing to be kept.
 """
 
 from __future__ import annotations
@@ -12,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.engine import task
 from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.engine.pushes import PUSHES, fill_pushes
-from jansen_env.engine.sensors import add_noise
+from jansen_env.engine.sensors import add_noise, draw_errors
 from jansen_env.envs.core import Bools, Ints, Observed
 from jansen_env.noise import Noise
 from jansen_env.push import MOST_PUSHES, Push
@@ -110,6 +112,8 @@ class NoisySensors:
 
     Attributes:
         level: (n,) by which noise is multiplied. truth: (n, d) observations without noise.
+        measured: (n,) of ``task.ACCOUNTS``: lag and means that the sensors tell.
+        mean_error: (n, 2) of the speeds behind them, see :func:`jansen_env.engine.task.finish_step`.
     """
 
     def __init__(self, num_envs: int, noise: Noise, observed: Sequence[Observed]) -> None:
@@ -118,22 +122,36 @@ class NoisySensors:
         self._deviation = noise.deviations([entry.name for entry in observed])
         limits = np.array([(entry.low, entry.high) for entry in observed], np.float32)
         self._low, self._high = limits.T.copy()
-        self._known, self._bias = np.full(num_envs, -1), np.zeros(self.truth.shape)
-        counts = np.zeros(num_envs, np.int64)
-        example = self._arguments(np.arange(1), counts, counts, self.truth)
-        prepare(Kernel("noise", add_noise, example))
+        self._known = np.full(num_envs, -1)
+        self._bias, self._error = np.zeros((2, *self.truth.shape))
+        self.measured, self.mean_error = np.zeros(num_envs, task.ACCOUNTS), np.zeros((num_envs, 2))
+        self._first = [entry.name for entry in observed].index("lag")
+        one, counts = np.arange(1), np.zeros(num_envs, np.int64)
+        prepare(
+            Kernel("errors", draw_errors, self._arguments_of_errors(one, counts, counts)),
+            Kernel("noise", add_noise, self._arguments_of_noise(one, self.truth)),
+        )
 
-    def _arguments(self, rows: Ints, elapsed: Ints, seeds: Ints, out: Any) -> tuple[Any, ...]:
+    def _arguments_of_errors(self, rows: Ints, elapsed: Ints, seeds: Ints) -> tuple[Any, ...]:
         return (
-            rows, elapsed, seeds, self.level, self._deviation, self._low, self._high, self._known,
-            self._bias, self.truth, out,
+            rows, elapsed, seeds, self.level, self._deviation, self._known, self._bias, self._error,
+            self.mean_error,
         )  # fmt: skip
 
-    def add(self, rows: Ints, elapsed: Ints, seeds: Ints, out: NDArray[np.float32]) -> None:
-        """Add noise to the observations ``out`` (n, d) of some robots, keep what they were.
+    def _arguments_of_noise(self, rows: Ints, out: Any) -> tuple[Any, ...]:
+        return (
+            rows, self._error, self.measured, self._first, self._low, self._high, self.truth, out,
+        )  # fmt: skip
+
+    def draw(self, rows: Ints, elapsed: Ints, seeds: Ints) -> None:
+        """Draw the errors of some robots' step: of readings, and of the speeds behind lag and means.
 
         Args:
             rows: (k,) of the robots. elapsed: (n,) control steps since the episode began.
             seeds: (n,) of the episodes.
         """
-        add_noise(*self._arguments(rows, elapsed, seeds, out))
+        draw_errors(*self._arguments_of_errors(rows, elapsed, seeds))
+
+    def add(self, rows: Ints, out: NDArray[np.float32]) -> None:
+        """Turn the observations ``out`` (n, d) of robots (k,) into what sensors tell; keep the truth."""
+        add_noise(*self._arguments_of_noise(rows, out))

@@ -56,7 +56,8 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
 
     n is the number of toes (4: rf, lf, rb, lb). At reset the loads are those at rest. The crank's
     angle and speed are counted as the action is: positive speed walks towards +x. (In ``info`` they
-    have their physical signs.) Lag, means and RMS torque are what the reward goes by.
+    have their physical signs.) Lag, means and RMS torque are what the reward goes by;
+    with ``noise`` they are as measured, and mean slip is 0.
 
     ``height_scan=(behind, ahead, count)`` looks at ``count`` places, evenly from x - behind to
     x + ahead (m; of one, x - behind), x the crank axis'. They stay where they are in the world

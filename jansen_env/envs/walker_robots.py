@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import entries, finite, non_negative, whole_number, within
+from jansen_env.checks import entries, finite, non_negative, shown, whole_number, within
 from jansen_env.dynamics.pads import pad_layout
 from jansen_env.engine import task
 from jansen_env.envs import arguments
 from jansen_env.envs.core import Ints, Task
-from jansen_env.envs.disturbances import Pushes
+from jansen_env.envs.disturbances import NoisySensors, Pushes
 from jansen_env.envs.episodes import Episodes, Plan
 from jansen_env.envs.parameters import PARAMETERS, check
 from jansen_env.plants.base import BatchedPlant, check_deflection, check_in_contact, check_state
@@ -31,7 +31,7 @@ FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
 OF_ARGUMENTS = ("friction", "restitution", "payload", "payload_x", "payload_y")
 CHANGES = tuple(name for name in RANGES if name not in OF_ARGUMENTS)
 """Parameters of an episode that may be changed in it, beside those that are arguments, too."""
-MEANS = ("mean_speed", "mean_slip", "mean_power", "rms_torque")
+ACCOUNTS: tuple[str, ...] = task.ACCOUNTS.names or ()  # lag and means
 NOT_PHYSICAL = {"speed_command", "command", "delay", "terrain_level"}  # of what may be set
 MOST_STEPS = 2**63 - 1  # of an episode; and the largest seed of commands
 SLIPPING = 0.01  # m/s of mean slip speed from which a toe is drawn as slipping
@@ -56,6 +56,7 @@ class WalkerRobots(Task):
     covered: Array
     _seed: Ints
     _pushes: Pushes
+    _sensors: NoisySensors | None
 
     @property
     def terrains(self) -> list[Terrain]:
@@ -223,8 +224,8 @@ class WalkerRobots(Task):
             "command": float(kept["info"]["speed_command"]),
             "action": float(kept["action"]),
             "fallen": bool(kept["info"]["fallen"]),
-            "lag": float(kept["info"]["lag"]),
-            **{name: float(kept["info"][name]) for name in MEANS},
+            **{name: float(kept["info"][name]) for name in ACCOUNTS},
+            **self._measured(row),
             "steps": int(self.elapsed[row]),
             "command_seed": int(self._seed[row]),
             "loads": self.loads[row].copy(),
@@ -233,6 +234,12 @@ class WalkerRobots(Task):
             "pushes": self._pushes.scheduled(row),
             "random_pushes": bool(self._pushes.random[row]),
         }
+
+    def _measured(self, row: int) -> dict[str, Any]:
+        """Of :meth:`get_state`: what noisy sensors tell of lag and means, if sensors are noisy."""
+        if self._sensors is None:
+            return {}
+        return {"measured": dict(zip(ACCOUNTS, self._sensors.measured[row].item(), strict=True))}
 
     def set_state(self, row: int, state: Mapping[str, Any]) -> None:
         """Go on from a state of :meth:`get_state`, see :class:`jansen_env.envs.core.Task`."""
@@ -251,14 +258,9 @@ class WalkerRobots(Task):
         action = within("state['action']", state["action"], -1.0, 1.0)
         steps = whole_number("state['steps']", state["steps"], MOST_STEPS)
         seed = whole_number("state['command_seed']", state["command_seed"], MOST_STEPS)
-        furthest = task.FURTHEST_TARGET
-        lag = within("state['lag']", state["lag"], -furthest, furthest)
-        means = {
-            name: (finite if name == "mean_speed" else non_negative)(
-                f"state[{name!r}]", state[name]
-            )
-            for name in MEANS
-        }
+        accounts = _checked_accounts("state", state)
+        sensors = self._sensors
+        measured = sensors and _checked_accounts("state['measured']", state["measured"])
         fallen, random_pushes = bool(state["fallen"]), bool(state["random_pushes"])
         pushes = check_schedule("state['pushes']", state["pushes"])
         plan, level = self.episodes.planned(row, state)
@@ -275,9 +277,11 @@ class WalkerRobots(Task):
         self.elapsed[row], self._seed[row], self.covered[row] = steps, seed, covered
         self._pushes.schedule(row, pushes, random_pushes)
         info = self.rows[row]["info"]
-        info["lag"], info["fallen"] = lag, fallen
-        for name, mean in means.items():
-            info[name] = mean
+        info["fallen"] = fallen
+        for name, value in zip(ACCOUNTS, accounts, strict=True):
+            info[name] = value
+        if sensors is not None:
+            sensors.measured[row] = measured
         self._describe(one)
 
     def scene(self, row: int) -> dict[str, Any]:
@@ -304,6 +308,23 @@ class WalkerRobots(Task):
             torque_limit=abs(float(self.full_torque[row])),
             time=float(self.elapsed[row]) * self.control_dt,
         )
+
+
+def _checked_accounts(label: str, given: Any) -> tuple[float, ...]:
+    """Lag and means in the order of ``task.ACCOUNTS``.
+
+    Raises:
+        ValueError: one is missing or out of range.
+    """
+    if not isinstance(given, Mapping) or not {*ACCOUNTS} <= {*given}:
+        raise ValueError(f"{label} is {shown(given)}, must have {[*ACCOUNTS]}")
+    furthest = task.FURTHEST_TARGET
+    checks: dict[str, Callable[[str, Any], float]] = {
+        "lag": partial(within, low=-furthest, high=furthest), "mean_speed": finite,
+    }  # fmt: skip
+    return tuple(
+        checks.get(name, non_negative)(f"{label}[{name!r}]", given[name]) for name in ACCOUNTS
+    )
 
 
 def schedule_of(options: Mapping[str, Any]) -> tuple[Array, bool]:

@@ -155,6 +155,9 @@ class WalkerTask(WalkerRobots):
         self._pushes = Pushes(n, make_push(push), self._steps, step)
         kind = make_noise(noise)
         self._sensors = None if kind is None else NoisySensors(n, kind, self.observed)
+        self._odometry = np.zeros((0, 2)), np.zeros(0, task.ACCOUNTS)
+        if self._sensors is not None:
+            self._odometry = self._sensors.mean_error, self._sensors.measured
         advance = advance_per_turn(self.robots[0])  # what robots may differ in does not change it
         self.rows["direction"] = math.copysign(1.0, advance)
         self.rows["mean_path"] = abs(advance) / STEPS_PER_TURN
@@ -305,6 +308,8 @@ class WalkerTask(WalkerRobots):
         kept["x_before"][rows], info["x_velocity"][rows] = states[:, 0], states[:, 4]
         info["joint_gap"][rows] = self.batch.joint_gap[rows]
         self.reward[rows], self.elapsed[rows], self.covered[rows] = 0.0, 0, 0.0
+        if self._sensors is not None:
+            self._sensors.measured[rows] = np.zeros((), task.ACCOUNTS)
 
     def _draw(
         self, row: int, rng: np.random.Generator, options: dict[str, Any]
@@ -341,9 +346,12 @@ class WalkerTask(WalkerRobots):
             meanwhile()
         if self.episodes.curriculum is not None:
             self._cover(active)
+        moved = np.flatnonzero(active)
+        if self._sensors is not None:
+            self._sensors.draw(moved, self.elapsed, self._seed)
         task.finish_step(active, *self._arguments_of_step())
         if self._sensors is not None:
-            self._add_noise(np.flatnonzero(active))
+            self._sensors.add(moved, self.observation)
         if self.terminate_when_fallen:
             self.terminated[:] = self.rows["info"]["fallen"]
         if not isinstance(batch, Batch):  # whose joints cannot open
@@ -370,18 +378,16 @@ class WalkerTask(WalkerRobots):
     def _describe(self, rows: Ints) -> None:
         """Fill observations and information of some robots with what is the case now."""
         task.describe(rows, *self._arguments_of_description())
-        self._add_noise(rows)
-
-    def _add_noise(self, rows: Ints) -> None:
-        """Let some robots observe with noise what has just been described, if there is any."""
         if self._sensors is not None:
-            self._sensors.add(rows, self.elapsed, self._seed, self.observation)
+            self._sensors.draw(rows, self.elapsed, self._seed)
+            self._sensors.add(rows, self.observation)
 
     def _arguments_of_step(self) -> tuple[Any, ...]:
         batch = self.batch
         return (
             batch.states, batch.slip, batch.contact_force, batch.rows, self._settings, self.rows,
-            self.loads, self.reward, self.batch.surface, self._scan, self.observation,
+            self.loads, self.reward, *self._odometry, self.batch.surface, self._scan,
+            self.observation,
         )  # fmt: skip
 
     def _arguments_of_description(self) -> tuple[Any, ...]:

@@ -222,7 +222,8 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
     | 20 .. 34 | height scan as of ``JansenWalkerRough-v0``, with noise | -Inf | Inf | m |
 
     Noise is :class:`jansen_env.noise.Noise`, times ``noise_level``: of each step, and a bias for
-    the episode. Command, last action, lag and means are exact.
+    the episode. Lag and means are as measured, mean slip is 0; command, last action and RMS torque
+    are exact.
 
     ## Rewards
     Those of ``JansenWalker-v0``, of what is the case, not of what is measured.

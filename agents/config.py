@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from agents.action_maps import ACTION_MAPS
 from agents.command_line import MAX_STEPS
 from agents.plain_yaml import read_yaml
-from agents.tasks import TASKS, WALKERS, check_env_kwargs, vector_env
+from agents.tasks import DEFAULT, TASKS, WALKERS, check_env_kwargs, vector_env
 from jansen_env.checks import shown
 from jansen_env.history import MOST, History
 
@@ -259,7 +259,7 @@ def new_config(
 
     Args:
         path: of the file; None for the one shipped for ``env_id`` and ``algo``.
-        algo, env_id: None for the file's own, or else ppo and JansenWalker-v0.
+        algo, env_id: None for the file's own, or else ppo and :data:`agents.tasks.DEFAULT`.
         env_kwargs: on top of the file's; they hold in training as well.
         values: further keys, such as ``timesteps``; None for the file's. ``seed`` is 0 without.
 
@@ -268,7 +268,7 @@ def new_config(
     """
     config = load_config(path, algo, env_id) if path else {}
     algo = algo or config.get("algo", "ppo")
-    env_id = env_id or config.get("env", "JansenWalker-v0")
+    env_id = env_id or config.get("env", DEFAULT)
     if not path:
         config = load_config(shipped_config(env_id, algo), algo, env_id)
     config = {"seed": 0, **config, **{k: v for k, v in values.items() if v is not None}}

@@ -16,7 +16,7 @@ from agents.command_line import mapping, non_negative_int, positive_int
 from agents.evaluate import label, labels, load_named
 from agents.policy import Policy
 from agents.rollout import make_env
-from agents.tasks import TASKS, find_task
+from agents.tasks import DEFAULT, TASKS, find_task
 from agents.video import (
     Progress,
     check_suffix,
@@ -115,8 +115,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--policy", action="append", metavar="NAME",
         help=f"'pretrained' (default), a baseline ({named}), a run's folder, or a file of a model "
         "or policy; several are filmed one above the other")  # fmt: skip
-    add("--env", default="JansenWalker-v0", choices=sorted(TASKS),
-        help="environment id; default: JansenWalker-v0")  # fmt: skip
+    add("--env", default=DEFAULT, choices=sorted(TASKS),
+        help="environment id; default: %(default)s")  # fmt: skip
     add("--env-kwargs", default="{}", type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--command", type=float, nargs="+", metavar="V",

@@ -14,7 +14,7 @@ from agents.metrics import score_table, summarise
 from agents.plots import plot_scores
 from agents.policy import Policy
 from agents.rollout import make_env, run_episodes
-from agents.tasks import TASKS, WALKERS, find_task
+from agents.tasks import DEFAULT, TASKS, WALKERS, find_task
 from agents.video import FRAME_TIME, record_video
 from jansen_env import pretrained
 from jansen_env.files import write_json
@@ -145,8 +145,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--policy", action="append", required=True, metavar="NAME",
         help=f"a baseline ({named}), 'pretrained', a run's folder, or a file of a model or "
         "policy")  # fmt: skip
-    add("--env", default="JansenWalker-v0", choices=sorted(TASKS),
-        help="environment id; default: JansenWalker-v0")  # fmt: skip
+    add("--env", default=DEFAULT, choices=sorted(TASKS),
+        help="environment id; default: %(default)s")  # fmt: skip
     add("--env-kwargs", default="{}", type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--plant", action="append", default=[], choices=sorted(PLANTS),

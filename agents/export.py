@@ -34,7 +34,7 @@ from agents.export_check import (
 from agents.model_card import Export, card
 from agents.pack import TOLERANCE, from_run, in_float64
 from agents.rollout import make_env
-from agents.tasks import TASKS, find_task
+from agents.tasks import DEFAULT, TASKS, find_task
 from agents.unpack import to_policy
 from jansen_env import pretrained
 from jansen_env.files import write_bytes
@@ -60,7 +60,7 @@ def read(run: str, env_id: str | None = None) -> tuple[PretrainedPolicy, str, bo
     """
     own = ALIASES.get(run, run)
     if own.startswith(SHIPPED):
-        path = pretrained.shipped(env_id or "JansenWalker-v0", own.removeprefix(SHIPPED))
+        path = pretrained.shipped(env_id or DEFAULT, own.removeprefix(SHIPPED))
         return pretrained.load_file(path), path.stem, True
     if env_id is not None:
         raise ValueError(f"--env is {env_id}, but {run} says itself what it was trained on")

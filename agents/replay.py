@@ -10,7 +10,7 @@ from pathlib import Path
 from agents.command_line import mapping, non_negative_int, positive_int
 from agents.evaluate import labels, load_named
 from agents.rollout import make_env
-from agents.tasks import TASKS, find_task
+from agents.tasks import DEFAULT, TASKS, find_task
 from agents.video import play
 from jansen_env.files import write_text
 from jansen_env.recorder import Recorder
@@ -28,8 +28,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         "given twice, side by side from the same start")  # fmt: skip
     add("--recording", action="append", default=[], metavar="FILE",
         help="a saved .npz to show, in place of a policy or beside one")  # fmt: skip
-    add("--env", default="JansenWalker-v0", choices=sorted(TASKS),
-        help="environment id; default: JansenWalker-v0")  # fmt: skip
+    add("--env", default=DEFAULT, choices=sorted(TASKS),
+        help="environment id; default: %(default)s")  # fmt: skip
     add("--env-kwargs", default="{}", type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--command", type=float, metavar="V",

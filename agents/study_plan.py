@@ -23,7 +23,7 @@ from agents.config import (
     one_of,
 )
 from agents.plain_yaml import MAX_BYTES, read_yaml
-from agents.tasks import TASKS
+from agents.tasks import DEFAULT, TASKS
 from jansen_env.checks import shown
 from jansen_env.files import write_text
 
@@ -84,7 +84,7 @@ VARIANT: dict[str, Check] = {
 }
 DEFAULTS: dict[str, Any] = {
     "seeds": 10,
-    "envs": ["JansenWalker-v0"],
+    "envs": [DEFAULT],
     "algos": ["ppo"],
     "eval_freq": None,
     "save_freq": 100_000,

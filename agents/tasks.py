@@ -201,6 +201,7 @@ TASKS: dict[str, Task] = {
     "JansenWalkerHardcore-v0": WORLD,
     "JansenCrank-v0": CRANK,
 }
+DEFAULT = "JansenWalkerBuilt-v0"  # of the commands, where no other is named
 WALKERS = [name for name, task in TASKS.items() if "falls" in task.metrics]
 
 

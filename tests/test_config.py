@@ -320,13 +320,10 @@ def test_policies_keep_labels_of_their_own(tmp_path, monkeypatch):
 
 def test_what_the_command_line_says_holds_for_all_variants():
     """Of the shipped variants those arguments go that --env-kwargs gives."""
-    given = train.parse(["--env-kwargs", "{speed_command: 0.3, friction: 0.5}"])
-    settings = train._configure(given)
-    assert settings["env_kwargs"] == {"speed_command": 0.3, "friction": 0.5}
-    assert settings["training_variants"] == [{}] * 5
-    noise = train.parse(["--env-kwargs", "{slip_weight: 1.0, friction: 0.5}"])
-    settings = train._configure(noise)
-    assert settings["training_kwargs"] == {} and len(settings["training_variants"][0]) == 1
+    given = ["--env", "JansenCrank-v0", "--env-kwargs", "{reset_noise_scale: 0.5}"]
+    settings = train._configure(train.parse(given))
+    assert settings["env_kwargs"] == {"reset_noise_scale": 0.5}
+    assert settings["training_variants"] == [{}, {}, {}, {"max_episode_steps": 100}]
 
 
 def test_evaluation_checks_commands_and_folders_before_it_runs(tmp_path, capsys):

@@ -8,7 +8,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from agents.action_maps import ACTION_MAPS
 from agents.command_line import MAX_STEPS
 from agents.plain_yaml import read_yaml
 from agents.tasks import TASKS, WALKERS, check_env_kwargs, find_task, vector_env
@@ -183,7 +182,6 @@ KEYS: dict[str, Check] = {
     "fall_cost": non_negative,
     "imitate": one_of({name for task in TASKS.values() for name in task.baselines}),
     "critic_first": integer(0, MAX_STEPS),
-    "action": one_of(("torque", *ACTION_MAPS)),
     "history": mapping,
     "privileged_critic": boolean,
     "env_kwargs": mapping,
@@ -225,12 +223,12 @@ def load_config(
     """A training configuration from YAML; it can name no code, each name is looked up in a table.
 
     Keys: ``policy``, ``timesteps``, ``n_envs``, ``reward_scale`` and ``fall_cost`` (of the
-    training reward: a factor, and what a fall takes off before it), ``action`` (what actions mean,
-    see :mod:`agents.action_maps`), ``history`` (``{length: 5, every: 2}``: the policy sees so many
-    observations, so many steps apart) and ``privileged_critic`` (whether the critic alone knows the
-    episode's parameters; see :mod:`agents.observing`), ``imitate`` (the baseline that PPO's policy
-    learns first, see :mod:`agents.imitation`), ``critic_first`` (steps in which the critic learns
-    alone), ``env_kwargs`` (for training and evaluation), ``training_kwargs`` (for training alone),
+    training reward: a factor, and what a fall takes off before it), ``history`` (``{length: 5,
+    every: 2}``: the policy sees so many observations, so many steps apart) and
+    ``privileged_critic`` (whether the critic alone knows the episode's parameters; see
+    :mod:`agents.observing`), ``imitate`` (the baseline that PPO's policy learns first, see
+    :mod:`agents.imitation`), ``critic_first`` (steps in which the critic learns alone),
+    ``env_kwargs`` (for training and evaluation), ``training_kwargs`` (for training alone),
     ``training_variants`` (further arguments of the training environments, taken in turn;
     ``max_episode_steps`` is one too), ``hyperparameters``
     (the algorithm's arguments; ``learning_rate`` and ``clip_range`` may be "linear_X", falling from
@@ -357,26 +355,20 @@ def _check_algorithm(algo: str, config: dict[str, Any]) -> None:
 
 def _check_environment(env_id: str, config: dict[str, Any]) -> None:
     """What only some environments have, and their arguments."""
-    action = config.get("action", "torque")
-    if env_id not in WALKERS:
-        if action != "torque":
-            raise ValueError(f"action is {action!r}, must be 'torque' for {env_id}")
-        if "noise_exponent" in config.get("policy_kwargs", {}):
-            raise ValueError(f"policy_kwargs.noise_exponent is given, but {env_id} has no command")
+    if env_id not in WALKERS and "noise_exponent" in config.get("policy_kwargs", {}):
+        raise ValueError(f"policy_kwargs.noise_exponent is given, but {env_id} has no command")
     if config.get("privileged_critic") and not hasattr(vector_env(env_id).TASK, "parameters"):
         raise ValueError(f"privileged_critic is given, but {env_id} draws no parameters")
     if (teacher := config.get("imitate")) is not None:
         one_of(find_task(env_id).baselines)("imitate", teacher)
-        if action != "torque":
-            raise ValueError(f"imitate is given, so action must be 'torque', and is {action!r}")
     for name in ("env_kwargs", "training_kwargs"):
         check_env_kwargs(env_id, config.get(name, {}))
     for variant in config.get("training_variants", ()):
         check_env_kwargs(env_id, variant)
-        if "torque_limit" in variant and (teacher is not None or action != "torque"):
-            raise ValueError(  # baselines and maps are made for one
+        if "torque_limit" in variant and teacher is not None:
+            raise ValueError(  # baselines are made for one
                 "torque_limit is in training_variants, must be in training_kwargs or env_kwargs, "
-                "where it is of all robots, with imitate or another action than 'torque'"
+                "where it is of all robots, with imitate"
             )
 
 

@@ -20,25 +20,15 @@ from agents.c_templates import (
     ACTIVATION,
     ACTIVATIONS,
     CLIP,
-    CRANK_SPEED,
     EXAMPLE,
     HARMONIC,
     LINEAR,
     PRELUDE,
     REMEMBER,
-    RESIDUAL,
     STEP,
 )
 from jansen_env.checks import shown
-from jansen_env.policy_network import (
-    CrankSpeedAction,
-    Harmonics,
-    Layer,
-    Normalized,
-    Plain,
-    ResidualAction,
-    TorqueMap,
-)
+from jansen_env.policy_network import Harmonics, Layer, Normalized, Plain
 from jansen_env.pretrained import PretrainedPolicy
 
 TAKEN = """
@@ -47,7 +37,7 @@ long register restrict return short signed sizeof static struct switch typedef u
 volatile while asm fortran main math stdio stdlib string
 """  # words of C, and headers which NAME.h must not be taken for
 UNSAFE = re.compile(r"[^A-Za-z0-9 .,:;=+\-_()\[\]{}'/%^<>]")  # in a comment
-MATH = ("tanh", "exp", "expm1", "pow")  # functions that are used, in either precision
+MATH = ("tanh", "expm1")  # functions that are used, in either precision
 PER_LINE = 6  # numbers of an array
 
 
@@ -186,12 +176,6 @@ def sizes(policy: PretrainedPolicy) -> Sizes:
         work += layer.weight.size
         functions += len(layer.bias) if layer.activation in ("tanh", "elu") else 0
     functions += policy.squash == "tanh"
-    if isinstance(policy.action_map, CrankSpeedAction):
-        work, functions = work + 3, functions + 1
-    elif isinstance(policy.action_map, ResidualAction):
-        commands, numbers = policy.action_map.profile.nodes
-        stored += _bytes(commands) + _bytes(numbers)
-        work, functions = work + 5 * numbers.shape[1], functions + 1
     state = 4 * history.steps * size + 8 if history.length > 1 else 1
     return Sizes(stored, state, 8 * (history.length * size + 2 * _width(policy)), work, functions)
 
@@ -256,9 +240,6 @@ def _source(policy: PretrainedPolicy, name: str) -> str:
     functions += [LINEAR.format(kind=kind) for kind in kinds]
     used = dict.fromkeys(one.activation for one in policy.layers if one.activation is not None)
     functions += [ACTIVATION.format(name=one, value=ACTIVATIONS[one]) for one in used]
-    if policy.action_map is not None:
-        functions += _map(policy.action_map)
-        body.append("value = torque_share(observation, value);")
     history = policy.history
     if history.length > 1:
         functions.append(REMEMBER.format(
@@ -329,28 +310,6 @@ def _layer(i: int, layer: Layer, source: str, target: str) -> list[str]:
     if layer.activation is not None:
         lines.append(f"{layer.activation}_all({target}, {units});")
     return lines
-
-
-def _map(action_map: TorqueMap) -> list[str]:
-    """What an action means as a share of the torque limit."""
-    limit = _real(action_map.torque_limit)
-    if isinstance(action_map, CrankSpeedAction):
-        return [CRANK_SPEED.format(
-            command=action_map.command, speed=action_map.crank_speed, limit=limit,
-            per_metre=_real(action_map.per_metre), span=_real(action_map.span),
-            gain=_real(action_map.gain),
-        )]  # fmt: skip
-    commands, numbers = action_map.profile.nodes
-    cos, sin, speed, command, lag = action_map.places
-    width = numbers.shape[1]
-    return [
-        _array("profile_commands", commands, _kind(commands)),
-        _array("profile_numbers", numbers, _kind(numbers)),
-        RESIDUAL.format(
-            cos=cos, sin=sin, speed=speed, command=command, lag=lag, last=len(commands) - 1,
-            width=width, count=(width - 4) // 2, limit=limit, share=_real(action_map.share),
-        ),
-    ]  # fmt: skip
 
 
 def example(name: str) -> str:

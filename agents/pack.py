@@ -22,7 +22,6 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, Flatten
 from torch import nn
 
 import jansen_env
-from agents.action_maps import MappedPolicy
 from agents.command_line import non_negative_int, positive_int
 from agents.config import TO_RESUME, find_config, load_config
 from agents.evaluate import evaluate, model_file
@@ -48,7 +47,7 @@ def describe_network(policy: Any) -> dict[str, Any]:
     Raises:
         ValueError: it has a part that :mod:`jansen_env.pretrained` does not know.
     """
-    while isinstance(policy, (MappedPolicy, ObservingPolicy)):
+    if isinstance(policy, ObservingPolicy):
         policy = policy.policy
     if not issubclass(kind := type(policy), BasePolicy):  # something around one
         raise ValueError(f"the policy is a {kind.__name__}, which cannot be packed")
@@ -131,7 +130,6 @@ def describe(policy: Any, config: dict[str, Any], training: dict[str, Any]) -> d
             "unit": "torque_limit",  # a share of it
             "torque_limit": plain.torque_limit,  # N m
             "control_dt": plain.control_dt,  # s
-            **({"map": policy.action_map.describe()} if isinstance(policy, MappedPolicy) else {}),
         },
         "network": describe_network(policy),
         "training": {**training, "config": config},

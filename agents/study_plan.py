@@ -74,7 +74,7 @@ STUDY: dict[str, Check] = {
     "eval_episodes": integer(1, 100_000),
     "variants": variants,
 }
-CHANGES = ("timesteps", "n_envs", "reward_scale", "action", "imitate", "critic_first",
+CHANGES = ("timesteps", "n_envs", "reward_scale", "imitate", "critic_first",
            "training_kwargs", "training_variants", "env_kwargs")  # fmt: skip
 VARIANT: dict[str, Check] = {
     "env": KEYS["env"],

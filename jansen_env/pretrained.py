@@ -39,12 +39,10 @@ from jansen_env.policy_network import (
     Layer,
     Normalized,
     Plain,
-    TorqueMap,
-    read_action,
 )
 
 FORMATS = ("jansen_env policy 1", "jansen_env policy 2")
-"""The second one may have batch norms and mapped actions, and is written where it has."""
+"""The second one may have batch norms, and is written where it has."""
 POLICIES = Path(__file__).parent / "policies"
 DEFAULT = "ppo"  # of the names of an environment's policies
 MAX_BYTES = 2**20  # of a file; those of the package have less than 100 kB
@@ -65,10 +63,10 @@ class PretrainedPolicy:
             1. control_dt: s for which an action is held. scale: mean and standard deviation of
             each number the network takes, in training, 0 and 1 where they are not kept. history: of
             observations, which the network takes side by side. units: of what it observes.
-        features, layers, limit, squash, action_map: the network, in this order: what it makes of
-            what it sees, side by side; its layers; the most that their output may be, inf for no
-            limit; the name of what is made of that (see :mod:`jansen_env.policy_network`), which is
-            clipped to -1 .. 1; and what that means as torque, None for a share of the limit.
+        features, layers, limit, squash: the network, in this order: what it makes of what it sees,
+            side by side; its layers; the most that their output may be, inf for no limit; and the
+            name of what is made of that (see :mod:`jansen_env.policy_network`). Clipped to -1 .. 1
+            this is the share of the torque limit.
 
     Raises:
         ValueError: something in the description is missing or not allowed, does not fit the
@@ -104,11 +102,6 @@ class PretrainedPolicy:
         self.layers = self._read_layers(_entry(network, "layers", list), width)
         self.limit = np.inf if (m := network.get("limit")) is None else positive_single("limit", m)
         self.squash: str = _known(SQUASH, "squash", network.get("squash"))
-        self.action_map: TorqueMap | None = None
-        if "map" in action:
-            self.action_map = read_action(
-                _entry(action, "map", dict), self.observed, self.torque_limit
-            )
         if found == FORMATS[0] and needs_second_format(description):
             raise ValueError(f"format is {found!r}, must be {FORMATS[1]!r} for what it describes")
 
@@ -222,7 +215,7 @@ class PretrainedPolicy:
         x, size = np.asarray(observation, dtype=np.float64), self._shown
         if x.ndim not in (1, 2) or x.shape[-1] != size:
             raise ValueError(f"observation has shape {x.shape}, must have ({size},) or (n, {size})")
-        batch = own = x.reshape(-1, size)[:, : len(self.observed)]
+        batch = x.reshape(-1, size)[:, : len(self.observed)]
         if self.history.length > 1:
             starts = np.asarray(False if episode_start is None else episode_start, bool)
             batch, state = self.history.extend(state, batch, np.broadcast_to(starts, len(batch)))
@@ -230,10 +223,7 @@ class PretrainedPolicy:
         for layer in self.layers:
             values = layer(values)
         values = SQUASH[self.squash](np.clip(values, -self.limit, self.limit))
-        values = np.clip(values, -1.0, 1.0)
-        if self.action_map is not None:
-            values = self.action_map(own, values)
-        actions = values.astype(np.float32)
+        actions = np.clip(values, -1.0, 1.0).astype(np.float32)
         return (actions if x.ndim == 2 else actions[0]), state
 
 
@@ -247,8 +237,7 @@ def _read_history(entry: Any) -> History:
 
 def needs_second_format(description: dict[str, Any]) -> bool:
     """Whether readers of the first format, which would pass over it, lack something of a policy."""
-    layers = description["network"]["layers"]
-    return "map" in description["action"] or any("batch_norm" in layer for layer in layers)
+    return any("batch_norm" in layer for layer in description["network"]["layers"])
 
 
 def names(env_id: str) -> list[str]:

@@ -21,9 +21,9 @@ from agents import evaluate, models, pack, unpack
 from agents.evaluate import load_named
 from agents.metrics import point_estimates
 from agents.model_files import read_model
+from agents.observing import observing_policy
 from agents.rollout import make_env, make_envs
 from agents.tasks import TASKS
-from agents.vec_env import acting
 from jansen_env import paper_robot, pretrained
 from jansen_env.policy_environment import check_action
 
@@ -46,7 +46,7 @@ def test_every_environment_has_its_policy():
 def test_actions_are_the_networks(env_id, name):
     """To 1e-6 in float64 anywhere, to 1e-5 in torch's float32 where the policy comes by; for one
     observation as for many, in new arrays."""
-    policy, model = pretrained.load(env_id, name), acting(unpack.load_sb3(env_id, name))
+    policy, model = pretrained.load(env_id, name), observing_policy(unpack.load_sb3(env_id, name))
     envs = make_envs(env_id, policy.env_kwargs, 20)
     seen, starts = envs.reset(seed=3)[0], np.zeros(20, bool)
     states, found = (None, None, None), []
@@ -217,16 +217,14 @@ def test_packing_keeps_the_policy(network, tmp_path):
     assert policy.env_kwargs == {"max_episode_steps": 50}
 
 
-@pytest.mark.parametrize("action", ["crank_speed", "residual"])
-def test_packing_keeps_what_actions_mean(action, tmp_path):
-    """And what is remembered; in a file of the second format, as earlier readers pass over it."""
+def test_packing_keeps_what_is_remembered(tmp_path):
+    """The actions of an episode, whose history has gaps."""
     run = made_run(
-        tmp_path / "run", *NETWORKS["normalized"], "JansenWalker-v0", action=action,
+        tmp_path / "run", *NETWORKS["normalized"], "JansenWalker-v0",
         history={"length": 2, "every": 2},
     )  # fmt: skip
     path = pack.pack(run, None, tmp_path / "out", episodes=1)
     policy, model = pretrained.load_file(path), models.load_policy(run)
-    assert policy.description["format"] == "jansen_env policy 2"
     assert pack.check_equal(policy, unpack.to_policy(policy), 1000) < 1e-6
     seen = np.random.default_rng(0).normal(size=(6, 9, 20)).astype(np.float32)
     own = other = None
@@ -236,12 +234,6 @@ def test_packing_keeps_what_actions_mean(action, tmp_path):
         expected, other = model.predict(observations, other, starts, True)
         assert np.abs(actions - expected).max() < 1e-5
     assert np.ptp(actions) > 0.05
-    change(path, action__map__kind="eval")
-    with pytest.raises(ValueError, match="kind of map is 'eval', must be one of"):
-        pretrained.load_file(path)
-    change(path, action__map__kind=action, format=pretrained.FORMATS[0])
-    with pytest.raises(ValueError, match="must be 'jansen_env policy 2' for what it describes"):
-        pretrained.load_file(path)
 
 
 def test_a_model_from_a_policy_goes_on_learning(made, tmp_path):
@@ -291,7 +283,6 @@ NAN, HARMONICS = float("nan"), {"kind": "harmonics", "multiples": [2]}
     ("values", "reason"),
     [
         ({"format": 2}, "format is 2, must be one of ['jansen_env policy 1', 'jansen_env poli"),
-        ({"action__map": {"kind": "residual"}}, "map 'residual' takes ['lag'], which are not obs"),
         ({"sha256": ""}, "sha256 is not that of mine.safetensors"),
         ({"observation": []}, "has shape (5,), must have (0,)"),
         ({"observation": [3] * 5}, "an entry is 3, must be a dict"),

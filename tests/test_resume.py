@@ -41,7 +41,6 @@ CASES = {
 }
 SLOW_CASES = {
     "tqc": small_run("tqc"),
-    "target crank speed": small_run(action="crank_speed"),
 }
 
 

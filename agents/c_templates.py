@@ -52,19 +52,19 @@ static void harmonic(real c, real s, int k, real *out)
 """
 
 LINEAR = """\
-static void linear_{kind}(const {kind} *weight, const {kind} *bias, int units, int inputs,
-                         const real *in, real *out)
-{{
+static void linear(const float *weight, const float *bias, int units, int inputs, const real *in,
+                   real *out)
+{
     int i, j;
 
-    for (i = 0; i < units; ++i) {{
+    for (i = 0; i < units; ++i) {
         real sum = (real)bias[i];
-        for (j = 0; j < inputs; ++j) {{
+        for (j = 0; j < inputs; ++j) {
             sum += (real)weight[i * inputs + j] * in[j];
-        }}
+        }
         out[i] = sum;
-    }}
-}}
+    }
+}
 """
 
 ACTIVATIONS = {

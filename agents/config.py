@@ -17,7 +17,6 @@ from jansen_env.history import MOST, History
 CONFIGS = Path(__file__).parent / "configs"
 MAX_UNITS, MAX_LAYERS = 1024, 8  # of a network
 MAX_HARMONICS = 32  # of the crank angle
-MAX_QUANTILES = 1000  # of a critic of TQC
 
 
 class Check(NamedTuple):
@@ -108,17 +107,6 @@ COMMON: dict[str, Check] = {
     "stats_window_size": integer(1, 10**6),
     "verbose": integer(0, 2),
 }
-OFF_POLICY: dict[str, Check] = {
-    **COMMON,
-    "buffer_size": integer(1, 10**8),
-    "learning_starts": integer(0, MAX_STEPS),
-    "train_freq": integer(1, 10**6),
-    "gradient_steps": integer(-1, 10**5),  # -1: as many as steps were taken
-    "ent_coef": positive | auto | auto_number,
-    "target_entropy": finite | auto,
-    "use_sde_at_warmup": boolean,
-}
-TARGET_NETWORK = {"tau": fraction, "target_update_interval": integer(1, 10**6)}
 HYPERPARAMETERS: dict[str, dict[str, Check]] = {
     "ppo": {
         **COMMON,
@@ -132,13 +120,18 @@ HYPERPARAMETERS: dict[str, dict[str, Check]] = {
         "max_grad_norm": positive,
         "target_kl": positive | null,
     },
-    "sac": {**OFF_POLICY, **TARGET_NETWORK},
-    "tqc": {
-        **OFF_POLICY,
-        **TARGET_NETWORK,
-        "top_quantiles_to_drop_per_net": integer(0, MAX_QUANTILES - 1),
+    "sac": {
+        **COMMON,
+        "buffer_size": integer(1, 10**8),
+        "learning_starts": integer(0, MAX_STEPS),
+        "train_freq": integer(1, 10**6),
+        "gradient_steps": integer(-1, 10**5),  # -1: as many as steps were taken
+        "ent_coef": positive | auto | auto_number,
+        "target_entropy": finite | auto,
+        "use_sde_at_warmup": boolean,
+        "tau": fraction,
+        "target_update_interval": integer(1, 10**6),
     },
-    "crossq": {**OFF_POLICY, "policy_delay": integer(1, 10**6)},
 }
 POLICY: dict[str, Check] = {
     "activation": one_of(("tanh", "relu", "elu")),
@@ -147,12 +140,6 @@ POLICY: dict[str, Check] = {
     "log_std_init": finite,
     "use_expln": boolean,
     "share_features_extractor": boolean,
-}
-CRITICS: dict[str, Check] = {
-    **POLICY,
-    "net_arch": layers | layers_of("pi", "qf"),
-    "clip_mean": non_negative,
-    "n_critics": integer(1, 10),
 }
 POLICY_KWARGS: dict[str, dict[str, Check]] = {
     "ppo": {
@@ -163,14 +150,11 @@ POLICY_KWARGS: dict[str, dict[str, Check]] = {
         "full_std": boolean,
         "squash_output": boolean,
     },
-    "sac": CRITICS,
-    "tqc": {**CRITICS, "n_quantiles": integer(1, MAX_QUANTILES)},
-    "crossq": {
-        **CRITICS,
-        "batch_norm": boolean,
-        "batch_norm_momentum": fraction,
-        "batch_norm_eps": positive,
-        "renorm_warmup_steps": integer(0, MAX_STEPS),
+    "sac": {
+        **POLICY,
+        "net_arch": layers | layers_of("pi", "qf"),
+        "clip_mean": non_negative,
+        "n_critics": integer(1, 10),
     },
 }
 HISTORY = {"length": integer(1, MOST), "every": integer(1, MOST)}
@@ -335,12 +319,6 @@ def _check_algorithm(algo: str, config: dict[str, Any]) -> None:
     History(**config.get("history", {}))  # whose length and interval go together
     _check("hyperparameters", hyperparameters, HYPERPARAMETERS[algo])
     _check("policy_kwargs", policy_kwargs, POLICY_KWARGS[algo])
-    dropped = hyperparameters.get("top_quantiles_to_drop_per_net", 0)
-    if dropped >= (quantiles := policy_kwargs.get("n_quantiles", 25)):
-        raise ValueError(
-            f"hyperparameters.top_quantiles_to_drop_per_net is {dropped}, must be below "
-            f"n_quantiles, {quantiles}"
-        )
     for used, name in (
         (policy_kwargs.get("harmonics"), "harmonics"),
         (config.get("privileged_critic"), "privileged_critic"),

@@ -2,7 +2,7 @@
 
 ``NAME.h`` has limits, places of observations and two functions; ``NAME.c`` the weights, as
 constants, and the code. All is computed in double, or with NAME_SINGLE_PRECISION defined in float,
-which differs a little (see the model card). Weights are float where that is exact.
+which differs a little (see the model card). Constants are float where that is exact.
 
 Texts of a policy's file come into comments and identifiers after :func:`comment` and
 :func:`identifier`, which leave nothing of them that C could take for code.
@@ -172,7 +172,7 @@ def sizes(policy: PretrainedPolicy) -> Sizes:
             stored += 4 * len(block.multiples)
             work += sum(8 * k.bit_length() for k in block.multiples)
     for layer in policy.layers:
-        stored += _bytes(layer.weight, layer.bias)
+        stored += 4 * (layer.weight.size + layer.bias.size)
         work += layer.weight.size
         functions += len(layer.bias) if layer.activation in ("tanh", "elu") else 0
     functions += policy.squash == "tanh"
@@ -180,9 +180,9 @@ def sizes(policy: PretrainedPolicy) -> Sizes:
     return Sizes(stored, state, 8 * (history.length * size + 2 * _width(policy)), work, functions)
 
 
-def _bytes(*arrays: Any) -> int:
-    """Of arrays that are stored alike."""
-    return sum(array.size for array in arrays) * (4 if _kind(*arrays) == "float" else 8)
+def _bytes(array: Any) -> int:
+    """Of a stored array."""
+    return array.size * (4 if _kind(array) == "float" else 8)
 
 
 def _width(policy: PretrainedPolicy) -> int:
@@ -191,10 +191,9 @@ def _width(policy: PretrainedPolicy) -> int:
     return max(features, *(len(layer.bias) for layer in policy.layers))
 
 
-def _kind(*arrays: Any) -> str:
+def _kind(array: Any) -> str:
     """The C type of constants: float where that has all of the numbers exactly."""
-    exact = all(np.array_equal(array.astype(np.float32).astype(float), array) for array in arrays)
-    return "float" if exact else "real"
+    return "float" if np.array_equal(array.astype(np.float32).astype(float), array) else "real"
 
 
 def _single(value: float) -> str:
@@ -236,8 +235,7 @@ def _source(policy: PretrainedPolicy, name: str) -> str:
     functions = [CLIP]
     if any(isinstance(block, Harmonics) and block.multiples for block in policy.features):
         functions.append(HARMONIC)
-    kinds = dict.fromkeys(_kind(layer.weight, layer.bias) for layer in policy.layers)
-    functions += [LINEAR.format(kind=kind) for kind in kinds]
+    functions.append(LINEAR)
     used = dict.fromkeys(one.activation for one in policy.layers if one.activation is not None)
     functions += [ACTIVATION.format(name=one, value=ACTIVATIONS[one]) for one in used]
     history = policy.history
@@ -295,18 +293,18 @@ def _features(policy: PretrainedPolicy) -> tuple[list[str], list[str]]:
 
 def _layer_constants(i: int, layer: Layer) -> str:
     """A layer's weights, row by row, and biases."""
-    kind, (units, inputs) = _kind(layer.weight, layer.bias), layer.weight.shape
+    units, inputs = layer.weight.shape
     return (
         f"/* Layer {i}: {inputs} to {units}, {layer.activation or 'linear'}. */\n"
-        + _array(f"weight_{i}", layer.weight, kind)
-        + _array(f"bias_{i}", layer.bias, kind)
+        + _array(f"weight_{i}", layer.weight, "float")
+        + _array(f"bias_{i}", layer.bias, "float")
     )
 
 
 def _layer(i: int, layer: Layer, source: str, target: str) -> list[str]:
     """Lines that compute a layer."""
-    kind, (units, inputs) = _kind(layer.weight, layer.bias), layer.weight.shape
-    lines = [f"linear_{kind}(weight_{i}, bias_{i}, {units}, {inputs}, {source}, {target});"]
+    units, inputs = layer.weight.shape
+    lines = [f"linear(weight_{i}, bias_{i}, {units}, {inputs}, {source}, {target});"]
     if layer.activation is not None:
         lines.append(f"{layer.activation}_all({target}, {units});")
     return lines

@@ -163,17 +163,6 @@ def test_values_are_checked(values, message, tmp_path):
     assert one_line(error).startswith(f"{path}: ")
 
 
-@pytest.mark.parametrize(
-    ("dropped", "kwargs", "allowed"), [(25, {}, 25), (3, {"n_quantiles": 3}, 3)]
-)
-def test_some_quantiles_must_be_left(dropped, kwargs, allowed):
-    """Of no quantile there is no mean."""
-    values = {**LEAST, "policy_kwargs": kwargs}
-    values["hyperparameters"] = {"top_quantiles_to_drop_per_net": dropped}
-    with pytest.raises(ValueError, match=f"is {dropped}, must be below n_quantiles, {allowed}"):
-        config.check_config(values, "tqc")
-
-
 def test_values_that_are_allowed(tmp_path):
     """Schedules, nulls, layers of each network, names of each algorithm."""
     some = {
@@ -185,8 +174,6 @@ def test_values_that_are_allowed(tmp_path):
             {"ent_coef": "auto_0.1", "target_entropy": "auto", "gradient_steps": -1},
             {"net_arch": {"pi": [64], "qf": [32, 32]}, "n_critics": 3},
         ),
-        "tqc": ({"top_quantiles_to_drop_per_net": 9}, {"n_quantiles": 10}),
-        "crossq": ({"policy_delay": 2}, {"batch_norm_momentum": 0.05, "net_arch": [16]}),
     }
     for algo, (hyperparameters, policy_kwargs) in some.items():
         values = {"hyperparameters": hyperparameters, "policy_kwargs": policy_kwargs, "algo": algo}

@@ -169,7 +169,6 @@ KEYS: dict[str, Check] = {
     "history": mapping,
     "privileged_critic": boolean,
     "env_kwargs": mapping,
-    "training_kwargs": mapping,
     "training_variants": mappings,
     "hyperparameters": mapping,
     "policy_kwargs": mapping,
@@ -212,8 +211,8 @@ def load_config(
     ``privileged_critic`` (whether the critic alone knows the episode's parameters; see
     :mod:`agents.observing`), ``imitate`` (the baseline that PPO's policy learns first, see
     :mod:`agents.imitation`), ``critic_first`` (steps in which the critic learns alone),
-    ``env_kwargs`` (for training and evaluation), ``training_kwargs`` (for training alone),
-    ``training_variants`` (further arguments of the training environments, taken in turn;
+    ``env_kwargs`` (for training and evaluation), ``training_variants`` (mappings of further
+    arguments, for training alone: environment i takes number i, counted around;
     ``max_episode_steps`` is one too), ``hyperparameters``
     (the algorithm's arguments; ``learning_rate`` and ``clip_range`` may be "linear_X", falling from
     X to 0 over the run) and ``policy_kwargs`` (the policy's; ``activation`` is a name,
@@ -261,23 +260,27 @@ def new_config(
     config = {"seed": 0, **config, **{k: v for k, v in values.items() if v is not None}}
     overrides = env_kwargs or {}
     config["env_kwargs"] = {**config.get("env_kwargs", {}), **overrides}
-
-    def free(arguments: dict[str, Any]) -> dict[str, Any]:
-        return {name: value for name, value in arguments.items() if name not in overrides}
-
-    if "training_kwargs" in config:
-        config["training_kwargs"] = free(config["training_kwargs"])
     if "training_variants" in config:
-        config["training_variants"] = [free(each) for each in config["training_variants"]]
+        config["training_variants"] = [
+            {name: value for name, value in each.items() if name not in overrides}
+            for each in config["training_variants"]
+        ]
     config.update(algo=algo, env=env_id)
     check_config(config, required=TO_RESUME)  # again, with what was given in place
     return config
 
 
 def training_envs(config: dict[str, Any]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Arguments of all training environments, and the variants that they take in turn."""
-    kwargs = {**config.get("env_kwargs", {}), **config.get("training_kwargs", {})}
-    return kwargs, config.get("training_variants", [{}])
+    """Arguments of all training environments, and the variants that they take in turn.
+
+    Arguments that are the same in all variants are among the former: some of them, such as the
+    reward's weights, cannot differ between the robots of a batch.
+    """
+    variants = config.get("training_variants", [{}])
+    first, *others = variants
+    common = {k: v for k, v in first.items() if all(k in one and one[k] == v for one in others)}
+    rest = [{k: v for k, v in one.items() if k not in common} for one in variants]
+    return {**config.get("env_kwargs", {}), **common}, rest
 
 
 def check_config(
@@ -339,14 +342,13 @@ def _check_environment(env_id: str, config: dict[str, Any]) -> None:
         raise ValueError(f"privileged_critic is given, but {env_id} draws no parameters")
     if (teacher := config.get("imitate")) is not None:
         one_of(find_task(env_id).baselines)("imitate", teacher)
-    for name in ("env_kwargs", "training_kwargs"):
-        check_env_kwargs(env_id, config.get(name, {}))
+    check_env_kwargs(env_id, config.get("env_kwargs", {}))
     for variant in config.get("training_variants", ()):
         check_env_kwargs(env_id, variant)
         if "torque_limit" in variant and teacher is not None:
             raise ValueError(  # baselines are made for one
-                "torque_limit is in training_variants, must be in training_kwargs or env_kwargs, "
-                "where it is of all robots, with imitate"
+                "torque_limit is in training_variants, must be in env_kwargs, where it is of all "
+                "robots, with imitate"
             )
 
 

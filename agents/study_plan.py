@@ -75,7 +75,7 @@ STUDY: dict[str, Check] = {
     "variants": variants,
 }
 CHANGES = ("timesteps", "n_envs", "reward_scale", "imitate", "critic_first",
-           "training_kwargs", "training_variants", "env_kwargs")  # fmt: skip
+           "training_variants", "env_kwargs")  # fmt: skip
 VARIANT: dict[str, Check] = {
     "env": KEYS["env"],
     "algo": KEYS["algo"],

@@ -14,7 +14,7 @@ import train
 from agents import command_line, config, evaluate, models, runs
 from agents.plain_yaml import MAX_BYTES, parse_yaml, read_yaml
 from agents.rollout import make_env
-from agents.tasks import TASKS
+from agents.tasks import TASKS, can_be_batched
 
 LEAST = {"policy": "MlpPolicy", "timesteps": 10, "n_envs": 1, "hyperparameters": {}}
 NOT_FROM_FILES = {
@@ -313,7 +313,22 @@ def test_what_the_command_line_says_holds_for_all_variants():
     assert settings["training_variants"] == [{}] * 5
     noise = train.parse(["--env-kwargs", "{slip_weight: 1.0, friction: 0.5}"])
     settings = train._configure(noise)
-    assert settings["training_kwargs"] == {} and len(settings["training_variants"][0]) == 1
+    assert [[*variant] for variant in settings["training_variants"]] == [["speed_command"]] * 5
+
+
+def test_what_all_variants_have_alike_holds_for_all_environments():
+    """One batch then has them, of one variant and of several; what differs stays a variant's."""
+    variants = [{"friction": 0.5, "slip_weight": 2.0}, {"friction": 0.6, "slip_weight": 2.0}]
+    given = {"env_kwargs": {"payload": 1.0, "slip_weight": 1.0}, "training_variants": variants}
+    kwargs, rest = config.training_envs(given)
+    assert kwargs == {"payload": 1.0, "slip_weight": 2.0}
+    assert rest == [{"friction": 0.5}, {"friction": 0.6}]
+    given = {"training_variants": [{"command_interval": None}, {}]}
+    assert config.training_envs(given) == ({}, given["training_variants"])
+    assert config.training_envs({"training_variants": variants[:1]}) == (variants[0], [{}])
+    assert config.training_envs({}) == ({}, [{}])
+    for path in config.CONFIGS.glob("*/*.yml"):
+        assert can_be_batched(path.parent.name, *config.training_envs(config.load_config(path)))
 
 
 def test_evaluation_checks_commands_and_folders_before_it_runs(tmp_path, capsys):

@@ -148,7 +148,7 @@ def test_without_an_exponent_it_is_the_usual_policy(small):
         ("sac", {"imitate": "pid"}, "must be 'ppo'"),
         ("ppo", {"imitate": "nobody"}, "imitate is 'nobody'"),
         ("ppo", {"critic_first": -1}, "critic_first is -1"),
-        ("ppo", {"training_kwargs": {"slip_wait": 2.0}}, "'slip_wait' is no argument"),
+        ("ppo", {"training_variants": [{"slip_wait": 2.0}]}, "'slip_wait' is no argument"),
         ("ppo", {"training_variants": [{"torque_limit": 9.0}]}, "torque_limit is in training_var"),
     ],
 )

@@ -31,7 +31,7 @@ STEPS = 128
 def small_config(env_id="JansenWalker-v0", algo="ppo", **more):
     """Rollouts of 32 steps of 4 environments, in episodes of 8 each."""
     settings = config.load_config(config.shipped_config(env_id, algo))
-    for name in ("training_kwargs", "training_variants", "imitate", "critic_first"):
+    for name in ("training_variants", "imitate", "critic_first"):
         settings.pop(name, None)
     settings.update(algo=algo, env=env_id, seed=0, timesteps=STEPS, n_envs=4)
     settings.update(env_kwargs={"max_episode_steps": 8}, **more)

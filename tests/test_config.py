@@ -310,7 +310,7 @@ def test_what_the_command_line_says_holds_for_all_variants():
     given = train.parse(["--env-kwargs", "{speed_command: 0.3, friction: 0.5}"])
     settings = train._configure(given)
     assert settings["env_kwargs"] == {"speed_command": 0.3, "friction": 0.5}
-    assert settings["training_variants"] == [{}] * 5
+    assert settings["training_variants"] == [{"slip_weight": 2.0}] * 5
     noise = train.parse(["--env-kwargs", "{slip_weight: 1.0, friction: 0.5}"])
     settings = train._configure(noise)
     assert [[*variant] for variant in settings["training_variants"]] == [["speed_command"]] * 5

@@ -220,7 +220,7 @@ def test_packing_keeps_the_policy(network, tmp_path):
 def test_packing_keeps_what_is_remembered(tmp_path):
     """The actions of an episode, whose history has gaps."""
     run = made_run(
-        tmp_path / "run", *NETWORKS["normalized"], "JansenWalker-v0",
+        tmp_path / "run", *NETWORKS["plain"], "JansenWalker-v0",
         history={"length": 2, "every": 2},
     )  # fmt: skip
     path = pack.pack(run, None, tmp_path / "out", episodes=1)

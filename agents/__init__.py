@@ -3,7 +3,7 @@
 from importlib.util import find_spec
 
 NEEDED = ("PIL", "cma", "filelock", "imageio", "imageio_ffmpeg", "matplotlib", "rich",
-          "sb3_contrib", "scipy", "stable_baselines3", "tabulate", "tensorboard", "torch", "tqdm",
+          "scipy", "stable_baselines3", "tabulate", "tensorboard", "torch", "tqdm",
           "yaml")  # fmt: skip
 
 missing = [name for name in NEEDED if find_spec(name) is None]

@@ -52,19 +52,19 @@ static void harmonic(real c, real s, int k, real *out)
 """
 
 LINEAR = """\
-static void linear_{kind}(const {kind} *weight, const {kind} *bias, int units, int inputs,
-                         const real *in, real *out)
-{{
+static void linear(const float *weight, const float *bias, int units, int inputs, const real *in,
+                   real *out)
+{
     int i, j;
 
-    for (i = 0; i < units; ++i) {{
+    for (i = 0; i < units; ++i) {
         real sum = (real)bias[i];
-        for (j = 0; j < inputs; ++j) {{
+        for (j = 0; j < inputs; ++j) {
             sum += (real)weight[i * inputs + j] * in[j];
-        }}
+        }
         out[i] = sum;
-    }}
-}}
+    }
+}
 """
 
 ACTIVATIONS = {
@@ -80,56 +80,6 @@ static void {name}_all(real *values, int count)
     for (i = 0; i < count; ++i) {{
         values[i] = {value};
     }}
-}}
-"""
-
-CRANK_SPEED = """\
-/* The share of the torque limit: towards a crank speed that the action chooses. */
-static real torque_share(const float *observation, real action)
-{{
-    real command = (real)observation[{command}], speed = (real)observation[{speed}];
-    real target = command * {per_metre} * POW({span}, action);
-
-    return clip({gain} * (target - speed) / {limit}, R(1.0));
-}}
-"""
-
-RESIDUAL = """\
-/* The share of the torque limit: a crank-speed profile's, to which the action adds. */
-static real torque_share(const float *observation, real action)
-{{
-    real command = (real)observation[{command}], sign = command < R(0.0) ? R(-1.0) : R(1.0);
-    real size = sign * command, last = (real)profile_commands[{last}];
-    real inside = size < last ? size : last, share, shape, wanted, next;
-    real c = (real)observation[{cos}], s = (real)observation[{sin}], re, im, p[{width}];
-    real lag = (real)observation[{lag}], speed = (real)observation[{speed}];
-    int i, k = 1;
-
-    while (k < {last} && (real)profile_commands[k] < inside) {{
-        ++k;
-    }}
-    share = (real)profile_commands[k - 1];
-    share = (inside - share) / ((real)profile_commands[k] - share);
-    for (i = 0; i < {width}; ++i) {{
-        p[i] = (R(1.0) - share) * (real)profile_numbers[(k - 1) * {width} + i]
-               + share * (real)profile_numbers[k * {width} + i];
-    }}
-    p[0] *= size > last ? size / last : R(1.0);
-    shape = p[3] * sign * lag;
-    c *= sign;
-    re = c * c - s * s;
-    im = R(2.0) * c * s;
-    c = re;
-    s = im;
-    for (i = 0; i < {count}; ++i) {{
-        shape += p[4 + i] * re + p[4 + {count} + i] * im;
-        next = re * c - im * s;
-        im = re * s + im * c;
-        re = next;
-    }}
-    wanted = p[0] * EXP(shape);
-    wanted = sign * (p[1] * (wanted - sign * speed) + p[2]);
-    return clip(clip(wanted / {limit}, R(1.0)) + {share} * action, R(1.0));
 }}
 """
 

@@ -8,17 +8,15 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from agents.action_maps import ACTION_MAPS
 from agents.command_line import MAX_STEPS
 from agents.plain_yaml import read_yaml
-from agents.tasks import DEFAULT, TASKS, WALKERS, check_env_kwargs, vector_env
+from agents.tasks import DEFAULT, TASKS, check_env_kwargs, vector_env
 from jansen_env.checks import shown
 from jansen_env.history import MOST, History
 
 CONFIGS = Path(__file__).parent / "configs"
 MAX_UNITS, MAX_LAYERS = 1024, 8  # of a network
 MAX_HARMONICS = 32  # of the crank angle
-MAX_QUANTILES = 1000  # of a critic of TQC
 
 
 class Check(NamedTuple):
@@ -109,17 +107,6 @@ COMMON: dict[str, Check] = {
     "stats_window_size": integer(1, 10**6),
     "verbose": integer(0, 2),
 }
-OFF_POLICY: dict[str, Check] = {
-    **COMMON,
-    "buffer_size": integer(1, 10**8),
-    "learning_starts": integer(0, MAX_STEPS),
-    "train_freq": integer(1, 10**6),
-    "gradient_steps": integer(-1, 10**5),  # -1: as many as steps were taken
-    "ent_coef": positive | auto | auto_number,
-    "target_entropy": finite | auto,
-    "use_sde_at_warmup": boolean,
-}
-TARGET_NETWORK = {"tau": fraction, "target_update_interval": integer(1, 10**6)}
 HYPERPARAMETERS: dict[str, dict[str, Check]] = {
     "ppo": {
         **COMMON,
@@ -133,13 +120,18 @@ HYPERPARAMETERS: dict[str, dict[str, Check]] = {
         "max_grad_norm": positive,
         "target_kl": positive | null,
     },
-    "sac": {**OFF_POLICY, **TARGET_NETWORK},
-    "tqc": {
-        **OFF_POLICY,
-        **TARGET_NETWORK,
-        "top_quantiles_to_drop_per_net": integer(0, MAX_QUANTILES - 1),
+    "sac": {
+        **COMMON,
+        "buffer_size": integer(1, 10**8),
+        "learning_starts": integer(0, MAX_STEPS),
+        "train_freq": integer(1, 10**6),
+        "gradient_steps": integer(-1, 10**5),  # -1: as many as steps were taken
+        "ent_coef": positive | auto | auto_number,
+        "target_entropy": finite | auto,
+        "use_sde_at_warmup": boolean,
+        "tau": fraction,
+        "target_update_interval": integer(1, 10**6),
     },
-    "crossq": {**OFF_POLICY, "policy_delay": integer(1, 10**6)},
 }
 POLICY: dict[str, Check] = {
     "activation": one_of(("tanh", "relu", "elu")),
@@ -149,12 +141,6 @@ POLICY: dict[str, Check] = {
     "use_expln": boolean,
     "share_features_extractor": boolean,
 }
-CRITICS: dict[str, Check] = {
-    **POLICY,
-    "net_arch": layers | layers_of("pi", "qf"),
-    "clip_mean": non_negative,
-    "n_critics": integer(1, 10),
-}
 POLICY_KWARGS: dict[str, dict[str, Check]] = {
     "ppo": {
         **POLICY,
@@ -163,14 +149,11 @@ POLICY_KWARGS: dict[str, dict[str, Check]] = {
         "full_std": boolean,
         "squash_output": boolean,
     },
-    "sac": CRITICS,
-    "tqc": {**CRITICS, "n_quantiles": integer(1, MAX_QUANTILES)},
-    "crossq": {
-        **CRITICS,
-        "batch_norm": boolean,
-        "batch_norm_momentum": fraction,
-        "batch_norm_eps": positive,
-        "renorm_warmup_steps": integer(0, MAX_STEPS),
+    "sac": {
+        **POLICY,
+        "net_arch": layers | layers_of("pi", "qf"),
+        "clip_mean": non_negative,
+        "n_critics": integer(1, 10),
     },
 }
 HISTORY = {"length": integer(1, MOST), "every": integer(1, MOST)}
@@ -180,11 +163,9 @@ KEYS: dict[str, Check] = {
     "n_envs": integer(1, 10_000),
     "reward_scale": positive,
     "fall_cost": non_negative,
-    "action": one_of(("torque", *ACTION_MAPS)),
     "history": mapping,
     "privileged_critic": boolean,
     "env_kwargs": mapping,
-    "training_kwargs": mapping,
     "training_variants": mappings,
     "hyperparameters": mapping,
     "policy_kwargs": mapping,
@@ -222,16 +203,16 @@ def load_config(
     """A training configuration from YAML; it can name no code, each name is looked up in a table.
 
     Keys: ``policy``, ``timesteps``, ``n_envs``, ``reward_scale`` and ``fall_cost`` (of the
-    training reward: a factor, and what a fall takes off before it), ``action`` (what actions mean,
-    see :mod:`agents.action_maps`), ``history`` (``{length: 5, every: 2}``: the policy sees so many
-    observations, so many steps apart) and ``privileged_critic`` (whether the critic alone knows the
-    episode's parameters; see :mod:`agents.observing`), ``env_kwargs`` (for training and
-    evaluation), ``training_kwargs`` (for training alone), ``training_variants`` (further arguments
-    of the training environments, taken in turn; ``max_episode_steps`` is one too),
-    ``hyperparameters`` (the algorithm's arguments; ``learning_rate`` and ``clip_range`` may be
-    "linear_X", falling from X to 0 over the run) and ``policy_kwargs`` (the policy's;
-    ``activation`` is a name, ``normalize`` scales observations, and with it ``harmonics`` appends
-    so many of the crank angle). The config.yml of a run also has ``algo``, ``env`` and ``seed``.
+    training reward: a factor, and what a fall takes off before it), ``history`` (``{length: 5,
+    every: 2}``: the policy sees so many observations, so many steps apart) and
+    ``privileged_critic`` (whether the critic alone knows the episode's parameters; see
+    :mod:`agents.observing`), ``env_kwargs`` (for training and evaluation), ``training_variants``
+    (mappings of further arguments, for training alone: environment i takes number i, counted
+    around; ``max_episode_steps`` is one too), ``hyperparameters`` (the algorithm's arguments;
+    ``learning_rate`` and ``clip_range`` may be "linear_X", falling from X to 0 over the run) and
+    ``policy_kwargs`` (the policy's; ``activation`` is a name, ``normalize`` scales observations,
+    and with it ``harmonics`` appends so many of the crank angle). The config.yml of a run also has
+    ``algo``, ``env`` and ``seed``.
 
     Args:
         path: of the file, see :func:`agents.plain_yaml.parse_yaml`.
@@ -274,23 +255,27 @@ def new_config(
     config = {"seed": 0, **config, **{k: v for k, v in values.items() if v is not None}}
     overrides = env_kwargs or {}
     config["env_kwargs"] = {**config.get("env_kwargs", {}), **overrides}
-
-    def free(arguments: dict[str, Any]) -> dict[str, Any]:
-        return {name: value for name, value in arguments.items() if name not in overrides}
-
-    if "training_kwargs" in config:
-        config["training_kwargs"] = free(config["training_kwargs"])
     if "training_variants" in config:
-        config["training_variants"] = [free(each) for each in config["training_variants"]]
+        config["training_variants"] = [
+            {name: value for name, value in each.items() if name not in overrides}
+            for each in config["training_variants"]
+        ]
     config.update(algo=algo, env=env_id)
     check_config(config, required=TO_RESUME)  # again, with what was given in place
     return config
 
 
 def training_envs(config: dict[str, Any]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Arguments of all training environments, and the variants that they take in turn."""
-    kwargs = {**config.get("env_kwargs", {}), **config.get("training_kwargs", {})}
-    return kwargs, config.get("training_variants", [{}])
+    """Arguments of all training environments, and the variants that they take in turn.
+
+    Arguments that are the same in all variants are among the former: some of them, such as the
+    reward's weights, cannot differ between the robots of a batch.
+    """
+    variants = config.get("training_variants", [{}])
+    first, *others = variants
+    common = {k: v for k, v in first.items() if all(k in one and one[k] == v for one in others)}
+    rest = [{k: v for k, v in one.items() if k not in common} for one in variants]
+    return {**config.get("env_kwargs", {}), **common}, rest
 
 
 def check_config(
@@ -331,12 +316,6 @@ def _check_algorithm(algo: str, config: dict[str, Any]) -> None:
     History(**config.get("history", {}))  # whose length and interval go together
     _check("hyperparameters", hyperparameters, HYPERPARAMETERS[algo])
     _check("policy_kwargs", policy_kwargs, POLICY_KWARGS[algo])
-    dropped = hyperparameters.get("top_quantiles_to_drop_per_net", 0)
-    if dropped >= (quantiles := policy_kwargs.get("n_quantiles", 25)):
-        raise ValueError(
-            f"hyperparameters.top_quantiles_to_drop_per_net is {dropped}, must be below "
-            f"n_quantiles, {quantiles}"
-        )
     for used, name in (
         (policy_kwargs.get("harmonics"), "harmonics"),
         (config.get("privileged_critic"), "privileged_critic"),
@@ -347,20 +326,11 @@ def _check_algorithm(algo: str, config: dict[str, Any]) -> None:
 
 def _check_environment(env_id: str, config: dict[str, Any]) -> None:
     """What only some environments have, and their arguments."""
-    action = config.get("action", "torque")
-    if env_id not in WALKERS and action != "torque":
-        raise ValueError(f"action is {action!r}, must be 'torque' for {env_id}")
     if config.get("privileged_critic") and not hasattr(vector_env(env_id).TASK, "parameters"):
         raise ValueError(f"privileged_critic is given, but {env_id} draws no parameters")
-    for name in ("env_kwargs", "training_kwargs"):
-        check_env_kwargs(env_id, config.get(name, {}))
+    check_env_kwargs(env_id, config.get("env_kwargs", {}))
     for variant in config.get("training_variants", ()):
         check_env_kwargs(env_id, variant)
-        if "torque_limit" in variant and action != "torque":
-            raise ValueError(  # maps are made for one
-                "torque_limit is in training_variants, must be in training_kwargs or env_kwargs, "
-                "where it is of all robots, with another action than 'torque'"
-            )
 
 
 def _check(part: str, values: dict[str, Any], table: dict[str, Check]) -> None:

@@ -2,7 +2,7 @@
 
 ``NAME.h`` has limits, places of observations and two functions; ``NAME.c`` the weights, as
 constants, and the code. All is computed in double, or with NAME_SINGLE_PRECISION defined in float,
-which differs a little (see the model card). Weights are float where that is exact.
+which differs a little (see the model card). Constants are float where that is exact.
 
 Texts of a policy's file come into comments and identifiers after :func:`comment` and
 :func:`identifier`, which leave nothing of them that C could take for code.
@@ -20,25 +20,15 @@ from agents.c_templates import (
     ACTIVATION,
     ACTIVATIONS,
     CLIP,
-    CRANK_SPEED,
     EXAMPLE,
     HARMONIC,
     LINEAR,
     PRELUDE,
     REMEMBER,
-    RESIDUAL,
     STEP,
 )
 from jansen_env.checks import shown
-from jansen_env.policy_network import (
-    CrankSpeedAction,
-    Harmonics,
-    Layer,
-    Normalized,
-    Plain,
-    ResidualAction,
-    TorqueMap,
-)
+from jansen_env.policy_network import Harmonics, Layer, Normalized, Plain
 from jansen_env.pretrained import PretrainedPolicy
 
 TAKEN = """
@@ -47,7 +37,7 @@ long register restrict return short signed sizeof static struct switch typedef u
 volatile while asm fortran main math stdio stdlib string
 """  # words of C, and headers which NAME.h must not be taken for
 UNSAFE = re.compile(r"[^A-Za-z0-9 .,:;=+\-_()\[\]{}'/%^<>]")  # in a comment
-MATH = ("tanh", "exp", "expm1", "pow")  # functions that are used, in either precision
+MATH = ("tanh", "expm1")  # functions that are used, in either precision
 PER_LINE = 6  # numbers of an array
 
 
@@ -182,23 +172,17 @@ def sizes(policy: PretrainedPolicy) -> Sizes:
             stored += 4 * len(block.multiples)
             work += sum(8 * k.bit_length() for k in block.multiples)
     for layer in policy.layers:
-        stored += _bytes(layer.weight, layer.bias)
+        stored += 4 * (layer.weight.size + layer.bias.size)
         work += layer.weight.size
         functions += len(layer.bias) if layer.activation in ("tanh", "elu") else 0
     functions += policy.squash == "tanh"
-    if isinstance(policy.action_map, CrankSpeedAction):
-        work, functions = work + 3, functions + 1
-    elif isinstance(policy.action_map, ResidualAction):
-        commands, numbers = policy.action_map.profile.nodes
-        stored += _bytes(commands) + _bytes(numbers)
-        work, functions = work + 5 * numbers.shape[1], functions + 1
     state = 4 * history.steps * size + 8 if history.length > 1 else 1
     return Sizes(stored, state, 8 * (history.length * size + 2 * _width(policy)), work, functions)
 
 
-def _bytes(*arrays: Any) -> int:
-    """Of arrays that are stored alike."""
-    return sum(array.size for array in arrays) * (4 if _kind(*arrays) == "float" else 8)
+def _bytes(array: Any) -> int:
+    """Of a stored array."""
+    return array.size * (4 if _kind(array) == "float" else 8)
 
 
 def _width(policy: PretrainedPolicy) -> int:
@@ -207,10 +191,9 @@ def _width(policy: PretrainedPolicy) -> int:
     return max(features, *(len(layer.bias) for layer in policy.layers))
 
 
-def _kind(*arrays: Any) -> str:
+def _kind(array: Any) -> str:
     """The C type of constants: float where that has all of the numbers exactly."""
-    exact = all(np.array_equal(array.astype(np.float32).astype(float), array) for array in arrays)
-    return "float" if exact else "real"
+    return "float" if np.array_equal(array.astype(np.float32).astype(float), array) else "real"
 
 
 def _single(value: float) -> str:
@@ -252,13 +235,9 @@ def _source(policy: PretrainedPolicy, name: str) -> str:
     functions = [CLIP]
     if any(isinstance(block, Harmonics) and block.multiples for block in policy.features):
         functions.append(HARMONIC)
-    kinds = dict.fromkeys(_kind(layer.weight, layer.bias) for layer in policy.layers)
-    functions += [LINEAR.format(kind=kind) for kind in kinds]
+    functions.append(LINEAR)
     used = dict.fromkeys(one.activation for one in policy.layers if one.activation is not None)
     functions += [ACTIVATION.format(name=one, value=ACTIVATIONS[one]) for one in used]
-    if policy.action_map is not None:
-        functions += _map(policy.action_map)
-        body.append("value = torque_share(observation, value);")
     history = policy.history
     if history.length > 1:
         functions.append(REMEMBER.format(
@@ -314,43 +293,21 @@ def _features(policy: PretrainedPolicy) -> tuple[list[str], list[str]]:
 
 def _layer_constants(i: int, layer: Layer) -> str:
     """A layer's weights, row by row, and biases."""
-    kind, (units, inputs) = _kind(layer.weight, layer.bias), layer.weight.shape
+    units, inputs = layer.weight.shape
     return (
         f"/* Layer {i}: {inputs} to {units}, {layer.activation or 'linear'}. */\n"
-        + _array(f"weight_{i}", layer.weight, kind)
-        + _array(f"bias_{i}", layer.bias, kind)
+        + _array(f"weight_{i}", layer.weight, "float")
+        + _array(f"bias_{i}", layer.bias, "float")
     )
 
 
 def _layer(i: int, layer: Layer, source: str, target: str) -> list[str]:
     """Lines that compute a layer."""
-    kind, (units, inputs) = _kind(layer.weight, layer.bias), layer.weight.shape
-    lines = [f"linear_{kind}(weight_{i}, bias_{i}, {units}, {inputs}, {source}, {target});"]
+    units, inputs = layer.weight.shape
+    lines = [f"linear(weight_{i}, bias_{i}, {units}, {inputs}, {source}, {target});"]
     if layer.activation is not None:
         lines.append(f"{layer.activation}_all({target}, {units});")
     return lines
-
-
-def _map(action_map: TorqueMap) -> list[str]:
-    """What an action means as a share of the torque limit."""
-    limit = _real(action_map.torque_limit)
-    if isinstance(action_map, CrankSpeedAction):
-        return [CRANK_SPEED.format(
-            command=action_map.command, speed=action_map.crank_speed, limit=limit,
-            per_metre=_real(action_map.per_metre), span=_real(action_map.span),
-            gain=_real(action_map.gain),
-        )]  # fmt: skip
-    commands, numbers = action_map.profile.nodes
-    cos, sin, speed, command, lag = action_map.places
-    width = numbers.shape[1]
-    return [
-        _array("profile_commands", commands, _kind(commands)),
-        _array("profile_numbers", numbers, _kind(numbers)),
-        RESIDUAL.format(
-            cos=cos, sin=sin, speed=speed, command=command, lag=lag, last=len(commands) - 1,
-            width=width, count=(width - 4) // 2, limit=limit, share=_real(action_map.share),
-        ),
-    ]  # fmt: skip
 
 
 def example(name: str) -> str:

@@ -24,15 +24,7 @@ except ModuleNotFoundError as error:
     ) from error
 
 import jansen_env
-from jansen_env.policy_network import (
-    CrankSpeedAction,
-    Features,
-    Harmonics,
-    Layer,
-    Normalized,
-    ResidualAction,
-    TorqueMap,
-)
+from jansen_env.policy_network import Features, Harmonics, Layer, Normalized
 from jansen_env.pretrained import PretrainedPolicy
 
 OPSET, IR_VERSION = 17, 8  # of 2022, which runtimes of today read
@@ -112,8 +104,6 @@ def build(policy: PretrainedPolicy, name: str) -> onnx.ModelProto:
     if policy.squash == "tanh":
         values = graph.add("Tanh", values)
     values = graph.clip(values, 1.0)
-    if policy.action_map is not None:
-        values = _map(graph, policy.action_map, own, values)
     graph.nodes.append(helper.make_node("Cast", [values], ["action"], "action", to=1))
     torque = graph.add("Mul", values, policy.torque_limit)
     graph.nodes.append(helper.make_node("Cast", [torque], ["torque"], "torque", to=1))
@@ -206,49 +196,6 @@ def _layer(graph: Graph, layer: Layer, values: str) -> str:
         below = graph.add("Sub", graph.add("Exp", graph.add("Min", values, 0.0)), 1.0)
         return graph.add("Where", graph.add("Greater", values, 0.0), values, below)
     return graph.add({"tanh": "Tanh", "relu": "Relu"}[layer.activation], values)
-
-
-def _map(graph: Graph, action_map: TorqueMap, own: str, action: str) -> str:
-    """The share of the torque limit (N, 1)."""
-    if isinstance(action_map, CrankSpeedAction):
-        factor = graph.add("Pow", action_map.span, action)
-        nominal = graph.add("Mul", graph.column(own, action_map.command), action_map.per_metre)
-        target = graph.add("Mul", nominal, factor)
-        lacking = graph.add("Sub", target, graph.column(own, action_map.crank_speed))
-        torque = graph.add("Mul", lacking, action_map.gain)
-        return graph.clip(graph.add("Div", torque, action_map.torque_limit), 1.0)
-    torque = _profile(graph, action_map, own)
-    base = graph.clip(graph.add("Div", torque, action_map.torque_limit), 1.0)
-    return graph.clip(graph.add("Add", base, graph.add("Mul", action, action_map.share)), 1.0)
-
-
-def _profile(graph: Graph, residual: ResidualAction, own: str) -> str:
-    """A profile's torque (N, 1), N m, as :func:`jansen_env.crank_profile.crank_torque`."""
-    cos, sin, speed, command, lag = (graph.column(own, place) for place in residual.places)
-    commands, numbers = residual.profile.nodes
-    backwards = graph.add("Less", command, 0.0)
-    sign = graph.add("Where", backwards, -1.0, 1.0)
-    # Interpolated as numbers[0] and, for each stretch between commands, the part of it passed.
-    size = graph.add("Abs", command)
-    passed = graph.add("Div", graph.add("Sub", size, commands[:-1]), np.diff(commands))
-    passed = graph.add("Clip", passed, 0.0, 1.0)
-    found = graph.add("Gemm", passed, np.diff(numbers, axis=0), numbers[0])
-    beyond = graph.add("Max", graph.add("Div", size, commands[-1]), 1.0)
-    speed_0, gain, bias, feedback = (graph.column(found, i) for i in range(4))
-    count = (numbers.shape[1] - 4) // 2
-    exponent = graph.add("Mul", graph.add("Mul", feedback, sign), lag)
-    turn = graph.add("Mul", sign, cos), sin
-    double = _product(graph, turn, turn)
-    power = double
-    for k in range(count):
-        for part, first in zip(power, (4, 4 + count), strict=True):
-            term = graph.add("Mul", graph.column(found, first + k), part)
-            exponent = graph.add("Add", exponent, term)
-        power = _product(graph, power, double)
-    wanted = graph.add("Mul", graph.add("Mul", speed_0, beyond), graph.add("Exp", exponent))
-    lacking = graph.add("Sub", wanted, graph.add("Mul", sign, speed))
-    torque = graph.add("Add", graph.add("Mul", gain, lacking), bias)
-    return graph.add("Mul", sign, torque)
 
 
 class OnnxPolicy:

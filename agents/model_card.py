@@ -30,10 +30,6 @@ from jansen_env.noise import make_noise
 from jansen_env.policy_network import Harmonics, Normalized
 from jansen_env.pretrained import PretrainedPolicy, checksum
 
-MEANT = {
-    "crank_speed": "a target crank speed, of which the file makes the torque",
-    "residual": "what is added to the torque of a crank-speed profile, which the file has, too",
-}
 SHOWN = ("friction", "restitution", "payload", "tilt")  # of a walker, drawn or not
 
 
@@ -171,8 +167,6 @@ def _action(policy: PretrainedPolicy) -> str:
     text += f" with {' and '.join(names)}" if names else ""
     if harmonics:
         text += f", and sees cosine and sine of {harmonics} times the crank angle, too"
-    if policy.action_map is not None:
-        text += f". Its own output is {MEANT[policy.action_map.describe()['kind']]}"
     return text + "."
 
 

@@ -14,12 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from sb3_contrib import TQC, CrossQ
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.utils import LinearSchedule
 
-from agents.action_maps import MappedPolicy, make_map
 from agents.config import TO_LOAD, find_config, load_config
 from agents.model_files import NOTES, STATE, read_model
 from agents.normalizer import NormalizedObservation
@@ -35,7 +33,7 @@ from agents.policy import Policy
 from agents.rollout import make_env
 from jansen_env.files import write_bytes
 
-ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC, "tqc": TQC, "crossq": CrossQ}
+ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}
 
 
@@ -84,9 +82,8 @@ def _policy_kwargs(config: dict[str, Any], own: Any) -> dict[str, Any]:
 def load_policy(path: str | Path) -> Policy:
     """A trained policy from a run's folder or a model's zip file, without running code from it.
 
-    Where it sees more than the environment's observation, or its actions mean something else than
-    torques (``history``, ``action`` in its configuration), it nevertheless takes what the
-    environment gives and gives what that takes.
+    Where it sees more than the environment's observation (``history`` in its configuration), it
+    nevertheless takes what the environment gives.
 
     A model that Stable-Baselines3 trained elsewhere takes a config.yml beside it that says how the
     policy is built; policy_kwargs and use_sde may be left out where they are the library's own::
@@ -122,7 +119,7 @@ def load_policy(path: str | Path) -> Policy:
 
 def untrained_policy(config: dict[str, Any]) -> tuple[Any, Callable[[Any], Policy]]:
     """The policy of a checked configuration, of Stable-Baselines3, and what makes it one of the
-    environment's own observations and actions.
+    environment's own observations.
 
     Raises:
         AssertionError, TypeError, ValueError: arguments that do not go together.
@@ -144,8 +141,7 @@ def untrained_policy(config: dict[str, Any]) -> tuple[Any, Callable[[Any], Polic
     def on_environment(seeing: Any) -> Policy:
         if space.shape != env.observation_space.shape:
             seeing = ObservingPolicy(seeing, history, env.observation_space)
-        action = config.get("action", "torque")
-        return seeing if action == "torque" else MappedPolicy(seeing, make_map(action, env))
+        return seeing
 
     return policy, on_environment
 

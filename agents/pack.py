@@ -16,13 +16,11 @@ from typing import Any
 
 import numpy as np
 from safetensors.numpy import save
-from sb3_contrib.common.torch_layers import BatchRenorm
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor
 from torch import nn
 
 import jansen_env
-from agents.action_maps import MappedPolicy
 from agents.command_line import non_negative_int, positive_int
 from agents.config import TO_RESUME, find_config, load_config
 from agents.evaluate import evaluate, model_file
@@ -48,11 +46,11 @@ def describe_network(policy: Any) -> dict[str, Any]:
     Raises:
         ValueError: it has a part that :mod:`jansen_env.pretrained` does not know.
     """
-    while isinstance(policy, (MappedPolicy, ObservingPolicy)):
+    if isinstance(policy, ObservingPolicy):
         policy = policy.policy
     if not issubclass(kind := type(policy), BasePolicy):  # something around one
         raise ValueError(f"the policy is a {kind.__name__}, which cannot be packed")
-    if hasattr(policy, "actor"):  # SAC and its kin
+    if hasattr(policy, "actor"):  # SAC
         actor, path = policy.actor, "actor."
         extractor, parts = (
             "actor.features_extractor",
@@ -63,22 +61,15 @@ def describe_network(policy: Any) -> dict[str, Any]:
         hidden = policy.mlp_extractor.policy_net
         parts = {"mlp_extractor.policy_net": hidden, "action_net": policy.action_net}
     layers: list[dict[str, Any]] = []
-    limit, batch_norm = None, None
+    limit = None
     for part, network in parts.items():
         for name, module in network.named_modules(prefix=path + part):
             if isinstance(module, nn.Linear):
                 layers.append({
-                    **({} if batch_norm is None else {"batch_norm": batch_norm}),
                     "units": module.out_features, "activation": None,
                     "weight": f"{name}.weight", "bias": f"{name}.bias",
                 })  # fmt: skip
-                batch_norm = None
-            elif isinstance(module, BatchRenorm) and batch_norm is None:  # CrossQ's
-                batch_norm = {
-                    "mean": f"{name}.ra_mean", "variance": f"{name}.ra_var",
-                    "scale": f"{name}.scale", "bias": f"{name}.bias", "epsilon": module.eps,
-                }  # fmt: skip
-            elif type(module) in ACTIVATIONS and plain_so_far(layers) and batch_norm is None:
+            elif type(module) in ACTIVATIONS and plain_so_far(layers):
                 layers[-1]["activation"] = ACTIVATIONS[type(module)]
             elif isinstance(module, nn.Hardtanh) and module.min_val == -module.max_val:
                 limit = module.max_val  # of the mean of SAC's gSDE
@@ -122,7 +113,8 @@ def describe(policy: Any, config: dict[str, Any], training: dict[str, Any]) -> d
     env: Any = make_env(config["env"], config.get("env_kwargs", {}))
     plain = env.unwrapped
     env.close()
-    described = {
+    return {
+        "format": pretrained.FORMAT,
         "env": {"id": config["env"], "kwargs": config.get("env_kwargs", {})},
         "observation": [{"name": row.name, "unit": row.unit} for row in plain.observed],
         **({"history": config["history"]} if "history" in config else {}),
@@ -131,7 +123,6 @@ def describe(policy: Any, config: dict[str, Any], training: dict[str, Any]) -> d
             "unit": "torque_limit",  # a share of it
             "torque_limit": plain.torque_limit,  # N m
             "control_dt": plain.control_dt,  # s
-            **({"map": policy.action_map.describe()} if isinstance(policy, MappedPolicy) else {}),
         },
         "network": describe_network(policy),
         "training": {**training, "config": config},
@@ -141,8 +132,6 @@ def describe(policy: Any, config: dict[str, Any], training: dict[str, Any]) -> d
             **{name: version(name) for name in LIBRARIES},
         },
     }
-    second = pretrained.needs_second_format(described)
-    return {"format": pretrained.FORMATS[second], **described}
 
 
 def pack(

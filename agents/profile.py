@@ -1,11 +1,21 @@
-"""The crank-speed profile as a controller: :mod:`jansen_env.crank_profile` has its formula.
+"""The crank-speed profile: how fast the crank is to turn at each of its angles, as a controller.
 
-Its numbers are found by ``python -m agents.tune profile`` (:mod:`agents.profile_search`).
+The crank is asked for a speed that depends on where it stands, and gets a torque in proportion to
+what it lacks:
+
+    n_ref(psi) = n0 exp(g lag + sum over k = 1 .. K of a_k cos 2 k psi + b_k sin 2 k psi)
+    torque     = kp (n_ref - crank speed) + tau0
+
+Even harmonics, as both pairs of legs are on crank pins half a turn apart: all repeats twice a turn.
+The lag is how far the target is ahead of the robot: with it the mean speed is held. The numbers are
+found by ``python -m agents.tune profile`` (:mod:`agents.profile_search`).
 """
 
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +23,11 @@ import numpy as np
 from agents.policy import Array, TorquePolicy
 from agents.walker_observation import COMMAND, COS_CRANK, CRANK_SPEED, LAG, SIN_CRANK
 from jansen_env.checks import positive
-from jansen_env.crank_profile import NUMBERS, CrankProfile, crank_torque
 
 DATA = Path(__file__).parent / "data" / "profile.json"
+
+NUMBERS = ("n0", "kp", "tau0", "g")
+"""The first numbers of a profile, in rad/s, N m s/rad, N m, 1/m; then a_1 .. a_K, b_1 .. b_K."""
 
 
 def columns(harmonics: int) -> tuple[str, ...]:
@@ -27,14 +39,72 @@ def columns(harmonics: int) -> tuple[str, ...]:
 def profile_torque(numbers: Array, observation: Array, lag: int = LAG) -> Array:
     """Torques (n,), N m, of profiles (n, 4 + 2 K) for observations (n, d), one each.
 
-    ``lag``: where the lag is in an observation. See :func:`jansen_env.crank_profile.crank_torque`.
+    A negative command walks the mirror image: crank angle pi - psi, speed, torque and lag reversed.
+    ``lag``: where the lag is in an observation.
     """
-    places = (COS_CRANK, SIN_CRANK, CRANK_SPEED, COMMAND, lag)
-    return crank_torque(numbers, *(observation[:, place] for place in places))
+    sign = np.where(observation[:, COMMAND] < 0.0, -1.0, 1.0)
+    speed, gain, bias, feedback = numbers[:, :4].T
+    a, b = np.split(numbers[:, 4:], 2, axis=1)
+    turn = (sign * observation[:, COS_CRANK] + 1j * observation[:, SIN_CRANK]) ** 2
+    harmonics = np.cumprod(np.repeat(turn[:, None], a.shape[1], axis=1), axis=1)  # exp(2 i k psi)
+    shape = (a * harmonics.real + b * harmonics.imag).sum(axis=1)
+    wanted = speed * np.exp(shape + feedback * sign * observation[:, lag])
+    return sign * (gain * (wanted - sign * observation[:, CRANK_SPEED]) + bias)
 
 
-class Profile(CrankProfile):
-    """:class:`jansen_env.crank_profile.CrankProfile` for observations of a walker."""
+@dataclass(frozen=True)
+class Profile:
+    """Profiles at a grid of commands, and in between.
+
+    Between two commands the numbers are interpolated linearly. Below the slowest, n0 and tau0 fall
+    in proportion to the command, so that at 0 the crank is only braked; beyond the fastest, n0
+    rises in proportion.
+
+    Args:
+        commands: (m,) m/s, above 0, increasing.
+        numbers: (m, 4 + 2 K), in the order of :data:`NUMBERS` and the harmonics.
+
+    Raises:
+        ValueError: the shapes do not fit, or the commands do not increase from above 0.
+    """
+
+    commands: Array
+    numbers: Array
+
+    def __post_init__(self) -> None:
+        commands, numbers = np.asarray(self.commands, float), np.asarray(self.numbers, float)
+        object.__setattr__(self, "commands", commands)
+        object.__setattr__(self, "numbers", numbers)
+        if (
+            commands.ndim != 1
+            or not len(commands)
+            or not np.all(np.diff(commands, prepend=0.0) > 0.0)
+        ):
+            raise ValueError(f"commands is {commands.tolist()}, must increase from above 0")
+        shape = numbers.shape
+        if len(shape) != 2 or shape[0] != len(commands) or shape[1] < 4 or shape[1] % 2:
+            raise ValueError(f"numbers has the shape {shape}, must be {len(commands), '4 + 2 K'}")
+        if not np.isfinite(numbers).all():
+            raise ValueError("numbers has entries that are not finite")
+
+    @cached_property
+    def nodes(self) -> tuple[Array, Array]:
+        """Commands (m + 1,) and numbers (m + 1, 4 + 2 K), with those at 0."""
+        at_rest = self.numbers[0].copy()
+        at_rest[[0, 2]] = 0.0
+        return np.append(0.0, self.commands), np.vstack([at_rest, self.numbers])
+
+    def at(self, command: Array) -> Array:
+        """The numbers (n, 4 + 2 K) for commands (n,), m/s, of either sign."""
+        commands, numbers = self.nodes
+        size = np.abs(command)
+        inside = np.minimum(size, commands[-1])
+        right = np.clip(np.searchsorted(commands, inside), 1, len(commands) - 1)
+        left = right - 1
+        share = ((inside - commands[left]) / (commands[right] - commands[left]))[:, None]
+        found: Array = (1.0 - share) * numbers[left] + share * numbers[right]
+        found[:, 0] *= np.maximum(size / commands[-1], 1.0)
+        return found
 
     def torque(self, observation: Array, lag: int = LAG) -> Array:
         """Torques (n,), N m, for observations (n, d) of a walker; before any limit.

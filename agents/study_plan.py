@@ -74,8 +74,7 @@ STUDY: dict[str, Check] = {
     "eval_episodes": integer(1, 100_000),
     "variants": variants,
 }
-CHANGES = ("timesteps", "n_envs", "reward_scale", "action", "training_kwargs", "training_variants",
-           "env_kwargs")  # fmt: skip
+CHANGES = ("timesteps", "n_envs", "reward_scale", "training_variants", "env_kwargs")
 VARIANT: dict[str, Check] = {
     "env": KEYS["env"],
     "algo": KEYS["algo"],

@@ -23,7 +23,7 @@ from agents.observing import observing
 from agents.replay_buffers import load_replay_buffer
 from agents.runs import FINAL, find_replay_buffer, next_monitor, rewind_monitors
 from agents.training_state import GeneratorsRestored, read_state, restore_state
-from agents.vec_env import make_vec_env, with_actions
+from agents.vec_env import make_vec_env
 from jansen_env.checks import instance, non_negative, whole_number
 
 if TYPE_CHECKING:
@@ -75,7 +75,6 @@ def prepare(
     kwargs, variants = training_envs(config)
     threads = None if worker is None else worker.threads(config["n_envs"])
     venv = make_vec_env(config["env"], config["n_envs"], kwargs, variants, threads=threads)
-    venv = with_actions(venv, config.get("action", "torque"), config["env"], kwargs)
     scale, fall_cost = config.get("reward_scale", 1.0), config.get("fall_cost", 0.0)
     venv = TrainingReward(VecMonitor(venv), scale, fall_cost)
     venv = observing(venv, config)

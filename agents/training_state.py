@@ -21,8 +21,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecMonitor, unwrap_vec_wrapper
 
-from agents.observing import ObservingVecEnv, own_observations
-from agents.vec_env import BatchVecEnv, MappedVecEnv
+from agents.observing import ObservingVecEnv
+from agents.vec_env import BatchVecEnv
 from jansen_env.checks import finite, whole_number, within
 
 WORDS = 624  # of a Mersenne twister's state
@@ -91,9 +91,6 @@ def restore_state(model: BaseAlgorithm, state: dict[str, Any]) -> None:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"the training state does not fit: {reason}") from error
     model._last_obs, model._last_episode_starts = observations, starts
-    mapped: Any = unwrap_vec_wrapper(venv, MappedVecEnv)
-    if mapped is not None:
-        mapped.seen = own_observations(venv, observations)
     model._current_progress_remaining = progress
     model._n_updates, model._episode_num, monitor.episode_count = counts
     monitor.episode_returns, monitor.episode_lengths = returns, lengths

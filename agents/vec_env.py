@@ -11,17 +11,9 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
-from stable_baselines3.common.vec_env import (
-    DummyVecEnv,
-    VecEnv,
-    VecEnvWrapper,
-    unwrap_vec_wrapper,
-)
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
-from agents.action_maps import ActionMap, MappedPolicy, make_map
-from agents.observing import observing_policy
-from agents.policy import Policy
 from agents.rollout import make_env
 from agents.tasks import can_be_batched, vector_env
 from jansen_env.checks import whole_number
@@ -189,52 +181,3 @@ class BatchVecEnv(VecEnv):
     ) -> list[bool]:
         """False for each: robots of a batch have no wrappers of their own."""
         return [False for _ in self._get_indices(indices)]
-
-
-class MappedVecEnv(VecEnvWrapper):
-    """Environments whose actions are a map's.
-
-    Args:
-        venv: the environments. action_map: what actions mean.
-
-    Attributes:
-        seen: the observations (n, d) that the next actions answer.
-    """
-
-    def __init__(self, venv: VecEnv, action_map: ActionMap) -> None:
-        super().__init__(venv)
-        self.action_map = action_map
-        self.seen: Any = None
-
-    def reset(self) -> Any:
-        """As the environments'."""
-        self.seen = self.venv.reset()
-        return self.seen
-
-    def step_async(self, actions: Any) -> None:
-        """Pass the mapped actions on."""
-        self.venv.step_async(self.action_map(self.seen, actions))
-
-    def step_wait(self) -> Any:
-        """As the environments'."""
-        self.seen, *rest = self.venv.step_wait()
-        return (self.seen, *rest)
-
-
-def with_actions(venv: VecEnv, name: str, env_id: str, env_kwargs: dict[str, Any]) -> VecEnv:
-    """Environments with actions of one of :data:`agents.action_maps.ACTION_MAPS`, or "torque".
-
-    Args:
-        venv: the environments. name: of the map. env_id, env_kwargs: what they are.
-    """
-    if name == "torque":
-        return venv
-    env = make_env(env_id, env_kwargs)
-    return MappedVecEnv(venv, make_map(name, env))
-
-
-def acting(model: Any) -> Policy:
-    """A model's policy as one that acts on the environment itself, whatever it sees and does."""
-    policy = observing_policy(model)
-    wrapper: Any = unwrap_vec_wrapper(model.get_env(), MappedVecEnv)
-    return policy if wrapper is None else MappedPolicy(policy, wrapper.action_map)

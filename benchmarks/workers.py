@@ -90,12 +90,13 @@ def averaging_times(numbers: int, pause: float, count: int, out: Path, worker: A
 
 def rollout_times(robots: int, rounds: int) -> list[float]:
     """Time (s) of a step of the rollout of so many robots on one core, policy included."""
+    from agents.config import training_envs
     from agents.models import build_model
     from agents.vec_env import make_vec_env
 
     config = configuration(n_envs=robots)
     config["hyperparameters"]["batch_size"] = robots * config["hyperparameters"]["n_steps"]
-    venv = make_vec_env(ENV, robots, {}, config["training_variants"], threads=1)
+    venv = make_vec_env(ENV, robots, *training_envs(config), threads=1)
     model: Any = build_model("ppo", {**config, "n_epochs": 1}, venv, seed=0)
     model.train = lambda: None
     steps = config["hyperparameters"]["n_steps"]

@@ -45,20 +45,15 @@ def positive(name: str, value: Any) -> float:
     return number
 
 
-def single(name: str, value: Any) -> float:
-    """Return ``value`` as a float. Raises ValueError unless it is 0 or in the range of float32."""
-    number = _number(name, value)
-    if number != 0.0 and not LEAST_SINGLE <= abs(number) <= MOST_SINGLE:
-        raise ValueError(
-            f"{name} is {shown(value)}, must be 0 or of {LEAST_SINGLE:.2g} to {MOST_SINGLE:.2g}, "
-            "the range of float32"
-        )
-    return number
-
-
 def positive_single(name: str, value: Any) -> float:
     """Return ``value`` as a float. Raises ValueError unless it is above 0, as float32 too."""
-    return single(name, positive(name, value))
+    number = positive(name, value)
+    if not LEAST_SINGLE <= number <= MOST_SINGLE:
+        raise ValueError(
+            f"{name} is {shown(value)}, must be of {LEAST_SINGLE:.2g} to {MOST_SINGLE:.2g}, the "
+            "range of float32"
+        )
+    return number
 
 
 def non_negative(name: str, value: Any) -> float:

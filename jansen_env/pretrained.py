@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from safetensors.numpy import load as read_tensors
 
 from jansen_env.checks import (
-    MOST_SINGLE,
     instance,
     positive_integer,
     positive_single,
@@ -39,12 +38,9 @@ from jansen_env.policy_network import (
     Layer,
     Normalized,
     Plain,
-    TorqueMap,
-    read_action,
 )
 
-FORMATS = ("jansen_env policy 1", "jansen_env policy 2")
-"""The second one may have batch norms and mapped actions, and is written where it has."""
+FORMAT = "jansen_env policy 1"
 POLICIES = Path(__file__).parent / "policies"
 DEFAULT = "ppo"  # of the names of an environment's policies
 MAX_BYTES = 2**20  # of a file; those of the package have less than 100 kB
@@ -65,10 +61,10 @@ class PretrainedPolicy:
             1. control_dt: s for which an action is held. scale: mean and standard deviation of
             each number the network takes, in training, 0 and 1 where they are not kept. history: of
             observations, which the network takes side by side. units: of what it observes.
-        features, layers, limit, squash, action_map: the network, in this order: what it makes of
-            what it sees, side by side; its layers; the most that their output may be, inf for no
-            limit; the name of what is made of that (see :mod:`jansen_env.policy_network`), which is
-            clipped to -1 .. 1; and what that means as torque, None for a share of the limit.
+        features, layers, limit, squash: the network, in this order: what it makes of what it sees,
+            side by side; its layers; the most that their output may be, inf for no limit; and the
+            name of what is made of that (see :mod:`jansen_env.policy_network`). Clipped to -1 .. 1
+            this is the share of the torque limit.
 
     Raises:
         ValueError: something in the description is missing or not allowed, does not fit the
@@ -78,8 +74,8 @@ class PretrainedPolicy:
 
     def __init__(self, description: dict[str, Any], tensors: Tensors) -> None:
         instance("the whole", description, dict)
-        if (found := description.get("format")) not in FORMATS:
-            raise ValueError(f"format is {shown(found)}, must be one of {list(FORMATS)}")
+        if (found := description.get("format")) != FORMAT:
+            raise ValueError(f"format is {shown(found)}, must be {FORMAT!r}")
         self.description, self.tensors = description, tensors
         for name, tensor in tensors.items():
             if tensor.dtype != np.float32 or not np.isfinite(tensor).all():
@@ -104,13 +100,6 @@ class PretrainedPolicy:
         self.layers = self._read_layers(_entry(network, "layers", list), width)
         self.limit = np.inf if (m := network.get("limit")) is None else positive_single("limit", m)
         self.squash: str = _known(SQUASH, "squash", network.get("squash"))
-        self.action_map: TorqueMap | None = None
-        if "map" in action:
-            self.action_map = read_action(
-                _entry(action, "map", dict), self.observed, self.torque_limit
-            )
-        if found == FORMATS[0] and needs_second_format(description):
-            raise ValueError(f"format is {found!r}, must be {FORMATS[1]!r} for what it describes")
 
     def _read_features(self, blocks: list[Any]) -> list[Features]:
         """What the network sees: functions of histories (n, length d)."""
@@ -142,33 +131,19 @@ class PretrainedPolicy:
         return found
 
     def _read_layers(self, layers: list[Any], width: int) -> list[Layer]:
-        """Layers, ``width``: inputs of the first one; batch norms become part of the weights."""
+        """Layers, ``width``: inputs of the first one."""
         found = []
         for layer in layers:
             instance("a layer", layer, dict)
             units = positive_integer("units", layer.get("units"))
             weight = self._tensor(layer, "weight", (units, width))
             bias = self._tensor(layer, "bias", (units,))
-            if "batch_norm" in layer:
-                factor, offset = self._read_batch_norm(_entry(layer, "batch_norm", dict), width)
-                weight, bias = weight * factor, bias + weight @ offset
-                if max(np.abs(weight).max(), np.abs(bias).max()) > MOST_SINGLE:
-                    raise ValueError("batch_norm gives weights beyond float32, must not")
             activation = _known(ACTIVATIONS, "activation", layer.get("activation"))
             found.append(Layer(weight, bias, activation))
             width = units
         if width != 1 or not layers:
             raise ValueError(f"the last layer has {width} units, must have 1: the action")
         return found
-
-    def _read_batch_norm(self, entry: dict[str, Any], width: int) -> tuple[Array, Array]:
-        """What a batch norm multiplies its inputs by and then adds to them, (width,) each."""
-        names = ("mean", "variance", "scale", "bias")
-        mean, variance, scale, bias = (self._tensor(entry, name, (width,)) for name in names)
-        if variance.min(initial=0.0) < 0.0:
-            raise ValueError(f"a variance is {variance.min()}, must be 0 or above")
-        factor = scale / np.sqrt(variance + positive_single("epsilon", entry.get("epsilon")))
-        return factor, bias - mean * factor
 
     def _tensor(self, part: dict[str, Any], key: str, shape: tuple[int, ...]) -> Array:
         """The tensor that ``part`` names, of this shape."""
@@ -222,7 +197,7 @@ class PretrainedPolicy:
         x, size = np.asarray(observation, dtype=np.float64), self._shown
         if x.ndim not in (1, 2) or x.shape[-1] != size:
             raise ValueError(f"observation has shape {x.shape}, must have ({size},) or (n, {size})")
-        batch = own = x.reshape(-1, size)[:, : len(self.observed)]
+        batch = x.reshape(-1, size)[:, : len(self.observed)]
         if self.history.length > 1:
             starts = np.asarray(False if episode_start is None else episode_start, bool)
             batch, state = self.history.extend(state, batch, np.broadcast_to(starts, len(batch)))
@@ -230,10 +205,7 @@ class PretrainedPolicy:
         for layer in self.layers:
             values = layer(values)
         values = SQUASH[self.squash](np.clip(values, -self.limit, self.limit))
-        values = np.clip(values, -1.0, 1.0)
-        if self.action_map is not None:
-            values = self.action_map(own, values)
-        actions = values.astype(np.float32)
+        actions = np.clip(values, -1.0, 1.0).astype(np.float32)
         return (actions if x.ndim == 2 else actions[0]), state
 
 
@@ -243,12 +215,6 @@ def _read_history(entry: Any) -> History:
     if unknown := sorted({*entry} - {"length", "every"}):
         raise ValueError(f"history has {unknown}, must have length and every")
     return History(**entry)
-
-
-def needs_second_format(description: dict[str, Any]) -> bool:
-    """Whether readers of the first format, which would pass over it, lack something of a policy."""
-    layers = description["network"]["layers"]
-    return "map" in description["action"] or any("batch_norm" in layer for layer in layers)
 
 
 def names(env_id: str) -> list[str]:

@@ -96,9 +96,6 @@ NETWORKS = {
                           "normalize": True, "share_features_extractor": False}),
     "squashed": ("ppo", {"use_sde": True}, {"net_arch": [], "squash_output": True}),
     "sac": ("sac", {}, {"net_arch": [8], "normalize": True}),
-    "tqc": ("tqc", {}, {"net_arch": [8], "normalize": True}),
-    "crossq": ("crossq", {}, {"net_arch": [8, 8], "normalize": True}),
-    "crossq of the observation": ("crossq", {"use_sde": True}, {"net_arch": [8]}),
     "sac with gSDE": ("sac", {"use_sde": True}, {"net_arch": [8], "clip_mean": 0.3}),
 }  # fmt: skip
 
@@ -120,9 +117,9 @@ def made_run(folder, algo, hyperparameters, policy_kwargs, env_id=CRANK, **more)
     with torch.no_grad():
         for name, tensor in model.policy.state_dict().items():
             if "target" not in name and tensor.is_floating_point():
-                tensor.copy_(torch.rand_like(tensor) + 0.1 if "extractor." in name or "ra_" in name
+                tensor.copy_(torch.rand_like(tensor) + 0.1 if "extractor." in name
                              else 0.5 * torch.randn_like(tensor))  # fmt: skip
-    if algo in ("sac", "tqc"):
+    if algo == "sac":
         model.critic_target.load_state_dict(model.critic.state_dict())
     model.save(folder / "best_model.zip")
     return folder

@@ -14,7 +14,7 @@ import train
 from agents import command_line, config, evaluate, models, runs
 from agents.plain_yaml import MAX_BYTES, parse_yaml, read_yaml
 from agents.rollout import make_env
-from agents.tasks import TASKS
+from agents.tasks import TASKS, can_be_batched
 
 LEAST = {"policy": "MlpPolicy", "timesteps": 10, "n_envs": 1, "hyperparameters": {}}
 NOT_FROM_FILES = {
@@ -163,17 +163,6 @@ def test_values_are_checked(values, message, tmp_path):
     assert one_line(error).startswith(f"{path}: ")
 
 
-@pytest.mark.parametrize(
-    ("dropped", "kwargs", "allowed"), [(25, {}, 25), (3, {"n_quantiles": 3}, 3)]
-)
-def test_some_quantiles_must_be_left(dropped, kwargs, allowed):
-    """Of no quantile there is no mean."""
-    values = {**LEAST, "policy_kwargs": kwargs}
-    values["hyperparameters"] = {"top_quantiles_to_drop_per_net": dropped}
-    with pytest.raises(ValueError, match=f"is {dropped}, must be below n_quantiles, {allowed}"):
-        config.check_config(values, "tqc")
-
-
 def test_values_that_are_allowed(tmp_path):
     """Schedules, nulls, layers of each network, names of each algorithm."""
     some = {
@@ -185,8 +174,6 @@ def test_values_that_are_allowed(tmp_path):
             {"ent_coef": "auto_0.1", "target_entropy": "auto", "gradient_steps": -1},
             {"net_arch": {"pi": [64], "qf": [32, 32]}, "n_critics": 3},
         ),
-        "tqc": ({"top_quantiles_to_drop_per_net": 9}, {"n_quantiles": 10}),
-        "crossq": ({"policy_delay": 2}, {"batch_norm_momentum": 0.05, "net_arch": [16]}),
     }
     for algo, (hyperparameters, policy_kwargs) in some.items():
         values = {"hyperparameters": hyperparameters, "policy_kwargs": policy_kwargs, "algo": algo}
@@ -324,6 +311,21 @@ def test_what_the_command_line_says_holds_for_all_variants():
     settings = train._configure(train.parse(given))
     assert settings["env_kwargs"] == {"reset_noise_scale": 0.5}
     assert settings["training_variants"] == [{}, {}, {}, {"max_episode_steps": 100}]
+
+
+def test_what_all_variants_have_alike_holds_for_all_environments():
+    """One batch then has them, of one variant and of several; what differs stays a variant's."""
+    variants = [{"friction": 0.5, "slip_weight": 2.0}, {"friction": 0.6, "slip_weight": 2.0}]
+    given = {"env_kwargs": {"payload": 1.0, "slip_weight": 1.0}, "training_variants": variants}
+    kwargs, rest = config.training_envs(given)
+    assert kwargs == {"payload": 1.0, "slip_weight": 2.0}
+    assert rest == [{"friction": 0.5}, {"friction": 0.6}]
+    given = {"training_variants": [{"command_interval": None}, {}]}
+    assert config.training_envs(given) == ({}, given["training_variants"])
+    assert config.training_envs({"training_variants": variants[:1]}) == (variants[0], [{}])
+    assert config.training_envs({}) == ({}, [{}])
+    for path in config.CONFIGS.glob("*/*.yml"):
+        assert can_be_batched(path.parent.name, *config.training_envs(config.load_config(path)))
 
 
 def test_evaluation_checks_commands_and_folders_before_it_runs(tmp_path, capsys):

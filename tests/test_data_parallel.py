@@ -42,8 +42,8 @@ CONFIG = {
 MORE = {
     **CONFIG, "env": "JansenWalkerHardcore-v0", "history": {"length": 2}, "privileged_critic": True,
 }  # fmt: skip
-FROM_SCRATCH = CONFIGS / "JansenWalker-v0" / "ppo_from_scratch.yml"
-SHORT = ["--config", str(FROM_SCRATCH), "-n", "512", "--n-envs", "4", "--eval-episodes", "1",
+SMALL_PPO = Path(__file__).parent / "small_ppo.yml"
+SHORT = ["--config", str(SMALL_PPO), "-n", "512", "--n-envs", "4", "--eval-episodes", "1",
          "--no-progress", "--save-freq", "256", "--eval-freq", "0", "--workers", "2"]  # fmt: skip
 
 

@@ -36,13 +36,13 @@ WALKER, CRANK = "JansenWalker-v0", "JansenCrank-v0"
 needs_cc = pytest.mark.skipif(export_check.compiler() is None, reason="there is no C compiler")
 
 RUNS = {
-    "added to the profile": (
+    "harmonics and a history": (
         ("ppo", {}, {"net_arch": [8, 8], "activation": "elu", "normalize": True, "harmonics": 2}),
-        {"env_id": WALKER, "action": "residual", "history": {"length": 3, "every": 2}},
+        {"env_id": WALKER, "history": {"length": 3, "every": 2}},
     ),
-    "crank speed by crossq": (
-        ("crossq", {}, {"net_arch": [8, 8], "activation": "relu", "normalize": True}),
-        {"env_id": WALKER, "action": "crank_speed"},
+    "sac": (
+        ("sac", {}, {"net_arch": [8, 8], "activation": "relu", "normalize": True}),
+        {"env_id": WALKER},
     ),
 }
 
@@ -71,7 +71,7 @@ def agree(policy, count, limit=1e-6, single=1e-5):
 
 @pytest.mark.parametrize("kind", RUNS)
 def test_onnx_and_c_act_as_pytorch(kind, tmp_path):
-    """Histories, batch norms, harmonics, limits, and actions that mean something else."""
+    """Histories, harmonics, limits."""
     own, more = RUNS[kind]
     agree(pack.from_run(made_run(tmp_path / "run", *own, **more)), 600)
 
@@ -172,7 +172,7 @@ def test_no_number_of_a_file_is_beyond_float(kind, tmp_path):
     own, more = RUNS[kind]
     policy = pack.from_run(made_run(tmp_path / "run", *own, **more))
     places = [*numbers_of({k: policy.description[k] for k in ("action", "network")})]
-    assert len(places) > 4
+    assert len(places) >= 4
     for *path, last in places:
         for value in (1e300, -1e39, 1e-300, 1e-39):
             described = json.loads(json.dumps(policy.description))
@@ -182,26 +182,6 @@ def test_no_number_of_a_file_is_beyond_float(kind, tmp_path):
             part[last] = value
             with pytest.raises(ValueError, match="must"):
                 PretrainedPolicy(described, policy.tensors)
-
-
-def test_weights_with_their_batch_norms_are_floats(tmp_path):
-    """Beyond that they are refused, as are commands of a profile that float does not tell apart."""
-    own, more = RUNS["crank speed by crossq"]
-    policy = pack.from_run(made_run(tmp_path / "batch_norm", *own, **more))
-    norms = [layer["batch_norm"] for layer in policy.description["network"]["layers"][1:]]
-    for norm in norms:
-        tensors = {name: np.array(tensor) for name, tensor in policy.tensors.items()}
-        tensors[norm["scale"]][:] = 3e38
-        tensors[norm["variance"]][:] = 0.0
-        with pytest.raises(ValueError, match="batch_norm gives weights beyond float32"):
-            PretrainedPolicy(policy.description, tensors)
-    own, more = RUNS["added to the profile"]
-    policy = pack.from_run(made_run(tmp_path / "profile", *own, **more))
-    described = json.loads(json.dumps(policy.description))
-    first, *rest = described["action"]["map"]["commands"]
-    described["action"]["map"]["commands"] = [first, first + 1e-12, *rest[1:]]
-    with pytest.raises(ValueError, match=r"commands is .*, must increase as float32"):
-        PretrainedPolicy(described, policy.tensors)
 
 
 @needs_cc

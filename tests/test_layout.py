@@ -21,7 +21,7 @@ ORDER = (
     ["engine"],
     ["plants"],
     ["envs"],
-    ["crank_profile", "policy_network", "policy_environment", "pretrained", "paper"],
+    ["policy_network", "policy_environment", "pretrained", "paper"],
     ["web", "recording", "recorder"],
     ["play"],
     ["agents"],

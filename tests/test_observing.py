@@ -8,8 +8,9 @@ import torch
 
 from agents import models, observing, pack, runs
 from agents.config import check_config
+from agents.observing import observing_policy
 from agents.rollout import make_env, run_episodes
-from agents.vec_env import acting, make_vec_env
+from agents.vec_env import make_vec_env
 from jansen_env import pretrained
 from jansen_env.history import History
 
@@ -80,7 +81,7 @@ def test_a_policy_in_use_sees_what_it_saw_in_training(privileged):
     """Through ends of episodes, the last observations too; and the critic what only it may know."""
     config = configured(history=HISTORY, privileged_critic=privileged)
     model, plain = made_model(config), make_vec_env(ENV, 4, {}, VARIANTS)
-    venv, policy, state = model.get_env(), acting(model), None
+    venv, policy, state = model.get_env(), observing_policy(model), None
     venv.seed(7), plain.seed(7)
     seen, own, starts, ends = venv.reset(), plain.reset(), np.ones(4, bool), 0
     space, known = venv.observation_space, privileged * (DRAWN + SIZE)
@@ -136,7 +137,7 @@ def test_a_policy_is_the_same_wherever_it_comes_from(history, privileged, tmp_pa
     commands, seeds = np.array([0.2, 0.4, 0.6]), np.arange(3)
     of_model, of_file, of_package = (
         run_episodes(policy, ENV, {"max_episode_steps": 30}, commands, seeds)["returns"]
-        for policy in (acting(model), loaded, packed)
+        for policy in (observing_policy(model), loaded, packed)
     )
     assert np.array_equal(of_model, of_file)
     assert of_package == pytest.approx(of_file, rel=1e-3)

@@ -35,12 +35,7 @@ CASES = {
         env_kwargs={"track_joint_forces": True, "max_episode_steps": 9},
     ),
     "sac": small_run("sac"),
-    "crossq": small_run("crossq"),
     "sac, noise of a whole rollout": small_run("sac", hyperparameters={"sde_sample_freq": -1}),
-}
-SLOW_CASES = {
-    "tqc": small_run("tqc"),
-    "target crank speed": small_run(action="crank_speed"),
 }
 
 
@@ -50,12 +45,10 @@ def few_episodes(monkeypatch):
     monkeypatch.setattr(callbacks, "EPISODES", 1)
 
 
-@pytest.mark.parametrize(
-    "case", [*CASES, *(pytest.param(case, marks=pytest.mark.slow) for case in SLOW_CASES)]
-)
+@pytest.mark.parametrize("case", CASES)
 def test_a_killed_run_ends_as_if_it_had_not_been(case, tmp_path):
     """Before its first checkpoint, in the middle of a rollout, and shortly before its end."""
-    settings = {**CASES, **SLOW_CASES}[case]
+    settings = CASES[case]
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     for folder in (whole, killed):
         folder.mkdir()

@@ -31,8 +31,7 @@ STEPS = 128
 def small_config(env_id="JansenWalker-v0", algo="ppo", **more):
     """Rollouts of 32 steps of 4 environments, in episodes of 8 each."""
     settings = config.load_config(config.shipped_config(env_id, algo))
-    for name in ("training_kwargs", "training_variants"):
-        settings.pop(name, None)
+    settings.pop("training_variants", None)
     settings.update(algo=algo, env=env_id, seed=0, timesteps=STEPS, n_envs=4)
     settings.update(env_kwargs={"max_episode_steps": 8}, **more)
     settings["hyperparameters"] |= {"batch_size": 16}
@@ -375,7 +374,8 @@ def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path):
     """In a process of its own: exit status 130, no traceback."""
     process = subprocess.Popen(
         [sys.executable, "train.py", "--log-folder", str(tmp_path), "--n-envs", "2",
-         "--env", "JansenWalker-v0", "--save-freq", "100", "--eval-freq", "0", "--tensorboard-log", "", "--no-progress"],
+         "--env", "JansenWalker-v0", "--save-freq", "100", "--eval-freq", "0",
+         "--tensorboard-log", "", "--no-progress"],
         cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )  # fmt: skip

@@ -18,8 +18,8 @@ from agents.model_files import read_model
 from agents.normalizer import NormalizedObservation
 from agents.rollout import make_env
 
-FROM_SCRATCH = config.CONFIGS / "JansenWalker-v0" / "ppo_from_scratch.yml"
-SMALL = ["--config", str(FROM_SCRATCH), "-n", "1024", "--n-envs", "4", "--eval-episodes", "1",
+SMALL_PPO = Path(__file__).parent / "small_ppo.yml"
+SMALL = ["--config", str(SMALL_PPO), "-n", "1024", "--n-envs", "4", "--eval-episodes", "1",
          "--no-progress", "--save-freq", "256", "--eval-freq", "256"]  # fmt: skip
 
 

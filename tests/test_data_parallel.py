@@ -20,7 +20,6 @@ from stable_baselines3.common.logger import Logger
 import train
 from agents import data_parallel, launch, ray_workers, training
 from agents.callbacks import NormalizerUpdate, Saver
-from agents.config import CONFIGS
 from agents.model_files import read_model
 from agents.process import HANGUP
 from agents.runs import read_evaluations

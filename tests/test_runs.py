@@ -374,7 +374,7 @@ def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path):
     """In a process of its own: exit status 130, no traceback."""
     process = subprocess.Popen(
         [sys.executable, "train.py", "--log-folder", str(tmp_path), "--n-envs", "2",
-         "--env", "JansenWalker-v0", "--save-freq", "100", "--eval-freq", "0",
+         "--config", "tests/small_ppo.yml", "--save-freq", "100", "--eval-freq", "0",
          "--tensorboard-log", "", "--no-progress"],
         cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from agents import robustness
 from agents.command_line import mapping, non_negative_int, positive_int
-from agents.metrics import score_table, summarise
+from agents.metrics import INTERVALS, Array, pooled, score_table, summarise
 from agents.plots import plot_scores
 from agents.policy import Policy
-from agents.rollout import make_env, run_episodes
+from agents.rollout import draw_episodes, make_env, run_episodes
 from agents.tasks import DEFAULT, TASKS, WALKERS, find_task
 from agents.video import FRAME_TIME, record_video
 from jansen_env import pretrained
@@ -124,15 +127,50 @@ def evaluate(
     Raises:
         ValueError: no task is known for ``env_id``, or an argument out of range.
     """
-    task = find_task(env_id)
-    command = np.repeat(task.commands if commands is None else commands, episodes)
+    command = np.repeat(find_task(env_id).commands if commands is None else commands, episodes)
     seeds = FIRST_SEED + seed * len(command) + np.arange(len(command))
+    return _scores(policies, env_id, env_kwargs, (command, seeds), seed, summarise)
+
+
+def evaluate_drawn(
+    policies: dict[str, Policy],
+    env_id: str,
+    env_kwargs: dict[str, Any],
+    episodes: int,
+    seed: int = 0,
+) -> dict[str, dict[str, Any]]:
+    """Score policies on the same episodes, with commands drawn from the environment's whole range.
+
+    Args:
+        policies: by name. env_id, env_kwargs: of the environment. episodes: in all.
+        seed: another number, other commands and starts.
+
+    Returns:
+        For each policy :func:`agents.metrics.pooled` and its episodes under ``"raw"``.
+
+    Raises:
+        ValueError: no task is known for ``env_id``, or an argument out of range.
+    """
     env = make_env(env_id, env_kwargs)
-    scores = {}
+    drawn = draw_episodes(env, episodes, seed)
+    env.close()
+    return _scores(policies, env_id, env_kwargs, drawn, seed, pooled)
+
+
+def _scores(
+    policies: dict[str, Policy],
+    env_id: str,
+    env_kwargs: dict[str, Any],
+    episodes: tuple[Array, NDArray[np.int64]],
+    seed: int,
+    summary: Callable[..., dict[str, Any]],
+) -> dict[str, dict[str, Any]]:
+    """Run ``episodes``, commands and seeds (n,), with each policy, and summarise them."""
+    env, scores = make_env(env_id, env_kwargs), {}
     for name, policy in policies.items():
-        run = run_episodes(policy, env_id, env_kwargs, command, seeds)
+        run = run_episodes(policy, env_id, env_kwargs, *episodes)
         raw = {key: values.tolist() for key, values in run.items()}
-        scores[name] = {**summarise(task.metrics, run, env, seed), "raw": raw}
+        scores[name] = {**summary(find_task(env_id).metrics, run, env, seed), "raw": raw}
     env.close()
     return scores
 
@@ -153,10 +191,16 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         help="of walkers; given again, side by side; default: projection")  # fmt: skip
     add("--commands", type=float, nargs="+", metavar="V",
         help="commanded speeds; default: the task's grid")  # fmt: skip
-    add("--episodes", type=positive_int, default=10, help="episodes per command")
+    add("--episodes", type=positive_int, default=10,
+        help="per command, or with --robustness per condition; default: 10")  # fmt: skip
+    add("--random-commands", type=positive_int, metavar="N",
+        help="also N episodes with commands drawn from the environment's range")  # fmt: skip
+    add("--robustness", action="store_true",
+        help="in place of scores by command: over friction and foot stiffness, with drawn "
+        "commands; of the slow plant 'rigid_body' a tenth of the episodes")  # fmt: skip
     add("--seed", type=non_negative_int, default=0, help="another number, other starts")
     add("--out", default="logs/evaluation", metavar="DIR",
-        help="where scores.json and scores.png go")  # fmt: skip
+        help="where scores.json and scores.png go, or robustness's")  # fmt: skip
     add("--video", nargs="*", choices=KINDS, metavar="KIND",
         help="also videos of each policy, gif or mp4; of no kind given: both")  # fmt: skip
     add("--video-command", type=float, metavar="V",
@@ -166,6 +210,10 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         parser.error(f"--plant is {args.plant}, but {args.env} has one plant only")
     if "speed_command" in args.env_kwargs:
         parser.error("speed_command in --env-kwargs has no effect here, must be in --commands")
+    if args.robustness and args.env not in WALKERS:
+        parser.error(f"--robustness needs one of {WALKERS}, but --env is {args.env}")
+    if args.robustness and (args.commands or args.random_commands or args.video is not None):
+        parser.error("--robustness goes without --commands, --random-commands and --video")
     grid = find_task(args.env).commands
     args.commands = args.commands or list(grid)
     if args.video_command is None:
@@ -201,16 +249,26 @@ def main(arguments: list[str] | None = None) -> None:
     try:
         loaded = load_all(args)
         out.mkdir(parents=True, exist_ok=True)
+        if args.robustness:
+            print(robustness.report(loaded, args.env, args.episodes, args.seed, out))
+            return
     except (OSError, ValueError) as error:
         args.error(str(error))
     scores: dict[str, dict[str, Any]] = {}
+    drawn: dict[str, dict[str, Any]] = {}
     for policies, env_kwargs in loaded:
         scores |= evaluate(policies, args.env, env_kwargs, args.commands, args.episodes, args.seed)
-    write_json(out / "scores.json", scores)
+        if count := args.random_commands:
+            drawn |= evaluate_drawn(policies, args.env, env_kwargs, count, args.seed)
+    write_json(out / "scores.json", {name: {**own, **({"drawn": drawn[name]} if drawn else {})}
+                                     for name, own in scores.items()})  # fmt: skip
     plot_scores(task, scores, out / "scores.png")
     print(score_table(task.metrics, scores))
+    if drawn:
+        print(f"\n{count} episodes with commands drawn from the environment's range:\n")
+        print(score_table(task.metrics, drawn))
     print(f"\n{args.episodes} episodes at each of {args.commands} {task.command_unit}, "
-          f"seed {args.seed}; 95 % bootstrap intervals over episodes. "
+          f"seed {args.seed}; {INTERVALS}. "
           f"Written: {out}/scores.json, {out}/scores.png")  # fmt: skip
     if args.video is None:
         return

@@ -19,10 +19,9 @@ from tabulate import tabulate
 
 from agents.command_line import mapping, non_negative_int, positive_int
 from agents.evaluate import labels, load_named
-from agents.metrics import Episodes, point_estimates
+from agents.metrics import Episodes, Interval, point_estimates, proportion_with_interval
 from agents.policy import Bools, Policy
 from agents.rollout import make_env, run_episodes
-from agents.seed_statistics import Interval, improvement_over
 from agents.tasks import ENOUGH, TASKS, find_task, succeeded
 from jansen_env.files import write_json, write_text, write_whole
 from jansen_env.plants.make import PLANTS
@@ -37,7 +36,7 @@ class Score(NamedTuple):
     """Of a policy's episodes at a level.
 
     Attributes:
-        success, falls: shares with Wilson's 95 % interval. slip: m per metre of all toes.
+        success, falls: shares with their exact 95 % interval. slip: m per metre of all toes.
         transport: mechanical cost of transport, with the robot's weight without what is drawn.
             Both None where nobody walked.
     """
@@ -53,8 +52,8 @@ Scores: TypeAlias = dict[str, dict[int, Score]]
 
 
 def share(happened: NDArray[Any]) -> Interval:
-    """Of episodes (n,), 1 or 0, with Wilson's 95 % interval."""
-    return improvement_over(0.5, np.asarray(happened, float))
+    """Of episodes (n,), 1 or 0, with its exact 95 % interval."""
+    return proportion_with_interval(int(np.count_nonzero(happened)), len(happened))
 
 
 def score_levels(
@@ -219,7 +218,7 @@ def main(arguments: list[str] | None = None) -> None:
     plot_levels(scores, out / "levels.png")
     note = (
         f"{args.episodes} episodes at each level of {args.env}, seed {args.seed}; success: no fall "
-        f"and at least {ENOUGH:g} of the commanded distance; 95 % Wilson intervals."
+        f"and at least {ENOUGH:g} of the commanded distance; exact 95 % intervals."
     )
     tables = f"Success:\n\n{success_table(scores)}\n\nAll scores:\n\n{level_table(scores)}"
     command = shlex.join(["python", "-m", "agents.levels", *(arguments or sys.argv[1:])])

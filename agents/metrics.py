@@ -1,22 +1,29 @@
-"""From episodes to numbers: metrics over a grid of commands, with bootstrap intervals."""
+"""From episodes to numbers: metrics over a grid of commands, with 95 % intervals."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple, TypeAlias
 from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import DegenerateDataWarning, bootstrap
+from scipy.stats import DegenerateDataWarning, binomtest, bootstrap
 from tabulate import tabulate
 
 Array = NDArray[np.float64]
 Episodes: TypeAlias = dict[str, NDArray[Any]]
 """Of n episodes, each (n,): "command", "returns", "duration" (s), and the task's aggregates."""
 
+Interval: TypeAlias = tuple[float, float, float]
+"""Value, lower and upper end of its 95 % interval; NaN for ends that are not known."""
+
 RESAMPLES = 2000
 CONFIDENCE = 0.95
+INTERVALS = (
+    "95 % intervals over episodes: exact (Clopper-Pearson) for fractions, percentile bootstrap for "
+    "the others"
+)
 SETTLING = 2.0  # s, after which a walk counts as steady
 MIN_DISTANCE = 1e-3  # m, below which a ratio per metre is not formed
 
@@ -40,7 +47,7 @@ class Metric(NamedTuple):
     """A number for many episodes: a mean, or with a normaliser the ratio of two sums.
 
     Attributes:
-        label, unit: in tables and figures.
+        label, unit: in tables and figures; of what is 0 or 1 in each episode "fraction".
         function: episodes and their environment to a value of each episode (n,).
         normaliser: the same, m; the sum of ``function`` is divided by its sum.
         axis: in figures "linear", "log" or "fraction" (0 to 1); "" for in tables alone.
@@ -82,12 +89,31 @@ def point_estimates(metrics: dict[str, Metric], run: Episodes, env: Any) -> dict
     }
 
 
-def summarise(metrics: dict[str, Metric], run: Episodes, env: Any, seed: int = 0) -> dict[str, Any]:
-    """Every metric over all episodes and for each command, with 95 % bootstrap intervals.
+def tabled(metrics: dict[str, Metric]) -> dict[str, Metric]:
+    """Return the metrics of tables and figures: those that have no ``steady_`` one beside them."""
+    return {name: metric for name, metric in metrics.items() if f"steady_{name}" not in metrics}
 
-    The percentile bootstrap (Efron and Tibshirani 1993), stratified: episodes are resampled within
-    each command. Resamples in which nobody walked have no ratio per metre and do not count; with
-    one episode per command there is no interval.
+
+def proportion_with_interval(k: int, n: int) -> Interval:
+    """Return k / n with its exact 95 % interval (Clopper and Pearson 1934), both ends at 2.5 %.
+
+    It has a width where k is 0 or n, too, and never covers less than 95 %.
+
+    Raises:
+        ValueError: n is 0, or k is not within 0 and n.
+    """
+    test = binomtest(k, n)
+    ends = test.proportion_ci(CONFIDENCE, method="exact")
+    return float(test.statistic), float(ends.low), float(ends.high)
+
+
+def summarise(metrics: dict[str, Metric], run: Episodes, env: Any, seed: int = 0) -> dict[str, Any]:
+    """Every metric over all episodes and for each command, with 95 % intervals.
+
+    Fractions have :func:`proportion_with_interval` of their episodes, over all commands together.
+    Other metrics have the percentile bootstrap (Efron and Tibshirani 1993), stratified: episodes
+    are resampled within each command. Resamples in which nobody walked have no ratio per metre and
+    do not count; with one episode per command there is no interval.
 
     Args:
         metrics: by name. run: episodes, the same number for each command. seed: of the resampling.
@@ -99,23 +125,42 @@ def summarise(metrics: dict[str, Metric], run: Episodes, env: Any, seed: int = 0
     """
     commands = np.unique(run["command"])
     groups = [np.flatnonzero(run["command"] == command) for command in commands]
-    overall, by_command = {}, {}
+    by_command = {}
     for name, metric in metrics.items():
-        estimator = _estimator(metric, run, env)
-        overall[name] = _interval(estimator, groups, seed)
-        rows = [_interval(estimator, [group], seed) for group in groups]
+        rows = [_interval(metric, run, env, [group], seed) for group in groups]
         value, low, high = map(list, zip(*rows, strict=True))
         by_command[name] = {
             "command": commands.tolist(), "value": value, "low": low, "high": high,
         }  # fmt: skip
-    return {"overall": overall, "by_command": by_command, "episodes": len(run["command"])}
+    return {**pooled(metrics, run, env, seed, groups), "by_command": by_command}
+
+
+def pooled(
+    metrics: dict[str, Metric],
+    run: Episodes,
+    env: Any,
+    seed: int = 0,
+    groups: Sequence[NDArray[np.int64]] = (),
+) -> dict[str, Any]:
+    """Return :func:`summarise` without ``"by_command"``: the commands may all differ.
+
+    Args:
+        groups: indices of the episodes that are resampled together; none for all of them as one.
+    """
+    count = len(run["command"])
+    strata = groups or [np.arange(count)]
+    overall = {name: _interval(m, run, env, strata, seed) for name, m in metrics.items()}
+    return {"overall": overall, "episodes": count}
 
 
 def _interval(
-    estimator: Callable[[Any], Array], groups: list[NDArray[np.int64]], seed: int
+    metric: Metric, run: Episodes, env: Any, groups: Sequence[NDArray[np.int64]], seed: int
 ) -> list[float | None]:
     """The metric of all groups' episodes, and its interval."""
-    value = estimator(np.concatenate(groups))
+    estimator, episodes = _estimator(metric, run, env), np.concatenate(groups)
+    value = estimator(episodes)
+    if metric.unit == "fraction":
+        return [*proportion_with_interval(round(float(value) * len(episodes)), len(episodes))]
     if np.isnan(value) or min(map(len, groups)) < 2:
         return [_number(value), None, None]
     with catch_warnings():
@@ -133,8 +178,11 @@ def _number(value: Any) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def score_table(metrics: dict[str, Metric], scores: dict[str, dict[str, Any]]) -> str:
-    """A Markdown table: a row per policy, value [low, high] per metric."""
+def score_table(
+    metrics: dict[str, Metric], scores: dict[str, dict[str, Any]], rows_are: str = "policy"
+) -> str:
+    """A Markdown table: a row per policy, value [low, high] per metric of :func:`tabled`."""
+    metrics = tabled(metrics)
 
     def cell(interval: list[float | None], digits: int) -> str:
         value, low, high = ("-" if v is None else f"{v:.{digits}g}" for v in interval)
@@ -144,5 +192,5 @@ def score_table(metrics: dict[str, Metric], scores: dict[str, dict[str, Any]]) -
         [policy, *(cell(summary["overall"][name], m.digits) for name, m in metrics.items())]
         for policy, summary in scores.items()
     ]
-    headers = ["policy", *(metric.heading for metric in metrics.values())]
+    headers = [rows_are, *(metric.heading for metric in metrics.values())]
     return tabulate(rows, headers, tablefmt="github", disable_numparse=True)

@@ -21,9 +21,9 @@ from tabulate import tabulate
 import jansen_env
 from agents.card_examples import code, examples
 from agents.config import training_envs
+from agents.metrics import INTERVALS, tabled
 from agents.observation_guide import frames, meaning, running_means
 from agents.rollout import make_env
-from agents.seed_statistics import proportion_with_interval
 from agents.tasks import WALKERS, Task, find_task, vector_env
 from jansen_env.envs.parameters import PARAMETERS
 from jansen_env.noise import make_noise
@@ -278,17 +278,13 @@ def _scores(export: Export, env: Any) -> str:
     policies = [export.name, *(name for name in export.scores if name != export.name)]
     rows = []
     for name, metric in task.metrics.items():
-        cells = [
-            _cell(metric, export.scores[p]["overall"][name], export.scores[p]["episodes"])
-            for p in policies
-        ]
+        cells = [_cell(metric, export.scores[p]["overall"][name]) for p in policies]
         rows.append([metric.heading, *cells])
     count, commands = export.episodes, len(task.commands)
     return (
         f"{count} episode{'s' * (count > 1)} at each of {commands} command{'s' * (commands > 1)}, "
         f"{commands * count} in all, seed {export.seed}, the same starts for all; in brackets "
-        "95 % intervals over episodes, of fractions Wilson's, of others the percentile "
-        "bootstrap's. They say how well this one policy is known, not what training again would "
+        f"{INTERVALS}. They say how well this one policy is known, not what training again would "
         "give.\n\n"
         + _table(["", *policies], rows)
         + f"\n\nAt each command, {task.command_unit}:\n\n"
@@ -310,24 +306,20 @@ def _evaluation(export: Export) -> str:
 
 
 def _by_command(task: Task, export: Export) -> str:
-    shown = {name: metric for name, metric in task.metrics.items() if metric.axis}
+    shown = {name: metric for name, metric in tabled(task.metrics).items() if metric.axis}
     found = export.scores[export.name]["by_command"]
     rows = []
     for i, command in enumerate(found["return"]["command"]):
         cells = [
-            _cell(
-                metric, [found[name][part][i] for part in ("value", "low", "high")], export.episodes
-            )
+            _cell(metric, [found[name][part][i] for part in ("value", "low", "high")])
             for name, metric in shown.items()
         ]
         rows.append([f"{command:g}", *cells])
     return _table(["command", *(metric.heading for metric in shown.values())], rows)
 
 
-def _cell(metric: Any, interval: Any, episodes: int) -> str:
+def _cell(metric: Any, interval: Any) -> str:
     """A value with its interval."""
-    if metric.unit == "fraction" and interval[0] is not None:
-        interval = proportion_with_interval(round(interval[0] * episodes), episodes)
     value, low, high = ("-" if x is None else f"{x:.{metric.digits}g}" for x in interval)
     return value if low == "-" else f"{value} [{low}, {high}]"
 

@@ -11,16 +11,19 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from agents.metrics import Metric, tabled
 from agents.tasks import Task
 from jansen_env.files import write_whole
 
+LEAST = 1e-4  # at which a logarithmic axis shows all that is less: rigid feet may not slip at all
+
 
 def plot_scores(task: Task, scores: dict[str, dict[str, Any]], path: str | Path) -> Path:
-    """Each metric against the commanded speed, a line per policy; bootstrapped over episodes.
+    """Each metric against the commanded speed, a line per policy; bands are 95 % intervals.
 
     With one commanded speed a point per policy instead, side by side.
     """
-    shown = {name: metric for name, metric in task.metrics.items() if metric.axis}
+    shown = {name: metric for name, metric in tabled(task.metrics).items() if metric.axis}
     columns = (len(shown) + 1) // 2
     figure, axes = plt.subplots(2, columns, figsize=(12, 6.4), layout="constrained", sharex=True)
     commands = next(iter(scores.values()))["by_command"]["return"]["command"]
@@ -28,42 +31,55 @@ def plot_scores(task: Task, scores: dict[str, dict[str, Any]], path: str | Path)
     for axis, (name, metric) in zip(axes.flat, shown.items(), strict=False):
         for i, (policy, summary) in enumerate(scores.items()):
             rows = summary["by_command"][name]
-            value, low, high = (
-                _drawable(rows[key], metric.axis) for key in ("value", "low", "high")
-            )
+            intervals = [rows[key] for key in ("value", "low", "high")]
             if single:
+                value, low, high = (_drawable(part, metric.axis) for part in intervals)
                 spread = np.nan_to_num(np.maximum([value - low, high - value], 0.0))
                 axis.errorbar([i], value, spread, fmt="o", capsize=4, color=f"C{i}", label=policy)
-                continue
-            line = axis.plot(commands, value, marker="o", markersize=4, label=policy)[0]
-            axis.fill_between(commands, low, high, color=line.get_color(), alpha=0.18)
+            else:
+                draw_curve(axis, metric, commands, intervals, policy)
         axis.set_title(metric.heading, fontsize=11)
-        if metric.axis == "log" and np.isfinite(axis.dataLim.get_points()[:, 1]).all():
-            axis.set_yscale("log")
-        elif metric.axis == "fraction":
-            axis.set_ylim(-0.03, 1.03)
-        axis.grid(alpha=0.3)
+        finish_panel(axis, metric)
         if single:
             axis.set_xticks([])
             axis.margins(x=0.3)
     for axis in axes.flat[len(shown) :]:
         axis.remove()
         axes[0, -1].xaxis.set_tick_params(labelbottom=True)  # which now is the lowest of its column
-    handles, labels = axes.flat[0].get_legend_handles_labels()
-    columns = min(len(labels), 4)  # more would not fit
-    figure.legend(handles, labels, loc="outside upper center", ncols=columns, frameon=False)
+    legend_above(figure, axes.flat[0])
     at = f" {commands[0]:g} {task.command_unit}" if single else f", {task.command_unit}"
     figure.supxlabel(f"commanded speed{at}", fontsize=11)
-    return _save(figure, path)
+    return save(figure, path)
+
+
+def draw_curve(axis: Any, metric: Metric, x: Any, intervals: Any, label: str) -> None:
+    """Draw a metric over ``x`` (n,): ``intervals`` (3, n) are values, lower and upper ends."""
+    value, low, high = (_drawable(part, metric.axis) for part in intervals)
+    line = axis.plot(x, value, marker="o", markersize=4, label=label)[0]
+    axis.fill_between(x, low, high, color=line.get_color(), alpha=0.18)
+
+
+def finish_panel(axis: Any, metric: Metric) -> None:
+    """Set scale and grid of a metric's panel, once its curves are drawn."""
+    if metric.axis == "log" and np.isfinite(axis.dataLim.get_points()[:, 1]).all():
+        axis.set_yscale("log")
+    elif metric.axis == "fraction":
+        axis.set_ylim(-0.03, 1.03)
+    axis.grid(alpha=0.3)
+
+
+def legend_above(figure: Any, axis: Any) -> None:
+    """Put the labels of a panel's curves above the whole figure."""
+    handles, labels = axis.get_legend_handles_labels()
+    columns = min(len(labels), 4)  # more would not fit
+    figure.legend(handles, labels, loc="outside upper center", ncols=columns, frameon=False)
 
 
 def _drawable(values: Any, axis: str) -> Any:
-    """Numbers to draw: NaN for what is none, and on a logarithmic axis for what is not above 0."""
+    """Numbers to draw: NaN for what is none; on a logarithmic axis at least :data:`LEAST`."""
     numbers = np.array(values, float)
     numbers[~np.isfinite(numbers)] = np.nan
-    if axis == "log":
-        numbers[~(numbers > 0.0)] = np.nan
-    return numbers
+    return np.maximum(numbers, LEAST) if axis == "log" else numbers
 
 
 def plot_training(
@@ -79,10 +95,11 @@ def plot_training(
     axis.set_ylabel("mean return over the commands")
     axis.legend(frameon=False)
     axis.grid(alpha=0.3)
-    return _save(figure, path)
+    return save(figure, path)
 
 
-def _save(figure: Any, path: str | Path) -> Path:
+def save(figure: Any, path: str | Path) -> Path:
+    """Write a figure whole, and close it; returns ``path``."""
     written = write_whole(path, lambda name: figure.savefig(name, dpi=120))
     plt.close(figure)
     return written

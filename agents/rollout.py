@@ -14,6 +14,8 @@ from agents.metrics import SETTLING, Array, Episodes
 from agents.policy import Policy
 from agents.tasks import Task, can_be_batched, check_env_kwargs, find_task
 
+DRAWN_SEED = 20_000  # of episodes with drawn commands: training, tuning and other scores use others
+
 
 class Moment(NamedTuple):
     """A step: its end, s since the start; its length, s; what was reduced at the step before."""
@@ -45,6 +47,17 @@ def make_env(env_id: str, env_kwargs: dict[str, Any], **more: Any) -> gym.Env[An
     """
     check_env_kwargs(env_id, env_kwargs)
     return gym.make(env_id, **{**env_kwargs, **more})
+
+
+def draw_episodes(env: Any, count: int, seed: int = 0) -> tuple[Array, NDArray[np.int64]]:
+    """Return commands (count,), uniform in the range of ``env``, and the seeds (count,) of resets.
+
+    Args:
+        env: as ``gym.make`` gives it. seed: another number, other commands and starts.
+    """
+    low, high = env.unwrapped.task.speed_command[0]
+    commands = np.random.default_rng([DRAWN_SEED, seed]).uniform(low, high, count)
+    return commands, DRAWN_SEED + seed * count + np.arange(count)
 
 
 def make_envs(env_id: str, env_kwargs: dict[str, Any], count: int) -> Any:

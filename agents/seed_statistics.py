@@ -12,18 +12,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal
 from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import DegenerateDataWarning, binomtest, bootstrap, t, trim_mean
+from scipy.stats import DegenerateDataWarning, bootstrap, t, trim_mean
 
-from agents.metrics import CONFIDENCE
+from agents.metrics import CONFIDENCE, Interval, proportion_with_interval
 
 Array = NDArray[np.float64]
-Interval: TypeAlias = tuple[float, float, float]
-"""Value, lower and upper end of its 95 % interval; NaN for ends that are not known."""
 
 RESAMPLES = 5000
 AT_ONCE = 10**7  # numbers, of resamples
@@ -137,20 +135,13 @@ def performance_profile(scores: ArrayLike, levels: ArrayLike) -> tuple[Array, Ar
 def improvement_over(mark: float, scores: ArrayLike) -> Interval:
     """The probability that a run's score is above a mark, such as a baseline's score.
 
-    The mark is taken as a fixed number. With k of n runs above it the estimate is k / n, with
-    Wilson's interval (1927): the bootstrap's would have no width where all runs or none are above.
+    The mark is taken as a fixed number. With k of n runs above it the estimate is k / n, with its
+    exact interval: the bootstrap's would have no width where all runs or none are above.
     """
     values = np.asarray(scores, float)
     if len(values) == 0:
         return math.nan, math.nan, math.nan
     return proportion_with_interval(int(np.sum(values > mark)), len(values))
-
-
-def proportion_with_interval(k: int, n: int) -> Interval:
-    """k / n with Wilson's 95 % interval (1927), which has a width where k is 0 or n, too."""
-    test = binomtest(k, n)
-    ends = test.proportion_ci(CONFIDENCE, method="wilson")
-    return float(test.statistic), float(ends.low), float(ends.high)
 
 
 def probability_of_improvement(scores: ArrayLike, others: ArrayLike) -> Interval:

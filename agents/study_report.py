@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from tabulate import tabulate
 
+from agents.metrics import tabled
 from agents.runs import read_evaluations
 from agents.seed_statistics import (
     improvement_over,
@@ -37,7 +38,8 @@ over runs, that is over seeds: what training again would give, not what scoring 
 (intervals over episodes are in each run's scores.json). Means have Student's t interval; the
 interquartile mean (IQM, the mean of the middle half of the runs) has that of the BCa bootstrap over
 runs (Efron 1987), P(run of X > run of Y) and the performance profile the percentile bootstrap's
-(Agarwal et al. 2021), P(run > baseline) Wilson's (1927), with the baseline's return taken as exact.
+(Agarwal et al. 2021), P(run > baseline) the exact one (Clopper and Pearson 1934), with the
+baseline's return taken as exact.
 With few runs a bootstrap's nominal 95 % cover less: some 75 % with 3 runs, 90 % with 10. Steps and
 seconds until a baseline is beaten are those of the first evaluation during training with a higher
 return than the baseline's; the median is over all runs, of which those that never do count as later
@@ -208,7 +210,7 @@ def study_table(study: Study, found: dict[str, Any]) -> str:
 
 def metrics_table(found: dict[str, Any], env_id: str) -> str:
     """A Markdown table: of each group, and of the baselines, the means of all metrics."""
-    metrics = find_task(env_id).metrics
+    metrics = tabled(find_task(env_id).metrics)
     groups = {name: group for name, group in found["groups"].items() if group["env"] == env_id}
     table = [
         [name, *(_cell(group["metrics"].get(key, [None] * 3), m.digits)

@@ -84,6 +84,11 @@ def _start_slip(run: Episodes, env: Any) -> Array:
     return np.asarray(run["slip"] - run["steady_slip"])
 
 
+def _start_work(run: Episodes, env: Any) -> Array:
+    """Work within :data:`SETTLING` / weight, m."""
+    return np.asarray((run["work"] - run["steady_work"]) / env.unwrapped.weight)
+
+
 def _start_lag(run: Episodes, env: Any) -> Array:
     """How far an episode is behind its command at :data:`SETTLING`, m."""
     return SETTLING * np.abs(run["command"]) - np.sign(run["command"]) * run["early_distance"]
@@ -125,31 +130,34 @@ WALKER = Task(
         "return": Metric("return", "", _mean("returns")),
         "speed_error": Metric("speed error", "m/s", _speed_error),
         "steady_speed_error": Metric(
-            f"speed error after {SETTLING:g} s", "m/s", _steady_speed_error, axis=""
+            f"speed error after {SETTLING:g} s", "m/s", _steady_speed_error
         ),
-        "slip_per_metre": Metric("slip per metre", "m/m", _mean("slip"), _distance, "log"),
+        "slip_per_metre": Metric("slip per metre", "m/m", _mean("slip"), _distance),
         "steady_slip_per_metre": Metric(
             f"slip per metre after {SETTLING:g} s",
             "m/m",
             _mean("steady_slip"),
             _steady_distance,
-            axis="",
+            "log",
         ),
-        "start_slip": Metric(f"slip in the first {SETTLING:g} s", "m", _start_slip, axis=""),
-        "start_lag": Metric(f"behind the command after {SETTLING:g} s", "m", _start_lag, axis=""),
         "cost_of_transport": Metric(
-            "mechanical cost of transport", "1", _per_weight("work"), _distance, "log"
+            "mechanical cost of transport", "1", _per_weight("work"), _distance
         ),
         "steady_cost_of_transport": Metric(
             f"mechanical cost of transport after {SETTLING:g} s",
             "1",
             _per_weight("steady_work"),
             _steady_distance,
-            axis="",
+            "log",
         ),
         "electrical_cost_of_transport": Metric(
             "electrical cost of transport", "1", _per_weight("drawn"), _distance, axis=""
         ),
+        "start_slip": Metric(f"slip in the first {SETTLING:g} s", "m", _start_slip, axis=""),
+        "start_work": Metric(
+            f"work / weight in the first {SETTLING:g} s", "m", _start_work, axis=""
+        ),
+        "start_lag": Metric(f"behind the command after {SETTLING:g} s", "m", _start_lag, axis=""),
         "falls": Metric("falls", "fraction", _mean("fell"), axis="fraction"),
         "peak_torque": Metric("peak torque", "N m", _mean("peak_torque"), axis=""),
         "rms_torque": Metric("RMS torque", "N m", _mean("rms_torque")),

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import gymnasium as gym
 import numpy as np
 import pytest
+from scipy.stats import kstest
 
 import jansen_env  # noqa: F401
 from agents import evaluate, metrics, tune
@@ -223,6 +224,8 @@ def test_what_is_kept_of_an_episode(walker):
     work = sum(abs(info["energy"]["motor_work"]) for info in infos[100:])
     assert scored["steady_slip_per_metre"] == pytest.approx(sum(slip[100:]) / way)
     assert scored["steady_cost_of_transport"] == pytest.approx(work / robot.weight / way)
+    start_work = sum(abs(info["energy"]["motor_work"]) for info in infos[:100])
+    assert scored["start_work"] == pytest.approx(start_work / robot.weight)
     assert scored["start_slip"] == pytest.approx(sum(slip[:100]))
     assert scored["start_lag"] == pytest.approx(0.4 - positions[99])
 
@@ -264,6 +267,48 @@ def test_scores_are_means_and_ratios_of_sums():
     assert summary["by_command"]["slip_per_metre"]["value"] == pytest.approx([0.3, 0.15])
 
 
+def test_fractions_have_exact_intervals():
+    """Over the episodes of all commands, and at each of them; no fall does not mean none ever."""
+    run = made_episodes()
+    run["fell"] = np.arange(40) == 39
+    summary = metrics.summarise(WALKER.metrics, run, TEN_SECONDS)
+    assert summary["overall"]["falls"] == [*metrics.proportion_with_interval(1, 40)]
+    falls = summary["by_command"]["falls"]
+    assert falls["value"] == [0.0, 0.05] and falls["low"][0] == 0.0
+    assert falls["high"][0] == pytest.approx(1.0 - 0.025 ** (1 / 20))
+    assert (
+        metrics.pooled(WALKER.metrics, run, TEN_SECONDS)["overall"]["falls"]
+        == (summary["overall"]["falls"])
+    )
+
+
+def test_tables_have_the_steady_metrics():
+    """In place of those over whole episodes, which scores keep."""
+    scores = {"one": metrics.summarise(WALKER.metrics, made_episodes(), TEN_SECONDS)}
+    headings = [cell.strip() for cell in metrics.score_table(WALKER.metrics, scores).split("|")]
+    for name in ("speed_error", "slip_per_metre", "cost_of_transport"):
+        assert WALKER.metrics[name].heading not in headings
+        assert WALKER.metrics[f"steady_{name}"].heading in headings
+        assert name in scores["one"]["overall"]
+    assert WALKER.metrics["electrical_cost_of_transport"].heading in headings
+
+
+def test_commands_are_drawn_from_the_range_of_the_environment():
+    """Evenly, and again by their seed, as the starts."""
+    kwargs = {"max_episode_steps": 5}
+    policies = {"pid": load_named("pid", gym.make("JansenWalkerBuilt-v0"))}
+    found = [
+        evaluate.evaluate_drawn(policies, "JansenWalkerBuilt-v0", kwargs, 60, seed)["pid"]
+        for seed in (0, 0, 1)
+    ]
+    assert found[0] == found[1] and found[0]["raw"]["returns"] != found[2]["raw"]["returns"]
+    for one in found:
+        commands = np.array(one["raw"]["command"])
+        assert one["episodes"] == 60 and one["overall"]["return"][1] is not None
+        assert commands.min() > 0.05 and commands.max() < 0.6
+        assert kstest(commands, "uniform", args=(0.05, 0.55)).pvalue > 0.01
+
+
 def test_scores_without_distance_are_none():
     """No ratio per metre for a robot that stands."""
     run = made_episodes()
@@ -302,6 +347,7 @@ def test_resamples_in_which_nobody_walked_do_not_count():
 def test_evaluation_command(tmp_path):
     """The printed table, JSON, PNG, GIF and MP4, twice the same numbers."""
     arguments = ["--policy", "constant", "--policy", "pid", "--episodes", "1",
+                 "--random-commands", "3",
                  "--commands", "0.1", "0.3",
                  "--env-kwargs", "{max_episode_steps: 100}"]  # fmt: skip
     out = [
@@ -313,9 +359,12 @@ def test_evaluation_command(tmp_path):
         ).stdout
         for d, more in (("a", []), ("b", ["--video"]))
     ]
-    assert out[0].splitlines()[:4] == out[1].splitlines()[:4]
+    assert out[0].splitlines()[:11] == out[1].splitlines()[:11]
+    assert out[0].splitlines()[5] == "3 episodes with commands drawn from the environment's range:"
     table = json.loads((tmp_path / "a" / "scores.json").read_text())
     assert set(table) == {"pid", "constant"}
+    assert table["pid"]["drawn"]["episodes"] == 3
+    assert table["pid"]["drawn"]["raw"]["command"] == table["constant"]["drawn"]["raw"]["command"]
     assert (tmp_path / "a" / "scores.png").stat().st_size > 10_000
     for name in ("pid", "constant"):
         assert (tmp_path / "b" / f"{name}.gif").read_bytes()[:3] == b"GIF"

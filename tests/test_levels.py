@@ -22,13 +22,9 @@ class Idle:
         return np.zeros((len(observation), 1), np.float32), None
 
 
-def test_shares_have_wilsons_interval():
-    """8 of 10 by the formula of Wilson (1927), z = 1.959964."""
-    z, n, p = 1.959964, 10, 0.8
-    middle = (p + z * z / (2 * n)) / (1 + z * z / n)
-    half = z / (1 + z * z / n) * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    found = levels.share(np.arange(10) < 8)
-    assert found == pytest.approx((0.8, middle - half, middle + half), abs=1e-6)
+def test_shares_have_exact_intervals():
+    """8 of 10: 0.444 to 0.975 in tables of Clopper and Pearson."""
+    assert levels.share(np.arange(10) < 8) == pytest.approx((0.8, 0.4439, 0.9748), abs=1e-4)
 
 
 def test_numbers_of_a_level():
@@ -90,7 +86,7 @@ def test_scores_by_level_are_written(tmp_path, capsys):
     found = json.loads((tmp_path / "levels.json").read_text())
     assert set(found) == {"pid", "profile"} and set(found["pid"]) == {"0", "9"}
     assert (tmp_path / "levels.png").stat().st_size > 10_000
-    assert "Wilson" in capsys.readouterr().out
+    assert "exact 95 % intervals" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 from agents import seed_statistics as over_runs
 
@@ -106,15 +107,14 @@ def test_performance_profile_counts_runs_above_each_level():
         assert np.all(np.diff(part) <= 0.0) and part[0] == 1.0 and part[-1] == 0.0
 
 
-def test_improvement_over_a_mark_is_a_proportion_with_wilsons_interval():
-    """(k + z^2/2) / (n + z^2) -+ z / (n + z^2) sqrt(k (n - k) / n + z^2 / 4), z = 1.96."""
-    z, n, k = 1.959963984540054, 10, 8
-    centre = (k + z**2 / 2) / (n + z**2)
-    half = z / (n + z**2) * math.sqrt(k * (n - k) / n + z**2 / 4)
-    found = over_runs.improvement_over(2.0, TEN)
-    assert found == pytest.approx((0.8, centre - half, centre + half))
+def test_improvement_over_a_mark_is_a_proportion_with_its_exact_interval():
+    """At either end a count as far off as k has a probability of 2.5 %."""
+    value, low, high = over_runs.improvement_over(2.0, TEN)
+    assert value == 0.8
+    assert binom.sf(7, 10, low) == pytest.approx(0.025)
+    assert binom.cdf(8, 10, high) == pytest.approx(0.025)
     value, low, high = over_runs.improvement_over(0.0, TEN)
-    assert (value, high) == (1.0, 1.0) and low == pytest.approx(n / (n + z**2))
+    assert (value, high) == (1.0, 1.0) and low == pytest.approx(0.025**0.1)
     assert over_runs.improvement_over(9.7, TEN)[0] == 0.0  # no better than the best is no better
 
 

@@ -1,0 +1,138 @@
+"""Scores over friction and foot stiffness: ``python -m agents.evaluate --robustness``.
+
+All policies have the same starts and the same commands, drawn from the environment's range, under
+every condition. Policies and baselines are those of the environment as it is: none is tuned again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import astuple
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from agents.metrics import INTERVALS, pooled, score_table
+from agents.plots import draw_curve, finish_panel, legend_above, save
+from agents.policy import Policy
+from agents.rollout import draw_episodes, make_env, run_episodes
+from agents.tasks import find_task
+from jansen_env.files import write_json
+from jansen_env.robot import RIGID, Compliance, Robot, built_robot
+
+FRICTIONS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+STIFFNESSES = (10, 20, 50, 100, 200, 500, math.inf)  # kN/m
+FRICTION, FEET = "friction", "foot stiffness (kN/m)"  # what is swept, as it is labelled
+METRICS = ("return", "steady_slip_per_metre", "steady_speed_error", "falls")
+FEWER = {"rigid_body": 10}  # by plant: a 10 s episode takes it some 15 s
+
+Loaded: TypeAlias = Sequence[tuple[dict[str, Policy], dict[str, Any]]]
+"""Policies by name, and the environment's arguments; see :func:`agents.evaluate.load_all`."""
+
+Scores: TypeAlias = dict[str, dict[str, dict[str, dict[str, Any]]]]
+"""What :func:`agents.metrics.pooled` gives, by sweep, condition and policy."""
+
+
+def feet(robot: Robot, stiffness: float) -> Compliance:
+    """Return a robot's feet scaled to a stiffness, N/m; an infinite one is rigid.
+
+    Damping and tangential stiffness are scaled by the same factor. A robot whose own feet are rigid
+    gets the built robot's, scaled.
+    """
+    if stiffness == math.inf:
+        return RIGID
+    own = (built_robot() if robot.pad_compliance.rigid else robot).pad_compliance
+    return Compliance(*(value * stiffness / own.stiffness for value in astuple(own)))
+
+
+def score(loaded: Loaded, env_id: str, episodes: int, seed: int = 0) -> Scores:
+    """Score policies under each condition.
+
+    Args:
+        loaded: policies and arguments, of each plant. env_id: of a walker. episodes: under each
+            condition; of a plant in :data:`FEWER` so many times fewer, the first of them.
+        seed: another number, other commands and starts.
+
+    Raises:
+        ValueError: an argument out of range, or feet that give and a restitution above 0.
+    """
+    metrics = find_task(env_id).metrics
+    scores: Scores = {FRICTION: {}, FEET: {}}
+    for policies, env_kwargs in loaded:
+        env: Any = make_env(env_id, env_kwargs)
+        count = math.ceil(episodes / FEWER.get(env_kwargs.get("plant", ""), 1))
+        commands, seeds = draw_episodes(env, episodes, seed)
+        conditions: list[tuple[str, str, dict[str, Any], dict[str, Any]]] = [
+            # At the reset, so that it also holds where the environment draws its friction.
+            *((FRICTION, f"{value:g}", {}, {"friction": np.full(count, value)})
+              for value in FRICTIONS),
+            *((FEET, "rigid" if value == math.inf else f"{value:g}",
+               {"pad_compliance": feet(env.unwrapped.robot, 1e3 * value)}, {})
+              for value in STIFFNESSES),
+        ]  # fmt: skip
+        for sweep, condition, changes, options in conditions:
+            for name, policy in policies.items():
+                run = run_episodes(
+                    policy, env_id, {**env_kwargs, **changes}, commands[:count], seeds[:count],
+                    options=options,
+                )  # fmt: skip
+                scores[sweep].setdefault(condition, {})[name] = pooled(metrics, run, env, seed)
+        env.close()
+    return scores
+
+
+def table(scores: Scores, env_id: str) -> str:
+    """Return two Markdown tables, friction and feet, a row per condition and policy."""
+    metrics = {name: find_task(env_id).metrics[name] for name in METRICS}
+    return "\n\n".join(
+        score_table(
+            metrics,
+            {f"{condition}, {name}": own
+             for condition, policies in conditions.items() for name, own in policies.items()},
+            f"{sweep}, policy",
+        )
+        for sweep, conditions in scores.items()
+    )  # fmt: skip
+
+
+def plot(scores: Scores, env_id: str, path: Path) -> Path:
+    """Draw a row per metric, a column per sweep, a line per policy; bands are 95 % intervals."""
+    figure = Figure(figsize=(9.0, 10.0), layout="constrained")
+    axes: Any = figure.subplots(len(METRICS), len(scores), sharex="col", sharey="row")
+    for column, (sweep, conditions) in zip(axes.T, scores.items(), strict=True):
+        for axis, name in zip(column, METRICS, strict=True):
+            metric = find_task(env_id).metrics[name]
+            for policy in next(iter(conditions.values())):
+                found = [policies[policy]["overall"][name] for policies in conditions.values()]
+                intervals = zip(*found, strict=True)
+                draw_curve(axis, metric, range(len(found)), list(intervals), policy)
+            finish_panel(axis, metric)
+            axis.set_title(metric.heading, fontsize=11)
+        column[-1].set_xlabel(sweep, fontsize=11)
+        column[-1].set_xticks(range(len(conditions)), conditions)
+    legend_above(figure, axes[0, 0])
+    return save(figure, path)
+
+
+def report(loaded: Loaded, env_id: str, episodes: int, seed: int, out: Path) -> str:
+    """Score, write ``robustness.json`` and ``robustness.png`` into ``out``, and return the table.
+
+    Raises:
+        ValueError: see :func:`score`.
+    """
+    scores = score(loaded, env_id, episodes, seed)
+    write_json(out / "robustness.json", scores)
+    plot(scores, env_id, out / "robustness.png")
+    fewer = "".join(
+        f" (on {plant} 1/{FEWER[plant]} of that)"
+        for _, env_kwargs in loaded
+        if (plant := env_kwargs.get("plant")) in FEWER
+    )
+    return (
+        f"{table(scores, env_id)}\n\n{episodes} episodes of {env_id} under each condition{fewer}, "
+        f"commands drawn from its range, seed {seed}; {INTERVALS}. "
+        f"Written: {out}/robustness.json, {out}/robustness.png"
+    )

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tabulate import tabulate
 
+from agents.metrics import tabled
 from agents.tasks import Task
 
 NOTES = """\
@@ -44,7 +45,7 @@ def by_command(task: Task, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
         return {}
     first = rows[0]["by_command"]
     columns = {}
-    for name, metric in task.metrics.items():
+    for name, metric in tabled(task.metrics).items():
         if metric.axis and name not in ("return", task.chosen_by) and name in first["run"]:
             columns[metric.heading] = _over_seeds(_values(rows, "run", name), rows)
     return {"command": next(iter(first["run"].values()))["command"], "columns": columns}

@@ -13,7 +13,7 @@ from agents.tasks import WALKER
 def scores(slip, torque):
     """Of a policy at two commands, all metrics."""
     values = {name: [0.0, 0.0] for name in WALKER.metrics}
-    values |= {"slip_per_metre": slip, "rms_torque": torque, "cost_of_transport": [1.0, 2.0]}
+    values |= {"steady_slip_per_metre": slip, "rms_torque": torque}
     return {name: {"command": [0.1, 0.3], "value": value} for name, value in values.items()}
 
 
@@ -33,7 +33,7 @@ def test_mean_and_worst_over_seeds(rows):
     """By hand; None where a seed has no value."""
     found = by_command(WALKER, rows)
     assert found["command"] == [0.1, 0.3]
-    slip = found["columns"]["slip per metre (m/m)"]
+    slip = found["columns"]["slip per metre after 2 s (m/m)"]
     assert slip["mean"] == [pytest.approx(0.2), None] and slip["worst"] == [0.4, None]
     assert slip["worst_seed"] == [8, 9]
     torque = found["columns"]["RMS torque (N m)"]
@@ -59,7 +59,7 @@ def test_raw_scores_are_written(rows):
     written = list(csv.DictReader(command_csv([*rows, {"group": "unfinished"}]).splitlines()))
     assert len(written) == (3 + 2) * 2
     (own,) = [row for row in written if (row["seed"], row["command"]) == ("8", "0.3")]
-    assert (own["group"], own["policy"], float(own["slip_per_metre"])) == ("g", "run", 0.2)
+    assert (own["group"], own["policy"], float(own["steady_slip_per_metre"])) == ("g", "run", 0.2)
     (pid,) = [r for r in written if (r["policy"], r["command"]) == ("pid", "0.3")]
     assert pid["seed"] == "" and float(pid["rms_torque"]) == 6.0
 

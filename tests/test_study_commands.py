@@ -75,8 +75,8 @@ def test_raw_scores_of_groups_that_differ(rows):
     ]
     written = list(csv.DictReader(command_csv(rows).splitlines()))
     pids = [r for r in written if (r["policy"], r["command"]) == ("pid", "0.1")]
-    slip = [(r["group"], float(r["slip_per_metre"])) for r in pids]
+    slip = [(r["group"], float(r["steady_slip_per_metre"])) for r in pids]
     assert slip == [("JansenWalker-v0", 1.0), ("ice", 2.0)]
     (turned,) = [r for r in written if r["group"] == "crank"]
-    assert turned["rms_error"] == "0.1" and turned["slip_per_metre"] == ""
+    assert turned["rms_error"] == "0.1" and turned["steady_slip_per_metre"] == ""
     assert sum(r["policy"] == "profile" for r in written) == 2  # the same everywhere, at 2 commands

@@ -38,13 +38,14 @@ class Score(NamedTuple):
     Attributes:
         success, falls: shares with their exact 95 % interval. slip: m per metre of all toes.
         transport: mechanical cost of transport, with the robot's weight without what is drawn.
-            Both None where nobody walked.
+            Both None where nobody walked. won: (n,) whether each episode succeeded.
     """
 
     success: Interval
     falls: Interval
     slip: float | None
     transport: float | None
+    won: tuple[bool, ...]
 
 
 Scores: TypeAlias = dict[str, dict[int, Score]]
@@ -99,8 +100,9 @@ def score(run: Episodes, env: Any) -> Score:
     """Of episodes at one level; ``env``: that they were run in, as ``gym.make`` gives it."""
     metrics = find_task(env.spec.id).metrics
     ratios = point_estimates({name: metrics[name] for name in RATIOS}, run, env)
-    shares = share(succeeded(run, env)), share(run["fell"].astype(bool))
-    return Score(*shares, *(ratios[name] for name in RATIOS))
+    won = succeeded(run, env).astype(bool)
+    slip, transport = (ratios[name] for name in RATIOS)
+    return Score(share(won), share(run["fell"].astype(bool)), slip, transport, tuple(won.tolist()))
 
 
 def shown(interval: Interval) -> str:
@@ -109,10 +111,14 @@ def shown(interval: Interval) -> str:
 
 
 def success_table(scores: Scores) -> str:
-    """Successes alone as Markdown, a row per level."""
+    """Successes alone as Markdown, a row per level; last the grounds that any of them masters."""
     levels = next(iter(scores.values()))
-    rows = [[str(k), *(shown(own[k].success) for own in scores.values())] for k in levels]
-    return tabulate(rows, ["level", *scores], tablefmt="pipe", disable_numparse=True)
+    rows = []
+    for k in levels:
+        at_level = [own[k] for own in scores.values()]
+        best = share(np.any([one.won for one in at_level], axis=0))
+        rows.append([str(k), *(shown(one.success) for one in at_level), shown(best)])
+    return tabulate(rows, ["level", *scores, "any of them"], tablefmt="pipe", disable_numparse=True)
 
 
 def level_table(scores: Scores) -> str:
@@ -135,7 +141,7 @@ def plot_levels(scores: Scores, path: Path) -> None:
     figure = Figure(figsize=(11.0, 3.2), layout="constrained")
     axes: NDArray[Any] = figure.subplots(1, 4)
     for name, own in scores.items():
-        for axis, key in zip(axes, Score._fields, strict=True):
+        for axis, key in zip(axes, Score._fields[:4], strict=True):
             values = [getattr(one, key) for one in own.values()]
             if key in ("success", "falls"):
                 middle, low, high = np.array(values, float).T

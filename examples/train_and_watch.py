@@ -1,6 +1,6 @@
-"""Train PPO from scratch, imitating nobody, then watch what it has learnt.
+"""Train PPO from scratch, then watch what it has learnt.
 
-python examples/train_and_watch.py [STEPS]   (300,000 by default: a minute or two)
+python examples/train_and_watch.py [STEPS]   (1,000,000 by default: a minute)
 """
 
 import sys
@@ -8,19 +8,19 @@ from pathlib import Path
 
 import gymnasium as gym
 
-from agents.config import CONFIGS, new_config
+from agents.config import new_config
 from agents.models import load_policy
 from agents.runs import record_run
 from agents.training import prepare, train
 from agents.video import save_video
 
-ENV = "JansenWalker-v0"
-steps = int(sys.argv[1]) if len(sys.argv) > 1 else 300_000
+ENV = "JansenWalkerBuilt-v0"
+steps = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
 folder = Path("walker")
 
-config = new_config(CONFIGS / ENV / "ppo_from_scratch.yml", timesteps=steps)
+config = new_config(env_id=ENV, timesteps=steps)
 record_run(folder, config, command=f"python {' '.join(sys.argv)}")
-train(prepare(config), config, folder, eval_every=100_000, save_every=0)
+train(prepare(config), config, folder, eval_every=200_000, save_every=0)
 
 policy = load_policy(folder)
 env = gym.make(ENV, speed_command=0.3, render_mode="rgb_array")

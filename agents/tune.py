@@ -122,13 +122,20 @@ def tune_maps(names: list[str], episodes: int, path: Path, env_id: str = ENV) ->
     print(f"written: {save_design(path, design_of(env_id), made)}")
 
 
-def tune_profile(seed: int, path: Path, env_id: str = ENV) -> None:
-    """Search for the profile; what there is after each sweep is in the file."""
-    sweeps, design = profile_search.SWEEPS, design_of(env_id)
+def tune_profile(seed: int, path: Path, env_id: str = ENV, effort: float = 1.0) -> None:
+    """Search for the profile; what there is after each sweep is in the file.
+
+    ``effort``: by which the numbers of generations are multiplied.
+    """
+    sweeps = [
+        sweep._replace(generations=max(1, round(effort * sweep.generations)))
+        for sweep in profile_search.SWEEPS
+    ]
+    design = design_of(env_id)
     fastest = max(TASKS[env_id].commands)
     commands = [command for command in profile_search.COMMANDS if command <= fastest + 0.1]
     made: dict[str, Any] = {
-        "command": f"python -m agents.tune profile --env {env_id} --seed {seed}",
+        "command": f"python -m agents.tune profile --env {env_id} --seed {seed} --effort {effort:g}",
         "versions": versions(),
         "columns": list(profile.columns(profile_search.HARMONICS)),
     }
@@ -160,8 +167,11 @@ def main(arguments: list[str] | None = None) -> None:
     add("--env", default=ENV, choices=WALKERS, help="whose robot walks; default: %(default)s")
     add("--episodes", type=positive_int, default=6, help="per crank speed and torque measured")
     add("--seed", type=non_negative_int, default=0, help="of the search")
+    add("--effort", type=float, default=1.0, help="share of the search's generations")
     add("--out", type=Path, default=DATA.parent, metavar="DIR", help="folder to write to")
     args = parser.parse_args(arguments)
+    if not 0.0 < args.effort <= 100.0:
+        parser.error(f"--effort is {args.effort}, must be above 0 and at most 100")
     names = args.baselines or list(TASKS[args.env].baselines)
     for name in names:
         if name not in TASKS[args.env].baselines:
@@ -171,7 +181,7 @@ def main(arguments: list[str] | None = None) -> None:
     if maps:
         tune_maps(maps, args.episodes, args.out / DATA.name, args.env)
     if "profile" in names:
-        tune_profile(args.seed, args.out / profile.DATA.name, args.env)
+        tune_profile(args.seed, args.out / profile.DATA.name, args.env, args.effort)
 
 
 if __name__ == "__main__":

@@ -135,7 +135,8 @@ def tune_profile(seed: int, path: Path, env_id: str = ENV, effort: float = 1.0) 
     fastest = max(TASKS[env_id].commands)
     commands = [command for command in profile_search.COMMANDS if command <= fastest + 0.1]
     made: dict[str, Any] = {
-        "command": f"python -m agents.tune profile --env {env_id} --seed {seed} --effort {effort:g}",
+        "command": f"python -m agents.tune profile --env {env_id} --seed {seed} "
+        f"--effort {effort:g}",
         "versions": versions(),
         "columns": list(profile.columns(profile_search.HARMONICS)),
     }

@@ -83,45 +83,10 @@ static void {name}_all(real *values, int count)
 }}
 """
 
-REMEMBER = """\
-/* What is seen: observations side by side, the present one first. */
-static void remember({name}_state *state, const float *observation, real *seen)
-{{
-    int i, k, row;
-
-    if (state->begun) {{
-        state->newest = (state->newest + {steps} - 1) % {steps};
-        for (i = 0; i < OBSERVATIONS; ++i) {{
-            state->memory[state->newest][i] = observation[i];
-        }}
-    }} else {{ /* an episode's first observation stands for those before it */
-        for (k = 0; k < {steps}; ++k) {{
-            for (i = 0; i < OBSERVATIONS; ++i) {{
-                state->memory[k][i] = observation[i];
-            }}
-        }}
-        state->newest = 0;
-        state->begun = 1;
-    }}
-    for (k = 0; k < {length}; ++k) {{
-        row = (state->newest + k * {every}) % {steps};
-        for (i = 0; i < OBSERVATIONS; ++i) {{
-            seen[k * OBSERVATIONS + i] = (real)state->memory[row][i];
-        }}
-    }}
-}}
-"""
-
 STEP = """\
-void {name}_reset({name}_state *state)
+int {name}_step(const float observation[OBSERVATIONS], float *action)
 {{
-    {reset}
-}}
-
-int {name}_step({name}_state *state, const float observation[OBSERVATIONS],
-{indent}float *action)
-{{
-    real seen[{seen}], x[{width}], y[{width}], value;
+    real seen[OBSERVATIONS], x[{width}], y[{width}], value;
     int i;
 
     *action = 0.0f;
@@ -129,6 +94,7 @@ int {name}_step({name}_state *state, const float observation[OBSERVATIONS],
         if (!isfinite(observation[i])) {{
             return -1;
         }}
+        seen[i] = (real)observation[i];
     }}
     {body}
     if (!isfinite(value)) {{
@@ -140,27 +106,20 @@ int {name}_step({name}_state *state, const float observation[OBSERVATIONS],
 """
 
 EXAMPLE = """\
-/* Reads observations, numbers between spaces, and prints an action for each; the word reset begins
- * an episode. Compile: cc -std=c99 -O2 main.c {name}.c -lm */
+/* Reads observations, numbers between spaces, and prints an action for each.
+ * Compile: cc -std=c99 -O2 main.c {name}.c -lm */
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "{name}.h"
 
 int main(void)
 {{
-    {name}_state state;
     float observation[{upper}_OBSERVATIONS], action;
     char word[64], *end;
     int i = 0;
 
-    {name}_reset(&state);
     while (scanf("%63s", word) == 1) {{
-        if (strcmp(word, "reset") == 0) {{
-            {name}_reset(&state);
-            continue;
-        }}
         observation[i++] = strtof(word, &end);
         if (*end != '\\0') {{
             fprintf(stderr, "%s is no number\\n", word);
@@ -168,7 +127,7 @@ int main(void)
         }}
         if (i == {upper}_OBSERVATIONS) {{
             i = 0;
-            if ({name}_step(&state, observation, &action) != 0) {{
+            if ({name}_step(observation, &action) != 0) {{
                 fputs("an observation is not finite\\n", stderr);
                 return 1;
             }}

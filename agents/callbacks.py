@@ -23,7 +23,6 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from agents.metrics import point_estimates
 from agents.models import save_model
 from agents.normalizer import NormalizedObservation
-from agents.observing import observing_policy
 from agents.process import SIGNALS, after_the_first
 from agents.replay_buffers import save_replay_buffer
 from agents.rollout import make_env, run_episodes
@@ -140,9 +139,7 @@ class Saver(BaseCallback):
         """Score the present policy; keep it if it is the best so far."""
         seeds = SELECTION_SEED + np.arange(len(self.commands))
         self.model.policy.set_training_mode(False)
-        run = run_episodes(
-            observing_policy(self.model), self.env_id, self.env_kwargs, self.commands, seeds
-        )
+        run = run_episodes(self.model.policy, self.env_id, self.env_kwargs, self.commands, seeds)
         env = make_env(self.env_id, self.env_kwargs)
         scored = point_estimates(self.task.metrics, run, env)
         scored["score"] = scored[self.task.chosen_by] or 0.0

@@ -33,7 +33,7 @@ def examples(
     if "onnx" in kinds:
         parts.append(
             "ONNX, any number of robots at once:\n\n```python\n"
-            f"{_onnx_example(policy, name, numbers)}```\n\nprints {found}."
+            f"{_onnx_example(name, numbers)}```\n\nprints {found}."
         )
     if "c" in kinds:
         parts.append(
@@ -50,26 +50,12 @@ def examples(
     return parts
 
 
-def _onnx_example(policy: PretrainedPolicy, name: str, numbers: list[float]) -> str:
-    head = (
+def _onnx_example(name: str, numbers: list[float]) -> str:
+    return (
         "import numpy as np\nimport onnxruntime\n\n"
         f'session = onnxruntime.InferenceSession("{name}.onnx")\n'
         f"observation = np.array([{numbers}], np.float32)  # (robots, numbers)\n"
-    )
-    if policy.history.length == 1:
-        return head + (
-            'action, torque = session.run(["action", "torque"], {"observation": observation})\n'
-            'print(f"{action[0, 0]:.4f}")\n'
-        )
-    shape = (1, policy.history.steps, len(policy.observed))
-    return head + (
-        f"memory, start = np.zeros({shape}, np.float32), np.array([True])\n"
-        f"for _ in range(3):  # a step each {policy.control_dt:g} s; the observation would be new\n"
-        "    action, torque, memory = session.run(\n"
-        '        ["action", "torque", "next_memory"],\n'
-        '        {"observation": observation, "memory": memory, "episode_start": start},\n'
-        "    )\n"
-        "    start = np.array([False])\n"
+        'action, torque = session.run(["action", "torque"], {"observation": observation})\n'
         'print(f"{action[0, 0]:.4f}")\n'
     )
 
@@ -79,7 +65,7 @@ def _numpy_example(name: str, numbers: list[float]) -> str:
         "import numpy as np\nfrom jansen_env import pretrained\n\n"
         f'policy = pretrained.load_file("{name}.json")\n'
         f"observation = np.array([{numbers}], np.float32)\n"
-        "action, state = policy.predict(observation)  # pass the state to the next call\n"
+        "action, _ = policy.predict(observation)\n"
         'print(f"{action[0, 0]:.4f}")\n'
     )
 
@@ -87,8 +73,8 @@ def _numpy_example(name: str, numbers: list[float]) -> str:
 def _cost(policy: PretrainedPolicy, name: str) -> str:
     cost = export_c.sizes(policy)
     return (
-        f"constants take {cost.constants} bytes of flash, a state {cost.state} and arrays on the "
-        f"stack {cost.stack} bytes of RAM (code comes on top); a step takes {cost.multiply_adds} "
+        f"constants take {cost.constants} bytes of flash and arrays on the stack "
+        f"{cost.stack} bytes of RAM (code comes on top); a step takes {cost.multiply_adds} "
         f"multiplications with additions and {cost.functions} calls of functions of math.h. "
         f"Computed in double; with {code(f'-D{name.upper()}_SINGLE_PRECISION')} in float, with "
         "half of the stack."

@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 
 from agents.command_line import MAX_STEPS
 from agents.plain_yaml import read_yaml
-from agents.tasks import DEFAULT, TASKS, check_env_kwargs, vector_env
+from agents.tasks import DEFAULT, TASKS, check_env_kwargs
 from jansen_env.checks import shown
-from jansen_env.history import MOST, History
 
 CONFIGS = Path(__file__).parent / "configs"
 MAX_UNITS, MAX_LAYERS = 1024, 8  # of a network
@@ -156,15 +155,12 @@ POLICY_KWARGS: dict[str, dict[str, Check]] = {
         "n_critics": integer(1, 10),
     },
 }
-HISTORY = {"length": integer(1, MOST), "every": integer(1, MOST)}
 KEYS: dict[str, Check] = {
     "policy": one_of(("MlpPolicy",)),
     "timesteps": integer(1, MAX_STEPS),
     "n_envs": integer(1, 10_000),
     "reward_scale": positive,
     "fall_cost": non_negative,
-    "history": mapping,
-    "privileged_critic": boolean,
     "env_kwargs": mapping,
     "training_variants": mappings,
     "hyperparameters": mapping,
@@ -203,16 +199,13 @@ def load_config(
     """A training configuration from YAML; it can name no code, each name is looked up in a table.
 
     Keys: ``policy``, ``timesteps``, ``n_envs``, ``reward_scale`` and ``fall_cost`` (of the
-    training reward: a factor, and what a fall takes off before it), ``history`` (``{length: 5,
-    every: 2}``: the policy sees so many observations, so many steps apart) and
-    ``privileged_critic`` (whether the critic alone knows the episode's parameters; see
-    :mod:`agents.observing`), ``env_kwargs`` (for training and evaluation), ``training_variants``
-    (mappings of further arguments, for training alone: environment i takes number i, counted
-    around; ``max_episode_steps`` is one too), ``hyperparameters`` (the algorithm's arguments;
-    ``learning_rate`` and ``clip_range`` may be "linear_X", falling from X to 0 over the run) and
-    ``policy_kwargs`` (the policy's; ``activation`` is a name, ``normalize`` scales observations,
-    and with it ``harmonics`` appends so many of the crank angle). The config.yml of a run also has
-    ``algo``, ``env`` and ``seed``.
+    training reward: a factor, and what a fall takes off before it), ``env_kwargs`` (for training
+    and evaluation), ``training_variants`` (mappings of further arguments, for training alone:
+    environment i takes number i, counted around; ``max_episode_steps`` is one too),
+    ``hyperparameters`` (the algorithm's arguments; ``learning_rate`` and ``clip_range`` may be
+    "linear_X", falling from X to 0 over the run) and ``policy_kwargs`` (the policy's;
+    ``activation`` is a name, ``normalize`` scales observations, and with it ``harmonics`` appends
+    so many of the crank angle). The config.yml of a run also has ``algo``, ``env`` and ``seed``.
 
     Args:
         path: of the file, see :func:`agents.plain_yaml.parse_yaml`.
@@ -308,26 +301,16 @@ def check_config(
 
 def _check_algorithm(algo: str, config: dict[str, Any]) -> None:
     """What only some algorithms have, and what goes together."""
-    if config.get("privileged_critic") and algo != "ppo":
-        raise ValueError(f"privileged_critic is given, so algo must be 'ppo', and is {algo!r}")
     hyperparameters = config.get("hyperparameters", {})
     policy_kwargs = config.get("policy_kwargs", {})
-    _check("history", config.get("history", {}), HISTORY)
-    History(**config.get("history", {}))  # whose length and interval go together
     _check("hyperparameters", hyperparameters, HYPERPARAMETERS[algo])
     _check("policy_kwargs", policy_kwargs, POLICY_KWARGS[algo])
-    for used, name in (
-        (policy_kwargs.get("harmonics"), "harmonics"),
-        (config.get("privileged_critic"), "privileged_critic"),
-    ):
-        if used and not policy_kwargs.get("normalize"):
-            raise ValueError(f"{name} is given, so normalize must be true, too")
+    if policy_kwargs.get("harmonics") and not policy_kwargs.get("normalize"):
+        raise ValueError("harmonics is given, so normalize must be true, too")
 
 
 def _check_environment(env_id: str, config: dict[str, Any]) -> None:
-    """What only some environments have, and their arguments."""
-    if config.get("privileged_critic") and not hasattr(vector_env(env_id).TASK, "parameters"):
-        raise ValueError(f"privileged_critic is given, but {env_id} draws no parameters")
+    """The arguments of an environment, in training too."""
     check_env_kwargs(env_id, config.get("env_kwargs", {}))
     for variant in config.get("training_variants", ()):
         check_env_kwargs(env_id, variant)

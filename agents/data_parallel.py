@@ -332,7 +332,7 @@ class CommonNormalizer(NormalizerUpdate):
         self.worker = worker
 
     def _update(self, normalizer: NormalizedObservation, observations: torch.Tensor) -> None:
-        own = moments(normalizer.taken(observations))
+        own = moments(observations)
         mean, variance = pooled(self.worker.gather(own))
         normalizer.merge(
             float(self.worker.size * len(observations)), mean.float(), variance.float()

@@ -132,8 +132,8 @@ def export(
             policy, {"episodes_per_command": episodes, "seed": seed, **summary}
         )
     told = Export(
-        name, policy, run, shipped, command, files, kinds, differences, cases.starts.size, scores,
-        episodes, seed, cases.observations[min(10, len(cases.observations) - 1), 0],
+        name, policy, run, shipped, command, files, kinds, differences, len(cases), scores,
+        episodes, seed, cases[len(cases) // 4],
     )  # fmt: skip
     files[f"{name}.md"] = card(told).encode("utf-8")
     return [write_bytes(Path(out) / file, data) for file, data in files.items()], differences
@@ -146,7 +146,7 @@ def _onnx(policy: PretrainedPolicy, name: str, cases: Cases) -> tuple[dict[str, 
     from agents.export_onnx import OnnxPolicy, build  # only where it is asked for: a package more
 
     model = build(policy, name)
-    runner = OnnxPolicy(ReferenceEvaluator(model), policy)
+    runner = OnnxPolicy(ReferenceEvaluator(model))
     return {f"{name}.onnx": model.SerializeToString()}, {ONNX: actions_of(runner, cases)}
 
 

@@ -1,9 +1,8 @@
 """A policy as an ONNX graph: scaling, network, clipping and torque limit in one file.
 
-Inputs are ``observation`` (N, d) float32 and, of a policy with a history, ``memory`` (N, steps, d)
-float32 and ``episode_start`` (N,) bool; outputs ``action`` (N, 1), from -1 to 1, ``torque`` (N, 1),
-N m, and ``next_memory``. N is free. All is computed in float64 and rounded to float32 at the end,
-as :meth:`jansen_env.pretrained.PretrainedPolicy.predict` does.
+The input is ``observation`` (N, d) float32; outputs are ``action`` (N, 1), from -1 to 1, and
+``torque`` (N, 1), N m. N is free. All is computed in float64 and rounded to float32 at the end, as
+:meth:`jansen_env.pretrained.PretrainedPolicy.predict` does.
 """
 
 from __future__ import annotations
@@ -75,27 +74,19 @@ def build(policy: PretrainedPolicy, name: str) -> onnx.ModelProto:
     Args:
         name: of the graph.
     """
-    graph, size, steps = Graph(), len(policy.observed), policy.history.steps
-    remembers = policy.history.length > 1
+    graph = Graph()
     table = "\n".join(
         f"{i}: {seen}, {unit}"
         for i, (seen, unit) in enumerate(zip(policy.observed, policy.units, strict=True))
     )
-    inputs = [_value("observation", ["N", size], f"Name and unit of each number:\n{table}")]
+    shape = ["N", len(policy.observed)]
+    inputs = [_value("observation", shape, f"Name and unit of each number:\n{table}")]
     outputs = [
         _value("action", ["N", 1], "Crank torque as a share of torque_limit, -1 to 1."),
         _value("torque", ["N", 1], f"Crank torque, N m, held for {policy.control_dt:g} s."),
     ]
-    own = graph.add("Cast", "observation", to=TensorProto.DOUBLE)
-    seen = own
-    if remembers:
-        inputs += [
-            _value("memory", ["N", steps, size], "next_memory of the step before; any at a start."),
-            _value("episode_start", ["N"], "Whether an episode starts.", TensorProto.BOOL),
-        ]
-        outputs.append(_value("next_memory", ["N", steps, size], "The last observations."))
-        seen = _remember(graph, policy)
-    blocks = [_feature(graph, block, seen, own) for block in policy.features]
+    seen = graph.add("Cast", "observation", to=TensorProto.DOUBLE)
+    blocks = [_feature(graph, block, seen) for block in policy.features]
     values = graph.add("Concat", *blocks, axis=1)
     for layer in policy.layers:
         values = _layer(graph, layer, values)
@@ -120,7 +111,6 @@ def build(policy: PretrainedPolicy, name: str) -> onnx.ModelProto:
 
 def metadata(policy: PretrainedPolicy) -> dict[str, str]:
     """What a model says of itself, each entry JSON but for the environment's id."""
-    history = policy.history
     rows = zip(policy.observed, policy.units, strict=True)
     return {
         "env_id": policy.env_id,
@@ -128,42 +118,26 @@ def metadata(policy: PretrainedPolicy) -> dict[str, str]:
         "control_dt": json.dumps(policy.control_dt),  # s
         "torque_limit": json.dumps(policy.torque_limit),  # N m
         "observation": json.dumps([{"name": name, "unit": unit} for name, unit in rows]),
-        "history": json.dumps({"length": history.length, "every": history.every}),
     }
 
 
-def _value(name: str, shape: list[Any], text: str, kind: int = TensorProto.FLOAT) -> Any:
-    return helper.make_tensor_value_info(name, kind, shape, text)
+def _value(name: str, shape: list[Any], text: str) -> Any:
+    return helper.make_tensor_value_info(name, TensorProto.FLOAT, shape, text)
 
 
-def _remember(graph: Graph, policy: PretrainedPolicy) -> str:
-    """(N, length d) what is seen, as :meth:`jansen_env.history.History.extend`; and next_memory."""
-    steps, every = policy.history.steps, policy.history.every
-    present = graph.add("Unsqueeze", "observation", np.array([1]))
-    kept = graph.add("Slice", "memory", *(np.array([n]) for n in (0, steps - 1, 1)))
-    later = graph.add("Concat", present, kept, axis=1)
-    first = graph.add("Expand", present, np.array([1, steps, 1]))
-    starts = graph.add("Reshape", "episode_start", np.array([-1, 1, 1]))
-    graph.nodes.append(
-        helper.make_node("Where", [starts, first, later], ["next_memory"], "next_memory")
-    )
-    seen = graph.add("Gather", "next_memory", np.arange(0, steps, every), axis=1)
-    return graph.add("Cast", graph.add("Flatten", seen, axis=1), to=TensorProto.DOUBLE)
-
-
-def _feature(graph: Graph, block: Features, seen: str, own: str) -> str:
-    """Features (N, size) of what is seen; own: the present observation alone."""
+def _feature(graph: Graph, block: Features, seen: str) -> str:
+    """Features (N, size) of an observation."""
     if isinstance(block, Normalized):
         scaled = graph.add("Div", graph.add("Sub", seen, block.mean), block.deviation)
         return graph.clip(scaled, block.clip)
     if isinstance(block, Harmonics):
-        return _harmonics(graph, own, block.multiples)
+        return _harmonics(graph, seen, block.multiples)
     return seen
 
 
-def _harmonics(graph: Graph, own: str, multiples: tuple[int, ...]) -> str:
+def _harmonics(graph: Graph, seen: str, multiples: tuple[int, ...]) -> str:
     """cos k psi, sin k psi (N, 2 m) by doubling and adding angles."""
-    one = graph.column(own, 0), graph.column(own, 1)
+    one = graph.column(seen, 0), graph.column(seen, 1)
     powers = {1: one}
 
     def power(k: int) -> tuple[str, str]:
@@ -203,13 +177,11 @@ class OnnxPolicy:
     ``onnx.reference.ReferenceEvaluator``.
 
     Args:
-        session: has the method ``run``. policy: that the model was built of.
+        session: has the method ``run``.
     """
 
-    def __init__(self, session: Any, policy: PretrainedPolicy) -> None:
+    def __init__(self, session: Any) -> None:
         self._session = session
-        self._memory = policy.history.steps, len(policy.observed)
-        self._remembers = policy.history.length > 1
 
     def predict(
         self,
@@ -218,13 +190,6 @@ class OnnxPolicy:
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[Any, Any]:
-        """Actions (n, 1) for observations (n, d), and the memory to pass back."""
+        """Actions (n, 1) for observations (n, d), and the state as given."""
         given = {"observation": np.asarray(observation, np.float32)}
-        if not self._remembers:
-            return self._session.run(["action"], given)[0], state
-        n = len(given["observation"])
-        given["memory"] = np.zeros((n, *self._memory), np.float32) if state is None else state
-        starts = np.ones(n, bool) if state is None else np.asarray(episode_start, bool)
-        given["episode_start"] = np.broadcast_to(starts, n)
-        actions, memory = self._session.run(["action", "next_memory"], given)
-        return actions, memory
+        return self._session.run(["action"], given)[0], state

@@ -111,7 +111,7 @@ def _files(export: Export) -> str:
 def _observation(policy: PretrainedPolicy, env: Any) -> str:
     """Each number, and how the policy scales it."""
     own = len(policy.observed)
-    mean, deviation = (np.ravel(each)[:own] for each in policy.scale)
+    mean, deviation = (np.ravel(each) for each in policy.scale)
     scaled = len(mean) == own
     noise = make_noise({**_defaults(policy.env_id), **policy.env_kwargs}.get("noise"))
     errors = noise.deviations(policy.observed) if noise else np.zeros((own, 2))
@@ -138,18 +138,7 @@ def _observation(policy: PretrainedPolicy, env: Any) -> str:
             "and of an episode, times `noise_level`; that of an angle, in rad, stands at the first "
             "of its numbers."
         )
-    history = policy.history
-    if history.length > 1:
-        how += (
-            f" It remembers: its network sees {history.length} observations, the present one and "
-            f"every {_ordinal(history.every)} before it; at an episode's start the first one "
-            "stands for those before."
-        )
     return f"{how}\n\n{_table(headers, rows)}\n\n{frames(env)}"
-
-
-def _ordinal(n: int) -> str:
-    return "one" if n == 1 else f"{n}{'nd' if n == 2 else 'rd' if n == 3 else 'th'}"
 
 
 def _action(policy: PretrainedPolicy) -> str:
@@ -178,7 +167,7 @@ def _agreement(export: Export) -> str:
     return (
         f"The largest difference of an action from that of the PyTorch policy computed in float64, "
         f"over {export.compared} observations: half of them of episodes, a quarter random, a "
-        "quarter at and beyond the clip of the scaling, with episodes that start in between:\n\n"
+        "quarter at and beyond the clip of the scaling:\n\n"
         + _table(["computed by", "largest difference"], rows)
     )
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +20,6 @@ from stable_baselines3.common.utils import LinearSchedule
 from agents.config import TO_LOAD, find_config, load_config
 from agents.model_files import NOTES, STATE, read_model
 from agents.normalizer import NormalizedObservation
-from agents.observing import (
-    AsymmetricPolicy,
-    ObservingPolicy,
-    knowledge,
-    own_space,
-    seen_space,
-    what_is_seen,
-)
 from agents.policy import Policy
 from agents.rollout import make_env
 from jansen_env.files import write_bytes
@@ -44,8 +35,8 @@ def build_model(algo: str, config: dict[str, Any], env: Any, **more: Any) -> Bas
         if isinstance(value := arguments.get(name), str):
             arguments[name] = linear_schedule(value)
     return ALGORITHMS[algo](
-        _policy_class(algo, config), env, device="cpu", **arguments, **more,
-        policy_kwargs=_policy_kwargs(config, own_space(env)),
+        config["policy"], env, device="cpu", **arguments, **more,
+        policy_kwargs=_policy_kwargs(config),
     )  # fmt: skip
 
 
@@ -57,19 +48,9 @@ def linear_schedule(text: str) -> LinearSchedule:
     return LinearSchedule(float(text.removeprefix("linear_")), 0.0, end_fraction=1.0)
 
 
-def _policy_class(algo: str, config: dict[str, Any]) -> Any:
-    """What ``policy`` names; our own where the critic knows more."""
-    if config.get("privileged_critic"):
-        return AsymmetricPolicy
-    return ALGORITHMS[algo].policy_aliases[config["policy"]]
-
-
-def _policy_kwargs(config: dict[str, Any], own: Any) -> dict[str, Any]:
-    """``policy_kwargs`` with names turned into classes; own: space of the environment alone."""
+def _policy_kwargs(config: dict[str, Any]) -> dict[str, Any]:
+    """``policy_kwargs`` with names turned into classes."""
     arguments = dict(config.get("policy_kwargs", {}))
-    history, privileged = what_is_seen(config)
-    if privileged:
-        arguments["actor_inputs"] = history.length * own.shape[0]
     if "activation" in arguments:
         arguments["activation_fn"] = ACTIVATIONS[arguments.pop("activation")]
     harmonics = arguments.pop("harmonics", 0)
@@ -81,9 +62,6 @@ def _policy_kwargs(config: dict[str, Any], own: Any) -> dict[str, Any]:
 
 def load_policy(path: str | Path) -> Policy:
     """A trained policy from a run's folder or a model's zip file, without running code from it.
-
-    Where it sees more than the environment's observation (``history`` in its configuration), it
-    nevertheless takes what the environment gives.
 
     A model that Stable-Baselines3 trained elsewhere takes a config.yml beside it that says how the
     policy is built; policy_kwargs and use_sde may be left out where they are the library's own::
@@ -106,7 +84,7 @@ def load_policy(path: str | Path) -> Policy:
     source = find_config(path)
     config = load_config(source, required=TO_LOAD)
     try:
-        policy, on_environment = untrained_policy(config)
+        policy = untrained_policy(config)
     except (AssertionError, TypeError, ValueError) as error:  # arguments that do not go together
         raise ValueError(f"{source}: {error}") from error
     weights = read_model(path, ("policy",))[0].get("policy")
@@ -114,36 +92,27 @@ def load_policy(path: str | Path) -> Policy:
         policy.load_state_dict(weights)
     except Exception as error:  # torch raises most kinds for what does not fit
         raise ValueError(f"{path} does not fit {source}: {' '.join(str(error).split())}") from error
-    return on_environment(policy)
+    trained: Policy = policy
+    return trained
 
 
-def untrained_policy(config: dict[str, Any]) -> tuple[Any, Callable[[Any], Policy]]:
-    """The policy of a checked configuration, of Stable-Baselines3, and what makes it one of the
-    environment's own observations.
+def untrained_policy(config: dict[str, Any]) -> Any:
+    """The policy of a checked configuration, of Stable-Baselines3.
 
     Raises:
         AssertionError, TypeError, ValueError: arguments that do not go together.
     """
     env: Any = make_env(config["env"], config.get("env_kwargs", {}))
-    history, privileged = what_is_seen(config)
-    known = knowledge([env.unwrapped.task]).shape[1] if privileged else 0
-    space = seen_space(env.observation_space, history, known)
-    policy: Any = _policy_class(config["algo"], config)(
-        space,
+    policy: Any = ALGORITHMS[config["algo"]].policy_aliases[config["policy"]](
+        env.observation_space,
         env.action_space,
         lambda _: 0.0,  # the learning rate, of no use here
         use_sde=config.get("hyperparameters", {}).get("use_sde", False),
-        **_policy_kwargs(config, env.observation_space),
+        **_policy_kwargs(config),
     )
     policy.set_training_mode(False)
     env.close()
-
-    def on_environment(seeing: Any) -> Policy:
-        if space.shape != env.observation_space.shape:
-            seeing = ObservingPolicy(seeing, history, env.observation_space)
-        return seeing
-
-    return policy, on_environment
+    return policy
 
 
 def restore(model: BaseAlgorithm, tensors: dict[str, Any]) -> None:

@@ -19,7 +19,6 @@ class NormalizedObservation(BaseFeaturesExtractor):
 
     Args:
         observation_space: (d,) observations, the first two cos and sin of the crank angle psi.
-        size: how many of them, from the first on, are taken; None for all.
         harmonics: m, how many cos 2 k psi, sin 2 k psi, k = 1 .. m, are appended, unscaled. Even
             multiples alone: what the torque should be repeats after half a turn of the crank.
     """
@@ -28,23 +27,17 @@ class NormalizedObservation(BaseFeaturesExtractor):
     variance: torch.Tensor
     count: torch.Tensor
 
-    def __init__(
-        self, observation_space: gym.spaces.Box, harmonics: int = 0, size: int | None = None
-    ) -> None:
-        size = size or gym.spaces.utils.flatdim(observation_space)
+    def __init__(self, observation_space: gym.spaces.Box, harmonics: int = 0) -> None:
+        size = gym.spaces.utils.flatdim(observation_space)
         super().__init__(observation_space, size + 2 * harmonics)
-        self.harmonics, self.size = harmonics, size
+        self.harmonics = harmonics
         self.register_buffer("mean", torch.zeros(size))
         self.register_buffer("variance", torch.ones(size))
         self.register_buffer("count", torch.tensor(0.0))
 
-    def taken(self, observations: torch.Tensor) -> torch.Tensor:
-        """Of observations (n, d) those numbers that are taken (n, size)."""
-        return observations[:, : self.size]
-
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """(n, d) observations to (n, size + 2 m) features."""
-        observation = self.taken(observation.flatten(1))
+        """(n, d) observations to (n, d + 2 m) features."""
+        observation = observation.flatten(1)
         deviation = torch.sqrt(self.variance).clamp(min=MIN_DEVIATION)
         scaled = torch.clamp((observation - self.mean) / deviation, -CLIP, CLIP)
         return torch.cat([scaled, *self._crank_harmonics(observation)], dim=1)
@@ -63,12 +56,12 @@ class NormalizedObservation(BaseFeaturesExtractor):
     @torch.no_grad()
     def update(self, observations: torch.Tensor) -> None:
         """Take (n, d) more observations into account."""
-        n, observations = float(len(observations)), self.taken(observations)
-        self.merge(n, observations.mean(0), observations.var(0, unbiased=False))
+        n, mean = float(len(observations)), observations.mean(0)
+        self.merge(n, mean, observations.var(0, unbiased=False))
 
     @torch.no_grad()
     def merge(self, n: float, mean: torch.Tensor, variance: torch.Tensor) -> None:
-        """Take n more observations with (size,) mean and variance into account (Chan's formula)."""
+        """Take n more observations with (d,) mean and variance into account (Chan's formula)."""
         total = self.count + n
         shift = mean - self.mean
         spread = self.variance * self.count + variance * n

@@ -27,7 +27,6 @@ from agents.evaluate import evaluate, model_file
 from agents.model_files import read_model
 from agents.models import load_policy
 from agents.normalizer import CLIP, MIN_DEVIATION, NormalizedObservation
-from agents.observing import ObservingPolicy
 from agents.rollout import make_env
 from jansen_env import pretrained
 from jansen_env.files import write_bytes, write_json
@@ -46,8 +45,6 @@ def describe_network(policy: Any) -> dict[str, Any]:
     Raises:
         ValueError: it has a part that :mod:`jansen_env.pretrained` does not know.
     """
-    if isinstance(policy, ObservingPolicy):
-        policy = policy.policy
     if not issubclass(kind := type(policy), BasePolicy):  # something around one
         raise ValueError(f"the policy is a {kind.__name__}, which cannot be packed")
     if hasattr(policy, "actor"):  # SAC
@@ -117,7 +114,6 @@ def describe(policy: Any, config: dict[str, Any], training: dict[str, Any]) -> d
         "format": pretrained.FORMAT,
         "env": {"id": config["env"], "kwargs": config.get("env_kwargs", {})},
         "observation": [{"name": row.name, "unit": row.unit} for row in plain.observed],
-        **({"history": config["history"]} if "history" in config else {}),
         "action": {
             "name": "crank_torque",
             "unit": "torque_limit",  # a share of it
@@ -210,19 +206,14 @@ def check_equal(packed: PretrainedPolicy, policy: Any, count: int = 10_000) -> f
         ValueError: it is more than :data:`TOLERANCE`.
     """
     rng = np.random.default_rng(0)
-    mean, deviation = (np.ravel(each)[: len(packed.observed)] for each in packed.scale)
+    mean, deviation = packed.scale
     in_float64(policy)
-    difference, states = 0.0, (None, None)
-    steps = packed.history.steps  # until all it remembers has been seen
-    robots = -(-count // steps)
-    for _ in range(steps):
-        seen = mean + 2.0 * deviation * rng.normal(size=(robots, len(packed.observed)))
-        angle = rng.uniform(-np.pi, np.pi, robots)
-        seen[:, 0], seen[:, 1] = np.cos(angle), np.sin(angle)  # as of every environment
-        seen = seen.astype(np.float32)
-        actions, own = packed.predict(seen, states[0])
-        expected, other = policy.predict(seen, states[1], deterministic=True)
-        difference, states = max(difference, float(np.abs(actions - expected).max())), (own, other)
+    seen = mean + 2.0 * deviation * rng.normal(size=(count, len(packed.observed)))
+    angle = rng.uniform(-np.pi, np.pi, count)
+    seen[:, 0], seen[:, 1] = np.cos(angle), np.sin(angle)  # as of every environment
+    seen = seen.astype(np.float32)
+    actions, expected = packed.predict(seen)[0], policy.predict(seen, deterministic=True)[0]
+    difference = float(np.abs(actions - expected).max())
     if difference > TOLERANCE:
         raise ValueError(f"actions differ by {difference:.2g}, must be {TOLERANCE} at most")
     return difference

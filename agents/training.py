@@ -19,7 +19,6 @@ from agents.callbacks import NormalizerUpdate, NoSaver, Saver, StopOnSignal
 from agents.config import find_config, training_envs
 from agents.model_files import read_model, read_notes, read_training_state
 from agents.models import build_model, restore
-from agents.observing import observing
 from agents.replay_buffers import load_replay_buffer
 from agents.runs import FINAL, find_replay_buffer, next_monitor, rewind_monitors
 from agents.training_state import GeneratorsRestored, read_state, restore_state
@@ -77,7 +76,6 @@ def prepare(
     venv = make_vec_env(config["env"], config["n_envs"], kwargs, variants, threads=threads)
     scale, fall_cost = config.get("reward_scale", 1.0), config.get("fall_cost", 0.0)
     venv = TrainingReward(VecMonitor(venv), scale, fall_cost)
-    venv = observing(venv, config)
     model = build_model(config["algo"], config, venv, seed=seed)
     if resume is not None:
         tensors, model.num_timesteps = read_model(resume)

@@ -21,7 +21,6 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecMonitor, unwrap_vec_wrapper
 
-from agents.observing import ObservingVecEnv
 from agents.vec_env import BatchVecEnv
 from jansen_env.checks import finite, whole_number, within
 
@@ -37,7 +36,6 @@ def read_state(model: BaseAlgorithm) -> dict[str, Any]:
     """
     venv: Any = model.get_env()
     monitor: Any = unwrap_vec_wrapper(venv, VecMonitor)
-    seeing: Any = unwrap_vec_wrapper(venv, ObservingVecEnv)
     return {
         "progress": float(model._current_progress_remaining),
         "updates": int(model._n_updates),
@@ -52,7 +50,6 @@ def read_state(model: BaseAlgorithm) -> dict[str, Any]:
         "lengths": _plain(monitor.episode_lengths),
         "episode_count": int(monitor.episode_count),
         "robots": _read_robots(venv),
-        "memory": None if seeing is None else _plain(seeing.memory),
         "generators": _read_generators(model),
     }
 
@@ -68,16 +65,12 @@ def restore_state(model: BaseAlgorithm, state: dict[str, Any]) -> None:
     """
     venv: Any = model.get_env()
     monitor: Any = unwrap_vec_wrapper(venv, VecMonitor)
-    seeing: Any = unwrap_vec_wrapper(venv, ObservingVecEnv)
     n = venv.num_envs
     try:
         observations = _array(state, "observations", (n, *venv.observation_space.shape), np.float32)
         starts = _array(state, "episode_starts", (n,), bool)
         returns = _array(state, "returns", (n,), np.float32)
         lengths = _array(state, "lengths", (n,), np.int32)
-        if seeing is not None:
-            size = (n, seeing.history.steps, *seeing.own_space.shape)
-            seeing.restore(_array(state, "memory", size, np.float32), observations)
         episodes = zip(*(state["recent_episodes"][name] for name in EPISODE), strict=True)
         recent = [
             {"r": finite("r", r), "l": whole_number("l", length), "t": finite("t", t)}

@@ -54,18 +54,18 @@ def to_sb3(packed: PretrainedPolicy) -> BaseAlgorithm:
 
 
 def to_policy(packed: PretrainedPolicy) -> Policy:
-    """A policy as the one in PyTorch that it was packed of, which acts on the environment itself.
+    """A policy as the one in PyTorch that it was packed of.
 
     Raises:
         ValueError: its configuration is not allowed (see :func:`agents.config.check_config`), or
             describes other networks.
     """
     try:
-        policy, on_environment = untrained_policy(training_config(packed))
+        policy: Policy = untrained_policy(training_config(packed))
     except (AssertionError, TypeError) as error:  # arguments that do not go together
         raise ValueError(str(error)) from error
     _fill(policy, packed)
-    return on_environment(policy)
+    return policy
 
 
 def training_config(packed: PretrainedPolicy) -> dict[str, Any]:

@@ -44,8 +44,8 @@ STARTUP = """\
 #define REGISTER(address) (*(volatile uint32_t *)(address))
 
 extern void _start(void);
-int __real_policy_step(policy_state *, const float *, float *);
-int __wrap_policy_step(policy_state *, const float *, float *);
+int __real_policy_step(const float *, float *);
+int __wrap_policy_step(const float *, float *);
 static uint32_t ticks, steps;
 
 static void reset(void)
@@ -66,10 +66,10 @@ __attribute__((constructor)) static void begin(void)
     REGISTER(0xE000E010) = 5; /* the timer on, at the processor's clock */
 }
 
-int __wrap_policy_step(policy_state *state, const float *observation, float *action)
+int __wrap_policy_step(const float *observation, float *action)
 {
     uint32_t before = REGISTER(0xE000E018);
-    int found = __real_policy_step(state, observation, action);
+    int found = __real_policy_step(observation, action);
 
     ticks += (before - REGISTER(0xE000E018)) & 0xFFFFFF;
     ++steps;
@@ -133,9 +133,7 @@ def cost(policy: PretrainedPolicy, single: bool, count: int) -> Cost:
             "-Wl,--section-start=.vectors=0", "-o", "program", "startup.c", "main.c", "policy.o",
             "-lm")  # fmt: skip
         *actions, ticks = run(MACHINE, *BOARD, "-kernel", "program").split()
-    steps, robots = cases.starts.shape
-    found = np.array(actions, float).reshape(robots, steps).T
-    difference = export_check.largest_difference(found, expected)
+    difference = export_check.largest_difference(np.array(actions, float), expected)
     return Cost(text_size + data_size, stack, PER_TICK * float(ticks), difference)
 
 

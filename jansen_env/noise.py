@@ -46,8 +46,8 @@ class Noise:
     mean speed are of the measured velocity; mean power is of the torque times the measured crank
     speed. RMS torque is exact, because a motor's current tells its torque. Mean slip is 0, because
     no sensor measures it. Both speeds are means over a step: they err by what the sensor's reading
-    errs, and by a second error of the same standard deviation. So lag and means tell a policy with
-    a history no more of a steady speed than the readings do. Command and last action are exact.
+    errs, and by a second error of the same standard deviation. So lag and means tell no more of a
+    steady speed than the readings do. Command and last action are exact.
 
     Reward, end of episode and ``info`` go by the true lag and means, which ``true_observation`` in
     ``info`` has, too.

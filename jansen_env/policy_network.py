@@ -1,7 +1,7 @@
 """The parts of a policy's network as data that can be called: :mod:`jansen_env.pretrained` puts
 them together, and whatever writes a policy in another language reads them.
 
-Observations come as (n, d), with a history as (n, length d), the present one first.
+Observations come as (n, d).
 """
 
 from __future__ import annotations

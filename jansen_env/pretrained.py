@@ -27,7 +27,6 @@ from jansen_env.checks import (
     whole_number,
 )
 from jansen_env.files import open_regular
-from jansen_env.history import History
 from jansen_env.policy_environment import check_action
 from jansen_env.policy_network import (
     ACTIVATIONS,
@@ -41,6 +40,9 @@ from jansen_env.policy_network import (
 )
 
 FORMAT = "jansen_env policy 1"
+ENTRIES = (
+    "format", "env", "observation", "action", "network", "training", "versions", "scores", "sha256",
+)  # fmt: skip
 POLICIES = Path(__file__).parent / "policies"
 DEFAULT = "ppo"  # of the names of an environment's policies
 MAX_BYTES = 2**20  # of a file; those of the package have less than 100 kB
@@ -59,8 +61,8 @@ class PretrainedPolicy:
         description, tensors: as given. env_id: what it was trained on; env_kwargs: with which
             arguments. observed: names of what it observes, in order. torque_limit: N m, of action
             1. control_dt: s for which an action is held. scale: mean and standard deviation of
-            each number the network takes, in training, 0 and 1 where they are not kept. history: of
-            observations, which the network takes side by side. units: of what it observes.
+            each observation in training, 0 and 1 where they are not kept. units: of what it
+            observes.
         features, layers, limit, squash: the network, in this order: what it makes of what it sees,
             side by side; its layers; the most that their output may be, inf for no limit; and the
             name of what is made of that (see :mod:`jansen_env.policy_network`). Clipped to -1 .. 1
@@ -76,6 +78,8 @@ class PretrainedPolicy:
         instance("the whole", description, dict)
         if (found := description.get("format")) != FORMAT:
             raise ValueError(f"format is {shown(found)}, must be {FORMAT!r}")
+        if unknown := sorted({*description} - {*ENTRIES}):
+            raise ValueError(f"there are entries {shown(unknown)}, must be among {list(ENTRIES)}")
         self.description, self.tensors = description, tensors
         for name, tensor in tensors.items():
             if tensor.dtype != np.float32 or not np.isfinite(tensor).all():
@@ -91,8 +95,6 @@ class PretrainedPolicy:
         self.units = tuple(_entry(row, "unit", str) for row in rows)
         self._shown = len(self.observed)  # numbers in what it is given
         self.scale: tuple[Any, Any] = (0.0, 1.0)
-        self.history = _read_history(description.get("history", {}))
-        self.history.check_size(len(self.observed))
         self.features = self._read_features(_entry(network, "features", list))
         width = sum(block.size for block in self.features)
         if width == 0:
@@ -102,9 +104,9 @@ class PretrainedPolicy:
         self.squash: str = _known(SQUASH, "squash", network.get("squash"))
 
     def _read_features(self, blocks: list[Any]) -> list[Features]:
-        """What the network sees: functions of histories (n, length d)."""
+        """What the network sees: functions of observations (n, d)."""
         found: list[Features] = []
-        size = self.history.length * len(self.observed)
+        size = len(self.observed)
         for block in blocks:
             instance("a block of features", block, dict)
             if block.get("kind") == "observation":
@@ -182,39 +184,25 @@ class PretrainedPolicy:
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], Any]:
-        """Actions (n, 1) or (1,) for observations (n, d) or (d,), and the state to pass back.
-
-        The state is what a policy with a history remembers: without it, or where ``episode_start``
-        (n,) says so, an observation is an episode's first. Others return it as it is given.
+        """Actions (n, 1) or (1,) for observations (n, d) or (d,), and the state as it is given.
 
         d: as many as are :attr:`observed`, or as the environment shows that was given to
         :meth:`on`. Computed in float64, and so the same on most processors once rounded to float32;
         always without noise.
 
         Raises:
-            ValueError: observations of another size, or a state of others.
+            ValueError: observations of another size.
         """
         x, size = np.asarray(observation, dtype=np.float64), self._shown
         if x.ndim not in (1, 2) or x.shape[-1] != size:
             raise ValueError(f"observation has shape {x.shape}, must have ({size},) or (n, {size})")
         batch = x.reshape(-1, size)[:, : len(self.observed)]
-        if self.history.length > 1:
-            starts = np.asarray(False if episode_start is None else episode_start, bool)
-            batch, state = self.history.extend(state, batch, np.broadcast_to(starts, len(batch)))
         values = np.concatenate([block(batch) for block in self.features], axis=1)
         for layer in self.layers:
             values = layer(values)
         values = SQUASH[self.squash](np.clip(values, -self.limit, self.limit))
         actions = np.clip(values, -1.0, 1.0).astype(np.float32)
         return (actions if x.ndim == 2 else actions[0]), state
-
-
-def _read_history(entry: Any) -> History:
-    """The history in a description; {} for none."""
-    instance("history", entry, dict)
-    if unknown := sorted({*entry} - {"length", "every"}):
-        raise ValueError(f"history has {unknown}, must have length and every")
-    return History(**entry)
 
 
 def names(env_id: str) -> list[str]:

@@ -36,11 +36,7 @@ CONFIG = {
     },
     "policy_kwargs": {"net_arch": [64, 64], "normalize": True},
 }  # fmt: skip
-
-
-MORE = {
-    **CONFIG, "env": "JansenWalkerHardcore-v0", "history": {"length": 2}, "privileged_critic": True,
-}  # fmt: skip
+MORE = {**CONFIG, "env": "JansenWalkerHardcore-v0"}
 SMALL_PPO = Path(__file__).parent / "small_ppo.yml"
 SHORT = ["--config", str(SMALL_PPO), "-n", "512", "--n-envs", "4", "--eval-episodes", "1",
          "--no-progress", "--save-freq", "256", "--eval-freq", "0", "--workers", "2"]  # fmt: skip

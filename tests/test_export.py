@@ -36,22 +36,25 @@ WALKER, CRANK = "JansenWalker-v0", "JansenCrank-v0"
 needs_cc = pytest.mark.skipif(export_check.compiler() is None, reason="there is no C compiler")
 
 RUNS = {
-    "harmonics and a history": (
-        ("ppo", {}, {"net_arch": [8, 8], "activation": "elu", "normalize": True, "harmonics": 2}),
-        {"env_id": WALKER, "history": {"length": 3, "every": 2}},
+    "harmonics": (
+        "ppo",
+        {},
+        {
+            "net_arch": [8, 8],
+            "activation": "elu",
+            "normalize": True,
+            "harmonics": 2,
+        },
     ),
-    "sac": (
-        ("sac", {}, {"net_arch": [8, 8], "activation": "relu", "normalize": True}),
-        {"env_id": WALKER},
-    ),
+    "sac": ("sac", {}, {"net_arch": [8, 8], "activation": "relu", "normalize": True}),
 }
 
 
 def agree(policy, count, limit=1e-6, single=1e-5):
-    """Whether all that can run a policy acts as PyTorch does in float64, one after another."""
+    """Whether all that can run a policy acts as PyTorch does in float64."""
     cases = export_check.make_cases(policy, count)
     expected = export_check.actions_of(pack.in_float64(unpack.to_policy(policy)), cases)
-    assert cases.observations.shape[:2] == cases.starts.shape and cases.starts.size >= count
+    assert cases.shape == (count, len(policy.observed))
     assert np.ptp(expected) > 0.1 and np.abs(expected).min() < 0.99
     sources = export_c.sources(policy, "mine")
     found = [export_check.actions_of(policy, cases)]
@@ -63,25 +66,22 @@ def agree(policy, count, limit=1e-6, single=1e-5):
     from agents.export_onnx import OnnxPolicy, build
 
     session = runtime.InferenceSession(build(policy, "mine").SerializeToString())
-    found.append(export_check.actions_of(OnnxPolicy(session, policy), cases))
+    found.append(export_check.actions_of(OnnxPolicy(session), cases))
     for actions in found:
         assert export_check.largest_difference(actions, expected) < limit
-    return cases
 
 
 @pytest.mark.parametrize("kind", RUNS)
 def test_onnx_and_c_act_as_pytorch(kind, tmp_path):
-    """Histories, harmonics, limits."""
-    own, more = RUNS[kind]
-    agree(pack.from_run(made_run(tmp_path / "run", *own, **more)), 600)
+    """Harmonics, limits."""
+    agree(pack.from_run(made_run(tmp_path / "run", *RUNS[kind], WALKER)), 600)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("env_id", TASKS)
 def test_shipped_policies_act_as_pytorch(env_id):
     """On 10,000 observations, in float to 2e-6."""
-    cases = agree(pretrained.load(env_id), 10_000, single=2e-6)
-    assert cases.starts.sum() > 2 * export_check.ROBOTS
+    agree(pretrained.load(env_id), 10_000, single=2e-6)
 
 
 @pytest.mark.slow
@@ -95,19 +95,17 @@ def test_networks_act_as_pytorch(network, tmp_path):
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
 def test_trained_policies_act_as_pytorch(algo, tmp_path):
     """Of small runs, with statistics of what they have seen."""
-    settings = small_run(algo, history={"length": 2, "every": 1} if algo == "ppo" else {})
-    go_on(settings, tmp_path)
+    go_on(small_run(algo), tmp_path)
     agree(pack.from_run(tmp_path), 10_000)
 
 
 def test_cases_are_those_that_matter():
-    """Of episodes, of chance, and at the clip and beyond; episodes start in between."""
+    """Of episodes, of chance, and at the clip and beyond."""
     policy = pretrained.load(WALKER)
-    seen, starts = export_check.make_cases(policy, 400)
+    seen = export_check.make_cases(policy, 400)
     mean, deviation = policy.scale
     far = np.abs((seen - mean) / deviation)
     far[..., [0, 1, 3, 4]] = 0.0  # on the circle
-    assert starts[0].all() and starts.mean() < 0.3
     assert far[: len(far) // 2].max() < 30.0
     clip = far[-len(far) // 4 :]
     for low, high in ((9.99, 10.0), (10.0, 10.01), (99.0, 101.0), (9e4, 1.1e5)):
@@ -137,10 +135,9 @@ def test_no_text_of_a_file_becomes_code():
     assert re.search(
         r"MINE_OBS_COS_CRANK_ANGLE_INT_EVIL_\w+ = 0, /\* _/ int evil", sources["mine.h"]
     )
-    seen = np.ones((1, 1, 5), np.float32)
-    cases = export_check.Cases(seen, np.ones((1, 1), bool))
-    own = policy.predict(seen[0])[0]
-    assert export_check.actions_of_c(sources, "mine", cases, STRICT) == pytest.approx(own, abs=1e-6)
+    seen = np.ones((1, 5), np.float32)
+    own = policy.predict(seen)[0][:, 0]
+    assert export_check.actions_of_c(sources, "mine", seen, STRICT) == pytest.approx(own, abs=1e-6)
     described["observation"][1] = described["observation"][0]
     with pytest.raises(ValueError, match="several observations would be"):
         export_c.sources(PretrainedPolicy(described, policy.tensors), "mine")
@@ -169,8 +166,7 @@ def numbers_of(part, place=()):
 @pytest.mark.parametrize("kind", RUNS)
 def test_no_number_of_a_file_is_beyond_float(kind, tmp_path):
     """Or C would have ``inf.0f``: each number of a file is refused, or is one that float has."""
-    own, more = RUNS[kind]
-    policy = pack.from_run(made_run(tmp_path / "run", *own, **more))
+    policy = pack.from_run(made_run(tmp_path / "run", *RUNS[kind], WALKER))
     places = [*numbers_of({k: policy.description[k] for k in ("action", "network")})]
     assert len(places) >= 4
     for *path, last in places:
@@ -186,29 +182,23 @@ def test_no_number_of_a_file_is_beyond_float(kind, tmp_path):
 
 @needs_cc
 def test_what_is_not_finite_is_refused_by_the_controller(tmp_path):
-    """With a torque of 0, and without a place in the memory; robots are apart."""
-    more = {"env_id": WALKER, "history": {"length": 2, "every": 1}}
-    policy = pack.from_run(made_run(tmp_path / "run", *NETWORKS["squashed"], **more))
+    """With a torque of 0; the next observation is answered as any."""
+    policy = pack.from_run(made_run(tmp_path / "run", *NETWORKS["squashed"], WALKER))
     (tmp_path / "main.c").write_text("""
 #include <math.h>
 #include <stdio.h>
 #include "mine.h"
 int main(void)
 {
-    mine_state one, other;
     float seen[MINE_OBSERVATIONS] = {1.0f, 0.0f}, action = 9.0f;
     int wrong;
-    mine_reset(&one);
-    mine_reset(&other);
-    mine_step(&one, seen, &action);
+    mine_step(seen, &action);
     printf("%.9g ", (double)action);
     seen[2] = NAN;
-    wrong = mine_step(&one, seen, &action);
+    wrong = mine_step(seen, &action);
     printf("%d %.9g ", wrong, (double)action);
     seen[2] = 0.5f;
-    mine_step(&one, seen, &action);
-    printf("%.9g ", (double)action);
-    mine_step(&other, seen, &action);
+    mine_step(seen, &action);
     printf("%.9g %g %g", (double)action, (double)MINE_TORQUE_LIMIT, (double)MINE_CONTROL_PERIOD);
     return 0;
 }
@@ -218,11 +208,10 @@ int main(void)
     build = [export_check.compiler(), *STRICT, "-o", "main", "main.c", "mine.c", "-lm"]
     subprocess.run(build, cwd=tmp_path, check=True)
     found = subprocess.run([tmp_path / "main"], capture_output=True, text=True, check=True).stdout
-    seen = np.zeros((2, 1, 20))
-    seen[:, 0, 0], seen[1, 0, 2] = 1.0, 0.5
-    first, state = policy.predict(seen[0])
-    expected = [first, -1.0, 0.0, policy.predict(seen[1], state)[0], policy.predict(seen[1])[0]]
-    numbers = [float(np.squeeze(number)) for number in (*expected, 20.0, 0.02)]
+    seen = np.zeros((2, 20))
+    seen[:, 0], seen[1, 2] = 1.0, 0.5
+    first, last = policy.predict(seen)[0][:, 0].tolist()
+    numbers = [first, -1.0, 0.0, last, 20.0, 0.02]
     assert [float(word) for word in found.split()] == pytest.approx(numbers, abs=1e-6)
     assert len({*numbers}) == len(numbers)
 
@@ -230,7 +219,7 @@ int main(void)
 @needs_cc
 def test_arithmetic_that_does_not_know_nan_is_refused():
     """The test for it would be left out without a word."""
-    cases = export_check.Cases(np.ones((1, 1, 5), np.float32), np.ones((1, 1), bool))
+    cases = np.ones((1, 5), np.float32)
     sources = export_c.sources(pretrained.load(CRANK), "mine")
     with pytest.raises(ValueError, match="ffast-math leaves out the test"):
         export_check.actions_of_c(sources, "mine", cases, (*STRICT, "-ffast-math"))
@@ -241,8 +230,7 @@ def exported(tmp_path_factory):
     """A run, and what has been written of it."""
     pytest.importorskip("onnx")
     folder = tmp_path_factory.mktemp("exported")
-    more = {"env_id": WALKER, "history": {"length": 2, "every": 2}}
-    run = made_run(folder / "run", *NETWORKS["apart"], **more)
+    run = made_run(folder / "run", *NETWORKS["apart"], WALKER)
     to = [word for kind in export.KINDS for word in ("--to", kind)]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(export, "CASES", 600)
@@ -267,7 +255,7 @@ def test_everything_is_written_with_its_card(exported):
         "not tested on a machine", "python train.py --seed 0", "0.05 to 0.8", "20 N m", "0.02 s",
         "2 episodes at each of 8 commands, 16 in all, seed 0", "| pid", "| profile", "gymnasium 1",
         f"--policy {run} --policy pid", "lag        <-", "MIT", "clips at 10 of them",
-        "over 600 observations", "every 2nd before it", "episodes lasted 1 s at most",
+        "over 600 observations", "episodes lasted 1 s at most",
         "the command stayed the same in each", "of the leg on the -x side",
     ):  # fmt: skip
         assert words in card, words
@@ -313,25 +301,19 @@ def test_an_onnx_model_says_what_it_takes(exported):
     told = {entry.key: entry.value for entry in model.metadata_props}
     rows = json.loads(told["observation"])
     assert rows[9] == {"name": "speed_command", "unit": "m/s"} and len(rows) == 20
-    assert told["env_id"] == WALKER and json.loads(told["history"]) == {"length": 2, "every": 2}
+    assert told["env_id"] == WALKER
     assert (told["torque_limit"], told["control_dt"]) == ("20.0", "0.02")
     assert "9: speed_command, m/s" in model.graph.input[0].doc_string
-    assert [value.name for value in model.graph.input] == ["observation", "memory", "episode_start"]
-    assert [value.name for value in model.graph.output] == ["action", "torque", "next_memory"]
+    assert [value.name for value in model.graph.input] == ["observation"]
+    assert [value.name for value in model.graph.output] == ["action", "torque"]
     made_by = {node.output[0]: node.op_type for node in model.graph.node}
     fused = {made_by[node.input[0]] for node in model.graph.node if node.op_type in ("Tanh", "Min")}
     assert fused <= {"Sub", "Clip"}  # with Gemm or Add onnxruntime before 1.18 would refuse them
     runtime = pytest.importorskip("onnxruntime")
     session = runtime.InferenceSession(exported[1] / "mine.onnx")
     for n in (1, 7):
-        given = {
-            "observation": np.ones((n, 20), np.float32),
-            "memory": np.zeros((n, 3, 20), np.float32),
-            "episode_start": np.ones(n, bool),
-        }
-        action, torque, memory = session.run(None, given)
-        assert torque == pytest.approx(20.0 * action) and (memory == 1.0).all()
-        assert action.shape == (n, 1)
+        action, torque = session.run(None, {"observation": np.ones((n, 20), np.float32)})
+        assert torque == pytest.approx(20.0 * action) and action.shape == (n, 1)
 
 
 def test_what_does_not_agree_is_not_written(exported, tmp_path, monkeypatch, capsys):

@@ -13,7 +13,7 @@ from agents import NEEDED
 
 ROOT = Path(__file__).parents[1]
 ORDER = (
-    ["checks", "cores", "files", "gravity", "control", "history"],
+    ["checks", "cores", "files", "gravity", "control"],
     ["motor", "built", "robot", "terrain", "terrain_shapes", "terrain_generators", "curriculum"],
     ["noise", "push"],
     ["kinematics"],

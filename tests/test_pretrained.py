@@ -21,7 +21,6 @@ from agents import evaluate, models, pack, unpack
 from agents.evaluate import load_named
 from agents.metrics import point_estimates
 from agents.model_files import read_model
-from agents.observing import observing_policy
 from agents.rollout import make_env, make_envs
 from agents.tasks import TASKS
 from jansen_env import paper_robot, pretrained
@@ -46,23 +45,20 @@ def test_every_environment_has_its_policy():
 def test_actions_are_the_networks(env_id, name):
     """To 1e-6 in float64 anywhere, to 1e-5 in torch's float32 where the policy comes by; for one
     observation as for many, in new arrays."""
-    policy, model = pretrained.load(env_id, name), observing_policy(unpack.load_sb3(env_id, name))
+    policy, model = pretrained.load(env_id, name), unpack.load_sb3(env_id, name).policy
     envs = make_envs(env_id, policy.env_kwargs, 20)
-    seen, starts = envs.reset(seed=3)[0], np.zeros(20, bool)
-    states, found = (None, None, None), []
+    seen, found = envs.reset(seed=3)[0], []
     for _ in range(100):
-        actions, own = policy.predict(seen, states[0], starts, True)
-        expected, other = model.predict(seen, states[1], starts, True)
-        one, alone = policy.predict(seen[3], states[2])
+        actions, state = policy.predict(seen, "state")
+        expected, _ = model.predict(seen, deterministic=True)
+        assert state == "state"
         assert actions.dtype == np.float32 and actions.shape == (20, 1)
         assert np.abs(actions - expected).max() < 1e-5
-        assert one == pytest.approx(actions[3], abs=1e-7)
-        states = own, other, alone
+        assert policy.predict(seen[3])[0] == pytest.approx(actions[3], abs=1e-7)
         found.append(actions)
         seen = envs.step(actions)[0]
     envs.close()
     assert np.min(found) >= -1.0 and np.max(found) <= 1.0 and np.ptp(found) > 0.01
-    assert policy.history.length > 1 or policy.predict(seen, "state")[1] == "state"
     assert pack.check_equal(policy, model, 10_000) < 1e-6
 
 
@@ -217,25 +213,6 @@ def test_packing_keeps_the_policy(network, tmp_path):
     assert policy.env_kwargs == {"max_episode_steps": 50}
 
 
-def test_packing_keeps_what_is_remembered(tmp_path):
-    """The actions of an episode, whose history has gaps."""
-    run = made_run(
-        tmp_path / "run", *NETWORKS["plain"], "JansenWalker-v0",
-        history={"length": 2, "every": 2},
-    )  # fmt: skip
-    path = pack.pack(run, None, tmp_path / "out", episodes=1)
-    policy, model = pretrained.load_file(path), models.load_policy(run)
-    assert pack.check_equal(policy, unpack.to_policy(policy), 1000) < 1e-6
-    seen = np.random.default_rng(0).normal(size=(6, 9, 20)).astype(np.float32)
-    own = other = None
-    for step, observations in enumerate(seen):
-        starts = np.full(9, step == 0)
-        actions, own = policy.predict(observations, own, starts)
-        expected, other = model.predict(observations, other, starts, True)
-        assert np.abs(actions - expected).max() < 1e-5
-    assert np.ptp(actions) > 0.05
-
-
 def test_a_model_from_a_policy_goes_on_learning(made, tmp_path):
     """And can be saved as Stable-Baselines3 does."""
     model = unpack.load_sb3_file(made[1])
@@ -284,6 +261,7 @@ NAN, HARMONICS = float("nan"), {"kind": "harmonics", "multiples": [2]}
     [
         ({"format": "jansen_env policy 2"},
          "format is 'jansen_env policy 2', must be 'jansen_env policy 1'"),
+        ({"history": {"length": 2}}, "there are entries ['history'], must be among ['format', "),
         ({"sha256": ""}, "sha256 is not that of mine.safetensors"),
         ({"observation": []}, "has shape (5,), must have (0,)"),
         ({"observation": [3] * 5}, "an entry is 3, must be a dict"),

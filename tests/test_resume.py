@@ -23,10 +23,7 @@ CASES = {
     "delay, slope, commands": small_run(
         env_kwargs={"terrain": "slope:0.05", "delay": [0.0, 0.03], "command_interval": 0.12}
     ),
-    "history": small_run(history={"length": 3, "every": 2}),
-    "all that is drawn": small_run(
-        env_id="JansenWalkerHardcore-v0", history={"length": 2}, privileged_critic=True
-    ),
+    "all that is drawn": small_run(env_id="JansenWalkerHardcore-v0"),
     "crank": small_run(env_id="JansenCrank-v0"),
     "single environments": small_run(
         timesteps=96,

@@ -253,7 +253,7 @@ def test_everything_is_written_with_its_card(exported):
         assert f"`{name}`" in card
     for words in (
         "not tested on a machine", "python train.py --seed 0", "0.05 to 0.8", "20 N m", "0.02 s",
-        "2 episodes at each of 8 commands, 16 in all, seed 0", "| pid", "| profile", "gymnasium 1",
+        "2 episodes at each of 9 commands, 18 in all, seed 0", "| pid", "| profile", "gymnasium 1",
         f"--policy {run} --policy pid", "lag        <-", "MIT", "clips at 10 of them",
         "over 600 observations", "episodes lasted 1 s at most",
         "the command stayed the same in each", "of the leg on the -x side",

@@ -90,7 +90,8 @@ def test_scores_by_level_are_written(tmp_path, capsys):
         for line in (tmp_path / "levels.md").read_text().splitlines()
         if line.startswith("|") and "--" not in line
     ]
-    assert rows[0] == ["level", "pid", "profile", "any of them"] and [row[0] for row in rows[1:3]] == ["0", "9"]
+    assert rows[0] == ["level", "pid", "profile", "any of them"]
+    assert [row[0] for row in rows[1:3]] == ["0", "9"]
     assert [row[:2] for row in rows[4:]] == [[k, p] for k in "09" for p in ("pid", "profile")]
     assert rows[4][2] == rows[1][1] and rows[7][2] == rows[2][2]
     found = json.loads((tmp_path / "levels.json").read_text())

@@ -87,7 +87,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     ``posture_weight``, 1 by default; 0 leaves one out. Standing still earns nothing at any command
     but 0, as there is no progress, and a fall costs what the rest of the episode would have earned.
     Of fourteen controllers, the shipped policy among them, the best by return is the best by the
-    scores of ``python -m agents.evaluate``, too, and the rank correlation of all is 0.94
+    scores of ``python -m agents.evaluate``, too, and the rank correlation of all is 0.93
     (``docs/training.md``, ``python -m benchmarks.ranking``).
 
     ## Starting State

@@ -37,7 +37,7 @@ from agents.runs import (
     record_run,
 )
 from agents.scoring import outcome, score_run
-from agents.tasks import TASKS, find_task
+from agents.tasks import DEFAULT, TASKS, find_task
 from agents.training import prepare, train
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add, count, steps = parser.add_argument, positive_int, non_negative_int
     add("--algo", choices=sorted(ALGORITHMS), help="algorithm; default: --config's, or else ppo")
     add("--env", choices=sorted(TASKS),
-        help="environment id; default: --config's, or else JansenWalker-v0")  # fmt: skip
+        help=f"environment id; default: --config's, or else {DEFAULT}")  # fmt: skip
     add("-n", "--timesteps", type=count, help="environment steps, in place of the configuration's")
     add("--n-envs", type=count, help="environments side by side, in place of the configuration's")
     add("--seed", type=steps, help="of networks and environments; default: --config's, or else 0")

@@ -53,7 +53,7 @@ def read(run: str, env_id: str | None = None) -> tuple[PretrainedPolicy, str, bo
 
     Args:
         run: a run's folder, a model's zip file, a policy's json file, ``"pretrained"`` or
-            ``"pretrained:NAME"``. env_id: of the last two; None for JansenWalker-v0.
+            ``"pretrained:NAME"``. env_id: of the last two; None for the default.
 
     Raises:
         ValueError: there is none, it is damaged, or it has a part that cannot be packed.
@@ -193,7 +193,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         "a policy's json file, 'pretrained' or 'pretrained:NAME'")  # fmt: skip
     add("--to", action="append", required=True, choices=KINDS,
         help="what to write; given again, several of them")  # fmt: skip
-    add("--env", choices=sorted(TASKS), help="of 'pretrained'; default: JansenWalker-v0")
+    add("--env", choices=sorted(TASKS), help=f"of 'pretrained'; default: {DEFAULT}")
     add("--out", default="exports", metavar="DIR", help="folder of the files; default: exports")
     add("--name", help="of the files and of functions in C; default: such as jansen_walker_v0_ppo")
     add("--episodes", type=positive_int, default=10,

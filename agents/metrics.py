@@ -110,10 +110,10 @@ def proportion_with_interval(k: int, n: int) -> Interval:
 def summarise(metrics: dict[str, Metric], run: Episodes, env: Any, seed: int = 0) -> dict[str, Any]:
     """Every metric over all episodes and for each command, with 95 % intervals.
 
-    Fractions have :func:`proportion_with_interval` of their episodes, over all commands together.
-    Other metrics have the percentile bootstrap (Efron and Tibshirani 1993), stratified: episodes
-    are resampled within each command. Resamples in which nobody walked have no ratio per metre and
-    do not count; with one episode per command there is no interval.
+    Fractions have :func:`proportion_with_interval` of their episodes. Other metrics have the
+    percentile bootstrap (Efron and Tibshirani 1993), stratified: episodes are resampled within each
+    command. Resamples in which nobody walked have no ratio per metre and do not count; with one
+    episode per command there is no such interval.
 
     Args:
         metrics: by name. run: episodes, the same number for each command. seed: of the resampling.

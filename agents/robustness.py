@@ -40,7 +40,7 @@ def feet(robot: Robot, stiffness: float) -> Compliance:
     """Return a robot's feet scaled to a stiffness, N/m; an infinite one is rigid.
 
     Damping and tangential stiffness are scaled by the same factor. A robot whose own feet are rigid
-    gets the built robot's, scaled.
+    gets the built robot's, scaled. A world that draws scales of its own multiplies them by these.
     """
     if stiffness == math.inf:
         return RIGID

@@ -57,7 +57,7 @@ def draw_episodes(env: Any, count: int, seed: int = 0) -> tuple[Array, NDArray[n
     """
     low, high = env.unwrapped.task.speed_command[0]
     commands = np.random.default_rng([DRAWN_SEED, seed]).uniform(low, high, count)
-    return commands, DRAWN_SEED + seed * count + np.arange(count)
+    return commands, DRAWN_SEED + seed * 1_000_000 + np.arange(count)
 
 
 def make_envs(env_id: str, env_kwargs: dict[str, Any], count: int) -> Any:

@@ -24,7 +24,7 @@ from agents.study_plan import DEFAULTS, Study, enter, make_study, read_plan, rea
 from agents.study_progress import Progress
 from agents.study_report import write_report
 from agents.study_runs import TOKEN, Order, Outcome, is_finished
-from agents.tasks import TASKS
+from agents.tasks import DEFAULT, TASKS
 from jansen_env.cores import available_cores
 from jansen_env.files import write_text
 
@@ -43,7 +43,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--seeds", type=count, help=f"runs of each kind, with seeds from 0; default: "
         f"{DEFAULTS['seeds']}")  # fmt: skip
     add("--env", dest="envs", nargs="+", choices=sorted(TASKS),
-        help="environment ids; default: JansenWalker-v0")  # fmt: skip
+        help=f"environment ids; default: {DEFAULT}")  # fmt: skip
     add("--algo", dest="algos", nargs="+", choices=sorted(HYPERPARAMETERS),
         help="algorithms; default: ppo")  # fmt: skip
     add("-n", "--timesteps", type=count, help="environment steps of a run")

@@ -22,7 +22,7 @@ from agents.command_line import non_negative_int, positive_int
 from agents.policy import Array, Policy
 from agents.profile import Profile
 from agents.rollout import make_env, run_episodes
-from agents.tasks import TASKS, WALKERS
+from agents.tasks import TASKS
 from agents.trials import Outcome
 from agents.walker_baselines import (
     BASELINES,
@@ -38,6 +38,7 @@ from jansen_env.files import write_json
 from jansen_env.robot import ROBOTS
 
 ENV = "JansenWalker-v0"
+FLAT = (ENV, "JansenWalkerBuilt-v0")  # harder worlds take the numbers of their robot
 CRANK_SPEEDS = np.round(np.concatenate([np.arange(0.2, 3.0, 0.1), np.arange(3.0, 8.1, 0.25)]), 3)
 TORQUES = np.round(np.concatenate([np.arange(0.5, 6.0, 0.25), np.arange(6.0, 15.1, 0.5)]), 3)
 SETTINGS = {"pid": CRANK_SPEEDS, "constant": TORQUES}
@@ -165,7 +166,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     add = parser.add_argument
     add("baselines", nargs="*", metavar="NAME", help=f"of {', '.join(BASELINES)}; default: all")
-    add("--env", default=ENV, choices=WALKERS, help="whose robot walks; default: %(default)s")
+    add("--env", default=ENV, choices=FLAT, help="whose robot walks; default: %(default)s")
     add("--episodes", type=positive_int, default=6, help="per crank speed and torque measured")
     add("--seed", type=non_negative_int, default=0, help="of the search")
     add("--effort", type=float, default=1.0, help="share of the search's generations")

@@ -2,8 +2,8 @@
 
 They read nothing but the observation. The crank speed (or torque) for a commanded walking speed
 comes from a map measured on the robot at hand (``python -m agents.tune``, kept in ``agents/data``).
-The paper's robot is driven with the paper's gains, others with gains found for them. So is the
-profile (:mod:`agents.profile`).
+The paper's robot is driven with the paper's gains, others with gains found for them. The profile
+(:mod:`agents.profile`) is searched for on each robot, too.
 """
 
 from __future__ import annotations

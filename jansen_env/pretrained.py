@@ -45,7 +45,7 @@ ENTRIES = (
 )  # fmt: skip
 POLICIES = Path(__file__).parent / "policies"
 DEFAULT = "ppo"  # of the names of an environment's policies
-MAX_BYTES = 2**20  # of a file; those of the package have less than 100 kB
+MAX_BYTES = 2**20  # of a file; those of the package have less than 200 kB
 
 Array = NDArray[np.float64]
 Tensors = dict[str, NDArray[Any]]

@@ -86,8 +86,8 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     with v = max(\\|command\\|, 0.1 m/s), and the last five to the powers ``slip_weight`` ...
     ``posture_weight``, 1 by default; 0 leaves one out. Standing still earns nothing at any command
     but 0, as there is no progress, and a fall costs what the rest of the episode would have earned.
-    Of fourteen controllers, the shipped policy among them, the best by return is the best by the
-    scores of ``python -m agents.evaluate``, too, and the rank correlation of all is 0.93
+    Of fourteen controllers, the shipped policy among them, the best two by return are the best two
+    by the scores of ``python -m agents.evaluate``, and the rank correlation of all is 0.93
     (``docs/training.md``, ``python -m benchmarks.ranking``).
 
     ## Starting State

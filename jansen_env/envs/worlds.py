@@ -23,21 +23,21 @@ HEIGHT_SCAN = (
 )  # m behind and ahead of the axis, places: every 0.1 m; feet reach 0.6 m
 SPEED_COMMAND = (0.1, 0.5)  # m/s
 BUILT = {"robot": "built"}
+ROUGH_RANGES = {"friction": (0.4, 1.0), "payload": (0.0, 0.5)}
 ROUGH = {
     **BUILT,
     "terrain": "mixed",
     "terrain_level": (0, 9),
     "speed_command": SPEED_COMMAND,
     "height_scan": HEIGHT_SCAN,
-    "randomize": {"friction": (0.4, 1.0), "payload": (0.0, 0.5)},
+    "randomize": ROUGH_RANGES,
 }
 HARDCORE = {
     **ROUGH,
     "noise": Noise(),
     "push": Push(impulse=3.0),
     "randomize": {
-        "friction": (0.4, 1.0),
-        "payload": (0.0, 0.5),
+        **ROUGH_RANGES,
         "payload_x": (-0.1, 0.1),
         "mass_scale": (0.9, 1.1),
         "foot_stiffness_scale": (0.5, 2.0),
@@ -135,7 +135,7 @@ class JansenWalkerRoughEnv(JansenWalkerEnv):
     ## Description
     The machine and the task of ``JansenWalkerBuilt-v0`` on ground of seven kinds: slopes, rough ground,
     waves, stairs, steps, stumps and ramps (``docs/terrain.md``), drawn at each reset at a level
-    from 0, nearly flat, to 9, just beyond what the machine can climb. The robot sees the ground
+    from 0, nearly flat, to 9, just beyond what the paper's robot can climb. The robot sees the ground
     ahead, carries a load that it does not know, and does not know how slippery the ground is.
 
     ## Action Space

@@ -209,7 +209,7 @@ def test_a_policy_acts_alike_on_a_microcontroller(single):
     """In either precision; a step in float is short, and both fit into a small one."""
     found = microcontroller.cost(pretrained.load("JansenWalkerHardcore-v0"), single, 100)
     assert found.difference < 1e-6
-    assert found.stack < 3000 and found.flash < 60_000
+    assert found.stack < 3000 and found.flash < 100_000
     assert (found.instructions < 200_000) == single
 
 

@@ -180,7 +180,7 @@ def test_an_interrupted_search_leaves_no_part_of_the_grid(monkeypatch):
     """What is saved has all commands: first after the first sweep."""
     sweep, saved = Sweep(generations=1, episodes=2, step_size=0.5, candidates=4), []
 
-    def improve(found, command, sweep, rng, progress):
+    def improve(found, command, sweep, rng, progress, env_id):
         if len(saved) == 1 and command == 0.5:
             raise KeyboardInterrupt
         return found[command]

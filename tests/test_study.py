@@ -149,7 +149,7 @@ def test_groups_are_variants_by_environments_by_algorithms():
         ({"variants": {"a": {"env": 1}}}, "env of variant a is 1, must be one of"),
         ({"variants": {"a": {"hyperparameters": {"n_step": 1}}}},
          "_a: 'n_step' is no key of hyperparameters"),
-        ({"env_kwargs": {"speed": 1}}, "'speed' is no argument of JansenWalker-v0"),
+        ({"env_kwargs": {"speed": 1}}, "'speed' is no argument of JansenWalkerBuilt-v0"),
         ({"timesteps": 0}, "timesteps is 0, must be"),
         ({"seeds": 10_000, "envs": ["JansenWalker-v0", "JansenCrank-v0"]}, "more than 10000 runs"),
     ],
@@ -160,10 +160,10 @@ def test_a_plan_that_cannot_be_is_refused(change, message):
 
 
 def test_the_shipped_study_can_be_run():
-    """Its variants are different configurations."""
+    """Its environments have different configurations."""
     made = make_study(study_plan.read_plan(ROOT / "agents" / "studies" / "ten_seeds.yml"))
     configs = [json.dumps(config, sort_keys=True) for config in made.groups.values()]
-    assert len(set(configs)) == len(configs) == 2 and made.seeds == [*range(10)]
+    assert len(set(configs)) == len(configs) == 2 and made.seeds == [*range(1, 11)]
 
 
 def test_another_study_in_the_same_folder_is_refused(tmp_path):
@@ -348,7 +348,7 @@ SPACE = "{hyperparameters: {learning_rate: {loguniform: [1.0e-4, 1.0e-2], schedu
 
 def test_a_space_is_filled_up_and_checked(tmp_path):
     """Trials, rungs, and the configurations at the ends of each range."""
-    config = {**make_study({}).groups["JansenWalker-v0_ppo"], "seed": 0}
+    config = {**make_study({}).groups["JansenWalkerBuilt-v0_ppo"], "seed": 0}
     (tmp_path / "space.yml").write_text(SPACE)
     space = read_space(tmp_path / "space.yml", config)
     assert (space["trials"], space["reduction_factor"], space["grace_steps"]) == (16, 4, 199_680)
@@ -376,7 +376,7 @@ def test_a_space_is_filled_up_and_checked(tmp_path):
     ],
 )  # fmt: skip
 def test_a_space_that_cannot_be_is_refused(tmp_path, text, message):
-    config = {**make_study({}).groups["JansenWalker-v0_ppo"], "seed": 0}
+    config = {**make_study({}).groups["JansenWalkerBuilt-v0_ppo"], "seed": 0}
     (tmp_path / "space.yml").write_text(text)
     with pytest.raises(ValueError, match=message):
         read_space(tmp_path / "space.yml", config)

@@ -105,7 +105,11 @@ class JansenWalkerBuiltEnv(JansenWalkerEnv):
     Those of ``JansenWalker-v0``.
 
     ## Starting State
-    As in ``JansenWalker-v0``.
+    As in ``JansenWalker-v0``. Drawn at each reset:
+
+    | Number | Range |
+    |--------|-------|
+    | commanded speed | 0.05 to 0.8 m/s |
 
     ## Episode End
     As in ``JansenWalker-v0``. Truncated after 500 steps (10 s).

@@ -41,8 +41,12 @@ PER_LINE = 6  # numbers of an array
 
 
 class Sizes(NamedTuple):
-    """What a step costs: bytes of constants and of the stack's arrays in double; multiplications
-    with additions, and functions of math.h."""
+    """What a step costs.
+
+    Attributes:
+        constants: bytes of flash. stack: bytes of arrays, in double. multiply_adds: multiplications
+            with additions. functions: calls of functions of math.h.
+    """
 
     constants: int
     stack: int
@@ -158,7 +162,7 @@ def sizes(policy: PretrainedPolicy) -> Sizes:
 
 
 def _bytes(array: Any) -> int:
-    """Of a stored array."""
+    """How many bytes an array takes as C stores it."""
     return array.size * (4 if _kind(array) == "float" else 8)
 
 

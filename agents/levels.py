@@ -53,7 +53,7 @@ Scores: TypeAlias = dict[str, dict[int, Score]]
 
 
 def share(happened: NDArray[Any]) -> Interval:
-    """Of episodes (n,), 1 or 0, with its exact 95 % interval."""
+    """Return the share of episodes (n,) that are 1, not 0, with its exact 95 % interval."""
     return proportion_with_interval(int(np.count_nonzero(happened)), len(happened))
 
 

@@ -33,14 +33,15 @@ Loaded: TypeAlias = Sequence[tuple[dict[str, Policy], dict[str, Any]]]
 """Policies by name, and the environment's arguments; see :func:`agents.evaluate.load_all`."""
 
 Scores: TypeAlias = dict[str, dict[str, dict[str, dict[str, Any]]]]
-"""What :func:`agents.metrics.pooled` gives, by sweep, condition and policy."""
+"""By sweep, condition and policy: the summary that :func:`agents.metrics.pooled` returns."""
 
 
 def feet(robot: Robot, stiffness: float) -> Compliance:
     """Return a robot's feet scaled to a stiffness, N/m; an infinite one is rigid.
 
-    Damping and tangential stiffness are scaled by the same factor. A robot whose own feet are rigid
-    gets the built robot's, scaled. A world that draws scales of its own multiplies them by these.
+    Damping and tangential stiffness are scaled by the same factor. If a robot's own feet are rigid,
+    the built robot's feet are scaled instead. A world that draws scales of the feet at each reset
+    still applies them on top.
     """
     if stiffness == math.inf:
         return RIGID

@@ -31,7 +31,7 @@ def listed(values: Iterable[Any]) -> list[float | None]:
 
 
 def by_command(task: Task, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Of finished runs what is scored at each command: all of which less is better.
+    """Return the scores of finished runs at each command, where less is better.
 
     Args:
         rows: with ``seed`` and ``by_command``, see :func:`agents.study_report.collect`.

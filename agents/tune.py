@@ -113,10 +113,10 @@ def save_design(path: Path, design: str, made: dict[str, Any]) -> Path:
 
 def tune_maps(names: list[str], episodes: int, path: Path, env_id: str = ENV) -> None:
     """Measure some of :data:`SETTINGS` on an environment's robot."""
-    command = f"python -m agents.tune {' '.join(names)} --env {env_id} --episodes {episodes}"
-    made: dict[str, Any] = {"command": command}
+    made: dict[str, Any] = {}
     for name in tqdm(names, desc="walking speeds", unit="baseline"):
-        made[name] = (
+        command = f"python -m agents.tune {name} --env {env_id} --episodes {episodes}"
+        made[name] = {"command": command} | (
             measure_pid(episodes, env_id) if name == "pid"
             else measure(name, SETTINGS[name], episodes, env_id)
         )  # fmt: skip
@@ -132,9 +132,7 @@ def tune_profile(seed: int, path: Path, env_id: str = ENV, effort: float = 1.0) 
         sweep._replace(generations=max(1, round(effort * sweep.generations)))
         for sweep in profile_search.SWEEPS
     ]
-    design = design_of(env_id)
-    fastest = max(TASKS[env_id].commands)
-    commands = [command for command in profile_search.COMMANDS if command <= fastest + 0.1]
+    commands, design = profile_search.COMMANDS, design_of(env_id)
     made: dict[str, Any] = {
         "command": f"python -m agents.tune profile --env {env_id} --seed {seed} "
         f"--effort {effort:g}",

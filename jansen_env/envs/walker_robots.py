@@ -236,7 +236,7 @@ class WalkerRobots(Task):
         }
 
     def _measured(self, row: int) -> dict[str, Any]:
-        """Of :meth:`get_state`: what noisy sensors tell of lag and means, if sensors are noisy."""
+        """Return the lag and means that noisy sensors measured, for :meth:`get_state`; {} without noise."""
         if self._sensors is None:
             return {}
         return {"measured": dict(zip(ACCOUNTS, self._sensors.measured[row].item(), strict=True))}

@@ -7,7 +7,7 @@ where there is none.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 from jansen_env.envs.arguments import with_defaults
 from jansen_env.envs.vector import TaskVectorEnv
@@ -52,34 +52,35 @@ HARDCORE = {
 }
 
 
-class BuiltTask(WalkerTask):
-    """:class:`WalkerTask` with the defaults :data:`BUILT`."""
+class PresetTask(WalkerTask):
+    """:class:`WalkerTask` with the defaults :attr:`PRESET`, any of which can be given another value."""
+
+    PRESET: ClassVar[dict[str, Any]] = {}
+
+    def __init_subclass__(cls) -> None:
+        cls.__signature__ = with_defaults(WalkerTask, cls.PRESET)  # type: ignore[attr-defined]
 
     def __init__(self, num_envs: int = 1, threads: int | None = None, **arguments: Any) -> None:
-        self.by_default = frozenset(BUILT) - {*arguments}
-        super().__init__(num_envs, threads, **{**BUILT, **arguments})
-
-    __signature__ = with_defaults(WalkerTask, BUILT)
+        self.by_default = frozenset(self.PRESET) - {*arguments}
+        super().__init__(num_envs, threads, **{**self.PRESET, **arguments})
 
 
-class RoughTask(WalkerTask):
-    """:class:`WalkerTask` with the defaults :data:`ROUGH`."""
+class BuiltTask(PresetTask):
+    """The defaults :data:`BUILT`."""
 
-    def __init__(self, num_envs: int = 1, threads: int | None = None, **arguments: Any) -> None:
-        self.by_default = frozenset(ROUGH) - {*arguments}
-        super().__init__(num_envs, threads, **{**ROUGH, **arguments})
-
-    __signature__ = with_defaults(WalkerTask, ROUGH)
+    PRESET = BUILT
 
 
-class HardcoreTask(WalkerTask):
-    """:class:`WalkerTask` with the defaults :data:`HARDCORE`."""
+class RoughTask(PresetTask):
+    """The defaults :data:`ROUGH`."""
 
-    def __init__(self, num_envs: int = 1, threads: int | None = None, **arguments: Any) -> None:
-        self.by_default = frozenset(HARDCORE) - {*arguments}
-        super().__init__(num_envs, threads, **{**HARDCORE, **arguments})
+    PRESET = ROUGH
 
-    __signature__ = with_defaults(WalkerTask, HARDCORE)
+
+class HardcoreTask(PresetTask):
+    """The defaults :data:`HARDCORE`."""
+
+    PRESET = HARDCORE
 
 
 class JansenWalkerBuiltEnv(JansenWalkerEnv):

@@ -10,6 +10,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -56,11 +57,20 @@ def command(plan, folder, *more):
 
 
 def start(arguments, **environment):
-    """A command begun in a process of its own."""
-    return subprocess.Popen(
+    """A command begun in a process of its own; it prints to a file, as an unread pipe fills up."""
+    printed = tempfile.TemporaryFile("w+")  # noqa: SIM115
+    process = subprocess.Popen(
         [sys.executable, *arguments], cwd=ROOT, env={**os.environ, **environment},
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        stdout=printed, stderr=subprocess.STDOUT,
     )  # fmt: skip
+    process.printed = printed
+    return process
+
+
+def output(process):
+    """All that a command of :func:`start` has printed."""
+    process.printed.seek(0)
+    return process.printed.read()
 
 
 def perform_here(plan, folder):
@@ -394,7 +404,7 @@ def test_what_needs_ray_says_so(monkeypatch, capsys, flag):
 def test_local_processes_give_the_same_runs(finished, tmp_path):
     """As one process does; with more cores for the environments too."""
     process = start(command(SMALL, tmp_path, "--local", "--workers", "2", "--cores", "2"))
-    assert process.wait(300) == 0, process.stdout.read()
+    assert process.wait(300) == 0, output(process)
     assert_same_results(finished, tmp_path / "small")
 
 
@@ -406,17 +416,17 @@ def test_killed_driver_and_worker_lose_nothing(tmp_path):
     arguments = command(plan, tmp_path / "killed", "--local", "--workers", "1")
     driver = start(arguments)
     folders = [run.folder for run in make_study(plan).runs(tmp_path / "killed" / "small")]
-    wait_for_checkpoint(folders[0], 512)
+    wait_for_checkpoint(folders[0], 512, driver)
     worker = study_runs.read_status(folders[0])["pid"]
     os.kill(worker, signal.SIGKILL)
-    wait_for_checkpoint(folders[1], 512)
+    wait_for_checkpoint(folders[1], 512, driver)
     worker = study_runs.read_status(folders[1])["pid"]
     driver.kill()
     driver.wait()
     wait_until(lambda: not running(worker))
     again = start(arguments)
-    assert again.wait(300) == 0, again.stdout.read()
-    shown = again.stdout.read()
+    assert again.wait(300) == 0, output(again)
+    shown = output(again)
     assert "2 runs, 1 finished, 1 to do" in shown
     assert_same_results(tmp_path / "whole", tmp_path / "killed" / "small")
 
@@ -424,32 +434,35 @@ def test_killed_driver_and_worker_lose_nothing(tmp_path):
 @pytest.mark.slow
 def test_an_end_by_signal_saves_checkpoints(tmp_path):
     """SIGTERM is taken as Ctrl-C, and is never ignored as that is in a shell's background."""
-    plan = {**SMALL, "timesteps": 100_000, "save_freq": 0, "eval_freq": 0}
+    plan = {**SMALL, "timesteps": 1_000_000, "save_freq": 0, "eval_freq": 0}
     driver = start(command(plan, tmp_path, "--local", "--workers", "2"))
     folders = [run.folder for run in make_study(plan).runs(tmp_path / "small")]
-    wait_until(lambda: all(study_runs.read_status(f).get("steps") for f in folders[:2]))
+    wait_until(lambda: all(study_runs.read_status(f).get("steps") for f in folders[:2]), driver)
     driver.send_signal(signal.SIGTERM)
-    assert driver.wait(60) == 130, driver.stdout.read()
+    assert driver.wait(60) == 130, output(driver)
     for folder in folders[:2]:
         assert len(list((folder / "checkpoints").glob("model_*_steps.zip"))) == 1
         assert study_runs.read_status(folder)["state"] == "stopped"
     assert not folders[2].exists()
 
 
-def wait_for_checkpoint(folder, steps):
-    """Until a run has saved one of so many steps or more."""
+def wait_for_checkpoint(folder, steps, driver):
+    """Until a run of a driver has saved one of so many steps or more."""
     wait_until(
         lambda: any(
             int(path.stem.split("_")[1]) >= steps
             for path in (folder / "checkpoints").glob("model_*_steps.zip")
-        )
+        ),
+        driver,
     )
 
 
-def wait_until(condition, seconds=120.0):
+def wait_until(condition, driver=None, seconds=120.0):
+    """What a condition gives once it holds, which is to be before a command ends."""
     end = time.monotonic() + seconds
     while not (found := condition()):
-        assert time.monotonic() < end, "waited in vain"
+        assert driver is None or driver.poll() is None, output(driver)
+        assert time.monotonic() < end, "waited in vain" if driver is None else output(driver)
         time.sleep(0.02)
     return found
 

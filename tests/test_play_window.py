@@ -31,7 +31,7 @@ def window(monkeypatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     clock = SimpleNamespace(now=0.0)
     monkeypatch.setattr(module, "monotonic", lambda: clock.now)
-    one = Window(Session())
+    one = Window(Session("JansenWalker-v0"))  # whose rigid feet can bounce
     one.clock = clock
     one._clock = SimpleNamespace(tick=lambda fps: None)
     yield one

@@ -44,7 +44,7 @@ SLIDERS = {
 """By their names in ``env.unwrapped.set_parameters``."""
 
 ENVIRONMENTS = (
-    "JansenWalker-v0", "JansenWalkerBuilt-v0", "JansenWalkerRough-v0", "JansenWalkerHardcore-v0",
+    "JansenWalkerBuilt-v0", "JansenWalkerRough-v0", "JansenWalkerHardcore-v0", "JansenWalker-v0",
 )  # fmt: skip
 FLAT = "flat"
 TERRAINS = (FLAT, *GENERATORS)
@@ -81,7 +81,7 @@ class Session:
 
     def __init__(
         self,
-        env_id: str = "JansenWalker-v0",
+        env_id: str = ENVIRONMENTS[0],
         robot: str | None = None,
         terrain: str | None = None,
         level: int = 0,

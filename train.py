@@ -14,11 +14,9 @@ import argparse
 import shlex
 import sys
 import time
-from collections.abc import Callable
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
@@ -39,9 +37,6 @@ from agents.runs import (
 from agents.scoring import outcome, score_run
 from agents.tasks import DEFAULT, TASKS, find_task
 from agents.training import prepare, train
-
-if TYPE_CHECKING:
-    from agents.data_parallel import Worker
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -64,74 +59,31 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--config", metavar="FILE", help="hyperparameters; default: agents/configs/ENV/ALGO.yml")
     add("--resume", metavar="RUN", help="run folder to go on with from the last model saved")
-    add("--workers", type=count, default=1, metavar="N",
-        help="processes that train together by PPO, each with its share of robots")  # fmt: skip
-    add("--address", help="Ray cluster to place the workers on, or 'auto'; default: this machine")
-    add("--cores", type=count, default=1, metavar="C", help="of each worker on a Ray cluster")
     add("--no-progress", action="store_true", help="no progress bar")
     return parser.parse_args(arguments)
 
 
 def main(arguments: list[str] | None = None) -> Path:
-    """Train, score, draw; returns the run's folder."""
+    """Train, score and draw; return the run's folder."""
     args = parse(arguments)
     given = sys.argv[1:] if arguments is None else arguments
-    several = args.workers > 1 or args.address or int(os.environ.get("WORLD_SIZE", "1")) > 1
-    try:
-        config = _configure(args)
-        if several:  # only then is torch.distributed used
-            from agents import launch
-            from agents.data_parallel import check_config
-
-            workers = launch.count_workers(args.workers)
-            check_config(config, workers)
-            if args.address:
-                from agents.ray_workers import check_ray, run_on_ray
-
-                check_ray()
-                args.log_folder = str(Path(args.log_folder).resolve())  # actors run elsewhere
-    except ValueError as error:
-        raise SystemExit(f"train.py: error: {error}") from error
-    work = partial(run, args, config, shlex.join(["python", "train.py", *given]))
-    if not several:
-        return work()
-    if launch.torchrun_size():
-        return launch.join_torchrun(work)
-    if args.address:
-        return run_on_ray(args.address, workers, args.cores, work)
-    return launch.run_here(workers, work)
-
-
-def run(
-    args: argparse.Namespace, config: dict[str, Any], command: str, worker: Worker | None = None
-) -> Path:
-    """:func:`main` after the configuration is known; what each of several workers does."""
+    command, resume = shlex.join(["python", "train.py", *given]), None
     torch.set_num_threads(1)
-    leads, resume = worker is None or worker.leads, None
-    told = (lambda name, make: make()) if worker is None else worker.told
     with ExitStack() as stack:
-
-        def enter(folder: Path) -> Path:
-            stack.enter_context(locked(folder))
-            return folder
-
         try:
+            config = _configure(args)
             if args.resume:
-                folder = Path(told("folder", lambda: str(enter(Path(args.resume)))))
-                found = told("model", lambda: str(last_state(folder) or ""))
-                resume = Path(found) if found else None
-            model = prepare(config, resume, worker)  # nothing is written before this is good
+                folder = Path(args.resume)
+                stack.enter_context(locked(folder))
+                resume = last_state(folder)
+            model = prepare(config, resume)  # nothing is written before this is good
             if not args.resume:
-                folder = Path(told("folder", lambda: str(enter(_new_folder(args, config)))))
+                folder = _new_folder(args, config)
+                stack.enter_context(locked(folder))
         except ValueError as error:
-            of = "" if worker is None or leads else f" worker {worker.rank}:"
-            raise SystemExit(f"train.py: error:{of} {error}") from error
+            raise SystemExit(f"train.py: error: {error}") from error
         try:
-            _run(args, config, model, folder, resume, command, worker)
-        except SystemExit as error:
-            if leads or isinstance(error.code, str):
-                raise
-            # All have stopped on a signal: the leader's status is the run's, once it has saved.
+            _run(args, config, model, folder, resume, command)
         except OSError as error:
             raise SystemExit(f"train.py: error: {error}") from error
     return folder
@@ -152,36 +104,30 @@ def _run(
     folder: Path,
     resume: Path | None,
     command: str,
-    worker: Worker | None,
 ) -> None:
     """Train and score in a run's folder."""
     start = time.perf_counter()
-    leads = worker is None or worker.leads
-    say: Callable[..., None] = print if leads else lambda *text, **more: None
     algo, env_id, target = config["algo"], config["env"], config["timesteps"]
     if args.resume and resume is None:
-        say(f"no checkpoint in {folder} yet: the run starts from its beginning")
+        print(f"no checkpoint in {folder} yet: the run starts from its beginning")
     if resume is not None and resume.name == FINAL and model.num_timesteps >= target:
-        say(f"{folder} is finished: {model.num_timesteps} steps trained, {target} asked for")
+        print(f"{folder} is finished: {model.num_timesteps} steps trained, {target} asked for")
     else:
-        if leads:
-            record_run(folder, config, command)
+        record_run(folder, config, command)
         if resume is not None:
-            say(f"resuming from {resume} at {model.num_timesteps} steps")
-        say(f"{algo.upper()} on {env_id}, {target} steps -> {folder}", flush=True)
+            print(f"resuming from {resume} at {model.num_timesteps} steps")
+        print(f"{algo.upper()} on {env_id}, {target} steps -> {folder}", flush=True)
         tensorboard = args.tensorboard_log
         train(
             model, config, folder, eval_every=args.eval_freq, save_every=args.save_freq,
             tensorboard=str(folder / "tensorboard") if tensorboard is None else tensorboard or None,
-            resume=resume, progress=not args.no_progress and sys.stderr.isatty(), worker=worker,
+            resume=resume, progress=not args.no_progress and sys.stderr.isatty(),
         )  # fmt: skip
-    if not leads:
-        return
     trained = time.perf_counter()
     baselines = ", ".join(find_task(env_id).baselines)
-    say(f"trained in {trained - start:.0f} s; scoring against {baselines} ...", flush=True)
-    say(outcome(folder, env_id, score_run(folder, config, args.eval_episodes)))
-    say(f"scored in {time.perf_counter() - trained:.0f} s")
+    print(f"trained in {trained - start:.0f} s; scoring against {baselines} ...", flush=True)
+    print(outcome(folder, env_id, score_run(folder, config, args.eval_episodes)))
+    print(f"scored in {time.perf_counter() - trained:.0f} s")
 
 
 def _configure(args: argparse.Namespace) -> dict[str, Any]:

@@ -6,7 +6,6 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from types import FrameType
@@ -16,7 +15,6 @@ import numpy as np
 import torch
 from gymnasium.spaces.utils import flatdim
 from numpy.typing import NDArray
-from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
@@ -54,9 +52,8 @@ class Saver(BaseCallback):
     Args:
         folder: the run's. save_every, eval_every: environment steps; 0 for never.
         env_id, env_kwargs: of the evaluation. done: steps trained before this run began.
-        seconds: for which these were trained, 0 for the
-            last evaluation's. stop: when to save and end before the time. state: what reads the
-            training state that is saved.
+        seconds: training time of these steps, 0 for the last evaluation's. stop: when to save and
+            end before the time.
 
     Attributes:
         ended: whether training ended on a signal. last: file saved last, None before the first.
@@ -72,12 +69,11 @@ class Saver(BaseCallback):
         done: int = 0,
         seconds: float = 0.0,
         stop: StopOnSignal | None = None,
-        state: Callable[[BaseAlgorithm], dict[str, Any]] = read_state,
     ) -> None:
         super().__init__()
         self.folder, self.save_every, self.eval_every = folder, save_every, eval_every
         self.env_id, self.env_kwargs = env_id, env_kwargs
-        self.stop, self.ended, self._read_state = stop, False, state
+        self.stop, self.ended = stop, False
         self.last: Path | None = None
         self.task = find_task(env_id)
         self.commands = np.repeat(self.task.commands, EPISODES * self.task.variety)
@@ -126,7 +122,7 @@ class Saver(BaseCallback):
             remove_replay_buffers(self.folder, keep=(file, self._replay_buffer))
             save_replay_buffer(replay_buffer, file)
         notes = {"monitor": monitor_sizes(self.folder), "seconds": self._seconds()}
-        save_model(self.model, path, notes, self._read_state(self.model))
+        save_model(self.model, path, notes, read_state(self.model))
         self.last = path
         if replay_buffer is not None:
             self._replay_buffer = file
@@ -159,17 +155,6 @@ class Saver(BaseCallback):
         write_json(self.folder / "evaluations.json", self.history)
 
 
-class NoSaver(Saver):
-    """Of a worker that does not lead: writes nothing."""
-
-    def save(self, path: Path) -> None:
-        """Leave saving to the worker that leads, but for the own part of the state."""
-        self._read_state(self.model)
-
-    def evaluate(self) -> None:
-        """Leave evaluating to it, too."""
-
-
 class NormalizerUpdate(BaseCallback):
     """Updates the policy's normalizer with the last rollout before the next one begins.
 
@@ -187,11 +172,8 @@ class NormalizerUpdate(BaseCallback):
             return
         for module in self.model.policy.modules():
             if isinstance(module, NormalizedObservation):
-                self._update(module, torch.as_tensor(self._observations))
+                module.update(torch.as_tensor(self._observations))
         self._observations = None
-
-    def _update(self, normalizer: NormalizedObservation, observations: torch.Tensor) -> None:
-        normalizer.update(observations)
 
     def _on_rollout_end(self) -> None:
         # Now, not when the next rollout begins: Stable-Baselines3 has emptied the buffer by then.
@@ -215,10 +197,8 @@ class StopOnSignal:
     :class:`Saver` ends training where the next rollout begins: by then nothing is half done.
 
     Attributes:
-        signal: the number of the signal that came, 0 for none. notice: what is said then.
+        signal: the number of the signal that came, 0 for none.
     """
-
-    notice = b"\nstopping after this rollout; once more to end at once\n"
 
     def __init__(self) -> None:
         self.signal = 0
@@ -241,4 +221,4 @@ class StopOnSignal:
             signal.signal(taken, after_the_first(taken))
         # To standard error, but not by print: the signal may have come in the midst of one.
         with suppress(OSError):  # its terminal may be gone
-            os.write(2, self.notice)
+            os.write(2, b"\nstopping after this rollout; once more to end at once\n")

@@ -55,16 +55,11 @@ class NormalizedObservation(BaseFeaturesExtractor):
 
     @torch.no_grad()
     def update(self, observations: torch.Tensor) -> None:
-        """Take (n, d) more observations into account."""
-        n, mean = float(len(observations)), observations.mean(0)
-        self.merge(n, mean, observations.var(0, unbiased=False))
-
-    @torch.no_grad()
-    def merge(self, n: float, mean: torch.Tensor, variance: torch.Tensor) -> None:
-        """Take n more observations with (d,) mean and variance into account (Chan's formula)."""
+        """Take (n, d) more observations into account (Chan's parallel variance)."""
+        n = float(len(observations))
         total = self.count + n
-        shift = mean - self.mean
-        spread = self.variance * self.count + variance * n
+        shift = observations.mean(0) - self.mean
+        spread = self.variance * self.count + observations.var(0, unbiased=False) * n
         spread += shift**2 * self.count * n / total
         self.mean += shift * n / total
         self.variance.copy_(spread / total)

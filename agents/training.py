@@ -5,28 +5,24 @@ from __future__ import annotations
 import shlex
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, ProgressBarCallback
 from stable_baselines3.common.monitor import ResultsWriter
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor, unwrap_vec_wrapper
 
-from agents.callbacks import NormalizerUpdate, NoSaver, Saver, StopOnSignal
+from agents.callbacks import NormalizerUpdate, Saver, StopOnSignal
 from agents.config import find_config, training_envs
 from agents.model_files import read_model, read_notes, read_training_state
 from agents.models import build_model, restore
 from agents.replay_buffers import load_replay_buffer
 from agents.runs import FINAL, find_replay_buffer, next_monitor, rewind_monitors
-from agents.training_state import GeneratorsRestored, read_state, restore_state
+from agents.training_state import GeneratorsRestored, restore_state
 from agents.vec_env import make_vec_env
 from jansen_env.checks import instance, non_negative, whole_number
-
-if TYPE_CHECKING:
-    from agents.data_parallel import Worker
 
 EVALUATIONS = 16  # of a run, if nothing else is said
 
@@ -53,9 +49,7 @@ class TrainingReward(VecEnvWrapper):
         return observations, rewards.astype(np.float32), dones, infos
 
 
-def prepare(
-    config: dict[str, Any], resume: Path | None = None, worker: Worker | None = None
-) -> BaseAlgorithm:
+def prepare(config: dict[str, Any], resume: Path | None = None) -> BaseAlgorithm:
     """The model a configuration describes, on its environments. Writes nothing.
 
     Args:
@@ -63,46 +57,27 @@ def prepare(
             number i of its ``training_variants``, counted around, on top of the arguments of all.
         resume: a model's file, of which it takes all that training has come to; the run's folder
             has its replay buffer, if the algorithm has one.
-        worker: of which the model is, where several train together.
 
     Raises:
         ValueError: something in the configuration or the files is wrong.
     """
-    seed = config["seed"]
-    if worker is not None:
-        config = worker.share(config)
     kwargs, variants = training_envs(config)
-    threads = None if worker is None else worker.threads(config["n_envs"])
-    venv = make_vec_env(config["env"], config["n_envs"], kwargs, variants, threads=threads)
+    venv = make_vec_env(config["env"], config["n_envs"], kwargs, variants)
     scale, fall_cost = config.get("reward_scale", 1.0), config.get("fall_cost", 0.0)
     venv = TrainingReward(VecMonitor(venv), scale, fall_cost)
-    model = build_model(config["algo"], config, venv, seed=seed)
+    model = build_model(config["algo"], config, venv, seed=config["seed"])
     if resume is not None:
         tensors, model.num_timesteps = read_model(resume)
         restore(model, tensors)
         if isinstance(model, OffPolicyAlgorithm):
             _refill(model, find_config(resume).parent)
         _noted(resume)  # or what is wrong with it would show too late
-        seed += model.num_timesteps
-    if isinstance(model, PPO) and worker is not None:
-        worker.connect(model, seed)
-    elif resume is not None:
-        venv.seed(seed)
-    if resume is not None:
-        state = _read_own_state(resume, worker)
+        venv.seed(config["seed"] + model.num_timesteps)
+        state = read_training_state(resume)
         if state is not None:
             restore_state(model, state)
-        if worker is None or worker.leads:
-            _say_how_exact(config, state is not None)
+        _say_how_exact(config, state is not None)
     return model
-
-
-def _read_own_state(path: Path, worker: Worker | None) -> dict[str, Any] | None:
-    """A process's own state from a model's file; None where as many processes did not save it."""
-    state = read_training_state(path)
-    if worker is not None and state is not None:
-        return worker.own_part(state)
-    return None if state is None or "workers" in state else state
 
 
 def _refill(model: OffPolicyAlgorithm, folder: Path) -> None:
@@ -134,8 +109,7 @@ def _noted(path: Path) -> tuple[dict[str, int] | None, float]:
 def _say_how_exact(config: dict[str, Any], has_state: bool) -> None:
     """Say so where what goes on is not the run that was interrupted."""
     if not has_state:
-        print("a checkpoint of an earlier version, or of another number of workers: episodes begin "
-              "again, with other random numbers")  # fmt: skip
+        print("a checkpoint of an earlier version: episodes begin again, with other random numbers")
     elif config.get("env_kwargs", {}).get("plant") == "rigid_body":
         print("plant='rigid_body': what pymunk's solver had cached is lost, so the run goes on "
               "nearly, but not exactly, as it would have")  # fmt: skip
@@ -151,12 +125,11 @@ def train(
     tensorboard: str | None = None,
     resume: Path | None = None,
     progress: bool = True,
-    worker: Worker | None = None,
 ) -> None:
     """Train until ``config["timesteps"]``; leaves final_model.zip and best_model.zip in a folder.
 
     Args:
-        model, config, resume, worker: as of :func:`prepare`. folder: the run's.
+        model, config, resume: as of :func:`prepare`. folder: the run's.
         eval_every, save_every: steps between evaluations and between checkpoints, 0 for none;
             ``eval_every`` is None for :data:`EVALUATIONS` in all.
         tensorboard: folder of its log, None for none. progress: whether to show a bar.
@@ -167,39 +140,34 @@ def train(
             saved before stays good.
     """
     venv: Any = model.get_env()
-    leads = worker is None or worker.leads
-    stop = StopOnSignal() if worker is None else worker.stop
+    stop = StopOnSignal()
     monitor_sizes, seconds = ({}, 0.0) if resume is None else _noted(resume)
     if eval_every is None:
         eval_every = max(1, config["timesteps"] // EVALUATIONS)
-    saver = (Saver if leads else NoSaver)(
+    saver = Saver(
         folder, save_every, eval_every, config["env"], config.get("env_kwargs", {}),
         done=model.num_timesteps, seconds=seconds, stop=stop,
-        state=read_state if worker is None else worker.read_states,
     )  # fmt: skip
     saver.init_callback(model)
-    if leads and monitor_sizes is not None:
+    if monitor_sizes is not None:
         rewind_monitors(folder, monitor_sizes)
     monitor: Any = unwrap_vec_wrapper(venv, VecMonitor)  # from now on it writes each episode
     header = {"t_start": monitor.t_start, "env_id": config["env"]}
-    file = next_monitor(folder) if worker is None else worker.next_monitor(folder)
-    monitor.results_writer = ResultsWriter(str(file), header)
-    model.tensorboard_log = tensorboard if leads else None
-    updates: list[BaseCallback] = [NormalizerUpdate()] if worker is None else worker.updates()
-    callbacks = [*updates, saver]
-    state = None if resume is None else _read_own_state(resume, worker)
+    monitor.results_writer = ResultsWriter(str(next_monitor(folder)), header)
+    model.tensorboard_log = tensorboard
+    callbacks: list[BaseCallback] = [NormalizerUpdate(), saver]
+    state = None if resume is None else read_training_state(resume)
     if state is not None:
         callbacks.insert(0, GeneratorsRestored(state))
-    if progress and leads:
-        callbacks.append(ProgressBarCallback() if worker is None else worker.progress())
+    if progress:
+        callbacks.append(ProgressBarCallback())
     try:
         with closing(venv):
             remaining = config["timesteps"] - model.num_timesteps
             if remaining > 0:
                 _learn(model, remaining, callbacks, stop, folder)
                 if saver.ended:
-                    if leads:
-                        print(f"stopped, saved as {saver.last}; {_go_on(folder)}")
+                    print(f"stopped, saved as {saver.last}; {_go_on(folder)}")
                     raise SystemExit(128 + stop.signal)
                 saver.evaluate()
             saver.save(folder / FINAL)

@@ -30,10 +30,7 @@ MATRICES = ("exploration_mat", "exploration_matrices")  # of state-dependent exp
 
 
 def read_state(model: BaseAlgorithm) -> dict[str, Any]:
-    """The state of a model whose next rollout begins now, in types that JSON knows.
-
-    Of one process: its model, its robots, its generators.
-    """
+    """Return the state of a model whose next rollout begins now, in types that JSON knows."""
     venv: Any = model.get_env()
     monitor: Any = unwrap_vec_wrapper(venv, VecMonitor)
     return {

@@ -28,7 +28,6 @@ def make_vec_env(
     env_kwargs: dict[str, Any] | None = None,
     variants: Sequence[dict[str, Any]] = ({},),
     info_keys: Sequence[str] | None = (),
-    threads: int | None = None,
 ) -> VecEnv:
     """``num_envs`` environments for Stable-Baselines3, simulated together where that is possible.
 
@@ -37,7 +36,6 @@ def make_vec_env(
         env_kwargs: arguments of all of them.
         variants: further ones; environment i takes number i, counted around.
         info_keys: as of :class:`BatchVecEnv`; single environments give all of their information.
-        threads: cores that the robots of a batch may use; None for as many as pay.
 
     Raises:
         ValueError: an argument out of range.
@@ -47,12 +45,12 @@ def make_vec_env(
     kwargs = dict(env_kwargs or {})
     each = [{**kwargs, **variants[i % len(variants)]} for i in range(num_envs)]
     if can_be_batched(env_id, kwargs, variants):
-        return BatchVecEnv(_make_batch(env_id, kwargs, each, threads), info_keys)
+        return BatchVecEnv(_make_batch(env_id, kwargs, each), info_keys)
     return DummyVecEnv([partial(make_env, env_id, own) for own in each])
 
 
 def _make_batch(
-    env_id: str, kwargs: dict[str, Any], each: Sequence[dict[str, Any]], threads: int | None
+    env_id: str, kwargs: dict[str, Any], each: Sequence[dict[str, Any]]
 ) -> TaskVectorEnv[Any]:
     """One batch with the arguments of each environment."""
     entry = vector_env(env_id)
@@ -64,9 +62,8 @@ def _make_batch(
         if any(name in one for one in each)
     }
     env: Any = gym.make_vec(
-        env_id, num_envs=len(each), autoreset_mode=AutoresetMode.DISABLED, threads=threads,
-        **{**kwargs, **own},
-    )  # fmt: skip
+        env_id, num_envs=len(each), autoreset_mode=AutoresetMode.DISABLED, **{**kwargs, **own}
+    )
     return env.unwrapped
 
 

@@ -20,7 +20,6 @@ from benchmarks import (
     profile_scores,
     ranking,
     speed,
-    workers,
 )
 from benchmarks.plants import Comparison, Outcome, Walk
 from jansen_env import pretrained
@@ -99,7 +98,6 @@ def test_what_cannot_be_measured_is_refused(arguments, tmp_path, capsys):
     [
         (speed.main, ("mujoco", "Box2D"), ["--only", "one", "many", "size"], "speed"),
         (ppo.main, ("stable_baselines3", "mujoco"), [], "ppo"),
-        (workers.main, ("stable_baselines3",), [], "workers"),
         (convergence.main, (), [], "convergence time_step detection_interval"),
         (plants.main, (), [], "plants walks torque"),
         (plants.main, (), ["--machines"], "machines"),

@@ -21,7 +21,7 @@ SIZES = {  # the arguments that make it short, and a word of what it prints
     "walk_with_pid": ("20", " m in "),
 }
 LONGEST = {"cleanrl_ppo": 140}  # lines; the others 40
-ELSEWHERE = {"rllib_ppo"}  # in an environment of its own, by tests/integration/run
+ELSEWHERE = {"rllib_ppo"}  # by test_rllib.py, where Ray is installed
 
 
 def test_all_examples_are_tried() -> None:

@@ -6,7 +6,6 @@ import json
 import os
 import secrets
 import signal
-import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -25,7 +24,6 @@ from test_study import (
     wait_until,
 )
 
-import train
 from agents import study, study_runs
 from agents.config import load_config
 from agents.study_plan import make_study
@@ -36,10 +34,7 @@ os.environ |= {  # before Ray is loaded, for its clusters here and the studies t
     "RAY_AUTH_TOKEN": secrets.token_hex(32),
 }
 pytest.importorskip("ray", reason="Ray is not installed; the extra 'distributed' brings it")
-import ray
 from ray.cluster_utils import Cluster
-
-from agents.ray_workers import RayWorker
 
 EIGHT = {**SMALL, "seeds": 4, "timesteps": 32_768, "save_freq": 1024, "eval_freq": 16_384}
 """Eight runs of some seconds each."""
@@ -136,34 +131,19 @@ def test_an_address_without_a_cluster_is_refused(tmp_path, capsys):
 
 
 def test_a_cluster_that_asks_for_no_token_is_refused(tmp_path, monkeypatch):
-    """By studies and by workers, in one line that says how to begin it."""
+    """In one line that says how to begin it."""
     monkeypatch.setenv("RAY_AUTH_MODE", "disabled")
     nodes = Cluster(initialize_head=True, head_node_args=NODE)
     try:
-        address = ("--address", nodes.address)
-        for arguments in (
-            [sys.executable, *command({**SMALL, "seeds": 1}, tmp_path, *address)],
-            [sys.executable, train.__file__, "--workers", "2", "--log-folder", tmp_path, *address],
-        ):
-            ended = subprocess.run(arguments, cwd=ROOT, capture_output=True, text=True, timeout=120)
-            last = ended.stderr.splitlines()[-1]
-            assert ended.returncode != 0 and "Traceback" not in ended.stderr
-            assert f"at {nodes.address} asks for no token" in last and "RAY_AUTH_MODE=token" in last
+        arguments = command({**SMALL, "seeds": 1}, tmp_path, "--address", nodes.address)
+        ended = subprocess.run(
+            [sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True, timeout=120
+        )
+        last = ended.stderr.splitlines()[-1]
+        assert ended.returncode != 0 and "Traceback" not in ended.stderr
+        assert f"at {nodes.address} asks for no token" in last and "RAY_AUTH_MODE=token" in last
     finally:
         nodes.shutdown()
-
-
-def test_the_store_of_workers_listens_on_one_address(monkeypatch):
-    """The loopback's where all are on one node, or else the node's; not on all interfaces."""
-    monkeypatch.setattr(ray.util, "get_node_ip_address", lambda: "127.0.0.2")
-    for alone, address in ((True, "127.0.0.1"), (False, "127.0.0.2")):
-        worker = RayWorker()
-        at = worker.serve(alone)
-        assert at[0] == address
-        socket.create_connection(at, 10.0).close()
-        other = "127.0.0.2" if alone else "127.0.0.1"
-        with pytest.raises(ConnectionRefusedError):
-            socket.create_connection((other, at[1]), 10.0)
 
 
 @pytest.mark.slow

@@ -93,7 +93,7 @@ class PretrainedPolicy:
         rows = _entry(description, "observation", list)
         self.observed = tuple(_entry(row, "name", str) for row in rows)
         self.units = tuple(_entry(row, "unit", str) for row in rows)
-        self._shown = len(self.observed)  # numbers in what it is given
+        self._columns, self._shown = [*range(len(rows))], len(rows)  # of what it is given
         self.scale: tuple[Any, Any] = (0.0, 1.0)
         self.features = self._read_features(_entry(network, "features", list))
         width = sum(block.size for block in self.features)
@@ -157,24 +157,30 @@ class PretrainedPolicy:
         return self.tensors[name].astype(np.float64)
 
     def on(self, env: Any) -> PretrainedPolicy:
-        """This policy for an environment that may show more, behind what it observes.
+        """Return this policy for an environment that may show more; columns are found by name.
 
         Args:
             env: of one robot or many, as ``gym.make`` or ``gym.make_vec`` made it.
 
         Raises:
-            ValueError: the environment shows something else than what it observes.
+            ValueError: the environment does not show all that the policy observes, or its robot has
+                another number of toes.
         """
-        shown = [entry.name for entry in env.unwrapped.observed]
-        for i, own in enumerate(self.observed):
-            needed = shown[i] if i < len(shown) else "nothing"
-            if own != needed:
+        names = [entry.name for entry in env.unwrapped.observed]
+        for name in self.observed:
+            if name not in names:
                 raise ValueError(
-                    f"the policy of {self.env_id} observes {own} as number {i}, must observe "
-                    f"{needed} on this environment"
+                    f"the policy of {self.env_id} observes {name}, must be one of {names}, which "
+                    "this environment shows"
+                )
+        for name in names:
+            if name.startswith("toe_load_") and name not in self.observed:
+                raise ValueError(
+                    f"this environment shows {name}, which the policy of {self.env_id} does not "
+                    "observe: it has learnt on a robot with fewer toes"
                 )
         found = copy(self)
-        found._shown = len(shown)
+        found._columns, found._shown = [names.index(name) for name in self.observed], len(names)
         return found
 
     def predict(
@@ -182,13 +188,13 @@ class PretrainedPolicy:
         observation: Any,
         state: Any = None,
         episode_start: Any = None,
-        deterministic: bool = True,
+        deterministic: bool = False,
     ) -> tuple[NDArray[np.float32], Any]:
         """Actions (n, 1) or (1,) for observations (n, d) or (d,), and the state as it is given.
 
         d: as many as are :attr:`observed`, or as the environment shows that was given to
         :meth:`on`. Computed in float64, and so the same on most processors once rounded to float32;
-        always without noise.
+        without noise, whatever ``deterministic`` says (the default is Stable-Baselines3's).
 
         Raises:
             ValueError: observations of another size.
@@ -196,7 +202,7 @@ class PretrainedPolicy:
         x, size = np.asarray(observation, dtype=np.float64), self._shown
         if x.ndim not in (1, 2) or x.shape[-1] != size:
             raise ValueError(f"observation has shape {x.shape}, must have ({size},) or (n, {size})")
-        batch = x.reshape(-1, size)[:, : len(self.observed)]
+        batch = np.take(x.reshape(-1, size), self._columns, axis=1)
         values = np.concatenate([block(batch) for block in self.features], axis=1)
         for layer in self.layers:
             values = layer(values)

@@ -206,17 +206,26 @@ def check_equal(packed: PretrainedPolicy, policy: Any, count: int = 10_000) -> f
         ValueError: it is more than :data:`TOLERANCE`.
     """
     rng = np.random.default_rng(0)
-    mean, deviation = packed.scale
     in_float64(policy)
-    seen = mean + 2.0 * deviation * rng.normal(size=(count, len(packed.observed)))
-    angle = rng.uniform(-np.pi, np.pi, count)
-    seen[:, 0], seen[:, 1] = np.cos(angle), np.sin(angle)  # as of every environment
-    seen = seen.astype(np.float32)
+    seen = random_observations(packed, 2.0 * rng.normal(size=(count, len(packed.observed))), rng)
     actions, expected = packed.predict(seen)[0], policy.predict(seen, deterministic=True)[0]
     difference = float(np.abs(actions - expected).max())
     if difference > TOLERANCE:
         raise ValueError(f"actions differ by {difference:.2g}, must be {TOLERANCE} at most")
     return difference
+
+
+def random_observations(policy: PretrainedPolicy, spread: Any, rng: np.random.Generator) -> Any:
+    """Return observations (n, d) this many (n, d) standard deviations off their mean in training;
+    cosines and sines of an angle are those of a random one."""
+    mean, deviation = policy.scale
+    seen = mean + deviation * spread
+    for cos, name in enumerate(policy.observed):
+        partner = name.replace("cos_", "sin_", 1)
+        if name.startswith("cos_") and partner in policy.observed:
+            angle = rng.uniform(-np.pi, np.pi, len(seen))
+            seen[:, cos], seen[:, policy.observed.index(partner)] = np.cos(angle), np.sin(angle)
+    return seen.astype(np.float32)
 
 
 def in_float64(policy: Any) -> Any:

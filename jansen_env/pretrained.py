@@ -104,7 +104,7 @@ class PretrainedPolicy:
         self.squash: str = _known(SQUASH, "squash", network.get("squash"))
 
     def _read_features(self, blocks: list[Any]) -> list[Features]:
-        """What the network sees: functions of observations (n, d)."""
+        """Return what the network sees: functions of observations (n, d)."""
         found: list[Features] = []
         size = len(self.observed)
         for block in blocks:
@@ -133,7 +133,7 @@ class PretrainedPolicy:
         return found
 
     def _read_layers(self, layers: list[Any], width: int) -> list[Layer]:
-        """Layers, ``width``: inputs of the first one."""
+        """Return the layers; ``width``: inputs of the first one."""
         found = []
         for layer in layers:
             instance("a layer", layer, dict)
@@ -148,7 +148,7 @@ class PretrainedPolicy:
         return found
 
     def _tensor(self, part: dict[str, Any], key: str, shape: tuple[int, ...]) -> Array:
-        """The tensor that ``part`` names, of this shape."""
+        """Return the tensor that ``part`` names, of this shape."""
         name = _entry(part, key, str)
         if name not in self.tensors:
             raise ValueError(f"there is no tensor {shown(name)}")
@@ -190,7 +190,7 @@ class PretrainedPolicy:
         episode_start: Any = None,
         deterministic: bool = False,
     ) -> tuple[NDArray[np.float32], Any]:
-        """Actions (n, 1) or (1,) for observations (n, d) or (d,), and the state as it is given.
+        """Return actions (n, 1) or (1,) for observations (n, d) or (d,), and the state as given.
 
         d: as many as are :attr:`observed`, or as the environment shows that was given to
         :meth:`on`. Computed in float64, and so the same on most processors once rounded to float32;
@@ -212,7 +212,7 @@ class PretrainedPolicy:
 
 
 def names(env_id: str) -> list[str]:
-    """The policies that come with the package for an environment."""
+    """Return the names of the policies that come with the package for an environment."""
     known = {folder.name for folder in POLICIES.iterdir()}  # or an id could lead anywhere
     if not isinstance(env_id, str) or env_id not in known:
         return []
@@ -220,7 +220,7 @@ def names(env_id: str) -> list[str]:
 
 
 def shipped(env_id: str, name: str = DEFAULT) -> Path:
-    """Where the JSON file of a policy of the package is.
+    """Return the path of the JSON file of a policy of the package.
 
     Raises:
         ValueError: there is none of this name for the environment.
@@ -234,7 +234,7 @@ def shipped(env_id: str, name: str = DEFAULT) -> Path:
 
 
 def load(env_id: str, name: str = DEFAULT) -> PretrainedPolicy:
-    """A policy that comes with the package.
+    """Load a policy that comes with the package.
 
     Args:
         env_id: such as ``"JansenWalker-v0"``. name: one of :func:`names`.
@@ -246,7 +246,7 @@ def load(env_id: str, name: str = DEFAULT) -> PretrainedPolicy:
 
 
 def load_file(path: str | Path) -> PretrainedPolicy:
-    """A policy from its JSON file and the .safetensors file beside it. No code in them runs.
+    """Load a policy from its JSON file and the .safetensors file beside it. No code in them runs.
 
     Raises:
         ValueError: one of them is missing, too large or damaged, or they are not of one policy.
@@ -272,12 +272,12 @@ def load_file(path: str | Path) -> PretrainedPolicy:
 
 
 def checksum(data: bytes) -> str:
-    """SHA-256, which tells whether two files belong together."""
+    """Return the SHA-256, which tells whether two files belong together."""
     return hashlib.sha256(data).hexdigest()
 
 
 def _read(path: Path) -> bytes:
-    """A whole file, of bounded size."""
+    """Read a whole file, of bounded size."""
     with open_regular(path) as file:
         data = file.read(MAX_BYTES + 1)
     if len(data) > MAX_BYTES:
@@ -286,19 +286,19 @@ def _read(path: Path) -> bytes:
 
 
 def _reason(error: BaseException) -> str:
-    """What an error says, on one line."""
+    """Return an error's text, on one line."""
     return " ".join(str(error).split()) or type(error).__name__
 
 
 def _entry(part: Any, name: str, kind: type) -> Any:
-    """``part[name]``, which must be of a type."""
+    """Return ``part[name]``, which must be of a type."""
     instance("an entry", part, dict)
     instance(name, part.get(name), kind)
     return part[name]
 
 
 def _known(table: dict[Any, Any], name: str, value: Any) -> Any:
-    """``value``, which must be a name in a table."""
+    """Return ``value``, which must be a name in a table."""
     allowed: Sequence[Any] = list(table)
     if value not in allowed:
         raise ValueError(f"{name} is {shown(value)}, must be one of {allowed}")

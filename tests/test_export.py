@@ -241,10 +241,10 @@ def test_everything_is_written_with_its_card(exported):
     for name in pack.from_run(run).observed:
         assert f"`{name}`" in card
     for words in (
-        "not tested on a machine", "python train.py --seed 0", "`(0.05, 0.8)`", "20 N m", "0.02 s",
-        "2 at each of the commands 0.05, 0.1,", "| pid", "| profile", "gymnasium",
+        "not tested on a machine", "python train.py --seed 0", "speed_command: (0.05, 0.8)",
+        "20 N m", "0.02 s", "2 at each of the commands 0.05, 0.1,", "| pid", "| profile",
         f"--policy {run} --policy pid", "lag        <-", "MIT", "clips at 10 of them",
-        "over 600 observations", "| `max_episode_steps` | `50` | `50` |", "-x, 180 degrees",
+        "over 600 observations", "max_episode_steps: 50", "-x, 180 degrees",
         "cosine of the crank angle (crank relative to chassis)",
     ):  # fmt: skip
         assert words in card, words

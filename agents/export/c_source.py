@@ -84,7 +84,6 @@ def _part(policy: PretrainedPolicy, name: str, part: str) -> str:
         # Of each block its kind and where its features begin.
         "blocks": [(type(block).__name__, block, sum(sizes[:k])) for k, block in enumerate(blocks)],
         "harmonics": any(isinstance(block, Harmonics) for block in blocks),
-        "activations": [*dict.fromkeys(a.activation for a in policy.layers if a.activation)],
         "width": max(sum(sizes), *(len(layer.bias) for layer in policy.layers)),
     }  # fmt: skip
     filters = {"comment": comment, "single": _single, "real": _real, "array": _array}

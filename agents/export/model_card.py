@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 import jansen_env
-from agents.config import training_envs
 from agents.export.c_source import render
 from agents.metrics import INTERVALS, score_table
 from agents.rollout import make_env
@@ -27,12 +26,6 @@ from jansen_env.kinematics import advance_per_turn
 from jansen_env.policy_environment import arguments_of
 from jansen_env.policy_network import Normalized
 from jansen_env.pretrained import PretrainedPolicy, checksum
-
-SHOWN = (
-    "robot", "terrain", "speed_command", "command_interval", "friction", "payload", "delay",
-    "max_episode_steps",
-)  # fmt: skip
-"""Arguments of an environment that a card always tells, where the environment has them."""
 
 
 def code(text: Any) -> str:
@@ -80,7 +73,11 @@ def card(policy: PretrainedPolicy, files: dict[str, bytes], told: dict[str, Any]
         "observation": _observation(policy),
         "differences": [("computed by", "largest difference")]
         + [(what, _number(value)) for what, value in told["differences"].items()],
-        "arguments": _arguments(policy),
+        "arguments": "\n".join(
+            f"{name}: {value}"
+            for name, value in {**arguments_of(policy.env_id), **policy.env_kwargs}.items()
+            if value is not None
+        ),
         "training": {"steps": None, **training}
         | {"command": commands if isinstance(commands, list) else ["(not recorded)"]},
         "versions": json.dumps(policy.description.get("versions")),
@@ -127,19 +124,6 @@ def _observation(policy: PretrainedPolicy) -> list[tuple[Any, ...]]:
         (i, code(name), code(unit), f"{m:.3g} +- {s:.3g}")
         for i, (name, unit, m, s) in enumerate(rows)
     ]
-
-
-def _arguments(policy: PretrainedPolicy) -> list[tuple[str, ...]]:
-    """Return a row for each argument that says where the policy has been."""
-    kwargs, variants = training_envs(policy.description["training"]["config"])
-    own, plain = arguments_of(policy.env_id), arguments_of("JansenWalker-v0")
-    rows: list[tuple[str, ...]] = [("argument", "as scored", "in training")]
-    for name, value in {**own, **policy.env_kwargs}.items():
-        trained = dict.fromkeys(code({**own, **kwargs, **v}.get(name)) for v in variants)
-        usual = code(plain.get(name, own.get(name)))
-        if (name in SHOWN and value is not None) or {*trained, code(value)} != {usual}:
-            rows.append((code(name), code(value), ", ".join(trained)))
-    return rows
 
 
 def _evaluation(policy: PretrainedPolicy, told: dict[str, Any]) -> str:

@@ -68,7 +68,7 @@ def load_named(name: str, env: Any) -> Policy:
 
 
 def _fitting(name: str, policy: PretrainedPolicy, env: Any) -> PretrainedPolicy:
-    """``policy`` for an environment that shows what it observes, if nothing else before it."""
+    """``policy`` for an environment that shows what it observes."""
     try:
         return policy.on(env)
     except ValueError as error:

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from safetensors.numpy import save
-from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor
 from torch import nn
 
@@ -40,33 +39,25 @@ TOLERANCE = 1e-6  # of an action, between the network in torch and in NumPy
 
 
 def describe_network(policy: Any) -> dict[str, Any]:
-    """How a Stable-Baselines3 policy comes from an observation to its action without noise.
+    """Describe how a policy of PPO or SAC gets from an observation to its action without noise.
 
     Raises:
         ValueError: it has a part that :mod:`jansen_env.pretrained` does not know.
     """
-    if not issubclass(kind := type(policy), BasePolicy):  # something around one
-        raise ValueError(f"the policy is a {kind.__name__}, which cannot be packed")
     if hasattr(policy, "actor"):  # SAC
-        actor, path = policy.actor, "actor."
-        extractor, parts = (
-            "actor.features_extractor",
-            {"latent_pi": actor.latent_pi, "mu": actor.mu},
-        )
+        extractor, parts = "actor.features_extractor", ("actor.latent_pi", "actor.mu")
     else:
-        path, extractor = "", "pi_features_extractor"
-        hidden = policy.mlp_extractor.policy_net
-        parts = {"mlp_extractor.policy_net": hidden, "action_net": policy.action_net}
+        extractor, parts = "pi_features_extractor", ("mlp_extractor.policy_net", "action_net")
     layers: list[dict[str, Any]] = []
     limit = None
-    for part, network in parts.items():
-        for name, module in network.named_modules(prefix=path + part):
+    for part in parts:
+        for name, module in policy.get_submodule(part).named_modules(prefix=part):
             if isinstance(module, nn.Linear):
                 layers.append({
                     "units": module.out_features, "activation": None,
                     "weight": f"{name}.weight", "bias": f"{name}.bias",
                 })  # fmt: skip
-            elif type(module) in ACTIVATIONS and plain_so_far(layers):
+            elif type(module) in ACTIVATIONS and layers and layers[-1]["activation"] is None:
                 layers[-1]["activation"] = ACTIVATIONS[type(module)]
             elif isinstance(module, nn.Hardtanh) and module.min_val == -module.max_val:
                 limit = module.max_val  # of the mean of SAC's gSDE
@@ -80,13 +71,8 @@ def describe_network(policy: Any) -> dict[str, Any]:
     }
 
 
-def plain_so_far(layers: list[dict[str, Any]]) -> bool:
-    """Whether there is a last layer, without an activation."""
-    return bool(layers) and layers[-1]["activation"] is None
-
-
 def _features(extractor: nn.Module, path: str) -> list[dict[str, Any]]:
-    """What a features extractor makes of an observation, block by block."""
+    """Describe what a features extractor makes of an observation, block by block."""
     if isinstance(extractor, FlattenExtractor):
         return [{"kind": "observation"}]
     if not isinstance(extractor, NormalizedObservation):
@@ -95,13 +81,13 @@ def _features(extractor: nn.Module, path: str) -> list[dict[str, Any]]:
         "kind": "normalized", "mean": f"{path}.mean", "variance": f"{path}.variance",
         "floor": MIN_DEVIATION, "clip": CLIP,
     }]  # fmt: skip
-    if count := getattr(extractor, "harmonics", 0):
+    if count := extractor.harmonics:
         blocks.append({"kind": "harmonics", "multiples": [2 * k for k in range(1, count + 1)]})
     return blocks
 
 
 def describe(policy: Any, config: dict[str, Any], training: dict[str, Any]) -> dict[str, Any]:
-    """The JSON file's content but for checksum and scores.
+    """Return the JSON file's content but for checksum and scores.
 
     Args:
         policy: as of :func:`agents.models.load_policy`. config: of its run. training: what else to
@@ -153,7 +139,7 @@ def pack(
 
 
 def from_run(run: str | Path) -> PretrainedPolicy:
-    """A run's best model, or a model's file, as it would be packed; without scores.
+    """Return a run's best model, or a model's file, as it would be packed, without scores.
 
     Raises:
         ValueError: there is no such model, or it has a part that cannot be packed.
@@ -164,23 +150,19 @@ def from_run(run: str | Path) -> PretrainedPolicy:
     config = load_config(source, required=TO_RESUME)
     commands = source.parent / "command.txt"
     lines = commands.read_text("utf-8", "replace").splitlines() if commands.is_file() else []
-    training = {
-        "command": lines,
-        "steps": read_model(model, ())[1],
-    }
     tensors = {
         key: np.ascontiguousarray(tensor.float().numpy())  # counts of steps, too
         for key, tensor in policy.state_dict().items()
         if not key.startswith(COPY)
     }
-    description = describe(policy, config, training)
-    packed = PretrainedPolicy(description, tensors)
+    training = {"command": lines, "steps": read_model(model, ())[1]}
+    packed = PretrainedPolicy(describe(policy, config, training), tensors)
     check_equal(packed, load_policy(model))
     return packed
 
 
 def write(policy: PretrainedPolicy, path: Path) -> Path:
-    """Write a policy as a JSON file and the .safetensors file beside it; returns ``path``."""
+    """Write a policy as a JSON file and the .safetensors file beside it; return ``path``."""
     weights = save(policy.tensors)
     write_bytes(path.with_suffix(".safetensors"), weights)
     return write_json(path, {**policy.description, "sha256": pretrained.checksum(weights)})
@@ -206,12 +188,8 @@ def check_equal(packed: PretrainedPolicy, policy: Any, count: int = 10_000) -> f
         ValueError: it is more than :data:`TOLERANCE`.
     """
     rng = np.random.default_rng(0)
-    mean, deviation = packed.scale
     in_float64(policy)
-    seen = mean + 2.0 * deviation * rng.normal(size=(count, len(packed.observed)))
-    angle = rng.uniform(-np.pi, np.pi, count)
-    seen[:, 0], seen[:, 1] = np.cos(angle), np.sin(angle)  # as of every environment
-    seen = seen.astype(np.float32)
+    seen = random_observations(packed, 2.0 * rng.normal(size=(count, len(packed.observed))), rng)
     actions, expected = packed.predict(seen)[0], policy.predict(seen, deterministic=True)[0]
     difference = float(np.abs(actions - expected).max())
     if difference > TOLERANCE:
@@ -219,9 +197,22 @@ def check_equal(packed: PretrainedPolicy, policy: Any, count: int = 10_000) -> f
     return difference
 
 
+def random_observations(policy: PretrainedPolicy, spread: Any, rng: np.random.Generator) -> Any:
+    """Return observations (n, d) this many (n, d) standard deviations off their mean in training;
+    cosines and sines of an angle are those of a random one."""
+    mean, deviation = policy.scale
+    seen = mean + deviation * spread
+    for cos, name in enumerate(policy.observed):
+        partner = name.replace("cos_", "sin_", 1)
+        if name.startswith("cos_") and partner in policy.observed:
+            angle = rng.uniform(-np.pi, np.pi, len(seen))
+            seen[:, cos], seen[:, policy.observed.index(partner)] = np.cos(angle), np.sin(angle)
+    return seen.astype(np.float32)
+
+
 def in_float64(policy: Any) -> Any:
-    """A policy of :func:`agents.models.load_policy`, turned to compute in float64 what its weights,
-    float32, give."""
+    """Let a policy of :func:`agents.models.load_policy` compute in float64; its weights stay those
+    of float32."""
     for module in policy.double().modules():
         if isinstance(module, BaseFeaturesExtractor):  # observations come to it as float32
             module.register_forward_pre_hook(lambda _, inputs: (inputs[0].double(),))
@@ -250,7 +241,7 @@ def scores_of(policy: PretrainedPolicy, episodes: int, seed: int = 0) -> dict[st
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     add = parser.add_argument
     add("run", help="a run's folder, a model's zip file with config.yml beside it, or the json "

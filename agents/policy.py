@@ -26,7 +26,7 @@ PAPER_PID = PID()
 
 
 class Policy(Protocol):
-    """What is scored: anything with Stable-Baselines3's ``predict``."""
+    """What is scored: anything with Stable-Baselines3's ``predict``, its defaults included."""
 
     def predict(
         self,
@@ -54,9 +54,10 @@ class TorquePolicy:
         observation: Any,
         state: Any = None,
         episode_start: Any = None,
-        deterministic: bool = True,
+        deterministic: bool = False,
     ) -> tuple[NDArray[np.float32], Any]:
-        """Actions (n, 1) or (1,) for observations (n, d) or (d,), and the state to pass back."""
+        """Actions (n, 1) or (1,) for observations (n, d) or (d,), and the state to pass back; a
+        controller has no noise, whatever ``deterministic`` says."""
         batch = np.atleast_2d(np.asarray(observation, dtype=float))
         starts = np.asarray(True if state is None else episode_start, dtype=bool)
         torque, state = self.controller(batch, state, np.broadcast_to(starts, len(batch)))

@@ -14,42 +14,46 @@ found by ``python -m agents.tune profile`` (:mod:`agents.profile_search`).
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from agents.columns import columns
 from agents.policy import Array, TorquePolicy
-from agents.walker_observation import COMMAND, COS_CRANK, CRANK_SPEED, LAG, SIN_CRANK
-from jansen_env.checks import positive
 
 DATA = Path(__file__).parent / "data" / "profile.json"
 
 NUMBERS = ("n0", "kp", "tau0", "g")
 """The first numbers of a profile, in rad/s, N m s/rad, N m, 1/m; then a_1 .. a_K, b_1 .. b_K."""
+READ = ("cos_crank_angle", "sin_crank_angle", "crank_speed", "speed_command", "lag")
+"""The observations that a profile reads; their columns come from :func:`agents.columns.columns`."""
 
 
-def columns(harmonics: int) -> tuple[str, ...]:
+def number_names(harmonics: int) -> tuple[str, ...]:
     """The names of a profile's numbers."""
     shape = [f"{letter}{k}" for letter in "ab" for k in range(1, harmonics + 1)]
     return (*NUMBERS, *shape)
 
 
-def profile_torque(numbers: Array, observation: Array, lag: int = LAG) -> Array:
+def profile_torque(numbers: Array, observation: Array, read: Sequence[int]) -> Array:
     """Torques (n,), N m, of profiles (n, 4 + 2 K) for observations (n, d), one each.
 
     A negative command walks the mirror image: crank angle pi - psi, speed, torque and lag reversed.
-    ``lag``: where the lag is in an observation.
+    ``read``: the columns of :data:`READ`.
     """
-    sign = np.where(observation[:, COMMAND] < 0.0, -1.0, 1.0)
+    cos, sin, rate, command, lag = (observation[:, column] for column in read)
+    sign = np.where(command < 0.0, -1.0, 1.0)
     speed, gain, bias, feedback = numbers[:, :4].T
     a, b = np.split(numbers[:, 4:], 2, axis=1)
-    turn = (sign * observation[:, COS_CRANK] + 1j * observation[:, SIN_CRANK]) ** 2
+    turn = (sign * cos + 1j * sin) ** 2
     harmonics = np.cumprod(np.repeat(turn[:, None], a.shape[1], axis=1), axis=1)  # exp(2 i k psi)
     shape = (a * harmonics.real + b * harmonics.imag).sum(axis=1)
-    wanted = speed * np.exp(shape + feedback * sign * observation[:, lag])
-    return sign * (gain * (wanted - sign * observation[:, CRANK_SPEED]) + bias)
+    wanted = speed * np.exp(shape + feedback * sign * lag)
+    return sign * (gain * (wanted - sign * rate) + bias)
 
 
 @dataclass(frozen=True)
@@ -106,17 +110,18 @@ class Profile:
         found[:, 0] *= np.maximum(size / commands[-1], 1.0)
         return found
 
-    def torque(self, observation: Array, lag: int = LAG) -> Array:
+    def torque(self, observation: Array, read: Sequence[int]) -> Array:
         """Torques (n,), N m, for observations (n, d) of a walker; before any limit.
 
-        ``lag``: where the lag is in an observation.
+        ``read``: the columns of :data:`READ`.
         """
-        return profile_torque(self.at(observation[:, COMMAND]), observation, lag)
+        command = observation[:, read[READ.index("speed_command")]]
+        return profile_torque(self.at(command), observation, read)
 
-    def policy(self, torque_limit: float, lag: int = LAG) -> TorquePolicy:
-        """Its stateless policy; ``torque_limit``: of the environment, N m; ``lag``: its place."""
-        limit = positive("torque_limit", torque_limit)
-        return TorquePolicy(lambda observation, *_: (self.torque(observation, lag), None), limit)
+    def policy(self, env: Any) -> TorquePolicy:
+        """Return its stateless policy for an unwrapped walker."""
+        read = columns(env, *READ)
+        return TorquePolicy(lambda seen, *_: (self.torque(seen, read), None), env.torque_limit)
 
 
 def load_profile(path: str | Path = DATA, robot: str = "paper") -> Profile:

@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 import cma
 import numpy as np
 
+from agents.columns import columns
 from agents.policy import Array, TorquePolicy
-from agents.profile import Profile, profile_torque
+from agents.profile import READ, Profile, profile_torque
 from agents.trials import ENV, Outcome, Trials
 
 COMMANDS = (0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.7, 0.8)  # m/s
@@ -119,7 +120,7 @@ def improve(
         weight = np.interp(commands, knots, np.eye(len(knots))[place])[:, None]
         asked = search.ask()
         numbers = rest.at(commands) + weight * decode(asked)[:, None]
-        policy = of_each(numbers.reshape(m * n, -1), trials.torque_limit)
+        policy = profiles(numbers.reshape(m * n, -1), trials.envs)
         seeds = rng.integers(2**31) + np.arange(n)
         out = trials.run(policy, *(np.tile(each, m) for each in (commands, seeds, angles)))
         search.tell(asked, -worth(out).reshape(m, n).mean(axis=1))
@@ -128,9 +129,11 @@ def improve(
     return decode(search.result.xfavorite)
 
 
-def of_each(numbers: Array, torque_limit: float) -> TorquePolicy:
-    """Robots with numbers (n, 4 + 2 K) of their own."""
-    return TorquePolicy(lambda seen, *_: (profile_torque(numbers, seen), None), torque_limit)
+def profiles(numbers: Array, envs: Any) -> TorquePolicy:
+    """Return a policy for n walkers, each with its own row of numbers (n, 4 + 2 K)."""
+    read = columns(envs, *READ)
+    return TorquePolicy(lambda seen, *_: (profile_torque(numbers, seen, read), None),
+                        envs.unwrapped.torque_limit)  # fmt: skip
 
 
 def same_gait(command: float, found: Mapping[float, Any]) -> dict[float, Any]:

@@ -137,7 +137,7 @@ def tune_profile(seed: int, path: Path, env_id: str = ENV, effort: float = 1.0) 
         "command": f"python -m agents.tune profile --env {env_id} --seed {seed} "
         f"--effort {effort:g}",
         "versions": versions(),
-        "columns": list(profile.columns(profile_search.HARMONICS)),
+        "columns": list(profile.number_names(profile_search.HARMONICS)),
     }
     total = len(commands) * sum(sweep.generations for sweep in sweeps)
     with tqdm(total=total, desc="profile", unit="generation") as bar:

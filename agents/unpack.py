@@ -19,7 +19,7 @@ from jansen_env.pretrained import PretrainedPolicy
 
 
 def load_sb3(env_id: str, name: str = pretrained.DEFAULT) -> BaseAlgorithm:
-    """A policy that comes with the package as a model, see :func:`to_sb3`.
+    """Load a policy that comes with the package as a model, see :func:`to_sb3`.
 
     Raises:
         ValueError: there is none of this name for the environment.
@@ -28,7 +28,7 @@ def load_sb3(env_id: str, name: str = pretrained.DEFAULT) -> BaseAlgorithm:
 
 
 def load_sb3_file(path: str | Path) -> BaseAlgorithm:
-    """A policy's JSON file and the file beside it as a model, see :func:`to_sb3`.
+    """Load a policy's JSON file and the file beside it as a model, see :func:`to_sb3`.
 
     Raises:
         ValueError: as of :func:`jansen_env.pretrained.load_file` and :func:`to_sb3`.
@@ -40,7 +40,7 @@ def load_sb3_file(path: str | Path) -> BaseAlgorithm:
 
 
 def to_sb3(packed: PretrainedPolicy) -> BaseAlgorithm:
-    """A policy as the model that it was trained as, on the environments of its training.
+    """Return a policy as the model that it was trained as, on the environments of its training.
 
     Networks are the trained ones, the critic's too; the optimiser starts anew.
 
@@ -54,7 +54,7 @@ def to_sb3(packed: PretrainedPolicy) -> BaseAlgorithm:
 
 
 def to_policy(packed: PretrainedPolicy) -> Policy:
-    """A policy as the one in PyTorch that it was packed of.
+    """Return a policy as the one in PyTorch that it was packed of.
 
     Raises:
         ValueError: its configuration is not allowed (see :func:`agents.config.check_config`), or
@@ -69,7 +69,7 @@ def to_policy(packed: PretrainedPolicy) -> Policy:
 
 
 def training_config(packed: PretrainedPolicy) -> dict[str, Any]:
-    """The configuration that a policy was trained with.
+    """Return the configuration that a policy was trained with.
 
     Raises:
         ValueError: it is not allowed (see :func:`agents.config.check_config`), or of another

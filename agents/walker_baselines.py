@@ -16,8 +16,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from agents import profile
+from agents.columns import columns
 from agents.policy import PAPER_PID, Array, Bools, Policy, TorquePolicy, pid_policy
-from agents.walker_observation import COMMAND, COS_CRANK, CRANK_SPEED, SIN_CRANK, place
 from jansen_env.control import PID
 from jansen_env.robot import BODIES, ROBOTS, Robot
 
@@ -49,22 +49,26 @@ def walking_pid(crank_speed: Setting, env: Any, pid: PID = PAPER_PID) -> Policy:
 
     It starts at the crank angle at which the episode starts (the paper's pi).
     """
+    cos, sin, rate, command = columns(
+        env, "cos_crank_angle", "sin_crank_angle", "crank_speed", "speed_command"
+    )
 
     def reference(seen: Array, memory: Any, starts: Bools) -> tuple[Array, Array, Any]:
-        angle = np.arctan2(seen[:, SIN_CRANK], seen[:, COS_CRANK])
+        angle = np.arctan2(seen[:, sin], seen[:, cos])
         last, target = memory or (angle, angle)  # unwrapped, rad
         last, target = np.where(starts, angle, last), np.where(starts, angle, target)
         unwrapped = last + ((angle - last + np.pi) % (2.0 * np.pi) - np.pi)
-        speed = crank_speed(seen[:, COMMAND])
+        speed = crank_speed(seen[:, command])
         after = (unwrapped, target + speed * env.control_dt)
-        return target - unwrapped, speed - seen[:, CRANK_SPEED], after
+        return target - unwrapped, speed - seen[:, rate], after
 
     return pid_policy(reference, env.torque_limit, env.control_dt, pid)
 
 
 def constant_torque(torque: Setting, env: Any) -> Policy:
     """The paper's conclusion as a policy: one constant torque for each command."""
-    return TorquePolicy(lambda seen, *_: (torque(seen[:, COMMAND]), None), env.torque_limit)
+    (command,) = columns(env, "speed_command")
+    return TorquePolicy(lambda seen, *_: (torque(seen[:, command]), None), env.torque_limit)
 
 
 def tuned_for(robot: Robot, tuned: Iterable[str]) -> str:
@@ -80,7 +84,7 @@ def searched_profile(env: Any) -> Policy:
     """Return the profile found for an environment's robot."""
     found = json.loads(profile.DATA.read_text(encoding="utf-8"))
     own = profile.load_profile(robot=tuned_for(env.robot, found))
-    return own.policy(env.torque_limit, place(env, "lag"))
+    return own.policy(env)
 
 
 def measured(name: str, robot: Robot) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents import export_c, export_check
+from agents.export import agreement, c_source
 from agents.pack import in_float64
 from agents.tasks import TASKS
 from agents.unpack import to_policy
@@ -104,13 +104,13 @@ def missing() -> list[str]:
 
 def cost(policy: PretrainedPolicy, single: bool, count: int) -> Cost:
     """Of a policy in float or in double, on so many observations."""
-    cases = export_check.make_cases(policy, count)
-    expected = export_check.actions_of(in_float64(to_policy(policy)), cases)
+    cases = agreement.make_cases(policy, count)
+    expected = agreement.actions_of(in_float64(to_policy(policy)), cases)
     texts = {
-        **export_c.sources(policy, "policy"),
-        "main.c": export_c.example("policy"),
+        **c_source.sources(policy, "policy"),
+        "main.c": c_source.example(policy, "policy"),
         "startup.c": STARTUP,
-        "observations.txt": export_check.as_text(cases),
+        "observations.txt": agreement.as_text(cases),
     }
     options = [COMPILER, *CORE, *(["-DPOLICY_SINGLE_PRECISION"] if single else [])]
     with tempfile.TemporaryDirectory() as folder:
@@ -133,7 +133,7 @@ def cost(policy: PretrainedPolicy, single: bool, count: int) -> Cost:
             "-Wl,--section-start=.vectors=0", "-o", "program", "startup.c", "main.c", "policy.o",
             "-lm")  # fmt: skip
         *actions, ticks = run(MACHINE, *BOARD, "-kernel", "program").split()
-    difference = export_check.largest_difference(np.array(actions, float), expected)
+    difference = agreement.largest_difference(np.array(actions, float), expected)
     return Cost(text_size + data_size, stack, PER_TICK * float(ticks), difference)
 
 

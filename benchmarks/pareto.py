@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from agents.policy import Array, Policy
 from agents.profile import load_profile
-from agents.profile_search import Sweep, decode, first_guess, make_search, of_each
+from agents.profile_search import Sweep, decode, first_guess, make_search, profiles
 from agents.trials import Outcome, Trials
 from agents.tune import versions
 from benchmarks import measure
@@ -58,7 +58,7 @@ def find(
     for _ in range(sweep.generations):
         angles = 2.0 * np.pi * (rng.permutation(n) + rng.random(n)) / n
         tried = search.ask()
-        policy = of_each(np.repeat(decode(tried), n, axis=0), trials.torque_limit)
+        policy = profiles(np.repeat(decode(tried), n, axis=0), trials.envs)
         seeds = np.tile(rng.integers(2**31) + np.arange(n), m)
         out = trials.run(policy, np.full(m * n, command), seeds, np.tile(angles, m))
         costs = loss(out, weight, (m, n))
@@ -85,7 +85,7 @@ def search(commands: tuple[float, ...], weights: tuple[float, ...], sweep: Sweep
                 found[weight] = find(start, command, weight, sweep, trials, bar)
             firsts[command] = found[weights[0]]
             fronts[f"{command:g}"] = [
-                {"weight": weight, **point(found[weight], command, trials.torque_limit),
+                {"weight": weight, **point(found[weight], command, trials.envs),
                  "numbers": found[weight].round(5).tolist()}
                 for weight in sorted(found)
             ]  # fmt: skip
@@ -93,9 +93,9 @@ def search(commands: tuple[float, ...], weights: tuple[float, ...], sweep: Sweep
     return fronts
 
 
-def point(found: Array, command: float, torque_limit: float) -> dict[str, float]:
+def point(found: Array, command: float, envs: Any) -> dict[str, float]:
     """Scores of numbers (4 + 2 K,) on starts that the search has not seen."""
-    policy = of_each(found[None].repeat(SCORED, axis=0), torque_limit)
+    policy = profiles(found[None].repeat(SCORED, axis=0), envs)
     return numbers(episodes(policy, np.full(SCORED, command)))
 
 

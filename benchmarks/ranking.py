@@ -21,6 +21,7 @@ import numpy as np
 from scipy.stats import rankdata, spearmanr
 from tabulate import tabulate
 
+from agents.columns import columns
 from agents.command_line import positive_int
 from agents.evaluate import load_named
 from agents.metrics import Episodes, point_estimates
@@ -29,7 +30,6 @@ from agents.policy import Array, Policy, TorquePolicy
 from agents.rollout import make_env, run_episodes
 from agents.tasks import WALKER
 from agents.walker_baselines import BASELINES, measured_setting, walking_pid
-from agents.walker_observation import COMMAND, CRANK_SPEED
 from jansen_env.control import PID
 from jansen_env.files import write_text
 from jansen_env.robot import Robot
@@ -49,10 +49,11 @@ def speed_control(gain: float) -> Callable[[Any], Policy]:
 
     def load(env: Any) -> Policy:
         setting = measured_setting("pid", Robot())
+        command, rate = columns(env, "speed_command", "crank_speed")
 
         def controller(seen: Array, *_: Any) -> tuple[Array, None]:
-            wanted = setting(seen[:, COMMAND])
-            return gain * (wanted - seen[:, CRANK_SPEED]) + 1.5 * wanted, None
+            wanted = setting(seen[:, command])
+            return gain * (wanted - seen[:, rate]) + 1.5 * wanted, None
 
         return TorquePolicy(controller, env.torque_limit)
 

@@ -33,7 +33,7 @@ class Plain:
     size: int
 
     def __call__(self, seen: Array) -> Array:
-        """(n, size) features."""
+        """Return features (n, size)."""
         return seen
 
 
@@ -51,11 +51,11 @@ class Normalized:
 
     @property
     def size(self) -> int:
-        """How many numbers."""
+        """Number of features."""
         return len(self.mean)
 
     def __call__(self, seen: Array) -> Array:
-        """(n, size) features."""
+        """Return features (n, size)."""
         return np.clip((seen - self.mean) / self.deviation, -self.clip, self.clip)
 
 
@@ -68,11 +68,11 @@ class Harmonics:
 
     @property
     def size(self) -> int:
-        """How many numbers."""
+        """Number of features."""
         return 2 * len(self.multiples)
 
     def __call__(self, seen: Array) -> Array:
-        """(n, size) features."""
+        """Return features (n, size)."""
         powers = (seen[:, :1] + 1j * seen[:, 1:2]) ** np.array(self.multiples, int)  # de Moivre
         return np.stack([powers.real, powers.imag], axis=-1).reshape(len(seen), -1)
 
@@ -93,5 +93,5 @@ class Layer:
     activation: str | None
 
     def __call__(self, values: Array) -> Array:
-        """(n, inputs) to (n, units)."""
+        """Return outputs (n, units) for inputs (n, inputs)."""
         return ACTIVATIONS[self.activation](values @ self.weight.T + self.bias)

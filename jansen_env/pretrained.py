@@ -93,7 +93,7 @@ class PretrainedPolicy:
         rows = _entry(description, "observation", list)
         self.observed = tuple(_entry(row, "name", str) for row in rows)
         self.units = tuple(_entry(row, "unit", str) for row in rows)
-        self._shown = len(self.observed)  # numbers in what it is given
+        self._columns, self._shown = [*range(len(rows))], len(rows)  # of what it is given
         self.scale: tuple[Any, Any] = (0.0, 1.0)
         self.features = self._read_features(_entry(network, "features", list))
         width = sum(block.size for block in self.features)
@@ -104,7 +104,7 @@ class PretrainedPolicy:
         self.squash: str = _known(SQUASH, "squash", network.get("squash"))
 
     def _read_features(self, blocks: list[Any]) -> list[Features]:
-        """What the network sees: functions of observations (n, d)."""
+        """Return what the network sees: functions of observations (n, d)."""
         found: list[Features] = []
         size = len(self.observed)
         for block in blocks:
@@ -133,7 +133,7 @@ class PretrainedPolicy:
         return found
 
     def _read_layers(self, layers: list[Any], width: int) -> list[Layer]:
-        """Layers, ``width``: inputs of the first one."""
+        """Return the layers; ``width``: inputs of the first one."""
         found = []
         for layer in layers:
             instance("a layer", layer, dict)
@@ -148,7 +148,7 @@ class PretrainedPolicy:
         return found
 
     def _tensor(self, part: dict[str, Any], key: str, shape: tuple[int, ...]) -> Array:
-        """The tensor that ``part`` names, of this shape."""
+        """Return the tensor that ``part`` names, of this shape."""
         name = _entry(part, key, str)
         if name not in self.tensors:
             raise ValueError(f"there is no tensor {shown(name)}")
@@ -157,24 +157,30 @@ class PretrainedPolicy:
         return self.tensors[name].astype(np.float64)
 
     def on(self, env: Any) -> PretrainedPolicy:
-        """This policy for an environment that may show more, behind what it observes.
+        """Return this policy for an environment that may show more; columns are found by name.
 
         Args:
             env: of one robot or many, as ``gym.make`` or ``gym.make_vec`` made it.
 
         Raises:
-            ValueError: the environment shows something else than what it observes.
+            ValueError: the environment does not show all that the policy observes, or its robot has
+                another number of toes.
         """
-        shown = [entry.name for entry in env.unwrapped.observed]
-        for i, own in enumerate(self.observed):
-            needed = shown[i] if i < len(shown) else "nothing"
-            if own != needed:
+        names = [entry.name for entry in env.unwrapped.observed]
+        for name in self.observed:
+            if name not in names:
                 raise ValueError(
-                    f"the policy of {self.env_id} observes {own} as number {i}, must observe "
-                    f"{needed} on this environment"
+                    f"the policy of {self.env_id} observes {name}, must be one of {names}, which "
+                    "this environment shows"
+                )
+        for name in names:
+            if name.startswith("toe_load_") and name not in self.observed:
+                raise ValueError(
+                    f"this environment shows {name}, which the policy of {self.env_id} does not "
+                    "observe: it has learnt on a robot with fewer toes"
                 )
         found = copy(self)
-        found._shown = len(shown)
+        found._columns, found._shown = [names.index(name) for name in self.observed], len(names)
         return found
 
     def predict(
@@ -182,13 +188,13 @@ class PretrainedPolicy:
         observation: Any,
         state: Any = None,
         episode_start: Any = None,
-        deterministic: bool = True,
+        deterministic: bool = False,
     ) -> tuple[NDArray[np.float32], Any]:
-        """Actions (n, 1) or (1,) for observations (n, d) or (d,), and the state as it is given.
+        """Return actions (n, 1) or (1,) for observations (n, d) or (d,), and the state as given.
 
         d: as many as are :attr:`observed`, or as the environment shows that was given to
         :meth:`on`. Computed in float64, and so the same on most processors once rounded to float32;
-        always without noise.
+        without noise, whatever ``deterministic`` says (the default is Stable-Baselines3's).
 
         Raises:
             ValueError: observations of another size.
@@ -196,7 +202,7 @@ class PretrainedPolicy:
         x, size = np.asarray(observation, dtype=np.float64), self._shown
         if x.ndim not in (1, 2) or x.shape[-1] != size:
             raise ValueError(f"observation has shape {x.shape}, must have ({size},) or (n, {size})")
-        batch = x.reshape(-1, size)[:, : len(self.observed)]
+        batch = np.take(x.reshape(-1, size), self._columns, axis=1)
         values = np.concatenate([block(batch) for block in self.features], axis=1)
         for layer in self.layers:
             values = layer(values)
@@ -206,7 +212,7 @@ class PretrainedPolicy:
 
 
 def names(env_id: str) -> list[str]:
-    """The policies that come with the package for an environment."""
+    """Return the names of the policies that come with the package for an environment."""
     known = {folder.name for folder in POLICIES.iterdir()}  # or an id could lead anywhere
     if not isinstance(env_id, str) or env_id not in known:
         return []
@@ -214,7 +220,7 @@ def names(env_id: str) -> list[str]:
 
 
 def shipped(env_id: str, name: str = DEFAULT) -> Path:
-    """Where the JSON file of a policy of the package is.
+    """Return the path of the JSON file of a policy of the package.
 
     Raises:
         ValueError: there is none of this name for the environment.
@@ -228,7 +234,7 @@ def shipped(env_id: str, name: str = DEFAULT) -> Path:
 
 
 def load(env_id: str, name: str = DEFAULT) -> PretrainedPolicy:
-    """A policy that comes with the package.
+    """Load a policy that comes with the package.
 
     Args:
         env_id: such as ``"JansenWalker-v0"``. name: one of :func:`names`.
@@ -240,7 +246,7 @@ def load(env_id: str, name: str = DEFAULT) -> PretrainedPolicy:
 
 
 def load_file(path: str | Path) -> PretrainedPolicy:
-    """A policy from its JSON file and the .safetensors file beside it. No code in them runs.
+    """Load a policy from its JSON file and the .safetensors file beside it. No code in them runs.
 
     Raises:
         ValueError: one of them is missing, too large or damaged, or they are not of one policy.
@@ -266,12 +272,12 @@ def load_file(path: str | Path) -> PretrainedPolicy:
 
 
 def checksum(data: bytes) -> str:
-    """SHA-256, which tells whether two files belong together."""
+    """Return the SHA-256, which tells whether two files belong together."""
     return hashlib.sha256(data).hexdigest()
 
 
 def _read(path: Path) -> bytes:
-    """A whole file, of bounded size."""
+    """Read a whole file, of bounded size."""
     with open_regular(path) as file:
         data = file.read(MAX_BYTES + 1)
     if len(data) > MAX_BYTES:
@@ -280,19 +286,19 @@ def _read(path: Path) -> bytes:
 
 
 def _reason(error: BaseException) -> str:
-    """What an error says, on one line."""
+    """Return an error's text, on one line."""
     return " ".join(str(error).split()) or type(error).__name__
 
 
 def _entry(part: Any, name: str, kind: type) -> Any:
-    """``part[name]``, which must be of a type."""
+    """Return ``part[name]``, which must be of a type."""
     instance("an entry", part, dict)
     instance(name, part.get(name), kind)
     return part[name]
 
 
 def _known(table: dict[Any, Any], name: str, value: Any) -> Any:
-    """``value``, which must be a name in a table."""
+    """Return ``value``, which must be a name in a table."""
     allowed: Sequence[Any] = list(table)
     if value not in allowed:
         raise ValueError(f"{name} is {shown(value)}, must be one of {allowed}")

@@ -17,7 +17,7 @@ import jansen_env  # noqa: F401
 from agents import evaluate, metrics, tune
 from agents.evaluate import load_named
 from agents.plots import plot_scores
-from agents.rollout import run_episodes
+from agents.rollout import make_env, run_episodes
 from agents.tasks import TASKS, WALKER
 from agents.walker_baselines import (
     BASELINES,
@@ -43,7 +43,10 @@ def walker():
 
 def motor(torque_limit):
     """What the baselines read of an environment."""
-    return SimpleNamespace(torque_limit=torque_limit, control_dt=0.02)
+    observed = make_env("JansenWalker-v0", {}).unwrapped.observed
+    env = SimpleNamespace(torque_limit=torque_limit, control_dt=0.02, observed=observed)
+    env.unwrapped = env
+    return env
 
 
 def observation(angle, speed, command):

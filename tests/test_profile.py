@@ -7,17 +7,19 @@ import pytest
 import scipy.stats
 
 from agents import profile_search, tune
+from agents.columns import columns
 from agents.evaluate import load_named
 from agents.metrics import point_estimates
 from agents.policy import TorquePolicy
-from agents.profile import Profile, load_profile, profile_torque
-from agents.profile_search import Sweep, improve, of_each, search_profile, triangular, worth
+from agents.profile import READ, Profile, load_profile, profile_torque
+from agents.profile_search import Sweep, improve, profiles, search_profile, triangular, worth
 from agents.rollout import make_env, run_episodes
 from agents.tasks import WALKER
 from agents.trials import Trials
-from agents.walker_observation import COMMAND, COS_CRANK, CRANK_SPEED, LAG
 
 ENV = "JansenWalker-v0"
+COLUMNS = columns(make_env(ENV, {}), *READ)
+COS_CRANK, _, CRANK_SPEED, COMMAND, LAG = COLUMNS
 
 
 def seen(commands, rng=None):
@@ -42,7 +44,7 @@ def test_interpolation():
     one = np.repeat(seen([0.3]), len(commands), axis=0)
     one[:, COMMAND] = commands
     one[:, LAG] *= np.where(commands < 0.0, -1.0, 1.0)
-    torque = shipped.torque(one)
+    torque = shipped.torque(one, COLUMNS)
     forwards = torque[commands >= 0.0]
     assert np.abs(np.diff(forwards)).max() < 0.3  # N m, for 0.0005 m/s
     fast = shipped.at(np.array([1.6]))[0]
@@ -53,10 +55,10 @@ def test_interpolation():
 def test_a_standing_robot_gets_no_torque():
     """At the command 0 the crank is braked, whichever way it turns."""
     observation = seen(np.zeros(50))
-    torque = load_profile().torque(observation)
+    torque = load_profile().torque(observation, COLUMNS)
     assert np.all(torque * observation[:, CRANK_SPEED] < 0.0)
     observation[:, CRANK_SPEED] = 0.0
-    assert np.all(load_profile().torque(observation) == 0.0)
+    assert np.all(load_profile().torque(observation, COLUMNS) == 0.0)
 
 
 def test_the_mirror_image_gets_the_mirrored_torque():
@@ -65,7 +67,9 @@ def test_the_mirror_image_gets_the_mirrored_torque():
     mirrored = observation.copy()
     mirrored[:, [COS_CRANK, CRANK_SPEED, COMMAND, LAG]] *= -1.0
     found = load_profile()
-    assert found.torque(mirrored) == pytest.approx(-found.torque(observation), abs=1e-12)
+    assert found.torque(mirrored, COLUMNS) == pytest.approx(
+        -found.torque(observation, COLUMNS), abs=1e-12
+    )
 
 
 def test_torque_is_the_documented_formula():
@@ -77,7 +81,7 @@ def test_torque_is_the_documented_formula():
     observation[0, [COMMAND, LAG]] = 0.3, lag
     shape = 0.3 * np.cos(1.4) - 0.2 * np.cos(2.8) + 0.1 * np.sin(1.4) + 0.4 * np.sin(2.8)
     expected = 5.0 * (1.2 * np.exp(shape + 0.8 * lag) - speed) + 2.0
-    assert profile_torque(numbers[None], observation) == pytest.approx(expected)
+    assert profile_torque(numbers[None], observation, COLUMNS) == pytest.approx(expected)
 
 
 def test_the_policy_keeps_nothing_and_knows_the_limit():
@@ -89,7 +93,7 @@ def test_the_policy_keeps_nothing_and_knows_the_limit():
     actions, state = policy.predict(observation)
     assert state is None
     assert np.array_equal(policy.predict(observation[::-1])[0][::-1], actions)
-    torque = np.clip(load_profile().torque(observation), -20.0, 20.0)
+    torque = np.clip(load_profile().torque(observation, COLUMNS), -20.0, 20.0)
     assert actions[:, 0] == pytest.approx(torque / 20.0, abs=1e-6)
     inside = np.abs(torque) < 20.0
     other = load_named("profile", strong).predict(observation)[0]
@@ -120,7 +124,9 @@ def test_the_search_improves_a_bad_start():
     found = improve({0.1: start}, 0.1, sweep, np.random.default_rng(0))
     trials = Trials(np.full(8, 0.8))
     values = [
-        worth(trials.run(of_each(own[None].repeat(8, 0), 20.0), np.full(8, 0.1), np.arange(8)))
+        worth(
+            trials.run(profiles(own[None].repeat(8, 0), trials.envs), np.full(8, 0.1), np.arange(8))
+        )
         for own in (start, found)
     ]
     assert values[1].mean() > values[0].mean() + 20.0

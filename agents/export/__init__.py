@@ -1,0 +1,130 @@
+"""Take a policy along: ``python -m agents.export RUN --to onnx --to c`` writes it for onnxruntime
+and as C99 source for a microcontroller, with a model card beside it.
+
+What is written has been compared with the policy in PyTorch on 10,000 observations; where an action
+differs by more than 1e-6 nothing is written.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from agents.evaluate import ALIASES, SHIPPED, evaluate
+from agents.export import agreement, c_source, onnx_model
+from agents.export.model_card import card
+from agents.pack import TOLERANCE, from_run, in_float64
+from agents.rollout import make_env
+from agents.tasks import DEFAULT, find_task
+from agents.unpack import to_policy
+from jansen_env import pretrained
+from jansen_env.files import write_bytes
+from jansen_env.pretrained import PretrainedPolicy
+
+KINDS = ("onnx", "c")
+CASES = 10_000  # observations on which is compared
+UNCHECKED = ("C in float", "PyTorch itself in float32")  # which are less exact, and say so
+
+
+def read(run: str, env_id: str | None = None) -> tuple[PretrainedPolicy, str]:
+    """Return a policy and how it is called.
+
+    Args:
+        run: a run's folder, a model's zip file, a policy's json file, ``"pretrained"`` or
+            ``"pretrained:NAME"``. env_id: of the last two; None for the default.
+
+    Raises:
+        ValueError: there is none, it is damaged, or it has a part that cannot be packed.
+    """
+    own = ALIASES.get(run, run)
+    if own.startswith(SHIPPED):
+        path = pretrained.shipped(env_id or DEFAULT, own.removeprefix(SHIPPED))
+        return pretrained.load_file(path), path.stem
+    if env_id is not None:
+        raise ValueError(f"--env is {env_id}, but {run} says itself what it was trained on")
+    if Path(run).suffix == ".json":
+        return pretrained.load_file(run), Path(run).stem
+    policy = from_run(run)
+    return policy, policy.description["training"]["config"]["algo"]
+
+
+def export(
+    run: str, kinds: tuple[str, ...], out: str | Path = "exports", name: str | None = None,
+    env_id: str | None = None, episodes: int = 10, seed: int = 0,
+    command: str = "python -m agents.export",
+) -> tuple[list[Path], dict[str, float | None]]:  # fmt: skip
+    """Write a policy and its model card into a folder.
+
+    Args:
+        run, env_id: see :func:`read`. kinds: of :data:`KINDS`. out: the folder.
+        name: of the files, and of functions in C; None for one such as jansen_walker_v0_ppo.
+        episodes, seed: of the scores, as of :func:`agents.evaluate.evaluate`.
+        command: what the card is to say of how it was written.
+
+    Returns:
+        The files, the card last; by how much actions differ at most from those of PyTorch in
+        float64, by what computes them, None for what could not be run here.
+
+    Raises:
+        ValueError: as of :func:`read`; the name is none for C; or what was made does not act as the
+            policy does. ModuleNotFoundError: ONNX is asked for, and its packages are not installed.
+    """
+    policy, own = read(run, env_id)
+    words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", f"{policy.env_id}_{own}").lower()
+    default = re.sub(r"[^a-z0-9]+", "_", words).strip("_")[:63]
+    name = c_source.check_name(default if name is None else name)
+    env = make_env(policy.env_id, policy.env_kwargs)
+    policy.on(env)
+    baselines = find_task(policy.env_id).baselines
+    policies: dict[str, Any] = {key: load(env.unwrapped) for key, load in baselines.items()}
+    env.close()
+    cases = agreement.make_cases(policy, CASES)
+    expected = agreement.actions_of(in_float64(to_policy(policy)), cases)
+    files: dict[str, bytes] = {}
+    actions: dict[str, Any] = {}
+    for kind in kinds:
+        made, found = {"onnx": _onnx, "c": _c}[kind](policy, name, cases)
+        files, actions = files | made, actions | found
+    actions[UNCHECKED[1]] = agreement.actions_of(to_policy(policy), cases)
+    differences = {
+        what: None if theirs is None else agreement.largest_difference(theirs, expected)
+        for what, theirs in actions.items()
+    }
+    for what, difference in differences.items():
+        if what not in UNCHECKED and (difference or 0.0) > TOLERANCE:
+            raise ValueError(
+                f"actions of {what} differ by {difference:.2g} from PyTorch's, must be {TOLERANCE} "
+                "at most: nothing was written"
+            )
+    told = {
+        "name": name, "run": run, "command": command, "onnx": "onnx" in kinds,
+        "example": c_source.example(policy, name) if "c" in kinds else "",
+        "differences": differences, "compared": len(cases), "observation": cases[len(cases) // 4],
+        "scores": evaluate({name: policy, **policies}, policy.env_id, policy.env_kwargs,
+                           episodes=episodes, seed=seed),
+        "episodes": episodes, "seed": seed,
+    }  # fmt: skip
+    files[f"{name}.md"] = card(policy, files, told).encode("utf-8")
+    return [write_bytes(Path(out) / file, data) for file, data in files.items()], differences
+
+
+def _onnx(policy: PretrainedPolicy, name: str, cases: Any) -> tuple[dict[str, bytes], Any]:
+    """Return the file, and its actions by onnx's reference implementation."""
+    from onnx.reference import ReferenceEvaluator  # only where it is asked for: a package more
+
+    model = onnx_model.build(policy, name)
+    actions = onnx_model.actions_of(ReferenceEvaluator(model), cases)
+    return {f"{name}.onnx": model.SerializeToString()}, {"ONNX": actions}
+
+
+def _c(policy: PretrainedPolicy, name: str, cases: Any) -> tuple[dict[str, bytes], Any]:
+    """Return the files, and their actions as this machine's compiler has them; None without one."""
+    texts = c_source.sources(policy, name)
+    single = (*agreement.OPTIONS, f"-D{name.upper()}_SINGLE_PRECISION")
+    actions: dict[str, Any] = {"C in double": None, UNCHECKED[0]: None}
+    if agreement.compiler() is not None:
+        program = {**texts, "main.c": c_source.example(policy, name)}
+        for what, options in zip(actions, (agreement.OPTIONS, single), strict=True):
+            actions[what] = agreement.actions_of_c(program, name, cases, options)
+    return {file: text.encode("ascii") for file, text in texts.items()}, actions

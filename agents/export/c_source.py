@@ -1,0 +1,114 @@
+"""A policy as C99 source for a microcontroller: no allocation, nothing needed but math.h.
+
+``NAME.h`` has limits, places of observations and a function; ``NAME.c`` the weights, as
+constants, and the code: the template is ``policy.c.in``. All is computed in double, or with
+NAME_SINGLE_PRECISION defined in float, which differs a little (see the model card).
+
+Texts of a policy's file come into comments and identifiers after :func:`comment` and
+:func:`places`, which leave nothing of them that C could take for code.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+import jansen_env
+from jansen_env.checks import shown
+from jansen_env.policy_network import Harmonics
+from jansen_env.pretrained import PretrainedPolicy
+
+TAKEN = ("main", "math", "stdio")  # files which NAME.c and NAME.h must not be taken for
+UNSAFE = re.compile(r"[^A-Za-z0-9 .,:;=+\-_()\[\]{}'/%^<>]")  # in a comment
+PER_LINE = 6  # numbers of an array
+
+
+def render(template: str, filters: dict[str, Any], **values: Any) -> str:
+    """Return a file of this folder, filled in by Jinja2, which may apply filters to values."""
+    env = Environment(
+        loader=PackageLoader("agents.export", ""), undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
+    env.filters |= filters
+    return env.get_template(template).render(values)
+
+
+def comment(text: Any, longest: int = 200) -> str:
+    """Return text for a C comment: letters, digits and what can neither end it nor begin one."""
+    return UNSAFE.sub("_", " ".join(str(text).split()))[:longest]
+
+
+def check_name(name: str) -> str:
+    """Return ``name``, if it is an identifier of C and no other file has it; or ValueError."""
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,62}", name, re.ASCII) or name in TAKEN:
+        raise ValueError(
+            f"name is {shown(name)}, must be letters, digits and _, a letter first, 63 at most, "
+            f"and none of {list(TAKEN)}"
+        )
+    return name
+
+
+def places(policy: PretrainedPolicy, name: str) -> list[str]:
+    """Return the names of an observation's numbers in C; two of the same are a ValueError."""
+    words = [re.sub(r"[^A-Z0-9]+", "_", seen.upper()).strip("_") for seen in policy.observed]
+    found = [f"{name.upper()}_OBS_{word or '_'}" for word in words]
+    if twice := sorted({one for one in found if found.count(one) > 1}):
+        raise ValueError(f"several observations would be {twice} in C, must have different names")
+    return found
+
+
+def sources(policy: PretrainedPolicy, name: str) -> dict[str, str]:
+    """Return the text of each file by its name.
+
+    Raises:
+        ValueError: the name is none for C, or two observations would have one.
+    """
+    check_name(name)
+    return {f"{name}.{part}": _part(policy, name, part) for part in ("h", "c")}
+
+
+def example(policy: PretrainedPolicy, name: str) -> str:
+    """Return a program that reads observations and prints actions."""
+    return _part(policy, name, "main.c")
+
+
+def _part(policy: PretrainedPolicy, name: str, part: str) -> str:
+    blocks = [block for block in policy.features if block.size]
+    sizes = [block.size for block in blocks]
+    values = {
+        "name": name, "policy": policy, "part": part, "version": jansen_env.__version__,
+        "places": places(policy, name), "limited": bool(np.isfinite(policy.limit)),
+        # Of each block its kind and where its features begin.
+        "blocks": [(type(block).__name__, block, sum(sizes[:k])) for k, block in enumerate(blocks)],
+        "harmonics": any(isinstance(block, Harmonics) for block in blocks),
+        "width": max(sum(sizes), *(len(layer.bias) for layer in policy.layers)),
+    }  # fmt: skip
+    filters = {"comment": comment, "single": _single, "real": _real, "array": _array}
+    return render("policy.c.in", filters, **values)
+
+
+def _single(value: float) -> str:
+    """Return a float's text in C."""
+    return f"{_point(str(np.float32(value)))}f"
+
+
+def _real(value: float) -> str:
+    """Return a number of the precision in which is computed."""
+    return f"R({_point(repr(float(value)))})"
+
+
+def _point(digits: str) -> str:
+    return digits if re.search(r"[.e]", digits) else f"{digits}.0"
+
+
+def _array(values: Any, name: str) -> str:
+    """Return a constant array: float where that has all of the numbers exactly."""
+    flat = np.ravel(values)
+    exact = np.array_equal(flat.astype(np.float32).astype(float), flat)
+    texts = [_single(value) if exact else _real(value) for value in flat]
+    lines = [", ".join(texts[i : i + PER_LINE]) for i in range(0, len(texts), PER_LINE)]
+    kind, body = "float" if exact else "real", ",\n    ".join(lines)
+    return f"static const {kind} {name}[{len(flat)}] = {{\n    {body}\n}};\n"

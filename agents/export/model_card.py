@@ -1,0 +1,136 @@
+"""Model cards: what a policy that is taken along is for, how to run it, and what it is worth.
+
+After Mitchell et al., "Model Cards for Model Reporting", FAT* 2019. The template is ``card.md.in``;
+all numbers come from the policy's file, its environment and its scores. Texts of a policy's file
+stand as code, in which Markdown finds nothing to act on (:func:`code`, :func:`block`).
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import math
+import shlex
+from importlib.metadata import metadata
+from typing import Any
+
+import numpy as np
+
+import jansen_env
+from agents.export.c_source import render
+from agents.metrics import INTERVALS, score_table
+from agents.rollout import make_env
+from agents.tasks import find_task
+from jansen_env.engine.task import FURTHEST_TARGET, LONGEST_MEAN, SHORTEST_MEAN
+from jansen_env.kinematics import advance_per_turn
+from jansen_env.policy_environment import arguments_of
+from jansen_env.policy_network import Normalized
+from jansen_env.pretrained import PretrainedPolicy, checksum
+
+
+def code(text: Any) -> str:
+    """Return text of any source as code within a line, also of a table."""
+    plain = "".join(c if c.isprintable() else "_" for c in " ".join(str(text).split()))
+    return f"`{plain.replace('`', chr(39)).replace('|', '/') or ' '}`"
+
+
+def block(text: str) -> str:
+    """Return text of any source as a block of code: lines indented, of which none can end it."""
+    lines = ["".join(c if c.isprintable() else "_" for c in line) for line in text.split("\n")]
+    return "\n".join(f"    {line}" for line in lines)
+
+
+def card(policy: PretrainedPolicy, files: dict[str, bytes], told: dict[str, Any]) -> str:
+    """Return the model card, in Markdown.
+
+    Args:
+        files: their content by name. told: ``name`` of the files; ``run``, where the policy is
+            from, as agents.evaluate takes it; ``command`` that exported it; whether there is
+            ``onnx``; the ``example`` in C, or ""; ``differences`` of actions to PyTorch's by what
+            computes them, None where not compared; ``compared``, on how many observations;
+            ``scores`` of :func:`agents.evaluate.evaluate` by policy, with ``episodes`` a command
+            and ``seed``; an ``observation`` (d,) that occurs, for the examples.
+    """
+    env: Any = make_env(policy.env_id, policy.env_kwargs).unwrapped
+    documents = [inspect.cleandoc(kind.__doc__ or "") for kind in type(env).__mro__]
+    task, training = find_task(policy.env_id), policy.description["training"]
+    numbers = [float(f"{x:.4g}") for x in told["observation"].tolist()]
+    commands = training.get("command")
+    own = {
+        "version": jansen_env.__version__,
+        "summary": documents[0].split("\n")[0],
+        "documented": [
+            document.split("## Observation Space\n")[1].split("\n## ")[0].strip()
+            for document in documents
+            if "## Observation Space\n" in document
+        ],
+        "clips": [block.clip for block in policy.features if isinstance(block, Normalized)],
+        "units": [policy.layers[0].weight.shape[1], *(len(a.bias) for a in policy.layers)],
+        "numbers": numbers,
+        "answer": f"{policy.predict(np.array(numbers, np.float32))[0][0]:.4f}",
+        "files": [("file", "bytes", "SHA-256")]
+        + [(code(file), len(data), code(checksum(data))) for file, data in files.items()],
+        "observation": _observation(policy),
+        "differences": [("computed by", "largest difference")]
+        + [(what, _number(value)) for what, value in told["differences"].items()],
+        "arguments": "\n".join(
+            f"{name}: {value}"
+            for name, value in {**arguments_of(policy.env_id), **policy.env_kwargs}.items()
+            if value is not None
+        ),
+        "training": {"steps": None, **training}
+        | {"command": commands if isinstance(commands, list) else ["(not recorded)"]},
+        "versions": json.dumps(policy.description.get("versions")),
+        "config": json.dumps(training["config"], indent=1),
+        "intervals": INTERVALS,
+        "scores": score_table(task.metrics, told["scores"]),
+        "evaluation": _evaluation(policy, told),
+        "licence": " ".join(metadata("jansen-env").get_all("License-Expression") or ["unknown"]),
+    }
+    values = {**told, **facts(env), **own, "policy": policy, "task": task}
+    env.close()
+    return render("card.md.in", {"code": code, "block": block}, **values)
+
+
+def _number(difference: float | None) -> str:
+    return "not compared here" if difference is None else f"{difference:.2g}"
+
+
+def facts(env: Any) -> dict[str, Any]:
+    """Return what the card says of an unwrapped environment's robot and sensors.
+
+    walks: whether it is a walker. clockwise: whether a positive action turns the crank so.
+    toes: of each one the side of its leg and how far, in degrees, its crank pin is ahead of the
+    first one's. path: m, what a quarter turn of the crank advances. noisy: whether sensors are.
+    """
+    advance = advance_per_turn(env.robot)
+    walks = "lag" in [entry.name for entry in env.observed]
+    sign, sides = math.copysign(1.0, advance), {"fore": "-x", "back": "+x"}
+    ahead = [round(math.degrees(sign * leg.phase) % 360.0, 3) for leg in env.robot.legs]
+    legs = zip(env.robot.legs, ahead, strict=True)
+    return {
+        "walks": walks, "clockwise": walks and sign < 0.0, "path": abs(advance) / 4.0,
+        "toes": [f"{sides[leg.side]}, {angle:g} degrees" for leg, angle in legs] if walks else [],
+        "furthest": FURTHEST_TARGET, "shortest": SHORTEST_MEAN, "longest": LONGEST_MEAN,
+        "noisy": env.spec.kwargs.get("noise", arguments_of(env.spec.id).get("noise")) is not None,
+    }  # fmt: skip
+
+
+def _observation(policy: PretrainedPolicy) -> list[tuple[Any, ...]]:
+    """Return a row for each number: its place, name, unit and spread in training."""
+    mean, deviation = (np.broadcast_to(each, len(policy.observed)) for each in policy.scale)
+    rows = zip(policy.observed, policy.units, mean, deviation, strict=True)
+    return [("place", "name", "unit", "in training, if normalized")] + [
+        (i, code(name), code(unit), f"{m:.3g} +- {s:.3g}")
+        for i, (name, unit, m, s) in enumerate(rows)
+    ]
+
+
+def _evaluation(policy: PretrainedPolicy, told: dict[str, Any]) -> str:
+    """Return the command that scores alike."""
+    words = ["python", "-m", "agents.evaluate", "--env", policy.env_id]
+    if policy.env_kwargs:
+        words += ["--env-kwargs", json.dumps(policy.env_kwargs)]
+    for name in (told["run"], *(name for name in told["scores"] if name != told["name"])):
+        words += ["--policy", name]
+    return shlex.join([*words, "--episodes", str(told["episodes"]), "--seed", str(told["seed"])])

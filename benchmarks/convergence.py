@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import measure
+from benchmarks import measure, walks
 from jansen_env import Terrain, paper_robot
 from jansen_env.plants.batch import DETECTION_INTERVAL, TIME_STEP
 from jansen_env.plants.projected import ProjectionPlant
@@ -67,7 +67,7 @@ class Setting:
         terrain = Terrain.flat(self.friction)
         if self.spacing:
             segments = round(SPAN / self.spacing)
-            terrain = measure.rough_ground(segments, self.spacing, seed, friction=self.friction)
+            terrain = walks.rough_ground(segments, self.spacing, seed, friction=self.friction)
         return ProjectionPlant(
             paper_robot(), terrain, self.time_step, detection_interval=self.detection_interval
         )
@@ -125,7 +125,7 @@ def walk(setting: Setting, number: int, starts: int, duration: float) -> Walk:
         work += result.motor_work
         left += abs(result.energy_residual)
         deepest = max(deepest, penetration(plant))
-        fell = fell or measure.fallen(plant, result)
+        fell = fell or walks.fallen(plant, result)
         if k == round(WINDOW / setting.control_dt):
             early = plant.x
     return Walk(early, plant.x, slip, work, left / work, deepest, float(fell))

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks import measure
+from benchmarks import measure, walks
 from benchmarks.probe import OURS, STAGES, Many, Single, Tree, robots
 from jansen_env import ROBOTS, Robot, paper_robot
 from jansen_env.cores import available_cores
@@ -44,7 +44,7 @@ def one(rounds: int, quick: bool) -> Part:
     steps = 200 if quick else 5000
     players = {
         FLAT: Single(OURS, steps),
-        ROUGH: Single(OURS, steps, terrain=measure.rough_ground(SEGMENTS)),
+        ROUGH: Single(OURS, steps, terrain=walks.rough_ground(SEGMENTS)),
         REAL: Single(OURS, steps, robot=real_robot()),
         MUJOCO: Single(MUJOCO, steps),
         BOX2D: Single(BOX2D, steps),
@@ -79,7 +79,7 @@ def many(rounds: int, quick: bool) -> Part:
     counts = (1, 4) if quick else (1, 4, 16, 64, 256, 1024, 4096)
     compared, steps = (4, 100) if quick else (256, 60_000)
     players: dict[tuple[str, int], Single | Many] = {("flat", n): robots(n, steps) for n in counts}
-    rough = measure.rough_ground(SEGMENTS)
+    rough = walks.rough_ground(SEGMENTS)
     players["rough", compared] = robots(compared, steps, terrain=rough)
     players["motor, bearings, feet", compared] = robots(compared, steps, robot=real_robot())
     players[SILENT, compared] = robots(compared, steps, info_keys=())
@@ -143,7 +143,7 @@ def size(rounds: int, quick: bool) -> Part:
     sweeps = {
         "legs": {n: walker(steps, n) for n in legs},
         "segments of the ground": {
-            n: walker(steps, terrain=measure.rough_ground(n, 100.0 / n)) for n in segments
+            n: walker(steps, terrain=walks.rough_ground(n, 100.0 / n)) for n in segments
         },
     }
     parts, panels = ["## Larger environments\n\nA step of 20 ms of a walk at 2.7 rad/s:"], []

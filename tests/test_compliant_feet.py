@@ -44,7 +44,7 @@ def test_command(tmp_path):
 
 def test_a_touchdown_depends_on_the_start():
     """So one start is not a number: the table has the range over all of them, and who fell."""
-    walks = [compliant_feet.Walked(1.0, 0.01, 300.0 + k, k == 2) for k in range(3)]
+    walks = [compliant_feet.Walk(1.0, 0.01, 300.0 + k, k == 2) for k in range(3)]
     found = compliant_feet.cells(walks, 100.0)
     assert found == ("1 of 3", "1.00", "0.010", "0.010", "300 to 301", "3.0")
     assert compliant_feet.cells(walks[2:], 100.0) == ("1 of 1", *[""] * 5)

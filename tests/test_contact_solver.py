@@ -40,16 +40,6 @@ def impulses(W, q, mu, guess=STICK):
     return P, u, mode
 
 
-def violation(W, q, mu, P):
-    """|P - projection of (P - u / W_ii) on the friction cone|, relative to the impulses at play."""
-    diagonal, u = np.diag(W), W @ P + q
-    moved = P - u / diagonal
-    bound = mu * np.maximum(P[0::2], 0.0)
-    normal, friction = np.maximum(moved[0::2], 0.0), np.clip(moved[1::2], -bound, bound)
-    worst = max(np.abs(P[0::2] - normal).max(), np.abs(P[1::2] - friction).max())
-    return worst / np.abs(q / diagonal).max()
-
-
 @pytest.mark.parametrize("mu", [0.1, 0.8, 2.0])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_stick_slip_threshold_is_exact(mu, sign):

@@ -58,11 +58,3 @@ def test_shares_of_ones_own(rng):
 def test_wrong_arguments_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         Curriculum(**arguments)
-
-
-@pytest.mark.parametrize(
-    "level, walked, commanded", [(10, 1.0, 1.0), (-1, 1.0, 1.0), (3, np.nan, 1.0), (3, 1.0, -1.0)]
-)
-def test_wrong_walks_are_refused(level, walked, commanded, rng):
-    with pytest.raises(ValueError, match=r"is .* must be"):
-        Curriculum().next_level(level, walked, commanded, rng)

@@ -295,18 +295,6 @@ def test_changed_sources_have_another_folder(places):
     assert after != before and Path(after).parent == places[2].resolve()
 
 
-@pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="where Linux keeps caches")
-def test_the_users_caches(monkeypatch, tmp_path):
-    """XDG_CACHE_HOME or ~/.cache; none without a home."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setenv("HOME", str(tmp_path))
-    assert jit._user_cache() == tmp_path / "cache"
-    monkeypatch.delenv("XDG_CACHE_HOME")
-    assert jit._user_cache() == tmp_path / ".cache"
-    monkeypatch.setenv("HOME", str(tmp_path / "nowhere"))
-    assert jit._user_cache() is None
-
-
 def test_folders_of_other_sources_are_removed_when_unused(places):
     """Those not used for 30 days, when a new one is made; all others stay."""
     long_ago = time.time() - 31 * 24 * 3600

@@ -98,30 +98,3 @@ def test_scores_by_level_are_written(tmp_path, capsys):
     assert set(found) == {"pid", "profile"} and set(found["pid"]) == {"0", "9"}
     assert (tmp_path / "levels.png").stat().st_size > 10_000
     assert "exact 95 % intervals" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    "arguments, message",
-    [
-        (["--env-kwargs", "{terrain: flat}"], "terrain_level"),
-        (["--env-kwargs", "{terrain: stairs}", "--levels", "10"], "10"),
-        (["--policy", "dog", "--env-kwargs", "{terrain: stairs}"], "'dog'"),
-    ],
-)
-def test_what_cannot_be_scored_is_refused(arguments, message, tmp_path, capsys):
-    common = ["--env", ENV, "--policy", "pid", "--episodes", "1", "--out", str(tmp_path)]
-    with pytest.raises(SystemExit):
-        levels.main([*common, *arguments])
-    assert message in capsys.readouterr().err
-
-
-def test_both_plants_stand_side_by_side(tmp_path):
-    """As policies of their own; the plants part slowly."""
-    levels.main([
-        "--env", ENV, "--env-kwargs", "{terrain: stumps, max_episode_steps: 5}", "--policy", "pid",
-        "--plant", "projection", "--plant", "rigid_body", "--levels", "2", "--episodes", "1",
-        "--out", str(tmp_path),
-    ])  # fmt: skip
-    found = json.loads((tmp_path / "levels.json").read_text())
-    costs = [found[f"pid on {plant}"]["2"]["transport"] for plant in ("projection", "rigid_body")]
-    assert costs[0] == pytest.approx(costs[1], rel=0.05) and costs[0] != costs[1]

@@ -141,12 +141,6 @@ def test_the_torque_shown_has_the_inputs_sign(robot):
     assert session.frame().torque == 10.0
 
 
-def test_the_torque_is_that_of_the_motor_at_once(session):
-    session.pause(True)
-    session.set("motor_strength", 0.5)
-    assert session.full_torque == 10.0
-
-
 def test_ground_and_robot_by_name():
     session = Session(seed=4)
     session.choose("terrain", "stairs")
@@ -190,25 +184,6 @@ def test_what_cannot_be_is_refused_and_changes_nothing(session):
     assert session.input == 0.0 and session.pace == 1.0 and not session.paused
     walk(session, 7.0)
     assert session.message == ""
-
-
-def test_a_built_robot_refuses_restitution():
-    session = Session("JansenWalkerHardcore-v0", terrain="flat")
-    assert session.choices["robot"] == "built"
-    assert not session.attempt("set", name="restitution", value=0.5)
-    assert "restitution" in session.message
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [({"env_id": "JansenCrank-v0"}, "env is 'JansenCrank-v0', must be one of"),
-     ({"robot": "tin"}, "robot is 'tin', must be one of"), ({"seed": -1}, "seed is -1"),
-     ({"terrain": "sea"}, "terrain is 'sea', must be one of"), ({"level": 1}, "must be 0 on flat"),
-     ({"control": "sac"}, "control is 'sac', must be one of")],
-)  # fmt: skip
-def test_arguments_are_checked(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        Session(**arguments)
 
 
 def test_a_push_moves_the_robot(session):

@@ -171,14 +171,6 @@ def test_toes_have_the_colours_of_their_contact(opened):
     assert len(seen) > 1
 
 
-def test_the_end_is_told(opened, recordings):
-    page = opened(shown=[replace(recordings[0], terminated=True)], **STILL).page
-    assert "ended" not in page.inner_text("#stage")
-    page.keyboard.press("End")
-    settled(page)
-    assert "ended at 2.00 s" in page.inner_text("#stage")
-
-
 def test_the_keyboard_is_enough(opened, recordings):
     page = opened(2, **STILL).page
     picture = page.locator("#stage canvas").first
@@ -310,37 +302,6 @@ def test_colours_are_the_readers(opened, scheme):
     assert darkness() == ((True, True) if scheme == "dark" else (False, False))
     page.emulate_media(color_scheme="light" if scheme == "dark" else "dark")
     assert darkness() == ((False, False) if scheme == "dark" else (True, True))
-
-
-def test_one_alone_has_no_ghost(opened):
-    page = opened(**STILL).page
-    page.keyboard.press("g")
-    settled(page)
-    assert page.locator("#stage canvas:visible").count() == 1
-    assert page.get_attribute("#ghosts", "aria-pressed") == "false"
-    assert page.get_attribute("#time", "aria-live") == "off"  # not read out while it plays
-
-
-def test_each_has_its_own_command(opened, recordings):
-    """As a dashed line in the plot of the speeds, whichever is longer."""
-    picture = opened(shown=recordings, **STILL).page.locator("#plots canvas").nth(2)
-    before = picture.evaluate(PIXELS)
-    other = replace(recordings[1], command=np.full(len(recordings[1].time), 0.7))
-    assert (
-        opened(shown=[recordings[0], other], **STILL)
-        .page.locator("#plots canvas")
-        .nth(2)
-        .evaluate(PIXELS)
-        != before
-    )
-
-
-def test_other_grounds_are_no_ghosts(opened, recordings):
-    hill = recorded("JansenWalker-v0", "uphill", 0.1, terrain="slope:0.05")
-    page = opened(shown=[recordings[0], hill], **STILL).page
-    assert page.locator("#ghosts").is_disabled()
-    page.keyboard.press("g")
-    assert page.locator("#stage canvas:visible").count() == 2
 
 
 def test_the_crank_has_no_ground(opened):

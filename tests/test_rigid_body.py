@@ -21,7 +21,6 @@ from jansen_env.plants.fixed_base import FixedBasePlant
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.rigid_body import TIME_STEP, RigidBodyPlant
 
-
 FLYING = np.array([0.3, 5.0, 0.2, 1.1, 0.4, 1.0, -0.7, 2.0])
 """A state high above the ground, everything moving."""
 
@@ -297,18 +296,6 @@ def test_states_of_the_task_are_read_and_set():
     assert (seen[0] == seen[1]).all()
     seen = [env.step(np.array([0.5], np.float32))[0] for env in envs]
     assert (seen[0] == seen[1]).all()
-
-
-def test_what_it_does_not_know_is_refused():
-    """Forces in joints, and plants of another name."""
-    with pytest.raises(ValueError, match="plant='projection' only"):
-        JansenWalkerEnv(plant="rigid_body", track_joint_forces=True)
-    with pytest.raises(ValueError, match="plant='projection' only"):
-        JansenWalkerEnv(plant="rigid_body").joint_forces()
-    with pytest.raises(ValueError, match="plant is 'mujoco'"):
-        JansenWalkerEnv(plant="mujoco")
-    with pytest.raises(ValueError, match=r"control_dt is 0\.0003"):
-        JansenWalkerEnv(plant="rigid_body", control_dt=0.0003)
 
 
 def test_it_can_be_drawn():

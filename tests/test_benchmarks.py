@@ -94,10 +94,10 @@ def test_what_cannot_be_measured_is_refused(arguments, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("main", "needs", "arguments", "written"),
     [
-        (speed.main, ("mujoco", "Box2D"), ["--only", "one", "many", "size"], "speed"),
+        (speed.main, ("mujoco", "Box2D"), ["--only", "one", "many", "size", "worlds"], "speed"),
         (ppo.main, ("stable_baselines3", "mujoco"), [], "ppo"),
         (workers.main, ("stable_baselines3",), [], "workers"),
-        (convergence.main, (), [], "convergence time_step detection_interval"),
+        (convergence.main, (), [], "convergence"),
         (plants.main, (), [], "plants walks"),
         (plants.main, (), ["--machines"], "machines"),
         (built_robot.main, (), ["--plant", "rigid_body"], "motors_rigid_body"),

@@ -275,14 +275,6 @@ def test_commands_are_drawn_from_the_range_of_the_environment():
         assert kstest(commands, "uniform", args=(0.05, 0.75)).pvalue > 0.01
 
 
-def test_scores_without_distance_are_none():
-    """No ratio per metre for a robot that stands."""
-    run = made_episodes()
-    run["distance"][:] = 0.0
-    summary = metrics.summarise(WALKER.metrics, run, TEN_SECONDS)
-    assert summary["overall"]["slip_per_metre"] == [None] * 3
-
-
 def test_bootstrap_resamples_within_each_command():
     """Spread between the commands widens no interval; a seed gives the same one again; of one
     episode per command there is none."""

@@ -55,18 +55,6 @@ def test_the_papers_pid_does_what_the_paper_does(env):
     assert measured == pytest.approx([0.919, 2.088, 1.525], abs=1e-3)
 
 
-def test_constant_torque_feeds_the_joints_friction(env):
-    """Its power at the commanded speed is what the joints take over a turn at that speed."""
-    inverse, constant = (BASELINES[n](env.unwrapped) for n in ("inverse", "constant"))
-    seen = np.array([[1.0, 0.0, 0.0, 0.0, w] for w in (1.0, 2.0, -1.0, 9.0)])
-    torque = constant.predict(seen)[0][:, 0] * env.unwrapped.torque_limit
-    assert torque[1:] == pytest.approx([2 * torque[0], -torque[0], 5.0])
-    _, _, energies = follow(env, inverse, seconds=12.0)
-    turn = round(2.0 * np.pi / env.unwrapped.control_dt)
-    loss = sum(e["joint_loss"] for e in energies[-turn:])
-    assert torque[0] * 2.0 * np.pi == pytest.approx(loss, rel=2e-3)
-
-
 def test_inverse_dynamics_needs_no_feedback_once_it_follows(env):
     """After the start the error is next to nothing, at a torque below the PID's."""
     error, torque, _ = follow(env, BASELINES["inverse"](env.unwrapped))

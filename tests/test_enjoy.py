@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 import imageio.v3 as iio
 import numpy as np
 import pytest
@@ -20,22 +18,6 @@ def invisible(monkeypatch, tmp_path):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-def test_a_display_is_looked_for(monkeypatch):
-    """By X's and Wayland's variables; SDL's invisible windows are none."""
-    monkeypatch.setattr(sys, "platform", "linux")
-    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
-        monkeypatch.delenv(name, raising=False)
-    assert not enjoy.display()
-    monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-0")
-    assert enjoy.display()
-    monkeypatch.setenv("SDL_VIDEODRIVER", "offscreen")
-    assert not enjoy.display()
-    monkeypatch.delenv("SDL_VIDEODRIVER")
-    monkeypatch.delenv("WAYLAND_DISPLAY")
-    monkeypatch.setattr(sys, "platform", "darwin")
-    assert enjoy.display()
 
 
 def test_without_a_display_there_is_a_film(invisible, capsys):

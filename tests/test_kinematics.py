@@ -18,7 +18,6 @@ from jansen_env.kinematics import (
     P,
     T,
     advance_per_turn,
-    check_closure,
     coordinates,
     joint_positions,
 )
@@ -103,11 +102,6 @@ def test_joints_move_without_jumps(robot):
     steps = np.hypot(*np.moveaxis(np.diff(joints, axis=0), -1, 0))
     assert steps.max() < 0.02
     assert steps[:, T].max() > 1e-4  # and the toe does move
-
-
-def test_built_in_designs_turn(robot):
-    """No closure error at half the default sampling interval either."""
-    check_closure(robot, samples=1440)
 
 
 @pytest.mark.parametrize(("name", "advance"), [("paper", 0.658), ("holy", -0.980)])

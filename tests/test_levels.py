@@ -44,16 +44,6 @@ def test_numbers_of_a_level():
     assert found.slip == pytest.approx(0.36 / 3.6) and found.transport == pytest.approx(0.4)
 
 
-def test_grounds_that_any_policy_masters():
-    """Three of four, where one masters the first two and the other one the second two but one."""
-    rows = [
-        levels.Score(levels.share(np.array(won)), (0.0, 0.0, 0.1), None, None, won)
-        for won in ((True, True, False, False), (False, True, True, False))
-    ]
-    table = levels.success_table({"a": {3: rows[0]}, "b": {3: rows[1]}})
-    assert "any of them" in table and "| 0.75 [" in table and table.count("0.50 [") == 2
-
-
 def test_each_episode_has_its_options():
     """Levels differ side by side as they do alone."""
     seeds, commands = np.array([5, 6, 7]), np.full(3, 0.4)

@@ -71,18 +71,6 @@ def test_loads_of_a_massless_bar_are_tension_or_compression(robot, random_state,
         assert np.abs(one).max() > 1e-3 * scale  # and it does carry
 
 
-def test_link_loads_are_corner_forces_turned(laden, random_state, rng):
-    """axial + i shear = force / unit vector from centre to corner; bars: along the bar."""
-    q, v, torque, contact = draw(laden, random_state, rng)
-    forces = joint_forces(laden, q, v, torque, contact)
-    force, loads = (f @ [1.0, 1.0j] for f in (forces.corner_forces(), forces.link_loads()))
-    for k, (body, joint) in enumerate(CORNERS):
-        along = forces.joints[:, JOINTS.index(joint)] - forces.centres[:, body - 1]
-        along = along @ [1.0, 1.0j]
-        expected = force[:, k] * np.abs(along) / along
-        assert np.abs(loads[:, k] - expected).max() <= 1e-9 * np.abs(force).max()
-
-
 @pytest.mark.parametrize("side", ["fore", "back"])
 def test_pins_are_the_papers_constraints(robot, side):
     """Each pair of rows is x_body - x_other + ..., closed at the joint the pin is named after."""

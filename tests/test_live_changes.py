@@ -164,15 +164,6 @@ def test_a_robot_is_pushed_whatever_the_others_do(mode):
     assert [own[0] for own in work] == [0.0, 0.0] and work[1][1] != 0.0
 
 
-def test_there_is_nothing_to_push_where_the_frame_is_held():
-    env = gym.make("JansenCrank-v0").unwrapped
-    with pytest.raises(gym.error.ResetNeeded):
-        env.push((1.0, 0.0))
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match="the robot is held"):
-        env.push((1.0, 0.0))
-
-
 def test_what_is_drawn_can_be_had():
     env = begun()
     assert env.scene()["robot"] == jansen_env.ROBOTS["paper"]()

@@ -205,12 +205,6 @@ def test_lists_and_buttons_by_keys_and_by_the_pointer(window):
         reads(page, "input-value", r"^0\.0 N m$")
 
 
-def test_what_changes_all_the_time_is_not_read_out(window):
-    found = window.page.locator("output")
-    assert found.count() == 6
-    assert {*found.evaluate_all("all => all.map((one) => one.ariaLive)")} == {"off"}
-
-
 def test_it_comes_back_when_the_program_does(window):
     page = window.page
     stop(window.process)

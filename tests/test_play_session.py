@@ -28,22 +28,6 @@ def session():
     one.close()
 
 
-def actions_of(session, monkeypatch):
-    """The list to which the environment's actions will be added."""
-    given, step = [], session._env.step
-    monkeypatch.setattr(session._env, "step", lambda a: given.append(float(a[0])) or step(a))
-    return given
-
-
-def test_the_input_is_the_torque(session, monkeypatch):
-    given = actions_of(session, monkeypatch)
-    session.steer(-0.3)
-    assert walk(session, 0.2) == 10
-    assert given == pytest.approx([-0.3] * 10)
-    limit = session.env.torque_limit
-    assert session.frame().torque == pytest.approx(-0.3 * limit)
-
-
 def test_a_key_lets_the_torque_grow_and_go_back(session):
     session.hold(1)
     walk(session, 0.1)
@@ -243,12 +227,3 @@ def test_a_simulation_that_diverges_waits_for_a_reset(session, monkeypatch):
     monkeypatch.undo()
     session.reset()
     assert session.advance(0.1) == 5 and session.message == ""
-
-
-@pytest.mark.parametrize("env_id", ["JansenWalkerRough-v0", "JansenWalkerHardcore-v0"])
-def test_worlds_and_their_policies(env_id):
-    session = Session(env_id, control="ppo", level=2)
-    assert session.choices["terrain"] == "mixed" and session.top_speed == 0.5
-    session.steer(0.6)
-    walk(session, 4.0)
-    assert session.score().distance > 0.3

@@ -21,7 +21,7 @@ import pygame_gui as gui
 
 from jansen_env.play import window as module
 from jansen_env.play.session import Session
-from jansen_env.play.window import CLICK_PUSH, DEAD_ZONE, PUSH_PER_PIXEL, WINDOW, Window
+from jansen_env.play.window import CLICK_PUSH, PUSH_PER_PIXEL, WINDOW, Window
 from jansen_env.rendering import FORCE, SIZE, SKY
 
 
@@ -174,20 +174,6 @@ def test_a_fall_is_shown_and_a_start_offered(window):
     assert (pixels(window)[400:500, 485:515] != before[400:500, 485:515]).any()
     click(window, reset.rect.center)
     assert not session.fallen and not reset.is_selected and session.message == ""
-
-
-def test_a_gamepad_is_the_input(window):
-    def move(value):
-        pg.event.post(pg.event.Event(pg.JOYAXISMOTION, axis=0, value=value))
-        turns(window)
-
-    move(-0.5)
-    assert window.session.input == -0.5
-    move(DEAD_ZONE / 2)
-    assert window.session.input == 0.0
-    pg.event.post(pg.event.Event(pg.JOYBUTTONDOWN, button=0))
-    turns(window)
-    assert window.session.score().time <= 0.02
 
 
 def test_time_is_real_however_long_a_picture_takes(window):

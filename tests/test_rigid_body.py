@@ -296,13 +296,3 @@ def test_states_of_the_task_are_read_and_set():
     assert (seen[0] == seen[1]).all()
     seen = [env.step(np.array([0.5], np.float32))[0] for env in envs]
     assert (seen[0] == seen[1]).all()
-
-
-def test_it_can_be_drawn():
-    """Where a toe touches, the drawn contact point lies on the ground."""
-    plant = plant_on(Terrain.slope(0.1))
-    plant.reset()
-    points, tangents = plant.contact_frames()
-    lowest = plant.lookahead().contact_force[:, 1].argmax()
-    assert points[lowest, 1] == pytest.approx(math.tan(0.1) * points[lowest, 0], abs=1e-6)
-    np.testing.assert_allclose(tangents[lowest], [math.cos(0.1), math.sin(0.1)], atol=1e-6)

@@ -337,17 +337,6 @@ def test_pushes_at_random_come_from_the_argument_and_only_from_it():
     assert not any(info["energy"]["push_work"] for info in infos)
 
 
-def test_a_refused_schedule_changes_nothing():
-    env = walker(push=Push())
-    env.reset(seed=0)
-    before = env.get_state()
-    with pytest.raises(ValueError, match=r"options\['pushes'\]"):
-        env.reset(options={"pushes": [(-1.0, 1.0, 0.0)]})
-    np.testing.assert_array_equal(env.get_state()["plant"], before["plant"])
-    with pytest.raises(ValueError, match=r"state\['pushes'\]"):
-        env.set_state({**before, "pushes": [(1.0, 2.0)]})
-
-
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [

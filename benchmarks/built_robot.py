@@ -80,17 +80,15 @@ class Loads(NamedTuple):
     fell: Array
 
 
-def loads_of_walk(
-    robot: Robot, speed: float, duration: float, start: float, time_step: float = FINE_STEP
-) -> Loads:
+def loads_of_walk(robot: Robot, speed: float, duration: float, start: float) -> Loads:
     """Walk on the projection plant, traced, with a fine time step."""
-    plant, rows = ProjectionPlant(robot, Terrain.flat(), time_step), []
+    plant, rows = ProjectionPlant(robot, Terrain.flat(), FINE_STEP), []
     plant.tracing = True
     found = walk(plant, speed, duration, start, watch=lambda _: rows.append(plant.trace.copy()))
     traced = np.concatenate(rows)
-    forces = trace_forces(plant.tables, traced, time_step)
+    forces = trace_forces(plant.tables, traced, FINE_STEP)
     size = forces.magnitude
-    contact = np.abs(traced["impulses"][:, : plant.toes]) / time_step
+    contact = np.abs(traced["impulses"][:, : plant.toes]) / FINE_STEP
     turned = turning(robot, traced["pose"][:, 3])
     constant = (turned @ np.array(robot.bearing_friction)).sum(axis=1)
     load = size[..., [pin_of(pair) for pair in BEARINGS]]
@@ -105,17 +103,13 @@ def loads_of_walk(
 
 
 def loads_of_walks(
-    robot: Robot,
-    speeds: tuple[float, ...],
-    duration: float,
-    number: int = STARTS,
-    time_step: float = FINE_STEP,
+    robot: Robot, speeds: tuple[float, ...], duration: float, number: int = STARTS
 ) -> dict[float, Loads]:
     """The loads at each crank speed; every field has the starts first."""
     found = {}
     for speed in speeds:
-        walks = [loads_of_walk(robot, speed, duration, a, time_step) for a in starts(number)]
-        found[speed] = Loads(*(np.stack(field) for field in zip(*walks, strict=True)))
+        each = [loads_of_walk(robot, speed, duration, angle) for angle in starts(number)]
+        found[speed] = Loads(*(np.stack(field) for field in zip(*each, strict=True)))
     return found
 
 
@@ -210,24 +204,6 @@ def rod_table(robot: Robot, loads: dict[float, Loads]) -> str:
     return table(heading(("rod", "buckles at (N)"), loads), rows)
 
 
-def step_table(robot: Robot, coarse: dict[float, Loads], fine: dict[float, Loads]) -> str:
-    """Medians of the largest loads with two time steps."""
-    lines: list[tuple[str, Callable[[Loads], Array]]] = [
-        ("foot, load (N)", lambda f: f.normal),
-        ("foot, shear (N)", lambda f: f.shear),
-        ("any pin (N)", lambda f: f.largest.max(axis=1)),
-        ("least safety against buckling", lambda f: safety(robot, f).min(axis=1)),
-    ]
-    rows = []
-    for name, of in lines:
-        cells = []
-        for speed in coarse:
-            before, after = float(np.median(of(coarse[speed]))), float(np.median(of(fine[speed])))
-            cells.append(f"{before:.3g}, {after:.3g} ({100.0 * (after / before - 1.0):+.1f} %)")
-        rows.append((name, *cells))
-    return table(heading(("median of the largest",), coarse), rows)
-
-
 def largest_compression(forces: JointForces, name: str) -> float:
     """The largest push along a rod, N: the mean of its ends'."""
     body = BODIES.index(name) + 1
@@ -284,7 +260,6 @@ def main(arguments: list[str] | None = None) -> None:
     if found.plant == "projection":
         print(parts_table(robot), "\n")
         loads = loads_of_walks(robot, loaded, duration, number)
-        finer = loads_of_walks(robot, loaded, duration, number, 0.5 * FINE_STEP)
         measure.report(
             found.out / "loads.md",
             "# Loads of the built robot",
@@ -303,8 +278,6 @@ def main(arguments: list[str] | None = None) -> None:
             "## Friction of the bearings",
             "Of all of them, on the crank; by load: 0.11 x 3 mm x the pin's force.",
             friction_table(loads),
-            f"## Half the time step\n\n{1e3 * FINE_STEP:g} ms, and {5e2 * FINE_STEP:g} ms.",
-            step_table(robot, loads, finer),
         )
     measure.report(
         found.out / ("motors.md" if found.plant == "projection" else f"motors_{found.plant}.md"),

@@ -64,7 +64,7 @@ def walk(
     Args:
         duration, settle: s measured, and before that. start: crank angle at first, rad.
         limit: of the torque asked for, N m. windup_limit: the same, for the PID's integral.
-        watch: called with the result of each measured step.
+        watch: called with the result of each measured step, also of one that ends in a fall.
     """
     plant.reset(crank_angle=start)
     pid, motor, reference, integral = PID(), plant.robot.motor, start, np.zeros(())
@@ -84,6 +84,8 @@ def walk(
         reference += speed * CONTROL_DT
         result = plant.step(torque, CONTROL_DT)
         gap = max(gap, result.joint_gap)
+        if watch is not None and k >= steps[0]:
+            watch(result)
         fell = fallen(plant, result)
         if fell:
             break
@@ -92,8 +94,6 @@ def walk(
             slip += float(result.slip.sum())
             torques.append(float(motor.torque(torque, rate)))
             heights.append(float(plant.state[1] - plant.terrain.height(plant.x)))
-            if watch is not None:
-                watch(result)
     if not torques:
         return Walked(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, gap, fell)
     distance, measured = plant.x - x, CONTROL_DT * len(torques)

@@ -12,18 +12,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import measure
+from benchmarks import measure, walks
 from benchmarks.built_parts import parts_table
-from benchmarks.measure import fallen, table
+from benchmarks.measure import table
+from benchmarks.walks import SETTLE, Walked, whole_half_turns
 from jansen_env import MOTORS, Robot, Terrain, built, built_robot
-from jansen_env.control import PID
 from jansen_env.dynamics.joint_forces import CORNERS, PINS, JointForces
-from jansen_env.gravity import GRAVITY
 from jansen_env.kinematics import coordinates
 from jansen_env.plants.base import Plant
 from jansen_env.plants.make import PLANTS, make_plant
@@ -35,36 +34,12 @@ Array = NDArray[np.float64]
 
 SPEEDS: tuple[float, ...] = (0.5, 1.0, 2.0, 3.0, 4.0, 6.0)  # of the crank, rad/s
 LOADED: tuple[float, ...] = (1.0, 2.0, 2.5, 3.0, 4.0)  # rad/s, of the walks whose loads are shown
-DURATION, SETTLE = 6.0, 2.0  # s, measured and before that
-CONTROL_DT = 0.02  # s
+DURATION = 6.0  # s
 FINE_STEP = 2.5e-4  # s, that resolves touchdowns
 STARTS = 10  # crank angles, over half a turn: after that the legs have swapped
 BUCKLING_FACTOR = 3.0  # of safety that a rod shall have
 RATED = {"ak80_6": 6.0, "mx_106": 8.4 / 5.0, "xm540_w270": 10.6 / 5.0}  # N m, continuous
 RODS = ("upper_rod", "rocker", "lower_rod", "coupler")
-
-
-class Walked(NamedTuple):
-    """What came out of a walk; of one that fell, until then.
-
-    Attributes:
-        speed: m/s. crank_speed: mean, rad/s. rms_torque, peak_torque: of the motor, N m. slip: m a
-            metre. mechanical, electrical: cost of transport. fell: whether it did.
-        forces: in the joints, of every time step, where asked for; contact: (steps, toes, 2) force
-            of the ground along it and up, N; angles: (steps,) of the crank, rad.
-    """
-
-    speed: float
-    crank_speed: float
-    rms_torque: float
-    peak_torque: float
-    slip: float
-    mechanical: float
-    electrical: float
-    fell: bool
-    forces: JointForces | None = None
-    contact: Array | None = None
-    angles: Array | None = None
 
 
 def starts(number: int = STARTS) -> list[float]:
@@ -73,56 +48,14 @@ def starts(number: int = STARTS) -> list[float]:
 
 
 def walk(
-    plant: Plant, speed: float, duration: float, trace: bool = False, start: float = 0.0
+    plant: Plant, speed: float, duration: float, start: float = 0.0, **arguments: Any
 ) -> Walked:
-    """Walk under the paper's PID, at a crank speed (rad/s), for so long (s) after settling.
-
-    To be exact, for the nearest whole number of the crank's half turns. ``start``: the crank's
-    angle at first, rad.
-    """
-    half_turn = math.pi / speed
-    duration = max(1, round(duration / half_turn)) * half_turn
-    plant.reset(crank_angle=start)
-    pid, reference, integral, motor = PID(), start, np.zeros(()), plant.robot.motor
-    work = drawn = slip = square = peak = 0.0
-    x = crank = 0.0
-    rows, fell, k = [], False, 0
-    settle, steps = round(SETTLE / CONTROL_DT), round((SETTLE + duration) / CONTROL_DT)
-    if isinstance(plant, ProjectionPlant):
-        plant.tracing = trace
-    for k in range(steps):
-        angle, rate = plant.state[[3, 7]].tolist()
-        if k == settle:
-            work = drawn = slip = square = peak = 0.0
-            x, crank = plant.x, angle
-        asked, integral = pid.torque(
-            reference - angle, speed - rate, integral, CONTROL_DT, motor.torque_limit
-        )
-        reference += speed * CONTROL_DT
-        asked = np.clip(asked, -motor.torque_limit, motor.torque_limit)
-        used = float(motor.torque(asked, rate))
-        result = plant.step(float(asked), CONTROL_DT)
-        work, drawn = work + abs(result.motor_work), drawn + result.electrical_work
-        slip, square, peak = slip + float(result.slip.sum()), square + used**2, max(peak, abs(used))
-        if isinstance(plant, ProjectionPlant) and trace and k >= settle:
-            rows.append(plant.trace.copy())
-        fell = fallen(plant, result)
-        if fell:
-            break
-    count = max(1, k + 1 - settle)
-    way = plant.x - x
-    carried = plant.robot.mass * GRAVITY * max(abs(way), 1e-9)
-    found = Walked(
-        way / (count * CONTROL_DT), (float(plant.state[3]) - crank) / (count * CONTROL_DT),
-        math.sqrt(square / count), peak, slip / max(abs(way), 1e-9), work / carried,
-        drawn / carried, fell,
-    )  # fmt: skip
-    if isinstance(plant, ProjectionPlant) and rows:
-        traced = np.concatenate(rows)
-        forces = trace_forces(plant.tables, traced, plant.time_step)
-        contact = traced["impulses"][:, : plant.toes] / plant.time_step
-        return found._replace(forces=forces, contact=contact, angles=traced["pose"][:, 3])
-    return found
+    """Walk within the motor's torque limit; see :func:`benchmarks.walks.walk`."""
+    limit = plant.robot.motor.torque_limit
+    duration = whole_half_turns(speed, duration)
+    return walks.walk(
+        plant, speed, duration, start=start, limit=limit, windup_limit=limit, **arguments
+    )
 
 
 class Loads(NamedTuple):
@@ -147,21 +80,22 @@ class Loads(NamedTuple):
     fell: Array
 
 
-def loads_of_walk(
-    robot: Robot, speed: float, duration: float, start: float, time_step: float = FINE_STEP
-) -> Loads:
+def loads_of_walk(robot: Robot, speed: float, duration: float, start: float) -> Loads:
     """Walk on the projection plant, traced, with a fine time step."""
-    plant = ProjectionPlant(robot, Terrain.flat(), time_step)
-    found = walk(plant, speed, duration, trace=True, start=start)
-    assert found.forces is not None and found.contact is not None and found.angles is not None
-    size, contact = found.forces.magnitude, np.abs(found.contact)
-    turned = turning(robot, found.angles)
+    plant, rows = ProjectionPlant(robot, Terrain.flat(), FINE_STEP), []
+    plant.tracing = True
+    found = walk(plant, speed, duration, start, watch=lambda _: rows.append(plant.trace.copy()))
+    traced = np.concatenate(rows)
+    forces = trace_forces(plant.tables, traced, FINE_STEP)
+    size = forces.magnitude
+    contact = np.abs(traced["impulses"][:, : plant.toes]) / FINE_STEP
+    turned = turning(robot, traced["pose"][:, 3])
     constant = (turned @ np.array(robot.bearing_friction)).sum(axis=1)
     load = size[..., [pin_of(pair) for pair in BEARINGS]]
     loaded = built.dry_torque(1.0) * (turned * load).sum(axis=(1, 2))
     return Loads(
         size.mean(axis=(0, 1)), size.max(axis=(0, 1)),
-        np.array([largest_compression(found.forces, name) for name in RODS]),
+        np.array([largest_compression(forces, name) for name in RODS]),
         contact[..., 1].max(), contact[..., 0].max(),
         np.array([constant.mean(), constant.max()]), np.array([loaded.mean(), loaded.max()]),
         np.array(found.rms_torque), np.array(found.peak_torque), np.array(found.fell),
@@ -169,17 +103,13 @@ def loads_of_walk(
 
 
 def loads_of_walks(
-    robot: Robot,
-    speeds: tuple[float, ...],
-    duration: float,
-    number: int = STARTS,
-    time_step: float = FINE_STEP,
+    robot: Robot, speeds: tuple[float, ...], duration: float, number: int = STARTS
 ) -> dict[float, Loads]:
     """The loads at each crank speed; every field has the starts first."""
     found = {}
     for speed in speeds:
-        walks = [loads_of_walk(robot, speed, duration, a, time_step) for a in starts(number)]
-        found[speed] = Loads(*(np.stack(field) for field in zip(*walks, strict=True)))
+        each = [loads_of_walk(robot, speed, duration, angle) for angle in starts(number)]
+        found[speed] = Loads(*(np.stack(field) for field in zip(*each, strict=True)))
     return found
 
 
@@ -189,19 +119,17 @@ def motors_table(plant: str, speeds: tuple[float, ...], duration: float, number:
     for name, motor in MOTORS.items():
         robot = replace(built_robot(), motor=motor)
         for speed in speeds:
-            walks = [
-                walk(make_plant(plant, robot, Terrain.flat()), speed, duration, start=start)
+            each = [
+                walk(make_plant(plant, robot, Terrain.flat()), speed, duration, start)
                 for start in starts(number)
             ]
-            middle = [
-                float(np.median(field)) for field in zip(*(w[:7] for w in walks), strict=True)
-            ]
-            forward, crank_speed, rms, peak, slip, mechanical, electrical = middle
-            rated = f"{100.0 * rms / RATED[name]:.0f} %" if name in RATED else ""
+            mid = Walked(*np.median(each, axis=0))
+            rated = f"{100.0 * mid.rms_torque / RATED[name]:.0f} %" if name in RATED else ""
             rows.append((
-                name, f"{speed:g}", f"{crank_speed:.2f}", f"{forward:.3f}", f"{slip:.2f}",
-                f"{rms:.2f}", rated, f"{peak:.1f}", f"{mechanical:.2f}", f"{electrical:.2f}",
-                f"{sum(not w.fell for w in walks)} of {number}",
+                name, f"{speed:g}", f"{mid.crank_speed:.2f}", f"{mid.speed:.3f}",
+                f"{mid.slip:.2f}", f"{mid.rms_torque:.2f}", rated, f"{mid.peak_torque:.1f}",
+                f"{mid.cost_of_transport:.2f}", f"{mid.electrical:.2f}",
+                f"{sum(not w.fell for w in each)} of {number}",
             ))  # fmt: skip
     head = ("motor", "crank, asked (rad/s)", "reached (rad/s)", "speed (m/s)", "slip (m/m)",
             "RMS torque (N m)", "of its rating", "peak (N m)", "cost of transport", "electrical",
@@ -276,24 +204,6 @@ def rod_table(robot: Robot, loads: dict[float, Loads]) -> str:
     return table(heading(("rod", "buckles at (N)"), loads), rows)
 
 
-def step_table(robot: Robot, coarse: dict[float, Loads], fine: dict[float, Loads]) -> str:
-    """Medians of the largest loads with two time steps."""
-    lines: list[tuple[str, Callable[[Loads], Array]]] = [
-        ("foot, load (N)", lambda f: f.normal),
-        ("foot, shear (N)", lambda f: f.shear),
-        ("any pin (N)", lambda f: f.largest.max(axis=1)),
-        ("least safety against buckling", lambda f: safety(robot, f).min(axis=1)),
-    ]
-    rows = []
-    for name, of in lines:
-        cells = []
-        for speed in coarse:
-            before, after = float(np.median(of(coarse[speed]))), float(np.median(of(fine[speed])))
-            cells.append(f"{before:.3g}, {after:.3g} ({100.0 * (after / before - 1.0):+.1f} %)")
-        rows.append((name, *cells))
-    return table(heading(("median of the largest",), coarse), rows)
-
-
 def largest_compression(forces: JointForces, name: str) -> float:
     """The largest push along a rod, N: the mean of its ends'."""
     body = BODIES.index(name) + 1
@@ -350,7 +260,6 @@ def main(arguments: list[str] | None = None) -> None:
     if found.plant == "projection":
         print(parts_table(robot), "\n")
         loads = loads_of_walks(robot, loaded, duration, number)
-        finer = loads_of_walks(robot, loaded, duration, number, 0.5 * FINE_STEP)
         measure.report(
             found.out / "loads.md",
             "# Loads of the built robot",
@@ -369,8 +278,6 @@ def main(arguments: list[str] | None = None) -> None:
             "## Friction of the bearings",
             "Of all of them, on the crank; by load: 0.11 x 3 mm x the pin's force.",
             friction_table(loads),
-            f"## Half the time step\n\n{1e3 * FINE_STEP:g} ms, and {5e2 * FINE_STEP:g} ms.",
-            step_table(robot, loads, finer),
         )
     measure.report(
         found.out / ("motors.md" if found.plant == "projection" else f"motors_{found.plant}.md"),

@@ -1,4 +1,4 @@
-"""What the machine can climb: success by obstacle, its size, speed, friction and controller.
+"""What the machine can climb: success by obstacle, its size, speed and controller.
 
     python -m benchmarks.climbing [--episodes 24] [--policy RUN] [--quick]
 
@@ -29,7 +29,6 @@ from jansen_env.terrain_generators import HIGHEST, LEVELS, NamedGenerator, at_le
 
 SPEEDS = (0.2, 0.3, 0.45, 0.6)  # m/s
 FRICTION = 0.8
-FRICTIONS = (0.3, 0.45, 0.6, 0.8, 1.0)
 EPISODES = 24  # of each case
 AT_ONCE = 256  # robots
 FIRST_SEED = 90_000  # apart from all others
@@ -42,7 +41,6 @@ OBSTACLES = (
     "slope down", "ramps",
 )  # fmt: skip
 """Generators by name, and a single step up."""
-BY_FRICTION = ("one step", "stairs up", "slope up")
 
 
 def parameter(obstacle: str) -> str:
@@ -72,10 +70,9 @@ def ground(obstacle: str, size: float, seed: int) -> Terrain:
 
 
 class Case(NamedTuple):
-    """One walk: on which ground, how slippery, how fast, from which start."""
+    """One walk: on which ground, how fast, from which start."""
 
     terrain: Terrain
-    friction: float
     command: float
     seed: int
 
@@ -96,7 +93,7 @@ def walk(policy: Policy, cases: Sequence[Case]) -> Walked:
     parts = []
     for begin in range(0, len(cases), AT_ONCE):
         some = cases[begin : begin + AT_ONCE]
-        trials = Trials(np.array([case.friction for case in some]), [case.terrain for case in some])
+        trials = Trials(np.full(len(some), FRICTION), [case.terrain for case in some])
         commands = np.array([case.command for case in some])
         out = trials.run(policy, commands, np.array([case.seed for case in some]))
         trials.close()
@@ -106,16 +103,12 @@ def walk(policy: Policy, cases: Sequence[Case]) -> Walked:
 
 
 def climb(
-    policies: dict[str, Policy],
-    obstacle: str,
-    speeds: Sequence[float],
-    episodes: int,
-    friction: float = FRICTION,
+    policies: dict[str, Policy], obstacle: str, speeds: Sequence[float], episodes: int
 ) -> Found:
     """Walks over all sizes of an obstacle; episode k has the same ground at all speeds."""
     grown = sizes(obstacle)
     cases = [
-        Case(ground(obstacle, size, k), friction, speed, FIRST_SEED + k)
+        Case(ground(obstacle, size, k), speed, FIRST_SEED + k)
         for size in grown.tolist()
         for speed in speeds
         for k in range(episodes)
@@ -181,23 +174,6 @@ def walkable_table(results: dict[str, Found]) -> str:
         rows.append(("mixed", *(f"{own:.2f} / {some:.2f}" for own, some in mixed.T)))
     levels = (*range(HIGHEST + 1), *(f"({HIGHEST + 1 + i})" for i in range(BEYOND)))
     return measure.table(("level", *map(str, levels)), rows)
-
-
-def friction_table(results: dict[tuple[str, float], Found]) -> str:
-    """Up to which size the best policy succeeds, and any, by friction, as Markdown."""
-    rows = []
-    for obstacle in dict.fromkeys(name for name, _ in results):
-        cells = []
-        for (name, _), found in results.items():
-            if name == obstacle:
-                shares = [best(walked.succeeded)[0] for walked in found.values()]
-                top = max(shares, key=lambda share: float(share.mean()))
-                grown = sizes(obstacle)
-                cells.append(f"{last(grown, top)} / {last(grown, anyhow(found))}")
-        unit = UNITS.get(parameter(obstacle), "m")
-        rows.append((f"{obstacle}, {parameter(obstacle)} ({unit})", *cells))
-    frictions = dict.fromkeys(f"{friction:g}" for _, friction in results)
-    return measure.table(("friction", *frictions), rows)
 
 
 def level_table() -> str:
@@ -282,11 +258,6 @@ def main(arguments: list[str] | None = None) -> None:
         obstacle: climb(policies, obstacle, speeds, count)
         for obstacle in (OBSTACLES[:1] if quick else OBSTACLES)
     }
-    slippery = {
-        (obstacle, friction): climb(policies, obstacle, speeds[1::2] or speeds, count, friction)
-        for obstacle in (BY_FRICTION[:1] if quick else BY_FRICTION)
-        for friction in (FRICTIONS[:1] if quick else FRICTIONS)
-    }
     command = f"python -m benchmarks.climbing --episodes {count}"
     shown = ", ".join(f"{speed:g}" for speed in speeds)
     measure.report(
@@ -303,9 +274,6 @@ def main(arguments: list[str] | None = None) -> None:
         "By level: the share of successes of the best policy at its best speed / the share of the "
         "grounds on which any of them succeeded at any speed. Mixed: the mean of the seven kinds.",
         walkable_table(results),
-        f"By friction, at {', '.join(f'{s:g}' for s in speeds[1::2] or speeds)} m/s: up to which "
-        "size at least half of the best policy's walks succeed / some walk on half of the grounds.",
-        friction_table(slippery),
         f"Kinematics: with a level chassis a toe comes {1e3 * toe_lift(paper_robot()):.0f} mm over "
         "the lowest one. Beyond that, a toe that meets a face has to be pulled up it.",
     )

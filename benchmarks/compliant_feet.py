@@ -14,13 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks import measure
-from benchmarks.measure import fallen, table
+from benchmarks import measure, walks
+from benchmarks.measure import table
 from jansen_env import Robot, Terrain
-from jansen_env.control import PID
 from jansen_env.dynamics.reduced import compile_robot, mass_matrix
 from jansen_env.gravity import GRAVITY
 from jansen_env.kinematics import T, world_joints
+from jansen_env.plants.base import StepResult
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.trace import trace_forces
 from jansen_env.robot import Compliance
@@ -30,12 +30,11 @@ SPEEDS: tuple[float, ...] = (1.0, 3.5, 4.0)  # of the crank, rad/s
 DAMPING_RATIO = 0.2
 TURNS, SETTLE = 4, 1
 STARTS = 10
-CONTROL_DT = 0.02  # s
 TIME_STEP = 2.5e-4  # s
 LOADED = 8  # time steps of a control step whose forces are computed: those with most contact force
 
 
-class Walked(NamedTuple):
+class Walk(NamedTuple):
     """A walk under the PID.
 
     Attributes:
@@ -75,47 +74,33 @@ def pads(robot: Robot, stiffness: float, ratio: float = DAMPING_RATIO) -> Compli
 
 def walk(
     robot: Robot, speed: float, turns: int, time_step: float = TIME_STEP, angle: float = 0.0
-) -> Walked:
+) -> Walk:
     """Turns at a crank speed (rad/s) under the paper's PID, after one that does not count.
 
     Args:
         angle: of the crank at the start, rad.
     """
     plant = ProjectionPlant(robot, Terrain.flat(), time_step)
-    plant.reset(crank_angle=angle)
     plant.tracing = True
-    pid, integral, slip, force, start, fell = PID(), np.zeros(()), 0.0, 0.0, 0.0, False
-    settle, steps = (
-        round(n * 2.0 * math.pi / speed / CONTROL_DT) for n in (SETTLE, SETTLE + turns)
-    )
-    for k in range(steps):
-        turned, rate = plant.state[[3, 7]].tolist()
-        error = angle + speed * k * CONTROL_DT - turned
-        asked, integral = pid.torque(
-            error, speed - rate, integral, CONTROL_DT, robot.motor.torque_limit
-        )
-        limit = robot.motor.torque_limit
-        if k == settle:
-            start, slip, force = plant.x, 0.0, 0.0
-        result = plant.step(float(np.clip(asked, -limit, limit)), CONTROL_DT)
-        fell = fallen(plant, result)
-        if fell:
-            break
-        slip += float(result.slip.sum())
-        if k >= settle:
-            landing = plant.touchdowns & robot.pad_compliance.rigid
-            rows = plant.trace[~landing]
-            pressed = np.abs(rows["impulses"]).sum(axis=(1, 2))
-            rows = rows[np.argsort(pressed)[-LOADED:]]
-            if len(rows):
-                sizes = trace_forces(plant.tables, rows, time_step).bearing
-                force = max(force, float(sizes.max()))
-    return Walked((plant.x - start) / turns, slip / turns, force, fell)
+    force, turn = 0.0, 2.0 * math.pi / speed
+
+    def watch(_: StepResult) -> None:
+        nonlocal force
+        rows = plant.trace[~(plant.touchdowns & robot.pad_compliance.rigid)]
+        pressed = np.abs(rows["impulses"]).sum(axis=(1, 2))
+        rows = rows[np.argsort(pressed)[-LOADED:]]
+        if len(rows):
+            sizes = trace_forces(plant.tables, rows, time_step).bearing
+            force = max(force, float(sizes.max()))
+
+    limit = robot.motor.torque_limit
+    found = walks.walk(plant, speed, turns * turn, SETTLE * turn, angle, limit, limit, watch)
+    return Walk(found.distance / turns, found.slip * abs(found.distance) / turns, force, found.fell)
 
 
-def cells(walks: list[Walked], weight: float) -> tuple[str, ...]:
+def cells(found: list[Walk], weight: float) -> tuple[str, ...]:
     """Return the table's columns after the feet: falls, and ranges of the walks without one."""
-    up = [one for one in walks if not one.fell]
+    up = [one for one in found if not one.fell]
 
     def span(values: list[float], form: str) -> str:
         ends = [format(end, form) for end in (min(values), max(values))]
@@ -128,7 +113,7 @@ def cells(walks: list[Walked], weight: float) -> tuple[str, ...]:
         span([one.force for one in up], ".0f"),
         span([one.force / weight for one in up], ".1f"),
     ) if up else ("",) * 5  # fmt: skip
-    return f"{len(walks) - len(up)} of {len(walks)}", *ranges
+    return f"{len(found) - len(up)} of {len(found)}", *ranges
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -143,9 +128,9 @@ def main(arguments: list[str] | None = None) -> None:
     for speed in speeds:
         for k in stiffness:
             feet = replace(robot, pad_compliance=pads(robot, k))
-            walks = [walk(feet, speed, turns, angle=angle) for angle in angles]
+            found_at = [walk(feet, speed, turns, angle=angle) for angle in angles]
             name = "rigid" if k == math.inf else f"{k / 1e3:g} kN/m"
-            rows.append((f"{speed:g}", name, *cells(walks, weight)))
+            rows.append((f"{speed:g}", name, *cells(found_at, weight)))
     head = ("crank (rad/s)", "feet", "falls", "distance (m/turn)", "slip (m/turn)", "slip (m/m)",
             "largest pin force (N)", "of the weight")  # fmt: skip
     measure.report(

@@ -6,7 +6,7 @@ Walks from many starts with larger and smaller values, against the same walks wi
 one: where the robot is after a second; what the whole walk comes to in the mean; what the energy
 audit leaves over; how deep toes are in the ground. Beside it what a control step costs. With much
 friction a walk is chaotic: after some seconds only its means can converge. Writes
-``convergence.md``, ``time_step.png`` and ``detection_interval.png``.
+``convergence.md``.
 """
 
 from __future__ import annotations
@@ -18,14 +18,13 @@ from collections.abc import Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from statistics import median
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import measure
+from benchmarks import measure, walks
 from jansen_env import Terrain, paper_robot
 from jansen_env.plants.batch import DETECTION_INTERVAL, TIME_STEP
 from jansen_env.plants.projected import ProjectionPlant
@@ -44,7 +43,6 @@ HELD = 0.04  # s for which it is on rough ground: every step() queries the terra
 WINDOW = 1.0  # s after which positions are compared
 MEANS = ("distance", "slip", "work")
 ROUNDS, COST_TIME = 5, 4.0  # of the costs; s of the walk whose control steps are timed
-NOTHING = 1e-7  # m; an error below that is drawn there
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,7 @@ class Setting:
         terrain = Terrain.flat(self.friction)
         if self.spacing:
             segments = round(SPAN / self.spacing)
-            terrain = measure.rough_ground(segments, self.spacing, seed, friction=self.friction)
+            terrain = walks.rough_ground(segments, self.spacing, seed, friction=self.friction)
         return ProjectionPlant(
             paper_robot(), terrain, self.time_step, detection_interval=self.detection_interval
         )
@@ -125,7 +123,7 @@ def walk(setting: Setting, number: int, starts: int, duration: float) -> Walk:
         work += result.motor_work
         left += abs(result.energy_residual)
         deepest = max(deepest, penetration(plant))
-        fell = fell or measure.fallen(plant, result)
+        fell = fell or walks.fallen(plant, result)
         if k == round(WINDOW / setting.control_dt):
             early = plant.x
     return Walk(early, plant.x, slip, work, left / work, deepest, float(fell))
@@ -218,71 +216,9 @@ def error_table(rows: list[Error], cost: dict[float, float]) -> str:
     return measure.table(head, cells)
 
 
-def draw(
-    what: str,
-    default: float,
-    sweeps: dict[str, list[Error]],
-    cost: dict[float, float],
-    own: dict[str, float],
-    path: Path,
-) -> None:
-    """Error, changes of the means, energy audit, penetration and cost against the values.
-
-    ``own`` has the error (m) of the time step itself on each terrain, where that is to be drawn.
-    """
-    figure, axes = measure.subplots(2, 3, 13.0, 6.8)
-    colours = dict(zip(sweeps, ("tab:blue", "tab:orange"), strict=True))
-    for (name, rows), axis in zip(sweeps.items(), axes[0, 1:], strict=True):
-        values = np.array([1e3 * row.value for row in rows])
-        inexact = np.array([row.error.any() for row in rows])  # without the finest itself
-        error = [np.quantile(row.error, (0.1, 0.5, 0.9)) for row in rows]
-        low, middle, high = 1e3 * np.maximum(np.array(error)[inexact].T, NOTHING)
-        axes[0, 0].plot(values[inexact], middle, "o-", color=colours[name], label=name)
-        axes[0, 0].fill_between(values[inexact], low, high, color=colours[name], alpha=0.15)
-        if name in own:
-            axes[0, 0].axhline(1e3 * own[name], color=colours[name], ls=":",
-                               label="the time step's own")  # fmt: skip
-        elif name == next(iter(sweeps)):
-            order = middle[-1] * values / values[-1]
-            axes[0, 0].plot(values, order, color="black", lw=0.8, label="order 1")
-        for number, (mean, marker) in enumerate(zip(MEANS, "os^", strict=True)):
-            change, deviation = np.array([row.changes[mean] for row in rows])[inexact].T
-            shifted = 1.06 ** (number - 1) * values[inexact]  # so that they do not hide each other
-            axis.errorbar(shifted, 100 * change, 100 * deviation, fmt=marker, ms=4, label=mean)
-        axis.axhline(0.0, color="black", lw=0.8)
-        axis.set_ylabel("change, %, with standard error")
-        axis.set_title(f"means of a walk: {name}", fontsize=10)
-        for panel, quantity in (
-            (axes[1, 0], [row.walks.audit for row in rows]),
-            (axes[1, 1], [1e3 * np.asarray(row.walks.penetration) for row in rows]),
-        ):
-            panel.plot(values, np.median(quantity, axis=1), "o-", color=colours[name], label=name)
-            panel.plot(values, np.max(quantity, axis=1), "x", color=colours[name])
-    for panel, label in (
-        (axes[0, 0], "error of the position after 1 s, mm, 8 of 10 starts"),
-        (axes[1, 0], "energy unaccounted for / motor work (x: worst start)"),
-        (axes[1, 1], "deepest toe in the ground, mm (x: worst start)"),
-        (axes[1, 2], "cost of 20 ms of a walk, us"),
-    ):
-        panel.set_yscale("linear" if panel is axes[1, 2] else "log")
-        panel.set_title(label, fontsize=10)
-    axes[1, 2].plot([1e3 * v for v in cost], [1e6 * s for s in cost.values()], "o-", color="black")
-    axes[1, 2].set_ylim(0.0, None)
-    for axis in axes.flat:
-        axis.axvline(1e3 * default, color="tab:gray", ls="--", lw=1.0, zorder=0)
-        axis.set_xscale("log")
-        axis.set_xticks([1e3 * v for v in cost], [f"{1e3 * v:g}" for v in cost])
-        axis.minorticks_off()
-        axis.set_xlabel(f"{what.replace('_', ' ')}, ms")
-        if axis is not axes[1, 2]:
-            axis.legend(fontsize=8)
-    measure.save(figure, path)
-
-
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
     found = measure.chosen(measure.options(__doc__, "logs/convergence", jobs=2), arguments)
-    measure.require("matplotlib")
     starts, duration, rounds = (2, 1.0, 1) if found.quick else (24, 4.0, ROUNDS)
     parts = [
         "# Time step and detection interval",
@@ -303,18 +239,16 @@ def main(arguments: list[str] | None = None) -> None:
             default: float = getattr(Setting(0.0), what)
             parts.append(f"## {what.replace('_', ' ').capitalize()}: {1e3 * default:g} ms")
             cost = costs(next(iter(settings.values())), what, values, rounds)
-            sweeps, own = {}, {}
             for name, setting in settings.items():
                 print(f"{what.replace('_', ' ')}, {name} ...", file=sys.stderr, flush=True)
-                sweeps[name] = rows = study.sweep(setting, what, values, finest)
+                rows = study.sweep(setting, what, values, finest)
                 parts.append(f"{name}, {rows[0].walked:.2f} m walked in the first second:")
                 parts.append(error_table(rows, cost))
                 if what == "detection_interval":
                     often = replace(setting, detection_interval=INTERVALS[0])
                     (row,) = study.sweep(often, "time_step", (TIME_STEP,), FINEST_STEP)
-                    own[name] = float(np.median(row.error))
-                    parts.append(f"The time step's own error there: {1e3 * own[name]:.2g} mm.")
-            draw(what, default, sweeps, cost, own, found.out / f"{what}.png")
+                    own = 1e3 * float(np.median(row.error))
+                    parts.append(f"The time step's own error there: {own:.2g} mm.")
     measure.report(found.out / "convergence.md", *parts)
 
 

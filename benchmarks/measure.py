@@ -1,4 +1,4 @@
-"""What the benchmarks share: turns, ratios, the machine, walks, tables and figures."""
+"""Turns, ratios, the machine, the command line, tables and figures of all benchmarks."""
 
 from __future__ import annotations
 
@@ -13,15 +13,11 @@ from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple, TypeVar
 
-import numpy as np
 from tabulate import tabulate
 
 import jansen_env
-from jansen_env import Terrain
 from jansen_env.cores import available_cores
-from jansen_env.engine.task import FALLEN_PITCH
 from jansen_env.files import write_text, write_whole
-from jansen_env.plants.base import Plant, StepResult
 
 K = TypeVar("K")
 T = TypeVar("T")
@@ -30,7 +26,6 @@ PACKAGES = (
     "box2d", "envpool", "gymnasium", "mujoco", "numba", "numpy", "pymunk", "stable-baselines3",
     "torch",
 )  # fmt: skip
-STEEPNESS = 0.1  # heights of rough ground are +- so much of the distance between its vertices
 
 
 class Ratio(NamedTuple):
@@ -96,23 +91,6 @@ def machine() -> str:
 def conditions(rounds: int) -> str:
     """The machine, and how often all was measured."""
     return f"{machine()} Medians of {rounds} rounds in turns."
-
-
-def rough_ground(segments: int, spacing: float = 0.2, seed: int = 0, **arguments: Any) -> Terrain:
-    """Rough ground of so many segments around x = 0, equally steep whatever the spacing (m).
-
-    Raises:
-        ValueError: fewer than five segments: two before and two after the rough ones are level.
-    """
-    if segments < 5:
-        raise ValueError(f"segments is {segments}, must be at least 5")
-    length, rng = (segments - 2.5) * spacing, np.random.default_rng(seed)
-    return Terrain.rough(rng, STEEPNESS * spacing, spacing, length, -0.5 * length, **arguments)
-
-
-def fallen(plant: Plant, result: StepResult) -> bool:
-    """Whether the step ended in a fall, as the walking task defines it."""
-    return bool(result.non_toe_contact) or abs(float(plant.state[2])) > FALLEN_PITCH
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:

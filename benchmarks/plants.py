@@ -2,11 +2,11 @@
 
     python -m benchmarks.plants [--machines] [--out logs/plants] [--jobs 2] [--quick]
 
-The projection plant and the rigid-body plant side by side, with the time step halved on both: with
-a fixed base; walks at many crank speeds and frictions, on slopes, with loads; and a steady walk as
-pymunk's solver iterates longer. Writes ``plants.md``, ``walks.png`` and ``torque.png``. With
-``--machines`` instead walks with feet that give, dry bearings, a rotor and a motor's line, and the
-robot that could be built: ``machines.md``.
+The projection plant and the rigid-body plant side by side, with the time step halved on both: walks
+at many crank speeds and frictions, on slopes, with loads; and a steady walk as pymunk's solver
+iterates longer. Writes ``plants.md`` and ``walks.png``. With ``--machines`` instead walks with
+compliant feet, dry bearings, a rotor, a motor's torque-speed line, and the robot that could be
+built: ``machines.md``.
 """
 
 from __future__ import annotations
@@ -23,14 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import measure
-from benchmarks.measure import fallen, table
+from benchmarks.measure import table
+from benchmarks.walks import Walked, walk, whole_half_turns
 from jansen_env import ROBOTS, Compliance, Motor, Terrain, paper_robot
-from jansen_env.control import PID
-from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import Plant
-from jansen_env.plants.fixed_base import FixedBasePlant
 from jansen_env.plants.make import PLANTS
-from jansen_env.plants.rigid_body import TIME_STEP, RigidBodyPlant
 from jansen_env.robot import BEARINGS, Payload
 
 Array = NDArray[np.float64]
@@ -43,10 +40,7 @@ ITERATIONS: tuple[int, ...] = (
     200,
     600,
     2000,
-)  # of pymunk's solver in a time step, in a walk that is steady
-CONTROL_DT = 0.02  # s for which the PID holds a torque
-TORQUE_LIMIT = 20.0  # N m
-SETTLE = 2.0  # s of walking that are not measured
+)  # of pymunk's solver in a time step
 STARTS = (0.0, 2.5e-4, 5e-4, 7.5e-4, 1e-3)  # rad, crank angles of an ensemble
 SLENDER = paper_robot().with_slender_inertias()
 FEET = Compliance(5e4, 60.0, 3e4, 40.0)
@@ -72,11 +66,6 @@ HOW_COMPARED = (
     f"half a turn. Agree: distance and cost of transport within {100 * ALLOWED:.0f} %."
 )
 
-HEIGHT = 5.0  # m, at which the rigid-body plant's base is fixed, clear of the ground
-SERVO_SPEEDS: tuple[float, ...] = (1.0, 3.0, 6.0)  # rad/s
-SERVO, SERVO_DT = PID(kp=400.0, ki=0.0, kd=20.0), 1e-3  # s
-SWING, SWING_TIME = (0.5, 3.0), 3.0  # rad and rad/s, from where the crank swings free; s
-HALVED = (TIME_STEP, 0.5 * TIME_STEP)  # s, of the rigid-body plant
 VERDICTS = {
     "agree": "#15803d", "chaotic": "#ca8a04", "falls at times": "#a21caf",
     "falls on both": "#6b7280", "other gait": "#0891b2", "differ": "#dc2626",
@@ -91,8 +80,7 @@ class Walk:
     Attributes:
         speed: of the crank, rad/s. friction: Coulomb coefficient. slope: rad, uphill positive.
         payload: kg at the crank axis. machine: one of :data:`MACHINES`.
-        duration: s, measured after :data:`SETTLE`; about, as :attr:`measured` is a whole number of
-            half turns.
+        duration: s, about: :attr:`measured` is a whole number of half turns.
     """
 
     speed: float
@@ -105,8 +93,7 @@ class Walk:
     @property
     def measured(self) -> float:
         """s."""
-        half_turn = math.pi / self.speed
-        return max(1, round(self.duration / half_turn)) * half_turn
+        return whole_half_turns(self.speed, self.duration)
 
     @property
     def label(self) -> str:
@@ -125,59 +112,9 @@ class Walk:
         made: Plant = kind(robot, terrain, time_step / 2**halvings, **arguments)
         return made
 
-
-class Outcome(NamedTuple):
-    """What came out of a walk.
-
-    Attributes:
-        distance: m along x. cost_of_transport: |motor work| / (weight * distance).
-        rms_torque: N m. heave: highest less lowest position of the crank axis over the ground, m.
-        slip: m of all toes for each m of distance. joint_gap: m. fell: the rest is until then.
-    """
-
-    distance: float
-    cost_of_transport: float
-    rms_torque: float
-    heave: float
-    slip: float
-    joint_gap: float
-    fell: bool
-
-
-def run_walk(walk: Walk, plant: Plant, start: float = 0.0) -> Outcome:
-    """Walk and measure; ``start`` is the crank angle to begin at, rad."""
-    plant.reset(crank_angle=start)
-    pid, reference, integral = PID(), start, np.zeros(())
-    settle, steps = round(SETTLE / CONTROL_DT), round((SETTLE + walk.measured) / CONTROL_DT)
-    work = slip = square = gap = from_x = 0.0
-    heights: list[float] = []
-    fell = False
-    for k in range(steps):
-        if k == settle:
-            from_x = plant.x
-        angle, rate = plant.state[[3, 7]].tolist()
-        wanted, integral = pid.torque(reference - angle, walk.speed - rate, integral, CONTROL_DT)
-        torque = min(TORQUE_LIMIT, max(-TORQUE_LIMIT, float(wanted)))
-        reference += walk.speed * CONTROL_DT
-        result = plant.step(torque, CONTROL_DT)
-        gap = max(gap, result.joint_gap)
-        fell = fallen(plant, result)
-        if fell:
-            break
-        if k >= settle:
-            work += abs(result.motor_work)
-            slip += float(result.slip.sum())
-            square += torque**2
-            x, y = plant.state[:2].tolist()
-            heights.append(y - float(plant.terrain.height(x)))
-    distance = plant.x - from_x if heights else 0.0
-    path = max(abs(distance), 1e-9)
-    return Outcome(
-        distance, work / (plant.robot.mass * GRAVITY * path),
-        rms_torque=math.sqrt(square / max(len(heights), 1)),
-        heave=float(np.ptp(heights)) if heights else 0.0, slip=slip / path,
-        joint_gap=gap, fell=fell,
-    )  # fmt: skip
+    def run(self, plant: Plant, start: float = 0.0) -> Walked:
+        """Walk on a plant of :meth:`plant` from a crank angle, rad."""
+        return walk(plant, self.speed, self.measured, start=start)
 
 
 class Comparison(NamedTuple):
@@ -190,9 +127,9 @@ class Comparison(NamedTuple):
     """
 
     walk: Walk
-    ensemble: list[Outcome]
-    others: list[Outcome]
-    rigid: list[Outcome]
+    ensemble: list[Walked]
+    others: list[Walked]
+    rigid: list[Walked]
 
     def projection(self, name: str) -> float:
         """Median over the ensemble."""
@@ -235,79 +172,17 @@ class Comparison(NamedTuple):
 
 def compare(walk: Walk) -> Comparison:
     """Run one walk on both plants."""
-    ensemble = [run_walk(walk, walk.plant("projection"), start) for start in STARTS]
-    ensemble.append(run_walk(walk, walk.plant("projection", 1)))
-    others = [run_walk(walk, walk.plant("projection"), start) for start in OTHER_STARTS]
-    rigid = [run_walk(walk, walk.plant("rigid_body", halvings)) for halvings in (0, 1)]
+    ensemble = [walk.run(walk.plant("projection"), start) for start in STARTS]
+    ensemble.append(walk.run(walk.plant("projection", 1)))
+    others = [walk.run(walk.plant("projection"), start) for start in OTHER_STARTS]
+    rigid = [walk.run(walk.plant("rigid_body", halvings)) for halvings in (0, 1)]
     return Comparison(walk, ensemble, others, rigid)
 
 
-def iterated(walk: Walk, iterations: int) -> Outcome:
+def iterated(walk: Walk, iterations: int) -> Walked:
     """A walk with so many of pymunk's iterations in every time step, touchdown or not."""
     plant = walk.plant("rigid_body", iterations=iterations, touchdown_iterations=iterations)
-    return run_walk(walk, plant)
-
-
-class Fixed(NamedTuple):
-    """How far the plants are apart with a fixed base."""
-
-    what: str  # was done
-    time_step: float  # of the rigid-body plant, s
-    difference: float  # of the crank's angle, rad, or of the torque, N m (root mean square)
-    of: float  # what it is to be compared with: the angle turned, or the RMS torque
-    joint_gap: float  # m
-    curve: Array  # (n, 3) angle and both torques
-
-
-def fixed_base(angle: float, rate: float, step: float) -> tuple[FixedBasePlant, RigidBodyPlant]:
-    """Both plants with a fixed base, started alike."""
-    exact = FixedBasePlant(paper_robot())
-    exact.reset(angle, rate)
-    rigid = RigidBodyPlant(paper_robot(), Terrain.flat(), step, fixed_base=True)
-    rigid.state = np.array([0.0, HEIGHT, 0.0, angle, 0.0, 0.0, 0.0, rate])
-    return exact, rigid
-
-
-def free_swing(time_step: float) -> Fixed:
-    """The largest difference of the crank angle in :data:`SWING_TIME` without torque."""
-    exact, rigid = fixed_base(*SWING, time_step)
-    angles, gap = [], 0.0
-    for _ in range(round(SWING_TIME / 0.01)):
-        exact.step(0.0, 0.01)
-        gap = max(gap, rigid.step(0.0, 0.01).joint_gap)
-        angles.append((float(exact.state[0]), float(rigid.state[3])))
-    ours, theirs = np.array(angles).T
-    difference = float(np.abs(ours - theirs).max())
-    return Fixed("free swing, rad", time_step, difference, float(np.ptp(ours)), gap, np.array([]))
-
-
-def constant_speed(speed: float, time_step: float) -> Fixed:
-    """The torque of a stiff servo over the second turn."""
-    exact, rigid = fixed_base(0.0, speed, time_step)
-    rows, gap = [], 0.0
-    for k in range(round(4.0 * math.pi / speed / SERVO_DT)):
-        wanted, torques = speed * k * SERVO_DT, []
-        for angle, rate in (exact.state, rigid.state[[3, 7]]):
-            torque, _ = SERVO.torque(wanted - angle, speed - rate, 0.0, SERVO_DT)
-            torques.append(float(torque))
-        exact.step(torques[0], SERVO_DT)
-        gap = max(gap, rigid.step(torques[1], SERVO_DT).joint_gap)
-        rows.append((wanted, *torques))
-    curve = np.array(rows)[len(rows) // 2 :]
-    difference = float(np.sqrt(np.mean((curve[:, 1] - curve[:, 2]) ** 2)))
-    rms = float(np.sqrt(np.mean(curve[:, 1] ** 2)))
-    return Fixed(f"torque at {speed:g} rad/s, N m", time_step, difference, rms, gap, curve)
-
-
-def fixed_table(rows: list[Fixed]) -> str:
-    """How far apart the plants are with a fixed base."""
-    head = ("", "time step (ms)", "difference", "of", "relative", "joint gap (mm)")
-    cells = [
-        (row.what, f"{1e3 * row.time_step:g}", f"{row.difference:.2g}", f"{row.of:.3g}",
-         f"{row.difference / row.of:.1e}", f"{1e3 * row.joint_gap:.2g}")
-        for row in rows
-    ]  # fmt: skip
-    return table(head, cells)
+    return walk.run(plant)
 
 
 def walk_table(compared: list[Comparison]) -> str:
@@ -367,25 +242,6 @@ def draw_walks(compared: list[Comparison], path: Path) -> None:
     measure.save(figure, path)
 
 
-def draw_torque(curves: dict[float, Array], path: Path) -> None:
-    """The torque of a constant crank speed with a fixed base on both plants, and its difference."""
-    figure, axes = measure.subplots(
-        2, len(curves), max(6.4, 3.6 * len(curves)), 4.8, sharex=True, height_ratios=[2, 1]
-    )
-    for (top, bottom), (speed, curve) in zip(axes.T, curves.items(), strict=True):
-        angle, exact, rigid = curve.T
-        turn = angle - 2.0 * np.pi
-        top.plot(turn, exact, color="tab:blue", lw=2.5, alpha=0.5, label="fixed-base plant")
-        top.plot(turn, rigid, color="black", lw=0.8, label="rigid-body plant, base fixed")
-        bottom.plot(turn, 1e3 * (rigid - exact), color="tab:red", lw=0.8)
-        top.set_title(f"{speed:g} rad/s", fontsize=10)
-        bottom.set_xlabel("crank angle, rad")
-    axes[0, 0].set_ylabel("torque, N m")
-    axes[1, 0].set_ylabel("difference, mN m")
-    measure.legend_above(figure, axes[0, 0], 2)
-    measure.save(figure, path)
-
-
 def counted(compared: list[Comparison]) -> str:
     """How many walks have which verdict."""
     verdicts = Counter(c.verdict for c in compared)
@@ -432,31 +288,26 @@ def main(arguments: list[str] | None = None) -> None:
     walks = [Walk(speed, friction) for friction in FRICTIONS for speed in SPEEDS]
     walks += [Walk(HARDER, slope=slope) for slope in SLOPES]
     walks += [Walk(HARDER, payload=payload) for payload in PAYLOADS]
-    steady, speeds, numbers = Walk(6.0, 0.3, duration=3.0), SERVO_SPEEDS, ITERATIONS
+    steady, numbers = Walk(6.0, 0.3, duration=3.0), ITERATIONS
     if found.quick:
         walks = [Walk(speed, 0.3, duration=1.0) for speed in (1.0, 4.0)]
-        steady, speeds, numbers = Walk(6.0, 0.3, duration=0.5), speeds[-1:], numbers[:2]
+        steady, numbers = Walk(6.0, 0.3, duration=0.5), ITERATIONS[:2]
     head = measure.machine()
     with ProcessPoolExecutor(found.jobs) as pool:
         comparing = [pool.submit(compare, walk) for walk in walks]
-        swings = [pool.submit(free_swing, step) for step in HALVED]
-        servos = [pool.submit(constant_speed, speed, step) for speed in speeds for step in HALVED]
         iterating = {str(n): pool.submit(iterated, steady, n) for n in numbers}
         compared = []
         for number, future in enumerate(comparing, 1):
             compared.append(future.result())
             print(f"{number}/{len(walks)} {walks[number - 1].label}", file=sys.stderr)
-        fixed = [future.result() for future in (*swings, *servos)]
         runs = {name: future.result() for name, future in iterating.items()}
-    runs["projection plant"] = run_walk(steady, steady.plant("projection"))
+    runs["projection plant"] = steady.run(steady.plant("projection"))
     rows = [(name, f"{run.distance:.3f}", f"{run.cost_of_transport:.3f}", f"{run.slip:.3f}")
             for name, run in runs.items()]  # fmt: skip
     measure.report(
         found.out / "plants.md",
         "# Two plants, walk by walk",
         f"`python -m benchmarks.plants`. {head}",
-        "## Fixed base",
-        fixed_table(fixed),
         "## Walks",
         HOW_COMPARED,
         walk_table(compared),
@@ -467,8 +318,6 @@ def main(arguments: list[str] | None = None) -> None:
               rows),
     )  # fmt: skip
     draw_walks(compared, found.out / "walks.png")
-    draw_torque({s: fixed[len(HALVED) * (k + 1)].curve for k, s in enumerate(speeds)},
-                found.out / "torque.png")  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -90,16 +90,8 @@ def main(arguments: list[str] | None = None) -> None:
         (*name, f"`{trainee.label}`", *measure.spread(rates[name]), f"{median(shares[name]):.1%}")
         for name, trainee in trainees.items()
     ]
-    head = (
-        "trained on",
-        "at once",
-        "hyperparameters",
-        "in",
-        "steps/s",
-        "lowest",
-        "highest",
-        "in the environments",
-    )
+    head = ("trained on", "at once", "hyperparameters", "in", "steps/s", "lowest", "highest",
+            "in the environments")  # fmt: skip
     listed = ", ".join(f"{name} {value}" for name, value in setting.items())
     ratio = measure.ratio(rates[OURS, count, ""], rates[PEER, count, ""])
     measure.report(

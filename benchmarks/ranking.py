@@ -1,37 +1,31 @@
 """Whether the reward of ``JansenWalker-v0`` ranks controllers as the score table does.
 
-    python -m benchmarks.ranking [--run logs/ppo/JansenWalker-v0_1] [--episodes 10] [--quick]
+    python -m benchmarks.ranking [--episodes 10] [--out logs/ranking] [--quick]
 
 Controllers from good to useless, the shipped policy among them, are scored on the same episodes and
 ranked twice: by their mean return, and by the table, that is by the mean, over the commands, of
 their ranks in speed error, slip per metre, cost of transport, falls and RMS torque. One that does
 not cover half of the commanded distance walks nowhere: at that command it comes after all that do,
 by its speed error. Prints both and Spearman's rank correlation, and writes them to ``ranking.md``.
-With ``--run`` its checkpoints, from bad to good, take part as well.
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.stats import rankdata, spearmanr
-from tabulate import tabulate
 
 from agents.columns import columns
-from agents.command_line import positive_int
 from agents.evaluate import load_named
 from agents.metrics import Episodes, point_estimates
-from agents.models import load_policy
 from agents.policy import Array, Policy, TorquePolicy
 from agents.rollout import make_env, run_episodes
 from agents.tasks import WALKER
 from agents.walker_baselines import BASELINES, measured_setting, walking_pid
+from benchmarks import measure
 from jansen_env.control import PID
-from jansen_env.files import write_text
 from jansen_env.robot import Robot
 
 ENV = "JansenWalker-v0"
@@ -41,7 +35,6 @@ WALKS = 0.5  # share of the commanded distance from which a controller counts as
 NOWHERE = 1e6  # more than any number of the table
 BANG, NOISE = 12.0, 10.0  # N m: of bang-bang control, and at most of noise
 SHIPPED = "PPO, shipped"
-STARTED = 3  # checkpoints of a run that take part
 
 
 def speed_control(gain: float) -> Callable[[Any], Policy]:
@@ -158,41 +151,24 @@ def rank(rows: dict[str, list[dict[str, float]]]) -> tuple[str, float]:
     ]  # fmt: skip
     headings = [WALKER.metrics[name].heading for name in columns]
     headers = ["controller", *headings, "mean rank", "rank by return", "rank by table"]
-    return tabulate(lines, headers, tablefmt="github", disable_numparse=True), correlation
-
-
-def checkpoints(run: Path) -> dict[str, Policy]:
-    """The first policies a run saved, and its best."""
-    saved = sorted(
-        (run / "checkpoints").glob("*.zip"), key=lambda path: int(path.stem.split("_")[1])
-    )
-    files = {f"PPO, {path.stem.split('_')[1]} steps": path for path in saved[:STARTED]}
-    return {name: load_policy(path) for name, path in {**files, "PPO": run}.items()}
+    return measure.table(headers, lines), correlation
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--run", type=Path, metavar="DIR", help="a training's folder")
-    parser.add_argument("--episodes", type=positive_int, default=10, help="per command")
-    parser.add_argument("--quick", action="store_true", help="one command, one episode")
-    parser.add_argument("--out", type=Path, default=Path("logs/ranking"), metavar="DIR")
-    args = parser.parse_args(arguments)
-    grid, episodes = ((0.3,), 1) if args.quick else (WALKER.commands, args.episodes)
+    found = measure.chosen(measure.options(__doc__, "logs/ranking", episodes=10), arguments)
+    grid, episodes = ((0.3,), 1) if found.quick else (WALKER.commands, found.episodes)
     commands = np.repeat(grid, episodes)
     seeds = FIRST_SEED + np.arange(len(commands))
     env = make_env(ENV, {})
     policies = {SHIPPED: load_named("pretrained", env)}
     policies |= {name: load(env.unwrapped) for name, load in CONTROLLERS.items()}
-    if args.run is not None:
-        policies |= checkpoints(args.run)
     table, correlation = rank(
         {name: score(policy, env, commands, seeds) for name, policy in policies.items()}
     )
     env.close()
-    args.out.mkdir(parents=True, exist_ok=True)
-    text = f"{table}\n\nSpearman's rank correlation: {correlation:.3f}\n"
-    print(f"{text}\nwritten: {write_text(args.out / 'ranking.md', text)}")
+    conclusion = f"Spearman's rank correlation: {correlation:.3f}"
+    measure.report(found.out / "ranking.md", table, conclusion)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""How fast the environments are: one, many, larger ones, the first one.
+"""How fast the environments are: one, many, larger ones, harder ones, the first one.
 
     python -m benchmarks.speed [--only PART ...] [--rounds 7] [--out logs/speed] [--quick]
     python -m benchmarks.speed --against TREE
@@ -20,15 +20,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks import measure
+from benchmarks import measure, walks
 from benchmarks.probe import OURS, STAGES, Many, Single, Tree, robots
 from jansen_env import ROBOTS, Robot, paper_robot
 from jansen_env.cores import available_cores
+from jansen_env.terrain_generators import make_generator
 
 MUJOCO, BOX2D = "Walker2d-v5", "BipedalWalker-v3"
 FLAT, ROUGH, REAL = f"{OURS}, flat", f"{OURS}, rough", f"{OURS}, motor, bearings and feet"
 SILENT, ONE_THREAD = "no information asked for", "the same on one thread"
 SEGMENTS = 100  # of the rough ground
+AT_ONCE, LEVEL = 256, 3  # robots of each preset; of the rough ground whose exchange is measured
+SAME, OTHER = "one rough ground for all, for good", "another rough ground at each reset"
+HARDCORE, BUILT = "JansenWalkerHardcore-v0", "the built robot, flat"
 ROUNDS = 7
 
 
@@ -44,7 +48,7 @@ def one(rounds: int, quick: bool) -> Part:
     steps = 200 if quick else 5000
     players = {
         FLAT: Single(OURS, steps),
-        ROUGH: Single(OURS, steps, terrain=measure.rough_ground(SEGMENTS)),
+        ROUGH: Single(OURS, steps, terrain=walks.rough_ground(SEGMENTS)),
         REAL: Single(OURS, steps, robot=real_robot()),
         MUJOCO: Single(MUJOCO, steps),
         BOX2D: Single(BOX2D, steps),
@@ -79,7 +83,7 @@ def many(rounds: int, quick: bool) -> Part:
     counts = (1, 4) if quick else (1, 4, 16, 64, 256, 1024, 4096)
     compared, steps = (4, 100) if quick else (256, 60_000)
     players: dict[tuple[str, int], Single | Many] = {("flat", n): robots(n, steps) for n in counts}
-    rough = measure.rough_ground(SEGMENTS)
+    rough = walks.rough_ground(SEGMENTS)
     players["rough", compared] = robots(compared, steps, terrain=rough)
     players["motor, bearings, feet", compared] = robots(compared, steps, robot=real_robot())
     players[SILENT, compared] = robots(compared, steps, info_keys=())
@@ -143,7 +147,7 @@ def size(rounds: int, quick: bool) -> Part:
     sweeps = {
         "legs": {n: walker(steps, n) for n in legs},
         "segments of the ground": {
-            n: walker(steps, terrain=measure.rough_ground(n, 100.0 / n)) for n in segments
+            n: walker(steps, terrain=walks.rough_ground(n, 100.0 / n)) for n in segments
         },
     }
     parts, panels = ["## Larger environments\n\nA step of 20 ms of a walk at 2.7 rad/s:"], []
@@ -178,6 +182,43 @@ def walker(steps: int, legs: int = 4, **arguments: Any) -> Single:
                   **arguments)  # fmt: skip
 
 
+def presets() -> dict[str, dict[str, Any]]:
+    """Arguments of harder environments, by name."""
+    draw = make_generator("rough")
+    assert draw is not None
+    scales = ("mass_scale", "inertia_scale", "damping_scale", "motor_strength")
+    return {
+        "flat": {},
+        SAME: {"terrain": draw(np.random.default_rng(0), LEVEL)},
+        OTHER: {"terrain": "rough", "terrain_level": LEVEL},
+        "with a height scan": {"height_scan": (0.5, 0.9, 15)},
+        "all parameters randomised": {"randomize": {
+            "friction": (0.4, 1.0), "restitution": (0.0, 0.3), "payload": (0.0, 0.5),
+            "payload_x": (-0.1, 0.1), "payload_y": (-0.1, 0.1), "tilt": (-0.05, 0.05),
+            "delay": (0.0, 0.04), **dict.fromkeys(scales, (0.9, 1.1)),
+        }},
+        BUILT: {"robot": "built"},
+        "JansenWalkerRough-v0": {"env_id": "JansenWalkerRough-v0"},
+        HARDCORE: {"env_id": HARDCORE},
+    }  # fmt: skip
+
+
+def worlds(rounds: int, quick: bool) -> Part:
+    """Harder environments beside as many robots on flat ground."""
+    steps = 2_000 if quick else 60_000
+    players = {name: robots(AT_ONCE, steps, **given) for name, given in presets().items()}
+    rates = measure.take_turns({name: player.play for name, player in players.items()}, rounds)
+    rows = [(name, *measure.spread(found)) for name, found in rates.items()]
+    pairs = [(name, "flat") for name in rates if name not in ("flat", BUILT)]
+    pairs += [(OTHER, SAME), (HARDCORE, BUILT)]
+    ratios = [(f"{one} / {other}", measure.ratio(rates[one], rates[other])) for one, other in pairs]
+    return Part("\n\n".join([
+        "## Harder environments",
+        measure.table((f"{AT_ONCE} robots", "steps/s", "lowest", "highest"), rows),
+        measure.table(("ratio", "steps/s (by round)"), ratios),
+    ]), [])  # fmt: skip
+
+
 def start(rounds: int, quick: bool) -> Part:
     """The first environment on a machine, and one in a later process."""
     tree = Tree(Path(__file__).parents[1])
@@ -192,7 +233,7 @@ def start(rounds: int, quick: bool) -> Part:
     return Part(f"## Starting\n\n{measure.table(head, rows)}", [])
 
 
-PARTS = {"one": one, "many": many, "size": size, "start": start}
+PARTS = {"one": one, "many": many, "size": size, "worlds": worlds, "start": start}
 
 
 def against(other: Path, rounds: int, quick: bool) -> str:
@@ -278,7 +319,8 @@ def main(arguments: list[str] | None = None) -> None:
         compared = against(found.against, rounds, found.quick)
         measure.report(found.out / "against.md", "# Two commits", head, compared)
         return
-    measure.require("mujoco", "Box2D", "matplotlib")
+    if {"one", "many", "size"} & {*found.only}:
+        measure.require("mujoco", "Box2D", "matplotlib")
     parts = []
     for name, part in PARTS.items():
         if name in found.only:

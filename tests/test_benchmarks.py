@@ -7,13 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents import trials
 from benchmarks import (
     built_robot,
     convergence,
     measure,
-    microcontroller,
-    pareto,
     plants,
     ppo,
     probe,
@@ -21,8 +18,8 @@ from benchmarks import (
     ranking,
     speed,
 )
-from benchmarks.plants import Comparison, Outcome, Walk
-from jansen_env import pretrained
+from benchmarks.plants import Comparison, Walk
+from benchmarks.walks import Walked
 
 
 def test_contestants_take_turns():
@@ -45,7 +42,7 @@ def test_verdicts():
     """Agree within 5 % in distance and cost; chaotic if the projection plant itself is."""
 
     def run(distance, cost=1.0, fell=False):
-        return Outcome(distance, cost, 5.0, 0.03, 0.1, 1e-5, fell)
+        return Walked(distance, 0.1, 1.0, 5.0, 9.0, 0.1, cost, cost, 0.03, 1e-5, fell)
 
     def verdict(ensemble, rigid, others=()):
         return Comparison(Walk(1.0), ensemble, list(others), rigid).verdict
@@ -96,10 +93,10 @@ def test_what_cannot_be_measured_is_refused(arguments, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("main", "needs", "arguments", "written"),
     [
-        (speed.main, ("mujoco", "Box2D"), ["--only", "one", "many", "size"], "speed"),
+        (speed.main, ("mujoco", "Box2D"), ["--only", "one", "many", "size", "worlds"], "speed"),
         (ppo.main, ("stable_baselines3", "mujoco"), [], "ppo"),
-        (convergence.main, (), [], "convergence time_step detection_interval"),
-        (plants.main, (), [], "plants walks torque"),
+        (convergence.main, (), [], "convergence"),
+        (plants.main, (), [], "plants walks"),
         (plants.main, (), ["--machines"], "machines"),
         (built_robot.main, (), ["--plant", "rigid_body"], "motors_rigid_body"),
     ],
@@ -173,47 +170,3 @@ def test_profile_scores_run(tmp_path, capsys):
     with pytest.raises(SystemExit):
         profile_scores.main(["--policy", str(tmp_path / "none"), "--out", str(tmp_path)])
     assert "must be one of" in capsys.readouterr().err
-
-
-def test_fronts_are_searched_and_drawn(tmp_path):
-    """One command: a short search, its table, and the PID and the profile beside it."""
-    pareto.main(["--quick", "--out", str(tmp_path)])
-    assert "| 0.1" in (tmp_path / "pareto.md").read_text()
-    assert (tmp_path / "pareto.png").stat().st_size > 10_000
-
-
-def test_the_fronts_loss():
-    """Grows with slip and cost, and more with a fall or a missed speed than with either."""
-    one = np.ones((1, 2))
-
-    def loss(weight=0.5, fell=0.0, drift=0.0, slip=0.1, work=1.0):
-        out = trials.Outcome(
-            one, fell * one > 0.0, drift * one, one, slip * one, work * one, one, one
-        )
-        return pareto.loss(out, weight, (1, 2))[0]
-
-    assert loss() == pytest.approx(0.5 * np.log(0.1))
-    assert loss(slip=0.2) - loss() == pytest.approx(0.5 * np.log(2.0))
-    assert loss(work=2.0) - loss() == pytest.approx(np.log(2.0))
-    assert loss(drift=0.01) == loss() and loss(drift=-0.03) > loss() + 3.0
-    assert loss(fell=1.0) > loss() + 10.0
-
-
-@pytest.mark.skipif(
-    bool(microcontroller.missing()), reason="there is no compiler or emulator of a Cortex-M4"
-)
-@pytest.mark.parametrize("single", [False, True])
-def test_a_policy_acts_alike_on_a_microcontroller(single):
-    """In either precision; a step in float is short, and both fit into a small one."""
-    found = microcontroller.cost(pretrained.load("JansenWalkerHardcore-v0"), single, 100)
-    assert found.difference < 1e-6
-    assert found.stack < 3000 and found.flash < 100_000
-    assert (found.instructions < 200_000) == single
-
-
-def test_a_microcontroller_that_is_not_here(monkeypatch, tmp_path, capsys):
-    """Is said, with what to install."""
-    monkeypatch.setattr(microcontroller.shutil, "which", lambda _: None)
-    with pytest.raises(SystemExit):
-        microcontroller.main(["--out", str(tmp_path / "out")])
-    assert "Debian has them in gcc-arm-none-eabi" in capsys.readouterr().err

@@ -221,8 +221,8 @@ def test_it_walks_under_the_papers_pid(speed):
     ]
     for one in found:
         assert not one.fell and one.crank_speed == pytest.approx(speed, rel=0.02)
-        assert one.speed > 0.05 * speed and one.electrical > one.mechanical > 0.0
-    for name in ("speed", "slip", "rms_torque", "mechanical", "electrical"):
+        assert one.speed > 0.05 * speed and one.electrical > one.cost_of_transport > 0.0
+    for name in ("speed", "slip", "rms_torque", "cost_of_transport", "electrical"):
         assert getattr(found[0], name) == pytest.approx(getattr(found[1], name), rel=0.1)
 
 

@@ -11,8 +11,7 @@ import pytest
 from benchmarks import climbing
 from benchmarks.climbing import Walked
 from benchmarks.profile_scores import load
-from jansen_env import Terrain, paper_robot
-from jansen_env.kinematics import T, joint_positions
+from jansen_env import Terrain
 from jansen_env.plants.make import PLANTS
 from jansen_env.terrain_generators import HIGHEST, LEVELS, at_level
 
@@ -42,15 +41,6 @@ def test_sizes_are_the_levels_and_beyond():
         )
 
 
-def test_grounds_are_the_same_for_all(rng):
-    """By obstacle, size and seed; a single step is as high as asked, before 1.2 m."""
-    step = climbing.ground("one step", 0.05, 3)
-    assert step == climbing.ground("one step", 0.05, 3) != climbing.ground("one step", 0.05, 4)
-    assert step.height([0.0, 0.6, 1.2, 9.0]) == pytest.approx([0.0, 0.0, 0.05, 0.05])
-    down = climbing.ground("stairs down", -0.05, 0)
-    assert down.height(3.0) < -0.1 and climbing.ground("stairs up", 0.05, 0).height(3.0) > 0.1
-
-
 def test_limits_of_shares():
     """Best speed by the mean; the last size before the share falls below a half."""
     ok = np.zeros((12, 2, 4), bool)
@@ -66,13 +56,6 @@ def test_limits_of_shares():
     other[6, 0, :1] = True
     found = {"a": Walked(ok, ok), "b": Walked(other, other)}
     assert climbing.anyhow(found)[5:9] == pytest.approx([0.5, 0.25, 0.0, 1.0])
-
-
-def test_toes_lift_as_the_linkage_lets_them():
-    """No higher than its path is, and not much lower: another toe is near its lowest point."""
-    path = joint_positions(paper_robot(), "fore", np.linspace(0.0, 2.0 * np.pi, 1000))[:, T]
-    height = float(np.ptp(path[:, 1]))
-    assert 0.9 * height < climbing.toe_lift(paper_robot()) <= height + 1e-6
 
 
 @pytest.mark.slow

@@ -5,14 +5,12 @@ from __future__ import annotations
 import json
 
 import gymnasium as gym
-import imageio.v3 as iio
 import numpy as np
 import pytest
-from PIL import Image
 from stable_baselines3 import PPO
 
 import train
-from agents import evaluate, tasks, video
+from agents import tasks
 from agents.crank_baselines import BASELINES, inverse_dynamics
 from agents.evaluate import load_named
 from agents.rollout import run_episodes
@@ -57,36 +55,6 @@ def test_the_papers_pid_does_what_the_paper_does(env):
     assert measured == pytest.approx([0.919, 2.088, 1.525], abs=1e-3)
 
 
-def test_the_papers_pid_is_equation_13(env):
-    """Against the formula written out, over the observations of a run with a small limit."""
-    limited = gym.make(ENV, torque_limit=1.8)
-    policy = BASELINES["pid"](limited.unwrapped)
-    seen, _ = limited.reset(seed=0, options=PAPER_START)
-    state, integral, saturated = None, 0.0, 0
-    for k in range(300):
-        action, state = policy.predict(seen[None], state, np.array([k == 0]))
-        _, _, speed, error, command = seen.astype(float)
-        torque = 10.0 * error + (integral + error * 0.01) + (command - speed)
-        if abs(torque) < 1.8:
-            integral += error * 0.01
-        saturated += abs(torque) >= 1.8
-        assert action[0, 0] == pytest.approx(np.clip(torque / 1.8, -1.0, 1.0), abs=1e-6)
-        seen, *_ = limited.step(action[0])
-    assert 0 < saturated < 300
-
-
-def test_constant_torque_feeds_the_joints_friction(env):
-    """Its power at the commanded speed is what the joints take over a turn at that speed."""
-    inverse, constant = (BASELINES[n](env.unwrapped) for n in ("inverse", "constant"))
-    seen = np.array([[1.0, 0.0, 0.0, 0.0, w] for w in (1.0, 2.0, -1.0, 9.0)])
-    torque = constant.predict(seen)[0][:, 0] * env.unwrapped.torque_limit
-    assert torque[1:] == pytest.approx([2 * torque[0], -torque[0], 5.0])
-    _, _, energies = follow(env, inverse, seconds=12.0)
-    turn = round(2.0 * np.pi / env.unwrapped.control_dt)
-    loss = sum(e["joint_loss"] for e in energies[-turn:])
-    assert torque[0] * 2.0 * np.pi == pytest.approx(loss, rel=2e-3)
-
-
 def test_inverse_dynamics_needs_no_feedback_once_it_follows(env):
     """After the start the error is next to nothing, at a torque below the PID's."""
     error, torque, _ = follow(env, BASELINES["inverse"](env.unwrapped))
@@ -117,15 +85,6 @@ def test_baselines_answer_like_stable_baselines(env, name):
     assert mean > 300.0  # it turns
 
 
-def test_unknown_environments_are_named():
-    """With those that have a task, in the library and in both scripts."""
-    with pytest.raises(ValueError, match=r"'Walker2d-v5'.*'JansenCrank-v0', 'JansenWalker-v0'"):
-        run_episodes(None, "Walker2d-v5", {}, np.ones(1), np.zeros(1, int))
-    for main in (train.main, lambda given: evaluate.main([*given, "--policy", "pid"])):
-        with pytest.raises(SystemExit):
-            main(["--env", "Walker2d-v5"])
-
-
 def test_scores_are_those_of_the_episodes(env):
     """Each total and metric against a run stepped here; a crank left alone is lost."""
     policy = BASELINES["pid"](env.unwrapped)
@@ -149,38 +108,6 @@ def test_scores_are_those_of_the_episodes(env):
 
     left = run_episodes(Nothing(), ENV, {}, np.array([1.0]), np.zeros(1, int))
     assert left["lost"][0] and 3.0 < left["duration"][0] < 3.5
-
-
-def test_evaluation_of_the_crank(tmp_path, capsys):
-    """Table, JSON and picture at the one commanded speed, all baselines."""
-    names = [argument for name in BASELINES for argument in ("--policy", name)]
-    out = str(tmp_path)
-    evaluate.main(["--env", ENV, *names, "--episodes", "2", "--out", out])
-    printed = capsys.readouterr().out
-    assert "RMS tracking error (rad)" in printed and "[1.0] rad/s" in printed
-    table = json.loads((tmp_path / "scores.json").read_text())
-    assert table["inverse"]["overall"]["rms_error"][0] < table["pid"]["overall"]["rms_error"][0]
-    assert (tmp_path / "scores.png").stat().st_size > 10_000
-
-
-@pytest.mark.parametrize("suffix", [".gif", ".mp4"])
-def test_video_of_the_crank(env, suffix, tmp_path):
-    """As long as asked for, moving, in the frames' own colours; another suffix is refused."""
-    path = tmp_path / f"inverse{suffix}"
-    policy = BASELINES["inverse"](env.unwrapped)
-    video.record_video(policy, ENV, {}, 1.0, 0, path, seconds=0.3)
-    frames = iio.imread(path)
-    assert len(frames) == round(0.3 / video.FRAME_TIME[suffix])
-    properties = iio.immeta(path)
-    shown = properties["duration"] / 1e3 if suffix == ".gif" else 1.0 / properties["fps"]
-    assert shown == pytest.approx(video.FRAME_TIME[suffix])
-    assert (frames[0] != frames[-1]).any()
-    start = gym.make(ENV, render_mode="rgb_array")
-    start.reset(seed=0, options={"speed_command": 1.0})
-    image = Image.fromarray(start.render()).resize(frames.shape[2:0:-1])
-    assert np.abs(np.asarray(image, float) - frames[0]).mean() < 4.0  # of 255
-    with pytest.raises(ValueError, match=r"with 0 frames, must be \['.gif', '.mp4'\]"):
-        video.save_video([], path, 0.1)
 
 
 def test_training_on_the_crank(tmp_path):

@@ -75,15 +75,6 @@ def test_the_readme_has_one_command_for_a_job(job: str) -> None:
     assert [job in line for line in lines if job.split()[0] in line] == [True]
 
 
-def test_there_is_one_rank_correlation() -> None:
-    """The documentation's is the docstring's, and that of the command that both name."""
-    pages = (ROOT / "docs" / "training.md", ROOT / "jansen_env" / "envs" / "walker.py")
-    text = [" ".join(page.read_text(encoding="utf-8").split()) for page in pages]
-    found = [re.findall(r"rank correlation of [a-z ]* is (0\.\d+)", page) for page in text]
-    assert found[0] == found[1] and len(found[0]) == 1
-    assert not re.search(r"\bcorrelation is 0", text[0])
-
-
 def anchors(page: Path) -> set[str]:
     """Of the headings of a page, as GitHub and MyST make them."""
     text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 import imageio.v3 as iio
 import numpy as np
 import pytest
@@ -20,22 +18,6 @@ def invisible(monkeypatch, tmp_path):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-def test_a_display_is_looked_for(monkeypatch):
-    """By X's and Wayland's variables; SDL's invisible windows are none."""
-    monkeypatch.setattr(sys, "platform", "linux")
-    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
-        monkeypatch.delenv(name, raising=False)
-    assert not enjoy.display()
-    monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-0")
-    assert enjoy.display()
-    monkeypatch.setenv("SDL_VIDEODRIVER", "offscreen")
-    assert not enjoy.display()
-    monkeypatch.delenv("SDL_VIDEODRIVER")
-    monkeypatch.delenv("WAYLAND_DISPLAY")
-    monkeypatch.setattr(sys, "platform", "darwin")
-    assert enjoy.display()
 
 
 def test_without_a_display_there_is_a_film(invisible, capsys):
@@ -77,25 +59,6 @@ def test_several_are_filmed_one_above_the_other(invisible, capsys):
     upper, lower = frames[:, :540], frames[:, 540:]
     assert np.abs(upper[0, :480].astype(int) - lower[0, :480]).mean() < 1.0  # but for the titles
     assert np.abs(upper[15].astype(int) - lower[15]).mean() > 2.0
-
-
-def test_titles_tell_how_far_the_toes_have_slid():
-    """The sum over all toes, as ``info`` has it."""
-    moment = video.Progress(0, 0.0, False)
-    for slip, x in (([0.001, 0.002], 0.1), ([0.0, 0.004], 0.3)):
-        moment = moment.after(1.0, False, {"slip": np.array(slip), "x_position": x})
-    assert moment == video.Progress(2, 2.0, False, 0.3, pytest.approx(0.007))
-    env = make_env("JansenWalker-v0", {}, render_mode="rgb_array")
-    env.reset(seed=0)
-    plain, titled = (next(video.film(env, [moment], 1, title)) for title in (None, "pid"))
-    changed = np.argwhere((plain != titled).any(axis=2))
-    assert len(changed) > 500 and changed[:, 0].min() > 490  # in the ground, below the toes
-    assert next(video.film(env, [moment._replace(slipped=None)], 2, "pid")).shape == plain.shape
-    numbers = [
-        (next(video.film(env, [moment], 1, title)) == video.SLIP).all(axis=2).sum()
-        for title in ("pid", "a run of mine", 40 * "wide ")
-    ]
-    assert numbers[0] > 100 and len({*numbers}) == 1  # in full beside titles of any length
 
 
 @pytest.fixture

@@ -285,28 +285,6 @@ def test_a_folder_is_a_users_own_whatever_the_umask(places):
     assert folder.stat().st_mode & 0o777 == 0o700 and places[0].stat().st_mode & 0o777 == 0o755
 
 
-def test_changed_sources_have_another_folder(places):
-    """In the user's caches too, where numba's own folder would stay the same."""
-    block(places[0]), block(places[1])
-    before = jit._cache_folder()
-    with (places[1].parent / "engine" / "task.py").open("a") as file:
-        file.write("# changed\n")
-    after = jit._cache_folder()
-    assert after != before and Path(after).parent == places[2].resolve()
-
-
-@pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="where Linux keeps caches")
-def test_the_users_caches(monkeypatch, tmp_path):
-    """XDG_CACHE_HOME or ~/.cache; none without a home."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setenv("HOME", str(tmp_path))
-    assert jit._user_cache() == tmp_path / "cache"
-    monkeypatch.delenv("XDG_CACHE_HOME")
-    assert jit._user_cache() == tmp_path / ".cache"
-    monkeypatch.setenv("HOME", str(tmp_path / "nowhere"))
-    assert jit._user_cache() is None
-
-
 def test_folders_of_other_sources_are_removed_when_unused(places):
     """Those not used for 30 days, when a new one is made; all others stay."""
     long_ago = time.time() - 31 * 24 * 3600

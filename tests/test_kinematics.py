@@ -18,7 +18,6 @@ from jansen_env.kinematics import (
     P,
     T,
     advance_per_turn,
-    check_closure,
     coordinates,
     joint_positions,
 )
@@ -103,28 +102,6 @@ def test_joints_move_without_jumps(robot):
     steps = np.hypot(*np.moveaxis(np.diff(joints, axis=0), -1, 0))
     assert steps.max() < 0.02
     assert steps[:, T].max() > 1e-4  # and the toe does move
-
-
-def test_feet_are_below_and_outside(robot):
-    """Every toe stays below all fixed joints; the fore foot at -x, where its frame reaches."""
-    fore = joint_positions(robot, "fore", TURN)
-    assert (fore[:, T, 1] < fore[:, [P, O], 1].min(axis=1) - 0.3).all()
-    assert (fore[:, T, 0] < 0.0).all()
-
-
-def test_built_in_designs_turn(robot):
-    """No closure error at half the default sampling interval either."""
-    check_closure(robot, samples=1440)
-
-
-def test_shapes_follow_the_crank_angles():
-    """(...,) crank angles give (..., 8, 2) joints and (..., 24) coordinates, each as if alone."""
-    robot, psi = paper_robot(), np.array([[0.1, 0.2, 0.3], [1.0, 2.0, 3.0]])
-    joints, x = joint_positions(robot, "back", psi), coordinates(robot, "back", psi)
-    assert joints.shape == (2, 3, 8, 2) and x.shape == (2, 3, 24)
-    assert (joints[1, 2] == joint_positions(robot, "back", 3.0)).all()
-    assert (x[1, 2] == coordinates(robot, "back", 3.0)).all()
-    assert x[1, 2, 3] == 3.0  # theta_2 is the crank angle itself
 
 
 @pytest.mark.parametrize(("name", "advance"), [("paper", 0.658), ("holy", -0.980)])

@@ -44,16 +44,6 @@ def test_numbers_of_a_level():
     assert found.slip == pytest.approx(0.36 / 3.6) and found.transport == pytest.approx(0.4)
 
 
-def test_grounds_that_any_policy_masters():
-    """Three of four, where one masters the first two and the other one the second two but one."""
-    rows = [
-        levels.Score(levels.share(np.array(won)), (0.0, 0.0, 0.1), None, None, won)
-        for won in ((True, True, False, False), (False, True, True, False))
-    ]
-    table = levels.success_table({"a": {3: rows[0]}, "b": {3: rows[1]}})
-    assert "any of them" in table and "| 0.75 [" in table and table.count("0.50 [") == 2
-
-
 def test_each_episode_has_its_options():
     """Levels differ side by side as they do alone."""
     seeds, commands = np.array([5, 6, 7]), np.full(3, 0.4)
@@ -98,30 +88,3 @@ def test_scores_by_level_are_written(tmp_path, capsys):
     assert set(found) == {"pid", "profile"} and set(found["pid"]) == {"0", "9"}
     assert (tmp_path / "levels.png").stat().st_size > 10_000
     assert "exact 95 % intervals" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    "arguments, message",
-    [
-        (["--env-kwargs", "{terrain: flat}"], "terrain_level"),
-        (["--env-kwargs", "{terrain: stairs}", "--levels", "10"], "10"),
-        (["--policy", "dog", "--env-kwargs", "{terrain: stairs}"], "'dog'"),
-    ],
-)
-def test_what_cannot_be_scored_is_refused(arguments, message, tmp_path, capsys):
-    common = ["--env", ENV, "--policy", "pid", "--episodes", "1", "--out", str(tmp_path)]
-    with pytest.raises(SystemExit):
-        levels.main([*common, *arguments])
-    assert message in capsys.readouterr().err
-
-
-def test_both_plants_stand_side_by_side(tmp_path):
-    """As policies of their own; the plants part slowly."""
-    levels.main([
-        "--env", ENV, "--env-kwargs", "{terrain: stumps, max_episode_steps: 5}", "--policy", "pid",
-        "--plant", "projection", "--plant", "rigid_body", "--levels", "2", "--episodes", "1",
-        "--out", str(tmp_path),
-    ])  # fmt: skip
-    found = json.loads((tmp_path / "levels.json").read_text())
-    costs = [found[f"pid on {plant}"]["2"]["transport"] for plant in ("projection", "rigid_body")]
-    assert costs[0] == pytest.approx(costs[1], rel=0.05) and costs[0] != costs[1]

@@ -254,22 +254,6 @@ def test_messages_are_held_to_a_schema(message):
     assert len(str(refused.value)) < 500
 
 
-def test_actions_are_the_sessions():
-    """What may be asked for is there, with these arguments."""
-    values = {"value": 0.0, "direction": 1, "name": "friction", "x": 1.0, "y": 1.0}
-    session = Session()
-    for action, fields in FIELDS.items():
-        arguments = {name: values[name] for name in fields}
-        if action == "pause":
-            arguments = {"value": True}
-        elif action == "slow":
-            arguments = {"value": 0.5}
-        elif action == "choose":
-            arguments = {"name": "terrain", "value": "waves"}
-        assert parse(json.dumps({"do": action, **arguments})) == (action, arguments)
-        assert session.attempt(action, **arguments), session.message
-
-
 def rubbish(rng):
     """A message that is nearly always wrong, some in a way nobody thought of."""
     numbers = [0, -1, 1, 0.3, 1e308, -1e-320, 10**300, True, None, "1", [], {}, [[1]]]
@@ -438,38 +422,6 @@ def test_the_robot_walks_on_while_another_one_is_made(monkeypatch):
     apart(asyncio.run, run())
 
 
-def test_a_slow_page_skips_frames():
-    """What is sent to it is bounded, and new."""
-
-    class Slow:
-        def __init__(self):
-            self.sent, self.gate = [], asyncio.Semaphore(0)
-
-        async def send(self, message):
-            self.sent.append(message)
-            await self.gate.acquire()
-
-    async def run():
-        session = Session()
-        page, slow = Page(session, 1), Slow()
-        task = asyncio.create_task(page._send_states(slow))
-        for _ in range(200):
-            session.advance(0.02)
-            page._publish()
-            await asyncio.sleep(0)
-        assert len(slow.sent) == 1 and json.loads(slow.sent[0])["kind"] == "scene"
-        for _ in range(3):
-            slow.gate.release()
-        for _ in range(5):
-            page._publish()
-            await asyncio.sleep(0)
-        states = [json.loads(one)["score"]["time"] for one in slow.sent[1:]]
-        assert 1 <= len(states) <= 3 and states[0] == session.score().time
-        task.cancel()
-
-    apart(asyncio.run, run())
-
-
 def test_the_end_does_not_wait_for_idle_connections(monkeypatch):
     monkeypatch.setattr(server, "PATIENCE", 60.0)
 
@@ -525,11 +477,3 @@ def test_an_extra_that_is_missing(arguments, monkeypatch):
     monkeypatch.setattr(program, "find_spec", lambda name: None)
     with pytest.raises(SystemExit, match="which the extra 'play' installs"):
         program.main(arguments)
-
-
-def test_no_display(monkeypatch):
-    pytest.importorskip("pygame_gui", reason="the extra 'play' is not installed")
-    monkeypatch.setenv("SDL_VIDEODRIVER", "x11")
-    monkeypatch.setenv("DISPLAY", ":4711")
-    with pytest.raises(SystemExit, match=r"no window: .*; --web needs no display"):
-        program.main([])

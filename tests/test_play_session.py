@@ -28,22 +28,6 @@ def session():
     one.close()
 
 
-def actions_of(session, monkeypatch):
-    """The list to which the environment's actions will be added."""
-    given, step = [], session._env.step
-    monkeypatch.setattr(session._env, "step", lambda a: given.append(float(a[0])) or step(a))
-    return given
-
-
-def test_the_input_is_the_torque(session, monkeypatch):
-    given = actions_of(session, monkeypatch)
-    session.steer(-0.3)
-    assert walk(session, 0.2) == 10
-    assert given == pytest.approx([-0.3] * 10)
-    limit = session.env.torque_limit
-    assert session.frame().torque == pytest.approx(-0.3 * limit)
-
-
 def test_a_key_lets_the_torque_grow_and_go_back(session):
     session.hold(1)
     walk(session, 0.1)
@@ -141,12 +125,6 @@ def test_the_torque_shown_has_the_inputs_sign(robot):
     assert session.frame().torque == 10.0
 
 
-def test_the_torque_is_that_of_the_motor_at_once(session):
-    session.pause(True)
-    session.set("motor_strength", 0.5)
-    assert session.full_torque == 10.0
-
-
 def test_ground_and_robot_by_name():
     session = Session(seed=4)
     session.choose("terrain", "stairs")
@@ -190,25 +168,6 @@ def test_what_cannot_be_is_refused_and_changes_nothing(session):
     assert session.input == 0.0 and session.pace == 1.0 and not session.paused
     walk(session, 7.0)
     assert session.message == ""
-
-
-def test_a_built_robot_refuses_restitution():
-    session = Session("JansenWalkerHardcore-v0", terrain="flat")
-    assert session.choices["robot"] == "built"
-    assert not session.attempt("set", name="restitution", value=0.5)
-    assert "restitution" in session.message
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [({"env_id": "JansenCrank-v0"}, "env is 'JansenCrank-v0', must be one of"),
-     ({"robot": "tin"}, "robot is 'tin', must be one of"), ({"seed": -1}, "seed is -1"),
-     ({"terrain": "sea"}, "terrain is 'sea', must be one of"), ({"level": 1}, "must be 0 on flat"),
-     ({"control": "sac"}, "control is 'sac', must be one of")],
-)  # fmt: skip
-def test_arguments_are_checked(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        Session(**arguments)
 
 
 def test_a_push_moves_the_robot(session):
@@ -268,12 +227,3 @@ def test_a_simulation_that_diverges_waits_for_a_reset(session, monkeypatch):
     monkeypatch.undo()
     session.reset()
     assert session.advance(0.1) == 5 and session.message == ""
-
-
-@pytest.mark.parametrize("env_id", ["JansenWalkerRough-v0", "JansenWalkerHardcore-v0"])
-def test_worlds_and_their_policies(env_id):
-    session = Session(env_id, control="ppo", level=2)
-    assert session.choices["terrain"] == "mixed" and session.top_speed == 0.5
-    session.steer(0.6)
-    walk(session, 4.0)
-    assert session.score().distance > 0.3

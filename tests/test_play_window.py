@@ -20,8 +20,8 @@ import pygame as pg
 import pygame_gui as gui
 
 from jansen_env.play import window as module
-from jansen_env.play.session import PACES, Session
-from jansen_env.play.window import CLICK_PUSH, DEAD_ZONE, PUSH_PER_PIXEL, WINDOW, Window
+from jansen_env.play.session import Session
+from jansen_env.play.window import CLICK_PUSH, PUSH_PER_PIXEL, WINDOW, Window
 from jansen_env.rendering import FORCE, SIZE, SKY
 
 
@@ -98,19 +98,6 @@ def test_keys_are_the_torque_and_the_picture_follows(window):
     assert window.session.input == 0.0
 
 
-def test_help_is_shown_until_a_key_and_again(window):
-    turns(window)
-    with_help = pixels(window)
-    assert window.panel.help_open
-    press(window, pg.K_s)
-    assert not window.panel.help_open and window.session.pace == PACES[1]
-    assert (pixels(window) != with_help).mean() > 0.1
-    press(window, pg.K_SLASH, "?")
-    assert window.panel.help_open
-    press(window, pg.K_h)
-    assert not window.panel.help_open
-
-
 def test_time_stands_still_while_the_help_is_open(window):
     """And all that is done, but to open it, closes it."""
     time = window.session.env.frame().time
@@ -128,24 +115,6 @@ def test_time_stands_still_while_the_help_is_open(window):
         act()
         turns(window, 2)
         assert not window.panel.help_open
-
-
-def test_other_keys(window):
-    session = window.session
-    turns(window, 10)
-    press(window, pg.K_SPACE)
-    turns(window, 10)
-    assert session.frame().q[0] > 0.01  # pushed forwards
-    press(window, pg.K_p)
-    assert session.paused
-    press(window, pg.K_p)
-    press(window, pg.K_r)
-    assert not session.paused and session.score().time <= 0.02
-    press(window, pg.K_n)
-    assert session.seed == 1
-    pg.event.post(pg.event.Event(pg.QUIT))
-    turns(window)
-    assert window.closed
 
 
 def pushes(window, monkeypatch):
@@ -192,24 +161,6 @@ def test_sliders_buttons_and_lists(window, monkeypatch):
     assert session.values()["friction"] == pytest.approx(0.27, abs=0.06)
 
 
-def test_a_list_opens_and_what_is_refused_is_shown(window):
-    session = window.session
-    session.set("restitution", 0.5)
-    turns(window)
-    press(window, pg.K_LSHIFT)  # the help goes
-    menu = widget(window, "robot")
-    click(window, menu.rect.center)
-    turns(window, 2)
-    listed = menu.current_state.options_selection_list.item_list_container.elements
-    built = next(button for button in listed if button.text == "built")
-    before = pixels(window)
-    click(window, built.rect.center)
-    turns(window, 2)
-    assert session.choices["robot"] == "paper" and "restitution" in session.message
-    assert widget(window, "robot").selected_option[0] == "paper"
-    assert (pixels(window)[300:600, 480:530] != before[300:600, 480:530]).any()
-
-
 def test_a_fall_is_shown_and_a_start_offered(window):
     session, reset = window.session, widget(window, "reset")
     session.seed = 1
@@ -223,20 +174,6 @@ def test_a_fall_is_shown_and_a_start_offered(window):
     assert (pixels(window)[400:500, 485:515] != before[400:500, 485:515]).any()
     click(window, reset.rect.center)
     assert not session.fallen and not reset.is_selected and session.message == ""
-
-
-def test_a_gamepad_is_the_input(window):
-    def move(value):
-        pg.event.post(pg.event.Event(pg.JOYAXISMOTION, axis=0, value=value))
-        turns(window)
-
-    move(-0.5)
-    assert window.session.input == -0.5
-    move(DEAD_ZONE / 2)
-    assert window.session.input == 0.0
-    pg.event.post(pg.event.Event(pg.JOYBUTTONDOWN, button=0))
-    turns(window)
-    assert window.session.score().time <= 0.02
 
 
 def test_time_is_real_however_long_a_picture_takes(window):

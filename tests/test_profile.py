@@ -11,7 +11,7 @@ from agents.columns import columns
 from agents.evaluate import load_named
 from agents.metrics import point_estimates
 from agents.policy import TorquePolicy
-from agents.profile import READ, Profile, load_profile, profile_torque
+from agents.profile import READ, load_profile, profile_torque
 from agents.profile_search import Sweep, improve, profiles, search_profile, triangular, worth
 from agents.rollout import make_env, run_episodes
 from agents.tasks import WALKER
@@ -164,22 +164,6 @@ def test_triangular_quantiles():
     assert triangular(share, 0.1, 0.2, 0.5) == pytest.approx(expected)
     assert triangular(share, 0.1, 0.1, 0.5) == pytest.approx(0.5 - 0.4 * np.sqrt(1.0 - share))
     assert np.all(triangular(share, 0.3, 0.3, 0.3) == 0.3)
-
-
-@pytest.mark.parametrize(
-    ("commands", "numbers", "match"),
-    [
-        ([0.2, 0.1], np.ones((2, 6)), "must increase from above 0"),
-        ([0.0, 0.1], np.ones((2, 6)), "must increase from above 0"),
-        ([0.1], np.ones((2, 6)), "has the shape"),
-        ([0.1], np.ones((1, 5)), "has the shape"),
-        ([0.1], np.full((1, 6), np.nan), "not finite"),
-    ],
-)
-def test_what_is_no_profile_is_refused(commands, numbers, match):
-    """Commands out of order, numbers that do not fit them."""
-    with pytest.raises(ValueError, match=match):
-        Profile(np.array(commands), numbers)
 
 
 def test_an_interrupted_search_leaves_no_part_of_the_grid(monkeypatch):

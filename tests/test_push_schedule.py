@@ -7,7 +7,6 @@ import pytest
 
 from jansen_env import Push
 from jansen_env.envs.disturbances import Pushes
-from jansen_env.push import MOST_PUSHES, check_schedule, make_push
 
 STEPS, STEP = 20, 1e-3  # of a control step, s
 PERIOD = STEPS * STEP
@@ -149,22 +148,3 @@ def test_an_empty_schedule_is_no_push_at_all_and_longer_ones_keep_the_others():
 def test_wrong_pushes_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         Push(**arguments)
-
-
-def test_pushes_can_be_given_by_their_arguments():
-    assert make_push({"impulse": 2.0}) == Push(2.0) and make_push(None) is None
-    for wrong in ({"force": 1.0}, 1.0, "strong", [1.0]):
-        with pytest.raises(ValueError, match="must be None, a Push or a dictionary with some of"):
-            make_push(wrong)
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [1.0, "now", [1.0], [(0.0, 1.0)], [(-0.1, 1.0, 0.0)], [(0.0, np.nan, 0.0)],
-     [(0.0, 1.0, np.inf)], [(0.0, 1.0, 0.0)] * (MOST_PUSHES + 1), [("0", 1.0, 0.0)]],
-)  # fmt: skip
-def test_wrong_schedules_are_refused(wrong):
-    with pytest.raises(ValueError, match=r"options\['pushes'\]"):
-        check_schedule("options['pushes']", wrong)
-    assert check_schedule("pushes", [(0, 1, 2.5)]).tolist() == [[0.0, 1.0, 2.5]]
-    assert check_schedule("pushes", []).shape == (0, 3)

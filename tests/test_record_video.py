@@ -6,11 +6,9 @@ import gymnasium as gym
 import imageio.v3 as iio
 import numpy as np
 import pytest
-from gymnasium.wrappers import RecordVideo
 from gymnasium.wrappers.vector import RecordVideo as RecordVectorVideo
 from stable_baselines3.common.vec_env import VecVideoRecorder
 
-from agents.tasks import TASKS
 from agents.vec_env import make_vec_env
 
 pytest.importorskip("moviepy", reason="moviepy, which the recorders need, is not installed")
@@ -27,19 +25,6 @@ def check(folder, pictures, fps):
     frames, found = film(folder)
     assert (found, frames.shape) == (fps, np.shape(pictures))
     assert np.abs(frames.astype(int) - pictures).mean() < 3.0  # of 255; the codec loses some
-
-
-@pytest.mark.parametrize("env_id", TASKS)
-def test_of_one_robot(env_id, tmp_path):
-    env = RecordVideo(gym.make(env_id, render_mode="rgb_array"), str(tmp_path / "films"))
-    env.reset(seed=0)
-    pictures = [env.unwrapped.render()]
-    for _ in range(STEPS):
-        env.step(np.ones(1, np.float32))
-        pictures.append(env.unwrapped.render())
-    fps = round(1.0 / env.unwrapped.control_dt)
-    env.close()
-    check(tmp_path / "films", pictures, fps)
 
 
 def test_of_many_robots(tmp_path):

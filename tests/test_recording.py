@@ -212,18 +212,6 @@ def test_other_contents_are_refused(short, change, message):
         replace(short, **change)
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("legs", []), ("legs", [{"side": "fore", "depth": 2.0}] * 4), ("weight", 0.0),
-     ("weight", 1e300), ("reach", "1"), ("payload", 3), ("payload", {"mass": "1", "x": 0, "y": 0}),
-     ("joints", []), ("skeleton", [[0, 99]]), ("triangles", [[0, 0, 99]]), ("speedUnit", None),
-     ("controlDt", -1.0), ("terrain", None)],
-)  # fmt: skip
-def test_other_scenes_are_refused(short, name, value):
-    with pytest.raises(ValueError, match=r"scene|leg|payload"):
-        replace(short, scene={**short.scene, name: value})
-
-
 def rewritten(short, packed=zipfile.ZIP_DEFLATED, **changed):
     """A file with other members: bytes, or arrays."""
     with zipfile.ZipFile(io.BytesIO(short.to_bytes())) as archive:

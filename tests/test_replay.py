@@ -8,7 +8,6 @@ import re
 import pytest
 
 from agents.replay import main
-from jansen_env.pretrained import shipped
 from jansen_env.recording import Recording
 
 
@@ -37,19 +36,6 @@ def test_saved_ones_are_shown_again(tmp_path):
     data = data_of(tmp_path / "b.html")
     assert [one["label"] for one in data["recordings"]] == ["pid (1)", "pid (2)"]
     assert data["recordings"][0]["arrays"] == data_of(out)["recordings"][0]["arrays"]
-
-
-def test_labels_that_make_one_name_make_two_files(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    policy = shipped("JansenCrank-v0")
-    for name in ("a b", "a_b"):
-        for suffix in (".json", ".safetensors"):
-            path = tmp_path / "x" / f"{name}{suffix}"
-            path.parent.mkdir(exist_ok=True)
-            path.write_bytes(policy.with_suffix(suffix).read_bytes())
-    main(["--env", "JansenCrank-v0", "--policy", "x/a b.json", "--policy", "x/a_b.json",
-          "--steps", "2"])  # fmt: skip
-    assert len([*tmp_path.glob("replay_*_[12].npz")]) == 2
 
 
 @pytest.mark.parametrize(

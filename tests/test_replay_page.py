@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 
 import gymnasium as gym
 import imageio.v3 as iio
@@ -20,7 +19,6 @@ NAMELESS = """() => [...document.querySelectorAll('button, input, select, canvas
         || one.getAttribute('aria-labelledby')))
     .map(one => one.outerHTML)"""
 FRAME = "await new Promise(requestAnimationFrame);"
-SCRUB = "(one, time) => { one.value = time; one.dispatchEvent(new Event('input')); }"
 DIGITS = {"crankSpeed": 2, "torque": 2, "power": 2, "returned": 1}  # 3 of the others
 STILL = {"reduced_motion": "reduce"}
 
@@ -151,32 +149,6 @@ def test_numbers_are_those_of_the_recording(opened, recordings):
     assert time_of(page) == pytest.approx(0.5, abs=0.021)
     assert plot.evaluate(PIXELS) != before
     check(page, recordings, round(time_of(page) / 0.02))
-
-
-def test_toes_have_the_colours_of_their_contact(opened):
-    """Those alone, without paths and forces."""
-    one = recorded("JansenWalker-v0", "on ice", 0.1, friction=0.1)
-    page, contact = opened(shown=[one], **STILL).page, one.contact
-    page.keyboard.press("t")
-    page.keyboard.press("c")
-    seen = set()
-    for k in range(0, 100, 7):
-        page.locator("#scrub").evaluate(SCRUB, 0.02 * k)
-        settled(page)
-        shown = iio.imread(page.locator("#stage canvas").screenshot())[..., :3].reshape(-1, 3)
-        colours = [(0, 140, 122), (220, 38, 38)]  # of rendering.py
-        found = [int((shown == colour).all(axis=1).sum()) > 10 for colour in colours]
-        assert found == [1 in contact[k], 2 in contact[k]], k
-        seen.add(tuple(found))
-    assert len(seen) > 1
-
-
-def test_the_end_is_told(opened, recordings):
-    page = opened(shown=[replace(recordings[0], terminated=True)], **STILL).page
-    assert "ended" not in page.inner_text("#stage")
-    page.keyboard.press("End")
-    settled(page)
-    assert "ended at 2.00 s" in page.inner_text("#stage")
 
 
 def test_the_keyboard_is_enough(opened, recordings):
@@ -312,37 +284,6 @@ def test_colours_are_the_readers(opened, scheme):
     assert darkness() == ((False, False) if scheme == "dark" else (True, True))
 
 
-def test_one_alone_has_no_ghost(opened):
-    page = opened(**STILL).page
-    page.keyboard.press("g")
-    settled(page)
-    assert page.locator("#stage canvas:visible").count() == 1
-    assert page.get_attribute("#ghosts", "aria-pressed") == "false"
-    assert page.get_attribute("#time", "aria-live") == "off"  # not read out while it plays
-
-
-def test_each_has_its_own_command(opened, recordings):
-    """As a dashed line in the plot of the speeds, whichever is longer."""
-    picture = opened(shown=recordings, **STILL).page.locator("#plots canvas").nth(2)
-    before = picture.evaluate(PIXELS)
-    other = replace(recordings[1], command=np.full(len(recordings[1].time), 0.7))
-    assert (
-        opened(shown=[recordings[0], other], **STILL)
-        .page.locator("#plots canvas")
-        .nth(2)
-        .evaluate(PIXELS)
-        != before
-    )
-
-
-def test_other_grounds_are_no_ghosts(opened, recordings):
-    hill = recorded("JansenWalker-v0", "uphill", 0.1, terrain="slope:0.05")
-    page = opened(shown=[recordings[0], hill], **STILL).page
-    assert page.locator("#ghosts").is_disabled()
-    page.keyboard.press("g")
-    assert page.locator("#stage canvas:visible").count() == 2
-
-
 def test_the_crank_has_no_ground(opened):
     one = recorded("JansenCrank-v0", "crank", 0.1)
     page = opened(shown=[one], **STILL).page
@@ -353,18 +294,6 @@ def test_the_crank_has_no_ground(opened):
     assert shown["speed"] == pytest.approx(one.crank_speed[-1], abs=6e-4)
     assert "slip" not in shown and not page.locator("#legend").is_visible()
     assert page.locator("#stage canvas").evaluate(PIXELS)
-
-
-@pytest.mark.parametrize("reach", [1e-3, 1e12])  # m; less for places so far away is refused
-def test_extremes_do_not_hang_it(opened, recordings, reach):
-    """A recording may say what it likes."""
-    one = replace(recordings[0], scene={**recordings[0].scene, "reach": reach})
-    far = replace(one, pose=1e6 * one.pose, speed=1e9 * one.speed, time=1e-6 * one.time)
-    page = opened(shown=[far, one], **STILL).page
-    for key in ("End", "g", "-", "w", "+"):
-        page.keyboard.press(key)
-        settled(page)
-    assert time_of(page) == 2.0
 
 
 def test_names_are_text(opened, open_window, recordings, tmp_path):

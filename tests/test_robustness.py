@@ -48,15 +48,6 @@ def test_conditions_are_what_they_are_called(few):
     assert plain["friction"]["overall"] == drawn["overall"]
 
 
-def test_a_drawn_friction_gives_way(few):
-    """Where the environment draws one for each episode."""
-    env_id = "JansenWalkerHardcore-v0"
-    policies = {"pid": load_named("pid", make_env(env_id, SHORT))}
-    friction = robustness.score([(policies, SHORT)], env_id, 4)["friction"]
-    returns = [own["pid"]["overall"]["return"][0] for own in friction.values()]
-    assert returns[0] != returns[1]
-
-
 def test_robustness_command(few, tmp_path, capsys):
     """Tables, numbers, and a figure; fewer episodes on the slow plant."""
     evaluate.main([
@@ -78,21 +69,3 @@ def test_robustness_command(few, tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "| 0.3, pid on projection " in printed and "| rigid, profile on rigid_body " in printed
     assert (tmp_path / "robustness.png").stat().st_size > 10_000
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--env", "JansenCrank-v0"], "--robustness needs one of"),
-        (["--commands", "0.3"], "goes without --commands"),
-        (["--random-commands", "3"], "goes without --commands"),
-        (["--video"], "goes without --commands"),
-        (["--env-kwargs", "{restitution: 0.5}"], "restitution"),
-    ],
-)
-def test_what_does_not_go_together_is_refused(few, arguments, message, tmp_path, capsys):
-    with pytest.raises(SystemExit):
-        evaluate.main(["--robustness", "--policy", "pid", "--episodes", "1",
-                       "--out", str(tmp_path), *arguments])  # fmt: skip
-    assert message in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())

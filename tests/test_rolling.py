@@ -78,21 +78,6 @@ def test_slip_is_the_path_of_the_contact_point(psi, pitch):
     assert result.contact_force[toe, 1] > 0.0
 
 
-@pytest.mark.parametrize("psi, pitch", POSES)
-def test_a_landing_toe_stops_dead(psi, pitch):
-    """Struck at 1 m/s with large friction, the contact point's velocity is 0 after: 1e-4 m/s."""
-    h = 1e-6
-    plant, toe = on_one_toe(0.0, psi, pitch, friction=20.0, time_step=h)
-    state = plant.state
-    state[4:] = 0.3, -1.0, 0.5, 2.0
-    plant.state = state
-    plant.step(0.0, h)
-    q, v = np.split(plant.state, 2)
-    vx, vy, turning = (pad(q + h * v, toe) - pad(q - h * v, toe)) / (2.0 * h)
-    assert abs(RADIUS * turning) > 1e-2
-    assert abs(vy) <= 1e-4 and abs(vx + RADIUS * turning) <= 1e-4
-
-
 def test_a_toe_pushed_into_the_ground_comes_out():
     """1 mm deep: out to the 20 um that are left, slowly, and with no speed gained (1e-9 m/s)."""
     plant = ProjectionPlant(Robot(), Terrain.flat())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 
 import numpy as np
 import pytest
@@ -25,25 +24,6 @@ def test_interquartile_mean_is_that_of_the_middle_half():
     np.testing.assert_allclose(
         over_runs.interquartile_mean(columns), over_runs.interquartile_mean(TEN) * np.array([1, 2])
     )
-
-
-@pytest.mark.parametrize(
-    "interval",
-    [
-        over_runs.mean_with_interval,
-        over_runs.iqm_with_interval,
-        partial(over_runs.with_interval, over_runs.mean),
-    ],
-)
-def test_intervals_follow_shift_and_scale(interval):
-    """Value and both ends; they hold the value between them, and do not depend on the order."""
-    value, low, high = interval(TEN)
-    assert low < value < high
-    np.testing.assert_allclose(
-        interval(3.0 * TEN + 7.0), [3.0 * value + 7.0, 3.0 * low + 7.0, 3.0 * high + 7.0]
-    )
-    other = interval(TEN[::-1])
-    assert other[0] == pytest.approx(value) and other[1:] == pytest.approx((low, high), rel=0.06)
 
 
 def test_interval_of_the_mean_is_near_the_normal_one():

@@ -15,7 +15,6 @@ from test_walker_vector import ROUGH, compare, side_by_side, together
 
 from jansen_env import Noise, Push
 from jansen_env.engine import task
-from jansen_env.envs.core import Observed
 from jansen_env.envs.disturbances import NoisySensors
 from jansen_env.envs.walker_task import _observed
 from jansen_env.noise import COLUMNS, make_noise
@@ -86,22 +85,6 @@ def test_the_scan_is_the_height_over_the_ground_below_each_place():
     expected = y - ROUGH.height(x + np.linspace(-0.4, 0.8, 5))
     np.testing.assert_array_equal(seen[-1, -5:], expected.astype(np.float32))
     assert np.ptp(seen[-1, -5:]) > 0.005  # it is no flat ground
-
-
-def test_one_place_below_the_axis_is_the_height_that_is_observed():
-    env = walker(terrain="slope:0.1", height_scan=(0.0, 0.0, 1))
-    observation, _ = env.reset(seed=0)
-    assert observation[-1] == observation[NAMES.index("crank_axis_height")]
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [1.0, (0.1, 0.2), (-0.1, 0.2, 3), (0.1, np.inf, 3), (0.1, 0.2, 0), (0.1, 0.2, 2.5), "far",
-     (0.1, 200.0, 3), (0.1, 0.2, 10**6)],
-)  # fmt: skip
-def test_wrong_scans_are_refused(wrong):
-    with pytest.raises(ValueError, match="height_scan"):
-        walker(height_scan=wrong)
 
 
 def test_every_sensor_has_its_noise():
@@ -354,17 +337,6 @@ def test_pushes_at_random_come_from_the_argument_and_only_from_it():
     assert not any(info["energy"]["push_work"] for info in infos)
 
 
-def test_a_refused_schedule_changes_nothing():
-    env = walker(push=Push())
-    env.reset(seed=0)
-    before = env.get_state()
-    with pytest.raises(ValueError, match=r"options\['pushes'\]"):
-        env.reset(options={"pushes": [(-1.0, 1.0, 0.0)]})
-    np.testing.assert_array_equal(env.get_state()["plant"], before["plant"])
-    with pytest.raises(ValueError, match=r"state\['pushes'\]"):
-        env.set_state({**before, "pushes": [(1.0, 2.0)]})
-
-
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
@@ -378,12 +350,3 @@ def test_a_refused_schedule_changes_nothing():
 def test_wrong_noise_is_refused(wrong, message):
     with pytest.raises(ValueError, match=message):
         make_noise(wrong)
-
-
-def test_noise_can_be_given_by_its_arguments():
-    assert make_noise({"gyro": 0.3}) == Noise(gyro=(0.3, 0.0)) and make_noise(None) is None
-    with pytest.raises(ValueError, match="must be of"):
-        Noise.only(lidar=0.1)
-    unknown = [Observed("temperature", "K", 0.0, 1.0).name, *NAMES]
-    np.testing.assert_array_equal(Noise().deviations(unknown)[1:], Noise().deviations(NAMES))
-    assert not Noise().deviations(unknown)[0].any()

@@ -15,7 +15,7 @@ from jansen_env.envs.walker import JansenWalkerEnv
 from jansen_env.gravity import GRAVITY
 from jansen_env.kinematics import world_joints
 from jansen_env.plants.projected import ProjectionPlant
-from jansen_env.plants.trace import PeakLoads, pads_in_contact, peak_loads, trace_forces
+from jansen_env.plants.trace import pads_in_contact, peak_loads, trace_forces
 
 LADEN = replace(Robot(), payload=Payload(1.0, 0.1, (0.1, 0.2)))
 HOLD = 0.02  # s
@@ -262,25 +262,6 @@ def test_the_first_force_of_an_episode_does_not_depend_on_the_time_step():
         env.reset(seed=0, options={"crank_angle": 2.0})
         forces.append(env.step(np.array([0.0]))[-1]["joint_force_max"])
     assert forces[0] == pytest.approx(forces[1], rel=0.02)
-
-
-def test_peak_loads_by_hand():
-    """Steps with a landing give impulses, the others forces; 0 where there are none."""
-    size = np.arange(24.0).reshape(4, 2, 3)
-    landing = np.array([False, True, False, True])
-    assert peak_loads(size, landing, 0.5) == PeakLoads(17.0, 11.5)
-    assert peak_loads(size, ~landing, 0.5) == PeakLoads(23.0, 8.5)
-    assert peak_loads(size, np.zeros(4, bool), 0.5) == PeakLoads(23.0, 0.0)
-
-
-def test_a_plant_without_a_trace_says_so():
-    """Instead of loads of 0."""
-    plant = standing(tracing=False)
-    plant.step(1.0, HOLD)
-    with pytest.raises(ValueError, match="no rows, set the plant's tracing"):
-        plant.peak_loads()
-    plant.tracing = True
-    assert pickle.loads(pickle.dumps(plant)).tracing
 
 
 def test_standing_walker():

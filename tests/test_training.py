@@ -143,12 +143,6 @@ def test_every_config_builds(path):
     training.prepare(config.new_config(path, settings["algo"], settings["env"]))
 
 
-def test_missing_config_is_named():
-    """With those that there are."""
-    with pytest.raises(ValueError, match=r"JansenCrank-v0/td3.*'JansenCrank-v0/ppo'"):
-        config.shipped_config("JansenCrank-v0", "td3")
-
-
 def test_normalizer_equals_numpy():
     """Mean and variance over several updates; nothing changes in between."""
     env = make_env("JansenWalker-v0", {})

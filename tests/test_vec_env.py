@@ -126,16 +126,6 @@ def test_ground_from_points():
     assert venv.get_attr("terrain") == [Terrain(points), Terrain.flat()]
 
 
-def test_pictures():
-    """One of each robot, tiled into one."""
-    venv = make_vec_env(ENV, 4, {"render_mode": "rgb_array"})
-    venv.reset()
-    images = venv.get_images()
-    assert len(images) == 4 and images[0].ndim == 3
-    assert venv.render().shape == (2 * images[0].shape[0], 2 * images[0].shape[1], 3)
-    venv.close()
-
-
 def test_what_cannot_move_together_takes_turns():
     """Another plant, joint forces, other tasks and variants of other arguments."""
     assert can_be_batched(ENV, {"friction": 0.5}, [{"payload": 1.0}, {}])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import html
 import json
 import re
 from dataclasses import replace
@@ -16,9 +15,8 @@ import pytest
 from jansen_env.gravity import GRAVITY
 from jansen_env.kinematics import T, joint_positions
 from jansen_env.recorder import Recorder
-from jansen_env.web import page as pages
 from jansen_env.web.geometry import scene_of, state_of
-from jansen_env.web.page import frame_of, page, write_page
+from jansen_env.web.page import page
 
 LIMIT = 400_000  # bytes of a page
 
@@ -146,38 +144,6 @@ def test_nothing_else_may_run(recording):
     assert not re.search(r"https?:|\bsrc=|<style |@import|url\(|\bfetch\(|XMLHttp|eval\(", text)
     assert "<b>" not in text
     assert "<title>&lt;b&gt;me&lt;/b&gt;</title>" in text
-
-
-def test_a_frame_is_the_page(recording, tmp_path):
-    frame = frame_of(recording)
-    inside = re.fullmatch(r'<iframe srcdoc="([^"]*)" sandbox="allow-scripts" .*></iframe>', frame)[
-        1
-    ]
-    path = write_page(tmp_path / "a.html", recording)
-    assert html.unescape(inside) == path.read_text(encoding="utf-8") == page(recording)
-
-
-def test_a_walk_beside_a_crank_is_refused(recording):
-    other = replace(recording, scene={**recording.scene, "speedUnit": "rad/s"})
-    with pytest.raises(ValueError, match=r"speeds in \['m/s', 'rad/s'\], must"):
-        page(recording, other)
-
-
-@pytest.mark.parametrize("count", [0, 3])
-def test_other_numbers_of_recordings_are_refused(recording, count):
-    with pytest.raises(ValueError, match=f"there are {count} recordings, must be 1 or 2"):
-        page(*[recording] * count)
-
-
-@pytest.mark.parametrize(
-    "source", ["import * as a from './b.js';", "export default 1;", 'const a = "</script>";']
-)
-def test_scripts_that_cannot_be_put_in_are_refused(monkeypatch, tmp_path, source):
-    (tmp_path / "a.js").write_text(source)
-    monkeypatch.setattr(pages, "FOLDER", tmp_path)
-    monkeypatch.setattr(pages, "SCRIPTS", ("a",))
-    with pytest.raises(ValueError, match="cannot be put into a page"):
-        pages._script()
 
 
 def test_far_walks_have_the_ground_they_see(recording):

@@ -6,6 +6,7 @@ import argparse
 import time
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from jansen_env.files import writable, write_json, write_text
 from jansen_env.paper.results import compute
@@ -36,14 +37,12 @@ def main(arguments: list[str] | None = None) -> None:
     claims, found = check_claims(results), errata()
     print(as_text(claims), end="\n\n")
     write_text(out / "claims.md", as_markdown(claims, found, results.levels, results.pid_levels))
+    tables: dict[str, list[Any]] = {
+        "claims": claims, "levels": results.levels, "pid_levels": results.pid_levels,
+        "errata": found,
+    }  # fmt: skip
     write_json(
-        out / "claims.json",
-        {
-            "claims": [asdict(c) for c in claims],
-            "levels": [asdict(v) for v in results.levels],
-            "pid_levels": [asdict(v) for v in results.pid_levels],
-            "errata": [asdict(e) for e in found],
-        },
+        out / "claims.json", {name: [asdict(row) for row in rows] for name, rows in tables.items()}
     )
     figures = draw(results, out)
     print(f"written: {out}/claims.md, {out}/claims.json and {len(figures)} figures "

@@ -242,7 +242,7 @@ def heave(r: Results) -> Figure:
     left.semilogy(legs, standing, "x--", color=INK, lw=0.9, ms=5, label="standing on both sides")
     left.set(title="Heave by number of legs", xlabel="legs", ylabel="peak to peak (mm)",
              xticks=legs[1::2])  # fmt: skip
-    left.legend()
+    left.legend(loc="upper right")
     for axes, phases in zip(right, (3, 4), strict=True):
         angle = toes.turn(720)
         fore, back = toes.lowest_toes(paper_robot(phases), angle)
@@ -314,5 +314,5 @@ def joint_forces(r: Results) -> Figure:
     )
     axes.set_xticks(place, names)
     axes.grid(visible=False, axis="x")
-    axes.legend()
+    axes.legend(loc="upper left")
     return figure

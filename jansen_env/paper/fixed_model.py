@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.checks import positive
 from jansen_env.control import PID
 from jansen_env.dynamics.joint_forces import joint_forces
 from jansen_env.dynamics.projection import Projection, project
@@ -50,13 +49,7 @@ Advance = Callable[[float, float, float], tuple[float, float]]
 
 
 def tables_advance(robot: Robot, time_step: float = SAMPLING) -> Advance:
-    """The compiled tables, Runge-Kutta's steps of ``time_step`` s.
-
-    Raises:
-        ValueError: :data:`SAMPLING` is no multiple of it.
-    """
-    if abs(SAMPLING / positive("time_step", time_step) % 1.0) > 1e-9 or time_step > SAMPLING:
-        raise ValueError(f"time_step is {time_step!r}, must divide {SAMPLING}")
+    """The compiled tables, Runge-Kutta's steps of ``time_step`` s, which divides SAMPLING."""
     plant = FixedBasePlant(robot, time_step)
 
     def advance(angle: float, speed: float, torque: float) -> tuple[float, float]:
@@ -64,25 +57,6 @@ def tables_advance(robot: Robot, time_step: float = SAMPLING) -> Advance:
         plant.step(torque, SAMPLING)
         angle, speed = plant.state.tolist()
         return angle, speed
-
-    return advance
-
-
-def projection_advance(robot: Robot) -> Advance:
-    """Equations (1)-(12) themselves, solved again at every stage of a Runge-Kutta step."""
-
-    def advance(angle: float, speed: float, torque: float) -> tuple[float, float]:
-        def rate(state: Array) -> Array:
-            projected = fixed_base_projection(robot, state[0], state[1], torque)
-            return np.array([state[1], projected.acceleration()[0]])
-
-        h, start = SAMPLING, np.array([angle, speed])
-        k1 = rate(start)
-        k2 = rate(start + 0.5 * h * k1)
-        k3 = rate(start + 0.5 * h * k2)
-        k4 = rate(start + h * k3)
-        psi, n = start + h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
-        return float(psi), float(n)
 
     return advance
 

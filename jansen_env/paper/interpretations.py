@@ -133,29 +133,28 @@ class PIDLevel:
     near: float
 
 
-def pid_run(robot: Robot, motors: int = 1) -> fixed.Run:
+def pid_run(robot: Robot, motors: int = 1, direction: float = 1.0) -> fixed.Run:
     """The PID's 10 s, with its torque on the shaft ``motors`` times; its torque is one motor's."""
     advance = fixed.tables_advance(robot)
-    return fixed.simulate_pid(lambda angle, speed, tau: advance(angle, speed, motors * tau))
+    return fixed.simulate_pid(
+        lambda angle, speed, tau: advance(angle, speed, motors * tau), direction
+    )
 
 
 def pid_levels() -> list[PIDLevel]:
     """Ours, and those with the means nearest to the printed level's size."""
     paper = paper_robot()
-    runs = {
-        "as read here": pid_run(paper),
-        "two motors, one a side": pid_run(paper, motors=2),
-        "fore legs alone": pid_run(fore_legs()),
-    }
-    levels = []
-    for name, run in runs.items():
-        torque = run.torque[run.settled]
-        near = np.abs(torque - abs(PRINTED_LEVEL)) <= NEAR
-        levels.append(
-            PIDLevel(name, float(torque.min()), float(torque.mean()), float(torque.max()),
-                     float(near.mean()))
-        )  # fmt: skip
-    return levels
+    return [
+        _pid_level("as read here", pid_run(paper)),
+        _pid_level("two motors, one a side", pid_run(paper, motors=2)),
+        _pid_level("fore legs alone", pid_run(fore_legs())),
+    ]
+
+
+def _pid_level(name: str, run: fixed.Run) -> PIDLevel:
+    torque = run.torque[run.settled]
+    near = float((np.abs(torque - abs(PRINTED_LEVEL)) <= NEAR).mean())
+    return PIDLevel(name, float(torque.min()), float(torque.mean()), float(torque.max()), near)
 
 
 def printed_controller_torque() -> float:
@@ -167,6 +166,5 @@ def printed_controller_torque() -> float:
 
 def reversed_valley() -> tuple[float, float]:
     """Lowest and highest torque (N m) after 3 s of the PID's run turned the other way."""
-    run = fixed.simulate_pid(fixed.tables_advance(paper_robot()), direction=-1.0)
-    torque = run.torque[run.settled]
-    return float(torque.min()), float(torque.max())
+    level = _pid_level("reversed", pid_run(paper_robot(), direction=-1.0))
+    return level.low, level.high

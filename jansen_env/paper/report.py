@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import astuple
 
 from tabulate import tabulate
@@ -9,6 +10,8 @@ from tabulate import tabulate
 from jansen_env.paper.claims import Claim
 from jansen_env.paper.errata import Erratum
 from jansen_env.paper.interpretations import NEAR, PRINTED_LEVEL, Level, PIDLevel
+
+TORQUE = ("interpretation", "lowest (N m)", "mean (N m)", "highest (N m)")
 
 
 def as_markdown(
@@ -28,21 +31,17 @@ def as_markdown(
 
 def claims_table(claims: list[Claim]) -> str:
     """The claims in Markdown."""
-    return _table(
-        ("claim", "says", "computed", "verdict", "why"),
-        [(f"{c.key} ({c.where})", c.says, c.computed, f"**{c.verdict}**", c.why) for c in claims],
-    )
+    rows = [(f"{c.key} ({c.where})", c.says, c.computed, f"**{c.verdict}**", c.why) for c in claims]
+    return _table(("claim", "says", "computed", "verdict", "why"), rows)
 
 
 def levels_table(levels: list[Level]) -> str:
     """The torque by interpretation, in Markdown."""
-    return _table(
-        ("interpretation", "lowest (N m)", "mean (N m)", "highest (N m)", "joint loss (W)"),
-        [
-            (name, *(f"{round(value, 3) + 0.0:.3f}" for value in values))
-            for name, *values in map(astuple, levels)
-        ],
-    )
+    rows = [
+        (name, *(f"{round(value, 3) + 0.0:.3f}" for value in values))
+        for name, *values in map(astuple, levels)
+    ]
+    return _table((*TORQUE, "joint loss (W)"), rows)
 
 
 def errata_table(errata: list[Erratum]) -> str:
@@ -52,17 +51,14 @@ def errata_table(errata: list[Erratum]) -> str:
 
 def pid_table(levels: list[PIDLevel]) -> str:
     """The PID's torque by interpretation, in Markdown."""
-    near = f"within {NEAR} of {abs(PRINTED_LEVEL)} N m"
-    return _table(
-        ("interpretation", "lowest (N m)", "mean (N m)", "highest (N m)", near),
-        [
-            (v.name, f"{v.low:.3f}", f"{v.mean:.3f}", f"{v.high:.3f}", f"{100 * v.near:.0f} %")
-            for v in levels
-        ],
-    )
+    rows = [
+        (v.name, f"{v.low:.3f}", f"{v.mean:.3f}", f"{v.high:.3f}", f"{100 * v.near:.0f} %")
+        for v in levels
+    ]
+    return _table((*TORQUE, f"within {NEAR} of {abs(PRINTED_LEVEL)} N m"), rows)
 
 
-def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     # Cells of whole sentences: not padded to one width.
     return tabulate(rows, head, "github", disable_numparse=True, stralign=None) + "\n"
 

@@ -36,8 +36,7 @@ class Results:
     """What was computed.
 
     Attributes:
-        run, dense: the PID's 10 s, on the compiled tables and on the dense projection.
-        long: the PID's run until it is periodic.
+        run, long: the PID's 10 s, and its run until it is periodic.
         ripples, slender_ripple, walking_ripples: of the crank's speed by constant torque (N m):
             fixed base, with slender links at the middle one of these torques, and walking.
         forces: (samples, 8, 3) constraint moment and force on the right forepaw in ``run``.
@@ -50,7 +49,6 @@ class Results:
     """
 
     run: fixed_model.Run
-    dense: fixed_model.Run
     long: fixed_model.Run
     ripples: dict[float, free_walk.Ripple]
     slender_ripple: free_walk.Ripple
@@ -79,11 +77,13 @@ def compute(workers: int = 2) -> Results:
     with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
         submit = pool.submit
         jobs: dict[str, Any] = {  # long ones first
-            "dense": submit(_dense),
             "walks": [submit(_walk, speed) for speed in SPEEDS],
             "slow": {mu: submit(free_walk.walk, robot, SLOW, 2, mu) for mu in FRICTIONS},
             "heaves": [submit(toes.heave, phases) for phases in toes.PHASES],
-            "other_heaves": submit(_other_heaves),
+            "other_heaves": {
+                name: submit(toes.level_heave, other)
+                for name, other in interpretations.other_lengths().items()
+            },
             "levels": submit(interpretations.torque_levels),
             "pid_levels": submit(interpretations.pid_levels),
             "support": submit(toes.double_support, robot),
@@ -115,22 +115,12 @@ def _run(duration: float) -> fixed_model.Run:
     return fixed_model.simulate_pid(fixed_model.tables_advance(paper_robot()), duration=duration)
 
 
-def _dense() -> fixed_model.Run:
-    return fixed_model.simulate_pid(fixed_model.projection_advance(paper_robot()))
-
-
 def _ripple(robot: Robot, torque: float) -> free_walk.Ripple:
     """The second half of a run on a fixed base at a constant torque."""
     run = fixed_model.simulate(
         fixed_model.tables_advance(robot, time_step=1e-3), lambda *_: torque, duration=RIPPLE
     )
     return free_walk.Ripple.of(run.speed[len(run.speed) // 2 :])
-
-
-def _other_heaves() -> dict[str, float]:
-    return {
-        name: toes.level_heave(robot) for name, robot in interpretations.other_lengths().items()
-    }
 
 
 def _walk(speed: float) -> free_walk.Walk:

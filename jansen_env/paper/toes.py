@@ -137,13 +137,7 @@ class DoubleSupport:
 
 
 def double_support(robot: Robot, samples: int = 1440) -> DoubleSupport:
-    """Slow walking on flat ground: a toe before and one behind the centre of mass carry.
-
-    Raises:
-        ValueError: the robot has legs on one side only.
-    """
-    if {leg.side for leg in robot.legs} != {"fore", "back"}:
-        raise ValueError("robot has legs on one side only, must have fore and back legs")
+    """Slow walking on flat ground: a toe before and one behind the centre of mass carry."""
     angle = turn(samples) + math.pi / samples  # off the symmetric positions
     poses = standing_poses(robot, angle)
     q = np.stack([np.zeros(samples), poses[:, 0], poses[:, 1], angle], axis=-1)

@@ -16,7 +16,6 @@ from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot import ROBOTS, Compliance
 
 LINE = Motor(stall_torque=12.0, no_load_speed=6.0, torque_limit=9.0)
-GEARED = Motor(gear_ratio=30.0, rotor_inertia=2e-4)
 FLIGHT = np.array([0.3, 50.0, 0.4, 2.0, 0.5, 1.0, 1.0, 5.0])
 HOLD = 0.02  # s
 PADS = {"rigid": Compliance(), "compliant": Compliance(3e4, 60.0)}

@@ -1,0 +1,123 @@
+"""Walks under the paper's PID, on any plant and ground: what the benchmarks measure of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jansen_env import Terrain
+from jansen_env.control import PID
+from jansen_env.engine.task import FALLEN_PITCH
+from jansen_env.gravity import GRAVITY
+from jansen_env.plants.base import Plant, StepResult
+
+CONTROL_DT = 0.02  # s for which a torque is held
+SETTLE = 2.0  # s of walking that are not measured
+TORQUE_LIMIT = 20.0  # N m
+STEEPNESS = 0.1  # heights of rough ground are +- so much of the distance between its vertices
+
+
+class Walked(NamedTuple):
+    """What came out of a walk; of one that fell, until then.
+
+    Attributes:
+        distance: m along x. speed: m/s. crank_speed: mean, rad/s. rms_torque, peak_torque: of the
+            motor, N m. slip: of all toes, m a metre. cost_of_transport, electrical: |motor work|
+            and energy drawn, per weight and distance. heave: highest less lowest position of the
+            crank axis over the ground, m. joint_gap: m. fell: whether it did.
+    """
+
+    distance: float
+    speed: float
+    crank_speed: float
+    rms_torque: float
+    peak_torque: float
+    slip: float
+    cost_of_transport: float
+    electrical: float
+    heave: float
+    joint_gap: float
+    fell: bool
+
+
+def whole_half_turns(speed: float, duration: float) -> float:
+    """The duration (s) of the nearest whole number of the crank's half turns, one at least."""
+    half_turn = math.pi / speed
+    return max(1, round(duration / half_turn)) * half_turn
+
+
+def walk(
+    plant: Plant,
+    speed: float,
+    duration: float,
+    settle: float = SETTLE,
+    start: float = 0.0,
+    limit: float = TORQUE_LIMIT,
+    windup_limit: float = math.inf,
+    watch: Callable[[StepResult], None] | None = None,
+) -> Walked:
+    """Walk at a crank speed (rad/s) under the paper's PID and measure.
+
+    Args:
+        duration, settle: s measured, and before that. start: crank angle at first, rad.
+        limit: of the torque asked for, N m. windup_limit: the same, for the PID's integral.
+        watch: called with the result of each measured step, also of one that ends in a fall.
+    """
+    plant.reset(crank_angle=start)
+    pid, motor, reference, integral = PID(), plant.robot.motor, start, np.zeros(())
+    steps = round(settle / CONTROL_DT), round((settle + duration) / CONTROL_DT)
+    x = crank = gap = work = drawn = slip = 0.0
+    torques: list[float] = []
+    heights: list[float] = []
+    fell = False
+    for k in range(steps[1]):
+        angle, rate = plant.state[[3, 7]].tolist()
+        if k == steps[0]:
+            x, crank = plant.x, angle
+        wanted, integral = pid.torque(
+            reference - angle, speed - rate, integral, CONTROL_DT, windup_limit
+        )
+        torque = min(limit, max(-limit, float(wanted)))
+        reference += speed * CONTROL_DT
+        result = plant.step(torque, CONTROL_DT)
+        gap = max(gap, result.joint_gap)
+        if watch is not None and k >= steps[0]:
+            watch(result)
+        fell = fallen(plant, result)
+        if fell:
+            break
+        if k >= steps[0]:
+            work, drawn = work + abs(result.motor_work), drawn + result.electrical_work
+            slip += float(result.slip.sum())
+            torques.append(float(motor.torque(torque, rate)))
+            heights.append(float(plant.state[1] - plant.terrain.height(plant.x)))
+    if not torques:
+        return Walked(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, gap, fell)
+    distance, measured = plant.x - x, CONTROL_DT * len(torques)
+    path = max(abs(distance), 1e-9)
+    carried = plant.robot.mass * GRAVITY * path
+    return Walked(
+        distance, distance / measured, (float(plant.state[3]) - crank) / measured,
+        math.sqrt(float(np.mean(np.square(torques)))), max(map(abs, torques)), slip / path,
+        work / carried, drawn / carried, float(np.ptp(heights)), gap, fell,
+    )  # fmt: skip
+
+
+def fallen(plant: Plant, result: StepResult) -> bool:
+    """Whether the step ended in a fall, as the walking task defines it."""
+    return bool(result.non_toe_contact) or abs(float(plant.state[2])) > FALLEN_PITCH
+
+
+def rough_ground(segments: int, spacing: float = 0.2, seed: int = 0, **arguments: Any) -> Terrain:
+    """Rough ground of so many segments around x = 0, equally steep whatever the spacing (m).
+
+    Raises:
+        ValueError: fewer than five segments: two before and two after the rough ones are level.
+    """
+    if segments < 5:
+        raise ValueError(f"segments is {segments}, must be at least 5")
+    length, rng = (segments - 2.5) * spacing, np.random.default_rng(seed)
+    return Terrain.rough(rng, STEEPNESS * spacing, spacing, length, -0.5 * length, **arguments)

@@ -1,4 +1,4 @@
-"""What harder worlds cost: ground that is drawn anew at each reset, sensors, pushes, feet, motor.
+"""Cost of harder environments: new terrain at each reset, sensors, pushes, feet, motor.
 
     python -m benchmarks.world_costs [--rounds 7] [--out logs/world_costs] [--quick]
 
@@ -68,7 +68,9 @@ def main(arguments: list[str] | None = None) -> None:
         measure.table((f"{COUNT} robots", "steps/s", "lowest", "highest"), rows),
         measure.table(("ratio", "steps/s (by round)"), ratios),
     ])  # fmt: skip
-    measure.report(found.out / "worlds.md", "# Worlds", measure.conditions(rounds), text)
+    measure.report(
+        found.out / "worlds.md", "# Cost of harder environments", measure.conditions(rounds), text
+    )
 
 
 if __name__ == "__main__":

@@ -1,13 +1,13 @@
-"""Train a policy, score it against the baselines, draw the figures: ``python train.py``."""
+"""Train a policy, score it against the baselines and draw the figures: ``python train.py``."""
 
 from __future__ import annotations
 
 import os
 
-import agents  # noqa: F401  # first: says what to install where the extra is missing
+import agents  # noqa: F401  # first: reports a missing extra
 
-# Before torch is loaded: these networks are small, more threads cost more than they bring, and the
-# number of threads changes the rounding of a sum, and so the run that a seed gives.
+# Before torch is loaded: more threads slow down these small networks, and change the rounding of
+# sums and so the run of a seed.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import argparse
@@ -40,25 +40,26 @@ from agents.training import prepare, train
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    """Flags, named as in RL Baselines3 Zoo."""
+    """Parse the command line, with flags named as in RL Baselines3 Zoo."""
     parser = argparse.ArgumentParser(description=__doc__)
     add, count, steps = parser.add_argument, positive_int, non_negative_int
-    add("--algo", choices=sorted(ALGORITHMS), help="algorithm; default: --config's, or else ppo")
+    add("--algo", choices=sorted(ALGORITHMS), help="algorithm; default: --config's, or ppo")
     add("--env", choices=sorted(TASKS),
-        help=f"environment id; default: --config's, or else {DEFAULT}")  # fmt: skip
+        help=f"environment id; default: --config's, or {DEFAULT}")  # fmt: skip
     add("-n", "--timesteps", type=count, help="environment steps, in place of the configuration's")
-    add("--n-envs", type=count, help="environments side by side, in place of the configuration's")
-    add("--seed", type=steps, help="of networks and environments; default: --config's, or else 0")
+    add("--n-envs", type=count, help="parallel environments, in place of the configuration's")
+    add("--seed", type=steps, help="seed of networks and environments; default: --config's, or 0")
     add("--eval-freq", type=steps,
         help="steps between evaluations, 0 for none; default: a 16th of the timesteps")  # fmt: skip
     add("--save-freq", type=steps, default=100_000, help="steps between checkpoints, 0 for none")
     add("--eval-episodes", type=count, default=10, help="episodes per command of the final table")
-    add("--log-folder", default="logs", metavar="DIR", help="runs go to DIR/ALGO/ENV_N")
-    add("--tensorboard-log", metavar="DIR", help="default: the run's folder; '' for none")
+    add("--log-folder", default="logs", metavar="DIR", help="parent folder of runs, DIR/ALGO/ENV_N")
+    add("--tensorboard-log", metavar="DIR",
+        help="folder of TensorBoard's log, '' for none; default: the run's")  # fmt: skip
     add("--env-kwargs", type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--config", metavar="FILE", help="hyperparameters; default: agents/configs/ENV/ALGO.yml")
-    add("--resume", metavar="RUN", help="run folder to go on with from the last model saved")
+    add("--resume", metavar="RUN", help="run folder to continue from its last checkpoint")
     add("--no-progress", action="store_true", help="no progress bar")
     return parser.parse_args(arguments)
 
@@ -90,7 +91,7 @@ def main(arguments: list[str] | None = None) -> Path:
 
 
 def _new_folder(args: argparse.Namespace, config: dict[str, Any]) -> Path:
-    """A new run's folder, created."""
+    """Create a new run's folder."""
     try:
         return new_run_folder(args.log_folder, config["algo"], config["env"])
     except OSError as error:
@@ -131,10 +132,10 @@ def _run(
 
 
 def _configure(args: argparse.Namespace) -> dict[str, Any]:
-    """The run's configuration, with algorithm, environment and seed.
+    """Return the run's configuration, with algorithm, environment and seed.
 
     Raises:
-        ValueError: a file is missing, or something in it is wrong.
+        ValueError: a file is missing or invalid.
     """
     if args.resume:
         fixed = ("algo", "env", "n_envs", "seed", "env_kwargs", "config")
@@ -143,7 +144,7 @@ def _configure(args: argparse.Namespace) -> dict[str, Any]:
             raise SystemExit(f"--resume takes these from the run's config.yml: {', '.join(given)}")
         config = load_config(Path(args.resume) / "config.yml", required=TO_RESUME)
         config["timesteps"] = args.timesteps or config["timesteps"]
-        best_score(Path(args.resume))  # what is damaged shows before anything is written
+        best_score(Path(args.resume))  # damage shows before anything is written
         read_evaluations(Path(args.resume))
         return config
     return new_config(

@@ -1,4 +1,4 @@
-"""Watch a policy in a window, or where none opens as a film: ``python -m agents.enjoy``."""
+"""Show a policy in a window, or film it without a display: ``python -m agents.enjoy``."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from agents.video import (
     steps_per_frame,
 )
 
-INVISIBLE = ("dummy", "offscreen")  # SDL's drivers of windows that nobody sees
+INVISIBLE = ("dummy", "offscreen")  # SDL's drivers of invisible windows
 
 
 def display() -> bool:
-    """Whether a window can be seen, as far as the environment's variables tell."""
+    """Return whether the environment variables name a visible display."""
     if os.environ.get("SDL_VIDEODRIVER") in INVISIBLE:
         return False
     return sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
@@ -40,7 +40,7 @@ def display() -> bool:
 def episode(
     policy: Policy, env: Any, args: argparse.Namespace, number: int, title: str | None = None
 ) -> Iterator[Progress]:
-    """One episode, the command that is its turn; prints how it has ended."""
+    """Play one episode with its command; print its outcome."""
     command = args.command[number % len(args.command)]
     for moment in play(policy, env, command, args.seed + number):
         yield moment
@@ -53,7 +53,7 @@ def episode(
 
 
 def episodes(policy: Policy, env: Any, args: argparse.Namespace) -> Iterator[Progress]:
-    """Episodes one after another, until the window is closed, if there is one."""
+    """Play episodes one after another until the window, if any, is closed."""
     for number in range(args.episodes):
         yield from episode(policy, env, args, number)
         if env.unwrapped.window_closed:
@@ -61,10 +61,7 @@ def episodes(policy: Policy, env: Any, args: argparse.Namespace) -> Iterator[Pro
 
 
 def show(policy: Policy, env: Any, args: argparse.Namespace) -> bool:
-    """Play in a window, unless there is no display for it: then False, before anything is played.
-
-    A window that its user closes ends the show.
-    """
+    """Play in a window until it is closed; return False at once if there is no display."""
     moments = episodes(policy, env, args)
     try:
         first = next(moments)
@@ -83,7 +80,7 @@ def record(policies: dict[str, Policy], args: argparse.Namespace, path: Path) ->
     """Film the episodes, several policies one above the other from the same starts.
 
     Args:
-        policies: by their titles.
+        policies: by title.
     """
     with ExitStack() as made:
         envs: list[Any] = [
@@ -108,24 +105,23 @@ def record(policies: dict[str, Policy], args: argparse.Namespace, path: Path) ->
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     named = "; ".join(f"{env_id}: {', '.join(task.baselines)}" for env_id, task in TASKS.items())
     parser = argparse.ArgumentParser(description=__doc__)
     add = parser.add_argument
     add("--policy", action="append", metavar="NAME",
         help=f"'pretrained' (default), a baseline ({named}), a run's folder, or a file of a model "
-        "or policy; several are filmed one above the other")  # fmt: skip
+        "or policy; repeat to film several, one above the other")  # fmt: skip
     add("--env", default=DEFAULT, choices=sorted(TASKS),
         help="environment id; default: %(default)s")  # fmt: skip
     add("--env-kwargs", default="{}", type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--command", type=float, nargs="+", metavar="V",
-        help="commanded speed of each episode in turn; default: from the middle of the task's "
-        "grid")  # fmt: skip
-    add("--episodes", type=positive_int, help="default: one for each command")
-    add("--steps", type=positive_int, help="of an episode, at most; default: the environment's own")
-    add("--seed", type=non_negative_int, default=0, help="another number, other starts")
-    add("--video", metavar="FILE", help="film to .gif or .mp4, in place of a window")
+        help="commanded speed of each episode in turn; default: the grid's middle")  # fmt: skip
+    add("--episodes", type=positive_int, help="number of episodes; default: one for each command")
+    add("--steps", type=positive_int, help="most steps of an episode; default: the environment's")
+    add("--seed", type=non_negative_int, default=0, help="seed of the starts; default: 0")
+    add("--video", metavar="FILE", help="write a .gif or .mp4, in place of a window")
     args = parser.parse_args(arguments)
     if "speed_command" in args.env_kwargs:
         parser.error("speed_command in --env-kwargs has no effect here, must be in --command")
@@ -138,7 +134,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def prepare(args: argparse.Namespace) -> dict[str, Policy]:
-    """The policies by their titles, when all that was asked for is known to be good.
+    """Check all arguments; return the policies by title.
 
     Raises:
         ValueError: a policy, a command, an argument or the kind of video is not allowed.

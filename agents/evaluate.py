@@ -24,20 +24,20 @@ from jansen_env.files import write_json
 from jansen_env.plants.make import PLANTS
 from jansen_env.pretrained import PretrainedPolicy
 
-FIRST_SEED = 40_000  # of the episodes scored: training, tuning and selection use others
+FIRST_SEED = 40_000  # of scored episodes; training, tuning and selection use others
 ALIASES = {"pid-paper": "pid", "pretrained": f"pretrained:{pretrained.DEFAULT}"}
 KINDS = tuple(suffix.removeprefix(".") for suffix in FRAME_TIME)  # of video
 SHIPPED = "pretrained:"  # before the name of a policy that comes with the package
 
 
 def load_named(name: str, env: Any) -> Policy:
-    """A policy for ``env`` by name, or from a run's folder, a model's file or a policy's.
+    """Load a policy for ``env`` by name, or from a run's folder or the file of a model or policy.
 
     Names are those of baselines, ``"pretrained"`` and ``"pretrained:NAME"``, see
     :mod:`jansen_env.pretrained`.
 
     Raises:
-        ValueError: none of these, or one that was trained on other observations or actions.
+        ValueError: it is none of these, or was trained on other observations or actions.
     """
     env_id, own = env.spec.id, ALIASES.get(name, name)
     baselines = find_task(env_id).baselines
@@ -68,7 +68,7 @@ def load_named(name: str, env: Any) -> Policy:
 
 
 def _fitting(name: str, policy: PretrainedPolicy, env: Any) -> PretrainedPolicy:
-    """``policy`` for an environment that shows what it observes."""
+    """Return ``policy`` for an environment that has the observations it needs."""
     try:
         return policy.on(env)
     except ValueError as error:
@@ -76,7 +76,7 @@ def _fitting(name: str, policy: PretrainedPolicy, env: Any) -> PretrainedPolicy:
 
 
 def model_file(name: str) -> Path | None:
-    """The file that a policy is in; None for a baseline."""
+    """Return the file of a policy; None for a baseline."""
     path = Path(name).resolve()
     if not path.exists():
         return None
@@ -84,7 +84,7 @@ def model_file(name: str) -> Path | None:
 
 
 def label(name: str) -> str:
-    """How a policy is called in tables: a model by its run's folder."""
+    """Return a policy's name in tables; a model has that of its run's folder."""
     file = model_file(name)
     if file is None:
         return name
@@ -93,7 +93,7 @@ def label(name: str) -> str:
 
 
 def labels(names: list[str]) -> list[str]:
-    """:func:`label` of each policy, and where two would share one, the names as they are given.
+    """Return :func:`label` of each policy, or the given names where two would share one.
 
     Raises:
         ValueError: a policy is given twice.
@@ -114,12 +114,12 @@ def evaluate(
     episodes: int = 10,
     seed: int = 0,
 ) -> dict[str, dict[str, Any]]:
-    """Scores of each policy on the same episodes, all with starts of their own.
+    """Score policies on the same episodes, each with a different start.
 
     Args:
         policies: by name. env_id, env_kwargs: of the environment.
         commands: commanded speeds; None for the task's own grid.
-        episodes: per command. seed: another number, other starts.
+        episodes: per command. seed: of the starts.
 
     Returns:
         For each policy :func:`agents.metrics.summarise` and its episodes under ``"raw"``.
@@ -143,7 +143,7 @@ def evaluate_drawn(
 
     Args:
         policies: by name. env_id, env_kwargs: of the environment. episodes: in all.
-        seed: another number, other commands and starts.
+        seed: of commands and starts.
 
     Returns:
         For each policy :func:`agents.metrics.pooled` and its episodes under ``"raw"``.
@@ -176,7 +176,7 @@ def _scores(
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    """The command line; what does not go together is refused."""
+    """Parse the command line; incompatible options are refused."""
     named = "; ".join(f"{env_id}: {', '.join(task.baselines)}" for env_id, task in TASKS.items())
     parser = argparse.ArgumentParser(description=__doc__)
     add = parser.add_argument
@@ -188,23 +188,23 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--env-kwargs", default="{}", type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--plant", action="append", default=[], choices=sorted(PLANTS),
-        help="of walkers; given again, side by side; default: projection")  # fmt: skip
+        help="plant of the walkers; repeat to compare; default: projection")  # fmt: skip
     add("--commands", type=float, nargs="+", metavar="V",
         help="commanded speeds; default: the task's grid")  # fmt: skip
     add("--episodes", type=positive_int, default=10,
-        help="per command, or with --robustness per condition; default: 10")  # fmt: skip
+        help="episodes per command, or with --robustness per condition; default: 10")  # fmt: skip
     add("--random-commands", type=positive_int, metavar="N",
         help="also N episodes with commands drawn from the environment's range")  # fmt: skip
     add("--robustness", action="store_true",
-        help="in place of scores by command: over friction and foot stiffness, with drawn "
-        "commands; of the slow plant 'rigid_body' a tenth of the episodes")  # fmt: skip
-    add("--seed", type=non_negative_int, default=0, help="another number, other starts")
+        help="scores over friction and foot stiffness with random commands, in place of those by "
+        "command; a tenth of the episodes on 'rigid_body'")  # fmt: skip
+    add("--seed", type=non_negative_int, default=0, help="seed of the starts; default: 0")
     add("--out", default="logs/evaluation", metavar="DIR",
-        help="where scores.json and scores.png go, or robustness's")  # fmt: skip
+        help="folder of scores.json and scores.png, or of those of --robustness")  # fmt: skip
     add("--video", nargs="*", choices=KINDS, metavar="KIND",
-        help="also videos of each policy, gif or mp4; of no kind given: both")  # fmt: skip
+        help="also videos of each policy, gif or mp4; default: both")  # fmt: skip
     add("--video-command", type=float, metavar="V",
-        help="its speed; default: from the middle of the task's grid")  # fmt: skip
+        help="commanded speed of the videos; default: the middle of the task's grid")  # fmt: skip
     args = parser.parse_args(arguments)
     if args.plant and args.env not in WALKERS:
         parser.error(f"--plant is {args.plant}, but {args.env} has one plant only")
@@ -223,7 +223,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def load_all(args: argparse.Namespace) -> list[tuple[dict[str, Policy], dict[str, Any]]]:
-    """For each plant the policies by label, and the environment's arguments.
+    """Return for each plant the policies by label, and the environment's arguments.
 
     Raises:
         ValueError: a policy, an argument or a commanded speed is not allowed.
@@ -243,7 +243,7 @@ def load_all(args: argparse.Namespace) -> list[tuple[dict[str, Policy], dict[str
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Score, draw, print; writes nothing before all that is asked for is known to be good."""
+    """Score, draw, print; nothing is written before all arguments are checked."""
     args = parse(arguments)
     task, out = find_task(args.env), Path(args.out)
     try:

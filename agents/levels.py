@@ -71,7 +71,7 @@ def score_levels(
     Args:
         policy: acts deterministically. env_id, env_kwargs: of an environment whose resets have the
             option ``terrain_level``.
-        episodes: of each level. seed: another number, other episodes.
+        episodes: of each level. seed: of the episodes.
         commands: m/s, that the episodes share evenly; None: as many as there are episodes, over the
             environment's range.
 
@@ -163,7 +163,7 @@ def plot_levels(scores: Scores, path: Path) -> None:
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     add = parser.add_argument
     add("--policy", action="append", required=True, metavar="NAME",
@@ -173,22 +173,22 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--env-kwargs", default="{}", type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{terrain: stairs}'")  # fmt: skip
     add("--plant", action="append", default=[], choices=sorted(PLANTS),
-        help="given again, side by side; default: the environment's")  # fmt: skip
+        help="plant; repeat to compare; default: the environment's")  # fmt: skip
     add("--levels", type=non_negative_int, nargs="+", default=list(range(HIGHEST + 1)), metavar="L",
-        help=f"0 to {HIGHEST}; default: all")  # fmt: skip
+        help=f"terrain levels, 0 to {HIGHEST}; default: all")  # fmt: skip
     add("--commands", type=float, nargs="+", metavar="V",
-        help="commanded speeds; default: spread over the environment's")  # fmt: skip
-    add("--episodes", type=positive_int, default=100, help="at each level")
-    add("--seed", type=non_negative_int, default=0, help="another number, other episodes")
+        help="commanded speeds; default: spread over the environment's range")  # fmt: skip
+    add("--episodes", type=positive_int, default=100, help="episodes per level; default: 100")
+    add("--seed", type=non_negative_int, default=0, help="seed of the episodes; default: 0")
     add("--out", default="logs/levels", metavar="DIR",
-        help="where levels.md, levels.json and levels.png go")  # fmt: skip
+        help="folder of levels.md, levels.json and levels.png")  # fmt: skip
     args = parser.parse_args(arguments)
     args.error = parser.error
     return args
 
 
 def score_all(args: argparse.Namespace) -> Scores:
-    """Of all policies, on each plant that is asked for.
+    """Score all policies on each requested plant.
 
     Raises:
         ValueError: a policy or an argument is not allowed.

@@ -25,7 +25,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add = parser.add_argument
     add("--policy", action="append", default=[], metavar="NAME",
         help=f"a baseline ({named}), 'pretrained', a run's folder, or a file of a model or policy; "
-        "given twice, side by side from the same start")  # fmt: skip
+        "repeat to compare two from the same start")  # fmt: skip
     add("--recording", action="append", default=[], metavar="FILE",
         help="a saved .npz to show, in place of a policy or beside one")  # fmt: skip
     add("--env", default=DEFAULT, choices=sorted(TASKS),
@@ -33,10 +33,10 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--env-kwargs", default="{}", type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--command", type=float, metavar="V",
-        help="commanded speed; default: from the middle of the task's grid")  # fmt: skip
-    add("--seed", type=non_negative_int, default=0, help="another number, another start")
+        help="commanded speed; default: the middle of the task's grid")  # fmt: skip
+    add("--seed", type=non_negative_int, default=0, help="seed of the start; default: 0")
     add("--steps", type=positive_int, default=MOST_STEPS,
-        help="of the episode, at most; default: the environment's own")  # fmt: skip
+        help="most steps of the episode; default: the environment's")  # fmt: skip
     add("--out", default="replay.html", metavar="FILE",
         help="the page, .html; recordings go beside it; default: replay.html")  # fmt: skip
     args = parser.parse_args(arguments)

@@ -55,7 +55,7 @@ def score(loaded: Loaded, env_id: str, episodes: int, seed: int = 0) -> Scores:
     Args:
         loaded: policies and arguments, of each plant. env_id: of a walker. episodes: under each
             condition; of a plant in :data:`FEWER` so many times fewer, the first of them.
-        seed: another number, other commands and starts.
+        seed: of commands and starts.
 
     Raises:
         ValueError: an argument out of range, or feet that give and a restitution above 0.

@@ -53,7 +53,7 @@ def draw_episodes(env: Any, count: int, seed: int = 0) -> tuple[Array, NDArray[n
     """Return commands (count,), uniform in the range of ``env``, and the seeds (count,) of resets.
 
     Args:
-        env: as ``gym.make`` gives it. seed: another number, other commands and starts.
+        env: as ``gym.make`` gives it. seed: of commands and starts.
     """
     low, high = env.unwrapped.task.speed_command[0]
     commands = np.random.default_rng([DRAWN_SEED, seed]).uniform(low, high, count)

@@ -1,4 +1,4 @@
-"""What feet that give change: pin forces at touchdown, and slip, of the paper's robot.
+"""Effects of compliant feet: pin forces at touchdown, and slip, of the paper's robot.
 
     python -m benchmarks.compliant_feet [--starts 10] [--out docs/validation] [--quick]
 
@@ -135,7 +135,7 @@ def main(arguments: list[str] | None = None) -> None:
             "largest pin force (N)", "of the weight")  # fmt: skip
     measure.report(
         found.out / "compliant_feet.md",
-        "# Feet that give",
+        "# Compliant feet",
         f"`python -m benchmarks.compliant_feet --starts {starts}`. The paper's robot, {turns} "
         f"turns under its PID on level ground of friction 0.8, time step {1e3 * TIME_STEP:g} ms. "
         f"Ranges are those of {starts} starts at crank angles spread evenly over a turn. Damping "

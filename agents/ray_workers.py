@@ -19,7 +19,7 @@ from torch.distributed import TCPStore  # type: ignore[attr-defined]
 from agents.data_parallel import Worker, WorkerLost
 from agents.launch import HERE, LOST, TIMEOUT, Work, be_worker
 from agents.process import SIGNALS
-from agents.study_backends import connect_ray
+from agents.studies.backends import connect_ray
 
 POLL = 0.5  # s between looks at signals
 PATIENCE = 600.0  # s to wait for cores that other work holds

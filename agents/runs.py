@@ -42,17 +42,17 @@ def new_run_folder(root: str | Path, algo: str, env_id: str) -> Path:
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def locked(folder: Path, patience: float = 0.0) -> Iterator[None]:
     """Keep other processes from a run's folder, and remove what a killed one had half written.
 
-    The lock goes with its process, however that ends.
+    The lock goes with its process, however that ends. Another's is waited for, ``patience`` s.
 
     Raises:
         ValueError: another process has it, or the folder cannot be written to.
     """
     holder = folder / ".lock-holder"
     try:
-        held = FileLock(folder / ".lock").acquire(blocking=False)
+        held = FileLock(folder / ".lock").acquire(patience)
         write_text(holder, f"process {os.getpid()} on {socket.gethostname()}")
     except Timeout:
         by = holder.read_text("utf-8", "replace") if holder.is_file() else "another process"

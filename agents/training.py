@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -151,6 +152,7 @@ def train(
     tensorboard: str | None = None,
     resume: Path | None = None,
     progress: bool = True,
+    more_callbacks: Sequence[BaseCallback] = (),
     worker: Worker | None = None,
 ) -> None:
     """Train until ``config["timesteps"]``; leaves final_model.zip and best_model.zip in a folder.
@@ -160,6 +162,7 @@ def train(
         eval_every, save_every: steps between evaluations and between checkpoints, 0 for none;
             ``eval_every`` is None for :data:`EVALUATIONS` in all.
         tensorboard: folder of its log, None for none. progress: whether to show a bar.
+        more_callbacks: of Stable-Baselines3, called after an evaluation at the same step.
 
     Raises:
         SystemExit: a signal came (status 128 + its number, 130 for SIGINT); a checkpoint is saved.
@@ -186,7 +189,7 @@ def train(
     monitor.results_writer = ResultsWriter(str(file), header)
     model.tensorboard_log = tensorboard if leads else None
     updates: list[BaseCallback] = [NormalizerUpdate()] if worker is None else worker.updates()
-    callbacks = [*updates, saver]
+    callbacks = [*updates, saver, *more_callbacks]
     state = None if resume is None else _read_own_state(resume, worker)
     if state is not None:
         callbacks.insert(0, GeneratorsRestored(state))

@@ -36,7 +36,12 @@ class StudyProgress:
         steps = sum(run.config["timesteps"] for run in runs)
         self._all = self._bars.add_task("all", total=steps, state="", best="")
         self._runs = [
-            (run, self._bars.add_task(run.name, total=run.config["timesteps"], state="", best=""))
+            (
+                run,
+                self._bars.add_task(
+                    run.name, total=run.config["timesteps"], state="", best="", visible=False
+                ),
+            )
             for run in runs
         ]
 

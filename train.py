@@ -22,8 +22,7 @@ import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from agents.command_line import mapping, non_negative_int, positive_int
-from agents.config import TO_RESUME, load_config, new_config
-from agents.models import ALGORITHMS
+from agents.config import ALGORITHMS, TO_RESUME, load_config, new_config
 from agents.process import outlive_readers
 from agents.runs import (
     FINAL,

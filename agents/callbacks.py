@@ -32,7 +32,6 @@ from agents.runs import (
     read_evaluations,
     remove_replay_buffers,
     replay_path,
-    score,
 )
 from agents.tasks import find_task
 from agents.training_state import read_state
@@ -147,8 +146,8 @@ class Saver(BaseCallback):
             "seconds": self._seconds(),  # this evaluation included
             **scored,
         }
-        if score(row) > self.best:
-            self.best = score(row)
+        if row["score"] > self.best:
+            self.best = row["score"]
             # Its score in the same file: no kill can part the two.
             save_model(self.model, self.folder / BEST, row)
         self.history.append(row)

@@ -2,176 +2,121 @@
 
 from __future__ import annotations
 
-import math
+import inspect
 from collections.abc import Callable, Collection
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import NoneType
+from typing import Any, NamedTuple, get_args, get_origin
+
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.base_class import BaseAlgorithm
 
 from agents.command_line import MAX_STEPS
 from agents.plain_yaml import read_yaml
 from agents.tasks import DEFAULT, TASKS, check_env_kwargs
 from jansen_env.checks import shown
 
+ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
 CONFIGS = Path(__file__).parent / "configs"
 MAX_UNITS, MAX_LAYERS = 1024, 8  # of a network
-MAX_HARMONICS = 32  # of the crank angle
+TINY, HUGE = 1e-30, 1e30
+IN_WORDS = {bool: "true or false", NoneType: "null", dict: "a mapping, such as {}",
+            list: "a list", str: "text"}  # fmt: skip
 
 
-class Check(NamedTuple):
-    """What a value must be: in words, and as a condition. ``a | b`` allows both."""
+class Rule(NamedTuple):
+    """Allowed values: of some types, numbers within limits, words, or a prefix and a number."""
 
-    allowed: str
-    condition: Callable[[Any], bool]
+    types: tuple[Any, ...] = ()
+    low: float = -HUGE
+    high: float = HUGE
+    words: tuple[str, ...] = ()
+    prefix: str = ""
 
-    def __call__(self, name: str, value: Any) -> None:
-        if not self.condition(value):
-            raise ValueError(f"{name} is {shown(value)}, must be {self.allowed}")
-
-    def __or__(self, other: Check) -> Check:
-        return Check(
-            f"{self.allowed}, or {other.allowed}",
-            lambda value: self.condition(value) or other.condition(value),
-        )
-
-
-def is_number(value: Any) -> bool:
-    """A finite number, and no bool."""
-    return type(value) in (int, float) and math.isfinite(value)
-
-
-def has_number(prefix: str) -> Callable[[Any], bool]:
-    """Text that is ``prefix`` and a number above 0."""
-
-    def condition(value: Any) -> bool:
-        if isinstance(value, str) and value.startswith(prefix):
+    def check(self, name: str, value: Any) -> None:
+        """Raise a ValueError that says what is allowed unless ``value`` is."""
+        number, low = value, self.low
+        if self.prefix and isinstance(value, str) and value.startswith(self.prefix):
             with suppress(ValueError):
-                return positive.condition(float(value.removeprefix(prefix)))
-        return False
+                number, low = float(value.removeprefix(self.prefix)), max(low, TINY)
+        if type(number) in (int, float):
+            known = float in self.types or type(number) in self.types
+            allowed = known and low <= number <= self.high
+        else:
+            allowed = type(value) in self.types or value in self.words
+        if not allowed:
+            raise ValueError(f"{name} is {shown(value)}, must be {self}")
 
-    return condition
-
-
-def integer(low: int, high: int) -> Check:
-    """A whole number within bounds."""
-    return Check(
-        f"a whole number from {low} to {high}", lambda v: type(v) is int and low <= v <= high
-    )
-
-
-def one_of(names: Collection[str]) -> Check:
-    """One of some names."""
-    return Check(f"one of {sorted(names)}", lambda v: isinstance(v, str) and v in names)
-
-
-def is_layers(value: Any) -> bool:
-    """The units of each layer of a network."""
-    short = isinstance(value, list) and len(value) <= MAX_LAYERS
-    return short and all(map(integer(1, MAX_UNITS).condition, value))
+    def __str__(self) -> str:
+        parts = [text for kind, text in IN_WORDS.items() if kind in self.types]
+        if {int, float} & {*self.types}:
+            whole = "" if float in self.types else "whole "
+            parts.insert(0, f"a {whole}number from {self.low} to {self.high}")
+        parts += [f"'{self.prefix}NUMBER'"] * (self.prefix != "")
+        parts += [f"one of {sorted(self.words)}"] * (self.words != ())
+        return ", or ".join(parts)
 
 
-def layers_of(*networks: str) -> Check:
-    """Layers of each of the named networks."""
-    return Check(
-        f"a mapping of {list(networks)} to such lists",
-        lambda v: isinstance(v, dict) and {*v} == {*networks} and all(map(is_layers, v.values())),
-    )
-
-
-boolean = Check("True or False", lambda v: isinstance(v, bool))
-null = Check("null", lambda v: v is None)
-finite = Check("a finite number", is_number)
-positive = Check("a number above 0", lambda v: is_number(v) and v > 0)
-non_negative = Check("a number 0 or above", lambda v: is_number(v) and v >= 0)
-fraction = Check("a number between 0 and 1", lambda v: is_number(v) and 0 <= v <= 1)
-linear = Check("'linear_NUMBER'", has_number("linear_"))
-auto = Check("'auto'", lambda v: v == "auto")
-auto_number = Check("'auto_NUMBER'", has_number("auto_"))
-layers = Check(f"a list of up to {MAX_LAYERS} layers of 1 to {MAX_UNITS} units", is_layers)
-mapping = Check("a mapping, such as {}", lambda v: isinstance(v, dict))
-mappings = Check(
-    "a list of mappings, at least one",
-    lambda v: isinstance(v, list) and v != [] and all(isinstance(one, dict) for one in v),
-)
-
-# Of the arguments in Stable-Baselines3 those that are plain data and not set by train.py itself:
-# no classes, no files, no devices.
-COMMON: dict[str, Check] = {
-    "learning_rate": positive | linear,
-    "n_steps": integer(1, 10**6),
-    "batch_size": integer(2, 10**6),
-    "gamma": fraction,
-    "use_sde": boolean,
-    "sde_sample_freq": integer(-1, 10**6),  # -1: once a rollout
-    "stats_window_size": integer(1, 10**6),
-    "verbose": integer(0, 2),
-}
-HYPERPARAMETERS: dict[str, dict[str, Check]] = {
-    "ppo": {
-        **COMMON,
-        "n_epochs": integer(1, 1000),
-        "gae_lambda": fraction,
-        "clip_range": positive | linear,
-        "clip_range_vf": positive | null,
-        "normalize_advantage": boolean,
-        "ent_coef": non_negative,
-        "vf_coef": non_negative,
-        "max_grad_norm": positive,
-        "target_kl": positive | null,
-    },
-    "sac": {
-        **COMMON,
-        "buffer_size": integer(1, 10**8),
-        "learning_starts": integer(0, MAX_STEPS),
-        "train_freq": integer(1, 10**6),
-        "gradient_steps": integer(-1, 10**5),  # -1: as many as steps were taken
-        "ent_coef": positive | auto | auto_number,
-        "target_entropy": finite | auto,
-        "use_sde_at_warmup": boolean,
-        "tau": fraction,
-        "target_update_interval": integer(1, 10**6),
-    },
-}
-POLICY: dict[str, Check] = {
-    "activation": one_of(("tanh", "relu", "elu")),
-    "normalize": boolean,
-    "harmonics": integer(0, MAX_HARMONICS),
-    "log_std_init": finite,
-    "use_expln": boolean,
-    "share_features_extractor": boolean,
-}
-POLICY_KWARGS: dict[str, dict[str, Check]] = {
-    "ppo": {
-        **POLICY,
-        "net_arch": layers | layers_of("pi", "vf"),
-        "ortho_init": boolean,
-        "full_std": boolean,
-        "squash_output": boolean,
-    },
-    "sac": {
-        **POLICY,
-        "net_arch": layers | layers_of("pi", "qf"),
-        "clip_mean": non_negative,
-        "n_critics": integer(1, 10),
-    },
-}
-KEYS: dict[str, Check] = {
-    "policy": one_of(("MlpPolicy",)),
-    "timesteps": integer(1, MAX_STEPS),
-    "n_envs": integer(1, 10_000),
-    "reward_scale": positive,
-    "fall_cost": non_negative,
-    "env_kwargs": mapping,
-    "training_variants": mappings,
-    "hyperparameters": mapping,
-    "policy_kwargs": mapping,
-    "algo": one_of(HYPERPARAMETERS),
-    "env": one_of(TASKS),
-    "seed": integer(0, 2**32 - 1),
+KEYS = {
+    "policy": Rule(words=("MlpPolicy",)),
+    "timesteps": Rule((int,), 1, MAX_STEPS),
+    "n_envs": Rule((int,), 1, 10_000),
+    "reward_scale": Rule((float,), TINY),
+    "fall_cost": Rule((float,), 0),
+    "env_kwargs": Rule((dict,)),
+    "training_variants": Rule((list,)),
+    "hyperparameters": Rule((dict,)),
+    "policy_kwargs": Rule((dict,)),
+    "algo": Rule(words=tuple(ALGORITHMS)),
+    "env": Rule(words=tuple(TASKS)),
+    "seed": Rule((int,), 0, 2**32 - 1),
 }
 TO_TRAIN = ("policy", "timesteps", "n_envs", "hyperparameters")
 TO_RESUME = (*TO_TRAIN, "algo", "env", "seed")
 TO_LOAD = ("algo", "env", "policy")
+
+LIMITS: dict[str, tuple[float, float]] = {
+    "n_steps": (1, 10**6), "batch_size": (2, 10**6), "sde_sample_freq": (-1, 10**6),
+    "stats_window_size": (1, 10**6), "verbose": (0, 2), "n_epochs": (1, 1000),
+    "buffer_size": (1, 10**8), "learning_starts": (0, MAX_STEPS), "train_freq": (1, 10**6),
+    "gradient_steps": (-1, 10**5), "target_update_interval": (1, 10**6), "n_critics": (1, 10),
+    "gamma": (0, 1), "gae_lambda": (0, 1), "tau": (0, 1),
+    "ent_coef": (0, HUGE), "vf_coef": (0, HUGE), "clip_mean": (0, HUGE),
+    "log_std_init": (-HUGE, HUGE), "target_entropy": (-HUGE, HUGE),
+}  # fmt: skip
+"""Of the arguments of Stable-Baselines3 that are numbers; of others from TINY to HUGE."""
+SET_HERE = ("seed", "_init_setup_model", "optimize_memory_usage", "normalize_images")
+OWN = {
+    "activation": Rule(words=("tanh", "relu", "elu")),
+    "normalize": Rule((bool,)),
+    "harmonics": Rule((int,), 0, 32),
+}
+"""Of ``policy_kwargs``, beside those of the policy's class."""
+
+
+def _rules(function: Callable[..., Any], *without: str) -> dict[str, Rule]:
+    """Return a rule for each argument that is a number or a bool: no classes, files, devices."""
+    rules = {}
+    for name, parameter in inspect.signature(function).parameters.items():
+        types = get_args(parameter.annotation) or (parameter.annotation,)
+        plain = tuple(t for t in types if t in (bool, int, float, NoneType))
+        if {bool, int, float} & {*plain} and name not in (*SET_HERE, *without):
+            words = ("auto",) if str in types else ()
+            prefix = "auto_" if words and name == "ent_coef" else ""
+            if any(get_origin(t) is Callable for t in types):
+                prefix = "linear_"
+            rules[name] = Rule(plain, *LIMITS.get(name, (TINY, HUGE)), words, prefix)
+    return rules
+
+
+@cache
+def rules(algo: str) -> dict[str, dict[str, Rule]]:
+    """Return the rules of an algorithm's ``hyperparameters`` and ``policy_kwargs`` by name."""
+    library = ALGORITHMS[algo]
+    policy = _rules(library.policy_aliases["MlpPolicy"].__init__, "use_sde", "lr_schedule")
+    return {"hyperparameters": _rules(library.__init__), "policy_kwargs": {**policy, **OWN}}
 
 
 def shipped_config(env_id: str, algo: str) -> Path:
@@ -182,7 +127,7 @@ def shipped_config(env_id: str, algo: str) -> Path:
     """
     path = CONFIGS / env_id / f"{algo}.yml"
     if not path.is_file():
-        files = [p for p in CONFIGS.glob("*/*.yml") if p.stem in HYPERPARAMETERS]
+        files = [p for p in CONFIGS.glob("*/*.yml") if p.stem in ALGORITHMS]
         found = sorted(f"{p.parent.name}/{p.stem}" for p in files)
         raise ValueError(
             f"no configuration for {env_id}/{algo}, must be one of {found}, or a file of your own"
@@ -287,42 +232,55 @@ def check_config(
     Raises:
         ValueError: an unknown or missing key, or a value that is not allowed.
     """
-    mapping("configuration", config)
+    Rule((dict,)).check("configuration", config)
     missing = [name for name in required if name not in config]
     if missing:
         raise ValueError(f"configuration has no {missing}, must have {list(required)}")
-    _check("", config, KEYS)
+    check_keys("", config, KEYS)
+    variants = config.get("training_variants", [{}])
+    if not variants or not all(isinstance(variant, dict) for variant in variants):
+        raise ValueError(f"training_variants is {shown(variants)}, must be a list of mappings")
     algo, env_id = algo or config.get("algo"), env_id or config.get("env")
     if algo is not None:
-        _check_algorithm(algo, config)
+        policy_kwargs = dict(config.get("policy_kwargs", {}))
+        if "net_arch" in policy_kwargs:
+            _check_layers(policy_kwargs.pop("net_arch"), ["pi", "vf" if algo == "ppo" else "qf"])
+        check_keys("hyperparameters", config.get("hyperparameters", {}),
+                   rules(algo)["hyperparameters"])  # fmt: skip
+        check_keys("policy_kwargs", policy_kwargs, rules(algo)["policy_kwargs"])
+        if policy_kwargs.get("harmonics") and not policy_kwargs.get("normalize"):
+            raise ValueError("harmonics is given, so normalize must be true, too")
     if env_id is not None:
-        _check_environment(env_id, config)
+        for arguments in (config.get("env_kwargs", {}), *variants):
+            check_env_kwargs(env_id, arguments)
 
 
-def _check_algorithm(algo: str, config: dict[str, Any]) -> None:
-    """What only some algorithms have, and what goes together."""
-    hyperparameters = config.get("hyperparameters", {})
-    policy_kwargs = config.get("policy_kwargs", {})
-    _check("hyperparameters", hyperparameters, HYPERPARAMETERS[algo])
-    _check("policy_kwargs", policy_kwargs, POLICY_KWARGS[algo])
-    if policy_kwargs.get("harmonics") and not policy_kwargs.get("normalize"):
-        raise ValueError("harmonics is given, so normalize must be true, too")
+def _check_layers(value: Any, networks: list[str]) -> None:
+    """Check the units of each layer of all networks together, or of each."""
+    several = isinstance(value, dict) and {*value} == {*networks}
+    for layers in value.values() if several else [value]:
+        if (
+            not isinstance(layers, list)
+            or len(layers) > MAX_LAYERS
+            or not all(type(units) is int and 1 <= units <= MAX_UNITS for units in layers)
+        ):
+            raise ValueError(
+                f"policy_kwargs.net_arch is {shown(value)}, must be a list of up to {MAX_LAYERS} "
+                f"layers of 1 to {MAX_UNITS} units, or a mapping of {networks} to such lists"
+            )
 
 
-def _check_environment(env_id: str, config: dict[str, Any]) -> None:
-    """The arguments of an environment, in training too."""
-    check_env_kwargs(env_id, config.get("env_kwargs", {}))
-    for variant in config.get("training_variants", ()):
-        check_env_kwargs(env_id, variant)
+def check_keys(part: str, values: dict[str, Any], table: dict[str, Rule]) -> None:
+    """Check each value by the table's rule of its name, and that there is one.
 
-
-def _check(part: str, values: dict[str, Any], table: dict[str, Check]) -> None:
-    """Each value by the table's check of its name."""
+    Raises:
+        ValueError: names the key, the value and what is allowed.
+    """
     for name, value in values.items():
         if name not in table:
             where = f" of {part}" if part else ""
             raise ValueError(f"{name!r} is no key{where}, must be in {sorted(table)}")
-        table[name](f"{part}.{name}" if part else name, value)
+        table[name].check(f"{part}.{name}" if part else name, value)
 
 
 def find_config(model: str | Path) -> Path:

@@ -13,25 +13,23 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.utils import LinearSchedule
 
-from agents.config import TO_LOAD, find_config, load_config
+from agents.config import ALGORITHMS, TO_LOAD, find_config, load_config
 from agents.model_files import NOTES, STATE, read_model
 from agents.normalizer import NormalizedObservation
 from agents.policy import Policy
 from agents.rollout import make_env
 from jansen_env.files import write_bytes
 
-ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}
 
 
 def build_model(algo: str, config: dict[str, Any], env: Any, **more: Any) -> BaseAlgorithm:
     """A fresh model of ``algo`` for ``env`` from a checked configuration."""
     arguments = dict(config["hyperparameters"])
-    for name in ("learning_rate", "clip_range"):
+    for name in ("learning_rate", "clip_range", "clip_range_vf"):
         if isinstance(value := arguments.get(name), str):
             arguments[name] = linear_schedule(value)
     return ALGORITHMS[algo](

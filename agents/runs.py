@@ -42,17 +42,17 @@ def new_run_folder(root: str | Path, algo: str, env_id: str) -> Path:
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def locked(folder: Path, patience: float = 0.0) -> Iterator[None]:
     """Keep other processes from a run's folder, and remove what a killed one had half written.
 
-    The lock goes with its process, however that ends.
+    The lock goes with its process, however that ends. Another's is waited for, ``patience`` s.
 
     Raises:
         ValueError: another process has it, or the folder cannot be written to.
     """
     holder = folder / ".lock-holder"
     try:
-        held = FileLock(folder / ".lock").acquire(blocking=False)
+        held = FileLock(folder / ".lock").acquire(patience)
         write_text(holder, f"process {os.getpid()} on {socket.gethostname()}")
     except Timeout:
         by = holder.read_text("utf-8", "replace") if holder.is_file() else "another process"
@@ -114,12 +114,9 @@ def replay_path(folder: Path, steps: int) -> Path:
 
 
 def find_replay_buffer(folder: Path, steps: int) -> Path | None:
-    """The replay buffer of a model of so many steps; None where there is none.
-
-    That of an earlier version may be of other steps: there was but one, of the last checkpoint.
-    """
-    places = (replay_path(folder, steps), folder / "replay_buffer.npz")
-    return next((path for path in places if path.is_file()), None)
+    """Return the replay buffer of a model of so many steps; None where there is none."""
+    path = replay_path(folder, steps)
+    return path if path.is_file() else None
 
 
 def remove_replay_buffers(folder: Path, keep: Collection[Path | None]) -> None:
@@ -158,26 +155,14 @@ def read_evaluations(folder: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def score(row: dict[str, Any]) -> float:
-    """By what the evaluations of a run are compared; those of earlier versions by their return."""
-    return float(row.get("score", row["return"]))
-
-
 def best_score(folder: Path) -> float:
-    """The :func:`score` of best_model.zip at its evaluation; -inf where there is none.
+    """Return the score of best_model.zip at its evaluation; -inf where there is none.
 
     Raises:
-        ValueError: best_model.zip or evaluations.json is damaged.
+        ValueError: best_model.zip is damaged.
     """
-    if not (folder / BEST).is_file():
-        return -math.inf
-    notes = read_notes(folder / BEST)
-    if "return" in notes:
-        for name in {"return", "score"} & {*notes}:
-            finite(f"{name} in {folder / BEST}", notes[name])
-        return score(notes)
-    # An earlier version's file does not know its return: at most the highest evaluated.
-    return max(map(score, read_evaluations(folder)), default=-math.inf)
+    notes = read_notes(folder / BEST) if (folder / BEST).is_file() else {}
+    return finite(f"score in {folder / BEST}", notes["score"]) if "score" in notes else -math.inf
 
 
 def next_monitor(folder: Path) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -125,6 +126,7 @@ def train(
     tensorboard: str | None = None,
     resume: Path | None = None,
     progress: bool = True,
+    more_callbacks: Sequence[BaseCallback] = (),
 ) -> None:
     """Train until ``config["timesteps"]``; leaves final_model.zip and best_model.zip in a folder.
 
@@ -133,6 +135,7 @@ def train(
         eval_every, save_every: steps between evaluations and between checkpoints, 0 for none;
             ``eval_every`` is None for :data:`EVALUATIONS` in all.
         tensorboard: folder of its log, None for none. progress: whether to show a bar.
+        more_callbacks: of Stable-Baselines3, called after an evaluation at the same step.
 
     Raises:
         SystemExit: a signal came (status 128 + its number, 130 for SIGINT); a checkpoint is saved.
@@ -155,7 +158,7 @@ def train(
     header = {"t_start": monitor.t_start, "env_id": config["env"]}
     monitor.results_writer = ResultsWriter(str(next_monitor(folder)), header)
     model.tensorboard_log = tensorboard
-    callbacks: list[BaseCallback] = [NormalizerUpdate(), saver]
+    callbacks: list[BaseCallback] = [NormalizerUpdate(), saver, *more_callbacks]
     state = None if resume is None else read_training_state(resume)
     if state is not None:
         callbacks.insert(0, GeneratorsRestored(state))

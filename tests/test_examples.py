@@ -18,9 +18,10 @@ SIZES = {  # the arguments that make it short, and a word of what it prints
     "own_terrain_and_reward": ("20", "return"),
     "thousand_robots": ("8", "steps/s"),
     "train_and_watch": ("1", "return"),
+    "tune_with_optuna": ("2 8192", "best return"),
     "walk_with_pid": ("20", " m in "),
 }
-LONGEST = {"cleanrl_ppo": 140}  # lines; the others 40
+LONGEST = {"cleanrl_ppo": 140, "tune_with_optuna": 60}  # lines; the others 40
 ELSEWHERE = {"rllib_ppo"}  # by test_rllib.py, where Ray is installed
 
 
@@ -28,9 +29,14 @@ def test_all_examples_are_tried() -> None:
     assert {path.stem for path in EXAMPLES.glob("*.py")} == {*SIZES, *ELSEWHERE}
 
 
+NEEDS = {"tune_with_optuna": "optuna"}  # beside the extras
+
+
 @pytest.mark.parametrize("name", SIZES)
 def test_example(name: str, tmp_path: Path) -> None:
     size, printed = SIZES[name]
+    if name in NEEDS:
+        pytest.importorskip(NEEDS[name])
     headless = {**os.environ, "SDL_VIDEODRIVER": "dummy", "MPLBACKEND": "Agg"}
     run = subprocess.run(
         [sys.executable, EXAMPLES / f"{name}.py", *size.split()],

@@ -125,17 +125,10 @@ def test_best_model_outlives_a_kill_before_its_row_is_written(tmp_path, returns,
     assert callbacks.Saver(tmp_path, 0, 0, "JansenWalker-v0", {}).best == 5.0
 
 
-def test_best_model_of_an_earlier_version(tmp_path, returns):
-    """Its file has no return: the highest evaluated counts."""
-    model = training.prepare(small_config())
-    assert runs.best_score(tmp_path) == -np.inf
-    model.save(tmp_path / runs.BEST)
-    rows = [{"steps": 64.0, "return": 3.0}, {"steps": 128.0, "return": 2.0}]
-    (tmp_path / "evaluations.json").write_text(json.dumps(rows))
-    assert runs.best_score(tmp_path) == 3.0
+def test_damaged_evaluations_are_named(tmp_path):
     (tmp_path / "evaluations.json").write_text("[{}]")
     with pytest.raises(ValueError, match="must be a list of evaluations"):
-        runs.best_score(tmp_path)
+        runs.read_evaluations(tmp_path)
 
 
 def test_finished_run_stays_as_it_is(tmp_path, returns, monkeypatch, capsys):

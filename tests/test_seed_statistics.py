@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from agents import seed_statistics as over_runs
+from agents.studies import seed_statistics as over_runs
 
 TEN = np.array([3.0, 1.0, 4.0, 1.5, 9.0, 2.6, 5.0, 3.5, 8.0, 9.7])
 
@@ -29,7 +29,7 @@ def test_interquartile_mean_is_that_of_the_middle_half():
 def test_interval_of_the_mean_is_near_the_normal_one():
     """The percentile bootstrap's width: 2 x 1.96 standard errors, of the n in the denominator."""
     scores = np.random.default_rng(3).normal(size=200)
-    value, low, high = over_runs.with_interval(over_runs.mean, scores)
+    value, low, high = over_runs.with_interval(np.mean, scores)
     error = scores.std() / math.sqrt(len(scores))
     assert value == scores.mean()
     assert (high - low) / (2 * 1.96 * error) == pytest.approx(1.0, abs=0.05)
@@ -44,8 +44,8 @@ def test_interval_of_the_mean_is_students():
 def test_bca_shifts_the_interval_of_skewed_scores():
     """To the side of the long tail; of the mean of exponential scores, scipy's own."""
     scores = np.random.default_rng(2).exponential(size=12)
-    plain = over_runs.resampled(over_runs.mean, scores)
-    shifted = over_runs.resampled(over_runs.mean, scores, method="BCa")
+    plain = over_runs.resampled(np.mean, scores)
+    shifted = over_runs.resampled(np.mean, scores, method="BCa")
     assert shifted[0] > plain[0] and shifted[1] > plain[1]
     assert over_runs.iqm_with_interval([2.0, 2.0, 2.0]) == (2.0, 2.0, 2.0)
 
@@ -54,10 +54,10 @@ def test_what_few_runs_cannot_say_is_nan():
     for interval in (over_runs.mean_with_interval, over_runs.iqm_with_interval):
         assert np.isnan(interval([])).all()
         assert interval([2.0])[0] == 2.0 and np.isnan(interval([2.0])[1:]).all()
-    assert np.isnan(over_runs.with_interval(over_runs.mean, [])).all()
-    assert over_runs.with_interval(over_runs.mean, [2.0])[0] == 2.0
-    assert np.isnan(over_runs.with_interval(over_runs.mean, [2.0])[1:]).all()
-    assert over_runs.with_interval(over_runs.mean, [2.0, 2.0]) == (2.0, 2.0, 2.0)
+    assert np.isnan(over_runs.with_interval(np.mean, [])).all()
+    assert over_runs.with_interval(np.mean, [2.0])[0] == 2.0
+    assert np.isnan(over_runs.with_interval(np.mean, [2.0])[1:]).all()
+    assert over_runs.with_interval(np.mean, [2.0, 2.0]) == (2.0, 2.0, 2.0)
     assert np.isnan(over_runs.improvement_over(0.0, [])).all()
 
 
@@ -65,9 +65,9 @@ def test_coverage_is_what_is_said_of_it():
     """Of a nominal 95 %, with ten and with three normal scores: the bootstraps' and Student's."""
     rng = np.random.default_rng(11)
     samples = rng.normal(size=(10, 1000))
-    low, high = over_runs.resampled(over_runs.mean, samples, resamples=1000)
+    low, high = over_runs.resampled(np.mean, samples, resamples=1000)
     assert 0.86 < np.mean((low < 0.0) & (high > 0.0)) < 0.93
-    few, many = over_runs.resampled(over_runs.mean, samples[:3], resamples=1000)
+    few, many = over_runs.resampled(np.mean, samples[:3], resamples=1000)
     assert 0.65 < np.mean((few < 0.0) & (many > 0.0)) < 0.82
     low, high = over_runs.resampled(
         over_runs.interquartile_mean, samples[:, :300], resamples=1000, method="BCa"

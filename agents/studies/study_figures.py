@@ -11,7 +11,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from agents.seed_statistics import performance_profile
+from agents.studies.seed_statistics import performance_profile
 from jansen_env.files import write_whole
 
 LEVELS = 201  # of the performance profile
@@ -25,7 +25,7 @@ def plot_study(found: dict[str, Any], folder: Path) -> list[Path]:
     Learning curves, scores, performance profile and probability of improvement over baselines.
 
     Args:
-        found: :func:`agents.study_report.analyse`. folder: of the study.
+        found: :func:`agents.studies.study_scores.analyse`. folder: of the study.
     """
     written = []
     for env_id in dict.fromkeys(group["env"] for group in found["groups"].values()):

@@ -1,11 +1,10 @@
-"""Scores of many runs as numbers: what differs between seeds, with intervals over them.
+"""Scores of many runs as numbers, with 95 % intervals over seeds.
 
 After Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice",
 NeurIPS 2021: interquartile mean, performance profile and probability of improvement. The mean has
 Student's interval, the interquartile mean that of the BCa bootstrap over runs (Efron 1987), the
-others the percentile bootstrap's, as there. A run's score is one number, so that the intervals are
-those of training again with other seeds; an interval over a run's episodes would be that of scoring
-the same policy again.
+others the percentile bootstrap's. A run's score is one number, so that the intervals are those of
+training again with other seeds, not of scoring the same policy again.
 """
 
 from __future__ import annotations
@@ -22,25 +21,18 @@ from scipy.stats import DegenerateDataWarning, bootstrap, t, trim_mean
 from agents.metrics import CONFIDENCE, Interval, proportion_with_interval
 
 Array = NDArray[np.float64]
+Method = Literal["percentile", "BCa"]
 
 RESAMPLES = 5000
 AT_ONCE = 10**7  # numbers, of resamples
 TRIMMED = 0.25  # of the runs at either end, left out of the interquartile mean
 
 
-def mean(scores: ArrayLike, axis: int = 0) -> Any:
-    """The mean over runs."""
-    return np.mean(np.asarray(scores, float), axis=axis)
-
-
 def mean_with_interval(scores: ArrayLike) -> Interval:
-    """The mean over runs with Student's 95 % interval: mean -+ t(n - 1) s / sqrt(n).
+    """Return the mean of scores (n,) with Student's interval: mean -+ t(n - 1) s / sqrt(n).
 
     With few runs it holds the true mean more often than a bootstrap does (95 % of the time where
     scores are normal; a bootstrap of 10 runs 90 %, of 3 runs 75 %).
-
-    Args:
-        scores: (n,) of runs.
     """
     values = np.asarray(scores, float)
     if len(values) < 2:
@@ -50,7 +42,7 @@ def mean_with_interval(scores: ArrayLike) -> Interval:
 
 
 def interquartile_mean(scores: ArrayLike, axis: int = 0) -> Any:
-    """The mean of the middle half of the runs: 25 % at either end are left out, rounded down.
+    """Return the mean of the middle half of the runs: 25 % at either end left out, rounded down.
 
     Less moved by one odd run than the mean, and less uncertain than the median. Of less than four
     runs it is the mean.
@@ -61,20 +53,18 @@ def interquartile_mean(scores: ArrayLike, axis: int = 0) -> Any:
 def resampled(
     statistic: Callable[..., Any],
     *groups: ArrayLike,
-    seed: int = 0,
     resamples: int = RESAMPLES,
-    method: Literal["percentile", "BCa"] = "percentile",
+    method: Method = "percentile",
 ) -> tuple[Array, Array]:
-    """The ends of the 95 % bootstrap interval of a statistic, over runs.
+    """Return the ends of the bootstrap interval of a statistic, each group resampled on its own.
 
-    Stratified: each group's runs are resampled within it, apart from the others'. BCa corrects the
-    percentiles for bias and skewness; where it has no value, as of runs that are all alike, they
-    stand as they are.
+    BCa corrects the percentiles for bias and skewness; where it has no value, as of runs that are
+    all alike, the percentiles stand.
 
     Args:
         statistic: of as many arrays as there are groups, along their ``axis``. groups: (n_i, ...)
             what is known of each run, such as its score, or its returns at several steps, which
-            stay together. seed, resamples, method: of the bootstrap.
+            stay together. resamples, method: of the bootstrap.
 
     Returns:
         Lower and upper ends, of the shape of the statistic; NaN with less than two runs in a group.
@@ -87,7 +77,7 @@ def resampled(
         simplefilter("ignore", DegenerateDataWarning)  # of runs that are all alike
         found = bootstrap(
             arrays, statistic, vectorized=True, axis=-1, n_resamples=resamples, method=method,
-            confidence_level=CONFIDENCE, rng=seed,
+            confidence_level=CONFIDENCE, rng=0,
             batch=1 + AT_ONCE // math.prod(a.size for a in arrays),
         )  # fmt: skip
     tail = 50.0 * (1.0 - CONFIDENCE)
@@ -97,55 +87,44 @@ def resampled(
 
 
 def with_interval(
-    statistic: Callable[..., Any],
-    *groups: ArrayLike,
-    seed: int = 0,
-    method: Literal["percentile", "BCa"] = "percentile",
+    statistic: Callable[..., Any], *groups: ArrayLike, method: Method = "percentile"
 ) -> Interval:
-    """A number over runs with its interval, see :func:`resampled`; NaN without a run."""
-    if min(len(np.asarray(group)) for group in groups) == 0:
+    """Return a number over runs with its interval, see :func:`resampled`; NaN without a run."""
+    arrays = [np.asarray(group, float) for group in groups]
+    if min(map(len, arrays)) == 0:
         return math.nan, math.nan, math.nan
-    low, high = resampled(statistic, *groups, seed=seed, method=method)
-    value = statistic(*(np.asarray(group, float) for group in groups), axis=-1)
-    return float(value), float(low), float(high)
+    low, high = resampled(statistic, *arrays, method=method)
+    return float(statistic(*arrays, axis=-1)), float(low), float(high)
 
 
 def iqm_with_interval(scores: ArrayLike) -> Interval:
-    """The interquartile mean over runs with its 95 % interval by the BCa bootstrap.
-
-    Args:
-        scores: (n,) of runs.
-    """
+    """Return the interquartile mean of scores (n,) with its BCa bootstrap interval."""
     return with_interval(interquartile_mean, scores, method="BCa")
 
 
 def performance_profile(scores: ArrayLike, levels: ArrayLike) -> tuple[Array, Array, Array]:
-    """The fraction of runs with a score above each level, and its pointwise interval.
-
-    Args:
-        scores: (n,) of runs. levels: (m,).
+    """Return the fraction of scores (n,) above each of the levels (m,), with pointwise interval.
 
     Returns:
         Fraction, lower and upper end, (m,) each.
     """
     above = (np.asarray(scores, float)[:, None] > np.asarray(levels, float)).astype(float)
-    return mean(above), *resampled(mean, above)
+    return above.mean(axis=0), *resampled(np.mean, above)
 
 
-def improvement_over(mark: float, scores: ArrayLike) -> Interval:
-    """The probability that a run's score is above a mark, such as a baseline's score.
+def improvement_over(target: float, scores: ArrayLike) -> Interval:
+    """Return the probability that a run's score is above a fixed number, with its exact interval.
 
-    The mark is taken as a fixed number. With k of n runs above it the estimate is k / n, with its
-    exact interval: the bootstrap's would have no width where all runs or none are above.
+    The bootstrap's would have no width where all runs or none are above.
     """
     values = np.asarray(scores, float)
     if len(values) == 0:
         return math.nan, math.nan, math.nan
-    return proportion_with_interval(int(np.sum(values > mark)), len(values))
+    return proportion_with_interval(int(np.sum(values > target)), len(values))
 
 
 def probability_of_improvement(scores: ArrayLike, others: ArrayLike) -> Interval:
-    """The probability that a run of one kind is better than a run of another: P(X > Y).
+    """Return P(X > Y), the probability that a run of one kind is better than one of another.
 
     The mean of S(x, y) over all pairs, S = 1 for x > y, 1/2 for x = y, 0 for x < y (the
     Mann-Whitney statistic), as Agarwal et al. have it; both groups are resampled.
@@ -157,19 +136,16 @@ def probability_of_improvement(scores: ArrayLike, others: ArrayLike) -> Interval
 
 
 def _wins(x: Array, y: Array, axis: int) -> Any:
-    """The mean of S over all pairs of (..., n) and (..., m): (...)."""
+    """Return the mean of S over all pairs of (..., n) and (..., m): (...)."""
     left, right = x[..., :, None], y[..., None, :]
     return np.mean((left > right) + 0.5 * (left == right), axis=(-2, -1))
 
 
 def median_with_never(values: Sequence[float | None]) -> float | None:
-    """The median of numbers, None counting as later than all; None where the median is one.
+    """Return the median of numbers, None counting as later than all; None where it is one.
 
-    So the median of steps to a mark is that of all runs, not of the quick ones alone. With an even
-    number of runs it is the higher of the two in the middle, which both exist or it is None.
+    With an even number of runs it is the higher of the two in the middle.
     """
-    if not values:
-        return None
     ordered = sorted(math.inf if value is None else value for value in values)
-    middle = ordered[len(ordered) // 2]
+    middle = ordered[len(ordered) // 2] if ordered else math.inf
     return None if math.isinf(middle) else middle

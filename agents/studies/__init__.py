@@ -1,0 +1,1 @@
+"""Studies: many training runs, planned, run here or on Ray, and compared over seeds."""

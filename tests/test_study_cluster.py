@@ -102,8 +102,9 @@ def test_killed_driver_and_end_by_signal_lose_nothing(whole, tmp_path):
     wait_until(lambda: any(map(steps_saved, runs)), driver)
     driver.send_signal(signal.SIGKILL)
     driver.wait()
-    before = sum(map(steps_saved, runs))
     again = start(arguments)
+    wait_until(lambda: " to do on Ray" in output(again), again)  # until then signals just kill
+    before = sum(map(steps_saved, runs))
     wait_until(lambda: sum(map(steps_saved, runs)) > before, again)
     again.send_signal(signal.SIGTERM)  # taken as Ctrl-C
     assert again.wait(180) == 130, output(again)

@@ -135,7 +135,7 @@ def test_a_fifo_among_the_checkpoints(run, capsys, no_waiting):
 def test_a_read_only_folder(run, monkeypatch):
     """As the lock finds it."""
 
-    def refuse(lock, **given):
+    def refuse(lock, timeout):
         raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(run / ".lock"))
 
     monkeypatch.setattr(runs.FileLock, "acquire", refuse)

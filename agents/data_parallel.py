@@ -34,7 +34,7 @@ from agents.callbacks import NormalizerUpdate, StopOnSignal
 from agents.normalizer import NormalizedObservation
 from agents.runs import next_monitor
 from agents.training_state import read_state
-from jansen_env.plants.batch import ROBOTS_PER_THREAD
+from jansen_env.plants.threads import ROBOTS_PER_THREAD
 
 
 class WorkerLost(Exception):

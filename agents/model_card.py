@@ -25,7 +25,7 @@ from agents.metrics import INTERVALS, tabled
 from agents.observation_guide import frames, meaning, running_means
 from agents.rollout import make_env
 from agents.tasks import WALKERS, Task, find_task, vector_env
-from jansen_env.envs.parameters import PARAMETERS
+from jansen_env.world.parameters import PARAMETERS
 from jansen_env.noise import make_noise
 from jansen_env.policy_network import Harmonics, Normalized
 from jansen_env.pretrained import PretrainedPolicy, checksum

@@ -14,8 +14,8 @@ from gymnasium.vector import AutoresetMode
 
 from jansen_env import Compliance, Terrain
 from jansen_env.curriculum import Curriculum
-from jansen_env.envs.parameters import PARAMETERS
 from jansen_env.terrain_generators import HIGHEST
+from jansen_env.world.parameters import PARAMETERS
 
 WORLD = {
     "terrain": "mixed",

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from numbers import Integral
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -25,12 +25,14 @@ from jansen_env.checks import (
     within,
 )
 from jansen_env.curriculum import Curriculum
-from jansen_env.envs.parameters import LONGEST_DELAY, Randomization
 from jansen_env.motor import MOTORS, Motor
 from jansen_env.plants.base import check_time_step
 from jansen_env.robot import ROBOTS, Compliance, Payload, Robot
 from jansen_env.terrain import Terrain, make_terrain
-from jansen_env.terrain_generators import HIGHEST, Generator, make_generator
+from jansen_env.terrain_generators import HIGHEST, make_generator
+from jansen_env.world.episode_parameters import Grounds
+from jansen_env.world.parameters import LONGEST_DELAY
+from jansen_env.world.randomization import Randomization
 
 Array = NDArray[np.float64]
 
@@ -88,21 +90,6 @@ def number_range(name: str, value: Any, least: float, most: float) -> tuple[floa
 
 class Each(tuple[Any, ...]):
     """One value for each robot, where a plain sequence could as well be one value for all."""
-
-
-class Grounds(NamedTuple):
-    """The ground of each robot.
-
-    Attributes:
-        terrains: fixed ones, and flat ones where they are drawn at each reset.
-        generators: what draws them; None where they are fixed.
-        own_friction, own_restitution: (n,) whether it was given, in place of the terrain's.
-    """
-
-    terrains: list[Terrain]
-    generators: list[Generator | None]
-    own_friction: NDArray[np.bool_]
-    own_restitution: NDArray[np.bool_]
 
 
 def terrain_of_each(

@@ -16,21 +16,16 @@ from jansen_env.engine import task
 from jansen_env.envs import arguments
 from jansen_env.envs.core import Ints, Task
 from jansen_env.envs.disturbances import NoisySensors, Pushes
-from jansen_env.envs.episodes import Episodes, Plan
-from jansen_env.envs.parameters import PARAMETERS, check
 from jansen_env.plants.base import BatchedPlant, check_deflection, check_in_contact, check_state
-from jansen_env.plants.batch import Batch
-from jansen_env.plants.variation import RANGES
 from jansen_env.push import check_schedule
 from jansen_env.rendering import Frame
 from jansen_env.terrain import Terrain
+from jansen_env.world.episode_parameters import EpisodeParameters, Plan
+from jansen_env.world.parameters import CHANGES, PARAMETERS, check
 
 Array = NDArray[np.float64]
 
 FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
-OF_ARGUMENTS = ("friction", "restitution", "payload", "payload_x", "payload_y")
-CHANGES = tuple(name for name in RANGES if name not in OF_ARGUMENTS)
-"""Parameters of an episode that may be changed in it, beside those that are arguments, too."""
 ACCOUNTS: tuple[str, ...] = task.ACCOUNTS.names or ()  # lag and means
 NOT_PHYSICAL = {"speed_command", "command", "delay", "terrain_level"}  # of what may be set
 MOST_STEPS = 2**63 - 1  # of an episode; and the largest seed of commands
@@ -48,7 +43,7 @@ class WalkerRobots(Task):
     """
 
     batch: BatchedPlant
-    episodes: Episodes
+    episodes: EpisodeParameters
     speed_command: Array
     reset_noise_scale: Array
     loads: Array
@@ -106,7 +101,7 @@ class WalkerRobots(Task):
         """
         arguments.known_parameters(changes, self.SETTABLE)
         physical = sorted({*changes} - NOT_PHYSICAL)
-        if physical and not isinstance(self.batch, Batch):
+        if not {*physical} <= self.batch.changeable:
             raise ValueError(f"{physical[0]} cannot be changed with plant='rigid_body'")
         checked = self._checked(row, changes)  # all or nothing
         if "speed_command" in checked:
@@ -119,8 +114,8 @@ class WalkerRobots(Task):
             kept = self.rows[row]
             kept["info"]["speed_command"] = kept["next_command"] = checked.pop("command")
             self._describe(np.array([row]))
-        if isinstance(self.batch, Batch) and physical:
-            self._change(row, checked, self.batch)
+        if physical:
+            self._change(row, checked)
 
     def _checked(self, row: int, changes: Mapping[str, Any]) -> dict[str, Any]:
         """The changes of :meth:`set_parameters`. Raises ValueError: one is out of range."""
@@ -140,26 +135,20 @@ class WalkerRobots(Task):
         checks |= {name: partial(check, name, name) for name in CHANGES}
         checked = {name: checks[name](value) for name, value in changes.items()}
         self.episodes.check_names(row, [name for name in checked if name in CHANGES], "changes")
-        if isinstance(self.batch, Batch):
-            own = self.episodes.nominal["restitution"][row]
+        if {*checked} & self.batch.changeable:
+            numbers = self.batch.parameters, self.episodes.nominal
             self.episodes.check_pads(
                 row,
                 checked.get("pad_compliance", self.robots[row].pad_compliance),
-                checked.get("restitution", max(float(self.batch.restitution[row]), float(own))),
+                checked.get("restitution", max(float(of["restitution"][row]) for of in numbers)),
             )
             self.episodes.check_change(row, checked)
         return checked
 
-    def _change(self, row: int, checked: Mapping[str, Any], batch: Batch) -> None:
+    def _change(self, row: int, checked: Mapping[str, Any]) -> None:
         """Put changes of a robot and its ground in force."""
-        # Restitution first where it goes, last where it comes: feet that give exclude it.
-        for name in sorted(
-            checked, key=lambda one: checked[one] > 0.0 if one == "restitution" else 0.5
-        ):
-            if name in CHANGES:
-                batch.set_own(row, **{name: checked[name]})
-            else:
-                getattr(batch, f"set_{name}")(row, checked[name])
+        batch = self.batch
+        batch.change(row, dict(checked))
         self.robots[row] = batch.robots[row]
         load = batch.robots[row].payload
         place = {"payload_x": load.position[0], "payload_y": load.position[1]}

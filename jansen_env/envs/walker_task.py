@@ -20,22 +20,19 @@ from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.envs import arguments
 from jansen_env.envs.core import Bools, Information, Ints, Observed
 from jansen_env.envs.disturbances import NoisySensors, Pushes
-from jansen_env.envs.episodes import Episodes, Plan
-from jansen_env.envs.parameters import PARAMETERS
-from jansen_env.envs.walker_robots import CHANGES, FASTEST_COMMAND, WalkerRobots, schedule_of
+from jansen_env.envs.walker_robots import FASTEST_COMMAND, WalkerRobots, schedule_of
 from jansen_env.gravity import GRAVITY
 from jansen_env.kinematics import advance_per_turn
 from jansen_env.motor import Motor
 from jansen_env.noise import Noise, make_noise
 from jansen_env.plants.base import BatchedPlant, Plant
-from jansen_env.plants.batch import Batch
-from jansen_env.plants.batch_of_one import BatchOfOne
-from jansen_env.plants.initial_pose import sag
-from jansen_env.plants.make import make_plant, plant_time_step
-from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.initial_pose import static_deflection
+from jansen_env.plants.make import make_batch, plant_of, plant_time_step
 from jansen_env.push import Push, make_push
 from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
+from jansen_env.world.episode_parameters import Draws, EpisodeParameters, Plan
+from jansen_env.world.parameters import CHANGES, PARAMETERS
 
 Array = NDArray[np.float64]
 
@@ -145,8 +142,8 @@ class WalkerTask(WalkerRobots):
             arguments.flag("fall_contact", fall_contact),
         )
         for robot_of_one in self.robots:
-            sag(robot_of_one, GRAVITY)  # or its feet are too soft
-        self.plant, self.batch = self._plants(plant, grounds.terrains, step, threads)
+            static_deflection(robot_of_one, GRAVITY)  # or its feet are too soft
+        self.batch = self._make_batch(plant, grounds.terrains, step, threads)
         self._steps = round(self.control_dt / step)
         self._scan = arguments.scanned_places(height_scan)
         longest = max(one.longest_delay for one in randomizations)
@@ -171,12 +168,12 @@ class WalkerTask(WalkerRobots):
         if self.track_joint_forces:
             self.traceable.tracing = True
         self._joint_loads = np.zeros(2)
-        self.episodes = Episodes(
-            self.batch, self.robots, *grounds,
+        draws = Draws(
             arguments.levels_of_each(n, terrain_level), randomizations,
-            arguments.load_curriculum(curriculum),
-            {"noise": self._sensors is not None, "push": self._pushes.at_random}, self.by_default,
+            arguments.load_curriculum(curriculum), self.by_default,
         )  # fmt: skip
+        has = {"noise_level": self._sensors is not None, "push_strength": self._pushes.at_random}
+        self.episodes = EpisodeParameters(self.batch, self.robots, grounds, draws, has)
         self.information = self._inform()
         prepare(
             *self._kernels(),
@@ -200,26 +197,28 @@ class WalkerTask(WalkerRobots):
             self.episodes.values if self.episodes.varies else None,
         )  # fmt: skip
 
-    def _plants(
+    def _make_batch(
         self, name: str, terrains: list[Terrain], time_step: float, threads: int | None
-    ) -> tuple[Plant | None, BatchedPlant]:
-        """The plant of one robot, if it is alone, and what moves all of them."""
-        if self.num_envs > 1:
-            if name != "projection" or self.track_joint_forces:
-                raise ValueError(
-                    f"plant is {name!r} and track_joint_forces {self.track_joint_forces}, must be "
-                    "'projection' and False for several robots at once; "
-                    "vectorization_mode='sync' has the others"
-                )
-            return None, Batch(self.robots, terrains, time_step, threads=threads)
-        plant = make_plant(name, self.robots[0], terrains[0], time_step)
-        return plant, plant.batch if isinstance(plant, ProjectionPlant) else BatchOfOne(plant)
+    ) -> BatchedPlant:
+        """Make what moves the robots."""
+        if self.num_envs > 1 and (name != "projection" or self.track_joint_forces):
+            raise ValueError(
+                f"plant is {name!r} and track_joint_forces {self.track_joint_forces}, must be "
+                "'projection' and False for several robots at once; "
+                "vectorization_mode='sync' has the others"
+            )
+        return make_batch(name, self.robots, terrains, time_step, threads)
 
     @property
-    def traceable(self) -> ProjectionPlant:
+    def plant(self) -> Plant | None:
+        """The plant of a robot that is alone, else None."""
+        return plant_of(self.batch) if self.num_envs == 1 else None
+
+    @property
+    def traceable(self) -> BatchedPlant:
         """The plant, if it knows the forces in its joints; ValueError if not."""
-        if isinstance(self.plant, ProjectionPlant):
-            return self.plant
+        if self.num_envs == 1 and self.batch.knows_joint_forces:
+            return self.batch
         raise ValueError(
             "joint forces are known of one robot with plant='projection' only: track_joint_forces "
             "must be False"
@@ -337,13 +336,8 @@ class WalkerTask(WalkerRobots):
         self.elapsed += active
         self._draw_commands()
         asked = self.torque, self._steps, self.earlier, self.switch
-        if isinstance(batch, Batch):
-            rows = None if active.all() else np.flatnonzero(active)
-            batch.step(*asked, rows, meanwhile, pushes)
-        elif active.any():
-            batch.step(*asked, pushes=pushes)
-        if meanwhile is not None and not isinstance(batch, Batch):
-            meanwhile()
+        rows = None if active.all() else np.flatnonzero(active)
+        batch.step(*asked, rows, meanwhile, pushes)
         if self.episodes.curriculum is not None:
             self._cover(active)
         moved = np.flatnonzero(active)
@@ -354,7 +348,7 @@ class WalkerTask(WalkerRobots):
             self._sensors.add(moved, self.observation)
         if self.terminate_when_fallen:
             self.terminated[:] = self.rows["info"]["fallen"]
-        if not isinstance(batch, Batch):  # whose joints cannot open
+        if batch.joints_open:
             self.rows["info"]["joint_gap"] = batch.joint_gap
         if batch.any_diverged or self._any_truncated:
             self._truncate(batch.diverged & active)

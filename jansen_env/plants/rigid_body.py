@@ -40,19 +40,19 @@ from jansen_env.plants.base import (
 )
 from jansen_env.plants.bodies import CHASSIS, SHAFT
 from jansen_env.plants.geared_rotor import GearedRotor
-from jansen_env.plants.initial_pose import prepare_placement, resting_pose, sag
+from jansen_env.plants.initial_pose import prepare_placement, resting_pose, static_deflection
+from jansen_env.plants.robot_parameters import (
+    HONOURED_BY_MACHINES,
+    check_values,
+    machine_of,
+    terrain_of,
+    tilted,
+)
 from jansen_env.plants.snapshot import ANGLE, SPIN, VX, VY, Snapshot, Sums
 from jansen_env.plants.spring_pads import SpringPads
-from jansen_env.plants.variation import (
-    VARIATION,
-    check_variations,
-    nominal,
-    tilted,
-    varied_robot,
-    varied_terrain,
-)
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
+from jansen_env.world.parameters import ROBOT_PARAMETERS, nominal
 
 Array = NDArray[np.float64]
 
@@ -81,13 +81,16 @@ class RigidBodyPlant:
         fixed_base: hold the chassis still in the air, as the paper's fixed model does.
 
     Attributes:
-        robot, terrain: what walks where, as they are themselves. variation: a row of
-            :data:`jansen_env.plants.variation.VARIATION`, what is in force of them.
+        robot, terrain: what walks where, as they are themselves. parameters: a row of
+            :data:`jansen_env.world.parameters.ROBOT_PARAMETERS`, those in force.
+            honours: names of the parameters that it knows.
 
     Raises:
         ValueError: an argument out of range, or a time step too long for the stiffness of the
             robot's pads; LinkageError: the robot cannot turn its crank.
     """
+
+    honours = HONOURED_BY_MACHINES
 
     def __init__(
         self,
@@ -101,7 +104,7 @@ class RigidBodyPlant:
     ) -> None:
         check_closure(robot)
         self.robot, self.terrain = robot, terrain
-        self.variation = nominal(robot, terrain)
+        self.parameters = nominal(robot, terrain)
         self.time_step = check_time_step(time_step)
         self.iterations = positive_integer("iterations", iterations)
         self.touchdown_iterations = positive_integer("touchdown_iterations", touchdown_iterations)
@@ -111,14 +114,14 @@ class RigidBodyPlant:
         self._owners = links.pad_bodies(self._layout)
         self._gravity = gravity_vector(gravity)
         prepare_placement(robot, terrain)
-        self._put_in_force()
+        self._apply_parameters()
         self._build(np.zeros(8))
 
-    def _put_in_force(self) -> None:
-        """Take the machine, the ground and the gravity of :attr:`variation`."""
-        robot = self._machine = varied_robot(self.robot, self.variation)
-        terrain = self._ground = varied_terrain(self.terrain, self.variation)
-        self._pull = tilted(self._gravity, float(self.variation["tilt"]))
+    def _apply_parameters(self) -> None:
+        """Take the machine, the ground and the gravity that :attr:`parameters` make."""
+        robot = self._machine = machine_of(self.robot, self.parameters)
+        terrain = self._ground = terrain_of(self.terrain, self.parameters)
+        self._effective_gravity = tilted(self._gravity, float(self.parameters["tilt"]))
         self._home = links.poses(robot, np.zeros(4))
         self._inertias = links.inertias(robot)
         self._friction = links.joint_friction(robot)
@@ -132,38 +135,38 @@ class RigidBodyPlant:
 
     @property
     def nominal(self) -> np.void:
-        """The robot's and its ground's own numbers, for :meth:`vary`."""
+        """The robot's and its ground's own numbers, for :meth:`set_parameters`."""
         return nominal(self.robot, self.terrain)
 
-    def vary(self, values: np.void) -> None:
-        """Make robot and ground others than they are, from the next placing on.
+    def set_parameters(self, values: np.void) -> None:
+        """Put parameters of robot and ground in force, from the next placing on.
 
         Args:
-            values: a row of :data:`jansen_env.plants.variation.VARIATION`.
+            values: a row of :data:`jansen_env.world.parameters.ROBOT_PARAMETERS`.
 
         Raises:
-            ValueError: a number out of :data:`jansen_env.plants.variation.RANGES`, restitution
+            ValueError: a number out of its limits, a parameter that is not honoured, restitution
                 where pads give, or a time step too long for the pads' stiffness.
         """
-        compliant = np.array([not self.robot.pad_compliance.rigid])
-        check_variations(np.array([values], VARIATION), compliant)
+        given, own = (np.array([row], ROBOT_PARAMETERS) for row in (values, self.nominal))
+        check_values(given, own, np.array([not self.robot.pad_compliance.rigid]), self.honours)
         self._change(self.terrain, values)
 
     def set_terrain(self, terrain: Terrain) -> None:
         """Change the ground: the robot must be placed anew."""
-        values = self.variation.copy()
+        values = self.parameters.copy()
         values["friction"], values["restitution"] = terrain.friction, terrain.restitution
         self._change(terrain, values)
 
     def _change(self, terrain: Terrain, values: np.void) -> None:
         """Go on from the same state as another robot on another ground."""
-        before, memory = (self.terrain, self.variation), self._memory
-        self.terrain, self.variation = terrain, values.copy()
+        before, memory = (self.terrain, self.parameters), self._memory
+        self.terrain, self.parameters = terrain, values.copy()
         try:
-            self._put_in_force()
+            self._apply_parameters()
         except ValueError:
-            self.terrain, self.variation = before
-            self._put_in_force()
+            self.terrain, self.parameters = before
+            self._apply_parameters()
             raise
         finally:
             self._memory = memory
@@ -174,7 +177,7 @@ class RigidBodyPlant:
         ``bristle``: (pads,) m, of pads that give; None for none.
         """
         space = pymunk.Space()
-        space.gravity = self._pull
+        space.gravity = self._effective_gravity
         space.collision_slop = SLOP
         space.collision_persistence = 1  # arbiters that touch, and no older ones
         self._ground.add_to(space)
@@ -230,13 +233,14 @@ class RigidBodyPlant:
 
     @property
     def gravity(self) -> tuple[float, float]:
-        """(x, y) m/s^2, without the tilt of :meth:`vary`."""
+        """(x, y) m/s^2, without the tilt of the parameters."""
         return self._gravity
 
     @gravity.setter
     def gravity(self, value: Gravity) -> None:
         self._gravity = gravity_vector(value)
-        self._pull = self._space.gravity = tilted(self._gravity, float(self.variation["tilt"]))
+        pull = tilted(self._gravity, float(self.parameters["tilt"]))
+        self._effective_gravity = self._space.gravity = pull
 
     @property
     def state(self) -> Array:
@@ -294,7 +298,7 @@ class RigidBodyPlant:
         level = links.poses(self._machine, np.array([0.0, 0.0, 0.0, crank_angle]))
         centre = self._inertias[:, 0] @ level[:, 1:] / self._inertias[:, 0].sum()
         y, theta = resting_pose(self._machine, centre, self._ground, x, crank_angle, pitch)
-        y -= sag(self._machine, -self._pull[1])
+        y -= static_deflection(self._machine, -self._effective_gravity[1])
         self._build(np.array([x, y, theta, crank_angle, 0.0, 0.0, 0.0, 0.0]))
         return self.state
 
@@ -476,7 +480,7 @@ class RigidBodyPlant:
         motion = np.frombuffer(self._got.float_buf()).reshape(-1, 6)[: len(self._bodies)].copy()
         mass, inertia = self._inertias.T
         twice = mass @ (motion[:, VX] ** 2 + motion[:, VY] ** 2) + inertia @ motion[:, SPIN] ** 2
-        energy = float(0.5 * twice - self._pull @ (mass @ motion[:, :ANGLE]))
+        energy = float(0.5 * twice - self._effective_gravity @ (mass @ motion[:, :ANGLE]))
         angle, (x, y) = motion[:, ANGLE], self._carried
         cos, sin = np.cos(angle)[self._carriers], np.sin(angle)[self._carriers]
         points = motion[self._carriers, :ANGLE]
@@ -564,12 +568,12 @@ class RigidBodyPlant:
             "robot": self.robot, "terrain": self.terrain, "time_step": self.time_step,
             "gravity": self._gravity, "iterations": self.iterations,
             "touchdown_iterations": self.touchdown_iterations, "fixed_base": self.fixed_base,
-            "variation": self.variation, "memory": self._memory,
+            "parameters": self.parameters, "memory": self._memory,
         }  # fmt: skip
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
-        variation, memory = saved.pop("variation"), saved.pop("memory")
+        parameters, memory = saved.pop("parameters"), saved.pop("memory")
         self.__init__(**saved)  # type: ignore[misc]
-        self.variation = variation
-        self._put_in_force()
+        self.parameters = parameters
+        self._apply_parameters()
         self._memory = memory

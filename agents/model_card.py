@@ -25,10 +25,10 @@ from agents.metrics import INTERVALS, tabled
 from agents.observation_guide import frames, meaning, running_means
 from agents.rollout import make_env
 from agents.tasks import WALKERS, Task, find_task, vector_env
-from jansen_env.world.parameters import PARAMETERS
 from jansen_env.noise import make_noise
 from jansen_env.policy_network import Harmonics, Normalized
 from jansen_env.pretrained import PretrainedPolicy, checksum
+from jansen_env.world.parameters import PARAMETERS
 
 SHOWN = ("friction", "restitution", "payload", "tilt")  # of a walker, drawn or not
 
@@ -211,7 +211,8 @@ def _limits(policy: PretrainedPolicy) -> str:
         if "terrain" in given:
             grounds[code(given["terrain"])] = None
         found.setdefault("speed_command", []).append(tuple(task.speed_command[0].tolist()))
-        for name, limits in {"delay": tuple(task.delay_range[0].tolist()), **_ranges(task)}.items():
+        delays = tuple(task.world.delay_range[0].tolist())
+        for name, limits in {"delay": delays, **_ranges(task)}.items():
             found.setdefault(name, []).append(limits)
         own.close()
     rows = []
@@ -234,9 +235,9 @@ def _limits(policy: PretrainedPolicy) -> str:
 
 def _ranges(task: Any) -> dict[str, Any]:
     """(low, high) of what differs between episodes of a walker, and of what most depends on."""
-    if not hasattr(task, "episodes"):
+    if not hasattr(task.world, "episodes"):
         return {}
-    drawn, nominal = task.episodes.ranges(0), task.episodes.nominal
+    drawn, nominal = task.world.episodes.ranges(0), task.world.episodes.nominal
     return {
         name: tuple(
             getattr(drawn.get(name), end, float(nominal[name][0])) for end in ("low", "high")

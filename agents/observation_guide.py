@@ -2,7 +2,7 @@
 
 Meanings of :class:`jansen_env.envs.walker.JansenWalkerEnv` and
 :class:`jansen_env.envs.crank.JansenCrankEnv`; the formulas of what is worked out from step to step
-are those of :func:`jansen_env.engine.task.keep_accounts`.
+are those of :func:`jansen_env.engine.walking.keep_accounts`.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import math
 import re
 from typing import Any
 
-from jansen_env.engine.task import FURTHEST_TARGET, LONGEST_MEAN, SHORTEST_MEAN
-from jansen_env.envs.arguments import scanned_places
+from jansen_env.engine.walking import FURTHEST_TARGET, LONGEST_MEAN, SHORTEST_MEAN
+from jansen_env.world.broadcasting import scanned_places
 
 CRANK = "crank angle relative to the chassis, counted the way a positive action turns it"
 MEANINGS = {
@@ -63,7 +63,7 @@ def meaning(name: str, env: Any) -> str:
 
 def _turns(env: Any) -> float:
     """1 where a positive action turns an unwrapped environment's crank counter-clockwise, or -1."""
-    return float(env.task.rows["direction"][0]) if _walks(env) else 1.0
+    return float(env.task.world.rows["direction"][0]) if _walks(env) else 1.0
 
 
 def _walks(env: Any) -> bool:
@@ -119,5 +119,5 @@ in the period past:
     rms_torque <- sqrt(rms_torque^2 + a (M^2 - rms_torque^2))
 
 {path:.6g} m is what a quarter turn of the crank advances this robot. Source: `keep_accounts` in
-jansen_env/engine/task.py, documented under Rewards of JansenWalkerEnv. {trained}
+jansen_env/engine/walking.py, documented under Rewards of JansenWalkerEnv. {trained}
 """

@@ -54,8 +54,8 @@ register(
 
 register(
     id="JansenWalkerBuilt-v0",
-    entry_point="jansen_env.envs.worlds:JansenWalkerBuiltEnv",
-    vector_entry_point="jansen_env.envs.worlds:JansenWalkerBuiltVectorEnv",
+    entry_point="jansen_env.envs.presets:JansenWalkerBuiltEnv",
+    vector_entry_point="jansen_env.envs.presets:JansenWalkerBuiltVectorEnv",
     max_episode_steps=500,
 )
 
@@ -67,15 +67,22 @@ register(
 )
 
 register(
+    id="JansenGoal-v0",
+    entry_point="jansen_env.envs.goal:JansenGoalEnv",
+    vector_entry_point="jansen_env.envs.goal:JansenGoalVectorEnv",
+    max_episode_steps=750,
+)
+
+register(
     id="JansenWalkerRough-v0",
-    entry_point="jansen_env.envs.worlds:JansenWalkerRoughEnv",
-    vector_entry_point="jansen_env.envs.worlds:JansenWalkerRoughVectorEnv",
+    entry_point="jansen_env.envs.presets:JansenWalkerRoughEnv",
+    vector_entry_point="jansen_env.envs.presets:JansenWalkerRoughVectorEnv",
     max_episode_steps=500,
 )
 
 register(
     id="JansenWalkerHardcore-v0",
-    entry_point="jansen_env.envs.worlds:JansenWalkerHardcoreEnv",
-    vector_entry_point="jansen_env.envs.worlds:JansenWalkerHardcoreVectorEnv",
+    entry_point="jansen_env.envs.presets:JansenWalkerHardcoreEnv",
+    vector_entry_point="jansen_env.envs.presets:JansenWalkerHardcoreVectorEnv",
     max_episode_steps=500,
 )

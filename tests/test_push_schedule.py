@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from jansen_env import Push
-from jansen_env.envs.disturbances import Pushes
 from jansen_env.push import MOST_PUSHES, check_schedule, make_push
+from jansen_env.world.disturbances import Pushes
 
 STEPS, STEP = 20, 1e-3  # of a control step, s
 PERIOD = STEPS * STEP

@@ -173,24 +173,30 @@ class EpisodeParameters:
                     f"{[one for one in PARAMETERS if one in useful]}"
                 )
 
-    def check_pads(self, row: int, pads: Compliance, restitution: float) -> None:
-        """Raises ValueError where a robot's own restitution or a drawn one excludes such pads."""
-        drawn = self._randomizations[row].distributions
-        if not pads.rigid and "restitution" in drawn:
+    def check_change(self, row: int, own: Compliance, changes: Mapping[str, Any]) -> None:
+        """Check changes of a robot's or its ground's own numbers, of ``set_parameters``.
+
+        Args:
+            own: its pads. changes: by name, checked one by one.
+
+        Raises:
+            ValueError: its feet cannot bear what its episodes' numbers become, or a restitution
+                in force or drawn excludes them.
+        """
+        pads = changes.get("pad_compliance", own)
+        in_force = (of["restitution"][row] for of in (self._plant.parameters, self.nominal))
+        restitution = changes.get("restitution", max(map(float, in_force)))
+        if not pads.rigid and "restitution" in self._randomizations[row].distributions:
             raise ValueError(
                 f"pad_compliance is {pads}, must be rigid, as randomize has 'restitution'"
             )
         check_restitution(np.array([not pads.rigid]), np.array([restitution]))
-
-    def check_change(self, row: int, changes: Mapping[str, Any]) -> None:
-        """Raises ValueError where a robot's feet cannot bear what its episodes' numbers become."""
         numbers = {name: changes[name] for name in PARAMETERS if name in {*changes} - {"delay"}}
         if "payload" in changes:
             numbers["payload"] = changes["payload"].mass
         present = self.values[row].copy()
         for name, value in numbers.items():
             present[name] = value
-        pads = changes.get("pad_compliance")
         for values in (present, self._heaviest(row, numbers)):  # of this episode, and others
             self._check_feet(row, values, pads)
 

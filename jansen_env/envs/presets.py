@@ -7,14 +7,11 @@ where there is none.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
-
-from jansen_env.envs.arguments import with_defaults
 from jansen_env.envs.vector import TaskVectorEnv
 from jansen_env.envs.walker import JansenWalkerEnv
-from jansen_env.envs.walker_task import WalkerTask
 from jansen_env.noise import Noise
 from jansen_env.push import Push
+from jansen_env.tasks.walking import WalkerTask
 
 HEIGHT_SCAN = (
     0.5,
@@ -52,35 +49,22 @@ HARDCORE = {
 }
 
 
-class PresetTask(WalkerTask):
-    """:class:`WalkerTask` with the defaults :attr:`PRESET`, any of which can be given another value."""
-
-    PRESET: ClassVar[dict[str, Any]] = {}
-
-    def __init_subclass__(cls) -> None:
-        cls.__signature__ = with_defaults(WalkerTask, cls.PRESET)  # type: ignore[attr-defined]
-
-    def __init__(self, num_envs: int = 1, threads: int | None = None, **arguments: Any) -> None:
-        self.by_default = frozenset(self.PRESET) - {*arguments}
-        super().__init__(num_envs, threads, **{**self.PRESET, **arguments})
-
-
-class BuiltTask(PresetTask):
+class BuiltTask(WalkerTask):
     """The defaults :data:`BUILT`."""
 
-    PRESET = BUILT
+    DEFAULTS = BUILT
 
 
-class RoughTask(PresetTask):
+class RoughTask(WalkerTask):
     """The defaults :data:`ROUGH`."""
 
-    PRESET = ROUGH
+    DEFAULTS = ROUGH
 
 
-class HardcoreTask(PresetTask):
+class HardcoreTask(WalkerTask):
     """The defaults :data:`HARDCORE`."""
 
-    PRESET = HARDCORE
+    DEFAULTS = HARDCORE
 
 
 class JansenWalkerBuiltEnv(JansenWalkerEnv):

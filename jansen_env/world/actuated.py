@@ -1,0 +1,309 @@
+"""n robots whose cranks are turned by torques that may come late: what worlds have in common."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.checks import within
+from jansen_env.engine.actions import take_actions
+from jansen_env.engine.jit import Kernel
+from jansen_env.motor import Motor
+from jansen_env.rendering import Frame
+from jansen_env.robot import Robot
+from jansen_env.world import settings
+from jansen_env.world.argument_checks import batched_actions, option
+from jansen_env.world.broadcasting import broadcast_delays, broadcast_robots, number_range
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+Draw = Callable[[int, np.random.Generator, dict[str, Any]], Any]
+"""Draws a task's own numbers of a robot's episode, with the options of its reset."""
+
+MOST_DELAYED = 10_000  # control periods in a delay: torques that are kept
+
+
+class Observed(NamedTuple):
+    """A number of the observation: its name, as in ``info`` if it is there too; unit, limits."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+
+
+class ActuatedRobots(ABC):
+    """n robots, their delayed torques, and the interface through which tasks know them.
+
+    A world knows no commands, rewards or ends of episodes.
+
+    Attributes:
+        RECORDS: its keyword arguments, see :mod:`jansen_env.world.settings`.
+        OPTIONS: of a reset. SETTABLE: what :meth:`apply` changes.
+        robots: before randomisation. control_dt: s for which an action is held.
+        entries: what it knows of a robot, for observations.
+        rows: (n,) with fields ``action``, ``action_before``, ``info`` and ``energy``.
+        arrays: (n, ...) more information; step_arrays: (n,) more that only a step has;
+            parameters: (n,) structured, of the episode, None where nothing is drawn.
+        full_torque: (n,) N m, the torque of action 1, with its sign.
+        torque: (n,) that the last step ended with, N m, and earlier: (n,) the one that held in its
+            first ``switch`` (n,) time steps. asked: (n, steps) N m, torques asked for, latest
+            first. delay: (n, 2) after how many control steps and time steps they hold.
+        delay_range: (n, 2) s, of episodes to come. truncated: (n,) whether the simulation diverged.
+    """
+
+    RECORDS: ClassVar[dict[str, type]]
+    OPTIONS: ClassVar[tuple[str, ...]]
+    SETTABLE: ClassVar[tuple[str, ...]]
+    entries: list[Observed]
+    rows: NDArray[Any]
+    parameters: NDArray[Any] | None = None
+
+    def __init__(
+        self,
+        robots: Sequence[Robot],
+        row: np.dtype[Any],
+        periods: tuple[float, float],
+        delay: Any,
+        longest_delay: float = 0.0,
+    ) -> None:
+        """Allocate arrays; periods: of control and time steps, s; delay: s, ranges of each robot.
+
+        Raises:
+            ValueError: a delay out of range.
+        """
+        self.robots, self.num_envs = list(robots), len(robots)
+        self.control_dt, self.time_step = periods
+        self.steps = round(self.control_dt / self.time_step)
+        n = self.num_envs
+        self.delay_range = broadcast_delays(n, delay)
+        longest_delay = max(float(self.delay_range.max()), longest_delay)
+        if longest_delay > MOST_DELAYED * self.control_dt:
+            raise ValueError(
+                f"delay is {longest_delay} s, must be at most {MOST_DELAYED} times "
+                f"control_dt, {self.control_dt}"
+            )
+        longest = math.ceil(longest_delay / self.control_dt)
+        self.asked, self.delay = np.zeros((n, longest + 2)), np.zeros((n, 2), np.int64)
+        self.earlier, self.switch = np.zeros(n), np.zeros(n, np.int64)
+        self.rows, self.torque = np.zeros(n, row), np.zeros(n)
+        self.full_torque = np.array([robot.motor.torque_limit for robot in self.robots])
+        self.truncated, self._any_truncated = np.zeros(n, bool), False
+        self.arrays: dict[str, NDArray[Any]] = {}
+        self.step_arrays: dict[str, NDArray[Any]] = {}
+
+    @classmethod
+    def driven_robot(
+        cls, robot: Robot | str, motor: Motor | str | None, torque_limit: float | None
+    ) -> Robot:
+        """Return the robot that such arguments give, with the motor that turns its crank.
+
+        Raises:
+            ValueError: one of them is not allowed.
+        """
+        machine = settings.Machine(robot=robot, motor=motor, torque_limit=torque_limit)
+        return broadcast_robots(1, machine)[0]
+
+    @property
+    def torque_limit(self) -> float:
+        """N m, the first robot's torque of action 1."""
+        return self.robots[0].motor.torque_limit
+
+    @abstractmethod
+    def connect(
+        self,
+        observed: Sequence[Observed],
+        observation: NDArray[np.float32],
+        progress: Callable[[int], tuple[float, float]],
+    ) -> None:
+        """Take the array of observations (n, d), of which ``observed`` says the columns by name.
+
+        ``progress``: how far a robot got in its episode as its task asks, m, and the mean speed
+        that was asked for, m/s: what a curriculum goes by.
+        """
+
+    @abstractmethod
+    def reset(
+        self,
+        rows: Ints,
+        generators: Sequence[np.random.Generator],
+        options: Sequence[dict[str, Any]],
+        draw: Draw,
+    ) -> list[Any]:
+        """Start episodes of some robots; returns what ``draw`` gave for each.
+
+        All that may be refused is, before anything changes.
+
+        Args:
+            generators: the random numbers of each. options: of ``reset`` for each.
+        """
+
+    @abstractmethod
+    def step(
+        self, actions: Any, active: Bools, meanwhile: Callable[[], None] | None = None
+    ) -> None:
+        """Hold actions (n, 1) of the ``active`` robots (n,) for ``control_dt`` seconds.
+
+        Args:
+            meanwhile: called while they move, to :meth:`reset` others.
+
+        Raises:
+            ValueError: the actions are not one finite number for each active robot.
+        """
+
+    @abstractmethod
+    def finish_step(self, active: Bools) -> None:
+        """Account for the step of the ``active`` robots (n,), and :meth:`describe` them."""
+
+    @abstractmethod
+    def describe(self, rows: Ints) -> None:
+        """Fill its entries of the observation and its information for some robots."""
+
+    def disturb_step(self) -> None:
+        """Turn the observations after a step into what the sensors of those that took it tell."""
+
+    def disturb(self, rows: Ints) -> None:
+        """Turn observations of some robots into what their sensors tell, between two steps."""
+
+    @abstractmethod
+    def checked(self, row: int, changes: Mapping[str, Any]) -> dict[str, Any]:
+        """Return changes of :attr:`SETTABLE`, ready for :meth:`apply`.
+
+        Raises:
+            ValueError: one is out of range.
+        """
+
+    @abstractmethod
+    def apply(self, row: int, checked: dict[str, Any]) -> None:
+        """Put changes of one robot in force."""
+
+    def push(self, row: int, impulse: Any) -> None:
+        """Push a robot from now on, N s in x and y.
+
+        Raises:
+            ValueError: it cannot be pushed.
+        """
+        raise ValueError("the robot is held, must be free to be pushed")
+
+    @abstractmethod
+    def get_attr(self, name: str) -> list[Any] | None:
+        """Return what robots have of their own by that name, for each; None for anything else."""
+
+    @abstractmethod
+    def get_state(self, row: int) -> dict[str, Any]:
+        """Return all that a robot's future depends on but the task and random numbers."""
+
+    @abstractmethod
+    def checked_state(self, row: int, state: Mapping[str, Any]) -> dict[str, Any]:
+        """Return a state of :meth:`get_state`, ready for :meth:`restore`.
+
+        Raises:
+            ValueError: an entry is out of range.
+        """
+
+    @abstractmethod
+    def restore(self, row: int, state: dict[str, Any]) -> None:
+        """Go on from a state."""
+
+    @abstractmethod
+    def scene(self, row: int) -> dict[str, Any]:
+        """Return the arguments of :class:`jansen_env.rendering.Renderer` to draw a robot."""
+
+    @abstractmethod
+    def frame(self, row: int) -> Frame:
+        """Return what is to be drawn of a robot as it stands, without a command."""
+
+    @abstractmethod
+    def kernels(self) -> list[Kernel]:
+        """Return what is compiled of it."""
+
+    def close(self) -> None:
+        """Let go of threads."""
+
+    def _action_kernel(self) -> Kernel:
+        actions, active = np.zeros((self.num_envs, 1)), np.ones(self.num_envs, bool)
+        return Kernel("actions", take_actions, (actions, active, *self._delayed()))
+
+    def _delayed(self) -> tuple[Any, ...]:
+        return (
+            self.full_torque, self.rows, self.asked, self.delay, self.torque, self.earlier,
+            self.switch,
+        )  # fmt: skip
+
+    def _begin_delay(self, rows: Ints, delays: Array, asked: Array | None = None) -> None:
+        """Begin episodes of robots (k,) whose torques come late.
+
+        Args:
+            delays: (k,) s. asked: (k, steps) N m, torques asked for before; None: 0.
+        """
+        steps = np.rint(delays / self.time_step).astype(np.int64)
+        whole, rest = np.divmod(steps, self.steps)
+        self.delay[rows] = np.stack([whole, rest], axis=-1)
+        self.asked[rows] = 0.0 if asked is None else asked
+        self.torque[rows], self.earlier[rows] = self.asked[rows, whole], self.asked[rows, whole + 1]
+        self.switch[rows] = rest
+
+    @property
+    def _longest_delay(self) -> float:
+        return (self.asked.shape[1] - 2) * self.control_dt
+
+    def _draw_delay(self, row: int, rng: np.random.Generator, options: Mapping[str, Any]) -> float:
+        """Draw by how much a robot's torques come late in an episode, s."""
+        low, high = self.delay_range[row].tolist()
+        drawn = rng.uniform(low, high) if high > low else low
+        return option(options, "delay", drawn, 0.0, self._longest_delay)
+
+    def _checked_delay_range(self, value: Any) -> tuple[float, float]:
+        """Return a range of delays, s. Raises ValueError: out of range."""
+        return number_range("delay", value, 0.0, self._longest_delay)
+
+    def _delay_of(self, row: int) -> float:
+        """Return by how much a robot's torques come late, s."""
+        whole, rest = self.delay[row].tolist()
+        return float(whole * self.control_dt + rest * self.time_step)
+
+    def _actuation_state(self, row: int) -> dict[str, Any]:
+        """Return a robot's delay, s, torques on their way, N m, and last action, for a state."""
+        return {
+            "delay": self._delay_of(row),
+            "asked": self.asked[row].copy(),
+            "action": float(self.rows[row]["action"]),
+        }
+
+    def _checked_actuation(self, state: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the checked entries of :meth:`_actuation_state`.
+
+        Raises:
+            ValueError: one is out of range.
+        """
+        longest, asked = self.asked.shape[1], np.array(state["asked"], dtype=float)
+        if asked.shape != (longest,) or not np.isfinite(asked).all():
+            raise ValueError(f"state['asked'] is {asked}, must be {longest} finite numbers")
+        delay = within("state['delay']", state["delay"], 0.0, self._longest_delay)
+        action = within("state['action']", state["action"], -1.0, 1.0)
+        return {"delay": delay, "asked": asked, "action": action}
+
+    def _take_actions(self, actions: Any, active: Bools) -> None:
+        """Turn actions (n, 1) into torques, see :meth:`step`."""
+        values = batched_actions(self.num_envs, actions)
+        bad = take_actions(values, active, *self._delayed())
+        if bad >= 0:
+            raise ValueError(f"actions[{bad}] is {values[bad, 0]}, must be finite")
+
+    def _truncate(self, diverged: Bools) -> None:
+        """End episodes whose simulation has just diverged, if any."""
+        self.truncated[:] = self.rows["info"]["diverged"] = diverged
+        self._any_truncated = bool(diverged.any())
+        if self._any_truncated:
+            gym.logger.warn(
+                f"the episodes of robots {np.flatnonzero(diverged).tolist()} end: their simulation "
+                f"diverged under torques of {self.torque[diverged].tolist()} N m; "
+                "try a smaller time_step"
+            )

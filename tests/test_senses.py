@@ -17,8 +17,8 @@ from jansen_env import Noise, Push
 from jansen_env.engine import walking
 from jansen_env.noise import COLUMNS, make_noise
 from jansen_env.tasks.walking import WalkerTask
-from jansen_env.world.actuated import Observed
 from jansen_env.world.disturbances import NoisySensors
+from jansen_env.world.entries import Observed
 
 SCAN = (0.4, 0.8, 5)
 ALL = {

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from jansen_env.checks import positive_integer
 from jansen_env.envs import arguments
 from jansen_env.envs.single import ATask
-from jansen_env.world.actuated import Array, Bools, Ints, Observed
+from jansen_env.world.actuated import Array, Bools, Ints
 from jansen_env.world.argument_checks import complete_state
+from jansen_env.world.entries import Observed
 
 Observations = NDArray[np.float32]
 METHODS = ("get_state", "push", "render", "set_parameters", "set_state")

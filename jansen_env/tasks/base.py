@@ -16,8 +16,9 @@ from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 from jansen_env.tasks.information import InfoBuilder
 from jansen_env.world import settings
-from jansen_env.world.actuated import Bools, Ints, Observed
+from jansen_env.world.actuated import Bools, Ints
 from jansen_env.world.argument_checks import complete_state, known_options, known_parameters
+from jansen_env.world.entries import Observed
 from jansen_env.world.world import World
 
 

@@ -16,9 +16,10 @@ from jansen_env.checks import non_negative, within
 from jansen_env.engine import crank_tracking
 from jansen_env.engine.jit import Kernel
 from jansen_env.tasks.base import Task
-from jansen_env.world.actuated import Bools, Ints, Observed
+from jansen_env.world.actuated import Bools, Ints
 from jansen_env.world.argument_checks import option
 from jansen_env.world.broadcasting import broadcast_ranges, number_range
+from jansen_env.world.entries import Observed
 from jansen_env.world.held import START_ANGLE, HeldRobots
 from jansen_env.world.settings import per_robot
 

@@ -10,8 +10,9 @@ import numpy as np
 
 from jansen_env.checks import non_negative, positive
 from jansen_env.tasks.base import Task
-from jansen_env.world.actuated import Ints, Observed
+from jansen_env.world.actuated import Ints
 from jansen_env.world.argument_checks import option
+from jansen_env.world.entries import Observed
 
 FARTHEST = 3.0  # m, a goal on either side
 NEAR, HOLD = 0.02, 1.0  # m from the goal, and s there, that are a success

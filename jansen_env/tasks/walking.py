@@ -18,9 +18,10 @@ from jansen_env.checks import finite, non_negative, positive, shown, within
 from jansen_env.engine import walking
 from jansen_env.engine.jit import Kernel
 from jansen_env.tasks.base import Task
-from jansen_env.world.actuated import Array, Bools, Ints, Observed
+from jansen_env.world.actuated import Array, Bools, Ints
 from jansen_env.world.argument_checks import flag, interval, option
 from jansen_env.world.broadcasting import broadcast_numbers, broadcast_ranges, number_range
+from jansen_env.world.entries import Observed
 from jansen_env.world.settings import per_robot
 
 SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds

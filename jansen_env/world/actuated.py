@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -20,6 +20,7 @@ from jansen_env.robot import Robot
 from jansen_env.world import settings
 from jansen_env.world.argument_checks import batched_actions, option
 from jansen_env.world.broadcasting import broadcast_delays, broadcast_robots, number_range
+from jansen_env.world.entries import Observed
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -28,15 +29,6 @@ Draw = Callable[[int, np.random.Generator, dict[str, Any]], Any]
 """Draws a task's own numbers of a robot's episode, with the options of its reset."""
 
 MOST_DELAYED = 10_000  # control periods in a delay: torques that are kept
-
-
-class Observed(NamedTuple):
-    """A number of the observation: its name, as in ``info`` if it is there too; unit, limits."""
-
-    name: str
-    unit: str
-    low: float
-    high: float
 
 
 class ActuatedRobots(ABC):
@@ -237,7 +229,7 @@ class ActuatedRobots(ABC):
             self.switch,
         )  # fmt: skip
 
-    def _begin_delay(self, rows: Ints, delays: Array, asked: Array | None = None) -> None:
+    def begin_delay(self, rows: Ints, delays: Array, asked: Array | None = None) -> None:
         """Begin episodes of robots (k,) whose torques come late.
 
         Args:
@@ -260,25 +252,25 @@ class ActuatedRobots(ABC):
         drawn = rng.uniform(low, high) if high > low else low
         return option(options, "delay", drawn, 0.0, self._longest_delay)
 
-    def _checked_delay_range(self, value: Any) -> tuple[float, float]:
+    def checked_delay_range(self, value: Any) -> tuple[float, float]:
         """Return a range of delays, s. Raises ValueError: out of range."""
         return number_range("delay", value, 0.0, self._longest_delay)
 
-    def _delay_of(self, row: int) -> float:
+    def delay_of(self, row: int) -> float:
         """Return by how much a robot's torques come late, s."""
         whole, rest = self.delay[row].tolist()
         return float(whole * self.control_dt + rest * self.time_step)
 
-    def _actuation_state(self, row: int) -> dict[str, Any]:
+    def actuation_state(self, row: int) -> dict[str, Any]:
         """Return a robot's delay, s, torques on their way, N m, and last action, for a state."""
         return {
-            "delay": self._delay_of(row),
+            "delay": self.delay_of(row),
             "asked": self.asked[row].copy(),
             "action": float(self.rows[row]["action"]),
         }
 
-    def _checked_actuation(self, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the checked entries of :meth:`_actuation_state`.
+    def checked_actuation(self, state: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the checked entries of :meth:`actuation_state`.
 
         Raises:
             ValueError: one is out of range.

@@ -7,7 +7,7 @@ nothing to be kept.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,8 +17,9 @@ from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.engine.pushes import PUSHES, fill_pushes
 from jansen_env.engine.sensors import add_noise, draw_errors
 from jansen_env.noise import Noise
-from jansen_env.push import MOST_PUSHES, Push
-from jansen_env.world.actuated import Bools, Ints, Observed
+from jansen_env.push import MOST_PUSHES, Push, check_schedule
+from jansen_env.world.actuated import Bools, Ints
+from jansen_env.world.entries import Observed
 
 Array = NDArray[np.float64]
 
@@ -174,3 +175,9 @@ class NoisySensors:
     def add(self, rows: Ints, out: NDArray[np.float32]) -> None:
         """Turn observations ``out`` (n, d) of robots (k,) into what sensors tell."""
         add_noise(*self._arguments_of_noise(rows, out))
+
+
+def schedule_of(options: Mapping[str, Any]) -> tuple[Array, bool]:
+    """Return the pushes (k, 3) in options of a reset, and whether there are random ones too."""
+    pushes = options.get("pushes")
+    return check_schedule("options['pushes']", [] if pushes is None else pushes), pushes is None

@@ -16,9 +16,10 @@ from jansen_env.motor import IDEAL, Motor
 from jansen_env.plants.fixed_base import FixedBaseBatch, FixedBasePlant, check_crank_state
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
-from jansen_env.world.actuated import ActuatedRobots, Bools, Draw, Ints, Observed
+from jansen_env.world.actuated import ActuatedRobots, Bools, Draw, Ints
 from jansen_env.world.argument_checks import control_period, flag, option
 from jansen_env.world.broadcasting import broadcast_numbers
+from jansen_env.world.entries import Observed
 from jansen_env.world.settings import per_robot, single_only
 
 TORQUE_LIMIT = 5.0  # N m, of an ideal motor
@@ -117,7 +118,7 @@ class HeldRobots(ActuatedRobots):
         each = zip(rows.tolist(), generators, options, strict=True)
         drawn = [self._draw(row, rng, own, draw) for row, rng, own in each]
         self.plant.states[rows] = [start[:2] for start in drawn]
-        self._begin_delay(rows, np.array([start[2] for start in drawn]))
+        self.begin_delay(rows, np.array([start[2] for start in drawn]))
         self._clear_episode(rows)
         self.truncated[rows] = False
         return [start[3] for start in drawn]
@@ -165,7 +166,7 @@ class HeldRobots(ActuatedRobots):
 
     def checked(self, row: int, changes: Mapping[str, Any]) -> dict[str, Any]:
         """Return a change of the delay, s, ready for :meth:`apply`."""
-        return {name: self._checked_delay_range(value) for name, value in changes.items()}
+        return {name: self.checked_delay_range(value) for name, value in changes.items()}
 
     def apply(self, row: int, checked: dict[str, Any]) -> None:
         """Put a change in force."""
@@ -175,7 +176,7 @@ class HeldRobots(ActuatedRobots):
     def get_attr(self, name: str) -> list[Any] | None:
         """Return ``delay`` (s, of this episode), ``robot`` or ``state`` of each robot."""
         if name == "delay":
-            return [self._delay_of(row) for row in range(self.num_envs)]
+            return [self.delay_of(row) for row in range(self.num_envs)]
         if name == "robot":
             return list(self.robots)
         return list(self.plant.states.copy()) if name == "state" else None
@@ -185,13 +186,13 @@ class HeldRobots(ActuatedRobots):
         return {
             "plant": self.plant.states[row].copy(),
             "steps": int(self.rows[row]["steps"]),
-            **self._actuation_state(row),
+            **self.actuation_state(row),
         }
 
     def checked_state(self, row: int, state: Mapping[str, Any]) -> dict[str, Any]:
         """Return a state ready for :meth:`restore`, see :class:`ActuatedRobots`."""
         return {
-            **self._checked_actuation(state),
+            **self.checked_actuation(state),
             "plant": check_crank_state(state["plant"]),
             "steps": whole_number("state['steps']", state["steps"]),
         }
@@ -200,7 +201,7 @@ class HeldRobots(ActuatedRobots):
         """Go on from a state of :meth:`checked_state`."""
         one = np.array([row])
         self.plant.states[row] = state["plant"]
-        self._begin_delay(one, np.array([state["delay"]]), state["asked"])
+        self.begin_delay(one, np.array([state["delay"]]), state["asked"])
         self._clear_episode(one, state["action"], state["steps"])
 
     def scene(self, row: int) -> dict[str, Any]:

@@ -163,6 +163,9 @@ CHANGES = tuple(
 )
 """Parameters that ``set_parameters`` changes by name, beside those that are arguments, too."""
 
+CHANGED_BY = tuple(dict.fromkeys(row.set_as for row in TABLE if row.set_as))
+"""Arguments of ``set_parameters`` that change a parameter."""
+
 
 def nominal(robot: Robot, terrain: Terrain, row_type: np.dtype[Any] = ROBOT_PARAMETERS) -> np.void:
     """Return the row, of :data:`ROBOT_PARAMETERS` or :data:`EPISODE`, that changes nothing."""

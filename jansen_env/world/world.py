@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import entries, non_negative, whole_number
+from jansen_env.checks import entries, non_negative
 from jansen_env.dynamics.joint_forces import JointForces
-from jansen_env.dynamics.pads import pad_layout
 from jansen_env.engine import readings
 from jansen_env.engine.jit import Kernel
 from jansen_env.gravity import GRAVITY
@@ -21,9 +19,6 @@ from jansen_env.noise import make_noise
 from jansen_env.plants.base import (
     BatchedPlant,
     Plant,
-    check_deflection,
-    check_in_contact,
-    check_state,
 )
 from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.make import make_batch, plant_of, plant_time_step
@@ -31,16 +26,14 @@ from jansen_env.push import check_schedule, make_push
 from jansen_env.rendering import Frame
 from jansen_env.terrain import Terrain
 from jansen_env.world import broadcasting as bc
-from jansen_env.world.actuated import ActuatedRobots, Array, Bools, Draw, Ints, Observed
+from jansen_env.world import robot_changes, robot_state
+from jansen_env.world.actuated import ActuatedRobots, Array, Bools, Draw, Ints
 from jansen_env.world.argument_checks import control_period, flag, option
-from jansen_env.world.disturbances import NoisySensors, Pushes
+from jansen_env.world.disturbances import NoisySensors, Pushes, schedule_of
+from jansen_env.world.entries import Observed, list_entries
 from jansen_env.world.episode_parameters import Draws, EpisodeParameters, Grounds, Plan
-from jansen_env.world.parameters import CHANGES, PARAMETERS, check
+from jansen_env.world.parameters import CHANGED_BY, PARAMETERS
 from jansen_env.world.settings import Control, Ground, Machine, Randomness, Sensing
-
-MOST_STEPS = 2**63 - 1  # of an episode; and the largest seed
-SLIPPING = 0.01  # m/s of mean slip speed from which a toe is drawn as slipping
-PLACED = ("delay", "terrain_level")  # what a change of it puts in force at the next reset
 
 
 class World(ActuatedRobots):
@@ -69,10 +62,7 @@ class World(ActuatedRobots):
         "sensing": Sensing,
     }  # fmt: skip
     OPTIONS = ("crank_angle", "pushes", *PARAMETERS)
-    SETTABLE = (
-        "friction", "restitution", "payload", "motor", "pad_compliance", "delay", "terrain_level",
-        *CHANGES,
-    )  # fmt: skip
+    SETTABLE = (*CHANGED_BY, "motor", "pad_compliance")
 
     def __init__(
         self,
@@ -101,7 +91,7 @@ class World(ActuatedRobots):
         self.plant = self._make_plant(control.plant, grounds.terrains, threads)
         self._scan = bc.scanned_places(sensing.height_scan)
         self.entries = list_entries(self.plant.toes, len(self._scan))
-        self._pushes = Pushes(n, make_push(sensing.push), self.steps, self.time_step)
+        self.pushes = Pushes(n, make_push(sensing.push), self.steps, self.time_step)
         self._noise = make_noise(sensing.noise)
         self.sensors: NoisySensors | None = None
         self._measure_robots()
@@ -135,7 +125,7 @@ class World(ActuatedRobots):
         self._links_mass = np.array([robot.links_mass for robot in self.robots])
 
     def _begin_parameters(self, grounds: Grounds, draws: Draws) -> None:
-        has = {"noise_level": self._noise is not None, "push_strength": self._pushes.at_random}
+        has = {"noise_level": self._noise is not None, "push_strength": self.pushes.at_random}
         self.episodes = EpisodeParameters(self.plant, self.robots, grounds, draws, has)
         self._share_arrays()
 
@@ -219,7 +209,7 @@ class World(ActuatedRobots):
         ]
         schedules = [schedule_of(own) for own in options]
         self.seeds[rows] = seeds
-        self._apply_parameters(rows, plans)
+        self.apply_parameters(rows, plans)
         plant = self.plant
         plant.place(rows, np.array([start[0] for start in drawn]))
         self.loads[rows] = plant.contact_force[rows, :, 1] / self.weight[rows, None]
@@ -227,10 +217,10 @@ class World(ActuatedRobots):
         states[:, 7] = [start[1] for start in drawn]
         for row, state in zip(rows.tolist(), states, strict=True):
             plant.set_state(row, state)
-        self._begin_delay(rows, self.episodes.values["delay"][rows])
-        self._clear_episode(rows)
+        self.begin_delay(rows, self.episodes.values["delay"][rows])
+        self.clear_episode(rows)
         for row, pushes in zip(rows.tolist(), schedules, strict=True):
-            self._pushes.schedule(row, *pushes)
+            self.pushes.schedule(row, *pushes)
         self.truncated[rows] = False
         return [start[3] for start in drawn]
 
@@ -245,12 +235,12 @@ class World(ActuatedRobots):
         delay = self._draw_delay(row, rng, options)
         return option(options, "crank_angle", crank_angle), crank_speed, delay, own
 
-    def _apply_parameters(self, rows: Ints, plans: Sequence[Plan]) -> None:
+    def apply_parameters(self, rows: Ints, plans: Sequence[Plan]) -> None:
         """Put planned parameters and grounds in force."""
         self.episodes.begin(rows, plans)
-        self._update_scales(rows)
+        self.update_scales(rows)
 
-    def _update_scales(self, rows: Ints) -> None:
+    def update_scales(self, rows: Ints) -> None:
         """Note the weights of robots as they are, the torque of an action of 1, and so on."""
         values = self.episodes.values[rows]
         self.rows["weight"][rows] = GRAVITY * (
@@ -258,11 +248,11 @@ class World(ActuatedRobots):
         )
         limits = np.array([self.robots[row].motor.torque_limit for row in rows.tolist()])
         self.full_torque[rows] = self.rows["direction"][rows] * limits * values["motor_strength"]
-        self._pushes.strength[rows] = values["push_strength"]
+        self.pushes.strength[rows] = values["push_strength"]
         if self.sensors is not None:
             self.sensors.level[rows] = values["noise_level"]
 
-    def _clear_episode(self, rows: Ints, action: float = 0.0) -> None:
+    def clear_episode(self, rows: Ints, action: float = 0.0) -> None:
         """Begin robots' episodes: nothing but what a robot is remains of the one before."""
         kept, info = self.rows, self.rows["info"]
         for name in ("info", "energy"):
@@ -295,7 +285,7 @@ class World(ActuatedRobots):
 
     def pushes_to_come(self, active: Bools) -> Array | None:
         """Return (n, steps, 2) N s on the ``active`` robots in the next step, None for none."""
-        return self._pushes.of_step(active, self.elapsed, self.seeds)
+        return self.pushes.of_step(active, self.elapsed, self.seeds)
 
     def finish_step(self, active: Bools) -> None:
         """Account for a step, see :class:`ActuatedRobots`."""
@@ -340,42 +330,11 @@ class World(ActuatedRobots):
 
     def checked(self, row: int, changes: Mapping[str, Any]) -> dict[str, Any]:
         """Return changes ready for :meth:`apply`, see :class:`ActuatedRobots`."""
-        physical = sorted({*changes} - {*PLACED})
-        if not {*physical} <= self.plant.changeable:
-            raise ValueError(f"{physical[0]} cannot be changed with plant='rigid_body'")
-        checks: dict[str, Callable[[Any], Any]] = {
-            "payload": bc.load_payload,
-            "motor": bc.load_motor,
-            "pad_compliance": bc.load_compliance,
-            "delay": self._checked_delay_range,
-            "terrain_level": lambda value: self.episodes.checked_level(row, value),
-        }
-        checked = {
-            name: checks.get(name, partial(check, name, name))(value)
-            for name, value in changes.items()
-        }
-        self.episodes.check_names(row, [name for name in checked if name in CHANGES], "changes")
-        if physical:
-            self.episodes.check_change(row, self.robots[row].pad_compliance, checked)
-        return checked
+        return robot_changes.checked(self, row, changes)
 
     def apply(self, row: int, checked: dict[str, Any]) -> None:
         """Put changes of a robot and its ground in force."""
-        if "delay" in checked:
-            self.delay_range[row] = checked["delay"]
-        if "terrain_level" in checked:
-            self.episodes.level[row] = self.episodes.levels[row] = checked["terrain_level"]
-        physical = {name: value for name, value in checked.items() if name not in PLACED}
-        if not physical:
-            return
-        self.plant.change(row, physical)
-        self.robots[row] = self.plant.robots[row]
-        load = self.robots[row].payload
-        place = {"payload_x": load.position[0], "payload_y": load.position[1]}
-        for name, value in physical.items():
-            numbers = {"payload": load.mass, **place} if name == "payload" else {name: value}
-            self.episodes.take(row, numbers if name in PARAMETERS else {})
-        self._update_scales(np.array([row]))
+        robot_changes.apply(self, row, checked)
 
     def push(self, row: int, impulse: Any) -> None:
         """Push a robot's chassis from now on, whatever other pushes there are.
@@ -388,88 +347,23 @@ class World(ActuatedRobots):
         """
         now = float(self.elapsed[row]) * self.control_dt
         own = check_schedule("impulse", [(now, *entries("impulse", impulse, "(Jx, Jy)"))])
-        self._pushes.add(row, own[0])
+        self.pushes.add(row, own[0])
 
     def get_attr(self, name: str) -> list[Any] | None:
-        """Return what each robot has of its own by that name; None for another name.
-
-        Names: ``robot``, ``terrain``, ``terrain_level``, ``payload``, ``motor``,
-        ``torque_limit``, ``pad_compliance``, ``delay`` (s, of this episode), ``state``,
-        ``weight``, ``reset_noise_scale``, ``friction``, ``restitution`` and
-        :data:`jansen_env.world.parameters.CHANGES`.
-        """
-        if name == "robot":
-            return list(self.robots)
-        if name == "terrain":
-            return list(self.plant.terrains)
-        if name == "terrain_level":
-            return list(self.episodes.values["terrain_level"].astype(int).tolist())
-        if name in ("payload", "motor", "pad_compliance"):
-            return [getattr(robot, name) for robot in self.robots]
-        if name == "torque_limit":
-            return [robot.motor.torque_limit for robot in self.robots]
-        if name == "delay":
-            return [self._delay_of(row) for row in range(self.num_envs)]
-        if name in ("weight", "reset_noise_scale"):
-            return list(getattr(self, name).tolist())
-        if name == "state":
-            return list(self.plant.states.copy())
-        if name in ("friction", "restitution", *CHANGES):
-            return list(self.episodes.values[name].tolist())
-        return None
+        """Return what each robot has of its own, see :func:`robot_changes.get_attr`."""
+        return robot_changes.get_attr(self, name)
 
     def get_state(self, row: int) -> dict[str, Any]:
         """Return all that a robot's future depends on, see :class:`ActuatedRobots`."""
-        in_contact = self.plant.in_contact
-        return {
-            "plant": self.plant.states[row].copy(),
-            "in_contact": None if row > 0 or in_contact is None else in_contact.copy(),
-            "deflection": self.plant.deflection[row].copy(),
-            **self._actuation_state(row),
-            "steps": int(self.elapsed[row]),
-            "command_seed": int(self.seeds[row]),
-            "loads": self.loads[row].copy(),
-            **self.episodes.state(row),
-            "pushes": self._pushes.scheduled(row),
-            "random_pushes": bool(self._pushes.random[row]),
-        }
+        return robot_state.get_state(self, row)
 
     def checked_state(self, row: int, state: Mapping[str, Any]) -> dict[str, Any]:
         """Return a state ready for :meth:`restore`, see :class:`ActuatedRobots`."""
-        loads = np.array(state["loads"], dtype=float)
-        if loads.shape != self.loads[row].shape or not np.isfinite(loads).all():
-            raise ValueError(
-                f"state['loads'] is {loads}, must be {len(self.loads[row])} finite numbers"
-            )
-        pads = len(pad_layout(self.robots[0]).leg)
-        return {
-            **self._checked_actuation(state),
-            "plant": check_state(state["plant"]),
-            "loads": loads,
-            "in_contact": check_in_contact(state["in_contact"], pads),
-            "deflection": check_deflection(state["deflection"], len(self.plant.deflection[row])),
-            "steps": whole_number("state['steps']", state["steps"], MOST_STEPS),
-            "seed": whole_number("state['command_seed']", state["command_seed"], MOST_STEPS),
-            "pushes": check_schedule("state['pushes']", state["pushes"]),
-            "random_pushes": bool(state["random_pushes"]),
-            "plan": self.episodes.planned(row, state),
-        }
+        return robot_state.checked_state(self, row, state)
 
     def restore(self, row: int, state: dict[str, Any]) -> None:
         """Go on from a state of :meth:`checked_state`."""
-        plant, one = self.plant, np.array([row])
-        plan, level = state["plan"]
-        self._apply_parameters(one, [plan])
-        self.episodes.level[row] = level
-        plant.set_state(row, state["plant"], state["deflection"])
-        if row == 0:
-            plant.in_contact = state["in_contact"]
-        self._begin_delay(one, np.array([state["delay"]]), state["asked"])
-        plant.slip[row] = plant.contact_force[row] = 0.0
-        self.loads[row] = state["loads"]
-        self._clear_episode(one, state["action"])
-        self.elapsed[row], self.seeds[row] = state["steps"], state["seed"]
-        self._pushes.schedule(row, state["pushes"], state["random_pushes"])
+        robot_state.restore(self, row, state)
 
     def scene(self, row: int) -> dict[str, Any]:
         """Return the arguments of the renderer."""
@@ -480,21 +374,7 @@ class World(ActuatedRobots):
 
     def frame(self, row: int) -> Frame:
         """Return what is to be drawn of a robot as it stands, without a command."""
-        plant = self.plant
-        state = plant.states[row]
-        points, tangents = plant.contact_frames(row)
-        return Frame(
-            q=state[:4],
-            contact_point=points,
-            contact_tangent=tangents,
-            contact_force=plant.contact_force[row],
-            slipping=plant.slip[row] > SLIPPING * self.control_dt,
-            command=None,
-            speed=float(state[4]),
-            torque=float(self.torque[row]),
-            torque_limit=abs(float(self.full_torque[row])),
-            time=float(self.elapsed[row]) * self.control_dt,
-        )
+        return robot_state.frame(self, row)
 
     def kernels(self) -> list[Kernel]:
         """Return what is compiled of it, but for the plant."""
@@ -515,31 +395,3 @@ class World(ActuatedRobots):
     def close(self) -> None:
         """Let go of threads."""
         self.plant.close()
-
-
-def list_entries(toes: int, scanned: int) -> list[Observed]:
-    """Return what is known of a robot with so many toes that looks at so many places.
-
-    In the order of :func:`jansen_env.engine.readings.read`.
-    """
-    any_number, unit, positive_number = (-np.inf, np.inf), (-1.0, 1.0), (0.0, np.inf)
-    return [
-        Observed("cos_crank_angle", "1", *unit),
-        Observed("sin_crank_angle", "1", *unit),
-        Observed("crank_speed", "rad/s", *any_number),
-        Observed("sin_pitch", "1", *unit),
-        Observed("cos_pitch", "1", *unit),
-        Observed("pitch_rate", "rad/s", *any_number),
-        Observed("crank_axis_x_velocity", "m/s", *any_number),
-        Observed("crank_axis_y_velocity", "m/s", *any_number),
-        Observed("crank_axis_height", "m", *any_number),
-        Observed("last_action", "1", *unit),
-        *(Observed(f"toe_load_{toe}", "1", *positive_number) for toe in range(toes)),
-        *(Observed(f"height_scan_{place}", "m", *any_number) for place in range(scanned)),
-    ]
-
-
-def schedule_of(options: Mapping[str, Any]) -> tuple[Array, bool]:
-    """Return the pushes (k, 3) in options of a reset, and whether there are random ones too."""
-    pushes = options.get("pushes")
-    return check_schedule("options['pushes']", [] if pushes is None else pushes), pushes is None

@@ -1,8 +1,8 @@
 """How each number of an observation is to be had, for who runs a policy on another computer.
 
 Meanings of :class:`jansen_env.envs.walker.JansenWalkerEnv` and
-:class:`jansen_env.envs.crank.JansenCrankEnv`; the formulas of what is worked out from step to step
-are those of :func:`jansen_env.engine.walking.keep_accounts`.
+:class:`jansen_env.envs.crank_env.JansenCrankEnv`; the formulas of what is worked out from step to
+step are those of :func:`jansen_env.engine.walk_reward.keep_accounts`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import math
 import re
 from typing import Any
 
-from jansen_env.engine.walking import FURTHEST_TARGET, LONGEST_MEAN, SHORTEST_MEAN
+from jansen_env.engine.walk_reward import FURTHEST_TARGET, LONGEST_MEAN, SHORTEST_MEAN
 from jansen_env.world.broadcasting import scanned_places
 
 CRANK = "crank angle relative to the chassis, counted the way a positive action turns it"
@@ -119,5 +119,5 @@ in the period past:
     rms_torque <- sqrt(rms_torque^2 + a (M^2 - rms_torque^2))
 
 {path:.6g} m is what a quarter turn of the crank advances this robot. Source: `keep_accounts` in
-jansen_env/engine/walking.py, documented under Rewards of JansenWalkerEnv. {trained}
+jansen_env/engine/walk_reward.py, documented under Rewards of JansenWalkerEnv. {trained}
 """

@@ -19,7 +19,7 @@ from tabulate import tabulate
 import jansen_env
 from jansen_env import Terrain
 from jansen_env.cores import available_cores
-from jansen_env.engine.walking import FALLEN_PITCH
+from jansen_env.engine.walk_reward import FALLEN_PITCH
 from jansen_env.files import write_text, write_whole
 from jansen_env.plants.base import Plant, StepResult
 

@@ -61,15 +61,15 @@ register(
 
 register(
     id="JansenCrank-v0",
-    entry_point="jansen_env.envs.crank:JansenCrankEnv",
-    vector_entry_point="jansen_env.envs.crank:JansenCrankVectorEnv",
+    entry_point="jansen_env.envs.crank_env:JansenCrankEnv",
+    vector_entry_point="jansen_env.envs.crank_env:JansenCrankVectorEnv",
     max_episode_steps=1000,
 )
 
 register(
     id="JansenGoal-v0",
-    entry_point="jansen_env.envs.goal:JansenGoalEnv",
-    vector_entry_point="jansen_env.envs.goal:JansenGoalVectorEnv",
+    entry_point="jansen_env.envs.goal_env:JansenGoalEnv",
+    vector_entry_point="jansen_env.envs.goal_env:JansenGoalVectorEnv",
     max_episode_steps=750,
 )
 

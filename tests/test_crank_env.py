@@ -15,7 +15,7 @@ from gymnasium.vector import AutoresetMode
 import jansen_env
 from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.engine.crank_tracking import TRACKING_WIDTH
-from jansen_env.envs.crank import JansenCrankEnv
+from jansen_env.envs.crank_env import JansenCrankEnv
 
 
 @pytest.fixture

@@ -129,7 +129,7 @@ def test_kernels_that_allocate_nothing_count_no_references():
         "integrator.advance",
         "collision.planes_near",
         "placement.lower",
-        "walking.finish_step",
+        "walk_reward.finish_step",
     } | counting:
         files = list(Path(jit.FOLDER).rglob(f"{name}-*.nbc"))
         assert files
@@ -165,7 +165,7 @@ def test_machine_code_that_others_may_have_planted_is_not_run(tmp_path):
     shutil.copytree(PACKAGE, tmp_path / "jansen_env", ignore=shutil.ignore_patterns("__pycache__"))
     code = (
         "from jansen_env.engine.jit import FOLDER, Kernel, prepare\n"
-        "from jansen_env.engine.walking import progress_score\n"
+        "from jansen_env.engine.walk_reward import progress_score\n"
         "prepare(Kernel('score', progress_score, (0.3, 0.3)))\n"
         "print(progress_score(0.3, 0.3), FOLDER)"
     )
@@ -289,7 +289,7 @@ def test_changed_sources_have_another_folder(places):
     """In the user's caches too, where numba's own folder would stay the same."""
     block(places[0]), block(places[1])
     before = jit._cache_folder()
-    with (places[1].parent / "engine" / "walking.py").open("a") as file:
+    with (places[1].parent / "engine" / "walk_reward.py").open("a") as file:
         file.write("# changed\n")
     after = jit._cache_folder()
     assert after != before and Path(after).parent == places[2].resolve()
@@ -377,7 +377,7 @@ def test_the_package_runs_where_nothing_can_be_written(tmp_path):
     nowhere = str(tmp_path / "jansen_env" / "__pycache__" / "cache")
     code = (
         "from jansen_env.engine.jit import FOLDER, Kernel, prepare\n"
-        "from jansen_env.engine.walking import progress_score\n"
+        "from jansen_env.engine.walk_reward import progress_score\n"
         "for _ in range(2): prepare(Kernel('score', progress_score, (0.3, 0.3)))\n"
         "print(repr(FOLDER), progress_score(0.3, 0.3))"
     )

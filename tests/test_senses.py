@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode
 from test_walker_vector import ROUGH, compare, side_by_side, together
 
 from jansen_env import Noise, Push
-from jansen_env.engine import walking
+from jansen_env.engine import walk_reward
 from jansen_env.noise import COLUMNS, make_noise
 from jansen_env.tasks.walking import WalkerTask
 from jansen_env.world.disturbances import NoisySensors
@@ -27,7 +27,7 @@ ALL = {
 OBSERVED = WalkerTask(height_scan=(0.0, 0.5, 3)).observed
 NAMES = [entry.name for entry in OBSERVED]
 EXACT = ("speed_command", "last_action", "lag", "mean_", "rms_torque")  # while the robot stands
-ACCOUNTS = walking.ACCOUNTS.names
+ACCOUNTS = walk_reward.ACCOUNTS.names
 LAG = NAMES.index("lag")
 
 
@@ -68,7 +68,7 @@ def mean_speeds(observations, command, dt):
     velocity = command - np.diff(kept["lag"]) / dt
     velocity[np.abs(kept["lag"][1:]) > 0.499] = np.nan
     path = walker().task.rows["mean_path"][0]
-    share = -np.expm1(-dt / walking.mean_time(command, path))
+    share = -np.expm1(-dt / walk_reward.mean_time(command, path))
     power = kept["mean_power"][:-1] + np.diff(kept["mean_power"]) / share
     square = kept["rms_torque"] ** 2
     square = square[:-1] + np.diff(square) / share

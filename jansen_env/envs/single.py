@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from jansen_env.envs import arguments
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
-from jansen_env.tasks.base import Task
+from jansen_env.tasks.task import Task
 from jansen_env.world.argument_checks import complete_state
 from jansen_env.world.broadcasting import Each
 from jansen_env.world.entries import Observed

@@ -41,6 +41,7 @@ from jansen_env.plants.base import (
 from jansen_env.plants.bodies import CHASSIS, SHAFT
 from jansen_env.plants.geared_rotor import GearedRotor
 from jansen_env.plants.initial_pose import prepare_placement, resting_pose, static_deflection
+from jansen_env.plants.pad_contacts import SLOP, PadContacts
 from jansen_env.plants.robot_parameters import (
     HONOURED_BY_MACHINES,
     check_values,
@@ -48,7 +49,7 @@ from jansen_env.plants.robot_parameters import (
     terrain_of,
     tilted,
 )
-from jansen_env.plants.snapshot import ANGLE, SPIN, VX, VY, Snapshot, Sums
+from jansen_env.plants.snapshot import ANGLE, SPIN, VX, VY, BodyReader, Snapshot, Sums
 from jansen_env.plants.spring_pads import SpringPads
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
@@ -61,12 +62,8 @@ ITERATIONS = 200  # of pymunk's solver in a time step, from the last one's impul
 TOUCHDOWN_ITERATIONS = 2000  # in one in which a pad may touch down, with nothing to go on from
 BEFORE_END = 5.0  # m, from the end of the ground at which a robot must turn back
 MAX_JOINT_GAP = 0.01  # m, a joint's gap beyond which the robot is no longer one
-SLOP = 1e-5  # m, how deep a resting toe may sink in
-CONTACT_HYSTERESIS = 2e-3  # s for which a loaded pad may be off the ground and count as on it
 LOOKAHEAD = 0.01  # s, after which pymunk's impulses on a robot placed again have settled
-_Body, _Arbiter = pymunk.batch.BodyFields, pymunk.batch.ArbiterFields
-_CONTACT = _Arbiter.BODY_A_ID | _Arbiter.TOTAL_IMPULSE | _Arbiter.NORMAL | _Arbiter.POINT_A_1
-_MOTION = _Body.POSITION | _Body.ANGLE | _Body.VELOCITY | _Body.ANGULAR_VELOCITY
+_Body = pymunk.batch.BodyFields
 
 
 class RigidBodyPlant:
@@ -192,44 +189,24 @@ class RigidBodyPlant:
         space.add(*self._bodies, *self._pins, *self._dry)
         if self._springs is None:  # they push by themselves
             space.add(*self._pads)
-        rows = self._know_bodies()
+        self._reader = BodyReader(space, self._bodies, self._pins, self._pads, self._owners)
         # Force and torque for every body of the space, the ground's (last) too: they stay 0.
-        self._loads = np.zeros((rows, 3))
-        self._set, self._got, self._touched = (pymunk.batch.Buffer() for _ in range(3))
+        self._loads = np.zeros((self._reader.rows, 3))
+        self._set = pymunk.batch.Buffer()
         self._set.set_float_buf(self._loads)
-        self._off = np.full(len(self._pads), math.inf)  # s since a pad was last on the ground
-        self._pending = np.zeros(len(self._pads))  # m it moved along the ground since then
-        self._normals = np.tile([0.0, 1.0], (len(self._pads), 1))
-        self._gaps = np.full(len(self._pads), math.inf)  # at first all may land
+        self._contacts = PadContacts(
+            space, self._ground, self._owners, self._reader.index, self._machine.pad_radius,
+            self.time_step,
+        )  # fmt: skip
         q, v = state[:4], state[4:]
         links.put(self._bodies, links.poses(self._machine, q), links.rates(self._machine, q, v))
         for body in self._bodies:
             space.reindex_shapes_for_body(body)
-        now = self._snapshot()
+        now = self._read()
         if self._springs is not None:
             self._springs.start(now, space, bristle)
         if self._rotor is not None:
             self._rotor.start(now.motion)
-
-    def _know_bodies(self) -> int:
-        """Where bodies, pins' ends and pads stand in pymunk's arrays; how many rows these have."""
-        found = pymunk.batch.Buffer()
-        pymunk.batch.get_space_bodies(self._space, _Body.BODY_ID, found)
-        rows = list(memoryview(found.int_buf()).cast("P"))
-        self._index = {body.id: i for i, body in enumerate(self._bodies)}
-        if rows[: len(self._index)] != list(self._index):
-            raise RuntimeError("pymunk lists the bodies in another order than they were added in")
-        pads = self._owners
-        ends = [*(pin.a for pin in self._pins), *(pin.b for pin in self._pins)]
-        places = [
-            *(tuple(pin.anchor_a) for pin in self._pins),
-            *(tuple(pin.anchor_b) for pin in self._pins),
-            *(tuple(pad.offset) for pad in self._pads),
-        ]
-        self._carriers = np.array([*(self._index[body.id] for body in ends), *pads])
-        self._carried = np.array(places).T
-        self._pads_of = {body: [k for k, b in enumerate(pads) if b == body] for body in set(pads)}
-        return len(rows)
 
     @property
     def gravity(self) -> tuple[float, float]:
@@ -267,14 +244,12 @@ class RigidBodyPlant:
 
     @property
     def in_contact(self) -> NDArray[np.bool_]:
-        """(pads,) the pads on the ground now or within :data:`CONTACT_HYSTERESIS`."""
-        return self._off <= CONTACT_HYSTERESIS
+        """(pads,) the pads on the ground now or just before, see :class:`PadContacts`."""
+        return self._contacts.pressed
 
     @in_contact.setter
     def in_contact(self, value: Any) -> None:
-        in_contact = check_in_contact(value, len(self._pads))
-        self._off[:] = math.inf if in_contact is None else np.where(in_contact, 0.0, math.inf)
-        self._pending[:] = 0.0
+        self._contacts.set_pressed(check_in_contact(value, len(self._pads)))
 
     @property
     def x(self) -> float:
@@ -329,7 +304,7 @@ class RigidBodyPlant:
         steps = max(1, round(positive("duration", duration) / self.time_step))
         h, sums, before = self.time_step, Sums(len(self._pads)), self.state
         impulses = np.zeros((steps, 2)) if pushes is None else check_pushes(pushes, steps)
-        now = self._snapshot()
+        now = self._read()
         start = now.energy + self._held
         for k in range(steps):
             now, used = self._advance(now, earlier if k < switch else torque, impulses[k], sums)
@@ -388,10 +363,10 @@ class RigidBodyPlant:
         impulse = np.array([*push, x * push[1] - y * push[0]])
         loads[CHASSIS] += impulse / h
         pymunk.batch.set_space_bodies(self._space, _Body.FORCE | _Body.TORQUE, self._set)
-        landing = springs is None and self._landing_soon(now)
+        landing = springs is None and self._contacts.landing_soon(now)
         self._space.iterations = self.touchdown_iterations if landing else self.iterations
         self._space.step(h)
-        after = self._snapshot()
+        after = self._read()
         mean = 0.5 * (spin + after.motion[:, SPIN])
         moved = 0.5 * (now.motion[CHASSIS] + after.motion[CHASSIS])[[VX, VY, SPIN]]
         push_work = float(impulse @ moved)
@@ -406,7 +381,7 @@ class RigidBodyPlant:
         sums.electrical_work += h * float(motor.electrical_power(torque, turning))
         sums.joint_loss += loss
         if springs is None:
-            slip_loss, landed = self._contacts(after, sums)
+            slip_loss, landed = self._contacts.book(after, sums)
             sums.slip_loss += slip_loss
             if landed:
                 left = now.energy + held + work + push_work - loss - slip_loss
@@ -414,7 +389,7 @@ class RigidBodyPlant:
         else:
             touching = springs.touching
             springs.step(after, self._space, sums)
-            self._off = np.where(touching, 0.0, self._off + h)
+            self._contacts.note(touching)
         sums.joint_gap = max(sums.joint_gap, after.joint_gap)
         return after, torque
 
@@ -428,7 +403,7 @@ class RigidBodyPlant:
         """What dry friction took in a time step of mean spins (bodies,), J."""
         loss = 0.0
         for joint in self._dry:
-            a, b = self._index[joint.a.id], self._index[joint.b.id]
+            a, b = self._reader.index[joint.a.id], self._reader.index[joint.b.id]
             loss += joint.impulse * abs(float(mean[b] - mean[a]))
         return loss
 
@@ -471,77 +446,11 @@ class RigidBodyPlant:
 
     def energy(self) -> float:
         """Kinetic plus potential energy, J (potential 0 with the centre of mass at the origin)."""
-        return self._snapshot().energy + self._held
+        return self._read().energy + self._held
 
-    def _snapshot(self) -> Snapshot:
-        """Where everything is now."""
-        self._got.clear()
-        pymunk.batch.get_space_bodies(self._space, _MOTION, self._got)
-        motion = np.frombuffer(self._got.float_buf()).reshape(-1, 6)[: len(self._bodies)].copy()
-        mass, inertia = self._inertias.T
-        twice = mass @ (motion[:, VX] ** 2 + motion[:, VY] ** 2) + inertia @ motion[:, SPIN] ** 2
-        energy = float(0.5 * twice - self._effective_gravity @ (mass @ motion[:, :ANGLE]))
-        angle, (x, y) = motion[:, ANGLE], self._carried
-        cos, sin = np.cos(angle)[self._carriers], np.sin(angle)[self._carriers]
-        points = motion[self._carriers, :ANGLE]
-        points[:, 0] += cos * x - sin * y
-        points[:, 1] += sin * x + cos * y
-        pins = len(self._pins)
-        apart = points[:pins] - points[pins : 2 * pins]
-        return Snapshot(motion, points[2 * pins :], energy, math.sqrt((apart**2).sum(axis=1).max()))
-
-    def _contacts(self, now: Snapshot, sums: Sums) -> tuple[float, bool]:
-        """Book slip and impulses of a time step; friction's loss, and whether a pad landed.
-
-        A loaded pad hops by nanometres, off the ground for a few time steps: what it slides then is
-        counted when it is back within :data:`CONTACT_HYSTERESIS`, and coming back is no landing.
-        """
-        self._touched.clear()
-        pymunk.batch.get_space_arbiters(self._space, _CONTACT, self._touched)
-        ids = np.frombuffer(self._touched.int_buf(), dtype=np.uintp).tolist()
-        values = np.frombuffer(self._touched.float_buf()).reshape(-1, 6).tolist()
-        touching, loss = np.zeros(len(self._pads), bool), 0.0
-        # pymunk's order is that of pointers: by position it is the same in every process.
-        for (px, py, nx, ny, x, y), name in sorted(zip(values, ids, strict=True)):
-            normal = -(px * nx + py * ny)
-            if normal <= 0.0:
-                continue
-            body = self._index[name]
-            pad = min(self._pads_of[body], key=lambda k: self._off_rim(now.pads[k], x, y))
-            tangential = -px * ny + py * nx
-            speed = now.speed_along(body, x, y, -ny, nx)
-            sums.slip[pad] += self.time_step * abs(speed)
-            sums.impulse[pad] += tangential, normal
-            loss -= tangential * speed
-            touching[pad] = True
-            self._normals[pad] = -nx, -ny
-        back = touching & (self._off <= CONTACT_HYSTERESIS)
-        sums.slip[back] += self._pending[back]
-        landed = bool((touching & (self._off > CONTACT_HYSTERESIS)).any())
-        self._off = np.where(touching, 0.0, self._off + self.time_step)
-        self._pending[self._off == 0.0] = 0.0
-        for pad in np.flatnonzero((self._off > 0.0) & (self._off <= CONTACT_HYSTERESIS)).tolist():
-            (nx, ny), (x, y) = self._normals[pad].tolist(), now.pads[pad].tolist()
-            x, y = x - self._machine.pad_radius * nx, y - self._machine.pad_radius * ny
-            speed = now.speed_along(self._owners[pad], x, y, ny, -nx)
-            self._pending[pad] += self.time_step * abs(speed)
-        return loss, landed
-
-    def _off_rim(self, pad: Array, x: float, y: float) -> float:
-        """How far a point is from the rim of a pad, m: two pads may be on one body."""
-        return abs(math.hypot(x - pad[0], y - pad[1]) - self._machine.pad_radius)
-
-    def _landing_soon(self, now: Snapshot) -> bool:
-        """Whether a pad that is not on the ground may touch it within the next two time steps.
-
-        By the ground straight below it: on rough ground some landings go unforeseen.
-        """
-        x, y = now.pads.T
-        tilt = np.sqrt(1.0 + self._ground.gradient(x) ** 2)
-        gaps = (y - self._ground.height(x)) / tilt - self._machine.pad_radius
-        fallen = self._gaps - gaps
-        self._gaps = gaps
-        return bool(((self._off > 0.0) & (gaps - 2.0 * fallen < SLOP)).any())
+    def _read(self) -> Snapshot:
+        """Return where everything is now."""
+        return self._reader.read(self._inertias, self._effective_gravity)
 
     def contact_frames(self) -> tuple[Array, Array]:
         """(toes, 2) points of the ground nearest to each toe's pad and its tangents there.
@@ -560,7 +469,7 @@ class RigidBodyPlant:
 
     def toe_positions(self) -> Array:
         """(toes, 2) centres of the toe pads, m."""
-        return self._snapshot().pads[: self.toes]
+        return self._read().pads[: self.toes]
 
     def __getstate__(self) -> dict[str, Any]:
         """The arguments and the state: everything else is made again from them."""

@@ -1,7 +1,7 @@
 """The crank task: follow a turning reference with the crank of a robot that is held.
 
 The numbers of a step are worked out in :mod:`jansen_env.engine.crank_tracking`. What they mean is
-documented in :class:`jansen_env.envs.crank.JansenCrankEnv`.
+documented in :class:`jansen_env.envs.crank_env.JansenCrankEnv`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from jansen_env.checks import non_negative, within
 from jansen_env.engine import crank_tracking
 from jansen_env.engine.jit import Kernel
-from jansen_env.tasks.base import Task
+from jansen_env.tasks.task import Task
 from jansen_env.world.actuated import Bools, Ints
 from jansen_env.world.argument_checks import option
 from jansen_env.world.broadcasting import broadcast_ranges, number_range

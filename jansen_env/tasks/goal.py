@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from jansen_env.checks import non_negative, positive
-from jansen_env.tasks.base import Task
+from jansen_env.tasks.task import Task
 from jansen_env.world.actuated import Ints
 from jansen_env.world.argument_checks import option
 from jansen_env.world.entries import Observed
@@ -31,7 +31,7 @@ class GoalReward:
 
 
 class GoalTask(Task):
-    """Walk to a goal and stand there; see :class:`jansen_env.envs.goal.JansenGoalEnv`."""
+    """Walk to a goal and stand there; see :class:`jansen_env.envs.goal_env.JansenGoalEnv`."""
 
     RECORDS = {"rewards": GoalReward}
     DEFAULTS = {"robot": "built"}

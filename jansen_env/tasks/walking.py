@@ -1,6 +1,6 @@
 """The walking task: follow a commanded speed, with little slip, energy and effort.
 
-The numbers of a step are worked out in :mod:`jansen_env.engine.walking`. What they mean is
+The numbers of a step are worked out in :mod:`jansen_env.engine.walk_reward`. What they mean is
 documented in :class:`jansen_env.envs.walker.JansenWalkerEnv`.
 """
 
@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.checks import finite, non_negative, positive, shown, within
-from jansen_env.engine import walking
+from jansen_env.engine import walk_reward
 from jansen_env.engine.jit import Kernel
-from jansen_env.tasks.base import Task
+from jansen_env.tasks.task import Task
 from jansen_env.world.actuated import Array, Bools, Ints
 from jansen_env.world.argument_checks import flag, interval, option
 from jansen_env.world.broadcasting import broadcast_numbers, broadcast_ranges, number_range
@@ -27,8 +27,8 @@ from jansen_env.world.settings import per_robot
 SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
 FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
 STEPS_PER_TURN = 4  # of the feet, with two crank pins: means are taken over a quarter turn
-ACCOUNTS: tuple[str, ...] = walking.ACCOUNTS.names or ()  # lag and means
-COMMANDED = ("speed_command", *ACCOUNTS)  # in the order of :func:`walking.observe`
+ACCOUNTS: tuple[str, ...] = walk_reward.ACCOUNTS.names or ()  # lag and means
+COMMANDED = ("speed_command", *ACCOUNTS)  # in the order of :func:`walk_reward.observe`
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class RewardWeights:
 class Termination:
     """What a fall is, and whether it ends the episode; the pitch in rad."""
 
-    fall_pitch: float = walking.FALLEN_PITCH
+    fall_pitch: float = walk_reward.FALLEN_PITCH
     fall_contact: bool = True
     terminate_when_fallen: bool = True
 
@@ -69,7 +69,7 @@ class WalkerTask(Task):
     """
 
     RECORDS = {"commands": Commands, "weights": RewardWeights, "termination": Termination}
-    ROW = walking.ROW
+    ROW = walk_reward.ROW
     OPTIONS = ("speed_command",)
     SETTABLE = ("speed_command", "command")
 
@@ -84,7 +84,7 @@ class WalkerTask(Task):
         self._command_steps = np.maximum(1.0, np.rint(intervals / self.control_dt))
         self._commands_change = bool(np.isfinite(intervals).any())
         self.terminate_when_fallen = flag("terminate_when_fallen", end.terminate_when_fallen)
-        self._settings = np.zeros(1, walking.SETTINGS)
+        self._settings = np.zeros(1, walk_reward.SETTINGS)
         exponents = zip(vars(weights), astuple(weights), strict=True)
         self._settings[0] = (
             *(non_negative(name, value) for name, value in exponents),
@@ -92,13 +92,13 @@ class WalkerTask(Task):
             flag("fall_contact", end.fall_contact),
         )
         self.covered = np.zeros((n, 2))
-        self._measured = np.zeros(0, walking.ACCOUNTS)
+        self._measured = np.zeros(0, walk_reward.ACCOUNTS)
 
     @property
     def own_entries(self) -> Sequence[Observed]:
         """The command, the lag and the means."""
         any_number, positive_number = (-np.inf, np.inf), (0.0, np.inf)
-        furthest = walking.FURTHEST_TARGET
+        furthest = walk_reward.FURTHEST_TARGET
         return [
             Observed("speed_command", "m/s", -FASTEST_COMMAND, FASTEST_COMMAND),
             Observed("lag", "m", -furthest, furthest),
@@ -126,7 +126,7 @@ class WalkerTask(Task):
         sensors = self.world.sensors
         if sensors is not None:
             if len(self._measured) == 0:
-                self._measured = np.zeros(self.num_envs, walking.ACCOUNTS)
+                self._measured = np.zeros(self.num_envs, walk_reward.ACCOUNTS)
             numbers = self._measured.view(float).reshape(self.num_envs, -1)
             sensors.measure(numbers, [self.columns[name] for name in ACCOUNTS])
             self._error = sensors.mean_error
@@ -142,7 +142,7 @@ class WalkerTask(Task):
         self.rows["next_command"][rows] = self.rows["info"]["speed_command"][rows] = drawn
         self.covered[rows] = 0.0
         if len(self._measured) > 0:
-            self._measured[rows] = np.zeros((), walking.ACCOUNTS)
+            self._measured[rows] = np.zeros((), walk_reward.ACCOUNTS)
 
     def score(self, rows: Ints) -> None:
         """Do nothing: :meth:`finish_step` scores."""
@@ -153,13 +153,13 @@ class WalkerTask(Task):
             self._draw_commands(active)
         if self.world.episodes.curriculum is not None:
             self._cover(active)
-        walking.finish_step(active, *self._step_arguments())
+        walk_reward.finish_step(active, *self._step_arguments())
         if self.terminate_when_fallen:
             self.terminated[:] = self.rows["info"]["fallen"]
 
     def describe(self, rows: Ints) -> None:
         """Fill observations and information of some robots with what is the case now."""
-        walking.describe(rows, *self._describe_arguments())
+        walk_reward.describe(rows, *self._describe_arguments())
         self.world.disturb(rows)
 
     def _step_arguments(self) -> tuple[Any, ...]:
@@ -175,8 +175,8 @@ class WalkerTask(Task):
         """Return what is compiled of it."""
         one, every = np.arange(1), np.ones(self.num_envs, bool)
         return [
-            Kernel("observation", walking.describe, (one, *self._describe_arguments())),
-            Kernel("reward", walking.finish_step, (every, *self._step_arguments())),
+            Kernel("observation", walk_reward.describe, (one, *self._describe_arguments())),
+            Kernel("reward", walk_reward.finish_step, (every, *self._step_arguments())),
         ]
 
     def _draw_commands(self, active: Bools) -> None:
@@ -273,14 +273,14 @@ class WalkerTask(Task):
 
 
 def _checked_accounts(label: str, given: Any) -> tuple[float, ...]:
-    """Return lag and means in the order of ``walking.ACCOUNTS``.
+    """Return lag and means in the order of ``walk_reward.ACCOUNTS``.
 
     Raises:
         ValueError: one is missing or out of range.
     """
     if not isinstance(given, Mapping) or not {*ACCOUNTS} <= {*given}:
         raise ValueError(f"{label} is {shown(given)}, must have {[*ACCOUNTS]}")
-    furthest = walking.FURTHEST_TARGET
+    furthest = walk_reward.FURTHEST_TARGET
     checks: dict[str, Callable[[str, Any], float]] = {
         "lag": partial(within, low=-furthest, high=furthest), "mean_speed": finite,
     }  # fmt: skip

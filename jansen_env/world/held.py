@@ -45,7 +45,7 @@ class HeldRobots(ActuatedRobots):
 
     Args:
         num_envs: robots. threads: of no use here. machine: see
-            :class:`jansen_env.envs.crank.JansenCrankEnv`. by_default: of no use here.
+            :class:`jansen_env.envs.crank_env.JansenCrankEnv`. by_default: of no use here.
 
     Attributes:
         plant: moves the robots.

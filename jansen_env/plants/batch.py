@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -10,27 +9,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.checks import finite, positive
+from jansen_env.checks import positive
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.reduced import Tables
-from jansen_env.engine import collision, integrator, placement
+from jansen_env.engine import integrator
 from jansen_env.engine.collision import SPECULATIVE_MARGIN, WAY_OUT
 from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.engine.records import UNKNOWN_DEFLECTION, WORLD, as_bytes
 from jansen_env.engine.tables import energy
 from jansen_env.gravity import GRAVITY, Gravity
-from jansen_env.plants.base import check_pushes, check_time_step, divergence
+from jansen_env.plants.base import check_pushes, check_time_step
 from jansen_env.plants.batch_robots import BatchRobots
 from jansen_env.plants.detector import ContactDetector
-from jansen_env.plants.initial_pose import resting_depth
+from jansen_env.plants.joint_loads import forces_ahead, forces_of
+from jansen_env.plants.placing import Placing, farthest_pad, non_toe_depths
 from jansen_env.plants.threads import Threads
-from jansen_env.plants.trace import (
-    PeakLoads,
-    find_touchdowns,
-    pads_in_contact,
-    peak_loads,
-    trace_forces,
-)
+from jansen_env.plants.trace import PeakLoads, find_touchdowns, pads_in_contact, peak_loads
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 from jansen_env.world.parameters import CHANGES
@@ -40,7 +34,6 @@ Ints = NDArray[np.int64]
 
 TIME_STEP = 1e-3  # s
 DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are kept meanwhile
-PITCHES = 256  # at which it is known how deep the pads that are no toes reach
 PLANES_PER_PAD = 4  # kept of a robot, on average over its pads
 RESULTS = ("states", "accumulators", "contact_statistics", "slip", "contact_force")
 CHANGING = (*RESULTS, "params", "nominal_params", "nominal", "parameters", "diverged")
@@ -113,9 +106,11 @@ class Batch:
         world = np.zeros(1, WORLD)
         world[0] = self.time_step, stride, self.toes, radius, radius + WAY_OUT, capacity
         self._world = as_bytes(world)
-        self._depths = self._non_toe_depths(radius + SPECULATIVE_MARGIN)
-        self.detector = ContactDetector(self.rows, terrains, world, self._farthest())
+        tables = self.tables[0]
+        self._depths = non_toe_depths(tables, self.toes, radius + SPECULATIVE_MARGIN)
+        self.detector = ContactDetector(self.rows, terrains, world, farthest_pad(tables))
         self.states = np.zeros((n, 8))
+        self._placing = Placing(self._machines, self.detector, self.states, self._world)
         self.slip, self.contact_force = np.zeros((n, self.toes)), np.zeros((n, self.toes, 2))
         self.joint_gap = np.zeros(n)
         self.diverged = np.zeros(n, bool)
@@ -130,7 +125,6 @@ class Batch:
         self._every = np.arange(n)
         self._threads = Threads(n, threads, lambda: integrator.work_space(capacity))
         self._sums = np.empty((3, 6))
-        self._centres = np.zeros((max(pads, self.toes + 1), 2))
         self._shared = self._arguments_of_all()
         prepare(*self._kernels())
 
@@ -159,56 +153,16 @@ class Batch:
 
     def _kernels(self) -> list[Kernel]:
         """What is compiled of a batch."""
-        rows, number = np.arange(1), np.zeros(1)
+        number = np.zeros(1)
         step = (
-            0, 0, rows, True, 0, number, *self._at_once, self._no_pushes, _plain(self._no_trace),
-            *self._threads.memory, *self._shared,
+            0, 0, np.arange(1), True, 0, number, *self._at_once, self._no_pushes,
+            _plain(self._no_trace), *self._threads.memory, *self._shared,
         )  # fmt: skip
         return [
             *self.detector.kernels(self.states),
-            Kernel("pads", collision.pad_centres, self._arguments_of_pads(0)),
-            Kernel("placement", placement.lower, self._arguments_of_lower(rows, *[number] * 3)),
-            Kernel("settling", placement.settle, self._arguments_of_settle(rows, number)),
+            *self._placing.kernels(),
             Kernel("control step", integrator.advance, step),
         ]
-
-    def _arguments_of_pads(self, row: int) -> tuple[Any, ...]:
-        return self.states[row], self.model.pads, self.model.layout, self._centres
-
-    def _arguments_of_lower(
-        self, rows: Ints, x: Array, angles: Array, pitches: Array
-    ) -> tuple[Any, ...]:
-        model = self.model
-        return (
-            rows, x, angles, pitches, self.states, model.body, model.pads, model.layout, self.rows,
-            self.detector.surface, self._world, self._centres,
-        )  # fmt: skip
-
-    def _arguments_of_settle(self, rows: Ints, depths: Array) -> tuple[Any, ...]:
-        model, detector = self.model, self.detector
-        return (
-            rows, depths, self.states, model.pads, model.layout, self.rows, detector.surface,
-            self._world, self._centres, detector.planes,
-        )  # fmt: skip
-
-    def _farthest(self) -> float:
-        """How far from the crank axis a pad's centre can be, m."""
-        x, y = self.tables[0].pads[:, :, :2, 0].reshape(-1, 2).T
-        return 1.01 * float(np.hypot(x, y).max())  # of what lies between the tables' angles
-
-    def _non_toe_depths(self, margin: float) -> Array:
-        """How far below the axis a pad that is no toe may feel the ground, m, by pitch.
-
-        Over one turn; the last entry is the largest of all.
-        """
-        tables = self.tables[0]
-        rows = np.unique(tables.layout.table[self.toes :])
-        x, y = tables.pads[rows][:, :, :2, 0].reshape(-1, 2).T
-        farthest = float(np.hypot(x, y).max())
-        pitch = 2.0 * math.pi * (np.arange(PITCHES) + 0.5) / PITCHES
-        depth = -(np.outer(np.sin(pitch), x) + np.outer(np.cos(pitch), y)).min(axis=1)
-        between = farthest * math.pi / PITCHES  # to the next entry
-        return np.append(depth + between, farthest) + margin
 
     @property
     def surface(self) -> Array:
@@ -281,17 +235,7 @@ class Batch:
         Raises:
             ValueError: a number that is not finite, or feet too soft for their robot.
         """
-        places = np.full(len(rows), finite("x", x))
-        pitches = np.full(len(rows), math.nan if pitch is None else finite("pitch", pitch))
-        depths = np.zeros(len(rows))
-        if self._machines.any_gives:
-            params = self.params[rows]
-            weighed = np.stack([params["mass"], params["stiffness"][:, 0], -params["gravity_y"]], 1)
-            depths[:] = [resting_depth(*each) for each in weighed.tolist()]
-        angles = np.ascontiguousarray(crank_angles)  # other layouts would be compiled apart
-        placement.lower(*self._arguments_of_lower(rows, places, angles, pitches))
-        self.detector.recall(rows, self.states)
-        placement.settle(*self._arguments_of_settle(rows, depths))
+        self._placing.lower(rows, crank_angles, x, pitch)
         self.deflection[rows] = UNKNOWN_DEFLECTION
         self.diverged[rows] = False
         self.in_contact = None if 0 in rows else self.in_contact
@@ -323,24 +267,14 @@ class Batch:
 
     def pad_centres(self, row: int) -> Array:
         """(pads, 2) centres of a robot's pads, toes first, m."""
-        collision.pad_centres(*self._arguments_of_pads(row))
-        return self._centres[: len(self.model.layout)].copy()
+        return self._placing.pad_centres(row)
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:
         """(toes, 2) points of the ground nearest to each toe's pad and its tangents there.
 
         Where no ground is within reach, the pad's lowest point and +x.
         """
-        centres, radius = self.pad_centres(row)[: self.toes], self.robots[0].pad_radius
-        self.detector.find_candidates(np.array([row]), self.states)
-        planes = self.detector.planes_near(row, centres)
-        points = centres - np.array([0.0, radius])
-        tangents = np.tile([1.0, 0.0], (self.toes, 1))
-        for plane in planes[::-1]:  # a pad's nearest comes last
-            pad, normal = plane["pad"], np.array([plane["normal_x"], plane["normal_y"]])
-            points[pad] = centres[pad] - radius * normal
-            tangents[pad] = normal[1], -normal[0]
-        return points, tangents
+        return self._placing.contact_frames(row)
 
     def energy(self, row: int) -> float:
         """Kinetic plus potential energy of a robot, J (potential 0 with its mass at y = 0)."""
@@ -461,33 +395,12 @@ class Batch:
         return self._threads.move(len(rows), share, meanwhile)
 
     def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
-        """Forces in every joint of the first robot: the mean over the next time step.
-
-        Args:
-            torque: N m, of the crank. push: (2,) N s, the impulse on the chassis in that step.
-
-        Raises:
-            FloatingPointError: it diverges in that step.
-        """
-        pushes = None if push is None else check_pushes(push)[None, None]
-        kept = self.tracing, self.trace, self.touchdowns
-        self.tracing = True
-        try:
-            self.lookahead(torque, self._every[:1], pushes)
-            if self.diverged[0]:
-                raise divergence(self.states[0], torque)
-            return trace_forces(
-                self.tables_in_force(0), self.trace, self.time_step, self.effective_gravity
-            ).at(0)
-        finally:
-            self.tracing, self.trace, self.touchdowns = kept
+        """Forces in every joint of the first robot, see :func:`forces_ahead`."""
+        return forces_ahead(self, torque, push)
 
     def peak_loads(self) -> PeakLoads:
         """Return the largest joint loads of the first robot in the last step, if it was traced."""
-        forces = trace_forces(
-            self.tables_in_force(0), self.trace, self.time_step, self.effective_gravity
-        )
-        return peak_loads(forces.bearing, self.touchdowns, self.time_step)
+        return peak_loads(forces_of(self).bearing, self.touchdowns, self.time_step)
 
     @property
     def effective_gravity(self) -> tuple[float, float]:

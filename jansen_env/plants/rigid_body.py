@@ -202,7 +202,7 @@ class RigidBodyPlant:
         links.put(self._bodies, links.poses(self._machine, q), links.rates(self._machine, q, v))
         for body in self._bodies:
             space.reindex_shapes_for_body(body)
-        now = self._read()
+        now = self._snapshot()
         if self._springs is not None:
             self._springs.start(now, space, bristle)
         if self._rotor is not None:
@@ -304,7 +304,7 @@ class RigidBodyPlant:
         steps = max(1, round(positive("duration", duration) / self.time_step))
         h, sums, before = self.time_step, Sums(len(self._pads)), self.state
         impulses = np.zeros((steps, 2)) if pushes is None else check_pushes(pushes, steps)
-        now = self._read()
+        now = self._snapshot()
         start = now.energy + self._held
         for k in range(steps):
             now, used = self._advance(now, earlier if k < switch else torque, impulses[k], sums)
@@ -366,7 +366,7 @@ class RigidBodyPlant:
         landing = springs is None and self._contacts.landing_soon(now)
         self._space.iterations = self.touchdown_iterations if landing else self.iterations
         self._space.step(h)
-        after = self._read()
+        after = self._snapshot()
         mean = 0.5 * (spin + after.motion[:, SPIN])
         moved = 0.5 * (now.motion[CHASSIS] + after.motion[CHASSIS])[[VX, VY, SPIN]]
         push_work = float(impulse @ moved)
@@ -446,9 +446,9 @@ class RigidBodyPlant:
 
     def energy(self) -> float:
         """Kinetic plus potential energy, J (potential 0 with the centre of mass at the origin)."""
-        return self._read().energy + self._held
+        return self._snapshot().energy + self._held
 
-    def _read(self) -> Snapshot:
+    def _snapshot(self) -> Snapshot:
         """Return where everything is now."""
         return self._reader.read(self._inertias, self._effective_gravity)
 
@@ -469,7 +469,7 @@ class RigidBodyPlant:
 
     def toe_positions(self) -> Array:
         """(toes, 2) centres of the toe pads, m."""
-        return self._read().pads[: self.toes]
+        return self._snapshot().pads[: self.toes]
 
     def __getstate__(self) -> dict[str, Any]:
         """The arguments and the state: everything else is made again from them."""

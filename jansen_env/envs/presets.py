@@ -119,7 +119,7 @@ class JansenWalkerBuiltVectorEnv(TaskVectorEnv[BuiltTask]):
 
 
 class JansenWalkerRoughEnv(JansenWalkerEnv):
-    """Walk at a commanded speed over ground that is new in each episode.
+    """Walk at a commanded speed over new terrain every episode.
 
     ## Description
     The machine and the task of ``JansenWalkerBuilt-v0`` on ground of seven kinds: slopes, rough ground,
@@ -191,11 +191,11 @@ class JansenWalkerRoughVectorEnv(TaskVectorEnv[RoughTask]):
 
 
 class JansenWalkerHardcoreEnv(JansenWalkerEnv):
-    """Walk over such ground in a world that is not kind.
+    """Walk over such ground with noise, delay, pushes and machines that differ.
 
     ## Description
-    ``JansenWalkerRough-v0`` with noisy sensors, torques that come late, somebody who pushes, a floor
-    that is not level, and no two machines alike.
+    ``JansenWalkerRough-v0`` with noisy sensors, delayed torques, pushes, a floor that is not level, and
+    machines that differ from episode to episode.
 
     ## Action Space
     | Num | Action | Min | Max | Unit |
@@ -215,7 +215,7 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
     are exact.
 
     ## Rewards
-    Those of ``JansenWalker-v0``, of what is the case, not of what is measured.
+    Those of ``JansenWalker-v0``; they go by true values, not by measured ones.
 
     ## Starting State
     As in ``JansenWalkerRough-v0``. Drawn at each reset:

@@ -172,7 +172,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     solvers. ``"projection"`` integrates the paper's projected equations with exact contacts; it is fast, and what policies
     are trained on. ``"rigid_body"`` is built of pymunk's bodies, joints and contacts, some hundred
     times slower; its joints gap a little (``info["joint_gap"]``). A policy that walks on both does
-    not live on the numerics of one of them.
+    not exploit numerical error.
 
     ## Version History
     * v0: first release.

@@ -83,6 +83,10 @@ def test_success_is_the_last_second_within_two_centimetres():
         assert info["is_success"] == (inside >= 50)
         assert observation[-1] == np.float32(info["distance"])
     assert info["is_success"]
+    state = env.unwrapped.get_state()
+    with pytest.raises(ValueError, match=r"state\['goal'\] is nan, must be a finite number"):
+        env.unwrapped.set_state({**state, "goal": np.nan})
+    assert env.unwrapped.set_state(state)[-1] == observation[-1]
 
 
 def test_all_apis_agree():

@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from jansen_env.checks import finite
 from jansen_env.engine.jit import prepare
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
@@ -282,8 +283,13 @@ class Task(ABC):
         return found
 
     def checked_state(self, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the entries of :attr:`STATE`. Raises ValueError: one is out of range."""
-        return {name: state[name.split(".")[-1]] for name in self.STATE}
+        """Return the entries of :attr:`STATE`. Raises ValueError: a number is not finite."""
+        checked = {}
+        for name in self.STATE:
+            key = name.split(".")[-1]
+            flag = self._kept(name).dtype == np.bool_
+            checked[name] = bool(state[key]) if flag else finite(f"state[{key!r}]", state[key])
+        return checked
 
     def set_state(self, row: int, state: Mapping[str, Any]) -> None:
         """Go on from a state of :meth:`get_state`; fills :attr:`observation`.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
@@ -15,7 +14,6 @@ from jansen_env.checks import within
 from jansen_env.engine.actions import take_actions
 from jansen_env.engine.jit import Kernel
 from jansen_env.motor import Motor
-from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 from jansen_env.world import settings
 from jansen_env.world.argument_checks import batched_actions, option
@@ -31,10 +29,11 @@ Draw = Callable[[int, np.random.Generator, dict[str, Any]], Any]
 MOST_DELAYED = 10_000  # control periods in a delay: torques that are kept
 
 
-class ActuatedRobots(ABC):
-    """n robots, their delayed torques, and the interface through which tasks know them.
+class ActuatedRobots:
+    """n robots and their delayed torques: what worlds have in common.
 
-    A world knows no commands, rewards or ends of episodes.
+    A world knows no commands, rewards or ends of episodes. It has the methods of
+    :class:`jansen_env.world.world.World`.
 
     Attributes:
         RECORDS: its keyword arguments, see :mod:`jansen_env.world.settings`.
@@ -108,74 +107,6 @@ class ActuatedRobots(ABC):
         """N m, the first robot's torque of action 1."""
         return self.robots[0].motor.torque_limit
 
-    @abstractmethod
-    def connect(
-        self,
-        observed: Sequence[Observed],
-        observation: NDArray[np.float32],
-        progress: Callable[[int], tuple[float, float]],
-    ) -> None:
-        """Take the array of observations (n, d), of which ``observed`` says the columns by name.
-
-        ``progress``: how far a robot got in its episode as its task asks, m, and the mean speed
-        that was asked for, m/s: what a curriculum goes by.
-        """
-
-    @abstractmethod
-    def reset(
-        self,
-        rows: Ints,
-        generators: Sequence[np.random.Generator],
-        options: Sequence[dict[str, Any]],
-        draw: Draw,
-    ) -> list[Any]:
-        """Start episodes of some robots; returns what ``draw`` gave for each.
-
-        All that may be refused is, before anything changes.
-
-        Args:
-            generators: the random numbers of each. options: of ``reset`` for each.
-        """
-
-    @abstractmethod
-    def step(
-        self, actions: Any, active: Bools, meanwhile: Callable[[], None] | None = None
-    ) -> None:
-        """Hold actions (n, 1) of the ``active`` robots (n,) for ``control_dt`` seconds.
-
-        Args:
-            meanwhile: called while they move, to :meth:`reset` others.
-
-        Raises:
-            ValueError: the actions are not one finite number for each active robot.
-        """
-
-    @abstractmethod
-    def finish_step(self, active: Bools) -> None:
-        """Account for the step of the ``active`` robots (n,), and :meth:`describe` them."""
-
-    @abstractmethod
-    def describe(self, rows: Ints) -> None:
-        """Fill its entries of the observation and its information for some robots."""
-
-    def disturb_step(self) -> None:
-        """Turn the observations after a step into what the sensors of those that took it tell."""
-
-    def disturb(self, rows: Ints) -> None:
-        """Turn observations of some robots into what their sensors tell, between two steps."""
-
-    @abstractmethod
-    def checked(self, row: int, changes: Mapping[str, Any]) -> dict[str, Any]:
-        """Return changes of :attr:`SETTABLE`, ready for :meth:`apply`.
-
-        Raises:
-            ValueError: one is out of range.
-        """
-
-    @abstractmethod
-    def apply(self, row: int, checked: dict[str, Any]) -> None:
-        """Put changes of one robot in force."""
-
     def push(self, row: int, impulse: Any) -> None:
         """Push a robot from now on, N s in x and y.
 
@@ -184,37 +115,11 @@ class ActuatedRobots(ABC):
         """
         raise ValueError("the robot is held, must be free to be pushed")
 
-    @abstractmethod
-    def get_attr(self, name: str) -> list[Any] | None:
-        """Return what robots have of their own by that name, for each; None for anything else."""
+    def disturb(self, rows: Ints) -> None:
+        """Turn observations of some robots into what their sensors tell, between two steps."""
 
-    @abstractmethod
-    def get_state(self, row: int) -> dict[str, Any]:
-        """Return all that a robot's future depends on but the task and random numbers."""
-
-    @abstractmethod
-    def checked_state(self, row: int, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return a state of :meth:`get_state`, ready for :meth:`restore`.
-
-        Raises:
-            ValueError: an entry is out of range.
-        """
-
-    @abstractmethod
-    def restore(self, row: int, state: dict[str, Any]) -> None:
-        """Go on from a state."""
-
-    @abstractmethod
-    def scene(self, row: int) -> dict[str, Any]:
-        """Return the arguments of :class:`jansen_env.rendering.Renderer` to draw a robot."""
-
-    @abstractmethod
-    def frame(self, row: int) -> Frame:
-        """Return what is to be drawn of a robot as it stands, without a command."""
-
-    @abstractmethod
-    def kernels(self) -> list[Kernel]:
-        """Return what is compiled of it."""
+    def disturb_step(self) -> None:
+        """Turn the observations after a step into what the sensors of those that took it tell."""
 
     def close(self) -> None:
         """Let go of threads."""

@@ -114,7 +114,7 @@ class HeldRobots(ActuatedRobots):
         options: Sequence[dict[str, Any]],
         draw: Draw,
     ) -> list[Any]:
-        """Start episodes of some robots, see :class:`ActuatedRobots`."""
+        """Start episodes of some robots, see ``World``."""
         each = zip(rows.tolist(), generators, options, strict=True)
         drawn = [self._draw(row, rng, own, draw) for row, rng, own in each]
         self.plant.states[rows] = [start[:2] for start in drawn]
@@ -146,7 +146,7 @@ class HeldRobots(ActuatedRobots):
     def step(
         self, actions: Any, active: Bools, meanwhile: Callable[[], None] | None = None
     ) -> None:
-        """Hold torques for ``control_dt`` seconds, see :class:`ActuatedRobots`."""
+        """Hold torques for ``control_dt`` seconds, see ``World``."""
         plant = self.plant
         self._take_actions(actions, active)
         plant.step(self.torque, self.steps, self.earlier, self.switch)
@@ -157,12 +157,6 @@ class HeldRobots(ActuatedRobots):
         if self.track_joint_forces:
             forces = plant.joint_forces(0, float(self.torque[0]))
             self._joint_force[0] = forces.largest()[0]
-
-    def finish_step(self, active: Bools) -> None:
-        """Do nothing: the crank task accounts for its steps itself."""
-
-    def describe(self, rows: Ints) -> None:
-        """Do nothing: the crank task reads the robots itself."""
 
     def checked(self, row: int, changes: Mapping[str, Any]) -> dict[str, Any]:
         """Return a change of the delay, s, ready for :meth:`apply`."""
@@ -182,7 +176,7 @@ class HeldRobots(ActuatedRobots):
         return list(self.plant.states.copy()) if name == "state" else None
 
     def get_state(self, row: int) -> dict[str, Any]:
-        """Return all that a robot's future depends on, see :class:`ActuatedRobots`."""
+        """Return all that a robot's future depends on, see ``World``."""
         return {
             "plant": self.plant.states[row].copy(),
             "steps": int(self.rows[row]["steps"]),
@@ -190,7 +184,7 @@ class HeldRobots(ActuatedRobots):
         }
 
     def checked_state(self, row: int, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return a state ready for :meth:`restore`, see :class:`ActuatedRobots`."""
+        """Return a state ready for :meth:`restore`, see ``World``."""
         return {
             **self.checked_actuation(state),
             "plant": check_crank_state(state["plant"]),

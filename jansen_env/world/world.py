@@ -147,7 +147,11 @@ class World(ActuatedRobots):
         observation: NDArray[np.float32],
         progress: Callable[[int], tuple[float, float]],
     ) -> None:
-        """Take the array of observations, see :class:`ActuatedRobots`."""
+        """Take the array of observations (n, d), of which ``observed`` says the columns by name.
+
+        ``progress``: how far a robot got in its episode as its task asks, m, and the mean speed
+        that was asked for, m/s: what a curriculum goes by.
+        """
         names = [entry.name for entry in observed]
         own = [entry.name for entry in self.entries]
         self._places = np.array([names.index(name) if name in names else -1 for name in own])
@@ -199,7 +203,16 @@ class World(ActuatedRobots):
         options: Sequence[dict[str, Any]],
         draw: Draw,
     ) -> list[Any]:
-        """Start episodes of some robots, see :class:`ActuatedRobots`."""
+        """Start episodes of some robots; returns what ``draw`` gave for each.
+
+        All that may be refused is, before anything changes.
+
+        Args:
+            generators: the random numbers of each. options: of ``reset`` for each.
+
+        Raises:
+            ValueError: an option out of range.
+        """
         each = list(zip(rows.tolist(), generators, options, strict=True))
         drawn = [self._draw(row, rng, own, draw) for row, rng, own in each]
         seeds = [rng.integers(2**63) for rng in generators]
@@ -266,7 +279,14 @@ class World(ActuatedRobots):
     def step(
         self, actions: Any, active: Bools, meanwhile: Callable[[], None] | None = None
     ) -> None:
-        """Hold torques for ``control_dt`` seconds, see :class:`ActuatedRobots`."""
+        """Hold actions (n, 1) of the ``active`` robots (n,) for ``control_dt`` seconds.
+
+        Args:
+            meanwhile: called while they move, to :meth:`reset` others.
+
+        Raises:
+            ValueError: the actions are not one finite number for each active robot.
+        """
         plant = self.plant
         self._take_actions(actions, active)
         pushes = self.pushes_to_come(active)
@@ -288,11 +308,11 @@ class World(ActuatedRobots):
         return self.pushes.of_step(active, self.elapsed, self.seeds)
 
     def finish_step(self, active: Bools) -> None:
-        """Account for a step, see :class:`ActuatedRobots`."""
+        """Account for the step of the ``active`` robots (n,), and :meth:`describe` them."""
         readings.finish_step(active, *self.step_arguments())
 
     def describe(self, rows: Ints) -> None:
-        """Fill observation and information, see :class:`ActuatedRobots`."""
+        """Fill the world's columns of the observation and its information for some robots."""
         readings.describe(rows, *self.describe_arguments())
 
     def step_arguments(self) -> tuple[Any, ...]:
@@ -329,7 +349,7 @@ class World(ActuatedRobots):
         return pressed
 
     def checked(self, row: int, changes: Mapping[str, Any]) -> dict[str, Any]:
-        """Return changes ready for :meth:`apply`, see :class:`ActuatedRobots`."""
+        """Return changes of :attr:`SETTABLE` for :meth:`apply`; ValueError: one is out of range."""
         return robot_changes.checked(self, row, changes)
 
     def apply(self, row: int, checked: dict[str, Any]) -> None:
@@ -354,11 +374,11 @@ class World(ActuatedRobots):
         return robot_changes.get_attr(self, name)
 
     def get_state(self, row: int) -> dict[str, Any]:
-        """Return all that a robot's future depends on, see :class:`ActuatedRobots`."""
+        """Return all that a robot's future depends on but the task and random numbers."""
         return robot_state.get_state(self, row)
 
     def checked_state(self, row: int, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return a state ready for :meth:`restore`, see :class:`ActuatedRobots`."""
+        """Return a state for :meth:`restore`; ValueError: an entry is out of range."""
         return robot_state.checked_state(self, row, state)
 
     def restore(self, row: int, state: dict[str, Any]) -> None:

@@ -67,6 +67,7 @@ class Task(ABC):
     SETTABLE: ClassVar[tuple[str, ...]] = ()
     PER_ROBOT: ClassVar[tuple[str, ...]]
     SINGLE_ONLY: ClassVar[dict[str, Any]]
+    OBSERVES: ClassVar[bool]
     world: Any
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -80,6 +81,7 @@ class Task(ABC):
                 for name, p in shown.parameters.items()
             ]
         )
+        cls.OBSERVES = cls.observe is not Task.observe
         cls.PER_ROBOT = tuple(settings.marked(records, "per_robot"))
         cls.SINGLE_ONLY = settings.marked(records, "single_only")
 

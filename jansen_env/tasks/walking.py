@@ -75,7 +75,7 @@ class WalkerTask(Task):
 
     def take(self, records: dict[str, Any]) -> None:
         """Check and keep commands, weights and termination."""
-        commands, weights, end = (records[name] for name in self.RECORDS)
+        commands, weights, end = (records[name] for name in WalkerTask.RECORDS)
         n, fastest = self.num_envs, FASTEST_COMMAND
         self.speed_command = broadcast_ranges(
             n, "speed_command", commands.speed_command, -fastest, fastest
@@ -110,13 +110,17 @@ class WalkerTask(Task):
 
     @property
     def entries(self) -> Sequence[Observed]:
-        """All that is observed: the command before the feet, lag and means before the heights."""
+        """All that is observed: the command before the feet, lag and means before the heights.
+
+        What a task that derives from this one adds comes last.
+        """
         known = {one.name: one for one in self.world.entries}
         own = {one.name: one for one in self.own_entries}
         heights = [known.pop(name) for name in [*known] if name.startswith("height_scan_")]
         last, command = known.pop("last_action"), own.pop("speed_command")
         loads = [known.pop(name) for name in [*known] if name.startswith("toe_load_")]
-        return [*known.values(), command, *loads, last, *own.values(), *heights]
+        accounts = [own.pop(name) for name in ACCOUNTS]
+        return [*known.values(), command, *loads, last, *accounts, *heights, *own.values()]
 
     def connect(self) -> None:
         """Let noisy sensors measure lag and means by odometry."""
@@ -154,12 +158,15 @@ class WalkerTask(Task):
         if self.world.episodes.curriculum is not None:
             self._cover(active)
         walk_reward.finish_step(active, *self._step_arguments())
+        if self.OBSERVES:  # a task that derives from this one
+            self.observe(np.flatnonzero(active))
         if self.terminate_when_fallen:
             self.terminated[:] = self.rows["info"]["fallen"]
 
     def describe(self, rows: Ints) -> None:
         """Fill observations and information of some robots with what is the case now."""
         walk_reward.describe(rows, *self._describe_arguments())
+        self.observe(rows)
         self.world.disturb(rows)
 
     def _step_arguments(self) -> tuple[Any, ...]:

@@ -21,7 +21,7 @@ from jansen_env.gravity import GRAVITY, Gravity
 from jansen_env.plants.base import check_pushes, check_time_step
 from jansen_env.plants.batch_robots import BatchRobots
 from jansen_env.plants.detector import ContactDetector
-from jansen_env.plants.joint_loads import forces_ahead, forces_of
+from jansen_env.plants.forces_ahead import forces_ahead, forces_of
 from jansen_env.plants.placing import Placing, farthest_pad, non_toe_depths
 from jansen_env.plants.threads import Threads
 from jansen_env.plants.trace import PeakLoads, find_touchdowns, pads_in_contact, peak_loads

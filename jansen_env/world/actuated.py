@@ -37,7 +37,7 @@ class ActuatedRobots:
 
     Attributes:
         RECORDS: its keyword arguments, see :mod:`jansen_env.world.settings`.
-        OPTIONS: of a reset. SETTABLE: what :meth:`apply` changes.
+        OPTIONS: of a reset. SETTABLE: what may be changed of one robot.
         robots: before randomisation. control_dt: s for which an action is held.
         entries: what it knows of a robot, for observations.
         rows: (n,) with fields ``action``, ``action_before``, ``info`` and ``energy``.

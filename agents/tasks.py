@@ -15,7 +15,7 @@ from agents import crank_baselines, walker_baselines
 from agents.metrics import SETTLING, Aggregate, Array, Episodes, Metric
 from agents.policy import Policy
 from jansen_env.checks import positive_integer
-from jansen_env.envs.crank_task import LOST
+from jansen_env.tasks.crank import LOST
 
 ENOUGH = 0.8  # of the commanded distance
 
@@ -230,9 +230,9 @@ def can_be_batched(
     """Whether one batch can hold environments with these arguments."""
     task = vector_env(env_id).TASK
     return (
-        all(env_kwargs.get(name, value) == value for name, value in task.ONE_ALONE.items())
+        all(env_kwargs.get(name, value) == value for name, value in task.SINGLE_ONLY.items())
         and env_kwargs.get("render_mode") in (None, "rgb_array")
-        and all(set(variant) <= {*task.OF_EACH, "max_episode_steps"} for variant in variants)
+        and all(set(variant) <= {*task.PER_ROBOT, "max_episode_steps"} for variant in variants)
     )
 
 

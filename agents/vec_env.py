@@ -18,8 +18,8 @@ from agents.rollout import make_env
 from agents.tasks import can_be_batched, vector_env
 from jansen_env.checks import whole_number
 from jansen_env.envs import arguments
-from jansen_env.envs.arguments import Each
 from jansen_env.envs.vector import TaskVectorEnv
+from jansen_env.world.broadcasting import Each
 
 
 def make_vec_env(
@@ -58,7 +58,7 @@ def _make_batch(
     defaults["max_episode_steps"] = gym.spec(env_id).max_episode_steps
     own = {
         name: Each(one.get(name, defaults[name]) for one in each)
-        for name in (*entry.TASK.OF_EACH, "max_episode_steps")
+        for name in (*entry.TASK.PER_ROBOT, "max_episode_steps")
         if any(name in one for one in each)
     }
     env: Any = gym.make_vec(
@@ -100,7 +100,7 @@ class BatchVecEnv(VecEnv):
         self._reset_options()
         observations, _ = self.env.reset_each(seeds, options)
         information = self.env.task.information
-        self.reset_infos = [information.of_one(i, False) for i in range(self.num_envs)]
+        self.reset_infos = [information.single(i, False) for i in range(self.num_envs)]
         return observations
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
@@ -117,16 +117,16 @@ class BatchVecEnv(VecEnv):
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if self.info_keys is None or self.info_keys:
             for i in np.flatnonzero(~dones).tolist():
-                info = task.information.of_one(i, True)
+                info = task.information.single(i, True)
                 infos[i] = {key: info[key] for key in self.info_keys or info}
         for i in np.flatnonzero(dones).tolist():
-            infos[i] = task.information.of_one(i, True)
+            infos[i] = task.information.single(i, True)
             infos[i]["terminal_observation"] = task.observation[i].copy()
             infos[i]["TimeLimit.truncated"] = bool(truncated[i] and not terminated[i])
         if dones.any():
             self.env.restart(np.flatnonzero(dones))
             for i in np.flatnonzero(dones).tolist():
-                self.reset_infos[i] = task.information.of_one(i, False)
+                self.reset_infos[i] = task.information.single(i, False)
         return task.observation.copy(), rewards, dones, infos
 
     def get_states(self) -> list[dict[str, Any]]:

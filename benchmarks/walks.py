@@ -10,7 +10,7 @@ import numpy as np
 
 from jansen_env import Terrain
 from jansen_env.control import PID
-from jansen_env.engine.task import FALLEN_PITCH
+from jansen_env.engine.walk_reward import FALLEN_PITCH
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import Plant, StepResult
 

@@ -54,28 +54,35 @@ register(
 
 register(
     id="JansenWalkerBuilt-v0",
-    entry_point="jansen_env.envs.worlds:JansenWalkerBuiltEnv",
-    vector_entry_point="jansen_env.envs.worlds:JansenWalkerBuiltVectorEnv",
+    entry_point="jansen_env.envs.presets:JansenWalkerBuiltEnv",
+    vector_entry_point="jansen_env.envs.presets:JansenWalkerBuiltVectorEnv",
     max_episode_steps=500,
 )
 
 register(
     id="JansenCrank-v0",
-    entry_point="jansen_env.envs.crank:JansenCrankEnv",
-    vector_entry_point="jansen_env.envs.crank:JansenCrankVectorEnv",
+    entry_point="jansen_env.envs.crank_env:JansenCrankEnv",
+    vector_entry_point="jansen_env.envs.crank_env:JansenCrankVectorEnv",
     max_episode_steps=1000,
 )
 
 register(
+    id="JansenGoal-v0",
+    entry_point="jansen_env.envs.goal_env:JansenGoalEnv",
+    vector_entry_point="jansen_env.envs.goal_env:JansenGoalVectorEnv",
+    max_episode_steps=750,
+)
+
+register(
     id="JansenWalkerRough-v0",
-    entry_point="jansen_env.envs.worlds:JansenWalkerRoughEnv",
-    vector_entry_point="jansen_env.envs.worlds:JansenWalkerRoughVectorEnv",
+    entry_point="jansen_env.envs.presets:JansenWalkerRoughEnv",
+    vector_entry_point="jansen_env.envs.presets:JansenWalkerRoughVectorEnv",
     max_episode_steps=500,
 )
 
 register(
     id="JansenWalkerHardcore-v0",
-    entry_point="jansen_env.envs.worlds:JansenWalkerHardcoreEnv",
-    vector_entry_point="jansen_env.envs.worlds:JansenWalkerHardcoreVectorEnv",
+    entry_point="jansen_env.envs.presets:JansenWalkerHardcoreEnv",
+    vector_entry_point="jansen_env.envs.presets:JansenWalkerHardcoreVectorEnv",
     max_episode_steps=500,
 )

@@ -14,8 +14,8 @@ import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 
 from jansen_env.checks import positive_integer, shown, within
-from jansen_env.envs import arguments
 from jansen_env.plants.make import plant_time_step
+from jansen_env.world.argument_checks import control_period
 
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-4, 1.0  # s, for which an action is held
 MOST_TIME_STEPS = 200_000  # of an episode; walkers have 10,000 by default
@@ -56,11 +56,9 @@ def check_action(
     """
     given = {**arguments_of(env_id), **env_kwargs}
     env: Any = load_env_creator(str(gym.registry[env_id].entry_point))
-    robot = env.TASK.driven_robot(given["robot"], given["motor"], given["torque_limit"])
+    robot = env.TASK.WORLD.driven_robot(given["robot"], given["motor"], given["torque_limit"])
     plant = given.get("plant", "projection")  # the crank has none to choose
-    period, step = arguments.control_period(
-        given["control_dt"], plant_time_step(plant, given["time_step"])
-    )
+    period, step = control_period(given["control_dt"], plant_time_step(plant, given["time_step"]))
     for name, own, needed in (
         ("torque_limit", torque_limit, robot.motor.torque_limit),
         ("control_dt", control_dt, within("control_dt", period, SHORTEST_PERIOD, LONGEST_PERIOD)),

@@ -15,9 +15,9 @@ import pytest
 import jansen_env
 from jansen_env import Bar, Leg, Payload, Robot, Terrain, Triangle
 from jansen_env.curriculum import Curriculum
-from jansen_env.envs import arguments
-from jansen_env.envs.crank import JansenCrankEnv
+from jansen_env.envs.crank_env import JansenCrankEnv
 from jansen_env.envs.walker import JansenWalkerEnv, JansenWalkerVectorEnv
+from jansen_env.world import argument_checks as arguments
 
 WRONG = {
     "None": None,

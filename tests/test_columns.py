@@ -14,7 +14,7 @@ from agents.profile_search import profiles
 from agents.rollout import make_env
 from agents.tasks import TASKS, find_task
 from jansen_env import pretrained
-from jansen_env.envs.core import Observed
+from jansen_env.world.entries import Observed
 
 ADDED = Observed("crank_torque", "N m", -np.inf, np.inf)
 

@@ -15,7 +15,7 @@ from gymnasium.vector import AutoresetMode
 import jansen_env
 from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.engine.crank_tracking import TRACKING_WIDTH
-from jansen_env.envs.crank import JansenCrankEnv
+from jansen_env.envs.crank_env import JansenCrankEnv
 
 
 @pytest.fixture
@@ -320,5 +320,5 @@ def test_a_crank_that_diverges_ends_its_episode():
     with pytest.warns(UserWarning, match=r"robots \[1\] end: their simulation diverged"):
         *_, truncated, infos = env.step(np.array([[0.0], [1.0]], np.float32))
     assert truncated.tolist() == [False, True] == infos["diverged"].tolist()
-    assert np.isfinite(env.task.batch.states).all()
+    assert np.isfinite(env.task.world.plant.states).all()
     assert not env.step(np.zeros((2, 1), np.float32))[3].any()

@@ -14,8 +14,8 @@ from gymnasium.vector import AutoresetMode
 
 from jansen_env import Compliance, Terrain
 from jansen_env.curriculum import Curriculum
-from jansen_env.envs.parameters import PARAMETERS
 from jansen_env.terrain_generators import HIGHEST
+from jansen_env.world.parameters import PARAMETERS
 
 WORLD = {
     "terrain": "mixed",
@@ -367,7 +367,7 @@ def test_friction_of_a_ground_of_ones_own():
     assert env.get_wrapper_attr("terrain").friction == found
     given = gym.make("JansenWalker-v0", terrain=ground, terrain_level=3, friction=0.6)
     assert given.reset(seed=0)[1]["parameters"]["friction"] == 0.6
-    assert given.unwrapped.task.of_each("friction") == [0.6]
+    assert given.unwrapped.task.get_attr("friction") == [0.6]
     refused = gym.make("JansenWalker-v0", terrain=lambda rng, level: level)
     with pytest.raises(ValueError, match="must be a Terrain"):
         refused.reset(seed=0)
@@ -391,7 +391,7 @@ def test_the_second_plant_has_the_same_world():
         assert infos[0]["parameters"] == infos[1]["parameters"]
         assert envs[0].unwrapped.terrain == envs[1].unwrapped.terrain
         for name in ("weight", "friction"):
-            found = [env.unwrapped.task.of_each(name) for env in envs]
+            found = [env.unwrapped.task.get_attr(name) for env in envs]
             assert found[0] == found[1]
         for _ in range(10):
             ends = [env.step(np.full(1, 0.2, np.float32))[4] for env in envs]

@@ -17,9 +17,9 @@ import pytest
 from jansen_env import Terrain, paper_robot
 from jansen_env.engine import jit
 from jansen_env.engine.jit import Kernel, compiled, prepare
-from jansen_env.envs.walker_task import WalkerTask
 from jansen_env.plants.fixed_base import FixedBasePlant
 from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.tasks.walking import WalkerTask
 
 PACKAGE = Path(jit.__file__).parents[1]
 NAME = re.compile("jansen-[0-9a-f]{16}")
@@ -129,7 +129,7 @@ def test_kernels_that_allocate_nothing_count_no_references():
         "integrator.advance",
         "collision.planes_near",
         "placement.lower",
-        "task.finish_step",
+        "walk_reward.finish_step",
     } | counting:
         files = list(Path(jit.FOLDER).rglob(f"{name}-*.nbc"))
         assert files
@@ -165,7 +165,7 @@ def test_machine_code_that_others_may_have_planted_is_not_run(tmp_path):
     shutil.copytree(PACKAGE, tmp_path / "jansen_env", ignore=shutil.ignore_patterns("__pycache__"))
     code = (
         "from jansen_env.engine.jit import FOLDER, Kernel, prepare\n"
-        "from jansen_env.engine.task import progress_score\n"
+        "from jansen_env.engine.walk_reward import progress_score\n"
         "prepare(Kernel('score', progress_score, (0.3, 0.3)))\n"
         "print(progress_score(0.3, 0.3), FOLDER)"
     )
@@ -355,7 +355,7 @@ def test_the_package_runs_where_nothing_can_be_written(tmp_path):
     nowhere = str(tmp_path / "jansen_env" / "__pycache__" / "cache")
     code = (
         "from jansen_env.engine.jit import FOLDER, Kernel, prepare\n"
-        "from jansen_env.engine.task import progress_score\n"
+        "from jansen_env.engine.walk_reward import progress_score\n"
         "for _ in range(2): prepare(Kernel('score', progress_score, (0.3, 0.3)))\n"
         "print(repr(FOLDER), progress_score(0.3, 0.3))"
     )

@@ -19,8 +19,12 @@ ORDER = (
     ["kinematics"],
     ["dynamics", "rendering"],
     ["engine"],
+    ["parameters"],
     ["plants"],
+    ["world"],
+    ["tasks"],
     ["envs"],
+    ["baselines"],
     ["policy_network", "policy_environment", "pretrained", "paper"],
     ["web", "recording", "recorder"],
     ["play"],
@@ -39,6 +43,8 @@ FILES = [
 
 def part_of(module: str) -> str | None:
     """The part that a module belongs to; None for one of another project."""
+    if module.startswith("jansen_env.world.parameters"):  # plain data, which plants read as well
+        return "parameters"
     names = [name for name in module.split(".") if name != "jansen_env"]
     return names[0] if names and names[0] in RANK else None
 

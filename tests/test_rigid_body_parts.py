@@ -15,7 +15,7 @@ from jansen_env.dynamics.joint_forces import joint_forces
 from jansen_env.kinematics import coordinates
 from jansen_env.plants.base import StepResult
 from jansen_env.plants.batch_of_one import BatchOfOne
-from jansen_env.plants.initial_pose import sag
+from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.rigid_body import RigidBodyPlant
 from jansen_env.robot import BEARINGS, BODIES_PER_LEG, Compliance
 
@@ -198,7 +198,7 @@ def test_an_earlier_torque_comes_first(switch):
     assert whole.motor_work == pytest.approx(sum(p.motor_work for p in parts), rel=1e-12)
     batch = BatchOfOne(RigidBodyPlant(LIGHT, Terrain.flat()))
     batch.place(np.array([0]), np.array([0.0]))
-    batch._plant.reset()
+    batch.plant.reset()
     batch.step(np.array([2.0]), 80, np.array([-1.0]), np.array([switch]))
     assert (batch.states[0] == plants[0].state).all()
     assert batch.accumulators["motor_work"][0] == whole.motor_work
@@ -208,7 +208,7 @@ def landing(duration, fall, time_step):
     """Heights of a locked robot that falls on two of its toes, and the plant."""
     plant = RigidBodyPlant(LOCKED, Terrain.flat(), time_step)
     plant.reset(crank_angle=UPRIGHT, pitch=0.0)
-    sunk = sag(LOCKED, 9.81)  # by which it is placed in the ground
+    sunk = static_deflection(LOCKED, 9.81)  # by which it is placed in the ground
     ground = plant.state[1] + sunk
     plant.state = plant.state + np.array([0.0, fall + sunk, *np.zeros(6)])
     heights = []

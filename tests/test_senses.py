@@ -14,19 +14,19 @@ from gymnasium.vector import AutoresetMode
 from test_walker_vector import ROUGH, compare, side_by_side, together
 
 from jansen_env import Noise, Push
-from jansen_env.engine import task
-from jansen_env.envs.disturbances import NoisySensors
-from jansen_env.envs.walker_task import _observed
+from jansen_env.engine import walk_reward
 from jansen_env.noise import COLUMNS, make_noise
+from jansen_env.tasks.walking import WalkerTask
+from jansen_env.world.disturbances import NoisySensors
 
 SCAN = (0.4, 0.8, 5)
 ALL = {
     "terrain": ROUGH, "height_scan": SCAN, "noise": Noise(), "push": Push((1.3, 0.5), 0.05, 0.2),
 }  # fmt: skip
-OBSERVED = _observed(4, 3)
+OBSERVED = WalkerTask(height_scan=(0.0, 0.5, 3)).observed
 NAMES = [entry.name for entry in OBSERVED]
 EXACT = ("speed_command", "last_action", "lag", "mean_", "rms_torque")  # while the robot stands
-ACCOUNTS = task.ACCOUNTS.names
+ACCOUNTS = walk_reward.ACCOUNTS.names
 LAG = NAMES.index("lag")
 
 
@@ -50,8 +50,8 @@ def erring(noise, count, level=1.0, truth=None, elapsed=0):
     sensors = NoisySensors(count, noise, OBSERVED)
     sensors.level[:] = level
     out = np.full((count, len(OBSERVED)), 0.6, np.float32) if truth is None else truth.copy()
-    for i, name in enumerate(ACCOUNTS):
-        sensors.measured[name] = out[:, LAG + i]
+    measured = out[:, LAG : LAG + len(ACCOUNTS)].astype(float)
+    sensors.measure(measured, range(LAG, LAG + len(ACCOUNTS)))
     robots = np.arange(count)
     sensors.draw(robots, np.full(count, elapsed), 10 * robots)
     sensors.add(robots, out)
@@ -67,7 +67,7 @@ def mean_speeds(observations, command, dt):
     velocity = command - np.diff(kept["lag"]) / dt
     velocity[np.abs(kept["lag"][1:]) > 0.499] = np.nan
     path = walker().task.rows["mean_path"][0]
-    share = -np.expm1(-dt / task.mean_time(command, path))
+    share = -np.expm1(-dt / walk_reward.mean_time(command, path))
     power = kept["mean_power"][:-1] + np.diff(kept["mean_power"]) / share
     square = kept["rms_torque"] ** 2
     square = square[:-1] + np.diff(square) / share

@@ -189,7 +189,7 @@ def test_what_a_fall_is():
         for _ in range(150):
             steps += 1
             _, _, terminated, _, info = env.step(np.array([1.0], np.float32))
-            touched |= bool(env.task.batch.accumulators["non_toe_impulse"][0] > 0.0)
+            touched |= bool(env.task.world.plant.accumulators["non_toe_impulse"][0] > 0.0)
             pitch = max(pitch, abs(info["pitch"]))
             if terminated:
                 break
@@ -267,7 +267,7 @@ def test_every_design_walks_without_harm(robot):
     for _ in range(100):
         obs, _, terminated, _, _ = env.step(rng.uniform(-1, 1, 1).astype(np.float32))
         assert env.observation_space.contains(obs)
-        assert env.task.batch.accumulators["worst_residual"][0] < 1e-9
+        assert env.task.world.plant.accumulators["worst_residual"][0] < 1e-9
         if terminated:
             env.reset()
 
@@ -333,7 +333,7 @@ def test_a_fall_is_a_fall(robot, terrain, low, high):
             seen = hold(seen, 0.0 if step < 100 else 3.0)[0]
             level = (
                 abs(env.plant.state[2]) < 0.5
-                and not env.task.batch.accumulators["non_toe_impulse"][0] > 0.0
+                and not env.task.world.plant.accumulators["non_toe_impulse"][0] > 0.0
             )
             up = up + 1 if level else 0
             if up > 50:

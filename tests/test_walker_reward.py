@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from jansen_env.engine.task import HALF_CHANGE, HALF_EFFORT, REWARD
+from jansen_env.engine.walk_reward import HALF_CHANGE, HALF_EFFORT, REWARD
 from jansen_env.envs.walker import JansenWalkerEnv
 from jansen_env.kinematics import advance_per_turn
 

@@ -210,7 +210,7 @@ def test_ground_from_points_and_lists_of_ranges():
     """What the single environment takes, and one for each as a list."""
     points = [(-1.0, 0.0), (0.2, 0.05)]
     env = together(2, limit=-1, terrain=points, speed_command=[(0.1, 0.1), (0.2, 0.3)])
-    terrains = env.task.terrains
+    terrains = env.task.world.terrains
     assert terrains[0].points == tuple(points) and terrains[1] is terrains[0]
     assert env.task.speed_command.tolist() == [[0.1, 0.1], [0.2, 0.3]]
     assert np.isinf(env.max_episode_steps).all()
@@ -229,11 +229,11 @@ def test_a_bad_option_of_one_leaves_all_as_they_were():
     """What robot 2 is refused for does not place robots 0 and 1 before."""
     env = together(3)
     env.reset(seed=0)
-    before = env.unwrapped.task.batch.states.copy()
+    before = env.unwrapped.task.world.plant.states.copy()
     options = [{"crank_angle": 0.5}, {"crank_angle": 0.5}, {"crank_angle": np.nan}]
     with pytest.raises(ValueError, match="crank_angle"):
         env.unwrapped.reset_each([None] * 3, options)
-    assert np.array_equal(before, env.unwrapped.task.batch.states)
+    assert np.array_equal(before, env.unwrapped.task.world.plant.states)
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -415,7 +415,7 @@ def test_whatever_diverges_the_others_do_what_they_do_alone():
         ours.reset(seed=seed)
         for i, env in enumerate(theirs):
             env.reset(seed=seed + i)
-        while not over.any() and ours.task.elapsed[0] < 60:
+        while not over.any() and ours.task.world.elapsed[0] < 60:
             action = rng.uniform(-1.0, 1.0, (6, 1)).astype(np.float32)
             observations, rewards, _, over, infos = ours.step(action)
             for i, env in enumerate(theirs):

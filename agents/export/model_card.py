@@ -21,7 +21,7 @@ from agents.export.c_source import render
 from agents.metrics import INTERVALS, score_table
 from agents.rollout import make_env
 from agents.tasks import find_task
-from jansen_env.engine.task import FURTHEST_TARGET, LONGEST_MEAN, SHORTEST_MEAN
+from jansen_env.engine.walk_reward import FURTHEST_TARGET, LONGEST_MEAN, SHORTEST_MEAN
 from jansen_env.kinematics import advance_per_turn
 from jansen_env.policy_environment import arguments_of
 from jansen_env.policy_network import Normalized

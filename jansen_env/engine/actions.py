@@ -26,6 +26,7 @@ def take_actions(actions, active, full_torque, rows, asked, delay, torque, earli
             return r
     for r in range(len(actions)):
         action = actions[r, 0] if active[r] else 0.0
+        rows[r].action_before = rows[r].action
         rows[r].action = min(1.0, max(-1.0, action))
         for k in range(asked.shape[1] - 1, 0, -1):
             asked[r, k] = asked[r, k - 1]

@@ -13,14 +13,12 @@ TRACKING_WIDTH = 0.8  # rad, tracking error at which half of the tracking reward
 
 # The reward's terms, and likewise their weights.
 REWARD = row_dtype([("tracking", float), ("torque", float)])
-# What the environment's information has of a robot; its units are listed there.
-INFORMATION = row_dtype(
+# What the information has of a robot that is held; its units are listed with the environment.
+HELD_INFORMATION = row_dtype(
     [
         ("crank_angle", float),
         ("crank_speed", float),
         ("crank_torque", float),
-        ("tracking_error", float),
-        ("speed_command", float),
         ("diverged", bool),
     ]
 )
@@ -33,27 +31,30 @@ ENERGIES = row_dtype(
         ("residual", float),
     ]
 )
-# A robot's row: the last action, steps taken, and what its last step was.
-ROW = row_dtype(
+# A held robot's row: its last actions and steps.
+HELD_ROW = row_dtype(
     [
         ("action", float),
+        ("action_before", float),
         ("steps", float),
-        ("info", INFORMATION),
+        ("info", HELD_INFORMATION),
         ("energy", ENERGIES),
-        ("reward", REWARD),
     ]
 )
+INFORMATION = row_dtype([("tracking_error", float), ("speed_command", float)])
+# The task's row.
+ROW = row_dtype([("info", INFORMATION), ("reward", REWARD)])
 
 
 @compiled
-def finish_step(active, states, sums, period, weights, rows, reward, terminated, out):
+def finish_step(active, states, sums, period, weights, rows, own, reward, terminated, out):
     """Reward the step of ``period`` seconds that led to ``states`` (n, 6), and describe it.
 
     Args:
         active: (n,) whether a robot has taken it.
         sums: (n, 5) see :func:`jansen_env.engine.runge_kutta.turn_each`.
-        weights: (1,) of :data:`REWARD`. rows: (n,) of :data:`ROW`. reward, terminated: (n,).
-        out: (n, 5) observations.
+        weights: (1,) of :data:`REWARD`. rows: (n,) of :data:`HELD_ROW`, own: (n,) of :data:`ROW`.
+        reward, terminated: (n,). out: (n, 5) observations.
     """
     for r in range(len(states)):
         if not active[r]:
@@ -63,8 +64,8 @@ def finish_step(active, states, sums, period, weights, rows, reward, terminated,
         energy.motor_work, energy.joint_loss, energy.electrical_work = work, loss, sums[r, 3]
         energy.mechanical_energy_change, energy.residual = change, work - loss - change
         rows[r].info.crank_torque = sums[r, 4]
-        _describe(states[r], period, rows[r], out[r])
-        term, error = rows[r].reward, rows[r].info.tracking_error
+        _describe(states[r], period, rows[r], own[r], out[r])
+        term, error = own[r].reward, own[r].info.tracking_error
         term.tracking = weights[0].tracking / (1.0 + (error / TRACKING_WIDTH) ** 2)
         term.torque = -weights[0].torque * rows[r].action ** 2
         reward[r] = term.tracking + term.torque
@@ -72,20 +73,20 @@ def finish_step(active, states, sums, period, weights, rows, reward, terminated,
 
 
 @compiled
-def describe(which, states, period, rows, out):
-    """Of robots ``which`` (k,) observations into ``out`` (n, 5), and information into ``rows``.
+def describe(which, states, period, rows, own, out):
+    """Of robots ``which`` (k,) observations into ``out`` (n, 5), and information into both rows.
 
     Args:
         states: (n, 6). period: s, of a step.
     """
     for r in which:
-        _describe(states[r], period, rows[r], out[r])
+        _describe(states[r], period, rows[r], own[r], out[r])
 
 
 @compiled
-def _describe(state, period, row, out):
-    info, angle, speed = row.info, state[0], state[1]
-    info.crank_angle, info.crank_speed = angle, speed
+def _describe(state, period, row, own, out):
+    info, angle, speed = own.info, state[0], state[1]
+    row.info.crank_angle, row.info.crank_speed = angle, speed
     info.tracking_error = info.speed_command * row.steps * period + START_ANGLE - angle
     out[0], out[1], out[2] = math.cos(angle), math.sin(angle), speed
     out[3], out[4] = info.tracking_error, info.speed_command

@@ -6,20 +6,14 @@ import math
 
 from jansen_env.engine.jit import compiled
 from jansen_env.engine.random import normal, number
-from jansen_env.engine.task import show_accounts
+from jansen_env.engine.readings import put
 
 STREAM = 0  # of an episode's random numbers; that of pushes is another
 BIAS = 0  # of the stream's keys; the others are those of the steps
 
-# Places in the observation, see JansenWalkerEnv: of what is an angle.
-COS_CRANK, SIN_CRANK = 0, 1
-SIN_PITCH, COS_PITCH = 3, 4
-# ... and of the readings behind the measured accounts: speed of the crank, and of its axis in x.
-CRANK_SPEED, X_VELOCITY = 2, 6
-
 
 @compiled
-def draw_errors(which, elapsed, seeds, level, deviation, known, bias, error, mean_error):
+def draw_errors(which, elapsed, seeds, level, deviation, speeds, known, bias, error, mean_error):
     """Draw the errors of some robots' readings in this step, always the same for one step.
 
     The means over the step, of the velocity in x and of the crank's speed, have the errors of the
@@ -32,6 +26,7 @@ def draw_errors(which, elapsed, seeds, level, deviation, known, bias, error, mea
         level: (n,) by which noise is multiplied.
         deviation: (d, 2) standard deviations: of each step's own noise, and of the bias that stays
             for the episode. Of an angle, rad, it is at the first of its sine and cosine.
+        speeds: (2,) columns of the velocity in x and of the crank's speed, -1 for none.
         known: (n,) seeds of the episodes whose biases are in ``bias`` (n, d); kept from call to
             call, as they take as long to draw as all the noise of a step.
         error: (n, d) out: of the readings. mean_error: (n, 2) out: of the means over the step, m/s
@@ -48,31 +43,34 @@ def draw_errors(which, elapsed, seeds, level, deviation, known, bias, error, mea
         for i in range(size):
             if deviation[i, 0] != 0.0 or deviation[i, 1] != 0.0:
                 error[r, i] = level[r] * (deviation[i, 0] * normal(step, i) + bias[r, i])
-        for k, i in enumerate((X_VELOCITY, CRANK_SPEED)):
+        for k in range(2):
+            i = speeds[k]
+            if i < 0:
+                continue
             more = level[r] * deviation[i, 0] * normal(step, size + k)
             mean_error[r, k] = error[r, i] + more
 
 
 @compiled
-def add_noise(which, error, measured, first, low, high, truth, out):
+def add_noise(which, error, angles, measured, columns, low, high, truth, out):
     """Turn observations ``out`` (n, d) of some robots into what their sensors tell.
 
     Args:
         which: (k,) of the robots. error: (n, d) see :func:`draw_errors`.
-        measured: (n,) of ``task.ACCOUNTS``, observed in place of the exact ones from ``first`` on.
+        angles: (d, 2) columns of cosine and sine, where an angle's error stands; -1 elsewhere.
+        measured: (n, m) numbers that are observed in place of the exact ones in ``columns`` (m,).
         low, high: (d,) of the observation space. truth: (n, d) out: what ``out`` was.
     """
     for r in which:
         for i in range(out.shape[1]):
             truth[r, i] = out[r, i]
-        show_accounts(measured[r], first, out[r])
+        for k in range(len(columns)):
+            put(out, r, columns[k], measured[r, k])
         for i in range(out.shape[1]):
             if error[r, i] == 0.0:
                 continue
-            if i == COS_CRANK:
-                _turn(out[r], COS_CRANK, SIN_CRANK, error[r, i], low, high)
-            elif i == SIN_PITCH:
-                _turn(out[r], COS_PITCH, SIN_PITCH, error[r, i], low, high)
+            if angles[i, 0] >= 0:
+                _turn(out[r], angles[i, 0], angles[i, 1], error[r, i], low, high)
             else:
                 out[r, i] = _within(float(out[r, i]) + error[r, i], low[i], high[i])
 

@@ -10,9 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.envs import arguments
-from jansen_env.envs.core import Observed, Task
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
+from jansen_env.tasks.task import Task
+from jansen_env.world.argument_checks import complete_state
+from jansen_env.world.broadcasting import Each
+from jansen_env.world.entries import Observed
 
 Observation = NDArray[np.float32]
 ATask = TypeVar("ATask", bound=Task)
@@ -38,15 +41,15 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         super().__init_subclass__(**kwargs)
         if "__init__" in cls.__dict__:  # of its own
             return
-        shown = arguments.signature_of(cls.TASK, without=("num_envs", "threads"))
+        own = [*inspect.signature(cls.TASK).parameters.values()][2:]  # all but num_envs, threads
         mode = inspect.Parameter("render_mode", inspect.Parameter.KEYWORD_ONLY, default=None)
-        cls.__signature__ = shown.replace(parameters=[*shown.parameters.values(), mode])  # type: ignore[attr-defined]
+        cls.__signature__ = inspect.Signature([*own, mode])  # type: ignore[attr-defined]
 
     def __init__(self, *, render_mode: str | None = None, **task_arguments: Any) -> None:
         self.render_mode = arguments.render_mode(render_mode)
         arguments.known_arguments(type(self), task_arguments)
         own = {
-            name: arguments.Each([value]) if name in self.TASK.OF_EACH else value
+            name: Each([value]) if name in self.TASK.PER_ROBOT else value
             for name, value in task_arguments.items()
         }
         self.task = self.TASK(1, **own)
@@ -86,7 +89,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         self._begun = True
         if self.render_mode == "human":
             self.render()
-        return self.task.observation[0].copy(), self.task.information.of_one(0, stepped=False)
+        return self.task.observation[0].copy(), self.task.information.single(0, stepped=False)
 
     def step(
         self, action: NDArray[np.float32]
@@ -107,7 +110,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
             float(task.reward[0]),
             bool(task.terminated[0]),
             bool(task.truncated[0]),
-            task.information.of_one(0, stepped=True),
+            task.information.single(0, stepped=True),
         )
 
     def _check_begun(self) -> None:
@@ -151,7 +154,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         Raises:
             ValueError: an entry is missing, or out of range.
         """
-        arguments.complete_state(state, self.get_state())
+        complete_state(state, self.get_state())
         self.task.set_state(0, state)
         self.np_random.bit_generator.state = state["generator"]
         self._begun = True

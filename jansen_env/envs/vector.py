@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import positive_integer
 from jansen_env.envs import arguments
-from jansen_env.envs.core import Array, Bools, Ints, Observed
 from jansen_env.envs.single import ATask
+from jansen_env.world.actuated import Array, Bools, Ints
+from jansen_env.world.argument_checks import complete_state
+from jansen_env.world.entries import Observed
 
 Observations = NDArray[np.float32]
 METHODS = ("get_state", "push", "render", "set_parameters", "set_state")
@@ -42,7 +44,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         info_keys: what ``infos`` are to have, such as ``("slip",)``; None for all of it, which
             takes a few per cent of a step.
         render_mode: None or ``"rgb_array"``.
-        task_arguments: as for one robot; those in the task's ``OF_EACH`` may be one for each.
+        task_arguments: as for one robot; those in the task's ``PER_ROBOT`` may be one for each.
 
     Attributes:
         task: the task of all robots. dt, control_dt: s for which an action is held.
@@ -62,9 +64,9 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         own = inspect.signature(TaskVectorEnv.__init__).parameters
         if "__init__" in cls.__dict__:  # of its own
             return
-        shown = arguments.signature_of(cls.TASK, without=("num_envs", "threads"))
+        shown = [*inspect.signature(cls.TASK).parameters.values()][2:]  # without num_envs, threads
         before = [p for name, p in own.items() if name not in ("self", "task_arguments")]
-        cls.__signature__ = shown.replace(parameters=[*before, *shown.parameters.values()])  # type: ignore[attr-defined]
+        cls.__signature__ = inspect.Signature([*before, *shown])  # type: ignore[attr-defined]
 
     def __init__(
         self,
@@ -82,7 +84,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         threads = None if threads is None else positive_integer("threads", threads)
         self.render_mode = arguments.render_mode(render_mode, self.metadata["render_modes"])
         self.autoreset_mode = arguments.autoreset_mode(autoreset_mode)
-        self.max_episode_steps = arguments.limit_of_each(n, max_episode_steps)
+        self.max_episode_steps = arguments.broadcast_limits(n, max_episode_steps)
         arguments.known_arguments(type(self), task_arguments)
         self.task = task = self.TASK(n, threads, **task_arguments)
         self.info_keys = arguments.info_keys(info_keys, task.information.keys)
@@ -121,8 +123,8 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         """
         options = arguments.reset_options(options)
         mask = arguments.reset_mask(self.num_envs, options.pop("reset_mask", None))
-        seeds = arguments.seed_of_each(self.num_envs, seed)
-        return self.reset_each(seeds, arguments.options_of_each(self.num_envs, options), mask)
+        seeds = arguments.broadcast_seeds(self.num_envs, seed)
+        return self.reset_each(seeds, arguments.broadcast_options(self.num_envs, options), mask)
 
     def reset_each(
         self,
@@ -198,8 +200,8 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         return infos
 
     def _informed(self, known: Bools, stepped: Bools) -> dict[str, Any]:
-        """What :attr:`info_keys` ask for, see :meth:`jansen_env.envs.core.Information.of_all`."""
-        return self.task.information.of_all(known, stepped, self.info_keys)
+        """What :attr:`info_keys` ask for, see :meth:`jansen_env.tasks.information.InfoBuilder.batched`."""
+        return self.task.information.batched(known, stepped, self.info_keys)
 
     def _awaiting_reset(self) -> Bools:
         """Which robots (num_envs,) cannot take a step before :meth:`reset`."""
@@ -234,7 +236,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
 
         Its count towards ``max_episode_steps`` stays.
         """
-        arguments.complete_state(state, self.get_state(row))
+        complete_state(state, self.get_state(row))
         self.task.set_state(row, state)
         self._generator(row).bit_generator.state = state["generator"]
         self._begun[row], self._done[row] = True, False
@@ -279,7 +281,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
         """An attribute of each robot: its own, or what all have in common."""
-        own = self.task.of_each(name)
+        own = self.task.get_attr(name)
         if own is not None:
             return tuple(own)
         if name in ("max_episode_steps", "np_random", "np_random_seed"):

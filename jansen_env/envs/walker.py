@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv
-from jansen_env.envs.walker_task import WalkerTask
 from jansen_env.plants.base import Plant
+from jansen_env.tasks.walking import WalkerTask
 from jansen_env.terrain import Terrain
 
 
@@ -172,7 +172,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     solvers. ``"projection"`` integrates the paper's projected equations with exact contacts; it is fast, and what policies
     are trained on. ``"rigid_body"`` is built of pymunk's bodies, joints and contacts, some hundred
     times slower; its joints gap a little (``info["joint_gap"]``). A policy that walks on both does
-    not live on the numerics of one of them.
+    not exploit numerical error.
 
     ## Version History
     * v0: first release.
@@ -183,23 +183,24 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     @property
     def terrain(self) -> Terrain:
         """Where the robot walks."""
-        return self.task.terrains[0]
+        terrain: Terrain = self.task.world.terrains[0]
+        return terrain
 
     @property
     def plant(self) -> Plant:
         """What moves the robot."""
-        assert self.task.plant is not None  # with one robot there is one
-        return self.task.plant
+        plant: Plant = self.task.world.plant_of_one
+        return plant
 
     @property
     def weight(self) -> float:
         """Of robot and payload, N."""
-        return float(self.task.weight[0])
+        return float(self.task.world.weight[0])
 
     @property
     def parameters(self) -> NDArray[np.float64]:
         """(17,) the numbers of this episode in the order of
-        :data:`jansen_env.envs.parameters.PARAMETERS`, which has their names and units."""
+        :data:`jansen_env.world.parameters.PARAMETERS`, which has their names and units."""
         return self.task.parameters[0].copy()
 
     def joint_forces(self) -> JointForces:
@@ -213,11 +214,10 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
             ValueError: the plant is another than ``"projection"``.
             gymnasium.error.ResetNeeded: before the first :meth:`reset`.
         """
-        plant = self.task.traceable
+        _ = self.task.world.traceable  # which is refused before what a reset would change
         self._check_begun()
-        pushes = self.task.pushes_to_come(np.ones(1, bool))
-        push = None if pushes is None else pushes[0, 0]
-        return plant.joint_forces(float(self.task.torque[0]), push)
+        forces: JointForces = self.task.world.joint_forces()
+        return forces
 
 
 class JansenWalkerVectorEnv(TaskVectorEnv[WalkerTask]):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.dynamics.joint_forces import CORNERS, JointForces, corner_name
-from jansen_env.engine.task import FALLEN_PITCH
+from jansen_env.engine.walk_reward import FALLEN_PITCH
 from jansen_env.plants.base import StepResult
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.trace import pads_in_contact, trace_forces

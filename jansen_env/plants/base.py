@@ -1,15 +1,18 @@
-"""What a plant is: a robot on a terrain that answers a crank torque with its motion."""
+"""Protocols of plants: robots on terrains that answer crank torques with their motion."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.checks import within
+from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine.integrator import DIVERGED
+from jansen_env.plants.trace import PeakLoads
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
@@ -70,15 +73,20 @@ ENERGIES = (
 
 
 class BatchedPlant(Protocol):
-    """What the walking task asks of n robots: :class:`jansen_env.plants.batch.Batch` has it all.
+    """n robots on their terrains: all that is known of plants above this package.
 
     Attributes:
+        honours: names of the parameters that it knows, of ``ROBOT_PARAMETERS`` of
+            :mod:`jansen_env.world.parameters`. changeable: names that :meth:`change` takes.
+        knows_joint_forces: whether :meth:`joint_forces` and :meth:`peak_loads` are known.
+        joints_open: whether joints gap; if not, ``joint_gap`` stays 0.
         states: (n, 8), see :class:`Plant`; to be read.
         rows: (n,) :data:`jansen_env.engine.records.ROBOT`, whose accumulators are the last step's.
         slip, contact_force, joint_gap, diverged: (n, ...) of the last step.
         any_diverged: whether one has.
-        nominal: (n,) :data:`jansen_env.plants.variation.VARIATION`, the robots' own numbers, and
-            variation: (n,), those in force.
+        nominal: (n,) ``ROBOT_PARAMETERS``, the robots' own numbers, and parameters: (n,), those
+            in force.
+        tracing: whether each step of the first robot is recorded for :meth:`peak_loads`.
     """
 
     robots: list[Robot]
@@ -93,7 +101,20 @@ class BatchedPlant(Protocol):
     any_diverged: bool
     in_contact: NDArray[np.bool_] | None
     nominal: NDArray[np.void]
-    variation: NDArray[np.void]
+    parameters: NDArray[np.void]
+    tracing: bool
+
+    @property
+    def honours(self) -> frozenset[str]: ...
+
+    @property
+    def changeable(self) -> frozenset[str]: ...
+
+    @property
+    def knows_joint_forces(self) -> bool: ...
+
+    @property
+    def joints_open(self) -> bool: ...
 
     @property
     def surface(self) -> Array:
@@ -112,15 +133,20 @@ class BatchedPlant(Protocol):
         """Put a robot into a state (8,), with ``deflection`` (pads, 2) m, or None if unknown."""
         ...
 
-    def vary(self, rows: NDArray[np.int64], values: NDArray[np.void]) -> None:
-        """Make robots (k,) and their grounds others than they are, from their next placing on.
+    def set_parameters(self, rows: NDArray[np.int64], values: NDArray[np.void]) -> None:
+        """Put ``values`` (k,) of ``ROBOT_PARAMETERS`` in force, from the robots' next placing on.
 
-        ``values``: (k,) of :data:`jansen_env.plants.variation.VARIATION`.
+        Raises:
+            ValueError: one is out of its limits, or is not honoured.
         """
         ...
 
+    def change(self, row: int, changes: dict[str, Any]) -> None:
+        """Change a robot or its ground themselves, by names of :attr:`changeable`."""
+        ...
+
     def set_terrain(self, row: int, terrain: Terrain) -> None:
-        """Change a robot's ground: it must be placed anew."""
+        """Change a robot's ground: it must be placed again."""
         ...
 
     def place(self, rows: NDArray[np.int64], crank_angles: Array) -> None:
@@ -133,12 +159,14 @@ class BatchedPlant(Protocol):
         steps: int,
         earlier: Array | None = None,
         switch: NDArray[np.int64] | None = None,
-        *,
+        rows: NDArray[np.int64] | None = None,
+        meanwhile: Callable[[], None] | None = None,
         pushes: Array | None = None,
     ) -> None:
         """Hold crank torques (n,), N m, for some time steps.
 
-        With ``earlier`` torques (n,) these still hold in the first ``switch`` (n,) of them.
+        With ``earlier`` torques (n,) these still hold in the first ``switch`` (n,) of them. Of the
+        robots only ``rows`` (k,) move, if given; ``meanwhile`` may place the others.
         ``pushes``: (n, steps, 2) N s, the impulse on each chassis at the crank axis in each of
         them, world x and y; None for none.
         """
@@ -146,6 +174,14 @@ class BatchedPlant(Protocol):
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:
         """See :meth:`Plant.contact_frames`, of a robot."""
+        ...
+
+    def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
+        """Forces in every joint of the first robot in the next time step."""
+        ...
+
+    def peak_loads(self) -> PeakLoads:
+        """The largest loads on joints of the first robot in its last step."""
         ...
 
     def close(self) -> None:
@@ -203,14 +239,16 @@ class Plant(Protocol):
 
     @property
     def nominal(self) -> np.void:
-        """The robot's and its ground's own numbers, a row for :meth:`vary`."""
+        """The robot's and its ground's own numbers, a row for :meth:`set_parameters`."""
         ...
 
-    def vary(self, values: np.void) -> None:
-        """Make robot and ground others than they are, from the next placing on.
+    @property
+    def honours(self) -> frozenset[str]:
+        """Names of the parameters that it knows."""
+        ...
 
-        ``values``: a row of :data:`jansen_env.plants.variation.VARIATION`.
-        """
+    def set_parameters(self, values: np.void) -> None:
+        """Put a row of ``ROBOT_PARAMETERS`` in force, from the next placing on."""
         ...
 
     def set_terrain(self, terrain: Terrain) -> None:
@@ -273,7 +311,7 @@ def check_deflection(value: Any, pads: int) -> Array:
 def check_pushes(value: Any, *shape: int) -> Array:
     """Impulses on the chassis as an array. Raises ValueError unless they have a shape (..., 2).
 
-    Whether they are finite is not asked: what is not ends in a divergence.
+    Finiteness is not checked; non-finite input diverges.
     """
     pushes = np.ascontiguousarray(value, dtype=float)
     if pushes.shape != (*shape, 2):

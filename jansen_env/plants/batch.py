@@ -2,48 +2,44 @@
 
 from __future__ import annotations
 
-import math
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.checks import finite, positive, positive_integer
-from jansen_env.cores import available_cores
-from jansen_env.engine import collision, integrator, placement
+from jansen_env.checks import positive
+from jansen_env.dynamics.joint_forces import JointForces
+from jansen_env.dynamics.reduced import Tables
+from jansen_env.engine import integrator
 from jansen_env.engine.collision import SPECULATIVE_MARGIN, WAY_OUT
 from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.engine.records import UNKNOWN_DEFLECTION, WORLD, as_bytes
-from jansen_env.engine.tables import (
-    energy,
-)
+from jansen_env.engine.tables import energy
 from jansen_env.gravity import GRAVITY, Gravity
 from jansen_env.plants.base import check_pushes, check_time_step
+from jansen_env.plants.batch_robots import BatchRobots
 from jansen_env.plants.detector import ContactDetector
-from jansen_env.plants.initial_pose import resting_depth
-from jansen_env.plants.trace import find_touchdowns, pads_in_contact
-from jansen_env.plants.varied_robots import VariedRobots, check_bounce
+from jansen_env.plants.forces_ahead import forces_ahead, forces_of
+from jansen_env.plants.placing import Placing, farthest_pad, non_toe_depths
+from jansen_env.plants.threads import Threads
+from jansen_env.plants.trace import PeakLoads, find_touchdowns, pads_in_contact, peak_loads
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
+from jansen_env.world.parameters import CHANGES
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 TIME_STEP = 1e-3  # s
 DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are kept meanwhile
-PITCHES = 256  # at which it is known how deep the pads that are no toes reach
 PLANES_PER_PAD = 4  # kept of a robot, on average over its pads
 RESULTS = ("states", "accumulators", "contact_statistics", "slip", "contact_force")
-CHANGING = (*RESULTS, "params", "nominal_params", "nominal", "variation", "diverged")
-ROBOTS_PER_THREAD = 16  # at least, or starting a thread takes longer than it saves
-FEWEST_AT_A_TIME = 4  # robots, moved by a thread before it takes the next ones
+CHANGING = (*RESULTS, "params", "nominal_params", "nominal", "parameters", "diverged")
 
 
-class Batch(VariedRobots):
+class Batch:
     """Robots on their terrains, advanced together by the projected equations.
 
     Each moves as it would alone, bit for bit: they share the work, not the numbers.
@@ -64,11 +60,12 @@ class Batch(VariedRobots):
             :mod:`jansen_env.engine.tables`.
         rows: (n,) ROBOT, with the next two as fields of it.
         params: (n,) PARAMS, what may differ between them, as in force; nominal_params: (n,) PARAMS,
-            the same without :meth:`vary`. accumulators: (n,) ACCUMULATORS and
+            the same without :meth:`set_parameters`. accumulators: (n,) ACCUMULATORS and
             contact_statistics: (n, pads) CONTACT_STATISTICS, sums over the last :meth:`step`; see
             :mod:`jansen_env.engine.records`.
-        nominal: (n,) :data:`jansen_env.plants.variation.VARIATION`, the own numbers of robots and
-            their grounds; variation: (n,), those in force, see :meth:`vary`.
+        nominal: (n,) :data:`jansen_env.world.parameters.ROBOT_PARAMETERS`, the own numbers of
+            robots and their grounds; parameters: (n,), those in force.
+        honours: parameters that it knows. changeable: what :meth:`change` changes.
         slip: (n, toes) path each toe slid while loaded, m, and contact_force: (n, toes, 2) mean
             tangential and normal force on each toe, N, over the last :meth:`step`.
         joint_gap: (n,) the widest gap of any joint, m: these cannot open, 0.
@@ -84,6 +81,12 @@ class Batch(VariedRobots):
             cannot turn its crank.
     """
 
+    honours = BatchRobots.honours
+    changeable = frozenset(
+        {"friction", "restitution", "payload", "motor", "pad_compliance", "gravity", *CHANGES}
+    )
+    knows_joint_forces, joints_open = True, False
+
     def __init__(
         self,
         robots: Sequence[Robot],
@@ -93,8 +96,8 @@ class Batch(VariedRobots):
         detection_interval: float = DETECTION_INTERVAL,
         threads: int | None = None,
     ) -> None:
-        super().__init__(robots, terrains, gravity)
         self._arguments = (time_step, gravity, detection_interval, threads)
+        self._take_robots(BatchRobots(robots, terrains, gravity))
         self.time_step = check_time_step(time_step)
         self.detection_interval = positive("detection_interval", detection_interval)
         n, pads = len(self.robots), len(self.model.layout)
@@ -103,9 +106,11 @@ class Batch(VariedRobots):
         world = np.zeros(1, WORLD)
         world[0] = self.time_step, stride, self.toes, radius, radius + WAY_OUT, capacity
         self._world = as_bytes(world)
-        depths = self._non_toe_depths(radius + SPECULATIVE_MARGIN)
-        self.detector = ContactDetector(self.rows, terrains, world, self._farthest())
+        tables = self.tables[0]
+        self._depths = non_toe_depths(tables, self.toes, radius + SPECULATIVE_MARGIN)
+        self.detector = ContactDetector(self.rows, terrains, world, farthest_pad(tables))
         self.states = np.zeros((n, 8))
+        self._placing = Placing(self._machines, self.detector, self.states, self._world)
         self.slip, self.contact_force = np.zeros((n, self.toes)), np.zeros((n, self.toes, 2))
         self.joint_gap = np.zeros(n)
         self.diverged = np.zeros(n, bool)
@@ -117,16 +122,24 @@ class Batch(VariedRobots):
         self.trace = self._no_trace
         self.touchdowns = np.zeros(0, bool)
         self.in_contact: NDArray[np.bool_] | None = None
-        self._count = count = _threads(n, threads)
-        self._shares = _shares(n, count)
         self._every = np.arange(n)
-        self._work: list[tuple[Any, ...]] = [integrator.work_space(capacity) for _ in range(count)]
-        self._pool: tuple[int, ThreadPoolExecutor] | None = None
+        self._threads = Threads(n, threads, lambda: integrator.work_space(capacity))
         self._sums = np.empty((3, 6))
-        self._centres = np.zeros((max(pads, self.toes + 1), 2))
-        self._depths = depths
         self._shared = self._arguments_of_all()
         prepare(*self._kernels())
+
+    def _take_robots(self, machines: BatchRobots) -> None:
+        """Let what the robots are be at hand here, too: the same lists and arrays."""
+        self._machines = machines
+        self.robots, self.terrains = machines.robots, machines.terrains
+        self.tables = machines.tables
+        self.model, self.toes = machines.model, machines.tables[0].layout.toes
+        self.rows, self.params = machines.rows, machines.params
+        self.accumulators = self.rows["accumulators"]
+        self.nominal_params = machines.nominal_params
+        self.nominal, self.parameters = machines.nominal, machines.parameters
+        self.contact_statistics = machines.contact_statistics
+        self.deflection: Array = self.contact_statistics["deflection"]
 
     def _arguments_of_all(self) -> tuple[Any, ...]:
         """What threads share in a step."""
@@ -140,74 +153,59 @@ class Batch(VariedRobots):
 
     def _kernels(self) -> list[Kernel]:
         """What is compiled of a batch."""
-        rows, number = np.arange(1), np.zeros(1)
+        number = np.zeros(1)
         step = (
-            0, 0, rows, True, 0, number, *self._at_once, self._no_pushes, _plain(self._no_trace),
-            *self._work[0], *self._shared,
+            0, 0, np.arange(1), True, 0, number, *self._at_once, self._no_pushes,
+            _plain(self._no_trace), *self._threads.memory, *self._shared,
         )  # fmt: skip
         return [
             *self.detector.kernels(self.states),
-            Kernel("pads", collision.pad_centres, self._arguments_of_pads(0)),
-            Kernel("placement", placement.lower, self._arguments_of_lower(rows, *[number] * 3)),
-            Kernel("settling", placement.settle, self._arguments_of_settle(rows, number)),
+            *self._placing.kernels(),
             Kernel("control step", integrator.advance, step),
         ]
-
-    def _arguments_of_pads(self, row: int) -> tuple[Any, ...]:
-        return self.states[row], self.model.pads, self.model.layout, self._centres
-
-    def _arguments_of_lower(
-        self, rows: Ints, x: Array, angles: Array, pitches: Array
-    ) -> tuple[Any, ...]:
-        model = self.model
-        return (
-            rows, x, angles, pitches, self.states, model.body, model.pads, model.layout, self.rows,
-            self.detector.surface, self._world, self._centres,
-        )  # fmt: skip
-
-    def _arguments_of_settle(self, rows: Ints, sags: Array) -> tuple[Any, ...]:
-        model, detector = self.model, self.detector
-        return (
-            rows, sags, self.states, model.pads, model.layout, self.rows, detector.surface,
-            self._world, self._centres, detector.planes,
-        )  # fmt: skip
-
-    def _farthest(self) -> float:
-        """How far from the crank axis a pad's centre can be, m."""
-        x, y = self.tables[0].pads[:, :, :2, 0].reshape(-1, 2).T
-        return 1.01 * float(np.hypot(x, y).max())  # of what lies between the tables' angles
-
-    def _non_toe_depths(self, margin: float) -> Array:
-        """How far below the axis a pad that is no toe may feel the ground, m, by pitch.
-
-        Over one turn; the last entry is the largest of all.
-        """
-        tables = self.tables[0]
-        rows = np.unique(tables.layout.table[self.toes :])
-        x, y = tables.pads[rows][:, :, :2, 0].reshape(-1, 2).T
-        farthest = float(np.hypot(x, y).max())
-        pitch = 2.0 * math.pi * (np.arange(PITCHES) + 0.5) / PITCHES
-        depth = -(np.outer(np.sin(pitch), x) + np.outer(np.cos(pitch), y)).min(axis=1)
-        between = farthest * math.pi / PITCHES  # to the next entry
-        return np.append(depth + between, farthest) + margin
 
     @property
     def surface(self) -> Array:
         """(vertices, 2) m, of all terrains; each robot's rows say which are its own."""
         return self.detector.surface
 
+    def set_parameters(self, rows: Ints, values: NDArray[np.void]) -> None:
+        """Put parameters of robots and their grounds in force, from their next placing on.
+
+        Args:
+            rows: (k,) of the robots. values: (k,) of
+                :data:`jansen_env.world.parameters.ROBOT_PARAMETERS`; :attr:`nominal` for as they
+                are.
+
+        Raises:
+            ValueError: a number out of its limits, a parameter that is not honoured, or restitution
+                where pads give.
+        """
+        self._machines.set_parameters(rows, values)
+
+    def change(self, row: int, changes: dict[str, Any]) -> None:
+        """Change a robot or its ground themselves, while it walks; what else is in force stays.
+
+        Args:
+            changes: by name, of :attr:`changeable`: a ``motor``, a ``payload``, a
+                ``pad_compliance``, ``gravity``, or numbers of :attr:`nominal`.
+
+        Raises:
+            ValueError: restitution where pads give.
+        """
+        self._machines.change(row, changes)
+
+    def tables_in_force(self, row: int) -> Tables:
+        """Return the tables of a robot under its parameters."""
+        return self._machines.tables_in_force(row)
+
     def set_terrain(self, row: int, terrain: Terrain) -> None:
-        """Change a robot's ground: it must be placed anew.
+        """Change a robot's ground: it must be placed again.
 
         Raises:
             ValueError: the ground has restitution, and the pads give.
         """
-        check_bounce(self.robots[row].pad_compliance, terrain.restitution)
-        self.terrains[row] = terrain
-        self.nominal_params["steepest"][row] = self.params["steepest"][row] = terrain.steepest
-        for name in ("friction", "restitution"):
-            for numbers in (self.nominal, self.variation, self.params):
-                numbers[name][row] = getattr(terrain, name)
+        self._machines.set_terrain(row, terrain)
         surface = self.detector.surface
         self.detector.set_terrain(row, terrain)
         if self.detector.surface is not surface:
@@ -237,17 +235,7 @@ class Batch(VariedRobots):
         Raises:
             ValueError: a number that is not finite, or feet too soft for their robot.
         """
-        places = np.full(len(rows), finite("x", x))
-        pitches = np.full(len(rows), math.nan if pitch is None else finite("pitch", pitch))
-        sags = np.zeros(len(rows))
-        if self._any_gives:
-            params = self.params[rows]
-            weighed = np.stack([params["mass"], params["stiffness"][:, 0], -params["gravity_y"]], 1)
-            sags[:] = [resting_depth(*each) for each in weighed.tolist()]
-        angles = np.ascontiguousarray(crank_angles)  # other layouts would be compiled apart
-        placement.lower(*self._arguments_of_lower(rows, places, angles, pitches))
-        self.detector.recall(rows, self.states)
-        placement.settle(*self._arguments_of_settle(rows, sags))
+        self._placing.lower(rows, crank_angles, x, pitch)
         self.deflection[rows] = UNKNOWN_DEFLECTION
         self.diverged[rows] = False
         self.in_contact = None if 0 in rows else self.in_contact
@@ -279,24 +267,14 @@ class Batch(VariedRobots):
 
     def pad_centres(self, row: int) -> Array:
         """(pads, 2) centres of a robot's pads, toes first, m."""
-        collision.pad_centres(*self._arguments_of_pads(row))
-        return self._centres[: len(self.model.layout)].copy()
+        return self._placing.pad_centres(row)
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:
         """(toes, 2) points of the ground nearest to each toe's pad and its tangents there.
 
         Where no ground is within reach, the pad's lowest point and +x.
         """
-        centres, radius = self.pad_centres(row)[: self.toes], self.robots[0].pad_radius
-        self.detector.find_candidates(np.array([row]), self.states)
-        planes = self.detector.planes_near(row, centres)
-        points = centres - np.array([0.0, radius])
-        tangents = np.tile([1.0, 0.0], (self.toes, 1))
-        for plane in planes[::-1]:  # a pad's nearest comes last
-            pad, normal = plane["pad"], np.array([plane["normal_x"], plane["normal_y"]])
-            points[pad] = centres[pad] - radius * normal
-            tangents[pad] = normal[1], -normal[0]
-        return points, tangents
+        return self._placing.contact_frames(row)
 
     def energy(self, row: int) -> float:
         """Kinetic plus potential energy of a robot, J (potential 0 with its mass at y = 0)."""
@@ -351,7 +329,7 @@ class Batch(VariedRobots):
             if meanwhile is not None:
                 meanwhile()
             return
-        before = self.states[rows], self.deflection[rows] if self._any_gives else None
+        before = self.states[rows], self.deflection[rows] if self._machines.any_gives else None
         if self.any_diverged:
             self.diverged[rows] = False
             self.any_diverged = bool(self.diverged.any())
@@ -407,36 +385,28 @@ class Batch(VariedRobots):
         meanwhile: Callable[[], None] | None,
     ) -> tuple[bool, bool]:
         """:func:`jansen_env.engine.integrator.advance` of robots, on as many threads as pay."""
-        threads = max(1, min(self._count, len(rows) // ROBOTS_PER_THREAD))
-        shares = iter(self._shares if rows is self._every else _shares(len(rows), threads))
 
-        def work(after_one: Callable[[], None] | None = None) -> tuple[bool, bool]:
-            unknown = diverged = False
-            for first, last in shares:  # each thread takes the next one
-                # Not a thread's own: what ``after_one`` places moves on the same threads meanwhile.
-                memory = self._work.pop()
-                try:
-                    found = integrator.advance(
-                        first, last, rows, fresh, steps, *asked, trace, *memory, *self._shared
-                    )
-                finally:
-                    self._work.append(memory)
-                unknown, diverged = unknown or found[0], diverged or found[1]
-                if after_one is not None:
-                    after_one()
-                    after_one = None
-            if after_one is not None:
-                after_one()
-            return unknown, diverged
+        def share(first: int, last: int, memory: Any) -> tuple[bool, bool]:
+            found: tuple[bool, bool] = integrator.advance(
+                first, last, rows, fresh, steps, *asked, trace, *memory, *self._shared
+            )
+            return found
 
-        waiting = [self._threads().submit(work) for _ in range(threads - 1)]
-        try:
-            # Not before the first robots: Python's lock would keep the other threads from starting.
-            outcomes = [work(meanwhile)]
-        finally:  # whatever happens here, nothing goes on in the background
-            outcomes_of_others = [future.result() for future in waiting]
-        outcomes += outcomes_of_others
-        return any(unknown for unknown, _ in outcomes), any(lost for _, lost in outcomes)
+        return self._threads.move(len(rows), share, meanwhile)
+
+    def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
+        """Forces in every joint of the first robot, see :func:`forces_ahead`."""
+        return forces_ahead(self, torque, push)
+
+    def peak_loads(self) -> PeakLoads:
+        """Return the largest joint loads of the first robot in the last step, if it was traced."""
+        return peak_loads(forces_of(self).bearing, self.touchdowns, self.time_step)
+
+    @property
+    def effective_gravity(self) -> tuple[float, float]:
+        """(x, y) m/s^2, the first robot's gravity under its tilt."""
+        params = self.params[0]
+        return float(params["gravity_x"]), float(params["gravity_y"])
 
     def __getstate__(self) -> dict[str, Any]:
         """The arguments, and what has become of them: everything else is made again from them."""
@@ -450,7 +420,7 @@ class Batch(VariedRobots):
             for terrain, own in pairs
         ]
         self.__init__(saved["robots"], grounds, *saved["_arguments"])  # type: ignore[misc]
-        self.terrains = saved["terrains"]
+        self.terrains[:] = saved["terrains"]
         for name in CHANGING:
             getattr(self, name)[:] = saved[name]
         self.tracing, self.in_contact = saved["tracing"], saved["in_contact"]
@@ -458,36 +428,9 @@ class Batch(VariedRobots):
 
     def close(self) -> None:
         """End the threads; a later :meth:`step` starts new ones."""
-        if self._pool is not None and self._pool[0] == os.getpid():
-            self._pool[1].shutdown()
-        self._pool = None
-
-    def _threads(self) -> ThreadPoolExecutor:
-        """Threads of this process: a forked one starts its own."""
-        if self._pool is None or self._pool[0] != os.getpid():
-            self._pool = os.getpid(), ThreadPoolExecutor(self._count - 1, "jansen")
-        return self._pool[1]
+        self._threads.close()
 
 
 def _plain(trace: NDArray[np.void]) -> Array:
-    """A trace as plain numbers (steps, numbers)."""
+    """Return a trace as plain numbers (steps, numbers)."""
     return trace.view(float).reshape(len(trace), trace.dtype.itemsize // 8)
-
-
-def _threads(robots: int, threads: int | None) -> int:
-    """How many threads move so many robots."""
-    if threads is not None:
-        return min(positive_integer("threads", threads), robots)
-    limit = os.environ.get("NUMBA_NUM_THREADS", "")
-    available = int(limit) if limit.isdecimal() else available_cores()
-    return max(1, min(available, robots // ROBOTS_PER_THREAD))
-
-
-def _shares(robots: int, threads: int) -> list[tuple[int, int]]:
-    """Robots from where to where threads take at a time: ever fewer, so that all end together."""
-    shares, first = [], 0
-    while first < robots:
-        size = max(FEWEST_AT_A_TIME, (robots - first) // (2 * threads)) if threads > 1 else robots
-        shares.append((first, min(first + size, robots)))
-        first += size
-    return shares

@@ -1,14 +1,19 @@
-"""One robot of any plant as a batch of one, for the walking task."""
+"""One robot of any plant as a batch of one."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine.records import ROBOT
 from jansen_env.plants.base import ENERGIES, Plant, StepResult
-from jansen_env.plants.variation import VARIATION
+from jansen_env.plants.trace import PeakLoads
 from jansen_env.terrain import Terrain
+from jansen_env.world.parameters import ROBOT_PARAMETERS
 
 Array = NDArray[np.float64]
 
@@ -16,15 +21,18 @@ Array = NDArray[np.float64]
 class BatchOfOne:
     """A :class:`jansen_env.plants.base.BatchedPlant` of the one robot of ``plant``."""
 
+    changeable: frozenset[str] = frozenset()
+    knows_joint_forces, joints_open, tracing = False, True, False
+
     def __init__(self, plant: Plant) -> None:
-        self._plant = plant
+        self.plant, self.honours = plant, plant.honours
         self.robots, self.terrains = [plant.robot], [plant.terrain]
         self.toes, self.time_step = plant.toes, plant.time_step
         self.slip, self.contact_force = np.zeros((1, self.toes)), np.zeros((1, self.toes, 2))
         self.rows, self.joint_gap = np.zeros(1, ROBOT), np.zeros(1)
         self.accumulators = self.rows["accumulators"]
-        self.nominal = np.array([plant.nominal], VARIATION)
-        self.variation = self.nominal.copy()
+        self.nominal = np.array([plant.nominal], ROBOT_PARAMETERS)
+        self.parameters = self.nominal.copy()
         self._know_surface()
         self.diverged, self.any_diverged = np.zeros(1, bool), False
 
@@ -32,52 +40,53 @@ class BatchOfOne:
         self.surface: Array = self.terrains[0].polyline.copy()
         self.rows["status"]["end_vertex"] = len(self.surface)
 
-    def vary(self, rows: NDArray[np.int64], values: NDArray[np.void]) -> None:
-        """Make robot and ground others than they are, from the next placing on.
-
-        ``rows``: (k,), ``values``: (k,) of :data:`jansen_env.plants.variation.VARIATION`.
-        """
+    def set_parameters(self, rows: NDArray[np.int64], values: NDArray[np.void]) -> None:
+        """Put parameters in force, see :class:`jansen_env.plants.base.BatchedPlant`."""
         for value in values:
-            self._plant.vary(value)
-            self.variation[0] = value
+            self.plant.set_parameters(value)
+            self.parameters[0] = value
+
+    def change(self, row: int, changes: dict[str, Any]) -> None:
+        """Refuse all changes with ValueError: this plant is built once."""
+        raise ValueError(f"{sorted(changes)} cannot be changed on this plant")
 
     def set_terrain(self, row: int, terrain: Terrain) -> None:
-        """Change the robot's ground: it must be placed anew."""
-        self._plant.set_terrain(terrain)
+        """Change the robot's ground: it must be placed again."""
+        self.plant.set_terrain(terrain)
         self.terrains[0] = terrain
         for name in ("friction", "restitution"):
-            self.nominal[name] = self.variation[name] = getattr(terrain, name)
+            self.nominal[name] = self.parameters[name] = getattr(terrain, name)
         self._know_surface()
 
     @property
     def states(self) -> Array:
         """(1, 8) a copy."""
-        return self._plant.state[None]
+        return self.plant.state[None]
 
     @property
     def in_contact(self) -> NDArray[np.bool_] | None:
         """(pads,) the pads on the ground."""
-        return self._plant.in_contact
+        return self.plant.in_contact
 
     @in_contact.setter
     def in_contact(self, value: NDArray[np.bool_] | None) -> None:
-        self._plant.in_contact = value
+        self.plant.in_contact = value
 
     @property
     def deflection(self) -> Array:
         """(1, pads, 2) compression and bend of compliant pads, m, a copy."""
-        return self._plant.deflection[None]
+        return self.plant.deflection[None]
 
     def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
         """Put the robot into a state (8,), with ``deflection`` (pads, 2) m, or None if unknown."""
-        self._plant.state = np.asarray(state, dtype=float)
+        self.plant.state = np.asarray(state, dtype=float)
         if deflection is not None:
-            self._plant.deflection = deflection
+            self.plant.deflection = deflection
 
     def place(self, rows: NDArray[np.int64], crank_angles: Array) -> None:
         """Place the robot at rest; what is known of its last step is what comes next."""
-        self._plant.reset(0.0, float(crank_angles[0]))
-        self._keep(self._plant.lookahead())
+        self.plant.reset(0.0, float(crank_angles[0]))
+        self._keep(self.plant.lookahead())
 
     def step(
         self,
@@ -85,19 +94,34 @@ class BatchOfOne:
         steps: int,
         earlier: Array | None = None,
         switch: NDArray[np.int64] | None = None,
-        *,
+        rows: NDArray[np.int64] | None = None,
+        meanwhile: Callable[[], None] | None = None,
         pushes: Array | None = None,
     ) -> None:
         """Hold a crank torque (1,), N m, for some time steps.
 
         With an ``earlier`` torque (1,) that still holds in the first ``switch`` (1,) of them.
+        ``rows``: empty where the robot does not move. ``meanwhile`` is called afterwards.
         ``pushes``: (1, steps, 2) N s on the chassis in each of them, None for none.
         """
+        if rows is None or len(rows) > 0:
+            self._move(torque, steps, earlier, switch, pushes)
+        if meanwhile is not None:
+            meanwhile()
+
+    def _move(
+        self,
+        torque: Array,
+        steps: int,
+        earlier: Array | None,
+        switch: NDArray[np.int64] | None,
+        pushes: Array | None,
+    ) -> None:
         before, first, push = 0.0, 0, None if pushes is None else pushes[0]
         if earlier is not None and switch is not None:
             before, first = float(earlier[0]), int(switch[0])
         try:
-            result = self._plant.step(float(torque[0]), steps * self.time_step, before, first, push)
+            result = self.plant.step(float(torque[0]), steps * self.time_step, before, first, push)
             self._keep(result)
             lacking = result.torque - float(torque[0])
             self.accumulators["torque_impulse"] = lacking * steps * self.time_step
@@ -120,7 +144,15 @@ class BatchOfOne:
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:
         """See :meth:`jansen_env.plants.base.Plant.contact_frames`."""
-        return self._plant.contact_frames()
+        return self.plant.contact_frames()
+
+    def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
+        """Raises ValueError: they are not known."""
+        raise ValueError("joint forces are not known on this plant")
+
+    def peak_loads(self) -> PeakLoads:
+        """Raises ValueError: they are not known."""
+        raise ValueError("joint forces are not known on this plant")
 
     def close(self) -> None:
         """Nothing is held."""

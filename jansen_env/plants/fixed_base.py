@@ -133,8 +133,17 @@ class FixedBasePlant:
     """
 
     def __init__(self, robot: Robot, time_step: float = 1e-3, gravity: float = GRAVITY) -> None:
-        self.batch = FixedBaseBatch(robot, 1, time_step, gravity)
-        self.robot, self.time_step = robot, self.batch.time_step
+        self._take(FixedBaseBatch(robot, 1, time_step, gravity))
+
+    @classmethod
+    def of(cls, batch: FixedBaseBatch) -> FixedBasePlant:
+        """Return the plant that a batch of one robot is."""
+        plant = cls.__new__(cls)
+        plant._take(batch)
+        return plant
+
+    def _take(self, batch: FixedBaseBatch) -> None:
+        self.batch, self.robot, self.time_step = batch, batch.robot, batch.time_step
 
     @property
     def gravity(self) -> float:

@@ -28,7 +28,7 @@ def prepare_placement(robot: Robot, terrain: Terrain) -> None:
     )
 
 
-def sag(robot: Robot, gravity: float) -> float:
+def static_deflection(robot: Robot, gravity: float) -> float:
     """How deep a robot's weight on two feet that give presses them into the ground, m.
 
     Args:
@@ -41,7 +41,7 @@ def sag(robot: Robot, gravity: float) -> float:
 
 
 def resting_depth(mass: float, stiffness: float, gravity: float) -> float:
-    """:func:`sag` of a mass, kg, on feet of a stiffness, N/m."""
+    """:func:`static_deflection` of a mass, kg, on feet of a stiffness, N/m."""
     depth = 0.5 * mass * max(gravity, 0.0) / stiffness
     if depth > DEEPEST:
         raise ValueError(

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from jansen_env.checks import shown
 from jansen_env.plants import batch, projected, rigid_body
-from jansen_env.plants.base import Plant
+from jansen_env.plants.base import BatchedPlant, Plant
+from jansen_env.plants.batch_of_one import BatchOfOne
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
@@ -37,3 +40,33 @@ def make_plant(name: str, robot: Robot, terrain: Terrain, time_step: float | Non
     """
     step = plant_time_step(name, time_step)
     return PLANTS[name][0](robot, terrain, step)
+
+
+def make_batch(
+    name: str,
+    robots: Sequence[Robot],
+    terrains: Sequence[Terrain],
+    time_step: float | None = None,
+    threads: int | None = None,
+) -> BatchedPlant:
+    """Return robots of one design on their terrains, moved by a plant of :data:`PLANTS`.
+
+    Raises:
+        ValueError: another name, an argument out of range, or several robots of a plant that moves
+            one.
+    """
+    step = plant_time_step(name, time_step)
+    if name == "projection":
+        one = 1 if len(robots) == 1 else threads
+        return batch.Batch(robots, terrains, step, threads=one)
+    if len(robots) > 1:
+        raise ValueError(f"plant is {name!r}, must be 'projection' for several robots at once")
+    return BatchOfOne(make_plant(name, robots[0], terrains[0], step))
+
+
+def plant_of(batched: BatchedPlant) -> Plant:
+    """Return the plant of a batch of one robot."""
+    if isinstance(batched, batch.Batch):
+        return projected.ProjectionPlant.of(batched)
+    assert isinstance(batched, BatchOfOne)
+    return batched.plant

@@ -21,10 +21,10 @@ from jansen_env.plants.base import (
     divergence,
 )
 from jansen_env.plants.batch import DETECTION_INTERVAL, TIME_STEP, Batch
-from jansen_env.plants.trace import PeakLoads, peak_loads, trace_forces
-from jansen_env.plants.variation import VARIATION
+from jansen_env.plants.trace import PeakLoads
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
+from jansen_env.world.parameters import ROBOT_PARAMETERS
 
 Array = NDArray[np.float64]
 
@@ -51,9 +51,18 @@ class ProjectionPlant:
         gravity: Gravity = GRAVITY,
         detection_interval: float = DETECTION_INTERVAL,
     ) -> None:
-        self.batch = Batch([robot], [terrain], time_step, gravity, detection_interval, threads=1)
-        self.time_step, self.toes = self.batch.time_step, self.batch.toes
-        self.detection_interval = self.batch.detection_interval
+        self._take(Batch([robot], [terrain], time_step, gravity, detection_interval, threads=1))
+
+    @classmethod
+    def of(cls, batch: Batch) -> ProjectionPlant:
+        """Return the plant that a batch of one robot is."""
+        plant = cls.__new__(cls)
+        plant._take(batch)
+        return plant
+
+    def _take(self, batch: Batch) -> None:
+        self.batch, self.time_step, self.toes = batch, batch.time_step, batch.toes
+        self.detection_interval = batch.detection_interval
 
     @property
     def robot(self) -> Robot:
@@ -67,8 +76,8 @@ class ProjectionPlant:
 
     @property
     def tables(self) -> Tables:
-        """The compiled robot, as it is in force."""
-        return self.batch.varied_tables(0)
+        """The compiled robot under its parameters."""
+        return self.batch.tables_in_force(0)
 
     @property
     def state(self) -> Array:
@@ -86,28 +95,32 @@ class ProjectionPlant:
 
     @property
     def gravity(self) -> tuple[float, float]:
-        """(x, y) m/s^2, without the tilt of :meth:`vary`."""
+        """(x, y) m/s^2, without the tilt of the parameters."""
         params = self.batch.nominal_params[0]
         return float(params["gravity_x"]), float(params["gravity_y"])
 
     @gravity.setter
     def gravity(self, value: Gravity) -> None:
-        self.batch.set_gravity(0, value)
+        self.batch.change(0, {"gravity": value})
 
     @property
-    def pull(self) -> tuple[float, float]:
+    def effective_gravity(self) -> tuple[float, float]:
         """(x, y) m/s^2, the gravity in force."""
-        params = self.batch.params[0]
-        return float(params["gravity_x"]), float(params["gravity_y"])
+        return self.batch.effective_gravity
 
     @property
     def nominal(self) -> np.void:
-        """The robot's and its ground's own numbers, for :meth:`vary`."""
+        """The robot's and its ground's own numbers, for :meth:`set_parameters`."""
         return self.batch.nominal[0].copy()
 
-    def vary(self, values: np.void) -> None:
-        """Make robot and ground others than they are, see :meth:`Batch.vary`."""
-        self.batch.vary(np.zeros(1, np.int64), np.array([values], VARIATION))
+    @property
+    def honours(self) -> frozenset[str]:
+        """Names of the parameters that it knows."""
+        return self.batch.honours
+
+    def set_parameters(self, values: np.void) -> None:
+        """Put parameters of robot and ground in force, see :meth:`Batch.set_parameters`."""
+        self.batch.set_parameters(np.zeros(1, np.int64), np.array([values], ROBOT_PARAMETERS))
 
     def set_terrain(self, terrain: Terrain) -> None:
         """Change the ground: the robot must be placed anew."""
@@ -238,19 +251,11 @@ class ProjectionPlant:
         With a toe landing in that step they contain its impulse / time step. ``push``: see
         :meth:`lookahead`.
         """
-        batch = self.batch
-        kept = batch.tracing, batch.trace, batch.touchdowns
-        batch.tracing = True
-        try:
-            self.lookahead(torque, push)
-            return trace_forces(self.tables, batch.trace, self.time_step, self.pull).at(0)
-        finally:
-            batch.tracing, batch.trace, batch.touchdowns = kept
+        return self.batch.joint_forces(torque, push)
 
     def peak_loads(self) -> PeakLoads:
         """The largest loads on any joint in the last :meth:`step`, which must have been traced."""
-        forces = trace_forces(self.tables, self.trace, self.time_step, self.pull)
-        return peak_loads(forces.bearing, self.touchdowns, self.time_step)
+        return self.batch.peak_loads()
 
     def contact_frames(self) -> tuple[Array, Array]:
         """(toes, 2) points of the ground nearest to each toe's pad and its tangents there.

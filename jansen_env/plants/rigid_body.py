@@ -40,19 +40,20 @@ from jansen_env.plants.base import (
 )
 from jansen_env.plants.bodies import CHASSIS, SHAFT
 from jansen_env.plants.geared_rotor import GearedRotor
-from jansen_env.plants.initial_pose import prepare_placement, resting_pose, sag
-from jansen_env.plants.snapshot import ANGLE, SPIN, VX, VY, Snapshot, Sums
-from jansen_env.plants.spring_pads import SpringPads
-from jansen_env.plants.variation import (
-    VARIATION,
-    check_variations,
-    nominal,
+from jansen_env.plants.initial_pose import prepare_placement, resting_pose, static_deflection
+from jansen_env.plants.pad_contacts import SLOP, PadContacts
+from jansen_env.plants.robot_parameters import (
+    HONOURED_BY_MACHINES,
+    check_values,
+    machine_of,
+    terrain_of,
     tilted,
-    varied_robot,
-    varied_terrain,
 )
+from jansen_env.plants.snapshot import ANGLE, SPIN, VX, VY, BodyReader, Snapshot, Sums
+from jansen_env.plants.spring_pads import SpringPads
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
+from jansen_env.world.parameters import ROBOT_PARAMETERS, nominal
 
 Array = NDArray[np.float64]
 
@@ -61,12 +62,8 @@ ITERATIONS = 200  # of pymunk's solver in a time step, from the last one's impul
 TOUCHDOWN_ITERATIONS = 2000  # in one in which a pad may touch down, with nothing to go on from
 BEFORE_END = 5.0  # m, from the end of the ground at which a robot must turn back
 MAX_JOINT_GAP = 0.01  # m, a joint's gap beyond which the robot is no longer one
-SLOP = 1e-5  # m, how deep a resting toe may sink in
-CONTACT_HYSTERESIS = 2e-3  # s for which a loaded pad may be off the ground and count as on it
 LOOKAHEAD = 0.01  # s, after which pymunk's impulses on a robot placed again have settled
-_Body, _Arbiter = pymunk.batch.BodyFields, pymunk.batch.ArbiterFields
-_CONTACT = _Arbiter.BODY_A_ID | _Arbiter.TOTAL_IMPULSE | _Arbiter.NORMAL | _Arbiter.POINT_A_1
-_MOTION = _Body.POSITION | _Body.ANGLE | _Body.VELOCITY | _Body.ANGULAR_VELOCITY
+_Body = pymunk.batch.BodyFields
 
 
 class RigidBodyPlant:
@@ -81,13 +78,16 @@ class RigidBodyPlant:
         fixed_base: hold the chassis still in the air, as the paper's fixed model does.
 
     Attributes:
-        robot, terrain: what walks where, as they are themselves. variation: a row of
-            :data:`jansen_env.plants.variation.VARIATION`, what is in force of them.
+        robot, terrain: what walks where, as they are themselves. parameters: a row of
+            :data:`jansen_env.world.parameters.ROBOT_PARAMETERS`, those in force.
+            honours: names of the parameters that it knows.
 
     Raises:
         ValueError: an argument out of range, or a time step too long for the stiffness of the
             robot's pads; LinkageError: the robot cannot turn its crank.
     """
+
+    honours = HONOURED_BY_MACHINES
 
     def __init__(
         self,
@@ -101,7 +101,7 @@ class RigidBodyPlant:
     ) -> None:
         check_closure(robot)
         self.robot, self.terrain = robot, terrain
-        self.variation = nominal(robot, terrain)
+        self.parameters = nominal(robot, terrain)
         self.time_step = check_time_step(time_step)
         self.iterations = positive_integer("iterations", iterations)
         self.touchdown_iterations = positive_integer("touchdown_iterations", touchdown_iterations)
@@ -111,14 +111,14 @@ class RigidBodyPlant:
         self._owners = links.pad_bodies(self._layout)
         self._gravity = gravity_vector(gravity)
         prepare_placement(robot, terrain)
-        self._put_in_force()
+        self._apply_parameters()
         self._build(np.zeros(8))
 
-    def _put_in_force(self) -> None:
-        """Take the machine, the ground and the gravity of :attr:`variation`."""
-        robot = self._machine = varied_robot(self.robot, self.variation)
-        terrain = self._ground = varied_terrain(self.terrain, self.variation)
-        self._pull = tilted(self._gravity, float(self.variation["tilt"]))
+    def _apply_parameters(self) -> None:
+        """Take the machine, the ground and the gravity that :attr:`parameters` make."""
+        robot = self._machine = machine_of(self.robot, self.parameters)
+        terrain = self._ground = terrain_of(self.terrain, self.parameters)
+        self._effective_gravity = tilted(self._gravity, float(self.parameters["tilt"]))
         self._home = links.poses(robot, np.zeros(4))
         self._inertias = links.inertias(robot)
         self._friction = links.joint_friction(robot)
@@ -132,38 +132,38 @@ class RigidBodyPlant:
 
     @property
     def nominal(self) -> np.void:
-        """The robot's and its ground's own numbers, for :meth:`vary`."""
+        """The robot's and its ground's own numbers, for :meth:`set_parameters`."""
         return nominal(self.robot, self.terrain)
 
-    def vary(self, values: np.void) -> None:
-        """Make robot and ground others than they are, from the next placing on.
+    def set_parameters(self, values: np.void) -> None:
+        """Put parameters of robot and ground in force, from the next placing on.
 
         Args:
-            values: a row of :data:`jansen_env.plants.variation.VARIATION`.
+            values: a row of :data:`jansen_env.world.parameters.ROBOT_PARAMETERS`.
 
         Raises:
-            ValueError: a number out of :data:`jansen_env.plants.variation.RANGES`, restitution
+            ValueError: a number out of its limits, a parameter that is not honoured, restitution
                 where pads give, or a time step too long for the pads' stiffness.
         """
-        compliant = np.array([not self.robot.pad_compliance.rigid])
-        check_variations(np.array([values], VARIATION), compliant)
+        given, own = (np.array([row], ROBOT_PARAMETERS) for row in (values, self.nominal))
+        check_values(given, own, np.array([not self.robot.pad_compliance.rigid]), self.honours)
         self._change(self.terrain, values)
 
     def set_terrain(self, terrain: Terrain) -> None:
         """Change the ground: the robot must be placed anew."""
-        values = self.variation.copy()
+        values = self.parameters.copy()
         values["friction"], values["restitution"] = terrain.friction, terrain.restitution
         self._change(terrain, values)
 
     def _change(self, terrain: Terrain, values: np.void) -> None:
         """Go on from the same state as another robot on another ground."""
-        before, memory = (self.terrain, self.variation), self._memory
-        self.terrain, self.variation = terrain, values.copy()
+        before, memory = (self.terrain, self.parameters), self._memory
+        self.terrain, self.parameters = terrain, values.copy()
         try:
-            self._put_in_force()
+            self._apply_parameters()
         except ValueError:
-            self.terrain, self.variation = before
-            self._put_in_force()
+            self.terrain, self.parameters = before
+            self._apply_parameters()
             raise
         finally:
             self._memory = memory
@@ -174,7 +174,7 @@ class RigidBodyPlant:
         ``bristle``: (pads,) m, of pads that give; None for none.
         """
         space = pymunk.Space()
-        space.gravity = self._pull
+        space.gravity = self._effective_gravity
         space.collision_slop = SLOP
         space.collision_persistence = 1  # arbiters that touch, and no older ones
         self._ground.add_to(space)
@@ -189,15 +189,15 @@ class RigidBodyPlant:
         space.add(*self._bodies, *self._pins, *self._dry)
         if self._springs is None:  # they push by themselves
             space.add(*self._pads)
-        rows = self._know_bodies()
+        self._reader = BodyReader(space, self._bodies, self._pins, self._pads, self._owners)
         # Force and torque for every body of the space, the ground's (last) too: they stay 0.
-        self._loads = np.zeros((rows, 3))
-        self._set, self._got, self._touched = (pymunk.batch.Buffer() for _ in range(3))
+        self._loads = np.zeros((self._reader.rows, 3))
+        self._set = pymunk.batch.Buffer()
         self._set.set_float_buf(self._loads)
-        self._off = np.full(len(self._pads), math.inf)  # s since a pad was last on the ground
-        self._pending = np.zeros(len(self._pads))  # m it moved along the ground since then
-        self._normals = np.tile([0.0, 1.0], (len(self._pads), 1))
-        self._gaps = np.full(len(self._pads), math.inf)  # at first all may land
+        self._contacts = PadContacts(
+            space, self._ground, self._owners, self._reader.index, self._machine.pad_radius,
+            self.time_step,
+        )  # fmt: skip
         q, v = state[:4], state[4:]
         links.put(self._bodies, links.poses(self._machine, q), links.rates(self._machine, q, v))
         for body in self._bodies:
@@ -208,35 +208,16 @@ class RigidBodyPlant:
         if self._rotor is not None:
             self._rotor.start(now.motion)
 
-    def _know_bodies(self) -> int:
-        """Where bodies, pins' ends and pads stand in pymunk's arrays; how many rows these have."""
-        found = pymunk.batch.Buffer()
-        pymunk.batch.get_space_bodies(self._space, _Body.BODY_ID, found)
-        rows = list(memoryview(found.int_buf()).cast("P"))
-        self._index = {body.id: i for i, body in enumerate(self._bodies)}
-        if rows[: len(self._index)] != list(self._index):
-            raise RuntimeError("pymunk lists the bodies in another order than they were added in")
-        pads = self._owners
-        ends = [*(pin.a for pin in self._pins), *(pin.b for pin in self._pins)]
-        places = [
-            *(tuple(pin.anchor_a) for pin in self._pins),
-            *(tuple(pin.anchor_b) for pin in self._pins),
-            *(tuple(pad.offset) for pad in self._pads),
-        ]
-        self._carriers = np.array([*(self._index[body.id] for body in ends), *pads])
-        self._carried = np.array(places).T
-        self._pads_of = {body: [k for k, b in enumerate(pads) if b == body] for body in set(pads)}
-        return len(rows)
-
     @property
     def gravity(self) -> tuple[float, float]:
-        """(x, y) m/s^2, without the tilt of :meth:`vary`."""
+        """(x, y) m/s^2, without the tilt of the parameters."""
         return self._gravity
 
     @gravity.setter
     def gravity(self, value: Gravity) -> None:
         self._gravity = gravity_vector(value)
-        self._pull = self._space.gravity = tilted(self._gravity, float(self.variation["tilt"]))
+        pull = tilted(self._gravity, float(self.parameters["tilt"]))
+        self._effective_gravity = self._space.gravity = pull
 
     @property
     def state(self) -> Array:
@@ -263,14 +244,12 @@ class RigidBodyPlant:
 
     @property
     def in_contact(self) -> NDArray[np.bool_]:
-        """(pads,) the pads on the ground now or within :data:`CONTACT_HYSTERESIS`."""
-        return self._off <= CONTACT_HYSTERESIS
+        """(pads,) the pads on the ground now or just before, see :class:`PadContacts`."""
+        return self._contacts.pressed
 
     @in_contact.setter
     def in_contact(self, value: Any) -> None:
-        in_contact = check_in_contact(value, len(self._pads))
-        self._off[:] = math.inf if in_contact is None else np.where(in_contact, 0.0, math.inf)
-        self._pending[:] = 0.0
+        self._contacts.set_pressed(check_in_contact(value, len(self._pads)))
 
     @property
     def x(self) -> float:
@@ -294,7 +273,7 @@ class RigidBodyPlant:
         level = links.poses(self._machine, np.array([0.0, 0.0, 0.0, crank_angle]))
         centre = self._inertias[:, 0] @ level[:, 1:] / self._inertias[:, 0].sum()
         y, theta = resting_pose(self._machine, centre, self._ground, x, crank_angle, pitch)
-        y -= sag(self._machine, -self._pull[1])
+        y -= static_deflection(self._machine, -self._effective_gravity[1])
         self._build(np.array([x, y, theta, crank_angle, 0.0, 0.0, 0.0, 0.0]))
         return self.state
 
@@ -384,7 +363,7 @@ class RigidBodyPlant:
         impulse = np.array([*push, x * push[1] - y * push[0]])
         loads[CHASSIS] += impulse / h
         pymunk.batch.set_space_bodies(self._space, _Body.FORCE | _Body.TORQUE, self._set)
-        landing = springs is None and self._landing_soon(now)
+        landing = springs is None and self._contacts.landing_soon(now)
         self._space.iterations = self.touchdown_iterations if landing else self.iterations
         self._space.step(h)
         after = self._snapshot()
@@ -402,7 +381,7 @@ class RigidBodyPlant:
         sums.electrical_work += h * float(motor.electrical_power(torque, turning))
         sums.joint_loss += loss
         if springs is None:
-            slip_loss, landed = self._contacts(after, sums)
+            slip_loss, landed = self._contacts.book(after, sums)
             sums.slip_loss += slip_loss
             if landed:
                 left = now.energy + held + work + push_work - loss - slip_loss
@@ -410,7 +389,7 @@ class RigidBodyPlant:
         else:
             touching = springs.touching
             springs.step(after, self._space, sums)
-            self._off = np.where(touching, 0.0, self._off + h)
+            self._contacts.note(touching)
         sums.joint_gap = max(sums.joint_gap, after.joint_gap)
         return after, torque
 
@@ -424,7 +403,7 @@ class RigidBodyPlant:
         """What dry friction took in a time step of mean spins (bodies,), J."""
         loss = 0.0
         for joint in self._dry:
-            a, b = self._index[joint.a.id], self._index[joint.b.id]
+            a, b = self._reader.index[joint.a.id], self._reader.index[joint.b.id]
             loss += joint.impulse * abs(float(mean[b] - mean[a]))
         return loss
 
@@ -470,74 +449,8 @@ class RigidBodyPlant:
         return self._snapshot().energy + self._held
 
     def _snapshot(self) -> Snapshot:
-        """Where everything is now."""
-        self._got.clear()
-        pymunk.batch.get_space_bodies(self._space, _MOTION, self._got)
-        motion = np.frombuffer(self._got.float_buf()).reshape(-1, 6)[: len(self._bodies)].copy()
-        mass, inertia = self._inertias.T
-        twice = mass @ (motion[:, VX] ** 2 + motion[:, VY] ** 2) + inertia @ motion[:, SPIN] ** 2
-        energy = float(0.5 * twice - self._pull @ (mass @ motion[:, :ANGLE]))
-        angle, (x, y) = motion[:, ANGLE], self._carried
-        cos, sin = np.cos(angle)[self._carriers], np.sin(angle)[self._carriers]
-        points = motion[self._carriers, :ANGLE]
-        points[:, 0] += cos * x - sin * y
-        points[:, 1] += sin * x + cos * y
-        pins = len(self._pins)
-        apart = points[:pins] - points[pins : 2 * pins]
-        return Snapshot(motion, points[2 * pins :], energy, math.sqrt((apart**2).sum(axis=1).max()))
-
-    def _contacts(self, now: Snapshot, sums: Sums) -> tuple[float, bool]:
-        """Book slip and impulses of a time step; friction's loss, and whether a pad landed.
-
-        A loaded pad hops by nanometres, off the ground for a few time steps: what it slides then is
-        counted when it is back within :data:`CONTACT_HYSTERESIS`, and coming back is no landing.
-        """
-        self._touched.clear()
-        pymunk.batch.get_space_arbiters(self._space, _CONTACT, self._touched)
-        ids = np.frombuffer(self._touched.int_buf(), dtype=np.uintp).tolist()
-        values = np.frombuffer(self._touched.float_buf()).reshape(-1, 6).tolist()
-        touching, loss = np.zeros(len(self._pads), bool), 0.0
-        # pymunk's order is that of pointers: by position it is the same in every process.
-        for (px, py, nx, ny, x, y), name in sorted(zip(values, ids, strict=True)):
-            normal = -(px * nx + py * ny)
-            if normal <= 0.0:
-                continue
-            body = self._index[name]
-            pad = min(self._pads_of[body], key=lambda k: self._off_rim(now.pads[k], x, y))
-            tangential = -px * ny + py * nx
-            speed = now.speed_along(body, x, y, -ny, nx)
-            sums.slip[pad] += self.time_step * abs(speed)
-            sums.impulse[pad] += tangential, normal
-            loss -= tangential * speed
-            touching[pad] = True
-            self._normals[pad] = -nx, -ny
-        back = touching & (self._off <= CONTACT_HYSTERESIS)
-        sums.slip[back] += self._pending[back]
-        landed = bool((touching & (self._off > CONTACT_HYSTERESIS)).any())
-        self._off = np.where(touching, 0.0, self._off + self.time_step)
-        self._pending[self._off == 0.0] = 0.0
-        for pad in np.flatnonzero((self._off > 0.0) & (self._off <= CONTACT_HYSTERESIS)).tolist():
-            (nx, ny), (x, y) = self._normals[pad].tolist(), now.pads[pad].tolist()
-            x, y = x - self._machine.pad_radius * nx, y - self._machine.pad_radius * ny
-            speed = now.speed_along(self._owners[pad], x, y, ny, -nx)
-            self._pending[pad] += self.time_step * abs(speed)
-        return loss, landed
-
-    def _off_rim(self, pad: Array, x: float, y: float) -> float:
-        """How far a point is from the rim of a pad, m: two pads may be on one body."""
-        return abs(math.hypot(x - pad[0], y - pad[1]) - self._machine.pad_radius)
-
-    def _landing_soon(self, now: Snapshot) -> bool:
-        """Whether a pad that is not on the ground may touch it within the next two time steps.
-
-        By the ground straight below it: on rough ground some landings go unforeseen.
-        """
-        x, y = now.pads.T
-        tilt = np.sqrt(1.0 + self._ground.gradient(x) ** 2)
-        gaps = (y - self._ground.height(x)) / tilt - self._machine.pad_radius
-        fallen = self._gaps - gaps
-        self._gaps = gaps
-        return bool(((self._off > 0.0) & (gaps - 2.0 * fallen < SLOP)).any())
+        """Return where everything is now."""
+        return self._reader.read(self._inertias, self._effective_gravity)
 
     def contact_frames(self) -> tuple[Array, Array]:
         """(toes, 2) points of the ground nearest to each toe's pad and its tangents there.
@@ -564,12 +477,12 @@ class RigidBodyPlant:
             "robot": self.robot, "terrain": self.terrain, "time_step": self.time_step,
             "gravity": self._gravity, "iterations": self.iterations,
             "touchdown_iterations": self.touchdown_iterations, "fixed_base": self.fixed_base,
-            "variation": self.variation, "memory": self._memory,
+            "parameters": self.parameters, "memory": self._memory,
         }  # fmt: skip
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
-        variation, memory = saved.pop("variation"), saved.pop("memory")
+        parameters, memory = saved.pop("parameters"), saved.pop("memory")
         self.__init__(**saved)  # type: ignore[misc]
-        self.variation = variation
-        self._put_in_force()
+        self.parameters = parameters
+        self._apply_parameters()
         self._memory = memory

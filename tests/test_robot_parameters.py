@@ -15,20 +15,12 @@ from jansen_env.dynamics import reduced as rd
 from jansen_env.motor import AK80_6
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.batch_of_one import BatchOfOne
-from jansen_env.plants.initial_pose import sag
+from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.rigid_body import RigidBodyPlant
-from jansen_env.plants.variation import (
-    RANGES,
-    VARIATION,
-    effective,
-    nominal,
-    tilted,
-    varied_robot,
-    varied_tables,
-    varied_terrain,
-)
+from jansen_env.plants.robot_parameters import machine_of, tables_of, terrain_of, tilted
 from jansen_env.robot import BODIES, Compliance
+from jansen_env.world.parameters import OF_ROBOTS, ROBOT_PARAMETERS, effective, nominal
 
 GRAVITY = (0.0, -9.81)
 RIGID = replace(
@@ -79,15 +71,15 @@ def test_varied_robots_are_those_built_so(design):
     for case in cases[-len(CHANGES) :]:
         if "payload" in case[0]:
             case.insert(0, "payload")  # the place of one without mass says nothing
-    rows = np.array([varied(robot, *names) for names in cases], VARIATION)
+    rows = np.array([varied(robot, *names) for names in cases], ROBOT_PARAMETERS)
     batch = Batch([robot] * len(cases), [GROUND] * len(cases))
     every = np.arange(len(cases))
-    batch.vary(every, rows[np.roll(every, 1)])  # what comes next never builds on it
-    batch.vary(every, rows)
+    batch.set_parameters(every, rows[np.roll(every, 1)])  # what comes next never builds on it
+    batch.set_parameters(every, rows)
     states, sums, forces = walked(batch)
     for k, (names, row) in enumerate(zip(cases, rows, strict=True)):
         pull = tilted(GRAVITY, float(row["tilt"]))
-        other = Batch([varied_robot(robot, row)], [varied_terrain(GROUND, row)], gravity=pull)
+        other = Batch([machine_of(robot, row)], [terrain_of(GROUND, row)], gravity=pull)
         expected = walked(other)
         apart = np.abs(states[:, k] - expected[0][:, 0]).max(axis=1)
         assert apart[:13].max() < 1e-10 and apart.max() < 1e-8, names
@@ -105,9 +97,9 @@ def test_varied_robots_are_those_built_so(design):
 def test_a_row_that_changes_nothing_changes_no_bit(design):
     robot = DESIGNS[design]
     plain, other = (Batch([robot, robot], [GROUND] * 2) for _ in range(2))
-    other.vary(np.arange(2), np.array([varied(robot, *CHANGES)] * 2, VARIATION))
+    other.set_parameters(np.arange(2), np.array([varied(robot, *CHANGES)] * 2, ROBOT_PARAMETERS))
     assert (other.params["mass"] > plain.params["mass"]).all()
-    other.vary(np.arange(2), other.nominal)
+    other.set_parameters(np.arange(2), other.nominal)
     for name in plain.params.dtype.names:
         assert other.params[name].tobytes() == plain.params[name].tobytes()
     for a, b in zip(walked(plain), walked(other), strict=True):
@@ -122,8 +114,8 @@ def test_tables_of_varied_robots(design):
     """
     robot = DESIGNS[design]
     row = varied(robot, *CHANGES)
-    scaled = varied_tables(rd.compile_robot(robot), row)
-    built = rd.compile_robot(varied_robot(robot, row))
+    scaled = tables_of(rd.compile_robot(robot), row)
+    built = rd.compile_robot(machine_of(robot, row))
     psi = np.linspace(-4.0, 4.0, 1000)
     for name, expected in vars(rd.body_sums(built, psi)).items():
         found = getattr(rd.body_sums(scaled, psi), name)
@@ -138,8 +130,8 @@ def test_own_inertias_are_what_scales_with_them():
     row = nominal(RIGID, GROUND)
     row["inertia_scale"] = 0.0
     points = replace(RIGID, **{n: replace(getattr(RIGID, n), inertia=0.0) for n in BODIES})
-    assert varied_robot(RIGID, row) == points
-    scaled = varied_tables(rd.compile_robot(RIGID), row)
+    assert machine_of(RIGID, row) == points
+    scaled = tables_of(rd.compile_robot(RIGID), row)
     expected = rd.compile_robot(points).body
     assert np.abs(scaled.body - expected)[..., 0].max() < 1e-13
 
@@ -150,13 +142,13 @@ def test_the_rigid_body_plant_is_varied_alike():
     for name, make in {"projection": ProjectionPlant, "rigid_body": RigidBodyPlant}.items():
         batch = BatchOfOne(make(GIVING, GROUND))
         place = np.zeros(1, np.int64), np.array([0.3])
-        batch.vary(place[0], np.array([varied(GIVING, *CHANGES)], VARIATION))
+        batch.set_parameters(place[0], np.array([varied(GIVING, *CHANGES)], ROBOT_PARAMETERS))
         batch.place(*place)
         steps = round(0.06 / batch.time_step)
         batch.step(np.array([2.0]), steps, pushes=np.full((1, steps, 2), 1.0 / steps))
         ends[name] = batch.states[0, :4].copy()
         assert not batch.any_diverged
-        batch.vary(place[0], batch.nominal)
+        batch.set_parameters(place[0], batch.nominal)
         batch.place(*place)
         again = BatchOfOne(make(GIVING, GROUND))
         again.place(*place)
@@ -172,7 +164,7 @@ def test_a_tilted_floor_is_a_slope():
         plant = ProjectionPlant(GIVING, ground)
         values = plant.nominal
         values["tilt"] = angle if ground == Terrain.flat() else 0.0
-        plant.vary(values)
+        plant.set_parameters(values)
         start = plant.reset(0.0, 0.3)
         for _ in range(20):
             plant.step(2.0, 0.02)
@@ -186,13 +178,13 @@ def test_setters_change_what_the_robot_is():
     """A setter's number is in force and nominal; what else was varied stays."""
     batch = Batch([GIVING] * 2, [GROUND] * 2)
     row = varied(GIVING, *CHANGES)
-    batch.vary(np.array([1]), np.array([row], VARIATION))
+    batch.set_parameters(np.array([1]), np.array([row], ROBOT_PARAMETERS))
     motor = replace(AK80_6, stall_torque=50.0)
-    batch.set_motor(1, motor)
-    batch.set_payload(1, Payload(2.0, 0.1, (0.1, 0.0)))
-    batch.set_pad_compliance(1, Compliance(1e4, 30.0))
-    batch.set_friction(1, 0.9)
-    batch.set_gravity(1, 5.0)
+    batch.change(1, {"motor": motor})
+    batch.change(1, {"payload": Payload(2.0, 0.1, (0.1, 0.0))})
+    batch.change(1, {"pad_compliance": Compliance(1e4, 30.0)})
+    batch.change(1, {"friction": 0.9})
+    batch.change(1, {"gravity": 5.0})
     robot = replace(
         GIVING,
         motor=motor,
@@ -201,9 +193,9 @@ def test_setters_change_what_the_robot_is():
     )
     assert batch.robots[1] == robot
     row["friction"], row["payload"], row["payload_x"], row["payload_y"] = 0.9, 2.0, 0.1, 0.0
-    assert batch.variation[1] == row
+    assert batch.parameters[1] == row
     assert batch.nominal[1] == nominal(robot, replace(GROUND, friction=0.9))
-    built = Batch([varied_robot(robot, row)], [GROUND], gravity=tilted((0.0, -5.0), row["tilt"]))
+    built = Batch([machine_of(robot, row)], [GROUND], gravity=tilted((0.0, -5.0), row["tilt"]))
     for name in set(batch.params.dtype.names) - {
         "friction",
         "mass_scale",
@@ -211,16 +203,16 @@ def test_setters_change_what_the_robot_is():
         "damping_scale",
     }:
         assert batch.params[name][1] == pytest.approx(built.params[name][0], rel=1e-12), name
-    assert batch.params["gravity_y"][0] == -9.81 and batch.variation[0] == batch.nominal[0]
+    assert batch.params["gravity_y"][0] == -9.81 and batch.parameters[0] == batch.nominal[0]
     batch.set_terrain(1, Terrain.flat(0.3))
     assert batch.params["friction"][1] == batch.nominal["friction"][1] == 0.3
-    assert batch.variation["tilt"][1] == row["tilt"]
+    assert batch.parameters["tilt"][1] == row["tilt"]
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda thing: pickle.loads(pickle.dumps(thing))])
 def test_copies_go_on_varied(copied):
     for plant in (ProjectionPlant(GIVING, GROUND), RigidBodyPlant(GIVING, GROUND)):
-        plant.vary(varied(GIVING, *CHANGES))
+        plant.set_parameters(varied(GIVING, *CHANGES))
         plant.reset(0.0, 0.3)
         other = copied(plant)
         for each in (plant, other):
@@ -233,11 +225,11 @@ def test_copies_go_on_varied(copied):
 def test_what_is_in_force_counts_for_placing_and_forces():
     """Feet that give sink in by the weight in force; joint forces know it, too."""
     row = varied(GIVING, *CHANGES)
-    plant, built = ProjectionPlant(GIVING, GROUND), varied_robot(GIVING, row)
+    plant, built = ProjectionPlant(GIVING, GROUND), machine_of(GIVING, row)
     pull = tilted(GRAVITY, float(row["tilt"]))
-    other = ProjectionPlant(built, varied_terrain(GROUND, row), gravity=pull)
-    plant.vary(row)
-    assert sag(built, -pull[1]) > 1.2 * sag(GIVING, 9.81)
+    other = ProjectionPlant(built, terrain_of(GROUND, row), gravity=pull)
+    plant.set_parameters(row)
+    assert static_deflection(built, -pull[1]) > 1.2 * static_deflection(GIVING, 9.81)
     for each in (plant, other):
         each.tracing = True
         each.reset(0.0, 0.3)
@@ -249,10 +241,10 @@ def test_what_is_in_force_counts_for_placing_and_forces():
 
 
 def test_what_has_an_effect():
-    assert set(RANGES) - set(effective(Robot())) == {
+    assert set(OF_ROBOTS) - set(effective(Robot())) == {
         "foot_stiffness_scale", "foot_damping_scale", "rotor_inertia_scale",
     }  # fmt: skip
-    assert set(RANGES) - set(effective(ROBOTS["built"]())) == {"restitution", "damping_scale"}
+    assert set(OF_ROBOTS) - set(effective(ROBOTS["built"]())) == {"restitution", "damping_scale"}
 
 
 @pytest.mark.parametrize("plant", [ProjectionPlant, RigidBodyPlant])
@@ -268,11 +260,11 @@ def test_refused(plant):
         row = plant.nominal
         row[name] = value
         with pytest.raises(ValueError, match=message):
-            plant.vary(row)
+            plant.set_parameters(row)
     assert plant.state.tobytes() == before.tobytes()
     row = plant.nominal
     row["foot_stiffness_scale"], row["mass_scale"] = 0.01, 10.0
-    plant.vary(row)
+    plant.set_parameters(row)
     with pytest.raises(
         ValueError, match=r"pad_compliance\.stiffness is 200\.0 N/m, must be at least"
     ):

@@ -7,21 +7,29 @@ nothing to be kept.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.engine import task
 from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.engine.pushes import PUSHES, fill_pushes
 from jansen_env.engine.sensors import add_noise, draw_errors
-from jansen_env.envs.core import Bools, Ints, Observed
 from jansen_env.noise import Noise
-from jansen_env.push import MOST_PUSHES, Push
+from jansen_env.push import MOST_PUSHES, Push, check_schedule
+from jansen_env.world.actuated import Bools, Ints
+from jansen_env.world.entries import Observed
 
 Array = NDArray[np.float64]
+
+ANGLES = (
+    ("cos_crank_angle", "cos_crank_angle", "sin_crank_angle"),
+    ("sin_pitch", "cos_pitch", "sin_pitch"),
+)
+"""Entries at which the error of an angle stands, with those of its cosine and sine."""
+SPEEDS = ("crank_axis_x_velocity", "crank_speed")
+"""Entries whose sensors odometry goes by."""
 
 
 class Pushes:
@@ -108,43 +116,55 @@ class NoisySensors:
     """Noise in the observations of n robots.
 
     Args:
-        num_envs: n. noise: of the sensors. observed: what is observed.
+        num_envs: n. noise: of the sensors. observed: what is observed: its names say which sensor
+            measures it, in whatever order they are.
 
     Attributes:
         level: (n,) by which noise is multiplied. truth: (n, d) observations without noise.
-        measured: (n,) of ``task.ACCOUNTS``: lag and means that the sensors tell.
-        mean_error: (n, 2) of the speeds behind them, see :func:`jansen_env.engine.task.finish_step`.
+        mean_error: (n, 2) of the mean speeds over a step, see
+            :func:`jansen_env.engine.sensors.draw_errors`.
     """
 
     def __init__(self, num_envs: int, noise: Noise, observed: Sequence[Observed]) -> None:
         self.level = np.ones(num_envs)
         self.truth = np.zeros((num_envs, len(observed)), np.float32)
-        self._deviation = noise.deviations([entry.name for entry in observed])
+        names = [entry.name for entry in observed]
+        self._deviation = noise.deviations(names)
         limits = np.array([(entry.low, entry.high) for entry in observed], np.float32)
         self._low, self._high = limits.T.copy()
         self._known = np.full(num_envs, -1)
         self._bias, self._error = np.zeros((2, *self.truth.shape))
-        self.measured, self.mean_error = np.zeros(num_envs, task.ACCOUNTS), np.zeros((num_envs, 2))
-        self._first = [entry.name for entry in observed].index("lag")
+        self.mean_error = np.zeros((num_envs, 2))
+        self._angles = np.full((len(names), 2), -1)
+        for first, *pair in ANGLES:
+            if {first, *pair} <= {*names}:
+                self._angles[names.index(first)] = [names.index(name) for name in pair]
+        self._speeds = np.array([names.index(one) if one in names else -1 for one in SPEEDS])
+        self.measure(np.zeros((num_envs, 0)), ())
         one, counts = np.arange(1), np.zeros(num_envs, np.int64)
         prepare(
             Kernel("errors", draw_errors, self._arguments_of_errors(one, counts, counts)),
             Kernel("noise", add_noise, self._arguments_of_noise(one, self.truth)),
         )
 
+    def measure(self, measured: Array, columns: Sequence[int]) -> None:
+        """Let ``columns`` (m,) be observed as ``measured`` (n, m), which may change, has them."""
+        self._measured, self._columns = measured, np.array(columns, np.int64)
+
     def _arguments_of_errors(self, rows: Ints, elapsed: Ints, seeds: Ints) -> tuple[Any, ...]:
         return (
-            rows, elapsed, seeds, self.level, self._deviation, self._known, self._bias, self._error,
-            self.mean_error,
+            rows, elapsed, seeds, self.level, self._deviation, self._speeds, self._known,
+            self._bias, self._error, self.mean_error,
         )  # fmt: skip
 
     def _arguments_of_noise(self, rows: Ints, out: Any) -> tuple[Any, ...]:
         return (
-            rows, self._error, self.measured, self._first, self._low, self._high, self.truth, out,
+            rows, self._error, self._angles, self._measured, self._columns, self._low, self._high,
+            self.truth, out,
         )  # fmt: skip
 
     def draw(self, rows: Ints, elapsed: Ints, seeds: Ints) -> None:
-        """Draw the errors of some robots' step: of readings, and of the speeds behind lag and means.
+        """Draw the errors of some robots' step: of readings, and of mean speeds.
 
         Args:
             rows: (k,) of the robots. elapsed: (n,) control steps since the episode began.
@@ -153,5 +173,11 @@ class NoisySensors:
         draw_errors(*self._arguments_of_errors(rows, elapsed, seeds))
 
     def add(self, rows: Ints, out: NDArray[np.float32]) -> None:
-        """Turn the observations ``out`` (n, d) of robots (k,) into what sensors tell; keep the truth."""
+        """Turn observations ``out`` (n, d) of robots (k,) into what sensors tell."""
         add_noise(*self._arguments_of_noise(rows, out))
+
+
+def schedule_of(options: Mapping[str, Any]) -> tuple[Array, bool]:
+    """Return the pushes (k, 3) in options of a reset, and whether there are random ones too."""
+    pushes = options.get("pushes")
+    return check_schedule("options['pushes']", [] if pushes is None else pushes), pushes is None

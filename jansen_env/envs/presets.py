@@ -7,14 +7,11 @@ where there is none.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
-
-from jansen_env.envs.arguments import with_defaults
 from jansen_env.envs.vector import TaskVectorEnv
 from jansen_env.envs.walker import JansenWalkerEnv
-from jansen_env.envs.walker_task import WalkerTask
 from jansen_env.noise import Noise
 from jansen_env.push import Push
+from jansen_env.tasks.walking import WalkerTask
 
 HEIGHT_SCAN = (
     0.5,
@@ -52,35 +49,22 @@ HARDCORE = {
 }
 
 
-class PresetTask(WalkerTask):
-    """:class:`WalkerTask` with the defaults :attr:`PRESET`, any of which can be given another value."""
-
-    PRESET: ClassVar[dict[str, Any]] = {}
-
-    def __init_subclass__(cls) -> None:
-        cls.__signature__ = with_defaults(WalkerTask, cls.PRESET)  # type: ignore[attr-defined]
-
-    def __init__(self, num_envs: int = 1, threads: int | None = None, **arguments: Any) -> None:
-        self.by_default = frozenset(self.PRESET) - {*arguments}
-        super().__init__(num_envs, threads, **{**self.PRESET, **arguments})
-
-
-class BuiltTask(PresetTask):
+class BuiltTask(WalkerTask):
     """The defaults :data:`BUILT`."""
 
-    PRESET = BUILT
+    DEFAULTS = BUILT
 
 
-class RoughTask(PresetTask):
+class RoughTask(WalkerTask):
     """The defaults :data:`ROUGH`."""
 
-    PRESET = ROUGH
+    DEFAULTS = ROUGH
 
 
-class HardcoreTask(PresetTask):
+class HardcoreTask(WalkerTask):
     """The defaults :data:`HARDCORE`."""
 
-    PRESET = HARDCORE
+    DEFAULTS = HARDCORE
 
 
 class JansenWalkerBuiltEnv(JansenWalkerEnv):
@@ -135,7 +119,7 @@ class JansenWalkerBuiltVectorEnv(TaskVectorEnv[BuiltTask]):
 
 
 class JansenWalkerRoughEnv(JansenWalkerEnv):
-    """Walk at a commanded speed over ground that is new in each episode.
+    """Walk at a commanded speed over new terrain every episode.
 
     ## Description
     The machine and the task of ``JansenWalkerBuilt-v0`` on ground of seven kinds: slopes, rough ground,
@@ -207,11 +191,11 @@ class JansenWalkerRoughVectorEnv(TaskVectorEnv[RoughTask]):
 
 
 class JansenWalkerHardcoreEnv(JansenWalkerEnv):
-    """Walk over such ground in a world that is not kind.
+    """Walk over such ground with noise, delay, pushes and machines that differ.
 
     ## Description
-    ``JansenWalkerRough-v0`` with noisy sensors, torques that come late, somebody who pushes, a floor
-    that is not level, and no two machines alike.
+    ``JansenWalkerRough-v0`` with noisy sensors, delayed torques, pushes, a floor that is not level, and
+    machines that differ from episode to episode.
 
     ## Action Space
     | Num | Action | Min | Max | Unit |
@@ -231,7 +215,7 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
     are exact.
 
     ## Rewards
-    Those of ``JansenWalker-v0``, of what is the case, not of what is measured.
+    Those of ``JansenWalker-v0``; they go by true values, not by measured ones.
 
     ## Starting State
     As in ``JansenWalkerRough-v0``. Drawn at each reset:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from jansen_env.dynamics.joint_forces import JointForces
-from jansen_env.envs.crank_task import CrankTask
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv
 from jansen_env.plants.fixed_base import FixedBasePlant
+from jansen_env.tasks.crank import CrankTask
 
 
 class JansenCrankEnv(SingleEnv[CrankTask]):
@@ -87,8 +87,8 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
     @property
     def plant(self) -> FixedBasePlant:
         """What moves the robot."""
-        assert self.task.plant is not None  # with one robot there is one
-        return self.task.plant
+        plant: FixedBasePlant = self.task.world.plant_of_one
+        return plant
 
     @property
     def reference(self) -> float:
@@ -97,7 +97,9 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
 
     def joint_forces(self) -> JointForces:
         """Forces in every joint of every leg as they are now, under the last action's torque."""
-        return self.task.batch.joint_forces(0, float(self.task.torque[0]))
+        world = self.task.world
+        forces: JointForces = world.plant.joint_forces(0, float(world.torque[0]))
+        return forces
 
 
 class JansenCrankVectorEnv(TaskVectorEnv[CrankTask]):

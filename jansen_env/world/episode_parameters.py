@@ -1,4 +1,4 @@
-"""The numbers and grounds of n robots' episodes: planned at a reset, put in force, and kept."""
+"""Parameters and terrains of n robots' episodes: planned at a reset, put in force, and kept."""
 
 from __future__ import annotations
 
@@ -12,27 +12,57 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import shown
 from jansen_env.curriculum import Curriculum
-from jansen_env.envs.parameters import (
-    EPISODE,
-    PARAMETERS,
-    Distribution,
-    Randomization,
-    Uniform,
-    UniformLevels,
-    check,
-)
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import BatchedPlant
 from jansen_env.plants.initial_pose import resting_depth
-from jansen_env.plants.variation import VARIATION, effective, nominal
-from jansen_env.plants.varied_robots import check_bounce
+from jansen_env.plants.robot_parameters import check_restitution
 from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
 from jansen_env.terrain_generators import Generator
+from jansen_env.world.parameters import (
+    EPISODE,
+    OF_ROBOTS,
+    PARAMETERS,
+    check,
+    effective,
+    nominal,
+    robot_parameters,
+)
+from jansen_env.world.randomization import Distribution, Randomization, Uniform, UniformLevels
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-PHYSICAL = VARIATION.names or ()
+
+
+class Grounds(NamedTuple):
+    """The ground of each robot.
+
+    Attributes:
+        terrains: fixed ones, and flat ones where they are drawn at each reset.
+        generators: what draws them; None where they are fixed.
+        own_friction, own_restitution: (n,) whether it was given, in place of the terrain's.
+    """
+
+    terrains: list[Terrain]
+    generators: list[Generator | None]
+    own_friction: NDArray[np.bool_]
+    own_restitution: NDArray[np.bool_]
+
+
+class Draws(NamedTuple):
+    """What is drawn for each robot's episodes.
+
+    Attributes:
+        levels: (n, 2) lowest and highest terrain level. randomizations: of each.
+        curriculum: leads from level to level; None for a draw from ``levels``.
+        by_default: of "terrain_level" and "randomize" those that were not asked for: what would
+            do nothing of these is left out, not refused.
+    """
+
+    levels: Array
+    randomizations: list[Randomization]
+    curriculum: Curriculum | None
+    by_default: Collection[str] = ()
 
 
 class Plan(NamedTuple):
@@ -42,61 +72,53 @@ class Plan(NamedTuple):
     terrain: Terrain | None  # None: the ground stays
 
 
-class Episodes:
+class EpisodeParameters:
     """What may differ between the episodes of n robots.
 
     Args:
-        batch: moves them. robots, terrains: of each, as the task has them.
-        generators: of each robot's ground, None where it stays the same.
-        own_friction, own_restitution: (n,) whether a robot has its own, in place of the ground's.
-        levels: (n, 2) lowest and highest terrain level. randomizations: of each.
-        curriculum: that leads from level to level; None for a draw from ``levels``.
-        senses: whether there is noise, and pushes: parameters that otherwise do nothing.
-        by_default: of "terrain_level" and "randomize" what nobody has asked for: what would do
-            nothing of these is left out, not refused.
+        plant: moves them. robots: of each, before randomisation. grounds, draws: of each.
+        has: parameters of the world that do nothing unless there is what they are about, such as
+            "noise_level", and whether there is.
 
     Attributes:
-        values: (n,) :data:`jansen_env.envs.parameters.EPISODE`, those of the present episodes.
+        values: (n,) :data:`jansen_env.world.parameters.EPISODE`, those of the present episodes.
         nominal: (n,) the same where nothing is drawn. level: (n,) of a curriculum.
         varies: whether anything is drawn.
 
     Raises:
-        ValueError: a parameter is randomised that does nothing or is more than the feet can carry,
-            or levels of a ground without any.
+        ValueError: a parameter is randomised that does nothing, is not honoured, or is more than
+            the feet can carry; or levels of a ground without any.
     """
 
     def __init__(
         self,
-        batch: BatchedPlant,
+        plant: BatchedPlant,
         robots: Sequence[Robot],
-        terrains: Sequence[Terrain],
-        generators: Sequence[Generator | None],
-        own_friction: NDArray[np.bool_],
-        own_restitution: NDArray[np.bool_],
-        levels: Array,
-        randomizations: Sequence[Randomization],
-        curriculum: Curriculum | None,
-        senses: Mapping[str, bool],
-        by_default: Collection[str] = (),
+        grounds: Grounds,
+        draws: Draws,
+        has: Mapping[str, bool],
     ) -> None:
         n = len(robots)
-        self._batch, self._generators = batch, list(generators)
-        self._own = {"friction": own_friction, "restitution": own_restitution}
-        self._randomizations, self.curriculum = list(randomizations), curriculum
-        self.levels, self.level = levels, levels[:, 0].astype(np.int64)
-        self._senses, self._links_mass = dict(senses), robots[0].links_mass  # of one design
-        self.nominal = np.zeros(n, EPISODE)
-        self.nominal["noise_level"] = self.nominal["push_strength"] = 1.0
-        for row, (robot, terrain) in enumerate(zip(robots, terrains, strict=True)):
-            found = nominal(robot, terrain)
-            for name in PHYSICAL:
-                self.nominal[name][row] = found[name]
+        self._plant, self._generators = plant, list(grounds.generators)
+        self._own = {"friction": grounds.own_friction, "restitution": grounds.own_restitution}
+        self._randomizations, self.curriculum = list(draws.randomizations), draws.curriculum
+        self.levels, self.level = draws.levels, draws.levels[:, 0].astype(np.int64)
+        self._has, self._links_mass = dict(has), robots[0].links_mass  # of one design
+        pairs = zip(robots, grounds.terrains, strict=True)
+        self.nominal = np.array([nominal(*pair, EPISODE) for pair in pairs], EPISODE)
         self.values = self.nominal.copy()
         self._changed = np.zeros(n, bool)  # by a draw, from what the robot and its ground are
-        has_levels = np.array([generator is not None for generator in generators])
+        self._check_draws(draws.by_default)
+        drawn = any(one.distributions for one in self._randomizations)
+        self.varies = bool(drawn or any(one is not None for one in self._generators))
+
+    def _check_draws(self, by_default: Collection[str]) -> None:
+        """Raises ValueError where something is drawn in vain; leaves it out where by default."""
+        levels = self.levels
+        has_levels = np.array([generator is not None for generator in self._generators])
         if "terrain_level" in by_default:
             levels[~has_levels] = 0.0
-        for row in range(n):
+        for row in range(len(levels)):
             if "randomize" in by_default:
                 self._randomizations[row] = self._randomizations[row].only(self._useful(row))
             self.check_names(row, [*self._randomizations[row].distributions], "randomize")
@@ -106,15 +128,13 @@ class Episodes:
                 f"terrain_level is {shown(levels[bad[0]].tolist())}, must be 0 on a ground that is "
                 "not drawn and so has no levels"
             )
-        if curriculum is not None and not has_levels.all():
+        if self.curriculum is not None and not has_levels.all():
             raise ValueError("curriculum is given, must be None on a ground that has no levels")
-        drawn = any(one.distributions for one in self._randomizations)
-        self.varies = bool(has_levels.any() or drawn)
 
     @property
     def numbers(self) -> Array:
-        """(n, 17) :attr:`values` as plain numbers."""
-        return _numbers(self.values)
+        """(n, parameters) :attr:`values` as plain numbers."""
+        return self.values.view(float).reshape(len(self.values), -1)
 
     def ranges(self, row: int) -> dict[str, Distribution]:
         """What is drawn for a robot, by name."""
@@ -131,54 +151,61 @@ class Episodes:
                 self._own[name][row] = True
 
     def checked_level(self, row: int, level: Any) -> int:
-        """A terrain level of a robot. Raises ValueError: there is no such, or its ground has none."""
+        """Return a terrain level of a robot. Raises ValueError: no such, or its ground has none."""
         self.check_names(row, ["terrain_level"], "set_parameters")
         return round(check("terrain_level", "terrain_level", level))
 
     def _useful(self, row: int) -> set[str]:
-        """The parameters that do something for a robot."""
-        useful = {*effective(self._batch.robots[row]), "delay"}
-        useful |= {"terrain_level"} if self._generators[row] is not None else set()
-        useful |= {"noise_level"} if self._senses["noise"] else set()
-        return useful | ({"push_strength"} if self._senses["push"] else set())
+        """Return the names of the parameters that do something for a robot."""
+        useful = {*effective(self._plant.robots[row])} & {*self._plant.honours}
+        has = {**self._has, "delay": True, "terrain_level": self._generators[row] is not None}
+        return useful | {name for name, present in has.items() if present}
 
     def check_names(self, row: int, names: Sequence[str], label: str) -> None:
         """Raises ValueError where a parameter would do nothing for a robot."""
         useful = self._useful(row)
         for name in names:
             if name not in useful:
+                unknown = name in OF_ROBOTS and name not in self._plant.honours
+                why = "this plant does not honour" if unknown else "does nothing here"
                 raise ValueError(
-                    f"{label} has {name!r}, which does nothing here, must be of "
+                    f"{label} has {name!r}, which {why}, must be of "
                     f"{[one for one in PARAMETERS if one in useful]}"
                 )
 
-    def check_pads(self, row: int, pads: Compliance, restitution: float) -> None:
-        """Raises ValueError where a robot's own restitution or a drawn one excludes such pads."""
-        drawn = self._randomizations[row].distributions
-        if not pads.rigid and "restitution" in drawn:
+    def check_change(self, row: int, own: Compliance, changes: Mapping[str, Any]) -> None:
+        """Check changes of a robot's or its ground's own numbers, of ``set_parameters``.
+
+        Args:
+            own: its pads. changes: by name, checked one by one.
+
+        Raises:
+            ValueError: its feet cannot bear what its episodes' numbers become, or a restitution
+                in force or drawn excludes them.
+        """
+        pads = changes.get("pad_compliance", own)
+        in_force = (of["restitution"][row] for of in (self._plant.parameters, self.nominal))
+        restitution = changes.get("restitution", max(map(float, in_force)))
+        if not pads.rigid and "restitution" in self._randomizations[row].distributions:
             raise ValueError(
                 f"pad_compliance is {pads}, must be rigid, as randomize has 'restitution'"
             )
-        check_bounce(pads, restitution)
-
-    def check_change(self, row: int, changes: Mapping[str, Any]) -> None:
-        """Raises ValueError where a robot's feet cannot bear what its episodes' numbers become."""
+        check_restitution(np.array([not pads.rigid]), np.array([restitution]))
         numbers = {name: changes[name] for name in PARAMETERS if name in {*changes} - {"delay"}}
         if "payload" in changes:
             numbers["payload"] = changes["payload"].mass
         present = self.values[row].copy()
         for name, value in numbers.items():
             present[name] = value
-        pads = changes.get("pad_compliance")
         for values in (present, self._heaviest(row, numbers)):  # of this episode, and others
             self._check_feet(row, values, pads)
 
     def _check_feet(self, row: int, values: Any, pads: Compliance | None = None) -> None:
         """Raises ValueError where a robot's feet cannot bear a row of EPISODE; pads: others."""
-        pads = pads or self._batch.robots[row].pad_compliance
+        pads = pads or self._plant.robots[row].pad_compliance
         if pads.rigid:
             return
-        check_bounce(pads, float(values["restitution"]))
+        check_restitution(np.array([True]), values["restitution"][None])
         mass = float(values["mass_scale"] * self._links_mass + values["payload"])
         stiffness = float(values["foot_stiffness_scale"]) * pads.stiffness
         resting_depth(mass, stiffness, GRAVITY * math.cos(values["tilt"]))
@@ -244,36 +271,32 @@ class Episodes:
         return float(rng.integers(int(low), int(high), endpoint=True)) if high > low else low
 
     def begin(self, rows: Ints, plans: Sequence[Plan]) -> None:
-        """Put planned episodes in force; the robots must be placed anew.
+        """Put planned episodes in force; the robots must be placed again.
 
         Raises:
             ValueError: feet too stiff for the time step of the plant ``"rigid_body"``; nothing has
                 changed then.
         """
-        before = [self._batch.terrains[row] for row in rows.tolist()]
+        before = [self._plant.terrains[row] for row in rows.tolist()]
         for row, plan in zip(rows.tolist(), plans, strict=True):
             if plan.terrain is not None:
-                self._batch.set_terrain(row, plan.terrain)
+                self._plant.set_terrain(row, plan.terrain)
         values = np.concatenate([plan.values for plan in plans])
         changed = np.array([plan.terrain is not None for plan in plans])
-        physical, nominal_ones = (_numbers(of)[:, : len(PHYSICAL)] for of in (values, self.nominal))
-        changed |= (physical != nominal_ones[rows]).any(axis=1)
+        changed |= robot_parameters(values) != robot_parameters(self.nominal[rows])
         due = changed | self._changed[rows]
         if due.any():
             try:
-                self._vary(rows[due], physical[due])
+                self._plant.set_parameters(rows[due], robot_parameters(values[due]))
             except ValueError:
                 for row, plan, terrain in zip(rows.tolist(), plans, before, strict=True):
                     if plan.terrain is not None:
-                        self._batch.set_terrain(row, terrain)
-                self._vary(rows, self.numbers[rows, : len(PHYSICAL)])
+                        self._plant.set_terrain(row, terrain)
+                self._plant.set_parameters(rows, robot_parameters(self.values[rows]))
                 raise
         self.values[rows], self._changed[rows] = values, changed
         if self.curriculum is not None:
             self.level[rows] = values["terrain_level"].astype(np.int64)
-
-    def _vary(self, rows: Ints, physical: Array) -> None:
-        self._batch.vary(rows, np.ascontiguousarray(physical).view(VARIATION)[:, 0])
 
     def shown_robot(self, row: int, robot: Robot) -> Robot:
         """A robot with the payload that it has in this episode, for pictures."""
@@ -290,7 +313,7 @@ class Episodes:
             "level": int(self.level[row]),
         }
         if self._generators[row] is not None:
-            terrain = self._batch.terrains[row]
+            terrain = self._plant.terrains[row]
             state["terrain"] = np.array(terrain.points)
             state["ground"] = (terrain.friction, terrain.restitution)
         return state
@@ -314,8 +337,3 @@ class Episodes:
             friction, restitution = state["ground"]
             terrain = Terrain(tuple(map(tuple, state["terrain"])), friction, restitution)
         return Plan(values, terrain), int(level)
-
-
-def _numbers(rows: NDArray[Any]) -> Array:
-    """Rows (n,) of EPISODE as numbers (n, 17), the same memory."""
-    return rows.view(float).reshape(len(rows), -1)

@@ -1,0 +1,137 @@
+"""Readings of n walking robots and their last step: observation by name, information, energies."""
+
+from __future__ import annotations
+
+import math
+
+from jansen_env.engine.collision import height_at
+from jansen_env.engine.jit import compiled
+from jansen_env.engine.records import row_dtype
+
+# What the information has of a robot in its world; units are listed with the environments.
+INFORMATION = row_dtype(
+    [
+        ("x_position", float),
+        ("x_velocity", float),
+        ("pitch", float),
+        ("crank_angle", float),
+        ("crank_speed", float),
+        ("crank_torque", float),
+        ("joint_gap", float),
+        ("diverged", bool),
+    ]
+)
+ENERGIES = row_dtype(
+    [
+        ("motor_work", float),
+        ("push_work", float),
+        ("electrical_work", float),
+        ("joint_loss", float),
+        ("slip_loss", float),
+        ("impact_loss", float),
+        ("mechanical_energy_change", float),
+        ("residual", float),
+    ]
+)
+# A robot's row: its last actions, what it is, and its last step.
+ROW = row_dtype(
+    [
+        ("action", float),  # the last one
+        ("action_before", float),
+        ("x_before", float),  # m, where the step began
+        ("weight", float),  # N
+        ("direction", float),  # 1 or -1: which way the crank turns to walk towards +x
+        ("info", INFORMATION),
+        ("energy", ENERGIES),
+    ]
+)
+
+
+@compiled
+def finish_step(
+    active, period, states, slip, force, robots, rows, loads, surface, scan, places, out
+):
+    """Account for the step of ``period`` seconds that led to ``states`` (n, 8), and read them.
+
+    Args:
+        active: (n,) whether a robot has taken it.
+        slip: (n, toes) m. force: (n, toes, 2) N. robots: (n,) ROBOT of the plant.
+        rows: (n,) of :data:`ROW`. loads: (n, toes) normal forces / weight.
+        surface: (vertices, 2) m, of all terrains.
+        scan: (count,) m, places from the crank axis at which the ground is looked at.
+        places: (10 + toes + count,) column of each reading in ``out`` (n, d), -1 for none: the
+            order is that of :func:`read`.
+    """
+    for r in range(len(states)):
+        if active[r]:
+            take_step(r, period, states, slip, force, robots, rows, loads)
+            read(r, states, robots, rows, loads, surface, scan, places, out)
+
+
+@compiled
+def describe(which, states, robots, rows, loads, surface, scan, places, out):
+    """Read the present state of robots ``which`` (k,); arguments: see :func:`finish_step`."""
+    for r in which:
+        read(r, states, robots, rows, loads, surface, scan, places, out)
+
+
+@compiled
+def take_step(r, period, states, slip, force, robots, rows, loads):
+    """Account for a robot's step; returns the path that all its toes slid, m."""
+    row, x = rows[r], states[r, 0]
+    row.info.crank_torque += robots[r].accumulators.torque_impulse / period
+    slipped = 0.0
+    for j in range(slip.shape[1]):
+        slipped += slip[r, j]
+        loads[r, j] = force[r, j, 1] / row.weight
+    row.info.x_velocity = (x - row.x_before) / period
+    row.x_before = x
+    return slipped
+
+
+@compiled
+def read(r, states, robots, rows, loads, surface, scan, places, out):
+    """Put a robot's readings into the columns of its observation, and into its information."""
+    status, state, row, toes = robots[r].status, states[r], rows[r], loads.shape[1]
+    ground = height_at(surface, status.first_vertex, status.end_vertex, state[0])
+    theta, psi = state[2], state[3]
+    put(out, r, places[0], math.cos(psi))
+    put(out, r, places[1], row.direction * math.sin(psi))
+    put(out, r, places[2], row.direction * state[7])
+    put(out, r, places[3], math.sin(theta))
+    put(out, r, places[4], math.cos(theta))
+    put(out, r, places[5], state[6])
+    put(out, r, places[6], state[4])
+    put(out, r, places[7], state[5])
+    put(out, r, places[8], state[1] - ground)
+    put(out, r, places[9], row.action)
+    for j in range(toes):
+        put(out, r, places[10 + j], loads[r, j])
+    for i in range(len(scan)):
+        x = state[0] + scan[i]
+        ground = height_at(surface, status.first_vertex, status.end_vertex, x)
+        put(out, r, places[10 + toes + i], state[1] - ground)
+    inform(state, robots[r].accumulators, row)
+
+
+@compiled
+def put(out, r, place, value):
+    """Put a number into a column of a robot's observation, unless that is -1."""
+    if place >= 0:
+        out[r, place] = value
+
+
+@compiled
+def inform(state, total, row):
+    """Information on a robot's state and on its last step's energies."""
+    info, energy = row.info, row.energy
+    info.x_position, info.pitch = state[0], state[2]
+    info.crank_angle, info.crank_speed = state[3], state[7]
+    energy.motor_work, energy.push_work = total.motor_work, total.push_work
+    energy.joint_loss = total.joint_loss
+    energy.electrical_work = total.electrical_work
+    energy.slip_loss, energy.impact_loss = total.slip_loss, total.impact_loss
+    energy.mechanical_energy_change = total.energy_change
+    losses = energy.joint_loss + energy.slip_loss + energy.impact_loss
+    work = energy.motor_work + energy.push_work
+    energy.residual = work - losses - energy.mechanical_energy_change

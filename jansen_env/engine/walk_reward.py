@@ -1,0 +1,205 @@
+"""The walking task of n robots: commands, rewards and their means, on top of the readings.
+
+The reward is a product of factors, each 1 where a step is as asked for, so that none can be bought
+with another. What they mean is documented in :class:`jansen_env.envs.walker.JansenWalkerEnv`.
+"""
+
+from __future__ import annotations
+
+import math
+
+from jansen_env.engine.jit import compiled
+from jansen_env.engine.readings import put, read, take_step
+from jansen_env.engine.records import row_dtype
+
+FALLEN_PITCH = 1.2  # rad
+
+FURTHEST_TARGET = 0.5  # m, the target waits when it is so far away
+LONGEST_MEAN = 3.4  # s, over which means are taken at most ...
+SHORTEST_MEAN = 0.2  # s, ... and at least
+FLOOR = 0.3  # of tracking: floor that keeps a learning signal
+CATCHING_UP = 2.0  # times the command: up to this mean speed progress is not less
+STANDING = 0.05  # m/s: mean speed at which progress is 0 when the command is to stand
+SLOWEST = 0.1  # m/s: slip and power are rated by the commanded speed, but by no slower one
+
+# Where each factor has fallen to a half.
+HALF_LAG = 0.2  # m, of tracking without its floor
+HALF_SLIP = 0.2  # m slid by all toes per metre
+HALF_ENERGY = 4.0  # cost of transport: motor power / (weight * speed)
+HALF_EFFORT = 0.3  # m, RMS torque / weight
+HALF_CHANGE = 0.8  # change of the action
+HALF_PITCH = 0.4  # rad
+
+# The reward's factors; all but the first two have an exponent, their weight.
+REWARD = row_dtype(
+    [
+        (name, float)
+        for name in ("tracking", "progress", "slip", "energy", "effort", "smoothness", "posture")
+    ]
+)
+# What is asked for: the weights, and what a fall is.
+SETTINGS = row_dtype(
+    [
+        ("slip", float),
+        ("energy", float),
+        ("effort", float),
+        ("smoothness", float),
+        ("posture", float),
+        ("fall_pitch", float),  # rad
+        ("fall_contact", bool),  # whether a joint on the ground is a fall
+    ]
+)
+# What is kept from step to step: exact in the information, and as measured behind noisy sensors.
+ACCOUNTS = row_dtype(
+    [
+        ("lag", float),
+        ("mean_speed", float),
+        ("mean_slip", float),
+        ("mean_power", float),
+        ("rms_torque", float),
+    ]
+)
+# What the information has beside that of the world.
+INFORMATION = row_dtype(
+    [
+        ("speed_command", float),
+        ("lag", float),
+        ("mean_speed", float),
+        ("mean_slip", float),
+        ("mean_power", float),
+        ("rms_torque", float),
+        ("fallen", bool),
+    ]
+)
+# A robot's row: what is kept of its episode, and what its last step was worth.
+ROW = row_dtype(
+    [
+        ("next_command", float),  # m/s, from the next step on
+        ("mean_path", float),  # m, over which means are taken
+        ("info", INFORMATION),
+        ("reward", REWARD),
+    ]
+)
+
+
+@compiled
+def finish_step(
+    active, settings, own, reward, error, measured, own_places,
+    period, states, slip, force, robots, rows, loads, surface, scan, places, out,
+):  # fmt: skip
+    """Reward the step that led to ``states`` (n, 8), and :func:`describe` it.
+
+    Args:
+        settings: (1,) of :data:`SETTINGS`. own: (n,) of :data:`ROW`. reward: (n,).
+        error: (n, 2) of the measured mean speeds: m/s in x; rad/s of the crank, counted as the
+            action is. measured: (n,) of :data:`ACCOUNTS`. Without noise (0, 2) and (0,).
+        own_places: (6,) columns in ``out`` of the command, the lag and the means.
+        active, period ... out: see :func:`jansen_env.engine.readings.finish_step`.
+    """
+    for r in range(len(states)):
+        if not active[r]:
+            continue
+        slipped = take_step(r, period, states, slip, force, robots, rows, loads)
+        row, mine, total, state = rows[r], own[r], robots[r].accumulators, states[r]
+        torque = row.info.crank_torque
+        velocity, power = row.info.x_velocity, total.motor_work / period
+        keep_accounts(velocity, slipped / period, power, torque, period, mine, mine.info)
+        if len(measured) > 0:
+            velocity += error[r, 0]
+            power += torque * row.direction * error[r, 1]
+            keep_accounts(velocity, 0.0, power, torque, period, mine, measured[r])  # of no slip
+        falls = settings[0].fall_contact and total.non_toe_impulse > 0.0
+        falls = falls or abs(state[2]) > settings[0].fall_pitch
+        mine.info.fallen = mine.info.fallen or falls
+        compute_reward(state[2], settings[0], row, mine)
+        term = mine.reward
+        reward[r] = term.tracking * term.progress * term.slip * term.energy
+        reward[r] *= term.effort * term.smoothness * term.posture
+        mine.info.speed_command = mine.next_command
+        read(r, states, robots, rows, loads, surface, scan, places, out)
+        observe(r, mine.info, own_places, out)
+
+
+@compiled
+def keep_accounts(velocity, slip_speed, power, torque, period, row, kept):
+    """Update the lag, and exponential means over a quarter turn at the commanded speed.
+
+    Args:
+        velocity, slip_speed: of the crank axis and of all toes together, m/s, means over the step.
+        power: of the motor, W, torque: of the crank, N m, likewise. period: s, of the step.
+        row: of :data:`ROW`. kept: any row that has the fields of :data:`ACCOUNTS`; 0 at first.
+    """
+    command = row.info.speed_command
+    lag = kept.lag + (command - velocity) * period
+    kept.lag = min(FURTHEST_TARGET, max(-FURTHEST_TARGET, lag))
+    share = -math.expm1(-period / mean_time(command, row.mean_path))
+    kept.mean_speed += share * (velocity - kept.mean_speed)
+    kept.mean_slip += share * (slip_speed - kept.mean_slip)
+    kept.mean_power += share * (abs(power) - kept.mean_power)
+    square = kept.rms_torque**2
+    kept.rms_torque = math.sqrt(square + share * (torque**2 - square))
+
+
+@compiled
+def mean_time(command, path):
+    """The time constant of means, s: what ``path`` (m) takes at the commanded speed (m/s)."""
+    return min(LONGEST_MEAN, max(SHORTEST_MEAN, path / max(abs(command), 1e-9)))
+
+
+@compiled
+def compute_reward(pitch, settings, row, own):
+    """The reward's factors of a robot, into its row; pitch: rad, settings: of :data:`SETTINGS`."""
+    info, term = own.info, own.reward
+    speed = max(abs(info.speed_command), SLOWEST)
+    cost_of_transport = info.mean_power / (row.weight * speed)
+    change = row.action - row.action_before
+    term.tracking = tracking_score(info.lag)
+    term.progress = progress_score(info.mean_speed, info.speed_command)
+    term.slip = factor(info.mean_slip / speed / HALF_SLIP, settings.slip)
+    term.energy = factor(cost_of_transport / HALF_ENERGY, settings.energy)
+    term.effort = factor((info.rms_torque / row.weight / HALF_EFFORT) ** 2, settings.effort)
+    term.smoothness = factor((change / HALF_CHANGE) ** 2, settings.smoothness)
+    term.posture = factor((pitch / HALF_PITCH) ** 2, settings.posture)
+
+
+@compiled
+def tracking_score(lag):
+    """1 on the target, with a slope everywhere; lag: m."""
+    return FLOOR + (1.0 - FLOOR) / (1.0 + (lag / HALF_LAG) ** 2)
+
+
+@compiled
+def progress_score(mean_speed, command):
+    """1 at a mean speed of once to twice the command (m/s), less in proportion on both sides."""
+    if command == 0.0:
+        return max(0.0, 1.0 - abs(mean_speed) / STANDING)
+    ratio = mean_speed / command
+    return min(1.0, max(0.0, ratio)) if ratio < CATCHING_UP else CATCHING_UP / ratio
+
+
+@compiled
+def factor(cost, weight):
+    """1 / (1 + cost), to the power of ``weight``."""
+    return 1.0 / (1.0 + cost) if weight == 1.0 else (1.0 + cost) ** -weight
+
+
+@compiled
+def describe(which, own, own_places, states, robots, rows, loads, surface, scan, places, out):
+    """Observations into ``out`` (n, d), information into ``rows``, of robots ``which`` (k,).
+
+    Args: see :func:`finish_step`.
+    """
+    for r in which:
+        read(r, states, robots, rows, loads, surface, scan, places, out)
+        observe(r, own[r].info, own_places, out)
+
+
+@compiled
+def observe(r, info, places, out):
+    """Put command, lag and means into the columns of a robot's observation."""
+    put(out, r, places[0], info.speed_command)
+    put(out, r, places[1], info.lag)
+    put(out, r, places[2], info.mean_speed)
+    put(out, r, places[3], info.mean_slip)
+    put(out, r, places[4], info.mean_power)
+    put(out, r, places[5], info.rms_torque)

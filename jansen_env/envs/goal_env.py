@@ -1,0 +1,74 @@
+"""``JansenGoal-v0``: walk to a goal and stand there."""
+
+from __future__ import annotations
+
+from jansen_env.envs.single import SingleEnv
+from jansen_env.envs.vector import TaskVectorEnv
+from jansen_env.tasks.goal import GoalTask
+
+
+class JansenGoalEnv(SingleEnv[GoalTask]):
+    """Walk to a goal by the torque on one crank, and stand there.
+
+    ## Description
+    The machine and the world of ``JansenWalkerBuilt-v0``. A goal lies up to 3 m away on either side;
+    the robot is to walk there and to stand within 2 cm of it. Legs carry it unevenly: to stand, the
+    motor must hold the crank at an angle at which it does not want to be.
+
+    ## Action Space
+    | Num | Action | Min | Max | Unit |
+    |-----|--------|-----|-----|------|
+    | 0 | crank torque, as a share of ``torque_limit`` (12 N m); positive walks towards +x | -1 | 1 | 1 |
+
+    ## Observation Space
+    | Num | Observation | Min | Max | Unit |
+    |-----|-------------|-----|-----|------|
+    | 0, 1 | cosine and sine of the crank angle | -1 | 1 | 1 |
+    | 2 | crank speed | -Inf | Inf | rad/s |
+    | 3, 4 | sine and cosine of the chassis pitch | -1 | 1 | 1 |
+    | 5 | pitch rate | -Inf | Inf | rad/s |
+    | 6, 7 | velocity of the crank axis in x and y | -Inf | Inf | m/s |
+    | 8 | height of the crank axis over the ground below it | -Inf | Inf | m |
+    | 9 | last action | -1 | 1 | 1 |
+    | 10 .. 13 | normal load of each toe / weight | 0 | Inf | 1 |
+    | 14 .. | with ``height_scan``: as of ``JansenWalker-v0`` | -Inf | Inf | m |
+    | last | how far ahead the goal is | -Inf | Inf | m |
+
+    By name: ``env.unwrapped.observed``.
+
+    ## Rewards
+    (closeness + arrival) * energy, each in ``info``:
+
+    | Term | Value |
+    |------|-------|
+    | ``reward/closeness`` | 1 / (1 + \\|distance\\| / 0.3 m) |
+    | ``reward/arrival`` | ``arrival_weight`` within 2 cm of the goal, else 0 |
+    | ``reward/energy`` | (1 + \\|motor power\\| / (weight * 0.5 m/s)) to the power -``energy_weight`` |
+
+    ## Starting State
+    As of ``JansenWalkerBuilt-v0``; the goal is uniform in +-3 m, or ``reset(options={"goal": 1.5})``.
+
+    ## Episode End
+    Terminated by a fall: \\|pitch\\| > 1.2 rad, or a joint other than a toe on the ground. Truncated
+    after 750 steps (15 s) when made with ``gym.make``.
+
+    ## Information
+    ``goal`` and ``distance`` m, ``held`` s near the goal without a break, ``is_success``: for the last
+    second, ``fallen``; positions, torque, ``slip``, ``contact_force``, ``energy``, ``parameters`` ... as
+    of ``JansenWalker-v0``.
+
+    ## Arguments
+    ``energy_weight``, ``arrival_weight`` (1), and those of ``JansenWalker-v0`` that are not about commands,
+    its reward and falls.
+
+    ## Version History
+    * v0: first release.
+    """
+
+    TASK = GoalTask
+
+
+class JansenGoalVectorEnv(TaskVectorEnv[GoalTask]):
+    """:class:`JansenGoalEnv` for many robots at once: what ``gym.make_vec`` makes."""
+
+    TASK = GoalTask

@@ -1,0 +1,163 @@
+"""The robots of a batch and their grounds: what they are, and how that is changed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.dynamics.reduced import Tables, compile_robot
+from jansen_env.engine.records import CONTACT_STATISTICS, ROBOT, UNKNOWN_DEFLECTION
+from jansen_env.engine.tables import farthest, kernel_model, parameters, set_compliance, set_motor
+from jansen_env.gravity import Gravity, gravity_vector
+from jansen_env.motor import Motor
+from jansen_env.plants.robot_parameters import (
+    HONOURED_BY_KERNELS,
+    apply_to_kernels,
+    check_restitution,
+    check_values,
+    tables_of,
+)
+from jansen_env.robot import Compliance, Payload, Robot
+from jansen_env.terrain import Terrain
+from jansen_env.world.parameters import ROBOT_PARAMETERS, nominal
+
+Ints = NDArray[np.int64]
+
+NOT_THE_ROBOT = "gravity_x", "gravity_y", "steepest"
+"""Numbers of a row that are not the robot's own."""
+OF_A_DESIGN = ("payload", "motor", "pad_compliance")
+"""In what robots of a batch may differ."""
+
+
+class BatchRobots:
+    """Robots of one design, their parameters and those of their grounds.
+
+    Args, attributes, errors: see :class:`jansen_env.plants.batch.Batch`.
+    """
+
+    honours = HONOURED_BY_KERNELS
+
+    def __init__(
+        self, robots: Sequence[Robot], terrains: Sequence[Terrain], gravity: Gravity
+    ) -> None:
+        self.robots, self.terrains = list(robots), list(terrains)
+        if len(robots) != len(terrains) or not robots:
+            raise ValueError(
+                f"there are {len(robots)} robots and {len(terrains)} terrains, must be as many, "
+                "and at least one"
+            )
+        different = {id(robot): robot for robot in robots}.values()
+        for robot in different:
+            own = {name: getattr(robots[0], name) for name in OF_A_DESIGN}
+            if replace(robot, **own) != robots[0]:
+                raise ValueError(
+                    f"robots are of several designs, must differ in {', '.join(OF_A_DESIGN)} only"
+                )
+        compiled = {id(robot): compile_robot(robot) for robot in different}
+        self.tables = [compiled[id(robot)] for robot in robots]
+        self.model = kernel_model(self.tables[0])
+        n, vector = len(robots), gravity_vector(gravity)
+        rows = {key: parameters(tables, vector) for key, tables in compiled.items()}
+        self.rows = np.zeros(n, ROBOT)
+        self.params = self.rows["params"]
+        self.nominal_params = np.concatenate([rows[id(robot)] for robot in robots])
+        self.nominal_params["steepest"] = [terrain.steepest for terrain in terrains]
+        values = [nominal(*pair) for pair in zip(robots, terrains, strict=True)]
+        self.nominal = np.array(values, ROBOT_PARAMETERS)
+        self.parameters = self.nominal.copy()
+        self._links = robots[0].links_mass, *farthest(self.tables[0])
+        self._tables_in_force: dict[int, Tables] = {}
+        self._apply(np.arange(n))
+        check_restitution(self.nominal_params["compliant"], self.nominal["restitution"])
+        self.contact_statistics = np.zeros((n, len(self.model.layout)), CONTACT_STATISTICS)
+        self.contact_statistics["deflection"] = UNKNOWN_DEFLECTION
+        self.any_gives = not all(robot.pad_compliance.rigid for robot in robots)
+
+    def set_parameters(self, rows: Ints, values: NDArray[np.void]) -> None:
+        """Put parameters (k,) of robots (k,) in force, see ``Batch.set_parameters``."""
+        compliant = self.nominal_params["compliant"][rows]
+        check_values(values, self.nominal[rows], compliant, self.honours)
+        self.parameters[rows] = values
+        self._apply(rows)
+
+    def _apply(self, rows: Ints) -> None:
+        """Make the kernels' rows of robots those of their :attr:`parameters`."""
+        params = self.nominal_params[rows]  # a copy
+        apply_to_kernels(params, self.parameters[rows], *self._links)
+        params["prescribed_speed"] = self.params["prescribed_speed"][rows]
+        self.params[rows] = params
+        self._tables_in_force.clear()
+
+    def tables_in_force(self, row: int) -> Tables:
+        """Return the tables of a robot under its parameters."""
+        if self.parameters[row] == self.nominal[row]:
+            return self.tables[row]
+        if row not in self._tables_in_force:
+            self._tables_in_force[row] = tables_of(self.tables[row], self.parameters[row])
+        return self._tables_in_force[row]
+
+    def set_terrain(self, row: int, terrain: Terrain) -> None:
+        """Note a robot's new ground, with its friction and restitution."""
+        check_restitution(
+            self.nominal_params["compliant"][row : row + 1], np.array([terrain.restitution])
+        )
+        self.terrains[row] = terrain
+        self.nominal_params["steepest"][row] = self.params["steepest"][row] = terrain.steepest
+        for name in ("friction", "restitution"):
+            for numbers in (self.nominal, self.parameters, self.params):
+                numbers[name][row] = getattr(terrain, name)
+
+    def change(self, row: int, changes: dict[str, Any]) -> None:
+        """Change a robot or its ground themselves, see ``Batch.change``."""
+        # Restitution first where it goes, last where it comes: feet that give exclude it.
+        for name in sorted(
+            changes, key=lambda one: changes[one] > 0.0 if one == "restitution" else 0.5
+        ):
+            value, change = changes[name], getattr(self, f"_set_{name}", None)
+            if change is not None:
+                change(row, value)
+            else:
+                if name == "restitution":
+                    pads = self.nominal_params["compliant"][row : row + 1]
+                    check_restitution(pads, np.array([value]))
+                self._set_own(row, **{name: value})
+
+    def _set_own(self, row: int, **numbers: float) -> None:
+        """Change nominal numbers of a robot by their names in the table of parameters."""
+        for name, number in numbers.items():
+            self.nominal[name][row] = self.parameters[name][row] = number
+        self._apply(np.array([row]))
+
+    def _set_gravity(self, row: int, gravity: Gravity) -> None:
+        x, y = gravity_vector(gravity)
+        self.nominal_params["gravity_x"][row], self.nominal_params["gravity_y"][row] = x, y
+        self._apply(np.array([row]))
+
+    def _set_payload(self, row: int, payload: Payload) -> None:
+        robot = self.robots[row] = replace(self.robots[row], payload=payload)
+        self.tables[row] = compile_robot(robot)
+        kept = self.nominal_params[row].copy()
+        self.nominal_params[row] = parameters(self.tables[row], (0.0, 0.0))[0]
+        for name in NOT_THE_ROBOT:
+            self.nominal_params[name][row] = kept[name]
+        x, y = payload.position
+        self._set_own(row, payload=payload.mass, payload_x=x, payload_y=y)
+
+    def _set_motor(self, row: int, motor: Motor) -> None:
+        robot = self.robots[row] = replace(self.robots[row], motor=motor)
+        self.tables[row] = compile_robot(robot)
+        set_motor(self.nominal_params[row : row + 1], robot)
+        self._apply(np.array([row]))
+
+    def _set_pad_compliance(self, row: int, pads: Compliance) -> None:
+        check_restitution(np.array([not pads.rigid]), self.params["restitution"][row : row + 1])
+        self.contact_statistics["deflection"][row] = UNKNOWN_DEFLECTION
+        self.any_gives = self.any_gives or not pads.rigid
+        robot = self.robots[row] = replace(self.robots[row], pad_compliance=pads)
+        self.tables[row] = compile_robot(robot)
+        set_compliance(self.nominal_params[row : row + 1], pads)
+        self._apply(np.array([row]))

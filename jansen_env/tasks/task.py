@@ -1,0 +1,338 @@
+"""What a task is: observations, reward and end of episode of n robots in a world."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from jansen_env.checks import finite
+from jansen_env.engine.jit import prepare
+from jansen_env.rendering import Frame
+from jansen_env.robot import Robot
+from jansen_env.tasks.information import InfoBuilder
+from jansen_env.world import settings
+from jansen_env.world.actuated import Bools, Ints
+from jansen_env.world.argument_checks import complete_state, known_options, known_parameters
+from jansen_env.world.entries import Observed
+from jansen_env.world.world import World
+
+
+class Task(ABC):
+    """A task of ``num_envs`` robots. Environments of one robot and of many are made of it.
+
+    A task is a class with the class attributes below, :attr:`own_entries`, :meth:`begin` and
+    :meth:`score`; :mod:`jansen_env.tasks.goal` is an example in plain NumPy. What is added here
+    appears in the single, the vector and Stable-Baselines3's environments.
+
+    Args:
+        num_envs: robots. threads: cores to use; None for as many as pay.
+        keywords: fields of the records of the world and of the task. Those that are marked as per
+            robot may be one for all robots or one for each: a sequence of terrains (or their
+            names), arrays (n,), or anything in :class:`jansen_env.world.broadcasting.Each`.
+
+    Attributes:
+        WORLD: in what the robots are. RECORDS: frozen dataclasses whose fields are the task's own
+            keyword arguments, by the names under which :attr:`records` has them.
+        DEFAULTS: other defaults of keyword arguments.
+        ROW: what is kept of a robot: a structured type with the fields ``info``, which is added to
+            the information, ``reward``, its terms, and others.
+        STATE: numbers and flags of :attr:`rows`, such as "goal" or "info.fallen", that must be
+            saved for an episode to go on.
+        OPTIONS: of a reset, and SETTABLE: of :meth:`set_parameters`, beside the world's.
+        PER_ROBOT, SINGLE_ONLY: keyword arguments that may be one for each robot; defaults of those
+            that several robots cannot have otherwise.
+        observation_space, action_space: of one robot. observed: each number of the observation.
+        columns: where each of them is in :attr:`observation`, by name.
+        observation: (n, d) the last ones. reward: (n,) of the last step. terminated: (n,) whether
+            the episode is over, truncated: (n,) whether the simulation diverged.
+        information: of the last step. control_dt: s for which an action is held.
+
+    Raises:
+        ValueError: an argument out of range, or not one for each robot. TypeError: no such
+            argument.
+    """
+
+    WORLD: ClassVar[Any] = World
+    RECORDS: ClassVar[dict[str, type]] = {}
+    DEFAULTS: ClassVar[dict[str, Any]] = {}
+    ROW: ClassVar[Any]
+    STATE: ClassVar[tuple[str, ...]] = ()
+    OPTIONS: ClassVar[tuple[str, ...]] = ()
+    SETTABLE: ClassVar[tuple[str, ...]] = ()
+    PER_ROBOT: ClassVar[tuple[str, ...]]
+    SINGLE_ONLY: ClassVar[dict[str, Any]]
+    OBSERVES: ClassVar[bool]
+    world: Any
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Show the fields of all records as keyword arguments."""
+        super().__init_subclass__(**kwargs)
+        records = {**cls.WORLD.RECORDS, **cls.RECORDS}
+        shown = settings.signature_of(records, Task._positional)
+        cls.__signature__ = shown.replace(  # type: ignore[attr-defined]
+            parameters=[
+                p.replace(default=cls.DEFAULTS.get(name, p.default))
+                for name, p in shown.parameters.items()
+            ]
+        )
+        cls.OBSERVES = cls.observe is not Task.observe
+        cls.PER_ROBOT = tuple(settings.marked(records, "per_robot"))
+        cls.SINGLE_ONLY = settings.marked(records, "single_only")
+
+    @staticmethod
+    def _positional(num_envs: int = 1, threads: int | None = None) -> None:
+        """Have the arguments that come before the keywords."""
+
+    def __init__(self, num_envs: int = 1, threads: int | None = None, **keywords: Any) -> None:
+        kinds = self.WORLD.RECORDS
+        records = settings.fill({**kinds, **self.RECORDS}, {**self.DEFAULTS, **keywords})
+        of_world = {name: record for name, record in records.items() if name in kinds}
+        by_default = frozenset(self.DEFAULTS) - {*keywords}
+        self.num_envs = num_envs
+        self.world = self.WORLD(num_envs, threads, **of_world, by_default=by_default)
+        self.control_dt: float = self.world.control_dt
+        self.truncated: Bools = self.world.truncated
+        self.rows = np.zeros(num_envs, self.ROW)
+        self.reward, self.terminated = np.zeros(num_envs), np.zeros(num_envs, bool)
+        self.take({name: record for name, record in records.items() if name not in kinds})
+        self.observed = tuple(self.entries)
+        self.columns = {entry.name: place for place, entry in enumerate(self.observed)}
+        low, high = np.array([(one.low, one.high) for one in self.observed], np.float32).T
+        self.observation_space = spaces.Box(low, high, dtype=np.float32)
+        self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
+        self.observation = np.zeros((num_envs, len(self.observed)), np.float32)
+        self.world.connect(self.observed, self.observation, self.progress)
+        self.connect()
+        self.information = self._make_info()
+        prepare(*self.world.kernels(), *self.kernels())
+
+    def _make_info(self) -> InfoBuilder:
+        world = self.world
+        return InfoBuilder(world.rows, self.rows, world.arrays, world.step_arrays, world.parameters)
+
+    # What a task defines.
+
+    def take(self, records: dict[str, Any]) -> None:
+        """Check and keep the task's own records, by the names of :attr:`RECORDS`."""
+
+    @property
+    def own_entries(self) -> Sequence[Observed]:
+        """What is observed beside what the world knows."""
+        return ()
+
+    @property
+    def entries(self) -> Sequence[Observed]:
+        """All that is observed, in its order: the world's entries and :attr:`own_entries`."""
+        return [*self.world.entries, *self.own_entries]
+
+    def connect(self) -> None:
+        """Finish the construction, with the columns of the observation known."""
+
+    def draw(self, row: int, rng: np.random.Generator, options: dict[str, Any]) -> Any:
+        """Draw a robot's own numbers of an episode, for :meth:`begin`."""
+        return None
+
+    @abstractmethod
+    def begin(self, rows: Ints, drawn: Sequence[Any]) -> None:
+        """Fill :attr:`rows`, which are 0, at the start of episodes of robots (k,)."""
+
+    @abstractmethod
+    def score(self, rows: Ints) -> None:
+        """Fill :attr:`rows`, :attr:`reward` and :attr:`terminated` of robots (k,) after a step."""
+
+    def observe(self, rows: Ints) -> None:
+        """Fill the columns of :attr:`own_entries` for robots (k,)."""
+
+    def progress(self, row: int) -> tuple[float, float]:
+        """Return how far a robot got as it should, m, and the mean speed asked for, m/s.
+
+        For a curriculum; after a speed of 0 the level stays.
+        """
+        return 0.0, 0.0
+
+    def kernels(self) -> list[Any]:
+        """Return what is compiled of it."""
+        return list(self.world.own_kernels())
+
+    # What environments ask.
+
+    @property
+    def robots(self) -> list[Robot]:
+        """Nominal robots, before randomisation."""
+        robots: list[Robot] = self.world.robots
+        return robots
+
+    @property
+    def torque_limit(self) -> float:
+        """N m, the first robot's torque of action 1."""
+        return float(self.world.torque_limit)
+
+    @property
+    def true_observation(self) -> NDArray[np.float32]:
+        """(n, d) the observations without noise; where there is none, the observations."""
+        truth: NDArray[np.float32] = self.world.arrays.get("true_observation", self.observation)
+        return truth
+
+    def reset(
+        self,
+        rows: Ints,
+        generators: Sequence[np.random.Generator],
+        options: Sequence[dict[str, Any]] | None = None,
+    ) -> None:
+        """Start episodes of some robots.
+
+        Args:
+            rows: indices of the robots. generators: the random numbers of each of them.
+            options: of ``reset`` for each of them.
+
+        Raises:
+            ValueError: an unknown option, or a value out of range.
+        """
+        options = [{}] * len(rows) if options is None else options
+        for own in options:
+            known_options(own, (*self.OPTIONS, *self.world.OPTIONS))
+        drawn = self.world.reset(rows, generators, options, self.draw)
+        self._clear(rows)
+        self.begin(rows, drawn)
+        self.describe(rows)
+
+    def _clear(self, rows: Ints) -> None:
+        """Let nothing remain of robots' last episodes."""
+        self.rows[rows] = np.zeros((), self.ROW)
+        self.reward[rows], self.terminated[rows] = 0.0, False
+
+    def step(
+        self, actions: Any, active: Bools, meanwhile: Callable[[], None] | None = None
+    ) -> None:
+        """Hold actions (n, 1) of the ``active`` robots (n,) for ``control_dt`` seconds.
+
+        Args:
+            meanwhile: called while they move, to :meth:`reset` others.
+
+        Raises:
+            ValueError: the actions are not one finite number for each active robot.
+        """
+        self.world.step(actions, active, meanwhile)
+        self.finish_step(active)
+        self.world.disturb_step()
+
+    def finish_step(self, active: Bools) -> None:
+        """Score the step of the ``active`` robots (n,), and observe them."""
+        rows = np.flatnonzero(active)
+        self.world.finish_step(active)
+        self.score(rows)
+        self.observe(rows)
+
+    def describe(self, rows: Ints) -> None:
+        """Fill observations and information of some robots with what is the case now."""
+        self.world.describe(rows)
+        self.observe(rows)
+        self.world.disturb(rows)
+
+    def set_parameters(self, row: int, **changes: Any) -> None:
+        """Change a robot from now on: the world's, see :class:`jansen_env.world.world.World`.
+
+        Energies in ``info`` are of what happens in steps: what a change between two of them adds to
+        the robot's energy, that of a payload for one, is in neither of them.
+
+        Raises:
+            ValueError: a value out of range, or the plant cannot change it. TypeError: another
+                name.
+        """
+        known_parameters(changes, (*self.SETTABLE, *self.world.SETTABLE))
+        own = {name: value for name, value in changes.items() if name in self.SETTABLE}
+        others = {name: value for name, value in changes.items() if name not in self.SETTABLE}
+        checked, checked_own = self.world.checked(row, others), self.checked(row, own)
+        self.world.apply(row, checked)  # all or nothing
+        self.apply(row, checked_own)
+
+    def checked(self, row: int, changes: Mapping[str, Any]) -> dict[str, Any]:
+        """Return changes of :attr:`SETTABLE`, ready for :meth:`apply`; ValueError: out of range."""
+        return dict(changes)
+
+    def apply(self, row: int, checked: dict[str, Any]) -> None:
+        """Put changes in force."""
+
+    def push(self, row: int, impulse: Any) -> None:
+        """Push a robot from now on, N s in x and y.
+
+        Raises:
+            ValueError: it cannot be pushed.
+        """
+        self.world.push(row, impulse)
+
+    def get_attr(self, name: str) -> list[Any] | None:
+        """Return what robots have of their own by that name, for each; None for anything else."""
+        found: list[Any] | None = self.world.get_attr(name)
+        return found
+
+    def get_state(self, row: int) -> dict[str, Any]:
+        """Return all that a robot's future depends on but its random numbers."""
+        own = {name.split(".")[-1]: self._kept(name)[row].item() for name in self.STATE}
+        return {**self.world.get_state(row), **own}
+
+    def _kept(self, name: str) -> NDArray[Any]:
+        """Return a number of :attr:`rows` by a name of :attr:`STATE`, (n,)."""
+        found = self.rows
+        for part in name.split("."):
+            found = found[part]
+        return found
+
+    def checked_state(self, state: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the entries of :attr:`STATE`. Raises ValueError: a number is not finite."""
+        checked = {}
+        for name in self.STATE:
+            key = name.split(".")[-1]
+            flag = self._kept(name).dtype == np.bool_
+            checked[name] = bool(state[key]) if flag else finite(f"state[{key!r}]", state[key])
+        return checked
+
+    def set_state(self, row: int, state: Mapping[str, Any]) -> None:
+        """Go on from a state of :meth:`get_state`; fills :attr:`observation`.
+
+        Raises:
+            ValueError: an entry is missing or out of range.
+        """
+        complete_state(state, self.get_state(row))
+        checked, own = self.world.checked_state(row, state), self.checked_state(state)
+        one = np.array([row])
+        self.world.restore(row, checked)
+        self._clear(one)
+        self.resume(row, own)
+        self.describe(one)
+
+    def resume(self, row: int, state: dict[str, Any]) -> None:
+        """Fill a robot's row, which is 0, with what :meth:`checked_state` gave."""
+        for name, value in state.items():
+            self._kept(name)[row] = value
+
+    def scene(self, row: int) -> dict[str, Any]:
+        """Return the arguments of :class:`jansen_env.rendering.Renderer` to draw a robot."""
+        scene: dict[str, Any] = self.world.scene(row)
+        return scene
+
+    def command(self, row: int) -> float | None:
+        """Return the command that is drawn with a robot, None for none."""
+        return None
+
+    def frame(self, row: int) -> Frame:
+        """Return what is to be drawn of a robot as it stands."""
+        return replace(self.world.frame(row), command=self.command(row))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "information": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self.connect()  # with this copy's arrays
+        self.information = self._make_info()
+
+    def close(self) -> None:
+        """Let go of threads."""
+        self.world.close()

@@ -1,0 +1,1 @@
+"""Robots in their surroundings: plant, terrain, parameters, delay, pushes, sensors."""

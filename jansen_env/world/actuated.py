@@ -1,0 +1,206 @@
+"""n robots whose cranks are turned by torques that may come late: what worlds have in common."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.checks import within
+from jansen_env.engine.actions import take_actions
+from jansen_env.engine.jit import Kernel
+from jansen_env.motor import Motor
+from jansen_env.robot import Robot
+from jansen_env.world import settings
+from jansen_env.world.argument_checks import batched_actions, option
+from jansen_env.world.broadcasting import broadcast_delays, broadcast_robots, number_range
+from jansen_env.world.entries import Observed
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+Draw = Callable[[int, np.random.Generator, dict[str, Any]], Any]
+"""Draws a task's own numbers of a robot's episode, with the options of its reset."""
+
+MOST_DELAYED = 10_000  # control periods in a delay: torques that are kept
+
+
+class ActuatedRobots:
+    """n robots and their delayed torques: what worlds have in common.
+
+    A world knows no commands, rewards or ends of episodes. It has the methods of
+    :class:`jansen_env.world.world.World`.
+
+    Attributes:
+        RECORDS: its keyword arguments, see :mod:`jansen_env.world.settings`.
+        OPTIONS: of a reset. SETTABLE: what may be changed of one robot.
+        robots: before randomisation. control_dt: s for which an action is held.
+        entries: what it knows of a robot, for observations.
+        rows: (n,) with fields ``action``, ``action_before``, ``info`` and ``energy``.
+        arrays: (n, ...) more information; step_arrays: (n,) more that only a step has;
+            parameters: (n,) structured, of the episode, None where nothing is drawn.
+        full_torque: (n,) N m, the torque of action 1, with its sign.
+        torque: (n,) that the last step ended with, N m, and earlier: (n,) the one that held in its
+            first ``switch`` (n,) time steps. asked: (n, steps) N m, torques asked for, latest
+            first. delay: (n, 2) after how many control steps and time steps they hold.
+        delay_range: (n, 2) s, of episodes to come. truncated: (n,) whether the simulation diverged.
+    """
+
+    RECORDS: ClassVar[dict[str, type]]
+    OPTIONS: ClassVar[tuple[str, ...]]
+    SETTABLE: ClassVar[tuple[str, ...]]
+    entries: list[Observed]
+    rows: NDArray[Any]
+    parameters: NDArray[Any] | None = None
+
+    def __init__(
+        self,
+        robots: Sequence[Robot],
+        row: np.dtype[Any],
+        periods: tuple[float, float],
+        delay: Any,
+        longest_delay: float = 0.0,
+    ) -> None:
+        """Allocate arrays; periods: of control and time steps, s; delay: s, ranges of each robot.
+
+        Raises:
+            ValueError: a delay out of range.
+        """
+        self.robots, self.num_envs = list(robots), len(robots)
+        self.control_dt, self.time_step = periods
+        self.steps = round(self.control_dt / self.time_step)
+        n = self.num_envs
+        self.delay_range = broadcast_delays(n, delay)
+        longest_delay = max(float(self.delay_range.max()), longest_delay)
+        if longest_delay > MOST_DELAYED * self.control_dt:
+            raise ValueError(
+                f"delay is {longest_delay} s, must be at most {MOST_DELAYED} times "
+                f"control_dt, {self.control_dt}"
+            )
+        longest = math.ceil(longest_delay / self.control_dt)
+        self.asked, self.delay = np.zeros((n, longest + 2)), np.zeros((n, 2), np.int64)
+        self.earlier, self.switch = np.zeros(n), np.zeros(n, np.int64)
+        self.rows, self.torque = np.zeros(n, row), np.zeros(n)
+        self.full_torque = np.array([robot.motor.torque_limit for robot in self.robots])
+        self.truncated, self._any_truncated = np.zeros(n, bool), False
+        self.arrays: dict[str, NDArray[Any]] = {}
+        self.step_arrays: dict[str, NDArray[Any]] = {}
+
+    @classmethod
+    def driven_robot(
+        cls, robot: Robot | str, motor: Motor | str | None, torque_limit: float | None
+    ) -> Robot:
+        """Return the robot that such arguments give, with the motor that turns its crank.
+
+        Raises:
+            ValueError: one of them is not allowed.
+        """
+        machine = settings.Machine(robot=robot, motor=motor, torque_limit=torque_limit)
+        return broadcast_robots(1, machine)[0]
+
+    @property
+    def torque_limit(self) -> float:
+        """N m, the first robot's torque of action 1."""
+        return self.robots[0].motor.torque_limit
+
+    def push(self, row: int, impulse: Any) -> None:
+        """Push a robot from now on, N s in x and y.
+
+        Raises:
+            ValueError: it cannot be pushed.
+        """
+        raise ValueError("the robot is held, must be free to be pushed")
+
+    def disturb(self, rows: Ints) -> None:
+        """Turn observations of some robots into what their sensors tell, between two steps."""
+
+    def disturb_step(self) -> None:
+        """Turn the observations after a step into what the sensors of those that took it tell."""
+
+    def close(self) -> None:
+        """Let go of threads."""
+
+    def _action_kernel(self) -> Kernel:
+        actions, active = np.zeros((self.num_envs, 1)), np.ones(self.num_envs, bool)
+        return Kernel("actions", take_actions, (actions, active, *self._delayed()))
+
+    def _delayed(self) -> tuple[Any, ...]:
+        return (
+            self.full_torque, self.rows, self.asked, self.delay, self.torque, self.earlier,
+            self.switch,
+        )  # fmt: skip
+
+    def begin_delay(self, rows: Ints, delays: Array, asked: Array | None = None) -> None:
+        """Begin episodes of robots (k,) whose torques come late.
+
+        Args:
+            delays: (k,) s. asked: (k, steps) N m, torques asked for before; None: 0.
+        """
+        steps = np.rint(delays / self.time_step).astype(np.int64)
+        whole, rest = np.divmod(steps, self.steps)
+        self.delay[rows] = np.stack([whole, rest], axis=-1)
+        self.asked[rows] = 0.0 if asked is None else asked
+        self.torque[rows], self.earlier[rows] = self.asked[rows, whole], self.asked[rows, whole + 1]
+        self.switch[rows] = rest
+
+    @property
+    def _longest_delay(self) -> float:
+        return (self.asked.shape[1] - 2) * self.control_dt
+
+    def _draw_delay(self, row: int, rng: np.random.Generator, options: Mapping[str, Any]) -> float:
+        """Draw by how much a robot's torques come late in an episode, s."""
+        low, high = self.delay_range[row].tolist()
+        drawn = rng.uniform(low, high) if high > low else low
+        return option(options, "delay", drawn, 0.0, self._longest_delay)
+
+    def checked_delay_range(self, value: Any) -> tuple[float, float]:
+        """Return a range of delays, s. Raises ValueError: out of range."""
+        return number_range("delay", value, 0.0, self._longest_delay)
+
+    def delay_of(self, row: int) -> float:
+        """Return by how much a robot's torques come late, s."""
+        whole, rest = self.delay[row].tolist()
+        return float(whole * self.control_dt + rest * self.time_step)
+
+    def actuation_state(self, row: int) -> dict[str, Any]:
+        """Return a robot's delay, s, torques on their way, N m, and last action, for a state."""
+        return {
+            "delay": self.delay_of(row),
+            "asked": self.asked[row].copy(),
+            "action": float(self.rows[row]["action"]),
+        }
+
+    def checked_actuation(self, state: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the checked entries of :meth:`actuation_state`.
+
+        Raises:
+            ValueError: one is out of range.
+        """
+        longest, asked = self.asked.shape[1], np.array(state["asked"], dtype=float)
+        if asked.shape != (longest,) or not np.isfinite(asked).all():
+            raise ValueError(f"state['asked'] is {asked}, must be {longest} finite numbers")
+        delay = within("state['delay']", state["delay"], 0.0, self._longest_delay)
+        action = within("state['action']", state["action"], -1.0, 1.0)
+        return {"delay": delay, "asked": asked, "action": action}
+
+    def _take_actions(self, actions: Any, active: Bools) -> None:
+        """Turn actions (n, 1) into torques, see :meth:`step`."""
+        values = batched_actions(self.num_envs, actions)
+        bad = take_actions(values, active, *self._delayed())
+        if bad >= 0:
+            raise ValueError(f"actions[{bad}] is {values[bad, 0]}, must be finite")
+
+    def _truncate(self, diverged: Bools) -> None:
+        """End episodes whose simulation has just diverged, if any."""
+        self.truncated[:] = self.rows["info"]["diverged"] = diverged
+        self._any_truncated = bool(diverged.any())
+        if self._any_truncated:
+            gym.logger.warn(
+                f"the episodes of robots {np.flatnonzero(diverged).tolist()} end: their simulation "
+                f"diverged under torques of {self.torque[diverged].tolist()} N m; "
+                "try a smaller time_step"
+            )

@@ -1,0 +1,417 @@
+"""n walking robots in their surroundings: plant, terrain, parameters, delay, pushes, sensors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.checks import entries, non_negative
+from jansen_env.dynamics.joint_forces import JointForces
+from jansen_env.engine import readings
+from jansen_env.engine.jit import Kernel
+from jansen_env.gravity import GRAVITY
+from jansen_env.kinematics import advance_per_turn
+from jansen_env.noise import make_noise
+from jansen_env.plants.base import (
+    BatchedPlant,
+    Plant,
+)
+from jansen_env.plants.initial_pose import static_deflection
+from jansen_env.plants.make import make_batch, plant_of, plant_time_step
+from jansen_env.push import check_schedule, make_push
+from jansen_env.rendering import Frame
+from jansen_env.terrain import Terrain
+from jansen_env.world import broadcasting as bc
+from jansen_env.world import robot_changes, robot_state
+from jansen_env.world.actuated import ActuatedRobots, Array, Bools, Draw, Ints
+from jansen_env.world.argument_checks import control_period, flag, option
+from jansen_env.world.disturbances import NoisySensors, Pushes, schedule_of
+from jansen_env.world.entries import Observed, list_entries
+from jansen_env.world.episode_parameters import Draws, EpisodeParameters, Grounds, Plan
+from jansen_env.world.parameters import CHANGED_BY, PARAMETERS
+from jansen_env.world.settings import Control, Ground, Machine, Randomness, Sensing
+
+
+class World(ActuatedRobots):
+    """n robots in their surroundings, see :class:`ActuatedRobots`.
+
+    Args:
+        num_envs: robots. threads: cores to use; None for as many as pay.
+        machine, control, ground, randomness, sensing: see
+            :class:`jansen_env.envs.walker.JansenWalkerEnv`. What is marked as per robot in
+            :mod:`jansen_env.world.settings` may be one for all robots or one for each.
+        by_default: arguments that nobody has asked for, see
+            :class:`jansen_env.world.episode_parameters.Draws`.
+
+    Attributes:
+        plant: moves the robots. episodes: their parameters and grounds.
+        loads: (n, toes) normal forces / weight. elapsed: (n,) control steps since the reset.
+        seeds: (n,) of what episodes draw after their start. sensors: None without noise.
+
+    Raises:
+        ValueError: an argument out of range, or not one for each robot; LinkageError: the robot
+            cannot turn its crank.
+    """
+
+    RECORDS = {
+        "machine": Machine, "control": Control, "ground": Ground, "randomness": Randomness,
+        "sensing": Sensing,
+    }  # fmt: skip
+    OPTIONS = ("crank_angle", "pushes", *PARAMETERS)
+    SETTABLE = (*CHANGED_BY, "motor", "pad_compliance")
+
+    def __init__(
+        self,
+        num_envs: int,
+        threads: int | None,
+        machine: Machine,
+        control: Control,
+        ground: Ground,
+        randomness: Randomness,
+        sensing: Sensing,
+        by_default: Collection[str] = (),
+    ) -> None:
+        n = num_envs
+        grounds = bc.broadcast_terrains(n, ground)
+        randomizations = bc.broadcast_randomizations(n, randomness.randomize)
+        robots = bc.broadcast_robots(n, machine)
+        time_step = plant_time_step(control.plant, control.time_step)
+        periods = control_period(control.control_dt, time_step)
+        noise, scale = "reset_noise_scale", randomness.reset_noise_scale
+        self.reset_noise_scale = bc.broadcast_numbers(n, noise, scale, non_negative)
+        self.track_joint_forces = flag("track_joint_forces", control.track_joint_forces)
+        for robot in robots:
+            static_deflection(robot, GRAVITY)  # or its feet are too soft
+        longest = max(one.longest_delay for one in randomizations)
+        super().__init__(robots, readings.ROW, periods, control.delay, longest)
+        self.plant = self._make_plant(control.plant, grounds.terrains, threads)
+        self._scan = bc.scanned_places(sensing.height_scan)
+        self.entries = list_entries(self.plant.toes, len(self._scan))
+        self.pushes = Pushes(n, make_push(sensing.push), self.steps, self.time_step)
+        self._noise = make_noise(sensing.noise)
+        self.sensors: NoisySensors | None = None
+        self._measure_robots()
+        self.loads = np.zeros((n, self.plant.toes))
+        self.elapsed, self.seeds = np.zeros(n, np.int64), np.zeros(n, np.int64)
+        if self.track_joint_forces:
+            self.traceable.tracing = True
+        self._joint_loads = np.zeros(2)
+        draws = Draws(
+            bc.broadcast_levels(n, ground.terrain_level), randomizations,
+            bc.load_curriculum(ground.curriculum), by_default,
+        )  # fmt: skip
+        self._begin_parameters(grounds, draws)
+
+    def _make_plant(self, name: str, terrains: list[Terrain], threads: int | None) -> BatchedPlant:
+        """Make what moves the robots."""
+        if self.num_envs > 1 and (name != "projection" or self.track_joint_forces):
+            raise ValueError(
+                f"plant is {name!r} and track_joint_forces {self.track_joint_forces}, must be "
+                "'projection' and False for several robots at once; "
+                "vectorization_mode='sync' has the others"
+            )
+        return make_batch(name, self.robots, terrains, self.time_step, threads)
+
+    def _measure_robots(self) -> None:
+        """Note which way each walks, and its weight."""
+        self.advance_per_turn = advance_per_turn(self.robots[0])  # the same of all robots
+        self.rows["direction"] = math.copysign(1.0, self.advance_per_turn)
+        self.full_torque *= self.rows["direction"]
+        self.rows["weight"] = [robot.mass * GRAVITY for robot in self.robots]
+        self._links_mass = np.array([robot.links_mass for robot in self.robots])
+
+    def _begin_parameters(self, grounds: Grounds, draws: Draws) -> None:
+        has = {"noise_level": self._noise is not None, "push_strength": self.pushes.at_random}
+        self.episodes = EpisodeParameters(self.plant, self.robots, grounds, draws, has)
+        self._share_arrays()
+
+    def _share_arrays(self) -> None:
+        """Let information show the arrays of others."""
+        self.parameters = self.episodes.values if self.episodes.varies else None
+        self.arrays = {"slip": self.plant.slip, "contact_force": self.plant.contact_force}
+        if self.sensors is not None:
+            self.arrays["true_observation"] = self.sensors.truth
+        if self.track_joint_forces:
+            self.step_arrays = {
+                "joint_force_max": self._joint_loads[:1],
+                "joint_impulse_max": self._joint_loads[1:],
+            }
+
+    def connect(
+        self,
+        observed: Sequence[Observed],
+        observation: NDArray[np.float32],
+        progress: Callable[[int], tuple[float, float]],
+    ) -> None:
+        """Take the array of observations (n, d), of which ``observed`` says the columns by name.
+
+        ``progress``: how far a robot got in its episode as its task asks, m, and the mean speed
+        that was asked for, m/s: what a curriculum goes by.
+        """
+        names = [entry.name for entry in observed]
+        own = [entry.name for entry in self.entries]
+        self._places = np.array([names.index(name) if name in names else -1 for name in own])
+        self._observation, self._progress = observation, progress
+        if self._noise is not None:
+            self.sensors = NoisySensors(self.num_envs, self._noise, observed)
+            self._share_arrays()
+
+    @property
+    def terrains(self) -> list[Terrain]:
+        """Of each robot, in this episode."""
+        return self.plant.terrains
+
+    @property
+    def weight(self) -> Array:
+        """(n,) N."""
+        weight: Array = self.rows["weight"]
+        return weight
+
+    @property
+    def plant_of_one(self) -> Plant:
+        """The plant of a robot that is alone."""
+        return plant_of(self.plant)
+
+    @property
+    def traceable(self) -> BatchedPlant:
+        """The plant, if it knows the forces in its joints; ValueError if not."""
+        if self.num_envs == 1 and self.plant.knows_joint_forces:
+            return self.plant
+        raise ValueError(
+            "joint forces are known of one robot with plant='projection' only: track_joint_forces "
+            "must be False"
+        )
+
+    def joint_forces(self) -> JointForces:
+        """Forces in every joint now, under the last action's torque and the push that goes on.
+
+        Raises:
+            ValueError: they are not known.
+        """
+        pushes = self.pushes_to_come(np.ones(1, bool))
+        push = None if pushes is None else pushes[0, 0]
+        return self.traceable.joint_forces(float(self.torque[0]), push)
+
+    def reset(
+        self,
+        rows: Ints,
+        generators: Sequence[np.random.Generator],
+        options: Sequence[dict[str, Any]],
+        draw: Draw,
+    ) -> list[Any]:
+        """Start episodes of some robots; returns what ``draw`` gave for each.
+
+        All that may be refused is, before anything changes.
+
+        Args:
+            generators: the random numbers of each. options: of ``reset`` for each.
+
+        Raises:
+            ValueError: an option out of range.
+        """
+        each = list(zip(rows.tolist(), generators, options, strict=True))
+        drawn = [self._draw(row, rng, own, draw) for row, rng, own in each]
+        seeds = [rng.integers(2**63) for rng in generators]
+        plans = [
+            self.episodes.plan(row, rng, own, start[2], *self._progress(row))
+            for (row, rng, own), start in zip(each, drawn, strict=True)
+        ]
+        schedules = [schedule_of(own) for own in options]
+        self.seeds[rows] = seeds
+        self.apply_parameters(rows, plans)
+        plant = self.plant
+        plant.place(rows, np.array([start[0] for start in drawn]))
+        self.loads[rows] = plant.contact_force[rows, :, 1] / self.weight[rows, None]
+        states = plant.states[rows]
+        states[:, 7] = [start[1] for start in drawn]
+        for row, state in zip(rows.tolist(), states, strict=True):
+            plant.set_state(row, state)
+        self.begin_delay(rows, self.episodes.values["delay"][rows])
+        self.clear_episode(rows)
+        for row, pushes in zip(rows.tolist(), schedules, strict=True):
+            self.pushes.schedule(row, *pushes)
+        self.truncated[rows] = False
+        return [start[3] for start in drawn]
+
+    def _draw(
+        self, row: int, rng: np.random.Generator, options: dict[str, Any], draw: Draw
+    ) -> tuple[float, float, float, Any]:
+        """Draw a start: crank angle (rad) and speed (rad/s), delay (s), the task's numbers."""
+        # Drawn in any case, so that fixing one leaves the others as they were.
+        crank_angle = rng.uniform(0.0, 2.0 * math.pi)
+        own = draw(row, rng, options)
+        crank_speed = self.reset_noise_scale[row] * rng.uniform(-1.0, 1.0)
+        delay = self._draw_delay(row, rng, options)
+        return option(options, "crank_angle", crank_angle), crank_speed, delay, own
+
+    def apply_parameters(self, rows: Ints, plans: Sequence[Plan]) -> None:
+        """Put planned parameters and grounds in force."""
+        self.episodes.begin(rows, plans)
+        self.update_scales(rows)
+
+    def update_scales(self, rows: Ints) -> None:
+        """Note the weights of robots as they are, the torque of an action of 1, and so on."""
+        values = self.episodes.values[rows]
+        self.rows["weight"][rows] = GRAVITY * (
+            values["mass_scale"] * self._links_mass[rows] + values["payload"]
+        )
+        limits = np.array([self.robots[row].motor.torque_limit for row in rows.tolist()])
+        self.full_torque[rows] = self.rows["direction"][rows] * limits * values["motor_strength"]
+        self.pushes.strength[rows] = values["push_strength"]
+        if self.sensors is not None:
+            self.sensors.level[rows] = values["noise_level"]
+
+    def clear_episode(self, rows: Ints, action: float = 0.0) -> None:
+        """Begin robots' episodes: nothing but what a robot is remains of the one before."""
+        kept, info = self.rows, self.rows["info"]
+        for name in ("info", "energy"):
+            kept[name][rows] = np.zeros((), readings.ROW[name])
+        kept["action"][rows] = kept["action_before"][rows] = action
+        states = self.plant.states[rows]
+        kept["x_before"][rows], info["x_velocity"][rows] = states[:, 0], states[:, 4]
+        info["joint_gap"][rows] = self.plant.joint_gap[rows]
+        self.elapsed[rows] = 0
+
+    def step(
+        self, actions: Any, active: Bools, meanwhile: Callable[[], None] | None = None
+    ) -> None:
+        """Hold actions (n, 1) of the ``active`` robots (n,) for ``control_dt`` seconds.
+
+        Args:
+            meanwhile: called while they move, to :meth:`reset` others.
+
+        Raises:
+            ValueError: the actions are not one finite number for each active robot.
+        """
+        plant = self.plant
+        self._take_actions(actions, active)
+        pushes = self.pushes_to_come(active)
+        self.elapsed += active
+        rows = None if active.all() else np.flatnonzero(active)
+        plant.step(self.torque, self.steps, self.earlier, self.switch, rows, meanwhile, pushes)
+        if self.sensors is not None:
+            self._moved = np.flatnonzero(active)
+            self.sensors.draw(self._moved, self.elapsed, self.seeds)
+        if plant.joints_open:
+            self.rows["info"]["joint_gap"] = plant.joint_gap
+        if plant.any_diverged or self._any_truncated:
+            self._truncate(plant.diverged & active)
+        if self.track_joint_forces:
+            self._joint_loads[:] = (0.0, 0.0) if plant.any_diverged else plant.peak_loads()
+
+    def pushes_to_come(self, active: Bools) -> Array | None:
+        """Return (n, steps, 2) N s on the ``active`` robots in the next step, None for none."""
+        return self.pushes.of_step(active, self.elapsed, self.seeds)
+
+    def finish_step(self, active: Bools) -> None:
+        """Account for the step of the ``active`` robots (n,), and :meth:`describe` them."""
+        readings.finish_step(active, *self.step_arguments())
+
+    def describe(self, rows: Ints) -> None:
+        """Fill the world's columns of the observation and its information for some robots."""
+        readings.describe(rows, *self.describe_arguments())
+
+    def step_arguments(self) -> tuple[Any, ...]:
+        """Return the arguments of :func:`jansen_env.engine.readings.finish_step` but the first."""
+        plant = self.plant
+        return (
+            self.control_dt, plant.states, plant.slip, plant.contact_force, plant.rows, self.rows,
+            self.loads, plant.surface, self._scan, self._places, self._observation,
+        )  # fmt: skip
+
+    def describe_arguments(self) -> tuple[Any, ...]:
+        """Return the arguments of :func:`jansen_env.engine.readings.describe` but the first."""
+        plant = self.plant
+        return (
+            plant.states, plant.rows, self.rows, self.loads, plant.surface, self._scan,
+            self._places, self._observation,
+        )  # fmt: skip
+
+    def disturb_step(self) -> None:
+        """Add noise to the observations after a step, with the errors that it has drawn."""
+        if self.sensors is not None:
+            self.sensors.add(self._moved, self._observation)
+
+    def disturb(self, rows: Ints) -> None:
+        """Add noise to the observations of some robots, between two steps."""
+        if self.sensors is not None:
+            self.sensors.draw(rows, self.elapsed, self.seeds)
+            self.sensors.add(rows, self._observation)
+
+    @property
+    def non_toe_contact(self) -> Bools:
+        """(n,) whether a joint other than a toe was pressed on the ground in the last step."""
+        pressed: Bools = self.plant.rows["accumulators"]["non_toe_impulse"] > 0.0
+        return pressed
+
+    def checked(self, row: int, changes: Mapping[str, Any]) -> dict[str, Any]:
+        """Return changes of :attr:`SETTABLE` for :meth:`apply`; ValueError: one is out of range."""
+        return robot_changes.checked(self, row, changes)
+
+    def apply(self, row: int, checked: dict[str, Any]) -> None:
+        """Put changes of a robot and its ground in force."""
+        robot_changes.apply(self, row, checked)
+
+    def push(self, row: int, impulse: Any) -> None:
+        """Push a robot's chassis from now on, whatever other pushes there are.
+
+        Args:
+            impulse: (2,) N s in x and y; as long as ``push`` has it, without that 0.1 s.
+
+        Raises:
+            ValueError: no two finite numbers, or too many pushes at once.
+        """
+        now = float(self.elapsed[row]) * self.control_dt
+        own = check_schedule("impulse", [(now, *entries("impulse", impulse, "(Jx, Jy)"))])
+        self.pushes.add(row, own[0])
+
+    def get_attr(self, name: str) -> list[Any] | None:
+        """Return what each robot has of its own, see :func:`robot_changes.get_attr`."""
+        return robot_changes.get_attr(self, name)
+
+    def get_state(self, row: int) -> dict[str, Any]:
+        """Return all that a robot's future depends on but the task and random numbers."""
+        return robot_state.get_state(self, row)
+
+    def checked_state(self, row: int, state: Mapping[str, Any]) -> dict[str, Any]:
+        """Return a state for :meth:`restore`; ValueError: an entry is out of range."""
+        return robot_state.checked_state(self, row, state)
+
+    def restore(self, row: int, state: dict[str, Any]) -> None:
+        """Go on from a state of :meth:`checked_state`."""
+        robot_state.restore(self, row, state)
+
+    def scene(self, row: int) -> dict[str, Any]:
+        """Return the arguments of the renderer."""
+        return {
+            "robot": self.episodes.shown_robot(row, self.robots[row]),
+            "terrain_points": self.plant.terrains[row].polyline,
+        }
+
+    def frame(self, row: int) -> Frame:
+        """Return what is to be drawn of a robot as it stands, without a command."""
+        return robot_state.frame(self, row)
+
+    def kernels(self) -> list[Kernel]:
+        """Return what is compiled of it, but for the plant."""
+        return [self._action_kernel()]
+
+    def own_kernels(self) -> list[Kernel]:
+        """Return what a task compiles, too, that has no readings of its own."""
+        one, every = np.arange(1), np.ones(self.num_envs, bool)
+        return [
+            Kernel("readings", readings.describe, (one, *self.describe_arguments())),
+            Kernel("step readings", readings.finish_step, (every, *self.step_arguments())),
+        ]
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._share_arrays()
+
+    def close(self) -> None:
+        """Let go of threads."""
+        self.plant.close()

@@ -1,0 +1,101 @@
+"""A task that derives from another one: nothing is copied, nothing moves."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from jansen_env.envs.single import SingleEnv
+from jansen_env.envs.vector import TaskVectorEnv
+from jansen_env.tasks.walking import WalkerTask
+from jansen_env.world.entries import Observed
+
+WORLD = {"robot": "built", "height_scan": (0.2, 0.5, 3), "delay": 0.01, "friction": 0.7}
+
+
+@dataclass(frozen=True)
+class Bonus:
+    """An argument of its own."""
+
+    torque_bonus: float = 0.5
+
+
+class Derived(WalkerTask):
+    """Observes the torque, too."""
+
+    RECORDS = {**WalkerTask.RECORDS, "bonus": Bonus}  # noqa: RUF012
+    DEFAULTS = {"speed_command": 0.2}  # noqa: RUF012
+
+    def take(self, records):
+        super().take(records)
+        self.bonus = records["bonus"].torque_bonus
+
+    @property
+    def own_entries(self):
+        return [*super().own_entries, Observed("crank_torque", "N m", -np.inf, np.inf)]
+
+    def observe(self, rows):
+        torque = self.world.rows["info"]["crank_torque"][rows]
+        self.observation[rows, self.columns["crank_torque"]] = torque
+
+
+class Plain(WalkerTask):
+    """The same without."""
+
+    DEFAULTS = Derived.DEFAULTS
+
+
+class DerivedEnv(SingleEnv[Derived]):
+    """One robot."""
+
+    TASK = Derived
+
+
+class DerivedVectorEnv(TaskVectorEnv[Derived]):
+    """Many."""
+
+    TASK = Derived
+
+
+class PlainEnv(SingleEnv[Plain]):
+    """One robot that does not observe it."""
+
+    TASK = Plain
+
+
+def test_arguments_are_those_of_the_world_and_its_own():
+    known = inspect.signature(DerivedEnv).parameters
+    assert known["torque_bonus"].default == 0.5 and known["speed_command"].default == 0.2
+    assert {*known} == {*inspect.signature(PlainEnv).parameters, "torque_bonus"}
+    assert DerivedEnv(torque_bonus=2.0).task.bonus == 2.0
+    with pytest.raises(TypeError, match="unexpected keyword argument 'tork_bonus'"):
+        DerivedEnv(tork_bonus=2.0)
+
+
+@pytest.mark.parametrize("noise", [None, {}])
+def test_what_is_added_moves_nothing(noise):
+    """All other columns, by name, and rewards and information are those without it, bit for bit.
+
+    With noise but for lag and means, whose speeds have a second error drawn by the columns' number.
+    """
+    env, plain = (kind(**WORLD, noise=noise) for kind in (DerivedEnv, PlainEnv))
+    many = DerivedVectorEnv(2, **WORLD, noise=noise)
+    seen, before = env.reset(seed=4)[0], plain.reset(seed=4)[0]
+    together = many.reset(seed=[4, 5])[0]
+    rng = np.random.default_rng(1)
+    for _ in range(30):
+        assert (together[0] == seen).all()
+        for place, entry in enumerate(plain.observed):
+            if noise is None or entry.name not in ("lag", "mean_speed", "mean_power"):
+                assert seen[env.task.columns[entry.name]] == before[place], entry.name
+        action = rng.uniform(-0.2, 0.8, (2, 1)).astype(np.float32)
+        seen, reward, _, _, info = env.step(action[0])
+        before, expected, _, _, other = plain.step(action[0])
+        together = many.step(action)[0]
+        assert reward == expected and {*info} == {*other} and info["energy"] == other["energy"]
+        assert seen[-1] == np.float32(info["crank_torque"])
+    state = env.get_state()
+    assert (env.set_state(state)[: len(seen) - 1] == seen[:-1]).all()

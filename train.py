@@ -22,9 +22,10 @@ import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from agents.command_line import mapping, non_negative_int, positive_int
-from agents.config import ALGORITHMS, TO_RESUME, load_config, new_config
-from agents.process import outlive_readers
-from agents.runs import (
+from agents.scored_run import outcome, score_run
+from agents.training.config import ALGORITHMS, TO_RESUME, load_config, new_config
+from agents.training.process import outlive_readers
+from agents.training.runs import (
     FINAL,
     best_score,
     last_state,
@@ -33,9 +34,8 @@ from agents.runs import (
     read_evaluations,
     record_run,
 )
-from agents.scoring import outcome, score_run
-from agents.tasks import DEFAULT, TASKS, find_task
-from agents.training import prepare, train
+from agents.training.train_model import prepare, train
+from jansen_env.scoring.benchmarks import DEFAULT, TASKS, find_task
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:

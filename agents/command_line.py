@@ -13,7 +13,8 @@ MAX_STEPS = 10**10  # environment steps of one run: months of training
 
 
 def mapping(text: str) -> dict[str, Any]:
-    """A YAML mapping such as ``{friction: 0.5}``, read by :func:`agents.plain_yaml.parse_yaml`."""
+    """A YAML mapping such as ``{friction: 0.5}``, read by
+    :func:`agents.plain_yaml.parse_yaml`."""
     try:
         value = parse_yaml(text, repr(text))
     except ValueError as error:

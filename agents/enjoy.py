@@ -14,9 +14,6 @@ from typing import Any
 
 from agents.command_line import mapping, non_negative_int, positive_int
 from agents.evaluate import label, labels, load_named
-from agents.policy import Policy
-from agents.rollout import make_env
-from agents.tasks import DEFAULT, TASKS, find_task
 from agents.video import (
     Progress,
     check_suffix,
@@ -26,6 +23,9 @@ from agents.video import (
     stack,
     steps_per_frame,
 )
+from jansen_env.baselines.policy import Policy
+from jansen_env.scoring.benchmarks import DEFAULT, TASKS, find_task
+from jansen_env.scoring.rollout import make_env
 
 INVISIBLE = ("dummy", "offscreen")  # SDL's drivers of invisible windows
 

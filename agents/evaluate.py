@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 
 from agents import robustness
 from agents.command_line import mapping, non_negative_int, positive_int
-from agents.metrics import INTERVALS, Array, pooled, score_table, summarise
 from agents.plots import plot_scores
-from agents.policy import Policy
-from agents.rollout import draw_episodes, make_env, run_episodes
-from agents.tasks import DEFAULT, TASKS, WALKERS, find_task
 from agents.video import FRAME_TIME, record_video
-from jansen_env import pretrained
+from jansen_env.baselines.policy import Policy
 from jansen_env.files import write_json
 from jansen_env.plants.make import PLANTS
-from jansen_env.pretrained import PretrainedPolicy
+from jansen_env.policies import pretrained
+from jansen_env.policies.pretrained import PretrainedPolicy
+from jansen_env.scoring.benchmarks import DEFAULT, TASKS, WALKERS, find_task
+from jansen_env.scoring.metrics import INTERVALS, Array, pooled, score_table, summarise
+from jansen_env.scoring.rollout import draw_episodes, make_env, run_episodes
 
 FIRST_SEED = 40_000  # of scored episodes; training, tuning and selection use others
 ALIASES = {"pid-paper": "pid", "pretrained": f"pretrained:{pretrained.DEFAULT}"}
@@ -34,7 +34,7 @@ def load_named(name: str, env: Any) -> Policy:
     """Load a policy for ``env`` by name, or from a run's folder or the file of a model or policy.
 
     Names are those of baselines, ``"pretrained"`` and ``"pretrained:NAME"``, see
-    :mod:`jansen_env.pretrained`.
+    :mod:`jansen_env.policies.pretrained`.
 
     Raises:
         ValueError: it is none of these, or was trained on other observations or actions.
@@ -54,7 +54,7 @@ def load_named(name: str, env: Any) -> Policy:
     if Path(name).suffix == ".json":
         return _fitting(name, pretrained.load_file(name), env)
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # more would change the last bits of the actions
-    from agents.models import load_policy  # only now: torch is slow to import
+    from agents.training.models import load_policy  # only now: torch is slow to import
 
     policy: Any = load_policy(name)
     for space in ("observation_space", "action_space"):
@@ -122,7 +122,8 @@ def evaluate(
         episodes: per command. seed: of the starts.
 
     Returns:
-        For each policy :func:`agents.metrics.summarise` and its episodes under ``"raw"``.
+        For each policy :func:`jansen_env.scoring.metrics.summarise` and its episodes under
+        ``"raw"``.
 
     Raises:
         ValueError: no task is known for ``env_id``, or an argument out of range.
@@ -146,7 +147,7 @@ def evaluate_drawn(
         seed: of commands and starts.
 
     Returns:
-        For each policy :func:`agents.metrics.pooled` and its episodes under ``"raw"``.
+        For each policy :func:`jansen_env.scoring.metrics.pooled` and its episodes under ``"raw"``.
 
     Raises:
         ValueError: no task is known for ``env_id``, or an argument out of range.

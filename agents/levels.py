@@ -19,13 +19,13 @@ from tabulate import tabulate
 
 from agents.command_line import mapping, non_negative_int, positive_int
 from agents.evaluate import labels, load_named
-from agents.metrics import Episodes, Interval, point_estimates, proportion_with_interval
-from agents.policy import Bools, Policy
-from agents.rollout import make_env, run_episodes
-from agents.tasks import ENOUGH, TASKS, find_task, succeeded
+from jansen_env.baselines.policy import Bools, Policy
 from jansen_env.files import write_json, write_text, write_whole
 from jansen_env.plants.make import PLANTS
-from jansen_env.terrain_generators import HIGHEST
+from jansen_env.scoring.benchmarks import ENOUGH, TASKS, find_task, succeeded
+from jansen_env.scoring.metrics import Episodes, Interval, point_estimates, proportion_with_interval
+from jansen_env.scoring.rollout import make_env, run_episodes
+from jansen_env.terrain.generators import HIGHEST
 
 FIRST_SEED = 80_000  # of the episodes: training, tuning and other scores use others
 RATIOS = ("slip_per_metre", "cost_of_transport")

@@ -1,8 +1,8 @@
 """A trained policy as two small files that need neither torch nor this package's training:
 
 ``python -m agents.pack logs/ppo/JansenWalker-v0_1`` writes ``ENV_ID/NAME.json`` and
-``NAME.safetensors``, which :mod:`jansen_env.pretrained` reads, with the scores of the policy as it
-will be read.
+``NAME.safetensors``, which :mod:`jansen_env.policies.pretrained` reads, with the scores of the
+policy as it will be read.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from torch import nn
 
 import jansen_env
 from agents.command_line import non_negative_int, positive_int
-from agents.config import TO_RESUME, find_config, load_config
 from agents.evaluate import evaluate, model_file
-from agents.model_files import read_model
-from agents.models import load_policy
-from agents.normalizer import CLIP, MIN_DEVIATION, NormalizedObservation
-from agents.rollout import make_env
-from jansen_env import pretrained
+from agents.training.config import TO_RESUME, find_config, load_config
+from agents.training.model_files import read_model
+from agents.training.models import load_policy
+from agents.training.normalizer import CLIP, MIN_DEVIATION, NormalizedObservation
 from jansen_env.files import write_bytes, write_json
-from jansen_env.pretrained import PretrainedPolicy
+from jansen_env.policies import pretrained
+from jansen_env.policies.pretrained import PretrainedPolicy
+from jansen_env.scoring.rollout import make_env
 
 ACTIVATIONS = {nn.Tanh: "tanh", nn.ReLU: "relu", nn.ELU: "elu"}
 LIBRARIES = ("gymnasium", "numba", "numpy", "stable-baselines3", "torch")
@@ -42,7 +42,7 @@ def describe_network(policy: Any) -> dict[str, Any]:
     """Describe how a policy of PPO or SAC gets from an observation to its action without noise.
 
     Raises:
-        ValueError: it has a part that :mod:`jansen_env.pretrained` does not know.
+        ValueError: it has a part that :mod:`jansen_env.policies.pretrained` does not know.
     """
     if hasattr(policy, "actor"):  # SAC
         extractor, parts = "actor.features_extractor", ("actor.latent_pi", "actor.mu")
@@ -90,7 +90,8 @@ def describe(policy: Any, config: dict[str, Any], training: dict[str, Any]) -> d
     """Return the JSON file's content but for checksum and scores.
 
     Args:
-        policy: as of :func:`agents.models.load_policy`. config: of its run. training: what else to
+        policy: as of :func:`agents.training.models.load_policy`. config: of its run. training: what
+        else to
             say of that.
     """
     env: Any = make_env(config["env"], config.get("env_kwargs", {}))
@@ -211,8 +212,8 @@ def random_observations(policy: PretrainedPolicy, spread: Any, rng: np.random.Ge
 
 
 def in_float64(policy: Any) -> Any:
-    """Let a policy of :func:`agents.models.load_policy` compute in float64; its weights stay those
-    of float32."""
+    """Let a policy of :func:`agents.training.models.load_policy` compute in float64; its weights
+    stay those of float32."""
     for module in policy.double().modules():
         if isinstance(module, BaseFeaturesExtractor):  # observations come to it as float32
             module.register_forward_pre_hook(lambda _, inputs: (inputs[0].double(),))

@@ -11,9 +11,9 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from agents.metrics import Metric, tabled
-from agents.tasks import Task
 from jansen_env.files import write_whole
+from jansen_env.scoring.benchmarks import Task
+from jansen_env.scoring.metrics import Metric, tabled
 
 LEAST = 1e-4  # at which a logarithmic axis shows all that is less: rigid feet may not slip at all
 

@@ -9,13 +9,13 @@ from pathlib import Path
 
 from agents.command_line import mapping, non_negative_int, positive_int
 from agents.evaluate import labels, load_named
-from agents.rollout import make_env
-from agents.tasks import DEFAULT, TASKS, find_task
 from agents.video import play
 from jansen_env.files import write_text
-from jansen_env.recorder import Recorder
-from jansen_env.recording import LONGEST_NAME, MOST_STEPS, Recording
-from jansen_env.web.page import MOST_RECORDINGS, page
+from jansen_env.scoring.benchmarks import DEFAULT, TASKS, find_task
+from jansen_env.scoring.rollout import make_env
+from jansen_env.viewer.recorder import Recorder
+from jansen_env.viewer.recording import LONGEST_NAME, MOST_STEPS, Recording
+from jansen_env.viewer.web.page import MOST_RECORDINGS, page
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:

@@ -15,13 +15,13 @@ from typing import Any, TypeAlias
 import numpy as np
 from matplotlib.figure import Figure
 
-from agents.metrics import INTERVALS, pooled, score_table
 from agents.plots import draw_curve, finish_panel, legend_above, save
-from agents.policy import Policy
-from agents.rollout import draw_episodes, make_env, run_episodes
-from agents.tasks import find_task
+from jansen_env.baselines.policy import Policy
 from jansen_env.files import write_json
 from jansen_env.robot import RIGID, Compliance, Robot, built_robot
+from jansen_env.scoring.benchmarks import find_task
+from jansen_env.scoring.metrics import INTERVALS, pooled, score_table
+from jansen_env.scoring.rollout import draw_episodes, make_env, run_episodes
 
 FRICTIONS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 STIFFNESSES = (10, 20, 50, 100, 200, 500, math.inf)  # kN/m
@@ -33,7 +33,8 @@ Loaded: TypeAlias = Sequence[tuple[dict[str, Policy], dict[str, Any]]]
 """Policies by name, and the environment's arguments; see :func:`agents.evaluate.load_all`."""
 
 Scores: TypeAlias = dict[str, dict[str, dict[str, dict[str, Any]]]]
-"""By sweep, condition and policy: the summary that :func:`agents.metrics.pooled` returns."""
+"""By sweep, condition and policy: the summary that :func:`jansen_env.scoring.metrics.pooled`
+returns."""
 
 
 def feet(robot: Robot, stiffness: float) -> Compliance:

@@ -16,17 +16,17 @@ from pathlib import Path
 from typing import Any
 
 from agents.command_line import mapping, non_negative_int, positive_int
-from agents.config import ALGORITHMS
 from agents.plain_yaml import read_yaml
 from agents.studies.backends import has_ray, run_locally, run_on_ray
 from agents.studies.plan import Study, enter, make_study, read_study
 from agents.studies.progress import StudyProgress
 from agents.studies.run import STATUS, TOKEN, RunRequest, RunResult, is_finished
 from agents.studies.study_report import write_report
-from agents.tasks import DEFAULT, TASKS
-from agents.training import prepare
+from agents.training.config import ALGORITHMS
+from agents.training.train_model import prepare
 from jansen_env.cores import available_cores
 from jansen_env.files import write_text
+from jansen_env.scoring.benchmarks import DEFAULT, TASKS
 
 FLAGS = ("seeds", "envs", "algos", "timesteps", "n_envs", "env_kwargs", "config", "eval_freq",
          "save_freq", "eval_episodes")  # fmt: skip

@@ -2,7 +2,7 @@
 
 For ``pid`` and ``constant`` the walking speed at constant crank speeds and at constant torques is
 measured on the robot of ``--env``; the PID's gains are those of :data:`GAINS` that return most.
-``profile`` is searched for on the same robot (:mod:`agents.profile_search`).
+``profile`` is searched for on the same robot (:mod:`agents.tuning.profile_search`).
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ import numpy as np
 from tqdm import tqdm
 
 import jansen_env
-from agents import profile, profile_search
 from agents.command_line import non_negative_int, positive_int
-from agents.policy import Array, Policy
-from agents.profile import Profile
-from agents.rollout import make_env, run_episodes
-from agents.tasks import TASKS
-from agents.trials import Outcome
-from agents.walker_baselines import (
+from agents.tuning import profile_search
+from agents.tuning.trials import Outcome
+from jansen_env.baselines import profile
+from jansen_env.baselines.pid import PID
+from jansen_env.baselines.policy import Array, Policy
+from jansen_env.baselines.profile import Profile
+from jansen_env.baselines.walker_baselines import (
     BASELINES,
     DATA,
     Setting,
@@ -33,9 +33,10 @@ from agents.walker_baselines import (
     tuned_for,
     walking_pid,
 )
-from jansen_env.control import PID
 from jansen_env.files import write_json
 from jansen_env.robot import ROBOTS
+from jansen_env.scoring.benchmarks import TASKS
+from jansen_env.scoring.rollout import make_env, run_episodes
 
 ENV = "JansenWalker-v0"
 FLAT = (ENV, "JansenWalkerBuilt-v0")  # harder worlds take the numbers of their robot

@@ -8,14 +8,14 @@ from typing import Any
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 
-from agents.config import TO_RESUME, check_config
-from agents.models import untrained_policy
 from agents.pack import COPY
-from agents.policy import Policy
-from agents.training import prepare
-from jansen_env import pretrained
+from agents.training.config import TO_RESUME, check_config
+from agents.training.models import untrained_policy
+from agents.training.train_model import prepare
+from jansen_env.baselines.policy import Policy
 from jansen_env.checks import shown
-from jansen_env.pretrained import PretrainedPolicy
+from jansen_env.policies import pretrained
+from jansen_env.policies.pretrained import PretrainedPolicy
 
 
 def load_sb3(env_id: str, name: str = pretrained.DEFAULT) -> BaseAlgorithm:
@@ -31,7 +31,7 @@ def load_sb3_file(path: str | Path) -> BaseAlgorithm:
     """Load a policy's JSON file and the file beside it as a model, see :func:`to_sb3`.
 
     Raises:
-        ValueError: as of :func:`jansen_env.pretrained.load_file` and :func:`to_sb3`.
+        ValueError: as of :func:`jansen_env.policies.pretrained.load_file` and :func:`to_sb3`.
     """
     try:
         return to_sb3(pretrained.load_file(path))
@@ -45,7 +45,8 @@ def to_sb3(packed: PretrainedPolicy) -> BaseAlgorithm:
     Networks are the trained ones, the critic's too; the optimiser starts anew.
 
     Raises:
-        ValueError: its configuration is not allowed (see :func:`agents.config.check_config`), or
+        ValueError: its configuration is not allowed (see
+        :func:`agents.training.config.check_config`), or
             describes other networks.
     """
     model = prepare(training_config(packed))
@@ -57,7 +58,8 @@ def to_policy(packed: PretrainedPolicy) -> Policy:
     """Return a policy as the one in PyTorch that it was packed of.
 
     Raises:
-        ValueError: its configuration is not allowed (see :func:`agents.config.check_config`), or
+        ValueError: its configuration is not allowed (see
+        :func:`agents.training.config.check_config`), or
             describes other networks.
     """
     try:
@@ -72,7 +74,8 @@ def training_config(packed: PretrainedPolicy) -> dict[str, Any]:
     """Return the configuration that a policy was trained with.
 
     Raises:
-        ValueError: it is not allowed (see :func:`agents.config.check_config`), or of another
+        ValueError: it is not allowed (see :func:`agents.training.config.check_config`), or of
+        another
             environment than the policy.
     """
     training = packed.description.get("training")

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from agents.policy import Policy
-from agents.rollout import make_env
+from jansen_env.baselines.policy import Policy
 from jansen_env.files import write_whole
 from jansen_env.rendering import GROUND_TEXT, SLIP
+from jansen_env.scoring.rollout import make_env
 
 FRAME_TIME = {".gif": 0.06, ".mp4": 0.02}  # s from one frame to the next
 GIF_WIDTH, GIF_COLOURS = 480, 64

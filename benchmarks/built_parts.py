@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from benchmarks.measure import table
-from jansen_env import Robot, built
+from jansen_env import Robot
+from jansen_env.robot import buildable as built
 
 MATERIALS = {"flat bar": "EN AW-6060 T66 flat bar", "plate": "EN AW-6060 T66 sheet, laser cut"}
 

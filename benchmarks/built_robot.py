@@ -21,14 +21,15 @@ from benchmarks import measure, walks
 from benchmarks.built_parts import parts_table
 from benchmarks.measure import table
 from benchmarks.walks import SETTLE, Walked, whole_half_turns
-from jansen_env import MOTORS, Robot, Terrain, built, built_robot
+from jansen_env import MOTORS, Robot, Terrain, built_robot
 from jansen_env.dynamics.joint_forces import CORNERS, PINS, JointForces
-from jansen_env.kinematics import coordinates
 from jansen_env.plants.base import Plant
 from jansen_env.plants.make import PLANTS, make_plant
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.trace import trace_forces
 from jansen_env.robot import BEARINGS, BODIES, BODIES_PER_LEG
+from jansen_env.robot import buildable as built
+from jansen_env.robot.kinematics import coordinates
 
 Array = NDArray[np.float64]
 

@@ -15,17 +15,17 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from agents.policy import Array, Bools, Policy
-from agents.tasks import ENOUGH
-from agents.trials import DURATION, Trials
+from agents.tuning.trials import DURATION, Trials
 from benchmarks import measure
 from benchmarks.profile_scores import load
 from jansen_env import Terrain
-from jansen_env import terrain_shapes as shapes
-from jansen_env.kinematics import SKELETON, T, joint_positions, world_joints
+from jansen_env.baselines.policy import Array, Bools, Policy
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot import Robot, paper_robot
-from jansen_env.terrain_generators import HIGHEST, LEVELS, NamedGenerator, at_level, make_generator
+from jansen_env.robot.kinematics import SKELETON, T, joint_positions, world_joints
+from jansen_env.scoring.benchmarks import ENOUGH
+from jansen_env.terrain import shapes
+from jansen_env.terrain.generators import HIGHEST, LEVELS, NamedGenerator, at_level, make_generator
 
 SPEEDS = (0.2, 0.3, 0.45, 0.6)  # m/s
 FRICTION = 0.8
@@ -278,7 +278,7 @@ def main(arguments: list[str] | None = None) -> None:
         "the lowest one. Beyond that, a toe that meets a face has to be pulled up it.",
     )
     measure.report(found.out / "levels.md", "# Levels", "`python -m benchmarks.climbing`: values "
-                   "of `jansen_env.terrain_generators.LEVELS`.", level_table())  # fmt: skip
+                   "of `jansen_env.terrain.generators.LEVELS`.", level_table())  # fmt: skip
     draw(results, speeds, found.out / "climbing.png")
     draw_generators(found.out / "generators.png")
 

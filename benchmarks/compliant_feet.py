@@ -19,11 +19,11 @@ from benchmarks.measure import table
 from jansen_env import Robot, Terrain
 from jansen_env.dynamics.reduced import compile_robot, mass_matrix
 from jansen_env.gravity import GRAVITY
-from jansen_env.kinematics import T, world_joints
 from jansen_env.plants.base import StepResult
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.trace import trace_forces
 from jansen_env.robot import Compliance
+from jansen_env.robot.kinematics import T, world_joints
 
 STIFFNESS: tuple[float, ...] = (math.inf, 1e5, 5e4, 2e4, 1e4)  # N/m
 SPEEDS: tuple[float, ...] = (1.0, 3.5, 4.0)  # of the crank, rad/s

@@ -67,8 +67,8 @@ def main(arguments: list[str] | None = None) -> None:
     import torch
     from stable_baselines3.common.env_util import make_vec_env as peers_vec_env
 
-    from agents.config import new_config
-    from agents.vec_env import make_vec_env
+    from agents.training.config import new_config
+    from jansen_env.sb3 import make_vec_env
 
     count, setting, rounds = ENVIRONMENTS, SETTING, found.rounds
     if found.quick:

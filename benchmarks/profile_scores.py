@@ -18,10 +18,10 @@ from gymnasium.vector import AutoresetMode
 from scipy.stats import binomtest
 
 from agents.evaluate import label, load_named
-from agents.policy import Array, Policy
-from agents.rollout import make_env
-from agents.trials import ENV, Outcome, Trials
+from agents.tuning.trials import ENV, Outcome, Trials
 from benchmarks import measure
+from jansen_env.baselines.policy import Array, Policy
+from jansen_env.scoring.rollout import make_env
 
 COMMANDS = (0.05, 0.06, 0.075, 0.1, 0.125, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7,
             0.8)  # fmt: skip

@@ -17,16 +17,16 @@ from typing import Any
 import numpy as np
 from scipy.stats import rankdata, spearmanr
 
-from agents.columns import columns
 from agents.evaluate import load_named
-from agents.metrics import Episodes, point_estimates
-from agents.policy import Array, Policy, TorquePolicy
-from agents.rollout import make_env, run_episodes
-from agents.tasks import WALKER
-from agents.walker_baselines import BASELINES, measured_setting, walking_pid
 from benchmarks import measure
-from jansen_env.control import PID
+from jansen_env.baselines.columns import columns
+from jansen_env.baselines.pid import PID
+from jansen_env.baselines.policy import Array, Policy, TorquePolicy
+from jansen_env.baselines.walker_baselines import BASELINES, measured_setting, walking_pid
 from jansen_env.robot import Robot
+from jansen_env.scoring.benchmarks import WALKER
+from jansen_env.scoring.metrics import Episodes, point_estimates
+from jansen_env.scoring.rollout import make_env, run_episodes
 
 ENV = "JansenWalker-v0"
 FIRST_SEED = 50_000  # of the episodes, apart from all others

@@ -24,7 +24,7 @@ from benchmarks import measure, walks
 from benchmarks.probe import OURS, STAGES, Many, Single, Tree, robots
 from jansen_env import ROBOTS, Robot, paper_robot
 from jansen_env.cores import available_cores
-from jansen_env.terrain_generators import make_generator
+from jansen_env.terrain.generators import make_generator
 
 MUJOCO, BOX2D = "Walker2d-v5", "BipedalWalker-v3"
 FLAT, ROUGH, REAL = f"{OURS}, flat", f"{OURS}, rough", f"{OURS}, motor, bearings and feet"

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jansen_env import Terrain
-from jansen_env.control import PID
+from jansen_env.baselines.pid import PID
 from jansen_env.engine.walk_reward import FALLEN_PITCH
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import Plant, StepResult

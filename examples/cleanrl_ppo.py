@@ -14,7 +14,7 @@ from torch import nn
 from torch.distributions import Normal
 
 from agents.evaluate import evaluate
-from agents.walker_baselines import BASELINES
+from jansen_env.baselines.walker_baselines import BASELINES
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("--steps", type=int, default=800_000, help="of all robots together")
@@ -124,7 +124,7 @@ for update in range(1, updates + 1):
 
 
 def predict(observation, state=None, episode_start=None, deterministic=True):
-    """The mean action, as :class:`agents.policy.Policy` has it."""
+    """The mean action, as :class:`jansen_env.baselines.policy.Policy` has it."""
     scaled = (observation - envs.obs_rms.mean) / np.sqrt(envs.obs_rms.var + envs.epsilon)
     with torch.no_grad():
         return policy(torch.as_tensor(scaled, dtype=torch.float32)).mean[:, None].numpy(), state

@@ -24,7 +24,7 @@ from ray.rllib.algorithms.ppo import PPOConfig
 from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 
 from agents.evaluate import evaluate
-from agents.tasks import find_task
+from jansen_env.scoring.benchmarks import find_task
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 add = parser.add_argument
@@ -101,7 +101,7 @@ ray.shutdown()
 
 
 def predict(observation, state=None, episode_start=None, deterministic=True):
-    """Return the mean action, as :class:`agents.policy.Policy` has it."""
+    """Return the mean action, as :class:`jansen_env.baselines.policy.Policy` has it."""
     with torch.no_grad():
         batch = {"obs": torch.as_tensor(observation, dtype=torch.float32)}
         mean = module.forward_inference(batch)["action_dist_inputs"][:, :1]

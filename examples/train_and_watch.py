@@ -8,10 +8,10 @@ from pathlib import Path
 
 import gymnasium as gym
 
-from agents.config import new_config
-from agents.models import load_policy
-from agents.runs import record_run
-from agents.training import prepare, train
+from agents.training.config import new_config
+from agents.training.models import load_policy
+from agents.training.runs import record_run
+from agents.training.train_model import prepare, train
 from agents.video import save_video
 
 ENV = "JansenWalkerBuilt-v0"

@@ -10,9 +10,9 @@ import optuna
 import yaml
 from stable_baselines3.common.callbacks import BaseCallback
 
-from agents.config import new_config
-from agents.runs import read_evaluations, record_run
-from agents.training import prepare, train
+from agents.training.config import new_config
+from agents.training.runs import read_evaluations, record_run
+from agents.training.train_model import prepare, train
 
 trials, steps = (int(text) for text in (sys.argv[1:] + ["16", "800000"][len(sys.argv) - 1 :]))
 

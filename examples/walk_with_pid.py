@@ -10,7 +10,7 @@ import numpy as np
 
 import jansen_env  # noqa: F401  # registers the environments
 from agents.video import save_video
-from agents.walker_baselines import BASELINES
+from jansen_env.baselines.walker_baselines import BASELINES
 
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 300
 

@@ -2,11 +2,6 @@
 
 from gymnasium.envs.registration import register
 
-from jansen_env.curriculum import Curriculum
-from jansen_env.kinematics import LinkageError
-from jansen_env.motor import MOTORS, Motor
-from jansen_env.noise import Noise
-from jansen_env.push import Push
 from jansen_env.robot import (
     ROBOTS,
     Bar,
@@ -20,7 +15,12 @@ from jansen_env.robot import (
     paper_robot,
     phased_legs,
 )
+from jansen_env.robot.kinematics import LinkageError
+from jansen_env.robot.motor import MOTORS, Motor
 from jansen_env.terrain import Terrain
+from jansen_env.terrain.curriculum import Curriculum
+from jansen_env.world.noise import Noise
+from jansen_env.world.push import Push
 
 __version__ = "0.1.0"
 

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.gravity import GRAVITY
-from jansen_env.kinematics import (
+from jansen_env.robot import Robot
+from jansen_env.robot.kinematics import (
     SKELETON,
     A,
     Array,
@@ -29,7 +30,6 @@ from jansen_env.kinematics import (
     direction,
     joint_positions,
 )
-from jansen_env.robot import Robot
 from jansen_env.terrain import heights_of
 
 Picture = NDArray[np.uint8]

@@ -14,7 +14,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # a process with threads must not
 import torch
 from small_runs import go_on, outcome, same, small_run
 
-from agents import callbacks
+from agents.training import callbacks
 
 WRITES = 15  # files that a run writes before it is killed within a write, at most
 

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import torch
 
-from agents import config, runs, training
-from agents.model_files import read_model
+from agents.training import config, runs
+from agents.training import train_model as training
+from agents.training.model_files import read_model
 
 CRANK = "JansenCrank-v0"
 STEPS, SAVED = 576, 6  # of a whole run; checkpoints in it

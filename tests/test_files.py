@@ -9,10 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from agents import model_files, plain_yaml, replay_buffers
-from jansen_env import files, pretrained
+from agents import plain_yaml
+from agents.training import model_files, replay_buffers
+from jansen_env import files
 from jansen_env.files import PART, write_json, write_text, write_whole
-from jansen_env.recording import Recording
+from jansen_env.policies import pretrained
+from jansen_env.viewer.recording import Recording
 
 
 def test_files_are_on_the_disk_before_they_are_moved(tmp_path, monkeypatch):

@@ -13,22 +13,24 @@ from agents import NEEDED
 
 ROOT = Path(__file__).parents[1]
 ORDER = (
-    ["checks", "cores", "files", "gravity", "control"],
-    ["motor", "built", "robot", "terrain", "terrain_shapes", "terrain_generators", "curriculum"],
-    ["noise", "push"],
-    ["kinematics"],
-    ["dynamics", "rendering"],
+    ["checks", "cores", "files"],
+    ["gravity", "robot", "terrain"],
+    ["parameters", "rendering"],
+    ["dynamics"],
     ["engine"],
-    ["parameters"],
     ["plants"],
     ["world"],
     ["tasks"],
     ["envs"],
-    ["baselines"],
-    ["policy_network", "policy_environment", "pretrained", "paper"],
-    ["web", "recording", "recorder"],
+    ["baselines", "policies"],
+    ["scoring"],
+    ["sb3", "viewer", "paper"],
     ["play"],
-    ["agents"],
+    ["agents.command_line", "agents.plain_yaml", "agents.plots", "agents.video"],
+    ["agents.training", "agents.tuning", "agents.robustness"],
+    ["agents.evaluate", "agents.pack", "agents.scored_run", "agents.unpack"],
+    ["agents.export", "agents.studies"],
+    ["agents"],  # the other commands
     ["benchmarks", "examples", "train"],
 )
 """Parts of the project: each may import those of its own line and of lines above."""
@@ -43,10 +45,15 @@ FILES = [
 
 def part_of(module: str) -> str | None:
     """The part that a module belongs to; None for one of another project."""
-    if module.startswith("jansen_env.world.parameters"):  # plain data, which plants read as well
+    if module.startswith("jansen_env.parameters"):  # plain data, which plants read as well
         return "parameters"
+    if module == "agents":  # whose modules are named beside it
+        return None
     names = [name for name in module.split(".") if name != "jansen_env"]
-    return names[0] if names and names[0] in RANK else None
+    for part in (".".join(names[:2]), *names[:1]):
+        if part in RANK:
+            return part
+    return None
 
 
 def imported(path: Path) -> set[str]:

@@ -15,12 +15,12 @@ from agents.evaluate import ALIASES, SHIPPED, evaluate
 from agents.export import agreement, c_source, onnx_model
 from agents.export.model_card import card
 from agents.pack import TOLERANCE, from_run, in_float64
-from agents.rollout import make_env
-from agents.tasks import DEFAULT, find_task
 from agents.unpack import to_policy
-from jansen_env import pretrained
 from jansen_env.files import write_bytes
-from jansen_env.pretrained import PretrainedPolicy
+from jansen_env.policies import pretrained
+from jansen_env.policies.pretrained import PretrainedPolicy
+from jansen_env.scoring.benchmarks import DEFAULT, find_task
+from jansen_env.scoring.rollout import make_env
 
 KINDS = ("onnx", "c")
 CASES = 10_000  # observations on which is compared

@@ -12,7 +12,7 @@ import torch
 from agents.command_line import non_negative_int, positive_int
 from agents.export import CASES, KINDS, __doc__, export
 from agents.export.onnx_model import NEEDED
-from agents.tasks import DEFAULT, TASKS
+from jansen_env.scoring.benchmarks import DEFAULT, TASKS
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:

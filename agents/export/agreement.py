@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.pack import random_observations
-from agents.policy import Policy
-from agents.rollout import make_envs
-from jansen_env.policy_network import Normalized
-from jansen_env.pretrained import PretrainedPolicy
+from jansen_env.baselines.policy import Policy
+from jansen_env.policies.network import Normalized
+from jansen_env.policies.pretrained import PretrainedPolicy
+from jansen_env.scoring.rollout import make_envs
 
 Array = NDArray[np.float64]
 Cases = NDArray[np.float32]  # observations (n, d)

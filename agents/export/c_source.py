@@ -18,8 +18,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 import jansen_env
 from jansen_env.checks import shown
-from jansen_env.policy_network import Harmonics
-from jansen_env.pretrained import PretrainedPolicy
+from jansen_env.policies.network import Harmonics
+from jansen_env.policies.pretrained import PretrainedPolicy
 
 TAKEN = ("main", "math", "stdio")  # files which NAME.c and NAME.h must not be taken for
 UNSAFE = re.compile(r"[^A-Za-z0-9 .,:;=+\-_()\[\]{}'/%^<>]")  # in a comment

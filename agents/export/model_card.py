@@ -18,14 +18,14 @@ import numpy as np
 
 import jansen_env
 from agents.export.c_source import render
-from agents.metrics import INTERVALS, score_table
-from agents.rollout import make_env
-from agents.tasks import find_task
 from jansen_env.engine.walk_reward import FURTHEST_TARGET, LONGEST_MEAN, SHORTEST_MEAN
-from jansen_env.kinematics import advance_per_turn
-from jansen_env.policy_environment import arguments_of
-from jansen_env.policy_network import Normalized
-from jansen_env.pretrained import PretrainedPolicy, checksum
+from jansen_env.policies.environment import arguments_of
+from jansen_env.policies.network import Normalized
+from jansen_env.policies.pretrained import PretrainedPolicy, checksum
+from jansen_env.robot.kinematics import advance_per_turn
+from jansen_env.scoring.benchmarks import find_task
+from jansen_env.scoring.metrics import INTERVALS, score_table
+from jansen_env.scoring.rollout import make_env
 
 
 def code(text: Any) -> str:

@@ -2,7 +2,7 @@
 
 The input is ``observation`` (N, d) float32; outputs are ``action`` (N, 1), from -1 to 1, and
 ``torque`` (N, 1), N m. N is free. All is computed in float64 and rounded to float32 at the end, as
-:meth:`jansen_env.pretrained.PretrainedPolicy.predict` does.
+:meth:`jansen_env.policies.pretrained.PretrainedPolicy.predict` does.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import torch
 from torch import Tensor, nn
 
 import jansen_env
-from jansen_env.policy_network import Features, Harmonics, Layer, Normalized
-from jansen_env.pretrained import PretrainedPolicy
+from jansen_env.policies.network import Features, Harmonics, Layer, Normalized
+from jansen_env.policies.pretrained import PretrainedPolicy
 
 NEEDED = ("onnx", "onnxscript")  # packages of the extra "export"
 OPSET = 18  # of 2022, which runtimes of today read

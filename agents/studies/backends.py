@@ -23,9 +23,9 @@ from multiprocessing.connection import wait as wait_for
 from queue import SimpleQueue
 from typing import Any
 
-from agents.callbacks import StopOnSignal
-from agents.process import HANGUP
 from agents.studies.run import RunRequest, RunResult, execute_run
+from agents.training.callbacks import StopOnSignal
+from agents.training.process import HANGUP
 from jansen_env.cores import available_cores
 
 RETRIES = 10  # of a run whose process or machine was lost

@@ -11,11 +11,11 @@ from typing import Any
 import yaml
 
 from agents.command_line import MAX_STEPS
-from agents.config import KEYS, TO_RESUME, Rule, check_config, check_keys, new_config
 from agents.plain_yaml import MAX_BYTES, read_yaml
-from agents.tasks import DEFAULT
+from agents.training.config import KEYS, TO_RESUME, Rule, check_config, check_keys, new_config
 from jansen_env.checks import shown
 from jansen_env.files import write_text
+from jansen_env.scoring.benchmarks import DEFAULT
 
 PLAN = "study.yml"
 MAX_RUNS = 10_000

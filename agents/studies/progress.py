@@ -11,9 +11,9 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from agents.runs import read_evaluations
 from agents.studies.plan import Run
 from agents.studies.run import RunResult, is_finished, read_status
+from agents.training.runs import read_evaluations
 
 SHOWN = ("starting", "training", "scoring", "failed", "lost")
 

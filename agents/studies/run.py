@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from agents.runs import FINAL, last_state, locked, record_run
 from agents.studies.plan import Run
+from agents.training.runs import FINAL, last_state, locked, record_run
 from jansen_env.files import open_regular, write_json
 
 STATUS, LOG, SCORES, TOKEN = "status.json", "log.txt", "scores.json", "token.txt"
@@ -117,8 +117,8 @@ def _execute(request: RunRequest) -> RunResult:
 def _train_and_score(request: RunRequest) -> None:
     import torch
 
-    from agents.scoring import score_run
-    from agents.training import prepare, train
+    from agents.scored_run import score_run
+    from agents.training.train_model import prepare, train
 
     torch.set_num_threads(1)
     folder, config = request.run.folder, request.run.config

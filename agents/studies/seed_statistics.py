@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import DegenerateDataWarning, bootstrap, t, trim_mean
 
-from agents.metrics import CONFIDENCE, Interval, proportion_with_interval
+from jansen_env.scoring.metrics import CONFIDENCE, Interval, proportion_with_interval
 
 Array = NDArray[np.float64]
 Method = Literal["percentile", "BCa"]

@@ -10,12 +10,12 @@ from typing import Any
 
 from tabulate import tabulate
 
-from agents.metrics import tabled
 from agents.studies.plan import Study
 from agents.studies.study_figures import plot_study
 from agents.studies.study_scores import Row, analyse, collect
-from agents.tasks import find_task
 from jansen_env.files import write_json, write_text
+from jansen_env.scoring.benchmarks import find_task
+from jansen_env.scoring.metrics import tabled
 
 NOTES = """\
 A run's score is the mean return of its best model over the commands; brackets are 95 % intervals

@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from agents.metrics import tabled
-from agents.runs import read_evaluations
 from agents.studies.plan import Run, Study
 from agents.studies.progress import run_state
 from agents.studies.run import SCORES, read_status
@@ -24,7 +22,9 @@ from agents.studies.seed_statistics import (
     probability_of_improvement,
     resampled,
 )
-from agents.tasks import Task, find_task
+from agents.training.runs import read_evaluations
+from jansen_env.scoring.benchmarks import Task, find_task
+from jansen_env.scoring.metrics import tabled
 
 Row = dict[str, Any]
 

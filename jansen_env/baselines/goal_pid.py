@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.kinematics import advance_per_turn
+from jansen_env.robot.kinematics import advance_per_turn
 
 GAIN, FASTEST, RAMP = 1.3, 0.42, 0.3  # 1/s of the distance; m/s; m/s^2: faster starts make it fall
 PROPORTIONAL, INTEGRAL = 0.16, 1.2  # action per rad/s of crank speed, and per rad

@@ -36,8 +36,8 @@ from jansen_env.dynamics.projection import (
     times,
 )
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.kinematics import JOINTS, world_joints
 from jansen_env.robot import BEARINGS, BODIES_PER_LEG, Robot
+from jansen_env.robot.kinematics import JOINTS, world_joints
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.kinematics import B, C, D, E, P, T
 from jansen_env.robot import Robot, Side
+from jansen_env.robot.kinematics import B, C, D, E, P, T
 
 Array = NDArray[np.float64]
 

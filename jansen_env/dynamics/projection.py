@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.kinematics import coordinates, direction
 from jansen_env.robot import BODIES_PER_LEG, JOINT_PAIRS, Robot, Side
+from jansen_env.robot.kinematics import coordinates, direction
 
 Array = NDArray[np.float64]
 

@@ -33,8 +33,6 @@ from jansen_env.dynamics.projection import (
     orthogonal_complement,
 )
 from jansen_env.gravity import GRAVITY
-from jansen_env.kinematics import check_closure, coordinates, joint_positions
-from jansen_env.motor import IDEAL
 from jansen_env.robot import (
     BEARINGS,
     BODIES_PER_LEG,
@@ -45,6 +43,8 @@ from jansen_env.robot import (
     Robot,
     Side,
 )
+from jansen_env.robot.kinematics import check_closure, coordinates, joint_positions
+from jansen_env.robot.motor import IDEAL
 
 Array = NDArray[np.float64]
 Series = NDArray[np.complex128]  # one-sided Fourier coefficients, harmonics along the first axis

@@ -1,4 +1,4 @@
-"""The motor inside compiled code; see :class:`jansen_env.motor.Motor`."""
+"""The motor inside compiled code; see :class:`jansen_env.robot.motor.Motor`."""
 
 from __future__ import annotations
 

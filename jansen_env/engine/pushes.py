@@ -1,4 +1,5 @@
-"""Pushes in a control step of n robots; what they are is documented in :mod:`jansen_env.push`."""
+"""Pushes in a control step of n robots; what they are is documented in
+:mod:`jansen_env.world.push`."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ PARAMS = row_dtype(
         ("pitch_arm", "f8"),  # m, the farthest that a pad gets from the centre of mass
         ("crank_arm", "f8"),  # m, a pad's fastest motion against that per crank speed
         ("prescribed_speed", "?"),  # whether the crank keeps its speed whatever torque that takes
-        # The motor, see :class:`jansen_env.motor.Motor`; inertias it adds, kg m^2.
+        # The motor, see :class:`jansen_env.robot.motor.Motor`; inertias it adds, kg m^2.
         ("rotor_pitch", "f8"),
         ("rotor_coupling", "f8"),
         ("rotor_crank", "f8"),

@@ -1,4 +1,4 @@
-"""Noise of n robots' sensors; what it is is documented in :mod:`jansen_env.noise`."""
+"""Noise of n robots' sensors; what it is is documented in :mod:`jansen_env.world.noise`."""
 
 from __future__ import annotations
 

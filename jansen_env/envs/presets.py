@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from jansen_env.envs.vector import TaskVectorEnv
 from jansen_env.envs.walker import JansenWalkerEnv
-from jansen_env.noise import Noise
-from jansen_env.push import Push
 from jansen_env.tasks.walking import WalkerTask
+from jansen_env.world.noise import Noise
+from jansen_env.world.push import Push
 
 HEIGHT_SCAN = (
     0.5,
@@ -155,7 +155,7 @@ class JansenWalkerRoughEnv(JansenWalkerEnv):
     ``reset(options={"terrain_level": 3, "friction": 0.8})`` fixes what it names for one episode.
     With ``curriculum=True`` a robot begins at level 0, goes up when it has walked more than half of
     the commanded distance, down when less than half of that, and past the top to any level
-    (:class:`jansen_env.curriculum.Curriculum`).
+    (:class:`jansen_env.terrain.curriculum.Curriculum`).
 
     ## Episode End
     As in ``JansenWalker-v0``. Truncated after 500 steps (10 s).
@@ -210,7 +210,7 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
     | 0 .. 19 | as of ``JansenWalker-v0``, with noise | | | |
     | 20 .. 34 | height scan as of ``JansenWalkerRough-v0``, with noise | -Inf | Inf | m |
 
-    Noise is :class:`jansen_env.noise.Noise`, times ``noise_level``: of each step, and a bias for
+    Noise is :class:`jansen_env.world.noise.Noise`, times ``noise_level``: of each step, and a bias for
     the episode. Lag and means are as measured, mean slip is 0; command, last action and RMS torque
     are exact.
 

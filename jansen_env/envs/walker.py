@@ -70,7 +70,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     is 0.5 m away from it. Walking at the mean speed asked for, however unevenly, is to stay with it.
     The other costs are rated over a stride too, by exponential means over the time T that a quarter
     turn of the crank takes at the commanded speed: what it advances the robot
-    (:func:`jansen_env.kinematics.advance_per_turn`; 0.16 m) / \\|command\\|, 0.2 to 3.4 s; 0 at
+    (:func:`jansen_env.robot.kinematics.advance_per_turn`; 0.16 m) / \\|command\\|, 0.2 to 3.4 s; 0 at
     first. The reward is the product of seven factors, each from 0 to 1 and in ``info``:
 
     | Factor | Value |
@@ -113,7 +113,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     Terminated when the robot has fallen: \\|pitch\\| > ``fall_pitch``, or, if ``fall_contact``, a
     joint other than a toe (knee, ankle, hip, frame pivot) is pressed on the ground. For the
     paper's robot that is final: of 60 falls it gets up after 6 on flat and 4 on rough ground; the
-    holy one on rough ground after 36 (``tests/test_walker_env.py``), which is what the arguments
+    holy one on rough ground after 36 (``tests/tasks/test_walker_env.py``), which is what the arguments
     are for.
 
     Truncated after 500 steps (10 s) when made with ``gym.make``, and where the simulation diverges
@@ -200,7 +200,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     @property
     def parameters(self) -> NDArray[np.float64]:
         """(17,) the numbers of this episode in the order of
-        :data:`jansen_env.world.parameters.PARAMETERS`, which has their names and units."""
+        :data:`jansen_env.parameters.PARAMETERS`, which has their names and units."""
         return self.task.parameters[0].copy()
 
     def joint_forces(self) -> JointForces:

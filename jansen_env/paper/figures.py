@@ -17,13 +17,13 @@ from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.dynamics.joint_forces import CORNERS
 from jansen_env.files import write_whole
 from jansen_env.gravity import GRAVITY
-from jansen_env.kinematics import SKELETON, O, P, T, world_joints
 from jansen_env.paper import toes
 from jansen_env.paper.fixed_model import SETTLED
 from jansen_env.paper.free_walk import walking_torque
 from jansen_env.paper.interpretations import PRINTED_LEVEL, pid_run
 from jansen_env.paper.results import FRICTIONS, SLOW, Results
 from jansen_env.robot import paper_robot
+from jansen_env.robot.kinematics import SKELETON, O, P, T, world_joints
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.control import PID
+from jansen_env.baselines.pid import PID
 from jansen_env.dynamics.joint_forces import joint_forces
 from jansen_env.dynamics.projection import Projection, project
 from jansen_env.plants.fixed_base import FixedBasePlant

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from jansen_env.dynamics.projection import constraints
 from jansen_env.dynamics.reduced import body_sums, compile_robot
-from jansen_env.kinematics import JOINTS, coordinates, world_joints
 from jansen_env.plants.initial_pose import resting_pose
 from jansen_env.robot import Robot, paper_robot
+from jansen_env.robot.kinematics import JOINTS, coordinates, world_joints
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]

@@ -39,7 +39,7 @@ class StepResult(NamedTuple):
             Rolling contacts may add some, as the time step is finite; where pads can bounce or
             wedge it is 0. NaN where it is not known.
         joint_gap: the widest gap of any joint, m; 0 where joints cannot open.
-        electrical_work: drawn by the motor, J, see :class:`jansen_env.motor.Motor`.
+        electrical_work: drawn by the motor, J, see :class:`jansen_env.robot.motor.Motor`.
         torque: of the motor, the mean, N m.
     """
 
@@ -77,7 +77,7 @@ class BatchedPlant(Protocol):
 
     Attributes:
         honours: names of the parameters that it knows, of ``ROBOT_PARAMETERS`` of
-            :mod:`jansen_env.world.parameters`. changeable: names that :meth:`change` takes.
+            :mod:`jansen_env.parameters`. changeable: names that :meth:`change` takes.
         knows_joint_forces: whether :meth:`joint_forces` and :meth:`peak_loads` are known.
         joints_open: whether joints gap; if not, ``joint_gap`` stays 0.
         states: (n, 8), see :class:`Plant`; to be read.

@@ -18,6 +18,7 @@ from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.engine.records import UNKNOWN_DEFLECTION, WORLD, as_bytes
 from jansen_env.engine.tables import energy
 from jansen_env.gravity import GRAVITY, Gravity
+from jansen_env.parameters import CHANGES
 from jansen_env.plants.base import check_pushes, check_time_step
 from jansen_env.plants.batch_robots import BatchRobots
 from jansen_env.plants.detector import ContactDetector
@@ -27,7 +28,6 @@ from jansen_env.plants.threads import Threads
 from jansen_env.plants.trace import PeakLoads, find_touchdowns, pads_in_contact, peak_loads
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
-from jansen_env.world.parameters import CHANGES
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -63,7 +63,7 @@ class Batch:
             the same without :meth:`set_parameters`. accumulators: (n,) ACCUMULATORS and
             contact_statistics: (n, pads) CONTACT_STATISTICS, sums over the last :meth:`step`; see
             :mod:`jansen_env.engine.records`.
-        nominal: (n,) :data:`jansen_env.world.parameters.ROBOT_PARAMETERS`, the own numbers of
+        nominal: (n,) :data:`jansen_env.parameters.ROBOT_PARAMETERS`, the own numbers of
             robots and their grounds; parameters: (n,), those in force.
         honours: parameters that it knows. changeable: what :meth:`change` changes.
         slip: (n, toes) path each toe slid while loaded, m, and contact_force: (n, toes, 2) mean
@@ -174,7 +174,7 @@ class Batch:
 
         Args:
             rows: (k,) of the robots. values: (k,) of
-                :data:`jansen_env.world.parameters.ROBOT_PARAMETERS`; :attr:`nominal` for as they
+                :data:`jansen_env.parameters.ROBOT_PARAMETERS`; :attr:`nominal` for as they
                 are.
 
         Raises:

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine.records import ROBOT
+from jansen_env.parameters import ROBOT_PARAMETERS
 from jansen_env.plants.base import ENERGIES, Plant, StepResult
 from jansen_env.plants.trace import PeakLoads
 from jansen_env.terrain import Terrain
-from jansen_env.world.parameters import ROBOT_PARAMETERS
 
 Array = NDArray[np.float64]
 

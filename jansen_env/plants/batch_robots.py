@@ -13,7 +13,7 @@ from jansen_env.dynamics.reduced import Tables, compile_robot
 from jansen_env.engine.records import CONTACT_STATISTICS, ROBOT, UNKNOWN_DEFLECTION
 from jansen_env.engine.tables import farthest, kernel_model, parameters, set_compliance, set_motor
 from jansen_env.gravity import Gravity, gravity_vector
-from jansen_env.motor import Motor
+from jansen_env.parameters import ROBOT_PARAMETERS, nominal
 from jansen_env.plants.robot_parameters import (
     HONOURED_BY_KERNELS,
     apply_to_kernels,
@@ -22,8 +22,8 @@ from jansen_env.plants.robot_parameters import (
     tables_of,
 )
 from jansen_env.robot import Compliance, Payload, Robot
+from jansen_env.robot.motor import Motor
 from jansen_env.terrain import Terrain
-from jansen_env.world.parameters import ROBOT_PARAMETERS, nominal
 
 Ints = NDArray[np.int64]
 

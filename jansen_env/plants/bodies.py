@@ -17,8 +17,8 @@ import pymunk
 from numpy.typing import NDArray
 
 from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS, Pads, pad_layout
-from jansen_env.kinematics import JOINTS, coordinates, joint_positions, world_joints
 from jansen_env.robot import BEARINGS, BODIES_PER_LEG, JOINT_PAIRS, Robot
+from jansen_env.robot.kinematics import JOINTS, coordinates, joint_positions, world_joints
 
 Array = NDArray[np.float64]
 

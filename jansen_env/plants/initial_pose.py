@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from jansen_env.checks import finite
 from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.engine.placement import clearance, level_pitch
-from jansen_env.kinematics import T, joint_positions
 from jansen_env.robot import Robot
+from jansen_env.robot.kinematics import T, joint_positions
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]

@@ -11,6 +11,7 @@ from jansen_env.checks import finite, positive
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.reduced import Tables
 from jansen_env.gravity import GRAVITY, Gravity
+from jansen_env.parameters import ROBOT_PARAMETERS
 from jansen_env.plants.base import (
     ENERGIES,
     StepResult,
@@ -24,7 +25,6 @@ from jansen_env.plants.batch import DETECTION_INTERVAL, TIME_STEP, Batch
 from jansen_env.plants.trace import PeakLoads
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
-from jansen_env.world.parameters import ROBOT_PARAMETERS
 
 Array = NDArray[np.float64]
 

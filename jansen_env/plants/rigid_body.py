@@ -26,7 +26,7 @@ from jansen_env.checks import finite, positive, positive_integer, within
 from jansen_env.dynamics.pads import pad_layout
 from jansen_env.engine.records import UNKNOWN_DEFLECTION
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.kinematics import check_closure
+from jansen_env.parameters import ROBOT_PARAMETERS, nominal
 from jansen_env.plants import bodies as links
 from jansen_env.plants.base import (
     StepResult,
@@ -52,8 +52,8 @@ from jansen_env.plants.robot_parameters import (
 from jansen_env.plants.snapshot import ANGLE, SPIN, VX, VY, BodyReader, Snapshot, Sums
 from jansen_env.plants.spring_pads import SpringPads
 from jansen_env.robot import Robot
+from jansen_env.robot.kinematics import check_closure
 from jansen_env.terrain import Terrain
-from jansen_env.world.parameters import ROBOT_PARAMETERS, nominal
 
 Array = NDArray[np.float64]
 
@@ -79,7 +79,7 @@ class RigidBodyPlant:
 
     Attributes:
         robot, terrain: what walks where, as they are themselves. parameters: a row of
-            :data:`jansen_env.world.parameters.ROBOT_PARAMETERS`, those in force.
+            :data:`jansen_env.parameters.ROBOT_PARAMETERS`, those in force.
             honours: names of the parameters that it knows.
 
     Raises:
@@ -139,7 +139,7 @@ class RigidBodyPlant:
         """Put parameters of robot and ground in force, from the next placing on.
 
         Args:
-            values: a row of :data:`jansen_env.world.parameters.ROBOT_PARAMETERS`.
+            values: a row of :data:`jansen_env.parameters.ROBOT_PARAMETERS`.
 
         Raises:
             ValueError: a number out of its limits, a parameter that is not honoured, restitution

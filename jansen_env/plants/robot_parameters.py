@@ -1,6 +1,6 @@
 """Parameters of robots and their grounds in force: on machines, and on the kernels' rows.
 
-A row of :data:`jansen_env.world.parameters.ROBOT_PARAMETERS` has friction, restitution and payload
+A row of :data:`jansen_env.parameters.ROBOT_PARAMETERS` has friction, restitution and payload
 as they are, the others as scales of the robot's own numbers (1: as it is), so that a row never
 builds on the one before. Coulomb friction of bearings stays: it is data of the machine, by loads
 measured.
@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from jansen_env.dynamics.reduced import Tables
 from jansen_env.engine.tables import set_arms
+from jansen_env.parameters import PARAMETERS
 from jansen_env.robot import BODIES, Compliance, Robot
 from jansen_env.terrain import Terrain
-from jansen_env.world.parameters import PARAMETERS
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.void]
@@ -136,7 +136,7 @@ def apply_to_kernels(
 
     Args:
         params: (k,) of :data:`jansen_env.engine.records.PARAMS`. values: (k,) of
-            :data:`jansen_env.world.parameters.ROBOT_PARAMETERS`.
+            :data:`jansen_env.parameters.ROBOT_PARAMETERS`.
         links_mass: kg, of the design. centre, pad: of :func:`jansen_env.engine.tables.farthest`.
     """
     for name, field in COPIED.items():

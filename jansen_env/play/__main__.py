@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from importlib.util import find_spec
 
-from jansen_env import pretrained
 from jansen_env.play.session import BY_HAND, ENVIRONMENTS, ROBOTS, TERRAINS, Session
-from jansen_env.terrain_generators import HIGHEST
+from jansen_env.policies import pretrained
+from jansen_env.terrain.generators import HIGHEST
 
 PORT = 8765
 NEEDED = {True: "websockets", False: "pygame_gui"}  # on a page, in a window

@@ -1,7 +1,7 @@
-"""The score of a walk as it goes: what ``agents.tasks`` has of a whole episode.
+"""The score of a walk as it goes: what ``jansen_env.scoring.benchmarks`` has of a whole episode.
 
 Distance, slip per metre and mechanical cost of transport are those of ``python -m
-agents.evaluate``; ``tests/test_play_session.py`` holds one to the other.
+agents.evaluate``; ``tests/play/test_play_session.py`` holds one to the other.
 """
 
 from __future__ import annotations

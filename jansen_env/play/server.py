@@ -32,7 +32,7 @@ from websockets.protocol import State
 
 from jansen_env.play.messages import parse
 from jansen_env.play.session import BY_HAND, LARGEST_PUSH, PACES, SLIDERS, Session
-from jansen_env.web.geometry import scene_of, state_of_frame
+from jansen_env.viewer.web.geometry import scene_of, state_of_frame
 
 ADDRESS = "127.0.0.1"
 SOCKET = "/socket"
@@ -82,7 +82,7 @@ class Page:
         sockets = " ".join(f"ws://{host}" for host in self.hosts)  # to some browsers not 'self'
         self.headers = {name: value.format(sockets=sockets) for name, value in HEADERS.items()}
         self._files = {
-            path: (files("jansen_env.web").joinpath(name).read_text("utf-8"), kind)
+            path: (files("jansen_env.viewer.web").joinpath(name).read_text("utf-8"), kind)
             for path, (name, kind) in FILES.items()
         }
         self._sockets = 0

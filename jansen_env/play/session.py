@@ -15,14 +15,14 @@ import gymnasium as gym
 import numpy as np
 
 import jansen_env
-from jansen_env import pretrained
 from jansen_env.checks import finite, instance, shown, whole_number, within
-from jansen_env.kinematics import advance_per_turn
 from jansen_env.play.frames import between, snapshot
 from jansen_env.play.score import Score, Tally
-from jansen_env.policy_environment import arguments_of
+from jansen_env.policies import pretrained
+from jansen_env.policies.environment import arguments_of
 from jansen_env.rendering import Frame
-from jansen_env.terrain_generators import GENERATORS, HIGHEST
+from jansen_env.robot.kinematics import advance_per_turn
+from jansen_env.terrain.generators import GENERATORS, HIGHEST
 
 
 class Slider(NamedTuple):

@@ -274,7 +274,7 @@ class WalkerTask(Task):
 
     @property
     def parameters(self) -> NDArray[np.float64]:
-        """(n, 17) the numbers of all robots' episodes, see :mod:`jansen_env.world.parameters`."""
+        """(n, 17) the numbers of all robots' episodes, see :mod:`jansen_env.parameters`."""
         numbers: Array = self.world.episodes.numbers
         return numbers
 

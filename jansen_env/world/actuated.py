@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from jansen_env.checks import within
 from jansen_env.engine.actions import take_actions
 from jansen_env.engine.jit import Kernel
-from jansen_env.motor import Motor
 from jansen_env.robot import Robot
+from jansen_env.robot.motor import Motor
 from jansen_env.world import settings
 from jansen_env.world.argument_checks import batched_actions, option
 from jansen_env.world.broadcasting import broadcast_delays, broadcast_robots, number_range

@@ -18,13 +18,13 @@ from jansen_env.checks import (
     shown,
     within,
 )
-from jansen_env.curriculum import Curriculum
-from jansen_env.motor import MOTORS, Motor
+from jansen_env.parameters import LONGEST_DELAY
 from jansen_env.robot import ROBOTS, Compliance, Payload, Robot
+from jansen_env.robot.motor import MOTORS, Motor
 from jansen_env.terrain import Terrain, make_terrain
-from jansen_env.terrain_generators import HIGHEST, make_generator
+from jansen_env.terrain.curriculum import Curriculum
+from jansen_env.terrain.generators import HIGHEST, make_generator
 from jansen_env.world.episode_parameters import Grounds
-from jansen_env.world.parameters import LONGEST_DELAY
 from jansen_env.world.randomization import Randomization
 from jansen_env.world.settings import Ground, Machine
 
@@ -163,7 +163,7 @@ def broadcast_levels(count: int, terrain_level: Any) -> Array:
     """(count, 2) lowest and highest terrain level, from one, (low, high), or one for each.
 
     Raises:
-        ValueError: no whole numbers from 0 to :data:`jansen_env.terrain_generators.HIGHEST`.
+        ValueError: no whole numbers from 0 to :data:`jansen_env.terrain.generators.HIGHEST`.
     """
     levels = broadcast_ranges(count, "terrain_level", terrain_level, 0, HIGHEST)
     if (levels != np.round(levels)).any():

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.engine.pushes import PUSHES, fill_pushes
 from jansen_env.engine.sensors import add_noise, draw_errors
-from jansen_env.noise import Noise
-from jansen_env.push import MOST_PUSHES, Push, check_schedule
 from jansen_env.world.actuated import Bools, Ints
 from jansen_env.world.entries import Observed
+from jansen_env.world.noise import Noise
+from jansen_env.world.push import MOST_PUSHES, Push, check_schedule
 
 Array = NDArray[np.float64]
 
@@ -71,7 +71,8 @@ class Pushes:
         )  # fmt: skip
 
     def schedule(self, row: int, pushes: Array, random: bool) -> None:
-        """Give a robot's episode its own pushes (k, 3), see :func:`jansen_env.push.check_schedule`.
+        """Give a robot's episode its own pushes (k, 3), see
+        :func:`jansen_env.world.push.check_schedule`.
 
         random: whether there are those at random, too.
         """

@@ -11,15 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.checks import shown
-from jansen_env.curriculum import Curriculum
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.base import BatchedPlant
-from jansen_env.plants.initial_pose import resting_depth
-from jansen_env.plants.robot_parameters import check_restitution
-from jansen_env.robot import Compliance, Payload, Robot
-from jansen_env.terrain import Terrain
-from jansen_env.terrain_generators import Generator
-from jansen_env.world.parameters import (
+from jansen_env.parameters import (
     EPISODE,
     OF_ROBOTS,
     PARAMETERS,
@@ -28,6 +21,13 @@ from jansen_env.world.parameters import (
     nominal,
     robot_parameters,
 )
+from jansen_env.plants.base import BatchedPlant
+from jansen_env.plants.initial_pose import resting_depth
+from jansen_env.plants.robot_parameters import check_restitution
+from jansen_env.robot import Compliance, Payload, Robot
+from jansen_env.terrain import Terrain
+from jansen_env.terrain.curriculum import Curriculum
+from jansen_env.terrain.generators import Generator
 from jansen_env.world.randomization import Distribution, Randomization, Uniform, UniformLevels
 
 Array = NDArray[np.float64]
@@ -81,7 +81,7 @@ class EpisodeParameters:
             "noise_level", and whether there is.
 
     Attributes:
-        values: (n,) :data:`jansen_env.world.parameters.EPISODE`, those of the present episodes.
+        values: (n,) :data:`jansen_env.parameters.EPISODE`, those of the present episodes.
         nominal: (n,) the same where nothing is drawn. level: (n,) of a curriculum.
         varies: whether anything is drawn.
 

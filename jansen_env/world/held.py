@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from jansen_env.checks import non_negative, whole_number
 from jansen_env.engine import crank_tracking
 from jansen_env.engine.jit import Kernel
-from jansen_env.motor import IDEAL, Motor
 from jansen_env.plants.fixed_base import FixedBaseBatch, FixedBasePlant, check_crank_state
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
+from jansen_env.robot.motor import IDEAL, Motor
 from jansen_env.world.actuated import ActuatedRobots, Bools, Draw, Ints
 from jansen_env.world.argument_checks import control_period, flag, option
 from jansen_env.world.broadcasting import broadcast_numbers

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.checks import entries, shown
-from jansen_env.world.parameters import LONGEST_DELAY, PARAMETERS, check
+from jansen_env.parameters import LONGEST_DELAY, PARAMETERS, check
 
 
 class Distribution(Protocol):
@@ -52,7 +52,7 @@ class Randomization:
 
     Attributes:
         distributions: by name, in the order of
-            :data:`jansen_env.world.parameters.TABLE`.
+            :data:`jansen_env.parameters.TABLE`.
 
     Raises:
         ValueError: a name or a range that there is not.
@@ -80,7 +80,7 @@ class Randomization:
         return kept
 
     def draw(self, rng: np.random.Generator, values: NDArray[Any]) -> None:
-        """Draw into ``values``, a row of :data:`jansen_env.world.parameters.EPISODE`.
+        """Draw into ``values``, a row of :data:`jansen_env.parameters.EPISODE`.
 
         Raises:
             ValueError: a distribution gave what its parameter cannot be.

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jansen_env.parameters import CHANGES, PARAMETERS, check
 from jansen_env.world import broadcasting as bc
-from jansen_env.world.parameters import CHANGES, PARAMETERS, check
 
 if TYPE_CHECKING:
     from jansen_env.world.world import World
@@ -67,7 +67,7 @@ def get_attr(world: World, name: str) -> list[Any] | None:
     Names: ``robot``, ``terrain``, ``terrain_level``, ``payload``, ``motor``,
     ``torque_limit``, ``pad_compliance``, ``delay`` (s, of this episode), ``state``,
     ``weight``, ``reset_noise_scale``, ``friction``, ``restitution`` and
-    :data:`jansen_env.world.parameters.CHANGES`.
+    :data:`jansen_env.parameters.CHANGES`.
     """
     if name == "robot":
         return list(world.robots)

@@ -10,8 +10,8 @@ import numpy as np
 from jansen_env.checks import whole_number
 from jansen_env.dynamics.pads import pad_layout
 from jansen_env.plants.base import check_deflection, check_in_contact, check_state
-from jansen_env.push import check_schedule
 from jansen_env.rendering import Frame
+from jansen_env.world.push import check_schedule
 
 if TYPE_CHECKING:
     from jansen_env.world.world import World

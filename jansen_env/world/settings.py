@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from jansen_env.curriculum import Curriculum
-from jansen_env.motor import Motor
-from jansen_env.noise import Noise
-from jansen_env.push import Push
 from jansen_env.robot import Compliance, Payload, Robot
+from jansen_env.robot.motor import Motor
 from jansen_env.terrain import Terrain
+from jansen_env.terrain.curriculum import Curriculum
+from jansen_env.world.noise import Noise
+from jansen_env.world.push import Push
 
 
 def per_robot(default: Any) -> Any:

@@ -14,16 +14,15 @@ from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import readings
 from jansen_env.engine.jit import Kernel
 from jansen_env.gravity import GRAVITY
-from jansen_env.kinematics import advance_per_turn
-from jansen_env.noise import make_noise
+from jansen_env.parameters import CHANGED_BY, PARAMETERS
 from jansen_env.plants.base import (
     BatchedPlant,
     Plant,
 )
 from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.make import make_batch, plant_of, plant_time_step
-from jansen_env.push import check_schedule, make_push
 from jansen_env.rendering import Frame
+from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.terrain import Terrain
 from jansen_env.world import broadcasting as bc
 from jansen_env.world import robot_changes, robot_state
@@ -32,7 +31,8 @@ from jansen_env.world.argument_checks import control_period, flag, option
 from jansen_env.world.disturbances import NoisySensors, Pushes, schedule_of
 from jansen_env.world.entries import Observed, list_entries
 from jansen_env.world.episode_parameters import Draws, EpisodeParameters, Grounds, Plan
-from jansen_env.world.parameters import CHANGED_BY, PARAMETERS
+from jansen_env.world.noise import make_noise
+from jansen_env.world.push import check_schedule, make_push
 from jansen_env.world.settings import Control, Ground, Machine, Randomness, Sensing
 
 

@@ -11,7 +11,7 @@ import pytest
 from jansen_env import ROBOTS, Terrain
 from jansen_env.plants.batch import Batch
 from jansen_env.robot import Compliance
-from jansen_env.terrain_generators import HIGHEST, LEVELS, make_generator
+from jansen_env.terrain.generators import HIGHEST, LEVELS, make_generator
 
 HOLD = 0.02  # s
 DAMPING_RATIOS = 0.0, 0.05, 0.2, 1.0  # of 1 kg, about what a toe feels like

@@ -14,10 +14,10 @@ import pytest
 from jansen_env import Motor, Robot, Terrain
 from jansen_env.dynamics.reduced import body_sums, compile_robot
 from jansen_env.gravity import GRAVITY
-from jansen_env.kinematics import A, B, C, D, E, O, P, joint_positions
 from jansen_env.plants.fixed_base import FixedBasePlant
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot import BEARINGS, ROBOTS, Compliance
+from jansen_env.robot.kinematics import A, B, C, D, E, O, P, joint_positions
 
 TORQUE = 1.5  # N m, of friction
 SMOOTH = replace(Robot(), damping=(0.0,) * 10)

@@ -11,9 +11,9 @@ import pytest
 from jansen_env import Leg, Payload, Robot, Terrain
 from jansen_env.dynamics import reduced as rd
 from jansen_env.gravity import GRAVITY
-from jansen_env.kinematics import T, coordinates, joint_positions
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot import RIGID, ROBOTS, paper_robot
+from jansen_env.robot.kinematics import T, coordinates, joint_positions
 
 FRICTION = 0.8
 DESIGNS = {

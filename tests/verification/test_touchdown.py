@@ -18,8 +18,8 @@ from jansen_env import Leg, Payload, Robot, Terrain
 from jansen_env.dynamics import reduced as rd
 from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.gravity import GRAVITY
-from jansen_env.kinematics import T, coordinates, joint_positions
 from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.robot.kinematics import T, coordinates, joint_positions
 
 PSI = 2.75  # rad
 IMPACT = 1e-8  # s, time step in which an impact is dealt: nothing else matters in it

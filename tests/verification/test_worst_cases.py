@@ -10,9 +10,9 @@ import pytest
 
 from jansen_env import ROBOTS, Leg, Payload, Robot, Terrain
 from jansen_env.gravity import GRAVITY
-from jansen_env.kinematics import B, C, D, E, P, joint_positions
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.robot.kinematics import B, C, D, E, P, joint_positions
 
 HOLD = 0.02  # s, for which a torque is held
 LEFT = 2e-5  # m, penetration that is left alone

@@ -1,0 +1,224 @@
+"""What happens while a model trains: checkpoints, evaluations, observation statistics, signals."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium.spaces.utils import flatdim
+from numpy.typing import NDArray
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+
+from agents.training.models import save_model
+from agents.training.normalizer import NormalizedObservation
+from agents.training.process import SIGNALS, after_the_first
+from agents.training.replay_buffers import save_replay_buffer
+from agents.training.runs import (
+    BEST,
+    best_score,
+    find_replay_buffer,
+    monitor_sizes,
+    read_evaluations,
+    remove_replay_buffers,
+    replay_path,
+)
+from agents.training.training_state import read_state
+from jansen_env.files import write_json
+from jansen_env.scoring.benchmarks import find_task
+from jansen_env.scoring.metrics import point_estimates
+from jansen_env.scoring.rollout import make_env, run_episodes
+
+EPISODES = 16  # per command, of each evaluation, times the task's variety
+SELECTION_SEED = 30_000  # of the episodes that choose the best model, apart from all others
+
+
+class Saver(BaseCallback):
+    """Saves checkpoints, and evaluates now and then to keep the best model.
+
+    A checkpoint is taken where a rollout begins, when the update before is complete, with all that
+    the rest of training depends on (:mod:`agents.training.training_state`): to go on from it gives
+    the run that would have been, bit for bit. It belongs behind all callbacks that change the model
+    there.
+
+    Args:
+        folder: the run's. save_every, eval_every: environment steps; 0 for never.
+        env_id, env_kwargs: of the evaluation. done: steps trained before this run began.
+        seconds: training time of these steps, 0 for the last evaluation's. stop: when to save and
+            end before the time.
+
+    Attributes:
+        ended: whether training ended on a signal. last: file saved last, None before the first.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        save_every: int,
+        eval_every: int,
+        env_id: str,
+        env_kwargs: dict[str, Any],
+        done: int = 0,
+        seconds: float = 0.0,
+        stop: StopOnSignal | None = None,
+    ) -> None:
+        super().__init__()
+        self.folder, self.save_every, self.eval_every = folder, save_every, eval_every
+        self.env_id, self.env_kwargs = env_id, env_kwargs
+        self.stop, self.ended = stop, False
+        self.last: Path | None = None
+        self.task = find_task(env_id)
+        self.commands = np.repeat(self.task.commands, EPISODES * self.task.variety)
+        # After a kill the last evaluations may be of steps that are now trained again. The best
+        # model may be of one of them, so what is to beat is not the history's but the file's.
+        before = read_evaluations(folder) if done else []  # else the run begins again
+        self.history = [row for row in before if row["steps"] <= done]
+        self.best = best_score(folder)
+        # By the steps alone, so that a resumed run saves and evaluates where it would have anyway.
+        self._next_save, self._next_eval = (
+            (done // every + 1) * every if every else 0 for every in (save_every, eval_every)
+        )
+        trained = seconds or (self.history[-1].get("seconds", 0.0) if self.history else 0.0)
+        self._begun = time.perf_counter() - trained
+        self._replay_buffer = find_replay_buffer(folder, done)  # of the last complete checkpoint
+
+    def _on_rollout_start(self) -> None:
+        due = self.save_every and self.model.num_timesteps >= self._next_save
+        self.ended = self.stop is not None and self.stop.signal != 0
+        if due:
+            self._next_save += self.save_every
+        if due or self.ended:
+            self.save_checkpoint()
+
+    def _on_step(self) -> bool:
+        if self.ended:
+            return False
+        if self.eval_every and self.num_timesteps >= self._next_eval:
+            self._next_eval += self.eval_every
+            self.evaluate()
+        return True
+
+    def save_checkpoint(self) -> None:
+        """Save all that is needed to go on from here."""
+        self.save(self.folder / "checkpoints" / f"model_{self.model.num_timesteps}_steps.zip")
+
+    def save(self, path: Path) -> None:
+        """Save the replay buffer, then the model with its state and what belongs to its steps.
+
+        Buffers are named by their steps: whenever a kill comes, the last model has its own. Two at
+        most are on the disk: this one and the one before.
+        """
+        replay_buffer = getattr(self.model, "replay_buffer", None)  # of an off-policy algorithm
+        if replay_buffer is not None:
+            file = replay_path(self.folder, self.model.num_timesteps)
+            remove_replay_buffers(self.folder, keep=(file, self._replay_buffer))
+            save_replay_buffer(replay_buffer, file)
+        notes = {"monitor": monitor_sizes(self.folder), "seconds": self._seconds()}
+        save_model(self.model, path, notes, read_state(self.model))
+        self.last = path
+        if replay_buffer is not None:
+            self._replay_buffer = file
+
+    def _seconds(self) -> float:
+        """For which the run was trained."""
+        return round(time.perf_counter() - self._begun, 1)
+
+    def evaluate(self) -> None:
+        """Score the present policy; keep it if it is the best so far."""
+        seeds = SELECTION_SEED + np.arange(len(self.commands))
+        self.model.policy.set_training_mode(False)
+        run = run_episodes(self.model.policy, self.env_id, self.env_kwargs, self.commands, seeds)
+        env = make_env(self.env_id, self.env_kwargs)
+        scored = point_estimates(self.task.metrics, run, env)
+        scored["score"] = scored[self.task.chosen_by] or 0.0
+        env.close()
+        for name, value in scored.items():
+            self.logger.record(f"eval/{name}", value)
+        row: dict[str, Any] = {
+            "steps": float(self.num_timesteps),
+            "seconds": self._seconds(),  # this evaluation included
+            **scored,
+        }
+        if row["score"] > self.best:
+            self.best = row["score"]
+            # Its score in the same file: no kill can part the two.
+            save_model(self.model, self.folder / BEST, row)
+        self.history.append(row)
+        write_json(self.folder / "evaluations.json", self.history)
+
+
+class NormalizerUpdate(BaseCallback):
+    """Updates the policy's normalizer with the last rollout before the next one begins.
+
+    Within a rollout and the update on it the normalizer stands still: the update compares with
+    probabilities that the rollout's policy gave.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._observations: NDArray[np.float32] | None = None
+
+    def _on_rollout_start(self) -> None:
+        self._begun = self.model.num_timesteps
+        if self._observations is None:
+            return
+        for module in self.model.policy.modules():
+            if isinstance(module, NormalizedObservation):
+                module.update(torch.as_tensor(self._observations))
+        self._observations = None
+
+    def _on_rollout_end(self) -> None:
+        # Now, not when the next rollout begins: Stable-Baselines3 has emptied the buffer by then.
+        model: Any = self.model
+        if isinstance(model, OnPolicyAlgorithm):
+            observations = model.rollout_buffer.observations
+        else:  # of the replay buffer, what is new in it
+            buffer = model.replay_buffer
+            rows = min((model.num_timesteps - self._begun) // buffer.n_envs, buffer.size())
+            observations = buffer.observations[np.arange(buffer.pos - rows, buffer.pos)]
+        size = flatdim(model.observation_space)
+        self._observations = np.array(observations, np.float32).reshape(-1, size)
+
+    def _on_step(self) -> bool:
+        return True
+
+
+class StopOnSignal:
+    """Takes SIGINT (Ctrl-C), SIGTERM and SIGHUP while it is open; a second Ctrl-C kills at once.
+
+    :class:`Saver` ends training where the next rollout begins: by then nothing is half done.
+
+    Attributes:
+        signal: the number of the signal that came, 0 for none.
+    """
+
+    def __init__(self) -> None:
+        self.signal = 0
+        self._handlers: dict[int, Any] = {}
+
+    def __enter__(self) -> StopOnSignal:
+        if threading.current_thread() is threading.main_thread():  # no other may take signals
+            for number in SIGNALS:
+                if signal.getsignal(number) != signal.SIG_IGN:  # by nohup, in a background
+                    self._handlers[number] = signal.signal(number, self._take)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for number, handler in self._handlers.items():
+            signal.signal(number, handler)
+
+    def _take(self, number: int, frame: FrameType | None) -> None:
+        self.signal = number
+        for taken in self._handlers:
+            signal.signal(taken, after_the_first(taken))
+        # To standard error, but not by print: the signal may have come in the midst of one.
+        with suppress(OSError):  # its terminal may be gone
+            os.write(2, b"\nstopping after this rollout; once more to end at once\n")

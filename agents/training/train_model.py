@@ -1,0 +1,208 @@
+"""Training with Stable-Baselines3: a model on its environments, from start or checkpoint."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback, ProgressBarCallback
+from stable_baselines3.common.monitor import ResultsWriter
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor, unwrap_vec_wrapper
+
+from agents.training.callbacks import NormalizerUpdate, Saver, StopOnSignal
+from agents.training.config import find_config, training_envs
+from agents.training.model_files import read_model, read_notes, read_training_state
+from agents.training.models import build_model, restore
+from agents.training.replay_buffers import load_replay_buffer
+from agents.training.runs import FINAL, find_replay_buffer, next_monitor, rewind_monitors
+from agents.training.training_state import GeneratorsRestored, restore_state
+from jansen_env.checks import instance, non_negative, whole_number
+from jansen_env.sb3 import make_vec_env
+
+EVALUATIONS = 16  # of a run, if nothing else is said
+
+
+class TrainingReward(VecEnvWrapper):
+    """Rewards less what a fall costs, times a number; monitors inside see neither.
+
+    Args:
+        venv: the environments. scale: the number. fall_cost: taken off where an episode ends before
+            its time limit.
+    """
+
+    def __init__(self, venv: Any, scale: float, fall_cost: float) -> None:
+        super().__init__(venv)
+        self.scale, self.fall_cost = scale, fall_cost
+
+    def reset(self) -> Any:
+        return self.venv.reset()
+
+    def step_wait(self) -> Any:
+        observations, rewards, dones, infos = self.venv.step_wait()
+        fallen = dones & ~np.array([info.get("TimeLimit.truncated", False) for info in infos])
+        rewards = self.scale * (rewards - self.fall_cost * fallen)
+        return observations, rewards.astype(np.float32), dones, infos
+
+
+def prepare(config: dict[str, Any], resume: Path | None = None) -> BaseAlgorithm:
+    """The model a configuration describes, on its environments. Writes nothing.
+
+    Args:
+        config: a training configuration with ``algo``, ``env`` and ``seed``. Environment i takes
+            number i of its ``training_variants``, counted around, on top of the arguments of all.
+        resume: a model's file, of which it takes all that training has come to; the run's folder
+            has its replay buffer, if the algorithm has one.
+
+    Raises:
+        ValueError: something in the configuration or the files is wrong.
+    """
+    kwargs, variants = training_envs(config)
+    venv = make_vec_env(config["env"], config["n_envs"], kwargs, variants)
+    scale, fall_cost = config.get("reward_scale", 1.0), config.get("fall_cost", 0.0)
+    venv = TrainingReward(VecMonitor(venv), scale, fall_cost)
+    model = build_model(config["algo"], config, venv, seed=config["seed"])
+    if resume is not None:
+        tensors, model.num_timesteps = read_model(resume)
+        restore(model, tensors)
+        if isinstance(model, OffPolicyAlgorithm):
+            _refill(model, find_config(resume).parent)
+        _noted(resume)  # or what is wrong with it would show too late
+        venv.seed(config["seed"] + model.num_timesteps)
+        state = read_training_state(resume)
+        if state is not None:
+            restore_state(model, state)
+        _say_how_exact(config, state is not None)
+    return model
+
+
+def _refill(model: OffPolicyAlgorithm, folder: Path) -> None:
+    """Fill the replay buffer from a run's; without one, let it fill before training goes on."""
+    path = find_replay_buffer(folder, model.num_timesteps)
+    if path is not None:
+        assert model.replay_buffer is not None
+        load_replay_buffer(model.replay_buffer, path)
+        return
+    model.learning_starts += model.num_timesteps
+    print(f"no replay buffer in {folder}: it fills from empty, with random actions until step "
+          f"{model.learning_starts}")  # fmt: skip
+
+
+def _noted(path: Path) -> tuple[dict[str, int] | None, float]:
+    """What is noted with a model: sizes of the monitors, None if unknown, and seconds trained.
+
+    Raises:
+        ValueError: something else.
+    """
+    notes = read_notes(path)
+    seconds = non_negative(f"seconds in {path}", notes.get("seconds", 0.0))
+    if "monitor" not in notes:
+        return None, seconds
+    instance(f"monitor in {path}", notes["monitor"], dict)
+    return {k: whole_number(f"{k} in {path}", v) for k, v in notes["monitor"].items()}, seconds
+
+
+def _say_how_exact(config: dict[str, Any], has_state: bool) -> None:
+    """Say so where what goes on is not the run that was interrupted."""
+    if not has_state:
+        print("a checkpoint of an earlier version: episodes begin again, with other random numbers")
+    elif config.get("env_kwargs", {}).get("plant") == "rigid_body":
+        print("plant='rigid_body': what pymunk's solver had cached is lost, so the run goes on "
+              "nearly, but not exactly, as it would have")  # fmt: skip
+
+
+def train(
+    model: BaseAlgorithm,
+    config: dict[str, Any],
+    folder: Path,
+    *,
+    eval_every: int | None,
+    save_every: int,
+    tensorboard: str | None = None,
+    resume: Path | None = None,
+    progress: bool = True,
+    more_callbacks: Sequence[BaseCallback] = (),
+) -> None:
+    """Train until ``config["timesteps"]``; leaves final_model.zip and best_model.zip in a folder.
+
+    Args:
+        model, config, resume: as of :func:`prepare`. folder: the run's.
+        eval_every, save_every: steps between evaluations and between checkpoints, 0 for none;
+            ``eval_every`` is None for :data:`EVALUATIONS` in all.
+        tensorboard: folder of its log, None for none. progress: whether to show a bar.
+        more_callbacks: of Stable-Baselines3, called after an evaluation at the same step.
+
+    Raises:
+        SystemExit: a signal came (status 128 + its number, 130 for SIGINT); a checkpoint is saved.
+            Or the policy's actions are no longer finite, or a file cannot be written: what was
+            saved before stays good.
+    """
+    venv: Any = model.get_env()
+    stop = StopOnSignal()
+    monitor_sizes, seconds = ({}, 0.0) if resume is None else _noted(resume)
+    if eval_every is None:
+        eval_every = max(1, config["timesteps"] // EVALUATIONS)
+    saver = Saver(
+        folder, save_every, eval_every, config["env"], config.get("env_kwargs", {}),
+        done=model.num_timesteps, seconds=seconds, stop=stop,
+    )  # fmt: skip
+    saver.init_callback(model)
+    if monitor_sizes is not None:
+        rewind_monitors(folder, monitor_sizes)
+    monitor: Any = unwrap_vec_wrapper(venv, VecMonitor)  # from now on it writes each episode
+    header = {"t_start": monitor.t_start, "env_id": config["env"]}
+    monitor.results_writer = ResultsWriter(str(next_monitor(folder)), header)
+    model.tensorboard_log = tensorboard
+    callbacks: list[BaseCallback] = [NormalizerUpdate(), saver, *more_callbacks]
+    state = None if resume is None else read_training_state(resume)
+    if state is not None:
+        callbacks.insert(0, GeneratorsRestored(state))
+    if progress:
+        callbacks.append(ProgressBarCallback())
+    try:
+        with closing(venv):
+            remaining = config["timesteps"] - model.num_timesteps
+            if remaining > 0:
+                _learn(model, remaining, callbacks, stop, folder)
+                if saver.ended:
+                    print(f"stopped, saved as {saver.last}; {_go_on(folder)}")
+                    raise SystemExit(128 + stop.signal)
+                saver.evaluate()
+            saver.save(folder / FINAL)
+    except OSError as error:  # such as a full disk
+        raise SystemExit(
+            f"training stopped at {model.num_timesteps} steps: {error}; {_go_on(folder)}"
+        ) from error
+    if stop.signal:  # in the last rollout
+        raise SystemExit(128 + stop.signal)
+
+
+def _go_on(folder: Path) -> str:
+    return f"python train.py --resume {shlex.quote(str(folder))} goes on from the last checkpoint"
+
+
+def _learn(
+    model: BaseAlgorithm,
+    steps: int,
+    callbacks: list[BaseCallback],
+    stop: StopOnSignal,
+    folder: Path,
+) -> None:
+    """``model.learn``; what stops it stands in :func:`train`."""
+    try:
+        with stop:
+            model.learn(
+                steps, callback=callbacks, reset_num_timesteps=False, tb_log_name=folder.name
+            )
+    except ValueError as error:
+        if "to satisfy the constraint" not in str(error):  # torch's, of a policy that is NaN
+            raise
+        raise SystemExit(
+            f"training diverged at {model.num_timesteps} steps: the policy's actions are no "
+            "longer finite; a lower learning_rate may help"
+        ) from error

@@ -1,0 +1,190 @@
+"""The search for crank-speed profiles: CMA-ES (Hansen 2016) on the task's own mean return.
+
+One command of the grid after another, in each gait outwards from the command it is first found at;
+on episodes whose commands lie around it, with the neighbours' numbers held, so that what counts is
+the profile as it is interpolated. All candidates of a generation walk the same episodes, side by
+side in one batch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import cma
+import numpy as np
+
+from agents.tuning.trials import ENV, Outcome, Trials
+from jansen_env.baselines.columns import columns
+from jansen_env.baselines.policy import Array, TorquePolicy
+from jansen_env.baselines.profile import READ, Profile, profile_torque
+
+COMMANDS = (0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.7, 0.8)  # m/s
+HARMONICS = 4
+FRICTION = (0.4, 1.0)
+# Slow and fast walking are two gaits whose numbers do not blend. Below BORDER, m/s, and above, the
+# search begins at one command each, with what longer searches from no harmonics had found there.
+BORDER = 0.375
+FIRST = {
+    0.1: (0.95, 5.0, 3.0, 1.0, -0.45, -0.1, 0.0, 0.0, -0.4, 0.4, 0.0, 0.2),
+    0.5: (3.7, 4.2, 4.2, 1.9, -0.3, 0.0, 0.0, 0.0, -0.1, 0.0, 0.0, 0.0),
+}
+REST = 0.085  # m/s: n0 of other commands in proportion to their distance from -REST, at first
+SPREAD = (0.2, 0.25, 1.0, 0.7)  # of log n0, log kp, tau0 and g in the search's first generation ...
+SHAPE_SPREAD = 0.2  # ... and of a_k and b_k, by the root of k
+GAINS, FEEDBACKS = (1.0, 30.0), (0.0, 4.0)  # bounds of kp and g
+# What is taken off an episode's return for a fall, and for 1 m/s of drift.
+FALL, DRIFT = 200.0, 2000.0
+
+
+class Sweep(NamedTuple):
+    """Once through the grid; ``step_size`` is CMA-ES's sigma, 1 for a first guess."""
+
+    generations: int
+    episodes: int
+    step_size: float
+    candidates: int = 12
+
+
+SWEEPS = (Sweep(30, 12, 0.5), Sweep(25, 16, 0.3), Sweep(12, 24, 0.15))
+
+
+def encode(numbers: Array) -> Array:
+    """What is searched: the logarithms of n0 and kp, the others as they are."""
+    return np.concatenate([np.log(numbers[:2]), numbers[2:]])
+
+
+def decode(searched: Any) -> Array:
+    """Numbers (..., 4 + 2 K) from what :func:`encode` makes of them."""
+    values = np.asarray(searched, float)
+    return np.concatenate([np.exp(values[..., :2]), values[..., 2:]], axis=-1)
+
+
+def make_search(start: Array, sweep: Sweep, rng: np.random.Generator) -> Any:
+    """CMA-ES around numbers (4 + 2 K,), with its random numbers from ``rng``."""
+    size, harmonics = len(start), len(start) // 2 - 2
+    shape = SHAPE_SPREAD / np.sqrt(np.arange(1, harmonics + 1))
+    low, high = np.full((2, size), [[-np.inf], [np.inf]])
+    low[[1, 3]], high[[1, 3]] = np.transpose([np.log(GAINS), FEEDBACKS])
+    options = {
+        "CMA_stds": np.concatenate([SPREAD, shape, shape]),
+        "bounds": [low, high],
+        "popsize": sweep.candidates,
+        "randn": lambda *shape: rng.standard_normal(shape),
+        "seed": np.nan,  # leave numpy's global generator alone
+        "verbose": -9,
+    }
+    return cma.CMAEvolutionStrategy(encode(start), sweep.step_size, options)
+
+
+def worth(out: Outcome) -> Array:
+    """What is maximised, of each episode."""
+    return out.returns - FALL * out.fell - DRIFT * np.abs(out.drift)
+
+
+def triangular(share: Array, left: float, middle: float, right: float) -> Array:
+    """Quantiles of the triangular distribution: how much a knot counts between its neighbours."""
+    width = right - left
+    below = left + np.sqrt(share * width * (middle - left))
+    above = right - np.sqrt((1.0 - share) * width * (right - middle))
+    return np.where(share * width < middle - left, below, above)
+
+
+def improve(
+    found: dict[float, Array],
+    command: float,
+    sweep: Sweep,
+    rng: np.random.Generator,
+    progress: Callable[[Outcome], None] = lambda _: None,
+    env_id: str = ENV,
+) -> Array:
+    """Better numbers for a command of the grid.
+
+    Args:
+        found: numbers by command, m/s; ``command`` among them, the others are held.
+        progress: gets each generation's episodes. env_id: whose robot walks.
+    """
+    knots = sorted(found)
+    place, m, n = knots.index(command), sweep.candidates, sweep.episodes
+    left, right = knots[max(place - 1, 0)], knots[min(place + 1, len(knots) - 1)]
+    held = np.array([found[knot] for knot in knots])
+    held[place] = 0.0
+    rest = Profile(np.array(knots), held)
+    search = make_search(found[command], sweep, rng)
+    trials = Trials(np.tile(np.linspace(*FRICTION, n), m), env_id=env_id)
+    for _ in range(sweep.generations):
+        # Commands and starts are stratified, each in an order of its own.
+        orders = np.array([rng.permutation(n), rng.permutation(n)])
+        shares = (orders + rng.random((2, n))) / n
+        commands, angles = triangular(shares[0], left, command, right), 2.0 * np.pi * shares[1]
+        weight = np.interp(commands, knots, np.eye(len(knots))[place])[:, None]
+        asked = search.ask()
+        numbers = rest.at(commands) + weight * decode(asked)[:, None]
+        policy = profiles(numbers.reshape(m * n, -1), trials.envs)
+        seeds = rng.integers(2**31) + np.arange(n)
+        out = trials.run(policy, *(np.tile(each, m) for each in (commands, seeds, angles)))
+        search.tell(asked, -worth(out).reshape(m, n).mean(axis=1))
+        progress(out)
+    trials.close()
+    return decode(search.result.xfavorite)
+
+
+def profiles(numbers: Array, envs: Any) -> TorquePolicy:
+    """Return a policy for n walkers, each with its own row of numbers (n, 4 + 2 K)."""
+    read = columns(envs, *READ)
+    return TorquePolicy(lambda seen, *_: (profile_torque(numbers, seen, read), None),
+                        envs.unwrapped.torque_limit)  # fmt: skip
+
+
+def same_gait(command: float, found: Mapping[float, Any]) -> dict[float, Any]:
+    """Of numbers by command those of the gait that a command is walked in."""
+    return {other: own for other, own in found.items() if (other < BORDER) == (command < BORDER)}
+
+
+def first_guess(command: float, found: Mapping[float, Array], harmonics: int) -> Array:
+    """The numbers of the nearest command of the same gait, with a faster or slower crank."""
+    known = same_gait(command, found) or same_gait(command, FIRST)
+    nearest = min(known, key=lambda other: abs(other - command))
+    start = np.array(known[nearest])
+    shape = np.zeros((2, harmonics))
+    kept = min(harmonics, len(start) // 2 - 2)
+    shape[:, :kept] = start[4:].reshape(2, -1)[:, :kept]
+    start[0] *= (command + REST) / (nearest + REST)
+    return np.concatenate([start[:4], shape.ravel()])
+
+
+def search_profile(
+    commands: Sequence[float],
+    sweeps: Sequence[Sweep],
+    harmonics: int = HARMONICS,
+    seed: int = 0,
+    progress: Callable[[float, Outcome], None] = lambda *_: None,
+    save: Callable[[Profile], None] = lambda _: None,
+    env_id: str = ENV,
+) -> Profile:
+    """The profile at a grid of commands, m/s, above 0.
+
+    Args:
+        sweeps: at least one. harmonics: K. seed: the same one, the same profile.
+        progress: gets each generation's command and episodes. save: gets what there is after
+            each sweep, at all commands. env_id: whose robot walks.
+    """
+    rng = np.random.default_rng(seed)
+    found: dict[float, Array] = {}
+    begin = {command < BORDER: command for command in FIRST}
+    order = sorted(commands, key=lambda c: (c > BORDER, abs(c - begin[c < BORDER])))
+    for sweep in sweeps:
+        for command in order:
+            if command not in found:
+                found[command] = first_guess(command, found, harmonics)
+            # At first without the other gait, whose commands would spoil those in between.
+            held = found if len(found) == len(order) else same_gait(command, found)
+
+            def tell(out: Outcome, command: float = command) -> None:
+                progress(command, out)
+
+            found[command] = improve(held, command, sweep, rng, tell, env_id)
+        knots = sorted(found)
+        profile = Profile(np.array(knots), np.array([found[knot] for knot in knots]))
+        save(profile)
+    return profile

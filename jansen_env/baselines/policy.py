@@ -1,0 +1,86 @@
+"""What a policy is, and controllers of the crank's torque as policies: the paper's PID (13)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.baselines.pid import PID
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+Controller: TypeAlias = Callable[[Array, Any, Bools], tuple[Array, Any]]
+"""For n environments side by side: from observations (n, d), the memory returned at the step before
+(None at first) and whether an episode starts (n,), to torques (n,), N m, and the memory to pass
+next."""
+
+Reference: TypeAlias = Callable[[Array, Any, Bools], tuple[Array, Array, Any]]
+"""Where the crank should be: like a controller, but to the error of the crank's angle (n,), rad, of
+its speed (n,), rad/s, and the memory."""
+
+PAPER_PID = PID()
+
+
+class Policy(Protocol):
+    """What is scored: anything with Stable-Baselines3's ``predict``, its defaults included."""
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = False,
+    ) -> tuple[Any, Any]:
+        """Actions for a batch of observations, and the state to pass back."""
+        ...
+
+
+class TorquePolicy:
+    """A controller as a policy.
+
+    Args:
+        controller: gives torques. torque_limit: of the environment, N m.
+    """
+
+    def __init__(self, controller: Controller, torque_limit: float) -> None:
+        self.controller, self.torque_limit = controller, torque_limit
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = False,
+    ) -> tuple[NDArray[np.float32], Any]:
+        """Actions (n, 1) or (1,) for observations (n, d) or (d,), and the state to pass back; a
+        controller has no noise, whatever ``deterministic`` says."""
+        batch = np.atleast_2d(np.asarray(observation, dtype=float))
+        starts = np.asarray(True if state is None else episode_start, dtype=bool)
+        torque, state = self.controller(batch, state, np.broadcast_to(starts, len(batch)))
+        action = np.clip(torque / self.torque_limit, -1.0, 1.0).astype(np.float32)[:, None]
+        return (action if np.ndim(observation) > 1 else action[0]), state
+
+
+def pid_policy(
+    reference: Reference, torque_limit: float, control_dt: float, pid: PID = PAPER_PID
+) -> TorquePolicy:
+    """Torque from (13); the integral waits while the torque is at its limit.
+
+    Args:
+        reference: gives the errors. torque_limit: of the environment, N m. control_dt: s.
+        pid: gains; default: the paper's.
+    """
+
+    def controller(observations: Array, memory: Any, starts: Bools) -> tuple[Array, Any]:
+        before, integral = memory or (None, 0.0)  # the reference's memory; rad s
+        error, error_rate, after = reference(observations, before, starts)
+        torque, integral = pid.torque(
+            error, error_rate, np.where(starts, 0.0, integral), control_dt, torque_limit
+        )
+        return torque, (after, integral)
+
+    return TorquePolicy(controller, torque_limit)

@@ -1,0 +1,119 @@
+"""Baselines of the walkers: a PID, constant torque, and a crank-speed profile.
+
+They read nothing but the observation. The crank speed (or torque) for a commanded walking speed
+comes from a map measured on the robot at hand (``python -m agents.tune``, kept in ``agents/data``).
+The paper's robot is driven with the paper's gains, others with gains found for them. The profile
+(:mod:`jansen_env.baselines.profile`) is searched for on each robot, too.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from jansen_env.baselines import profile
+from jansen_env.baselines.columns import columns
+from jansen_env.baselines.pid import PID
+from jansen_env.baselines.policy import PAPER_PID, Array, Bools, Policy, TorquePolicy, pid_policy
+from jansen_env.robot import BODIES, ROBOTS, Robot
+
+DATA = Path(__file__).parent / "data" / "baselines.json"
+
+Setting: TypeAlias = Callable[[Array], Array]
+"""Commands (n,), m/s, to crank speeds (n,), rad/s, or torques (n,), N m, that walk at them."""
+
+
+def nearest_setting(settings: Array, speeds: Array) -> Setting:
+    """Of measured settings the one whose episodes came closest to each commanded speed.
+
+    A negative command turns the crank backwards: the machine is its own mirror image.
+
+    Args:
+        settings: (m,) constant crank speeds, rad/s, or torques, N m; above 0.
+        speeds: (m, episodes) distance over the whole episode's time, m/s; a fall ends the walk.
+    """
+
+    def setting(command: Array) -> Array:
+        error = np.abs(speeds - np.abs(command)[:, None, None]).mean(axis=2)
+        return np.sign(command) * settings[np.argmin(error, axis=1)]
+
+    return setting
+
+
+def walking_pid(crank_speed: Setting, env: Any, pid: PID = PAPER_PID) -> Policy:
+    """The PID (13) behind a reference that turns with the crank speed for the commanded speed.
+
+    It starts at the crank angle at which the episode starts (the paper's pi).
+    """
+    cos, sin, rate, command = columns(
+        env, "cos_crank_angle", "sin_crank_angle", "crank_speed", "speed_command"
+    )
+
+    def reference(seen: Array, memory: Any, starts: Bools) -> tuple[Array, Array, Any]:
+        angle = np.arctan2(seen[:, sin], seen[:, cos])
+        last, target = memory or (angle, angle)  # unwrapped, rad
+        last, target = np.where(starts, angle, last), np.where(starts, angle, target)
+        unwrapped = last + ((angle - last + np.pi) % (2.0 * np.pi) - np.pi)
+        speed = crank_speed(seen[:, command])
+        after = (unwrapped, target + speed * env.control_dt)
+        return target - unwrapped, speed - seen[:, rate], after
+
+    return pid_policy(reference, env.torque_limit, env.control_dt, pid)
+
+
+def constant_torque(torque: Setting, env: Any) -> Policy:
+    """The paper's conclusion as a policy: one constant torque for each command."""
+    (command,) = columns(env, "speed_command")
+    return TorquePolicy(lambda seen, *_: (torque(seen[:, command]), None), env.torque_limit)
+
+
+def tuned_for(robot: Robot, tuned: Iterable[str]) -> str:
+    """Return the design among ``tuned`` that has a robot's links; "paper" where none has."""
+    for name in tuned:
+        design = ROBOTS[name]()
+        if all(getattr(design, body) == getattr(robot, body) for body in BODIES):
+            return name
+    return "paper"
+
+
+def searched_profile(env: Any) -> Policy:
+    """Return the profile found for an environment's robot."""
+    found = json.loads(profile.DATA.read_text(encoding="utf-8"))
+    own = profile.load_profile(robot=tuned_for(env.robot, found))
+    return own.policy(env)
+
+
+def measured(name: str, robot: Robot) -> dict[str, Any]:
+    """Return what was measured of "pid" or "constant" on a robot's design."""
+    found = json.loads(DATA.read_text(encoding="utf-8"))
+    entry: dict[str, Any] = found[tuned_for(robot, found)][name]
+    return entry
+
+
+def measured_setting(name: str, robot: Robot) -> Setting:
+    """Return the measured settings of "pid" or "constant" for a robot."""
+    entry = measured(name, robot)
+    return nearest_setting(np.array(entry["settings"]), np.array(entry["speeds"]))
+
+
+def measured_pid(env: Any) -> Policy:
+    """Return the PID with the gains and the crank speeds found for an environment's robot."""
+    gains = PID(*measured("pid", env.robot)["gains"])
+    return walking_pid(measured_setting("pid", env.robot), env, gains)
+
+
+def measured_torque(env: Any) -> Policy:
+    """Return the constant torques measured on an environment's robot."""
+    return constant_torque(measured_setting("constant", env.robot), env)
+
+
+BASELINES: dict[str, Callable[[Any], Policy]] = {
+    "pid": measured_pid,
+    "constant": measured_torque,
+    "profile": searched_profile,
+}
+"""Each is made for an unwrapped environment."""

@@ -1,0 +1,305 @@
+"""Trained policies that come with the package: run with NumPy, nothing else.
+
+A policy is two files: ``ENV_ID/NAME.json`` says what it observes, how its network is built, how it
+was trained and what it scores, and ``NAME.safetensors`` has the network's weights. No code is in
+them, and what does not fit together is refused. ``docs/policies.md`` describes the format;
+``python -m agents.pack`` writes it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from copy import copy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors.numpy import load as read_tensors
+
+from jansen_env.checks import (
+    instance,
+    positive_integer,
+    positive_single,
+    shown,
+    whole_number,
+)
+from jansen_env.files import open_regular
+from jansen_env.policies.environment import check_action
+from jansen_env.policies.network import (
+    ACTIVATIONS,
+    CRANK_ANGLE,
+    SQUASH,
+    Features,
+    Harmonics,
+    Layer,
+    Normalized,
+    Plain,
+)
+
+FORMAT = "jansen_env policy 1"
+ENTRIES = (
+    "format", "env", "observation", "action", "network", "training", "versions", "scores", "sha256",
+)  # fmt: skip
+POLICIES = Path(__file__).parent
+DEFAULT = "ppo"  # of the names of an environment's policies
+MAX_BYTES = 2**20  # of a file; those of the package have less than 200 kB
+
+Array = NDArray[np.float64]
+Tensors = dict[str, NDArray[Any]]
+
+
+class PretrainedPolicy:
+    """A trained policy; its actions are those of the network it was trained as, without noise.
+
+    Args:
+        description: what the JSON file holds. tensors: what the other one holds.
+
+    Attributes:
+        description, tensors: as given. env_id: what it was trained on; env_kwargs: with which
+            arguments. observed: names of what it observes, in order. torque_limit: N m, of action
+            1. control_dt: s for which an action is held. scale: mean and standard deviation of
+            each observation in training, 0 and 1 where they are not kept. units: of what it
+            observes.
+        features, layers, limit, squash: the network, in this order: what it makes of what it sees,
+            side by side; its layers; the most that their output may be, inf for no limit; and the
+            name of what is made of that (see :mod:`jansen_env.policies.network`). Clipped to -1 ..
+            1 this is the share of the torque limit.
+
+    Raises:
+        ValueError: something in the description is missing or not allowed, does not fit the
+            tensors, or is not what the environment has (:mod:`jansen_env.policies.environment`); or
+            a number is beyond float32, in which C may compute.
+    """
+
+    def __init__(self, description: dict[str, Any], tensors: Tensors) -> None:
+        instance("the whole", description, dict)
+        if (found := description.get("format")) != FORMAT:
+            raise ValueError(f"format is {shown(found)}, must be {FORMAT!r}")
+        if unknown := sorted({*description} - {*ENTRIES}):
+            raise ValueError(f"there are entries {shown(unknown)}, must be among {list(ENTRIES)}")
+        self.description, self.tensors = description, tensors
+        for name, tensor in tensors.items():
+            if tensor.dtype != np.float32 or not np.isfinite(tensor).all():
+                raise ValueError(f"tensor {name!r} must be of finite float32 numbers")
+        env, action, network = (_entry(description, k, dict) for k in ("env", "action", "network"))
+        self.env_id: str = _entry(env, "id", str)
+        self.env_kwargs: dict[str, Any] = _entry(env, "kwargs", dict)
+        self.torque_limit = positive_single("torque_limit", action.get("torque_limit"))
+        self.control_dt = positive_single("control_dt", action.get("control_dt"))
+        check_action(self.env_id, self.env_kwargs, self.torque_limit, self.control_dt)
+        rows = _entry(description, "observation", list)
+        self.observed = tuple(_entry(row, "name", str) for row in rows)
+        self.units = tuple(_entry(row, "unit", str) for row in rows)
+        self._columns, self._shown = [*range(len(rows))], len(rows)  # of what it is given
+        self.scale: tuple[Any, Any] = (0.0, 1.0)
+        self.features = self._read_features(_entry(network, "features", list))
+        width = sum(block.size for block in self.features)
+        if width == 0:
+            raise ValueError("network.features has no numbers, must have some")
+        self.layers = self._read_layers(_entry(network, "layers", list), width)
+        self.limit = np.inf if (m := network.get("limit")) is None else positive_single("limit", m)
+        self.squash: str = _known(SQUASH, "squash", network.get("squash"))
+
+    def _read_features(self, blocks: list[Any]) -> list[Features]:
+        """Return what the network sees: functions of observations (n, d)."""
+        found: list[Features] = []
+        size = len(self.observed)
+        for block in blocks:
+            instance("a block of features", block, dict)
+            if block.get("kind") == "observation":
+                found.append(Plain(size))
+            elif block.get("kind") == "normalized":
+                mean, variance = (self._tensor(block, k, (size,)) for k in ("mean", "variance"))
+                if variance.min() < 0.0:
+                    raise ValueError(f"a variance is {variance.min()}, must be 0 or above")
+                floor, clip = (positive_single(k, block.get(k)) for k in ("floor", "clip"))
+                self.scale = mean, np.maximum(np.sqrt(variance), floor)
+                found.append(Normalized(*self.scale, clip))
+            elif block.get("kind") == "harmonics":
+                multiples = tuple(
+                    whole_number("a multiple", m, 1000) for m in _entry(block, "multiples", list)
+                )
+                if self.observed[:2] != CRANK_ANGLE:
+                    raise ValueError(f"harmonics take the first observations {list(CRANK_ANGLE)}")
+                found.append(Harmonics(multiples))
+            else:
+                raise ValueError(
+                    f"kind of features is {shown(block.get('kind'))}, must be 'observation', "
+                    "'normalized' or 'harmonics'"
+                )
+        return found
+
+    def _read_layers(self, layers: list[Any], width: int) -> list[Layer]:
+        """Return the layers; ``width``: inputs of the first one."""
+        found = []
+        for layer in layers:
+            instance("a layer", layer, dict)
+            units = positive_integer("units", layer.get("units"))
+            weight = self._tensor(layer, "weight", (units, width))
+            bias = self._tensor(layer, "bias", (units,))
+            activation = _known(ACTIVATIONS, "activation", layer.get("activation"))
+            found.append(Layer(weight, bias, activation))
+            width = units
+        if width != 1 or not layers:
+            raise ValueError(f"the last layer has {width} units, must have 1: the action")
+        return found
+
+    def _tensor(self, part: dict[str, Any], key: str, shape: tuple[int, ...]) -> Array:
+        """Return the tensor that ``part`` names, of this shape."""
+        name = _entry(part, key, str)
+        if name not in self.tensors:
+            raise ValueError(f"there is no tensor {shown(name)}")
+        if (found := self.tensors[name].shape) != shape:
+            raise ValueError(f"tensor {name!r} has shape {found}, must have {shape}")
+        return self.tensors[name].astype(np.float64)
+
+    def on(self, env: Any) -> PretrainedPolicy:
+        """Return this policy for an environment that may show more; columns are found by name.
+
+        Args:
+            env: of one robot or many, as ``gym.make`` or ``gym.make_vec`` made it.
+
+        Raises:
+            ValueError: the environment does not show all that the policy observes, or its robot has
+                another number of toes.
+        """
+        names = [entry.name for entry in env.unwrapped.observed]
+        for name in self.observed:
+            if name not in names:
+                raise ValueError(
+                    f"the policy of {self.env_id} observes {name}, must be one of {names}, which "
+                    "this environment shows"
+                )
+        for name in names:
+            if name.startswith("toe_load_") and name not in self.observed:
+                raise ValueError(
+                    f"this environment shows {name}, which the policy of {self.env_id} does not "
+                    "observe: it has learnt on a robot with fewer toes"
+                )
+        found = copy(self)
+        found._columns, found._shown = [names.index(name) for name in self.observed], len(names)
+        return found
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = False,
+    ) -> tuple[NDArray[np.float32], Any]:
+        """Return actions (n, 1) or (1,) for observations (n, d) or (d,), and the state as given.
+
+        d: as many as are :attr:`observed`, or as the environment shows that was given to
+        :meth:`on`. Computed in float64, and so the same on most processors once rounded to float32;
+        without noise, whatever ``deterministic`` says (the default is Stable-Baselines3's).
+
+        Raises:
+            ValueError: observations of another size.
+        """
+        x, size = np.asarray(observation, dtype=np.float64), self._shown
+        if x.ndim not in (1, 2) or x.shape[-1] != size:
+            raise ValueError(f"observation has shape {x.shape}, must have ({size},) or (n, {size})")
+        batch = np.take(x.reshape(-1, size), self._columns, axis=1)
+        values = np.concatenate([block(batch) for block in self.features], axis=1)
+        for layer in self.layers:
+            values = layer(values)
+        values = SQUASH[self.squash](np.clip(values, -self.limit, self.limit))
+        actions = np.clip(values, -1.0, 1.0).astype(np.float32)
+        return (actions if x.ndim == 2 else actions[0]), state
+
+
+def names(env_id: str) -> list[str]:
+    """Return the names of the policies that come with the package for an environment."""
+    known = {folder.name for folder in POLICIES.iterdir()}  # or an id could lead anywhere
+    if not isinstance(env_id, str) or env_id not in known:
+        return []
+    return sorted(path.stem for path in (POLICIES / env_id).glob("*.json"))
+
+
+def shipped(env_id: str, name: str = DEFAULT) -> Path:
+    """Return the path of the JSON file of a policy of the package.
+
+    Raises:
+        ValueError: there is none of this name for the environment.
+    """
+    if name not in names(env_id):
+        raise ValueError(
+            f"policy is {shown(name)}, must be one of {names(env_id)}, which the package has for "
+            f"{shown(env_id)}"
+        )
+    return POLICIES / env_id / f"{name}.json"
+
+
+def load(env_id: str, name: str = DEFAULT) -> PretrainedPolicy:
+    """Load a policy that comes with the package.
+
+    Args:
+        env_id: such as ``"JansenWalker-v0"``. name: one of :func:`names`.
+
+    Raises:
+        ValueError: there is none of this name for the environment.
+    """
+    return load_file(shipped(env_id, name))
+
+
+def load_file(path: str | Path) -> PretrainedPolicy:
+    """Load a policy from its JSON file and the .safetensors file beside it. No code in them runs.
+
+    Raises:
+        ValueError: one of them is missing, too large or damaged, or they are not of one policy.
+    """
+    path = Path(path)
+    weights = path.with_suffix(".safetensors")
+    try:
+        description = json.loads(_read(path))
+        policy_weights = _read(weights)
+    except (OSError, RecursionError, ValueError) as error:
+        raise ValueError(f"{path} is no policy: {_reason(error)}") from error
+    try:
+        tensors = read_tensors(policy_weights)
+    except Exception as error:  # SafetensorError, and NumPy's of types that it does not have
+        raise ValueError(f"{weights} is no file of tensors: {_reason(error)}") from error
+    try:
+        policy = PretrainedPolicy(description, tensors)
+        if description.get("sha256") != checksum(policy_weights):
+            raise ValueError(f"sha256 is not that of {weights.name}: they are of two policies")
+    except ValueError as error:
+        raise ValueError(f"{path} is no policy: {_reason(error)}") from error
+    return policy
+
+
+def checksum(data: bytes) -> str:
+    """Return the SHA-256, which tells whether two files belong together."""
+    return hashlib.sha256(data).hexdigest()
+
+
+def _read(path: Path) -> bytes:
+    """Read a whole file, of bounded size."""
+    with open_regular(path) as file:
+        data = file.read(MAX_BYTES + 1)
+    if len(data) > MAX_BYTES:
+        raise ValueError(f"{path.name} has more than {MAX_BYTES} bytes")
+    return data
+
+
+def _reason(error: BaseException) -> str:
+    """Return an error's text, on one line."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _entry(part: Any, name: str, kind: type) -> Any:
+    """Return ``part[name]``, which must be of a type."""
+    instance("an entry", part, dict)
+    instance(name, part.get(name), kind)
+    return part[name]
+
+
+def _known(table: dict[Any, Any], name: str, value: Any) -> Any:
+    """Return ``value``, which must be a name in a table."""
+    allowed: Sequence[Any] = list(table)
+    if value not in allowed:
+        raise ValueError(f"{name} is {shown(value)}, must be one of {allowed}")
+    return value

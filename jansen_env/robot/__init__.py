@@ -1,0 +1,43 @@
+"""What walks: links, legs, motor, feet, built-in designs; where the joints are."""
+
+from jansen_env.robot.design import (
+    BEARING_LOADS,
+    BEARINGS,
+    BODIES,
+    BODIES_PER_LEG,
+    JOINT_PAIRS,
+    RIGID,
+    ROBOTS,
+    Bar,
+    Compliance,
+    Leg,
+    Payload,
+    Robot,
+    Side,
+    Triangle,
+    built_robot,
+    holy_numbers_robot,
+    paper_robot,
+    phased_legs,
+)
+
+__all__ = [
+    "BEARINGS",
+    "BEARING_LOADS",
+    "BODIES",
+    "BODIES_PER_LEG",
+    "JOINT_PAIRS",
+    "RIGID",
+    "ROBOTS",
+    "Bar",
+    "Compliance",
+    "Leg",
+    "Payload",
+    "Robot",
+    "Side",
+    "Triangle",
+    "built_robot",
+    "holy_numbers_robot",
+    "paper_robot",
+    "phased_legs",
+]

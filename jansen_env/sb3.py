@@ -1,0 +1,180 @@
+"""Stable-Baselines3's ``VecEnv`` over robots that are simulated together."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
+
+from jansen_env.checks import whole_number
+from jansen_env.envs import arguments
+from jansen_env.envs.vector import TaskVectorEnv
+from jansen_env.scoring.benchmarks import can_be_batched, vector_env
+from jansen_env.scoring.rollout import make_env
+from jansen_env.world.broadcasting import Each
+
+
+def make_vec_env(
+    env_id: str,
+    num_envs: int,
+    env_kwargs: dict[str, Any] | None = None,
+    variants: Sequence[dict[str, Any]] = ({},),
+    info_keys: Sequence[str] | None = (),
+) -> VecEnv:
+    """``num_envs`` environments for Stable-Baselines3, simulated together where that is possible.
+
+    Args:
+        env_id: one of :data:`jansen_env.scoring.benchmarks.TASKS`.
+        env_kwargs: arguments of all of them.
+        variants: further ones; environment i takes number i, counted around.
+        info_keys: as of :class:`BatchVecEnv`; single environments give all of their information.
+
+    Raises:
+        ValueError: an argument out of range.
+    """
+    if not variants:
+        raise ValueError("variants is empty, must have at least one entry, such as {}")
+    kwargs = dict(env_kwargs or {})
+    each = [{**kwargs, **variants[i % len(variants)]} for i in range(num_envs)]
+    if can_be_batched(env_id, kwargs, variants):
+        return BatchVecEnv(_make_batch(env_id, kwargs, each), info_keys)
+    return DummyVecEnv([partial(make_env, env_id, own) for own in each])
+
+
+def _make_batch(
+    env_id: str, kwargs: dict[str, Any], each: Sequence[dict[str, Any]]
+) -> TaskVectorEnv[Any]:
+    """One batch with the arguments of each environment."""
+    entry = vector_env(env_id)
+    defaults = {name: p.default for name, p in inspect.signature(entry).parameters.items()}
+    defaults["max_episode_steps"] = gym.spec(env_id).max_episode_steps
+    own = {
+        name: Each(one.get(name, defaults[name]) for one in each)
+        for name in (*entry.TASK.PER_ROBOT, "max_episode_steps")
+        if any(name in one for one in each)
+    }
+    env: Any = gym.make_vec(
+        env_id, num_envs=len(each), autoreset_mode=AutoresetMode.DISABLED, **{**kwargs, **own}
+    )
+    return env.unwrapped
+
+
+class BatchVecEnv(VecEnv):
+    """Robots that are simulated together, as Stable-Baselines3 wants its environments.
+
+    An episode that ends is followed by the next one's first observation in the same step; its
+    information has the last one, a copy, as ``terminal_observation``, and
+    ``TimeLimit.truncated``. ``set_attr`` is ``set_parameters`` of the robots; ``env_method`` calls
+    one of :data:`jansen_env.envs.vector.METHODS`.
+
+    Args:
+        env: the robots, with ``AutoresetMode.DISABLED``: episodes are started here.
+        info_keys: what each step's information has of the single environment's, such as
+            ``"slip"``; None for all. The last step of an episode always has all, and alone
+            ``TimeLimit.truncated``.
+
+    Raises:
+        ValueError: an unknown key, or another autoreset mode.
+    """
+
+    def __init__(self, env: TaskVectorEnv[Any], info_keys: Sequence[str] | None = ()) -> None:
+        if env.autoreset_mode != AutoresetMode.DISABLED:
+            raise ValueError(f"autoreset_mode is {env.autoreset_mode}, must be DISABLED")
+        self.env, self.info_keys = env, arguments.info_keys(info_keys, env.task.information.keys)
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self.metadata = dict(env.metadata)  # with the frames per second of films
+        self._actions: NDArray[np.float32] = np.zeros((env.num_envs, 1), np.float32)
+
+    def reset(self) -> NDArray[np.float32]:
+        """Start all episodes; returns their first observations (n, d)."""
+        seeds, options = self._seeds, self._options
+        self._reset_seeds()
+        self._reset_options()
+        observations, _ = self.env.reset_each(seeds, options)
+        information = self.env.task.information
+        self.reset_infos = [information.single(i, False) for i in range(self.num_envs)]
+        return observations
+
+    def step_async(self, actions: NDArray[np.float32]) -> None:
+        """Keep the actions (n, 1) for :meth:`step_wait`."""
+        self._actions = actions
+
+    def step_wait(
+        self,
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], list[dict[str, Any]]]:
+        """Take the step: observations (n, d), rewards (n,), dones (n,), and n dictionaries."""
+        task = self.env.task
+        terminated, truncated = self.env.advance(self._actions)
+        rewards, dones = task.reward.copy(), terminated | truncated
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        if self.info_keys is None or self.info_keys:
+            for i in np.flatnonzero(~dones).tolist():
+                info = task.information.single(i, True)
+                infos[i] = {key: info[key] for key in self.info_keys or info}
+        for i in np.flatnonzero(dones).tolist():
+            infos[i] = task.information.single(i, True)
+            infos[i]["terminal_observation"] = task.observation[i].copy()
+            infos[i]["TimeLimit.truncated"] = bool(truncated[i] and not terminated[i])
+        if dones.any():
+            self.env.restart(np.flatnonzero(dones))
+            for i in np.flatnonzero(dones).tolist():
+                self.reset_infos[i] = task.information.single(i, False)
+        return task.observation.copy(), rewards, dones, infos
+
+    def get_states(self) -> list[dict[str, Any]]:
+        """All that each robot's future depends on: its state, and the steps of its episode."""
+        elapsed = self.env._elapsed.tolist()
+        return [{**self.env.get_state(i), "elapsed": elapsed[i]} for i in range(self.num_envs)]
+
+    def set_states(self, states: Sequence[dict[str, Any]]) -> None:
+        """Let each robot go on from its state of :meth:`get_states`.
+
+        Raises:
+            ValueError: an entry is missing or out of range.
+        """
+        for i, state in enumerate(states):
+            own = dict(state)
+            elapsed = whole_number("elapsed", own.pop("elapsed", None))
+            self.env.set_state(i, own)
+            self.env._elapsed[i] = elapsed
+
+    def close(self) -> None:
+        """Let go of threads and pictures."""
+        self.env.close()
+
+    def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
+        """A picture (H, W, 3) of each robot."""
+        return self.env.render() or [None] * self.num_envs
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """An attribute of each robot."""
+        values = self.env.get_attr(attr_name)
+        return [values[i] for i in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+        """Change a parameter of robots; a new command counts from the next episode on."""
+        for i in self._get_indices(indices):
+            self.env.set_parameters(i, **{attr_name: value})
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **kwargs: Any
+    ) -> list[Any]:
+        """Call a method of each robot; ``get_wrapper_attr`` asks for an attribute."""
+        rows = self._get_indices(indices)
+        if method_name == "get_wrapper_attr":
+            return self.get_attr(method_args[0], rows)
+        return [self.env.call_one(i, method_name, *method_args, **kwargs) for i in rows]
+
+    def env_is_wrapped(
+        self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
+    ) -> list[bool]:
+        """False for each: robots of a batch have no wrappers of their own."""
+        return [False for _ in self._get_indices(indices)]

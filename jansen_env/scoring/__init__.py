@@ -1,0 +1,1 @@
+"""Score anything that has ``predict``: rollout, metrics, statistics."""

@@ -1,0 +1,263 @@
+"""The tasks by environment id: commands, what is kept and scored of an episode, the baselines."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.envs.registration import load_env_creator
+
+from jansen_env.baselines import crank_baselines, walker_baselines
+from jansen_env.baselines.policy import Policy
+from jansen_env.checks import positive_integer
+from jansen_env.scoring.metrics import SETTLING, Aggregate, Array, Episodes, Metric
+from jansen_env.tasks.crank import LOST
+
+ENOUGH = 0.8  # of the commanded distance
+
+
+@dataclass(frozen=True)
+class Task:
+    """How policies are scored on an environment.
+
+    Attributes:
+        commands: the grid of ``speed_command`` on which policies are scored.
+        command_unit: its unit.
+        aggregates: what is kept of each episode, by name.
+        metrics: by name; the first is "return".
+        baselines: the policies to compare with by name, the main one first; each is made for an
+            unwrapped environment.
+        chosen_by: the metric by which the best model of a run is chosen.
+        variety: how many times as many episodes that takes as where nothing but the start differs.
+    """
+
+    commands: tuple[float, ...]
+    command_unit: str
+    aggregates: dict[str, Aggregate]
+    metrics: dict[str, Metric]
+    baselines: dict[str, Callable[[Any], Policy]]
+    chosen_by: str = "return"
+    variety: int = 1
+
+
+def _mean(name: str) -> Callable[[Episodes, Any], Array]:
+    return lambda run, _: np.asarray(run[name], dtype=float)
+
+
+def _speed_error(run: Episodes, env: Any) -> Array:
+    """Over the full length of an episode: after a fall the robot is taken to stand still."""
+    horizon = env.spec.max_episode_steps * env.unwrapped.control_dt
+    return np.abs(run["distance"] / horizon - run["command"])
+
+
+def _steady_speed_error(run: Episodes, env: Any) -> Array:
+    """The same after the first :data:`SETTLING` s, in which it gets going."""
+    horizon = env.spec.max_episode_steps * env.unwrapped.control_dt - SETTLING
+    if horizon <= 0.0:
+        return np.full(len(run["command"]), np.nan)
+    return np.abs((run["distance"] - run["early_distance"]) / horizon - run["command"])
+
+
+def succeeded(run: Episodes, env: Any) -> Array:
+    """1 for each episode (n,) without a fall and :data:`ENOUGH` of the way commanded, else 0."""
+    way = np.abs(run["command"]) * env.spec.max_episode_steps * env.unwrapped.control_dt
+    walked = ~run["fell"].astype(bool) & (_distance(run, env) >= ENOUGH * way)
+    return walked.astype(float)
+
+
+def _per_step(name: str) -> Callable[[Episodes, Any], Array]:
+    """A sum over an episode's steps as their mean."""
+    return lambda run, env: np.asarray(run[name] * env.unwrapped.control_dt / run["duration"])
+
+
+def _per_weight(name: str) -> Callable[[Episodes, Any], Array]:
+    """Work / weight, m."""
+    return lambda run, env: np.asarray(run[name] / env.unwrapped.weight)
+
+
+def _start_slip(run: Episodes, env: Any) -> Array:
+    """Slip within :data:`SETTLING`, m."""
+    return np.asarray(run["slip"] - run["steady_slip"])
+
+
+def _start_work(run: Episodes, env: Any) -> Array:
+    """Work within :data:`SETTLING` / weight, m."""
+    return np.asarray((run["work"] - run["steady_work"]) / env.unwrapped.weight)
+
+
+def _start_lag(run: Episodes, env: Any) -> Array:
+    """How far an episode is behind its command at :data:`SETTLING`, m."""
+    return SETTLING * np.abs(run["command"]) - np.sign(run["command"]) * run["early_distance"]
+
+
+def _steady_distance(run: Episodes, env: Any) -> Array:
+    """Distance in the commanded direction after :data:`SETTLING`, m."""
+    way = np.sign(run["command"]) * (run["distance"] - run["early_distance"])
+    return np.maximum(way, 0.0)
+
+
+def _distance(run: Episodes, env: Any) -> Array:
+    """Distance in the commanded direction, m."""
+    return np.maximum(np.sign(run["command"]) * run["distance"], 0.0)
+
+
+TORQUE = {
+    "peak_torque": Aggregate("peak", lambda info: info["crank_torque"]),
+    "rms_torque": Aggregate("rms", lambda info: info["crank_torque"]),
+}
+
+WALKER = Task(
+    commands=(0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8),
+    command_unit="m/s",
+    aggregates={
+        "distance": Aggregate("last", lambda info: info["x_position"]),
+        "early_distance": Aggregate("early", lambda info: info["x_position"]),
+        "slip": Aggregate("sum", lambda info: info["slip"].sum(axis=-1)),
+        "steady_slip": Aggregate("steady", lambda info: info["slip"].sum(axis=-1)),
+        "work": Aggregate("sum", lambda info: np.abs(info["energy"]["motor_work"])),
+        "steady_work": Aggregate("steady", lambda info: np.abs(info["energy"]["motor_work"])),
+        "drawn": Aggregate("sum", lambda info: info["energy"]["electrical_work"]),
+        # A simulation that diverged is no walk either: it counts as a fall.
+        "fell": Aggregate("last", lambda info: info["fallen"] | info["diverged"]),
+        "torque_change": Aggregate("change", lambda info: info["crank_torque"]),
+        **TORQUE,
+    },
+    metrics={
+        "return": Metric("return", "", _mean("returns")),
+        "speed_error": Metric("speed error", "m/s", _speed_error),
+        "steady_speed_error": Metric(
+            f"speed error after {SETTLING:g} s", "m/s", _steady_speed_error
+        ),
+        "slip_per_metre": Metric("slip per metre", "m/m", _mean("slip"), _distance),
+        "steady_slip_per_metre": Metric(
+            f"slip per metre after {SETTLING:g} s",
+            "m/m",
+            _mean("steady_slip"),
+            _steady_distance,
+            "log",
+        ),
+        "cost_of_transport": Metric(
+            "mechanical cost of transport", "1", _per_weight("work"), _distance
+        ),
+        "steady_cost_of_transport": Metric(
+            f"mechanical cost of transport after {SETTLING:g} s",
+            "1",
+            _per_weight("steady_work"),
+            _steady_distance,
+            "log",
+        ),
+        "electrical_cost_of_transport": Metric(
+            "electrical cost of transport", "1", _per_weight("drawn"), _distance, axis=""
+        ),
+        "start_slip": Metric(f"slip in the first {SETTLING:g} s", "m", _start_slip, axis=""),
+        "start_work": Metric(
+            f"work / weight in the first {SETTLING:g} s", "m", _start_work, axis=""
+        ),
+        "start_lag": Metric(f"behind the command after {SETTLING:g} s", "m", _start_lag, axis=""),
+        "falls": Metric("falls", "fraction", _mean("fell"), axis="fraction"),
+        "peak_torque": Metric("peak torque", "N m", _mean("peak_torque"), axis=""),
+        "rms_torque": Metric("RMS torque", "N m", _mean("rms_torque")),
+        "torque_change": Metric(
+            "change of torque per step", "N m", _per_step("torque_change"), axis=""
+        ),
+    },
+    baselines=walker_baselines.BASELINES,
+)
+
+WORLD = replace(
+    WALKER,
+    commands=(0.1, 0.2, 0.3, 0.4, 0.5),
+    metrics={
+        **WALKER.metrics,
+        "success": Metric("success", "fraction", succeeded, axis="fraction"),
+    },
+    chosen_by="success",
+    variety=4,
+)
+
+CRANK = Task(
+    commands=(1.0,),
+    command_unit="rad/s",
+    aggregates={
+        "rms_error": Aggregate("rms", lambda info: info["tracking_error"]),
+        "peak_error": Aggregate("peak", lambda info: info["tracking_error"]),
+        "work": Aggregate("sum", lambda info: info["energy"]["motor_work"]),
+        "lost": Aggregate("last", lambda info: np.abs(info["tracking_error"]) > LOST),
+        **TORQUE,
+    },
+    metrics={
+        "return": Metric("return", "", _mean("returns")),
+        "rms_error": Metric("RMS tracking error", "rad", _mean("rms_error")),
+        "peak_error": Metric("peak tracking error", "rad", _mean("peak_error")),
+        # Whoever turns the crank feeds the same friction: policies differ in the last digits.
+        "rms_torque": Metric("RMS torque", "N m", _mean("rms_torque"), digits=4),
+        "peak_torque": Metric("peak torque", "N m", _mean("peak_torque")),
+        "power": Metric("mean motor power", "W", lambda run, _: run["work"] / run["duration"]),
+        "lost": Metric("lost", "fraction", _mean("lost"), axis=""),
+    },
+    baselines=crank_baselines.BASELINES,
+)
+
+TASKS: dict[str, Task] = {
+    "JansenWalker-v0": WALKER,
+    "JansenWalkerBuilt-v0": WALKER,
+    "JansenWalkerRough-v0": WORLD,
+    "JansenWalkerHardcore-v0": WORLD,
+    "JansenCrank-v0": CRANK,
+}
+DEFAULT = "JansenWalkerBuilt-v0"  # of the commands, where no other is named
+WALKERS = [name for name, task in TASKS.items() if "falls" in task.metrics]
+
+
+def find_task(env_id: str) -> Task:
+    """The task of an environment; no other id may reach ``gym.make``, which imports "MODULE:ID".
+
+    Raises:
+        ValueError: no task is known for this id.
+    """
+    if not isinstance(env_id, str) or env_id not in TASKS:
+        raise ValueError(f"environment id is {env_id!r}, must be one of {sorted(TASKS)}")
+    return TASKS[env_id]
+
+
+def can_be_batched(
+    env_id: str, env_kwargs: dict[str, Any], variants: Sequence[dict[str, Any]] = ({},)
+) -> bool:
+    """Whether one batch can hold environments with these arguments."""
+    task = vector_env(env_id).TASK
+    return (
+        all(env_kwargs.get(name, value) == value for name, value in task.SINGLE_ONLY.items())
+        and env_kwargs.get("render_mode") in (None, "rgb_array")
+        and all(set(variant) <= {*task.PER_ROBOT, "max_episode_steps"} for variant in variants)
+    )
+
+
+def vector_env(env_id: str) -> Any:
+    """The vector environment of a task."""
+    entry: Any = gym.spec(env_id).vector_entry_point
+    return load_env_creator(entry)
+
+
+def check_env_kwargs(env_id: str, env_kwargs: dict[str, Any]) -> None:
+    """Check the names of an environment's arguments, and its time limit; it checks the rest itself.
+
+    Gymnasium's own arguments, with which other code could be made to run, are not among them.
+
+    Raises:
+        ValueError: no task is known for this id, the environment has no argument of a name,
+            ``max_episode_steps`` is no limit, or ``render_mode`` opens windows.
+    """
+    find_task(env_id)
+    entry: Any = gym.spec(env_id).entry_point
+    allowed = {*inspect.signature(load_env_creator(entry)).parameters, "max_episode_steps"}
+    if env_kwargs.get("render_mode") == "human":
+        raise ValueError("render_mode is 'human', must be None or 'rgb_array' for many robots")
+    for name in env_kwargs:
+        if name not in allowed:
+            raise ValueError(f"{name!r} is no argument of {env_id}, must be in {sorted(allowed)}")
+    if "max_episode_steps" in env_kwargs:  # -1, no limit, would be an episode without an end
+        positive_integer("max_episode_steps", env_kwargs["max_episode_steps"])

@@ -1,0 +1,160 @@
+"""Running a policy: episodes side by side, one prediction for all of them at each step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from jansen_env.baselines.policy import Policy
+from jansen_env.scoring.benchmarks import Task, can_be_batched, check_env_kwargs, find_task
+from jansen_env.scoring.metrics import SETTLING, Array, Episodes
+
+DRAWN_SEED = 20_000  # of episodes with drawn commands: training, tuning and other scores use others
+
+
+class Moment(NamedTuple):
+    """A step: its end, s since the start; its length, s; what was reduced at the step before."""
+
+    time: float
+    dt: float
+    last: Any
+
+
+REDUCTIONS: dict[str, Callable[[Any, Any, Moment], Any]] = {
+    "sum": lambda total, value, _: total + value,
+    "steady": lambda total, value, at: total if at.time < SETTLING + 0.5 * at.dt else total + value,
+    "peak": lambda total, value, _: np.maximum(total, np.abs(value)),
+    "rms": lambda total, value, at: total + np.square(value) * at.dt,  # mean and root at the end
+    "last": lambda total, value, _: value,
+    "early": lambda total, value, at: value if at.time < SETTLING + 0.5 * at.dt else total,
+    "change": lambda total, value, at: total + np.abs(value - at.last),
+}
+
+
+def make_env(env_id: str, env_kwargs: dict[str, Any], **more: Any) -> gym.Env[Any, Any]:
+    """``gym.make`` of one of :data:`jansen_env.scoring.benchmarks.TASKS`.
+
+    Args:
+        env_kwargs: as users give them, which are checked. more: as the program gives them.
+
+    Raises:
+        ValueError: another id, or an argument that the environment does not take.
+    """
+    check_env_kwargs(env_id, env_kwargs)
+    return gym.make(env_id, **{**env_kwargs, **more})
+
+
+def draw_episodes(env: Any, count: int, seed: int = 0) -> tuple[Array, NDArray[np.int64]]:
+    """Return commands (count,), uniform in the range of ``env``, and the seeds (count,) of resets.
+
+    Args:
+        env: as ``gym.make`` gives it. seed: of commands and starts.
+    """
+    low, high = env.unwrapped.task.speed_command[0]
+    commands = np.random.default_rng([DRAWN_SEED, seed]).uniform(low, high, count)
+    return commands, DRAWN_SEED + seed * 1_000_000 + np.arange(count)
+
+
+def make_envs(env_id: str, env_kwargs: dict[str, Any], count: int) -> Any:
+    """``gym.make_vec`` of one of them: simulated together where that is possible.
+
+    Raises:
+        ValueError: another id, or an argument that the environment does not take.
+    """
+    check_env_kwargs(env_id, env_kwargs)
+    together = can_be_batched(env_id, env_kwargs)
+    return gym.make_vec(
+        env_id, count, None if together else "sync",
+        {} if together else {"autoreset_mode": AutoresetMode.NEXT_STEP}, **env_kwargs,
+    )  # fmt: skip
+
+
+def run_episodes(
+    policy: Policy,
+    env_id: str,
+    env_kwargs: dict[str, Any],
+    commands: Array,
+    seeds: NDArray[np.int64],
+    at_once: int = 256,
+    options: dict[str, NDArray[Any]] | None = None,
+) -> Episodes:
+    """Run one episode for each pair of command and seed, up to ``at_once`` side by side.
+
+    An episode is what it is alone, bit for bit, if the policy's actions do not depend on how many
+    it is asked for.
+
+    Args:
+        policy: acts deterministically.
+        env_id, env_kwargs: of the environment, one of :data:`jansen_env.scoring.benchmarks.TASKS`.
+        commands: (n,) speed commands, in the task's unit. seeds: (n,) of each episode's reset.
+        options: more of them for each reset, (n,) by name.
+
+    Raises:
+        ValueError: no task is known for ``env_id``.
+    """
+    task, parts = find_task(env_id), []
+    every: dict[str, NDArray[Any]] = {"speed_command": commands, **(options or {})}
+    for begin in range(0, len(commands), at_once):
+        part = slice(begin, begin + at_once)
+        envs = make_envs(env_id, env_kwargs, len(commands[part]))
+        of_part = {name: values[part] for name, values in every.items()}
+        parts.append(_run_side_by_side(policy, envs, task, of_part, seeds[part]))
+        envs.close()
+    run = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    for name, aggregate in task.aggregates.items():
+        if aggregate.reduction == "rms":
+            run[name] = np.sqrt(run[name] / np.maximum(run["duration"], 1e-12))
+    return run
+
+
+def _run_side_by_side(
+    policy: Policy,
+    envs: Any,
+    task: Task,
+    options: dict[str, NDArray[Any]],
+    seeds: NDArray[np.int64],
+) -> Episodes:
+    """One episode in each environment; what is kept of each."""
+    n, dt = len(seeds), envs.get_attr("control_dt")[0]
+    totals: dict[str, Any] = {}
+    last: dict[str, Any] = {}
+    observations = _reset(envs, options, seeds)
+    running, starts, state, time = np.ones(n, bool), np.ones(n, bool), None, 0.0
+    while running.any():
+        actions, state = policy.predict(observations, state, starts, True)
+        starts = np.zeros(n, bool)
+        observations, rewards, terminated, truncated, infos = envs.step(actions)
+        time += dt
+        values: dict[str, tuple[str, Any]] = {
+            "returns": ("sum", rewards),
+            "duration": ("sum", np.full(n, dt)),
+        }
+        for name, (reduction, function) in task.aggregates.items():
+            values[name] = (reduction, function(infos))
+        for name, (how, value) in values.items():
+            before = totals.get(name, np.zeros_like(value))
+            at = Moment(time, dt, last.get(name, 0.0))
+            totals[name] = np.where(running, REDUCTIONS[how](before, value, at), before)
+            last[name] = value
+        running &= ~(terminated | truncated)
+    return {"command": options["speed_command"], **totals}
+
+
+def _reset(
+    envs: Any, options: dict[str, NDArray[Any]], seeds: NDArray[np.int64]
+) -> NDArray[np.float32]:
+    """Start the episodes; returns their first observations (n, d)."""
+    if isinstance(envs, gym.vector.SyncVectorEnv):  # which has one set of options for all
+        rows = zip(*(values.tolist() for values in options.values()), strict=True)
+        each = zip(envs.envs, seeds.tolist(), rows, strict=True)
+        return np.stack([
+            env.reset(seed=seed, options=dict(zip(options, row, strict=True)))[0]
+            for env, seed, row in each
+        ])  # fmt: skip
+    observations: NDArray[np.float32] = envs.reset(seed=seeds.tolist(), options=options)[0]
+    return observations

@@ -1,0 +1,15 @@
+"""What is walked on: shapes, generators, curriculum."""
+
+from jansen_env.terrain.ground import (
+    MAX_SLOPE,
+    Terrain,
+    heights_of,
+    make_terrain,
+)
+
+__all__ = [
+    "MAX_SLOPE",
+    "Terrain",
+    "heights_of",
+    "make_terrain",
+]

@@ -1,0 +1,229 @@
+"""Grounds that are drawn anew at each reset, by name, parameters and level: 0 easy to 9 hard.
+
+``"stairs"`` has all its parameters from the level, ``"stairs:rise=0.02"`` its tread alone,
+``"mixed"`` is another of them each time, and any callable ``(rng, level) -> Terrain`` will do. What
+the levels mean is :data:`LEVELS`; ``python -m benchmarks.climbing`` measures what can be climbed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from jansen_env.checks import finite, shown, whole_number
+from jansen_env.terrain import Terrain, shapes
+
+Random: TypeAlias = np.random.Generator
+Generator: TypeAlias = Callable[[Random, int], Terrain]
+
+HIGHEST = 9  # of the levels, from 0
+SHIFT = 0.4  # m, within which a ground begins; half a turn of the crank walks 0.33 m
+
+LEVELS: dict[str, dict[str, tuple[float, float]]] = {
+    "slope": {"angle": (0.01, 0.28)},
+    "rough": {"height": (0.02, 0.2), "spacing": (0.2, 0.2)},
+    "waves": {"height": (0.015, 0.24), "length": (1.0, 1.0)},
+    "stairs": {"rise": (0.01, 0.1), "tread": (0.4, 0.4)},
+    "steps": {"height": (0.035, 0.35), "spacing": (0.4, 0.4)},
+    "stumps": {"height": (0.02, 0.11), "width": (0.2, 0.2), "spacing": (1.0, 1.0)},
+    "ramps": {"angle": (0.045, 0.36), "length": (0.8, 0.8)},
+}
+"""Of each generator its parameters' values at level 0 and level 9, evenly in between; m and rad."""
+
+
+def _slope(rng: Random, angle: float) -> Terrain:
+    return Terrain.slope(angle)
+
+
+def _rough(rng: Random, height: float, spacing: float) -> Terrain:
+    """As ``Terrain.rough``, on both sides."""
+    return Terrain.of(shapes.rough(rng, height, spacing, _start(rng), shapes.REACH))
+
+
+def _waves(rng: Random, height: float, length: float) -> Terrain:
+    return Terrain.waves(height, length, _start(rng))
+
+
+def _stairs(rng: Random, rise: float, tread: float) -> Terrain:
+    return Terrain.stairs(rise, tread, _start(rng))
+
+
+def _steps(rng: Random, height: float, spacing: float) -> Terrain:
+    return Terrain.steps(rng, height, spacing)
+
+
+def _stumps(rng: Random, height: float, width: float, spacing: float) -> Terrain:
+    return Terrain.stumps(height, width, spacing, _start(rng))
+
+
+def _ramps(rng: Random, angle: float, length: float) -> Terrain:
+    return Terrain.ramps(angle, length, _start(rng))
+
+
+def _start(rng: Random) -> float:
+    """Where a ground begins, m: drawn, or the way to its first step could be learned by heart."""
+    return rng.uniform(shapes.START, shapes.START + SHIFT)
+
+
+_MAKERS: dict[str, Callable[..., Terrain]] = {
+    "slope": _slope, "rough": _rough, "waves": _waves, "stairs": _stairs, "steps": _steps,
+    "stumps": _stumps, "ramps": _ramps,
+}  # fmt: skip
+_UP_OR_DOWN = {"slope": "angle", "stairs": "rise"}  # whose sign is drawn, if they are not given
+GENERATORS = (*_MAKERS, "mixed")
+"""Their names."""
+
+
+def at_level(name: str, level: int) -> dict[str, float]:
+    """A generator's parameters at a level, 0 to 9, by name.
+
+    Raises:
+        ValueError: no generator has this name, or no level this number.
+    """
+    if name not in LEVELS:
+        raise ValueError(f"generator is {shown(name)}, must be one of {list(LEVELS)}")
+    share = whole_number("level", level, HIGHEST) / HIGHEST
+    return {key: low + share * (high - low) for key, (low, high) in LEVELS[name].items()}
+
+
+@dataclass(frozen=True)
+class NamedGenerator:
+    """A ground of one kind, drawn anew at each call: ``(rng, level) -> Terrain``.
+
+    Where it begins is drawn, and what is random in it; of slopes and stairs also whether they go up
+    or down, unless it is given. With default friction and restitution.
+
+    Args:
+        name: one of :data:`LEVELS`.
+        given: (parameter, value) that do not change with the level.
+
+    Raises:
+        ValueError: no such name or parameter, or no such ground with these values.
+    """
+
+    name: str
+    given: tuple[tuple[str, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        known = list(at_level(self.name, 0))
+        for key, value in self.given:
+            if key not in known:
+                raise ValueError(f"{key!r} is no parameter of {self.name!r}, must be in {known}")
+            finite(f"{key} of {self.name!r}", value)
+        object.__setattr__(self, "given", tuple((key, float(v)) for key, v in self.given))
+        for level in (0, HIGHEST):  # or a reset would be refused
+            try:
+                self(np.random.default_rng(0), level)
+            except ValueError as error:
+                raise ValueError(
+                    f"{str(self)!r} makes no ground at level {level}: {error}"
+                ) from error
+
+    def __call__(self, rng: Random, level: int) -> Terrain:
+        """A ground. Raises ValueError: no such level."""
+        values = at_level(self.name, level)
+        down = rng.random() < 0.5  # drawn in any case, so that fixing it leaves the others
+        if down and (sign := _UP_OR_DOWN.get(self.name)):
+            values[sign] *= -1.0
+        values |= dict(self.given)
+        return _MAKERS[self.name](rng, **values)
+
+    def __str__(self) -> str:
+        """As it is written: ``"stairs:rise=0.02"``."""
+        given = ",".join(f"{key}={value:g}" for key, value in self.given)
+        return f"{self.name}:{given}" if given else self.name
+
+
+@dataclass(frozen=True)
+class MixedGenerator:
+    """A ground of another kind at each call: ``(rng, level) -> Terrain``.
+
+    Args:
+        kinds: drawn from evenly; all by default.
+    """
+
+    kinds: tuple[NamedGenerator, ...] = tuple(map(NamedGenerator, LEVELS))
+
+    def __call__(self, rng: Random, level: int) -> Terrain:
+        """A ground. Raises ValueError: no such level."""
+        return self.kinds[rng.integers(len(self.kinds))](rng, level)
+
+    def __str__(self) -> str:
+        return "mixed"
+
+
+@dataclass(frozen=True)
+class OwnGenerator:
+    """A user's function that is held to what it has to return.
+
+    Args:
+        function: ``(rng, level) -> Terrain``.
+    """
+
+    function: Callable[[Random, int], Any]
+
+    def __call__(self, rng: Random, level: int) -> Terrain:
+        """A ground. Raises ValueError: the function has returned something else."""
+        terrain = self.function(rng, level)
+        if not isinstance(terrain, Terrain):
+            raise ValueError(
+                f"terrain generator {self} returned {shown(terrain)}, must be a Terrain"
+            )
+        return terrain
+
+    def __str__(self) -> str:
+        function = self.function.func if isinstance(self.function, partial) else self.function
+        return str(getattr(function, "__qualname__", type(function).__qualname__))
+
+
+def make_generator(spec: Any) -> Generator | None:
+    """A generator ``(rng, level) -> Terrain`` from what a user may pass as a terrain.
+
+    Args:
+        spec: a name of :data:`GENERATORS`, alone or with parameters that are to stay as they are,
+            ``"stairs:rise=0.02,tread=0.3"``, or a callable ``(rng, level) -> Terrain``.
+
+    Returns:
+        The generator, or None for a fixed ground such as a :class:`Terrain`, ``"flat"``,
+        ``"slope:0.1"`` or points.
+
+    Raises:
+        ValueError: a text that is neither, with what is allowed.
+    """
+    if isinstance(spec, (NamedGenerator, MixedGenerator, OwnGenerator)):
+        return spec
+    if not isinstance(spec, str):
+        known = callable(spec) and not isinstance(spec, type)
+        return OwnGenerator(spec) if known else None
+    name, colon, text = spec.partition(":")
+    if name == "flat" or (name == "slope" and colon and "=" not in text):
+        return None  # make_terrain's
+    if name not in GENERATORS:
+        raise ValueError(
+            f"terrain is {shown(spec)}, must be 'flat', 'slope:ANGLE' or one of "
+            f"{list(GENERATORS)}, with parameters such as 'stairs:rise=0.02,tread=0.3'"
+        )
+    if name == "mixed":
+        if colon:
+            raise ValueError(f"terrain is {shown(spec)}, but 'mixed' has no parameters")
+        return MixedGenerator()
+    return NamedGenerator(name, _parameters(spec, name, text) if colon else ())
+
+
+def _parameters(spec: str, name: str, text: str) -> tuple[tuple[str, float], ...]:
+    """The parameters after the colon."""
+    given: dict[str, float] = {}
+    for part in text.split(","):
+        key, _, number = part.partition("=")
+        try:
+            given[key.strip()] = float(number)
+        except ValueError:
+            raise ValueError(
+                f"terrain is {shown(spec)}: {part!r} must be NAME=NUMBER, with a name of "
+                f"{list(LEVELS[name])}"
+            ) from None
+    return tuple(given.items())

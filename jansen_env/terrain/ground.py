@@ -1,0 +1,359 @@
+"""The ground: a polyline with friction and restitution, as heights and as pymunk shapes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pymunk
+from numpy.typing import ArrayLike, NDArray
+
+from jansen_env.checks import (
+    entries,
+    finite,
+    instance,
+    non_negative,
+    positive,
+    shown,
+    within,
+)
+from jansen_env.terrain import shapes
+from jansen_env.terrain.shapes import MOST_POINTS
+
+Array = NDArray[np.float64]
+
+REACH = 1000.0  # m, how far the first and last segment are extended as pymunk's shapes
+GRADIENT_STEP = 1e-4  # m, to either side
+MAX_SLOPE = math.radians(80.0)
+FARTHEST = 1e6  # m, largest coordinate of a point: beyond, a toe's grip drowns in rounding
+
+
+def heights_of(line: Array, x: ArrayLike) -> Array:
+    """Heights, m, of a polyline (n, 2) at ``x`` (any shape); it goes on beyond its ends."""
+    x, first, last = np.asarray(x, float), line[1] - line[0], line[-1] - line[-2]
+    before, after = np.minimum(x - line[0, 0], 0.0), np.maximum(x - line[-1, 0], 0.0)
+    heights: Array = np.interp(x, *line.T)
+    return heights + before * first[1] / first[0] + after * last[1] / last[0]
+
+
+@dataclass(frozen=True)
+class Terrain:
+    """A ground profile y(x), the same across the whole width of the robot.
+
+    Args:
+        points: at least two (x, y) vertices, m, x increasing. The first and the last segment go on
+            with their slope without end (under the rigid-body plant for :data:`REACH` metres).
+        friction: Coulomb coefficient between toe and ground.
+        restitution: Newton's coefficient of restitution, 0 to 1; where an impact with friction
+            would gain energy by it, it bounces less.
+
+    Raises:
+        ValueError: fewer than two points, one farther than :data:`FARTHEST`, x not increasing, a
+            slope beyond 80 degrees, or a coefficient out of range.
+    """
+
+    points: tuple[tuple[float, float], ...] = ((-1.0, 0.0), (1.0, 0.0))
+    friction: float = 0.8
+    restitution: float = 0.0
+
+    def __post_init__(self) -> None:
+        table = _numbers("Terrain.points", self.points)
+        if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2:
+            raise ValueError(
+                f"Terrain.points has shape {table.shape}, must be at least two (x, y) pairs"
+            )
+        if not np.isfinite(table).all():
+            raise ValueError("Terrain.points holds a number that is not finite")
+        if np.abs(table).max() > FARTHEST:
+            raise ValueError(
+                f"Terrain.points: a coordinate is {np.abs(table).max():g} m, must be within "
+                f"{FARTHEST:g} m of the origin"
+            )
+        step = np.diff(table, axis=0)
+        if (step[:, 0] <= 0.0).any():
+            where = int(np.argmax(step[:, 0] <= 0.0))
+            raise ValueError(
+                f"Terrain.points: x must increase, but point {where + 1} is at "
+                f"{table[where + 1, 0]} after {table[where, 0]}"
+            )
+        steepest = float(np.abs(np.arctan2(step[:, 1], step[:, 0])).max())
+        if steepest > MAX_SLOPE:
+            raise ValueError(
+                f"Terrain.points: a segment has a slope of {steepest:.3f} rad, allowed are "
+                f"{MAX_SLOPE:.3f}"
+            )
+        friction = non_negative("Terrain.friction", self.friction)
+        restitution = within("Terrain.restitution", self.restitution, 0.0, 1.0)
+        object.__setattr__(self, "friction", friction)
+        object.__setattr__(self, "restitution", restitution)
+        object.__setattr__(self, "points", tuple(map(tuple, table.tolist())))
+        before = table[0] - REACH * step[0] / step[0, 0]
+        after = table[-1] + REACH * step[-1] / step[-1, 0]
+        line = np.concatenate([[before], table[1:-1], [after]])
+        line.setflags(write=False)
+        object.__setattr__(self, "_line", line)
+
+    @classmethod
+    def flat(cls, friction: float = 0.8, restitution: float = 0.0) -> Terrain:
+        """Level ground at y = 0."""
+        return cls(friction=friction, restitution=restitution)
+
+    @classmethod
+    def slope(cls, angle: float, friction: float = 0.8, restitution: float = 0.0) -> Terrain:
+        """A constant slope through the origin, rising towards +x for ``angle`` > 0 (rad)."""
+        angle = within("angle", angle, -MAX_SLOPE, MAX_SLOPE)
+        rise = math.tan(angle)
+        return cls(((-1.0, -rise), (1.0, rise)), friction, restitution)
+
+    @classmethod
+    def rough(
+        cls,
+        rng: np.random.Generator,
+        height: float = 0.02,
+        spacing: float = 0.2,
+        length: float = 40.0,
+        start: float = 1.0,
+        friction: float = 0.8,
+        restitution: float = 0.0,
+    ) -> Terrain:
+        """Random vertices from ``start`` on, level before: heights uniform in +- ``height``.
+
+        Args:
+            rng: the generator the heights are drawn from.
+            height, spacing, length, start: m.
+
+        Raises:
+            ValueError: an argument out of range, more than :data:`MOST_POINTS` vertices, or slopes
+                beyond 80 degrees.
+        """
+        instance("rng", rng, np.random.Generator)
+        height = within("height", height, 0.0, FARTHEST)
+        spacing, length = positive("spacing", spacing), positive("length", length)
+        start = finite("start", start)
+        if length / spacing > MOST_POINTS:
+            raise ValueError(
+                f"length / spacing is {length / spacing:g}, must be at most {MOST_POINTS}"
+            )
+        count = max(2, int(length / spacing))
+        x = start + spacing * np.arange(1, count + 1)
+        y = rng.uniform(-height, height, size=count)
+        lead = [(start - 1.0, 0.0), (start, 0.0)]
+        tail = [(x[-1] + spacing, 0.0), (x[-1] + spacing + 1.0, 0.0)]
+        return cls(tuple(lead + list(zip(x, y, strict=True)) + tail), friction, restitution)
+
+    @classmethod
+    def waves(
+        cls,
+        height: float = 0.03,
+        length: float = 1.0,
+        start: float = shapes.START,
+        reach: float = shapes.REACH,
+        friction: float = 0.8,
+        restitution: float = 0.0,
+    ) -> Terrain:
+        """Cosine waves on both sides of the origin, of eight segments each.
+
+        Args:
+            height: m, from trough to crest; below 0 they begin with a trough. length: of a wave, m.
+            start: m from the origin, to where the ground is level. reach: m, where they end, with
+                the last that has room; level beyond.
+
+        Raises:
+            ValueError: an argument out of range, more than :data:`MOST_POINTS` waves, or slopes
+                beyond 80 degrees.
+        """
+        return cls.of(shapes.waves(height, length, start, reach), friction, restitution)
+
+    @classmethod
+    def stairs(
+        cls,
+        rise: float = 0.03,
+        tread: float = 0.4,
+        start: float = shapes.START,
+        reach: float = shapes.REACH,
+        friction: float = 0.8,
+        restitution: float = 0.0,
+    ) -> Terrain:
+        """Stairs that rise towards +x for ``rise`` > 0, with a landing around the origin.
+
+        The faces of all steps are 75 degrees steep, as x must increase: see ``docs/terrain.md``.
+
+        Args:
+            rise: m, of each step. tread: m, from step to step.
+            start, reach: m, half the landing but for half a tread, and where the stairs end on
+                either side; level beyond.
+
+        Raises:
+            ValueError: an argument out of range, or more than :data:`MOST_POINTS` steps.
+        """
+        return cls.of(shapes.stairs(rise, tread, start, reach), friction, restitution)
+
+    @classmethod
+    def steps(
+        cls,
+        rng: np.random.Generator,
+        height: float = 0.03,
+        spacing: float = 0.5,
+        start: float = shapes.START,
+        reach: float = shapes.REACH,
+        friction: float = 0.8,
+        restitution: float = 0.0,
+    ) -> Terrain:
+        """Level pieces of random heights and lengths, with steps between them.
+
+        Args:
+            rng: the generator that they are drawn from.
+            height: m; the pieces' are uniform in +- height / 2, so that no step is higher.
+            spacing: m, the mean length of a piece; lengths are uniform in 0.5 to 1.5 times that.
+            start, reach: m from the origin, where they begin and about where they end, on both
+                sides; level before and beyond.
+
+        Raises:
+            ValueError: an argument out of range, or more than :data:`MOST_POINTS` steps.
+        """
+        return cls.of(shapes.steps(rng, height, spacing, start, reach), friction, restitution)
+
+    @classmethod
+    def stumps(
+        cls,
+        height: float = 0.03,
+        width: float = 0.2,
+        spacing: float = 1.0,
+        start: float = shapes.START,
+        reach: float = shapes.REACH,
+        friction: float = 0.8,
+        restitution: float = 0.0,
+    ) -> Terrain:
+        """Blocks on level ground on both sides of the origin, or ditches for ``height`` < 0.
+
+        Args:
+            height, width: m, of a block. spacing: m, from one to the next.
+            start, reach: m from the origin, where the ground begins, half a gap before the first
+                block, and where it ends; level beyond.
+
+        Raises:
+            ValueError: an argument out of range, or more than :data:`MOST_POINTS` blocks.
+        """
+        return cls.of(shapes.stumps(height, width, spacing, start, reach), friction, restitution)
+
+    @classmethod
+    def ramps(
+        cls,
+        angle: float = 0.1,
+        length: float = 0.8,
+        start: float = shapes.START,
+        reach: float = shapes.REACH,
+        friction: float = 0.8,
+        restitution: float = 0.0,
+    ) -> Terrain:
+        """Ramps up and down with level pieces between them, on both sides of the origin.
+
+        Args:
+            angle: rad; below 0 they go down first. length: m in x, of a ramp and a level piece.
+            start, reach: m from the origin, where they begin and end; level beyond.
+
+        Raises:
+            ValueError: an argument out of range, or more than :data:`MOST_POINTS` ramps.
+        """
+        return cls.of(shapes.ramps(angle, length, start, reach, MAX_SLOPE), friction, restitution)
+
+    @classmethod
+    def of(cls, points: Any, friction: float = 0.8, restitution: float = 0.0) -> Terrain:
+        """From points in any form, such as an array (n, 2), m."""
+        return cls(points, friction, restitution)
+
+    @property
+    def polyline(self) -> Array:
+        """(n, 2) surface vertices with both ends extended, m."""
+        line: Array = self._line  # type: ignore[attr-defined]
+        return line
+
+    @property
+    def steepest(self) -> float:
+        """The largest |dy/dx| of all segments."""
+        dx, dy = np.diff(self.polyline, axis=0).T
+        return float(np.abs(dy / dx).max())
+
+    def height(self, x: ArrayLike) -> Array:
+        """Surface height at ``x`` (any shape), m."""
+        return heights_of(self.polyline, x)
+
+    def gradient(self, x: ArrayLike) -> Array:
+        """Slope dy/dx at ``x`` (any shape); at a vertex the mean of both sides'."""
+        x = np.asarray(x, float)
+        rise: Array = self.height(x + GRADIENT_STEP) - self.height(x - GRADIENT_STEP)
+        return rise / (2.0 * GRADIENT_STEP)
+
+    def add_to(self, space: pymunk.Space) -> pymunk.Body:
+        """Add the ground to a pymunk space as segments on a static body, and return it.
+
+        Neighbours are told to each other, so that no toe trips on a joint between them.
+        """
+        ground = pymunk.Body(body_type=pymunk.Body.STATIC)
+        space.add(ground, *self.segments(ground))
+        return ground
+
+    def segments(self, ground: pymunk.Body) -> list[pymunk.Segment]:
+        """The surface as pymunk segments of a static body."""
+        points = self.polyline.tolist()
+        segments = []
+        for i, (a, b) in enumerate(pairwise(points)):
+            segment = pymunk.Segment(ground, a, b, 0.0)
+            segment.set_neighbors(points[max(i - 1, 0)], points[min(i + 2, len(points) - 1)])
+            segment.friction = self.friction
+            segment.elasticity = self.restitution
+            segments.append(segment)
+        return segments
+
+
+def _numbers(name: str, value: Any) -> Array:
+    """An array of floats from numbers nested in any way."""
+    try:
+        table = np.array(value)
+        if table.dtype.kind not in "iufO":  # text and flags are no numbers
+            raise TypeError
+        return table.astype(float)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(
+            f"{name} is {shown(value)}, must be at least two (x, y) pairs of numbers"
+        ) from None
+
+
+ALLOWED = "a Terrain, 'flat', 'slope:ANGLE' with an angle in rad, or (x, y) points"
+
+
+def make_terrain(
+    terrain: Terrain | str | Sequence[Sequence[float]],
+    friction: float | None = None,
+    restitution: float | None = None,
+) -> Terrain:
+    """A terrain from what a user may pass.
+
+    Args:
+        terrain: a :class:`Terrain`, ``"flat"``, ``"slope:ANGLE"`` (rad), or (x, y) points.
+        friction, restitution: replace the terrain's own where given.
+
+    Raises:
+        ValueError: anything else.
+    """
+    if isinstance(terrain, Terrain):
+        made = terrain
+    elif isinstance(terrain, str):
+        name, _, number = terrain.partition(":")
+        if name not in ("flat", "slope") or (name == "flat" and number):
+            raise ValueError(f"terrain is {shown(terrain)}, must be {ALLOWED}")
+        try:
+            made = Terrain.flat() if name == "flat" else Terrain.slope(float(number))
+        except ValueError as error:
+            raise ValueError(f"terrain is {shown(terrain)}, must be {ALLOWED}: {error}") from error
+    else:
+        made = Terrain(entries("terrain", terrain, ALLOWED))
+    return Terrain(
+        made.points,
+        made.friction if friction is None else friction,
+        made.restitution if restitution is None else restitution,
+    )

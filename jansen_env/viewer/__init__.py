@@ -1,0 +1,1 @@
+"""Show robots: pictures, recordings, web pages."""

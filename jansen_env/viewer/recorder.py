@@ -1,0 +1,166 @@
+"""Records the episodes that any policy walks, from beside it: a wrapper that changes nothing."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from gymnasium.spaces.utils import flatten
+from gymnasium.utils import RecordConstructorArgs
+
+from jansen_env.checks import shown
+from jansen_env.envs.single import SingleEnv
+from jansen_env.robot.kinematics import world_joints
+from jansen_env.viewer.recording import LONGEST_NAME, MOST_STEPS, Recording
+from jansen_env.viewer.web.geometry import contacts, scene_of, world_forces
+
+
+class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
+    """Records the episode that is walked in an environment, whoever acts.
+
+    ``env = Recorder(gym.make("JansenWalker-v0"))``; then, at any time after a step,
+    ``env.recording``. The environment goes on as it would without, bit for bit.
+
+    One episode is kept: a reset, in the middle of an episode too, begins another one, and so does a
+    step before which time went back (``Autoreset`` below, ``set_state``). A :class:`Recording` that
+    has been taken is not changed by anything later. It has what passes through this place among the
+    wrappers: their observations and actions if they are below. Its scene is that of the reset,
+    whatever ``set_parameters`` changes later. Of an episode of more than
+    :data:`jansen_env.viewer.recording.MOST_STEPS` steps the first ones are kept, with a warning.
+
+    Args:
+        env: one robot's, of any task of this package, under any wrappers.
+        label: of its recordings, such as a policy's name; may be changed.
+
+    Raises:
+        ValueError: another environment, or one whose observations or actions are no arrays.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], label: str = "") -> None:
+        RecordConstructorArgs.__init__(self, label=label)
+        super().__init__(env)
+        if not isinstance(env.unwrapped, SingleEnv):
+            raise ValueError(f"env is {shown(env)}, must be an environment of one Jansen robot")
+        for name in ("observation_space", "action_space"):
+            if not getattr(env, name).is_np_flattenable:
+                raise ValueError(f"env has {name} {getattr(env, name)}, must be of arrays")
+        self.label = label
+        self._rows: dict[str, list[Any]] = {}
+        self._description: dict[str, Any] = {}
+        self._robot: Any = None
+
+    @property
+    def recording(self) -> Recording:
+        """The episode as far as it has been walked, the last one when it is over.
+
+        Raises:
+            gymnasium.error.ResetNeeded: before the first step of an episode.
+            ValueError: a wrapper has made a number of it that is not finite.
+        """
+        if not self._rows.get("reward"):
+            raise gym.error.ResetNeeded("reset() and then step() must be called first")
+        joints = world_joints(self._robot, self._rows["pose"])
+        content: dict[str, Any] = {**self._rows, **self._description, "label": self.label}
+        return Recording(**content, joints=joints.astype(np.float32))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment and begin another recording."""
+        self._rows = {}  # also where the reset fails
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._begin(observation, info, seed, options)
+        return observation, info
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Step the environment and record what happens."""
+        if self._rows:  # set_parameters may have given another command
+            self._rows["command"][-1] = self._inner.frame().command
+        results = self.env.step(action)
+        observation, reward, terminated, truncated, info = results
+        frame = self._inner.frame()
+        if not self._rows or frame.time <= self._rows["time"][-1]:
+            self._begin(observation, info, None, None)
+        elif len(self._rows["reward"]) == MOST_STEPS:
+            gym.logger.warn(f"the episode has more than {MOST_STEPS} steps: these are recorded")
+        elif len(self._rows["reward"]) < MOST_STEPS:
+            self._add_frame(frame, observation, info)
+            flat = flatten(self.action_space, np.asarray(action))
+            self._add(
+                action=np.array(flat, np.float32),
+                reward=float(reward),
+                slip=np.array(info.get("slip", np.zeros(len(frame.slipping)))),
+                energy=[info["energy"][name] for name in self._description["energies"]],
+            )
+            self._description.update(terminated=bool(terminated), truncated=bool(truncated))
+        return results
+
+    @property
+    def _inner(self) -> Any:
+        return self.env.unwrapped
+
+    def _begin(
+        self, observation: Any, info: dict[str, Any], seed: int | None, options: Any
+    ) -> None:
+        """Begin a recording of an episode that has been reset."""
+        scene, spec = scene_of(self.env), self.env.spec
+        self._robot = self._inner.scene()["robot"]
+        ground = scene.pop("terrain")
+        named = [(one.name, one.unit) for one in self._inner.observed]
+        flat = spaces.flatdim(self.observation_space)
+        self._description = {
+            "scene": scene,
+            "terrain": np.zeros((0, 2)) if ground is None else np.array(ground),
+            "energies": tuple(info.get("energy", {})),
+            "observed": tuple(named) if len(named) == flat else (),
+            "robot": as_json(asdict(self._robot)),
+            "parameters": dict(self._inner.get_state().get("parameters", {})),
+            "env_id": str(type(self._inner).__name__ if spec is None else spec.id)[:LONGEST_NAME],
+            "env_kwargs": as_json({} if spec is None else spec.kwargs),
+            "options": as_json(options or {}),
+            "seed": None if seed is None else int(seed),
+            "terminated": False,
+            "truncated": False,
+        }
+        self._rows = {name: [] for name in ("action", "reward", "slip", "energy")}
+        self._add_frame(self._inner.frame(), observation, info)
+
+    def _add_frame(self, frame: Any, observation: Any, info: dict[str, Any]) -> None:
+        flat = flatten(self.observation_space, observation)
+        weight = self._description["scene"]["weight"]
+        self._add(
+            time=frame.time,
+            state=self._inner.get_state()["plant"],
+            pose=np.array(frame.q),
+            command=0.0 if frame.command is None else frame.command,
+            speed=frame.speed,
+            torque=info.get("crank_torque", frame.torque),  # the mean of the step
+            weight=getattr(self._inner, "weight", weight),
+            contact=contacts(frame, weight),
+            contact_point=np.array(frame.contact_point),
+            contact_force=world_forces(frame),
+            observation=np.array(flat, np.float32),
+        )
+
+    def _add(self, **values: Any) -> None:
+        for name, value in values.items():
+            self._rows.setdefault(name, []).append(value)
+
+
+def as_json(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments as JSON knows them: numbers, texts, lists; of anything else what it prints as."""
+
+    def known(value: Any) -> Any:
+        if isinstance(value, np.ndarray | np.generic):
+            value = value.tolist()
+        try:
+            return json.loads(json.dumps(value, allow_nan=False))
+        except (TypeError, ValueError, RecursionError):
+            return shown(value)
+
+    return {str(name): known(value) for name, value in values.items()}

@@ -1,0 +1,137 @@
+"""What is drawn of a robot as plain numbers, ready for JSON: ``scene.js`` draws them.
+
+Colours, widths and the meaning of all that is drawn are those of :mod:`jansen_env.rendering`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.gravity import GRAVITY
+from jansen_env.rendering import Frame
+from jansen_env.robot import Robot
+from jansen_env.robot.kinematics import (
+    JOINTS,
+    SKELETON,
+    B,
+    C,
+    D,
+    E,
+    P,
+    T,
+    joint_positions,
+    world_joints,
+)
+
+Array = NDArray[np.float64]
+
+AIR, GRIP, SLIP = 0, 1, 2
+"""What a toe does: it is lifted, it holds, it slides while it is loaded."""
+TRIANGLES = [[P, B, D], [C, E, T]]  # corners of the plates
+TOUCHING = 1e-6  # of the robot's weight: the normal force from which a toe is on the ground
+
+
+def scene_of(env: Any) -> dict[str, Any]:
+    """What stays as it is while an environment's robot moves.
+
+    Args:
+        env: one robot's, of any task, under any wrappers.
+
+    Returns:
+        ``legs``: for each its ``side`` and ``depth`` (0 the nearest, 1 the farthest); ``joints``:
+        their names; ``skeleton``: pairs of joints with a straight edge between them;
+        ``triangles``: corners of the two plates; ``padRadius`` m; ``reach`` m, of the farthest
+        joint from the crank axis; ``weight`` N; ``payload``: ``mass`` kg and ``x``, ``y`` m in the
+        chassis frame, or None; ``terrain``: (n, 2) m, or None where the frame is held in the air;
+        ``torqueLimit`` N m; ``speedUnit`` and ``speedRange`` of the speed gauge; ``controlDt`` s.
+    """
+    inner = env.unwrapped
+    scene, frame = inner.scene(), inner.frame()
+    robot: Robot = scene["robot"]
+    turn = joint_positions(robot, "fore", np.linspace(-math.pi, math.pi, 180))
+    phases = [leg.phase % (2.0 * math.pi) for leg in robot.legs]
+    layers = sorted(set(phases))
+    depths = [layers.index(phase) / max(1, len(layers) - 1) for phase in phases]
+    load, ground = robot.payload, scene["terrain_points"]
+    sides = [leg.side for leg in robot.legs]
+    return {
+        "legs": [{"side": side, "depth": depth} for side, depth in zip(sides, depths, strict=True)],
+        "joints": list(JOINTS),
+        "skeleton": [list(edge) for edge in SKELETON],
+        "triangles": TRIANGLES,
+        "padRadius": float(robot.pad_radius),
+        "reach": float(np.hypot(turn[..., 0], turn[..., 1]).max()),
+        "weight": float(getattr(inner, "weight", robot.mass * GRAVITY)),
+        "payload": {"mass": load.mass, "x": load.position[0], "y": load.position[1]}
+        if load.mass > 0.0
+        else None,
+        "terrain": None if ground is None else np.asarray(ground).tolist(),
+        "torqueLimit": float(frame.torque_limit),
+        "speedUnit": scene.get("speed_unit", "m/s"),
+        "speedRange": float(scene.get("speed_range", 1.0)),
+        "controlDt": float(inner.control_dt),
+    }
+
+
+def state_of(env: Any) -> dict[str, Any]:
+    """Where an environment's robot is now, and what it does.
+
+    Args:
+        env: one robot's, of any task, under any wrappers, after its first reset.
+
+    Returns:
+        :func:`state_of_frame` of it.
+    """
+    inner = env.unwrapped
+    return state_of_frame(inner.scene()["robot"], inner.frame())
+
+
+def state_of_frame(robot: Robot, frame: Frame) -> dict[str, Any]:
+    """Where a robot is in a frame, and what it does.
+
+    Returns:
+        ``t`` s; ``x``, ``y`` m of the crank axis, ``pitch`` and ``crank`` rad; ``joints``: (legs,
+        8, 2) m, world frame; ``toes``: for each ``contact`` (:data:`AIR`, :data:`GRIP` or
+        :data:`SLIP`), ``point`` (2,) m where it touches and ``force`` (2,) N on it, world frame;
+        ``command`` and ``speed`` in the scene's unit, ``torque`` N m.
+    """
+    x, y, pitch, crank = (float(value) for value in frame.q)
+    toes = zip(
+        contacts(frame, robot.mass * GRAVITY).tolist(),
+        np.asarray(frame.contact_point).tolist(),
+        world_forces(frame).tolist(),
+        strict=True,
+    )
+    return {
+        "t": frame.time,
+        "x": x,
+        "y": y,
+        "pitch": pitch,
+        "crank": crank,
+        "joints": world_joints(robot, frame.q).tolist(),
+        "toes": [
+            {"contact": contact, "point": point, "force": force} for contact, point, force in toes
+        ],
+        "command": frame.command,
+        "speed": frame.speed,
+        "torque": frame.torque,
+    }
+
+
+def contacts(frame: Frame, weight: float) -> NDArray[np.int8]:
+    """(toes,) what each toe does, of a robot with a ``weight`` in N."""
+    touching = np.asarray(frame.contact_force)[:, 1] > TOUCHING * weight
+    return np.where(frame.slipping, SLIP, np.where(touching, GRIP, AIR)).astype(np.int8)
+
+
+def world_forces(frame: Frame) -> Array:
+    """(toes, 2) forces of the ground on the toes, N, world frame."""
+    tangent = np.asarray(frame.contact_tangent, dtype=float)
+    normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1)
+    along, across = np.asarray(frame.contact_force, dtype=float).T[..., None]
+    forces: Array = along * tangent + across * normal
+    return forces

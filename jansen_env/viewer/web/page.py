@@ -1,0 +1,237 @@
+"""Recordings as one HTML file that plays them: no server, no network, nothing else to install.
+
+The page is ``replay.html`` with ``theme.css``, ``replay.css`` and the scripts of this folder put
+in, and the recordings as JSON. ``docs/replay.md`` says how exact they are.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.checks import shown
+from jansen_env.files import write_text
+from jansen_env.viewer.recording import Recording
+
+FOLDER = Path(__file__).parent
+SCRIPTS = ("scene", "track", "plots", "camera", "clock", "replay")  # each after what it imports
+MOST_RECORDINGS = 2
+LEVELS = 2**16 - 1  # of a quantised number
+SEEN = 30.0  # m of ground beyond either end of the walk
+LONGEST_TEXT = 500  # characters of the line under the title
+FRAME_HEIGHT = 760  # pixels in a notebook
+
+Array = NDArray[Any]
+
+
+def page(*recordings: Recording) -> str:
+    """The page of one recording, or of two side by side.
+
+    Raises:
+        ValueError: another number of recordings, or one of walking and one of the crank alone.
+    """
+    if not 1 <= len(recordings) <= MOST_RECORDINGS:
+        raise ValueError(f"there are {len(recordings)} recordings, must be 1 or 2")
+    first = recordings[0]
+    if len(units := {one.scene["speedUnit"] for one in recordings}) > 1:
+        raise ValueError(f"recordings have speeds in {sorted(units)}, must have them in one unit")
+    labels = _labels(recordings)
+    title = " and ".join(labels)
+    data = {
+        "title": title,
+        "subtitle": _subtitle(recordings),
+        # Two robots in one picture stand on the same ground.
+        "comparable": all(np.array_equal(one.terrain, first.terrain) for one in recordings),
+        "recordings": [
+            {"label": label, **_packed(one)} for label, one in zip(labels, recordings, strict=True)
+        ],
+    }
+    style = _style()
+    script = _script()
+    policy = (
+        f"default-src 'none'; img-src data:; style-src {_hash_of(style)}; "
+        f"script-src {_hash_of(script)}; base-uri 'none'; form-action 'none'"
+    )
+    parts = {
+        "default-src 'none'": policy,
+        "<title>Replay</title>": f"<title>{html.escape(title)}</title>",
+        "<!-- style -->": f"<style>{style}</style>",
+        "<!-- data -->": f'<script type="application/json" id="data">{_json(data)}</script>',
+        "<!-- script -->": f"<script>{script}</script>",
+    }
+    pattern = "|".join(map(re.escape, parts))
+    return re.sub(pattern, lambda found: parts[found[0]], _read("replay.html"))
+
+
+def write_page(path: str | Path, *recordings: Recording) -> Path:
+    """Write the page of one recording, or of two, atomically.
+
+    Raises:
+        ValueError: another number of recordings. OSError: it cannot be written.
+    """
+    return write_text(path, page(*recordings))
+
+
+def frame_of(*recordings: Recording) -> str:
+    """The page as a frame within another page, such as a notebook's; it can do nothing to that.
+
+    Raises:
+        ValueError: see :func:`page`.
+    """
+    return (
+        f'<iframe srcdoc="{html.escape(page(*recordings))}" sandbox="allow-scripts" '
+        f'title="Replay" width="100%" height="{FRAME_HEIGHT}" style="border:0"></iframe>'
+    )
+
+
+def _read(name: str) -> str:
+    return (FOLDER / name).read_text(encoding="utf-8")
+
+
+def _style() -> str:
+    return _read("theme.css") + _read("replay.css")
+
+
+def _script() -> str:
+    """All scripts as one: each module a function that returns what it exports.
+
+    Raises:
+        ValueError: an import or export that this cannot put in.
+    """
+    modules = []
+    for name in SCRIPTS:
+        source = _read(f"{name}.js")
+        exported = re.findall(r"^export (?:function|const) (\w+)", source, re.MULTILINE)
+        source = re.sub(r"^export (?=function|const)", "", source, flags=re.MULTILINE)
+        source = re.sub(
+            r'^import \{([^}]*)\} from "\./(\w+)\.js";', r"const {\1} = \2_js;", source,
+            flags=re.MULTILINE,
+        )  # fmt: skip
+        if found := re.search(r"^(?:import|export)\b.*|</script|<!--", source, re.MULTILINE):
+            raise ValueError(f"{name}.js has {found[0]!r}, which cannot be put into a page")
+        modules.append(
+            f"const {name}_js = (() => {{\n{source}\nreturn {{ {', '.join(exported)} }};\n}})();"
+        )
+    return '"use strict";\n' + "\n".join(modules)
+
+
+def _hash_of(text: str) -> str:
+    """What a content security policy names an inline style or script by."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+def _json(value: Any) -> str:
+    """JSON that ends no script element, whatever texts are in it."""
+    text = json.dumps(value, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _labels(recordings: tuple[Recording, ...]) -> list[str]:
+    labels = [one.label or one.env_id or "recording" for one in recordings]
+    if len({*labels}) < len(labels):
+        labels = [f"{label} ({i})" for i, label in enumerate(labels, start=1)]
+    return labels
+
+
+def _subtitle(recordings: tuple[Recording, ...]) -> str:
+    """What was done, each different way once."""
+    told = []
+    for one in recordings:
+        unit, commands = one.scene["speedUnit"], np.unique(one.command)
+        least, most = commands[0], commands[-1]
+        command = f"{least:.3g}" if least == most else f"{least:.3g} to {most:.3g}"
+        arguments = ", ".join(f"{name}={shown(value)}" for name, value in one.env_kwargs.items())
+        seed = "" if one.seed is None else f", seed {one.seed}"
+        told.append(
+            f"{one.env_id}{f' with {arguments}' if arguments else ''}, commanded speed "
+            f"{command} {unit}{seed}"
+        )
+    text = "; ".join(dict.fromkeys(told))
+    return text if len(text) <= LONGEST_TEXT else f"{text[:LONGEST_TEXT]}..."
+
+
+def _packed(recording: Recording) -> dict[str, Any]:
+    """What the page has of a recording; ``track.js`` unpacks it.
+
+    Arrays are of all frames; of the start, what is of a step is 0. Points are relative to the crank
+    axis.
+    """
+    one = recording
+    axis = one.pose[:, :2]
+    since = one.time - one.time[0]
+    lengths = np.diff(one.time)
+    # Of each step in the direction commanded in it; forwards where nothing ever is.
+    directions = np.sign(one.command[:-1]) if one.command[:-1].any() else np.ones(one.steps)
+    lifts = np.abs(one.energy_of("motor_work")) / one.weight[1:]  # by which the work would lift it
+    arrays = {
+        "time": _plain(since, "<f8"),
+        "pose": _plain(np.column_stack([axis, _turned(one.pose[:, 2:])]), "<f4"),
+        "joints": _quantised(one.joints.astype(float) - axis[:, None, None]),
+        "contact": _plain(one.contact, "|u1"),
+        "contactPoint": _quantised(one.contact_point - axis[:, None]),
+        "contactForce": _quantised(one.contact_force),
+        "command": _plain(one.command),
+        "speed": _plain(one.speed),
+        "crankSpeed": _plain(one.crank_speed),
+        "torque": _plain(one.torque),
+        "power": _plain(_after_start(one.power)),
+        "reward": _plain(_after_start(one.reward)),
+        "slip": _plain(_after_start(one.slip.sum(axis=1) / lengths)),
+        "distance": _plain(_after_start(directions * np.diff(axis[:, 0])).cumsum()),
+        "returned": _plain(_after_start(one.reward).cumsum()),
+        "slipped": _plain(_after_start(one.slip.sum(axis=1)).cumsum()),
+        "lifted": _plain(_after_start(lifts).cumsum()),
+    }
+    ended = one.terminated
+    return {"scene": {**one.scene, "terrain": _seen(one)}, "ended": ended, "arrays": arrays}
+
+
+def _after_start(values: Array) -> Array:
+    """(n + 1, ...) numbers of steps (n, ...), 0 at the start."""
+    return np.concatenate([np.zeros_like(values[:1]), values])
+
+
+def _turned(angles: Array) -> Array:
+    """Angles (n, 2), rad, by whole turns nearer to 0: small numbers are exact as float32."""
+    turns = np.rint(angles[0] / (2.0 * np.pi))
+    near: Array = angles - 2.0 * np.pi * turns
+    return near
+
+
+def _seen(recording: Recording) -> list[list[float]] | None:
+    """The ground that may come into the picture."""
+    ground, x = recording.terrain, recording.pose[:, 0]
+    if not len(ground):
+        return None
+    first = max(int(np.searchsorted(ground[:, 0], x.min() - SEEN)) - 1, 0)
+    last = int(np.searchsorted(ground[:, 0], x.max() + SEEN)) + 1
+    seen = ground[min(first, len(ground) - 2) : max(last, first + 2)]
+    short = seen.round(6)
+    points: list[list[float]] = (short if (np.diff(short[:, 0]) > 0.0).all() else seen).tolist()
+    return points
+
+
+def _plain(values: Array, dtype: str = "<f4") -> dict[str, Any]:
+    """An array as it is."""
+    data = np.ascontiguousarray(values, dtype)
+    return {"kind": data.dtype.name, "data": _base64(data)}
+
+
+def _quantised(values: Array) -> dict[str, Any]:
+    """An array as whole multiples of a step, which is 1 / 65535 of its range."""
+    low, high = float(values.min()), float(values.max())
+    step = (high - low) / LEVELS or 1.0
+    counts = np.rint((values - low) / step).astype("<u2")
+    return {"kind": "uint16", "low": low, "step": step, "data": _base64(counts)}
+
+
+def _base64(data: Array) -> str:
+    return base64.b64encode(data.tobytes()).decode("ascii")

@@ -1,0 +1,355 @@
+"""Walking baselines, scoring, and Stable-Baselines3's interface to them."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+import jansen_env  # noqa: F401
+from agents import evaluate, tune
+from agents.evaluate import load_named
+from jansen_env.baselines.pid import PID
+from jansen_env.baselines.walker_baselines import (
+    BASELINES,
+    DATA,
+    measured,
+    measured_setting,
+    nearest_setting,
+    walking_pid,
+)
+from jansen_env.plants.make import PLANTS
+from jansen_env.scoring import metrics
+from jansen_env.scoring.benchmarks import WALKER
+from jansen_env.scoring.rollout import make_env, run_episodes
+
+ONE_TO_ONE = nearest_setting(np.array([0.5, 1.0, 2.0]), np.array([[0.5], [1.0], [2.0]]))
+
+
+@pytest.fixture(scope="module")
+def walker():
+    """The environment without wrappers."""
+    return gym.make("JansenWalker-v0").unwrapped
+
+
+def motor(torque_limit):
+    """What the baselines read of an environment."""
+    observed = make_env("JansenWalker-v0", {}).unwrapped.observed
+    env = SimpleNamespace(torque_limit=torque_limit, control_dt=0.02, observed=observed)
+    env.unwrapped = env
+    return env
+
+
+def observation(angle, speed, command):
+    """Only what a PID may read."""
+    row = np.full(20, np.nan)
+    row[[0, 1, 2, 9]] = np.cos(angle), np.sin(angle), speed, command
+    return row
+
+
+def test_pid_is_equation_13():
+    """Against the formula written out, the crank passing pi twice; what is NaN it does not read."""
+    dt, gains = 0.02, PID()
+    controller = walking_pid(ONE_TO_ONE, motor(1e3))
+    state, integral = None, 0.0
+    for k in range(500):
+        t = k * dt
+        angle, speed = np.pi + 1.3 * t - 0.2 * t**2 / 10, 1.3 - 0.04 * t
+        seen = observation(angle, speed, 1.0)[None]
+        action, state = controller.predict(seen, state, np.array([k == 0]))
+        error = (np.pi + t) - angle
+        integral += error * dt
+        expected = gains.kp * error + gains.ki * integral + gains.kd * (1.0 - speed)
+        assert action[0, 0] * 1e3 == pytest.approx(expected, abs=1e-3)
+
+
+def test_pid_starts_again_with_an_episode():
+    """episode_start clears one environment's memory and leaves the other's."""
+    controller = walking_pid(ONE_TO_ONE, motor(20.0))
+    seen = np.array([observation(0.1, 0.0, 1.0), observation(0.1, 0.0, 1.0)])
+    state = None
+    for _ in range(10):
+        _, state = controller.predict(seen, state)
+    fresh, _ = controller.predict(seen, None)
+    action, _ = controller.predict(seen, state, np.array([True, False]))
+    assert action[0] == fresh[0] and action[1] != fresh[1]
+
+
+def test_speed_map_picks_the_nearest_and_mirrors():
+    """Closest measured setting; negative commands turn the crank back; zero stands."""
+    assert ONE_TO_ONE(np.array([0.9, 1.6, -0.9, 0.0])) == pytest.approx([1, 2, -1, 0])
+
+
+def test_speed_map_counts_falls_and_spread():
+    """A setting that hits the command half the time loses to a steady one a little off."""
+    measured = nearest_setting(np.array([1.0, 2.0]), np.array([[0.3, 0.0], [0.25, 0.26]]))
+    assert measured(np.array([0.3])) == pytest.approx([2.0])
+
+
+@pytest.mark.parametrize("name", BASELINES)
+def test_baselines_answer_evaluate_policy(name):
+    """Stable-Baselines3's own scoring takes them."""
+    from stable_baselines3.common.evaluation import evaluate_policy
+    from stable_baselines3.common.monitor import Monitor
+
+    env = Monitor(gym.make("JansenWalker-v0", speed_command=0.4))
+    env.reset(seed=7)
+    mean, _ = evaluate_policy(BASELINES[name](env.unwrapped), env, n_eval_episodes=2)
+    assert mean > 50.0  # it walks: standing still earns nothing
+
+
+def test_episodes_side_by_side_equal_one_by_one(walker):
+    """Batching changes no episode."""
+    policy = BASELINES["pid"](walker)
+    commands, seeds = np.array([0.1, 0.3, 0.5]), np.array([1, 2, 3])
+    together = run_episodes(policy, "JansenWalker-v0", {}, commands, seeds)
+    for i in range(3):
+        alone = run_episodes(policy, "JansenWalker-v0", {}, commands[i : i + 1], seeds[i : i + 1])
+        assert alone["returns"][0] == together["returns"][i]
+        assert alone["slip"][0] == together["slip"][i]
+
+
+def test_the_measured_maps_are_what_tune_measures():
+    """The shipped speeds, of a setting of each kind."""
+    shipped = json.loads(DATA.read_text())["paper"]
+    for name, i in (("pid", 20), ("constant", 12)):
+        setting = np.array(shipped[name]["settings"][i : i + 1])
+        again = tune.measure(name, setting, 6)
+        assert again["speeds"] == shipped[name]["speeds"][i : i + 1]
+
+
+@pytest.mark.parametrize(
+    ("env_id", "kwargs", "design"),
+    [
+        ("JansenWalker-v0", {}, "paper"),
+        ("JansenWalker-v0", {"robot": "holy"}, "paper"),
+        ("JansenWalker-v0", {"payload": 1.0, "motor": "mx_106"}, "paper"),
+        ("JansenWalkerBuilt-v0", {"payload": 1.0, "motor": "mx_106"}, "built"),
+        ("JansenWalkerHardcore-v0", {}, "built"),
+    ],
+)
+def test_baselines_are_those_found_for_the_robot(env_id, kwargs, design):
+    """By its links, whatever its motor and load; robots that nobody tuned for get the paper's."""
+    env = gym.make(env_id, **kwargs).unwrapped
+    shipped = json.loads(DATA.read_text())
+    assert measured("pid", env.robot) == shipped[design]["pid"]
+    setting = measured_setting("constant", env.robot)(np.array([0.3]))
+    assert setting in shipped[design]["constant"]["settings"]
+
+
+def test_tuning_finds_gains_and_keeps_other_designs(tmp_path, monkeypatch):
+    """The gains that return most of those tried, measured on the robot of the environment."""
+    soft, stiff = (2.0, 0.5, 0.5), (100.0, 10.0, 10.0)
+    monkeypatch.setattr(tune, "GAINS", (stiff, soft))
+    monkeypatch.setattr(tune, "CRANK_SPEEDS", np.array([1.0, 2.5, 4.0]))
+    (tmp_path / DATA.name).write_text('{"paper": {"pid": 1}}')
+    tune.main(["pid", "--env", "JansenWalkerBuilt-v0", "--episodes", "2", "--out", str(tmp_path)])
+    found = json.loads((tmp_path / DATA.name).read_text())
+    assert found["paper"] == {"pid": 1}
+    assert found["built"]["pid"]["gains"] == list(soft)
+    assert found["built"]["pid"]["settings"] == [1.0, 2.5, 4.0]
+    with pytest.raises(SystemExit):  # drawn ground and pushes are no place to measure a robot
+        tune.main(["pid", "--env", "JansenWalkerRough-v0", "--out", str(tmp_path)])
+
+
+def test_the_papers_pid_is_the_pid(walker):
+    """By both names, with the paper's gains; others act otherwise."""
+    seen = np.array([observation(0.1, speed, 0.3) for speed in (0.0, 1.0)])
+    entry = json.loads(DATA.read_text())["paper"]["pid"]
+    setting = nearest_setting(np.array(entry["settings"]), np.array(entry["speeds"]))
+    expected, other = (
+        walking_pid(setting, walker, pid).predict(seen)[0]
+        for pid in (PID(10.0, 1.0, 1.0), PID(10.0, 1.0, 2.0))
+    )
+    for name in ("pid", "pid-paper"):
+        assert np.array_equal(load_named(name, walker).predict(seen)[0], expected)
+    assert not np.array_equal(other, expected)
+
+
+class Steps:
+    """A policy of given torques, N m, step by step."""
+
+    def __init__(self, torques):
+        self.torques, self.step = torques, -1
+
+    def predict(self, observation, *state_and_starts):
+        self.step += 1
+        action = np.full((len(observation), 1), self.torques[self.step] / 20.0, np.float32)
+        return action, None
+
+
+def test_what_is_kept_of_an_episode(walker):
+    """The position after two seconds, slip and work from then on, and how much the torque changes,
+    the first time from 0."""
+    torques = [2.0, 2.0, -1.0, 3.0] + [2.5, 3.0] * 58
+    run = run_episodes(Steps(torques), "JansenWalker-v0", {"max_episode_steps": 120},
+                       np.array([0.2]), np.array([5]))  # fmt: skip
+    robot = gym.make("JansenWalker-v0").unwrapped
+    robot.reset(seed=5, options={"speed_command": 0.2})
+    infos = [robot.step(np.float32([torque / 20.0]))[4] for torque in torques]
+    positions = [info["x_position"] for info in infos]
+    assert run["early_distance"] == positions[99] and run["distance"] == positions[-1]
+    changes = np.abs(np.diff([0.0, *torques]))
+    env = SimpleNamespace(spec=SimpleNamespace(max_episode_steps=120), unwrapped=robot)
+    scored = metrics.point_estimates(WALKER.metrics, run, env)
+    assert scored["torque_change"] == pytest.approx(changes.mean(), rel=1e-6)
+    error = abs((positions[-1] - positions[99]) / 0.4 - 0.2)
+    assert scored["steady_speed_error"] == pytest.approx(error)
+    way, slip = positions[-1] - positions[99], [info["slip"].sum() for info in infos]
+    work = sum(abs(info["energy"]["motor_work"]) for info in infos[100:])
+    assert scored["steady_slip_per_metre"] == pytest.approx(sum(slip[100:]) / way)
+    assert scored["steady_cost_of_transport"] == pytest.approx(work / robot.weight / way)
+    start_work = sum(abs(info["energy"]["motor_work"]) for info in infos[:100])
+    assert scored["start_work"] == pytest.approx(start_work / robot.weight)
+    assert scored["start_slip"] == pytest.approx(sum(slip[:100]))
+    assert scored["start_lag"] == pytest.approx(0.4 - positions[99])
+
+
+def made_episodes(n=40):
+    """Episodes with known means."""
+    run = dict.fromkeys(WALKER.aggregates, np.zeros(n))
+    run["command"] = np.repeat([0.1, 0.2], n // 2)
+    run["returns"] = np.arange(n, dtype=float)
+    run["distance"] = np.where(run["command"] == 0.1, 1.0, 2.0)
+    run["slip"] = np.full(n, 0.3)
+    run["work"] = np.full(n, 30.0)
+    run["duration"] = np.full(n, 10.0)
+    return run
+
+
+TEN_SECONDS = SimpleNamespace(
+    spec=SimpleNamespace(max_episode_steps=500),
+    unwrapped=SimpleNamespace(control_dt=0.02, weight=20.0),
+)
+"""What the walking metrics read of an environment."""
+
+
+def test_scores_are_means_and_ratios_of_sums():
+    """Checked by hand; intervals hold the value."""
+    summary = metrics.summarise(WALKER.metrics, made_episodes(), TEN_SECONDS)
+    overall = summary["overall"]
+    assert overall["return"][0] == pytest.approx(19.5)
+    assert overall["slip_per_metre"][0] == pytest.approx(0.3 / 1.5)
+    assert overall["cost_of_transport"][0] == pytest.approx(1.5 / 1.5)
+    assert overall["speed_error"][0] == pytest.approx(0.0, abs=1e-12)
+    assert overall["steady_speed_error"][0] == pytest.approx((0.025 + 0.05) / 2)  # from 0 in 8 s
+    low, high = overall["return"][1:]
+    # two groups of 20 consecutive numbers: standard error of the mean 5.77 / sqrt(40) = 0.91
+    assert high - low == pytest.approx(2 * 1.96 * 0.91, rel=0.15)
+    assert low < 19.5 < high
+    plain = metrics.point_estimates(WALKER.metrics, made_episodes(), TEN_SECONDS)
+    assert plain == {name: interval[0] for name, interval in overall.items()}
+    assert summary["by_command"]["slip_per_metre"]["value"] == pytest.approx([0.3, 0.15])
+
+
+def test_fractions_have_exact_intervals():
+    """Over the episodes of all commands, and at each of them; no fall does not mean none ever."""
+    run = made_episodes()
+    run["fell"] = np.arange(40) == 39
+    summary = metrics.summarise(WALKER.metrics, run, TEN_SECONDS)
+    assert summary["overall"]["falls"] == [*metrics.proportion_with_interval(1, 40)]
+    falls = summary["by_command"]["falls"]
+    assert falls["value"] == [0.0, 0.05] and falls["low"][0] == 0.0
+    assert falls["high"][0] == pytest.approx(1.0 - 0.025 ** (1 / 20))
+    assert (
+        metrics.pooled(WALKER.metrics, run, TEN_SECONDS)["overall"]["falls"]
+        == (summary["overall"]["falls"])
+    )
+
+
+def test_commands_are_drawn_from_the_range_of_the_environment():
+    """Evenly, and again by their seed, as the starts."""
+    kwargs = {"max_episode_steps": 5}
+    policies = {"pid": load_named("pid", gym.make("JansenWalkerBuilt-v0"))}
+    found = [
+        evaluate.evaluate_drawn(policies, "JansenWalkerBuilt-v0", kwargs, 60, seed)["pid"]
+        for seed in (0, 0, 1)
+    ]
+    assert found[0] == found[1] and found[0]["raw"]["returns"] != found[2]["raw"]["returns"]
+    for one in found:
+        commands = np.array(one["raw"]["command"])
+        assert one["episodes"] == 60 and one["overall"]["return"][1] is not None
+        assert commands.min() > 0.05 and 0.6 < commands.max() < 0.8
+        assert kstest(commands, "uniform", args=(0.05, 0.75)).pvalue > 0.01
+
+
+def test_bootstrap_resamples_within_each_command():
+    """Spread between the commands widens no interval; a seed gives the same one again; of one
+    episode per command there is none."""
+    run = made_episodes()
+    run["returns"] = np.where(run["command"] == 0.1, 0.0, 100.0)
+    assert metrics.summarise(WALKER.metrics, run, TEN_SECONDS)["overall"]["return"] == [50.0] * 3
+    run["returns"] = np.random.default_rng(0).normal(size=40)
+    intervals = [
+        metrics.summarise(WALKER.metrics, run, TEN_SECONDS, seed)["overall"]["return"]
+        for seed in (1, 1, 2)
+    ]
+    assert intervals[0] == intervals[1] != intervals[2]
+    few = {name: values[::20] for name, values in run.items()}
+    assert (
+        metrics.summarise(WALKER.metrics, few, TEN_SECONDS)["overall"]["return"][1:] == [None] * 2
+    )
+
+
+def test_resamples_in_which_nobody_walked_do_not_count():
+    """One of 20 walked: the others' slip per metre is its own, or none."""
+    run = made_episodes()
+    run["distance"] = np.where(np.arange(40) % 20 == 0, 3.0, 0.0)
+    run["slip"] = run["distance"] / 2.0
+    rows = metrics.summarise(WALKER.metrics, run, TEN_SECONDS)["by_command"]["slip_per_metre"]
+    assert [rows[key] for key in ("value", "low", "high")] == [[0.5, 0.5]] * 3
+
+
+def test_evaluation_command(tmp_path, capsys):
+    """The printed table, JSON, PNG, GIF and MP4, twice the same numbers."""
+    arguments = ["--policy", "constant", "--policy", "pid", "--episodes", "1",
+                 "--random-commands", "3", "--commands", "0.1", "0.3",
+                 "--env-kwargs", "{max_episode_steps: 40}"]  # fmt: skip
+    command = [sys.executable, "-m", "agents.evaluate", *arguments, "--out", tmp_path / "a"]
+    out = [subprocess.run(command, capture_output=True, text=True, check=True).stdout]
+    evaluate.main([*arguments, "--out", str(tmp_path / "b"), "--video"])
+    out.append(capsys.readouterr().out)
+    assert out[0].splitlines()[:11] == out[1].splitlines()[:11]
+    assert out[0].splitlines()[5] == "3 episodes with commands drawn from the environment's range:"
+    table = json.loads((tmp_path / "a" / "scores.json").read_text())
+    assert set(table) == {"pid", "constant"}
+    assert table["pid"]["drawn"]["episodes"] == 3
+    assert table["pid"]["drawn"]["raw"]["command"] == table["constant"]["drawn"]["raw"]["command"]
+    assert (tmp_path / "a" / "scores.png").stat().st_size > 10_000
+    for name in ("pid", "constant"):
+        assert (tmp_path / "b" / f"{name}.gif").read_bytes()[:3] == b"GIF"
+        assert (tmp_path / "b" / f"{name}.mp4").read_bytes()[4:8] == b"ftyp"
+
+
+def test_evaluation_on_both_plants(tmp_path, capsys):
+    """A row per policy and plant, close to one another; the crank has one plant only."""
+    evaluate.main(
+        ["--env", "JansenWalker-v0", "--policy", "pid", "--plant", "projection",
+         "--plant", "rigid_body", "--episodes", "1", "--commands", "0.4",
+         "--env-kwargs", "{max_episode_steps: 50, friction: 0.3}",
+         "--out", str(tmp_path)]
+    )  # fmt: skip
+    assert "| pid on rigid_body |" in capsys.readouterr().out
+    table = json.loads((tmp_path / "scores.json").read_text())
+    torque = [table[f"pid on {plant}"]["overall"]["rms_torque"][0] for plant in PLANTS]
+    assert torque[0] == pytest.approx(torque[1], rel=0.02) and torque[0] != torque[1]
+    with pytest.raises(SystemExit):
+        evaluate.main(["--env", "JansenCrank-v0", "--policy", "pid", "--plant", "rigid_body"])
+    assert "has one plant only" in capsys.readouterr().err
+
+
+def test_baselines_walk_the_right_way_on_every_robot():
+    """The holy designs turn their crank clockwise for it; nothing of the baselines knows."""
+    commands, seeds = np.array([0.3, 0.5, -0.4]), np.array([1, 2, 3])
+    for name in BASELINES:
+        env = gym.make("JansenWalker-v0", robot="holy")
+        run = run_episodes(
+            BASELINES[name](env.unwrapped), "JansenWalker-v0", {"robot": "holy"}, commands, seeds
+        )
+        assert (np.sign(commands) * run["distance"] > 1.5).all(), name

@@ -1,0 +1,312 @@
+"""Configurations and arguments: read as plain data, checked, and refused in one line."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+
+import pytest
+import yaml
+
+import train
+from agents import command_line, evaluate
+from agents.plain_yaml import MAX_BYTES, parse_yaml, read_yaml
+from agents.training import config, models, runs
+from jansen_env.scoring.benchmarks import can_be_batched
+from jansen_env.scoring.rollout import make_env
+
+LEAST = {"policy": "MlpPolicy", "timesteps": 10, "n_envs": 1, "hyperparameters": {}}
+
+
+def written(folder, **values):
+    """A configuration file with the least that there must be, and these values."""
+    path = folder / "config.yml"
+    path.write_text(yaml.safe_dump({**LEAST, **values}))
+    return path
+
+
+def one_line(error):
+    """What an exception says, which has to be one line."""
+    text = str(error.value)
+    assert "\n" not in text
+    return text
+
+
+def test_yaml_numbers_need_no_point():
+    """As YAML 1.2 has it, and JSON."""
+    read = parse_yaml("[2e2, 5e-1, 1.5e3, -3, '5', 1_000]", "it")
+    assert read == [200.0, 0.5, 1500.0, -3, "5", 1000]
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("a: 1\nb: 2\na: 3", "line 3: key 'a' is no text or stands twice"),
+        ("a: &x [1, 2]\nb: *x", "line 2: aliases are not allowed"),
+        ("{a: &a [x, x], b: [*a, *a], c: [*b, *b]}", "aliases are not allowed"),
+        ("a: !!python/object/apply:os.getcwd []", "line 1: could not determine a constructor"),
+        ("? [1]\n: 2", "line 1: key .* is no text"),
+        ("a: [1", "line 1: "),
+        ("--- 1\n--- 2", "another document"),
+        ("a: \x01", "special characters"),
+        ("[" * 60_000, "no YAML"),
+    ],
+)
+def test_yaml_that_is_no_plain_data(text, reason, tmp_path):
+    """Refused in one line that names file and place, in files and on the command line."""
+    path = tmp_path / "x.yml"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=reason) as error:
+        read_yaml(path)
+    assert str(path) in one_line(error)
+    with pytest.raises(argparse.ArgumentTypeError, match=reason):
+        command_line.mapping(text)
+
+
+def test_files_that_are_no_yaml(tmp_path):
+    """Missing, a folder, no UTF-8, too large."""
+    path = tmp_path / "x.yml"
+    for make, reason in (
+        (lambda: None, "No such file"),
+        (lambda: path.write_bytes(b"a: \xff"), "no UTF-8"),
+        (lambda: path.write_text("#" * (MAX_BYTES + 1)), "larger than"),
+        (lambda: (path.unlink(), path.mkdir()), "not a regular file"),
+    ):
+        make()
+        with pytest.raises(ValueError, match=reason) as error:
+            config.load_config(path)
+        assert str(path) in one_line(error)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"timesteps": -1}, "timesteps is -1, must be a whole number from 1 to 10000000000"),
+        ({"timesteps": 10**12}, "timesteps is 1000000000000, must be"),
+        ({"timesteps": "9" * 5000}, "timesteps is '99999"),
+        ({"timesteps": True}, "timesteps is True, must be"),
+        ({"reward_scale": 0}, "reward_scale is 0, must be a number from 1e-30"),
+        ({"hyperparameters": None}, "hyperparameters is None, must be a mapping"),
+        ({"policy_kwargs": []}, r"policy_kwargs is \[\], must be a mapping"),
+        ({"training_variants": {}}, "training_variants is {}, must be a list"),
+        ({"training_variants": [1]}, r"training_variants is \[1\], must be a list of mappings"),
+        ({"policy": "os.path"}, "policy is 'os.path', must be one of"),
+        ({"algo": ["ppo"]}, r"algo is \['ppo'\], must be one of"),
+        ({"env": "os:X-v0"}, "env is 'os:X-v0', must be one of"),
+        ({"other": 1}, "'other' is no key, must be in"),
+        ({"env_kwargs": {"vectorization_mode": "async"}}, "'vectorization_mode' is no argument of"),
+        ({"training_variants": [{"entry_point": "os:x"}]}, "'entry_point' is no argument of"),
+        ({"policy_kwargs": {"features_extractor_class": "os.x"}}, "'features_extractor_class' is"),
+        ({"policy_kwargs": {"activation": "os.x"}}, "policy_kwargs.activation is 'os.x', must be"),
+        ({"policy_kwargs": {"net_arch": [10**9]}}, r"net_arch is \[1000000000\], must be"),
+        ({"policy_kwargs": {"net_arch": [1] * 99}}, "must be a list of up to 8 layers"),
+        ({"policy_kwargs": {"net_arch": {"pi": [8], "qf": [8]}}}, r"mapping of \['pi', 'vf'\]"),
+        ({"policy_kwargs": {"harmonics": 4}}, "harmonics is given, so normalize must be true"),
+        *(
+            ({"hyperparameters": {name: value}}, rf"{name} is .*, must be {allowed}")
+            for name, value, allowed in (
+                ("learning_rate", -1e-3, "a number from 1e-30 to 1e.30, or 'linear_NUMBER'"),
+                ("learning_rate", "linear_1.2.3", "a number"),
+                ("clip_range", "linear_0", "a number"),
+                ("gamma", 1.1, "a number from 0 to 1"),
+                ("gamma", float("nan"), "a number from 0 to 1"),
+                ("n_steps", 0, "a whole number from 1"),
+                ("n_epochs", 2.5, "a whole number"),
+                ("n_epochs", None, "a whole number"),
+                ("ent_coef", "auto", "a number from 0"),
+                ("target_kl", 0, "a number from 1e-30 to 1e.30, or null"),
+                ("use_sde", "yes", "true or false"),
+            )
+        ),
+        *(
+            ({"hyperparameters": {name: "os.x"}}, f"'{name}' is no key of hyperparameters")
+            for name in ("rollout_buffer_class", "device", "tensorboard_log", "_init_setup_model",
+                         "policy_kwargs", "seed")
+        ),
+    ],
+)  # fmt: skip
+def test_values_are_checked(values, message, tmp_path):
+    """One line with file, key, value and what is allowed."""
+    path = written(tmp_path, **values)
+    with pytest.raises(ValueError, match=message) as error:
+        config.load_config(path, "ppo" if "algo" not in values else None, "JansenWalker-v0")
+    assert one_line(error).startswith(f"{path}: ")
+
+
+def test_values_that_are_allowed(tmp_path):
+    """Schedules, nulls, layers of each network, names of each algorithm."""
+    some = {
+        "ppo": (
+            {"learning_rate": "linear_1e-3", "clip_range_vf": None, "target_kl": 0.02, "gamma": 1},
+            {"net_arch": {"pi": [64], "vf": []}, "squash_output": True},
+        ),
+        "sac": (
+            {"ent_coef": "auto_0.1", "target_entropy": "auto", "gradient_steps": -1},
+            {"net_arch": {"pi": [64], "qf": [32, 32]}, "n_critics": 3},
+        ),
+    }
+    for algo, (hyperparameters, policy_kwargs) in some.items():
+        values = {"hyperparameters": hyperparameters, "policy_kwargs": policy_kwargs, "algo": algo}
+        assert config.load_config(written(tmp_path, **values)) == {**LEAST, **values}
+
+
+def test_recorded_configurations_are_read_again(tmp_path):
+    """What record_run writes is what load_config gives, for each shipped configuration."""
+    for path in config.CONFIGS.glob("*/*.yml"):
+        settings = config.load_config(path)
+        settings = {"algo": path.stem, "env": path.parent.name, **settings, "seed": 3}
+        config.check_config(settings, required=config.TO_RESUME)
+        runs.record_run(tmp_path, settings, "")
+        again = config.load_config(tmp_path / "config.yml", required=config.TO_RESUME)
+        assert again == settings
+
+
+def test_arguments_are_those_of_the_libraries():
+    """Every algorithm's plain arguments may be set, and nothing that is a class or a file."""
+    assert {*config.rules("ppo")["hyperparameters"]} == {
+        "batch_size", "clip_range", "clip_range_vf", "ent_coef", "gae_lambda", "gamma",
+        "learning_rate", "max_grad_norm", "n_epochs", "n_steps", "normalize_advantage",
+        "sde_sample_freq", "stats_window_size", "target_kl", "use_sde", "verbose", "vf_coef",
+    }  # fmt: skip
+    assert {*config.rules("sac")["policy_kwargs"]} == {
+        "activation", "clip_mean", "harmonics", "log_std_init", "n_critics", "normalize",
+        "share_features_extractor", "use_expln",
+    }  # fmt: skip
+    for name in models.ACTIVATIONS:
+        config.OWN["activation"].check("activation", name)
+
+
+def test_environments_have_an_id_of_a_task_and_a_time_limit():
+    """Gymnasium imports the module before a colon, and takes -1 for no limit."""
+    for env_id, kwargs, message in (
+        ("antigravity:JansenWalker-v0", {}, "must be one of"),
+        ("JansenWalker-v0", {"max_episode_steps": -1}, "max_episode_steps is -1, must be"),
+        ("JansenWalker-v0", {"additional_wrappers": ()}, "'additional_wrappers' is no argument"),
+        ("JansenCrank-v0", {"terrain": "flat"}, "'terrain' is no argument of JansenCrank-v0"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            make_env(env_id, kwargs)
+    assert "antigravity" not in sys.modules
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        ["--env-kwargs", "{max_episode_steps: -1}"],
+        ["--env-kwargs", "{fricton: 1}"],
+        ["--env-kwargs", "{friction: 1, friction: 2}"],
+        ["--env-kwargs", "{speed_command: 0.3}"],
+        ["--policy", "dog"],
+        ["--policy", "constant"],
+        ["--episodes", "0"],
+        ["--episodes", "many"],
+        ["--seed", "-1"],
+    ],
+)
+def test_evaluation_refuses_before_it_runs(given, tmp_path, monkeypatch, capsys):
+    """In one line, with nothing written."""
+    monkeypatch.setattr(evaluate, "run_episodes", None)
+    with pytest.raises(SystemExit):
+        evaluate.main(["--policy", "constant", "--out", str(tmp_path / "out"), *given])
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert "error: " in last and given[1].partition(":")[0].strip("{") in last
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "text", ["policy: [", "policy: MlpPolicy", yaml.safe_dump({**LEAST, "timesteps": -5})]
+)
+def test_training_refuses_before_it_runs(text, tmp_path):
+    """In one line that names the file, with no run folder made."""
+    path = tmp_path / "mine.yml"
+    path.write_text(text)
+    with pytest.raises(SystemExit) as error:
+        train.main(["--config", str(path), "--log-folder", str(tmp_path / "logs")])
+    assert str(path) in one_line(error)
+    with pytest.raises(SystemExit, match="n_envs is 1000000, must be"):
+        train.main(["--n-envs", "1000000", "--log-folder", str(tmp_path / "logs")])
+    assert not (tmp_path / "logs").exists()
+
+
+@pytest.mark.parametrize("script", ["agents.evaluate", "agents.tune", "train"])
+def test_a_missing_extra_is_named(script):
+    """With the command that installs it."""
+    code = f"import sys, runpy; sys.modules['torch'] = sys.modules['yaml'] = None; {script=}"
+    done = subprocess.run(
+        [sys.executable, "-c", f"{code}; runpy.run_module(script, run_name='__main__')"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert done.returncode != 0
+    last = done.stderr.splitlines()[-1]
+    assert "agents needs torch, yaml, which the extra 'train' installs: python -m pip" in last
+
+
+def test_whole_numbers_may_be_written_with_an_exponent():
+    """As in a configuration file; what is not whole, negative or endless is refused."""
+    read = [command_line.positive_int(text) for text in ("1e5", "12", "2.5e1")]
+    assert read == [100_000, 12, 25] and all(type(number) is int for number in read)
+    assert command_line.non_negative_int("0") == 0
+    for text in ("0", "-1", "2.5", "1e99", "inf", "nan", "many"):
+        with pytest.raises(argparse.ArgumentTypeError, match=f"'{text}' is not allowed, must be"):
+            command_line.positive_int(text)
+
+
+def test_policies_keep_labels_of_their_own(tmp_path, monkeypatch):
+    """Runs of one name in different folders are told apart; the same policy twice is refused."""
+    monkeypatch.chdir(tmp_path)
+    for root in ("a", "b"):
+        folder = tmp_path / root / "ppo" / "JansenWalker-v0_1"
+        folder.mkdir(parents=True)
+        (folder / "best_model.zip").touch()
+    first, second = (f"{root}/ppo/JansenWalker-v0_1" for root in ("a", "b"))
+    assert evaluate.labels([first, "pid"]) == ["ppo/JansenWalker-v0_1", "pid"]
+    assert evaluate.labels([first, second]) == [first, second]
+    for twice in (
+        ["pid", "pid"],
+        [first, f"./{first}"],
+        [first, f"{first}/best_model.zip"],
+        ["pid", "pid-paper"],
+    ):
+        with pytest.raises(ValueError, match="is given 2 times"):
+            evaluate.labels(twice)
+
+
+def test_what_the_command_line_says_holds_for_all_variants():
+    """Of the shipped variants those arguments go that --env-kwargs gives."""
+    given = ["--env", "JansenCrank-v0", "--env-kwargs", "{reset_noise_scale: 0.5}"]
+    settings = train._configure(train.parse(given))
+    assert settings["env_kwargs"] == {"reset_noise_scale": 0.5}
+    assert settings["training_variants"] == [{}, {}, {}, {"max_episode_steps": 100}]
+
+
+def test_what_all_variants_have_alike_holds_for_all_environments():
+    """One batch then has them, of one variant and of several; what differs stays a variant's."""
+    variants = [{"friction": 0.5, "slip_weight": 2.0}, {"friction": 0.6, "slip_weight": 2.0}]
+    given = {"env_kwargs": {"payload": 1.0, "slip_weight": 1.0}, "training_variants": variants}
+    kwargs, rest = config.training_envs(given)
+    assert kwargs == {"payload": 1.0, "slip_weight": 2.0}
+    assert rest == [{"friction": 0.5}, {"friction": 0.6}]
+    given = {"training_variants": [{"command_interval": None}, {}]}
+    assert config.training_envs(given) == ({}, given["training_variants"])
+    assert config.training_envs({"training_variants": variants[:1]}) == (variants[0], [{}])
+    assert config.training_envs({}) == ({}, [{}])
+    for path in config.CONFIGS.glob("*/*.yml"):
+        assert can_be_batched(path.parent.name, *config.training_envs(config.load_config(path)))
+
+
+def test_evaluation_checks_commands_and_folders_before_it_runs(tmp_path, capsys):
+    """One line each, nothing written."""
+    (tmp_path / "file").touch()
+    for given, reason in (
+        (["--commands", "9"], "is 9.0, must be between"),
+        (["--video-command", "9"], "is 9.0, must be between"),
+        (["--out", str(tmp_path / "file" / "out")], "Not a directory"),
+        (["--env-kwargs", "{render_mode: human}"], "render_mode is 'human', must be"),
+    ):
+        with pytest.raises(SystemExit):
+            evaluate.main(["--policy", "pid", *given])
+        assert reason in capsys.readouterr().err

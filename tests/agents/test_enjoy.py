@@ -1,0 +1,141 @@
+"""Watching policies, with a display and without."""
+
+from __future__ import annotations
+
+import imageio.v3 as iio
+import numpy as np
+import pytest
+
+from agents import enjoy, video
+from jansen_env.scoring.rollout import make_env
+
+CRANK = "JansenCrank-v0"
+
+
+@pytest.fixture
+def invisible(monkeypatch, tmp_path):
+    """No display; works in a folder of its own."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_without_a_display_there_is_a_film(invisible, capsys):
+    """Of the pretrained policy, and a line says so and where."""
+    enjoy.main(["--env", CRANK, "--steps", "6"])
+    printed = capsys.readouterr().out
+    assert "no display to open a window on: filming pretrained on JansenCrank-v0 to" in printed
+    assert "command 1 rad/s: return " in printed and ", ended after 0.06 s" in printed
+    assert "written: JansenCrank-v0_pretrained.mp4" in printed
+    assert len(iio.imread(invisible / "JansenCrank-v0_pretrained.mp4")) == 4  # steps 0, 2, 4, 6
+
+
+def test_films_have_the_episodes_that_are_asked_for(invisible, capsys):
+    """Commands in turn, other starts; a failure ends an episode and is called one."""
+    enjoy.main(["--policy", "constant", "--env", CRANK, "--video", "a.gif", "--steps", "12",
+                "--command", "2", "3", "--episodes", "3", "--env-kwargs",
+                "{max_episode_steps: 6, reset_noise_scale: 1.0}"])  # fmt: skip
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("filming constant on JansenCrank-v0 to a.gif")
+    assert [line.split(":")[0] for line in lines[1:4]] == [f"command {v} rad/s" for v in (2, 3, 2)]
+    assert all(line.endswith("ended after 0.06 s") for line in lines[1:4])
+    assert len({line.split("return")[1] for line in lines[1:4]}) == 3
+    assert len(iio.imread("a.gif")) == 6  # the start and the end of each
+    enjoy.main(["--policy", "constant", "--env", CRANK, "--command", "-10", "--video", "b.gif"])
+    assert ", failed after " in capsys.readouterr().out
+
+
+def test_several_are_filmed_one_above_the_other(invisible, capsys):
+    """From the same start; the one that is over first stands still until the other is, too."""
+    enjoy.main(["--policy", "pid", "--policy", "constant", "--env", "JansenWalker-v0", "--video",
+                "a.mp4", "--command", "0.8", "--steps", "25", "--env-kwargs",
+                "{fall_pitch: 0.06}", "--seed", "3"])  # fmt: skip
+    printed = capsys.readouterr().out
+    lines = [line for line in printed.splitlines() if "command 0.8 m/s: return " in line]
+    assert sorted(line.split(":")[0] for line in lines) == ["constant", "pid"]
+    steps = [round(float(line.split()[-2]) / 0.02) for line in lines]
+    frames = iio.imread("a.mp4")
+    assert len(frames) == max(steps) + 1 and frames.shape[1:] == (1080, 960, 3)
+    upper, lower = frames[:, :540], frames[:, 540:]
+    assert np.abs(upper[0, :480].astype(int) - lower[0, :480]).mean() < 1.0  # but for the titles
+    assert np.abs(upper[15].astype(int) - lower[15]).mean() > 2.0
+
+
+@pytest.fixture
+def window(invisible):
+    """An environment in a window that nobody sees."""
+    env = make_env(CRANK, {}, render_mode="human")
+    yield env
+    env.close()
+
+
+def test_windows_show_all_episodes_or_until_they_are_closed(window, capsys):
+    """What a user does who looks at it, or closes it in the second episode."""
+    import pygame
+
+    args = enjoy.parse(["--env", CRANK, "--steps", "4", "--episodes", "3"])
+    (policy,) = enjoy.prepare(args).values()
+    assert enjoy.show(policy, window, args)
+    assert capsys.readouterr().out.count("return") == 3
+    moments = enjoy.episodes(policy, window, args)
+    for _ in range(7):
+        next(moments)
+    assert not window.unwrapped.window_closed
+    pygame.event.post(pygame.event.Event(pygame.QUIT))
+    assert [moment.steps for moment in moments] == [2]
+    assert window.unwrapped.window_closed
+    assert capsys.readouterr().out.count("return") == 2
+
+
+def test_a_display_that_does_not_answer_gives_a_film(window, monkeypatch, capsys):
+    """Found out before anything is played."""
+    args = enjoy.parse(["--env", CRANK, "--steps", "4"])
+    (policy,) = enjoy.prepare(args).values()
+    monkeypatch.setenv("SDL_VIDEODRIVER", "x11")
+    monkeypatch.setenv("DISPLAY", "nowhere:9")
+    assert not enjoy.show(policy, window, args)
+    assert "no window: " in capsys.readouterr().out
+
+
+def test_what_is_not_allowed_is_said_in_a_line(invisible, capsys):
+    """Before anything is written."""
+    for given, reason in (
+        (["--policy", "nobody"], "must be one of ['pid', 'constant', 'inverse', 'pretrained']"),
+        (["--policy", "pretrained:none"], "policy is 'none', must be one of"),
+        (["--command", "99"], "is 99.0, must be between"),
+        (["--env-kwargs", "{speed_command: 2}"], "speed_command in --env-kwargs has no effect"),
+        (["--env-kwargs", "{render_mode: human}"], "render_mode is 'human', must be"),
+        (["--env-kwargs", "{robot: none}"], "robot is 'none', must be a Robot or one of"),
+        (["--policy", "pid", "--policy", "pid"], "policy 'pid' is given 2 times, must be once"),
+        (["--video", "a.avi"], "a.avi ends in '.avi', must end in one of ['.gif', '.mp4']"),
+        (["--video", "/dev/null/a.gif"], "/dev/null/a.gif"),
+    ):
+        with pytest.raises(SystemExit):
+            enjoy.main(["--env", CRANK, *given])
+        assert reason in capsys.readouterr().err.splitlines()[-1]
+    assert [*invisible.iterdir()] == []
+
+
+def test_long_videos_take_little_memory(tmp_path, monkeypatch):
+    """Frames are written as they come: none waits for the last one."""
+    taken, written = [], []
+
+    def frames():
+        for i in range(20):
+            taken.append(i)
+            assert len(taken) - len(written) <= 2
+            yield np.zeros((20, 20, 3), np.uint8)
+
+    class Writer:
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+        def append_data(self, frame):
+            written.append(frame)
+
+    monkeypatch.setattr(video.imageio, "get_writer", lambda *_, **__: Writer())
+    video.save_video(frames(), tmp_path / "a.mp4", 0.02)
+    assert len(written) == 20

@@ -1,0 +1,387 @@
+"""Policies taken along: ONNX and C that act as PyTorch does, and what is said of them."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_runs import NETWORKS, go_on, made_run, small_run
+
+from agents import export, pack, unpack
+from agents.export import __main__ as command
+from agents.export import agreement, c_source, model_card, onnx_model
+from jansen_env.policies import pretrained
+from jansen_env.policies.pretrained import PretrainedPolicy
+from jansen_env.robot import kinematics
+from jansen_env.scoring.benchmarks import TASKS
+from jansen_env.scoring.rollout import make_env
+from jansen_env.viewer.web import geometry
+
+STRICT = (
+    "-std=c99", "-O1", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Wshadow",
+    "-Wunused-macros", "-pedantic", "-Werror",
+)  # fmt: skip
+SINGLE = (*STRICT, "-DMINE_SINGLE_PRECISION")
+WALKER, CRANK = "JansenWalker-v0", "JansenCrank-v0"
+RUNNING = ("lag", "mean_speed", "mean_slip", "mean_power", "rms_torque")
+needs_cc = pytest.mark.skipif(agreement.compiler() is None, reason="there is no C compiler")
+
+RUNS = {
+    "harmonics": ("ppo", {}, {"net_arch": [8, 8], "activation": "elu", "normalize": True,
+                              "harmonics": 2}),
+    "sac": ("sac", {}, {"net_arch": [8, 8], "activation": "relu", "normalize": True}),
+}  # fmt: skip
+
+
+def program(policy):
+    """The sources of a policy with those of its example program."""
+    return {**c_source.sources(policy, "mine"), "main.c": c_source.example(policy, "mine")}
+
+
+def agree(policy, count, limit=1e-6, single=1e-5):
+    """Whether all that can run a policy acts as PyTorch does in float64."""
+    cases = agreement.make_cases(policy, count)
+    expected = agreement.actions_of(pack.in_float64(unpack.to_policy(policy)), cases)
+    assert cases.shape == (count, len(policy.observed))
+    assert np.ptp(expected) > 0.1 and np.abs(expected).min() < 0.99
+    sources = program(policy)
+    found = [agreement.actions_of(policy, cases)]
+    if agreement.compiler() is not None:
+        found.append(agreement.actions_of_c(sources, "mine", cases, STRICT))
+        rounded = agreement.actions_of_c(sources, "mine", cases, SINGLE)
+        assert agreement.largest_difference(rounded, expected) < single
+    runtime = pytest.importorskip("onnxruntime")
+    session = runtime.InferenceSession(onnx_model.build(policy, "mine").SerializeToString())
+    found.append(onnx_model.actions_of(session, cases))
+    for actions in found:
+        assert agreement.largest_difference(actions, expected) < limit
+
+
+@pytest.mark.parametrize("kind", RUNS)
+def test_onnx_and_c_act_as_pytorch(kind, tmp_path):
+    """Harmonics, limits."""
+    agree(pack.from_run(made_run(tmp_path / "run", *RUNS[kind], WALKER)), 600)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("env_id", TASKS)
+def test_shipped_policies_act_as_pytorch(env_id):
+    """On 10,000 observations, in float to 2e-6."""
+    agree(pretrained.load(env_id), 10_000, single=2e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("network", NETWORKS)
+def test_networks_act_as_pytorch(network, tmp_path):
+    """All that can be packed."""
+    agree(pack.from_run(made_run(tmp_path / "run", *NETWORKS[network])), 10_000)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("algo", ["ppo", "sac"])
+def test_trained_policies_act_as_pytorch(algo, tmp_path):
+    """Of small runs, with statistics of what they have seen."""
+    go_on(small_run(algo), tmp_path)
+    agree(pack.from_run(tmp_path), 10_000)
+
+
+def test_cases_are_those_that_matter():
+    """Of episodes, of chance, and at the clip and beyond."""
+    policy = pretrained.load(WALKER)
+    seen = agreement.make_cases(policy, 400)
+    mean, deviation = policy.scale
+    far = np.abs((seen - mean) / deviation)
+    far[..., [0, 1, 3, 4]] = 0.0  # on the circle
+    assert far[: len(far) // 2].max() < 30.0
+    clip = far[-len(far) // 4 :]
+    for low, high in ((9.99, 10.0), (10.0, 10.01), (99.0, 101.0), (9e4, 1.1e5)):
+        assert ((clip > low) & (clip < high)).any()
+
+
+EVIL = '*/ int evil(void); /* \\\n #include "evil.h" ??/ `rm` \u2028 <b>|</b>'
+
+
+@needs_cc
+def test_no_text_of_a_file_becomes_code():
+    """Of names, units and ids: comments do not end, nothing but letters is left of names."""
+    policy = pretrained.load(CRANK)
+    given = policy.description["observation"]
+    described = {
+        **policy.description,
+        "observation": [{"name": row["name"] + EVIL, "unit": EVIL} for row in given],
+    }
+    evil = PretrainedPolicy(described, policy.tensors)
+    evil.env_id = EVIL  # which no file gets through
+    sources = c_source.sources(evil, "mine")
+    for source in sources.values():
+        assert source.isascii() and "evil.h" not in source.replace("_evil.h", "")
+        code = re.sub(r"/\*.*?\*/", "", source, flags=re.S)
+        assert "evil" not in code and "?" not in code.replace(" ? ", "")
+        assert "`" not in source and "\\" not in source
+    assert re.search(
+        r"MINE_OBS_COS_CRANK_ANGLE_INT_EVIL_\w+ = 0, /\* _/ int evil", sources["mine.h"]
+    )
+    seen = np.ones((1, 5), np.float32)
+    own = policy.predict(seen)[0][:, 0]
+    sources["main.c"] = c_source.example(evil, "mine")
+    assert agreement.actions_of_c(sources, "mine", seen, STRICT) == pytest.approx(own, abs=1e-6)
+    described["observation"][1] = described["observation"][0]
+    with pytest.raises(ValueError, match="several observations would be"):
+        c_source.sources(PretrainedPolicy(described, policy.tensors), "mine")
+    for name in ("main", "math", "a-b", "1a", "a" * 64, "", "a\nb", "ä"):
+        with pytest.raises(ValueError, match="must be letters, digits and _"):
+            c_source.sources(policy, name)
+
+
+def test_no_text_of_a_file_becomes_markdown():
+    """Within a line it stays code, and a block of code it cannot end."""
+    assert re.fullmatch("`[^`|\n]+`", model_card.code(EVIL)) and model_card.code("") == "` `"
+    lines = model_card.block(f"a\n```\n# b\n\n<script>\n\r{EVIL}").split("\n")
+    assert len(lines) == 7 and all(re.match("    [^\r\u2028]*$", line) for line in lines)
+
+
+def numbers_of(part, place=()):
+    """Where the floats of a description are."""
+    items = part.items() if isinstance(part, dict) else enumerate(part)
+    for key, value in items:
+        if isinstance(value, float):
+            yield (*place, key)
+        elif isinstance(value, (dict, list)):
+            yield from numbers_of(value, (*place, key))
+
+
+@pytest.mark.parametrize("kind", RUNS)
+def test_no_number_of_a_file_is_beyond_float(kind, tmp_path):
+    """Or C would have ``inf.0f``: each number of a file is refused, or is one that float has."""
+    policy = pack.from_run(made_run(tmp_path / "run", *RUNS[kind], WALKER))
+    places = [*numbers_of({k: policy.description[k] for k in ("action", "network")})]
+    assert len(places) >= 4
+    for *path, last in places:
+        for value in (1e300, -1e39, 1e-300, 1e-39):
+            described = json.loads(json.dumps(policy.description))
+            part = described
+            for key in path:
+                part = part[key]
+            part[last] = value
+            with pytest.raises(ValueError, match="must"):
+                PretrainedPolicy(described, policy.tensors)
+
+
+@needs_cc
+def test_what_is_not_finite_is_refused_by_the_controller(tmp_path):
+    """With a torque of 0; the next observation is answered as any."""
+    policy = pack.from_run(made_run(tmp_path / "run", *NETWORKS["squashed"], WALKER))
+    (tmp_path / "main.c").write_text("""
+#include <math.h>
+#include <stdio.h>
+#include "mine.h"
+int main(void)
+{
+    float seen[MINE_OBSERVATIONS] = {1.0f, 0.0f}, action = 9.0f;
+    int wrong;
+    mine_step(seen, &action);
+    printf("%.9g ", (double)action);
+    seen[2] = NAN;
+    wrong = mine_step(seen, &action);
+    printf("%d %.9g ", wrong, (double)action);
+    seen[2] = 0.5f;
+    mine_step(seen, &action);
+    printf("%.9g %g %g", (double)action, (double)MINE_TORQUE_LIMIT, (double)MINE_CONTROL_PERIOD);
+    return 0;
+}
+""")
+    for file, source in c_source.sources(policy, "mine").items():
+        (tmp_path / file).write_text(source)
+    build = [agreement.compiler(), *STRICT, "-o", "main", "main.c", "mine.c", "-lm"]
+    subprocess.run(build, cwd=tmp_path, check=True)
+    found = subprocess.run([tmp_path / "main"], capture_output=True, text=True, check=True).stdout
+    seen = np.zeros((2, 20))
+    seen[:, 0], seen[1, 2] = 1.0, 0.5
+    first, last = policy.predict(seen)[0][:, 0].tolist()
+    numbers = [first, -1.0, 0.0, last, 20.0, 0.02]
+    assert [float(word) for word in found.split()] == pytest.approx(numbers, abs=1e-6)
+    assert len({*numbers}) == len(numbers)
+
+
+@needs_cc
+def test_arithmetic_that_does_not_know_nan_is_refused():
+    """The test for it would be left out without a word."""
+    cases = np.ones((1, 5), np.float32)
+    sources = program(pretrained.load(CRANK))
+    with pytest.raises(ValueError, match="ffast-math leaves out the test"):
+        agreement.actions_of_c(sources, "mine", cases, (*STRICT, "-ffast-math"))
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    """A run, and what has been written of it."""
+    pytest.importorskip("onnx")
+    folder = tmp_path_factory.mktemp("exported")
+    run = made_run(folder / "run", *NETWORKS["apart"], WALKER)
+    to = [word for kind in export.KINDS for word in ("--to", kind)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(export, "CASES", 600)
+        command.main([str(run), *to, "--out", str(folder), "--name", "mine", "--episodes", "2"])
+    return run, folder
+
+
+def test_everything_is_written_with_its_card(exported):
+    """Whose checksums are right, and whose numbers are those of the run."""
+    run, folder = exported
+    names = {"mine.onnx", "mine.h", "mine.c", "mine.md"}
+    assert {path.name for path in folder.iterdir()} == names | {"run"}
+    card = (folder / "mine.md").read_text(encoding="utf-8")
+    for name in names - {"mine.md"}:
+        data = (folder / name).read_bytes()
+        assert f"{len(data)}" in card and pretrained.checksum(data) in card
+    for name in pack.from_run(run).observed:
+        assert f"`{name}`" in card
+    for words in (
+        "not tested on a machine", "python train.py --seed 0", "speed_command: (0.05, 0.8)",
+        "20 N m", "0.02 s", "2 at each of the commands 0.05, 0.1,", "| pid", "| profile",
+        f"--policy {run} --policy pid", "lag        <-", "MIT", "clips at 10 of them",
+        "over 600 observations", "max_episode_steps: 50", "-x, 180 degrees",
+        "cosine of the crank angle (crank relative to chassis)",
+    ):  # fmt: skip
+        assert words in card, words
+
+
+def test_the_examples_of_a_card_run(exported, tmp_path, capsys, monkeypatch):
+    """And print what it says."""
+    folder = exported[1]
+    card = (folder / "mine.md").read_text(encoding="utf-8")
+    expected = {float(number) for number in re.findall(r"prints (-?[\d.]+?)\.\n", card)}
+    assert len(expected) == 1
+    monkeypatch.chdir(folder)
+    for source in re.findall(r"```python\n(.*?)```", card, re.S):
+        if "onnxruntime" in source:
+            pytest.importorskip("onnxruntime")
+        exec(source, {})
+        assert float(capsys.readouterr().out) in expected
+    if agreement.compiler() is None:
+        pytest.skip("there is no C compiler")
+    for name in ("mine.h", "mine.c"):
+        shutil.copy(folder / name, tmp_path)
+    (main,) = re.findall(r"```c\n(.*?)```", card, re.S)
+    (tmp_path / "main.c").write_text(main)
+    (commands,) = re.findall(r"```bash\n(.*?)```", card, re.S)
+    found = subprocess.run(
+        ["bash", "-e", "-c", commands], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert float(found.stdout) == pytest.approx(*expected, abs=1e-4)
+    for given, said in (
+        ("nan " * 20, "an observation is not finite"),
+        ("1 " * 21, "an observation must have 20 numbers"),
+        ("1 " * 20 + "two", "an observation must have 20 numbers"),
+    ):
+        again = subprocess.run([tmp_path / "main"], input=given, capture_output=True, text=True)
+        assert again.returncode == 1 and again.stderr == f"{said}\n"
+
+
+def test_an_onnx_model_says_what_it_takes(exported):
+    """Names, units, periods and limits; any number of robots."""
+    onnx = pytest.importorskip("onnx")
+    model = onnx.load(exported[1] / "mine.onnx")
+    onnx.checker.check_model(model, full_check=True)
+    told = {entry.key: entry.value for entry in model.metadata_props}
+    rows = json.loads(told["observation"])
+    assert rows[9] == {"name": "speed_command", "unit": "m/s"} and len(rows) == 20
+    assert told["env_id"] == WALKER
+    assert (told["torque_limit"], told["control_dt"]) == ("20.0", "0.02")
+    assert [value.name for value in model.graph.input] == ["observation"]
+    assert [value.name for value in model.graph.output] == ["action", "torque"]
+    assert str(Path(__file__).parents[2]).encode() not in model.SerializeToString()
+    runtime = pytest.importorskip("onnxruntime")
+    session = runtime.InferenceSession(exported[1] / "mine.onnx")
+    for n in (1, 7):
+        action, torque = session.run(None, {"observation": np.ones((n, 20), np.float32)})
+        assert torque == pytest.approx(20.0 * action) and action.shape == (n, 1)
+
+
+def test_what_does_not_agree_is_not_written(exported, tmp_path, monkeypatch, capsys):
+    """Nor what cannot be; in a line."""
+    out = tmp_path / "out"
+    monkeypatch.setattr(export, "CASES", 200)
+
+    def refused(*words):
+        with pytest.raises(SystemExit):
+            command.main([*map(str, words), "--out", str(out), "--episodes", "1"])
+        return capsys.readouterr().err
+
+    assert "--env is JansenCrank-v0, but" in refused(exported[0], "--to", "c", "--env", CRANK)
+    assert "no model at" in refused(tmp_path, "--to", "c")
+    assert "policy is 'none', must be one of" in refused("pretrained:none", "--to", "c")
+    assert "name is 'a b', must be letters" in refused("pretrained", "--to", "c", "--name", "a b")
+    original = c_source.sources
+    policy = pretrained.load(CRANK)
+    with monkeypatch.context() as patch:
+        patch.setattr(agreement, "compiler", lambda: None)
+        unchecked = tmp_path / "unchecked"
+        found = export.export("pretrained", ("c",), unchecked, env_id=CRANK, episodes=1)
+    assert found[1]["C in double"] is None
+    assert "not compared here" in found[0][-1].read_text()
+    assert found[0][0].read_text() == original(policy, "jansen_crank_v0_ppo")[found[0][0].name]
+    if agreement.compiler() is not None:
+        wrong = {**policy.tensors, "action_net.weight": 1.01 * policy.tensors["action_net.weight"]}
+        other = PretrainedPolicy(policy.description, wrong)
+        with monkeypatch.context() as patch:
+            patch.setattr(c_source, "sources", lambda _, name: original(other, name))
+            said = refused("pretrained", "--to", "c", "--env", CRANK)
+        assert "actions of C in double differ by" in said and "nothing was written" in said
+    monkeypatch.setattr(command, "find_spec", lambda _: None)
+    assert "which the extra 'export' installs" in refused("pretrained", "--to", "onnx")
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("robot", ["paper", "holy"])
+def test_angles_and_toes_are_where_a_card_says(robot):
+    """Crank angle 0, which way it grows, and which toe is on which side."""
+    env = make_env(WALKER, {"robot": robot}).unwrapped
+    told = model_card.facts(env)
+    seen, _ = env.reset(seed=0, options={"crank_angle": 0.0, "speed_command": 0.3})
+    sine, pins, pivots = 0.0, [], []
+    for _ in range(8):
+        state = geometry.state_of(env)
+        joints = np.array(state["joints"]) - [state["x"], state["y"]]
+        pins.append(joints[:, kinematics.A])
+        pivots.append(joints[:, kinematics.P, 0])
+        seen, _, _, _, info = env.step(np.full(1, 0.4, np.float32))
+        assert seen[1] > sine and seen[2] > 0.0
+        sine = seen[1]
+    assert pins[0][0] == pytest.approx([env.robot.crank.length, 0.0], abs=1e-9)
+    assert told["clockwise"] == (pins[-1][0, 1] < 0.0) == (info["crank_speed"] < 0.0)
+    assert info["x_position"] > 0.0
+    for toe in range(len(env.robot.legs)):
+        side, angle = told["toes"][toe].split(", ")
+        assert (side == "+x") == (pivots[0][toe] > 0.0)
+        same = np.allclose(pins[0][toe], pins[0][0], atol=1e-9)
+        assert (angle == "0 degrees") == same == (angle != "180 degrees")
+
+
+def test_running_means_are_worked_out_so():
+    """By the formulas in a card, from what a step does."""
+    env = make_env(WALKER, {}).unwrapped
+    seen, _ = env.reset(seed=0, options={"speed_command": 0.3})
+    path = model_card.facts(env)["path"]
+    names = [entry.name for entry in env.observed]
+    dt, command, kept = env.control_dt, 0.3, dict.fromkeys(RUNNING, 0.0)
+    share = 1.0 - np.exp(-dt / min(max(path / command, 0.2), 3.4))
+    x = 0.0
+    for _ in range(60):
+        seen, _, _, _, info = env.step(np.full(1, 0.3, np.float32))
+        velocity = (info["x_position"] - x) / dt
+        x, slip = info["x_position"], float(np.sum(info["slip"]))
+        power, torque = abs(info["energy"]["motor_work"]) / dt, info["crank_torque"]
+        kept["lag"] = min(max(kept["lag"] + (command - velocity) * dt, -0.5), 0.5)
+        kept["mean_speed"] += share * (velocity - kept["mean_speed"])
+        kept["mean_slip"] += share * (slip / dt - kept["mean_slip"])
+        kept["mean_power"] += share * (power - kept["mean_power"])
+        square = kept["rms_torque"] ** 2
+        kept["rms_torque"] = (square + share * (torque**2 - square)) ** 0.5
+        for name, value in kept.items():
+            assert seen[names.index(name)] == pytest.approx(value, rel=1e-4, abs=1e-6), name

@@ -1,0 +1,71 @@
+"""Scores over friction and foot stiffness."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+
+from agents import evaluate, robustness
+from agents.evaluate import load_named
+from jansen_env import built_robot, paper_robot
+from jansen_env.robot import RIGID
+from jansen_env.scoring.rollout import make_env
+
+SHORT = {"max_episode_steps": 150}  # 3 s
+
+
+@pytest.fixture
+def few(monkeypatch):
+    """Two conditions of each kind."""
+    monkeypatch.setattr(robustness, "FRICTIONS", (0.3, 0.8))
+    monkeypatch.setattr(robustness, "STIFFNESSES", (20, math.inf))
+
+
+def test_feet_are_scaled():
+    """As a whole; rigid robots get the built one's."""
+    own = built_robot().pad_compliance
+    assert robustness.feet(built_robot(), own.stiffness) == own
+    softer = robustness.feet(built_robot(), 0.1 * own.stiffness)
+    assert softer.tangential_stiffness == pytest.approx(0.1 * own.tangential_stiffness)
+    assert softer.damping == pytest.approx(0.1 * own.damping)
+    assert robustness.feet(paper_robot(), 0.1 * own.stiffness) == softer
+    assert robustness.feet(built_robot(), math.inf) == RIGID
+
+
+def test_conditions_are_what_they_are_called(few):
+    """On the same starts: at its own friction and feet a robot walks as it does without."""
+    env_id, plain = "JansenWalker-v0", {}
+    env = make_env(env_id, SHORT)
+    policies = {"pid": load_named("pid", env)}
+    scores = robustness.score([(policies, SHORT)], env_id, 8)
+    for sweep, (other, own) in (("friction", ("0.3", "0.8")), (robustness.FEET, ("20", "rigid"))):
+        plain[sweep] = scores[sweep][own]["pid"]
+        assert plain[sweep]["overall"]["return"] != scores[sweep][other]["pid"]["overall"]["return"]
+    assert plain["friction"] == plain[robustness.FEET]
+    drawn = evaluate.evaluate_drawn(policies, env_id, SHORT, 8)["pid"]
+    assert plain["friction"]["overall"] == drawn["overall"]
+
+
+def test_robustness_command(few, tmp_path, capsys):
+    """Tables, numbers, and a figure; fewer episodes on the slow plant."""
+    evaluate.main([
+        "--robustness", "--policy", "pid", "--policy", "profile", "--plant", "projection",
+        "--plant", "rigid_body", "--episodes", "3", "--env-kwargs", "{max_episode_steps: 4}",
+        "--out", str(tmp_path),
+    ])  # fmt: skip
+    found = json.loads((tmp_path / "robustness.json").read_text())
+    assert {sweep: list(own) for sweep, own in found.items()} == {
+        "friction": ["0.3", "0.8"], robustness.FEET: ["20", "rigid"]
+    }  # fmt: skip
+    for own in (one for sweep in found.values() for one in sweep.values()):
+        assert [one["episodes"] for one in own.values()] == [3, 3, 1, 1]
+        assert own["pid on projection"]["overall"]["falls"] == [
+            0.0,
+            0.0,
+            pytest.approx(0.7076, 1e-3),
+        ]
+    printed = capsys.readouterr().out
+    assert "| 0.3, pid on projection " in printed and "| rigid, profile on rigid_body " in printed
+    assert (tmp_path / "robustness.png").stat().st_size > 10_000

@@ -1,0 +1,485 @@
+"""Runs of train.py: what their folders keep, how they start, stop and go on."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import yaml
+from stable_baselines3 import PPO
+
+import train
+from agents.training import callbacks, config, models, replay_buffers, runs
+from agents.training import train_model as training
+from agents.training.model_files import read_model
+from agents.training.process import HANGUP, SIGNALS
+
+ROOT = Path(__file__).parents[2]
+KEPT = 64  # steps of the checkpoint that a killed run is resumed from
+STEPS = 128
+
+
+def small_config(env_id="JansenWalker-v0", algo="ppo", **more):
+    """Rollouts of 32 steps of 4 environments, in episodes of 8 each."""
+    settings = config.load_config(config.shipped_config(env_id, algo))
+    settings.pop("training_variants", None)
+    settings.update(algo=algo, env=env_id, seed=0, timesteps=STEPS, n_envs=4)
+    settings.update(env_kwargs={"max_episode_steps": 8}, **more)
+    settings["hyperparameters"] |= {"batch_size": 16}
+    if algo == "ppo":
+        settings["hyperparameters"] |= {"n_steps": 8, "n_epochs": 1}
+    else:
+        settings["hyperparameters"] |= {"learning_starts": 32, "gradient_steps": 1}
+    return settings
+
+
+@pytest.fixture
+def returns(monkeypatch):
+    """The returns that the next evaluations find, without an episode run; then 0."""
+    left = []
+    monkeypatch.setattr(callbacks, "run_episodes", lambda *given: None)
+    monkeypatch.setattr(
+        callbacks, "point_estimates", lambda *given: {"return": left.pop(0) if left else 0.0}
+    )
+    return left
+
+
+def go(settings, folder, resume=None):
+    """Train, with evaluations and checkpoints every :data:`KEPT` steps."""
+    model = training.prepare(settings, resume)
+    runs.record_run(folder, settings, "python train.py")
+    training.train(
+        model, settings, folder, eval_every=KEPT, save_every=KEPT, resume=resume, progress=False
+    )
+    return model
+
+
+def kill(folder):
+    """Leave of a finished run what a kill shortly before its end leaves."""
+    (folder / runs.FINAL).unlink()
+
+
+def episodes(folder):
+    """Steps and return of each episode in the monitors, read as Stable-Baselines3's load_results
+    does, for which it needs pandas."""
+    found = []
+    for path in sorted((folder / "monitor").glob("*monitor.csv")):
+        with path.open() as file:
+            header = file.readline()
+            assert header[0] == "#" and json.loads(header[1:])["t_start"] > 0.0
+            found += [(int(row["l"]), float(row["r"])) for row in csv.DictReader(file)]
+    return np.array(found)
+
+
+def test_learning_rate_never_goes_below_zero(tmp_path, returns):
+    """Nor the clip range, where a run's last rollout ends past its last step."""
+    settings = small_config(timesteps=100)
+    settings["hyperparameters"] |= {"clip_range": "linear_0.2"}
+    model = go(settings, tmp_path)
+    assert model.num_timesteps > 100
+    assert model.policy.optimizer.param_groups[0]["lr"] == 0.0
+    assert all(torch.isfinite(p).all() for p in model.policy.parameters())
+    schedule = models.linear_schedule("linear_1e-3")
+    assert [schedule(left) for left in (1.0, 0.5, 0.0, -0.04)] == [1e-3, 5e-4, 0.0, 0.0]
+
+
+def test_resumed_run_keeps_a_better_model(tmp_path, returns):
+    """The best model is of steps trained again: only a better one takes its place."""
+    returns += [1.0, 5.0]
+    go(small_config(), tmp_path)
+    best = (tmp_path / runs.BEST).read_bytes()
+    assert read_model(tmp_path / runs.BEST)[1] == STEPS
+    kill(tmp_path)
+    returns += [2.0, 2.0]
+    go(small_config(), tmp_path, runs.last_state(tmp_path))
+    assert (tmp_path / runs.BEST).read_bytes() == best
+    found = [row["return"] for row in runs.read_evaluations(tmp_path)]
+    assert found == [1.0, 2.0, 2.0]
+    kill(tmp_path)
+    returns += [6.0]
+    go(small_config(), tmp_path, runs.last_state(tmp_path))
+    assert (tmp_path / runs.BEST).read_bytes() != best
+    assert runs.best_score(tmp_path) == 6.0
+
+
+def test_best_model_outlives_a_kill_before_its_row_is_written(tmp_path, returns, monkeypatch):
+    """Its return is in its own file."""
+
+    def killed(*given):
+        raise KeyboardInterrupt
+
+    returns += [5.0]
+    monkeypatch.setattr(callbacks, "write_json", killed)
+    with pytest.raises(KeyboardInterrupt):
+        go(small_config(), tmp_path)
+    assert not (tmp_path / "evaluations.json").exists()
+    assert callbacks.Saver(tmp_path, 0, 0, "JansenWalker-v0", {}).best == 5.0
+
+
+def test_damaged_evaluations_are_named(tmp_path):
+    (tmp_path / "evaluations.json").write_text("[{}]")
+    with pytest.raises(ValueError, match="must be a list of evaluations"):
+        runs.read_evaluations(tmp_path)
+
+
+def test_finished_run_stays_as_it_is(tmp_path, returns, monkeypatch, capsys):
+    """Resumed with nothing left to train it is scored only; with more steps it goes on."""
+    monkeypatch.setattr(train, "score_run", lambda *given: {})
+    monkeypatch.setattr(train, "outcome", lambda *given: "")
+    go(small_config(), tmp_path)
+    PPO.load(tmp_path / runs.FINAL, device="cpu")  # Stable-Baselines3 reads what is saved, too
+    names = (runs.FINAL, "config.yml", "command.txt", "evaluations.json")
+    before = [(tmp_path / name).read_bytes() for name in names]
+    train.main(["--resume", str(tmp_path), "-n", "100"])
+    assert f"is finished: {STEPS} steps trained, 100 asked for" in capsys.readouterr().out
+    assert [(tmp_path / name).read_bytes() for name in names] == before
+    train.main(["--resume", str(tmp_path), "-n", str(STEPS + 32), "--no-progress"])
+    assert f"resuming from {tmp_path / runs.FINAL} at {STEPS} steps" in capsys.readouterr().out
+    assert read_model(tmp_path / runs.FINAL)[1] == STEPS + 32
+
+
+def test_last_state_is_the_one_of_most_steps(tmp_path):
+    """Of checkpoint and final model; of as many steps the final one, which is an update ahead."""
+    model = training.prepare(small_config())
+    assert runs.last_state(tmp_path) is None
+    for name in ("checkpoints/model_9_steps.zip", "checkpoints/model_10_steps.zip", runs.FINAL,
+                 "checkpoints/model_200_steps.zip"):  # fmt: skip
+        model.num_timesteps = 10 if name == runs.FINAL else int(name.split("_")[1])
+        models.save_model(model, tmp_path / name)
+        assert runs.last_state(tmp_path) == tmp_path / name
+
+
+def test_a_damaged_final_model_leaves_the_checkpoints(tmp_path, capsys):
+    """The last of them is gone on from; without one the damage is named."""
+    checkpoint = tmp_path / "checkpoints" / "model_9_steps.zip"
+    models.save_model(training.prepare(small_config()), checkpoint)
+    (tmp_path / runs.FINAL).write_bytes(checkpoint.read_bytes()[:1000])
+    assert runs.last_state(tmp_path) == checkpoint
+    assert f"{runs.FINAL} is no Stable-Baselines3 model" in capsys.readouterr().out
+    checkpoint.unlink()
+    with pytest.raises(ValueError, match="is no Stable-Baselines3 model"):
+        runs.last_state(tmp_path)
+
+
+@pytest.mark.parametrize("env_id", ["JansenWalker-v0", "JansenCrank-v0"])
+def test_monitors_count_each_step_once(env_id, tmp_path, returns):
+    """Also of a run that was killed past its last checkpoint, and resumed, and killed again."""
+    settings = small_config(env_id)
+    go(settings, tmp_path)
+    before = episodes(tmp_path)
+    assert before[:, 0].sum() == STEPS  # 8 a piece, none cut short
+    for _ in range(2):
+        kill(tmp_path)
+        go(settings, tmp_path, runs.last_state(tmp_path))
+        after = episodes(tmp_path)
+        assert after[:, 0].sum() == STEPS
+        assert np.array_equal(after[: KEPT // 8], before[: KEPT // 8])
+    assert sorted(p.name for p in (tmp_path / "monitor").iterdir()) == [
+        "0.monitor.csv", "1.monitor.csv",
+    ]  # fmt: skip
+
+
+def test_replay_buffer_goes_on(tmp_path, returns):
+    """Its transitions are those of before, and more come after them."""
+    settings = small_config(algo="sac")
+    before = go(settings, tmp_path).replay_buffer
+    after = training.prepare(settings, runs.last_state(tmp_path))
+    assert after.learning_starts == 32
+    assert after.replay_buffer.pos == before.pos == STEPS // 4
+    for name in replay_buffers.ARRAYS:
+        assert np.array_equal(getattr(after.replay_buffer, name), getattr(before, name))
+    more = go(settings | {"timesteps": STEPS + 16}, tmp_path, runs.last_state(tmp_path))
+    assert more.replay_buffer.pos == STEPS // 4 + 4
+    assert np.array_equal(more.replay_buffer.actions[: before.pos], before.actions[: before.pos])
+
+
+def test_missing_replay_buffer_is_reported(tmp_path, returns, capsys):
+    """And filled before training goes on."""
+    settings = small_config(algo="sac")
+    go(settings, tmp_path)
+    runs.replay_path(tmp_path, STEPS).unlink()
+    model = training.prepare(settings, runs.last_state(tmp_path))
+    assert f"it fills from empty, with random actions until step {STEPS + 32}" in (
+        capsys.readouterr().out
+    )
+    assert model.learning_starts == STEPS + 32
+
+
+def test_full_replay_buffer_is_restored(tmp_path):
+    """With the place at which the oldest transitions are overwritten."""
+    settings = small_config(algo="sac")
+    settings["hyperparameters"] |= {"buffer_size": 40}
+    first, second = (training.prepare(settings).replay_buffer for _ in range(2))
+    rng = np.random.default_rng(0)
+    for _ in range(13):  # of 10 rows
+        seen, then = rng.normal(size=(2, 4, 20))
+        first.add(seen, then, rng.normal(size=(4, 1)), np.ones(4), np.zeros(4), [{}] * 4)
+    replay_buffers.save_replay_buffer(first, tmp_path / "buffer.npz")
+    replay_buffers.load_replay_buffer(second, tmp_path / "buffer.npz")
+    assert (second.pos, second.full) == (3, True)
+    assert np.array_equal(first.next_observations, second.next_observations)
+
+
+def test_bad_replay_buffers_are_refused(tmp_path):
+    """Pickles, files cut off, arrays of another size; none runs code."""
+    settings = small_config(algo="sac")
+    buffer = training.prepare(settings).replay_buffer
+    path = tmp_path / "buffer.npz"
+
+    class Bomb:
+        def __reduce__(self):
+            return (open, (str(tmp_path / "boom"), "w"))
+
+    replay_buffers.save_replay_buffer(buffer, path)
+    whole = path.read_bytes()
+    for content in (pickle.dumps(Bomb()), whole[: len(whole) // 2], b""):
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match="is no replay buffer"):
+            replay_buffers.load_replay_buffer(buffer, path)
+    np.savez(path, pos=np.array([Bomb()], dtype=object))
+    with pytest.raises(ValueError, match="is no replay buffer"):
+        replay_buffers.load_replay_buffer(buffer, path)
+    assert not (tmp_path / "boom").exists()
+    arrays = {name: getattr(buffer, name)[:6] for name in replay_buffers.ARRAYS}
+    np.savez(path, pos=5, full=False, **{**arrays, "actions": np.zeros((6, 4, 2), np.float32)})
+    with pytest.raises(ValueError, match=r"actions has shape \(6, 4, 2\).*must have \(6, 4, 1\)"):
+        replay_buffers.load_replay_buffer(buffer, path)
+    np.savez(path, pos=-1, full=False, **arrays)
+    with pytest.raises(ValueError, match="pos is -1, must be in"):
+        replay_buffers.load_replay_buffer(buffer, path)
+    np.savez_compressed(path, **arrays, bomb=np.zeros(10**8, np.uint8))
+    assert path.stat().st_size < 10**6
+    with pytest.raises(ValueError, match=r"it has 7 arrays, must have 8: \['actions"):
+        replay_buffers.load_replay_buffer(buffer, path)
+    np.savez_compressed(path, pos=5, full=False, **arrays)
+    with pytest.raises(ValueError, match=r"is packed, must be stored"):
+        replay_buffers.load_replay_buffer(buffer, path)
+
+
+def test_only_what_a_model_saves_is_restored():
+    """Not what else a file names, nor what is missing or of another shape."""
+    model = training.prepare(small_config(algo="sac"))
+    given = {
+        "policy": model.policy.state_dict(),
+        "actor.optimizer": model.actor.optimizer.state_dict(),
+        "critic.optimizer": model.critic.optimizer.state_dict(),
+        "ent_coef_optimizer": model.ent_coef_optimizer.state_dict(),
+        "pytorch_variables": {"log_ent_coef": torch.full((1,), -0.5)},
+    }
+    models.restore(model, given)
+    assert model.log_ent_coef.item() == -0.5 and model.log_ent_coef.requires_grad
+    one = torch.zeros(1)
+    for change, reason in (
+        ({"pytorch_variables": {"log_ent_coef": one, "env": one}}, "has the variables"),
+        ({"pytorch_variables": {}}, "has the variables"),
+        ({"pytorch_variables": {"log_ent_coef": torch.zeros(2)}}, "does not fit"),
+        ({"pytorch_variables": {"log_ent_coef": "0"}}, "does not fit"),
+        ({"logger": {}}, "does not fit"),
+        ({"policy": {}}, "does not fit"),
+        ({"actor.optimizer": {"state": 1}}, "does not fit"),
+    ):
+        with pytest.raises(ValueError, match=f"the saved model {reason}"):
+            models.restore(model, {**given, **change})
+
+
+@pytest.fixture
+def hangups_count():
+    """Where the tests are run by nohup, too."""
+    before = {number: signal.signal(number, signal.SIG_DFL) for number in HANGUP}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, *HANGUP])
+def test_a_signal_saves_where_training_is(
+    number, tmp_path, returns, monkeypatch, capsys, hangups_count
+):
+    """Exit status 128 + its number, a checkpoint where the next rollout begins, handlers as before.
+
+    Also of a closed terminal's SIGHUP, which may come twice.
+    """
+    handlers = [signal.getsignal(n) for n in SIGNALS]
+    left = [number] * (2 if number in HANGUP else 1)
+    monkeypatch.setattr(
+        callbacks.Saver,
+        "evaluate",
+        lambda saver: [os.kill(os.getpid(), left.pop()) for _ in left.copy()],
+    )
+    settings = small_config()
+    with pytest.raises(SystemExit) as stopped:
+        go(settings, tmp_path)
+    assert stopped.value.code == 128 + number
+    state = runs.last_state(tmp_path)
+    done = read_model(state)[1]
+    assert KEPT <= done < STEPS and not (tmp_path / runs.FINAL).exists()
+    assert f"--resume {tmp_path}" in capsys.readouterr().out
+    assert [signal.getsignal(n) for n in SIGNALS] == handlers
+    monkeypatch.undo()
+    monkeypatch.setattr(callbacks.Saver, "evaluate", lambda saver: None)
+    go(settings, tmp_path, state)
+    assert read_model(tmp_path / runs.FINAL)[1] == STEPS
+
+
+@pytest.mark.skipif(not HANGUP, reason="Windows has no SIGHUP")
+def test_nohup_is_respected():
+    """Who has begun it with SIGHUP ignored wants it to go on when the terminal is closed."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with callbacks.StopOnSignal() as stop:
+            os.kill(os.getpid(), signal.SIGHUP)
+        assert not stop.signal
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.parametrize("buffered", ["", "1"])
+def test_a_reader_that_goes_away_does_not_end_the_run(buffered, tmp_path):
+    """``train.py | head -1``: trained to its end, scored, exit status 0."""
+    command = [
+        sys.executable, "train.py", "--log-folder", str(tmp_path), "-n", "8", "--n-envs", "1",
+        "--env", "JansenCrank-v0", "--config", str(tmp_path / "short.yml"), "--eval-freq", "0",
+        "--eval-episodes", "1", "--tensorboard-log", "", "--no-progress",
+    ]  # fmt: skip
+    (tmp_path / "short.yml").write_text(
+        "policy: MlpPolicy\ntimesteps: 8\nn_envs: 1\n"
+        "hyperparameters: {n_steps: 8, batch_size: 8}\npolicy_kwargs: {net_arch: [4]}\n"
+    )
+    with subprocess.Popen(
+        command, cwd=ROOT, env={**os.environ, "PYTHONUNBUFFERED": buffered},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as run:  # fmt: skip
+        run.stdout.close()
+        assert run.stderr.read() == "" and run.wait(120) == 0
+    assert (tmp_path / "ppo" / "JansenCrank-v0_1" / "scores.json").is_file()
+
+
+def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path):
+    """In a process of its own: exit status 130, no traceback."""
+    process = subprocess.Popen(
+        [sys.executable, "train.py", "--log-folder", str(tmp_path), "--n-envs", "2",
+         "--config", "tests/small_ppo.yml", "--save-freq", "100", "--eval-freq", "0",
+         "--tensorboard-log", "", "--no-progress"],
+        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )  # fmt: skip
+    folder = tmp_path / "ppo" / "JansenWalker-v0_1"
+    end = time.monotonic() + 300.0
+    while not (folder / "checkpoints" / "model_256_steps.zip").exists():
+        assert process.poll() is None and time.monotonic() < end
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in err and "stopping after this rollout" in err
+    saved = runs.last_state(folder)
+    assert f"stopped, saved as {saved}; python train.py --resume {folder} goes on" in out
+    assert read_model(saved)[1] % 256 == 0
+
+
+def test_second_signal_ends_at_once():
+    """Its own handler is gone after the first."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a background
+    try:
+        _send_one_signal()
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _send_one_signal():
+    with callbacks.StopOnSignal() as stop:
+        assert not stop.signal
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stop.signal == signal.SIGINT
+        assert signal.getsignal(signal.SIGINT) == signal.SIG_DFL
+    assert signal.getsignal(signal.SIGINT) != signal.SIG_DFL
+
+
+@pytest.fixture
+def started(monkeypatch):
+    """The configurations that train.py would train and score."""
+    found = []
+    monkeypatch.setattr(
+        train, "train", lambda model, settings, *given, **more: found.append(settings)
+    )
+    monkeypatch.setattr(train, "score_run", lambda *given: {})
+    monkeypatch.setattr(train, "outcome", lambda *given: "")
+    return found
+
+
+def test_config_file_says_algorithm_environment_and_seed(tmp_path, started):
+    """Flags win."""
+    path = tmp_path / "my.yml"
+    path.write_text(yaml.safe_dump(small_config("JansenCrank-v0") | {"seed": 7}))
+    folder = train.main(["--config", str(path), "--log-folder", str(tmp_path)])
+    assert folder == tmp_path / "ppo" / "JansenCrank-v0_1"
+    assert [started[-1][name] for name in ("algo", "env", "seed")] == ["ppo", "JansenCrank-v0", 7]
+    assert config.load_config(folder / "config.yml")["seed"] == 7
+    train.main(["--config", str(path), "--log-folder", str(tmp_path), "--seed", "0",
+                "--env", "JansenWalker-v0"])  # fmt: skip
+    assert [started[-1][name] for name in ("env", "seed")] == ["JansenWalker-v0", 0]
+    path.write_text(yaml.safe_dump(small_config(algo="sac")))
+    assert train.main(["--config", str(path), "--log-folder", str(tmp_path)]).parent.name == "sac"
+    assert started[-1]["algo"] == "sac"
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [["--env-kwargs", "{friction: -1}"], ["--config", "CONFIG"], ["--env-kwargs", "{no_such: 1}"]],
+)
+def test_failed_start_leaves_no_folder(wrong, tmp_path, started):
+    """Neither bad arguments of the environment nor a bad configuration."""
+    settings = small_config(env=".." if "CONFIG" in wrong else "JansenWalker-v0")
+    (tmp_path / "my.yml").write_text(yaml.safe_dump(settings))
+    wrong = [str(tmp_path / "my.yml") if word == "CONFIG" else word for word in wrong]
+    with pytest.raises((SystemExit, TypeError)):
+        train.main([*wrong, "--log-folder", str(tmp_path / "logs")])
+    assert not (tmp_path / "logs").exists() and not started
+
+
+def test_failed_resume_changes_nothing(tmp_path, started):
+    """A checkpoint that is none, or of another network."""
+    checkpoint = tmp_path / "checkpoints" / "model_9_steps.zip"
+    models.save_model(training.prepare(small_config()), checkpoint)
+    settings = small_config() | {"policy_kwargs": {"net_arch": [8]}}
+    runs.record_run(tmp_path, settings, "python train.py")
+    before = [(tmp_path / name).read_bytes() for name in ("config.yml", "command.txt")]
+    for message in ("does not fit its configuration", "no Stable-Baselines3 model"):
+        with pytest.raises(SystemExit, match=message):
+            train.main(["--resume", str(tmp_path), "-n", "999"])
+        checkpoint.write_bytes(b"torn")
+    after = [(tmp_path / name).read_bytes() for name in ("config.yml", "command.txt")]
+    assert after == before and not (tmp_path / "monitor").exists()
+
+
+def test_run_folders_of_two_starts_at_once(tmp_path, monkeypatch):
+    """The number that the other one takes in between is passed over."""
+    first = runs.new_run_folder(tmp_path, "ppo", "JansenWalker-v0")
+    monkeypatch.setattr(runs, "get_latest_run_id", lambda *given: 0)  # before the other's start
+    second = runs.new_run_folder(tmp_path, "ppo", "JansenWalker-v0")
+    assert [p.name for p in (first, second)] == ["JansenWalker-v0_1", "JansenWalker-v0_2"]
+
+
+def test_training_that_diverges_says_so(tmp_path, returns):
+    """In one line, not by pages of torch's."""
+    settings = small_config()
+    settings["hyperparameters"] |= {"learning_rate": 1e30}
+    with pytest.raises(SystemExit, match=r"training diverged at \d+ steps: .* lower learning_rate"):
+        go(settings | {"timesteps": 4 * STEPS}, tmp_path)
+
+
+def test_a_log_folder_that_cannot_be_written_is_named(tmp_path, returns):
+    """In one line."""
+    (tmp_path / "file").touch()
+    with pytest.raises(SystemExit, match="--log-folder cannot be written to"):
+        train.main(["-n", "64", "--n-envs", "4", "--log-folder", str(tmp_path / "file")])

@@ -1,0 +1,173 @@
+"""Training: run folders, resuming, safe loading, and that it learns."""
+
+from __future__ import annotations
+
+import io
+import json
+import pickle
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import yaml
+
+import train
+from agents.training import callbacks, config, models, runs
+from agents.training import train_model as training
+from agents.training.model_files import read_model
+from agents.training.normalizer import NormalizedObservation
+from jansen_env.scoring.rollout import make_env
+
+SMALL_PPO = Path(__file__).parents[1] / "small_ppo.yml"
+SMALL = ["--config", str(SMALL_PPO), "-n", "1024", "--n-envs", "4", "--eval-episodes", "1",
+         "--no-progress", "--save-freq", "256", "--eval-freq", "256"]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A short run's folder."""
+    root = tmp_path_factory.mktemp("logs")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(callbacks, "EPISODES", 1)
+        return train.main([*SMALL, "--log-folder", str(root), "--seed", "3"])
+
+
+def test_run_folder_holds_all(run):
+    """Config, command, checkpoints, best and final model, evaluations, scores, figures, logs."""
+    expected = ["config.yml", "command.txt", "best_model.zip", "final_model.zip",
+                "evaluations.json", "scores.json", "scores.png", "training.png"]  # fmt: skip
+    assert all((run / name).is_file() for name in expected)
+    assert list((run / "checkpoints").glob("model_*_steps.zip"))
+    assert list((run / "tensorboard").rglob("events*"))
+    assert list((run / "monitor").glob("*.csv"))
+    settings = yaml.safe_load((run / "config.yml").read_text())
+    assert (settings["algo"], settings["seed"], settings["timesteps"]) == ("ppo", 3, 1024)
+    assert run.parent.name == "ppo" and run.name == "JansenWalker-v0_1"
+    assert "train.py" in (run / "command.txt").read_text()
+
+
+def test_resume_goes_on_from_the_last_state(run, capsys, monkeypatch):
+    """Parameters and optimiser are those saved, steps go on to the target."""
+    monkeypatch.setattr(callbacks, "EPISODES", 1)
+    before, done = read_model(runs.last_state(run))
+    train.main(["--resume", str(run), "-n", "2600", "--eval-episodes", "1", "--no-progress"])
+    assert f"at {done} steps" in capsys.readouterr().out
+    after, steps = read_model(run / "final_model.zip")
+    assert steps >= 2600 and done < steps
+    assert "policy.optimizer" in before
+    assert not torch.equal(
+        before["policy"]["action_net.weight"], after["policy"]["action_net.weight"]
+    )
+    assert len((run / "command.txt").read_text().splitlines()) == 2
+
+
+def test_resume_restores_parameters_exactly(run):
+    """Those of a checkpoint, and its number of steps."""
+    checkpoint = run / "checkpoints" / "model_512_steps.zip"
+    model = training.prepare(config.load_config(run / "config.yml"), checkpoint)
+    assert model.num_timesteps == 512
+    for name, value in read_model(checkpoint)[0]["policy"].items():
+        assert torch.equal(model.policy.state_dict()[name], value)
+
+
+def test_loaded_policy_acts_like_the_model(run):
+    """Built from config and tensors alone, it gives Stable-Baselines3's own actions."""
+    from stable_baselines3 import PPO
+
+    path = run / "final_model.zip"
+    ours, theirs = models.load_policy(path), PPO.load(path, device="cpu")
+    env = make_env("JansenWalker-v0", {})
+    seen = np.stack([env.reset(seed=s)[0] for s in range(20)])
+    actions = [p.predict(seen, deterministic=True)[0] for p in (ours, theirs)]
+    assert np.array_equal(*actions)
+
+
+def test_policy_files_never_run_code(run, tmp_path):
+    """A model whose every serialised part is a bomb loads without setting it off."""
+
+    class Bomb:
+        def __reduce__(self):
+            return (open, (str(tmp_path / "boom"), "w"))
+
+    import base64
+
+    bomb = base64.b64encode(pickle.dumps(Bomb())).decode()
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "config.yml").write_text((run / "config.yml").read_text())
+    with zipfile.ZipFile(run / "final_model.zip") as old:
+        data = json.loads(old.read("data"))
+        data = {
+            k: {":type:": "x", ":serialized:": bomb} if isinstance(v, dict) else v
+            for k, v in data.items()
+        }
+        data["policy_class"] = {":type:": "x", ":serialized:": bomb}
+        with zipfile.ZipFile(folder / "best_model.zip", "w") as new:
+            new.writestr("data", json.dumps(data))
+            for name in old.namelist():
+                if name != "data":
+                    new.writestr(name, old.read(name))
+    models.load_policy(folder)
+    assert not (tmp_path / "boom").exists()
+
+    buffer = io.BytesIO()
+    torch.save(Bomb(), buffer)
+    with zipfile.ZipFile(folder / "best_model.zip", "w") as new:
+        new.writestr("data", json.dumps({"num_timesteps": 1}))
+        new.writestr("policy.pth", buffer.getvalue())
+    with pytest.raises(ValueError, match="no Stable-Baselines3 model"):
+        models.load_policy(folder)
+    assert not (tmp_path / "boom").exists()
+
+
+def test_configs_are_read_safely_and_checked(tmp_path):
+    """YAML tags that would run code are refused, and so are wrong keys."""
+    bad = tmp_path / "bad.yml"
+    bad.write_text("policy: !!python/object/apply:os.getcwd []\n")
+    with pytest.raises(ValueError, match="could not determine a constructor for the tag"):
+        config.load_config(bad)
+    bad.write_text("policy: MlpPolicy\n")
+    with pytest.raises(ValueError, match="n_envs"):
+        config.load_config(bad)
+
+
+@pytest.mark.parametrize(
+    "path",
+    sorted(config.CONFIGS.glob("*/*.yml")),
+    ids=lambda path: f"{path.parent.name}/{path.stem}",
+)
+def test_every_config_builds(path):
+    """Each shipped configuration makes a model."""
+    settings = {"algo": path.stem, "env": path.parent.name, **config.load_config(path)}
+    training.prepare(config.new_config(path, settings["algo"], settings["env"]))
+
+
+def test_normalizer_equals_numpy():
+    """Mean and variance over several updates; nothing changes in between."""
+    env = make_env("JansenWalker-v0", {})
+    extractor = NormalizedObservation(env.observation_space)
+    seen = np.random.default_rng(0).normal(3.0, 2.0, (300, 20)).astype(np.float32)
+    for part in np.split(seen, [100, 150]):
+        extractor.update(torch.as_tensor(part))
+    assert extractor.mean.numpy() == pytest.approx(seen.mean(0), rel=1e-4)
+    assert extractor.variance.numpy() == pytest.approx(seen.var(0), rel=1e-4)
+    scaled = extractor(torch.as_tensor(seen)).numpy()
+    assert scaled.std(0) == pytest.approx(np.ones(20), rel=1e-3)
+
+
+@pytest.mark.slow
+def test_default_training_beats_the_baselines(tmp_path):
+    """The profile in return, and the PID by far, everywhere; it hardly ever falls."""
+    folder = train.main(["--log-folder", str(tmp_path), "--no-progress"])
+    result = json.loads((folder / "scores.json").read_text())
+    ours = result[next(n for n in result if n.startswith("ppo"))]
+    pid, profile = result["pid"], result["profile"]
+    assert ours["overall"]["return"][0] > 1.8 * pid["overall"]["return"][0]
+    assert ours["overall"]["return"][0] > profile["overall"]["return"][0]
+    assert ours["overall"]["falls"][0] <= 0.0125  # one of eighty
+    slips = [np.array(s["by_command"]["slip_per_metre"]["value"]) for s in (ours, pid)]
+    assert (slips[0] < slips[1]).all() and (slips[0][:2] < slips[1][:2] / 4.0).all()
+    assert max(ours["by_command"]["steady_speed_error"]["value"]) < 0.025
+    assert max(ours["by_command"]["torque_change"]["value"]) < 1.2

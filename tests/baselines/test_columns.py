@@ -1,0 +1,81 @@
+"""An observation that is added, anywhere, moves none that a baseline or policy reads."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from agents.evaluate import load_named
+from agents.tuning.profile_search import profiles
+from jansen_env.baselines.columns import columns
+from jansen_env.baselines.profile import READ, load_profile
+from jansen_env.policies import pretrained
+from jansen_env.scoring.benchmarks import TASKS, find_task
+from jansen_env.scoring.rollout import make_env
+from jansen_env.world.entries import Observed
+
+ADDED = Observed("crank_torque", "N m", -np.inf, np.inf)
+
+
+@pytest.fixture(params=TASKS)
+def world(request, monkeypatch):
+    """An environment, what it observes in 30 steps, and how to show a number more at a column."""
+    env = make_env(request.param, {})
+    plain, rng = env.unwrapped, np.random.default_rng(0)
+    seen = [env.reset(seed=0)[0]]
+    for _ in range(30):
+        seen.append(env.step(rng.uniform(-1.0, 1.0, 1).astype(np.float32))[0])
+    shown = list(plain.observed)
+
+    def add(column):
+        monkeypatch.setattr(plain.task, "observed", (*shown[:column], ADDED, *shown[column:]))
+        return np.insert(np.array(seen), column, 99.0, axis=1)
+
+    return env, np.array(seen), add
+
+
+def acts(policy, seen):
+    """Its actions on one observation after the other."""
+    state, actions = None, []
+    for i, one in enumerate(seen):
+        action, state = policy.predict(one[None], state, np.array([i == 0]), True)
+        actions.append(action[0, 0])
+    return actions
+
+
+def test_baselines_and_policies_find_their_columns(world):
+    """With another number at the front, in the middle and at the end."""
+    env, seen, add = world
+    env_id = env.spec.id
+    names = [*find_task(env_id).baselines, *(f"pretrained:{n}" for n in pretrained.names(env_id))]
+    expected = {name: acts(load_named(name, env), seen) for name in names}
+    for column in (0, 9 % len(seen[0]), len(seen[0])):
+        more = add(column)
+        for name in names:
+            assert acts(load_named(name, env), more) == expected[name], (name, column)
+
+
+def test_the_search_finds_its_columns(world):
+    """The torque of profiles that are searched for; what is not shown is refused by name."""
+    env, seen, add = world
+    if "lag" not in [entry.name for entry in env.unwrapped.observed]:
+        with pytest.raises(ValueError, match="name is 'lag', must be one of"):
+            columns(env, *READ)
+        return
+    numbers = load_profile().numbers[np.zeros(len(seen), int)]
+    expected = profiles(numbers, env).predict(seen)[0]
+    assert np.ptp(expected) > 0.01
+    for column in (0, 9, len(seen[0])):
+        more = add(column)
+        assert np.array_equal(profiles(numbers, env).predict(more)[0], expected), column
+
+
+def test_a_missing_name_is_refused():
+    """With those there are."""
+    env = SimpleNamespace(observed=(ADDED,))
+    env.unwrapped = env
+    assert columns(env, "crank_torque") == [0]
+    with pytest.raises(ValueError, match=r"name is 'lag', must be one of \['crank_torque'\]"):
+        columns(env, "lag")

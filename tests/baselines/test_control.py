@@ -1,0 +1,33 @@
+"""The controller (13) against the formula written out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from jansen_env.baselines.pid import PID
+
+
+def test_pid_is_equation_13():
+    """A sum of e dt stands for the integral."""
+    gains, dt = PID(3.0, 2.0, 0.5), 0.02
+    time = dt * np.arange(500)
+    error, rate = np.sin(time), np.cos(time)
+    integral, torques = np.zeros(()), []
+    for e, de in zip(error, rate, strict=True):
+        torque, integral = gains.torque(e, de, integral, dt)
+        torques.append(float(torque))
+    expected = 3.0 * error + 2.0 * dt * np.cumsum(error) + 0.5 * rate
+    assert torques == pytest.approx(expected, abs=1e-12)
+    assert PID() == PID(kp=10.0, ki=1.0, kd=1.0)  # the paper's
+
+
+def test_integral_waits_at_the_torque_limit_robot_by_robot():
+    """No wind-up where the torque is at its limit; each of n robots for itself, as if alone."""
+    error, rate, integral = np.array([0.1, 0.5, -0.5]), np.zeros(3), np.array([0.2, 0.2, -0.2])
+    torque, after = PID().torque(error, rate, integral, 0.01, torque_limit=2.0)
+    assert after.tolist() == [0.2 + 0.1 * 0.01, 0.2, -0.2]
+    assert abs(torque[1]) > 2.0  # not clipped
+    for k in range(3):
+        one = PID().torque(error[k], rate[k], integral[k], 0.01, torque_limit=2.0)
+        assert (float(one[0]), float(one[1])) == (torque[k], after[k])

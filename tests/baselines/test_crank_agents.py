@@ -1,0 +1,144 @@
+"""Baselines of JansenCrank-v0, what it is scored by, and that learning beats the paper's PID."""
+
+from __future__ import annotations
+
+import json
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from stable_baselines3 import PPO
+
+import train
+from agents.evaluate import load_named
+from jansen_env.baselines.crank_baselines import BASELINES, inverse_dynamics
+from jansen_env.baselines.pid import PID
+from jansen_env.dynamics.inverse import crank_torque
+from jansen_env.scoring import benchmarks as tasks
+from jansen_env.scoring.rollout import run_episodes
+
+ENV = "JansenCrank-v0"
+PAPER_START = {"crank_angle": np.pi, "crank_speed": 0.0, "speed_command": 1.0}
+
+
+@pytest.fixture(scope="module")
+def env():
+    """As ``gym.make`` gives it."""
+    return gym.make(ENV)
+
+
+def follow(env, policy, seconds=10.0, **options):
+    """Tracking errors (n,) rad, torques (n,) N m, and energies of a run from the paper's start."""
+    seen, _ = env.reset(seed=0, options={**PAPER_START, **options})
+    state, infos = None, []
+    for k in range(round(seconds / env.unwrapped.control_dt)):
+        action, state = policy.predict(seen[None], state, np.array([k == 0]), True)
+        seen, *_, info = env.step(action[0])
+        infos.append(info)
+    error, torque = (np.array([i[k] for i in infos]) for k in ("tracking_error", "crank_torque"))
+    return error, torque, [i["energy"] for i in infos]
+
+
+def rms(values):
+    """Root of the mean square."""
+    return np.sqrt(np.mean(np.square(values)))
+
+
+def test_the_papers_pid_does_what_the_paper_does(env):
+    """Its gains from its start for its 10 s; pinned to the last digit."""
+    error, torque, _ = follow(env, BASELINES["pid"](env.unwrapped))
+    assert rms(error) == pytest.approx(0.1154, abs=1e-4)
+    assert rms(torque) == pytest.approx(1.676, abs=1e-3)
+    assert np.abs(torque).max() == pytest.approx(2.685, abs=1e-3)
+    settled = torque[300:]
+    measured = [settled.min(), settled.max(), settled.mean()]
+    assert measured == pytest.approx([0.919, 2.088, 1.525], abs=1e-3)
+
+
+def test_inverse_dynamics_needs_no_feedback_once_it_follows(env):
+    """After the start the error is next to nothing, at a torque below the PID's."""
+    error, torque, _ = follow(env, BASELINES["inverse"](env.unwrapped))
+    assert rms(error) == pytest.approx(0.0476, abs=1e-4)
+    assert rms(torque) == pytest.approx(1.675, abs=1e-3)
+    assert rms(error[300:]) < 1e-3
+    blind = inverse_dynamics(env.unwrapped, PID(kp=0.0, kd=0.0))
+    seen = np.array([np.cos(2.0), np.sin(2.0), 0.3, 0.7, 1.5])
+    expected = crank_torque(env.unwrapped.robot, 2.0, 1.5).total
+    assert blind.predict(seen)[0][0] * 5.0 == pytest.approx(float(expected), rel=1e-6)
+
+
+@pytest.mark.parametrize("name", BASELINES)
+def test_baselines_answer_like_stable_baselines(env, name):
+    """Batches and single observations; Stable-Baselines3's own scoring takes them."""
+    from stable_baselines3.common.evaluation import evaluate_policy
+    from stable_baselines3.common.monitor import Monitor
+
+    policy = BASELINES[name](env.unwrapped)
+    seen = np.stack([env.reset(seed=s)[0] for s in range(5)])
+    together, _ = policy.predict(seen)
+    assert together.shape == (5, 1) and len(np.unique(together)) == (1 if name == "constant" else 5)
+    for row, action in zip(seen, together, strict=True):
+        assert np.array_equal(policy.predict(row)[0], action)
+    monitored = Monitor(gym.make(ENV))
+    monitored.reset(seed=7)
+    mean, _ = evaluate_policy(policy, monitored, n_eval_episodes=1)
+    assert mean > 300.0  # it turns
+
+
+def test_scores_are_those_of_the_episodes(env):
+    """Each total and metric against a run stepped here; a crank left alone is lost."""
+    policy = BASELINES["pid"](env.unwrapped)
+    run = run_episodes(policy, ENV, {"reset_noise_scale": 0.0}, np.array([1.0]), np.zeros(1, int))
+    error, torque, energies = follow(env, policy)
+    work = sum(e["motor_work"] for e in energies)
+    expected = {
+        "rms_error": rms(error), "peak_error": np.abs(error).max(), "rms_torque": rms(torque),
+        "peak_torque": np.abs(torque).max(), "power": work / 10.0, "lost": 0.0,
+    }  # fmt: skip
+    measured = {
+        name: float(m.function(run, env)[0])
+        for name, m in tasks.CRANK.metrics.items()
+        if name != "return"
+    }
+    assert measured == pytest.approx(expected)
+
+    class Nothing:
+        def predict(self, seen, state=None, start=None, deterministic=True):
+            return np.zeros((len(seen), 1), np.float32), None
+
+    left = run_episodes(Nothing(), ENV, {}, np.array([1.0]), np.zeros(1, int))
+    assert left["lost"][0] and 3.0 < left["duration"][0] < 3.5
+
+
+def test_training_on_the_crank(tmp_path):
+    """The same script, with the shipped configuration; its policies fit this environment alone."""
+    folder = train.main(["--env", ENV, "-n", "256", "--n-envs", "2", "--eval-freq", "0",
+                         "--eval-episodes", "1", "--no-progress",
+                         "--log-folder", str(tmp_path)])  # fmt: skip
+    assert folder.name == f"{ENV}_1"
+    result = json.loads((folder / "scores.json").read_text())
+    assert set(result) == {*BASELINES, f"ppo/{ENV}_1"}
+    rows = json.loads((folder / "evaluations.json").read_text())
+    assert set(rows[-1]) == {"steps", "seconds", "score", *tasks.CRANK.metrics}
+    for name in ("scores.png", "training.png"):
+        assert (folder / name).stat().st_size > 10_000
+    path = folder / "final_model.zip"  # its outputs are squashed, unlike the walking policies'
+    theirs, ours = PPO.load(path, device="cpu"), load_named(str(path), gym.make(ENV))
+    seen = np.array(
+        [[-1.0, 0.0, 0.0, 0.1, 1.0], [0.0, 1.0, 1.1, 2.0, 1.0], [0.6, -0.8, -30.0, -3.0, 1.0]],
+        np.float32,
+    )
+    actions = [p.predict(seen, deterministic=True)[0] for p in (ours, theirs)]
+    assert np.array_equal(*actions)
+    with pytest.raises(ValueError, match=r"observation_space of shape \(5,\), must be \(20,\)"):
+        load_named(str(folder), gym.make("JansenWalker-v0"))
+
+
+@pytest.mark.slow
+def test_trained_policy_beats_the_papers_pid(tmp_path):
+    """Less RMS tracking error at no more RMS torque, with the shipped configuration."""
+    folder = train.main(["--env", ENV, "--no-progress", "--log-folder", str(tmp_path)])
+    result = json.loads((folder / "scores.json").read_text())
+    ours, pid = (result[name]["overall"] for name in (f"ppo/{ENV}_1", "pid"))
+    assert ours["rms_error"][0] < 0.8 * pid["rms_error"][0]
+    assert ours["rms_torque"][0] <= pid["rms_torque"][0]

@@ -1,0 +1,196 @@
+"""The crank-speed profile: interpolation, symmetry, how it walks, and the search for it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from agents import tune
+from agents.evaluate import load_named
+from agents.tuning import profile_search
+from agents.tuning.profile_search import Sweep, improve, profiles, search_profile, triangular, worth
+from agents.tuning.trials import Trials
+from jansen_env.baselines.columns import columns
+from jansen_env.baselines.policy import TorquePolicy
+from jansen_env.baselines.profile import READ, load_profile, profile_torque
+from jansen_env.scoring.benchmarks import WALKER
+from jansen_env.scoring.metrics import point_estimates
+from jansen_env.scoring.rollout import make_env, run_episodes
+
+ENV = "JansenWalker-v0"
+COLUMNS = columns(make_env(ENV, {}), *READ)
+COS_CRANK, _, CRANK_SPEED, COMMAND, LAG = COLUMNS
+
+
+def seen(commands, rng=None):
+    """Observations (n, 20) of walking robots."""
+    rng = rng or np.random.default_rng(0)
+    observation = rng.normal(size=(len(commands), 20))
+    angle = rng.uniform(0.0, 2.0 * np.pi, len(commands))
+    observation[:, 0], observation[:, 1] = np.cos(angle), np.sin(angle)
+    observation[:, COMMAND] = commands
+    observation[:, LAG] = rng.uniform(-0.5, 0.5, len(commands))
+    return observation
+
+
+def test_interpolation():
+    """It hits the grid, is linear in between, and continuous from standing to beyond the grid."""
+    shipped = load_profile()
+    assert np.allclose(shipped.at(shipped.commands), shipped.numbers)
+    assert np.allclose(shipped.at(-shipped.commands), shipped.numbers)
+    middle = (shipped.commands[1:] + shipped.commands[:-1]) / 2.0
+    assert np.allclose(shipped.at(middle), (shipped.numbers[1:] + shipped.numbers[:-1]) / 2.0)
+    commands = np.linspace(-1.2, 1.2, 4801)
+    one = np.repeat(seen([0.3]), len(commands), axis=0)
+    one[:, COMMAND] = commands
+    one[:, LAG] *= np.where(commands < 0.0, -1.0, 1.0)
+    torque = shipped.torque(one, COLUMNS)
+    forwards = torque[commands >= 0.0]
+    assert np.abs(np.diff(forwards)).max() < 0.3  # N m, for 0.0005 m/s
+    fast = shipped.at(np.array([1.6]))[0]
+    assert fast[0] == pytest.approx(2.0 * shipped.numbers[-1, 0])
+    assert np.allclose(fast[1:], shipped.numbers[-1, 1:])
+
+
+def test_a_standing_robot_gets_no_torque():
+    """At the command 0 the crank is braked, whichever way it turns."""
+    observation = seen(np.zeros(50))
+    torque = load_profile().torque(observation, COLUMNS)
+    assert np.all(torque * observation[:, CRANK_SPEED] < 0.0)
+    observation[:, CRANK_SPEED] = 0.0
+    assert np.all(load_profile().torque(observation, COLUMNS) == 0.0)
+
+
+def test_the_mirror_image_gets_the_mirrored_torque():
+    """Crank angle pi - psi; crank speed, command and lag reversed."""
+    observation = seen(np.linspace(0.01, 0.9, 60))
+    mirrored = observation.copy()
+    mirrored[:, [COS_CRANK, CRANK_SPEED, COMMAND, LAG]] *= -1.0
+    found = load_profile()
+    assert found.torque(mirrored, COLUMNS) == pytest.approx(
+        -found.torque(observation, COLUMNS), abs=1e-12
+    )
+
+
+def test_torque_is_the_documented_formula():
+    """For one robot, term by term."""
+    numbers = np.array([1.2, 5.0, 2.0, 0.8, 0.3, -0.2, 0.1, 0.4])
+    angle, speed, lag = 0.7, 0.9, 0.12
+    observation = np.zeros((1, 20))
+    observation[0, :3] = np.cos(angle), np.sin(angle), speed
+    observation[0, [COMMAND, LAG]] = 0.3, lag
+    shape = 0.3 * np.cos(1.4) - 0.2 * np.cos(2.8) + 0.1 * np.sin(1.4) + 0.4 * np.sin(2.8)
+    expected = 5.0 * (1.2 * np.exp(shape + 0.8 * lag) - speed) + 2.0
+    assert profile_torque(numbers[None], observation, COLUMNS) == pytest.approx(expected)
+
+
+def test_the_policy_keeps_nothing_and_knows_the_limit():
+    """The same observation gets the same action at any time; another limit, the same torque."""
+    walker = make_env(ENV, {})
+    strong = make_env(ENV, {"torque_limit": 40.0})
+    observation = seen(np.linspace(-0.8, 0.8, 30))
+    policy = load_named("profile", walker)
+    actions, state = policy.predict(observation)
+    assert state is None
+    assert np.array_equal(policy.predict(observation[::-1])[0][::-1], actions)
+    torque = np.clip(load_profile().torque(observation, COLUMNS), -20.0, 20.0)
+    assert actions[:, 0] == pytest.approx(torque / 20.0, abs=1e-6)
+    inside = np.abs(torque) < 20.0
+    other = load_named("profile", strong).predict(observation)[0]
+    assert other[inside] == pytest.approx(actions[inside] / 2.0, abs=1e-6)
+
+
+def test_it_walks_with_less_slip_than_the_pid():
+    """At 0.1 and 0.3 m/s no fall, half of the PID's slip at most, nearer to the commanded speed."""
+    env = make_env(ENV, {})
+    commands, seeds = np.repeat([0.1, 0.3], 6), 91_000 + np.arange(12)
+    scores = {}
+    for name in ("pid", "profile"):
+        run = run_episodes(load_named(name, env), ENV, {}, commands, seeds)
+        for command in (0.1, 0.3):
+            own = {key: values[commands == command] for key, values in run.items()}
+            scores[name, command] = point_estimates(WALKER.metrics, own, env)
+    for command in (0.1, 0.3):
+        pid, found = scores["pid", command], scores["profile", command]
+        assert found["falls"] == 0.0
+        assert found["return"] > pid["return"]
+    assert scores["profile", 0.1]["slip_per_metre"] < 0.5 * scores["pid", 0.1]["slip_per_metre"]
+
+
+def test_the_search_improves_a_bad_start():
+    """With a few candidates, on episodes that it has not seen."""
+    start = np.array([0.4, 3.0, 1.0, 0.0, 0.3, 0.3])
+    sweep = Sweep(generations=4, episodes=2, step_size=1.0, candidates=6)
+    found = improve({0.1: start}, 0.1, sweep, np.random.default_rng(0))
+    trials = Trials(np.full(8, 0.8))
+    values = [
+        worth(
+            trials.run(profiles(own[None].repeat(8, 0), trials.envs), np.full(8, 0.1), np.arange(8))
+        )
+        for own in (start, found)
+    ]
+    assert values[1].mean() > values[0].mean() + 20.0
+
+
+def test_means_of_an_episode_end_with_its_fall():
+    """The full torque throws some robots over: its mean square is its square, however soon."""
+    trials = Trials(np.full(3, 0.8))
+    full = TorquePolicy(lambda seen, *_: (np.full(len(seen), 20.0), None), 20.0)
+    out = trials.run(full, np.full(3, 0.3), np.arange(3))
+    assert out.fell.any() and not out.fell.all()
+    assert out.square == pytest.approx(np.full(3, 400.0))
+    assert (out.change[out.fell] > out.change[~out.fell].max()).all()  # once, from 0
+
+
+def test_the_search_repeats():
+    """The same seed finds the same numbers, another one others; both gaits, more harmonics."""
+    sweep = Sweep(generations=1, episodes=2, step_size=0.5, candidates=4)
+    told = []
+
+    def search(seed):
+        return search_profile((0.1, 0.15, 0.5), (sweep,), 5, seed, lambda c, _: told.append(c))
+
+    found, again, other = search(0), search(0), search(1)
+    assert told[:3] == [0.1, 0.15, 0.5]
+    assert found.numbers.shape == (3, 14)
+    assert np.array_equal(found.numbers, again.numbers)
+    assert not np.array_equal(found.numbers, other.numbers)
+
+
+def test_triangular_quantiles():
+    """Those of scipy's distribution; one-sided at an end of the grid, a point where it is alone."""
+    share = np.linspace(0.01, 0.99, 9)
+    expected = scipy.stats.triang(0.25, 0.1, 0.4).ppf(share)
+    assert triangular(share, 0.1, 0.2, 0.5) == pytest.approx(expected)
+    assert triangular(share, 0.1, 0.1, 0.5) == pytest.approx(0.5 - 0.4 * np.sqrt(1.0 - share))
+    assert np.all(triangular(share, 0.3, 0.3, 0.3) == 0.3)
+
+
+def test_an_interrupted_search_leaves_no_part_of_the_grid(monkeypatch):
+    """What is saved has all commands: first after the first sweep."""
+    sweep, saved = Sweep(generations=1, episodes=2, step_size=0.5, candidates=4), []
+
+    def improve(found, command, sweep, rng, progress, env_id):
+        if len(saved) == 1 and command == 0.5:
+            raise KeyboardInterrupt
+        return found[command]
+
+    monkeypatch.setattr(profile_search, "improve", improve)
+    with pytest.raises(KeyboardInterrupt):
+        search_profile((0.1, 0.15, 0.5), (sweep, sweep), save=saved.append)
+    assert [profile.commands.tolist() for profile in saved] == [[0.1, 0.15, 0.5]]
+
+
+def test_tuning_writes_what_can_be_loaded(tmp_path, monkeypatch, capsys):
+    """Only what is asked for; an unknown baseline is refused."""
+    short = (Sweep(generations=1, episodes=2, step_size=0.5, candidates=4),)
+    monkeypatch.setattr(profile_search, "SWEEPS", short)
+    monkeypatch.setattr(profile_search, "COMMANDS", (0.1,))
+    tune.main(["profile", "--seed", "3", "--out", str(tmp_path)])
+    assert [path.name for path in tmp_path.iterdir()] == ["profile.json"]
+    found = load_profile(tmp_path / "profile.json")
+    assert found.numbers.shape == (1, 12) and found.commands.tolist() == [0.1]
+    with pytest.raises(SystemExit):
+        tune.main(["nobody", "--out", str(tmp_path)])
+    assert "baseline is 'nobody', must be one of" in capsys.readouterr().err

@@ -1,0 +1,172 @@
+"""The benchmarks: turns, ratios, verdicts, and that each runs to its end and writes its tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import (
+    built_robot,
+    convergence,
+    measure,
+    plants,
+    ppo,
+    probe,
+    profile_scores,
+    ranking,
+    speed,
+)
+from benchmarks.plants import Comparison, Walk
+from benchmarks.walks import Walked
+
+
+def test_contestants_take_turns():
+    """A warm-up that does not count, then the order turns every round."""
+    called = []
+    plays = {name: lambda name=name: called.append(name) or len(called) for name in "ab"}
+    assert measure.take_turns(plays, 2) == {"a": [3, 6], "b": [4, 5]}
+    assert called == list("ababba")
+    assert measure.take_turns({1: lambda: 2}, 1, warm_up=False) == {1: [2]}
+
+
+def test_ratios():
+    """Of the medians, not the median of the ratios; the range is that of the rounds."""
+    found = measure.ratio([2.0, 4.0, 6.0], [1.0, 2.0, 1.0])
+    assert found == (4.0, 2.0, 6.0) and str(found) == "4.00 (2.00 to 6.00)"
+    assert measure.spread([1000.0, 3000.0, 2500.0]) == ("2,500", "1,000", "3,000")
+
+
+def test_verdicts():
+    """Agree within 5 % in distance and cost; chaotic if the projection plant itself is."""
+
+    def run(distance, cost=1.0, fell=False):
+        return Walked(distance, 0.1, 1.0, 5.0, 9.0, 0.1, cost, cost, 0.03, 1e-5, fell)
+
+    def verdict(ensemble, rigid, others=()):
+        return Comparison(Walk(1.0), ensemble, list(others), rigid).verdict
+
+    steady, wild = [run(1.0), run(1.01), run(1.02)], [run(1.0), run(1.2), run(1.5)]
+    assert verdict(steady, [run(9.0), run(1.05)]) == "agree"
+    assert verdict(steady, [run(1.0), run(1.1)]) == "differ"
+    assert verdict(steady, [run(1.0), run(1.0, cost=1.1)]) == "differ"
+    assert verdict(steady, [run(1.0), run(1.1)], [run(1.6), run(1.12)]) == "other gait"
+    assert verdict(steady, [run(1.0), run(1.1)], [run(1.12, cost=2.0)]) == "differ"
+    assert verdict(wild, [run(1.0), run(2.0)]) == verdict(wild, [run(1.2)]) == "chaotic"
+    assert verdict(steady, [run(1.0), run(1.0, fell=True)]) == "falls at times"
+    assert verdict([run(1.0, fell=True)] * 3, [run(1.0, fell=True)] * 2) == "falls on both"
+
+
+def test_errors_of_walks():
+    """Start by start against the finest, changes relative to its mean with standard errors."""
+    exact = convergence.Walk(*np.array([[1.0, 2.0, 0.5, 10.0, 1e-6, 1e-4, 0.0]] * 3).T)
+    found = exact._replace(early=np.array([1.001, 1.002, 0.997]), distance=[2.0, 2.2, 2.4])
+    row = convergence.compare(1e-3, found, exact)
+    assert row.error == pytest.approx([0.001, 0.002, 0.003])
+    assert row.changes["distance"] == pytest.approx((0.1, 0.1 / np.sqrt(3.0)))
+    assert row.changes["slip"] == (0.0, 0.0)
+
+
+def test_another_tree_is_measured():
+    """A process of its own answers with rates, one robot or several; a broken tree is reported."""
+    here = probe.Tree(Path(__file__).parents[2])
+    here._variables = dict  # the cache of this process is good enough
+    assert [here.rate(count, 20) > 0.0 for count in (1, 2)] == [True, True]
+    here.close()
+    with pytest.raises(RuntimeError, match="must be in"):
+        probe.Tree(Path(__file__).parents[2] / "benchmarks").later()
+
+
+@pytest.mark.parametrize("arguments", (["--rounds", "0"], ["--only", "x"], ["--out", "FILE"]))
+def test_what_cannot_be_measured_is_refused(arguments, tmp_path, capsys):
+    """No rounds, an unknown part, a file for a folder."""
+    (tmp_path / "FILE").touch()
+    with pytest.raises(SystemExit):
+        speed.main([str(tmp_path / a) if a == "FILE" else a for a in arguments])
+    assert arguments[-1] in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="no_such_module"):
+        measure.require("json", "no_such_module")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("main", "needs", "arguments", "written"),
+    [
+        (speed.main, ("mujoco", "Box2D"), ["--only", "one", "many", "size", "worlds"], "speed"),
+        (ppo.main, ("stable_baselines3", "mujoco"), [], "ppo"),
+        (convergence.main, (), [], "convergence"),
+        (plants.main, (), [], "plants walks"),
+        (plants.main, (), ["--machines"], "machines"),
+        (built_robot.main, (), ["--plant", "rigid_body"], "motors_rigid_body"),
+    ],
+)
+def test_a_benchmark_runs(main, needs, arguments, written, tmp_path):
+    """The short form writes its tables and figures; the two plants agree."""
+    for module in needs:
+        pytest.importorskip(module)
+    main(["--quick", "--out", str(tmp_path), *arguments])
+    name, *figures = written.split()
+    text = (tmp_path / f"{name}.md").read_text(encoding="utf-8")
+    assert text.startswith("# ") and "\n|:--" in text
+    assert name not in ("plants", "machines") or "2 walks; agree: 2." in text
+    for figure in figures:
+        assert (tmp_path / f"{figure}.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_starting_is_measured(tmp_path):
+    """A first process compiles, which takes longer than a later one."""
+    tree = probe.Tree(Path(__file__).parents[2])
+    assert sum(tree.first()) > 2.0 * sum(tree.later())
+    tree.close()
+
+
+def scored(error, slip, cost, falls, torque, share=1.0, returned=0.0):
+    """A controller's row, over all commands and at the only one."""
+    names = ("return", "speed_error", "slip_per_metre", "cost_of_transport", "falls", "rms_torque")
+    row = dict(zip(names, (returned, error, slip, cost, falls, torque), strict=True))
+    return [{**row, "share": share}] * 2
+
+
+def test_ranks_by_return_and_by_table():
+    """Mean ranks by hand; who walks nowhere comes last, however cheaply."""
+    rows = {
+        "good": scored(0.01, 0.1, 1.0, 0.0, 5.0, returned=9.0),
+        "rough": scored(0.02, 0.2, 3.0, 0.0, 9.0, returned=5.0),
+        "near": scored(0.3, float("nan"), float("nan"), 0.0, 0.0, share=0.1, returned=1.0),
+        "far": scored(0.4, float("nan"), float("nan"), 0.0, 0.0, share=-0.1, returned=2.0),
+    }
+    at_command = [row[1] for row in rows.values()]
+    assert ranking.table_ranks(at_command) == pytest.approx([1.1, 1.9, 3.0, 4.0])
+    table, correlation = ranking.rank(rows)
+    assert correlation == pytest.approx(0.8)
+    assert [line.split("|")[1].strip() for line in table.splitlines()[2:]] == [
+        "good", "rough", "far", "near",
+    ]  # fmt: skip
+
+
+def test_ranking_runs(tmp_path, capsys):
+    """One command: all controllers and the shipped policy are ranked, standing last, a profile
+    before bang-bang."""
+    ranking.main(["--quick", "--out", str(tmp_path)])
+    lines = (tmp_path / "ranking.md").read_text().splitlines()[2:]
+    order = [line.split("|")[1].strip() for line in lines if line.startswith("|")]
+    assert set(order) == {ranking.SHIPPED, *ranking.CONTROLLERS} and len(order) >= 10
+    assert order[-1] == "standing"
+    assert order.index("profile") < order.index("PID, bang-bang")
+    assert "rank correlation" in capsys.readouterr().out
+
+
+def test_profile_scores_run(tmp_path, capsys):
+    """One command: both policies are scored, and a turn of the crank is drawn."""
+    profile_scores.main(["--quick", "--out", str(tmp_path)])
+    lines = (tmp_path / "scores.md").read_text().splitlines()
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if "0 of 2" in line]
+    assert [row[1] for row in rows] == ["pid", "profile"] and rows[0][0] == "0.3"
+    assert rows[1][3:5] == ["0 of 2", "78 %"]  # 1 - 0.05 ** (1 / 2)
+    assert lines[-1].startswith("profile: 0 falls in the 2 episodes") and "78 %" in lines[-1]
+    assert (tmp_path / "turn.png").stat().st_size > 10_000
+    with pytest.raises(SystemExit):
+        profile_scores.main(["--policy", str(tmp_path / "none"), "--out", str(tmp_path)])
+    assert "must be one of" in capsys.readouterr().err

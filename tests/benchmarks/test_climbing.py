@@ -1,0 +1,87 @@
+"""What can be climbed: the benchmark's grounds and tables, and walks over steep faces."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from benchmarks import climbing
+from benchmarks.climbing import Walked
+from benchmarks.profile_scores import load
+from jansen_env import Terrain
+from jansen_env.plants.make import PLANTS
+from jansen_env.terrain.generators import HIGHEST, LEVELS, at_level
+
+DOCS = Path(__file__).parents[2] / "docs" / "terrain"
+
+
+def test_the_documented_levels_are_those_of_the_code():
+    """docs/terrain/levels.md is LEVELS, number by number."""
+    table = climbing.level_table()
+    assert table in (DOCS / "levels.md").read_text(encoding="utf-8")
+    row = next(line for line in table.splitlines() if '"stairs"`, `rise`' in line)
+    shown = [float(cell) for cell in row.split("|")[2:-1]]
+    assert shown == pytest.approx([at_level("stairs", k)["rise"] for k in range(10)], rel=5e-3)
+    assert len(table.splitlines()) == 2 + sum(map(len, LEVELS.values()))
+
+
+def test_sizes_are_the_levels_and_beyond():
+    for obstacle in climbing.OBSTACLES[1:]:
+        grown = climbing.sizes(obstacle)
+        name, key = obstacle.split()[0], climbing.parameter(obstacle)
+        sign = -1.0 if obstacle.endswith("down") else 1.0
+        of_levels = [sign * at_level(name, level)[key] for level in range(HIGHEST + 1)]
+        assert grown[: HIGHEST + 1] == pytest.approx(of_levels)
+        assert (
+            len(grown) == HIGHEST + 1 + climbing.BEYOND
+            and len(np.unique(np.diff(grown).round(9))) == 1
+        )
+
+
+def test_limits_of_shares():
+    """Best speed by the mean; the last size before the share falls below a half."""
+    ok = np.zeros((12, 2, 4), bool)
+    ok[:5, 1] = True
+    ok[5, 1, :2] = ok[8, 1] = True
+    share, speed = climbing.best(ok)
+    assert speed == 1 and share[:7] == pytest.approx([1, 1, 1, 1, 1, 0.5, 0])
+    grown = climbing.sizes("slope down")
+    assert climbing.last(grown, share) == f"{abs(grown[5]):.3g}"
+    assert climbing.last(grown, np.zeros(12)) == "-"
+    assert climbing.last(grown, np.ones(12)) == f">= {abs(grown[-1]):.3g}"
+    other = np.zeros_like(ok)
+    other[6, 0, :1] = True
+    found = {"a": Walked(ok, ok), "b": Walked(other, other)}
+    assert climbing.anyhow(found)[5:9] == pytest.approx([0.5, 0.25, 0.0, 1.0])
+
+
+@pytest.mark.slow
+def test_climbing_runs(tmp_path):
+    """One command: tables and both figures."""
+    climbing.main(["--quick", "--out", str(tmp_path)])
+    text = (tmp_path / "climbing.md").read_text()
+    assert "| one step, height (m) |" in text and "profile" in text
+    assert (tmp_path / "levels.md").read_text() == (DOCS / "levels.md").read_text()
+    for name in ("climbing.png", "generators.png"):
+        assert (tmp_path / name).stat().st_size > 10_000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("plant", sorted(PLANTS))
+def test_walks_over_faces_do_not_diverge(plant):
+    """5 s over stumps of 3 cm: nothing is refused, joints stay shut, and it gets there."""
+    policy = load(["profile"])["profile"]
+    terrain = Terrain.stumps(height=0.03, width=0.2, spacing=0.6)
+    env = gym.make("JansenWalker-v0", terrain=terrain, plant=plant, speed_command=0.45)
+    observation, _ = env.reset(seed=1)
+    state, starts = None, np.ones(1, bool)
+    for _ in range(250):
+        action, state = policy.predict(observation[None], state, starts, True)
+        starts = np.zeros(1, bool)
+        observation, _, terminated, _, info = env.step(action[0])
+        assert not info["diverged"] and not terminated and info["joint_gap"] < 1e-3
+    assert info["x_position"] > 1.6
+    env.close()

@@ -1,0 +1,218 @@
+"""The paper's equations, dense: constraints and their derivatives, the projection, the forces.
+
+Every function of an angle in Phi and C is a first harmonic, so (f(a + pi/2) - f(a - pi/2)) / 2 is
+its exact derivative: those tests ask for rounding errors only.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from jansen_env.dynamics import projection as pr
+from jansen_env.robot import JOINT_PAIRS, paper_robot
+from jansen_env.robot.kinematics import coordinates
+
+pytestmark = pytest.mark.processor  # tolerances are those of rounding
+TURN = np.linspace(0.0, 2.0 * math.pi, 120, endpoint=False)
+
+
+def exact_derivatives(f, x):
+    """(24, ...) derivatives of f by theta_i, x_i, y_i, for first harmonics and straight lines."""
+    steps = np.where(np.arange(len(x)) % 3 == 0, 0.5 * math.pi, 1.0)
+    rows = zip(np.diag(steps), steps, strict=True)
+    return np.array([(f(x + e) - f(x - e)) / (2.0 if s > 1.0 else 2.0 * s) for e, s in rows])
+
+
+def along(f, h=1e-3):
+    """f'(0) by differences of fourth order; angles may wrap."""
+
+    def step(t):
+        return (f(t) - f(-t) + math.pi) % (2.0 * math.pi) - math.pi
+
+    return (8.0 * step(h) - step(2.0 * h)) / (12.0 * h)
+
+
+def full_constraints(robot, q, q_dot, fixed_base):
+    """C (20 n + system rows, 24 n) of all legs and what ties them, C_dot, and X_dot by hand."""
+    legs, X = len(robot.legs), pr.system_coordinates(robot, q)
+    X_dot = along(lambda t: pr.system_coordinates(robot, q + t * q_dot))
+    independent = (24 * np.arange(legs)[:, None] + np.arange(4)).ravel()
+    count = 4 * legs - (1 if fixed_base else 4)
+    C, C_dot = np.zeros((2, 20 * legs + count, 24 * legs))
+    for i, leg in enumerate(robot.legs):
+        block = slice(20 * i, 20 * i + 20), slice(24 * i, 24 * i + 24)
+        C[block] = pr.constraint_matrix(robot, leg.side, X[i])
+        C_dot[block] = pr.constraint_matrix_rate(robot, leg.side, X[i], X_dot[i])
+    Q, Q_dot = X[:, :4].ravel(), X_dot[:, :4].ravel()
+    C[20 * legs :, independent] = pr.system_constraint_matrix(robot, Q, fixed_base)
+    C_dot[20 * legs :, independent] = pr.system_constraint_matrix_rate(robot, Q, Q_dot, fixed_base)
+    return C, C_dot, X_dot.ravel()
+
+
+@pytest.mark.parametrize("side", ["fore", "back"])
+def test_closed_form_fulfils_the_constraints(robot, side):
+    """Phi = 0 to 1e-12 m, C of rank 20 (no singular value below 0.01), C D = 0, over a turn."""
+    for psi in TURN:
+        x = coordinates(robot, side, psi)
+        C = pr.constraint_matrix(robot, side, x)
+        assert np.abs(pr.constraints(robot, side, x)).max() <= 1e-12
+        assert np.linalg.svd(C, compute_uv=False)[19] > 0.01
+        assert np.abs(C @ pr.orthogonal_complement(C, 4)).max() <= 1e-13
+
+
+@pytest.mark.parametrize("side", ["fore", "back"])
+def test_C_is_the_derivative_of_Phi(robot, side, rng):
+    """At any x, fulfilling the constraints or not; exact differences, so 1e-13."""
+    x = rng.uniform(-3.0, 3.0, 24)
+    slopes = exact_derivatives(lambda y: pr.constraints(robot, side, y), x)
+    assert np.abs(pr.constraint_matrix(robot, side, x) - slopes.T).max() <= 1e-13
+
+
+@pytest.mark.parametrize("side", ["fore", "back"])
+def test_C_dot_is_the_rate_of_C(robot, side, rng):
+    """C_dot = sum dC/dx_i x_i_dot; exact differences, so 1e-12."""
+    x, x_dot = rng.uniform(-3.0, 3.0, (2, 24))
+    slopes = exact_derivatives(lambda y: pr.constraint_matrix(robot, side, y), x)
+    rate = np.tensordot(x_dot, slopes, 1)
+    assert np.abs(pr.constraint_matrix_rate(robot, side, x, x_dot) - rate).max() <= 1e-12
+
+
+@pytest.mark.parametrize("index", range(4))
+def test_D_and_D_dot_against_differences(index, rng):
+    """x_dot = D u, and D_dot, along a random path; differences of 1e-3 err by 1e-10 or so."""
+    robot = paper_robot()
+    leg = robot.legs[index]
+
+    def D_at(q):
+        x = pr.system_coordinates(robot, q)[index]
+        return pr.orthogonal_complement(pr.constraint_matrix(robot, leg.side, x), 4)
+
+    for _ in range(10):
+        q, q_dot = rng.uniform(-3.0, 3.0, 4), rng.uniform(-1.0, 1.0, 4)
+        x = pr.system_coordinates(robot, q)[index]
+        x_dot = along(lambda t, q=q, v=q_dot: pr.system_coordinates(robot, q + t * v)[index])
+        D = D_at(q)
+        assert np.abs(D @ x_dot[:4] - x_dot).max() <= 1e-8
+        C = pr.constraint_matrix(robot, leg.side, x)
+        C_dot = pr.constraint_matrix_rate(robot, leg.side, x, x_dot)
+        D_dot = along(lambda t, q=q, v=q_dot: D_at(q + t * v))
+        assert np.abs(pr.orthogonal_complement_rate(C, C_dot, D) - D_dot).max() <= 1e-8
+
+
+@pytest.mark.parametrize("fixed_base, dof", [(True, 1), (False, 4)])
+def test_degrees_of_freedom(robot, fixed_base, dof, rng):
+    """24 - 20 = 4 a leg; n legs 4 n - (4 n - 1) = 1 on a fixed base, 4 n - (4 n - 4) = 4 free."""
+    q = rng.uniform(-3.0, 3.0, 4)
+    if fixed_base:
+        q[:3] = 0.0
+    n = len(robot.legs)
+    Q = pr.system_coordinates(robot, q)[:, :4].ravel()
+    C = pr.system_constraint_matrix(robot, Q, fixed_base)
+    assert C.shape == (4 * n - dof, 4 * n)
+    assert np.linalg.matrix_rank(C) == 4 * n - dof
+    assert np.abs(pr.system_constraints(robot, Q, fixed_base)).max() <= 1e-12
+    whole, _, X_dot = full_constraints(robot, q, np.array([0.0, 0.0, 0.0, 1.0]), fixed_base)
+    assert 24 * n - np.linalg.matrix_rank(whole) == dof
+    assert np.abs(whole @ X_dot).max() <= 1e-8  # the differences' error
+
+
+def test_four_legs_have_the_papers_15_and_12_system_rows():
+    """16 - 15 = 1 with the frame pinned, 16 - 12 = 4 without: the walking robot."""
+    Q = pr.system_coordinates(paper_robot(), np.zeros(4))[:, :4].ravel()
+    assert pr.system_constraint_matrix(paper_robot(), Q, fixed_base=True).shape == (15, 16)
+    assert pr.system_constraint_matrix(paper_robot(), Q, fixed_base=False).shape == (12, 16)
+
+
+def test_a_wrong_pose_violates_the_system_constraints():
+    """Moving one leg's frame by 0.1 m, or its crank by 0.1 rad, shows in its rows by as much."""
+    robot = paper_robot()
+    Q = pr.system_coordinates(robot, np.zeros(4))[:, :4]
+    for column, row in ((1, 1), (2, 2), (3, 3)):
+        wrong = Q.copy()
+        wrong[2, column] += 0.1
+        rows = pr.system_constraints(robot, wrong.ravel(), fixed_base=False).reshape(3, 4)
+        assert rows[1, row] == pytest.approx(0.1, abs=1e-12)
+        assert np.abs(rows[[0, 2]]).max() <= 1e-12
+
+
+@pytest.mark.parametrize("fixed_base", [True, False])
+def test_projection_against_all_multipliers(robot, fixed_base, rng):
+    """Accelerations and constraint forces of a dense solve of M a - C^T lambda = h, C a = -C_dot v.
+
+    Nothing is projected there. Speeds come from differences (1e-10), squared and amplified: 1e-7.
+    """
+    q, q_dot = rng.uniform(-1.0, 1.0, (2, 4))
+    if fixed_base:
+        q[:3], q_dot[:3] = 0.0, 0.0
+    p = pr.project(robot, q, q_dot, torque=2.0, fixed_base=fixed_base)
+    C, C_dot, X_dot = full_constraints(robot, q, q_dot, fixed_base)
+    rows, columns = C.shape
+    system = np.block([[np.diag(p.M), -C.T], [C, np.zeros((rows, rows))]])
+    solution = np.linalg.solve(system, np.concatenate([p.h, -C_dot @ X_dot]))
+    acceleration, multipliers = solution[:columns], solution[columns:]
+    assert p.D @ p.acceleration() + p.bias == pytest.approx(acceleration, abs=1e-7)
+    assert p.constraint_forces() == pytest.approx(C.T @ multipliers, abs=1e-7)
+
+
+@pytest.mark.parametrize("fixed_base", [True, False])
+def test_many_states_at_once_are_one_by_one(robot, fixed_base, rng):
+    """Leading axes of q, q_dot and torque come back in every result: 1e-12 of the largest."""
+    q, q_dot = rng.uniform(-1.0, 1.0, (2, 3, 2, 4))
+    torque = rng.uniform(-5.0, 5.0, (3, 2))
+    if fixed_base:
+        q[..., :3] = q_dot[..., :3] = 0.0
+    many = pr.project(robot, q, q_dot, torque, fixed_base)
+    for at in np.ndindex(3, 2):
+        one = pr.project(robot, q[at], q_dot[at], torque[at], fixed_base)
+        for name in ("D", "bias", "mass", "velocity_terms", "generalised_forces", "h"):
+            found, expected = getattr(many, name)[at], getattr(one, name)
+            assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max(), name
+        forces = one.constraint_forces()
+        assert many.constraint_forces()[at] == pytest.approx(forces, abs=1e-9)
+    Q = pr.system_coordinates(robot, q)[..., :4].reshape(3, 2, -1)
+    assert np.abs(pr.system_constraints(robot, Q, fixed_base)).max() <= 1e-12
+
+
+def test_constraint_forces_do_no_work(robot, rng):
+    """D^T (M x_ddot - h) = 0 to rounding, at the motion that follows."""
+    q, q_dot = rng.uniform(-2.0, 2.0, (2, 4))
+    p = pr.project(robot, q, q_dot, torque=1.0)
+    assert np.abs(p.D.T @ p.constraint_forces()).max() <= 1e-10
+
+
+def test_forces_are_action_and_reaction(rng):
+    """Motor and joint torques sum to zero; viscous power is never positive; weights add up."""
+    robot, x_dot = paper_robot(), rng.normal(size=24)
+    h = pr.forces(robot, x_dot, torque=3.0)
+    assert h[0::3].sum() == pytest.approx(0.0, abs=1e-14)
+    assert np.all(h[1::3] == 0.0) and h[2::3].sum() == pytest.approx(-0.8 * 9.81, abs=1e-14)
+    viscous = pr.forces(robot, x_dot, torque=0.0, gravity=0.0)
+    w = x_dot[0::3]
+    loss = sum(0.1 * (w[j - 1] - w[i - 1]) ** 2 for i, j in JOINT_PAIRS)
+    assert viscous @ x_dot == pytest.approx(-loss, rel=1e-13)
+    motor = h - pr.forces(robot, x_dot, torque=0.0)
+    assert motor[[0, 3]] == pytest.approx([-3.0, 3.0], abs=1e-14)
+    assert np.count_nonzero(np.abs(motor) > 1e-14) == 2
+
+
+def test_mean_torque_is_the_viscous_loss(robot):
+    """At a constant 1 rad/s with the chassis held: inertia and weight give back what they take.
+
+    Sums over equal steps of a turn are exact for periodic functions: 1e-9. The paper's machine
+    needs 1.562 N m (three digits after the point).
+    """
+    q_dot = np.array([0.0, 0.0, 0.0, 1.0])
+    torque, loss = [], []
+    for psi in TURN:
+        p = pr.project(robot, np.array([0.0, 0.0, 0.0, psi]), q_dot, fixed_base=True)
+        torque.append((p.velocity_terms - p.generalised_forces)[0])
+        w = p.D[:, 0].reshape(-1, 24)[:, 0::3]
+        pairs = zip(JOINT_PAIRS, robot.damping, strict=True)
+        loss.append(sum(c * (w[:, j - 1] - w[:, i - 1]) ** 2 for (i, j), c in pairs).sum())
+    assert np.ptp(torque) > 0.2  # far from constant
+    assert np.mean(torque) == pytest.approx(np.mean(loss), abs=1e-9)
+    if robot == paper_robot():
+        assert np.mean(torque) == pytest.approx(1.562, abs=5e-4)

@@ -1,0 +1,157 @@
+"""The periodic tables against the dense projection they were compiled from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jansen_env import Bar, LinkageError, Payload, Robot, paper_robot
+from jansen_env.dynamics import projection as pr
+from jansen_env.dynamics import reduced as rd
+from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS
+from jansen_env.dynamics.reduced import compile_robot
+from jansen_env.robot.kinematics import coordinates, joint_positions
+
+pytestmark = pytest.mark.processor  # tolerances are those of rounding
+LOAD = Payload(mass=1.7, inertia=0.3, position=(0.2, 0.4))
+
+
+def dense(robot, q, v, torque):
+    """M, velocity terms and forces in (x, y, theta, psi), from the paper's independent speeds.
+
+    Those are T v. T is a first harmonic of theta, so its derivative below is exact.
+    """
+
+    def T_at(turn):
+        return pr.tangent_matrix(robot, q + np.array([0.0, 0.0, turn, 0.0]))[0]
+
+    p, T = pr.project(robot, q, v, torque), T_at(0.0)
+    T_dot = v[2] * (T_at(0.5 * math.pi) - T_at(-0.5 * math.pi)) / 2.0
+    return (
+        T.T @ p.mass @ T,
+        T.T @ (p.velocity_terms + p.mass @ T_dot @ v),
+        T.T @ p.generalised_forces,
+    )
+
+
+def test_equations_of_motion_are_the_projections(linkage, random_state, rng):
+    """Anywhere, at speeds of metres and radians a second: 1e-9 (kg, kg m^2, N, N m)."""
+    tables = compile_robot(linkage)
+    for _ in range(25):
+        (q, v), torque = np.split(random_state(), 2), rng.uniform(-20.0, 20.0)
+        M, terms, forces = dense(linkage, q, v, torque)
+        assert np.abs(rd.mass_matrix(tables, q) - M).max() <= 1e-9
+        assert np.abs(rd.velocity_terms(tables, q, v) - terms).max() <= 1e-9
+        assert np.abs(rd.generalised_forces(tables, q, v, torque) - forces).max() <= 1e-9
+
+
+def test_a_load_adds_a_rigid_body(random_state):
+    """M, velocity terms and forces grow by those of one body fixed to the chassis; rounding only.
+
+    Its centre moves with J v, J = [1, S R p, 0]: J^T m J, J^T m J_dot v and J^T (0, -m g).
+    """
+    bare, laden = compile_robot(paper_robot()), compile_robot(replace(paper_robot(), payload=LOAD))
+    for _ in range(25):
+        q, v = np.split(random_state(), 2)
+        place = LOAD.position[0] + 1j * LOAD.position[1]
+        arm = place * np.exp(1j * q[2])
+        J = np.array([[1.0, 0.0, -arm.imag, 0.0], [0.0, 1.0, arm.real, 0.0]])
+        J_dot_v = -(v[2] ** 2) * np.array([arm.real, arm.imag])
+        M = LOAD.mass * J.T @ J + np.diag([0.0, 0.0, LOAD.inertia, 0.0])
+        terms = LOAD.mass * J.T @ J_dot_v
+        forces = J.T @ [0.0, -9.81 * LOAD.mass]
+        grown = rd.mass_matrix(laden, q) - rd.mass_matrix(bare, q)
+        assert np.abs(grown - M).max() <= 1e-13
+        grown = rd.velocity_terms(laden, q, v) - rd.velocity_terms(bare, q, v)
+        assert np.abs(grown - terms).max() <= 1e-12
+        args = q, v, 2.0
+        grown = rd.generalised_forces(laden, *args) - rd.generalised_forces(bare, *args)
+        assert np.abs(grown - forces).max() <= 1e-12
+
+
+@pytest.mark.parametrize("design", [paper_robot(), replace(paper_robot(), payload=LOAD)])
+def test_power_balance(design, random_state):
+    """dE/dt = torque n - f n^2 at any state: velocity terms and weights fit M (differences: 1e-6).
+
+    E is differenced along the motion that the equations give, by 1e-5 s.
+    """
+    tables, torque, h = compile_robot(design), 3.0, 1e-5
+    for _ in range(10):
+        q, v = np.split(random_state(), 2)
+        force = rd.generalised_forces(tables, q, v, torque) - rd.velocity_terms(tables, q, v)
+        a = np.linalg.solve(rd.mass_matrix(tables, q), force)
+
+        def energy_at(t, q=q, v=v, a=a):
+            return rd.energy(tables, q + v * t + 0.5 * a * t * t, v + a * t)
+
+        power = torque * v[3] - rd.body_sums(tables, q[3]).f * v[3] ** 2
+        assert (energy_at(h) - energy_at(-h)) / (2 * h) == pytest.approx(power, abs=1e-6, rel=1e-6)
+
+
+def test_check_numbers():
+    """Sums over the four legs' 32 bodies at psi = 1, eight digits."""
+    s = rd.body_sums(compile_robot(paper_robot()), 1.0)
+    assert s.c == pytest.approx([-0.02227913, -0.23652102], abs=6e-9)
+    assert [s.I, s.b, s.k, s.f] == pytest.approx(
+        [3.57062077, 0.54423227, 0.68518289, 1.77576369], abs=6e-9
+    )
+
+
+def test_mass_matrix_is_a_mass_matrix(robot, tables, random_state):
+    """Symmetric and positive definite, its upper left the total mass."""
+    M = rd.mass_matrix(tables, random_state()[:4])
+    assert (M == M.T).all() and np.linalg.eigvalsh(M)[0] > 0.0
+    assert M[0, 0] == M[1, 1] == robot.mass
+
+
+def test_pads_follow_their_joints(robot, tables, rng):
+    """Positions and angles from the Taylor tables, and turning rates; 1e-12 and 1e-10 (rates)."""
+    intervals = tables.pads.shape[1]
+    width = 2.0 * math.pi / intervals
+    layout = tables.layout
+    for k in range(len(layout.leg)):
+        leg = robot.legs[layout.leg[k]]
+        own = rng.uniform(0.0, 2.0 * math.pi) + layout.phase[k]
+        row = int(own % (2.0 * math.pi) / width)
+        t = own % (2.0 * math.pi) - (row + 0.5) * width
+        functions = [np.polynomial.Polynomial(c) for c in tables.pads[layout.table[k], row]]
+        place = joint_positions(robot, leg.side, own)[PAD_JOINTS[layout.joint[k]]]
+        assert [f(t) for f in functions[:2]] == pytest.approx(place, abs=1e-12)
+        x = coordinates(robot, leg.side, own)
+        body = 3 * (PAD_BODIES[layout.joint[k]] - 1)
+        assert np.exp(1j * functions[2](t)) == pytest.approx(np.exp(1j * x[body]), abs=1e-12)
+        D = pr.orthogonal_complement(pr.constraint_matrix(robot, leg.side, x), 4)
+        assert functions[2].deriv()(t) == pytest.approx(D[body, 3], abs=1e-10)
+
+
+def test_pads_are_all_toes_then_bumpers(robot, tables):
+    """Toes in the order of legs; each leg's knee, ankle and hip corners; a pivot for each side."""
+    layout, legs = tables.layout, len(robot.legs)
+    assert layout.toes == legs and (layout.leg[:legs] == np.arange(legs)).all()
+    assert (layout.joint[:legs] == 0).all() and (layout.joint[legs:] > 0).all()
+    assert len(layout.leg) == legs + 4 * legs + len({leg.side for leg in robot.legs})
+    assert len(set(zip(layout.leg, layout.joint, strict=True))) == len(layout.leg)
+
+
+def test_built_in_tables_have_converged(tables):
+    """What is cut off is rounding for the paper's lengths, below 1e-12 for the holy numbers."""
+    assert tables.tail <= 1e-12
+
+
+def test_a_linkage_near_a_singular_position_is_refused():
+    """A crank of 0.16 m still turns, but its tables would be wrong; 0.2 m does not turn."""
+    with pytest.raises(ValueError, match="tables have not converged") as error:
+        compile_robot(replace(Robot(), crank=Bar(0.16)))
+    assert not isinstance(error.value, LinkageError)
+    with pytest.raises(LinkageError, match="does not close at crank angle"):
+        compile_robot(replace(Robot(), crank=Bar(0.2)))
+
+
+def test_equal_robots_are_compiled_once():
+    """The second compilation returns the first one's tables, which nobody can write to."""
+    tables = compile_robot(paper_robot())
+    assert compile_robot(Robot()).body is tables.body
+    assert not tables.body.flags.writeable and not tables.pads.flags.writeable

@@ -1,0 +1,201 @@
+"""Whatever is passed to whatever argument: taken as documented, or refused by its name."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import re
+from decimal import Decimal
+from fractions import Fraction
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import jansen_env
+from jansen_env import Bar, Leg, Payload, Robot, Terrain, Triangle
+from jansen_env.envs.crank_env import JansenCrankEnv
+from jansen_env.envs.walker import JansenWalkerEnv, JansenWalkerVectorEnv
+from jansen_env.terrain.curriculum import Curriculum
+from jansen_env.world import argument_checks as arguments
+
+WRONG = {
+    "None": None,
+    "text": "x",
+    "bytes": b"xy",
+    "flag": True,
+    "nan": math.nan,
+    "inf": math.inf,
+    "numpy nan": np.float32(math.nan),
+    "beyond a float": 10**400,
+    "beyond printing": 10**5000,
+    "signalling nan": Decimal("sNaN"),
+    "complex": 1.0 + 1.0j,
+    "empty": [],
+    "objects": [object(), object()],
+    "mapping": {},
+    "set": {0.0, 1.0},
+    "no dimensions": np.array(math.nan),
+    "array": np.full((2, 2), math.nan),
+    "object": object(),
+    "type": Bar,
+    "other part": Leg("fore"),
+}
+
+MAKERS = {
+    "Bar": (Bar, {"length": 1.0}),
+    "Triangle": (Triangle, {"d": 0.1, "l": 0.1, "h": 0.1, "alpha": 2.0, "gamma": 2.0}),
+    "from_sides": (
+        Triangle.from_sides, {"first_second": 3.0, "second_third": 4.0, "third_first": 5.0}
+    ),
+    "Leg": (Leg, {"side": "fore"}),
+    "Payload": (Payload, {}),
+    "Robot": (Robot, {}),
+    "phased_legs": (jansen_env.phased_legs, {}),
+    **{name: (make, {}) for name, make in jansen_env.ROBOTS.items()},
+    "Terrain": (Terrain, {}),
+    "flat": (Terrain.flat, {}),
+    "slope": (Terrain.slope, {"angle": 0.1}),
+    "rough": (Terrain.rough, {"rng": np.random.default_rng(0)}),
+    "waves": (Terrain.waves, {}),
+    "stairs": (Terrain.stairs, {}),
+    "steps": (Terrain.steps, {"rng": np.random.default_rng(0)}),
+    "stumps": (Terrain.stumps, {}),
+    "ramps": (Terrain.ramps, {}),
+    "curriculum": (Curriculum, {}),
+    "Noise": (jansen_env.Noise, {}),
+    "Push": (jansen_env.Push, {}),
+    "walker": (JansenWalkerEnv, {}),
+    "crank": (JansenCrankEnv, {}),
+    "walkers": (JansenWalkerVectorEnv, {"num_envs": 2}),
+}  # fmt: skip
+"""What makes a thing, and the arguments that it needs."""
+
+TAKEN = {
+    ("*", "friction"): {"None"}, ("*", "restitution"): {"None"}, ("*", "payload"): {"None"},
+    ("*", "time_step"): {"None"}, ("*", "command_interval"): {"None"},
+    ("*", "render_mode"): {"None"}, ("*", "motor"): {"None"}, ("*", "torque_limit"): {"None"},
+    ("*", "pad_compliance"): {"None"}, ("*", "curriculum"): {"None"},
+    ("*", "randomize"): {"None", "mapping"}, ("*", "height_scan"): {"None"},
+    ("*", "noise"): {"None", "mapping"}, ("*", "push"): {"None", "mapping"},
+    ("*", "terminate_when_fallen"): {"flag"}, ("*", "fall_contact"): {"flag"},
+    ("*", "track_joint_forces"): {"flag"},
+    ("crank", "time_step"): set(), ("walkers", "track_joint_forces"): set(),
+    ("walkers", "max_episode_steps"): {"None"}, ("walkers", "info_keys"): {"None", "empty"},
+    ("walkers", "threads"): {"None", "beyond a float", "beyond printing"},
+}  # fmt: skip
+"""Of the environments' arguments: those of WRONG that are right."""
+
+CASES = [
+    (maker, name)
+    for maker, (make, _) in MAKERS.items()
+    for name, parameter in inspect.signature(make).parameters.items()
+    if parameter.kind is not inspect.Parameter.VAR_KEYWORD
+]
+
+
+@pytest.mark.parametrize(("maker", "argument"), CASES)
+def test_wrong_values_are_refused_by_name(maker, argument):
+    """ValueError with the argument's name and a message of a sane length, for all but a few."""
+    make, needed = MAKERS[maker]
+    taken = TAKEN.get((maker, argument), TAKEN.get(("*", argument), set()))
+    taken = taken if maker in ("walker", "crank", "walkers") else set()
+    for what, value in WRONG.items():
+        if what in taken:
+            make(**{**needed, argument: value})
+            continue
+        with pytest.raises(ValueError) as error:
+            make(**{**needed, argument: value})
+            pytest.fail(f"took {what}")
+        message = str(error.value)
+        assert re.search(rf"(\b|_){argument}\b", message, re.IGNORECASE), (what, message)
+        assert len(message) < 700, what
+
+
+@pytest.mark.parametrize(
+    "number", [Fraction(1, 2), Decimal("0.5"), np.float32(0.5), np.float16(0.5)]
+)
+def test_every_kind_of_number_is_taken(number):
+    """And is a float from then on."""
+    parts = [Bar(number), Leg("fore", number), Payload(number, position=(number, number))]
+    assert parts == [Bar(0.5), Leg("fore", 0.5), Payload(0.5, position=(0.5, 0.5))]
+    assert repr(parts) == repr([Bar(0.5), Leg("fore", 0.5), Payload(0.5, position=(0.5, 0.5))])
+    assert repr(Terrain.flat(number)) == repr(Terrain.flat(0.5))
+    assert Terrain(((0, 0), (number, Fraction(0)))).points == ((0.0, 0.0), (0.5, 0.0))
+    env = JansenWalkerEnv(friction=number, speed_command=number, slip_weight=number,
+                          torque_limit=number, payload=number)  # fmt: skip
+    same = JansenWalkerEnv(friction=0.5, speed_command=0.5, slip_weight=0.5,
+                           torque_limit=0.5, payload=0.5)  # fmt: skip
+    assert np.array_equal(env.reset(seed=0)[0], same.reset(seed=0)[0])
+    assert env.step(np.ones(1))[1] == same.step(np.ones(1))[1]
+
+
+@pytest.mark.parametrize("make", [JansenWalkerEnv, JansenCrankEnv])
+def test_delays_of_too_many_torques_are_refused(make):
+    """Which would all be kept: gigabytes."""
+    with pytest.raises(ValueError, match=r"delay is 1\.0 s, must be at most 10000 times contr"):
+        make(control_dt=1e-9, time_step=1e-9, delay=(0.0, 1.0))
+    make(control_dt=1e-4, time_step=1e-4, delay=1.0)
+
+
+@pytest.mark.parametrize("make", [JansenWalkerEnv, JansenCrankEnv, JansenWalkerVectorEnv])
+@pytest.mark.parametrize(
+    ("control_dt", "time_step", "named"),
+    [
+        (1e300, 1e-3, "control_dt is 1e[+]300, must be at most 10000 times time_step, 0.001"),
+        (0.02, 1e-300, "time_step is 1e-300, must be between 1e-09 and 1.0"),
+        (5e-324, 5e-324, "time_step is 5e-324"),
+        (1e300, 1e300, "time_step is 1e[+]300"),
+        (10.001, 1e-3, "control_dt is 10.001, must be at most"),
+        pytest.param(10**400, 1e-3, "control_dt is 1000", id="period beyond a float"),
+        pytest.param(0.02, 10**400, "time_step is 1000", id="step beyond a float"),
+        (0.0015, 1e-3, "control_dt is 0.0015, must be a multiple of time_step, 0.001"),
+        (0.0005, 1e-3, "control_dt is 0.0005, must be a multiple"),
+    ],
+)
+def test_control_periods_that_never_end_are_refused(make, control_dt, time_step, named):
+    """Before anything is simulated."""
+    with pytest.raises(ValueError, match=named):
+        make(control_dt=control_dt, time_step=time_step)
+
+
+def test_the_longest_control_period():
+    """10,000 time steps, of the plant's own length or another; Decimals are exact."""
+    assert arguments.control_period(10.0, 1e-3) == (10.0, 1e-3)
+    assert arguments.control_period(Decimal("0.03"), Fraction(1, 1000)) == (0.03, 0.001)
+    assert JansenWalkerEnv(plant="rigid_body", control_dt=2.5).control_dt == 2.5
+    with pytest.raises(ValueError, match=r"control_dt is 3\.0"):
+        JansenWalkerEnv(plant="rigid_body", control_dt=3.0)
+
+
+@pytest.mark.parametrize("make", [JansenWalkerEnv, JansenCrankEnv])
+def test_a_step_before_the_first_reset_is_refused(make):
+    """As Gymnasium's wrapper does; a state that was set is as good as a reset."""
+    env, other = make(), make()
+    with pytest.raises(gym.error.ResetNeeded, match="reset"):
+        env.step(np.zeros(1))
+    other.reset(seed=0)
+    env.set_state(other.get_state())
+    assert np.array_equal(env.step(np.zeros(1))[0], other.step(np.zeros(1))[0])
+
+
+@pytest.mark.parametrize("make", [JansenWalkerEnv, JansenCrankEnv, JansenWalkerVectorEnv])
+@pytest.mark.parametrize("options", [5, "speed_command", ["speed_command"], {1}])
+def test_options_that_are_no_dictionary_are_refused(make, options):
+    with pytest.raises(ValueError, match=r"options is .*, must be a dict"):
+        make().reset(options=options)
+
+
+@pytest.mark.parametrize("make", [JansenWalkerEnv, JansenCrankEnv])
+@pytest.mark.parametrize("action", ["x", None, [10**400], [[0.0]], [object()], {}, [], [math.inf]])
+def test_actions_that_are_no_number_are_refused(make, action):
+    env = make()
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"action is .*, must be one finite number"):
+        env.step(action)
+
+
+@pytest.mark.parametrize("seed", ["ab", [0.5, 1], ["a", "b"], [1], -1, [-1, 0], {}, {1, 2}])
+def test_seeds_that_are_no_numbers_are_refused(seed):
+    with pytest.raises(ValueError, match="seed is"):
+        JansenWalkerVectorEnv(2).reset(seed=seed)

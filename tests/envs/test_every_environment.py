@@ -1,0 +1,113 @@
+"""What holds for every registered environment: checkers, the same seed, one like many, pages."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+from stable_baselines3.common.env_checker import check_env as check_for_sb3
+from test_walker_vector import compare
+
+from jansen_env.scoring.benchmarks import vector_env
+
+IDS = sorted(name for name in gym.registry if name.startswith("Jansen"))
+WALKERS = [name for name in IDS if "Walker" in name]
+ROOT = Path(__file__).parents[2]
+
+
+def test_all_are_known():
+    assert IDS == ["JansenCrank-v0", "JansenGoal-v0", "JansenWalker-v0", "JansenWalkerBuilt-v0",
+                   "JansenWalkerHardcore-v0", "JansenWalkerRough-v0"]  # fmt: skip
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_gymnasiums_checker_warns_of_unbounded_observations_alone(env_id, monkeypatch):
+    """Anything but the note on infinite bounds is an error; both render modes are tried."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        check_env(gym.make(env_id, render_mode="rgb_array").unwrapped)
+    texts = [str(warning.message) for warning in caught]
+    assert all("infinity" in text for text in texts), texts
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_stable_baselines_checker_has_nothing_to_say(env_id):
+    """No warning at all."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_for_sb3(gym.make(env_id).unwrapped)
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+@pytest.mark.parametrize(
+    "env_id", [name for name in IDS if name not in ("JansenCrank-v0", "JansenWalker-v0")]
+)
+def test_many_are_what_each_is_alone(env_id, mode):
+    """Gymnasium's vector interface: all that is returned, bit for bit, through ends of episodes."""
+    together = gym.make_vec(env_id, 4, autoreset_mode=mode, max_episode_steps=30)
+    alone = gym.vector.SyncVectorEnv(
+        [lambda: gym.make(env_id, max_episode_steps=30)] * 4, autoreset_mode=mode
+    )
+    assert isinstance(together.unwrapped, vector_env(env_id))
+    assert together.single_observation_space == alone.single_observation_space
+    assert compare(together, alone, 100, scale=0.6) >= 12
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_the_same_seed_gives_the_same_episode(env_id):
+    """Twice in one environment, and in another one; the next seed another."""
+
+    def episode(env, seed):
+        seen = [env.reset(seed=seed)[0]]
+        rng = np.random.default_rng(0)
+        for _ in range(50):
+            seen.append(env.step(rng.uniform(-0.3, 0.6, 1).astype(np.float32))[0])
+        return np.array(seen)
+
+    env, other = gym.make(env_id), gym.make(env_id)
+    first = episode(env, 3)
+    assert not np.array_equal(episode(env, 4), first)
+    np.testing.assert_array_equal(episode(env, 3), first)
+    np.testing.assert_array_equal(episode(other, 3), first)
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_each_has_a_page_and_a_line(env_id):
+    """In the documentation, and in the README's table."""
+    page = (ROOT / "docs" / "environments" / f"{env_id}.md").read_text(encoding="utf-8")
+    assert f"<!-- environment {env_id} -->" in page
+    assert f"environments/{env_id}" in (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    assert f"| [`{env_id}`]" in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("env_id", WALKERS)
+def test_the_documented_defaults_are_those_of_the_class(env_id):
+    """Tables of ranges in the docstring against what is drawn."""
+    env = gym.make(env_id).unwrapped
+    doc = type(env).__doc__
+    low, high = env.task.speed_command[0]
+    text = f"| commanded speed | {low:g} to {high:g} m/s |"
+    assert text in doc or f"| ``speed_command`` | ({low:g}, {high:g}) |" in doc
+    for name, drawn in env.task.world.episodes.ranges(0).items():
+        assert f"``{name}``" in doc
+        assert f"{drawn.low:g} to {drawn.high:g}" in doc, name
+    assert f"{len(env.observed) - 1} |" in doc or env_id == "JansenWalker-v0"
+
+
+def test_defaults_that_would_do_nothing_are_left_out():
+    """Where another argument takes away what they are about; what is asked for is refused."""
+    flat = gym.make("JansenWalkerRough-v0", terrain="flat").reset(seed=0)[1]["parameters"]
+    assert flat["terrain_level"] == 0 and flat["payload"] > 0.0
+    plain = gym.make_vec("JansenWalkerHardcore-v0", 2, robot="paper", noise=None, push=None)
+    found = plain.reset(seed=0)[1]["parameters"]
+    assert found["noise_level"].tolist() == found["foot_stiffness_scale"].tolist() == [1.0, 1.0]
+    assert found["friction"][0] != found["friction"][1]
+    plain.close()
+    with pytest.raises(ValueError, match="noise_level"):
+        gym.make("JansenWalkerHardcore-v0", noise=None, randomize={"noise_level": (0.5, 1.0)})

@@ -1,0 +1,151 @@
+"""Robots that move together as a Stable-Baselines3 ``VecEnv``: like single ones that take turns."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+from jansen_env import Payload, Terrain
+from jansen_env.sb3 import BatchVecEnv, can_be_batched, make_vec_env
+from jansen_env.scoring.rollout import make_env
+
+ENV = "JansenWalker-v0"
+VARIANTS = [
+    {"reset_noise_scale": 4.0, "max_episode_steps": 30, "command_interval": 0.1},
+    {"speed_command": [0.05, 0.25], "terrain": "slope:-0.6", "payload": 2.0},
+    {"speed_command": 0.3, "friction": 0.3, "terrain": Terrain(((-1, 0), (0.5, 0.02), (1, 0)))},
+]
+
+
+def equal(a, b):
+    """One robot's information, nested, bit for bit."""
+    assert set(a) == set(b)
+    for key, value in a.items():
+        if isinstance(value, dict):
+            equal(value, b[key])
+        else:
+            assert np.array_equal(value, b[key]), key
+            assert isinstance(value, np.ndarray) or type(value) is type(b[key]), key
+
+
+@pytest.mark.parametrize("noise", [None, {}], ids=["exact", "noisy"])
+def test_it_is_what_single_environments_are(noise):
+    """Variants of everything, through time limits and falls: returns bit for bit, infos too."""
+    shared = {"slip_weight": 2.0, "max_episode_steps": 100, "noise": noise}
+    together = make_vec_env(ENV, 6, shared, VARIANTS, info_keys=None)
+    each = [{**shared, **VARIANTS[i % 3]} for i in range(6)]
+    apart = DummyVecEnv([lambda own=own: make_env(ENV, own) for own in each])
+    assert isinstance(together, BatchVecEnv)
+    together.seed(3), apart.seed(3)
+    assert np.array_equal(together.reset(), apart.reset())
+    rng, limits, falls = np.random.default_rng(0), 0, 0
+    for _ in range(200):
+        actions = rng.uniform(-1.0, 1.0, (6, 1)).astype(np.float32)
+        *a, infos_a = together.step(actions)
+        *b, infos_b = apart.step(actions)
+        a[1] = a[1].astype(np.float32)  # what Stable-Baselines3 rounds its own to
+        for x, y in zip(a, b, strict=True):
+            assert np.array_equal(x, y) and x.dtype == y.dtype
+        for i in range(6):
+            if a[2][i]:
+                limits += infos_b[i]["TimeLimit.truncated"]
+                falls += not infos_b[i]["TimeLimit.truncated"]
+            else:
+                del infos_b[i]["TimeLimit.truncated"]
+            equal(infos_a[i], infos_b[i])
+        for one, other in zip(together.reset_infos, apart.reset_infos, strict=True):
+            equal(one, other)
+    assert limits >= 10 and falls >= 2
+    together.close(), apart.close()
+
+
+def test_information_of_a_step():
+    """None but at the end of an episode, or the keys asked for; unknown ones are refused."""
+    venv = make_vec_env(ENV, 2, {"max_episode_steps": 2})
+    venv.reset()
+    assert venv.step(np.zeros((2, 1)))[3] == [{}, {}]
+    last = venv.step(np.zeros((2, 1)))[3]
+    assert last[0]["TimeLimit.truncated"] and "energy" in last[1]
+    kept = last[0]["terminal_observation"].copy()
+    venv.step(np.ones((2, 1)))
+    assert np.array_equal(last[0]["terminal_observation"], kept)
+    venv = make_vec_env(ENV, 2, info_keys=["slip", "energy"])
+    venv.reset()
+    assert all(set(info) == {"slip", "energy"} for info in venv.step(np.zeros((2, 1)))[3])
+    with pytest.raises(ValueError, match="slop"):
+        make_vec_env(ENV, 2, info_keys=["slop"])
+
+
+def test_attributes_methods_and_options():
+    """Through ``indices``, for some robots or all; options of the next reset alone."""
+    venv = make_vec_env(ENV, 3, {"friction": 0.4})
+    assert venv.get_attr("friction") == [0.4] * 3 and venv.has_attr("control_dt")
+    assert not venv.has_attr("nothing")
+    venv.set_attr("friction", 0.9, indices=[0, 2])
+    venv.set_attr("payload", Payload(1.5), indices=1)
+    assert venv.get_attr("friction", indices=[1, 2]) == [0.4, 0.9]
+    assert venv.env_method("get_wrapper_attr", "payload", indices=1) == [Payload(1.5)]
+    assert venv.env_is_wrapped(gym.Wrapper) == [False] * 3
+    venv.set_options({"speed_command": 0.33})
+    assert (venv.reset()[:, 9] == np.float32(0.33)).all()
+    assert not (venv.reset()[:, 9] == np.float32(0.33)).any()
+    venv.set_options([{"crank_angle": angle} for angle in (0.0, 1.0, 2.0)])
+    venv.reset()
+    assert [info["crank_angle"] for info in venv.reset_infos] == [0.0, 1.0, 2.0]
+
+
+def test_what_is_refused():
+    """A step before the first reset, no variants, and a command that is none."""
+    with pytest.raises(gym.error.ResetNeeded):
+        make_vec_env(ENV, 2).step(np.zeros((2, 1)))
+    for variants, named in (((), "variants"), ([{"speed_command": [1, 2, 3]}], "speed_command")):
+        with pytest.raises(ValueError, match=named):
+            make_vec_env(ENV, 2, {}, variants)
+
+
+def test_options_may_differ():
+    """Some robots with, some without; a bad one does not outlive its reset."""
+    venv = make_vec_env(ENV, 2)
+    venv.set_options([{"speed_command": 0.4}, {}])
+    assert venv.reset()[0, 9] == np.float32(0.4)
+    venv.set_options([{"speed_command": 9.0}, {}])
+    with pytest.raises(ValueError, match="speed_command"):
+        venv.reset()
+    venv.reset()
+
+
+def test_ground_from_points():
+    """As in a configuration file, for all or for some."""
+    points = [[-1.0, 0.0], [0.2, 0.05], [1.0, 0.0]]
+    venv = make_vec_env(ENV, 2, {"terrain": points})
+    assert venv.get_attr("terrain") == [Terrain(points)] * 2
+    venv = make_vec_env(ENV, 2, {}, [{"terrain": points}, {}])
+    assert venv.get_attr("terrain") == [Terrain(points), Terrain.flat()]
+
+
+def test_what_cannot_move_together_takes_turns():
+    """Another plant, joint forces, other tasks and variants of other arguments."""
+    assert can_be_batched(ENV, {"friction": 0.5}, [{"payload": 1.0}, {}])
+    assert not can_be_batched(ENV, {"plant": "rigid_body"})
+    assert not can_be_batched(ENV, {"track_joint_forces": True})
+    assert not can_be_batched(ENV, {}, [{"control_dt": 0.01}])
+    assert can_be_batched("JansenCrank-v0", {"reset_noise_scale": 1.0})
+    assert not can_be_batched("JansenCrank-v0", {"track_joint_forces": True})
+    assert isinstance(make_vec_env("JansenCrank-v0", 2, {"track_joint_forces": True}), DummyVecEnv)
+
+
+def test_it_trains_and_wraps():
+    """PPO inside VecNormalize: the same weights from the same seed."""
+    weights = []
+    for _ in range(2):
+        venv = VecNormalize(make_vec_env(ENV, 4, {"max_episode_steps": 20}))
+        model = PPO("MlpPolicy", venv, n_steps=32, batch_size=64, n_epochs=2, seed=1, device="cpu")
+        model.learn(256)
+        weights.append(
+            np.concatenate([p.detach().numpy().ravel() for p in model.policy.parameters()])
+        )
+        venv.close()
+    assert np.array_equal(*weights)

@@ -1,0 +1,298 @@
+"""The rigid-body plant against closed forms, dense equations, and the projection plant."""
+
+from __future__ import annotations
+
+import math
+import pickle
+import subprocess
+import sys
+from itertools import pairwise
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import jansen_env
+from jansen_env import ROBOTS, LinkageError, Payload, Robot, Terrain, paper_robot
+from jansen_env.dynamics.reduced import compile_robot, energy, mass_matrix
+from jansen_env.envs.walker import JansenWalkerEnv
+from jansen_env.plants.fixed_base import FixedBasePlant
+from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.rigid_body import TIME_STEP, RigidBodyPlant
+from jansen_env.robot.kinematics import world_joints
+
+FLYING = np.array([0.3, 5.0, 0.2, 1.1, 0.4, 1.0, -0.7, 2.0])
+"""A state high above the ground, everything moving."""
+
+
+def plant_on(terrain=None, robot=None, **arguments):
+    """The paper's machine on flat ground, or another."""
+    return RigidBodyPlant(robot or paper_robot(), terrain or Terrain.flat(), **arguments)
+
+
+def walk(plant, speed, duration, dt=0.02):
+    """Hold the crank near ``speed`` rad/s; the results of all steps."""
+    results = []
+    for _ in range(round(duration / dt)):
+        torque = 10.0 * (speed - plant.state[7]) + 1.56 * speed
+        results.append(plant.step(min(torque, plant.robot.motor.torque_limit), dt))
+    return results
+
+
+def test_bodies_have_the_robots_inertia(robot):
+    """Kinetic energy of the bodies = q_dot M q_dot / 2 of the projected equations: 1e-8 of it."""
+    heavy = Payload(1.3, 0.2, (0.1, 0.2))
+    robot = Robot(**{**robot.__dict__, "payload": heavy})
+    plant, tables = plant_on(robot=robot, gravity=0.0), compile_robot(robot)
+    for psi in np.linspace(0.0, 6.0, 7):
+        state = FLYING.copy()
+        state[3] = psi
+        plant.state = state
+        q, v = state[:4], state[4:]
+        assert plant.energy() == pytest.approx(0.5 * v @ mass_matrix(tables, q) @ v, rel=1e-8)
+        plant.gravity = 9.81
+        assert plant.energy() == pytest.approx(energy(tables, q, v), rel=1e-8)
+        plant.gravity = 0.0
+
+
+def test_pins_meet_where_the_joints_are(robot):
+    """Both ends of every pin and every toe stand at the joint of the linkage: 1e-12 m."""
+    plant = plant_on(robot=robot)
+    plant.state = FLYING
+    joints = world_joints(robot, FLYING[:4]).reshape(-1, 2)
+    for pin in plant._pins:
+        a, b = pin.a.local_to_world(pin.anchor_a), pin.b.local_to_world(pin.anchor_b)
+        assert (a - b).length < 1e-12
+        assert np.hypot(*(joints - np.array(a)).T).min() < 1e-12
+    tracked = ProjectionPlant(robot, Terrain.flat())
+    tracked.state = FLYING
+    np.testing.assert_allclose(plant.toe_positions(), tracked.toe_positions(), atol=1e-9)
+
+
+def test_state_is_read_and_set(robot):
+    """What is set is read again, 1e-9; it is a copy."""
+    plant = plant_on(robot=robot)
+    plant.state = FLYING
+    np.testing.assert_allclose(plant.state, FLYING, atol=1e-9)
+    plant.state[:] = 0.0
+    np.testing.assert_allclose(plant.state, FLYING, atol=1e-9)
+    for bad in (np.zeros(7), np.full(8, np.nan)):
+        with pytest.raises(ValueError, match="state is"):
+            plant.state = bad
+
+
+def test_flight_is_a_parabola_whatever_the_crank_does():
+    """Centre of mass in free flight: v t - g t^2 / 2, to pymunk's first order, g h t / 2."""
+    plant = plant_on()
+    plant.state = FLYING
+    mass = plant._inertias[:, 0] / plant._inertias[:, 0].sum()
+
+    def centre():
+        motion = plant._snapshot().motion
+        return mass @ motion[:, :2], mass @ motion[:, 3:5]
+
+    (start, speed), duration = centre(), 0.5
+    plant.step(3.0, duration)
+    end, _ = centre()
+    path = speed * duration - np.array([0.0, 0.5 * 9.81 * duration**2])
+    error = np.abs(end - start - path)
+    assert error[0] < 1e-9
+    assert error[1] == pytest.approx(0.5 * 9.81 * plant.time_step * duration, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("phases", [1, 2, 6])
+def test_it_stands_and_starts_like_the_projection_plant(name, phases):
+    """2, 4 and 12 legs of every design: its toes carry the weight, 1 % (10 % while feet that give
+    still swing), and 0.2 s under 3 N m (1 N m on the built robot's light crank) lead to the same
+    place, 0.5 mm and 4 mrad."""
+    robot = ROBOTS[name](phases)
+    ground = Terrain.flat(friction=0.3)  # with much friction sliding on two toes is unstable
+    plants = plant_on(ground, robot), ProjectionPlant(robot, ground)
+    for plant in plants:
+        plant.reset(crank_angle=0.7)
+    if phases > 1:  # two legs cannot stand
+        weight = robot.mass * 9.81
+        share = 0.01 if robot.pad_compliance.rigid else 0.1
+        assert plants[0].lookahead().contact_force[:, 1].sum() == pytest.approx(weight, rel=share)
+    torque = 1.0 if name == "built" else 3.0
+    results = [plant.step(torque, 0.2) for plant in plants]
+    one, other = (plant.state for plant in plants)
+    np.testing.assert_allclose(one[:2], other[:2], atol=5e-4)
+    np.testing.assert_allclose(one[2:4], other[2:4], atol=4e-3)
+    assert results[0].joint_gap < 2e-4 and results[1].joint_gap == 0.0
+
+
+@pytest.mark.parametrize("speed", [1.0, 3.5])
+def test_joints_stay_shut_in_a_walk(speed):
+    """Less than 0.2 mm in three seconds of walking; the toes' impulses account for the weight."""
+    plant = plant_on(Terrain.flat(friction=0.5))
+    plant.reset()
+    results = walk(plant, speed, 3.0)
+    assert 0.0 < max(r.joint_gap for r in results) < 2e-4
+    load = np.mean([r.contact_force[:, 1].sum() for r in results])
+    assert load == pytest.approx(paper_robot().mass * 9.81, rel=0.02)
+
+
+def test_energy_accounts_close():
+    """Motor work = losses + energy change: 0.1 % of the work in a walk, sliding and landing."""
+    plant = plant_on(Terrain.flat(friction=0.3))
+    plant.reset()
+    results = walk(plant, 3.5, 3.0)
+    work = sum(r.motor_work for r in results)
+    assert abs(sum(r.energy_residual for r in results)) < 0.001 * work
+    assert sum(r.slip_loss for r in results) > 0.01 * work
+
+
+def test_pinned_it_follows_the_pinned_plant():
+    """The paper's fixed model swings free from 3 rad/s: the angle differs by less than 2e-4 rad,
+    by half of that with half the time step."""
+    apart = []
+    for step in (TIME_STEP, 0.5 * TIME_STEP):
+        plant = RigidBodyPlant(paper_robot(), Terrain.flat(), step, fixed_base=True)
+        plant.state = np.array([0.0, 5.0, 0.0, 0.5, 0.0, 0.0, 0.0, 3.0])  # clear of the ground
+        exact = FixedBasePlant(paper_robot())
+        exact.reset(0.5, 3.0)
+        angles = []
+        for _ in range(50):
+            exact.step(0.0, 0.02)
+            plant.step(0.0, 0.02)
+            angles.append((plant.state[3], exact.state[0]))
+        np.testing.assert_allclose(plant.state[:3], [0.0, 5.0, 0.0], atol=1e-12)
+        assert np.ptp(angles) > 0.5
+        apart.append(np.abs(np.diff(angles)).max())
+    assert apart[0] < 2e-4 and apart[1] == pytest.approx(0.5 * apart[0], rel=0.05)
+
+
+def test_a_pull_is_felt():
+    """Sideways gravity of 0.5 g against friction 0.3: it slides at (0.5 - 0.3) g, 1e-6."""
+    plant = plant_on(Terrain.flat(friction=0.3))
+    plant.reset(crank_angle=math.pi / 2)
+    plant.gravity = (0.5 * 9.81, -9.81)
+    speeds = []
+    for _ in range(2):
+        plant.step(-8.0 * plant.state[7], 0.05)
+        speeds.append(plant._inertias[:, 0] @ plant._snapshot().motion[:, 3] / paper_robot().mass)
+    (first, last) = speeds
+    assert (last - first) / 0.05 == pytest.approx(0.2 * 9.81, rel=1e-6)
+
+
+@pytest.mark.parametrize("friction", [0.1, 0.3])
+def test_slip_and_friction_are_those_of_coulomb(friction):
+    """Sliding down a slope of 0.4 with the motor off: t = -mu n against the motion, and each toe's
+    friction takes mu n times its slip; slip as on the projection plant, 2 %."""
+    ground = Terrain.slope(0.4, friction=friction)
+    plants = plant_on(ground), ProjectionPlant(paper_robot(), ground)
+    slips = []
+    for plant in plants:
+        plant.reset(crank_angle=0.3)
+        plant.step(0.0, 0.1)  # from here on it slides
+        result = plant.step(0.0, 0.15)
+        slips.append(result.slip)
+        loaded = result.contact_force[:, 1] > 1.0
+        assert plant.x < 0.0 and loaded.sum() == 2
+        tangential, normal = result.contact_force[loaded].T
+        assert tangential == pytest.approx(friction * normal, rel=1e-9)  # uphill, +x
+        work = friction * 0.5 * normal.sum() * result.slip[loaded].sum()
+        assert result.slip_loss == pytest.approx(work, rel=0.15)  # loads are not constant
+    assert slips[0] == pytest.approx(slips[1], rel=0.02, abs=1e-4)
+
+
+def test_slip_of_a_walk_is_the_projection_plants():
+    """1.5 s at 1.7 rad/s on friction 0.3, whose loaded toes hop by nanometres: 5 %."""
+    ground, slips = Terrain.flat(friction=0.3), []
+    for plant in (plant_on(ground), ProjectionPlant(paper_robot(), ground)):
+        plant.reset()
+        slips.append(sum(float(r.slip.sum()) for r in walk(plant, 1.7, 1.5)))
+    assert slips[0] == pytest.approx(slips[1], rel=0.05) and slips[0] > 0.1
+
+
+RUN = """
+import numpy as np
+from jansen_env import Terrain, paper_robot
+from jansen_env.plants.rigid_body import RigidBodyPlant
+plant = RigidBodyPlant(paper_robot(), Terrain.rough(np.random.default_rng(0), start=0.1))
+plant.reset()
+rng = np.random.default_rng(1)
+for _ in range(40):
+    result = plant.step(rng.uniform(-10.0, 15.0), 0.02)
+print(plant.state.tobytes().hex(), result.slip.tobytes().hex())
+"""
+
+
+def test_same_inputs_same_bits_in_another_process():
+    """Pymunk's order of bodies is that of pointers; nothing of it reaches the result."""
+    runs = [
+        subprocess.run([sys.executable, "-c", RUN], capture_output=True, text=True, check=True)
+        for _ in range(3)
+    ]
+    assert all(one.stdout == other.stdout for one, other in pairwise(runs))
+
+
+def test_set_down_again_or_pickled_nothing_is_remembered():
+    """After reset or setting a state the future is that of a new plant, bit for bit."""
+    plant = plant_on()
+    plant.reset()
+    walk(plant, 2.0, 0.5)
+    copy, fresh = pickle.loads(pickle.dumps(plant)), plant_on()
+    fresh.state, fresh.in_contact = plant.state, plant.in_contact
+    for _ in range(5):
+        copy.step(1.0, 0.02), fresh.step(1.0, 0.02)
+        assert (copy.state == fresh.state).all() and (copy.in_contact == fresh.in_contact).all()
+    before, in_contact = plant.state, plant.in_contact
+    assert in_contact.any()
+    plant.lookahead(3.0)
+    np.testing.assert_allclose(plant.state, before, atol=1e-9)
+    assert (plant.in_contact == in_contact).all()
+    fresh = plant_on()
+    for other in (plant, fresh):
+        other.reset(crank_angle=0.4)
+        other.step(2.0, 0.1)
+    assert (plant.state == fresh.state).all()
+
+
+@pytest.mark.processor
+def test_bad_arguments():
+    """ValueError names the argument and the value; a robot must be able to turn its crank."""
+    for name, value in (("time_step", 0.0), ("iterations", 0), ("gravity", -1.0)):
+        with pytest.raises(ValueError, match=f"{name} is {value}"):
+            plant_on(**{name: value})
+    with pytest.raises(LinkageError):
+        plant_on(robot=Robot(crank=jansen_env.Bar(0.5)))
+    with pytest.raises(ValueError, match="must not move: its base is fixed"):
+        plant_on(fixed_base=True).state = FLYING
+    # Within a few time steps, before rounding decides how it ends.
+    with pytest.raises(FloatingPointError, match="came apart"):
+        plant_on(time_step=0.02).step(1e4, 0.1)
+    with pytest.raises(FloatingPointError, match="the simulation diverged"):
+        plant_on(time_step=0.02).step(1e6, 0.02)
+
+
+def test_the_task_is_the_same():
+    """Spaces, keys of info and the start agree with the default plant's."""
+    one, other = (gym.make("JansenWalker-v0", plant=name) for name in ("rigid_body", "projection"))
+    (seen, info), (expected, known) = one.reset(seed=3), other.reset(seed=3)
+    assert one.observation_space == other.observation_space
+    assert info.keys() == known.keys() and info["energy"].keys() == known["energy"].keys()
+    np.testing.assert_allclose(seen, expected, atol=0.03)
+    for _ in range(5):
+        action = np.array([0.2], np.float32)
+        _, reward, *_, info = one.step(action)
+        *_, known = other.step(action)
+    assert info.keys() == known.keys() and known["joint_gap"] == 0.0 < info["joint_gap"] < 2e-4
+    assert info["x_position"] == pytest.approx(known["x_position"], abs=3e-3)
+    factors = [value for name, value in info.items() if name.startswith("reward/")]
+    assert reward == pytest.approx(np.prod(factors), rel=1e-12)
+    assert one.unwrapped.plant.time_step < other.unwrapped.plant.time_step
+
+
+def test_states_of_the_task_are_read_and_set():
+    """From a state that was set, two environments go on alike, bit for bit."""
+    envs = [JansenWalkerEnv(plant="rigid_body") for _ in range(2)]
+    envs[0].reset(seed=1)
+    envs[0].step(np.array([0.5], np.float32))
+    state = envs[0].get_state()
+    seen = [env.set_state(state) for env in envs]
+    assert (seen[0] == seen[1]).all()
+    seen = [env.step(np.array([0.5], np.float32))[0] for env in envs]
+    assert (seen[0] == seen[1]).all()

@@ -1,0 +1,271 @@
+"""Varied robots: they move as the machines do that are built with these numbers."""
+
+from __future__ import annotations
+
+import copy
+import math
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jansen_env import ROBOTS, Motor, Payload, Robot, Terrain
+from jansen_env.dynamics import reduced as rd
+from jansen_env.parameters import OF_ROBOTS, ROBOT_PARAMETERS, effective, nominal
+from jansen_env.plants.batch import Batch
+from jansen_env.plants.batch_of_one import BatchOfOne
+from jansen_env.plants.initial_pose import static_deflection
+from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.rigid_body import RigidBodyPlant
+from jansen_env.plants.robot_parameters import machine_of, tables_of, terrain_of, tilted
+from jansen_env.robot import BODIES, Compliance
+from jansen_env.robot.motor import AK80_6
+
+GRAVITY = (0.0, -9.81)
+RIGID = replace(
+    Robot(), payload=Payload(0.4, 0.02, (0.02, 0.1)), motor=Motor(8.0, 6.0, 6.0, 20.0, 1e-4, 0.1)
+)
+GIVING = replace(
+    ROBOTS["paper_slender"](), motor=AK80_6, pad_compliance=Compliance(2e4, 60.0, 1.5e4, 40.0)
+)
+DESIGNS = {"rigid": RIGID, "giving": GIVING}
+CHANGES = {
+    "friction": 0.5, "restitution": 0.4, "payload": 1.3, "payload_x": -0.1, "payload_y": 0.2,
+    "mass_scale": 1.3, "inertia_scale": 0.6, "damping_scale": 1.7, "foot_stiffness_scale": 0.6,
+    "foot_damping_scale": 1.5, "motor_strength": 0.7, "rotor_inertia_scale": 3.0, "tilt": 0.06,
+}  # fmt: skip
+GROUND = Terrain.slope(0.05, 0.8)
+
+
+def varied(robot, *names):
+    """A row with some of :data:`CHANGES`, as far as the robot allows them."""
+    row = nominal(robot, GROUND)
+    for name in names:
+        if name != "restitution" or robot.pad_compliance.rigid:
+            row[name] = CHANGES[name]
+    return row
+
+
+def walked(batch, steps=40):
+    """The states of a batch that goes for a walk with pushes; energies and forces of its last."""
+    n = len(batch.states)
+    batch.place(np.arange(n), np.full(n, 0.3))
+    states = [batch.states.copy()]
+    for _ in range(steps):
+        torque = 12.0 * (1.5 - batch.states[:, 7]) + 2.0
+        batch.step(torque, 20, pushes=np.full((n, 20, 2), 0.02))
+        states.append(batch.states.copy())
+    sums = [batch.accumulators[name] for name in batch.accumulators.dtype.names]
+    return np.array(states), np.array(sums), batch.contact_force.copy()
+
+
+@pytest.mark.parametrize("design", DESIGNS)
+def test_varied_robots_are_those_built_so(design):
+    """All parameters at once and each alone: to 1e-10 after 240 time steps, 1e-8 after 800.
+
+    The other batch is compiled from the machines built with these numbers, one by one.
+    """
+    robot = DESIGNS[design]
+    cases = [[], list(CHANGES), *([name] for name in CHANGES)]
+    for case in cases[-len(CHANGES) :]:
+        if "payload" in case[0]:
+            case.insert(0, "payload")  # the place of one without mass says nothing
+    rows = np.array([varied(robot, *names) for names in cases], ROBOT_PARAMETERS)
+    batch = Batch([robot] * len(cases), [GROUND] * len(cases))
+    every = np.arange(len(cases))
+    batch.set_parameters(every, rows[np.roll(every, 1)])  # what comes next never builds on it
+    batch.set_parameters(every, rows)
+    states, sums, forces = walked(batch)
+    for k, (names, row) in enumerate(zip(cases, rows, strict=True)):
+        pull = tilted(GRAVITY, float(row["tilt"]))
+        other = Batch([machine_of(robot, row)], [terrain_of(GROUND, row)], gravity=pull)
+        expected = walked(other)
+        apart = np.abs(states[:, k] - expected[0][:, 0]).max(axis=1)
+        assert apart[:13].max() < 1e-10 and apart.max() < 1e-8, names
+        assert sums[:, k] == pytest.approx(expected[1][:, 0], rel=1e-7, abs=1e-9)
+        assert forces[k] == pytest.approx(expected[2][0], rel=1e-7, abs=1e-7)
+        assert np.abs(batch.params[k]["mass"] - other.params[0]["mass"]) < 1e-12
+        for name in ("pitch_arm", "crank_arm", "winding", "stall_torque"):
+            assert batch.params[k][name] == pytest.approx(other.params[0][name], rel=1e-12)
+        same = (states[-1, k] == states[-1, 0]).all()
+        assert same == (not set(names) & set(effective(robot))), names
+    assert sums[list(batch.accumulators.dtype.names).index("push_work")].all()
+
+
+@pytest.mark.parametrize("design", DESIGNS)
+def test_a_row_that_changes_nothing_changes_no_bit(design):
+    robot = DESIGNS[design]
+    plain, other = (Batch([robot, robot], [GROUND] * 2) for _ in range(2))
+    other.set_parameters(np.arange(2), np.array([varied(robot, *CHANGES)] * 2, ROBOT_PARAMETERS))
+    assert (other.params["mass"] > plain.params["mass"]).all()
+    other.set_parameters(np.arange(2), other.nominal)
+    for name in plain.params.dtype.names:
+        assert other.params[name].tobytes() == plain.params[name].tobytes()
+    for a, b in zip(walked(plain), walked(other), strict=True):
+        assert a.tobytes() == b.tobytes()
+
+
+@pytest.mark.parametrize("design", DESIGNS)
+def test_tables_of_varied_robots(design):
+    """Scaled tables say of every crank angle what those compiled from the varied machine do.
+
+    To 1e-12, second derivatives to 1e-10.
+    """
+    robot = DESIGNS[design]
+    row = varied(robot, *CHANGES)
+    scaled = tables_of(rd.compile_robot(robot), row)
+    built = rd.compile_robot(machine_of(robot, row))
+    psi = np.linspace(-4.0, 4.0, 1000)
+    for name, expected in vars(rd.body_sums(built, psi)).items():
+        found = getattr(rd.body_sums(scaled, psi), name)
+        assert np.abs(found - expected).max() < (1e-10 if name == "ddc" else 1e-12), name
+    assert np.abs(scaled.own - built.own)[..., 0].max() < 1e-13
+    assert scaled.robot == built.robot
+    assert (scaled.pads == built.pads).all() and (scaled.bearings == built.bearings).all()
+
+
+def test_own_inertias_are_what_scales_with_them():
+    """I, b and k without the links' own inertias are those of the links as points: rounding."""
+    row = nominal(RIGID, GROUND)
+    row["inertia_scale"] = 0.0
+    points = replace(RIGID, **{n: replace(getattr(RIGID, n), inertia=0.0) for n in BODIES})
+    assert machine_of(RIGID, row) == points
+    scaled = tables_of(rd.compile_robot(RIGID), row)
+    expected = rd.compile_robot(points).body
+    assert np.abs(scaled.body - expected)[..., 0].max() < 1e-13
+
+
+def test_the_rigid_body_plant_is_varied_alike():
+    """Set down and driven, states of both plants 0.06 s on; and back to as it was, to the bit."""
+    ends = {}
+    for name, make in {"projection": ProjectionPlant, "rigid_body": RigidBodyPlant}.items():
+        batch = BatchOfOne(make(GIVING, GROUND))
+        place = np.zeros(1, np.int64), np.array([0.3])
+        batch.set_parameters(place[0], np.array([varied(GIVING, *CHANGES)], ROBOT_PARAMETERS))
+        batch.place(*place)
+        steps = round(0.06 / batch.time_step)
+        batch.step(np.array([2.0]), steps, pushes=np.full((1, steps, 2), 1.0 / steps))
+        ends[name] = batch.states[0, :4].copy()
+        assert not batch.any_diverged
+        batch.set_parameters(place[0], batch.nominal)
+        batch.place(*place)
+        again = BatchOfOne(make(GIVING, GROUND))
+        again.place(*place)
+        assert batch.states.tobytes() == again.states.tobytes()
+    assert np.abs(ends["projection"] - [0.0, 0.0, 0.0, 0.3]).max() > 0.02
+    assert ends["rigid_body"] == pytest.approx(ends["projection"], abs=1e-3)
+
+
+def test_a_tilted_floor_is_a_slope():
+    """Level ground under turned gravity: the same walk as up a slope, to 1e-6."""
+    angle, ways = 0.1, []
+    for ground in (Terrain.flat(), Terrain.slope(angle)):
+        plant = ProjectionPlant(GIVING, ground)
+        values = plant.nominal
+        values["tilt"] = angle if ground == Terrain.flat() else 0.0
+        plant.set_parameters(values)
+        start = plant.reset(0.0, 0.3)
+        for _ in range(20):
+            plant.step(2.0, 0.02)
+        ways.append(plant.state[:4] - start[:4])
+    (x, y, *angles), cos, sin = ways[0], math.cos(angle), math.sin(angle)
+    assert x > 0.01
+    assert ways[1] == pytest.approx([cos * x - sin * y, sin * x + cos * y, *angles], abs=1e-6)
+
+
+def test_setters_change_what_the_robot_is():
+    """A setter's number is in force and nominal; what else was varied stays."""
+    batch = Batch([GIVING] * 2, [GROUND] * 2)
+    row = varied(GIVING, *CHANGES)
+    batch.set_parameters(np.array([1]), np.array([row], ROBOT_PARAMETERS))
+    motor = replace(AK80_6, stall_torque=50.0)
+    batch.change(1, {"motor": motor})
+    batch.change(1, {"payload": Payload(2.0, 0.1, (0.1, 0.0))})
+    batch.change(1, {"pad_compliance": Compliance(1e4, 30.0)})
+    batch.change(1, {"friction": 0.9})
+    batch.change(1, {"gravity": 5.0})
+    robot = replace(
+        GIVING,
+        motor=motor,
+        payload=Payload(2.0, 0.1, (0.1, 0.0)),
+        pad_compliance=Compliance(1e4, 30.0),
+    )
+    assert batch.robots[1] == robot
+    row["friction"], row["payload"], row["payload_x"], row["payload_y"] = 0.9, 2.0, 0.1, 0.0
+    assert batch.parameters[1] == row
+    assert batch.nominal[1] == nominal(robot, replace(GROUND, friction=0.9))
+    built = Batch([machine_of(robot, row)], [GROUND], gravity=tilted((0.0, -5.0), row["tilt"]))
+    for name in set(batch.params.dtype.names) - {
+        "friction",
+        "mass_scale",
+        "inertia_scale",
+        "damping_scale",
+    }:
+        assert batch.params[name][1] == pytest.approx(built.params[name][0], rel=1e-12), name
+    assert batch.params["gravity_y"][0] == -9.81 and batch.parameters[0] == batch.nominal[0]
+    batch.set_terrain(1, Terrain.flat(0.3))
+    assert batch.params["friction"][1] == batch.nominal["friction"][1] == 0.3
+    assert batch.parameters["tilt"][1] == row["tilt"]
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda thing: pickle.loads(pickle.dumps(thing))])
+def test_copies_go_on_varied(copied):
+    for plant in (ProjectionPlant(GIVING, GROUND), RigidBodyPlant(GIVING, GROUND)):
+        plant.set_parameters(varied(GIVING, *CHANGES))
+        plant.reset(0.0, 0.3)
+        other = copied(plant)
+        for each in (plant, other):
+            each.step(2.0, 0.01)
+        assert other.state == pytest.approx(plant.state, abs=1e-9)
+        assert other.nominal == plant.nominal == nominal(GIVING, GROUND)
+        assert other.robot == plant.robot == GIVING
+
+
+def test_what_is_in_force_counts_for_placing_and_forces():
+    """Feet that give sink in by the weight in force; joint forces know it, too."""
+    row = varied(GIVING, *CHANGES)
+    plant, built = ProjectionPlant(GIVING, GROUND), machine_of(GIVING, row)
+    pull = tilted(GRAVITY, float(row["tilt"]))
+    other = ProjectionPlant(built, terrain_of(GROUND, row), gravity=pull)
+    plant.set_parameters(row)
+    assert static_deflection(built, -pull[1]) > 1.2 * static_deflection(GIVING, 9.81)
+    for each in (plant, other):
+        each.tracing = True
+        each.reset(0.0, 0.3)
+        each.step(2.0, 0.02)
+    assert plant.state == pytest.approx(other.state, abs=1e-10)
+    assert plant.joint_forces().bearing == pytest.approx(other.joint_forces().bearing, rel=1e-6)
+    assert plant.peak_loads().force == pytest.approx(other.peak_loads().force, rel=1e-6)
+    assert plant.energy() == pytest.approx(other.energy(), rel=1e-9)
+
+
+def test_what_has_an_effect():
+    assert set(OF_ROBOTS) - set(effective(Robot())) == {
+        "foot_stiffness_scale", "foot_damping_scale", "rotor_inertia_scale",
+    }  # fmt: skip
+    assert set(OF_ROBOTS) - set(effective(ROBOTS["built"]())) == {"restitution", "damping_scale"}
+
+
+@pytest.mark.parametrize("plant", [ProjectionPlant, RigidBodyPlant])
+def test_refused(plant):
+    plant = plant(GIVING, GROUND)
+    plant.reset()
+    before = plant.state
+    for name, value, message in (
+        ("mass_scale", 0.0, r"mass_scale is 0.0, must be between 0.01 and 100"),
+        ("tilt", math.nan, "tilt is nan, must be between"),
+        ("restitution", 0.5, "restitution is 0.5, must be 0 with compliant pads"),
+    ):
+        row = plant.nominal
+        row[name] = value
+        with pytest.raises(ValueError, match=message):
+            plant.set_parameters(row)
+    assert plant.state.tobytes() == before.tobytes()
+    row = plant.nominal
+    row["foot_stiffness_scale"], row["mass_scale"] = 0.01, 10.0
+    plant.set_parameters(row)
+    with pytest.raises(
+        ValueError, match=r"pad_compliance\.stiffness is 200\.0 N/m, must be at least"
+    ):
+        plant.reset()

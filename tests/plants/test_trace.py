@@ -1,0 +1,302 @@
+"""Joint forces of a walk: each time step's trace balances, landings are impulses, not forces."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jansen_env import Payload, Robot, Terrain
+from jansen_env.dynamics import reduced as rd
+from jansen_env.dynamics.joint_forces import joint_forces
+from jansen_env.envs.walker import JansenWalkerEnv
+from jansen_env.gravity import GRAVITY
+from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.trace import pads_in_contact, peak_loads, trace_forces
+from jansen_env.robot.kinematics import world_joints
+
+LADEN = replace(Robot(), payload=Payload(1.0, 0.1, (0.1, 0.2)))
+HOLD = 0.02  # s
+
+
+def standing(robot=None, terrain=None, crank_angle=1.0, time_step=1e-3, **settings):
+    """A traced plant, set down at rest."""
+    plant = ProjectionPlant(robot or Robot(), terrain or Terrain.flat(), time_step)
+    plant.reset(0.0, crank_angle)
+    plant.tracing = True
+    for name, value in settings.items():
+        setattr(plant, name, value)
+    return plant
+
+
+def walk(plant, duration, speed=1.0):
+    """Hold the crank near ``speed``; trace and landings of all time steps."""
+    rows, landed = [], []
+    for _ in range(round(duration / HOLD)):
+        plant.step(10.0 * (speed - plant.state[7]) + 1.5 * speed, HOLD)
+        rows.append(plant.trace)
+        landed.append(plant.touchdowns)
+    return np.concatenate(rows), np.concatenate(landed)
+
+
+def turned(duration, **arguments):
+    """Its crank driven at 1 rad/s from rest: largest joint force of each time step, landings."""
+    plant = standing(prescribed_crank_speed=True, **arguments)
+    plant.state = np.append(plant.state[:7], 1.0)
+    plant.step(0.0, duration)
+    forces = trace_forces(plant.tables, plant.trace, plant.time_step)
+    assert np.abs(forces.torque - plant.trace["torque"]).max() <= 1e-9
+    return forces.bearing.max(axis=(1, 2)), plant.touchdowns
+
+
+def dropped(time_step, height=0.05, duration=0.15):
+    """From a height onto one fore toe: 0.1 s of free fall, then the landing."""
+    plant = standing(crank_angle=0.3, time_step=time_step)
+    plant.reset(0.0, 0.3, pitch=0.2)
+    plant.state = plant.state + height * np.eye(8)[1]
+    plant.step(0.0, duration)
+    return plant
+
+
+@pytest.mark.parametrize(
+    "robot, terrain",
+    [(Robot(), Terrain.flat()), (LADEN, Terrain.slope(0.1))],
+    ids=["paper", "laden, slope"],
+)
+def test_every_time_step_balances(robot, terrain):
+    """The forces' torque is the motor's and the frames carry the load, in every step of a walk.
+
+    Forces along x and y to rounding. Torque and moment as well as two passes over the speed-
+    dependent terms solve the step: 1e-5 N m with impacts, 1e-6 without, 1e-8 as a rule, and less
+    by h^2 (asked: 3 times in the median at half the time step).
+    """
+    typical = []
+    for time_step in (1e-3, 5e-4):
+        plant = standing(robot, terrain, time_step=time_step)
+        trace, landed = walk(plant, 1.0)
+        forces = trace_forces(plant.tables, trace, time_step)
+        a, load = forces.q_ddot, robot.payload
+        speed = 0.5 * (trace["velocity_before"] + trace["velocity_after"])[:, 2]  # of the pitch
+        arm = complex(*load.position) * np.exp(1j * trace["pose"][:, 2])
+        carried = a[:, 0] + 1j * a[:, 1] + (1j * a[:, 2] - speed**2) * arm + 1j * GRAVITY
+        carried *= load.mass
+        x, y, moment = -forces.frame.sum(axis=1).T
+        assert np.abs(x + 1j * y - carried).max() <= 1e-9
+        moment -= trace["torque"] + load.inertia * a[:, 2] + (arm.conjugate() * carried).imag
+        miss = np.abs([forces.torque - trace["torque"], moment])
+        assert miss.max() <= 1e-5 and landed.sum() > 2
+        assert miss[:, ~landed].max() <= 1e-6
+        typical.append(np.median(miss, axis=1))
+    assert (typical[0] <= 1e-8).all() and (typical[0] / typical[1] > 3.0).all()
+
+
+def test_traced_contacts_make_the_traced_motion():
+    """Forward dynamics under a trace's torque and contact forces gives its accelerations.
+
+    So poses, velocities, impulses and moments of the pads fit one another: 1e-6 of the largest.
+    """
+    plant = standing(LADEN, Terrain.slope(0.1))
+    trace, landed = walk(plant, 1.0)
+    traced = trace_forces(plant.tables, trace, plant.time_step)
+    contact = trace["impulses"] / plant.time_step
+    mean = 0.5 * (trace["velocity_before"] + trace["velocity_after"])
+    q = trace["pose"].copy()
+    sums = rd.body_sums(plant.tables, q[:, 3])
+    R = np.exp(1j * q[:, 2]) / LADEN.mass
+    c, dc = (R * (f @ [1.0, 1.0j]) for f in (sums.c, sums.dc))
+    slip = 1j * c * mean[:, 2] + dc * mean[:, 3]
+    q[:, :2] -= np.stack([c.real, c.imag], axis=1)
+    mean[:, :2] -= np.stack([slip.real, slip.imag], axis=1)
+    forward = joint_forces(LADEN, q, mean, trace["torque"], contact)
+    scale = np.abs(traced.q_ddot).max(axis=1, keepdims=True)
+    assert (np.abs(forward.q_ddot - traced.q_ddot) <= 1e-6 * np.maximum(scale, 1.0)).all()
+    assert (np.abs(forward.pin - traced.pin).max(axis=(1, 2, 3)) <= 1e-3).all()
+    assert landed.any()
+
+
+def test_traced_impulses_are_the_results():
+    """Impulses on the toes add up to the step's mean contact force, on a slope too; rounding."""
+    angle = 0.1
+    plant = standing(terrain=Terrain.slope(angle))
+    for _ in range(50):
+        result = plant.step(5.0, HOLD)
+        impulse = plant.trace["impulses"].sum(axis=0)[:4, :2]
+        tangent = np.array([np.cos(angle), np.sin(angle)])
+        along = impulse @ np.column_stack([tangent, [-tangent[1], tangent[0]]])
+        assert along == pytest.approx(HOLD * result.contact_force, abs=1e-12)
+
+
+def test_tracing_changes_no_bit():
+    """States and results with and without a trace, joint forces asked for in between or not."""
+    plants = [standing(Robot(), Terrain.slope(0.05)) for _ in range(2)]
+    plants[1].tracing = False
+    for k in range(100):
+        torque = 10.0 * np.sin(k)
+        first, second = (plant.step(torque, HOLD) for plant in plants)
+        assert plants[0].state.tobytes() == plants[1].state.tobytes()
+        assert pickle.dumps(tuple(map(np.asarray, first))) == pickle.dumps(
+            tuple(map(np.asarray, second))
+        )
+        assert plants[0].trace["impulses"].shape == (20, 22, 3) and len(plants[1].trace) == 0
+        plants[k % 2].joint_forces(torque)
+
+
+@pytest.mark.parametrize("crank_angle, stretch", [(1.0, (0.15, 0.32)), (4.0, (0.1, 0.25))])
+def test_forces_between_landings_do_not_depend_on_the_time_step(crank_angle, stretch):
+    """The largest joint force of a stretch without landings, with half the time step: 0.5 %."""
+    largest = []
+    for h in (1e-3, 5e-4):
+        force, landed = turned(0.35, crank_angle=crank_angle, time_step=h)
+        steps = slice(*(round(t / h) for t in stretch))
+        assert not landed[steps].any() and landed[: steps.start].any()
+        largest.append(force[steps].max())
+    assert largest[0] == pytest.approx(largest[1], rel=5e-3)
+
+
+@pytest.mark.parametrize("crank_angle", [0.3, 4.0])
+def test_landing_impulses_of_a_walk_do_not_depend_on_the_time_step(crank_angle):
+    """The largest in 1 s with half the time step: 6 %, while impulse / time step doubles.
+
+    Of that, 4 % is the ordinary force of 40 N or so, which acts during a time step of 1 ms, too.
+    """
+    impulse = []
+    for h in (1e-3, 5e-4):
+        force, landed = turned(1.0, crank_angle=crank_angle, time_step=h)
+        impulse.append(force[landed].max() * h)
+    assert impulse[0] == pytest.approx(impulse[1], rel=0.06)
+    assert impulse[0] > 0.9
+
+
+def test_landing_impulse_of_a_drop_does_not_depend_on_the_time_step():
+    """5 cm onto one toe: 1 % with half the time step; before, the robot falls free of force."""
+    plants = [dropped(h) for h in (1e-3, 5e-4)]
+    loads = [plant.peak_loads() for plant in plants]
+    assert loads[0].impulse == pytest.approx(loads[1].impulse, rel=0.01)
+    assert loads[0].force == pytest.approx(loads[1].force, rel=0.01)
+    for plant in plants:
+        assert plant.touchdowns.sum() == 1
+        steps = slice(0, np.flatnonzero(plant.touchdowns)[0])
+        forces = trace_forces(plant.tables, plant.trace, plant.time_step)
+        assert np.abs(forces.magnitude[steps]).max() <= 1e-9
+
+
+def test_landings_are_seen_at_every_moment_of_a_time_step():
+    """Drops 0.1 ms apart: one landing each, in the step that stops the toe, never taken for force.
+
+    A toe that reaches the ground in the second half of a step is stopped in the next one.
+    """
+    steps = []
+    for extra in np.linspace(0.0, 1e-3, 11):
+        plant = dropped(1e-3, 0.05 + extra)
+        (landing,) = np.flatnonzero(plant.touchdowns)
+        in_contact = pads_in_contact(plant.trace).any(axis=1)
+        assert not in_contact[:landing].any() and in_contact[landing]
+        loads = plant.peak_loads()
+        assert loads.force < 100.0 and loads.impulse == pytest.approx(5.12, rel=0.01)
+        steps.append(landing - np.sqrt(2.0 * (0.05 + extra) / GRAVITY) / 1e-3)
+    assert np.ptp(steps) > 0.5 and min(steps) >= -0.5 and max(steps) <= 0.6
+
+
+def test_landings_across_steps():
+    """A toe in contact at the end of one :meth:`step` does not land at the beginning of the next.
+
+    And one that lands in the first time step of a :meth:`step` is seen there, looked ahead or not.
+    After a state was set nothing is known of before: what is pressed then counts as landing, as
+    that state may have to stop at once; unless it is said what was pressed.
+    """
+    plant = dropped(1e-3, duration=0.1)
+    assert not plant.touchdowns.any()
+    seen = []
+    for _ in range(5):
+        plant.joint_forces()
+        plant.step(0.0, 1e-3)
+        seen.append(plant.touchdowns.tolist())
+    assert seen.count([True]) == 1
+    down = plant.state
+    plant.state = down + np.eye(8)[1]
+    plant.step(0.0, 1e-3)
+    assert not pads_in_contact(plant.trace).any()
+    plant.state = down
+    plant.step(0.0, 1e-3)
+    assert pads_in_contact(plant.trace).any() and plant.touchdowns.all()
+    in_contact = plant.in_contact
+    plant.state = down
+    plant.in_contact = in_contact
+    plant.step(0.0, 1e-3)
+    assert not plant.touchdowns.any()
+    with pytest.raises(ValueError, match=r"in_contact is \[True\], must be None or 22"):
+        plant.in_contact = [True]
+
+
+def test_joint_forces_leave_the_trace_alone():
+    """Also where the look ahead fails: trace, landings and state of the last step stay."""
+    plant = standing()
+    walk(plant, 0.5)
+    kept = plant.trace.copy(), plant.touchdowns.copy(), plant.peak_loads(), plant.state
+    plant.joint_forces(3.0)
+    with pytest.raises(FloatingPointError):
+        plant.joint_forces(1e9)
+    assert plant.trace.tobytes() == kept[0].tobytes() and (plant.touchdowns == kept[1]).all()
+    assert plant.peak_loads() == kept[2] and (plant.state == kept[3]).all() and plant.tracing
+
+
+def test_a_restored_walker_reports_the_same_loads():
+    """From get_state, in the midst of landings: ``info`` goes on with the same numbers."""
+    envs = [JansenWalkerEnv(track_joint_forces=True) for _ in range(2)]
+    envs[0].reset(seed=0, options={"crank_angle": 1.0})
+    envs[1].reset(seed=1)
+    for k in range(60):
+        envs[1].set_state(envs[0].get_state())
+        first, second = (env.step(np.array([0.6]))[-1] for env in envs)
+        for key in ("joint_force_max", "joint_impulse_max"):
+            assert first[key] == second[key], k
+
+
+def test_the_first_force_of_an_episode_does_not_depend_on_the_time_step():
+    """The crank's speed at reset makes an impulse: with half the time step the force is 2 % off."""
+    forces = []
+    for time_step in (1e-3, 5e-4):
+        env = JansenWalkerEnv(track_joint_forces=True, time_step=time_step, reset_noise_scale=1.0)
+        env.reset(seed=0, options={"crank_angle": 2.0})
+        forces.append(env.step(np.array([0.0]))[-1]["joint_force_max"])
+    assert forces[0] == pytest.approx(forces[1], rel=0.02)
+
+
+def test_standing_walker():
+    """At rest: the toes' forces are the weight, nothing accelerates, the torque is none; 1e-9."""
+    env = JansenWalkerEnv(payload=1.0, reset_noise_scale=0.0)
+    env.reset(seed=0, options={"crank_angle": 0.3})
+    forces = env.joint_forces()
+    joints = world_joints(env.robot, env.plant.state[:4])
+    assert np.abs(forces.joints - joints).max() <= 1e-9
+    weight = env.robot.mass * GRAVITY
+    assert forces.toe.sum(axis=0) == pytest.approx([0.0, weight], abs=1e-7)
+    assert np.abs(forces.q_ddot).max() <= 1e-7 and abs(forces.torque) <= 1e-9
+    assert forces.frame.sum(axis=0)[:2] == pytest.approx([0.0, -GRAVITY], abs=1e-7)
+    size, leg, place = forces.largest()
+    assert size == forces.bearing.max() > 1.0 and leg in env.robot.leg_names
+    assert place.startswith("link ")
+
+
+def test_walker_info_has_the_largest_loads_when_asked():
+    """The plant's, in every step; off by default; observations and rewards are the same bits."""
+    envs = [JansenWalkerEnv(track_joint_forces=on) for on in (True, False)]
+    assert not JansenWalkerEnv().plant.tracing
+    keys, impulses = {"joint_force_max", "joint_impulse_max"}, []
+    for env in envs:
+        env.reset(seed=0, options={"crank_angle": 1.0})
+    for _ in range(40):
+        obs, reward, *_, info = envs[0].step(np.array([0.25]))
+        other, paid, *_, bare = envs[1].step(np.array([0.25]))
+        assert obs.tobytes() == other.tobytes() and reward == paid
+        assert info.keys() - bare.keys() == keys
+        plant = envs[0].plant
+        forces = trace_forces(plant.tables, plant.trace, plant.time_step).bearing
+        expected = peak_loads(forces, plant.touchdowns, plant.time_step)
+        assert (info["joint_force_max"], info["joint_impulse_max"]) == expected
+        assert 1.0 < info["joint_force_max"] < 1e3
+        impulses.append(info["joint_impulse_max"])
+        envs[0].joint_forces()
+    assert 0.1 < max(impulses) < 10.0 and impulses.count(0.0) > 20

@@ -1,0 +1,479 @@
+"""The page's server: who may reach it, what it takes, and that rubbish does it no harm."""
+
+from __future__ import annotations
+
+import asyncio
+import http.client
+import json
+import random
+import select
+import socket
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from importlib.resources import files
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("websockets", reason="the extra 'play' is not installed")
+
+from websockets.asyncio.client import connect as connect_async
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from jansen_env.play import __main__ as program
+from jansen_env.play import server
+from jansen_env.play.messages import FIELDS, parse
+from jansen_env.play.server import (
+    BURST,
+    FILES,
+    HEADERS,
+    MOST_CONNECTIONS,
+    MOST_ERRORS,
+    MOST_SOCKETS,
+    Page,
+)
+from jansen_env.play.session import ROBOTS, SLIDERS, TERRAINS, Session
+
+
+def apart(function, *arguments):
+    """What a function returns in a thread: Playwright may have its event loop in this one."""
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(function, *arguments).result()
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
+    """``python -m jansen_env.play --web``: process, host and port, and the file of its errors."""
+    errors = tmp_path_factory.mktemp("served") / "stderr"
+    with errors.open("wb") as stderr:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "jansen_env.play", "--web", "--port", "0"],
+            stdout=subprocess.PIPE, stderr=stderr, text=True,
+        )  # fmt: skip
+        address = process.stdout.readline().strip()
+    assert address.startswith("http://127.0.0.1:"), errors.read_text()
+    yield process, address.removeprefix("http://"), errors
+    assert process.poll() is None
+    process.terminate()
+    process.communicate(timeout=10)
+    assert errors.read_text() == ""
+
+
+def ask(host, path="/", method="GET", headers=()):
+    """Status and headers and body of a request; ``headers``: pairs, of which Host may be one."""
+    connection = http.client.HTTPConnection(host, timeout=10)
+    connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
+    for name, value in headers or [("Host", host)]:
+        connection.putheader(name, value)
+    connection.endheaders()
+    response = connection.getresponse()
+    return response.status, dict(response.getheaders()), response.read()
+
+
+def talk(host, **options):
+    return connect(f"ws://{host}/socket", origin=f"http://{host}", open_timeout=10, **options)
+
+
+def next_of(connection, kind):
+    """The next message of a kind."""
+    while True:
+        message = json.loads(connection.recv(timeout=10))
+        if message["kind"] == kind:
+            return message
+
+
+def until(connection, fits):
+    """The first state for which ``fits`` is true; 10 s of them may come before it."""
+    for _ in range(500):
+        if fits(state := next_of(connection, "state")):
+            return state
+    raise AssertionError(f"the last state was {state}")
+
+
+@pytest.mark.parametrize("path", FILES)
+def test_files_are_served_with_a_policy(served, path):
+    status, headers, body = ask(served[1], path)
+    name, kind = FILES[path]
+    assert status == 200 and headers["Content-Type"] == f"{kind}; charset=utf-8"
+    assert body == files("jansen_env.viewer.web").joinpath(name).read_bytes()
+    policy = headers["Content-Security-Policy"]
+    assert "default-src 'none'; script-src 'self'; " in policy and "unsafe" not in policy
+    assert f"connect-src ws://{served[1]} ws://localhost:" in policy
+    assert {*HEADERS} <= {*headers} and "Server" not in headers
+
+
+def test_localhost_is_this_machine_too(served):
+    port = served[1].split(":")[1]
+    assert ask(served[1], headers=[("Host", f"localhost:{port}")])[0] == 200
+    with pytest.raises(OSError):  # and nothing else is
+        socket.create_connection(("127.0.0.2", int(port)), timeout=5)
+
+
+@pytest.mark.parametrize(
+    "hosts",
+    [[], ["evil.example"], ["127.0.0.1"], ["{}.evil.example"], ["127.0.0.1:1"], ["{}", "{}"],
+     ["{}", "evil.example"], ["localhost"], [""]],
+)  # fmt: skip
+def test_other_hosts_are_refused(served, hosts):
+    headers = [("Host", host.format(served[1])) for host in hosts]
+    assert ask(served[1], headers=[*headers, ("Accept", "*/*")])[0] == 421
+
+
+@pytest.mark.parametrize("method", ["HEAD", "POST", "PUT", "DELETE", "OPTIONS", "TRACE", "X"])
+def test_other_methods_are_refused(served, method):
+    assert ask(served[1], method=method)[0] in (400, 405)
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/play.html", "/geometry.py", "/../play/server.py", "/..%2f..%2fpyproject.toml", "//", "/?a",
+     "/play.js/..", "/%2e%2e/", "/etc/passwd", "/play.js%00", "*", "http://evil.example/"],
+)  # fmt: skip
+def test_other_paths_are_refused(served, path):
+    status, headers, body = ask(served[1], path)
+    assert status == 404 and body == b"404 Not Found\n" and headers["Cache-Control"] == "no-store"
+
+
+@pytest.mark.parametrize("path", ["/", "/play.js", "/socket"])
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://{}", "http://{}.x"])
+def test_other_origins_are_refused(served, path, origin):
+    headers = [("Host", served[1]), ("Origin", origin.format(served[1]))]
+    assert ask(served[1], path, headers=headers)[0] == 403
+
+
+@pytest.mark.parametrize("origin", [None, "http://evil.example", "null", "http://localhost:1"])
+def test_a_socket_needs_the_pages_origin(served, origin):
+    with (
+        pytest.raises(InvalidStatus, match="403"),
+        connect(f"ws://{served[1]}/socket", origin=origin),
+    ):
+        pass
+    status, *_ = ask(served[1], "/socket", headers=[("Host", served[1])])
+    assert status == 403
+
+
+def test_a_page_steers_the_robot(served):
+    with talk(served[1]) as one:
+        scene = next_of(one, "scene")
+        assert [slider["name"] for slider in scene["sliders"]] == list(SLIDERS)
+        assert len(scene["scene"]["legs"]) == len(next_of(one, "state")["state"]["joints"]) == 4
+        one.send('{"do": "hold", "direction": 1}')
+        until(one, lambda state: state["input"] == 1.0)
+        assert next_of(one, "state")["state"]["torque"] > 0.0
+        one.send('{"do": "set", "name": "friction", "value": 0.25}')
+        assert next_of(one, "scene")["sliders"][0]["value"] == 0.25
+        with talk(served[1]) as other:  # which shows the same robot
+            assert next_of(other, "scene")["sliders"][0]["value"] == 0.25
+        one.send('{"do": "choose", "name": "robot", "value": "iron"}')
+        until(one, lambda state: "robot is 'iron'" in state["message"])
+        one.send('{"do": "hold", "direction": 1}')
+    with talk(served[1]) as again:  # the key is up
+        until(again, lambda state: state["input"] == 0.0)
+
+
+def close_code(connection):
+    """Why a server closes."""
+    with pytest.raises(ConnectionClosed) as closed:
+        while True:
+            connection.recv(timeout=10)
+    return closed.value.rcvd.code
+
+
+def test_large_messages_close_the_socket(served):
+    with talk(served[1]) as one:
+        one.send(json.dumps({"do": "x" * 2000}))
+        assert close_code(one) == 1009
+
+
+def test_many_messages_close_the_socket(served):
+    with talk(served[1]) as one:
+        for _ in range(round(1.5 * BURST)):
+            one.send('{"do": "steer", "value": 0.0}')
+        assert close_code(one) == 1008
+
+
+def test_many_errors_close_the_socket(served):
+    with talk(served[1]) as one:
+        for _ in range(MOST_ERRORS):
+            one.send(b"binary")
+            assert "binary, must be text" in next_of(one, "error")["message"]
+        one.send("{}")
+        assert close_code(one) == 1008
+
+
+def test_there_are_only_so_many_sockets(served):
+    with ExitStack() as open_ones:
+        for _ in range(MOST_SOCKETS):
+            open_ones.enter_context(talk(served[1]))
+        with pytest.raises(InvalidStatus, match="503"):
+            open_ones.enter_context(talk(served[1]))
+    with talk(served[1]) as one:
+        next_of(one, "state")
+
+
+def test_there_are_only_so_many_connections(served):
+    """Those that ask for nothing make room for a page, and none for an open socket."""
+    host, port = served[1].split(":")
+    with ExitStack() as open_ones:
+        page = open_ones.enter_context(talk(served[1]))
+        idle = [
+            open_ones.enter_context(socket.create_connection((host, int(port))))
+            for _ in range(MOST_CONNECTIONS + 10)
+        ]
+        time.sleep(0.2)
+        assert select.select(idle, [], [], 1.0)[0] == idle[:11]  # are closed
+        assert ask(served[1])[0] == 200
+        next_of(page, "state")
+
+
+WRONG = [
+    "", " ", "{", "null", "[]", "3", '"reset"', "{}", '{"do": null}', '{"do": []}', '{"do": "run"}',
+    '{"do": "reset", "do": "reset"}', '{"do": "__init__"}', '{"do": "close"}', '{"do": "advance"}',
+    '{"do": "reset", "now": 1}', '{"do": "steer"}', '{"do": "steer", "value": NaN}',
+    '{"do": "steer", "value": Infinity}', '{"do": "steer", "value": 1e999}',
+    '{"do": "steer", "value": ' + 400 * "9" + "}", '{"do": "steer", "value": "1"}',
+    '{"do": "steer", "value": true}', '{"do": "steer", "value": null}', 1000 * "[",
+    '{"do":' * 150 + "1" + 150 * "}", '{"do": "hold", "direction": 0.5}',
+    '{"do": "hold", "direction": 1.0}', '{"do": "hold", "direction": true}',
+    '{"do": "set", "name": ["friction"], "value": 1}', '{"do": "choose", "name": "level"}',
+    '{"do": "choose", "name": "level", "value": 1.5}', '{"do": "pause", "value": 1}',
+    '{"do": "choose", "name": "robot", "value": "' + 41 * "x" + '"}', "\ufeff{}", "\x00",
+    '{"do": "push", "x": {}, "y": 0}', b"{}", b"\xff\xfe",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("message", WRONG, ids=lambda m: repr(m)[:40])
+def test_messages_are_held_to_a_schema(message):
+    with pytest.raises(ValueError, match="must") as refused:
+        parse(message)
+    assert len(str(refused.value)) < 500
+
+
+def rubbish(rng):
+    """A message that is nearly always wrong, some in a way nobody thought of."""
+    numbers = [0, -1, 1, 0.3, 1e308, -1e-320, 10**300, True, None, "1", [], {}, [[1]]]
+    kind = rng.randrange(8)
+    if kind == 0:
+        return rng.randbytes(rng.randrange(200))
+    if kind == 1:
+        return "".join(chr(rng.choice([rng.randrange(1, 128), rng.randrange(0xE000, 0x10FFFF)]))
+                       for _ in range(rng.randrange(100)))  # fmt: skip
+    if kind == 2:
+        return rng.choice(WRONG)
+    action = rng.choice(list(FIELDS))
+    names = [*SLIDERS, "robot", "terrain", "level", "control", "value", "__class__", ""]
+    fields = {name: rng.choice(numbers) for name in FIELDS[action]}
+    if "name" in fields and rng.random() < 0.8:
+        fields["name"] = rng.choice(names)
+        fields["value"] = rng.choice([*numbers, *ROBOTS, *TERRAINS, "ppo", "torque", *range(11)])
+    if kind == 3:
+        fields[rng.choice(names)] = rng.choice(numbers)
+    text = json.dumps({"do": action, **fields})
+    if kind == 4:
+        cut = rng.randrange(len(text))
+        text = text[:cut] + rng.choice(["", "{", '"', "\\u0000", "NaN"]) + text[cut + 1 :]
+    return text
+
+
+def memory(process):
+    """MiB that a process has."""
+    for line in Path(f"/proc/{process.pid}/status").read_text().splitlines():
+        if line.startswith("VmRSS"):
+            return int(line.split()[1]) / 1024
+    raise AssertionError("no VmRSS")
+
+
+async def throw(host, seed, count):
+    """Send ``count`` messages of rubbish, over as many sockets as it takes."""
+    rng, sent = random.Random(seed), 0
+    while sent < count:
+        try:
+            async with connect_async(
+                f"ws://{host}/socket", origin=f"http://{host}", max_queue=None
+            ) as one:  # which reads, whatever the test does
+                for _ in range(min(MOST_ERRORS, count - sent)):
+                    await one.send(rubbish(rng))
+                    sent += 1
+                if rng.random() < 0.1:
+                    one.transport.abort()
+        except (ConnectionClosed, InvalidStatus, EOFError, OSError):
+            continue
+    return sent
+
+
+def opening(host):
+    """The request that opens a socket."""
+    return (
+        f"GET /socket HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nUpgrade: websocket\r\n"
+        "Connection: Upgrade\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
+        "Sec-WebSocket-Version: 13\r\n\r\n"
+    ).encode()
+
+
+def throw_bytes(host, seed):
+    """Bytes that are no request, or no frames after one."""
+    rng, address, start = random.Random(seed), host.split(":"), opening(host)
+    for head in (b"", b"GET / HTTP/1.1\r\n", b"GET " + 9000 * b"/", b"\x16\x03\x01", start,
+                 start[: rng.randrange(len(start))] + b"\r\n\r\n"):  # fmt: skip
+        with socket.create_connection((address[0], int(address[1])), timeout=5) as one:
+            one.sendall(head + rng.randbytes(rng.randrange(300)))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is read from /proc")
+@pytest.mark.parametrize("messages", [1000, pytest.param(10_000, marks=pytest.mark.slow)])
+def test_rubbish_does_no_harm(served, messages):
+    process, host, errors = served
+
+    async def all_of(count, seed):
+        counts = [throw(host, seed + i, count // 2) for i in range(2)]
+        return sum(await asyncio.gather(*counts))
+
+    first = messages // 5
+    assert apart(asyncio.run, all_of(first, 0)) == first
+    before = memory(process)
+    assert apart(asyncio.run, all_of(messages - first, 10)) == messages - first
+    for seed in range(20):
+        throw_bytes(host, seed)
+    assert memory(process) < before + 50.0  # MB; of them 34 once, for code not met before
+    assert process.poll() is None and errors.read_text() == ""
+    time.sleep(0.5)  # until the last ones are known to be closed
+    assert ask(host)[0] == 200
+    with talk(host) as one:
+        for message in ({"do": "pause", "value": False}, {"do": "slow", "value": 1.0},
+                        {"do": "reset"}):  # fmt: skip
+            one.send(json.dumps(message))
+        until(one, lambda state: state["score"]["time"] <= 0.1)  # it has started again
+        until(one, lambda state: state["score"]["time"] > 0.5)
+
+
+def test_messages_that_are_much_work_do_not_stop_the_others(monkeypatch):
+    """However fast they come: states go on, and they are too many in the end."""
+
+    class Flood:
+        def __init__(self):
+            self.count, self.closed = 0, None
+
+        def __aiter__(self):
+            return self
+
+        async def __anext__(self):
+            self.count += 1
+            if self.count > 1000:
+                raise StopAsyncIteration
+            return '{"do": "reset"}'
+
+        async def close(self, code, reason):
+            self.closed = reason
+
+    session = Session()
+    monkeypatch.setattr(session, "attempt", lambda action: time.sleep(0.008))
+
+    async def run():
+        page, flood, published = Page(session, 1), Flood(), []
+        page._sockets = 1
+        monkeypatch.setattr(page, "_publish", lambda: published.append(flood.count))
+        task = asyncio.create_task(page.run())
+        await page._listen(flood)
+        task.cancel()
+        assert flood.closed == "too many messages" and flood.count < 2 * BURST
+        assert len(published) > 20
+
+    apart(asyncio.run, run())
+
+
+def test_the_robot_walks_on_while_another_one_is_made(monkeypatch):
+    """For all pages, which are listened to meanwhile; what they set holds for the other one."""
+
+    async def of(*messages):
+        for message in messages:
+            yield json.dumps(message)
+
+    session = Session()
+    make = session.make
+    monkeypatch.setattr(session, "make", lambda **choice: time.sleep(1.5) or make(**choice))
+
+    async def run():
+        page, published = Page(session, 1), []
+        page._sockets = 2
+        publish = page._publish
+        monkeypatch.setattr(
+            page, "_publish", lambda: publish() or published.append((time.monotonic(), page._state))
+        )
+        running = asyncio.create_task(page.run())
+        wanted = {"do": "choose", "name": "robot", "value": "holy"}
+        choosing = asyncio.create_task(page._listen(of(wanted, {"do": "steer", "value": 0.5})))
+        await asyncio.sleep(0.1)
+        await page._listen(of({"do": "set", "name": "friction", "value": 0.3}))
+        assert session.values()["friction"] == 0.3 and not choosing.done()
+        await page._listen(of({"do": "choose", "name": "level", "value": 12}))  # after the robot
+        assert session.choices["robot"] == "holy" and session.values()["friction"] == 0.3
+        await choosing
+        running.cancel()
+        times = [at for at, _ in published]
+        assert len(times) > 20 and max(b - a for a, b in pairwise(times)) < 1.0
+        assert max(json.loads(state)["score"]["time"] for _, state in published) > 0.5
+        assert session.input == 0.5 and "level is 12" in session.message
+
+    apart(asyncio.run, run())
+
+
+def test_the_end_does_not_wait_for_idle_connections(monkeypatch):
+    monkeypatch.setattr(server, "PATIENCE", 60.0)
+
+    async def run():
+        addresses = asyncio.Queue()
+        task = asyncio.create_task(server.serve(Session(), 0, addresses.put_nowait))
+        address = await addresses.get()
+        _, writer = await asyncio.open_connection(*address.removeprefix("http://").split(":"))
+        await asyncio.sleep(0.1)
+        task.cancel()
+        assert (await asyncio.wait([task], timeout=20.0))[0] == {task}
+        writer.close()
+
+    apart(asyncio.run, run())
+
+
+def test_who_asks_and_never_reads_is_cut_off(served):
+    """Answers to pings are not kept without end."""
+    ping = b"\x89\xfd" + bytes(4) + bytes(125)
+    with socket.create_connection(served[1].split(":"), timeout=10) as one:
+        one.sendall(opening(served[1]))
+        with pytest.raises(ConnectionError):
+            for _ in range(1000):
+                one.sendall(1000 * ping)
+    assert ask(served[1])[0] == 200
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [(["--port", "80"], "--port is given without --web"),
+     (["--web", "--port", "65536"], "--port is 65536, must be from 0 to 65535"),
+     (["--env", "JansenCrank-v0"], "invalid choice: 'JansenCrank-v0'"),
+     (["--robot", "tin"], "invalid choice: 'tin'"), (["--policy", "sac"], "invalid choice: 'sac'"),
+     (["--level", "3"], "level is 3, must be 0 on flat ground"),
+     (["--terrain", "stairs", "--level", "10"], "level is 10, must be a whole number from 0 to 9"),
+     (["--seed", "-1"], "seed is -1, must be a whole number, 0 or above")],
+)  # fmt: skip
+def test_wrong_arguments(arguments, message, capsys):
+    with pytest.raises(SystemExit) as ended:
+        program.main(arguments)
+    assert ended.value.code == 2 and message in capsys.readouterr().err
+
+
+def test_a_port_that_is_taken(served, capsys):
+    port = served[1].split(":")[1]
+    with pytest.raises(SystemExit):
+        apart(program.main, ["--web", "--port", port])
+    assert f"--port is {port}, must be one that can be used" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [[], ["--web"]])
+def test_an_extra_that_is_missing(arguments, monkeypatch):
+    monkeypatch.setattr(program, "find_spec", lambda name: None)
+    with pytest.raises(SystemExit, match="which the extra 'play' installs"):
+        program.main(arguments)

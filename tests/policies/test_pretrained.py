@@ -1,0 +1,440 @@
+"""The policies that come with the package, packing others, and refusing what is none."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import math
+import re
+import shutil
+import subprocess
+import sys
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from safetensors.numpy import load, save
+from small_runs import NETWORKS, made_run
+
+from agents import evaluate, pack, unpack
+from agents.evaluate import load_named
+from agents.training import models
+from agents.training.model_files import read_model
+from jansen_env import paper_robot
+from jansen_env.policies import pretrained
+from jansen_env.policies.environment import check_action
+from jansen_env.scoring.benchmarks import TASKS
+from jansen_env.scoring.metrics import point_estimates
+from jansen_env.scoring.rollout import make_env, make_envs
+
+SHIPPED = [(env_id, name) for env_id in TASKS for name in pretrained.names(env_id)]
+CRANK = "JansenCrank-v0"
+
+
+def test_every_environment_has_its_policy():
+    """Small ones; what is not there is refused by name."""
+    for env_id in TASKS:
+        assert pretrained.DEFAULT in pretrained.names(env_id)
+    for path in (pretrained.shipped(*one) for one in SHIPPED):
+        assert max(p.stat().st_size for p in path.parent.glob(f"{path.stem}.*")) < 200_000
+    for env_id, name in ((CRANK, "none"), ("..", "ppo"), (CRANK, f"../{CRANK}/ppo"), (None, None)):
+        with pytest.raises(ValueError, match=re.escape(f"policy is {name!r}, must be one of")):
+            pretrained.load(env_id, name)
+
+
+@pytest.mark.parametrize(("env_id", "name"), SHIPPED)
+def test_actions_are_the_networks(env_id, name):
+    """To 1e-6 in float64 anywhere, to 1e-5 in torch's float32 where the policy comes by; for one
+    observation as for many, in new arrays."""
+    policy, model = pretrained.load(env_id, name), unpack.load_sb3(env_id, name).policy
+    envs = make_envs(env_id, policy.env_kwargs, 20)
+    seen, found = envs.reset(seed=3)[0], []
+    for _ in range(100):
+        actions, state = policy.predict(seen, "state")
+        expected, _ = model.predict(seen, deterministic=True)
+        assert state == "state"
+        assert actions.dtype == np.float32 and actions.shape == (20, 1)
+        assert np.abs(actions - expected).max() < 1e-5
+        assert policy.predict(seen[3])[0] == pytest.approx(actions[3], abs=1e-7)
+        found.append(actions)
+        seen = envs.step(actions)[0]
+    envs.close()
+    assert np.min(found) >= -1.0 and np.max(found) <= 1.0 and np.ptp(found) > 0.01
+    assert pack.check_equal(policy, model, 10_000) < 1e-6
+
+
+COMPARED = sum(len(TASKS[env_id].metrics) for env_id, _ in SHIPPED)
+"""How many numbers :func:`test_scores_are_those_shipped` compares."""
+LIMIT = math.sqrt(2.0 * math.log(2.0 * COMPARED / 1e-6))
+"""Of :func:`surprises`: one false alarm in 1e6 runs of all these tests.
+
+Contacts are chaotic, so that another processor's rounding makes another episode of the same start.
+It might as well have been the one that was shipped: the difference d of the two is as likely +d as
+-d. Then P(|sum d| > z sqrt(sum d^2)) <= 2 exp(-z^2 / 2), whatever the distribution (Hoeffding
+1963), and the sum of that over COMPARED numbers is 1e-6. A ratio of sums is compared by the
+numerator less the common ratio times the denominator, which no exchange within a pair changes.
+"""
+
+
+def surprises(env_id, run, other):
+    """Of each metric |sum d| / sqrt(sum d^2), d the difference of an episode in two runs."""
+    env, found = make_env(env_id, {}), {}
+    for name, metric in TASKS[env_id].metrics.items():
+        one, two = (metric.function(each, env) for each in (run, other))
+        if metric.normaliser is not None:
+            lengths = [metric.normaliser(each, env) for each in (run, other)]
+            ratio = np.sum([one, two]) / np.sum(lengths)
+            one, two = (v - ratio * length for v, length in zip((one, two), lengths, strict=True))
+        size = math.sqrt(((one - two) ** 2).sum())
+        found[name] = abs((one - two).sum()) / size if size > 0.0 else 0.0
+    return found
+
+
+def by_episode(scores):
+    return {name: np.array(values) for name, values in scores["by_episode"].items()}
+
+
+@pytest.mark.processor
+@pytest.mark.parametrize(("env_id", "name"), SHIPPED)
+def test_scores_are_those_shipped(env_id, name):
+    """On the same starts, whatever the processor: nearly the same number, or, where contacts make
+    episodes chaotic, no more different than chance has it. After a change of robot, environment or
+    metrics ``python -m agents.pack FILE.json --episodes N`` scores a file again."""
+    policy = pretrained.load(env_id, name)
+    shipped = policy.description["scores"]
+    again = pack.scores_of(policy, shipped["episodes_per_command"], shipped["seed"])
+    metrics = TASKS[env_id].metrics
+    assert set(again["overall"]) == set(shipped["overall"]) == set(metrics)
+    run, env = by_episode(shipped), make_env(env_id, {})
+    for metric, value in point_estimates(metrics, run, env).items():
+        assert value == pytest.approx(shipped["overall"][metric][0], rel=1e-4), metric
+    for metric, surprise in surprises(env_id, run, by_episode(again)).items():
+        one, two = (scores["overall"][metric][0] for scores in (shipped, again))
+        chance = surprise <= LIMIT and env_id != CRANK
+        assert chance or two == pytest.approx(one, rel=1e-4), (metric, surprise)
+
+
+@pytest.mark.parametrize("env_id", [CRANK, "JansenWalker-v0"])
+def test_scores_of_another_policy_differ(env_id):
+    """By more than the tolerances above: weights that change by a tenth show."""
+    policy = pretrained.load(env_id)
+    shipped = policy.description["scores"]
+    tensors = {name: tensor.copy() for name, tensor in policy.tensors.items()}
+    tensors[policy.description["network"]["layers"][-1]["weight"]] *= 0.9
+    changed = pretrained.PretrainedPolicy(policy.description, tensors)
+    other = pack.scores_of(changed, shipped["episodes_per_command"], shipped["seed"])
+    if env_id == CRANK:
+        for metric in ("return", "rms_error"):
+            one, two = (scores["overall"][metric][0] for scores in (shipped, other))
+            assert abs(one / two - 1.0) > 1e-4
+    else:
+        found = surprises(env_id, by_episode(shipped), by_episode(other))
+        assert max(found.values()) > LIMIT, found
+
+
+def test_scores_can_be_made_again(made, tmp_path, capsys):
+    """With all else in the file as it was."""
+    for file in made[1].parent.glob("mine.*"):
+        shutil.copy(file, tmp_path)
+    path = tmp_path / "mine.json"
+    before = json.loads(path.read_text())
+    change(path, scores={})
+    pack.main([str(path), "--episodes", "2", "--seed", "1"])
+    assert f"written: {path} (" in capsys.readouterr().out
+    after = pretrained.load_file(path).description
+    assert after["scores"]["episodes_per_command"] == 2 and after["scores"]["seed"] == 1
+    assert {**after, "scores": before["scores"]} == before
+    with pytest.raises(SystemExit):
+        pack.main([str(tmp_path / "other.json")])
+    assert "other.json is no policy: " in capsys.readouterr().err
+
+
+def test_policies_need_neither_torch_nor_the_extra():
+    """In a process in which they cannot be imported."""
+    code = f"""
+import sys
+for name in ("torch", "stable_baselines3", "yaml", "imageio", "scipy", "agents"):
+    sys.modules[name] = None
+from jansen_env.policies import pretrained
+for env_id in {sorted(TASKS)}:
+    policy = pretrained.load(env_id)
+    action, _ = policy.predict([0.5] * len(policy.observed))
+    assert action.shape == (1,)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
+@pytest.mark.parametrize("env_id", ["JansenWalker-v0", CRANK])
+def test_what_is_observed_is_what_is_documented(env_id):
+    """Units and limits in the docstring's table, and names that ``info`` has mean the same."""
+    env = make_env(env_id, {"height_scan": (0.0, 0.0, 1)} if env_id != CRANK else {})
+    documented = inspect.getdoc(type(env.unwrapped)).split("## Observation Space")[1]
+    rows = re.findall(r"^\| [\dn].*", documented.split("## ")[0], re.M)
+    cells = [[cell.strip() for cell in row.split("|")[1:-1]] for row in rows]
+    observed = env.unwrapped.observed
+    loads = [entry for entry in observed if entry.name.startswith("toe_load")]
+    assert len(observed) == len(cells) + max(0, len(loads) - 1)
+    singles = [entry for entry in observed if entry not in loads[1:]]
+    for entry, (_, _, low, high, unit) in zip(singles, cells, strict=True):
+        assert (entry.unit, entry.low, entry.high) == (unit, float(low), float(high))
+    space = env.observation_space
+    assert [(e.low, e.high) for e in observed] == [*zip(space.low, space.high, strict=True)]
+    env.reset(seed=0)
+    for _ in range(20):
+        seen, _, _, _, info = env.step(np.full(1, 0.3, np.float32))
+    known = {e.name: value for e, value in zip(observed, seen, strict=True) if e.name in info}
+    assert len(known) >= 3
+    for name, value in known.items():
+        assert value == pytest.approx(info[name], rel=1e-5), name
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A run and the files packed of it."""
+    folder = tmp_path_factory.mktemp("packed")
+    run = made_run(folder / "run", *NETWORKS["normalized"])
+    return run, pack.pack(run, "mine", folder, episodes=1)
+
+
+@pytest.mark.parametrize("network", NETWORKS)
+def test_packing_keeps_the_policy(network, tmp_path):
+    """Its actions; and as a model all of its weights, of the critic too."""
+    run = made_run(tmp_path / "run", *NETWORKS[network])
+    path = pack.pack(run, None, tmp_path / "out", episodes=1)
+    assert path == tmp_path / "out" / CRANK / f"{NETWORKS[network][0]}.json"
+    policy, model = pretrained.load_file(path), models.load_policy(run)
+    seen = np.random.default_rng(0).normal(size=(50, 5)).astype(np.float32)
+    actions, expected = policy.predict(seen)[0], model.predict(seen, deterministic=True)[0]
+    assert np.abs(actions - expected).max() < 1e-5
+    assert np.ptp(actions) > 0.05
+    again = unpack.load_sb3_file(path)
+    for name, tensor in model.state_dict().items():
+        assert torch.equal(tensor, again.policy.state_dict()[name]), name
+    assert policy.description["training"]["command"] == ["python train.py --seed 0"]
+    assert policy.env_kwargs == {"max_episode_steps": 50}
+
+
+def test_a_model_from_a_policy_goes_on_learning(made, tmp_path):
+    """And can be saved as Stable-Baselines3 does."""
+    model = unpack.load_sb3_file(made[1])
+    before = {name: tensor.clone() for name, tensor in model.policy.state_dict().items()}
+    model.learn(8)
+    after = model.policy.state_dict()
+    assert any(not torch.equal(before[name], after[name]) for name in after)
+    model.save(tmp_path / "model.zip")
+    assert set(read_model(tmp_path / "model.zip")[0]["policy"]) == set(before)
+
+
+def test_what_cannot_be_packed_is_refused(made, tmp_path, capsys):
+    """In a line; nothing is written."""
+    run = shutil.copytree(made[0], tmp_path / "run")
+    model = models.load_policy(run)
+    model.action_net = torch.nn.Sequential(model.action_net, torch.nn.BatchNorm1d(1))
+    with pytest.raises(ValueError, match=r"action_net.1 is a BatchNorm1d, which cannot be packed"):
+        pack.describe_network(model)
+    (run / "best_model.zip").unlink()
+    for given in (run, tmp_path / "nowhere"):
+        with pytest.raises(SystemExit):
+            pack.main([str(given), "--out", str(tmp_path / "out")])
+        assert "no model at" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def change(path, **values):
+    """Change entries of a JSON file, ``a__b`` for b in a."""
+    description = json.loads(path.read_text())
+    for name, value in values.items():
+        *parts, last = name.split("__")
+        part = description
+        for key in parts:
+            part = part[int(key) if key.isdecimal() else key]
+        part[last] = value
+    path.write_text(json.dumps(description))
+
+
+NAN, HARMONICS = float("nan"), {"kind": "harmonics", "multiples": [2]}
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        ({"format": "jansen_env policy 2"},
+         "format is 'jansen_env policy 2', must be 'jansen_env policy 1'"),
+        ({"history": {"length": 2}}, "there are entries ['history'], must be among ['format', "),
+        ({"sha256": ""}, "sha256 is not that of mine.safetensors"),
+        ({"observation": []}, "has shape (5,), must have (0,)"),
+        ({"observation": [3] * 5}, "an entry is 3, must be a dict"),
+        ({"action__torque_limit": NAN}, "torque_limit is nan, must be a finite number"),
+        ({"network__layers": []}, "the last layer has 5 units, must have 1"),
+        ({"network__features": []}, "network.features has no numbers, must have some"),
+        ({"network__layers__0__units": 10**30}, "must have (1000000000000000000000"),
+        ({"network__layers__0__weight": "os.system"}, "there is no tensor 'os.system'"),
+        ({"network__layers__0__activation": ["relu"]}, "activation is ['relu'], must be one of"),
+        ({"network__features__0__kind": "eval"}, "kind of features is 'eval', must be"),
+        ({"network__features__0__floor": 0}, "floor is 0, must be above 0"),
+        ({"network__features__0__variance": "pi_features_extractor.mean"}, ""),
+        ({"network__features": [HARMONICS | {"multiples": [0.5]}]}, "a multiple is 0.5, must be"),
+        ({"network__features": [HARMONICS], "observation__0__name": "height"},
+         "harmonics take the first observations ['cos_crank_angle', 'sin_crank_angle']"),
+        ({"network__squash": None}, "squash is None, must be one of ['clip', 'tanh']"),
+        ({"env__id": "os:system"}, "env.id is 'os:system', must be one of ['JansenCrank-v0', "),
+        ({"env__id": "CartPole-v1"}, "env.id is 'CartPole-v1', must be one of"),
+        ({"action__torque_limit": 20.0}, "torque_limit is 20.0, must be 5.0 as of JansenCrank-v0"),
+        ({"env__kwargs__torque_limit": 20.0}, "torque_limit is 5.0, must be 20.0 as of"),
+        ({"action__control_dt": 0.02}, "control_dt is 0.02, must be 0.01 as of JansenCrank-v0"),
+        ({"action__torque_limit": 1e300, "env__kwargs__torque_limit": 1e300},
+         "torque_limit is 1e+300, must be of 1.2e-38 to 3.4e+38, the range of float32"),
+        ({"action__torque_limit": 1e-300}, "torque_limit is 1e-300, must be of 1.2e-38"),
+        ({"network__features__0__floor": 1e-300}, "floor is 1e-300, must be of 1.2e-38"),
+        ({"network__features__0__clip": 1e300}, "clip is 1e+300, must be of 1.2e-38"),
+        ({"network__limit": 1e300}, "limit is 1e+300, must be of 1.2e-38"),
+        ({"env__kwargs__time_step": 1e-9}, "control_dt is 0.01, must be at most 10000 times"),
+        ({"env__kwargs__time_step": 1e-6}, "max_episode_steps is 50 with control_dt 0.01 and "
+         "time_step 1e-06, 500000 time steps, must be at most 200000 of these"),
+        ({"env__kwargs__max_episode_steps": -1}, "max_episode_steps is -1, must be a whole number"),
+        ({"env__kwargs": {"control_dt": 1e-6, "time_step": 1e-9}, "action__control_dt": 1e-6},
+         "control_dt is 1e-06, must be between 0.0001 and 1.0"),
+    ],
+)  # fmt: skip
+def test_descriptions_that_do_not_fit_are_refused(values, reason, made, tmp_path):
+    """In one line that names the file and what is wrong."""
+    path = tmp_path / "mine.json"
+    for file in made[1].parent.iterdir():
+        shutil.copy(file, tmp_path)
+    change(path, **values)
+    if not reason:  # means may be negative, variances may not
+        tensors = load(path.with_suffix(".safetensors").read_bytes())
+        tensors["pi_features_extractor.mean"] = -tensors["pi_features_extractor.mean"]
+        path.with_suffix(".safetensors").write_bytes(save(tensors))
+        reason = "must be 0 or above"
+    with pytest.raises(ValueError, match=re.escape(reason)) as error:
+        pretrained.load_file(path)
+    assert str(path) in str(error.value) and "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("env_id", ["JansenWalkerBuilt-v0", CRANK])
+@pytest.mark.parametrize(
+    "env_kwargs",
+    [{}, {"robot": "built"}, {"motor": "ak80_6"}, {"torque_limit": 7.5}, {"control_dt": 0.04},
+     {"plant": "rigid_body", "robot": "holy", "time_step": 2e-4}],
+)  # fmt: skip
+def test_actions_are_held_to_those_of_the_environment(env_id, env_kwargs):
+    """Which is not built for it."""
+    if env_id == CRANK:
+        env_kwargs = {name: value for name, value in env_kwargs.items() if name != "plant"}
+    env = make_env(env_id, env_kwargs).unwrapped
+    limit, period = env.torque_limit, env.control_dt
+    check_action(env_id, env_kwargs, limit, period)
+    for wrong in ((1.01 * limit, period), (limit, 1.01 * period)):
+        with pytest.raises(ValueError, match=f"must be .* as of {env_id} with env.kwargs"):
+            check_action(env_id, env_kwargs, *wrong)
+
+
+def test_a_policy_trains_where_it_walks(made, tmp_path):
+    """A model of a file is of its own environment, not of another one in its configuration."""
+    for file in made[1].parent.glob("mine.*"):
+        shutil.copy(file, tmp_path)
+    path = tmp_path / "mine.json"
+    change(path, training__config__env_kwargs={"torque_limit": 20.0})
+    with pytest.raises(ValueError, match=r"mine.json: training.config.env_kwargs is .*, must be {"):
+        unpack.load_sb3_file(path)
+
+
+def test_damaged_files_are_refused(made, tmp_path):
+    """Cut anywhere, too large, of other types, with numbers that are none, missing."""
+    path, weights = tmp_path / "mine.json", tmp_path / "mine.safetensors"
+    text, data = (p.read_bytes() for p in (made[1], made[1].with_suffix(".safetensors")))
+    tensors = load(data)
+    bias = "action_net.bias"
+    spoilt = [
+        (text[:-30], data), (b"[" * 10**5, data), (b"3", data), (b"\xff" + text, data),
+        (text + b" " * pretrained.MAX_BYTES, data), (text, data + bytes(pretrained.MAX_BYTES)),
+        (None, data), (text, None), (text, data + b"0"),
+        *[(text, data[:cut]) for cut in (0, 5, 300, len(data) - 1)],
+        (text, (2**62).to_bytes(8, "little") + data[8:]), (text, b"PK\3\4" + data[4:]),
+        (text, save({**tensors, bias: np.full(1, np.nan, np.float32)})),
+        (text, save({**tensors, bias: np.zeros(1)})),
+        (text, save({**tensors, bias: np.zeros(1, np.float32)})),
+    ]  # fmt: skip
+    for description, content in spoilt:
+        for file, part in ((path, description), (weights, content)):
+            file.unlink(missing_ok=True)
+            if part is not None:
+                file.write_bytes(part)
+        with pytest.raises(ValueError, match=r"mine\.(json|safetensors)") as error:
+            pretrained.load_file(path)
+        assert "\n" not in str(error.value) and len(str(error.value)) < 400
+
+
+def test_harmonics_are_those_of_the_crank_angle():
+    """A policy whose action is a sum of some, by the formula."""
+    multiples, weight = [2, 4, 12], np.array([[0.1, -0.2, 0.3, 0.05, -0.1, 0.2]], np.float32)
+    description = {
+        **pretrained.load(CRANK).description,
+        "network": {
+            "features": [{"kind": "harmonics", "multiples": multiples}],
+            "layers": [{"units": 1, "weight": "w", "bias": "b", "activation": None}],
+            "limit": None,
+            "squash": "clip",
+        },
+    }
+    policy = pretrained.PretrainedPolicy(description, {"w": weight, "b": np.zeros(1, np.float32)})
+    angle = np.random.default_rng(0).uniform(-10.0, 10.0, 100)
+    seen = np.stack([np.cos(angle), np.sin(angle), *np.ones((3, 100))], axis=1)
+    pairs = zip(weight[0, ::2], weight[0, 1::2], multiples, strict=True)
+    expected = sum(a * np.cos(k * angle) + b * np.sin(k * angle) for a, b, k in pairs)
+    assert policy.predict(seen)[0][:, 0] == pytest.approx(expected, abs=1e-6)
+
+
+def test_observations_of_another_size_are_refused():
+    """With the sizes that are allowed."""
+    policy = pretrained.load(CRANK)
+    for wrong in (np.zeros(20), np.zeros((2, 4)), np.zeros((1, 1, 5)), 0.0):
+        with pytest.raises(ValueError, match=r"must have \(5,\) or \(n, 5\)"):
+            policy.predict(wrong)
+
+
+def test_evaluation_takes_shipped_and_packed_policies(made, tmp_path, capsys, monkeypatch):
+    """By name and by path, side by side with a baseline; what does not fit is refused."""
+    monkeypatch.chdir(tmp_path)
+    given = ["--policy", "pretrained", "--policy", str(made[1]), "--policy", "pid"]
+    ((policies, env_kwargs),) = evaluate.load_all(evaluate.parse(["--env", CRANK, *given]))
+    scores = evaluate.evaluate(policies, CRANK, env_kwargs, episodes=1)
+    assert [*scores][::2] == ["pretrained", "pid"] and [*scores][1].endswith(f"{CRANK} mine")
+    returns = [score["overall"]["return"][0] for score in scores.values()]
+    assert returns[0] > returns[2] > returns[1]
+    env = make_env(CRANK, {})
+    named = evaluate.load_named("pretrained:ppo", env).description
+    assert named == pretrained.load(CRANK).description
+    for policy, reason in (
+        (str(made[1]), "observes tracking_error, must be one of ['cos_crank_angle', "),
+        ("pretrained:sac", "policy is 'sac', must be one of"),
+        ("pretrained", "is given 2 times"),
+    ):
+        with pytest.raises(SystemExit):
+            evaluate.main(["--policy", policy, "--policy", "pretrained"])
+        assert reason in capsys.readouterr().err
+    six_toes = make_env("JansenWalker-v0", {"robot": paper_robot(3)})
+    with pytest.raises(ValueError, match="this environment shows toe_load_4, which the policy"):
+        evaluate.load_named("pretrained", six_toes)
+
+
+def test_a_policy_walks_where_more_is_shown():
+    """With a height scan; the batch, too."""
+    plain = make_env("JansenWalker-v0", {})
+    seeing = make_env("JansenWalker-v0", {"height_scan": (0.2, 0.5, 4)})
+    many = gym.make_vec("JansenWalker-v0", num_envs=2, height_scan=(0.2, 0.5, 4))
+    policy = pretrained.load("JansenWalker-v0")
+    for own, other in (
+        (policy, policy.on(seeing)),
+        (policy.on(plain), policy.on(many)),
+        *((load_named(n, plain), load_named(n, seeing)) for n in ("pretrained", "profile", "pid")),
+    ):
+        seen, more = plain.reset(seed=3)[0], seeing.reset(seed=3)[0]
+        assert len(more) == len(seen) + 4
+        np.testing.assert_array_equal(own.predict(seen[None])[0], other.predict(more[None])[0])
+    with pytest.raises(ValueError, match="has shape"):
+        policy.predict(more)
+    with pytest.raises(ValueError, match="observes tracking_error, must be one of"):
+        pretrained.load(CRANK).on(seeing)

@@ -1,0 +1,247 @@
+"""The robot that could be built: masses from dimensions, its list of parts, what it carries."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import built_parts
+from benchmarks import built_robot as measured
+from jansen_env import MOTORS, Terrain, built_robot
+from jansen_env.plants.make import make_plant
+from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.trace import trace_forces
+from jansen_env.robot import BEARING_LOADS, BODIES, Triangle
+from jansen_env.robot import buildable as built
+from jansen_env.robot.motor import AK80_6, MX_106, XM540_W270
+
+PAGE = Path(__file__).parents[2] / "docs" / "built_robot.md"
+
+
+def moments(inside, low, high, cells=2000):
+    """Area and polar moment about the origin of where ``inside(x, y)`` holds, by a fine grid."""
+    x, y = (a + (b - a) * (np.arange(cells) + 0.5) / cells for a, b in zip(low, high, strict=True))
+    X, Y = np.meshgrid(x, y)
+    cell = (high[0] - low[0]) * (high[1] - low[1]) / cells**2
+    mask = inside(X, Y)
+    return cell * mask.sum(), cell * (mask * (X**2 + Y**2)).sum()
+
+
+def test_a_flat_bar_is_a_rectangle_with_round_ends():
+    """Mass and inertia by a grid, 1e-4; end masses add m and m L^2 / 4 each."""
+    length, width = 0.2, 0.04
+
+    def inside(x, y):
+        beyond = np.maximum(np.abs(x) - 0.5 * length, 0.0)
+        return beyond**2 + y**2 <= (0.5 * width) ** 2
+
+    area, polar = moments(inside, (-0.12, -0.02), (0.12, 0.02))
+    areal = built.DENSITY * built.BAR_THICKNESS
+    bare = built.flat_bar(length, width, 0.0)
+    assert bare == pytest.approx((areal * area, areal * polar), rel=1e-4)
+    loaded = built.flat_bar(length, width, 0.3)
+    assert loaded.mass - bare.mass == pytest.approx(0.6)
+    assert loaded.inertia - bare.inertia == pytest.approx(2.0 * 0.3 * 0.1**2)
+
+
+@pytest.mark.parametrize("third", [0.02, 0.05])
+def test_a_plate_is_a_triangle_with_a_hole(third):
+    """Mass and inertia about the pins' centroid by a grid, 1e-3; masses on the pins as points.
+
+    A heavier third corner draws the hole towards it: the centre of mass stays.
+    """
+    corners = np.array([[0.0, 0.0], [0.3, 0.0], [0.1, 0.2]])
+    corners -= corners.mean(axis=0)
+    sides = tuple(np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1))
+    areal, masses = built.DENSITY * built.PLATE_THICKNESS, np.array([0.02, 0.02, third])
+    shift = (third - 0.02) / (areal * built.WINDOW**2 * 0.03) * corners[2]
+
+    def within(scale, x, y):
+        result = np.ones(x.shape, bool)
+        for a, b in zip(scale * corners, scale * np.roll(corners, -1, axis=0), strict=True):
+            result &= (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0]) >= 0.0
+        return result
+
+    def inside(x, y):
+        hole = within(built.WINDOW, x - shift[0], y - shift[1])
+        return within(built.OUTLINE, x, y) & ~hole
+
+    area, polar = moments(inside, (-0.25, -0.15), (0.25, 0.2))
+    plate = built.triangular_plate(sides, 0.02, third)
+    assert plate.mass == pytest.approx(areal * area + masses.sum(), rel=1e-3)
+    expected = areal * polar + masses @ (corners**2).sum(axis=1)
+    assert plate.inertia == pytest.approx(expected, rel=1e-3)
+    moment = masses @ corners - areal * built.WINDOW**2 * 0.03 * shift
+    assert np.abs(moment).max() < 1e-12  # of points and hole; the outline has none
+    assert built.triangular_plate(sides, 0.02) == built.triangular_plate(sides, 0.02, 0.02)
+
+
+def test_the_foots_plate_keeps_a_rim():
+    """The hole that a foot draws to its corner stays within the outline, 8 mm from each side."""
+    sides = built_robot().foot.sides
+    a, b, c = sides
+    half = 0.5 * sum(sides)
+    area = math.sqrt(half * (half - a) * (half - b) * (half - c))
+    hole = built.DENSITY * built.PLATE_THICKNESS * built.WINDOW**2 * area
+    reach = math.sqrt(2.0 * (b * b + c * c) - a * a) / 3.0
+    shift = (built.FOOT_MASS - built.PIN_SHARE) * reach / hole
+    rim = (built.OUTLINE - built.WINDOW) * 2.0 * area / 3.0  # times 1 / side
+    # The two sides at that corner are as far from the centroid's line to it as its angles say.
+    for side, other in ((b, c), (c, b)):
+        to_middle = math.acos(((1.5 * reach) ** 2 + side**2 - (a / 2) ** 2) / (3.0 * reach * side))
+        assert rim / side - shift * math.sin(to_middle) > 8e-3, (side, other)
+
+
+@pytest.mark.parametrize("phases", [1, 2, 3])
+def test_the_list_of_parts_adds_up_to_the_robot(phases):
+    robot = built_robot(phases)
+    parts = built_parts.bill_of_materials(robot)
+    assert sum(part.mass for part in parts) == pytest.approx(robot.mass, rel=1e-12)
+    assert all(part.number > 0 and part.each > 0.0 for part in parts)
+
+
+def test_the_documented_list_is_that_of_the_code():
+    assert built_parts.parts_table(built_robot()) in PAGE.read_text(encoding="utf-8")
+
+
+def test_links_are_no_longer_heavier_than_they_look():
+    """Every radius of gyration fits into the link; the paper's, 1 m, is 2 to 9 times its length."""
+    for name in BODIES:
+        link = getattr(built_robot(), name)
+        reach = max(link.sides) if isinstance(link, Triangle) else link.length
+        assert (link.inertia / link.mass) ** 0.5 < 0.55 * reach
+
+
+def test_motor_and_battery_balance():
+    """Equal masses at O and P: the centre of mass is half way."""
+    at_axis = built.MOTOR_MASS + built.MOTOR_PLATE_MASS + built.CRANKSHAFT_MASS
+    at_pivots = built.BATTERY_MASS + 2.0 * built.CROSS_MEMBER_MASS
+    assert at_axis == pytest.approx(at_pivots) == pytest.approx(built.AXIS_MASS)
+
+
+def test_the_masses_of_parts_are_those_of_their_volumes():
+    """Tubes, plates, shafts and hubs, within 1 g; steel 7850 kg/m^3."""
+
+    def round_bar(outer, inner, length, density):
+        return 0.25 * math.pi * (outer**2 - inner**2) * length * density
+
+    hubs = 4.0 * round_bar(25e-3, 12e-3, 10e-3, built.DENSITY)
+    shaft = round_bar(12e-3, 0.0, 160e-3, 7850.0)
+    assert pytest.approx(shaft + hubs, abs=1e-3) == built.CRANKSHAFT_MASS
+    tube = round_bar(20e-3, 16e-3, 200e-3, built.DENSITY)
+    assert pytest.approx(tube, abs=1e-3) == built.CROSS_MEMBER_MASS
+    plate = 0.1**2 * 4e-3 * built.DENSITY - round_bar(60e-3, 0.0, 4e-3, built.DENSITY)
+    assert pytest.approx(plate, abs=1e-3) == built.MOTOR_PLATE_MASS
+    shoe = 40e-3 * 30e-3 * 3e-3 * built.DENSITY
+    assert shoe < built.SHOE_MASS < shoe + 5e-3
+
+
+def test_the_feets_numbers_belong_to_one_part():
+    """Radius, width and hardness give the stiffness, as a secant, and the load that it bears.
+
+    Along the ground the tread is a short cantilever of the half-round's width, cut off where the
+    ground flattens it: shear and bending (Timoshenko).
+    """
+    robot, modulus = built_robot(), built.rubber_modulus(built.RUBBER_HARDNESS)
+    assert modulus == pytest.approx(3.605e6, rel=1e-3)
+    assert robot.pad_radius == built.FOOT_RADIUS
+    normal, tangential = built.FOOT_STIFFNESS
+    at = 530.0 / normal
+    assert built.tread_load(at) == pytest.approx(530.0, rel=0.05)
+    for compression in (3.1e-3, built.FOOT_STRAIN * built.FOOT_RADIUS):
+        secant = built.tread_load(compression) / compression
+        assert secant == pytest.approx(normal, rel=0.25)
+    top = 1.0 - at / built.FOOT_RADIUS
+    u = top * (np.arange(10_000) + 0.5) / 10_000
+    shear = 3.0 * 1.2 * (0.5 / np.sqrt(1.0 - u * u)).mean() * top
+    bending = 1.5 * ((top - u) ** 2 / (1.0 - u * u) ** 1.5).mean() * top
+    cantilever = modulus * built.FOOT_WIDTH / (shear + bending)
+    assert tangential == pytest.approx(cantilever, rel=0.1)
+
+
+@pytest.fixture(scope="module")
+def loads():
+    """Two half turns at 2 rad/s from each of two starts, traced."""
+    return measured.loads_of_walks(built_robot(), (2.0,), 3.2, 2)[2.0]
+
+
+def test_bearings_have_the_friction_of_their_mean_load(loads):
+    """The loads that the code has are those of a walk, within 1.5 N; mu r F, in tenths of mN m."""
+    robot = built_robot()
+    size = loads.mean.mean(axis=0)
+    found = [size[measured.pin_of(pair)] for pair in measured.BEARINGS]
+    np.testing.assert_allclose(BEARING_LOADS, found, atol=1.5)
+    for torque, load in zip(robot.bearing_friction, BEARING_LOADS, strict=True):
+        assert torque == pytest.approx(0.11 * 3e-3 * load, abs=5.1e-5)
+
+
+def test_a_walk_at_2_rad_s_is_borne(loads):
+    """Feet, rods, pins' holes and motor: what the page promises, from any start."""
+    robot = built_robot()
+    assert loads.normal.max() < built.FOOT_LOAD
+    assert loads.shear.max() < built.FOOT_SHEAR
+    assert measured.safety(robot, loads).min() > measured.BUCKLING_FACTOR
+    assert built.yield_load() > 10.0 * loads.largest.max()
+    assert loads.rms_torque.max() < 0.5 * measured.RATED["ak80_6"]
+    assert loads.peak_torque.max() < robot.motor.torque_limit
+
+
+@pytest.mark.parametrize("start", [0.0, 0.2 * math.pi])
+def test_touchdowns_are_resolved(start):
+    """Half the time step changes the largest loads of a first step at 4 N m, from rest: 5 %.
+
+    Later steps of two walks are not the same steps: touchdowns make them part.
+    """
+    found = []
+    for step in (measured.FINE_STEP, 0.5 * measured.FINE_STEP):
+        plant, rows = ProjectionPlant(built_robot(), Terrain.flat(), step), []
+        plant.reset(crank_angle=start)
+        plant.tracing = True
+        for _ in range(25):
+            plant.step(4.0, 0.02)
+            rows.append(plant.trace.copy())
+        traced = np.concatenate(rows)
+        contact = np.abs(traced["impulses"][:, : plant.toes]).max(axis=(0, 1)) / step
+        pins = trace_forces(plant.tables, traced, step).magnitude.max(axis=(0, 1))
+        found.append([*contact[:2], *pins])
+    assert found[0][1] > 600.0  # N, touched down
+    np.testing.assert_allclose(found[1], found[0], rtol=0.05)
+
+
+@pytest.mark.parametrize("speed", [1.0, pytest.param(1.5, marks=pytest.mark.slow)])
+def test_it_walks_under_the_papers_pid(speed):
+    """Forwards, upright, the crank kept within 2 %; on both plants as fast, as dear, sliding as
+    much: 10 %."""
+    found = [
+        measured.walk(make_plant(plant, built_robot(), Terrain.flat()), speed, 4.0)
+        for plant in ("projection", "rigid_body")
+    ]
+    for one in found:
+        assert not one.fell and one.crank_speed == pytest.approx(speed, rel=0.02)
+        assert one.speed > 0.05 * speed and one.electrical > one.cost_of_transport > 0.0
+    for name in ("speed", "slip", "rms_torque", "cost_of_transport", "electrical"):
+        assert getattr(found[0], name) == pytest.approx(getattr(found[1], name), rel=0.1)
+
+
+@pytest.mark.parametrize("name", [name for name in MOTORS if name != "ideal"])
+def test_every_motor_carries_it(name):
+    """At 1 rad/s the crank is kept within 5 %, below the motor's torque limit."""
+    robot = replace(built_robot(), motor=MOTORS[name])
+    found = measured.walk(ProjectionPlant(robot, Terrain.flat()), 1.0, 6.3)
+    assert not found.fell and found.crank_speed == pytest.approx(1.0, rel=0.05)
+    assert found.peak_torque < robot.motor.torque_limit
+
+
+def test_motors_are_those_of_the_sheets():
+    """Efficiency from stall current and no-load speed; armatures; the motor constant."""
+    for motor, volts, amperes in ((MX_106, 12.0, 5.2), (XM540_W270, 12.0, 4.4)):
+        share = motor.stall_torque / amperes / (volts / motor.no_load_speed)
+        assert motor.efficiency == pytest.approx(share, abs=0.002)
+    for motor, speed in ((MX_106, 45.0), (XM540_W270, 30.0)):
+        assert motor.no_load_speed == pytest.approx(speed * np.pi / 30.0, abs=0.005)
+    assert MX_106.rotor_inertia * MX_106.gear_ratio**2 == pytest.approx(0.0266, rel=1e-2)
+    assert AK80_6.winding == pytest.approx(1.0 / (6.0 * 0.2206) ** 2, rel=1e-3)

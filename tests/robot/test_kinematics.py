@@ -1,0 +1,114 @@
+"""Joint positions from the crank angle: the paper's check numbers, rigid links, mirror image."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jansen_env.robot import ROBOTS, Leg, paper_robot
+from jansen_env.robot.kinematics import (
+    A,
+    B,
+    C,
+    D,
+    E,
+    O,
+    P,
+    T,
+    advance_per_turn,
+    coordinates,
+    joint_positions,
+)
+
+pytestmark = pytest.mark.processor  # tolerances are those of rounding
+TURN = np.linspace(0.0, 2.0 * math.pi, 1440, endpoint=False)  # rad, a quarter of a degree apart
+
+
+@pytest.mark.parametrize(
+    "psi, side, toe",
+    [
+        (0.0, "fore", (-0.399037, -0.533103)),
+        (0.0, "back", (0.280209, -0.621044)),
+        (1.0, "fore", (-0.268899, -0.564633)),
+        (1.0, "back", (0.146598, -0.609492)),
+    ],
+)
+def test_toe_positions(psi, side, toe):
+    """The check numbers of the paper's reading, which have six digits after the point."""
+    assert joint_positions(paper_robot(), side, psi)[T] == pytest.approx(toe, abs=6e-7)
+
+
+@pytest.mark.parametrize(
+    "psi, side, rate",
+    [
+        (0.0, "fore", 0.216520),
+        (0.0, "back", -0.367201),
+        (1.0, "fore", 0.419304),
+        (1.0, "back", 0.366109),
+    ],
+)
+def test_foot_link_turning_rate(psi, side, rate):
+    """d(theta_8)/d(psi), six digits; central differences of 1e-5 rad err by 1e-10."""
+    ahead, behind = coordinates(paper_robot(), side, np.array([psi + 1e-5, psi - 1e-5]))[:, 21]
+    assert (ahead - behind) / 2e-5 == pytest.approx(rate, abs=6e-7)
+
+
+@pytest.mark.parametrize("legs, heave", [(4, 0.0304), (6, 0.0024), (8, 0.0064), (12, 0.0011)])
+def test_heave_of_the_lowest_toe(legs, heave):
+    """Rise and fall of the lowest toe over a turn; the numbers have four digits."""
+    robot = paper_robot(legs // 2)
+    toes = [joint_positions(robot, leg.side, TURN + leg.phase)[:, T, 1] for leg in robot.legs]
+    assert np.ptp(np.min(toes, axis=0)) == pytest.approx(heave, abs=6e-5)
+
+
+@pytest.mark.parametrize("side", ["fore", "back"])
+def test_links_keep_their_lengths(robot, side):
+    """Every bar and every side of both triangles, all the way round; 1e-14 is rounding."""
+    joints = joint_positions(robot, side, TURN)
+    pb, bd, dp = robot.upper_triangle.sides
+    ce, et, tc = robot.foot.sides
+    lengths = {
+        (P, O): robot.frame.length, (O, A): robot.crank.length, (A, B): robot.upper_rod.length,
+        (P, B): pb, (B, D): bd, (D, P): dp, (C, P): robot.rocker.length,
+        (C, A): robot.lower_rod.length, (D, E): robot.coupler.length,
+        (C, E): ce, (E, T): et, (T, C): tc,
+    }  # fmt: skip
+    for (start, end), length in lengths.items():
+        span = np.hypot(*(joints[:, end] - joints[:, start]).T)
+        # The printed centroid data close to 1e-6 only: the corner opposite may be so far off.
+        rounded = (start, end) in ((B, D), (D, P), (E, T), (T, C))
+        assert np.abs(span - length).max() <= (2e-6 if rounded else 1e-14), (start, end)
+        assert np.ptp(span) <= 1e-14
+
+
+def test_a_back_leg_is_the_mirror_image(robot):
+    """x -> -x, angles -> pi - angle, with the crank at pi - psi: joints and bodies, to rounding."""
+    fore = joint_positions(robot, "fore", TURN)
+    back = joint_positions(robot, "back", math.pi - TURN)
+    assert np.abs(back - fore * [-1.0, 1.0]).max() <= 1e-14
+    fore = coordinates(robot, "fore", TURN).reshape(-1, 8, 3)
+    back = coordinates(robot, "back", math.pi - TURN).reshape(-1, 8, 3)
+    assert np.abs(back[..., 1:] - fore[..., 1:] * [-1.0, 1.0]).max() <= 1e-14
+    turned = np.exp(1j * back[..., 0]) - np.exp(1j * (math.pi - fore[..., 0]))
+    assert np.abs(turned).max() <= 1e-13
+
+
+def test_joints_move_without_jumps(robot):
+    """One branch of the linkage all the way round: a quarter degree moves no joint by 2 cm."""
+    joints = joint_positions(robot, "fore", np.append(TURN, 0.0))
+    steps = np.hypot(*np.moveaxis(np.diff(joints, axis=0), -1, 0))
+    assert steps.max() < 0.02
+    assert steps[:, T].max() > 1e-4  # and the toe does move
+
+
+@pytest.mark.parametrize(("name", "advance"), [("paper", 0.658), ("holy", -0.980)])
+def test_advance_per_turn(name, advance):
+    """The paper's machine walks to +x, the holy one to -x; and so do their mirror images."""
+    robot = ROBOTS[name]()
+    assert advance_per_turn(robot) == pytest.approx(advance, abs=1e-3)
+    sides = {"fore": "back", "back": "fore"}
+    legs = tuple(Leg(sides[leg.side], -leg.phase) for leg in robot.legs)
+    assert advance_per_turn(replace(robot, legs=legs)) == pytest.approx(advance, abs=2e-3)

@@ -1,0 +1,184 @@
+"""What the machine is: the paper's numbers, and designs that are refused."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jansen_env import (
+    Bar,
+    Compliance,
+    Leg,
+    LinkageError,
+    Payload,
+    Robot,
+    Terrain,
+    Triangle,
+    paper_robot,
+    phased_legs,
+)
+from jansen_env.robot import JOINT_PAIRS, ROBOTS
+from jansen_env.robot.kinematics import check_closure
+from jansen_env.terrain import make_terrain
+
+TRIANGLE = Robot().foot
+
+REFUSED = {
+    "length 0": (lambda: Bar(0.0), "Bar.length is 0.0"),
+    "length nan": (lambda: Bar(math.nan), "Bar.length is nan"),
+    "length text": (lambda: Bar("long"), "Bar.length is 'long'"),
+    "mass": (lambda: Bar(1.0, mass=-0.1), "Bar.mass is -0.1"),
+    "inertia": (lambda: Bar(1.0, inertia=-1.0), "Bar.inertia is -1.0"),
+    "triangle d": (lambda: replace(TRIANGLE, d=-0.2), "Triangle.d is -0.2"),
+    "triangle angle": (lambda: replace(TRIANGLE, alpha=0.0), "Triangle.alpha is 0.0"),
+    "triangle angles": (lambda: replace(TRIANGLE, gamma=5.0), "alpha [+] gamma is 6.57408"),
+    "triangle inertia": (lambda: replace(TRIANGLE, inertia=-1), "Triangle.inertia is -1"),
+    "no triangle": (lambda: Triangle.from_sides(1.0, 2.0, 3.5), "sides 1.0, 2.0, 3.5 m"),
+    "flat triangle": (lambda: Triangle.from_sides(1.0, 2.0, 3.0), "sides 1.0, 2.0, 3.0 m"),
+    "side": (lambda: Triangle.from_sides(1.0, -2.0, 1.0), "second_third is -2.0"),
+    "leg side": (lambda: Leg("left"), "Leg.side is 'left'"),
+    "leg phase": (lambda: Leg("fore", math.inf), "Leg.phase is inf"),
+    "load mass": (lambda: Payload(-1.0), "Payload.mass is -1.0"),
+    "load inertia": (lambda: Payload(1.0, -2.0), "Payload.inertia is -2.0"),
+    "load place": (lambda: Payload(position=(1.0,)), r"Payload.position is \(1.0,\)"),
+    "load nan": (lambda: Payload(position=(0.0, math.nan)), "Payload.position is nan"),
+    "phases": (lambda: phased_legs(0), "phases is 0"),
+    "phases float": (lambda: phased_legs(2.0), "phases is 2.0"),
+    "frame angle": (lambda: Robot(frame_angle=math.nan), "Robot.frame_angle is nan"),
+    "pad": (lambda: Robot(pad_radius=0.0), "Robot.pad_radius is 0.0"),
+    "damping": (lambda: Robot(damping=(0.1,) * 9), "Robot.damping has 9 values"),
+    "damping sign": (lambda: Robot(damping=(-0.1,) * 10), "Robot.damping is -0.1"),
+    "damping number": (lambda: Robot(damping=0.1), r"Robot.damping is 0.1, must be one number"),
+    "body": (lambda: Robot(rocker=0.25), "Robot.rocker is 0.25, must be a Bar"),
+    "triangle body": (lambda: Robot(foot=Bar(0.25)), r"Robot.foot is Bar\(.*must be a Triangle"),
+    "bearings": (lambda: Robot(bearing_friction=(0.1,)), "bearing_friction has 1 values"),
+    "motor": (lambda: Robot(motor="strong"), "Robot.motor is 'strong', must be a Motor"),
+    "pads": (lambda: Robot(pad_compliance=1e4), "Robot.pad_compliance is 10000.0"),
+    "stiffness": (lambda: Compliance(0.0), "Compliance.stiffness is 0.0"),
+    "stiffness text": (lambda: Compliance("soft"), "Compliance.stiffness is 'soft'"),
+    "damping of pads": (lambda: Compliance(1e4, -1.0), "Compliance.damping is -1.0"),
+    "damping inf": (lambda: Compliance(1e4, math.inf), "Compliance.damping is inf"),
+    "rigid damping": (lambda: Compliance(damping=1.0), "Compliance.damping is 1.0, must be 0"),
+    "rigid along": (lambda: Compliance(1e4, 0.0, math.inf), "tangential_stiffness is inf"),
+    "rigid into": (lambda: Compliance(math.inf, 0.0, 1e4), "tangential_stiffness is 10000.0"),
+    "payload": (lambda: Robot(payload=1.0), "Robot.payload is 1.0, must be a Payload"),
+    "legs": (lambda: Robot(legs=4), "Robot.legs is 4, must be at least one Leg"),
+    "phases many": (lambda: paper_robot(101), "phases is 101, must be .* from 1 to 100"),
+    "no legs": (lambda: Robot(legs=()), "Robot.legs is empty"),
+    "first phase": (lambda: Robot(legs=(Leg("fore", 0.5),)), r"legs\[0\].phase is 0.5"),
+    "one point": (lambda: Terrain(((0.0, 0.0),)), r"Terrain.points has shape \(1, 2\)"),
+    "points nan": (lambda: Terrain(((0.0, 0.0), (1.0, math.nan))), "not finite"),
+    "points back": (lambda: Terrain(((0, 0), (2, 0), (1, 0))), "point 2 is at 1.0 after 2.0"),
+    "steep": (lambda: Terrain(((0.0, 0.0), (0.1, 1.0))), "slope of 1.471 rad"),
+    "angle": (lambda: Terrain.slope(1.5), "angle is 1.5"),
+    "friction": (lambda: Terrain.flat(friction=-0.1), "Terrain.friction is -0.1"),
+    "restitution": (lambda: Terrain.flat(restitution=1.1), "Terrain.restitution is 1.1"),
+    "roughness": (lambda: Terrain.rough(np.random.default_rng(), height=-1), "height is -1"),
+    "generator": (lambda: Terrain.rough(0), "rng is 0, must be a Generator"),
+    "vertices": (
+        lambda: Terrain.rough(np.random.default_rng(), length=1e300),
+        r"length / spacing is 5e\+300, must be at most 100000",
+    ),
+    "points text": (lambda: Terrain((("0", "0"), ("1", "0"))), "Terrain.points is .* of numbers"),
+    "points far": (
+        lambda: Terrain(((0.0, 0.0), (1e7, 0.0))),
+        r"is 1e\+07 m, must be within",
+    ),
+    "terrain name": (lambda: make_terrain("moon"), "terrain is 'moon'"),
+    "terrain angle": (lambda: make_terrain("slope:up"), "terrain is 'slope:up'"),
+}
+
+
+@pytest.mark.parametrize("make, message", REFUSED.values(), ids=REFUSED.keys())
+def test_bad_values_are_refused_by_name_and_value(make, message):
+    """Each raises ValueError whose message names the argument and the value it was given."""
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+@pytest.mark.parametrize(
+    "change, joint, angle",
+    [
+        # B: the crank pin is farthest from P at psi = frame_angle.
+        ({"upper_rod": Bar(0.15)}, "B", Robot().frame_angle),
+        ({"lower_rod": Bar(0.15)}, "C", Robot().frame_angle),
+        ({"coupler": Bar(0.6)}, "E", None),
+    ],
+)
+def test_a_crank_that_cannot_turn_is_refused(change, joint, angle):
+    """The error names the joint and the worst crank angle of a 0.5 degree search."""
+    with pytest.raises(LinkageError, match=f"joint {joint} does not close at crank angle") as error:
+        check_closure(replace(Robot(), **change))
+    if angle is not None:
+        named = float(str(error.value).split("crank angle ")[1].split(" rad")[0])
+        assert abs(named - angle) <= 2.0 * math.pi / 720
+
+
+def test_triangle_8_is_made_from_its_sides():
+    """Sides (L7, L12, L8) give the paper's printed centroid data, to their last digit, 1e-5."""
+    made, printed = Triangle.from_sides(0.25342, 0.43599, 0.35948), Robot().foot
+    for name in ("d", "l", "h", "alpha", "gamma"):
+        assert getattr(made, name) == pytest.approx(getattr(printed, name), abs=1e-5), name
+    assert printed.sides == pytest.approx((0.25342, 0.43599, 0.35948), abs=2e-6)
+
+
+def test_triangle_4_is_a_little_larger_than_its_sides():
+    """Printed centroid data: 1.0101 (hypot(l0, h0) / l0) times (L4, L10, L5), six digits."""
+    factor = math.hypot(0.32436, 0.04632) / 0.32436
+    assert factor == pytest.approx(1.0101, abs=5e-5)
+    enlarged = factor * np.array([0.23529, 0.32338, 0.25134])
+    assert Robot().upper_triangle.sides == pytest.approx(enlarged, rel=1e-5)
+
+
+@pytest.mark.parametrize("triangle", [Robot().foot, Triangle.from_sides(0.3, 0.4, 0.5)])
+def test_triangle_sides_and_centroid_belong_together(triangle):
+    """sides undoes from_sides; the three corners' mean is the centroid (6 digits as printed)."""
+    assert Triangle.from_sides(*triangle.sides).sides == pytest.approx(triangle.sides, abs=1e-12)
+    corners = (
+        triangle.d
+        + triangle.l * np.exp(1j * triangle.alpha)
+        + triangle.h * np.exp(-1j * triangle.gamma)
+    )
+    assert abs(corners) < 2e-6
+
+
+def test_the_paper_robot_is_the_papers():
+    """Table 1: masses 0.1 kg, inertias 0.1 kg m^2, friction 0.1 at ten pairs; 32 bodies, 3.2 kg."""
+    robot = Robot()
+    assert {(body.mass, body.inertia) for body in robot.bodies} == {(0.1, 0.1)}
+    assert len(JOINT_PAIRS) == 10 and set(robot.damping) == {0.1}
+    assert robot.mass == pytest.approx(3.2, abs=1e-12)
+    assert replace(robot, payload=Payload(1.5)).mass == pytest.approx(4.7, abs=1e-12)
+
+
+def test_slender_inertias():
+    """A rod m L^2 / 12; a plate m (a^2 + b^2 + c^2) / 36, which is a right triangle's too."""
+    assert Bar(2.0, mass=0.3).slender().inertia == pytest.approx(0.1, abs=1e-15)
+    plate = Triangle.from_sides(3.0, 4.0, 5.0, mass=2.0).slender()
+    # Legs p, q at right angles: the plate's inertia about its centroid is m (p^2 + q^2) / 18.
+    assert plate.inertia == pytest.approx(2.0 * 25.0 / 18.0, rel=1e-12)
+    slender = Robot().with_slender_inertias()
+    assert [b.inertia for b in slender.bodies] == [b.slender().inertia for b in Robot().bodies]
+
+
+def test_holy_numbers_are_jansens():
+    """The published lengths, in units of 1/15 of the crank: exact but for rounding, 1e-12."""
+    robot = ROBOTS["holy"]()
+    unit = robot.crank.length / 15.0
+    rods = (robot.upper_rod, robot.rocker, robot.lower_rod, robot.coupler)
+    assert [rod.length / unit for rod in rods] == pytest.approx([50, 39.3, 61.9, 39.4], rel=1e-12)
+    frame = robot.frame.length / unit * np.exp(1j * robot.frame_angle)
+    assert (frame.real, frame.imag) == pytest.approx((38.0, 7.8), rel=1e-12)
+    triangles = np.array([*robot.upper_triangle.sides, *robot.foot.sides]) / unit
+    assert triangles == pytest.approx([41.5, 55.8, 40.1, 36.7, 65.7, 49.0], rel=1e-12)
+
+
+def test_a_pad_gives_along_the_ground_as_it_does_into_it_unless_told():
+    same = Compliance(2e4, 50.0)
+    assert (same.tangential_stiffness, same.tangential_damping) == (2e4, 50.0)
+    assert not same.rigid
+    assert Compliance().rigid
+    assert Compliance(2e4, 50.0, 1e4).tangential_stiffness == 1e4

@@ -1,0 +1,160 @@
+"""The walking task's reward: its factors, the moving target, and commands that change."""
+
+from __future__ import annotations
+
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from jansen_env.engine.walk_reward import HALF_CHANGE, HALF_EFFORT, REWARD
+from jansen_env.envs.walker import JansenWalkerEnv
+from jansen_env.robot.kinematics import advance_per_turn
+
+
+@pytest.fixture
+def env():
+    made = gym.make("JansenWalker-v0")
+    yield made
+    made.close()
+
+
+FACTORS = REWARD.names
+
+
+def plain_factors(env, infos, actions):
+    """The reward's factors of each step, worked out once more in plain Python, and the lag."""
+    dt, weight, path = env.control_dt, env.weight, advance_per_turn(env.robot) / 4.0
+    lag = speed = slip = power = square = x = last = 0.0
+    for info, action in zip(infos, actions, strict=True):
+        command = info["command"]  # of the step, not after it
+        v = (info["x_position"] - x) / dt
+        lag = np.clip(lag + (command - v) * dt, -0.5, 0.5)
+        share = 1.0 - math.exp(-dt / np.clip(path / abs(command or 1e-9), 0.2, 3.4))
+        speed += share * (v - speed)
+        slip += share * (info["slip"].sum() / dt - slip)
+        power += share * (abs(info["energy"]["motor_work"]) / dt - power)
+        square += share * ((20.0 * action) ** 2 - square)
+        pace = max(abs(command), 0.1)
+        progress = 1.0 - min(1.0, abs(speed) / 0.05)
+        if command:
+            ratio = speed / command
+            progress = np.clip(ratio, 0, 1) if ratio < 2.0 else 2.0 / ratio
+        yield lag, {
+            "tracking": 0.3 + 0.7 / (1 + (lag / 0.2) ** 2),
+            "progress": progress,
+            "slip": 1 / (1 + slip / pace / 0.2),
+            "energy": 1 / (1 + power / (weight * pace) / 4.0),
+            "effort": 1 / (1 + square / (weight * HALF_EFFORT) ** 2),
+            "smoothness": 1 / (1 + ((action - last) / HALF_CHANGE) ** 2),
+            "posture": 1 / (1 + (info["pitch"] / 0.4) ** 2),
+        }  # fmt: skip
+        x, last = info["x_position"], action
+
+
+@pytest.mark.parametrize("commands", [(0.3,), (-0.1,), (0.0,), (0.5, -0.2, 0.0, 0.05)])
+def test_the_reward_is_what_is_documented(commands):
+    """Target, means and factors, recomputed; each factor is within 0 and 1, their product paid."""
+    env, rng = JansenWalkerEnv(), np.random.default_rng(2)
+    env.reset(seed=2, options={"speed_command": commands[0]})
+    infos, actions, rewards = [], [], []
+    for k in range(200):
+        command = commands[k * len(commands) // 200]
+        env.set_parameters(command=command)
+        actions.append(float(np.float32(np.clip(0.1 + 0.3 * rng.normal(), -1.0, 1.0))))
+        _, reward, *_, info = env.step(np.array([actions[-1]], np.float32))
+        rewards.append(reward)
+        infos.append({**info, "command": command})
+    expected = plain_factors(env, infos, actions)
+    for info, reward, (lag, factors) in zip(infos, rewards, expected, strict=True):
+        assert info["lag"] == pytest.approx(lag, abs=1e-12)
+        for name, value in factors.items():
+            assert info[f"reward/{name}"] == pytest.approx(value, abs=1e-9), name
+            assert 0.0 <= value <= 1.0 and (value > 0.0 or name == "progress")
+        assert set(factors) == set(FACTORS)
+        assert reward == pytest.approx(math.prod(factors.values()), abs=1e-9)
+
+
+@pytest.mark.parametrize("command", [0.05, 0.1, 0.2, 0.4, 0.8, -0.05, -0.3, 0.01, 2.0])
+def test_standing_still_earns_next_to_nothing(command):
+    """At most 1 % of what could be had in 10 s; at the command 0 nearly all of it."""
+    env = JansenWalkerEnv(reset_noise_scale=0.0)
+    returns = []
+    for asked in (command, 0.0):
+        env.reset(seed=0, options={"speed_command": asked})
+        returns.append(sum(env.step(np.zeros(1, np.float32))[1] for _ in range(500)))
+    assert returns[0] < 5.0 and returns[1] > 450.0
+
+
+def test_moving_to_and_fro_earns_next_to_nothing():
+    """The crank swings by 0.4 rad at 1 Hz: less than 5 % of what could be had, slow or fast."""
+    env = JansenWalkerEnv()
+    for command in (0.05, 0.3):
+        env.reset(seed=0, options={"speed_command": command})
+        total = 0.0
+        for k in range(500):
+            wanted = 2.5 * math.cos(2.0 * math.pi * k / 50)
+            torque = 10.0 * (wanted - env.plant.state[7])
+            total += env.step(np.array([np.clip(torque / 20.0, -1, 1)]))[1]
+        assert total < 25.0, command
+
+
+def test_the_target_waits():
+    """However long the robot stands, or if it runs ahead, the target is 0.5 m away at most."""
+    env = JansenWalkerEnv()
+    for command, torque, end in ((0.8, 0.0, 0.5), (-0.8, 0.0, -0.5), (0.05, 10.0, -0.5)):
+        env.reset(seed=0, options={"speed_command": command, "crank_angle": 1.0})
+        for _ in range(150):
+            *_, info = env.step(np.array([torque / 20.0]))
+        assert info["lag"] == end and info["reward/tracking"] < 0.4
+
+
+def test_weights_are_exponents():
+    """Of the five factors that have one; 0 leaves a factor out."""
+    names = ("slip", "energy", "effort", "smoothness", "posture")
+    infos = []
+    for weight in (1.0, 2.0, 0.0):
+        env = JansenWalkerEnv(**{f"{name}_weight": weight for name in names})
+        env.reset(seed=0)
+        for action in (0.5, 0.2, 0.6):
+            *_, info = env.step(np.array([action], np.float32))
+        infos.append(info)
+    for name in names:
+        one, two, none = (info[f"reward/{name}"] for info in infos)
+        assert 0.0 < one < 1.0 and two == pytest.approx(one**2) and none == 1.0
+
+
+def test_a_mirrored_command_earns_the_same():
+    """The paper's machine is its own mirror image: so are its rewards."""
+    runs = []
+    for sign in (1.0, -1.0):
+        env, rng = JansenWalkerEnv(reset_noise_scale=0.0), np.random.default_rng(1)
+        angle = 0.7 if sign > 0 else math.pi - 0.7
+        env.reset(seed=0, options={"speed_command": 0.3 * sign, "crank_angle": angle})
+        steps = [env.step(np.array([sign * a])) for a in rng.uniform(0.0, 0.6, 40)]
+        runs.append([(reward, sign * info["lag"]) for _, reward, _, _, info in steps])
+    assert np.array(runs[0]) == pytest.approx(np.array(runs[1]), abs=1e-6)
+
+
+def test_commands_change_within_an_episode():
+    """Every 0.1 s by the interval, drawn from the range; by hand from the next step on."""
+    env = JansenWalkerEnv(speed_command=(-0.2, 0.3), command_interval=0.1)
+    observation, info = env.reset(seed=4)
+    seen = [info["speed_command"]]
+    for _ in range(50):
+        observation, *_, info = env.step(np.zeros(1, np.float32))
+        seen.append(info["speed_command"])
+        assert observation[9] == np.float32(seen[-1])
+    changes = np.flatnonzero(np.diff(seen)) + 1
+    assert changes.tolist() == list(range(5, 51, 5))
+    assert min(seen) >= -0.2 and max(seen) <= 0.3 and min(seen) < 0.0 < max(seen)
+    env = JansenWalkerEnv(speed_command=0.3)
+    env.reset(seed=0)
+    env.set_parameters(command=-0.1)
+    observation, *_, info = env.step(np.zeros(1, np.float32))
+    assert info["speed_command"] == -0.1 and observation[9] == np.float32(-0.1)
+    assert info["lag"] == pytest.approx(-0.1 * env.dt - info["x_position"], abs=1e-12)
+    assert env.reset(seed=1)[1]["speed_command"] == 0.3
+    with pytest.raises(ValueError, match="command is 3"):
+        env.set_parameters(command=3.0)

@@ -1,0 +1,218 @@
+"""Grounds by name: their shapes, what their parameters mean, and drawing them by level."""
+
+from __future__ import annotations
+
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+from jansen_env import Terrain
+from jansen_env.terrain.generators import (
+    GENERATORS,
+    HIGHEST,
+    LEVELS,
+    MixedGenerator,
+    at_level,
+    make_generator,
+)
+from jansen_env.terrain.shapes import REACH, RISER_SLOPE, START
+
+FACE = math.tan(RISER_SLOPE)
+
+
+def level_runs(terrain):
+    """(left end, right end, height) of the level pieces."""
+    points = np.array(terrain.points)
+    flat = np.flatnonzero(np.diff(points[:, 1]) == 0.0)
+    return np.stack([points[flat, 0], points[flat + 1, 0], points[flat, 1]], axis=1)
+
+
+def faces(terrain):
+    """Heights and slopes of what is not level."""
+    run, rise = np.diff(np.array(terrain.points), axis=0).T
+    return rise[rise != 0.0], np.abs(rise / run)[rise != 0.0]
+
+
+def test_stairs():
+    """Every tread and rise as asked, up to +x and down to -x, the faces as steep as they say."""
+    terrain = Terrain.stairs(rise=0.04, tread=0.3, friction=0.5, restitution=0.1)
+    rises, slopes = faces(terrain)
+    assert rises == pytest.approx(0.04) and slopes == pytest.approx(FACE)
+    assert len(rises) == 2 * int((REACH - START) / 0.3)
+    middles = level_runs(terrain)[:, :2].mean(axis=1)[1:-1]  # but for the level ends
+    apart = np.diff(middles)
+    assert apart[apart < 0.5] == pytest.approx(0.3)
+    assert terrain.height([0.0, 1.0, -1.0]) == pytest.approx([0.0, 0.04, -0.04])
+    assert (terrain.friction, terrain.restitution) == (0.5, 0.1)
+    down = Terrain.stairs(rise=-0.04, tread=0.3)
+    x = np.linspace(-12.0, 12.0, 500)
+    assert down.height(x) == pytest.approx(terrain.height(-x), abs=1e-12)
+
+
+def test_stumps_and_ditches():
+    terrain = Terrain.stumps(height=0.05, width=0.2, spacing=0.7, start=1.0)
+    pieces = level_runs(terrain)
+    tops = pieces[pieces[:, 2] == 0.05]
+    run = 0.05 / FACE
+    assert tops[:, 1] - tops[:, 0] == pytest.approx(0.2 - run)
+    right = tops[tops[:, 0] > 0.0]
+    assert np.diff(right[:, 0]) == pytest.approx(0.7)
+    assert right[0, 0] == pytest.approx(1.0 + 0.25 + 0.5 * run)  # after half a gap
+    assert set(pieces[:, 2]) == {0.0, 0.05}
+    ditches = Terrain.stumps(height=-0.05, width=0.2, spacing=0.7)
+    assert set(level_runs(ditches)[:, 2]) == {0.0, -0.05}
+
+
+def test_ramps():
+    terrain = Terrain.ramps(angle=0.2, length=0.5, start=1.0)
+    rises, slopes = faces(terrain)
+    assert slopes == pytest.approx(math.tan(0.2))
+    assert np.abs(rises) == pytest.approx(0.5 * math.tan(0.2))
+    top = 0.5 * math.tan(0.2)
+    assert terrain.height([1.25, 1.75, 2.25, 2.75]) == pytest.approx([top / 2, top, top / 2, 0.0])
+    assert Terrain.ramps(angle=-0.2).height(0.6 + 1.2) < 0.0
+
+
+def test_waves():
+    """From trough to crest in half a length, as high as asked, level where they begin."""
+    terrain = Terrain.waves(height=0.1, length=0.8, start=1.0)
+    assert terrain.height([1.0, 1.4, 1.8, -1.4]) == pytest.approx([0.0, 0.1, 0.0, 0.1], abs=1e-12)
+    assert max(y for _, y in terrain.points) == pytest.approx(0.1)
+    assert min(y for _, y in terrain.points) == 0.0
+
+
+def test_steps(rng):
+    """Heights fill their range, no step is higher than asked, lengths are within theirs."""
+    terrains = [Terrain.steps(rng, height=0.1, spacing=0.5) for _ in range(50)]
+    heights = np.concatenate([level_runs(terrain)[:, 2] for terrain in terrains])
+    assert -0.05 <= heights.min() < -0.045 and 0.045 < heights.max() <= 0.05
+    assert max(np.abs(faces(terrain)[0]).max() for terrain in terrains) <= 0.1
+    for terrain in terrains[:5]:
+        edges = np.array(terrain.points)[1:-1].reshape(-1, 2, 2)[:, :, 0].mean(axis=1)
+        gaps = np.diff(edges[edges > 0.0])
+        assert gaps.min() >= 0.25 and gaps.max() <= 0.75
+        assert len(set(np.round(gaps, 6))) == len(gaps)
+
+
+@pytest.mark.parametrize("name", LEVELS)
+@pytest.mark.parametrize("level", [0, 4, HIGHEST])
+def test_each_ground_has_what_a_robot_needs(name, level, rng):
+    """Level below the robot, 8 m of ground on both sides, level beyond, and few vertices."""
+    generator = make_generator(name)
+    for _ in range(20):
+        terrain = generator(rng, level)
+        assert len(terrain.points) <= 150
+        if name == "slope":
+            continue
+        x = np.linspace(-START, START, 50)
+        assert np.abs(terrain.height(x)).max() < 1e-9
+        points = np.array(terrain.points)
+        assert points[0, 0] < -6.0 and points[-1, 0] > 6.0
+        assert points[0, 1] == points[1, 1] and points[-1, 1] == points[-2, 1]
+        for side in (points[points[:, 0] > 0.0], points[points[:, 0] < 0.0]):
+            assert np.ptp(side[:, 1]) > 0.0
+
+
+@pytest.mark.parametrize("name", GENERATORS)
+def test_a_generator_replays_and_is_plain_data(name):
+    generator = make_generator(name)
+    assert pickle.loads(pickle.dumps(generator)) == generator == make_generator(name)
+    assert hash(generator) == hash(make_generator(name)) and str(generator) == name
+    assert make_generator(generator) is generator
+    drawn = [generator(np.random.default_rng(seed), 5) for seed in (0, 0, 1)]
+    assert drawn[0] == drawn[1] != drawn[2] or name == "slope"
+    assert {(terrain.friction, terrain.restitution) for terrain in drawn} == {(0.8, 0.0)}
+
+
+def test_levels_get_harder(rng):
+    """Each level's values lie between those of the ends, evenly; the ground follows them."""
+    for name, parameters in LEVELS.items():
+        for key, (low, high) in parameters.items():
+            found = [at_level(name, level)[key] for level in range(HIGHEST + 1)]
+            assert found == pytest.approx(np.linspace(low, high, HIGHEST + 1))
+    rise = at_level("stairs", 3)["rise"]
+    rises = np.concatenate([faces(make_generator("stairs")(rng, 3))[0] for _ in range(20)])
+    assert np.unique(np.round(rises, 9)) == pytest.approx([-rise, rise])  # up and down
+
+
+def test_parameters_that_are_given_stay(rng):
+    """At all levels, the sign too; the others come from the level as without them."""
+    generator = make_generator("stairs:rise=0.02, tread=0.3")
+    assert generator.given == (("rise", 0.02), ("tread", 0.3))
+    assert str(generator) == "stairs:rise=0.02,tread=0.3"
+    for level in (0, HIGHEST):
+        for _ in range(10):
+            assert faces(generator(rng, level))[0] == pytest.approx(0.02)
+    free, fixed = make_generator("stumps"), make_generator("stumps:width=0.2")
+    assert LEVELS["stumps"]["width"] == (0.2, 0.2)
+    assert free(np.random.default_rng(3), 6) == fixed(np.random.default_rng(3), 6)
+
+
+def test_mixed_is_another_kind_each_time(rng):
+    """All of them, evenly; each as it is alone."""
+    mixed = make_generator("mixed")
+    assert [kind.name for kind in mixed.kinds] == list(LEVELS)
+    sizes = {len(mixed(rng, 4).points) for _ in range(200)}
+    alone = {len(kind(rng, 4).points) for kind in mixed.kinds for _ in range(30)}
+    assert 2 in sizes and len(sizes) >= 5 and sizes <= alone
+    few = MixedGenerator((make_generator("slope:angle=0.1"),))
+    assert few(rng, 0) == Terrain.slope(0.1)
+
+
+def hill(rng, level):
+    return Terrain.slope(0.01 * level)
+
+
+def moon(rng, level):
+    return "slope:0.1"
+
+
+def test_own_generators(rng):
+    """Any callable; what it returns is checked, and the error says whose it is."""
+    assert make_generator(hill)(rng, 5) == Terrain.slope(0.05)
+    assert pickle.loads(pickle.dumps(make_generator(hill))) == make_generator(hill)
+    with pytest.raises(ValueError, match=r"generator moon returned 'slope:0.1', must be a Terrain"):
+        make_generator(moon)(rng, 5)
+
+
+REFUSED = {
+    "lava": r"terrain is 'lava', must be 'flat'.*'slope', 'rough', 'waves', 'stairs'.*'mixed'\]",
+    "flat2": "terrain is 'flat2'",
+    "stairs:0.02": r"'0.02' must be NAME=NUMBER, with a name of \['rise', 'tread'\]",
+    "stairs:rise=": "'rise=' must be NAME=NUMBER",
+    "stairs:rize=1": r"'rize' is no parameter of 'stairs', must be in \['rise', 'tread'\]",
+    "stairs:rise=nan": "rise of 'stairs' is nan",
+    "stairs:tread=0.001": "'stairs:tread=0.001' makes no ground at level 0: tread is 0.001",
+    "slope:angle=2": "angle is 2.0, must be between",
+    "waves:length=1e-9": "must be at most 100000",
+    "mixed:rise=1": "'mixed' has no parameters",
+}
+
+
+@pytest.mark.parametrize("spec, message", REFUSED.items(), ids=REFUSED)
+def test_wrong_texts_are_refused(spec, message):
+    with pytest.raises(ValueError, match=message):
+        make_generator(spec)
+
+
+@pytest.mark.parametrize(
+    "make, message",
+    [
+        (lambda: Terrain.stairs(rise=0.1, tread=0.02), "tread is 0.02, must be above 0.02679"),
+        (lambda: Terrain.stairs(start=9.0), "start is 9, must be below reach, 9"),
+        (lambda: Terrain.stairs(rise=math.inf), "rise is inf"),
+        (lambda: Terrain.stumps(width=-0.1), "width is -0.1"),
+        (lambda: Terrain.stumps(width=0.3, spacing=0.3), "spacing - width is"),
+        (lambda: Terrain.ramps(angle=1.5), "angle is 1.5"),
+        (lambda: Terrain.ramps(length=0.0), "length is 0.0"),
+        (lambda: Terrain.waves(height=5.0, length=0.1), "slope of"),
+        (lambda: Terrain.steps(3), "rng is 3, must be a Generator"),
+        (lambda: Terrain.steps(np.random.default_rng(), height=-0.1), "height is -0.1"),
+        (lambda: Terrain.steps(np.random.default_rng(), spacing=0.0), "spacing / 2 is 0.0"),
+    ],
+)
+def test_shapes_that_cannot_be_are_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()

@@ -1,0 +1,374 @@
+"""Recordings: whole after a round trip, checked on reading, and of episodes that are as without."""
+
+from __future__ import annotations
+
+import io
+import json
+import tracemalloc
+import zipfile
+from dataclasses import fields, replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.wrappers import Autoreset, FlattenObservation, RescaleAction, TimeLimit
+
+import jansen_env
+from jansen_env.robot.kinematics import world_joints
+from jansen_env.viewer import recorder, recording
+from jansen_env.viewer.recorder import Recorder
+from jansen_env.viewer.recording import SHAPES, Recording
+from jansen_env.viewer.web.page import page
+
+WALKER, CRANK = "JansenWalker-v0", "JansenCrank-v0"
+
+
+def walk(env, steps=20, seed=1, **options):
+    """What a step gives, from the reset on, and the states."""
+    observation, info = env.reset(seed=seed, options=options)
+    found, states = [(observation, None, False, False, info)], [env.unwrapped.get_state()["plant"]]
+    for k in range(steps):
+        found.append(env.step(np.array([0.3 * np.sin(0.3 * k)], np.float32)))
+        states.append(env.unwrapped.get_state()["plant"])
+        if found[-1][2] or found[-1][3]:
+            break
+    return found, states
+
+
+def recorded(env_id=WALKER, steps=20, **arguments):
+    env = Recorder(gym.make(env_id, **arguments), "me")
+    walk(env, steps)
+    return env.recording
+
+
+@pytest.fixture(scope="module")
+def short():
+    return recorded(steps=5)
+
+
+def same(one, other):
+    for name in SHAPES:
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    for field in fields(Recording):
+        if field.name not in SHAPES:
+            assert getattr(one, field.name) == getattr(other, field.name), field.name
+
+
+@pytest.mark.parametrize(
+    ("env_id", "arguments"),
+    [(WALKER, {"terrain": "rough", "terrain_level": 3}), (WALKER, {"plant": "rigid_body"}),
+     ("JansenWalkerHardcore-v0", {}), (CRANK, {})],
+)  # fmt: skip
+def test_a_recorded_episode_is_as_it_is_without(env_id, arguments):
+    """Bit for bit, and the recording has what passed."""
+    plain, states = walk(gym.make(env_id, **arguments))
+    env = Recorder(gym.make(env_id, **arguments))
+    found, states_found = walk(env)
+    np.testing.assert_array_equal(states_found, states)
+    for step, other in zip(found, plain, strict=True):
+        np.testing.assert_array_equal(step[0], other[0])
+        assert str(step[1:]) == str(other[1:])
+    one = env.recording
+    np.testing.assert_array_equal(one.state, states)
+    np.testing.assert_array_equal(one.observation, [step[0] for step in plain])
+    steps = plain[1:]
+    assert one.reward.tolist() == [step[1] for step in steps]
+    infos = [step[4] for step in steps]
+    assert one.torque[1:].tolist() == [info["crank_torque"] for info in infos]
+    assert one.command[1:].tolist() == [info["speed_command"] for info in infos]
+    assert one.crank_speed[1:].tolist() == [info["crank_speed"] for info in infos]
+    for name in one.energies:
+        assert one.energy_of(name).tolist() == [info["energy"][name] for info in infos]
+    dt = env.unwrapped.control_dt
+    np.testing.assert_allclose(one.time, dt * np.arange(len(one.time)), atol=1e-12)
+    np.testing.assert_allclose(one.power, one.energy_of("motor_work") / dt)
+    joints = world_joints(env.unwrapped.scene()["robot"], one.pose)
+    np.testing.assert_allclose(one.joints, joints, atol=1e-6)
+    if env_id != CRANK:
+        np.testing.assert_array_equal(one.slip, [info["slip"] for info in infos])
+        normal = np.array([info["contact_force"] for info in infos])
+        np.testing.assert_allclose(
+            np.hypot(*one.contact_force[1:].T), np.hypot(*normal.T), atol=1e-9
+        )
+        assert ((one.contact[1:] == 0) <= (normal[..., 1] < 1e-3)).all()
+        assert len(one.terrain) >= 2
+
+
+@pytest.mark.parametrize("env_id", [WALKER, CRANK, "JansenWalkerRough-v0"])
+def test_round_trip(env_id, tmp_path):
+    one = recorded(env_id, robot=jansen_env.ROBOTS["holy"]())
+    path = one.save(tmp_path / "a.npz")
+    same(Recording.load(path), one)
+    assert path.read_bytes() == one.to_bytes()
+    assert "Robot(" in one.env_kwargs["robot"] and one.env_id == env_id
+    assert one.robot["crank"]["length"] == jansen_env.ROBOTS["holy"]().crank.length
+    with np.load(path, allow_pickle=False) as arrays:  # as anybody may
+        np.testing.assert_array_equal(arrays["torque"], one.torque)
+
+
+def test_other_wrappers_are_free():
+    """Above and below; spec and label stay, and numbers are those of the recorder's place."""
+    below = RescaleAction(gym.make(WALKER), np.float32(-10), np.float32(10))
+    env = TimeLimit(FlattenObservation(Recorder(below, "me")), 3)
+    env.reset(seed=0)
+    for _ in range(3):
+        env.step(np.array([5.0], np.float32))
+    one = env.get_wrapper_attr("recording")
+    assert one.action.tolist() == [[5.0]] * 3 and one.torque[-1] == pytest.approx(10.0)
+    assert (one.env_id, one.label, one.truncated) == (WALKER, "me", False)
+    assert gym.make(Recorder(gym.make(WALKER), "me").spec).get_wrapper_attr("label") == "me"
+
+
+def test_one_episode_after_another():
+    env = Recorder(gym.make(WALKER, max_episode_steps=4))
+    with pytest.raises(gym.error.ResetNeeded):
+        _ = env.recording
+    walk(env, 2, seed=5, speed_command=0.25)
+    first = env.recording
+    assert (first.steps, first.seed, first.options) == (2, 5, {"speed_command": 0.25})
+    before = first.to_bytes()
+    env.reset()  # in the middle
+    with pytest.raises(gym.error.ResetNeeded):
+        _ = env.recording
+    walk(env, 9)
+    assert (env.recording.steps, env.recording.truncated) == (4, True)
+    assert first.to_bytes() == before and not first.truncated
+    with pytest.raises(ValueError, match="read-only"):
+        first.time[0] = 1.0
+    with pytest.raises(ValueError, match="speed_command"):
+        env.reset(options={"speed_command": 9.0})
+    with pytest.raises(gym.error.ResetNeeded):  # what was before is gone
+        _ = env.recording
+    env.reset()
+    env.env.reset()  # behind its back
+    env.step(np.zeros(1, np.float32))
+    assert env.recording.steps == 1
+
+
+def test_a_fall_is_in_it():
+    one = recorded(steps=100, fall_pitch=1e-4)
+    assert one.terminated and one.steps < 100
+
+
+def test_resets_below_begin_another_one():
+    env = Recorder(Autoreset(gym.make(WALKER, max_episode_steps=3)))
+    env.reset(seed=0)
+    for _ in range(3 + 1 + 2):
+        env.step(np.zeros(1, np.float32))
+    assert env.recording.steps == 2 and env.recording.time[0] == 0.0
+
+
+def test_long_episodes_are_cut(monkeypatch):
+    monkeypatch.setattr(recorder, "MOST_STEPS", 3)
+    with pytest.warns(UserWarning, match="more than 3 steps"):
+        assert recorded(steps=4).steps == 3
+
+
+def test_other_environments_are_refused():
+    with pytest.raises(ValueError, match="must be an environment of one Jansen robot"):
+        Recorder(gym.make("CartPole-v1"))
+
+
+def test_what_is_no_number_is_refused(short):
+    env = Recorder(gym.wrappers.TransformReward(gym.make(WALKER), lambda _: np.nan))
+    walk(env, 2)
+    with pytest.raises(ValueError, match="reward has nan"):
+        _ = env.recording
+    for name in SHAPES:
+        array = np.array(getattr(short, name))
+        if array.dtype.kind == "f":
+            array.flat[-1] = np.inf
+            with pytest.raises(ValueError, match=f"{name} has inf"):
+                replace(short, **{name: array})
+        with pytest.raises(ValueError, match=f"{name} has"):
+            replace(short, **{name: array[..., None]})
+        if name != "terrain":
+            with pytest.raises(ValueError, match=r"must have"):
+                replace(short, **{name: array[:-1]})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"time": np.zeros(6)}, "time has a step of 0 s, must increase by at least 1e-09 s"),
+        ({"time": 1e-290 * np.arange(6)}, "time has a step of 1e-290 s, must increase"),
+        ({"energies": tuple("abcdefgh")}, "must have 'motor_work'"),
+        ({"pose": np.full((6, 4), 1e12)}, "pose has a place 1e[+]12 m from the origin, must be"),
+        ({"weight": np.zeros(6)}, "weight has 0.0, must be at least"),
+        ({"contact": np.full((6, 4), 3)}, "contact has other numbers"),
+        ({"terrain": [[1.0, 0.0], [0.0, 0.0]]}, "x that increases"),
+        ({"energies": ("a",)}, "energies has 1 entries"),
+        ({"label": "x" * 201}, "at most 200 characters"),
+        ({"label": "\ud800"}, "must be text that UTF-8 has"),
+        ({"label": 3}, "label is 3, must be a str"),
+        ({"seed": "1"}, "seed is '1', must be a int"),
+        ({"parameters": {"friction": None}}, "friction"),
+        ({"terminated": 1}, "terminated is 1"),
+        ({"scene": {}}, "scene has"),
+    ],
+)
+def test_other_contents_are_refused(short, change, message):
+    with pytest.raises(ValueError, match=message):
+        replace(short, **change)
+
+
+def rewritten(short, packed=zipfile.ZIP_DEFLATED, **changed):
+    """A file with other members: bytes, or arrays."""
+    with zipfile.ZipFile(io.BytesIO(short.to_bytes())) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    for name, value in changed.items():
+        file = io.BytesIO()
+        if not isinstance(value, bytes):
+            np.lib.format.write_array(file, value, allow_pickle=True)
+        members[f"{name}.npy"] = value if isinstance(value, bytes) else file.getvalue()
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", packed) as archive:
+        for name, data in members.items():
+            archive.writestr(name, data)
+    return out.getvalue()
+
+
+class Harmful:
+    """Runs code when it is unpickled."""
+
+    def __reduce__(self):
+        return pytest.fail, ("code of the file was run",)
+
+
+def described(text):
+    return np.frombuffer(text, np.uint8)
+
+
+def claimed(shape):
+    """An array that says it is larger than it is."""
+    file = io.BytesIO()
+    header = {"descr": "<f8", "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(file, header)
+    return file.getvalue() + bytes(48)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"time": np.array([Harmful()], object)}, "time has type"),
+        ({"time": np.arange(6, dtype=">f8")}, "time has type"),
+        ({"time": np.arange(6, dtype=np.int64)}, "time has type"),
+        ({"time": claimed((10**15,))}, "cannot reshape"),
+        ({"time": claimed((-6,))}, "negative size"),
+        ({"time": b"\x93NUMPY\x03\x00" + bytes(60)}, "another version"),
+        ({"time": b"nothing"}, "damaged|magic"),
+        ({"more": np.zeros(1)}, "must have"),
+        ({"description": described(b"{")}, "no JSON"),
+        ({"description": described(b"[" * 100_000)}, "no JSON"),
+        ({"description": described(b"[]")}, "must be a dict"),
+        ({"description": described(b"{}")}, "its format is None"),
+        ({"description": described(b"9" * 2**21)}, "more than"),
+        ({"description": described(b'{"format": "jansen_env recording 2"}')}, "recording 2"),
+        ({"description": described(b'{"seed": NaN}')}, "NaN is no number"),
+    ],
+)
+def test_other_files_are_refused(short, changed, message):
+    with pytest.raises(ValueError, match=message):
+        Recording.from_bytes(rewritten(short, **changed))
+
+
+def test_files_that_no_page_could_show_are_refused_by_name(short, tmp_path):
+    """When they are read, in one line."""
+    with np.load(io.BytesIO(short.to_bytes())) as arrays:
+        text = arrays["description"].tobytes().replace(b"motor_work", b"a_motor")
+    changes = {
+        "time": {"time": 1e-290 * np.arange(6)},
+        "energies": {"description": np.frombuffer(text, np.uint8)},
+    }
+    for name, changed in changes.items():
+        path = tmp_path / f"{name}.npz"
+        path.write_bytes(rewritten(short, **changed))
+        with pytest.raises(ValueError, match=rf"{name}\.npz is no recording: {name} ") as error:
+            Recording.load(path)
+        assert "\n" not in str(error.value)
+
+
+def test_numbers_of_pages_are_finite(short):
+    """Of any recording: of the largest and the smallest numbers, however they come together."""
+    rng = np.random.default_rng(0)
+    numbers = [0.0, 5e-324, 1e-9, 1.0, *(sign * recording.LARGEST for sign in (1.0, -1.0))]
+    reach = 1e3  # from which a robot may be anywhere
+    for _ in range(50):
+        drawn = {
+            name: rng.choice(numbers, np.shape(getattr(short, name)))
+            for name, (kind, _) in SHAPES.items()
+            if kind in ("<f8", "<f4") and name != "terrain"
+        }
+        drawn["time"] = np.cumsum(rng.choice([1.1e-9, 1.0, 1e3], 6))
+        drawn["weight"] = np.maximum(np.abs(drawn["weight"]), 1e-9)
+        one = replace(short, scene={**short.scene, "reach": reach}, **drawn)
+        with np.errstate(over="raise", invalid="raise", divide="raise"):
+            page(one)
+
+
+def test_bombs_stay_small(short, tmp_path, monkeypatch):
+    """What would unpack to too much is refused before it does, as is an endless directory."""
+    monkeypatch.setattr(recording, "MAX_UNPACKED", 2**22)
+    file = io.BytesIO()
+    with (
+        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("time.npy", "w", force_zip64=True) as member,
+    ):
+        for _ in range(64):
+            member.write(bytes(2**20))
+    many = io.BytesIO()
+    with zipfile.ZipFile(many, "w") as archive:
+        for i in range(5000):
+            archive.writestr(str(i), b"")
+    liar = bytearray(file.getvalue())  # that says it is small
+    place = liar.rindex(b"PK\x01\x02")
+    liar[place + 24 : place + 28] = (100).to_bytes(4, "little")
+    whole = rewritten(short, time=bytes(2**25))
+    tracemalloc.start()
+    for data in (file.getvalue(), many.getvalue(), bytes(liar), whole):
+        tracemalloc.reset_peak()
+        with pytest.raises(ValueError, match=r"\bits? "):
+            Recording.from_bytes(data)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2**23
+    large = tmp_path / "large.npz"
+    with large.open("wb") as out:
+        out.truncate(2**40)
+    with pytest.raises(ValueError, match="more than"):
+        Recording.load(large)
+
+
+@pytest.mark.parametrize("packed", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_bombs_of_other_kinds_stay_packed(short, packed):
+    """Of these kinds zipfile unpacks all that it has read, however little is asked for."""
+    data = bytearray(rewritten(short, packed, reward=bytes(2**25)))
+    place = data.rindex(b"reward.npy") - 46  # in the directory, which says that it is small
+    data[place + 24 : place + 28] = (100).to_bytes(4, "little")
+    tracemalloc.start()
+    with pytest.raises(ValueError, match="packed in another way"):
+        Recording.from_bytes(bytes(data))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2**20
+
+
+def test_damaged_files_are_refused_or_read(short):
+    """Whatever is cut off, flipped or put in: a recording that is whole, or ValueError."""
+    data, rng, refused = short.to_bytes(), np.random.default_rng(0), 0
+    text = json.dumps({"format": recording.FORMAT, "label": "\x00"}).encode()
+    for trial in range(600):
+        broken = bytearray(data)
+        if trial % 3 == 0:
+            del broken[rng.integers(len(broken)) :]
+        for _ in range(rng.integers(1, 9)):
+            if broken:
+                broken[rng.integers(len(broken))] = rng.integers(256)
+        if trial % 3 == 1:
+            place = rng.integers(len(broken))
+            broken[place:place] = text[: rng.integers(1, len(text))]
+        try:
+            Recording.from_bytes(bytes(broken))
+        except ValueError:
+            refused += 1
+    assert refused > 500

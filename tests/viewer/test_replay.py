@@ -1,0 +1,61 @@
+"""``python -m agents.replay``: what it writes, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import pytest
+
+from agents.replay import main
+from jansen_env.viewer.recording import Recording
+
+
+def data_of(page):
+    text = page.read_text(encoding="utf-8")
+    return json.loads(re.search(r'id="data">(.*?)</script>', text)[1])
+
+
+def test_two_policies_start_alike(tmp_path, capsys):
+    out = tmp_path / "walk.html"
+    main(["--policy", "pid", "--policy", "constant", "--command", "0.1", "--seed", "3",
+          "--steps", "5", "--out", str(out)])  # fmt: skip
+    pid, other = (Recording.load(tmp_path / f"walk_{name}.npz") for name in ("pid", "constant"))
+    assert (pid.label, pid.steps, pid.seed, pid.command[0]) == ("pid", 5, 3, 0.1)
+    assert pid.state[0].tolist() == other.state[0].tolist()
+    assert pid.state[5].tolist() != other.state[5].tolist()
+    assert [one["label"] for one in data_of(out)["recordings"]] == ["pid", "constant"]
+    assert capsys.readouterr().out.count("written: ") == 3
+
+
+def test_saved_ones_are_shown_again(tmp_path):
+    out = tmp_path / "a.html"
+    main(["--policy", "pid", "--env", "JansenCrank-v0", "--steps", "3", "--out", str(out)])
+    saved = str(tmp_path / "a_pid.npz")
+    main(["--recording", saved, "--recording", saved, "--out", str(tmp_path / "b.html")])
+    data = data_of(tmp_path / "b.html")
+    assert [one["label"] for one in data["recordings"]] == ["pid (1)", "pid (2)"]
+    assert data["recordings"][0]["arrays"] == data_of(out)["recordings"][0]["arrays"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "are given 0 times"),
+        (["--policy", "pid"] * 3, "are given 3 times"),
+        (["--policy", "pid", "--policy", "pid-paper"], "is given 2 times"),
+        (["--policy", "nobody"], "policy is 'nobody', must be one of"),
+        (["--policy", "pid", "--command", "9"], "9.0"),
+        (["--policy", "pid", "--out", "walk.htm"], "must end in .html"),
+        (["--policy", "pid", "--steps", "20001"], "must be at most 20000"),
+        (["--policy", "pid", "--env-kwargs", "{speed_command: 1}"], "must be in --command"),
+        (["--policy", "pid", "--env-kwargs", "{friktion: 1}"], "'friktion' is no argument"),
+        (["--recording", "nowhere.npz"], "nowhere.npz is no recording"),
+    ],
+)
+def test_refused(arguments, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit):
+        main(arguments)
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,315 @@
+"""The replay page in a real browser: it plays, is right, and can be used by everybody."""
+
+from __future__ import annotations
+
+import re
+
+import gymnasium as gym
+import imageio.v3 as iio
+import numpy as np
+import pytest
+
+import jansen_env  # noqa: F401 - registers the environments
+from jansen_env.viewer.recorder import Recorder
+from jansen_env.viewer.web.page import frame_of, write_page
+
+PIXELS = "canvas => canvas.toDataURL()"
+NAMELESS = """() => [...document.querySelectorAll('button, input, select, canvas, dialog')]
+    .filter(one => !(one.ariaLabel || one.textContent.trim() || one.labels?.length
+        || one.getAttribute('aria-labelledby')))
+    .map(one => one.outerHTML)"""
+FRAME = "await new Promise(requestAnimationFrame);"
+DIGITS = {"crankSpeed": 2, "torque": 2, "power": 2, "returned": 1}  # 3 of the others
+STILL = {"reduced_motion": "reduce"}
+
+
+def recorded(env_id, label, amplitude, **arguments):
+    env = Recorder(gym.make(env_id, **arguments), label)
+    env.reset(seed=1)
+    for k in range(100):
+        env.step(np.array([0.1 + amplitude * np.sin(0.1 * k)], np.float32))
+    return env.recording
+
+
+@pytest.fixture(scope="module")
+def recordings():
+    return [recorded("JansenWalker-v0", f"robot {a}", a, speed_command=0.3) for a in (0.1, 0.2)]
+
+
+@pytest.fixture
+def opened(open_window, recordings, tmp_path):
+    """A function to the window of a page with the first recordings of a number."""
+
+    def window(count=1, shown=None, **options):
+        path = write_page(tmp_path / "replay.html", *(shown or recordings[:count]))
+        window = open_window(**options)
+        window.page.goto(path.as_uri())
+        assert window.requests == [path.as_uri()]
+        return window
+
+    return window
+
+
+def time_of(page):
+    return float(page.inner_text("#time").removesuffix(" s"))
+
+
+def numbers(page, i=0):
+    """What the table says: by name."""
+    cells = page.locator(f"td[data-recording='{i}']")
+    values = cells.evaluate_all("all => all.map(one => [one.dataset.name, one.textContent])")
+    return {name: float(text) if text != "\u2013" else None for name, text in values}
+
+
+def expected(one, k):
+    """What it should say of a control step, from the recording."""
+    distance = one.pose[k, 0] - one.pose[0, 0]
+    slipped = one.slip[:k].sum()
+    work = np.abs(one.energy_of("motor_work"))[:k].sum()
+    return {
+        "command": one.command[k], "speed": one.speed[k], "crankSpeed": one.crank_speed[k],
+        "torque": one.torque[k], "power": one.power[k - 1], "position": one.pose[k, 0],
+        "slip": one.slip[k - 1].sum() / one.scene["controlDt"],
+        "pitch": one.pose[k, 2], "returned": one.reward[:k].sum(),
+        "slipPerMetre": slipped / distance if distance > 1e-3 else None,
+        "costOfTransport": work / one.weight[k] / distance if distance > 1e-3 else None,
+    }  # fmt: skip
+
+
+def check(page, recordings, k):
+    for i, one in enumerate(recordings):
+        for name, value in expected(one, k).items():
+            found = numbers(page, i)[name]
+            if value is None:
+                assert found is None, name
+            else:
+                assert found == pytest.approx(value, abs=0.501 * 0.1 ** DIGITS.get(name, 3)), name
+
+
+def settled(page):
+    """Wait until what was asked for is drawn."""
+    page.evaluate(
+        "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
+    )
+
+
+def test_it_plays(opened):
+    """By itself, to the end; and again from the start."""
+    page = opened().page
+    picture = page.locator("#stage canvas")
+    page.wait_for_function("() => parseFloat(document.querySelector('#time').value) > 0.3")
+    first, pixels = time_of(page), picture.evaluate(PIXELS)
+    page.wait_for_function(
+        "before => parseFloat(document.querySelector('#time').value) > before + 0.2", arg=first
+    )
+    assert picture.evaluate(PIXELS) != pixels
+    page.select_option("#rate", "4")
+    page.wait_for_function("() => document.querySelector('#play').ariaLabel.startsWith('Play')")
+    assert time_of(page) == 2.0
+    page.click("#play")
+    page.wait_for_function("() => parseFloat(document.querySelector('#time').value) < 1.5")
+    page.click("#play")
+    settled(page)
+    stopped = time_of(page)
+    page.wait_for_timeout(150)
+    assert time_of(page) == stopped > 0.0
+
+
+def test_a_pause_of_the_browser_is_none_of_the_walk(opened):
+    """As of a hidden tab, which gets no frames: the replay goes on where it was."""
+    passed = opened().page.evaluate(f"""async () => {{
+        const time = () => parseFloat(document.querySelector("#time").value);
+        {FRAME} {FRAME}
+        const [before, end] = [time(), performance.now() + 1000];
+        while (performance.now() < end);
+        {FRAME} {FRAME} {FRAME}
+        return time() - before;
+    }}""")
+    assert 0.0 < passed < 0.5
+
+
+def test_numbers_are_those_of_the_recording(opened, recordings):
+    """After scrubbing, and after a click in a plot, whose curve is where the number is."""
+    page = opened(2, **STILL).page
+    for time in (0.0, 0.5, 1.3, 2.0):
+        page.locator("#scrub").evaluate(
+            "(one, time) => { one.value = time; one.dispatchEvent(new Event('input')); }",
+            time + 0.004,
+        )
+        settled(page)
+        assert time_of(page) == time
+        if time:
+            check(page, recordings, round(time / 0.02))
+    plot = page.locator("#plots canvas").first
+    plot.scroll_into_view_if_needed()
+    box = plot.bounding_box()
+    before = plot.evaluate(PIXELS)
+    page.mouse.click(box["x"] + 38 + 0.25 * (box["width"] - 44), box["y"] + 20)
+    settled(page)
+    assert time_of(page) == pytest.approx(0.5, abs=0.021)
+    assert plot.evaluate(PIXELS) != before
+    check(page, recordings, round(time_of(page) / 0.02))
+
+
+def test_the_keyboard_is_enough(opened, recordings):
+    page = opened(2, **STILL).page
+    picture = page.locator("#stage canvas").first
+    press = page.keyboard.press
+
+    def changed(key):
+        before = picture.evaluate(PIXELS)
+        press(key)
+        settled(page)
+        return picture.evaluate(PIXELS) != before
+
+    assert time_of(page) == 0.0  # reduced motion
+    press("Space")
+    page.wait_for_function("() => parseFloat(document.querySelector('#time').value) > 0.1")
+    press("Space")
+    press("Home")
+    for _ in range(30):
+        press("ArrowRight")
+    press("ArrowLeft")
+    settled(page)
+    assert time_of(page) == 0.58
+    check(page, recordings, 29)
+    assert "0.58 s: robot 0.1" in page.text_content("#status")
+    press("Shift+ArrowRight")
+    settled(page)
+    assert time_of(page) == 1.08
+    press("End")
+    settled(page)
+    assert time_of(page) == 2.0
+    press("Shift+ArrowLeft")
+    for key in ("+", "w", "a", "0", "-", "s", "d", "0", "c", "t", "g"):
+        assert changed(key), key
+    assert [page.get_attribute(f"#{name}", "aria-pressed") for name in ("ghosts", "forces")] == [
+        "true", "false",
+    ]  # fmt: skip
+    assert page.locator("#stage canvas:visible").count() == 1
+    assert not changed("f") and changed("ArrowRight")  # it stays where it is, the robot moves
+    assert page.get_attribute("#follow", "aria-pressed") == "false"
+    press(",")
+    assert page.input_value("#rate") == "0.5"
+    press("?")
+    assert page.locator("#keys").is_visible()
+    press("Escape")
+    assert not page.locator("#keys").is_visible()
+    visited = []
+    for _ in range(12):
+        press("Tab")
+        visited.append(page.evaluate("document.activeElement.id"))
+        outline = page.evaluate("getComputedStyle(document.activeElement).outlineStyle")
+        assert visited[-1] == "" or outline != "none", visited
+    controls = page.locator("button:visible, input:visible, select:visible")
+    assert {*controls.evaluate_all("all => all.map(one => one.id)")} <= {*visited}
+    page.focus("#forces")
+    press("Space")  # presses the button that has the focus, and does not play
+    assert page.get_attribute("#forces", "aria-pressed") == "true"
+    assert page.get_attribute("#play", "aria-label") == "Play (space)"
+
+
+def test_wheel_drag_and_pinch(opened):
+    window = opened(**STILL, has_touch=True)
+    page, picture = window.page, window.page.locator("#stage canvas")
+    box = picture.bounding_box()
+    x, y = box["x"] + 0.4 * box["width"], box["y"] + 0.5 * box["height"]
+    settled(page)
+    whole = iio.imread(picture.screenshot())
+    seen = {picture.evaluate(PIXELS)}
+
+    def fresh():
+        settled(page)
+        found = picture.evaluate(PIXELS)
+        new = found not in seen
+        seen.add(found)
+        return new
+
+    page.mouse.move(x, y)
+    page.mouse.wheel(0, -300)
+    assert fresh()
+    assert page.evaluate("scrollY") == 0
+    page.mouse.down()
+    page.mouse.move(x + 60, y + 10)
+    page.mouse.up()
+    assert fresh()
+    fingers = page.context.new_cdp_session(page)
+    for kind, apart in (("touchStart", 20), ("touchMove", 60), ("touchMove", 90), ("touchEnd", 0)):
+        points = [{"x": x - apart, "y": y, "id": 1}, {"x": x + apart, "y": y, "id": 2}]
+        fingers.send(
+            "Input.dispatchTouchEvent", {"type": kind, "touchPoints": points if apart else []}
+        )
+    assert fresh()
+    page.keyboard.press("f")
+    assert page.get_attribute("#follow", "aria-pressed") == "false"
+    page.click("#fit")
+    assert page.get_attribute("#follow", "aria-pressed") == "true"
+    settled(page)
+    # Chromium changes how it smooths edges where a picture is often read, by less than that.
+    shift = np.abs(iio.imread(picture.screenshot()).astype(int) - whole)
+    assert shift.max() < 128
+
+
+def test_every_control_has_a_name(opened):
+    page = opened(2, **STILL).page
+    assert page.evaluate(NAMELESS) == []
+    assert page.get_attribute("html", "lang") == "en" and page.title() == "robot 0.1 and robot 0.2"
+    scrub = page.locator("#scrub")
+    assert scrub.get_attribute("aria-valuetext") == "0.00 s of 2.00 s"
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_phone_is_wide_enough(opened, count):
+    page = opened(count, **STILL, viewport={"width": 360, "height": 640}).page
+    assert page.evaluate("document.documentElement.scrollWidth") == 360
+    for control in page.locator("button:visible, input:visible, select:visible").all():
+        box = control.bounding_box()
+        assert box["x"] >= 0 and box["x"] + box["width"] <= 360 and box["height"] >= 32
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_colours_are_the_readers(opened, scheme):
+    """Also when they change while the page is open."""
+    page = opened(**STILL, color_scheme=scheme).page
+
+    def darkness():
+        """Whether page and sky are dark."""
+        settled(page)
+        body = page.evaluate("getComputedStyle(document.body).backgroundColor")
+        shown = iio.imread(page.locator("#stage canvas").screenshot())
+        return int(re.search(r"\d+", body)[0]) < 60, int(shown[len(shown) // 2, 8, 0]) < 60
+
+    assert darkness() == ((True, True) if scheme == "dark" else (False, False))
+    page.emulate_media(color_scheme="light" if scheme == "dark" else "dark")
+    assert darkness() == ((False, False) if scheme == "dark" else (True, True))
+
+
+def test_the_crank_has_no_ground(opened):
+    one = recorded("JansenCrank-v0", "crank", 0.1)
+    page = opened(shown=[one], **STILL).page
+    page.keyboard.press("g")  # there is no second one
+    page.keyboard.press("End")
+    settled(page)
+    shown = numbers(page)
+    assert shown["speed"] == pytest.approx(one.crank_speed[-1], abs=6e-4)
+    assert "slip" not in shown and not page.locator("#legend").is_visible()
+    assert page.locator("#stage canvas").evaluate(PIXELS)
+
+
+def test_names_are_text(opened, open_window, recordings, tmp_path):
+    """Not markup or code, in the page and in a notebook's frame, which may not do anything."""
+    evil = "</script><script>document.title='x'</script><img src=x onerror=alert(1)>\"'&"
+    one = recorded("JansenWalker-v0", evil, 0.1)
+    page = opened(shown=[one], **STILL).page
+    assert page.inner_text("h1") == evil == page.title()
+    notebook = tmp_path / "notebook.html"
+    notebook.write_text(f"<!doctype html><p>before</p>{one._repr_html_()}", encoding="utf-8")
+    window = open_window(**STILL)
+    window.page.goto(notebook.as_uri())
+    frame = window.page.frame_locator("iframe")
+    assert frame.locator("h1").inner_text() == evil
+    frame.locator("#play").focus()
+    window.page.keyboard.press("End")
+    frame.locator("#time", has_text="2.00 s").wait_for()
+    assert len(window.requests) == 1 or all(u.startswith("about:") for u in window.requests[1:])
+    assert frame_of(one) == one._repr_html_()

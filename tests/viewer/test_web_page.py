@@ -1,0 +1,158 @@
+"""What pages are made of: a scene's numbers, arrays that are exact enough, text that stays text."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from jansen_env.gravity import GRAVITY
+from jansen_env.robot.kinematics import T, joint_positions
+from jansen_env.viewer.recorder import Recorder
+from jansen_env.viewer.web.geometry import scene_of, state_of
+from jansen_env.viewer.web.page import page
+
+LIMIT = 400_000  # bytes of a page
+
+
+@pytest.fixture(scope="module")
+def recording():
+    """500 steps."""
+    env = Recorder(gym.make("JansenWalker-v0"), "<b>me</b>")
+    env.reset(seed=0)
+    for k in range(500):
+        env.step(np.array([0.1 + 0.2 * np.sin(0.1 * k)], np.float32))
+    return env.recording
+
+
+def recordings_of(text):
+    return json.loads(re.search(r'id="data">(.*?)</script>', text)[1])["recordings"]
+
+
+def unpacked(array):
+    numbers = np.frombuffer(base64.b64decode(array["data"]), array["kind"])
+    return array["low"] + array["step"] * numbers if "step" in array else numbers
+
+
+@pytest.mark.parametrize(
+    ("env_id", "arguments"),
+    [("JansenWalker-v0", {"payload": 2.0, "robot": "holy"}), ("JansenCrank-v0", {}),
+     ("JansenWalkerHardcore-v0", {})],
+)  # fmt: skip
+def test_scene_and_state(env_id, arguments):
+    """JSON as it is; where the joints are, and forces that carry the weight."""
+    env = gym.make(env_id, **arguments)
+    env.reset(seed=0)
+    for _ in range(5):
+        env.step(np.zeros(1, np.float32))
+    scene, state = scene_of(env), state_of(env)
+    assert json.loads(json.dumps([scene, state], allow_nan=False)) == [scene, state]
+    robot = env.unwrapped.scene()["robot"]
+    assert [leg["depth"] for leg in scene["legs"]] == [0.0, 1.0, 0.0, 1.0]
+    axis, angle = np.array([state["x"], state["y"]]), state["pitch"]
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    for leg, joints in zip(robot.legs, state["joints"], strict=True):
+        own = joint_positions(robot, leg.side, state["crank"] + leg.phase)
+        np.testing.assert_allclose(joints, own @ turn + axis, atol=1e-12)
+        assert np.linalg.norm(own, axis=1).max() <= scene["reach"] * 1.001
+    toes = state["toes"]
+    if env_id == "JansenCrank-v0":
+        assert scene["terrain"] is None and scene["speedUnit"] == "rad/s"
+        assert [toe["contact"] for toe in toes] == [0] * 4
+        return
+    assert scene["weight"] == env.unwrapped.weight
+    assert (scene["payload"] or {"mass": 0.0})["mass"] == robot.payload.mass
+    for toe, joints in zip(toes, state["joints"], strict=True):
+        assert (toe["contact"] == 0) == (np.hypot(*toe["force"]) < 1e-4)
+        if toe["contact"]:
+            assert np.hypot(*np.subtract(toe["point"], joints[T])) < 2.0 * scene["padRadius"]
+    if env_id == "JansenWalker-v0":  # at rest, nearly
+        lift = sum(toe["force"][1] for toe in toes)
+        assert lift == pytest.approx(scene["weight"], rel=0.2)
+
+
+def test_pages_are_small(recording):
+    """400 kB for 500 steps, of two recordings too."""
+    assert len(page(recording).encode()) < LIMIT / 1.5
+    assert len(page(recording, replace(recording, label="other")).encode()) < LIMIT
+
+
+def test_arrays_are_exact_enough(recording):
+    """Points to 0.02 mm, forces to 1 / 65535 of their range, the rest as float32."""
+    packed = recordings_of(page(recording))[0]["arrays"]
+    arrays = {name: unpacked(array) for name, array in packed.items()}
+    pose = arrays["pose"].reshape(-1, 4)
+    np.testing.assert_allclose(pose[:, :3], recording.pose[:, :3], atol=1e-6)
+    np.testing.assert_allclose(
+        np.exp(1j * pose[:, 3]), np.exp(1j * recording.pose[:, 3]), atol=1e-5
+    )
+    axis = recording.pose[:, None, :2]
+    points = arrays["contactPoint"].reshape(recording.contact_point.shape) + axis
+    np.testing.assert_allclose(points, recording.contact_point, atol=2e-5)
+    joints = arrays["joints"].reshape(recording.joints.shape) + axis[:, None]
+    np.testing.assert_allclose(joints, recording.joints, atol=2e-5)
+    forces = arrays["contactForce"].reshape(recording.contact_force.shape)
+    np.testing.assert_allclose(
+        forces, recording.contact_force, atol=np.ptp(recording.contact_force) / 65535
+    )
+    for name in ("torque", "speed", "command", "time"):
+        np.testing.assert_allclose(arrays[name], getattr(recording, name), rtol=1e-7)
+    np.testing.assert_allclose(arrays["power"][1:], recording.power, rtol=1e-6)
+    np.testing.assert_allclose(arrays["returned"][-1], recording.reward.sum(), rtol=1e-6)
+    assert arrays["contact"].tolist() == recording.contact.ravel().tolist()
+
+
+def test_sums_are_those_of_each_step():
+    """Of a robot whose mass is drawn and changed, whose command turns round while it walks."""
+    env = Recorder(gym.make("JansenWalker-v0", randomize={"mass_scale": 1.3}, speed_command=0.3))
+    env.reset(seed=0)
+    x, distance, slipped, lifted = 0.0, 0.0, 0.0, 0.0
+    for k in range(150):
+        sign = 1.0 if k < 100 else -1.0
+        env.unwrapped.set_parameters(payload=0.0 if k < 50 else 2.0, command=0.3 * sign)
+        info = env.step(np.array([0.3 * sign], np.float32))[4]
+        distance += sign * (info["x_position"] - x)
+        x = info["x_position"]
+        slipped += info["slip"].sum()
+        lifted += abs(info["energy"]["motor_work"]) / env.unwrapped.weight
+    recording = env.recording
+    weights = (1.3 * 3.2 + np.repeat([0.0, 2.0], [51, 100])) * GRAVITY
+    np.testing.assert_allclose(recording.weight, weights)
+    assert recording.scene["weight"] == pytest.approx(weights[0])
+    packed = recordings_of(page(recording))[0]["arrays"]
+    found = [unpacked(packed[name])[-1] for name in ("distance", "slipped", "lifted")]
+    np.testing.assert_allclose(found, [distance, slipped, lifted], rtol=1e-6)
+    still = replace(recording, command=np.zeros(151))
+    assert unpacked(recordings_of(page(still))[0]["arrays"]["distance"])[-1] == pytest.approx(x)
+
+
+def test_nothing_else_may_run(recording):
+    """One script and one style, named by their hashes; no address anywhere."""
+    text = page(recording)
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1]
+    assert policy.startswith("default-src 'none';") and "unsafe" not in policy
+    for kind in ("style", "script"):
+        (content,) = re.findall(rf"<{kind}>(.*?)</{kind}>", text, re.DOTALL)
+        digest = base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()
+        assert f"{kind}-src 'sha256-{digest}'" in policy
+    assert not re.search(r"https?:|\bsrc=|<style |@import|url\(|\bfetch\(|XMLHttp|eval\(", text)
+    assert "<b>" not in text
+    assert "<title>&lt;b&gt;me&lt;/b&gt;</title>" in text
+
+
+def test_far_walks_have_the_ground_they_see(recording):
+    """Not thousands of vertices elsewhere; the two at the ends of a segment are enough."""
+    x = np.linspace(-5000.0, 5000.0, 100_001)
+    ground = np.stack([x, np.sin(x)], axis=1)
+    (one,) = recordings_of(page(replace(recording, terrain=ground)))
+    seen = np.array(one["scene"]["terrain"])
+    assert len(seen) < 1000 and seen[0, 0] < -30.0 and seen[-1, 0] > 30.0
+    beside = np.array([[100.0, 0.0], [101.0, 0.0], [102.0, 1.0]])
+    (one,) = recordings_of(page(replace(recording, terrain=beside)))
+    assert one["scene"]["terrain"] == [[100.0, 0.0], [101.0, 0.0]]

@@ -1,0 +1,419 @@
+"""What differs from episode to episode: it is drawn from the robot's own generator, put in force,
+reported, fixed by options, and replayed from states; the same at every door."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from functools import partial
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from jansen_env import Compliance, Terrain
+from jansen_env.parameters import PARAMETERS
+from jansen_env.terrain.curriculum import Curriculum
+from jansen_env.terrain.generators import HIGHEST
+
+WORLD = {
+    "terrain": "mixed",
+    "terrain_level": (0, 9),
+    "randomize": {
+        "friction": (0.4, 1.0), "payload": (0.0, 0.5), "payload_x": (-0.1, 0.1),
+        "mass_scale": (0.9, 1.1), "damping_scale": (0.5, 2.0), "motor_strength": (0.8, 1.2),
+        "tilt": (-0.05, 0.05), "delay": (0.0, 0.03),
+    },
+}  # fmt: skip
+
+
+def make(**more):
+    return gym.make("JansenWalker-v0", **{**WORLD, **more})
+
+
+def walk(env, seed, steps=40, **options):
+    """Observations, rewards and parameters of an episode."""
+    obs, info = env.reset(seed=seed, options=options)
+    seen, rng = [obs], np.random.default_rng(0)
+    for _ in range(steps):
+        obs, reward, *_ = env.step(rng.uniform(-0.2, 0.6, 1).astype(np.float32))
+        seen.append(np.append(obs, reward))
+    return np.concatenate(seen), info
+
+
+def test_seeds_replay_all_that_is_drawn():
+    """Ground, parameters and motion; another seed gives others."""
+    one, other = make(), make()
+    first, info = walk(one, 5)
+    walk(one, 6)
+    again, same = walk(one, 5)
+    elsewhere, too = walk(other, 5)
+    np.testing.assert_array_equal(first, again)
+    np.testing.assert_array_equal(first, elsewhere)
+    assert info["parameters"] == same["parameters"] == too["parameters"]
+    assert one.unwrapped.terrain == other.unwrapped.terrain
+    assert walk(other, 7)[1]["parameters"] != info["parameters"]
+
+
+def test_each_is_drawn_from_its_range():
+    """Uniformly: the mean of many within three standard errors of the middle."""
+    env = gym.make_vec("JansenWalker-v0", 400, **WORLD)
+    found = env.reset(seed=0)[1]["parameters"]
+    ranges = {**WORLD["randomize"], "terrain_level": (0, 9)}
+    for name, (low, high) in ranges.items():
+        values = found[name]
+        assert low <= values.min() < values.max() <= high
+        width = high - low + (name == "terrain_level")
+        assert values.mean() == pytest.approx(0.5 * (low + high), abs=3 * width / np.sqrt(12 * 400))
+    assert set(np.unique(found["terrain_level"])) == set(range(10))
+    assert np.unique(found["restitution"]).tolist() == [0.0]  # not drawn
+    assert {*found} == {*PARAMETERS} | {f"_{name}" for name in PARAMETERS}
+    env.close()
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_a_batch_is_what_each_is_alone(mode):
+    """Bit for bit, through resets, on as many threads as there are cores."""
+    n, steps = 40, 60
+    envs = gym.make_vec(
+        "JansenWalker-v0", n, autoreset_mode=mode, max_episode_steps=25, threads=2, **WORLD
+    )
+    ones = {i: make(max_episode_steps=25) for i in (0, 17, 39)}
+    seen = envs.reset(seed=3)[0]
+    for i, one in ones.items():
+        np.testing.assert_array_equal(one.reset(seed=3 + i)[0], seen[i])
+    rng, over = np.random.default_rng(0), dict.fromkeys(ones, False)
+    for _ in range(steps):
+        actions = rng.uniform(-0.2, 0.6, (n, 1)).astype(np.float32)
+        seen, rewards, *_ = envs.step(actions)
+        for i, one in ones.items():
+            if over[i] and mode == AutoresetMode.NEXT_STEP:
+                obs, over[i] = one.reset()[0], False
+            else:
+                obs, reward, terminated, truncated, _ = one.step(actions[i])
+                over[i] = terminated or truncated
+                assert reward == rewards[i]
+                if over[i] and mode == AutoresetMode.SAME_STEP:
+                    obs = one.reset()[0]
+            np.testing.assert_array_equal(obs, seen[i])
+    envs.close()
+
+
+def test_a_state_goes_on_bit_for_bit():
+    """In the middle of an episode, in an environment that is in another one; also when pickled."""
+    env, other = make(), make()
+    walk(env, 1, 30)
+    walk(other, 2, 10)
+    state = env.unwrapped.get_state()
+    copy = pickle.loads(pickle.dumps(env.unwrapped))
+    other.unwrapped.set_state(pickle.loads(pickle.dumps(state)))
+    assert other.unwrapped.terrain == env.unwrapped.terrain
+    for step in range(40):
+        action = np.array([0.4 * np.cos(step)], np.float32)
+        expected = env.step(action)
+        for one in (other, copy):
+            found = one.step(action)
+            np.testing.assert_array_equal(found[0], expected[0])
+            assert found[1] == expected[1]
+            assert found[4]["parameters"] == expected[4]["parameters"]
+    np.testing.assert_array_equal(other.reset()[0], env.reset()[0])
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "argument"),
+    [
+        ("friction", 0.45, {"friction": 0.45}),
+        ("restitution", 0.3, {"restitution": 0.3}),
+        ("payload", 0.7, {"payload": 0.7}),
+        ("delay", 0.013, {"delay": 0.013}),
+    ],
+)
+def test_what_is_drawn_is_what_an_argument_gives(name, value, argument):
+    """Bit for bit; and the next episode is as it was without the option."""
+    drawn = gym.make("JansenWalker-v0", randomize={name: (value, value)})
+    fixed = gym.make("JansenWalker-v0", **argument)
+    expected = walk(fixed, 3)[0]
+    if name == "delay":  # which the observation shows in nothing but the motion
+        np.testing.assert_allclose(walk(drawn, 3)[0], expected, atol=1e-12)
+    else:
+        np.testing.assert_array_equal(walk(drawn, 3)[0], expected)
+    plain = gym.make("JansenWalker-v0", delay=(0.0, 0.0) if name != "delay" else (0.0, 0.02))
+    before = walk(plain, 3)[0]
+    np.testing.assert_array_equal(walk(plain, 3, **{name: value})[0][:21], expected[:21])
+    np.testing.assert_array_equal(walk(plain, 3)[0], before)
+
+
+def test_fixing_one_leaves_the_others():
+    """As they are drawn with the same seed."""
+    env = make()
+    drawn = walk(env, 4, 1)[1]["parameters"]
+    fixed = walk(env, 4, 1, friction=0.9, terrain_level=2)[1]["parameters"]
+    assert fixed == {**drawn, "friction": 0.9, "terrain_level": 2.0}
+
+
+class Twice:
+    """A distribution of one's own: half as often 1 as 0."""
+
+    def sample(self, rng):
+        return float(rng.random() < 1.0 / 3.0)
+
+
+class Wild:
+    def sample(self, rng):
+        return -rng.random()
+
+
+def test_any_distribution_will_do():
+    envs = gym.make_vec("JansenWalker-v0", 300, randomize={"payload": Twice()})
+    found = envs.reset(seed=0)[1]["parameters"]["payload"]
+    assert set(found) == {0.0, 1.0}
+    assert found.mean() == pytest.approx(1.0 / 3.0, abs=0.09)
+    envs.close()
+    env = gym.make("JansenWalker-v0", randomize={"payload": Wild()})
+    with pytest.raises(ValueError, match=r"a sample of randomize\['payload'\] is -0.*between 0"):
+        env.reset(seed=0)
+
+
+@pytest.mark.parametrize(
+    ("randomize", "message"),
+    [
+        ({"frictoin": (0.4, 1.0)}, r"\['frictoin'\], must be of \['friction', 'restitution'"),
+        ({"friction": (1.0, 0.4)}, r"randomize\['friction'\] is \(1.0, 0.4\).*low <= high"),
+        ({"friction": (-1.0, 0.4)}, r"randomize\['friction'\] is -1.0, must be between 0"),
+        ({"friction": (0.1, 0.2, 0.3)}, r"a number, \(low, high\) or have sample"),
+        ({"friction": "0.5"}, r"randomize\['friction'\] is '0.5'"),
+        ({"foot_stiffness_scale": (0.5, 2.0)}, "does nothing"),
+        ({"rotor_inertia_scale": (0.5, 2.0)}, "does nothing"),
+        ({"terrain_level": (0, 3)}, "does nothing here, must be of"),
+        ({"noise_level": (0, 3)}, "does nothing"),
+        ({"push_strength": (0, 3)}, "does nothing"),
+    ],
+)
+def test_wrong_names_and_ranges_are_refused(randomize, message):
+    with pytest.raises(ValueError, match=message):
+        gym.make("JansenWalker-v0", randomize=randomize)
+
+
+def test_wrong_options_change_nothing():
+    env = make()
+    first = walk(env, 1)[0]
+    env.reset(seed=1)
+    for options in ({"friction": -1.0}, {"terrain_level": 3.5}, {"noise_level": 1.0}, {"mass": 1}):
+        before = env.unwrapped.get_state()
+        with pytest.raises(ValueError, match="options"):
+            env.reset(options=options)
+        after = env.unwrapped.get_state()
+        assert after["parameters"] == before["parameters"]
+        np.testing.assert_array_equal(after["plant"], before["plant"])
+    np.testing.assert_array_equal(walk(env, 1)[0], first)
+
+
+def test_an_option_is_for_one_episode():
+    """Also where nothing is drawn."""
+    env = gym.make("JansenWalker-v0", noise={}, push={}).unwrapped
+    env.reset(seed=0)
+    before = env.parameters
+    env.reset(options={"noise_level": 0.0, "push_strength": 0.5, "friction": 0.3})
+    assert (env.parameters != before).sum() == 3
+    env.reset()
+    np.testing.assert_array_equal(env.parameters, before)
+
+
+def refused(call, states, message):
+    """Where and under what robots are before, which a refused ``call`` must leave."""
+    before = states()
+    with pytest.raises(ValueError, match=message):
+        call()
+    for was, now in zip(before, states(), strict=True):
+        assert was["parameters"] == now["parameters"]
+        for name in ("terrain", "ground"):
+            np.testing.assert_array_equal(was[name], now[name])
+        np.testing.assert_allclose(was["plant"], now["plant"], atol=1e-12)
+
+
+def test_what_feet_cannot_bear_changes_nothing():
+    """Too soft for the load, or on ground on which they may not land: no robot of a batch moves."""
+
+    def ground(rng, level):
+        return Terrain(restitution=0.3 * (level == 9))
+
+    envs = gym.make_vec("JansenWalkerHardcore-v0", 3, terrain=ground, terrain_level=0)
+    envs.reset(seed=0)
+    for options, message in (
+        (
+            {"foot_stiffness_scale": np.array([1.0, 1.0, 0.01]), "payload": 2.0},
+            "must be at least .* to carry",
+        ),
+        ({"terrain_level": np.array([1, 2, 9])}, "must be 0 with compliant pads"),
+    ):
+        refused(partial(envs.reset, options=options), partial(envs.call, "get_state"), message)
+    envs.close()
+    given = gym.make("JansenWalkerHardcore-v0", terrain=ground, terrain_level=9, restitution=0.0)
+    assert given.reset(seed=0)[1]["parameters"]["restitution"] == 0.0
+    with pytest.raises(ValueError, match=r"must be at least .* to carry"):
+        gym.make(
+            "JansenWalkerHardcore-v0",
+            randomize={"foot_stiffness_scale": (0.01, 1.0), "payload": (0.0, 2.0)},
+        )
+
+
+def test_feet_too_stiff_for_the_second_plant_change_nothing():
+    """Its springs are explicit."""
+    env = gym.make("JansenWalkerHardcore-v0", plant="rigid_body").unwrapped
+    env.reset(seed=0)
+    call = partial(env.reset, options={"foot_stiffness_scale": 99.0})
+    refused(call, lambda: [env.get_state()], "time_step is .* for pads")
+
+
+def test_feet_that_give_stay_out_of_drawn_restitution():
+    """Also where this episode happens to have none."""
+    drawn = gym.make("JansenWalker-v0", randomize={"restitution": (0.0, 0.5)})
+    fixed = gym.make("JansenWalker-v0", restitution=0.3)
+    for env in (drawn, fixed):
+        env.reset(seed=0, options={"restitution": 0.0})
+        with pytest.raises(ValueError, match="restitution"):
+            env.unwrapped.set_parameters(pad_compliance=Compliance(2e4, 20.0))
+    fixed.unwrapped.set_parameters(restitution=0.0, pad_compliance=Compliance(2e4, 20.0))
+    fixed.reset()
+    copy = pickle.loads(pickle.dumps(fixed.unwrapped))
+    for one in (fixed, copy):
+        seen = one.step(np.full(1, 0.3, np.float32))[0]
+    np.testing.assert_array_equal(seen, fixed.unwrapped.task.observation[0])
+
+
+def test_levels_of_a_batch():
+    """One for each robot, by argument, by option, and from the next episode on."""
+    envs = gym.make_vec("JansenWalker-v0", 3, terrain="stairs", terrain_level=np.array([0, 4, 9]))
+    info = envs.reset(seed=0)[1]
+    assert info["parameters"]["terrain_level"].tolist() == [0, 4, 9]
+    heights = [abs(t.height(9.0)) for t in envs.get_attr("terrain")]
+    assert 0.0 < heights[0] < heights[1] < heights[2]
+    envs.reset(options={"terrain_level": np.array([1, 2, 3])})
+    assert envs.get_attr("terrain_level") == (1, 2, 3)
+    envs.set_attr("terrain_level", 5)
+    assert envs.get_attr("terrain_level") == (1, 2, 3)
+    envs.reset()
+    assert envs.get_attr("terrain_level") == (5, 5, 5)
+    envs.close()
+    with pytest.raises(ValueError, match=r"terrain_level is .* has no levels"):
+        gym.make("JansenWalker-v0", terrain_level=3)
+
+
+def test_a_curriculum_leads_on():
+    """Up after a walk, down after standing, past the top to any; at every door the same."""
+    rule = Curriculum(horizon=1.0)
+    env = gym.make(
+        "JansenWalker-v0", terrain="slope", terrain_level=4, curriculum=rule, speed_command=0.1
+    )
+
+    def level_after(torque, steps=50):
+        for _ in range(steps):
+            env.step(np.full(1, torque, np.float32))
+        return env.reset()[1]["parameters"]["terrain_level"]
+
+    assert env.reset(seed=0)[1]["parameters"]["terrain_level"] == 4
+    assert level_after(0.6) == 5
+    assert level_after(0.6) == 6
+    assert level_after(0.0) == 5
+    assert level_after(0.6, steps=5) == 4  # ended early: not far enough
+    env.unwrapped.set_parameters(terrain_level=HIGHEST)
+    env.reset()
+    assert {level_after(0.6) for _ in range(12)} - {HIGHEST}
+
+
+def test_a_curriculum_goes_by_all_commands():
+    """Walking there and back as commanded is a success, wherever it ends; also by a state."""
+    env = gym.make(
+        "JansenWalker-v0", terrain="slope:angle=0", curriculum=Curriculum(horizon=4.0)
+    ).unwrapped
+    env.reset(seed=0, options={"speed_command": 0.2})
+    ends = []
+    for command in (0.2, -0.2):
+        env.set_parameters(command=command)
+        for _ in range(100):
+            info = env.step(np.array([3.0 * command], np.float32))[4]
+        ends.append(info["x_position"])
+    path = ends[0] + (ends[0] - ends[1])
+    assert path > 0.8 > abs(ends[1])
+    np.testing.assert_allclose(env.task.covered[0], (path, 0.8))
+    other = gym.make("JansenWalker-v0", terrain="slope:angle=0", curriculum=True).unwrapped
+    other.set_state(env.get_state())
+    np.testing.assert_array_equal(other.task.covered, env.task.covered)
+    assert env.reset()[1]["parameters"]["terrain_level"] == 1
+
+
+def test_a_seed_and_a_level_replay_an_episode_of_a_curriculum():
+    """Whatever came before, also beyond the top."""
+    first, other = (make(curriculum=Curriculum(up=0.0, down=0.0)) for _ in range(2))
+    expected = walk(first, 5, terrain_level=3)
+    walk(other, 1, terrain_level=HIGHEST)  # goes up
+    found = walk(other, 5, terrain_level=3)
+    np.testing.assert_array_equal(found[0], expected[0])
+    assert found[1]["parameters"] == expected[1]["parameters"]
+
+
+def test_friction_of_a_ground_of_ones_own():
+    """The generator's, unless it is given."""
+
+    def ground(rng, level):
+        return Terrain(
+            ((-1.0, 0.0), (1.0, 0.0), (2.0, 0.01 * level)), friction=rng.uniform(0.2, 0.3)
+        )
+
+    env = gym.make("JansenWalker-v0", terrain=ground, terrain_level=3)
+    found = env.reset(seed=0)[1]["parameters"]["friction"]
+    assert 0.2 < found < 0.3
+    assert env.get_wrapper_attr("terrain").friction == found
+    given = gym.make("JansenWalker-v0", terrain=ground, terrain_level=3, friction=0.6)
+    assert given.reset(seed=0)[1]["parameters"]["friction"] == 0.6
+    assert given.unwrapped.task.get_attr("friction") == [0.6]
+    refused = gym.make("JansenWalker-v0", terrain=lambda rng, level: level)
+    with pytest.raises(ValueError, match="must be a Terrain"):
+        refused.reset(seed=0)
+
+
+def test_restitution_is_refused_under_feet_that_give():
+    with pytest.raises(ValueError, match="restitution"):
+        gym.make(
+            "JansenWalker-v0", pad_compliance=Compliance(1e5, 10.0),
+            randomize={"restitution": (0.0, 0.5)},
+        )  # fmt: skip
+
+
+def test_the_second_plant_has_the_same_world():
+    """Parameters and ground of the same seed are the same, and the motion nearly."""
+    kwargs = {**WORLD, "randomize": {**WORLD["randomize"], "delay": 0.0}}
+    envs = [gym.make("JansenWalker-v0", plant=plant, **kwargs)
+            for plant in ("projection", "rigid_body")]  # fmt: skip
+    for seed in (0, 1):
+        infos = [env.reset(seed=seed)[1] for env in envs]
+        assert infos[0]["parameters"] == infos[1]["parameters"]
+        assert envs[0].unwrapped.terrain == envs[1].unwrapped.terrain
+        for name in ("weight", "friction"):
+            found = [env.unwrapped.task.get_attr(name) for env in envs]
+            assert found[0] == found[1]
+        for _ in range(10):
+            ends = [env.step(np.full(1, 0.2, np.float32))[4] for env in envs]
+        for name in ("x_position", "pitch", "crank_speed"):
+            assert ends[0][name] == pytest.approx(ends[1][name], rel=0.05, abs=0.01)
+
+
+@pytest.mark.slow
+def test_many_resets_leave_memory_flat():
+    """100,000 of robots with a new ground each time."""
+
+    def resident():
+        with open("/proc/self/statm", encoding="ascii") as file:
+            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+    if not os.path.exists("/proc/self/statm"):
+        pytest.skip("the memory of a process is read from /proc")
+    n, sizes = 64, []
+    envs = gym.make_vec("JansenWalker-v0", n, **WORLD)
+    for round_ in range(1600):
+        envs.reset(seed=round_)
+        if round_ in (400, 1000, 1599):
+            sizes.append(resident())
+    assert max(sizes) - min(sizes) < 8e6  # bytes: 64,000 grounds kept would be 1e8 and more
+    envs.close()

@@ -1,0 +1,103 @@
+"""The table of parameters: each row on both plants, its limits, its line in the documentation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from jansen_env import Compliance, Motor, Payload, Robot
+from jansen_env.parameters import PARAMETERS, TABLE, markdown
+from jansen_env.plants import robot_parameters
+from jansen_env.plants.batch import Batch
+from jansen_env.plants.make import make_batch
+from jansen_env.world import parameters
+
+ROOT = Path(__file__).parents[2]
+MACHINE = {"payload": Payload(0.5, 0.01, (0.05, 0.1)),
+           "motor": Motor(12.0, 8.0, 6.0, 20.0, 1e-4, 0.1)}  # fmt: skip
+FEET = Compliance(2e4, 60.0)
+PLANTS = ("projection", "rigid_body")
+
+
+def walked(plant, row, value, feet):
+    """All that is observed of a short walk in which one parameter has a value."""
+    env = gym.make(
+        "JansenWalker-v0", plant=plant, terrain="rough", noise={}, push={"interval": 0.1},
+        delay=(0.0, 1.0), height_scan=(0.5, 1.5, 9),
+        robot=Robot(**MACHINE, **({"pad_compliance": FEET} if feet else {})),
+    )  # fmt: skip
+    observation, info = env.reset(seed=1, options={"delay": 0.0, row.name: value})
+    assert info["parameters"][row.name] == value
+    seen = [observation]
+    seen += [env.step(np.full(1, 0.7, np.float32))[0] for _ in range(7)]
+    return np.array(seen)
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize("row", TABLE, ids=lambda row: row.name)
+def test_every_parameter_changes_the_walk_on_both_plants(row, plant):
+    """Whatever is in the table: what a plant ignored would be seen here."""
+    feet = row.is_idle(Robot(**MACHINE))
+    low, high = max(row.least, -0.5), min(row.most, 2.0)
+    values = [low + 0.1 * (high - low), low + 0.6 * (high - low)]
+    if row.whole:
+        values = [round(row.least), round(row.most)]
+    first, second = (walked(plant, row, value, feet) for value in values)
+    assert np.abs(first - second).max() > 1e-7
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_a_row_that_no_plant_knows_is_refused_by_name(plant, monkeypatch):
+    """As if nobody had told the plants of it; the others go on."""
+    for honours in ("HONOURED_BY_MACHINES", "HONOURED_BY_KERNELS"):
+        assert {*parameters.OF_ROBOTS} == getattr(robot_parameters, honours)
+    for kind in (Batch, type(make_batch("rigid_body", [Robot()], [gym_terrain()]).plant)):
+        monkeypatch.setattr(kind, "honours", kind.honours - {"mass_scale"})
+    monkeypatch.setattr("jansen_env.plants.batch_robots.BatchRobots.honours", Batch.honours)
+    ranges = {"mass_scale": (0.9, 1.1)}
+    with pytest.raises(ValueError, match="'mass_scale', which this plant does not honour"):
+        gym.make("JansenWalker-v0", plant=plant, randomize=ranges)
+    env = gym.make("JansenWalker-v0", plant=plant)
+    with pytest.raises(ValueError, match="'mass_scale', which this plant does not honour"):
+        env.reset(options={"mass_scale": 1.1})
+    env.reset(seed=0, options={"tilt": 0.02})
+    state = env.unwrapped.get_state()
+    state["parameters"]["mass_scale"] = 1.1
+    with pytest.raises(ValueError, match=r"mass_scale is 1.1, must be 1: this plant honours"):
+        env.unwrapped.set_state(state)
+
+
+def gym_terrain():
+    return gym.make("JansenWalker-v0").unwrapped.terrain
+
+
+def test_limits_hold_everywhere():
+    """At a reset, in a range, in a state: the message has name, value and limits."""
+    env = gym.make("JansenWalker-v0", robot="built", noise={}, push={}, terrain="rough").unwrapped
+    env.reset(seed=0)
+    for row in TABLE:
+        if row.is_idle(env.robot):
+            continue
+        beyond = 2.0 * row.most + 1.0
+        for refused in (
+            lambda: env.reset(options={row.name: beyond}),  # noqa: B023
+            lambda: gym.make("JansenWalker-v0", randomize={row.name: (row.least, beyond)}),  # noqa: B023
+        ):
+            with pytest.raises(
+                ValueError, match=rf"\['{row.name}'\] is .*{beyond}.* must be between"
+            ):
+                refused()
+    with pytest.raises(ValueError, match=r"randomize has .'gravity'., must be of"):
+        gym.make("JansenWalker-v0", randomize={"gravity": 1.0})
+
+
+def test_nothing_goes_by_position():
+    """Types and information have the table's names; the documentation has its rows."""
+    assert parameters.EPISODE.names == tuple(PARAMETERS)
+    episode = np.arange(len(TABLE), dtype=float).view(parameters.EPISODE)
+    for name in parameters.OF_ROBOTS:
+        assert parameters.robot_parameters(episode)[name] == episode[name]
+    assert markdown() in (ROOT / "docs" / "worlds.md").read_text(encoding="utf-8")

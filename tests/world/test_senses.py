@@ -1,0 +1,352 @@
+"""What a walker senses and what disturbs it: height scan, noise, pushes; alone and side by side."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from dataclasses import fields
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+from test_walker_vector import ROUGH, compare, side_by_side, together
+
+from jansen_env import Noise, Push
+from jansen_env.engine import walk_reward
+from jansen_env.tasks.walking import WalkerTask
+from jansen_env.world.disturbances import NoisySensors
+from jansen_env.world.noise import COLUMNS, make_noise
+
+SCAN = (0.4, 0.8, 5)
+ALL = {
+    "terrain": ROUGH, "height_scan": SCAN, "noise": Noise(), "push": Push((1.3, 0.5), 0.05, 0.2),
+}  # fmt: skip
+OBSERVED = WalkerTask(height_scan=(0.0, 0.5, 3)).observed
+NAMES = [entry.name for entry in OBSERVED]
+EXACT = ("speed_command", "last_action", "lag", "mean_", "rms_torque")  # while the robot stands
+ACCOUNTS = walk_reward.ACCOUNTS.names
+LAG = NAMES.index("lag")
+
+
+def walker(**arguments):
+    return gym.make("JansenWalker-v0", **arguments).unwrapped
+
+
+def walk(env, steps, seed, first=None):
+    """Observations, and information of each step; actions are drawn from the seed."""
+    rng = np.random.default_rng(seed)
+    seen, infos = [] if first is None else [first], []
+    for _ in range(steps):
+        observation, _, _, _, info = env.step(rng.uniform(-0.5, 0.5, 1).astype(np.float32))
+        seen.append(observation)
+        infos.append(info)
+    return np.array(seen), infos
+
+
+def erring(noise, count, level=1.0, truth=None, elapsed=0):
+    """What (count, d) robots with seeds of their own observe of the same."""
+    sensors = NoisySensors(count, noise, OBSERVED)
+    sensors.level[:] = level
+    out = np.full((count, len(OBSERVED)), 0.6, np.float32) if truth is None else truth.copy()
+    measured = out[:, LAG : LAG + len(ACCOUNTS)].astype(float)
+    sensors.measure(measured, range(LAG, LAG + len(ACCOUNTS)))
+    robots = np.arange(count)
+    sensors.draw(robots, np.full(count, elapsed), 10 * robots)
+    sensors.add(robots, out)
+    return out
+
+
+def mean_speeds(observations, command, dt):
+    """What changes of lag and means tell: mean speeds of axis (k,) m/s and crank (k,) rad/s.
+
+    NaN where they tell nothing, at the lag's limits and near zero torque; observations: (k + 1, d).
+    """
+    kept = dict(zip(ACCOUNTS, observations[:, LAG : LAG + 5].T.astype(float), strict=True))
+    velocity = command - np.diff(kept["lag"]) / dt
+    velocity[np.abs(kept["lag"][1:]) > 0.499] = np.nan
+    path = walker().task.rows["mean_path"][0]
+    share = -np.expm1(-dt / walk_reward.mean_time(command, path))
+    power = kept["mean_power"][:-1] + np.diff(kept["mean_power"]) / share
+    square = kept["rms_torque"] ** 2
+    square = square[:-1] + np.diff(square) / share
+    torque = np.sqrt(np.where(square > 4.0, square, np.nan))
+    return velocity, power / torque
+
+
+def test_the_scan_is_the_height_over_the_ground_below_each_place():
+    env, plain = walker(terrain=ROUGH, height_scan=SCAN), walker(terrain=ROUGH)
+    seen, _ = walk(env, 30, 1, env.reset(seed=4)[0])
+    without, _ = walk(plain, 30, 1, plain.reset(seed=4)[0])
+    np.testing.assert_array_equal(seen[:, :-5], without)  # the rest stays as it is
+    assert [entry.name for entry in env.observed[-5:]] == [f"height_scan_{i}" for i in range(5)]
+    x, y = env.get_state()["plant"][:2]
+    expected = y - ROUGH.height(x + np.linspace(-0.4, 0.8, 5))
+    np.testing.assert_array_equal(seen[-1, -5:], expected.astype(np.float32))
+    assert np.ptp(seen[-1, -5:]) > 0.005  # it is no flat ground
+
+
+def test_every_sensor_has_its_noise():
+    """By default; the noise of each column is that of its sensor."""
+    noise, count = Noise(), 4000
+    error = erring(noise, count) - np.float32(0.6)
+    expected = np.hypot(*noise.deviations(NAMES).T)
+    for i, name in enumerate(NAMES):
+        if name.startswith(EXACT):
+            assert not error[:, i].any()
+        elif name.startswith(("cos", "sin")):
+            assert error[:, i].all()  # see the test of angles
+        else:
+            assert np.std(error[:, i]) == pytest.approx(expected[i], rel=4.0 / np.sqrt(2 * count))
+            limit = 4.0 * expected[i] / np.sqrt(count)
+            assert np.mean(error[:, i]) == pytest.approx(0.0, abs=limit)
+    free = [i for i in range(len(NAMES)) if error[:, i].any() and not NAMES[i].startswith("cos")]
+    correlations = np.corrcoef(error[:, free].T) - np.eye(len(free))
+    assert np.abs(correlations).max() < 5.0 / np.sqrt(count)
+
+
+@pytest.mark.parametrize("sensor", COLUMNS)
+def test_a_sensor_alone_errs_in_its_own_observations(sensor):
+    touched = (erring(Noise.only(**{sensor: 0.05}), 3) != np.float32(0.6)).all(axis=0)
+    wanted = {
+        "encoder": NAMES[:2], "crank_speed": NAMES[2:3], "pitch": NAMES[3:5], "gyro": NAMES[5:6],
+        "velocity": NAMES[6:8], "height": NAMES[8:9], "loads": NAMES[10:14],
+        "height_scan": NAMES[-3:],
+    }  # fmt: skip
+    assert [name for name, one in zip(NAMES, touched, strict=True) if one] == wanted[sensor]
+    assert {*wanted} == {*COLUMNS} == {field.name for field in fields(Noise)}
+
+
+def test_bias_stays_for_an_episode_and_noise_does_not():
+    noise = Noise.only(gyro=(0.03, 0.5), height=(0.0, 0.2))
+    gyro, height = NAMES.index("pitch_rate"), NAMES.index("crank_axis_height")
+    steps = np.array([erring(noise, 500, elapsed=step) for step in range(40)])
+    assert (steps[:, :, height] == steps[:1, :, height]).all()
+    assert np.std(steps[0, :, height]) == pytest.approx(0.2, rel=0.15)
+    assert np.std(steps[:, :, gyro], axis=0).mean() == pytest.approx(0.03, rel=0.05)
+    assert np.std(steps[:, :, gyro].mean(axis=0)) == pytest.approx(0.5, rel=0.15)
+    alone = (steps - steps.mean(axis=0))[:, :, gyro]
+    assert abs(np.corrcoef(alone[1:].ravel(), alone[:-1].ravel())[0, 1]) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("sensor", "cos", "sin"), [("encoder", 0, 1), ("pitch", 4, 3)], ids=["encoder", "pitch"]
+)
+def test_an_angle_errs_in_sine_and_cosine_alike(sensor, cos, sin):
+    count, angles = 3000, np.linspace(-3.0, 3.0, 3000)
+    truth = np.zeros((count, len(OBSERVED)), np.float32)
+    truth[:, cos], truth[:, sin] = np.cos(angles), np.sin(angles)
+    seen = erring(Noise.only(**{sensor: (0.03, 0.04)}), count, truth=truth).astype(float)
+    np.testing.assert_allclose(np.hypot(seen[:, cos], seen[:, sin]), 1.0, atol=3e-7)
+    error = np.angle(np.exp(1j * (np.arctan2(seen[:, sin], seen[:, cos]) - angles)))
+    assert np.std(error) == pytest.approx(0.05, rel=0.06)
+    assert np.mean(error) == pytest.approx(0.0, abs=4.0 * 0.05 / np.sqrt(count))
+
+
+def test_noise_scales_with_its_level_and_stays_within_the_space():
+    noise, truth = Noise.only(loads=0.1, velocity=0.1), np.zeros((200, len(OBSERVED)), np.float32)
+    one, double = (erring(noise, 200, level, truth).astype(float) for level in (1.0, 2.0))
+    np.testing.assert_allclose(double, 2.0 * one, atol=1e-6)
+    assert not erring(noise, 200, 0.0, truth).any()
+    loads = one[:, 10:14]
+    assert loads.min() == 0.0 and (loads > 0.0).mean() == pytest.approx(0.5, abs=0.1)
+    truth[:, 0] = 1.0
+    turned = erring(Noise.only(encoder=1e-4), 200, truth=truth)
+    assert np.abs(turned[:, :2]).max() <= 1.0
+
+
+def test_the_truth_is_told_and_the_physics_does_not_notice():
+    env, exact = walker(noise=Noise(), height_scan=SCAN), walker(height_scan=SCAN)
+    observation, info = env.reset(seed=3)
+    true, _ = exact.reset(seed=3)
+    np.testing.assert_array_equal(info["true_observation"], true)
+    assert (observation != true).any() and env.observation_space.contains(observation)
+    seen, infos = walk(env, 30, 5)
+    expected, others = walk(exact, 30, 5)
+    np.testing.assert_array_equal([one["true_observation"] for one in infos], expected)
+    assert (seen != expected).any(axis=1).all() and "true_observation" not in others[0]
+    for one, other in zip(infos, others, strict=True):  # rewards, lag and means among it
+        assert all(np.array_equal(one[name], value) for name, value in other.items())
+    check_env(env, skip_render_check=True)
+
+
+def test_lag_and_means_tell_no_more_than_the_sensors():
+    """Their changes give the speeds: exact without noise, and with it no better than measured."""
+    deviations, command, found = (0.06, 0.3), 0.3, []
+    env = walker(noise=Noise(velocity=deviations[0], crank_speed=deviations[1]))
+    for seed in range(30):
+        env.reset(seed=seed, options={"speed_command": command})
+        infos, seen = [], []
+        for _ in range(60):
+            observation, _, _, _, info = env.step(np.full(1, 0.35, np.float32))
+            infos.append(info)
+            seen.append(observation)
+        seen, true = np.array(seen), np.array([info["true_observation"] for info in infos])
+        work = np.array([info["energy"]["motor_work"] for info in infos])
+        turned = work / env.control_dt / [info["crank_torque"] for info in infos]
+        turned[turned < 1.5] = np.nan  # of the power's size alone nobody knows which way it turns
+        exact = np.array([[info["x_velocity"] for info in infos], turned])[:, 1:]
+        told, undone = (mean_speeds(each, command, env.control_dt) for each in (seen, true))
+        found.append([told - exact, undone - exact, (seen - true)[1:, [6, 2]].T])
+    for error, without, reading, deviation in zip(
+        *np.concatenate(found, axis=-1), deviations, strict=True
+    ):
+        assert np.isfinite(error).sum() > 500
+        assert np.nanmax(np.abs(without)) < 1e-4 < 0.95 * deviation < np.nanstd(error)
+        assert np.nanstd(error - reading) > 0.95 * deviation  # or their difference would be exact
+        for weight in np.linspace(0.0, 1.0, 11):  # nor is any mean of both better
+            assert np.nanstd(weight * error + (1.0 - weight) * reading) > 0.95 * deviation
+
+
+def test_at_level_0_lag_and_means_are_true_but_slip_is_not_sensed():
+    env = walker(noise=Noise(), randomize={"noise_level": (0.0, 0.0)})
+    env.reset(seed=0)
+    seen, infos = walk(env, 60, 2)
+    true = np.array([info["true_observation"] for info in infos])
+    slip = NAMES.index("mean_slip")
+    assert true[:, slip].max() > 0.005 and not seen[:, slip].any()
+    np.testing.assert_array_equal(np.delete(seen, slip, 1), np.delete(true, slip, 1))
+
+
+def test_describing_a_step_again_changes_nothing():
+    """Neither its noise nor what has been measured; the next steps go on alike."""
+    env, other = walker(noise=Noise()), walker(noise=Noise())
+    env.reset(seed=3), other.reset(seed=3)
+    walk(env, 20, 1), walk(other, 20, 1)
+    before = env.task.observation[0].copy()
+    for _ in range(3):
+        env.set_parameters(command=0.2)
+    other.set_parameters(command=0.2)
+    before[NAMES.index("speed_command")] = 0.2
+    np.testing.assert_array_equal(env.task.observation[0], before)
+    np.testing.assert_array_equal(walk(env, 20, 2)[0], walk(other, 20, 2)[0])
+
+
+def test_a_reset_forgets_what_was_measured():
+    env = walker(noise=Noise())
+    env.reset(seed=0)
+    assert walk(env, 20, 1)[0][-1, LAG : LAG + 5].any()
+    assert not env.reset()[0][LAG : LAG + 5].any()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [3.0, {"lag": 0.0}, {name: "much" for name in ACCOUNTS}, dict.fromkeys(ACCOUNTS, 0.6),
+     dict.fromkeys(ACCOUNTS, -0.1)],
+)  # fmt: skip
+def test_wrong_measured_accounts_are_refused_whole(wrong):
+    env = walker(noise=Noise())
+    env.reset(seed=0)
+    state = env.get_state()
+    with pytest.raises(ValueError, match=r"state\['measured'\]"):
+        env.set_state({**state, "measured": wrong})
+    assert str(env.get_state()) == str(state)
+
+
+def test_a_robot_does_alone_what_it_does_among_others():
+    """With scan, noise and pushes, through falls and time limits, bit for bit."""
+    mode = AutoresetMode.SAME_STEP
+    ends = compare(together(3, mode, 25, **ALL), side_by_side(3, mode, 25, **ALL), 60)
+    assert ends >= 6
+
+
+def test_a_state_goes_on_with_the_same_noise_and_pushes_at_both_doors():
+    env, seeds = walker(**ALL), [5, 6, 7]
+    own = [(0.3, 1.0, 0.0), (0.35, -1.0, 0.4)]
+    env.reset(seed=6, options={"pushes": own})
+    walk(env, 14, 0)
+    state = env.get_state()
+    assert all(state["measured"][name] != state[name] for name in ACCOUNTS[:4])
+    onward, _ = walk(env, 20, 1)
+    other = walker(**ALL)
+    other.reset(seed=1)
+    again = other.set_state(copy.deepcopy(state))
+    walked, _ = walk(other, 20, 1, again)
+    np.testing.assert_array_equal(walked[1:], onward)
+    np.testing.assert_array_equal(other.get_state()["pushes"], own)
+
+    envs = together(3, **ALL).unwrapped
+    envs.reset(seed=seeds, options={"pushes": [None, own, []]})
+    rng = np.random.default_rng(0)
+    for _ in range(14):
+        row = rng.uniform(-0.5, 0.5, 1)
+        envs.step(np.repeat(row[None], 3, axis=0).astype(np.float32))
+    kept = envs.get_state(1)
+    for name, value in state.items():
+        if name != "generator":
+            np.testing.assert_array_equal(kept[name], value)
+    copied = pickle.loads(pickle.dumps(envs))
+    for one in (envs, copied):
+        moved = one.set_state(0, kept)  # another robot goes on from it
+        np.testing.assert_array_equal(moved, again)
+        rng = np.random.default_rng(1)
+        for step in range(20):
+            row = rng.uniform(-0.5, 0.5, 1)
+            seen = one.step(np.repeat(row[None], 3, axis=0).astype(np.float32))[0]
+            np.testing.assert_array_equal(seen[0], onward[step])
+
+
+def test_seeds_replay_what_disturbs_an_episode_and_others_do_not():
+    env = walker(**ALL)
+    runs = [walk(env, 25, 0, env.reset(seed=seed)[0])[0] for seed in (3, 4, 3)]
+    np.testing.assert_array_equal(runs[0], runs[2])
+    assert (runs[0] != runs[1]).any()
+
+
+def test_what_is_drawn_at_a_reset_does_not_depend_on_noise_and_pushes():
+    """Nor do the episodes after it: one who adds them walks the same starts."""
+    starts = []
+    for arguments in ({}, ALL):
+        env = walker(**{**arguments, "terrain": "flat"})
+        env.reset(seed=2)
+        for _ in range(3):
+            env.reset()
+        starts.append(env.get_state())
+    assert starts[0]["command"] == starts[1]["command"]
+    np.testing.assert_array_equal(starts[0]["plant"], starts[1]["plant"])
+
+
+@pytest.mark.parametrize("plant", ["projection", "rigid_body"])
+def test_scheduled_pushes_move_the_robot_and_are_accounted_for(plant):
+    env, free = walker(plant=plant), walker(plant=plant)
+    options = {"speed_command": 0.0, "crank_angle": 1.0}
+    env.reset(seed=0, options={**options, "pushes": [(0.03, 1.5, 0.0)]})
+    free.reset(seed=0, options=options)
+    pushed, infos = walk(env, 8, 0)
+    alone, others = walk(free, 8, 0)
+    np.testing.assert_array_equal(pushed[0], alone[0])  # before it begins
+    assert infos[-1]["x_position"] > others[-1]["x_position"] + 0.003
+    work = sum(info["energy"]["push_work"] for info in infos)
+    assert work > 0.05 and not any(info["energy"]["push_work"] for info in others)
+    assert infos[-1]["energy"]["push_work"] == 0.0  # it is over
+
+
+def test_pushes_at_random_come_from_the_argument_and_only_from_it():
+    push = {"impulse": 2.0, "duration": 0.05, "interval": 0.1}
+    for arguments, options, pushed in (
+        ({"push": push}, None, True), ({"push": push}, {"pushes": []}, False), ({}, None, False),
+    ):  # fmt: skip
+        env = walker(**arguments)
+        env.reset(seed=0, options=options)
+        _, infos = walk(env, 10, 0)
+        assert any(info["energy"]["push_work"] for info in infos) == pushed
+    env.reset(options={"pushes": [(0.0, 1.0, 0.0)]})
+    env.reset()  # the option is of one episode
+    _, infos = walk(env, 10, 0)
+    assert not any(info["energy"]["push_work"] for info in infos)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"gyro": -0.1}, "Noise.gyro is -0.1, must be 0 or above"),
+        ({"gyro": (0.1, 0.2, 0.3)}, "must be a number or two"),
+        ({"gyro": (0.1, "much")}, "must be a finite number"),
+        ({"lidar": 0.1}, r"noise has \['lidar'\], must be of \['crank_speed', 'encoder'"),
+        (0.1, "must be None, a Noise or a dictionary with some of"),
+    ],
+)
+def test_wrong_noise_is_refused(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        make_noise(wrong)

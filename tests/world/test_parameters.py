@@ -8,12 +8,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from jansen_env import Compliance, Motor, Payload, Robot
+from jansen_env import Compliance, Motor, Payload, Robot, parameters
 from jansen_env.parameters import PARAMETERS, TABLE, markdown
 from jansen_env.plants import robot_parameters
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.make import make_batch
-from jansen_env.world import parameters
 
 ROOT = Path(__file__).parents[2]
 MACHINE = {"payload": Payload(0.5, 0.01, (0.05, 0.1)),

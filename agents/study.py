@@ -125,14 +125,14 @@ def _run(
     common = (study.eval_freq, study.save_freq, study.eval_episodes, args.cores, command)
     runs = study.runs(folder)
     left = [run for run in runs if not is_finished(run.folder)]
+    for run in left:
+        (run.folder / STATUS).unlink(missing_ok=True)  # an earlier driver's
     local = args.local or not has_ray()
     place = "local processes" if local else f"Ray at {args.address or 'this machine'}"
     print(f"{len(runs)} runs, {len(runs) - len(left)} finished, {len(left)} to do on {place} "
           f"-> {folder}", flush=True)  # fmt: skip
     if not left:
         return {}
-    for run in left:
-        (run.folder / STATUS).unlink(missing_ok=True)  # an earlier driver's
     requests = [RunRequest(run, *common, token.read_text(encoding="utf-8")) for run in left]
     with StudyProgress(runs) as progress:
         if not local:

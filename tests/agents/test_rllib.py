@@ -7,11 +7,13 @@ import re
 import signal
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
-pytest.importorskip("ray", reason="Ray is not installed; the extra 'distributed' brings it")
+if find_spec("ray") is None:  # not imported: it reads how it is to authenticate when it is
+    pytest.skip("Ray is not installed; the extra 'distributed' brings it", allow_module_level=True)
 pytest.importorskip("tree", reason="dm-tree is not installed; the extra 'distributed' brings it")
 psutil = pytest.importorskip("psutil")  # Ray has it
 

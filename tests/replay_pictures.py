@@ -1,4 +1,4 @@
-"""The pictures of ``docs/replay.md``: ``python tests/viewer/replay_pictures.py docs/replay``."""
+"""The pictures of ``docs/replay.md``: ``python tests/replay_pictures.py docs/replay``."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ from agents.training.runs import (
     record_run,
 )
 from agents.training.train_model import prepare, train
-from jansen_env.scoring.benchmarks import DEFAULT, TASKS, find_task
+from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT, find_benchmark
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -43,7 +43,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     add, count, steps = parser.add_argument, positive_int, non_negative_int
     add("--algo", choices=sorted(ALGORITHMS), help="algorithm; default: --config's, or ppo")
-    add("--env", choices=sorted(TASKS),
+    add("--env", choices=sorted(BENCHMARKS),
         help=f"environment id; default: --config's, or {DEFAULT}")  # fmt: skip
     add("-n", "--timesteps", type=count, help="environment steps, in place of the configuration's")
     add("--n-envs", type=count, help="parallel environments, in place of the configuration's")
@@ -124,7 +124,7 @@ def _run(
             resume=resume, progress=not args.no_progress and sys.stderr.isatty(),
         )  # fmt: skip
     trained = time.perf_counter()
-    baselines = ", ".join(find_task(env_id).baselines)
+    baselines = ", ".join(find_benchmark(env_id).baselines)
     print(f"trained in {trained - start:.0f} s; scoring against {baselines} ...", flush=True)
     print(outcome(folder, env_id, score_run(folder, config, args.eval_episodes)))
     print(f"scored in {time.perf_counter() - trained:.0f} s")

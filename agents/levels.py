@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from tabulate import tabulate
 
-from agents.command_line import mapping, non_negative_int, positive_int
-from agents.evaluate import labels, load_named
+from agents.command_line import non_negative_int, parse_policies, policy_parser, positive_int
+from agents.evaluate import load_all
 from jansen_env.baselines.policy import Bools, Policy
 from jansen_env.files import write_json, write_text, write_whole
 from jansen_env.plants.make import PLANTS
-from jansen_env.scoring.benchmarks import ENOUGH, TASKS, find_task, succeeded
+from jansen_env.scoring.benchmarks import ENOUGH, find_benchmark, succeeded
 from jansen_env.scoring.metrics import Episodes, Interval, point_estimates, proportion_with_interval
 from jansen_env.scoring.rollout import make_env, run_episodes
 from jansen_env.terrain.generators import HIGHEST
@@ -98,7 +98,7 @@ def _only(run: Episodes, chosen: Bools) -> Episodes:
 
 def score(run: Episodes, env: Any) -> Score:
     """Of episodes at one level; ``env``: that they were run in, as ``gym.make`` gives it."""
-    metrics = find_task(env.spec.id).metrics
+    metrics = find_benchmark(env.spec.id).metrics
     ratios = point_estimates({name: metrics[name] for name in RATIOS}, run, env)
     won = succeeded(run, env).astype(bool)
     slip, transport = (ratios[name] for name in RATIOS)
@@ -164,14 +164,8 @@ def plot_levels(scores: Scores, path: Path) -> None:
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = policy_parser(__doc__, "JansenWalkerRough-v0", required=True)
     add = parser.add_argument
-    add("--policy", action="append", required=True, metavar="NAME",
-        help="a baseline, 'pretrained', a run's folder, or a file of a model or policy; "
-        "repeatable")  # fmt: skip
-    add("--env", default="JansenWalkerRough-v0", choices=sorted(TASKS), help="environment id")
-    add("--env-kwargs", default="{}", type=mapping, metavar="YAML",
-        help="arguments of the environment, e.g. '{terrain: stairs}'")  # fmt: skip
     add("--plant", action="append", default=[], choices=sorted(PLANTS),
         help="plant; repeat to compare; default: the environment's")  # fmt: skip
     add("--levels", type=non_negative_int, nargs="+", default=list(range(HIGHEST + 1)), metavar="L",
@@ -179,12 +173,9 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--commands", type=float, nargs="+", metavar="V",
         help="commanded speeds; default: spread over the environment's range")  # fmt: skip
     add("--episodes", type=positive_int, default=100, help="episodes per level; default: 100")
-    add("--seed", type=non_negative_int, default=0, help="seed of the episodes; default: 0")
     add("--out", default="logs/levels", metavar="DIR",
         help="folder of levels.md, levels.json and levels.png")  # fmt: skip
-    args = parser.parse_args(arguments)
-    args.error = parser.error
-    return args
+    return parse_policies(parser, arguments, "--commands")
 
 
 def score_all(args: argparse.Namespace) -> Scores:
@@ -193,19 +184,13 @@ def score_all(args: argparse.Namespace) -> Scores:
     Raises:
         ValueError: a policy or an argument is not allowed.
     """
-    names = dict(zip(labels(args.policy), args.policy, strict=True))
-    scores: Scores = {}
-    for plant in dict.fromkeys(args.plant) or [None]:
-        env_kwargs = {**args.env_kwargs, **({} if plant is None else {"plant": plant})}
-        suffix = "" if plant is None else f" on {plant}"
-        env = make_env(args.env, env_kwargs)
-        policies = {own + suffix: load_named(name, env) for own, name in names.items()}
-        env.close()
-        for name, policy in policies.items():
-            scores[name] = score_levels(
-                policy, args.env, env_kwargs, args.levels, args.episodes, args.seed, args.commands
-            )
-    return scores
+    return {
+        name: score_levels(
+            policy, args.env, env_kwargs, args.levels, args.episodes, args.seed, args.commands
+        )
+        for policies, env_kwargs in load_all(args, args.commands or ())
+        for name, policy in policies.items()
+    }
 
 
 def main(arguments: list[str] | None = None) -> None:

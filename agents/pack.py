@@ -170,7 +170,7 @@ def write(policy: PretrainedPolicy, path: Path) -> Path:
 
 
 def rescore(path: str | Path, episodes: int = 10, seed: int = 0) -> Path:
-    """Make the scores in a policy's JSON file again, as where the task's metrics have changed.
+    """Make the scores in a policy's JSON file again, as where the benchmark's metrics have changed.
 
     Raises:
         ValueError: it is no policy's.

@@ -19,7 +19,7 @@ from agents.plots import draw_curve, finish_panel, legend_above, save
 from jansen_env.baselines.policy import Policy
 from jansen_env.files import write_json
 from jansen_env.robot import RIGID, Compliance, Robot, built_robot
-from jansen_env.scoring.benchmarks import find_task
+from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.metrics import INTERVALS, pooled, score_table
 from jansen_env.scoring.rollout import draw_episodes, make_env, run_episodes
 
@@ -61,7 +61,7 @@ def score(loaded: Loaded, env_id: str, episodes: int, seed: int = 0) -> Scores:
     Raises:
         ValueError: an argument out of range, or feet that give and a restitution above 0.
     """
-    metrics = find_task(env_id).metrics
+    metrics = find_benchmark(env_id).metrics
     scores: Scores = {FRICTION: {}, FEET: {}}
     for policies, env_kwargs in loaded:
         env: Any = make_env(env_id, env_kwargs)
@@ -88,7 +88,7 @@ def score(loaded: Loaded, env_id: str, episodes: int, seed: int = 0) -> Scores:
 
 def table(scores: Scores, env_id: str) -> str:
     """Return two Markdown tables, friction and feet, a row per condition and policy."""
-    metrics = {name: find_task(env_id).metrics[name] for name in METRICS}
+    metrics = {name: find_benchmark(env_id).metrics[name] for name in METRICS}
     return "\n\n".join(
         score_table(
             metrics,
@@ -106,7 +106,7 @@ def plot(scores: Scores, env_id: str, path: Path) -> Path:
     axes: Any = figure.subplots(len(METRICS), len(scores), sharex="col", sharey="row")
     for column, (sweep, conditions) in zip(axes.T, scores.items(), strict=True):
         for axis, name in zip(column, METRICS, strict=True):
-            metric = find_task(env_id).metrics[name]
+            metric = find_benchmark(env_id).metrics[name]
             for policy in next(iter(conditions.values())):
                 found = [policies[policy]["overall"][name] for policies in conditions.values()]
                 intervals = zip(*found, strict=True)

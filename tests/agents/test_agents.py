@@ -225,7 +225,9 @@ def made_episodes(n=40):
 
 TEN_SECONDS = SimpleNamespace(
     spec=SimpleNamespace(max_episode_steps=500),
-    unwrapped=SimpleNamespace(control_dt=0.02, weight=20.0),
+    unwrapped=SimpleNamespace(
+        control_dt=0.02, task=SimpleNamespace(world=SimpleNamespace(weight=[20.0]))
+    ),
 )
 """What the walking metrics read of an environment."""
 

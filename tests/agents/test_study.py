@@ -29,7 +29,7 @@ from agents.studies.plan import make_study
 from agents.studies.progress import StudyProgress
 from agents.training.model_files import read_model
 from agents.training.runs import locked
-from jansen_env.scoring.benchmarks import TASKS
+from jansen_env.scoring.benchmarks import BENCHMARKS
 
 ROOT = Path(__file__).parents[2]
 SMALL = {
@@ -258,7 +258,7 @@ def test_report_has_the_numbers_of_the_runs(finished, tmp_path):
         torques = [float(row["rms_torque"]) for row in rows if row["group"] == name]
         assert group["metrics"]["rms_torque"][0] == pytest.approx(np.mean(torques))
     raw = list(csv.DictReader((folder / "commands.csv").read_text().splitlines()))
-    assert len(raw) == 4 + 2 * len(TASKS["JansenCrank-v0"].baselines)  # of one command each
+    assert len(raw) == 4 + 2 * len(BENCHMARKS["JansenCrank-v0"].baselines)  # of one command each
     for row in rows:
         (own,) = [r for r in raw if (r["group"], r["seed"]) == (row["group"], row["seed"])]
         assert (own["policy"], float(own["command"])) == ("run", 1.0)

@@ -24,17 +24,17 @@ from agents.training.model_files import read_model
 from jansen_env import paper_robot
 from jansen_env.policies import pretrained
 from jansen_env.policies.environment import check_action
-from jansen_env.scoring.benchmarks import TASKS
+from jansen_env.scoring.benchmarks import BENCHMARKS
 from jansen_env.scoring.metrics import point_estimates
 from jansen_env.scoring.rollout import make_env, make_envs
 
-SHIPPED = [(env_id, name) for env_id in TASKS for name in pretrained.names(env_id)]
+SHIPPED = [(env_id, name) for env_id in BENCHMARKS for name in pretrained.names(env_id)]
 CRANK = "JansenCrank-v0"
 
 
 def test_every_environment_has_its_policy():
     """Small ones; what is not there is refused by name."""
-    for env_id in TASKS:
+    for env_id in BENCHMARKS:
         assert pretrained.DEFAULT in pretrained.names(env_id)
     for path in (pretrained.shipped(*one) for one in SHIPPED):
         assert max(p.stat().st_size for p in path.parent.glob(f"{path.stem}.*")) < 200_000
@@ -64,7 +64,7 @@ def test_actions_are_the_networks(env_id, name):
     assert pack.check_equal(policy, model, 10_000) < 1e-6
 
 
-COMPARED = sum(len(TASKS[env_id].metrics) for env_id, _ in SHIPPED)
+COMPARED = sum(len(BENCHMARKS[env_id].metrics) for env_id, _ in SHIPPED)
 """How many numbers :func:`test_scores_are_those_shipped` compares."""
 LIMIT = math.sqrt(2.0 * math.log(2.0 * COMPARED / 1e-6))
 """Of :func:`surprises`: one false alarm in 1e6 runs of all these tests.
@@ -80,7 +80,7 @@ numerator less the common ratio times the denominator, which no exchange within 
 def surprises(env_id, run, other):
     """Of each metric |sum d| / sqrt(sum d^2), d the difference of an episode in two runs."""
     env, found = make_env(env_id, {}), {}
-    for name, metric in TASKS[env_id].metrics.items():
+    for name, metric in BENCHMARKS[env_id].metrics.items():
         one, two = (metric.function(each, env) for each in (run, other))
         if metric.normaliser is not None:
             lengths = [metric.normaliser(each, env) for each in (run, other)]
@@ -104,7 +104,7 @@ def test_scores_are_those_shipped(env_id, name):
     policy = pretrained.load(env_id, name)
     shipped = policy.description["scores"]
     again = pack.scores_of(policy, shipped["episodes_per_command"], shipped["seed"])
-    metrics = TASKS[env_id].metrics
+    metrics = BENCHMARKS[env_id].metrics
     assert set(again["overall"]) == set(shipped["overall"]) == set(metrics)
     run, env = by_episode(shipped), make_env(env_id, {})
     for metric, value in point_estimates(metrics, run, env).items():
@@ -157,7 +157,7 @@ import sys
 for name in ("torch", "stable_baselines3", "yaml", "imageio", "scipy", "agents"):
     sys.modules[name] = None
 from jansen_env.policies import pretrained
-for env_id in {sorted(TASKS)}:
+for env_id in {sorted(BENCHMARKS)}:
     policy = pretrained.load(env_id)
     action, _ = policy.predict([0.5] * len(policy.observed))
     assert action.shape == (1,)

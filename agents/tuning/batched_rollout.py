@@ -42,7 +42,7 @@ class Outcome(NamedTuple):
     change: Array
 
 
-class Trials:
+class BatchedRollout:
     """A batch of walkers.
 
     Args:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents import robustness
 from agents.command_line import parse_policies, policy_parser, positive_int
@@ -21,7 +20,7 @@ from jansen_env.plants.make import PLANTS
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import PretrainedPolicy
 from jansen_env.scoring.benchmarks import WALKERS, find_benchmark
-from jansen_env.scoring.metrics import INTERVALS, Array, pooled, score_table, summarise
+from jansen_env.scoring.metrics import INTERVALS, pooled, score_table, summarise
 from jansen_env.scoring.rollout import draw_episodes, make_env, run_episodes
 
 FIRST_SEED = 40_000  # of scored episodes; training, tuning and selection use others
@@ -110,68 +109,37 @@ def evaluate(
     policies: dict[str, Policy],
     env_id: str,
     env_kwargs: dict[str, Any],
-    commands: tuple[float, ...] | None = None,
+    commands: Sequence[float] | None = None,
     episodes: int = 10,
     seed: int = 0,
+    drawn: bool = False,
 ) -> dict[str, dict[str, Any]]:
     """Score policies on the same episodes, each with a different start.
 
     Args:
         policies: by name. env_id, env_kwargs: of the environment.
         commands: speeds or goals; None for the benchmark's own grid.
-        episodes: per command. seed: of the starts.
+        episodes: per command, or of ``drawn`` ones in all. seed: of commands and starts.
+        drawn: whether commands are drawn from the environment's whole range instead.
 
     Returns:
-        For each policy :func:`jansen_env.scoring.metrics.summarise` and its episodes under
-        ``"raw"``.
+        For each policy :func:`jansen_env.scoring.metrics.summarise`, or with ``drawn``
+        :func:`jansen_env.scoring.metrics.pooled`, and its episodes under ``"raw"``.
 
     Raises:
         ValueError: no benchmark is known for ``env_id``, or an argument out of range.
     """
-    command = np.repeat(find_benchmark(env_id).commands if commands is None else commands, episodes)
-    seeds = FIRST_SEED + seed * len(command) + np.arange(len(command))
-    return _scores(policies, env_id, env_kwargs, (command, seeds), seed, summarise)
-
-
-def evaluate_drawn(
-    policies: dict[str, Policy],
-    env_id: str,
-    env_kwargs: dict[str, Any],
-    episodes: int,
-    seed: int = 0,
-) -> dict[str, dict[str, Any]]:
-    """Score policies on the same episodes, with commands drawn from the environment's whole range.
-
-    Args:
-        policies: by name. env_id, env_kwargs: of the environment. episodes: in all.
-        seed: of commands and starts.
-
-    Returns:
-        For each policy :func:`jansen_env.scoring.metrics.pooled` and its episodes under ``"raw"``.
-
-    Raises:
-        ValueError: no benchmark is known for ``env_id``, or an argument out of range.
-    """
-    env = make_env(env_id, env_kwargs)
-    drawn = draw_episodes(env, episodes, seed)
-    env.close()
-    return _scores(policies, env_id, env_kwargs, drawn, seed, pooled)
-
-
-def _scores(
-    policies: dict[str, Policy],
-    env_id: str,
-    env_kwargs: dict[str, Any],
-    episodes: tuple[Array, NDArray[np.int64]],
-    seed: int,
-    summary: Callable[..., dict[str, Any]],
-) -> dict[str, dict[str, Any]]:
-    """Run ``episodes``, commands and seeds (n,), with each policy, and summarise them."""
-    env, scores = make_env(env_id, env_kwargs), {}
+    benchmark, env, scores = find_benchmark(env_id), make_env(env_id, env_kwargs), {}
+    if drawn:
+        command, seeds = draw_episodes(env, episodes, seed)
+    else:
+        command = np.repeat(benchmark.commands if commands is None else commands, episodes)
+        seeds = FIRST_SEED + seed * len(command) + np.arange(len(command))
+    summary = pooled if drawn else summarise
     for name, policy in policies.items():
-        run = run_episodes(policy, env_id, env_kwargs, *episodes)
+        run = run_episodes(policy, env_id, env_kwargs, command, seeds)
         raw = {key: values.tolist() for key, values in run.items()}
-        scores[name] = {**summary(find_benchmark(env_id).metrics, run, env, seed), "raw": raw}
+        scores[name] = {**summary(benchmark.metrics, run, env, seed), "raw": raw}
     env.close()
     return scores
 
@@ -253,7 +221,7 @@ def main(arguments: list[str] | None = None) -> None:
     for policies, env_kwargs in loaded:
         scores |= evaluate(policies, args.env, env_kwargs, args.commands, args.episodes, args.seed)
         if count := args.random_commands:
-            drawn |= evaluate_drawn(policies, args.env, env_kwargs, count, args.seed)
+            drawn |= evaluate(policies, args.env, env_kwargs, None, count, args.seed, drawn=True)
     write_json(out / "scores.json", {name: {**own, **({"drawn": drawn[name]} if drawn else {})}
                                      for name, own in scores.items()})  # fmt: skip
     plot_scores(benchmark, scores, out / "scores.png")

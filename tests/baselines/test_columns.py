@@ -64,7 +64,7 @@ def test_the_search_finds_its_columns(world):
     """The torque of profiles that are searched for; what is not shown is refused by name."""
     env, seen, add = world
     if "lag" not in [entry.name for entry in env.unwrapped.observed]:
-        with pytest.raises(ValueError, match="name is '(lag|speed_command)', must be one of"):
+        with pytest.raises(ValueError, match=r"name is '(lag|speed_command)', must be one of"):
             columns(env, *READ)
         return
     numbers = load_profile().numbers[np.zeros(len(seen), int)]

@@ -52,8 +52,7 @@ class Saver(BaseCallback):
     Args:
         folder: the run's. save_every, eval_every: environment steps; 0 for never.
         env_id, env_kwargs: of the evaluation. done: steps trained before this run began.
-        seconds: training time of these steps, 0 for the last evaluation's. stop: when to save and
-            end before the time.
+        seconds: training time of these steps. stop: when to save and end before the time.
 
     Attributes:
         ended: whether training ended on a signal. last: file saved last, None before the first.
@@ -86,8 +85,7 @@ class Saver(BaseCallback):
         self._next_save, self._next_eval = (
             (done // every + 1) * every if every else 0 for every in (save_every, eval_every)
         )
-        trained = seconds or (self.history[-1].get("seconds", 0.0) if self.history else 0.0)
-        self._begun = time.perf_counter() - trained
+        self._begun = time.perf_counter() - seconds
         self._replay_buffer = find_replay_buffer(folder, done)  # of the last complete checkpoint
 
     def _on_rollout_start(self) -> None:
@@ -128,7 +126,7 @@ class Saver(BaseCallback):
             self._replay_buffer = file
 
     def _seconds(self) -> float:
-        """For which the run was trained."""
+        """Return the training time so far, s."""
         return round(time.perf_counter() - self._begun, 1)
 
     def evaluate(self) -> None:

@@ -155,14 +155,14 @@ def test_last_state_is_the_one_of_most_steps(tmp_path):
     for name in ("checkpoints/model_9_steps.zip", "checkpoints/model_10_steps.zip", runs.FINAL,
                  "checkpoints/model_200_steps.zip"):  # fmt: skip
         model.num_timesteps = 10 if name == runs.FINAL else int(name.split("_")[1])
-        models.save_model(model, tmp_path / name)
+        models.save_model(model, tmp_path / name, {}, {})
         assert runs.last_state(tmp_path) == tmp_path / name
 
 
 def test_a_damaged_final_model_leaves_the_checkpoints(tmp_path, capsys):
     """The last of them is gone on from; without one the damage is named."""
     checkpoint = tmp_path / "checkpoints" / "model_9_steps.zip"
-    models.save_model(training.prepare(small_config()), checkpoint)
+    models.save_model(training.prepare(small_config()), checkpoint, {}, {})
     (tmp_path / runs.FINAL).write_bytes(checkpoint.read_bytes()[:1000])
     assert runs.last_state(tmp_path) == checkpoint
     assert f"{runs.FINAL} is no Stable-Baselines3 model" in capsys.readouterr().out
@@ -450,7 +450,7 @@ def test_failed_start_leaves_no_folder(wrong, tmp_path, started):
 def test_failed_resume_changes_nothing(tmp_path, started):
     """A checkpoint that is none, or of another network."""
     checkpoint = tmp_path / "checkpoints" / "model_9_steps.zip"
-    models.save_model(training.prepare(small_config()), checkpoint)
+    models.save_model(training.prepare(small_config()), checkpoint, {}, {})
     settings = small_config() | {"policy_kwargs": {"net_arch": [8]}}
     runs.record_run(tmp_path, settings, "python train.py")
     before = [(tmp_path / name).read_bytes() for name in ("config.yml", "command.txt")]

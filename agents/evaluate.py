@@ -180,7 +180,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def load_all(
-    args: argparse.Namespace, commands: Sequence[float]
+    args: argparse.Namespace, commands: Sequence[float] = ()
 ) -> list[tuple[dict[str, Policy], dict[str, Any]]]:
     """Return for each plant the policies by label, and the environment's arguments.
 

@@ -90,9 +90,8 @@ def describe(policy: Any, config: dict[str, Any], training: dict[str, Any]) -> d
     """Return the JSON file's content but for checksum and scores.
 
     Args:
-        policy: as of :func:`agents.training.models.load_policy`. config: of its run. training: what
-        else to
-            say of that.
+        policy: as of :func:`agents.training.models.load_policy`. config: of its run.
+        training: what else to say of that.
     """
     env: Any = make_env(config["env"], config.get("env_kwargs", {}))
     plain = env.unwrapped

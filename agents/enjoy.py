@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.command_line import parse_policies, policy_parser, positive_int
-from agents.evaluate import label, labels, load_named
+from agents.evaluate import label, load_all
 from agents.video import (
     Progress,
     check_suffix,
@@ -128,13 +128,7 @@ def prepare(args: argparse.Namespace) -> dict[str, Policy]:
     """
     if args.video is not None:
         check_suffix(args.video)
-    with closing(make_env(args.env, args.env_kwargs)) as env:
-        titles = labels(args.policy)
-        policies = {
-            title: load_named(name, env) for title, name in zip(titles, args.policy, strict=True)
-        }
-        for command in args.command:
-            env.reset(options={find_benchmark(args.env).option: command})
+    ((policies, _),) = load_all(args, args.command)
     return policies
 
 

@@ -185,14 +185,15 @@ def load_all(
     """Return for each plant the policies by label, and the environment's arguments.
 
     Args:
-        args: with ``policy``, ``env``, ``env_kwargs`` and ``plant``. commands: that will be given.
+        args: of :func:`agents.command_line.policy_parser`, and ``plant`` if there is a choice.
+        commands: that will be given.
 
     Raises:
         ValueError: a policy, an argument or a commanded speed is not allowed.
     """
     names = dict(zip(labels(args.policy), args.policy, strict=True))
     loaded = []
-    for plant in dict.fromkeys(args.plant) or [None]:
+    for plant in dict.fromkeys(getattr(args, "plant", ())) or [None]:
         env_kwargs = args.env_kwargs if plant is None else {**args.env_kwargs, "plant": plant}
         suffix = "" if plant is None else f" on {plant}"
         env = make_env(args.env, env_kwargs)

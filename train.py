@@ -78,7 +78,10 @@ def main(arguments: list[str] | None = None) -> Path:
                 resume = last_state(folder)
             model = prepare(config, resume)  # nothing is written before this is good
             if not args.resume:
-                folder = _new_folder(args, config)
+                try:
+                    folder = new_run_folder(args.log_folder, config["algo"], config["env"])
+                except OSError as error:
+                    raise ValueError(f"--log-folder cannot be written to: {error}") from error
                 stack.enter_context(locked(folder))
         except ValueError as error:
             raise SystemExit(f"train.py: error: {error}") from error
@@ -87,14 +90,6 @@ def main(arguments: list[str] | None = None) -> Path:
         except OSError as error:
             raise SystemExit(f"train.py: error: {error}") from error
     return folder
-
-
-def _new_folder(args: argparse.Namespace, config: dict[str, Any]) -> Path:
-    """Create a new run's folder."""
-    try:
-        return new_run_folder(args.log_folder, config["algo"], config["env"])
-    except OSError as error:
-        raise ValueError(f"--log-folder cannot be written to: {error}") from error
 
 
 def _run(

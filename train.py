@@ -35,7 +35,7 @@ from agents.training.runs import (
     record_run,
 )
 from agents.training.train_model import prepare, train
-from jansen_env.scoring.benchmarks import DEFAULT, TASKS, find_task
+from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT, find_benchmark
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -43,7 +43,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     add, count, steps = parser.add_argument, positive_int, non_negative_int
     add("--algo", choices=sorted(ALGORITHMS), help="algorithm; default: --config's, or ppo")
-    add("--env", choices=sorted(TASKS),
+    add("--env", choices=sorted(BENCHMARKS),
         help=f"environment id; default: --config's, or {DEFAULT}")  # fmt: skip
     add("-n", "--timesteps", type=count, help="environment steps, in place of the configuration's")
     add("--n-envs", type=count, help="parallel environments, in place of the configuration's")
@@ -78,7 +78,10 @@ def main(arguments: list[str] | None = None) -> Path:
                 resume = last_state(folder)
             model = prepare(config, resume)  # nothing is written before this is good
             if not args.resume:
-                folder = _new_folder(args, config)
+                try:
+                    folder = new_run_folder(args.log_folder, config["algo"], config["env"])
+                except OSError as error:
+                    raise ValueError(f"--log-folder cannot be written to: {error}") from error
                 stack.enter_context(locked(folder))
         except ValueError as error:
             raise SystemExit(f"train.py: error: {error}") from error
@@ -87,14 +90,6 @@ def main(arguments: list[str] | None = None) -> Path:
         except OSError as error:
             raise SystemExit(f"train.py: error: {error}") from error
     return folder
-
-
-def _new_folder(args: argparse.Namespace, config: dict[str, Any]) -> Path:
-    """Create a new run's folder."""
-    try:
-        return new_run_folder(args.log_folder, config["algo"], config["env"])
-    except OSError as error:
-        raise ValueError(f"--log-folder cannot be written to: {error}") from error
 
 
 def _run(
@@ -124,7 +119,7 @@ def _run(
             resume=resume, progress=not args.no_progress and sys.stderr.isatty(),
         )  # fmt: skip
     trained = time.perf_counter()
-    baselines = ", ".join(find_task(env_id).baselines)
+    baselines = ", ".join(find_benchmark(env_id).baselines)
     print(f"trained in {trained - start:.0f} s; scoring against {baselines} ...", flush=True)
     print(outcome(folder, env_id, score_run(folder, config, args.eval_episodes)))
     print(f"scored in {time.perf_counter() - trained:.0f} s")

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 from agents.plain_yaml import parse_yaml
+from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT, find_benchmark
 
 MAX_STEPS = 10**10  # environment steps of one run: months of training
 
@@ -38,3 +39,32 @@ def positive_int(text: str, low: int = 1) -> int:
 
 
 non_negative_int = partial(positive_int, low=0)
+
+
+def policy_parser(
+    description: str | None, env_id: str = DEFAULT, required: bool = False
+) -> argparse.ArgumentParser:
+    """Return a parser with ``--policy``, ``--env``, ``--env-kwargs`` and ``--seed``."""
+    named = "; ".join(f"{one}: {', '.join(own.baselines)}" for one, own in BENCHMARKS.items())
+    parser = argparse.ArgumentParser(description=description)
+    add = parser.add_argument
+    add("--policy", action="append", default=[], required=required, metavar="NAME",
+        help=f"a baseline ({named}), 'pretrained', a run's folder, or a file of a model or policy; "
+        "repeat to compare")  # fmt: skip
+    add("--env", default=env_id, choices=sorted(BENCHMARKS),
+        help="environment id; default: %(default)s")  # fmt: skip
+    add("--env-kwargs", default={}, type=mapping, metavar="YAML",
+        help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
+    add("--seed", type=non_negative_int, default=0, help="seed of the starts; default: 0")
+    return parser
+
+
+def parse_policies(
+    parser: argparse.ArgumentParser, arguments: list[str] | None, flag: str
+) -> argparse.Namespace:
+    """Parse a command line of :func:`policy_parser`, whose commands are given by ``flag``."""
+    args = parser.parse_args(arguments)
+    if (option := find_benchmark(args.env).option) in args.env_kwargs:
+        parser.error(f"{option} in --env-kwargs has no effect here, must be in {flag}")
+    args.error = parser.error
+    return args

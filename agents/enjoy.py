@@ -12,8 +12,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from agents.command_line import mapping, non_negative_int, positive_int
-from agents.evaluate import label, labels, load_named
+from agents.command_line import parse_policies, policy_parser, positive_int
+from agents.evaluate import label, load_all
 from agents.video import (
     Progress,
     check_suffix,
@@ -24,7 +24,7 @@ from agents.video import (
     steps_per_frame,
 )
 from jansen_env.baselines.policy import Policy
-from jansen_env.scoring.benchmarks import DEFAULT, TASKS, find_task
+from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import make_env
 
 INVISIBLE = ("dummy", "offscreen")  # SDL's drivers of invisible windows
@@ -47,7 +47,7 @@ def episode(
         if moment.steps == args.steps or env.unwrapped.window_closed:
             break
     how = "failed" if moment.failed else "ended"
-    seconds, unit = moment.steps * env.unwrapped.control_dt, find_task(args.env).command_unit
+    seconds, unit = moment.steps * env.unwrapped.control_dt, find_benchmark(args.env).command_unit
     print(f"{title + ': ' if title else ''}command {command:g} {unit}: return "
           f"{moment.returned:.1f}, {how} after {seconds:.2f} s")  # fmt: skip
 
@@ -106,30 +106,17 @@ def record(policies: dict[str, Policy], args: argparse.Namespace, path: Path) ->
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
-    named = "; ".join(f"{env_id}: {', '.join(task.baselines)}" for env_id, task in TASKS.items())
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = policy_parser(f"{__doc__} Policies are filmed one above the other.")
     add = parser.add_argument
-    add("--policy", action="append", metavar="NAME",
-        help=f"'pretrained' (default), a baseline ({named}), a run's folder, or a file of a model "
-        "or policy; repeat to film several, one above the other")  # fmt: skip
-    add("--env", default=DEFAULT, choices=sorted(TASKS),
-        help="environment id; default: %(default)s")  # fmt: skip
-    add("--env-kwargs", default="{}", type=mapping, metavar="YAML",
-        help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--command", type=float, nargs="+", metavar="V",
-        help="commanded speed of each episode in turn; default: the grid's middle")  # fmt: skip
+        help="speed or goal of each episode in turn; default: the grid's middle")  # fmt: skip
     add("--episodes", type=positive_int, help="number of episodes; default: one for each command")
     add("--steps", type=positive_int, help="most steps of an episode; default: the environment's")
-    add("--seed", type=non_negative_int, default=0, help="seed of the starts; default: 0")
     add("--video", metavar="FILE", help="write a .gif or .mp4, in place of a window")
-    args = parser.parse_args(arguments)
-    if "speed_command" in args.env_kwargs:
-        parser.error("speed_command in --env-kwargs has no effect here, must be in --command")
-    grid = find_task(args.env).commands
-    args.command = args.command or [grid[(len(grid) - 1) // 2]]
+    args = parse_policies(parser, arguments, "--command")
+    args.command = args.command or [find_benchmark(args.env).middle]
     args.episodes = args.episodes or len(args.command)
     args.policy = args.policy or ["pretrained"]
-    args.error = parser.error
     return args
 
 
@@ -141,13 +128,7 @@ def prepare(args: argparse.Namespace) -> dict[str, Policy]:
     """
     if args.video is not None:
         check_suffix(args.video)
-    with closing(make_env(args.env, args.env_kwargs)) as env:
-        titles = labels(args.policy)
-        policies = {
-            title: load_named(name, env) for title, name in zip(titles, args.policy, strict=True)
-        }
-        for command in args.command:
-            env.reset(options={"speed_command": command})
+    ((policies, _),) = load_all(args, args.command)
     return policies
 
 

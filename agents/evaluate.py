@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents import robustness
-from agents.command_line import mapping, non_negative_int, positive_int
+from agents.command_line import parse_policies, policy_parser, positive_int
 from agents.plots import plot_scores
 from agents.video import FRAME_TIME, record_video
 from jansen_env.baselines.policy import Policy
@@ -20,8 +19,8 @@ from jansen_env.files import write_json
 from jansen_env.plants.make import PLANTS
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import PretrainedPolicy
-from jansen_env.scoring.benchmarks import DEFAULT, TASKS, WALKERS, find_task
-from jansen_env.scoring.metrics import INTERVALS, Array, pooled, score_table, summarise
+from jansen_env.scoring.benchmarks import WALKERS, find_benchmark
+from jansen_env.scoring.metrics import INTERVALS, pooled, score_table, summarise
 from jansen_env.scoring.rollout import draw_episodes, make_env, run_episodes
 
 FIRST_SEED = 40_000  # of scored episodes; training, tuning and selection use others
@@ -40,7 +39,7 @@ def load_named(name: str, env: Any) -> Policy:
         ValueError: it is none of these, or was trained on other observations or actions.
     """
     env_id, own = env.spec.id, ALIASES.get(name, name)
-    baselines = find_task(env_id).baselines
+    baselines = find_benchmark(env_id).baselines
     if own in baselines:
         return baselines[own](env.unwrapped)
     if own.startswith(SHIPPED):
@@ -110,88 +109,49 @@ def evaluate(
     policies: dict[str, Policy],
     env_id: str,
     env_kwargs: dict[str, Any],
-    commands: tuple[float, ...] | None = None,
+    commands: Sequence[float] | None = None,
     episodes: int = 10,
     seed: int = 0,
+    drawn: bool = False,
 ) -> dict[str, dict[str, Any]]:
     """Score policies on the same episodes, each with a different start.
 
     Args:
         policies: by name. env_id, env_kwargs: of the environment.
-        commands: commanded speeds; None for the task's own grid.
-        episodes: per command. seed: of the starts.
+        commands: speeds or goals; None for the benchmark's own grid.
+        episodes: per command, or of ``drawn`` ones in all. seed: of commands and starts.
+        drawn: whether commands are drawn from the environment's whole range instead.
 
     Returns:
-        For each policy :func:`jansen_env.scoring.metrics.summarise` and its episodes under
-        ``"raw"``.
+        For each policy :func:`jansen_env.scoring.metrics.summarise`, or with ``drawn``
+        :func:`jansen_env.scoring.metrics.pooled`, and its episodes under ``"raw"``.
 
     Raises:
-        ValueError: no task is known for ``env_id``, or an argument out of range.
+        ValueError: no benchmark is known for ``env_id``, or an argument out of range.
     """
-    command = np.repeat(find_task(env_id).commands if commands is None else commands, episodes)
-    seeds = FIRST_SEED + seed * len(command) + np.arange(len(command))
-    return _scores(policies, env_id, env_kwargs, (command, seeds), seed, summarise)
-
-
-def evaluate_drawn(
-    policies: dict[str, Policy],
-    env_id: str,
-    env_kwargs: dict[str, Any],
-    episodes: int,
-    seed: int = 0,
-) -> dict[str, dict[str, Any]]:
-    """Score policies on the same episodes, with commands drawn from the environment's whole range.
-
-    Args:
-        policies: by name. env_id, env_kwargs: of the environment. episodes: in all.
-        seed: of commands and starts.
-
-    Returns:
-        For each policy :func:`jansen_env.scoring.metrics.pooled` and its episodes under ``"raw"``.
-
-    Raises:
-        ValueError: no task is known for ``env_id``, or an argument out of range.
-    """
-    env = make_env(env_id, env_kwargs)
-    drawn = draw_episodes(env, episodes, seed)
-    env.close()
-    return _scores(policies, env_id, env_kwargs, drawn, seed, pooled)
-
-
-def _scores(
-    policies: dict[str, Policy],
-    env_id: str,
-    env_kwargs: dict[str, Any],
-    episodes: tuple[Array, NDArray[np.int64]],
-    seed: int,
-    summary: Callable[..., dict[str, Any]],
-) -> dict[str, dict[str, Any]]:
-    """Run ``episodes``, commands and seeds (n,), with each policy, and summarise them."""
-    env, scores = make_env(env_id, env_kwargs), {}
+    benchmark, env, scores = find_benchmark(env_id), make_env(env_id, env_kwargs), {}
+    if drawn:
+        command, seeds = draw_episodes(env, episodes, seed)
+    else:
+        command = np.repeat(benchmark.commands if commands is None else commands, episodes)
+        seeds = FIRST_SEED + seed * len(command) + np.arange(len(command))
+    summary = pooled if drawn else summarise
     for name, policy in policies.items():
-        run = run_episodes(policy, env_id, env_kwargs, *episodes)
+        run = run_episodes(policy, env_id, env_kwargs, command, seeds)
         raw = {key: values.tolist() for key, values in run.items()}
-        scores[name] = {**summary(find_task(env_id).metrics, run, env, seed), "raw": raw}
+        scores[name] = {**summary(benchmark.metrics, run, env, seed), "raw": raw}
     env.close()
     return scores
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line; incompatible options are refused."""
-    named = "; ".join(f"{env_id}: {', '.join(task.baselines)}" for env_id, task in TASKS.items())
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = policy_parser(__doc__, required=True)
     add = parser.add_argument
-    add("--policy", action="append", required=True, metavar="NAME",
-        help=f"a baseline ({named}), 'pretrained', a run's folder, or a file of a model or "
-        "policy")  # fmt: skip
-    add("--env", default=DEFAULT, choices=sorted(TASKS),
-        help="environment id; default: %(default)s")  # fmt: skip
-    add("--env-kwargs", default="{}", type=mapping, metavar="YAML",
-        help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--plant", action="append", default=[], choices=sorted(PLANTS),
         help="plant of the walkers; repeat to compare; default: projection")  # fmt: skip
     add("--commands", type=float, nargs="+", metavar="V",
-        help="commanded speeds; default: the task's grid")  # fmt: skip
+        help="speeds or goals; default: the benchmark's grid")  # fmt: skip
     add("--episodes", type=positive_int, default=10,
         help="episodes per command, or with --robustness per condition; default: 10")  # fmt: skip
     add("--random-commands", type=positive_int, metavar="N",
@@ -199,45 +159,47 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--robustness", action="store_true",
         help="scores over friction and foot stiffness with random commands, in place of those by "
         "command; a tenth of the episodes on 'rigid_body'")  # fmt: skip
-    add("--seed", type=non_negative_int, default=0, help="seed of the starts; default: 0")
     add("--out", default="logs/evaluation", metavar="DIR",
         help="folder of scores.json and scores.png, or of those of --robustness")  # fmt: skip
     add("--video", nargs="*", choices=KINDS, metavar="KIND",
         help="also videos of each policy, gif or mp4; default: both")  # fmt: skip
     add("--video-command", type=float, metavar="V",
-        help="commanded speed of the videos; default: the middle of the task's grid")  # fmt: skip
-    args = parser.parse_args(arguments)
+        help="speed or goal of the videos; default: the grid's middle")  # fmt: skip
+    args = parse_policies(parser, arguments, "--commands")
     if args.plant and args.env not in WALKERS:
         parser.error(f"--plant is {args.plant}, but {args.env} has one plant only")
-    if "speed_command" in args.env_kwargs:
-        parser.error("speed_command in --env-kwargs has no effect here, must be in --commands")
     if args.robustness and args.env not in WALKERS:
         parser.error(f"--robustness needs one of {WALKERS}, but --env is {args.env}")
     if args.robustness and (args.commands or args.random_commands or args.video is not None):
         parser.error("--robustness goes without --commands, --random-commands and --video")
-    grid = find_task(args.env).commands
-    args.commands = args.commands or list(grid)
+    benchmark = find_benchmark(args.env)
+    args.commands = args.commands or list(benchmark.commands)
     if args.video_command is None:
-        args.video_command = grid[(len(grid) - 1) // 2]
-    args.error = parser.error
+        args.video_command = benchmark.middle
     return args
 
 
-def load_all(args: argparse.Namespace) -> list[tuple[dict[str, Policy], dict[str, Any]]]:
+def load_all(
+    args: argparse.Namespace, commands: Sequence[float] = ()
+) -> list[tuple[dict[str, Policy], dict[str, Any]]]:
     """Return for each plant the policies by label, and the environment's arguments.
+
+    Args:
+        args: of :func:`agents.command_line.policy_parser`, and ``plant`` if there is a choice.
+        commands: that will be given.
 
     Raises:
         ValueError: a policy, an argument or a commanded speed is not allowed.
     """
     names = dict(zip(labels(args.policy), args.policy, strict=True))
     loaded = []
-    for plant in dict.fromkeys(args.plant) or [None]:
+    for plant in dict.fromkeys(getattr(args, "plant", ())) or [None]:
         env_kwargs = args.env_kwargs if plant is None else {**args.env_kwargs, "plant": plant}
         suffix = "" if plant is None else f" on {plant}"
         env = make_env(args.env, env_kwargs)
         policies = {own + suffix: load_named(name, env) for own, name in names.items()}
-        for command in (*args.commands, args.video_command):
-            env.reset(options={"speed_command": command})
+        for command in commands:
+            env.reset(options={find_benchmark(args.env).option: command})
         env.close()
         loaded.append((policies, env_kwargs))
     return loaded
@@ -246,9 +208,9 @@ def load_all(args: argparse.Namespace) -> list[tuple[dict[str, Policy], dict[str
 def main(arguments: list[str] | None = None) -> None:
     """Score, draw, print; nothing is written before all arguments are checked."""
     args = parse(arguments)
-    task, out = find_task(args.env), Path(args.out)
+    benchmark, out = find_benchmark(args.env), Path(args.out)
     try:
-        loaded = load_all(args)
+        loaded = load_all(args, (*args.commands, args.video_command))
         out.mkdir(parents=True, exist_ok=True)
         if args.robustness:
             print(robustness.report(loaded, args.env, args.episodes, args.seed, out))
@@ -260,15 +222,15 @@ def main(arguments: list[str] | None = None) -> None:
     for policies, env_kwargs in loaded:
         scores |= evaluate(policies, args.env, env_kwargs, args.commands, args.episodes, args.seed)
         if count := args.random_commands:
-            drawn |= evaluate_drawn(policies, args.env, env_kwargs, count, args.seed)
+            drawn |= evaluate(policies, args.env, env_kwargs, None, count, args.seed, drawn=True)
     write_json(out / "scores.json", {name: {**own, **({"drawn": drawn[name]} if drawn else {})}
                                      for name, own in scores.items()})  # fmt: skip
-    plot_scores(task, scores, out / "scores.png")
-    print(score_table(task.metrics, scores))
+    plot_scores(benchmark, scores, out / "scores.png")
+    print(score_table(benchmark.metrics, scores))
     if drawn:
         print(f"\n{count} episodes with commands drawn from the environment's range:\n")
-        print(score_table(task.metrics, drawn))
-    print(f"\n{args.episodes} episodes at each of {args.commands} {task.command_unit}, "
+        print(score_table(benchmark.metrics, drawn))
+    print(f"\n{args.episodes} episodes at each of {args.commands} {benchmark.command_unit}, "
           f"seed {args.seed}; {INTERVALS}. "
           f"Written: {out}/scores.json, {out}/scores.png")  # fmt: skip
     if args.video is None:

@@ -11,50 +11,26 @@ import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from tabulate import tabulate
 
-from agents.command_line import mapping, non_negative_int, positive_int
-from agents.evaluate import labels, load_named
-from jansen_env.baselines.policy import Bools, Policy
-from jansen_env.files import write_json, write_text, write_whole
+from agents.command_line import non_negative_int, parse_policies, policy_parser, positive_int
+from agents.evaluate import load_all
+from agents.robustness import Scores, plot, table
+from jansen_env.baselines.policy import Policy
+from jansen_env.files import write_json, write_text
 from jansen_env.plants.make import PLANTS
-from jansen_env.scoring.benchmarks import ENOUGH, TASKS, find_task, succeeded
-from jansen_env.scoring.metrics import Episodes, Interval, point_estimates, proportion_with_interval
+from jansen_env.scoring.benchmarks import ENOUGH, WORLD, succeeded
+from jansen_env.scoring.metrics import INTERVALS, pooled, proportion_with_interval
 from jansen_env.scoring.rollout import make_env, run_episodes
 from jansen_env.terrain.generators import HIGHEST
 
 FIRST_SEED = 80_000  # of the episodes: training, tuning and other scores use others
-RATIOS = ("slip_per_metre", "cost_of_transport")
-HEAD = ("level", "policy", "success", "falls", "slip (m/m)", "cost of transport")
-
-
-class Score(NamedTuple):
-    """Of a policy's episodes at a level.
-
-    Attributes:
-        success, falls: shares with their exact 95 % interval. slip: m per metre of all toes.
-        transport: mechanical cost of transport, with the robot's weight without what is drawn.
-            Both None where nobody walked. won: (n,) whether each episode succeeded.
-    """
-
-    success: Interval
-    falls: Interval
-    slip: float | None
-    transport: float | None
-    won: tuple[bool, ...]
-
-
-Scores: TypeAlias = dict[str, dict[int, Score]]
-"""By policy and level."""
-
-
-def share(happened: NDArray[Any]) -> Interval:
-    """Return the share of episodes (n,) that are 1, not 0, with its exact 95 % interval."""
-    return proportion_with_interval(int(np.count_nonzero(happened)), len(happened))
+LEVEL = "terrain level"  # what is swept, as it is labelled
+METRICS = {name: WORLD.metrics[name]
+           for name in ("success", "falls", "slip_per_metre", "cost_of_transport")}  # fmt: skip
 
 
 def score_levels(
@@ -65,8 +41,8 @@ def score_levels(
     episodes: int,
     seed: int = 0,
     commands: Sequence[float] | None = None,
-) -> dict[int, Score]:
-    """A policy's scores by level.
+) -> dict[str, dict[str, Any]]:
+    """Score a policy by level: :func:`jansen_env.scoring.metrics.pooled`, and which were ``won``.
 
     Args:
         policy: acts deterministically. env_id, env_kwargs: of an environment whose resets have the
@@ -78,100 +54,39 @@ def score_levels(
     Raises:
         ValueError: an environment without levels, or an argument out of range.
     """
-    env = make_env(env_id, env_kwargs)
+    env: Any = make_env(env_id, env_kwargs)
     if commands is None:
-        low, high = env.unwrapped.task.speed_command[0]  # type: ignore[attr-defined]
+        low, high = env.unwrapped.task.speed_command[0]
         commands = low + (high - low) * (np.arange(episodes) + 0.5) / episodes
     n = len(levels) * episodes
     level = np.repeat(np.asarray(levels, np.int64), episodes)
     asked = np.tile(np.resize(np.asarray(commands, float), episodes), len(levels))
     seeds = FIRST_SEED + seed * n + np.arange(n)
     run = run_episodes(policy, env_id, env_kwargs, asked, seeds, options={"terrain_level": level})
-    found = {one: score(_only(run, level == one), env) for one in levels}
+    found = {}
+    for one in levels:
+        own = {name: values[level == one] for name, values in run.items()}
+        found[str(one)] = {**pooled(METRICS, own, env, seed), "won": succeeded(own, env).tolist()}
     env.close()
     return found
 
 
-def _only(run: Episodes, chosen: Bools) -> Episodes:
-    return {name: values[chosen] for name, values in run.items()}
-
-
-def score(run: Episodes, env: Any) -> Score:
-    """Of episodes at one level; ``env``: that they were run in, as ``gym.make`` gives it."""
-    metrics = find_task(env.spec.id).metrics
-    ratios = point_estimates({name: metrics[name] for name in RATIOS}, run, env)
-    won = succeeded(run, env).astype(bool)
-    slip, transport = (ratios[name] for name in RATIOS)
-    return Score(share(won), share(run["fell"].astype(bool)), slip, transport, tuple(won.tolist()))
-
-
-def shown(interval: Interval) -> str:
-    """A share and its interval."""
-    return "{:.2f} [{:.2f}, {:.2f}]".format(*interval)
-
-
-def success_table(scores: Scores) -> str:
-    """Successes alone as Markdown, a row per level; last the grounds that any of them masters."""
-    levels = next(iter(scores.values()))
+def success_table(levels: dict[str, dict[str, dict[str, Any]]]) -> str:
+    """Return successes alone as Markdown, a row per level; last where any policy succeeds."""
     rows = []
-    for k in levels:
-        at_level = [own[k] for own in scores.values()]
-        best = share(np.any([one.won for one in at_level], axis=0))
-        rows.append([str(k), *(shown(one.success) for one in at_level), shown(best)])
-    return tabulate(rows, ["level", *scores, "any of them"], tablefmt="pipe", disable_numparse=True)
-
-
-def level_table(scores: Scores) -> str:
-    """All scores as Markdown, level by level."""
-
-    def cells(own: Score) -> list[str]:
-        shares = map(shown, (own.success, own.falls))
-        ratios = ("-" if v is None else f"{v:.3g}" for v in (own.slip, own.transport))
-        return [*shares, *ratios]
-
-    levels = next(iter(scores.values()))
-    rows = [[str(level), name, *cells(scores[name][level])] for level in levels for name in scores]
-    return tabulate(rows, HEAD, tablefmt="pipe", disable_numparse=True)
-
-
-def plot_levels(scores: Scores, path: Path) -> None:
-    """Each score over the level, a line per policy; bands are the intervals."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.0, 3.2), layout="constrained")
-    axes: NDArray[Any] = figure.subplots(1, 4)
-    for name, own in scores.items():
-        for axis, key in zip(axes, Score._fields[:4], strict=True):
-            values = [getattr(one, key) for one in own.values()]
-            if key in ("success", "falls"):
-                middle, low, high = np.array(values, float).T
-                axis.fill_between(list(own), low, high, alpha=0.18)
-                axis.set_ylim(-0.03, 1.03)
-            else:
-                middle = np.array(values, float)
-            axis.plot(list(own), middle, "o-", markersize=4, label=name)
-    for axis, heading in zip(axes, HEAD[2:], strict=True):
-        axis.set_title(heading, fontsize=11)
-        axis.grid(alpha=0.3)
-        axis.set_xlabel("terrain level")
-    for axis in axes[2:]:
-        if np.isfinite(axis.dataLim.get_points()[:, 1]).all():
-            axis.set_yscale("log")
-    handles, names = axes[0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside upper center", ncols=4, frameon=False)
-    write_whole(path, lambda file: figure.savefig(file, dpi=110))
+    for level, scores in levels.items():
+        best = np.any([score["won"] for score in scores.values()], axis=0)
+        shares = [score["overall"]["success"] for score in scores.values()]
+        shares.append(proportion_with_interval(int(best.sum()), len(best)))
+        rows.append([level, *("{:.2f} [{:.2f}, {:.2f}]".format(*share) for share in shares)])
+    headers = ["level", *next(iter(levels.values())), "any of them"]
+    return tabulate(rows, headers, tablefmt="pipe", disable_numparse=True)
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = policy_parser(__doc__, "JansenWalkerRough-v0", required=True)
     add = parser.add_argument
-    add("--policy", action="append", required=True, metavar="NAME",
-        help="a baseline, 'pretrained', a run's folder, or a file of a model or policy; "
-        "repeatable")  # fmt: skip
-    add("--env", default="JansenWalkerRough-v0", choices=sorted(TASKS), help="environment id")
-    add("--env-kwargs", default="{}", type=mapping, metavar="YAML",
-        help="arguments of the environment, e.g. '{terrain: stairs}'")  # fmt: skip
     add("--plant", action="append", default=[], choices=sorted(PLANTS),
         help="plant; repeat to compare; default: the environment's")  # fmt: skip
     add("--levels", type=non_negative_int, nargs="+", default=list(range(HIGHEST + 1)), metavar="L",
@@ -179,12 +94,9 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--commands", type=float, nargs="+", metavar="V",
         help="commanded speeds; default: spread over the environment's range")  # fmt: skip
     add("--episodes", type=positive_int, default=100, help="episodes per level; default: 100")
-    add("--seed", type=non_negative_int, default=0, help="seed of the episodes; default: 0")
     add("--out", default="logs/levels", metavar="DIR",
         help="folder of levels.md, levels.json and levels.png")  # fmt: skip
-    args = parser.parse_args(arguments)
-    args.error = parser.error
-    return args
+    return parse_policies(parser, arguments, "--commands")
 
 
 def score_all(args: argparse.Namespace) -> Scores:
@@ -193,18 +105,14 @@ def score_all(args: argparse.Namespace) -> Scores:
     Raises:
         ValueError: a policy or an argument is not allowed.
     """
-    names = dict(zip(labels(args.policy), args.policy, strict=True))
-    scores: Scores = {}
-    for plant in dict.fromkeys(args.plant) or [None]:
-        env_kwargs = {**args.env_kwargs, **({} if plant is None else {"plant": plant})}
-        suffix = "" if plant is None else f" on {plant}"
-        env = make_env(args.env, env_kwargs)
-        policies = {own + suffix: load_named(name, env) for own, name in names.items()}
-        env.close()
+    scores: Scores = {LEVEL: {}}
+    for policies, env_kwargs in load_all(args, args.commands or ()):
         for name, policy in policies.items():
-            scores[name] = score_levels(
+            found = score_levels(
                 policy, args.env, env_kwargs, args.levels, args.episodes, args.seed, args.commands
             )
+            for level, own in found.items():
+                scores[LEVEL].setdefault(level, {})[name] = own
     return scores
 
 
@@ -217,16 +125,14 @@ def main(arguments: list[str] | None = None) -> None:
         scores = score_all(args)
     except (OSError, ValueError) as error:
         args.error(str(error))
-    write_json(out / "levels.json", {
-        name: {str(level): one._asdict() for level, one in own.items()}
-        for name, own in scores.items()
-    })  # fmt: skip
-    plot_levels(scores, out / "levels.png")
+    write_json(out / "levels.json", scores)
+    plot(scores, METRICS, out / "levels.png")
     note = (
         f"{args.episodes} episodes at each level of {args.env}, seed {args.seed}; success: no fall "
-        f"and at least {ENOUGH:g} of the commanded distance; exact 95 % intervals."
+        f"and at least {ENOUGH:g} of the commanded distance; {INTERVALS}."
     )
-    tables = f"Success:\n\n{success_table(scores)}\n\nAll scores:\n\n{level_table(scores)}"
+    successes = success_table(scores[LEVEL])
+    tables = f"Success:\n\n{successes}\n\nAll scores:\n\n{table(scores, METRICS)}"
     command = shlex.join(["python", "-m", "agents.levels", *(arguments or sys.argv[1:])])
     head = f"# {args.env} by terrain level\n\n`{command}`: {note}\n\n![Scores](levels.png)"
     write_text(out / "levels.md", f"{head}\n\n{tables}\n")

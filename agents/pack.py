@@ -90,9 +90,8 @@ def describe(policy: Any, config: dict[str, Any], training: dict[str, Any]) -> d
     """Return the JSON file's content but for checksum and scores.
 
     Args:
-        policy: as of :func:`agents.training.models.load_policy`. config: of its run. training: what
-        else to
-            say of that.
+        policy: as of :func:`agents.training.models.load_policy`. config: of its run.
+        training: what else to say of that.
     """
     env: Any = make_env(config["env"], config.get("env_kwargs", {}))
     plain = env.unwrapped
@@ -170,7 +169,7 @@ def write(policy: PretrainedPolicy, path: Path) -> Path:
 
 
 def rescore(path: str | Path, episodes: int = 10, seed: int = 0) -> Path:
-    """Make the scores in a policy's JSON file again, as where the task's metrics have changed.
+    """Make the scores in a policy's JSON file again, as where the benchmark's metrics have changed.
 
     Raises:
         ValueError: it is no policy's.

@@ -12,18 +12,18 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from jansen_env.files import write_whole
-from jansen_env.scoring.benchmarks import Task
+from jansen_env.scoring.benchmarks import Benchmark
 from jansen_env.scoring.metrics import Metric, tabled
 
 LEAST = 1e-4  # at which a logarithmic axis shows all that is less: rigid feet may not slip at all
 
 
-def plot_scores(task: Task, scores: dict[str, dict[str, Any]], path: str | Path) -> Path:
-    """Each metric against the commanded speed, a line per policy; bands are 95 % intervals.
+def plot_scores(benchmark: Benchmark, scores: dict[str, dict[str, Any]], path: str | Path) -> Path:
+    """Each metric against the command, a line per policy; bands are 95 % intervals.
 
-    With one commanded speed a point per policy instead, side by side.
+    With one command a point per policy instead, side by side.
     """
-    shown = {name: metric for name, metric in tabled(task.metrics).items() if metric.axis}
+    shown = {name: metric for name, metric in tabled(benchmark.metrics).items() if metric.axis}
     columns = (len(shown) + 1) // 2
     figure, axes = plt.subplots(2, columns, figsize=(12, 6.4), layout="constrained", sharex=True)
     commands = next(iter(scores.values()))["by_command"]["return"]["command"]
@@ -47,8 +47,8 @@ def plot_scores(task: Task, scores: dict[str, dict[str, Any]], path: str | Path)
         axis.remove()
         axes[0, -1].xaxis.set_tick_params(labelbottom=True)  # which now is the lowest of its column
     legend_above(figure, axes.flat[0])
-    at = f" {commands[0]:g} {task.command_unit}" if single else f", {task.command_unit}"
-    figure.supxlabel(f"commanded speed{at}", fontsize=11)
+    at = f" {commands[0]:g} {benchmark.command_unit}" if single else f", {benchmark.command_unit}"
+    figure.supxlabel(f"command{at}", fontsize=11)
     return save(figure, path)
 
 

@@ -7,11 +7,11 @@ import re
 from contextlib import closing
 from pathlib import Path
 
-from agents.command_line import mapping, non_negative_int, positive_int
+from agents.command_line import parse_policies, policy_parser, positive_int
 from agents.evaluate import labels, load_named
 from agents.video import play
 from jansen_env.files import write_text
-from jansen_env.scoring.benchmarks import DEFAULT, TASKS, find_task
+from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import make_env
 from jansen_env.viewer.recorder import Recorder
 from jansen_env.viewer.recording import LONGEST_NAME, MOST_STEPS, Recording
@@ -20,38 +20,25 @@ from jansen_env.viewer.web.page import MOST_RECORDINGS, page
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """The command line; what does not go together is refused."""
-    named = "; ".join(f"{env_id}: {', '.join(task.baselines)}" for env_id, task in TASKS.items())
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = policy_parser(__doc__)
     add = parser.add_argument
-    add("--policy", action="append", default=[], metavar="NAME",
-        help=f"a baseline ({named}), 'pretrained', a run's folder, or a file of a model or policy; "
-        "repeat to compare two from the same start")  # fmt: skip
     add("--recording", action="append", default=[], metavar="FILE",
         help="a saved .npz to show, in place of a policy or beside one")  # fmt: skip
-    add("--env", default=DEFAULT, choices=sorted(TASKS),
-        help="environment id; default: %(default)s")  # fmt: skip
-    add("--env-kwargs", default="{}", type=mapping, metavar="YAML",
-        help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--command", type=float, metavar="V",
-        help="commanded speed; default: the middle of the task's grid")  # fmt: skip
-    add("--seed", type=non_negative_int, default=0, help="seed of the start; default: 0")
+        help="speed or goal; default: the middle of the benchmark's grid")  # fmt: skip
     add("--steps", type=positive_int, default=MOST_STEPS,
         help="most steps of the episode; default: the environment's")  # fmt: skip
     add("--out", default="replay.html", metavar="FILE",
         help="the page, .html; recordings go beside it; default: replay.html")  # fmt: skip
-    args = parser.parse_args(arguments)
-    if "speed_command" in args.env_kwargs:
-        parser.error("speed_command in --env-kwargs has no effect here, must be in --command")
+    args = parse_policies(parser, arguments, "--command")
     if not 1 <= (count := len(args.policy) + len(args.recording)) <= MOST_RECORDINGS:
         parser.error(f"--policy and --recording are given {count} times, must be once or twice")
     if Path(args.out).suffix != ".html":
         parser.error(f"--out is {args.out}, must end in .html")
     if args.steps > MOST_STEPS:
         parser.error(f"--steps is {args.steps}, must be at most {MOST_STEPS}")
-    grid = find_task(args.env).commands
     if args.command is None:
-        args.command = grid[(len(grid) - 1) // 2]
-    args.error = parser.error
+        args.command = find_benchmark(args.env).middle
     return args
 
 

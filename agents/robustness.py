@@ -19,8 +19,8 @@ from agents.plots import draw_curve, finish_panel, legend_above, save
 from jansen_env.baselines.policy import Policy
 from jansen_env.files import write_json
 from jansen_env.robot import RIGID, Compliance, Robot, built_robot
-from jansen_env.scoring.benchmarks import find_task
-from jansen_env.scoring.metrics import INTERVALS, pooled, score_table
+from jansen_env.scoring.benchmarks import find_benchmark
+from jansen_env.scoring.metrics import INTERVALS, Metric, pooled, score_table
 from jansen_env.scoring.rollout import draw_episodes, make_env, run_episodes
 
 FRICTIONS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
@@ -61,7 +61,7 @@ def score(loaded: Loaded, env_id: str, episodes: int, seed: int = 0) -> Scores:
     Raises:
         ValueError: an argument out of range, or feet that give and a restitution above 0.
     """
-    metrics = find_task(env_id).metrics
+    metrics = find_benchmark(env_id).metrics
     scores: Scores = {FRICTION: {}, FEET: {}}
     for policies, env_kwargs in loaded:
         env: Any = make_env(env_id, env_kwargs)
@@ -86,9 +86,8 @@ def score(loaded: Loaded, env_id: str, episodes: int, seed: int = 0) -> Scores:
     return scores
 
 
-def table(scores: Scores, env_id: str) -> str:
-    """Return two Markdown tables, friction and feet, a row per condition and policy."""
-    metrics = {name: find_task(env_id).metrics[name] for name in METRICS}
+def table(scores: Scores, metrics: dict[str, Metric]) -> str:
+    """Return a Markdown table of each sweep, a row per condition and policy."""
     return "\n\n".join(
         score_table(
             metrics,
@@ -100,13 +99,14 @@ def table(scores: Scores, env_id: str) -> str:
     )  # fmt: skip
 
 
-def plot(scores: Scores, env_id: str, path: Path) -> Path:
+def plot(scores: Scores, metrics: dict[str, Metric], path: Path) -> Path:
     """Draw a row per metric, a column per sweep, a line per policy; bands are 95 % intervals."""
-    figure = Figure(figsize=(9.0, 10.0), layout="constrained")
-    axes: Any = figure.subplots(len(METRICS), len(scores), sharex="col", sharey="row")
+    figure = Figure(figsize=(4.5 * max(len(scores), 1.5), 10.0), layout="constrained")
+    axes: Any = figure.subplots(
+        len(metrics), len(scores), sharex="col", sharey="row", squeeze=False
+    )
     for column, (sweep, conditions) in zip(axes.T, scores.items(), strict=True):
-        for axis, name in zip(column, METRICS, strict=True):
-            metric = find_task(env_id).metrics[name]
+        for axis, (name, metric) in zip(column, metrics.items(), strict=True):
             for policy in next(iter(conditions.values())):
                 found = [policies[policy]["overall"][name] for policies in conditions.values()]
                 intervals = zip(*found, strict=True)
@@ -127,14 +127,15 @@ def report(loaded: Loaded, env_id: str, episodes: int, seed: int, out: Path) -> 
     """
     scores = score(loaded, env_id, episodes, seed)
     write_json(out / "robustness.json", scores)
-    plot(scores, env_id, out / "robustness.png")
+    metrics = {name: find_benchmark(env_id).metrics[name] for name in METRICS}
+    plot(scores, metrics, out / "robustness.png")
     fewer = "".join(
         f" (on {plant} 1/{FEWER[plant]} of that)"
         for _, env_kwargs in loaded
         if (plant := env_kwargs.get("plant")) in FEWER
     )
     return (
-        f"{table(scores, env_id)}\n\n{episodes} episodes of {env_id} under each condition{fewer}, "
+        f"{table(scores, metrics)}\n\n{episodes} episodes of {env_id} under each condition{fewer}, "
         f"commands drawn from its range, seed {seed}; {INTERVALS}. "
         f"Written: {out}/robustness.json, {out}/robustness.png"
     )

@@ -10,7 +10,7 @@ from agents.plots import plot_scores, plot_training
 from agents.training.models import load_policy
 from agents.training.runs import BEST, FINAL, read_evaluations
 from jansen_env.files import write_json
-from jansen_env.scoring.benchmarks import find_task
+from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.metrics import score_table
 from jansen_env.scoring.rollout import make_env
 
@@ -29,36 +29,39 @@ def score_run(folder: Path, config: dict[str, Any], episodes: int) -> Scores:
     """
     model = folder / BEST if (folder / BEST).is_file() else folder / FINAL
     env_id, env_kwargs = config["env"], config.get("env_kwargs", {})
-    task, name = find_task(env_id), label(str(model))
+    benchmark, name = find_benchmark(env_id), label(str(model))
     env = make_env(env_id, env_kwargs)
-    policies = {baseline: load(env.unwrapped) for baseline, load in task.baselines.items()}
+    policies = {baseline: load(env.unwrapped) for baseline, load in benchmark.baselines.items()}
     policies[name] = load_policy(model)
     env.close()
     scores = evaluate(policies, env_id, env_kwargs, episodes=episodes)
     write_json(folder / "scores.json", scores)
-    plot_scores(task, scores, folder / "scores.png")
+    plot_scores(benchmark, scores, folder / "scores.png")
     evaluations = read_evaluations(folder)
     if evaluations:
-        levels = {baseline: _mean_return(scores[baseline]) for baseline in task.baselines}
+        levels = {baseline: _mean_return(scores[baseline]) for baseline in benchmark.baselines}
         plot_training(evaluations, levels, folder / "training.png")
     return scores
 
 
 def outcome(folder: Path, env_id: str, scores: Scores) -> str:
     """What :func:`score_run` found, in words and a Markdown table."""
-    task = find_task(env_id)
-    baseline, run = next(iter(task.baselines)), list(scores)[-1]
-    mark = _mean_return(scores[baseline])
-    lines = [score_table(task.metrics, scores), "brackets: 95 % intervals over episodes, not seeds"]
+    benchmark = find_benchmark(env_id)
+    baseline, run = next(iter(benchmark.baselines)), list(scores)[-1]
+    target = _mean_return(scores[baseline])
+    lines = [
+        score_table(benchmark.metrics, scores),
+        "brackets: 95 % intervals over episodes, not seeds",
+    ]
     rows = read_evaluations(folder)
-    ahead = next((row for row in rows if row["return"] > mark), None)
+    ahead = next((row for row in rows if row["return"] > target), None)
     if ahead is not None and "seconds" in ahead:
         lines.append(
             f"ahead of {baseline} at the evaluation after {ahead['steps']:.0f} steps, "
             f"{ahead['seconds']:.0f} s from the start"
         )
     lines.append(
-        f"return: {_mean_return(scores[run]):.0f} against {mark:.0f} of {baseline}; "
+        f"return: {_mean_return(scores[run]):.0f} against {target:.0f} of {baseline}; "
         f"figures in {folder}"
     )
     return "\n".join(lines)

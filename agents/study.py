@@ -26,7 +26,7 @@ from agents.training.config import ALGORITHMS
 from agents.training.train_model import prepare
 from jansen_env.cores import available_cores
 from jansen_env.files import write_text
-from jansen_env.scoring.benchmarks import DEFAULT, TASKS
+from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT
 
 FLAGS = ("seeds", "envs", "algos", "timesteps", "n_envs", "env_kwargs", "config", "eval_freq",
          "save_freq", "eval_episodes")  # fmt: skip
@@ -39,7 +39,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add, count, steps = parser.add_argument, positive_int, non_negative_int
     add("study", nargs="?", metavar="FILE", help="the study as YAML, in place of flags")
     add("--seeds", type=count, help="runs of each kind, with seeds from 0; default: 10")
-    add("--env", dest="envs", nargs="+", choices=sorted(TASKS),
+    add("--env", dest="envs", nargs="+", choices=sorted(BENCHMARKS),
         help=f"environment ids; default: {DEFAULT}")  # fmt: skip
     add("--algo", dest="algos", nargs="+", choices=sorted(ALGORITHMS),
         help="algorithms; default: ppo")  # fmt: skip

@@ -19,7 +19,7 @@ from tqdm import tqdm
 import jansen_env
 from agents.command_line import non_negative_int, positive_int
 from agents.tuning import profile_search
-from agents.tuning.trials import Outcome
+from agents.tuning.batched_rollout import Outcome
 from jansen_env.baselines import profile
 from jansen_env.baselines.pid import PID
 from jansen_env.baselines.policy import Array, Policy
@@ -35,7 +35,7 @@ from jansen_env.baselines.walker_baselines import (
 )
 from jansen_env.files import write_json
 from jansen_env.robot import ROBOTS
-from jansen_env.scoring.benchmarks import TASKS
+from jansen_env.scoring.benchmarks import BENCHMARKS
 from jansen_env.scoring.rollout import make_env, run_episodes
 
 ENV = "JansenWalker-v0"
@@ -85,7 +85,7 @@ def measure_pid(episodes: int, env_id: str) -> dict[str, Any]:
 
     Best is the mean return at the commands that policies are scored at, on other starts.
     """
-    env, commands = make_env(env_id, {}).unwrapped, np.repeat(TASKS[env_id].commands, episodes)
+    env, commands = make_env(env_id, {}).unwrapped, np.repeat(BENCHMARKS[env_id].commands, episodes)
     seeds = FIRST_SEED + episodes + np.arange(len(commands)) % episodes
     best, found = -np.inf, {}
     for gains in (PAPER,) if env_id == ENV else tqdm(GAINS, desc="gains", unit="PID"):
@@ -173,10 +173,10 @@ def main(arguments: list[str] | None = None) -> None:
     args = parser.parse_args(arguments)
     if not 0.0 < args.effort <= 100.0:
         parser.error(f"--effort is {args.effort}, must be above 0 and at most 100")
-    names = args.baselines or list(TASKS[args.env].baselines)
+    names = args.baselines or list(BENCHMARKS[args.env].baselines)
     for name in names:
-        if name not in TASKS[args.env].baselines:
-            known = list(TASKS[args.env].baselines)
+        if name not in BENCHMARKS[args.env].baselines:
+            known = list(BENCHMARKS[args.env].baselines)
             parser.error(f"baseline is {name!r}, must be one of {known} for {args.env}")
     maps = [name for name in SETTINGS if name in names]
     if maps:

@@ -42,12 +42,10 @@ def load_sb3_file(path: str | Path) -> BaseAlgorithm:
 def to_sb3(packed: PretrainedPolicy) -> BaseAlgorithm:
     """Return a policy as the model that it was trained as, on the environments of its training.
 
-    Networks are the trained ones, the critic's too; the optimiser starts anew.
+    Networks are the trained ones, the critic's too; the optimiser starts again.
 
     Raises:
-        ValueError: its configuration is not allowed (see
-        :func:`agents.training.config.check_config`), or
-            describes other networks.
+        ValueError: as of :func:`training_config`, or the configuration describes other networks.
     """
     model = prepare(training_config(packed))
     _fill(model.policy, packed)
@@ -58,9 +56,7 @@ def to_policy(packed: PretrainedPolicy) -> Policy:
     """Return a policy as the one in PyTorch that it was packed of.
 
     Raises:
-        ValueError: its configuration is not allowed (see
-        :func:`agents.training.config.check_config`), or
-            describes other networks.
+        ValueError: as of :func:`to_sb3`.
     """
     try:
         policy: Policy = untrained_policy(training_config(packed))
@@ -75,8 +71,7 @@ def training_config(packed: PretrainedPolicy) -> dict[str, Any]:
 
     Raises:
         ValueError: it is not allowed (see :func:`agents.training.config.check_config`), or of
-        another
-            environment than the policy.
+            another environment than the policy.
     """
     training = packed.description.get("training")
     config: Any = training.get("config") if isinstance(training, dict) else None

@@ -15,6 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 from jansen_env.baselines.policy import Policy
 from jansen_env.files import write_whole
 from jansen_env.rendering import GROUND_TEXT, SLIP
+from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import make_env
 
 FRAME_TIME = {".gif": 0.06, ".mp4": 0.02}  # s from one frame to the next
@@ -46,12 +47,12 @@ class Progress(NamedTuple):
 
 
 def play(policy: Policy, env: Any, command: float, seed: int) -> Iterator[Progress]:
-    """An episode at a commanded speed, its start and each step in turn.
+    """Play an episode with a command; yield its start and each step.
 
     Args:
         policy: acts deterministically. env: of one robot. seed: of its start.
     """
-    observation, _ = env.reset(seed=seed, options={"speed_command": command})
+    observation, _ = env.reset(seed=seed, options={find_benchmark(env.spec.id).option: command})
     moment, state, truncated = Progress(0, 0.0, False), None, False
     yield moment
     while not (moment.failed or truncated):
@@ -113,7 +114,7 @@ def steps_per_frame(path: str | Path, env: Any) -> int:
 
 def record_video(policy: Policy, env_id: str, env_kwargs: dict[str, Any], command: float, seed: int,
                  path: str | Path, seconds: float = 6.0) -> None:  # fmt: skip
-    """A video of one episode at a commanded speed, to a .gif or .mp4 file."""
+    """Write a video of one episode with a command, to a .gif or .mp4 file."""
     env: Any = make_env(env_id, env_kwargs, render_mode="rgb_array")
     dt, every = env.unwrapped.control_dt, steps_per_frame(path, env)
     steps = zip(range(round(seconds / dt)), play(policy, env, command, seed), strict=False)

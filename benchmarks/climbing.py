@@ -15,7 +15,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from agents.tuning.trials import DURATION, Trials
+from agents.tuning.batched_rollout import DURATION, BatchedRollout
 from benchmarks import measure
 from benchmarks.profile_scores import load
 from jansen_env import Terrain
@@ -93,10 +93,10 @@ def walk(policy: Policy, cases: Sequence[Case]) -> Walked:
     parts = []
     for begin in range(0, len(cases), AT_ONCE):
         some = cases[begin : begin + AT_ONCE]
-        trials = Trials(np.full(len(some), FRICTION), [case.terrain for case in some])
+        rollout = BatchedRollout(np.full(len(some), FRICTION), [case.terrain for case in some])
         commands = np.array([case.command for case in some])
-        out = trials.run(policy, commands, np.array([case.seed for case in some]))
-        trials.close()
+        out = rollout.run(policy, commands, np.array([case.seed for case in some]))
+        rollout.close()
         enough = out.distance >= ENOUGH * DURATION * commands
         parts.append(Walked(~out.fell, ~out.fell & enough))
     return Walked(*map(np.concatenate, zip(*parts, strict=True)))

@@ -18,7 +18,7 @@ from gymnasium.vector import AutoresetMode
 from scipy.stats import binomtest
 
 from agents.evaluate import label, load_named
-from agents.tuning.trials import ENV, Outcome, Trials
+from agents.tuning.batched_rollout import ENV, BatchedRollout, Outcome
 from benchmarks import measure
 from jansen_env.baselines.policy import Array, Policy
 from jansen_env.scoring.rollout import make_env
@@ -53,9 +53,9 @@ def episodes(
     policy: Policy, commands: Array, friction: float = FRICTION, first: int = FIRST_SEED
 ) -> Outcome:
     """An episode for each command (n,), m/s, on starts that no search has seen."""
-    trials = Trials(np.full(len(commands), friction))
-    out = trials.run(policy, commands, first + np.arange(len(commands)))
-    trials.close()
+    rollout = BatchedRollout(np.full(len(commands), friction))
+    out = rollout.run(policy, commands, first + np.arange(len(commands)))
+    rollout.close()
     return out
 
 

@@ -24,7 +24,7 @@ from ray.rllib.algorithms.ppo import PPOConfig
 from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 
 from agents.evaluate import evaluate
-from jansen_env.scoring.benchmarks import find_task
+from jansen_env.scoring.benchmarks import find_benchmark
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 add = parser.add_argument
@@ -108,7 +108,7 @@ def predict(observation, state=None, episode_start=None, deterministic=True):
     return mean.numpy(), state
 
 
-pid = find_task(args.env).baselines["pid"](gym.make(args.env).unwrapped)
+pid = find_benchmark(args.env).baselines["pid"](gym.make(args.env).unwrapped)
 policies = {"ppo": SimpleNamespace(predict=predict), "pid": pid}
 scores = evaluate(policies, args.env, {}, episodes=10)
 print(*(f"{name}: return {s['overall']['return'][0]:.0f}" for name, s in scores.items()), sep=", ")

@@ -32,7 +32,7 @@ def make_vec_env(
     """``num_envs`` environments for Stable-Baselines3, simulated together where that is possible.
 
     Args:
-        env_id: one of :data:`jansen_env.scoring.benchmarks.TASKS`.
+        env_id: one of :data:`jansen_env.scoring.benchmarks.BENCHMARKS`.
         env_kwargs: arguments of all of them.
         variants: further ones; environment i takes number i, counted around.
         info_keys: as of :class:`BatchVecEnv`; single environments give all of their information.

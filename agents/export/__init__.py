@@ -19,7 +19,7 @@ from agents.unpack import to_policy
 from jansen_env.files import write_bytes
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import PretrainedPolicy
-from jansen_env.scoring.benchmarks import DEFAULT, find_task
+from jansen_env.scoring.benchmarks import DEFAULT, find_benchmark
 from jansen_env.scoring.rollout import make_env
 
 KINDS = ("onnx", "c")
@@ -76,7 +76,7 @@ def export(
     name = c_source.check_name(default if name is None else name)
     env = make_env(policy.env_id, policy.env_kwargs)
     policy.on(env)
-    baselines = find_task(policy.env_id).baselines
+    baselines = find_benchmark(policy.env_id).baselines
     policies: dict[str, Any] = {key: load(env.unwrapped) for key, load in baselines.items()}
     env.close()
     cases = agreement.make_cases(policy, CASES)

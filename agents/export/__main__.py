@@ -12,7 +12,7 @@ import torch
 from agents.command_line import non_negative_int, positive_int
 from agents.export import CASES, KINDS, __doc__, export
 from agents.export.onnx_model import NEEDED
-from jansen_env.scoring.benchmarks import DEFAULT, TASKS
+from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -23,7 +23,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         "a policy's json file, 'pretrained' or 'pretrained:NAME'")  # fmt: skip
     add("--to", action="append", required=True, choices=KINDS,
         help="what to write; given again, several of them")  # fmt: skip
-    add("--env", choices=sorted(TASKS), help=f"of 'pretrained'; default: {DEFAULT}")
+    add("--env", choices=sorted(BENCHMARKS), help=f"of 'pretrained'; default: {DEFAULT}")
     add("--out", default="exports", metavar="DIR", help="folder of the files; default: exports")
     add("--name", help="of the files and of functions in C; default: such as jansen_walker_v0_ppo")
     add("--episodes", type=positive_int, default=10,

@@ -23,7 +23,7 @@ from jansen_env.policies.environment import arguments_of
 from jansen_env.policies.network import Normalized
 from jansen_env.policies.pretrained import PretrainedPolicy, checksum
 from jansen_env.robot.kinematics import advance_per_turn
-from jansen_env.scoring.benchmarks import find_task
+from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.metrics import INTERVALS, score_table
 from jansen_env.scoring.rollout import make_env
 
@@ -53,7 +53,7 @@ def card(policy: PretrainedPolicy, files: dict[str, bytes], told: dict[str, Any]
     """
     env: Any = make_env(policy.env_id, policy.env_kwargs).unwrapped
     documents = [inspect.cleandoc(kind.__doc__ or "") for kind in type(env).__mro__]
-    task, training = find_task(policy.env_id), policy.description["training"]
+    benchmark, training = find_benchmark(policy.env_id), policy.description["training"]
     numbers = [float(f"{x:.4g}") for x in told["observation"].tolist()]
     commands = training.get("command")
     own = {
@@ -83,11 +83,11 @@ def card(policy: PretrainedPolicy, files: dict[str, bytes], told: dict[str, Any]
         "versions": json.dumps(policy.description.get("versions")),
         "config": json.dumps(training["config"], indent=1),
         "intervals": INTERVALS,
-        "scores": score_table(task.metrics, told["scores"]),
+        "scores": score_table(benchmark.metrics, told["scores"]),
         "evaluation": _evaluation(policy, told),
         "licence": " ".join(metadata("jansen-env").get_all("License-Expression") or ["unknown"]),
     }
-    values = {**told, **facts(env), **own, "policy": policy, "task": task}
+    values = {**told, **facts(env), **own, "policy": policy, "benchmark": benchmark}
     env.close()
     return render("card.md.in", {"code": code, "block": block}, **values)
 

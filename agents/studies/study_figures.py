@@ -5,14 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from agents.plots import save
 from agents.studies.seed_statistics import performance_profile
-from jansen_env.files import write_whole
 
 LEVELS = 201  # of the performance profile
 BASELINE = {"color": "0.35", "linewidth": 1.0}
@@ -64,7 +61,7 @@ def _plot(env_id: str, groups: dict[str, Any], path: Path) -> Path:
     figure.legend(handles, labels, loc="outside lower center", frameon=False,
                   ncols=min(len(labels), 4))  # fmt: skip
     figure.suptitle(f"{env_id}: intervals are 95 %, over runs", fontsize=12)
-    return _save(figure, path)
+    return save(figure, path)
 
 
 def _learning_curves(axis: Any, groups: dict[str, Any], colours: dict[str, Any]) -> None:
@@ -105,10 +102,11 @@ def _scores(axis: Any, groups: dict[str, Any], colours: dict[str, Any]) -> None:
 def _profile(
     axis: Any, groups: dict[str, Any], baselines: dict[str, Any], colours: dict[str, Any]
 ) -> None:
-    marks = [score["return"] for score in baselines.values()]
-    marks += [value for group in groups.values() for value in group["returns"]]
-    margin = 0.05 * (max(marks) - min(marks)) or 1.0
-    levels = np.linspace(min(marks) - margin, max(marks) + margin, LEVELS)
+    returns = [score["return"] for score in baselines.values()]
+    returns += [value for group in groups.values() for value in group["returns"]]
+    low, high = min(returns), max(returns)
+    margin = 0.05 * (high - low) or 1.0
+    levels = np.linspace(low - margin, high + margin, LEVELS)
     for name, group in groups.items():
         fraction, low, high = performance_profile(group["returns"], levels)
         axis.plot(levels, fraction, color=colours[name], label=_short([name])[0])
@@ -140,9 +138,3 @@ def _improvement(
 def _short(names: list[str]) -> list[str]:
     """Groups' names without the environment, which the figure's title has."""
     return [name.split("_", 1)[-1] for name in names]
-
-
-def _save(figure: Any, path: Path) -> Path:
-    written = write_whole(path, lambda name: figure.savefig(name, dpi=120))
-    plt.close(figure)
-    return written

@@ -14,7 +14,7 @@ from agents.studies.plan import Study
 from agents.studies.study_figures import plot_study
 from agents.studies.study_scores import Row, analyse, collect
 from jansen_env.files import write_json, write_text
-from jansen_env.scoring.benchmarks import find_task
+from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.metrics import tabled
 
 NOTES = """\
@@ -86,7 +86,7 @@ def study_table(found: dict[str, Any]) -> str:
 
 def metrics_table(found: dict[str, Any], env_id: str) -> str:
     """Return a Markdown table: the means of all metrics of each group and of the baselines."""
-    metrics = tabled(find_task(env_id).metrics)
+    metrics = tabled(find_benchmark(env_id).metrics)
     groups = [
         (name, group)
         for name, group in found["groups"].items()
@@ -122,9 +122,9 @@ def _details(found: dict[str, Any]) -> Iterator[str]:
         for name, group in found["groups"].items():
             if group["env"] == env_id and group["by_command"].get("columns"):
                 yield f"### {name}"
-                yield (f"At each commanded speed ({find_task(env_id).command_unit}) the mean over "
-                       f"the {group['finished']} seeds and, in brackets, the worst seed's; less is "
-                       "better in each column.")  # fmt: skip
+                yield (f"At each command ({find_benchmark(env_id).command_unit}) the mean "
+                       f"over the {group['finished']} seeds and, in brackets, the worst seed's; "
+                       "less is better in each column.")  # fmt: skip
                 yield command_table(group["by_command"])
 
 

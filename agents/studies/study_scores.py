@@ -23,7 +23,7 @@ from agents.studies.seed_statistics import (
     resampled,
 )
 from agents.training.runs import read_evaluations
-from jansen_env.scoring.benchmarks import Task, find_task
+from jansen_env.scoring.benchmarks import Benchmark, find_benchmark
 from jansen_env.scoring.metrics import tabled
 
 Row = dict[str, Any]
@@ -104,7 +104,7 @@ def _analyse(env_id: str, rows: list[Row]) -> dict[str, Any]:
     known = finished[0]["scores"] if finished else {"run": {}}
     runs = {name: [row["scores"]["run"][name] for row in finished] for name in known["run"]}
     baselines = {}
-    for name in filter(known.__contains__, find_task(env_id).baselines):
+    for name in filter(known.__contains__, find_benchmark(env_id).baselines):
         target = known[name]["return"]  # on the same episodes for all runs
         ahead = [row["ahead"][name] for row in finished]
         baselines[name] = {
@@ -123,12 +123,12 @@ def _analyse(env_id: str, rows: list[Row]) -> dict[str, Any]:
         "worst": worst and {"return": min(returns), "seed": worst["seed"]},
         "metrics": {name: listed(mean_with_interval(_numbers(v))) for name, v in runs.items()},
         "baselines": baselines,
-        "by_command": over_seeds(find_task(env_id), finished),
+        "by_command": over_seeds(find_benchmark(env_id), finished),
         "curve": _curve([row["evaluations"] for row in finished if row["evaluations"]]),
     }
 
 
-def over_seeds(task: Task, rows: Sequence[Row]) -> dict[str, Any]:
+def over_seeds(benchmark: Benchmark, rows: Sequence[Row]) -> dict[str, Any]:
     """Return mean and worst seed of finished runs at each command, of metrics where less is better.
 
     Args:
@@ -142,8 +142,8 @@ def over_seeds(task: Task, rows: Sequence[Row]) -> dict[str, Any]:
     if not rows:
         return {}
     first, columns = rows[0]["by_command"]["run"], {}
-    for name, metric in tabled(task.metrics).items():
-        if metric.axis and name not in ("return", task.chosen_by) and name in first:
+    for name, metric in tabled(benchmark.metrics).items():
+        if metric.axis and name not in ("return", benchmark.chosen_by) and name in first:
             values = np.stack([_numbers(row["by_command"]["run"][name]["value"]) for row in rows])
             columns[metric.heading] = {
                 "mean": listed(values.mean(axis=0)),

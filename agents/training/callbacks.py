@@ -33,11 +33,11 @@ from agents.training.runs import (
 )
 from agents.training.training_state import read_state
 from jansen_env.files import write_json
-from jansen_env.scoring.benchmarks import find_task
+from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.metrics import point_estimates
 from jansen_env.scoring.rollout import make_env, run_episodes
 
-EPISODES = 16  # per command, of each evaluation, times the task's variety
+EPISODES = 16  # per command, of each evaluation, times the benchmark's variety
 SELECTION_SEED = 30_000  # of the episodes that choose the best model, apart from all others
 
 
@@ -52,8 +52,7 @@ class Saver(BaseCallback):
     Args:
         folder: the run's. save_every, eval_every: environment steps; 0 for never.
         env_id, env_kwargs: of the evaluation. done: steps trained before this run began.
-        seconds: training time of these steps, 0 for the last evaluation's. stop: when to save and
-            end before the time.
+        seconds: training time of these steps. stop: when to save and end before the time.
 
     Attributes:
         ended: whether training ended on a signal. last: file saved last, None before the first.
@@ -75,8 +74,8 @@ class Saver(BaseCallback):
         self.env_id, self.env_kwargs = env_id, env_kwargs
         self.stop, self.ended = stop, False
         self.last: Path | None = None
-        self.task = find_task(env_id)
-        self.commands = np.repeat(self.task.commands, EPISODES * self.task.variety)
+        self.benchmark = find_benchmark(env_id)
+        self.commands = np.repeat(self.benchmark.commands, EPISODES * self.benchmark.variety)
         # After a kill the last evaluations may be of steps that are now trained again. The best
         # model may be of one of them, so what is to beat is not the history's but the file's.
         before = read_evaluations(folder) if done else []  # else the run begins again
@@ -86,8 +85,7 @@ class Saver(BaseCallback):
         self._next_save, self._next_eval = (
             (done // every + 1) * every if every else 0 for every in (save_every, eval_every)
         )
-        trained = seconds or (self.history[-1].get("seconds", 0.0) if self.history else 0.0)
-        self._begun = time.perf_counter() - trained
+        self._begun = time.perf_counter() - seconds
         self._replay_buffer = find_replay_buffer(folder, done)  # of the last complete checkpoint
 
     def _on_rollout_start(self) -> None:
@@ -128,7 +126,7 @@ class Saver(BaseCallback):
             self._replay_buffer = file
 
     def _seconds(self) -> float:
-        """For which the run was trained."""
+        """Return the training time so far, s."""
         return round(time.perf_counter() - self._begun, 1)
 
     def evaluate(self) -> None:
@@ -137,8 +135,8 @@ class Saver(BaseCallback):
         self.model.policy.set_training_mode(False)
         run = run_episodes(self.model.policy, self.env_id, self.env_kwargs, self.commands, seeds)
         env = make_env(self.env_id, self.env_kwargs)
-        scored = point_estimates(self.task.metrics, run, env)
-        scored["score"] = scored[self.task.chosen_by] or 0.0
+        scored = point_estimates(self.benchmark.metrics, run, env)
+        scored["score"] = scored[self.benchmark.chosen_by] or 0.0
         env.close()
         for name, value in scored.items():
             self.logger.record(f"eval/{name}", value)

@@ -16,7 +16,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from agents.command_line import MAX_STEPS
 from agents.plain_yaml import read_yaml
 from jansen_env.checks import shown
-from jansen_env.scoring.benchmarks import DEFAULT, TASKS, check_env_kwargs
+from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT, check_env_kwargs
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
 CONFIGS = Path(__file__).parents[1] / "configs"
@@ -70,7 +70,7 @@ KEYS = {
     "hyperparameters": Rule((dict,)),
     "policy_kwargs": Rule((dict,)),
     "algo": Rule(words=tuple(ALGORITHMS)),
-    "env": Rule(words=tuple(TASKS)),
+    "env": Rule(words=tuple(BENCHMARKS)),
     "seed": Rule((int,), 0, 2**32 - 1),
 }
 TO_TRAIN = ("policy", "timesteps", "n_envs", "hyperparameters")

@@ -71,30 +71,28 @@ def read_model(path: str | Path, members: Collection[str] = MEMBERS) -> tuple[di
 
 
 def read_notes(path: str | Path) -> dict[str, Any]:
-    """What :func:`agents.training.models.save_model` has noted in a model's file; empty where it
-    has not.
+    """Return what :func:`agents.training.models.save_model` has noted; {} where it has not.
 
     Raises:
         ValueError: no such file, or it is damaged or too large.
     """
-    return _read_json(path, NOTES, MAX_TEXT) or {}
+    return _read_json(path, NOTES, MAX_TEXT, needed=False)
 
 
-def read_training_state(path: str | Path) -> dict[str, Any] | None:
-    """The training state in a model's file, see :mod:`agents.training.training_state`; None without
-    one.
+def read_training_state(path: str | Path) -> dict[str, Any]:
+    """Return the training state in a model's file, see :mod:`agents.training.training_state`.
 
     Raises:
-        ValueError: no such file, or it is damaged or too large.
+        ValueError: no such file, or it has no state, or is damaged or too large.
     """
     return _read_json(path, STATE, MAX_STATE)
 
 
-def _read_json(path: str | Path, name: str, limit: int) -> dict[str, Any] | None:
-    """A dictionary that is a member of a model's file; None where there is no such member."""
+def _read_json(path: str | Path, name: str, limit: int, needed: bool = True) -> dict[str, Any]:
+    """Return a dictionary that is a member of a model's file; {} where none is needed."""
     with _opened(path) as archive:
-        if name not in archive.namelist():
-            return None
+        if not needed and name not in archive.namelist():
+            return {}
         value = parse_json(_unzip(archive, name, limit))
         instance(name, value, dict)
     return dict(value)

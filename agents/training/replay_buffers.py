@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -31,20 +33,16 @@ def load_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
     Raises:
         ValueError: not such a file, or one of a buffer of another size or other environments.
     """
-    check_replay_file(path)
-    try:
-        with open_regular(path) as file, zipfile.ZipFile(file) as archive:
-            pos = int(_read_array(archive, "pos", (), np.dtype(np.int64)))
-            full = bool(_read_array(archive, "full", (), np.dtype(bool)))
-            if not 0 <= pos < buffer.buffer_size:
-                raise ValueError(f"pos is {pos}, must be in [0, {buffer.buffer_size})")
-            used = _used(buffer, pos, full)
-            arrays = {}
-            for name in ARRAYS:
-                own = getattr(buffer, name)
-                arrays[name] = _read_array(archive, name, (used, *own.shape[1:]), own.dtype)
-    except Exception as error:  # of a damaged file zipfile and NumPy raise nearly every kind
-        raise ValueError(f"{path} is no replay buffer: {_reason(error)}") from error
+    with _opened(path) as archive:
+        pos = int(_read_array(archive, "pos", (), np.dtype(np.int64)))
+        full = bool(_read_array(archive, "full", (), np.dtype(bool)))
+        if not 0 <= pos < buffer.buffer_size:
+            raise ValueError(f"pos is {pos}, must be in [0, {buffer.buffer_size})")
+        used = _used(buffer, pos, full)
+        arrays = {}
+        for name in ARRAYS:
+            own = getattr(buffer, name)
+            arrays[name] = _read_array(archive, name, (used, *own.shape[1:]), own.dtype)
     for name, array in arrays.items():
         getattr(buffer, name)[:used] = array
     buffer.pos, buffer.full = pos, full
@@ -75,6 +73,13 @@ def check_replay_file(path: Path) -> None:
     Raises:
         ValueError: it is not.
     """
+    with _opened(path):
+        pass
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
+    """Open a whole file; anything wrong in it or in reading it is one ValueError that names it."""
     try:
         with open_regular(path) as file, zipfile.ZipFile(file) as archive:
             members = archive.infolist()
@@ -86,13 +91,10 @@ def check_replay_file(path: Path) -> None:
                 raise ValueError(f"{packed[0]} is packed, must be stored")
             if (damaged := archive.testzip()) is not None:
                 raise ValueError(f"{damaged} is damaged")
-    except Exception as error:  # of a damaged file zipfile raises nearly every kind there is
-        raise ValueError(f"{path} is no replay buffer: {_reason(error)}") from error
-
-
-def _reason(error: Exception) -> str:
-    """What an error says, on one line."""
-    return " ".join(str(error).split()) or type(error).__name__
+            yield archive
+    except Exception as error:  # of a damaged file zipfile and NumPy raise nearly every kind
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise ValueError(f"{path} is no replay buffer: {reason}") from error
 
 
 def _used(buffer: ReplayBuffer, pos: int, full: bool) -> int:

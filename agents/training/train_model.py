@@ -73,11 +73,10 @@ def prepare(config: dict[str, Any], resume: Path | None = None) -> BaseAlgorithm
         if isinstance(model, OffPolicyAlgorithm):
             _refill(model, find_config(resume).parent)
         _noted(resume)  # or what is wrong with it would show too late
-        venv.seed(config["seed"] + model.num_timesteps)
-        state = read_training_state(resume)
-        if state is not None:
-            restore_state(model, state)
-        _say_how_exact(config, state is not None)
+        restore_state(model, read_training_state(resume))
+        if config.get("env_kwargs", {}).get("plant") == "rigid_body":
+            print("plant='rigid_body': what pymunk's solver had cached is lost, so the run goes on "
+                  "nearly, but not exactly, as it would have")  # fmt: skip
     return model
 
 
@@ -93,27 +92,16 @@ def _refill(model: OffPolicyAlgorithm, folder: Path) -> None:
           f"{model.learning_starts}")  # fmt: skip
 
 
-def _noted(path: Path) -> tuple[dict[str, int] | None, float]:
-    """What is noted with a model: sizes of the monitors, None if unknown, and seconds trained.
+def _noted(path: Path) -> tuple[dict[str, int], float]:
+    """Return what is noted with a model: sizes of the monitors, and seconds trained.
 
     Raises:
         ValueError: something else.
     """
     notes = read_notes(path)
-    seconds = non_negative(f"seconds in {path}", notes.get("seconds", 0.0))
-    if "monitor" not in notes:
-        return None, seconds
-    instance(f"monitor in {path}", notes["monitor"], dict)
+    seconds = non_negative(f"seconds in {path}", notes.get("seconds"))
+    instance(f"monitor in {path}", notes.get("monitor"), dict)
     return {k: whole_number(f"{k} in {path}", v) for k, v in notes["monitor"].items()}, seconds
-
-
-def _say_how_exact(config: dict[str, Any], has_state: bool) -> None:
-    """Say so where what goes on is not the run that was interrupted."""
-    if not has_state:
-        print("a checkpoint of an earlier version: episodes begin again, with other random numbers")
-    elif config.get("env_kwargs", {}).get("plant") == "rigid_body":
-        print("plant='rigid_body': what pymunk's solver had cached is lost, so the run goes on "
-              "nearly, but not exactly, as it would have")  # fmt: skip
 
 
 def train(
@@ -152,16 +140,14 @@ def train(
         done=model.num_timesteps, seconds=seconds, stop=stop,
     )  # fmt: skip
     saver.init_callback(model)
-    if monitor_sizes is not None:
-        rewind_monitors(folder, monitor_sizes)
+    rewind_monitors(folder, monitor_sizes)
     monitor: Any = unwrap_vec_wrapper(venv, VecMonitor)  # from now on it writes each episode
     header = {"t_start": monitor.t_start, "env_id": config["env"]}
     monitor.results_writer = ResultsWriter(str(next_monitor(folder)), header)
     model.tensorboard_log = tensorboard
     callbacks: list[BaseCallback] = [NormalizerUpdate(), saver, *more_callbacks]
-    state = None if resume is None else read_training_state(resume)
-    if state is not None:
-        callbacks.insert(0, GeneratorsRestored(state))
+    if resume is not None:
+        callbacks.insert(0, GeneratorsRestored(read_training_state(resume)))
     if progress:
         callbacks.append(ProgressBarCallback())
     try:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import cma
 import numpy as np
 
-from agents.tuning.trials import ENV, Outcome, Trials
+from agents.tuning.batched_rollout import ENV, BatchedRollout, Outcome
 from jansen_env.baselines.columns import columns
 from jansen_env.baselines.policy import Array, TorquePolicy
 from jansen_env.baselines.profile import READ, Profile, profile_torque
@@ -111,7 +111,7 @@ def improve(
     held[place] = 0.0
     rest = Profile(np.array(knots), held)
     search = make_search(found[command], sweep, rng)
-    trials = Trials(np.tile(np.linspace(*FRICTION, n), m), env_id=env_id)
+    rollout = BatchedRollout(np.tile(np.linspace(*FRICTION, n), m), env_id=env_id)
     for _ in range(sweep.generations):
         # Commands and starts are stratified, each in an order of its own.
         orders = np.array([rng.permutation(n), rng.permutation(n)])
@@ -120,12 +120,12 @@ def improve(
         weight = np.interp(commands, knots, np.eye(len(knots))[place])[:, None]
         asked = search.ask()
         numbers = rest.at(commands) + weight * decode(asked)[:, None]
-        policy = profiles(numbers.reshape(m * n, -1), trials.envs)
+        policy = profiles(numbers.reshape(m * n, -1), rollout.envs)
         seeds = rng.integers(2**31) + np.arange(n)
-        out = trials.run(policy, *(np.tile(each, m) for each in (commands, seeds, angles)))
+        out = rollout.run(policy, *(np.tile(each, m) for each in (commands, seeds, angles)))
         search.tell(asked, -worth(out).reshape(m, n).mean(axis=1))
         progress(out)
-    trials.close()
+    rollout.close()
     return decode(search.result.xfavorite)
 
 

@@ -1,4 +1,4 @@
-"""The tasks by environment id: commands, what is kept and scored of an episode, the baselines."""
+"""The benchmarks by environment id: commands, metrics and baselines."""
 
 from __future__ import annotations
 
@@ -12,20 +12,22 @@ import numpy as np
 from gymnasium.envs.registration import load_env_creator
 
 from jansen_env.baselines import crank_baselines, walker_baselines
+from jansen_env.baselines.goal_pid import GoalPid
 from jansen_env.baselines.policy import Policy
 from jansen_env.checks import positive_integer
 from jansen_env.scoring.metrics import SETTLING, Aggregate, Array, Episodes, Metric
 from jansen_env.tasks.crank import LOST
+from jansen_env.tasks.goal import FARTHEST
 
 ENOUGH = 0.8  # of the commanded distance
 
 
 @dataclass(frozen=True)
-class Task:
+class Benchmark:
     """How policies are scored on an environment.
 
     Attributes:
-        commands: the grid of ``speed_command`` on which policies are scored.
+        commands: the grid on which policies are scored.
         command_unit: its unit.
         aggregates: what is kept of each episode, by name.
         metrics: by name; the first is "return".
@@ -33,6 +35,8 @@ class Task:
             unwrapped environment.
         chosen_by: the metric by which the best model of a run is chosen.
         variety: how many times as many episodes that takes as where nothing but the start differs.
+        option: of a reset, that takes the command.
+        drawn: range of the commands of a reset; None for the environment's ``speed_command``.
     """
 
     commands: tuple[float, ...]
@@ -42,6 +46,13 @@ class Task:
     baselines: dict[str, Callable[[Any], Policy]]
     chosen_by: str = "return"
     variety: int = 1
+    option: str = "speed_command"
+    drawn: tuple[float, float] | None = None
+
+    @property
+    def middle(self) -> float:
+        """The command in the middle of the grid."""
+        return self.commands[(len(self.commands) - 1) // 2]
 
 
 def _mean(name: str) -> Callable[[Episodes, Any], Array]:
@@ -76,7 +87,7 @@ def _per_step(name: str) -> Callable[[Episodes, Any], Array]:
 
 def _per_weight(name: str) -> Callable[[Episodes, Any], Array]:
     """Work / weight, m."""
-    return lambda run, env: np.asarray(run[name] / env.unwrapped.weight)
+    return lambda run, env: np.asarray(run[name] / env.unwrapped.task.world.weight[0])
 
 
 def _start_slip(run: Episodes, env: Any) -> Array:
@@ -86,7 +97,7 @@ def _start_slip(run: Episodes, env: Any) -> Array:
 
 def _start_work(run: Episodes, env: Any) -> Array:
     """Work within :data:`SETTLING` / weight, m."""
-    return np.asarray((run["work"] - run["steady_work"]) / env.unwrapped.weight)
+    return np.asarray((run["work"] - run["steady_work"]) / env.unwrapped.task.world.weight[0])
 
 
 def _start_lag(run: Episodes, env: Any) -> Array:
@@ -105,12 +116,18 @@ def _distance(run: Episodes, env: Any) -> Array:
     return np.maximum(np.sign(run["command"]) * run["distance"], 0.0)
 
 
+def _time_to_success(run: Episodes, env: Any) -> Array:
+    """Return s; of an episode without success its time limit."""
+    steps = np.where(run["success"], run["steps"], env.spec.max_episode_steps)
+    return np.asarray(steps * env.unwrapped.control_dt)
+
+
 TORQUE = {
     "peak_torque": Aggregate("peak", lambda info: info["crank_torque"]),
     "rms_torque": Aggregate("rms", lambda info: info["crank_torque"]),
 }
 
-WALKER = Task(
+WALKER = Benchmark(
     commands=(0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8),
     command_unit="m/s",
     aggregates={
@@ -179,7 +196,7 @@ WORLD = replace(
     variety=4,
 )
 
-CRANK = Task(
+CRANK = Benchmark(
     commands=(1.0,),
     command_unit="rad/s",
     aggregates={
@@ -202,26 +219,52 @@ CRANK = Task(
     baselines=crank_baselines.BASELINES,
 )
 
-TASKS: dict[str, Task] = {
+GOAL = Benchmark(
+    commands=(-2.5, -1.5, -0.5, 0.5, 1.5, 2.5),
+    command_unit="m",
+    aggregates={
+        "success": Aggregate("last", lambda info: info["is_success"]),
+        "steps": Aggregate("sum", lambda info: 1.0 - info["is_success"]),
+        "slip": Aggregate("sum", lambda info: info["slip"].sum(axis=-1)),
+        "work": Aggregate("sum", lambda info: np.abs(info["energy"]["motor_work"])),
+        "fell": Aggregate("last", lambda info: info["fallen"] | info["diverged"]),
+    },
+    metrics={
+        "return": Metric("return", "", _mean("returns")),
+        "success": Metric("success", "fraction", _mean("success"), axis="fraction"),
+        "time": Metric("time to success", "s", _time_to_success),
+        "work": Metric("work / weight", "m", _per_weight("work")),
+        "slip": Metric("slip", "m", _mean("slip")),
+        "falls": Metric("falls", "fraction", _mean("fell"), axis="fraction"),
+    },
+    baselines={"pid": GoalPid},
+    option="goal",
+    drawn=(-FARTHEST, FARTHEST),
+)
+
+BENCHMARKS: dict[str, Benchmark] = {
     "JansenWalker-v0": WALKER,
     "JansenWalkerBuilt-v0": WALKER,
     "JansenWalkerRough-v0": WORLD,
     "JansenWalkerHardcore-v0": WORLD,
     "JansenCrank-v0": CRANK,
+    "JansenGoal-v0": GOAL,
 }
 DEFAULT = "JansenWalkerBuilt-v0"  # of the commands, where no other is named
-WALKERS = [name for name, task in TASKS.items() if "falls" in task.metrics]
+WALKERS = [name for name in BENCHMARKS if name.startswith("JansenWalker")]
 
 
-def find_task(env_id: str) -> Task:
-    """The task of an environment; no other id may reach ``gym.make``, which imports "MODULE:ID".
+def find_benchmark(env_id: str) -> Benchmark:
+    """Return the benchmark of an environment.
+
+    No other id may reach ``gym.make``, which imports "MODULE:ID".
 
     Raises:
-        ValueError: no task is known for this id.
+        ValueError: no benchmark is known for this id.
     """
-    if not isinstance(env_id, str) or env_id not in TASKS:
-        raise ValueError(f"environment id is {env_id!r}, must be one of {sorted(TASKS)}")
-    return TASKS[env_id]
+    if not isinstance(env_id, str) or env_id not in BENCHMARKS:
+        raise ValueError(f"environment id is {env_id!r}, must be one of {sorted(BENCHMARKS)}")
+    return BENCHMARKS[env_id]
 
 
 def can_be_batched(
@@ -248,10 +291,10 @@ def check_env_kwargs(env_id: str, env_kwargs: dict[str, Any]) -> None:
     Gymnasium's own arguments, with which other code could be made to run, are not among them.
 
     Raises:
-        ValueError: no task is known for this id, the environment has no argument of a name,
+        ValueError: no benchmark is known for this id, the environment has no argument of a name,
             ``max_episode_steps`` is no limit, or ``render_mode`` opens windows.
     """
-    find_task(env_id)
+    find_benchmark(env_id)
     entry: Any = gym.spec(env_id).entry_point
     allowed = {*inspect.signature(load_env_creator(entry)).parameters, "max_episode_steps"}
     if env_kwargs.get("render_mode") == "human":

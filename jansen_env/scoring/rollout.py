@@ -11,7 +11,12 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from jansen_env.baselines.policy import Policy
-from jansen_env.scoring.benchmarks import Task, can_be_batched, check_env_kwargs, find_task
+from jansen_env.scoring.benchmarks import (
+    Benchmark,
+    can_be_batched,
+    check_env_kwargs,
+    find_benchmark,
+)
 from jansen_env.scoring.metrics import SETTLING, Array, Episodes
 
 DRAWN_SEED = 20_000  # of episodes with drawn commands: training, tuning and other scores use others
@@ -37,7 +42,7 @@ REDUCTIONS: dict[str, Callable[[Any, Any, Moment], Any]] = {
 
 
 def make_env(env_id: str, env_kwargs: dict[str, Any], **more: Any) -> gym.Env[Any, Any]:
-    """``gym.make`` of one of :data:`jansen_env.scoring.benchmarks.TASKS`.
+    """``gym.make`` of one of :data:`jansen_env.scoring.benchmarks.BENCHMARKS`.
 
     Args:
         env_kwargs: as users give them, which are checked. more: as the program gives them.
@@ -55,7 +60,7 @@ def draw_episodes(env: Any, count: int, seed: int = 0) -> tuple[Array, NDArray[n
     Args:
         env: as ``gym.make`` gives it. seed: of commands and starts.
     """
-    low, high = env.unwrapped.task.speed_command[0]
+    low, high = find_benchmark(env.spec.id).drawn or env.unwrapped.task.speed_command[0]
     commands = np.random.default_rng([DRAWN_SEED, seed]).uniform(low, high, count)
     return commands, DRAWN_SEED + seed * 1_000_000 + np.arange(count)
 
@@ -90,23 +95,24 @@ def run_episodes(
 
     Args:
         policy: acts deterministically.
-        env_id, env_kwargs: of the environment, one of :data:`jansen_env.scoring.benchmarks.TASKS`.
-        commands: (n,) speed commands, in the task's unit. seeds: (n,) of each episode's reset.
+        env_id, env_kwargs: of the environment, one of
+            :data:`jansen_env.scoring.benchmarks.BENCHMARKS`.
+        commands: (n,), in the benchmark's unit. seeds: (n,) of each episode's reset.
         options: more of them for each reset, (n,) by name.
 
     Raises:
-        ValueError: no task is known for ``env_id``.
+        ValueError: no benchmark is known for ``env_id``.
     """
-    task, parts = find_task(env_id), []
-    every: dict[str, NDArray[Any]] = {"speed_command": commands, **(options or {})}
+    benchmark, parts = find_benchmark(env_id), []
+    every: dict[str, NDArray[Any]] = {benchmark.option: commands, **(options or {})}
     for begin in range(0, len(commands), at_once):
         part = slice(begin, begin + at_once)
         envs = make_envs(env_id, env_kwargs, len(commands[part]))
         of_part = {name: values[part] for name, values in every.items()}
-        parts.append(_run_side_by_side(policy, envs, task, of_part, seeds[part]))
+        parts.append(_run_side_by_side(policy, envs, benchmark, of_part, seeds[part]))
         envs.close()
     run = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    for name, aggregate in task.aggregates.items():
+    for name, aggregate in benchmark.aggregates.items():
         if aggregate.reduction == "rms":
             run[name] = np.sqrt(run[name] / np.maximum(run["duration"], 1e-12))
     return run
@@ -115,7 +121,7 @@ def run_episodes(
 def _run_side_by_side(
     policy: Policy,
     envs: Any,
-    task: Task,
+    benchmark: Benchmark,
     options: dict[str, NDArray[Any]],
     seeds: NDArray[np.int64],
 ) -> Episodes:
@@ -134,7 +140,7 @@ def _run_side_by_side(
             "returns": ("sum", rewards),
             "duration": ("sum", np.full(n, dt)),
         }
-        for name, (reduction, function) in task.aggregates.items():
+        for name, (reduction, function) in benchmark.aggregates.items():
             values[name] = (reduction, function(infos))
         for name, (how, value) in values.items():
             before = totals.get(name, np.zeros_like(value))
@@ -142,7 +148,7 @@ def _run_side_by_side(
             totals[name] = np.where(running, REDUCTIONS[how](before, value, at), before)
             last[name] = value
         running &= ~(terminated | truncated)
-    return {"command": options["speed_command"], **totals}
+    return {"command": options[benchmark.option], **totals}
 
 
 def _reset(

@@ -80,7 +80,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Step the environment and record what happens."""
         if self._rows:  # set_parameters may have given another command
-            self._rows["command"][-1] = self._inner.frame().command
+            self._rows["command"][-1] = self._inner.frame().command or 0.0
         results = self.env.step(action)
         observation, reward, terminated, truncated, info = results
         frame = self._inner.frame()
@@ -137,7 +137,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             time=frame.time,
             state=self._inner.get_state()["plant"],
             pose=np.array(frame.q),
-            command=0.0 if frame.command is None else frame.command,
+            command=frame.command or 0.0,
             speed=frame.speed,
             torque=info.get("crank_torque", frame.torque),  # the mean of the step
             weight=getattr(self._inner, "weight", weight),

@@ -225,7 +225,9 @@ def made_episodes(n=40):
 
 TEN_SECONDS = SimpleNamespace(
     spec=SimpleNamespace(max_episode_steps=500),
-    unwrapped=SimpleNamespace(control_dt=0.02, weight=20.0),
+    unwrapped=SimpleNamespace(
+        control_dt=0.02, task=SimpleNamespace(world=SimpleNamespace(weight=[20.0]))
+    ),
 )
 """What the walking metrics read of an environment."""
 
@@ -268,7 +270,9 @@ def test_commands_are_drawn_from_the_range_of_the_environment():
     kwargs = {"max_episode_steps": 5}
     policies = {"pid": load_named("pid", gym.make("JansenWalkerBuilt-v0"))}
     found = [
-        evaluate.evaluate_drawn(policies, "JansenWalkerBuilt-v0", kwargs, 60, seed)["pid"]
+        evaluate.evaluate(policies, "JansenWalkerBuilt-v0", kwargs, None, 60, seed, drawn=True)[
+            "pid"
+        ]
         for seed in (0, 0, 1)
     ]
     assert found[0] == found[1] and found[0]["raw"]["returns"] != found[2]["raw"]["returns"]

@@ -149,9 +149,7 @@ def read_model_files(path, model):
     models.restore(model, tensors)
     model_files.read_notes(path)
     training._noted(path)
-    state = model_files.read_training_state(path)
-    if state is not None:
-        restore_state(model, state)
+    restore_state(model, model_files.read_training_state(path))
 
 
 def model_of(data, rng):

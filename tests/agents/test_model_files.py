@@ -16,11 +16,13 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from small_runs import small_run
 from stable_baselines3 import PPO
 
 import train
 from agents import evaluate
 from agents.training import model_files, models, runs
+from agents.training.train_model import prepare
 from jansen_env.scoring.rollout import make_env
 
 ENV = "JansenCrank-v0"
@@ -346,3 +348,29 @@ def test_damaged_files_end_in_one_kind_of_error(part, folder):
                 load(path)
             except ValueError as error:
                 assert str(path) in str(error) and "\n" not in str(error)
+
+
+def test_only_what_a_model_saves_is_restored():
+    """Not what else a file names, nor what is missing or of another shape."""
+    model = prepare(small_run("sac"))
+    given = {
+        "policy": model.policy.state_dict(),
+        "actor.optimizer": model.actor.optimizer.state_dict(),
+        "critic.optimizer": model.critic.optimizer.state_dict(),
+        "ent_coef_optimizer": model.ent_coef_optimizer.state_dict(),
+        "pytorch_variables": {"log_ent_coef": torch.full((1,), -0.5)},
+    }
+    models.restore(model, given)
+    assert model.log_ent_coef.item() == -0.5 and model.log_ent_coef.requires_grad
+    one = torch.zeros(1)
+    for change, reason in (
+        ({"pytorch_variables": {"log_ent_coef": one, "env": one}}, "has the variables"),
+        ({"pytorch_variables": {}}, "has the variables"),
+        ({"pytorch_variables": {"log_ent_coef": torch.zeros(2)}}, "does not fit"),
+        ({"pytorch_variables": {"log_ent_coef": "0"}}, "does not fit"),
+        ({"logger": {}}, "does not fit"),
+        ({"policy": {}}, "does not fit"),
+        ({"actor.optimizer": {"state": 1}}, "does not fit"),
+    ):
+        with pytest.raises(ValueError, match=f"the saved model {reason}"):
+            models.restore(model, {**given, **change})

@@ -44,7 +44,7 @@ def test_conditions_are_what_they_are_called(few):
         plain[sweep] = scores[sweep][own]["pid"]
         assert plain[sweep]["overall"]["return"] != scores[sweep][other]["pid"]["overall"]["return"]
     assert plain["friction"] == plain[robustness.FEET]
-    drawn = evaluate.evaluate_drawn(policies, env_id, SHORT, 8)["pid"]
+    drawn = evaluate.evaluate(policies, env_id, SHORT, episodes=8, drawn=True)["pid"]
     assert plain["friction"]["overall"] == drawn["overall"]
 
 

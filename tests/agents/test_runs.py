@@ -7,10 +7,6 @@ import json
 import os
 import pickle
 import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,7 +20,6 @@ from agents.training import train_model as training
 from agents.training.model_files import read_model
 from agents.training.process import HANGUP, SIGNALS
 
-ROOT = Path(__file__).parents[2]
 KEPT = 64  # steps of the checkpoint that a killed run is resumed from
 STEPS = 128
 
@@ -155,14 +150,14 @@ def test_last_state_is_the_one_of_most_steps(tmp_path):
     for name in ("checkpoints/model_9_steps.zip", "checkpoints/model_10_steps.zip", runs.FINAL,
                  "checkpoints/model_200_steps.zip"):  # fmt: skip
         model.num_timesteps = 10 if name == runs.FINAL else int(name.split("_")[1])
-        models.save_model(model, tmp_path / name)
+        models.save_model(model, tmp_path / name, {}, {})
         assert runs.last_state(tmp_path) == tmp_path / name
 
 
 def test_a_damaged_final_model_leaves_the_checkpoints(tmp_path, capsys):
     """The last of them is gone on from; without one the damage is named."""
     checkpoint = tmp_path / "checkpoints" / "model_9_steps.zip"
-    models.save_model(training.prepare(small_config()), checkpoint)
+    models.save_model(training.prepare(small_config()), checkpoint, {}, {})
     (tmp_path / runs.FINAL).write_bytes(checkpoint.read_bytes()[:1000])
     assert runs.last_state(tmp_path) == checkpoint
     assert f"{runs.FINAL} is no Stable-Baselines3 model" in capsys.readouterr().out
@@ -266,32 +261,6 @@ def test_bad_replay_buffers_are_refused(tmp_path):
         replay_buffers.load_replay_buffer(buffer, path)
 
 
-def test_only_what_a_model_saves_is_restored():
-    """Not what else a file names, nor what is missing or of another shape."""
-    model = training.prepare(small_config(algo="sac"))
-    given = {
-        "policy": model.policy.state_dict(),
-        "actor.optimizer": model.actor.optimizer.state_dict(),
-        "critic.optimizer": model.critic.optimizer.state_dict(),
-        "ent_coef_optimizer": model.ent_coef_optimizer.state_dict(),
-        "pytorch_variables": {"log_ent_coef": torch.full((1,), -0.5)},
-    }
-    models.restore(model, given)
-    assert model.log_ent_coef.item() == -0.5 and model.log_ent_coef.requires_grad
-    one = torch.zeros(1)
-    for change, reason in (
-        ({"pytorch_variables": {"log_ent_coef": one, "env": one}}, "has the variables"),
-        ({"pytorch_variables": {}}, "has the variables"),
-        ({"pytorch_variables": {"log_ent_coef": torch.zeros(2)}}, "does not fit"),
-        ({"pytorch_variables": {"log_ent_coef": "0"}}, "does not fit"),
-        ({"logger": {}}, "does not fit"),
-        ({"policy": {}}, "does not fit"),
-        ({"actor.optimizer": {"state": 1}}, "does not fit"),
-    ):
-        with pytest.raises(ValueError, match=f"the saved model {reason}"):
-            models.restore(model, {**given, **change})
-
-
 @pytest.fixture
 def hangups_count():
     """Where the tests are run by nohup, too."""
@@ -329,80 +298,6 @@ def test_a_signal_saves_where_training_is(
     monkeypatch.setattr(callbacks.Saver, "evaluate", lambda saver: None)
     go(settings, tmp_path, state)
     assert read_model(tmp_path / runs.FINAL)[1] == STEPS
-
-
-@pytest.mark.skipif(not HANGUP, reason="Windows has no SIGHUP")
-def test_nohup_is_respected():
-    """Who has begun it with SIGHUP ignored wants it to go on when the terminal is closed."""
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    try:
-        with callbacks.StopOnSignal() as stop:
-            os.kill(os.getpid(), signal.SIGHUP)
-        assert not stop.signal
-    finally:
-        signal.signal(signal.SIGHUP, before)
-
-
-@pytest.mark.parametrize("buffered", ["", "1"])
-def test_a_reader_that_goes_away_does_not_end_the_run(buffered, tmp_path):
-    """``train.py | head -1``: trained to its end, scored, exit status 0."""
-    command = [
-        sys.executable, "train.py", "--log-folder", str(tmp_path), "-n", "8", "--n-envs", "1",
-        "--env", "JansenCrank-v0", "--config", str(tmp_path / "short.yml"), "--eval-freq", "0",
-        "--eval-episodes", "1", "--tensorboard-log", "", "--no-progress",
-    ]  # fmt: skip
-    (tmp_path / "short.yml").write_text(
-        "policy: MlpPolicy\ntimesteps: 8\nn_envs: 1\n"
-        "hyperparameters: {n_steps: 8, batch_size: 8}\npolicy_kwargs: {net_arch: [4]}\n"
-    )
-    with subprocess.Popen(
-        command, cwd=ROOT, env={**os.environ, "PYTHONUNBUFFERED": buffered},
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    ) as run:  # fmt: skip
-        run.stdout.close()
-        assert run.stderr.read() == "" and run.wait(120) == 0
-    assert (tmp_path / "ppo" / "JansenCrank-v0_1" / "scores.json").is_file()
-
-
-def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path):
-    """In a process of its own: exit status 130, no traceback."""
-    process = subprocess.Popen(
-        [sys.executable, "train.py", "--log-folder", str(tmp_path), "--n-envs", "2",
-         "--config", "tests/small_ppo.yml", "--save-freq", "100", "--eval-freq", "0",
-         "--tensorboard-log", "", "--no-progress"],
-        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    )  # fmt: skip
-    folder = tmp_path / "ppo" / "JansenWalker-v0_1"
-    end = time.monotonic() + 300.0
-    while not (folder / "checkpoints" / "model_256_steps.zip").exists():
-        assert process.poll() is None and time.monotonic() < end
-        time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert "Traceback" not in err and "stopping after this rollout" in err
-    saved = runs.last_state(folder)
-    assert f"stopped, saved as {saved}; python train.py --resume {folder} goes on" in out
-    assert read_model(saved)[1] % 256 == 0
-
-
-def test_second_signal_ends_at_once():
-    """Its own handler is gone after the first."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a background
-    try:
-        _send_one_signal()
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-def _send_one_signal():
-    with callbacks.StopOnSignal() as stop:
-        assert not stop.signal
-        os.kill(os.getpid(), signal.SIGINT)
-        assert stop.signal == signal.SIGINT
-        assert signal.getsignal(signal.SIGINT) == signal.SIG_DFL
-    assert signal.getsignal(signal.SIGINT) != signal.SIG_DFL
 
 
 @pytest.fixture
@@ -450,7 +345,7 @@ def test_failed_start_leaves_no_folder(wrong, tmp_path, started):
 def test_failed_resume_changes_nothing(tmp_path, started):
     """A checkpoint that is none, or of another network."""
     checkpoint = tmp_path / "checkpoints" / "model_9_steps.zip"
-    models.save_model(training.prepare(small_config()), checkpoint)
+    models.save_model(training.prepare(small_config()), checkpoint, {}, {})
     settings = small_config() | {"policy_kwargs": {"net_arch": [8]}}
     runs.record_run(tmp_path, settings, "python train.py")
     before = [(tmp_path / name).read_bytes() for name in ("config.yml", "command.txt")]

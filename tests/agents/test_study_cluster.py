@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_study import (
+from small_studies import (
     ROOT,
     SMALL,
     assert_same_results,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import json
-import math
 import re
 import shutil
 import subprocess
@@ -24,18 +23,17 @@ from agents.training.model_files import read_model
 from jansen_env import paper_robot
 from jansen_env.policies import pretrained
 from jansen_env.policies.environment import check_action
-from jansen_env.scoring.benchmarks import TASKS
-from jansen_env.scoring.metrics import point_estimates
+from jansen_env.scoring.benchmarks import BENCHMARKS
 from jansen_env.scoring.rollout import make_env, make_envs
 
-SHIPPED = [(env_id, name) for env_id in TASKS for name in pretrained.names(env_id)]
+SHIPPED = [(env_id, name) for env_id in BENCHMARKS for name in pretrained.names(env_id)]
 CRANK = "JansenCrank-v0"
+WITH_POLICIES = {*BENCHMARKS} - {"JansenGoal-v0"}  # whose baseline solves it
 
 
 def test_every_environment_has_its_policy():
     """Small ones; what is not there is refused by name."""
-    for env_id in TASKS:
-        assert pretrained.DEFAULT in pretrained.names(env_id)
+    assert {env_id for env_id, name in SHIPPED if name == pretrained.DEFAULT} == WITH_POLICIES
     for path in (pretrained.shipped(*one) for one in SHIPPED):
         assert max(p.stat().st_size for p in path.parent.glob(f"{path.stem}.*")) < 200_000
     for env_id, name in ((CRANK, "none"), ("..", "ppo"), (CRANK, f"../{CRANK}/ppo"), (None, None)):
@@ -64,75 +62,6 @@ def test_actions_are_the_networks(env_id, name):
     assert pack.check_equal(policy, model, 10_000) < 1e-6
 
 
-COMPARED = sum(len(TASKS[env_id].metrics) for env_id, _ in SHIPPED)
-"""How many numbers :func:`test_scores_are_those_shipped` compares."""
-LIMIT = math.sqrt(2.0 * math.log(2.0 * COMPARED / 1e-6))
-"""Of :func:`surprises`: one false alarm in 1e6 runs of all these tests.
-
-Contacts are chaotic, so that another processor's rounding makes another episode of the same start.
-It might as well have been the one that was shipped: the difference d of the two is as likely +d as
--d. Then P(|sum d| > z sqrt(sum d^2)) <= 2 exp(-z^2 / 2), whatever the distribution (Hoeffding
-1963), and the sum of that over COMPARED numbers is 1e-6. A ratio of sums is compared by the
-numerator less the common ratio times the denominator, which no exchange within a pair changes.
-"""
-
-
-def surprises(env_id, run, other):
-    """Of each metric |sum d| / sqrt(sum d^2), d the difference of an episode in two runs."""
-    env, found = make_env(env_id, {}), {}
-    for name, metric in TASKS[env_id].metrics.items():
-        one, two = (metric.function(each, env) for each in (run, other))
-        if metric.normaliser is not None:
-            lengths = [metric.normaliser(each, env) for each in (run, other)]
-            ratio = np.sum([one, two]) / np.sum(lengths)
-            one, two = (v - ratio * length for v, length in zip((one, two), lengths, strict=True))
-        size = math.sqrt(((one - two) ** 2).sum())
-        found[name] = abs((one - two).sum()) / size if size > 0.0 else 0.0
-    return found
-
-
-def by_episode(scores):
-    return {name: np.array(values) for name, values in scores["by_episode"].items()}
-
-
-@pytest.mark.processor
-@pytest.mark.parametrize(("env_id", "name"), SHIPPED)
-def test_scores_are_those_shipped(env_id, name):
-    """On the same starts, whatever the processor: nearly the same number, or, where contacts make
-    episodes chaotic, no more different than chance has it. After a change of robot, environment or
-    metrics ``python -m agents.pack FILE.json --episodes N`` scores a file again."""
-    policy = pretrained.load(env_id, name)
-    shipped = policy.description["scores"]
-    again = pack.scores_of(policy, shipped["episodes_per_command"], shipped["seed"])
-    metrics = TASKS[env_id].metrics
-    assert set(again["overall"]) == set(shipped["overall"]) == set(metrics)
-    run, env = by_episode(shipped), make_env(env_id, {})
-    for metric, value in point_estimates(metrics, run, env).items():
-        assert value == pytest.approx(shipped["overall"][metric][0], rel=1e-4), metric
-    for metric, surprise in surprises(env_id, run, by_episode(again)).items():
-        one, two = (scores["overall"][metric][0] for scores in (shipped, again))
-        chance = surprise <= LIMIT and env_id != CRANK
-        assert chance or two == pytest.approx(one, rel=1e-4), (metric, surprise)
-
-
-@pytest.mark.parametrize("env_id", [CRANK, "JansenWalker-v0"])
-def test_scores_of_another_policy_differ(env_id):
-    """By more than the tolerances above: weights that change by a tenth show."""
-    policy = pretrained.load(env_id)
-    shipped = policy.description["scores"]
-    tensors = {name: tensor.copy() for name, tensor in policy.tensors.items()}
-    tensors[policy.description["network"]["layers"][-1]["weight"]] *= 0.9
-    changed = pretrained.PretrainedPolicy(policy.description, tensors)
-    other = pack.scores_of(changed, shipped["episodes_per_command"], shipped["seed"])
-    if env_id == CRANK:
-        for metric in ("return", "rms_error"):
-            one, two = (scores["overall"][metric][0] for scores in (shipped, other))
-            assert abs(one / two - 1.0) > 1e-4
-    else:
-        found = surprises(env_id, by_episode(shipped), by_episode(other))
-        assert max(found.values()) > LIMIT, found
-
-
 def test_scores_can_be_made_again(made, tmp_path, capsys):
     """With all else in the file as it was."""
     for file in made[1].parent.glob("mine.*"):
@@ -157,7 +86,7 @@ import sys
 for name in ("torch", "stable_baselines3", "yaml", "imageio", "scipy", "agents"):
     sys.modules[name] = None
 from jansen_env.policies import pretrained
-for env_id in {sorted(TASKS)}:
+for env_id in {sorted(WITH_POLICIES)}:
     policy = pretrained.load(env_id)
     action, _ = policy.predict([0.5] * len(policy.observed))
     assert action.shape == (1,)
@@ -264,32 +193,22 @@ NAN, HARMONICS = float("nan"), {"kind": "harmonics", "multiples": [2]}
         ({"history": {"length": 2}}, "there are entries ['history'], must be among ['format', "),
         ({"sha256": ""}, "sha256 is not that of mine.safetensors"),
         ({"observation": []}, "has shape (5,), must have (0,)"),
-        ({"observation": [3] * 5}, "an entry is 3, must be a dict"),
         ({"action__torque_limit": NAN}, "torque_limit is nan, must be a finite number"),
-        ({"network__layers": []}, "the last layer has 5 units, must have 1"),
         ({"network__features": []}, "network.features has no numbers, must have some"),
         ({"network__layers__0__units": 10**30}, "must have (1000000000000000000000"),
         ({"network__layers__0__weight": "os.system"}, "there is no tensor 'os.system'"),
-        ({"network__layers__0__activation": ["relu"]}, "activation is ['relu'], must be one of"),
         ({"network__features__0__kind": "eval"}, "kind of features is 'eval', must be"),
         ({"network__features__0__floor": 0}, "floor is 0, must be above 0"),
         ({"network__features__0__variance": "pi_features_extractor.mean"}, ""),
         ({"network__features": [HARMONICS | {"multiples": [0.5]}]}, "a multiple is 0.5, must be"),
         ({"network__features": [HARMONICS], "observation__0__name": "height"},
          "harmonics take the first observations ['cos_crank_angle', 'sin_crank_angle']"),
-        ({"network__squash": None}, "squash is None, must be one of ['clip', 'tanh']"),
         ({"env__id": "os:system"}, "env.id is 'os:system', must be one of ['JansenCrank-v0', "),
-        ({"env__id": "CartPole-v1"}, "env.id is 'CartPole-v1', must be one of"),
         ({"action__torque_limit": 20.0}, "torque_limit is 20.0, must be 5.0 as of JansenCrank-v0"),
-        ({"env__kwargs__torque_limit": 20.0}, "torque_limit is 5.0, must be 20.0 as of"),
         ({"action__control_dt": 0.02}, "control_dt is 0.02, must be 0.01 as of JansenCrank-v0"),
         ({"action__torque_limit": 1e300, "env__kwargs__torque_limit": 1e300},
          "torque_limit is 1e+300, must be of 1.2e-38 to 3.4e+38, the range of float32"),
-        ({"action__torque_limit": 1e-300}, "torque_limit is 1e-300, must be of 1.2e-38"),
-        ({"network__features__0__floor": 1e-300}, "floor is 1e-300, must be of 1.2e-38"),
-        ({"network__features__0__clip": 1e300}, "clip is 1e+300, must be of 1.2e-38"),
         ({"network__limit": 1e300}, "limit is 1e+300, must be of 1.2e-38"),
-        ({"env__kwargs__time_step": 1e-9}, "control_dt is 0.01, must be at most 10000 times"),
         ({"env__kwargs__time_step": 1e-6}, "max_episode_steps is 50 with control_dt 0.01 and "
          "time_step 1e-06, 500000 time steps, must be at most 200000 of these"),
         ({"env__kwargs__max_episode_steps": -1}, "max_episode_steps is -1, must be a whole number"),
@@ -385,11 +304,6 @@ def test_harmonics_are_those_of_the_crank_angle():
     pairs = zip(weight[0, ::2], weight[0, 1::2], multiples, strict=True)
     expected = sum(a * np.cos(k * angle) + b * np.sin(k * angle) for a, b, k in pairs)
     assert policy.predict(seen)[0][:, 0] == pytest.approx(expected, abs=1e-6)
-
-
-def test_observations_of_another_size_are_refused():
-    """With the sizes that are allowed."""
-    policy = pretrained.load(CRANK)
     for wrong in (np.zeros(20), np.zeros((2, 4)), np.zeros((1, 1, 5)), 0.0):
         with pytest.raises(ValueError, match=r"must have \(5,\) or \(n, 5\)"):
             policy.predict(wrong)

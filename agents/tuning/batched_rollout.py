@@ -1,4 +1,4 @@
-"""Episodes of many walkers side by side, with friction, command and start of each: what came out.
+"""Batched rollouts: episodes of many walkers, with friction, command and start of each.
 
 For searches, which try many candidates on many starts in one batch, and for scores after the start:
 :func:`jansen_env.scoring.rollout.run_episodes` scores whole episodes.
@@ -42,7 +42,7 @@ class Outcome(NamedTuple):
     change: Array
 
 
-class Trials:
+class BatchedRollout:
     """A batch of walkers.
 
     Args:
@@ -57,7 +57,6 @@ class Trials:
             info_keys=("fallen", "diverged", "x_position", "slip", "energy", "crank_torque"),
         )  # fmt: skip
         self.envs = envs
-        self.torque_limit: float = envs.torque_limit
         self.control_dt: float = envs.control_dt
         self.weight = np.array(envs.get_attr("weight"))
 

@@ -1,0 +1,37 @@
+"""``JansenGoal-v0`` is scored like the others; its commands are goals."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from agents import enjoy, evaluate, replay
+
+
+def test_goals_are_scored(tmp_path, capsys):
+    """By success with its exact interval; the time of an episode without success is its limit."""
+    arguments = ["--env", "JansenGoal-v0", "--policy", "pid", "--commands", "0.01", "2.5", "-3"]
+    evaluate.main([*arguments, "--episodes", "1", "--random-commands", "3", "--out", str(tmp_path),
+                   "--env-kwargs", "{max_episode_steps: 200}"])  # fmt: skip
+    score = json.loads((tmp_path / "scores.json").read_text())["pid"]
+    by_goal = score["by_command"]
+    assert by_goal["success"]["command"] == by_goal["time"]["command"] == [-3.0, 0.01, 2.5]
+    assert by_goal["success"]["value"] == [0.0, 1.0, 0.0]
+    assert score["overall"]["success"] == pytest.approx([1 / 3, 0.0084, 0.9057], abs=1e-4)
+    assert by_goal["time"]["value"][0] == by_goal["time"]["value"][2] == 4.0
+    assert 0.9 < by_goal["time"]["value"][1] < 4.0  # a second at the goal
+    assert max(map(abs, score["drawn"]["raw"]["command"])) > 0.8
+    assert "episodes at each of [0.01, 2.5, -3.0] m" in capsys.readouterr().out
+
+
+def test_goals_are_watched(tmp_path, capsys):
+    """In films and on pages; one beyond the range is refused."""
+    arguments = ["--env", "JansenGoal-v0", "--policy", "pid", "--steps", "5", "--command"]
+    enjoy.main([*arguments, "0.4", "--video", str(tmp_path / "a.gif")])
+    assert "command 0.4 m: return" in capsys.readouterr().out
+    replay.main([*arguments, "-1", "--out", str(tmp_path / "a.html")])
+    assert (tmp_path / "a.html").is_file()
+    with pytest.raises(SystemExit):
+        enjoy.main([*arguments, "5", "--video", str(tmp_path / "a.gif")])
+    assert "options['goal'] is 5.0, must be between -3.0 and 3.0" in capsys.readouterr().err

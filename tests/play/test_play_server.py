@@ -48,11 +48,11 @@ def apart(function, *arguments):
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory):
-    """``python -m jansen_env.play --web``: process, host and port, and the file of its errors."""
+    """``python -m jansen_env.play``: process, host and port, and the file of its errors."""
     errors = tmp_path_factory.mktemp("served") / "stderr"
     with errors.open("wb") as stderr:
         process = subprocess.Popen(
-            [sys.executable, "-m", "jansen_env.play", "--web", "--port", "0"],
+            [sys.executable, "-m", "jansen_env.play", "--port", "0"],
             stdout=subprocess.PIPE, stderr=stderr, text=True,
         )  # fmt: skip
         address = process.stdout.readline().strip()
@@ -451,8 +451,7 @@ def test_who_asks_and_never_reads_is_cut_off(served):
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [(["--port", "80"], "--port is given without --web"),
-     (["--web", "--port", "65536"], "--port is 65536, must be from 0 to 65535"),
+    [(["--port", "65536"], "--port is 65536, must be from 0 to 65535"),
      (["--env", "JansenCrank-v0"], "invalid choice: 'JansenCrank-v0'"),
      (["--robot", "tin"], "invalid choice: 'tin'"), (["--policy", "sac"], "invalid choice: 'sac'"),
      (["--level", "3"], "level is 3, must be 0 on flat ground"),
@@ -468,12 +467,11 @@ def test_wrong_arguments(arguments, message, capsys):
 def test_a_port_that_is_taken(served, capsys):
     port = served[1].split(":")[1]
     with pytest.raises(SystemExit):
-        apart(program.main, ["--web", "--port", port])
+        apart(program.main, ["--port", port])
     assert f"--port is {port}, must be one that can be used" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("arguments", [[], ["--web"]])
-def test_an_extra_that_is_missing(arguments, monkeypatch):
+def test_an_extra_that_is_missing(monkeypatch):
     monkeypatch.setattr(program, "find_spec", lambda name: None)
     with pytest.raises(SystemExit, match="which the extra 'play' installs"):
-        program.main(arguments)
+        program.main([])

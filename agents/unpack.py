@@ -46,8 +46,7 @@ def to_sb3(packed: PretrainedPolicy) -> BaseAlgorithm:
 
     Raises:
         ValueError: its configuration is not allowed (see
-        :func:`agents.training.config.check_config`), or
-            describes other networks.
+            :func:`agents.training.config.check_config`), or describes other networks.
     """
     model = prepare(training_config(packed))
     _fill(model.policy, packed)
@@ -59,8 +58,7 @@ def to_policy(packed: PretrainedPolicy) -> Policy:
 
     Raises:
         ValueError: its configuration is not allowed (see
-        :func:`agents.training.config.check_config`), or
-            describes other networks.
+            :func:`agents.training.config.check_config`), or describes other networks.
     """
     try:
         policy: Policy = untrained_policy(training_config(packed))
@@ -75,8 +73,7 @@ def training_config(packed: PretrainedPolicy) -> dict[str, Any]:
 
     Raises:
         ValueError: it is not allowed (see :func:`agents.training.config.check_config`), or of
-        another
-            environment than the policy.
+            another environment than the policy.
     """
     training = packed.description.get("training")
     config: Any = training.get("config") if isinstance(training, dict) else None

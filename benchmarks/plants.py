@@ -35,12 +35,7 @@ Array = NDArray[np.float64]
 SPEEDS = (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)  # of the crank, rad/s
 FRICTIONS = (0.1, 0.3, 0.6, 1.0)
 SLOPES, PAYLOADS, HARDER = (-0.15, -0.05, 0.05, 0.15), (1.0, 5.0), 4.0  # rad; kg; at so many rad/s
-ITERATIONS: tuple[int, ...] = (
-    60,
-    200,
-    600,
-    2000,
-)  # of pymunk's solver in a time step
+ITERATIONS: tuple[int, ...] = (60, 200, 600, 2000)  # of pymunk's solver in a time step
 STARTS = (0.0, 2.5e-4, 5e-4, 7.5e-4, 1e-3)  # rad, crank angles of an ensemble
 SLENDER = paper_robot().with_slender_inertias()
 FEET = Compliance(5e4, 60.0, 3e4, 40.0)

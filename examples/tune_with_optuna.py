@@ -41,8 +41,9 @@ def objective(trial: optuna.Trial) -> float:
     config["hyperparameters"] |= {"learning_rate": f"linear_{rate:.3g}", "n_epochs": epochs}
     config["policy_kwargs"]["net_arch"] = [trial.suggest_categorical("units", [32, 64, 128])] * 2
     record_run(folder, config, "tune_with_optuna.py")
-    train(prepare(config), config, folder, eval_every=steps // 8, save_every=0, progress=False,
-          more_callbacks=[Pruning(trial, folder)])  # fmt: skip
+    rollout = config["n_envs"] * config["hyperparameters"]["n_steps"]  # no use looking more often
+    train(prepare(config), config, folder, eval_every=max(steps // 8, rollout), save_every=0,
+          progress=False, more_callbacks=[Pruning(trial, folder)])  # fmt: skip
     trial.set_user_attr("config", config)
     return max(row["return"] for row in read_evaluations(folder))
 

@@ -159,11 +159,6 @@ class Renderer:
         data = bytearray(pg.image.tobytes(picture, "RGB"))
         return np.frombuffer(data, np.uint8).reshape(*SIZE[::-1], 3)
 
-    def picture_position(self, point: ArrayLike) -> tuple[float, float]:
-        """Where a point (2,) of the world, m, is in the last picture, pixels from its top left."""
-        x, y = self._pixels(point) / UNIT
-        return float(x), float(y)
-
     def close(self) -> None:
         """Close the window and free the canvas. Harmless when repeated."""
         if self._screen is not None:

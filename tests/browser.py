@@ -1,6 +1,6 @@
 """Chromium for the tests of pages: skipped, with a reason, where it or playwright is missing.
 
-With $CHROMIUM set, or $JANSEN_ENV_SCREEN "required", they fail there. The fixtures are
+With $CHROMIUM set, or $JANSEN_ENV_BROWSER "required", they fail there. The fixtures are
 ``conftest.py``'s; what a page reports is checked at the end.
 """
 
@@ -28,7 +28,7 @@ def chromium() -> str | None:
 
 def missing(reason: str) -> None:
     """Skip, or fail where a browser is asked for."""
-    if "CHROMIUM" in os.environ or os.environ.get("JANSEN_ENV_SCREEN") == "required":
+    if "CHROMIUM" in os.environ or os.environ.get("JANSEN_ENV_BROWSER") == "required":
         pytest.fail(reason)
     pytest.skip(reason)
 

@@ -18,7 +18,7 @@ SIZES = {  # the arguments that make it short, and a word of what it prints
     "own_terrain_and_reward": ("20", "return"),
     "thousand_robots": ("8", "steps/s"),
     "train_and_watch": ("1", "return"),
-    "tune_with_optuna": ("2 8192", "best return"),
+    "tune_with_optuna": ("1 20000", "best return"),
     "walk_with_pid": ("20", " m in "),
 }
 LONGEST = {"cleanrl_ppo": 140, "tune_with_optuna": 60}  # lines; the others 40

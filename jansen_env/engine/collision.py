@@ -1,8 +1,9 @@
 """Collision detection: from each robot's candidate segments to its contact planes, without pymunk.
 
-The broad phase is pymunk's (``plants/detector.py``): it says which segments of its terrain may be
-near a robot, for as long as its crank axis stays within a skin of where it was then. A pad's planes
-are those of these candidates within its robot's speculative margin.
+The broad phase is pymunk's (``plants/detector.py``): it finds the segments of the terrain that may
+be near a robot while its crank axis stays within a skin of where it was then. A pad's planes are
+those of these candidates within its robot's speculative margin; a pad farther than that in the
+ground has the plane by which it comes out soonest.
 """
 
 from __future__ import annotations
@@ -30,8 +31,7 @@ def detect(state, robot, model, ground, world, planes):
     could come out of the ground.
 
     Args:
-        state: (8,). robot: ROBOT. model: :class:`jansen_env.engine.records.Model`.
-        ground: :class:`jansen_env.engine.records.Ground`. world: WORLD.
+        state: (8,). robot: ROBOT. model, ground: Model and Ground of ``records.py``. world: WORLD.
         planes: (robots * capacity,) PLANE.
 
     Returns:
@@ -139,11 +139,10 @@ def move_robots(rows, states, robots, placed):
 
 @compiled
 def keep_candidates(rows, ids, points, known_ids, row_of, robots, surface, reach):
-    """The candidates of some robots, from what pymunk's circles touch.
+    """Keep the candidates of some robots, from what pymunk's circles touch.
 
-    pymunk leaves out segments that only their ends bring near; as far as the circle goes in x,
-    neighbours are candidates, too. So is what goes on beyond the ends of the terrain, where pymunk
-    has nothing.
+    pymunk leaves out segments that only their ends bring near, and has nothing beyond the ends of
+    the terrain: neighbours within the circle's x, and what goes on there, are candidates too.
 
     Args:
         rows: (k,) of the robots. ids: (n,) pymunk's bodies. points: (2 n,) m, where each touches.
@@ -224,9 +223,6 @@ def pad_centres(state, pads, layout, out):
 def planes_near(r, centres, robots, surface, world, planes):
     """Find the planes near points (pads, 2), m, that are taken for the pads of robot ``r``.
 
-    For a pad that is farther than its margin in the ground, the plane by which it comes out
-    soonest.
-
     Args:
         robots: (robots,) ROBOT. surface: (vertices, 2) m. world: (1,) WORLD, as bytes.
         planes: (robots * capacity,) PLANE.
@@ -278,10 +274,9 @@ def list_planes(x, y, pad, status, surface, world, planes):
 
 @stage(inline=False)
 def _list_near_side(x, y, pad, first, last, nearest, near, status, surface, world, planes):
-    """List the planes of a pad at (x, y), in the ground, but those beyond a ridge.
+    """List the planes of a pad at (x, y), in the ground, but those on the far side of a ridge.
 
-    By these it would come out of the far side. Of the segments ``first`` to ``last`` it is the
-    least deep behind ``nearest``.
+    Of the segments ``first`` to ``last`` it is the least deep behind ``nearest``.
     """
     start, end = status.first_vertex, status.end_vertex
     for k in range(first, last + 1):

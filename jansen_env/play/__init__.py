@@ -1,1 +1,1 @@
-"""Walk a robot by hand: ``python -m jansen_env.play``, in a window or with ``--web`` on a page."""
+"""Walk a robot by hand on a page: ``python -m jansen_env.play``."""

@@ -1,8 +1,9 @@
-"""Walk a robot by hand, in a window or on a page of this machine: ``python -m jansen_env.play``."""
+"""Walk a robot by hand, on a page of this machine: ``python -m jansen_env.play``."""
 
 from __future__ import annotations
 
 import argparse
+import asyncio
 from importlib.util import find_spec
 
 from jansen_env.play.session import BY_HAND, ENVIRONMENTS, ROBOTS, TERRAINS, Session
@@ -10,7 +11,6 @@ from jansen_env.policies import pretrained
 from jansen_env.terrain.generators import HIGHEST
 
 PORT = 8765
-NEEDED = {True: "websockets", False: "pygame_gui"}  # on a page, in a window
 
 
 def parser() -> argparse.ArgumentParser:
@@ -26,22 +26,21 @@ def parser() -> argparse.ArgumentParser:
     add("--policy", choices=policies,
         help="let this policy walk at your command; default: your input is the torque")  # fmt: skip
     add("--seed", type=int, default=0, help="another number, another start and ground")
-    add("--web", action="store_true", help="serve a page on 127.0.0.1 in place of a window")
-    add("--port", type=int, help=f"of the page; default: {PORT}, 0 for any that is free")
+    add("--port", type=int, default=PORT,
+        help=f"of the page; default: {PORT}, 0 for any that is free")  # fmt: skip
+    add("--web", action="store_true", help=argparse.SUPPRESS)  # once beside a window
     return found
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Play until the user closes the window, or ends the program."""
+    """Serve the page until the user ends the program."""
     command_line = parser()
     args = command_line.parse_args(arguments)
-    if args.port is not None and not args.web:
-        command_line.error("--port is given without --web, must be with it")
-    if args.port is not None and not 0 <= args.port < 2**16:
+    if not 0 <= args.port < 2**16:
         command_line.error(f"--port is {args.port}, must be from 0 to {2**16 - 1}")
-    if find_spec(missing := NEEDED[args.web]) is None:
+    if find_spec("websockets") is None:
         raise SystemExit(
-            f"this needs {missing}, which the extra 'play' installs: "
+            "this needs websockets, which the extra 'play' installs: "
             'python -m pip install "jansen-env[play]", or in a checkout -e ".[play]"'
         )
     try:
@@ -50,26 +49,15 @@ def main(arguments: list[str] | None = None) -> None:
         )
     except ValueError as error:
         command_line.error(str(error))
-    if args.web:
-        import asyncio
+    from jansen_env.play.server import serve
 
-        from jansen_env.play.server import serve
+    def tell(address: str) -> None:
+        print(f"{address}\nOpen this in a browser on this machine; Ctrl+C ends it.", flush=True)
 
-        def tell(address: str) -> None:
-            print(f"{address}\nOpen this in a browser on this machine; Ctrl+C ends it.", flush=True)
-
-        port = PORT if args.port is None else args.port
-        try:
-            asyncio.run(serve(session, port, tell))
-        except OSError as error:
-            command_line.error(f"--port is {port}, must be one that can be used: {error.strerror}")
-    else:
-        from jansen_env.play.window import play
-
-        try:
-            play(session)
-        except RuntimeError as error:
-            raise SystemExit(f"{error}; --web needs no display") from None
+    try:
+        asyncio.run(serve(session, args.port, tell))
+    except OSError as error:
+        command_line.error(f"--port is {args.port}, must be one that can be used: {error.strerror}")
 
 
 if __name__ == "__main__":

@@ -43,7 +43,7 @@ FILES = {
     "/play.js": ("play.js", "text/javascript"),
     "/scene.js": ("scene.js", "text/javascript"),
 }
-"""Of each path the file of ``jansen_env/web`` and its type."""
+"""File of ``jansen_env/viewer/web`` and its type, by path."""
 HEADERS = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "

@@ -1,8 +1,7 @@
-"""One robot in somebody's hands: what drives it, what is changed of it, and how time passes.
+"""State of a robot walked by hand: its environment, input, settings, score and pace.
 
-No window and no page is in here; both show a :class:`Session` and pass on what their user does. The
-environment is used as anybody can use it: ``gym.make``, ``reset``, ``step`` and what
-``env.unwrapped`` documents.
+A page shows a :class:`Session` and passes on its user's actions. The environment is used by
+its public API alone.
 """
 
 from __future__ import annotations
@@ -100,13 +99,12 @@ class Session:
         self._env: Any = None
         self._final: Score | None = None  # from a fall on
         own = arguments_of(env_id)
-        chosen = {
+        chosen = self._choices = {
             "robot": own["robot"] if robot is None else robot,
             "terrain": own["terrain"] if terrain is None else terrain,
             "level": level,
             "control": control,
         }
-        self._choices = chosen
         _check_level(chosen)
         self._begin_with(self._made(chosen), chosen)
 
@@ -117,12 +115,12 @@ class Session:
 
     @property
     def choices(self) -> dict[str, Any]:
-        """What has been chosen: "robot", "terrain", "level" and "control"."""
+        """Present "robot", "terrain", "level" and "control"."""
         return dict(self._choices)
 
     @property
     def options(self) -> dict[str, tuple[Any, ...]]:
-        """What may be chosen, by the names of :attr:`choices`."""
+        """Allowed values of each of :attr:`choices`."""
         levels = tuple(range(HIGHEST + 1))
         return {"robot": ROBOTS, "terrain": TERRAINS, "level": levels, "control": self.controls}
 
@@ -137,13 +135,8 @@ class Session:
         return None if self.by_hand else self.input * self.top_speed
 
     @property
-    def full_torque(self) -> float:
-        """N m, of the input 1 by hand."""
-        return float(self.env.frame().torque_limit)
-
-    @property
     def message(self) -> str:
-        """What the user should know now; empty if nothing."""
+        """Line for the user; empty if there is none."""
         if self._message:
             return self._message
         if self.stuck:
@@ -161,13 +154,12 @@ class Session:
         """Of the walk since the last start; after a fall, of the walk until then."""
         return self._final or self._tally.score()
 
-    # What the user does. Each raises ValueError for what cannot be, and then changes nothing.
+    # Actions of the user. Each raises ValueError where it is refused, and then changes nothing.
 
     def attempt(self, action: str, **arguments: Any) -> bool:
-        """Do one of the actions below by its name; what is refused becomes the message.
+        """Do one of the actions below by its name; return whether it was not refused.
 
-        Returns:
-            Whether it was done.
+        The reason of a refusal becomes the message.
         """
         try:
             getattr(self, action)(**arguments)
@@ -256,14 +248,8 @@ class Session:
         self.seed += 1
         self._start()
 
-    # What happens.
-
     def advance(self, seconds: float) -> int:
-        """Let the user's time pass: the robot takes the steps that are due.
-
-        Returns:
-            Steps taken.
-        """
+        """Let the user's time pass; return how many steps the robot has taken."""
         seconds = min(max(seconds, 0.0), LONGEST_GAP)
         self._message_left -= seconds
         if self._message_left <= 0.0:
@@ -279,17 +265,16 @@ class Session:
         return steps
 
     def frame(self) -> Frame:
-        """What is to be drawn: between the last two steps, so that slow motion is smooth.
+        """Interpolate between the last two steps, so that slow motion is smooth.
 
-        Its command is None where no policy walks. Its torque is counted as the input is: a positive
-        one walks towards +x, whichever way the crank turns for that.
+        The command is None where no policy walks. A positive torque walks towards +x, whichever way
+        the crank turns for that.
         """
         return between(*self._frames, self._due)
 
     def scene(self) -> dict[str, Any]:
         """The robot and its ground: arguments of :class:`jansen_env.rendering.Renderer`."""
-        found: dict[str, Any] = self.env.scene()
-        return found
+        return dict(self.env.scene())
 
     def close(self) -> None:
         """Let go of the environment."""
@@ -346,8 +331,9 @@ class Session:
             self._held, self._returns = 0, False
         self._policy, self._memory, self._fresh = policy, None, True
         self._choices["control"] = name
-        if policy is not None:
-            self.top_speed = _top_speed(self.env_id, policy)
+        if policy is not None:  # the fastest command that it was trained for
+            arguments = {**arguments_of(self.env_id), **policy.env_kwargs}
+            self.top_speed = float(np.max(np.abs(arguments["speed_command"])))
         self.version += 1
 
     def _start(self) -> None:
@@ -378,7 +364,6 @@ class Session:
             self._returns = bool(self._held) or self.input != 0.0
 
     def _snapshot(self) -> Frame:
-        """The frame as it is now."""
         return snapshot(self.env.frame(), self.command, self._direction)
 
     def _step(self) -> None:
@@ -405,9 +390,3 @@ def _check_level(choices: Mapping[str, Any]) -> None:
     """Raises ValueError for a level of ground that has none."""
     if choices["terrain"] == FLAT and choices["level"] != 0:
         raise ValueError(f"level is {shown(choices['level'])}, must be 0 on flat ground")
-
-
-def _top_speed(env_id: str, policy: pretrained.PretrainedPolicy) -> float:
-    """The fastest command that a policy was trained for, m/s."""
-    arguments: Mapping[str, Any] = {**arguments_of(env_id), **policy.env_kwargs}
-    return float(np.max(np.abs(arguments["speed_command"])))

@@ -262,7 +262,7 @@ def phased_legs(phases: int) -> tuple[Leg, ...]:
     """A fore and a back leg for each of ``phases`` evenly spaced crank pins: fore legs first.
 
     Raises:
-        ValueError: ``phases`` is not a whole number from 1 to :data:`MOST_PHASES`.
+        ValueError: ``phases`` is not a whole number from 1 to ``MOST_PHASES``.
     """
     phases = positive_integer("phases", phases, MOST_PHASES)
     angles = [2.0 * math.pi * k / phases for k in range(phases)]

@@ -46,13 +46,13 @@ class Terrain:
 
     Args:
         points: at least two (x, y) vertices, m, x increasing. The first and the last segment go on
-            with their slope without end (under the rigid-body plant for :data:`REACH` metres).
+            with their slope without end (under the rigid-body plant for ``REACH`` metres).
         friction: Coulomb coefficient between toe and ground.
         restitution: Newton's coefficient of restitution, 0 to 1; where an impact with friction
             would gain energy by it, it bounces less.
 
     Raises:
-        ValueError: fewer than two points, one farther than :data:`FARTHEST`, x not increasing, a
+        ValueError: fewer than two points, one farther than ``FARTHEST``, x not increasing, a
             slope beyond 80 degrees, or a coefficient out of range.
     """
 
@@ -127,7 +127,7 @@ class Terrain:
             height, spacing, length, start: m.
 
         Raises:
-            ValueError: an argument out of range, more than :data:`MOST_POINTS` vertices, or slopes
+            ValueError: an argument out of range, more than ``MOST_POINTS`` vertices, or slopes
                 beyond 80 degrees.
         """
         instance("rng", rng, np.random.Generator)
@@ -163,7 +163,7 @@ class Terrain:
                 the last that has room; level beyond.
 
         Raises:
-            ValueError: an argument out of range, more than :data:`MOST_POINTS` waves, or slopes
+            ValueError: an argument out of range, more than ``MOST_POINTS`` waves, or slopes
                 beyond 80 degrees.
         """
         return cls.of(shapes.waves(height, length, start, reach), friction, restitution)
@@ -188,7 +188,7 @@ class Terrain:
                 either side; level beyond.
 
         Raises:
-            ValueError: an argument out of range, or more than :data:`MOST_POINTS` steps.
+            ValueError: an argument out of range, or more than ``MOST_POINTS`` steps.
         """
         return cls.of(shapes.stairs(rise, tread, start, reach), friction, restitution)
 
@@ -213,7 +213,7 @@ class Terrain:
                 sides; level before and beyond.
 
         Raises:
-            ValueError: an argument out of range, or more than :data:`MOST_POINTS` steps.
+            ValueError: an argument out of range, or more than ``MOST_POINTS`` steps.
         """
         return cls.of(shapes.steps(rng, height, spacing, start, reach), friction, restitution)
 
@@ -236,7 +236,7 @@ class Terrain:
                 block, and where it ends; level beyond.
 
         Raises:
-            ValueError: an argument out of range, or more than :data:`MOST_POINTS` blocks.
+            ValueError: an argument out of range, or more than ``MOST_POINTS`` blocks.
         """
         return cls.of(shapes.stumps(height, width, spacing, start, reach), friction, restitution)
 
@@ -257,7 +257,7 @@ class Terrain:
             start, reach: m from the origin, where they begin and end; level beyond.
 
         Raises:
-            ValueError: an argument out of range, or more than :data:`MOST_POINTS` ramps.
+            ValueError: an argument out of range, or more than ``MOST_POINTS`` ramps.
         """
         return cls.of(shapes.ramps(angle, length, start, reach, MAX_SLOPE), friction, restitution)
 

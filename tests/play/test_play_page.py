@@ -17,7 +17,7 @@ WAIT = 10_000  # ms
 
 def start(port="0"):
     process = subprocess.Popen(
-        [sys.executable, "-m", "jansen_env.play", "--web", "--port", port, "--env",
+        [sys.executable, "-m", "jansen_env.play", "--port", port, "--env",
          "JansenWalker-v0"],  # whose rigid feet can bounce
         stdout=subprocess.PIPE, text=True,
     )  # fmt: skip

@@ -1,0 +1,59 @@
+"""A client of the page's server."""
+
+from __future__ import annotations
+
+import http.client
+import json
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+pytest.importorskip("websockets", reason="the extra 'play' is not installed")
+
+from websockets.sync.client import connect
+
+
+def apart(function, *arguments):
+    """What a function returns in a thread: Playwright may have its event loop in this one."""
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(function, *arguments).result()
+
+
+def ask(host, path="/", method="GET", headers=()):
+    """Status and headers and body of a request; ``headers``: pairs, of which Host may be one."""
+    connection = http.client.HTTPConnection(host, timeout=10)
+    connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
+    for name, value in headers or [("Host", host)]:
+        connection.putheader(name, value)
+    connection.endheaders()
+    response = connection.getresponse()
+    return response.status, dict(response.getheaders()), response.read()
+
+
+def talk(host, **options):
+    return connect(f"ws://{host}/socket", origin=f"http://{host}", open_timeout=10, **options)
+
+
+def next_of(connection, kind):
+    """The next message of a kind."""
+    while True:
+        message = json.loads(connection.recv(timeout=10))
+        if message["kind"] == kind:
+            return message
+
+
+def until(connection, fits):
+    """The first state for which ``fits`` is true; 10 s of them may come before it."""
+    for _ in range(500):
+        if fits(state := next_of(connection, "state")):
+            return state
+    raise AssertionError(f"the last state was {state}")
+
+
+def opening(host):
+    """The request that opens a socket."""
+    return (
+        f"GET /socket HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nUpgrade: websocket\r\n"
+        "Connection: Upgrade\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
+        "Sec-WebSocket-Version: 13\r\n\r\n"
+    ).encode()

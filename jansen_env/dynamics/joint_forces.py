@@ -223,7 +223,7 @@ def joint_forces(
     centres = X.reshape(*X.shape[:-1], BODIES_PER_LEG, 3)[..., 1:]
     return JointForces(
         robot=robot,
-        pin=np.asarray(multipliers, np.float64).reshape(*X.shape[:-1], len(PINS), 2),
+        pin=multipliers.reshape(*X.shape[:-1], len(PINS), 2),
         frame=_frame_load(rest, centres[..., 0, :] - q[..., None, :2]),
         shaft=rest[..., 3],
         gear=ratio * rotor - gear,
@@ -278,7 +278,7 @@ def _body_loads(missing: Array, motor: Array, rotor: Array) -> Array:
 def _solve_pins(robot: Robot, X: Array, missing: Array) -> tuple[Array, Array]:
     """Multipliers (..., legs, 20), and the four rows that they leave (..., legs, 4)."""
     C_T = np.swapaxes(constraint_matrix(robot, leg_sides(robot), X), -1, -2)
-    multipliers = np.linalg.solve(C_T[..., DOF:, :], missing[..., DOF:, None])
+    multipliers: Array = np.linalg.solve(C_T[..., DOF:, :], missing[..., DOF:, None])
     return multipliers[..., 0], missing[..., :DOF] - (C_T[..., :DOF, :] @ multipliers)[..., 0]
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv
-from jansen_env.plants.base import Plant
+from jansen_env.plants.make import Plant
 from jansen_env.tasks.walking import WalkerTask
 from jansen_env.terrain import Terrain
 

@@ -24,7 +24,7 @@ from jansen_env.robot.motor import MOTORS, Motor
 from jansen_env.terrain import Terrain, make_terrain
 from jansen_env.terrain.curriculum import Curriculum
 from jansen_env.terrain.generators import HIGHEST, make_generator
-from jansen_env.world.episode_parameters import Grounds
+from jansen_env.world.episode_parameters import Terrains
 from jansen_env.world.randomization import Randomization
 from jansen_env.world.settings import Ground, Machine
 
@@ -105,7 +105,7 @@ def entries_of(name: str, value: Any, count: int) -> list[Any]:
     return list(value)
 
 
-def broadcast_terrains(count: int, ground: Ground) -> Grounds:
+def broadcast_terrains(count: int, ground: Ground) -> Terrains:
     """Return ``count`` terrains from one, or from one for each; friction and restitution likewise.
 
     Raises:
@@ -142,7 +142,7 @@ def broadcast_terrains(count: int, ground: Ground) -> Grounds:
     own_friction, own_restitution = (
         np.array([one is not None for one in given]) for given in (frictions, restitutions)
     )
-    return Grounds(terrains, generators, own_friction, own_restitution)
+    return Terrains(terrains, generators, own_friction, own_restitution)
 
 
 def broadcast_randomizations(count: int, randomize: Any) -> list[Randomization]:

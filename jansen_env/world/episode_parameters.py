@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-class Grounds(NamedTuple):
+class Terrains(NamedTuple):
     """The ground of each robot.
 
     Attributes:
@@ -76,7 +76,7 @@ class EpisodeParameters:
     """What may differ between the episodes of n robots.
 
     Args:
-        plant: moves them. robots: of each, before randomisation. grounds, draws: of each.
+        plant: moves them. robots: of each, before randomisation. terrains, draws: of each.
         has: parameters of the world that do nothing unless there is what they are about, such as
             "noise_level", and whether there is.
 
@@ -94,17 +94,17 @@ class EpisodeParameters:
         self,
         plant: BatchedPlant,
         robots: Sequence[Robot],
-        grounds: Grounds,
+        terrains: Terrains,
         draws: Draws,
         has: Mapping[str, bool],
     ) -> None:
         n = len(robots)
-        self._plant, self._generators = plant, list(grounds.generators)
-        self._own = {"friction": grounds.own_friction, "restitution": grounds.own_restitution}
+        self._plant, self._generators = plant, list(terrains.generators)
+        self._own = {"friction": terrains.own_friction, "restitution": terrains.own_restitution}
         self._randomizations, self.curriculum = list(draws.randomizations), draws.curriculum
         self.levels, self.level = draws.levels, draws.levels[:, 0].astype(np.int64)
         self._has, self._links_mass = dict(has), robots[0].links_mass  # of one design
-        pairs = zip(robots, grounds.terrains, strict=True)
+        pairs = zip(robots, terrains.terrains, strict=True)
         self.nominal = np.array([nominal(*pair, EPISODE) for pair in pairs], EPISODE)
         self.values = self.nominal.copy()
         self._changed = np.zeros(n, bool)  # by a draw, from what the robot and its ground are
@@ -255,7 +255,7 @@ class EpisodeParameters:
             for name, own in self._own.items():
                 if not own[row] and name not in (*randomization.distributions, *given):
                     one[name] = getattr(terrain, name)
-            if terrain.restitution != one["restitution"]:  # which feet that give may exclude
+            if terrain.restitution != one["restitution"]:  # which compliant pads may exclude
                 terrain = replace(terrain, restitution=float(one["restitution"]))
         self._check_feet(row, one)
         return Plan(values, terrain)

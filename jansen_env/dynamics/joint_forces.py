@@ -278,7 +278,8 @@ def _body_loads(missing: Array, motor: Array, rotor: Array) -> Array:
 def _solve_pins(robot: Robot, X: Array, missing: Array) -> tuple[Array, Array]:
     """Multipliers (..., legs, 20), and the four rows that they leave (..., legs, 4)."""
     C_T = np.swapaxes(constraint_matrix(robot, leg_sides(robot), X), -1, -2)
-    multipliers: Array = np.linalg.solve(C_T[..., DOF:, :], missing[..., DOF:, None])
+    known = np.linalg.solve(C_T[..., DOF:, :], missing[..., DOF:, None])
+    multipliers = np.asarray(known, np.float64)
     return multipliers[..., 0], missing[..., :DOF] - (C_T[..., :DOF, :] @ multipliers)[..., 0]
 
 

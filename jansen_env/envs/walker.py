@@ -182,13 +182,13 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
 
     @property
     def terrain(self) -> Terrain:
-        """Where the robot walks."""
+        """The terrain of this episode."""
         terrain: Terrain = self.task.world.terrains[0]
         return terrain
 
     @property
     def plant(self) -> Plant:
-        """What moves the robot."""
+        """The plant."""
         plant: Plant = self.task.world.plant_of_one
         return plant
 

@@ -345,7 +345,7 @@ class RigidBodyPlant:
 
     @property
     def deflection(self) -> Array:
-        """(pads, 2) compression (unknown: it follows from the bodies) and bend of compliant pads, m."""
+        """(pads, 2) compression (unknown: the bodies tell) and bend of compliant pads, m."""
         deflection = np.tile(UNKNOWN_DEFLECTION, (len(self._owners), 1))
         if self._springs is not None:
             deflection[:, 1] = self._springs.bristle

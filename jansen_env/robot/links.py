@@ -42,7 +42,7 @@ BODIES = ("frame", "crank", "upper_rod", "upper_triangle", "rocker", "lower_rod"
 BODIES_PER_LEG = len(BODIES)
 CRANK_RADIUS = 0.10834  # m, the paper's L2; every built-in design turns this crank
 MOST_PHASES = 100  # of crank pins
-STIFFEST = 1e20  # N/m and N s/m, of a pad that gives: beyond, it is rigid
+STIFFEST = 1e20  # N/m and N s/m, of a compliant pad: beyond, it is rigid
 JOINT_PAIRS = (
     (1, 2), (2, 3), (3, 4), (3, 6), (4, 5), (5, 6), (5, 8), (4, 7), (6, 8), (7, 8),
 )  # fmt: skip

@@ -50,7 +50,7 @@ class Terrains(NamedTuple):
 
 
 class Draws(NamedTuple):
-    """What is drawn for each robot's episodes.
+    """Distributions of each robot's episodes.
 
     Attributes:
         levels: (n, 2) lowest and highest terrain level. randomizations: of each.
@@ -73,7 +73,7 @@ class Plan(NamedTuple):
 
 
 class EpisodeParameters:
-    """What may differ between the episodes of n robots.
+    """Parameters and terrains of the episodes of n robots.
 
     Args:
         plant: moves them. robots: of each, before randomisation. terrains, draws: of each.
@@ -137,7 +137,7 @@ class EpisodeParameters:
         return self.values.view(float).reshape(len(self.values), -1)
 
     def ranges(self, row: int) -> dict[str, Distribution]:
-        """What is drawn for a robot, by name."""
+        """Distributions of a robot's parameters, by name."""
         drawn = dict(self._randomizations[row].distributions)
         if self._generators[row] is not None:
             drawn.setdefault("terrain_level", UniformLevels(*self.levels[row].tolist()))
@@ -307,7 +307,7 @@ class EpisodeParameters:
         return replace(robot, payload=Payload(float(load["payload"]), position=place))
 
     def state(self, row: int) -> dict[str, Any]:
-        """What a robot's episode is made of, in plain numbers."""
+        """Parameters and terrain of a robot's episode, in plain numbers."""
         state: dict[str, Any] = {
             "parameters": dict(zip(PARAMETERS, self.values[row].item(), strict=True)),
             "level": int(self.level[row]),

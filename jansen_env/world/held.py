@@ -203,7 +203,7 @@ class HeldRobots(ActuatedRobots):
         return {"robot": self.robots[row], "terrain_points": None, "speed_unit": "rad/s"}
 
     def frame(self, row: int) -> Frame:
-        """Return what is to be drawn of a robot as it stands, without a command."""
+        """Return the picture data of a robot as it stands, without a command."""
         angle, speed = self.plant.states[row].tolist()
         toes = len(self.robots[row].legs)
         return Frame(

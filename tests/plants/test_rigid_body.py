@@ -103,7 +103,7 @@ def test_flight_is_a_parabola_whatever_the_crank_does():
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("phases", [1, 2, 6])
 def test_it_stands_and_starts_like_the_projection_plant(name, phases):
-    """2, 4 and 12 legs of every design: its toes carry the weight, 1 % (10 % while feet that give
+    """2, 4 and 12 legs of every design: its toes carry the weight, 1 % (10 % while compliant feet
     still swing), and 0.2 s under 3 N m (1 N m on the built robot's light crank) lead to the same
     place, 0.5 mm and 4 mrad."""
     robot = ROBOTS[name](phases)

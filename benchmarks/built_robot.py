@@ -23,8 +23,7 @@ from benchmarks.measure import table
 from benchmarks.walks import SETTLE, Walked, whole_half_turns
 from jansen_env import MOTORS, Robot, Terrain, built_robot
 from jansen_env.dynamics.joint_forces import CORNERS, PINS, JointForces
-from jansen_env.plants.base import Plant
-from jansen_env.plants.make import PLANTS, make_plant
+from jansen_env.plants.make import PLANTS, Plant, make_plant
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.trace import trace_forces
 from jansen_env.robot import BEARINGS, BODIES, BODIES_PER_LEG

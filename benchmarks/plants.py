@@ -26,8 +26,7 @@ from benchmarks import measure
 from benchmarks.measure import table
 from benchmarks.walks import Walked, walk, whole_half_turns
 from jansen_env import ROBOTS, Compliance, Motor, Terrain, paper_robot
-from jansen_env.plants.base import Plant
-from jansen_env.plants.make import PLANTS
+from jansen_env.plants.make import PLANTS, Plant
 from jansen_env.robot import BEARINGS, Payload
 
 Array = NDArray[np.float64]

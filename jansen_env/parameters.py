@@ -77,7 +77,7 @@ TABLE = (
     Parameter(
         "restitution", "1", 0.0, 1.0, "Newton's coefficient between toes and ground",
         lambda robot, terrain: terrain.restitution,
-        idle="feet that give", is_idle=lambda robot: not robot.pad_compliance.rigid,
+        idle="compliant feet", is_idle=lambda robot: not robot.pad_compliance.rigid,
         set_as="restitution", argument=True,
     ),
     Parameter(

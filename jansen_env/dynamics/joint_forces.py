@@ -189,15 +189,12 @@ def joint_forces(
     """Forces in all joints from a state, the crank's torque and the forces on the toes.
 
     Args:
-        robot: the machine, payload included.
         q, q_dot: (..., 4) crank axis x, y (m), pitch theta, crank angle psi (rad), and rates.
         torque: (...) or a number, of the crank, N m. Not used if ``q_ddot`` is given.
         contact: (..., k, 3) on the first k pads (toes first, in the order of the legs): force x, y
             in the world frame (N) and moment about the pad's centre (N m); None for none.
-        fixed_base: the chassis is held still, level or not (the first three of q_dot, and of q_ddot
-            if it is given, must be 0).
-        q_ddot: (..., 4) accelerations, where they are known (prescribed, or measured) and not to be
-            worked out from the torque.
+        fixed_base: the chassis is held still; the first three of q_dot and q_ddot must be 0.
+        q_ddot: (..., 4) accelerations, where they are known; None to work them out.
         dry: (...) or a number, what the dry friction of all bearings and of the gear comes to on
             the crank, N m; None for as much as there is at the crank's speed, none at a standstill.
         gravity: m/s^2, downwards, or a vector (x, y).
@@ -206,24 +203,9 @@ def joint_forces(
         ValueError: shapes that do not fit, or a fixed base that moves.
     """
     q, q_dot = np.asarray(q, dtype=float), np.asarray(q_dot, dtype=float)
-    if q.shape[-1:] != (4,) or q_dot.shape != q.shape:
-        raise ValueError(f"q and q_dot have shapes {q.shape}, {q_dot.shape}, must be (..., 4) both")
-    if not (np.isfinite(q).all() and np.isfinite(q_dot).all()):
-        raise ValueError(f"q is {q}, q_dot is {q_dot}, must be finite numbers")
-    if np.ndim(torque) > 0 and np.shape(torque) != q.shape[:-1]:
-        raise ValueError(f"torque has shape {np.shape(torque)}, must be {q.shape[:-1]}")
-    if dry is not None and np.ndim(dry) > 0 and np.shape(dry) != q.shape[:-1]:
-        raise ValueError(f"dry has shape {np.shape(dry)}, must be {q.shape[:-1]}")
-    if q_ddot is not None and np.shape(q_ddot) != q.shape:
-        raise ValueError(f"q_ddot has shape {np.shape(q_ddot)}, must be {q.shape} as q")
-    for name, rate in (("q_dot", q_dot), ("q_ddot", q_ddot)):
-        if fixed_base and rate is not None and np.any(np.asarray(rate)[..., :3] != 0.0):
-            raise ValueError(f"{name} is {rate}, its first three must be 0 with a fixed base")
+    _check_arguments(q, q_dot, torque, fixed_base, q_ddot, dry)
     X, joints = system_coordinates(robot, q), world_joints(robot, q)
-    T = tangent_matrix(robot, q)
-    x_dot, D, bias = leg_motion(robot, leg_sides(robot), X, times(T, q_dot[..., None, :]))
-    bias = bias + times(D, tangent_bias(robot, q, q_dot))
-    D_q = D @ T  # x_ddot = D_q q_ddot + bias
+    x_dot, D_q, bias = _motion(robot, X, q, q_dot)
     M = masses(robot)
     h = forces(robot, x_dot, 0.0, gravity)  # the motor comes in through the shaft, below
     bearings, gear = _dry_friction(robot, D_q, q_dot[..., 3], dry)
@@ -237,30 +219,74 @@ def joint_forces(
     ratio = robot.motor.gear_ratio
     rotor = robot.motor.rotor_inertia * (q_ddot[..., 2] + ratio * q_ddot[..., 3])
     missing = M * (times(D_q, q_ddot[..., None, :]) + bias) - h - f
-    C_T = np.swapaxes(constraint_matrix(robot, leg_sides(robot), X), -1, -2)
-    multipliers = np.linalg.solve(C_T[..., DOF:, :], missing[..., DOF:, None])
-    rest = missing[..., :DOF] - (C_T[..., :DOF, :] @ multipliers)[..., 0]
-    # The frame's rows are about its centre of mass; move the moment to the crank axis.
+    multipliers, rest = _solve_pins(robot, X, missing)
     centres = X.reshape(*X.shape[:-1], BODIES_PER_LEG, 3)[..., 1:]
-    arm = centres[..., 0, :] - q[..., None, :2]
-    moment = rest[..., 0] + arm[..., 0] * rest[..., 2] - arm[..., 1] * rest[..., 1]
-    body = missing.copy()
-    motor = rest[..., 3].sum(axis=-1)
-    body[..., 0, 0] += motor + rotor  # the paper's h: -tau on the first frame, +tau on its crank
-    body[..., 0, 3] -= motor
     return JointForces(
         robot=robot,
-        pin=np.asarray(multipliers[..., 0], np.float64).reshape(*X.shape[:-1], len(PINS), 2),
-        frame=np.stack([rest[..., 1], rest[..., 2], moment], axis=-1),
+        pin=multipliers.reshape(*X.shape[:-1], len(PINS), 2),
+        frame=_frame_load(rest, centres[..., 0, :] - q[..., None, :2]),
         shaft=rest[..., 3],
         gear=ratio * rotor - gear,
         rotor=rotor,
         toe=toe,
-        body=body.reshape(*X.shape[:-1], BODIES_PER_LEG, 3),
+        body=_body_loads(missing, rest[..., 3].sum(axis=-1), rotor),
         joints=joints,
         centres=centres,
         q_ddot=q_ddot,
     )
+
+
+def _check_arguments(
+    q: Array,
+    q_dot: Array,
+    torque: Array | float,
+    fixed_base: bool,
+    q_ddot: Array | None,
+    dry: Array | float | None,
+) -> None:
+    """Raise ValueError for shapes that do not fit, or a fixed base that moves."""
+    if q.shape[-1:] != (4,) or q_dot.shape != q.shape:
+        raise ValueError(f"q and q_dot have shapes {q.shape}, {q_dot.shape}, must be (..., 4) both")
+    if not (np.isfinite(q).all() and np.isfinite(q_dot).all()):
+        raise ValueError(f"q is {q}, q_dot is {q_dot}, must be finite numbers")
+    if np.ndim(torque) > 0 and np.shape(torque) != q.shape[:-1]:
+        raise ValueError(f"torque has shape {np.shape(torque)}, must be {q.shape[:-1]}")
+    if dry is not None and np.ndim(dry) > 0 and np.shape(dry) != q.shape[:-1]:
+        raise ValueError(f"dry has shape {np.shape(dry)}, must be {q.shape[:-1]}")
+    if q_ddot is not None and np.shape(q_ddot) != q.shape:
+        raise ValueError(f"q_ddot has shape {np.shape(q_ddot)}, must be {q.shape} as q")
+    for name, rate in (("q_dot", q_dot), ("q_ddot", q_ddot)):
+        if fixed_base and rate is not None and np.any(np.asarray(rate)[..., :3] != 0.0):
+            raise ValueError(f"{name} is {rate}, its first three must be 0 with a fixed base")
+
+
+def _motion(robot: Robot, X: Array, q: Array, q_dot: Array) -> tuple[Array, Array, Array]:
+    """Return x_dot, D_q and the bias of x_ddot = D_q q_ddot + bias."""
+    T = tangent_matrix(robot, q)
+    x_dot, D, bias = leg_motion(robot, leg_sides(robot), X, times(T, q_dot[..., None, :]))
+    return x_dot, D @ T, bias + times(D, tangent_bias(robot, q, q_dot))
+
+
+def _body_loads(missing: Array, motor: Array, rotor: Array) -> Array:
+    """Moments and forces of all constraints on each body (..., legs, 8, 3), without the motor's."""
+    body = missing.copy()
+    body[..., 0, 0] += motor + rotor  # the paper's h: -tau on the first frame, +tau on its crank
+    body[..., 0, 3] -= motor
+    return body.reshape(*missing.shape[:-1], BODIES_PER_LEG, 3)
+
+
+def _solve_pins(robot: Robot, X: Array, missing: Array) -> tuple[Array, Array]:
+    """Multipliers (..., legs, 20), and the four rows that they leave (..., legs, 4)."""
+    C_T = np.swapaxes(constraint_matrix(robot, leg_sides(robot), X), -1, -2)
+    known = np.linalg.solve(C_T[..., DOF:, :], missing[..., DOF:, None])
+    multipliers = np.asarray(known, np.float64)
+    return multipliers[..., 0], missing[..., :DOF] - (C_T[..., :DOF, :] @ multipliers)[..., 0]
+
+
+def _frame_load(rest: Array, arm: Array) -> Array:
+    """Force and moment on the frame, moved by ``arm`` from its centre of mass to the crank axis."""
+    moment = rest[..., 0] + arm[..., 0] * rest[..., 2] - arm[..., 1] * rest[..., 1]
+    return np.stack([rest[..., 1], rest[..., 2], moment], axis=-1)
 
 
 def _contact_forces(

@@ -120,28 +120,23 @@ def advance(
     """Advance the robots ``rows[first:last]`` by a control step, finding the ground as they go.
 
     Args:
-        rows: (k,) of the robots. fresh: whether a control step begins, with new sums in the
-            accumulators and ``statistics``; if not, it goes on with the time steps that are left.
-        steps: time steps of the control step.
+        rows: (k,) of the robots. fresh: whether a control step of ``steps`` time steps begins, with
+            new sums; if not, it goes on with the time steps that are left.
         torque: (robots,) crank torque asked for, N m. earlier: (robots,) the one before, which
             still holds in the first ``switch`` (robots,) time steps.
-        pushes: (robots, steps, 2) N s, the impulse on the chassis at the crank axis in each time
-            step, world x and y; or without rows for none.
-        trace: (steps, numbers) :func:`trace_dtype` of the first robot as plain numbers, filled step
-            by step, its last row in its last step; or without rows for no trace.
+        pushes: (robots, steps, 2) N s on the chassis at the crank axis; without rows for none.
+        trace: (steps, numbers) :func:`trace_dtype` of the first robot; without rows for none.
         jacobians ... ints: memory of :func:`work_space`.
         states: (robots, 8) crank-axis states, changed in place.
         body, pads, bearings: of a :class:`jansen_env.engine.records.Model`. surface, depths: of a
             :class:`jansen_env.engine.records.Ground`. Rows, as their bytes: layout: (pads,) PAD;
             world: (1,) WORLD; robots: (robots,) ROBOT; planes: (planes,) PLANE, of all robots;
             statistics: (robots, pads) CONTACT_STATISTICS. ``steps_left`` is counted down. A robot
-            that the broad phase does not know where it is stops there; one faster than
-            :data:`DIVERGED`, not finite or too deep in the ground stops for good, with -1.
-        slip, force: (robots, toes) m and (robots, toes, 2) N, out: see
-            :data:`jansen_env.engine.records.CONTACT_STATISTICS`.
+            unknown to the broad phase where it is stops there; one faster than :data:`DIVERGED`,
+            not finite or too deep in the ground stops for good, with -1.
+        slip, force: out: (robots, toes) m, (robots, toes, 2) N, as CONTACT_STATISTICS has them.
 
-    Returns:
-        (whether a robot needs the broad phase, whether one has diverged)
+    Returns: whether a robot needs the broad phase, and whether one has diverged.
     """
     robots, planes = robots.view(ROBOT), planes.view(PLANE)
     statistics, world_row = statistics.view(CONTACT_STATISTICS), world.view(WORLD)[0]

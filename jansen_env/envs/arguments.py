@@ -1,4 +1,7 @@
-"""Arguments of Gymnasium's environments, checked in one place."""
+"""Arguments of Gymnasium's environments, checked in one place.
+
+All functions raise ValueError for anything else than they describe.
+"""
 
 from __future__ import annotations
 
@@ -26,9 +29,6 @@ def broadcast_limits(count: int, limit: Any) -> Array:
     """(count,) steps after which an episode is truncated, from one or from one for each.
 
     None and -1, as ``gym.make`` has it, stand for never (inf).
-
-    Raises:
-        ValueError: not one for each, or no whole number above 0.
     """
     name = "max_episode_steps"
 
@@ -41,11 +41,7 @@ def broadcast_limits(count: int, limit: Any) -> Array:
 
 
 def broadcast_seeds(count: int, seed: Any) -> list[int | None]:
-    """``count`` seeds: seed, seed + 1, ... from one, those of a sequence, or none.
-
-    Raises:
-        ValueError: anything else.
-    """
+    """``count`` seeds: seed, seed + 1, ... from one, those of a sequence, or none."""
     if seed is None:
         return [None] * count
     allowed = f"a whole number, or {count} of them"
@@ -103,11 +99,7 @@ def reset_options(options: Any) -> dict[str, Any]:
 
 
 def broadcast_options(count: int, options: dict[str, Any]) -> list[dict[str, Any]]:
-    """The options of ``reset`` for each robot: arrays and lists have one entry for each.
-
-    Raises:
-        ValueError: not one for each.
-    """
+    """The options of ``reset`` for each robot: arrays and lists have one entry for each."""
     columns = {
         name: entries_of(f"options[{name!r}]", value, count) for name, value in options.items()
     }
@@ -122,11 +114,7 @@ def render_mode(mode: Any, allowed: Sequence[str] = RENDER_MODES) -> str | None:
 
 
 def one_action(action: Any) -> Array:
-    """The action (1,) of one robot as (1, 1); the number 0 stands for no torque.
-
-    Raises:
-        ValueError: it is not one finite number.
-    """
+    """The action (1,) of one robot as (1, 1); the number 0 stands for no torque."""
     if isinstance(action, int) and action == 0:  # what gymnasium.utils.play does without a key
         return np.zeros((1, 1))
     try:
@@ -139,7 +127,7 @@ def one_action(action: Any) -> Array:
 
 
 def info_keys(value: Any, known: Sequence[str]) -> tuple[str, ...] | None:
-    """What information is asked for; None: all. Raises ValueError: not a list of known keys."""
+    """Keys of the information that is wanted; None: all."""
     if value is None:
         return None
     if not (isinstance(value, (list, tuple)) and all(isinstance(key, str) for key in value)):

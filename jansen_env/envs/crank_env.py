@@ -86,7 +86,7 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
 
     @property
     def plant(self) -> FixedBasePlant:
-        """What moves the robot."""
+        """The plant."""
         plant: FixedBasePlant = self.task.world.plant_of_one
         return plant
 

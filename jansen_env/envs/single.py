@@ -63,12 +63,12 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
 
     @property
     def robot(self) -> Robot:
-        """What moves."""
+        """The robot."""
         return self.task.robots[0]
 
     @property
     def observed(self) -> tuple[Observed, ...]:
-        """What each number of the observation is."""
+        """Name, unit and limits of each number of the observation."""
         return self.task.observed
 
     @property
@@ -131,11 +131,11 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         self.task.push(0, impulse)
 
     def scene(self) -> dict[str, Any]:
-        """What is drawn and stays as it is in an episode: arguments of the renderer."""
+        """Arguments of the renderer, which stay the same in an episode."""
         return self.task.scene(0)
 
     def frame(self) -> Frame:
-        """What is drawn of the robot as it stands."""
+        """Picture data of the robot as it stands."""
         return self.task.frame(0)
 
     def get_state(self) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from jansen_env.world.entries import Observed
 
 Observations = NDArray[np.float32]
 METHODS = ("get_state", "push", "render", "set_parameters", "set_state")
-"""What can be asked of single robots, see :meth:`TaskVectorEnv.call_one`."""
+"""Methods of single robots, see :meth:`TaskVectorEnv.call_one`."""
 
 
 class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], Generic[ATask]):
@@ -200,7 +200,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         return infos
 
     def _informed(self, known: Bools, stepped: Bools) -> dict[str, Any]:
-        """What :attr:`info_keys` ask for, see :meth:`jansen_env.tasks.information.InfoBuilder.batched`."""
+        """Information of :attr:`info_keys`, see :meth:`jansen_env.tasks.information.InfoBuilder.batched`."""
         return self.task.information.batched(known, stepped, self.info_keys)
 
     def _awaiting_reset(self) -> Bools:
@@ -262,11 +262,11 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
 
     @property
     def observed(self) -> tuple[Observed, ...]:
-        """What each number of a robot's observation is."""
+        """Name, unit and limits of each number of a robot's observation."""
         return self.task.observed
 
     def call_one(self, row: int, name: str, *args: Any, **kwargs: Any) -> Any:
-        """What robot ``row`` answers to one of :data:`METHODS`."""
+        """Call one of :data:`METHODS` of robot ``row``."""
         if name not in METHODS:
             raise AttributeError(f"{name!r} cannot be asked of a robot, must be in {METHODS}")
         if name == "render":
@@ -274,7 +274,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         return getattr(self, name)(row, *args, **kwargs)
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """What each robot answers to one of :data:`METHODS`, or its attribute of that name."""
+        """Call one of :data:`METHODS` of each robot, or return its attribute of that name."""
         if name in METHODS:
             return tuple(self.call_one(i, name, *args, **kwargs) for i in range(self.num_envs))
         return self.get_attr(name)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv
-from jansen_env.plants.base import Plant
+from jansen_env.plants.make import Plant
 from jansen_env.tasks.walking import WalkerTask
 from jansen_env.terrain import Terrain
 
@@ -182,13 +182,13 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
 
     @property
     def terrain(self) -> Terrain:
-        """Where the robot walks."""
+        """The terrain of this episode."""
         terrain: Terrain = self.task.world.terrains[0]
         return terrain
 
     @property
     def plant(self) -> Plant:
-        """What moves the robot."""
+        """The plant."""
         plant: Plant = self.task.world.plant_of_one
         return plant
 

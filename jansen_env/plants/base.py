@@ -1,4 +1,4 @@
-"""Protocols of plants: robots on terrains that answer crank torques with their motion."""
+"""Protocol of plants: n robots on terrains that answer crank torques with their motion."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ SHORTEST_STEP, LONGEST_STEP = 1e-9, 1.0  # s, of the integration
 
 
 class StepResult(NamedTuple):
-    """What happened during one :meth:`Plant.step`.
+    """Slip, forces and energies of one step.
 
     Attributes:
         slip: (toes,) path each toe slid while loaded, m.
         contact_force: (toes, 2) mean tangential and normal force on each toe, N.
         motor_work, slip_loss: J. push_work: of pushes on the chassis, J. joint_loss: what joints,
             bearings and gear take, J.
-        impact_loss: what touchdowns take, and the dampers of pads that give, J.
+        impact_loss: what touchdowns take, and the dampers of compliant pads, J.
         energy_change: change of kinetic and potential energy, that of compliant pads included, J.
         non_toe_contact: whether a joint other than a toe was pressed on the ground.
         residual: worst violation of the contact law, N s; NaN where it is not known.
@@ -80,7 +80,7 @@ class BatchedPlant(Protocol):
             :mod:`jansen_env.parameters`. changeable: names that :meth:`change` takes.
         knows_joint_forces: whether :meth:`joint_forces` and :meth:`peak_loads` are known.
         joints_open: whether joints gap; if not, ``joint_gap`` stays 0.
-        states: (n, 8), see :class:`Plant`; to be read.
+        states: (n, 8) x, y, theta, psi and rates; x, y the crank axis, m, rad, s; to be read.
         rows: (n,) :data:`jansen_env.engine.records.ROBOT`, whose accumulators are the last step's.
         slip, contact_force, joint_gap, diverged: (n, ...) of the last step.
         any_diverged: whether one has.
@@ -173,7 +173,7 @@ class BatchedPlant(Protocol):
         ...
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:
-        """See :meth:`Plant.contact_frames`, of a robot."""
+        """(toes, 2) points of the ground nearest to a robot's toes and its tangents there."""
         ...
 
     def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
@@ -189,103 +189,13 @@ class BatchedPlant(Protocol):
         ...
 
 
-class Plant(Protocol):
-    """A robot on a terrain that answers a crank torque with its motion.
-
-    Attributes:
-        robot, terrain: what walks where. toes: how many toes it has.
-        state: (8,) x, y, theta, psi and their rates; x, y the crank axis, m, rad, s. Can be set.
-    """
-
-    toes: int
-    time_step: float
-
-    @property
-    def robot(self) -> Robot: ...
-
-    @property
-    def terrain(self) -> Terrain: ...
-
-    @property
-    def state(self) -> Array: ...
-
-    @state.setter
-    def state(self, value: Array) -> None: ...
-
-    @property
-    def x(self) -> float:
-        """Position of the crank axis along the ground, m."""
-        ...
-
-    @property
-    def in_contact(self) -> NDArray[np.bool_] | None:
-        """(pads,) the pads on the ground just before, None if not known: set it after the state."""
-        ...
-
-    @in_contact.setter
-    def in_contact(self, value: Any) -> None: ...
-
-    @property
-    def deflection(self) -> Array:
-        """(pads, 2) compression and bend of compliant pads, m: set it after the state."""
-        ...
-
-    @deflection.setter
-    def deflection(self, value: Array) -> None: ...
-
-    def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
-        """Set the robot down at rest; returns the new state."""
-        ...
-
-    @property
-    def nominal(self) -> np.void:
-        """The robot's and its ground's own numbers, a row for :meth:`set_parameters`."""
-        ...
-
-    @property
-    def honours(self) -> frozenset[str]:
-        """Names of the parameters that it knows."""
-        ...
-
-    def set_parameters(self, values: np.void) -> None:
-        """Put a row of ``ROBOT_PARAMETERS`` in force, from the next placing on."""
-        ...
-
-    def set_terrain(self, terrain: Terrain) -> None:
-        """Change the ground: the robot must be placed anew."""
-        ...
-
-    def step(
-        self,
-        torque: float,
-        duration: float,
-        earlier: float = 0.0,
-        switch: int = 0,
-        pushes: Array | None = None,
-    ) -> StepResult:
-        """Hold a crank torque (N m) for a while (s); ``earlier`` in its first ``switch`` steps.
-
-        ``pushes``: (steps, 2) N s, the impulse on the chassis at the crank axis in each time step,
-        world x and y; None for none.
-        """
-        ...
-
-    def lookahead(self, torque: float = 0.0) -> StepResult:
-        """What comes next under a torque; the state stays as it is."""
-        ...
-
-    def contact_frames(self) -> tuple[Array, Array]:
-        """(toes, 2) points of the ground nearest to each toe's pad and its tangents there."""
-        ...
-
-
 def check_time_step(value: Any) -> float:
-    """A time step in s. Raises ValueError if it is not between the shortest and the longest."""
+    """Return a time step, s. Raises ValueError: out of range."""
     return within("time_step", value, SHORTEST_STEP, LONGEST_STEP)
 
 
 def check_state(value: Any) -> Array:
-    """A plant's state as an array. Raises ValueError unless it is 8 finite numbers."""
+    """Return a plant's state. Raises ValueError unless it is 8 finite numbers."""
     state = np.asarray(value, dtype=float)
     if state.shape != (8,) or not np.isfinite(state).all():
         raise ValueError(f"state is {value!r}, must be 8 finite numbers")

@@ -54,27 +54,17 @@ class Batch:
             ``NUMBA_NUM_THREADS``, where that pays.
 
     Attributes:
-        robots, terrains: what walks where.
-        states: (n, 8) x, y, theta, psi and their rates; x, y the crank axis, m, rad, s.
         tables: of each robot, payload included; model: what kernels see of them, see
             :mod:`jansen_env.engine.tables`.
-        rows: (n,) ROBOT, with the next two as fields of it.
         params: (n,) PARAMS, what may differ between them, as in force; nominal_params: (n,) PARAMS,
-            the same without :meth:`set_parameters`. accumulators: (n,) ACCUMULATORS and
-            contact_statistics: (n, pads) CONTACT_STATISTICS, sums over the last :meth:`step`; see
-            :mod:`jansen_env.engine.records`.
-        nominal: (n,) :data:`jansen_env.parameters.ROBOT_PARAMETERS`, the own numbers of
-            robots and their grounds; parameters: (n,), those in force.
-        honours: parameters that it knows. changeable: what :meth:`change` changes.
-        slip: (n, toes) path each toe slid while loaded, m, and contact_force: (n, toes, 2) mean
-            tangential and normal force on each toe, N, over the last :meth:`step`.
-        joint_gap: (n,) the widest gap of any joint, m: these cannot open, 0.
-        diverged: (n,) whether the last :meth:`step` was refused, see there.
-        tracing: whether :meth:`step` keeps a record of the first robot's time steps: its
-            :attr:`trace`, (steps,) of :func:`jansen_env.engine.integrator.trace_dtype`, and
-            :attr:`touchdowns`, (steps,) whether a pad touched down in each.
+            the same without :meth:`set_parameters`; accumulators: (n,) ACCUMULATORS, fields of
+            ``rows``. contact_statistics: (n, pads) CONTACT_STATISTICS. Sums are over the last
+            :meth:`step`; see :mod:`jansen_env.engine.records`.
+        trace: (steps,) of :func:`jansen_env.engine.integrator.trace_dtype`, the first robot's last
+            :meth:`step` if ``tracing``; touchdowns: (steps,) whether a pad touched down in each.
         in_contact: (pads,) the first robot's pads on the ground, as traced last; None where that is
             not known. It says what touches down next, and nothing else.
+        Others: see :class:`jansen_env.plants.base.BatchedPlant`.
 
     Raises:
         ValueError: an argument out of range, or robots of several designs; LinkageError: the robot
@@ -142,7 +132,7 @@ class Batch:
         self.deflection: Array = self.contact_statistics["deflection"]
 
     def _arguments_of_all(self) -> tuple[Any, ...]:
-        """What threads share in a step."""
+        """Arguments that threads share in a step."""
         model, detector = self.model, self.detector
         return (
             self.states, model.body, model.pads, as_bytes(model.layout), model.bearings,
@@ -152,7 +142,7 @@ class Batch:
         )  # fmt: skip
 
     def _kernels(self) -> list[Kernel]:
-        """What is compiled of a batch."""
+        """Kernels of a batch."""
         number = np.zeros(1)
         step = (
             0, 0, np.arange(1), True, 0, number, *self._at_once, self._no_pushes,
@@ -170,28 +160,19 @@ class Batch:
         return self.detector.surface
 
     def set_parameters(self, rows: Ints, values: NDArray[np.void]) -> None:
-        """Put parameters of robots and their grounds in force, from their next placing on.
-
-        Args:
-            rows: (k,) of the robots. values: (k,) of
-                :data:`jansen_env.parameters.ROBOT_PARAMETERS`; :attr:`nominal` for as they
-                are.
+        """Put ``values`` (k,) in force, from the robots' next placing on.
 
         Raises:
             ValueError: a number out of its limits, a parameter that is not honoured, or restitution
-                where pads give.
+                with compliant pads.
         """
         self._machines.set_parameters(rows, values)
 
     def change(self, row: int, changes: dict[str, Any]) -> None:
         """Change a robot or its ground themselves, while it walks; what else is in force stays.
 
-        Args:
-            changes: by name, of :attr:`changeable`: a ``motor``, a ``payload``, a
-                ``pad_compliance``, ``gravity``, or numbers of :attr:`nominal`.
-
         Raises:
-            ValueError: restitution where pads give.
+            ValueError: restitution with compliant pads.
         """
         self._machines.change(row, changes)
 
@@ -203,7 +184,7 @@ class Batch:
         """Change a robot's ground: it must be placed again.
 
         Raises:
-            ValueError: the ground has restitution, and the pads give.
+            ValueError: restitution with compliant pads.
         """
         self._machines.set_terrain(row, terrain)
         surface = self.detector.surface
@@ -212,23 +193,17 @@ class Batch:
             self._shared = self._arguments_of_all()
 
     def place(self, rows: Ints, crank_angles: Array) -> None:
-        """Place robots at rest at x = 0, see :meth:`place_at`.
-
-        :attr:`accumulators`, :attr:`slip` and so on then have what their next time step would do.
-
-        Args:
-            rows: (k,) of the robots. crank_angles: (k,) rad.
-        """
+        """Place robots (k,) at rest at x = 0, see :meth:`place_at`; then :meth:`lookahead`."""
         self.place_at(rows, crank_angles)
         self.lookahead(rows=rows)
 
     def place_at(
         self, rows: Ints, crank_angles: Array, x: float = 0.0, pitch: float | None = None
     ) -> None:
-        """Place robots at rest on their lowest toes, 10 um deep, so that they carry at once.
+        """Place robots (k,) at rest on their lowest toes, 10 um deep, so that they carry at once.
 
         Args:
-            rows: (k,) of the robots. crank_angles: (k,) rad. x: of the crank axis, m.
+            crank_angles: (k,) rad. x: of the crank axis, m.
             pitch: rad; None turns a robot until both its fore and its back feet carry it
                 (until the ground bears it on both sides of its centre of mass).
 
@@ -243,7 +218,7 @@ class Batch:
     def lookahead(
         self, torque: float = 0.0, rows: Ints | None = None, pushes: Array | None = None
     ) -> None:
-        """What the next time step of some robots (all) would do under a torque; states stay.
+        """Fill sums with the next time step of some robots (all) under a torque; states stay.
 
         ``pushes``: (n, 1, 2) N s, as of :meth:`step`.
         """
@@ -270,10 +245,7 @@ class Batch:
         return self._placing.pad_centres(row)
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:
-        """(toes, 2) points of the ground nearest to each toe's pad and its tangents there.
-
-        Where no ground is within reach, the pad's lowest point and +x.
-        """
+        """(toes, 2) points of the ground nearest to toes and its tangents, see :class:`Placing`."""
         return self._placing.contact_frames(row)
 
     def energy(self, row: int) -> float:
@@ -293,11 +265,6 @@ class Batch:
         pushes: Array | None = None,
     ) -> None:
         """Hold crank torques (n,), N m, for some time steps, as far as the motors go.
-
-        With ``earlier`` torques (n,) these still hold in the first ``switch`` (n,) of them. Of the
-        robots only ``rows`` (k,) move, if these are given; ``meanwhile`` may place the others.
-        ``pushes``: (n, steps, 2) N s, the impulse on each chassis at the crank axis in each time
-        step, world x and y; None for none.
 
         A robot that becomes faster than :data:`jansen_env.engine.integrator.DIVERGED`, or
         gets so deep into the ground that it is not found, stays as it was before, without
@@ -321,10 +288,7 @@ class Batch:
         steps: int,
         meanwhile: Callable[[], None] | None = None,
     ) -> None:
-        """:meth:`step` of some robots.
-
-        ``asked``: torque, earlier torque, for how many time steps that still holds, and pushes.
-        """
+        """:meth:`step` of some robots; ``asked``: torque, earlier, switch and pushes."""
         if len(rows) == 0:  # others are placed, no more
             if meanwhile is not None:
                 meanwhile()
@@ -415,7 +379,7 @@ class Batch:
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
         pairs = zip(saved["terrains"], saved["nominal"]["restitution"].tolist(), strict=True)
-        grounds = [  # as feet that give now must have them
+        grounds = [  # as compliant pads must have them now
             terrain if terrain.restitution == own else replace(terrain, restitution=own)
             for terrain, own in pairs
         ]

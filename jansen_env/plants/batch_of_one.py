@@ -1,4 +1,4 @@
-"""One robot of any plant as a batch of one."""
+"""The rigid-body plant as a batch of one."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine.records import ROBOT
 from jansen_env.parameters import ROBOT_PARAMETERS
-from jansen_env.plants.base import ENERGIES, Plant, StepResult
+from jansen_env.plants.base import ENERGIES, StepResult
+from jansen_env.plants.rigid_body import RigidBodyPlant
 from jansen_env.plants.trace import PeakLoads
 from jansen_env.terrain import Terrain
 
@@ -24,7 +25,7 @@ class BatchOfOne:
     changeable: frozenset[str] = frozenset()
     knows_joint_forces, joints_open, tracing = False, True, False
 
-    def __init__(self, plant: Plant) -> None:
+    def __init__(self, plant: RigidBodyPlant) -> None:
         self.plant, self.honours = plant, plant.honours
         self.robots, self.terrains = [plant.robot], [plant.terrain]
         self.toes, self.time_step = plant.toes, plant.time_step
@@ -84,7 +85,7 @@ class BatchOfOne:
             self.plant.deflection = deflection
 
     def place(self, rows: NDArray[np.int64], crank_angles: Array) -> None:
-        """Place the robot at rest; what is known of its last step is what comes next."""
+        """Place the robot at rest."""
         self.plant.reset(0.0, float(crank_angles[0]))
         self._keep(self.plant.lookahead())
 
@@ -98,25 +99,11 @@ class BatchOfOne:
         meanwhile: Callable[[], None] | None = None,
         pushes: Array | None = None,
     ) -> None:
-        """Hold a crank torque (1,), N m, for some time steps.
-
-        With an ``earlier`` torque (1,) that still holds in the first ``switch`` (1,) of them.
-        ``rows``: empty where the robot does not move. ``meanwhile`` is called afterwards.
-        ``pushes``: (1, steps, 2) N s on the chassis in each of them, None for none.
-        """
-        if rows is None or len(rows) > 0:
-            self._move(torque, steps, earlier, switch, pushes)
-        if meanwhile is not None:
-            meanwhile()
-
-    def _move(
-        self,
-        torque: Array,
-        steps: int,
-        earlier: Array | None,
-        switch: NDArray[np.int64] | None,
-        pushes: Array | None,
-    ) -> None:
+        """Hold a crank torque (1,), N m; ``meanwhile`` is called afterwards, or alone."""
+        if rows is not None and len(rows) == 0:
+            if meanwhile is not None:
+                meanwhile()
+            return
         before, first, push = 0.0, 0, None if pushes is None else pushes[0]
         if earlier is not None and switch is not None:
             before, first = float(earlier[0]), int(switch[0])
@@ -129,6 +116,8 @@ class BatchOfOne:
             self.accumulators[:] = 0.0
             self.slip[:] = self.contact_force[:] = self.joint_gap[:] = 0.0
             self.diverged[:] = self.any_diverged = True
+        if meanwhile is not None:
+            meanwhile()
 
     def _keep(self, result: StepResult) -> None:
         self.diverged[:] = self.any_diverged = False
@@ -143,15 +132,15 @@ class BatchOfOne:
             sums[name] = getattr(result, name)
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:
-        """See :meth:`jansen_env.plants.base.Plant.contact_frames`."""
+        """See :meth:`RigidBodyPlant.contact_frames`."""
         return self.plant.contact_frames()
 
     def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
-        """Raises ValueError: they are not known."""
+        """Raise ValueError: they are not known."""
         raise ValueError("joint forces are not known on this plant")
 
     def peak_loads(self) -> PeakLoads:
-        """Raises ValueError: they are not known."""
+        """Raise ValueError: they are not known."""
         raise ValueError("joint forces are not known on this plant")
 
     def close(self) -> None:

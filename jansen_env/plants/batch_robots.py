@@ -1,4 +1,4 @@
-"""The robots of a batch and their grounds: what they are, and how that is changed."""
+"""Robots of a batch, their parameters and terrains, and how these are changed."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ OF_A_DESIGN = ("payload", "motor", "pad_compliance")
 
 
 class BatchRobots:
-    """Robots of one design, their parameters and those of their grounds.
+    """Robots of one design, their parameters and those of their terrains.
 
     Args, attributes, errors: see :class:`jansen_env.plants.batch.Batch`.
     """
@@ -113,7 +113,7 @@ class BatchRobots:
 
     def change(self, row: int, changes: dict[str, Any]) -> None:
         """Change a robot or its ground themselves, see ``Batch.change``."""
-        # Restitution first where it goes, last where it comes: feet that give exclude it.
+        # Restitution first where it goes, last where it comes: compliant pads exclude it.
         for name in sorted(
             changes, key=lambda one: changes[one] > 0.0 if one == "restitution" else 0.5
         ):

@@ -236,11 +236,11 @@ class ContactDetector:
 
 
 def _surfaces(terrains: Sequence[Terrain]) -> tuple[Array, Ints, Ints]:
-    """Grounds as one array.
+    """Terrains as one array.
 
     Returns:
-        (vertices (total, 2) of all different grounds, m; where each begins and the last ends; which
-        ground each of ``terrains`` is, (n,))
+        (vertices (total, 2) of all different ones, m; where each begins and the last ends; which
+        of them each of ``terrains`` is, (n,))
     """
     distinct = {id(terrain): terrain for terrain in terrains}
     number = {key: i for i, key in enumerate(distinct)}

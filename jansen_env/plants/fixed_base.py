@@ -113,7 +113,7 @@ class FixedBaseBatch:
 
 
 class FixedBaseResult(NamedTuple):
-    """What happened during one :meth:`FixedBasePlant.step`, J."""
+    """Energies of one :meth:`FixedBasePlant.step`, J."""
 
     motor_work: float
     joint_loss: float

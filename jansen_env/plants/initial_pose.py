@@ -16,7 +16,7 @@ from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
 
-DEEPEST = 0.02  # m, that feet may give under the weight
+DEEPEST = 0.02  # m, of static deflection
 
 
 def prepare_placement(robot: Robot, terrain: Terrain) -> None:
@@ -29,7 +29,7 @@ def prepare_placement(robot: Robot, terrain: Terrain) -> None:
 
 
 def static_deflection(robot: Robot, gravity: float) -> float:
-    """How deep a robot's weight on two feet that give presses them into the ground, m.
+    """Static deflection of compliant feet, m: a robot's weight on two of them.
 
     Args:
         gravity: m/s^2, downwards.

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeAlias
 
 from jansen_env.checks import shown
 from jansen_env.plants import batch, projected, rigid_body
-from jansen_env.plants.base import BatchedPlant, Plant
+from jansen_env.plants.base import BatchedPlant
 from jansen_env.plants.batch_of_one import BatchOfOne
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
-PLANTS = {
+Plant: TypeAlias = projected.ProjectionPlant | rigid_body.RigidBodyPlant
+"""A plant of one robot."""
+PLANTS: dict[str, tuple[type[Plant], float]] = {
     "projection": (projected.ProjectionPlant, batch.TIME_STEP),
     "rigid_body": (rigid_body.RigidBodyPlant, rigid_body.TIME_STEP),
 }
@@ -61,7 +64,7 @@ def make_batch(
         return batch.Batch(robots, terrains, step, threads=one)
     if len(robots) > 1:
         raise ValueError(f"plant is {name!r}, must be 'projection' for several robots at once")
-    return BatchOfOne(make_plant(name, robots[0], terrains[0], step))
+    return BatchOfOne(rigid_body.RigidBodyPlant(robots[0], terrains[0], step))
 
 
 def plant_of(batched: BatchedPlant) -> Plant:

@@ -1,4 +1,4 @@
-"""Robots of a batch set down on their grounds, and where their pads are."""
+"""Placement of robots on their terrains, and where their pads are."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Placing:
     """Sets robots down.
 
     Args:
-        machines: what they are. detector: their grounds. states: (n, 8), which are written.
+        machines: the robots. detector: of their terrains. states: (n, 8), which are written.
         world: what they have in common, as bytes.
     """
 
@@ -43,7 +43,7 @@ class Placing:
         self._centres = np.zeros((max(len(self._model.layout), self._toes + 1), 2))
 
     def lower(self, rows: Ints, crank_angles: Array, x: float, pitch: float | None) -> None:
-        """Lower robots (k,) onto their grounds, see ``Batch.place_at``."""
+        """Lower robots (k,) onto their terrains, see ``Batch.place_at``."""
         places = np.full(len(rows), finite("x", x))
         pitches = np.full(len(rows), math.nan if pitch is None else finite("pitch", pitch))
         depths = np.zeros(len(rows))

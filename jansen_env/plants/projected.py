@@ -66,12 +66,12 @@ class ProjectionPlant:
 
     @property
     def robot(self) -> Robot:
-        """What walks."""
+        """The robot."""
         return self.batch.robots[0]
 
     @property
     def terrain(self) -> Terrain:
-        """Where it walks."""
+        """The terrain."""
         return self.batch.terrains[0]
 
     @property
@@ -192,7 +192,7 @@ class ProjectionPlant:
         return self.state
 
     def lookahead(self, torque: float = 0.0, push: Array | None = None) -> StepResult:
-        """What one time step would do; the state stays as it is.
+        """Result of one time step; the state stays as it is.
 
         ``push``: (2,) N s, the impulse on the chassis in it, None for none.
         """
@@ -230,7 +230,7 @@ class ProjectionPlant:
         return self._result(torque, steps)
 
     def _result(self, torque: float, steps: int = 1) -> StepResult:
-        """What the batch's last step did, of so many time steps, with a torque asked for."""
+        """Return the result of the batch's last step, of so many time steps."""
         batch = self.batch
         if batch.any_diverged:
             raise divergence(batch.states[0], torque)

@@ -1,4 +1,4 @@
-"""Parameters of robots and their grounds in force: on machines, and on the kernels' rows.
+"""Parameters of robots and terrains applied: to machines, and to the kernels' rows.
 
 A row of :data:`jansen_env.parameters.ROBOT_PARAMETERS` has friction, restitution and payload
 as they are, the others as scales of the robot's own numbers (1: as it is), so that a row never
@@ -182,7 +182,7 @@ def check_values(
 
 
 def check_restitution(compliant: NDArray[np.bool_], restitution: Array) -> None:
-    """Raises ValueError where pads that give (k,) are on ground with restitution (k,)."""
+    """Raise ValueError where compliant pads (k,) are on ground with restitution (k,)."""
     bounces = compliant & (restitution > 0.0)
     if bounces.any():
         raise ValueError(

@@ -11,6 +11,8 @@ import pymunk
 import pymunk.batch
 from numpy.typing import NDArray
 
+from jansen_env.plants.base import StepResult
+
 Array = NDArray[np.float64]
 
 X, Y, ANGLE, VX, VY, SPIN = range(6)  # columns of a motion
@@ -34,7 +36,7 @@ class Snapshot(NamedTuple):
 
 
 class Sums:
-    """What a step adds up: energies in J, of each pad the path it slid (m) and its impulse (N s).
+    """Sums over a step: energies in J, of each pad the path it slid (m) and its impulse (N s).
 
     Impulses are tangential and normal; ``torque_impulse``: of the motor beyond what was last asked
     for, N m s.
@@ -45,6 +47,25 @@ class Sums:
         self.joint_loss = self.slip_loss = self.impact_loss = 0.0
         self.joint_gap = self.torque_impulse = 0.0
         self.slip, self.impulse = np.zeros(pads), np.zeros((pads, 2))
+
+    def result(self, toes: int, time: float, torque: float, energy_change: float) -> StepResult:
+        """Return the result of a step of ``time`` s under a torque, N m, that was asked for."""
+        return StepResult(
+            slip=self.slip[:toes],
+            contact_force=self.impulse[:toes] / time,
+            motor_work=self.motor_work,
+            joint_loss=self.joint_loss,
+            slip_loss=self.slip_loss,
+            impact_loss=self.impact_loss,
+            energy_change=energy_change,
+            non_toe_contact=bool(self.impulse[toes:, 1].any()),
+            residual=math.nan,
+            contact_gain=math.nan,
+            joint_gap=self.joint_gap,
+            electrical_work=self.electrical_work,
+            torque=torque + self.torque_impulse / time,
+            push_work=self.push_work,
+        )
 
 
 class BodyReader:

@@ -1,4 +1,4 @@
-"""Pads that give, for the rigid-body plant: explicit springs, dampers and bristles.
+"""Compliant pads of the rigid-body plant: explicit springs, dampers and bristles.
 
 Along the ground's normal f_n = -k g - d g', while the gap g is negative, and never a pull; along
 the ground a bristle of length s with f_t = -k_t s - d_t s', |f_t| <= mu f_n: it follows the pad
@@ -152,7 +152,7 @@ class SpringPads:
             self._gap[pad], self._rate[pad], self._slide[pad] = depth, (rate, across), slide
 
     def _account(self, sums: Sums, pad: int, across: float, rate: float, slide: float) -> None:
-        """What the last time step's forces did, at mean speeds of its beginning and its end."""
+        """Book the work of the last time step's forces, at mean speeds of its beginning and end."""
         h, (tangential, normal) = self._h, self.forces[pad].tolist()
         before, down = self._rate[pad].tolist()
         drift, bristle = 0.5 * (slide + float(self._slide[pad])), 0.5 * (rate + before)

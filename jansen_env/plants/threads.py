@@ -23,7 +23,7 @@ class Threads:
     Args:
         robots: how many. threads: at most; None for as many as there are cores, or numba's own
             limit ``NUMBA_NUM_THREADS``, where that pays.
-        memory: makes what one thread works with.
+        memory: makes the memory of one thread.
 
     Raises:
         ValueError: ``threads`` is no whole number above 0.
@@ -38,7 +38,7 @@ class Threads:
 
     @property
     def memory(self) -> Any:
-        """What one of them works with."""
+        """Memory of one thread."""
         return self._memory[0]
 
     def move(

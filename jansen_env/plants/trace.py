@@ -1,4 +1,4 @@
-"""What a trace of time steps says: joint forces in every one of them."""
+"""Joint forces in every time step of a trace."""
 
 from __future__ import annotations
 

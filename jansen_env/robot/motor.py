@@ -1,4 +1,4 @@
-"""What turns the crank: a direct-current gearmotor, as its data sheet has it; ideal by default.
+"""The motor: a direct-current gearmotor, as its data sheet has it; ideal by default.
 
 Of the armature, seen at the output shaft (torque tau_e before the gear's loss, speed n; efficiency
 eta; stall torque and no-load speed as sheets give them, at the shaft):
@@ -93,7 +93,7 @@ class Motor:
         return self.efficiency / self.slope if self.slope > 0.0 else 0.0
 
     def torque(self, asked: ArrayLike, speed: ArrayLike) -> Array:
-        """What comes of an asked torque (...), N m, at crank speeds (...), rad/s."""
+        """Return the torque (...), N m, for an asked one (...) at crank speeds (...), rad/s."""
         lost = self.slope * np.asarray(speed, dtype=float)
         high = np.clip(self.stall_torque - lost, -self.most_torque, self.most_torque)
         low = np.clip(-self.stall_torque - lost, -self.most_torque, self.most_torque)

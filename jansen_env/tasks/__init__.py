@@ -1,1 +1,1 @@
-"""What is asked of robots in their world: observation, reward, end of episode."""
+"""Tasks: observation, reward and end of episode of robots in their world."""

@@ -86,7 +86,7 @@ class CrankTask(Task):
         crank_tracking.finish_step(active, *self._step_arguments())
 
     def describe(self, rows: Ints) -> None:
-        """Fill observations and information of some robots with what is the case now."""
+        """Fill observations and information of some robots as they are now."""
         crank_tracking.describe(rows, *self._describe_arguments())
 
     def reference(self, row: int) -> float:

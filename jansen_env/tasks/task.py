@@ -1,4 +1,4 @@
-"""What a task is: observations, reward and end of episode of n robots in a world."""
+"""Base of tasks: observations, reward and end of episode of n robots in a world."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ class Task(ABC):
 
     @property
     def own_entries(self) -> Sequence[Observed]:
-        """What is observed beside what the world knows."""
+        """Numbers observed beside the world's."""
         return ()
 
     @property
@@ -230,7 +230,7 @@ class Task(ABC):
         self.observe(rows)
 
     def describe(self, rows: Ints) -> None:
-        """Fill observations and information of some robots with what is the case now."""
+        """Fill observations and information of some robots as they are now."""
         self.world.describe(rows)
         self.observe(rows)
         self.world.disturb(rows)
@@ -322,7 +322,7 @@ class Task(ABC):
         return None
 
     def frame(self, row: int) -> Frame:
-        """Return what is to be drawn of a robot as it stands."""
+        """Return the picture data of a robot as it stands."""
         return replace(self.world.frame(row), command=self.command(row))
 
     def __getstate__(self) -> dict[str, Any]:

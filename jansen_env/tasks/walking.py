@@ -52,7 +52,7 @@ class RewardWeights:
 
 @dataclass(frozen=True)
 class Termination:
-    """What a fall is, and whether it ends the episode; the pitch in rad."""
+    """Criteria of a fall, and whether it ends the episode; the pitch in rad."""
 
     fall_pitch: float = walk_reward.FALLEN_PITCH
     fall_contact: bool = True
@@ -164,7 +164,7 @@ class WalkerTask(Task):
             self.terminated[:] = self.rows["info"]["fallen"]
 
     def describe(self, rows: Ints) -> None:
-        """Fill observations and information of some robots with what is the case now."""
+        """Fill observations and information of some robots as they are now."""
         walk_reward.describe(rows, *self._describe_arguments())
         self.observe(rows)
         self.world.disturb(rows)

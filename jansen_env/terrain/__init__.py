@@ -1,4 +1,4 @@
-"""What is walked on: shapes, generators, curriculum."""
+"""Terrains: shapes, generators, curriculum."""
 
 from jansen_env.terrain.ground import (
     MAX_SLOPE,

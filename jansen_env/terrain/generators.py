@@ -1,4 +1,4 @@
-"""Grounds that are drawn anew at each reset, by name, parameters and level: 0 easy to 9 hard.
+"""Terrains that are drawn at each reset, by name, parameters and level: 0 easy to 9 hard.
 
 ``"stairs"`` has all its parameters from the level, ``"stairs:rise=0.02"`` its tread alone,
 ``"mixed"`` is another of them each time, and any callable ``(rng, level) -> Terrain`` will do. What

@@ -53,7 +53,8 @@ class Terrain:
 
     Raises:
         ValueError: fewer than two points, one farther than ``FARTHEST``, x not increasing, a
-            slope beyond 80 degrees, or a coefficient out of range.
+            slope beyond 80 degrees, or a coefficient out of range. Constructors: an argument out of
+            range, or more than ``MOST_POINTS`` vertices, waves, steps, blocks or ramps.
     """
 
     points: tuple[tuple[float, float], ...] = ((-1.0, 0.0), (1.0, 0.0))
@@ -125,10 +126,6 @@ class Terrain:
         Args:
             rng: the generator the heights are drawn from.
             height, spacing, length, start: m.
-
-        Raises:
-            ValueError: an argument out of range, more than ``MOST_POINTS`` vertices, or slopes
-                beyond 80 degrees.
         """
         instance("rng", rng, np.random.Generator)
         height = within("height", height, 0.0, FARTHEST)
@@ -161,10 +158,6 @@ class Terrain:
             height: m, from trough to crest; below 0 they begin with a trough. length: of a wave, m.
             start: m from the origin, to where the ground is level. reach: m, where they end, with
                 the last that has room; level beyond.
-
-        Raises:
-            ValueError: an argument out of range, more than ``MOST_POINTS`` waves, or slopes
-                beyond 80 degrees.
         """
         return cls.of(shapes.waves(height, length, start, reach), friction, restitution)
 
@@ -186,9 +179,6 @@ class Terrain:
             rise: m, of each step. tread: m, from step to step.
             start, reach: m, half the landing but for half a tread, and where the stairs end on
                 either side; level beyond.
-
-        Raises:
-            ValueError: an argument out of range, or more than ``MOST_POINTS`` steps.
         """
         return cls.of(shapes.stairs(rise, tread, start, reach), friction, restitution)
 
@@ -211,9 +201,6 @@ class Terrain:
             spacing: m, the mean length of a piece; lengths are uniform in 0.5 to 1.5 times that.
             start, reach: m from the origin, where they begin and about where they end, on both
                 sides; level before and beyond.
-
-        Raises:
-            ValueError: an argument out of range, or more than ``MOST_POINTS`` steps.
         """
         return cls.of(shapes.steps(rng, height, spacing, start, reach), friction, restitution)
 
@@ -234,9 +221,6 @@ class Terrain:
             height, width: m, of a block. spacing: m, from one to the next.
             start, reach: m from the origin, where the ground begins, half a gap before the first
                 block, and where it ends; level beyond.
-
-        Raises:
-            ValueError: an argument out of range, or more than ``MOST_POINTS`` blocks.
         """
         return cls.of(shapes.stumps(height, width, spacing, start, reach), friction, restitution)
 
@@ -255,9 +239,6 @@ class Terrain:
         Args:
             angle: rad; below 0 they go down first. length: m in x, of a ramp and a level piece.
             start, reach: m from the origin, where they begin and end; level beyond.
-
-        Raises:
-            ValueError: an argument out of range, or more than ``MOST_POINTS`` ramps.
         """
         return cls.of(shapes.ramps(angle, length, start, reach, MAX_SLOPE), friction, restitution)
 
@@ -331,7 +312,7 @@ def make_terrain(
     friction: float | None = None,
     restitution: float | None = None,
 ) -> Terrain:
-    """A terrain from what a user may pass.
+    """Return a terrain from a user's argument.
 
     Args:
         terrain: a :class:`Terrain`, ``"flat"``, ``"slope:ANGLE"`` (rad), or (x, y) points.

@@ -1,7 +1,7 @@
-"""Points of the grounds that :class:`jansen_env.terrain.Terrain` makes by name.
+"""Points of the terrains that :class:`jansen_env.terrain.Terrain` makes by name.
 
 All are level around x = 0, where a robot is placed, and mirrored or drawn on both sides of it, as
-commands may be negative. Vertices are few: in a batch, robots exchange their grounds at resets.
+commands may be negative. Vertices are few: in a batch, robots exchange their terrains at resets.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def periods(start: float, reach: float, period: float) -> int:
 
 
 def both_sides(right: Array, left: Array) -> Array:
-    """Two half grounds, each (k, 2) points of x > 0 outwards, as one, level at its ends.
+    """Two half terrains, each (k, 2) points of x > 0 outwards, as one, level at its ends.
 
     ``left`` is mirrored to x < 0.
     """

@@ -1,4 +1,7 @@
-"""Checks of arguments, options and states that worlds and tasks share."""
+"""Checks of arguments, options and states that worlds and tasks share.
+
+All functions raise ValueError for anything else than they describe.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +21,7 @@ MOST_STEPS = 10_000  # time steps in a control period: seconds on the slowest pl
 
 
 def control_period(control_dt: Any, time_step: Any) -> tuple[float, float]:
-    """``control_dt`` and ``time_step`` in s: the first 1 to :data:`MOST_STEPS` times the second.
-
-    Raises:
-        ValueError: anything else.
-    """
+    """``control_dt`` and ``time_step`` in s: the first 1 to :data:`MOST_STEPS` times the second."""
     period = positive("control_dt", control_dt)
     step = check_time_step(time_step)
     steps = period / step
@@ -52,11 +51,7 @@ def flag(name: str, value: Any) -> bool:
 
 
 def batched_actions(count: int, actions: Any) -> Array:
-    """Actions (count, 1) as an array of floats.
-
-    Raises:
-        ValueError: no numbers, or of another shape.
-    """
+    """Actions (count, 1) as an array of floats."""
     try:
         values: Array = np.ascontiguousarray(actions, dtype=float)
     except (TypeError, ValueError, OverflowError):
@@ -82,11 +77,7 @@ def option(
     low: float | None = None,
     high: float | None = None,
 ) -> float:
-    """An option of ``reset``, or what was drawn in its place.
-
-    Raises:
-        ValueError: not finite, or not between ``low`` and ``high``, where these are given.
-    """
+    """An option of ``reset``, or what was drawn in its place."""
     if name not in options:
         return drawn
     label = f"options[{name!r}]"

@@ -1,4 +1,7 @@
-"""Arguments of n robots: one value for all, or one for each."""
+"""Arguments of n robots: one value for all, or one for each.
+
+All functions raise ValueError for a value out of range, or not one for each robot.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,7 @@ from jansen_env.robot.motor import MOTORS, Motor
 from jansen_env.terrain import Terrain, make_terrain
 from jansen_env.terrain.curriculum import Curriculum
 from jansen_env.terrain.generators import HIGHEST, make_generator
-from jansen_env.world.episode_parameters import Grounds
+from jansen_env.world.episode_parameters import Terrains
 from jansen_env.world.randomization import Randomization
 from jansen_env.world.settings import Ground, Machine
 
@@ -65,11 +68,7 @@ def load_payload(payload: Any) -> Payload:
 
 
 def load_curriculum(curriculum: Any) -> Curriculum | None:
-    """A curriculum; True stands for the default one, None and False for none.
-
-    Raises:
-        ValueError: anything else.
-    """
+    """A curriculum; True stands for the default one, None and False for none."""
     if curriculum is None or isinstance(curriculum, (bool, np.bool_)):
         return Curriculum() if curriculum else None
     instance("curriculum", curriculum, Curriculum)
@@ -105,12 +104,8 @@ def entries_of(name: str, value: Any, count: int) -> list[Any]:
     return list(value)
 
 
-def broadcast_terrains(count: int, ground: Ground) -> Grounds:
-    """Return ``count`` terrains from one, or from one for each; friction and restitution likewise.
-
-    Raises:
-        ValueError: not one for each, or a value out of range.
-    """
+def broadcast_terrains(count: int, ground: Ground) -> Terrains:
+    """Return ``count`` terrains from one, or from one for each; friction, restitution likewise."""
     terrain, friction, restitution = ground.terrain, ground.friction, ground.restitution
     several = isinstance(terrain, Each) or (
         isinstance(terrain, (list, tuple))
@@ -142,15 +137,11 @@ def broadcast_terrains(count: int, ground: Ground) -> Grounds:
     own_friction, own_restitution = (
         np.array([one is not None for one in given]) for given in (frictions, restitutions)
     )
-    return Grounds(terrains, generators, own_friction, own_restitution)
+    return Terrains(terrains, generators, own_friction, own_restitution)
 
 
 def broadcast_randomizations(count: int, randomize: Any) -> list[Randomization]:
-    """``count`` randomisations from one, or from one for each.
-
-    Raises:
-        ValueError: not one for each, or a name or range that there is not.
-    """
+    """``count`` randomisations from one, or from one for each."""
     made: dict[int, Randomization] = {}
     each = entries_of("randomize", randomize, count)
     for one in each:
@@ -160,11 +151,7 @@ def broadcast_randomizations(count: int, randomize: Any) -> list[Randomization]:
 
 
 def broadcast_levels(count: int, terrain_level: Any) -> Array:
-    """(count, 2) lowest and highest terrain level, from one, (low, high), or one for each.
-
-    Raises:
-        ValueError: no whole numbers from 0 to :data:`jansen_env.terrain.generators.HIGHEST`.
-    """
+    """(count, 2) lowest and highest terrain level, from one, (low, high), or one for each."""
     levels = broadcast_ranges(count, "terrain_level", terrain_level, 0, HIGHEST)
     if (levels != np.round(levels)).any():
         raise ValueError(f"terrain_level is {shown(terrain_level)}, must be whole numbers")
@@ -172,11 +159,7 @@ def broadcast_levels(count: int, terrain_level: Any) -> Array:
 
 
 def broadcast_robots(count: int, machine: Machine) -> list[Robot]:
-    """Return ``count`` robots of one design, with one payload, motor ... or with one for each.
-
-    Raises:
-        ValueError: not one for each, or a value out of range.
-    """
+    """Return ``count`` robots of one design, with one payload, motor ... or with one for each."""
     parts: dict[str, tuple[Any, Callable[[Any], Any]]] = {
         "payload": (machine.payload, load_payload),
         "motor": (machine.motor, load_motor),
@@ -213,9 +196,6 @@ def broadcast_ranges(count: int, name: str, value: Any, least: float, most: floa
     Args:
         value: a number or (low, high) for all; an array (count,) of numbers, or an array
             (count, 2) or list of ranges for each.
-
-    Raises:
-        ValueError: not one for each, or a value out of range.
     """
     several = isinstance(value, (np.ndarray, Each)) or (
         isinstance(value, (list, tuple))
@@ -230,9 +210,6 @@ def scanned_places(scan: Any) -> Array:
 
     Args:
         scan: (behind, ahead, count); None for none.
-
-    Raises:
-        ValueError: anything else, or out of range.
     """
     if scan is None:
         return np.empty(0)
@@ -248,9 +225,5 @@ def scanned_places(scan: Any) -> Array:
 def broadcast_numbers(
     count: int, name: str, value: Any, check: Callable[[str, Any], float]
 ) -> Array:
-    """Return (count,) numbers from one, or from one for each, each through ``check``.
-
-    Raises:
-        ValueError: not one for each, or out of range.
-    """
+    """Return (count,) numbers from one, or from one for each, each through ``check``."""
     return np.array([check(name, one) for one in entries_of(name, value, count)])

@@ -1,4 +1,4 @@
-"""What disturbs n walking robots: pushes on their chassis, noise of their sensors.
+"""Disturbances of n walking robots: pushes on their chassis, noise of their sensors.
 
 All is drawn from the seed of an episode and counters (:mod:`jansen_env.engine.random`): beside the
 seed, the robot's step, a schedule of pushes that was given and the measured lag and means there is

@@ -17,7 +17,7 @@ class Observed(NamedTuple):
 
 
 def list_entries(toes: int, scanned: int) -> list[Observed]:
-    """Return what is known of a robot with so many toes that looks at so many places.
+    """Return the observed numbers of a robot with so many toes and places of a height scan.
 
     In the order of :func:`jansen_env.engine.readings.read`.
     """

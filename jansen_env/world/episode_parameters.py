@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-class Grounds(NamedTuple):
+class Terrains(NamedTuple):
     """The ground of each robot.
 
     Attributes:
@@ -50,7 +50,7 @@ class Grounds(NamedTuple):
 
 
 class Draws(NamedTuple):
-    """What is drawn for each robot's episodes.
+    """Distributions of each robot's episodes.
 
     Attributes:
         levels: (n, 2) lowest and highest terrain level. randomizations: of each.
@@ -73,10 +73,10 @@ class Plan(NamedTuple):
 
 
 class EpisodeParameters:
-    """What may differ between the episodes of n robots.
+    """Parameters and terrains of the episodes of n robots.
 
     Args:
-        plant: moves them. robots: of each, before randomisation. grounds, draws: of each.
+        plant: moves them. robots: of each, before randomisation. terrains, draws: of each.
         has: parameters of the world that do nothing unless there is what they are about, such as
             "noise_level", and whether there is.
 
@@ -94,17 +94,17 @@ class EpisodeParameters:
         self,
         plant: BatchedPlant,
         robots: Sequence[Robot],
-        grounds: Grounds,
+        terrains: Terrains,
         draws: Draws,
         has: Mapping[str, bool],
     ) -> None:
         n = len(robots)
-        self._plant, self._generators = plant, list(grounds.generators)
-        self._own = {"friction": grounds.own_friction, "restitution": grounds.own_restitution}
+        self._plant, self._generators = plant, list(terrains.generators)
+        self._own = {"friction": terrains.own_friction, "restitution": terrains.own_restitution}
         self._randomizations, self.curriculum = list(draws.randomizations), draws.curriculum
         self.levels, self.level = draws.levels, draws.levels[:, 0].astype(np.int64)
         self._has, self._links_mass = dict(has), robots[0].links_mass  # of one design
-        pairs = zip(robots, grounds.terrains, strict=True)
+        pairs = zip(robots, terrains.terrains, strict=True)
         self.nominal = np.array([nominal(*pair, EPISODE) for pair in pairs], EPISODE)
         self.values = self.nominal.copy()
         self._changed = np.zeros(n, bool)  # by a draw, from what the robot and its ground are
@@ -137,7 +137,7 @@ class EpisodeParameters:
         return self.values.view(float).reshape(len(self.values), -1)
 
     def ranges(self, row: int) -> dict[str, Distribution]:
-        """What is drawn for a robot, by name."""
+        """Distributions of a robot's parameters, by name."""
         drawn = dict(self._randomizations[row].distributions)
         if self._generators[row] is not None:
             drawn.setdefault("terrain_level", UniformLevels(*self.levels[row].tolist()))
@@ -255,7 +255,7 @@ class EpisodeParameters:
             for name, own in self._own.items():
                 if not own[row] and name not in (*randomization.distributions, *given):
                     one[name] = getattr(terrain, name)
-            if terrain.restitution != one["restitution"]:  # which feet that give may exclude
+            if terrain.restitution != one["restitution"]:  # which compliant pads may exclude
                 terrain = replace(terrain, restitution=float(one["restitution"]))
         self._check_feet(row, one)
         return Plan(values, terrain)
@@ -307,7 +307,7 @@ class EpisodeParameters:
         return replace(robot, payload=Payload(float(load["payload"]), position=place))
 
     def state(self, row: int) -> dict[str, Any]:
-        """What a robot's episode is made of, in plain numbers."""
+        """Parameters and terrain of a robot's episode, in plain numbers."""
         state: dict[str, Any] = {
             "parameters": dict(zip(PARAMETERS, self.values[row].item(), strict=True)),
             "level": int(self.level[row]),

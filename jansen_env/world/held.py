@@ -43,12 +43,8 @@ class HeldMachine:
 class HeldRobots(ActuatedRobots):
     """n equal robots with their chassis held, see :class:`ActuatedRobots`.
 
-    Args:
-        num_envs: robots. threads: of no use here. machine: see
-            :class:`jansen_env.envs.crank_env.JansenCrankEnv`. by_default: of no use here.
-
-    Attributes:
-        plant: moves the robots.
+    ``machine``: see :class:`jansen_env.envs.crank_env.JansenCrankEnv`. ``threads`` and
+    ``by_default`` are of no use here. Methods: see :class:`jansen_env.world.world.World`.
     """
 
     RECORDS = {"machine": HeldMachine}
@@ -203,7 +199,7 @@ class HeldRobots(ActuatedRobots):
         return {"robot": self.robots[row], "terrain_points": None, "speed_unit": "rad/s"}
 
     def frame(self, row: int) -> Frame:
-        """Return what is to be drawn of a robot as it stands, without a command."""
+        """Return the picture data of a robot as it stands, without a command."""
         angle, speed = self.plant.states[row].tolist()
         toes = len(self.robots[row].legs)
         return Frame(
@@ -218,11 +214,6 @@ class HeldRobots(ActuatedRobots):
             torque_limit=float(self.full_torque[row]),
             time=float(self.rows[row]["steps"]) * self.control_dt,
         )
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        if self.track_joint_forces:
-            self.step_arrays = {"joint_force_max": self._joint_force}
 
     def kernels(self) -> list[Kernel]:
         """Return what is compiled of it, but for the plant."""

@@ -27,7 +27,7 @@ COLUMNS = {
     "loads": ("toe_load_",),
     "height_scan": ("height_scan_",),
 }
-"""What each sensor measures: names of observations, without their numbers."""
+"""Observations of each sensor: names, without their numbers."""
 
 _EVEN = math.sqrt(1.0 / 3.0)  # standard deviation of what is drawn evenly from -1 to 1
 

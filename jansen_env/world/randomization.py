@@ -1,4 +1,4 @@
-"""What is drawn at each reset: distributions of parameters by name."""
+"""Distributions of parameters by name, drawn at each reset."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ def restore(world: World, row: int, state: dict[str, Any]) -> None:
 
 
 def frame(world: World, row: int) -> Frame:
-    """Return what is to be drawn of a robot as it stands, without a command."""
+    """Return the picture data of a robot as it stands, without a command."""
     plant = world.plant
     state = plant.states[row]
     points, tangents = plant.contact_frames(row)

@@ -1,4 +1,4 @@
-"""Keyword arguments as a few frozen records: what robots, ground and disturbances are."""
+"""Keyword arguments as a few frozen records: machine, control, ground, randomness, sensing."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def single_only(default: Any) -> Any:
 
 @dataclass(frozen=True)
 class Machine:
-    """What walks. A torque limit of None is the motor's, other Nones are what the robot has."""
+    """The robot. A torque limit of None is the motor's, other Nones are the robot's own."""
 
     robot: Robot | str = "paper"
     payload: Payload | float | Any = per_robot(None)
@@ -38,7 +38,7 @@ class Machine:
 
 @dataclass(frozen=True)
 class Control:
-    """How it is driven and simulated; times in s."""
+    """Actuation and simulation; times in s."""
 
     delay: float | tuple[float, float] | Any = per_robot(0.0)
     control_dt: float = 0.02
@@ -49,7 +49,7 @@ class Control:
 
 @dataclass(frozen=True)
 class Ground:
-    """On what it walks."""
+    """The terrain, or how it is drawn."""
 
     terrain: Terrain | str | Any = per_robot("flat")
     friction: float | Any = per_robot(None)
@@ -60,7 +60,7 @@ class Ground:
 
 @dataclass(frozen=True)
 class Randomness:
-    """What differs from episode to episode; the starting crank speed in rad/s."""
+    """Randomisation between episodes; the starting crank speed in rad/s."""
 
     randomize: Mapping[str, Any] | Any = per_robot(None)
     reset_noise_scale: float | Any = per_robot(0.1)
@@ -68,7 +68,7 @@ class Randomness:
 
 @dataclass(frozen=True)
 class Sensing:
-    """What is measured, and what disturbs the robot."""
+    """Sensors, their noise, and pushes."""
 
     height_scan: tuple[float, float, int] | None = None
     noise: Noise | Mapping[str, Any] | None = None

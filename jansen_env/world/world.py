@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,13 +15,9 @@ from jansen_env.engine import readings
 from jansen_env.engine.jit import Kernel
 from jansen_env.gravity import GRAVITY
 from jansen_env.parameters import CHANGED_BY, PARAMETERS
-from jansen_env.plants.base import (
-    BatchedPlant,
-    Plant,
-)
+from jansen_env.plants.base import BatchedPlant
 from jansen_env.plants.initial_pose import static_deflection
-from jansen_env.plants.make import make_batch, plant_of, plant_time_step
-from jansen_env.rendering import Frame
+from jansen_env.plants.make import Plant, make_batch, plant_of, plant_time_step
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.terrain import Terrain
 from jansen_env.world import broadcasting as bc
@@ -30,7 +26,7 @@ from jansen_env.world.actuated import ActuatedRobots, Array, Bools, Draw, Ints
 from jansen_env.world.argument_checks import control_period, flag, option
 from jansen_env.world.disturbances import NoisySensors, Pushes, schedule_of
 from jansen_env.world.entries import Observed, list_entries
-from jansen_env.world.episode_parameters import Draws, EpisodeParameters, Grounds, Plan
+from jansen_env.world.episode_parameters import Draws, EpisodeParameters, Plan
 from jansen_env.world.noise import make_noise
 from jansen_env.world.push import check_schedule, make_push
 from jansen_env.world.settings import Control, Ground, Machine, Randomness, Sensing
@@ -48,7 +44,7 @@ class World(ActuatedRobots):
             :class:`jansen_env.world.episode_parameters.Draws`.
 
     Attributes:
-        plant: moves the robots. episodes: their parameters and grounds.
+        plant: moves the robots. episodes: their parameters and terrains.
         loads: (n, toes) normal forces / weight. elapsed: (n,) control steps since the reset.
         seeds: (n,) of what episodes draw after their start. sensors: None without noise.
 
@@ -76,7 +72,7 @@ class World(ActuatedRobots):
         by_default: Collection[str] = (),
     ) -> None:
         n = num_envs
-        grounds = bc.broadcast_terrains(n, ground)
+        terrains = bc.broadcast_terrains(n, ground)
         randomizations = bc.broadcast_randomizations(n, randomness.randomize)
         robots = bc.broadcast_robots(n, machine)
         time_step = plant_time_step(control.plant, control.time_step)
@@ -88,7 +84,7 @@ class World(ActuatedRobots):
             static_deflection(robot, GRAVITY)  # or its feet are too soft
         longest = max(one.longest_delay for one in randomizations)
         super().__init__(robots, readings.ROW, periods, control.delay, longest)
-        self.plant = self._make_plant(control.plant, grounds.terrains, threads)
+        self.plant = self._make_plant(control.plant, terrains.terrains, threads)
         self._scan = bc.scanned_places(sensing.height_scan)
         self.entries = list_entries(self.plant.toes, len(self._scan))
         self.pushes = Pushes(n, make_push(sensing.push), self.steps, self.time_step)
@@ -104,7 +100,9 @@ class World(ActuatedRobots):
             bc.broadcast_levels(n, ground.terrain_level), randomizations,
             bc.load_curriculum(ground.curriculum), by_default,
         )  # fmt: skip
-        self._begin_parameters(grounds, draws)
+        has = {"noise_level": self._noise is not None, "push_strength": self.pushes.at_random}
+        self.episodes = EpisodeParameters(self.plant, self.robots, terrains, draws, has)
+        self._share_arrays()
 
     def _make_plant(self, name: str, terrains: list[Terrain], threads: int | None) -> BatchedPlant:
         """Make what moves the robots."""
@@ -123,11 +121,6 @@ class World(ActuatedRobots):
         self.full_torque *= self.rows["direction"]
         self.rows["weight"] = [robot.mass * GRAVITY for robot in self.robots]
         self._links_mass = np.array([robot.links_mass for robot in self.robots])
-
-    def _begin_parameters(self, grounds: Grounds, draws: Draws) -> None:
-        has = {"noise_level": self._noise is not None, "push_strength": self.pushes.at_random}
-        self.episodes = EpisodeParameters(self.plant, self.robots, grounds, draws, has)
-        self._share_arrays()
 
     def _share_arrays(self) -> None:
         """Let information show the arrays of others."""
@@ -249,7 +242,7 @@ class World(ActuatedRobots):
         return option(options, "crank_angle", crank_angle), crank_speed, delay, own
 
     def apply_parameters(self, rows: Ints, plans: Sequence[Plan]) -> None:
-        """Put planned parameters and grounds in force."""
+        """Apply planned parameters and terrains."""
         self.episodes.begin(rows, plans)
         self.update_scales(rows)
 
@@ -348,13 +341,10 @@ class World(ActuatedRobots):
         pressed: Bools = self.plant.rows["accumulators"]["non_toe_impulse"] > 0.0
         return pressed
 
-    def checked(self, row: int, changes: Mapping[str, Any]) -> dict[str, Any]:
-        """Return changes of :attr:`SETTABLE` for :meth:`apply`; ValueError: one is out of range."""
-        return robot_changes.checked(self, row, changes)
-
-    def apply(self, row: int, checked: dict[str, Any]) -> None:
-        """Put changes of a robot and its ground in force."""
-        robot_changes.apply(self, row, checked)
+    get_attr = robot_changes.get_attr
+    checked, apply = robot_changes.checked, robot_changes.apply
+    get_state, checked_state = robot_state.get_state, robot_state.checked_state
+    restore, frame = robot_state.restore, robot_state.frame
 
     def push(self, row: int, impulse: Any) -> None:
         """Push a robot's chassis from now on, whatever other pushes there are.
@@ -369,22 +359,6 @@ class World(ActuatedRobots):
         own = check_schedule("impulse", [(now, *entries("impulse", impulse, "(Jx, Jy)"))])
         self.pushes.add(row, own[0])
 
-    def get_attr(self, name: str) -> list[Any] | None:
-        """Return what each robot has of its own, see :func:`robot_changes.get_attr`."""
-        return robot_changes.get_attr(self, name)
-
-    def get_state(self, row: int) -> dict[str, Any]:
-        """Return all that a robot's future depends on but the task and random numbers."""
-        return robot_state.get_state(self, row)
-
-    def checked_state(self, row: int, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return a state for :meth:`restore`; ValueError: an entry is out of range."""
-        return robot_state.checked_state(self, row, state)
-
-    def restore(self, row: int, state: dict[str, Any]) -> None:
-        """Go on from a state of :meth:`checked_state`."""
-        robot_state.restore(self, row, state)
-
     def scene(self, row: int) -> dict[str, Any]:
         """Return the arguments of the renderer."""
         return {
@@ -392,16 +366,12 @@ class World(ActuatedRobots):
             "terrain_points": self.plant.terrains[row].polyline,
         }
 
-    def frame(self, row: int) -> Frame:
-        """Return what is to be drawn of a robot as it stands, without a command."""
-        return robot_state.frame(self, row)
-
     def kernels(self) -> list[Kernel]:
         """Return what is compiled of it, but for the plant."""
         return [self._action_kernel()]
 
     def own_kernels(self) -> list[Kernel]:
-        """Return what a task compiles, too, that has no readings of its own."""
+        """Return the readings' kernels, for tasks without kernels of their own."""
         one, every = np.arange(1), np.ones(self.num_envs, bool)
         return [
             Kernel("readings", readings.describe, (one, *self.describe_arguments())),

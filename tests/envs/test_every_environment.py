@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
+from side_by_side import compare
 from stable_baselines3.common.env_checker import check_env as check_for_sb3
-from test_walker_vector import compare
 
 from jansen_env.scoring.benchmarks import vector_env
 

@@ -1,4 +1,4 @@
-"""Gymnasium's and Stable-Baselines3's recorders at all doors: the film is what was rendered."""
+"""Gymnasium's and Stable-Baselines3's recorders through all APIs: the film is what was rendered."""
 
 from __future__ import annotations
 

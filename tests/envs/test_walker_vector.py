@@ -11,60 +11,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
+from side_by_side import ROUGH, compare, same, side_by_side, together
 
-from jansen_env import Payload, Terrain, paper_robot
+from jansen_env import Payload, paper_robot
 from jansen_env.envs.walker import JansenWalkerVectorEnv
 
-ROUGH = Terrain.rough(np.random.default_rng(3), height=0.03, spacing=0.1, length=10.0, start=0.2)
 MODES = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]
-
-
-def together(count, mode=AutoresetMode.NEXT_STEP, limit=None, **arguments):
-    return gym.make_vec(
-        "JansenWalker-v0", num_envs=count, autoreset_mode=mode, max_episode_steps=limit, **arguments
-    )
-
-
-def side_by_side(count, mode=AutoresetMode.NEXT_STEP, limit=None, each=None, **arguments):
-    """Gymnasium's vector environment of single ones; ``each`` has further arguments of each."""
-
-    def make(index):
-        own = {} if each is None else each[index]
-        return lambda: gym.make("JansenWalker-v0", max_episode_steps=limit, **arguments, **own)
-
-    return gym.vector.SyncVectorEnv([make(i) for i in range(count)], autoreset_mode=mode)
-
-
-def same(a, b, place="infos"):
-    """Nested information agrees bit for bit, masks and types of arrays too."""
-    assert set(a) == set(b), place
-    for key, value in a.items():
-        if isinstance(value, dict):
-            same(value, b[key], f"{place}.{key}")
-        elif value.dtype == object:
-            for x, y in zip(value, b[key], strict=True):
-                assert (x is None) == (y is None) and np.array_equal(x, y), f"{place}.{key}"
-        else:
-            assert value.dtype == b[key].dtype and np.array_equal(value, b[key]), f"{place}.{key}"
-
-
-def compare(ours, theirs, steps, seed=7, scale=1.0):
-    """Both walk alike, bit for bit; returns how many episodes ended."""
-    rng, ends = np.random.default_rng(seed), 0
-    (a, info_a), (b, info_b) = ours.reset(seed=seed), theirs.reset(seed=seed)
-    assert np.array_equal(a, b)
-    same(info_a, info_b)
-    for _ in range(steps):
-        action = rng.uniform(-scale, scale, (ours.num_envs, 1)).astype(np.float32)
-        *a, info_a = ours.step(action)
-        *b, info_b = theirs.step(action)
-        for x, y in zip(a, b, strict=True):
-            assert np.array_equal(x, y) and x.dtype == y.dtype
-        same(info_a, info_b)
-        ends += int((a[2] | a[3]).sum())
-    ours.close()
-    theirs.close()
-    return ends
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -100,34 +52,21 @@ def test_joint_loads_after_a_restart():
 def test_each_has_its_own_ground_load_and_command():
     """Friction, restitution, payload, command and terrain differ; still bit for bit."""
     each = [
-        {
-            "friction": 0.2,
-            "restitution": 0.0,
-            "payload": 0.0,
-            "speed_command": 0.1,
-            "command_interval": 0.4,
-        },
-        {
-            "friction": 0.8,
-            "restitution": 0.4,
-            "payload": 3.0,
-            "speed_command": (-0.2, 0.3),
-            "command_interval": 0.1,
-        },
+        {"friction": 0.2, "restitution": 0.0, "payload": 0.0, "speed_command": 0.1,
+         "command_interval": 0.4},
+        {"friction": 0.8, "restitution": 0.4, "payload": 3.0, "speed_command": (-0.2, 0.3),
+         "command_interval": 0.1},
         {"friction": 1.0, "restitution": 0.1, "payload": Payload(1.0, 0.1, (0.2, 0.1))},
-    ]
+    ]  # fmt: skip
     for own, terrain in zip(each, ("flat", ROUGH, "slope:0.1"), strict=True):
         own["terrain"] = terrain
+    names = ("terrain", "restitution", "payload")
     ours = together(
-        3,
-        limit=50,
-        terrain=[own["terrain"] for own in each],
+        3, limit=50, command_interval=[0.4, 0.1, None],
         friction=np.array([own["friction"] for own in each]),
-        restitution=[own["restitution"] for own in each],
-        payload=[own["payload"] for own in each],
         speed_command=np.array([[0.1, 0.1], [-0.2, 0.3], [0.05, 0.8]]),
-        command_interval=[0.4, 0.1, None],
-    )
+        **{name: [own[name] for own in each] for name in names},
+    )  # fmt: skip
     compare(ours, side_by_side(3, limit=50, each=each), 120)
 
 
@@ -316,22 +255,15 @@ def test_pictures():
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        ({"num_envs": 0}, "num_envs"),
         ({"friction": np.ones(3)}, "friction"),
-        ({"friction": [0.5, -1.0]}, "friction"),
         ({"payload": [1.0]}, "payload"),
         ({"terrain": ["flat", "flat", "flat"]}, "terrain"),
-        ({"terrain": ["flat", "hilly"]}, "terrain"),
         ({"speed_command": np.ones(3)}, "speed_command"),
         ({"plant": "rigid_body"}, "vectorization_mode='sync'"),
         ({"track_joint_forces": True}, "track_joint_forces"),
         ({"render_mode": "human"}, "render_mode"),
-        ({"max_episode_steps": 0}, "max_episode_steps"),
         ({"autoreset_mode": "never"}, "autoreset_mode is 'never'"),
         ({"friction": [[0.1], 0.2]}, "friction"),
-        ({"payload": [{}, 1.0]}, "payload"),
-        ({"threads": 0}, "threads"),
-        ({"control_dt": 0.0205}, "control_dt"),
     ],
 )
 def test_bad_arguments(arguments, named):

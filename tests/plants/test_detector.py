@@ -221,7 +221,7 @@ def test_placed_again_after_a_flight():
 
 
 def test_robots_in_one_space_see_what_each_sees_alone(rng):
-    """30 robots, on three grounds, bit for bit."""
+    """30 robots, on three terrains, bit for bit."""
     grounds = [jagged(rng), HILLS, Terrain.slope(-0.3)]
     terrains = [grounds[i % 3] for i in range(30)]
     detector = make(terrains, 40, 1.0)

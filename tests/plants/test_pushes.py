@@ -95,7 +95,7 @@ def test_the_impulse_named_arrives_body_by_body(design):
     """On the rigid-body plant: linear momentum to rounding; angular, gaps included, to 1 %."""
     plant = RigidBodyPlant(DESIGNS[design], Terrain.flat(), gravity=0.0)
     spin = (lambda: 0.0) if plant._rotor is None else (lambda: plant._rotor.speed)
-    linear, angular, moment = thrown(plant, lambda: plant._snapshot().motion, spin)
+    linear, angular, moment = thrown(plant, lambda: plant._space.snapshot().motion, spin)
     assert linear == pytest.approx(IMPULSE, abs=1e-9)
     assert angular == pytest.approx(moment, rel=1e-2)
 

@@ -47,7 +47,7 @@ def spun(plant, state, torque, duration):
 
 def angular_momentum(plant):
     """(bodies, rotor) kg m^2/s: of all bodies about their common centre of mass, and the rotor."""
-    motion, (mass, inertia) = plant._snapshot().motion, plant._inertias.T
+    motion, (mass, inertia) = plant._space.snapshot().motion, plant._space.inertias.T
     place, speed = motion[:, :2], motion[:, 3:5]
     centre, mean = (mass @ place) / mass.sum(), (mass @ speed) / mass.sum()
     arm, drift = place - centre, speed - mean
@@ -282,7 +282,7 @@ def test_bristles_slide_with_coulombs_friction():
     _, _, plant = pulled(0.3, 0.1, friction=0.2)
 
     def speed():
-        return plant._inertias[:, 0] @ plant._snapshot().motion[:, 3] / LOCKED.mass
+        return plant._space.inertias[:, 0] @ plant._space.snapshot().motion[:, 3] / LOCKED.mass
 
     before = speed()
     result = plant.step(0.0, 0.1)
@@ -328,7 +328,7 @@ def test_a_time_step_too_long_for_the_pads_is_refused():
 def test_what_is_ideal_costs_nothing():
     """Neither rotor nor springs nor joints of dry friction; electrical work is mechanical work."""
     plant = RigidBodyPlant(Robot(), Terrain.flat())
-    assert plant._rotor is None and plant._springs is None and plant._dry == []
+    assert plant._rotor is None and plant._springs is None and plant._space.dry == []
     plant.reset()
     result = plant.step(3.0, 0.02)
     assert isinstance(result, StepResult) and result.motor_work > 0.0

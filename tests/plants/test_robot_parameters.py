@@ -1,4 +1,4 @@
-"""Varied robots: they move as the machines do that are built with these numbers."""
+"""Robot parameters: robots move as the machines do that are built with these numbers."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ CHANGES = {
 GROUND = Terrain.slope(0.05, 0.8)
 
 
-def varied(robot, *names):
+def changed_row(robot, *names):
     """A row with some of :data:`CHANGES`, as far as the robot allows them."""
     row = nominal(robot, GROUND)
     for name in names:
@@ -71,7 +71,7 @@ def test_varied_robots_are_those_built_so(design):
     for case in cases[-len(CHANGES) :]:
         if "payload" in case[0]:
             case.insert(0, "payload")  # the place of one without mass says nothing
-    rows = np.array([varied(robot, *names) for names in cases], ROBOT_PARAMETERS)
+    rows = np.array([changed_row(robot, *names) for names in cases], ROBOT_PARAMETERS)
     batch = Batch([robot] * len(cases), [GROUND] * len(cases))
     every = np.arange(len(cases))
     batch.set_parameters(every, rows[np.roll(every, 1)])  # what comes next never builds on it
@@ -97,7 +97,9 @@ def test_varied_robots_are_those_built_so(design):
 def test_a_row_that_changes_nothing_changes_no_bit(design):
     robot = DESIGNS[design]
     plain, other = (Batch([robot, robot], [GROUND] * 2) for _ in range(2))
-    other.set_parameters(np.arange(2), np.array([varied(robot, *CHANGES)] * 2, ROBOT_PARAMETERS))
+    other.set_parameters(
+        np.arange(2), np.array([changed_row(robot, *CHANGES)] * 2, ROBOT_PARAMETERS)
+    )
     assert (other.params["mass"] > plain.params["mass"]).all()
     other.set_parameters(np.arange(2), other.nominal)
     for name in plain.params.dtype.names:
@@ -108,12 +110,12 @@ def test_a_row_that_changes_nothing_changes_no_bit(design):
 
 @pytest.mark.parametrize("design", DESIGNS)
 def test_tables_of_varied_robots(design):
-    """Scaled tables say of every crank angle what those compiled from the varied machine do.
+    """Scaled tables say of every crank angle what those compiled from the changed machine do.
 
     To 1e-12, second derivatives to 1e-10.
     """
     robot = DESIGNS[design]
-    row = varied(robot, *CHANGES)
+    row = changed_row(robot, *CHANGES)
     scaled = tables_of(rd.compile_robot(robot), row)
     built = rd.compile_robot(machine_of(robot, row))
     psi = np.linspace(-4.0, 4.0, 1000)
@@ -142,7 +144,7 @@ def test_the_rigid_body_plant_is_varied_alike():
     for name, make in {"projection": ProjectionPlant, "rigid_body": RigidBodyPlant}.items():
         batch = BatchOfOne(make(GIVING, GROUND))
         place = np.zeros(1, np.int64), np.array([0.3])
-        batch.set_parameters(place[0], np.array([varied(GIVING, *CHANGES)], ROBOT_PARAMETERS))
+        batch.set_parameters(place[0], np.array([changed_row(GIVING, *CHANGES)], ROBOT_PARAMETERS))
         batch.place(*place)
         steps = round(0.06 / batch.time_step)
         batch.step(np.array([2.0]), steps, pushes=np.full((1, steps, 2), 1.0 / steps))
@@ -175,9 +177,9 @@ def test_a_tilted_floor_is_a_slope():
 
 
 def test_setters_change_what_the_robot_is():
-    """A setter's number is in force and nominal; what else was varied stays."""
+    """A setter's number is in force and nominal; what else was changed stays."""
     batch = Batch([GIVING] * 2, [GROUND] * 2)
-    row = varied(GIVING, *CHANGES)
+    row = changed_row(GIVING, *CHANGES)
     batch.set_parameters(np.array([1]), np.array([row], ROBOT_PARAMETERS))
     motor = replace(AK80_6, stall_torque=50.0)
     batch.change(1, {"motor": motor})
@@ -210,9 +212,9 @@ def test_setters_change_what_the_robot_is():
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda thing: pickle.loads(pickle.dumps(thing))])
-def test_copies_go_on_varied(copied):
+def test_copies_go_on_changed_row(copied):
     for plant in (ProjectionPlant(GIVING, GROUND), RigidBodyPlant(GIVING, GROUND)):
-        plant.set_parameters(varied(GIVING, *CHANGES))
+        plant.set_parameters(changed_row(GIVING, *CHANGES))
         plant.reset(0.0, 0.3)
         other = copied(plant)
         for each in (plant, other):
@@ -224,7 +226,7 @@ def test_copies_go_on_varied(copied):
 
 def test_what_is_in_force_counts_for_placing_and_forces():
     """Feet that give sink in by the weight in force; joint forces know it, too."""
-    row = varied(GIVING, *CHANGES)
+    row = changed_row(GIVING, *CHANGES)
     plant, built = ProjectionPlant(GIVING, GROUND), machine_of(GIVING, row)
     pull = tilted(GRAVITY, float(row["tilt"]))
     other = ProjectionPlant(built, terrain_of(GROUND, row), gravity=pull)

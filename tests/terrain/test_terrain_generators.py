@@ -1,4 +1,4 @@
-"""Grounds by name: their shapes, what their parameters mean, and drawing them by level."""
+"""Terrains by name: their shapes, what their parameters mean, and drawing them by level."""
 
 from __future__ import annotations
 

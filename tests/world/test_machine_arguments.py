@@ -1,4 +1,4 @@
-"""The environments' motor, delay and compliant feet: at all doors, and on both plants."""
+"""The environments' motor, delay and compliant feet: through all APIs, and on both plants."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ def test_motor_and_feet_change_from_now_on():
     assert (one[0] == two[0]).all() and (one[1] == two[1]).all()
 
 
-def test_feet_that_give_refuse_restitution():
+def test_compliant_feet_refuse_restitution():
     with pytest.raises(ValueError, match=r"restitution is 0\.5, must be 0 with compliant pads"):
         gym.make(WALKER, restitution=0.5, pad_compliance=FEET)
     env = JansenWalkerEnv(pad_compliance=FEET)

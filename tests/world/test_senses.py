@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
-from test_walker_vector import ROUGH, compare, side_by_side, together
+from side_by_side import ROUGH, compare, side_by_side, together
 
 from jansen_env import Noise, Push
 from jansen_env.engine import walk_reward
@@ -251,7 +251,7 @@ def test_a_robot_does_alone_what_it_does_among_others():
     assert ends >= 6
 
 
-def test_a_state_goes_on_with_the_same_noise_and_pushes_at_both_doors():
+def test_a_state_goes_on_with_the_same_noise_and_pushes_through_both_apis():
     env, seeds = walker(**ALL), [5, 6, 7]
     own = [(0.3, 1.0, 0.0), (0.35, -1.0, 0.4)]
     env.reset(seed=6, options={"pushes": own})

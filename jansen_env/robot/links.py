@@ -1,4 +1,4 @@
-"""What the machine is: links, joints, legs, masses. Data only, checked when it is made.
+"""Parts of a machine: links, legs, payload, pads. Data only, checked when it is made.
 
 Body numbers are the paper's (*Dynamic Analysis and Modeling of Jansen Mechanism*, section 2.1):
 
@@ -22,21 +22,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from jansen_env.checks import (
     entries,
     finite,
-    instance,
     non_negative,
     positive,
     positive_integer,
     shown,
     within,
 )
-from jansen_env.robot import buildable as built
-from jansen_env.robot.motor import IDEAL, MOTORS, Motor
 
 Side = Literal["fore", "back"]
 
@@ -45,7 +42,7 @@ BODIES = ("frame", "crank", "upper_rod", "upper_triangle", "rocker", "lower_rod"
 BODIES_PER_LEG = len(BODIES)
 CRANK_RADIUS = 0.10834  # m, the paper's L2; every built-in design turns this crank
 MOST_PHASES = 100  # of crank pins
-STIFFEST = 1e20  # N/m and N s/m, of a pad that gives: beyond, it is rigid
+STIFFEST = 1e20  # N/m and N s/m, of a compliant pad: beyond, it is rigid
 JOINT_PAIRS = (
     (1, 2), (2, 3), (3, 4), (3, 6), (4, 5), (5, 6), (5, 8), (4, 7), (6, 8), (7, 8),
 )  # fmt: skip
@@ -57,7 +54,7 @@ BEARINGS = (
 holds the pin. The frame's at P are among them, which the paper's list leaves out."""
 
 
-def _set(part: Any, check: Callable[[str, Any], float], *names: str) -> None:
+def set_checked(part: Any, check: Callable[[str, Any], float], *names: str) -> None:
     """Replace fields of a frozen dataclass by what ``check`` makes of them: floats."""
     for name in names:
         value = check(f"{type(part).__name__}.{name}", getattr(part, name))
@@ -79,8 +76,8 @@ class Bar:
     inertia: float = 0.1
 
     def __post_init__(self) -> None:
-        _set(self, positive, "length", "mass")
-        _set(self, non_negative, "inertia")
+        set_checked(self, positive, "length", "mass")
+        set_checked(self, non_negative, "inertia")
 
     @property
     def half(self) -> float:
@@ -117,8 +114,8 @@ class Triangle:
     inertia: float = 0.1
 
     def __post_init__(self) -> None:
-        _set(self, positive, "d", "l", "h", "alpha", "gamma", "mass")
-        _set(self, non_negative, "inertia")
+        set_checked(self, positive, "d", "l", "h", "alpha", "gamma", "mass")
+        set_checked(self, non_negative, "inertia")
         if self.alpha + self.gamma >= 2.0 * math.pi:
             raise ValueError(
                 f"Triangle: alpha + gamma is {self.alpha + self.gamma}, must be below 2 pi"
@@ -180,7 +177,7 @@ class Leg:
     def __post_init__(self) -> None:
         if not isinstance(self.side, str) or self.side not in ("fore", "back"):
             raise ValueError(f"Leg.side is {shown(self.side)}, must be 'fore' or 'back'")
-        _set(self, finite, "phase")
+        set_checked(self, finite, "phase")
 
 
 @dataclass(frozen=True)
@@ -197,7 +194,7 @@ class Payload:
     position: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        _set(self, non_negative, "mass", "inertia")
+        set_checked(self, non_negative, "mass", "inertia")
         position = entries("Payload.position", self.position, "two numbers (x, y)")
         if len(position) != 2:
             raise ValueError(
@@ -235,7 +232,7 @@ class Compliance:
                 object.__setattr__(self, tangential, getattr(self, name))
             for field_name in (name, tangential):
                 if getattr(self, field_name) != math.inf:
-                    _set(self, normal, field_name)
+                    set_checked(self, normal, field_name)
                     within(f"Compliance.{field_name}", getattr(self, field_name), 0.0, STIFFEST)
         if (self.stiffness == math.inf) != (self.tangential_stiffness == math.inf):
             raise ValueError(
@@ -267,186 +264,3 @@ def phased_legs(phases: int) -> tuple[Leg, ...]:
     phases = positive_integer("phases", phases, MOST_PHASES)
     angles = [2.0 * math.pi * k / phases for k in range(phases)]
     return tuple(Leg(side, angle) for side in ("fore", "back") for angle in angles)
-
-
-# Triangle 4's constraint equations use the printed centroid data, 1.0101 times (L4, L10, L5).
-_PAPER_TRIANGLE_4 = Triangle(d=0.122562, l=0.170599, h=0.178215, alpha=1.87097, gamma=1.98742)
-_PAPER_TRIANGLE_8 = Triangle(d=0.147877, l=0.205316, h=0.252632, alpha=1.57408, gamma=2.19281)
-
-
-@dataclass(frozen=True)
-class Robot:
-    """A Jansen walker: every leg the same linkage, all cranks on one shaft. Default: the paper's.
-
-    Args:
-        frame, frame_angle: P to O, its length and its angle in the chassis frame (fore legs).
-        crank, upper_rod, upper_triangle, rocker, lower_rod, coupler, foot: the other bodies.
-        damping: viscous coefficient of each pair in :data:`JOINT_PAIRS`, N m s / rad.
-        legs: at least one; the first one's crank defines the crank angle, so its phase is 0.
-        pad_radius: radius of the round pads at toes and outer joints, m.
-        payload: extra rigid load on the chassis.
-        motor: what turns the crank; pad_compliance: how the pads give.
-        bearing_friction: Coulomb friction torque of each pair in :data:`BEARINGS`, N m.
-
-    Raises:
-        ValueError: an argument of another kind or out of range.
-            :func:`jansen_env.robot.kinematics.check_closure` refuses a design that cannot turn (run
-            when a robot is compiled).
-    """
-
-    frame: Bar = Bar(0.32436)
-    frame_angle: float = math.atan2(0.04632, 0.32436)
-    crank: Bar = Bar(CRANK_RADIUS)
-    upper_rod: Bar = Bar(0.34885)
-    upper_triangle: Triangle = _PAPER_TRIANGLE_4
-    rocker: Bar = Bar(0.23508)
-    lower_rod: Bar = Bar(0.38322)
-    coupler: Bar = Bar(0.23934)
-    foot: Triangle = _PAPER_TRIANGLE_8
-    damping: tuple[float, ...] = (0.1,) * len(JOINT_PAIRS)
-    legs: tuple[Leg, ...] = field(default_factory=lambda: phased_legs(2))
-    pad_radius: float = 0.01
-    payload: Payload = Payload()
-    motor: Motor = IDEAL
-    pad_compliance: Compliance = RIGID
-    bearing_friction: tuple[float, ...] = (0.0,) * len(BEARINGS)
-
-    def __post_init__(self) -> None:
-        for name in BODIES:
-            kind = Triangle if name in ("upper_triangle", "foot") else Bar
-            instance(f"Robot.{name}", getattr(self, name), kind)
-        instance("Robot.payload", self.payload, Payload)
-        instance("Robot.motor", self.motor, Motor)
-        instance("Robot.pad_compliance", self.pad_compliance, Compliance)
-        _set(self, finite, "frame_angle")
-        _set(self, positive, "pad_radius")
-        self._set_pairs("damping", "joint pairs", JOINT_PAIRS)
-        self._set_pairs("bearing_friction", "bearings", BEARINGS)
-        object.__setattr__(self, "legs", entries("Robot.legs", self.legs, "at least one Leg"))
-        if not self.legs:
-            raise ValueError("Robot.legs is empty, must have at least one Leg")
-        if not all(isinstance(leg, Leg) for leg in self.legs):
-            raise ValueError(
-                f"Robot.legs is {shown(self.legs)}, must be at least one Leg and nothing else"
-            )
-        if self.legs[0].phase != 0.0:
-            raise ValueError(
-                f"Robot.legs[0].phase is {self.legs[0].phase}, must be 0: the first leg's crank "
-                "defines the crank angle"
-            )
-
-    def _set_pairs(self, name: str, label: str, pairs: tuple[tuple[int, int], ...]) -> None:
-        """Check a field with one number for each of some pairs of bodies."""
-        each = f"one number for each of the {len(pairs)} {label} {pairs}"
-        values = entries(f"Robot.{name}", getattr(self, name), each)
-        if len(values) != len(pairs):
-            raise ValueError(f"Robot.{name} has {len(values)} values, must be {each}")
-        checked = tuple(non_negative(f"Robot.{name}", value) for value in values)
-        object.__setattr__(self, name, checked)
-
-    @property
-    def bodies(self) -> tuple[Bar | Triangle, ...]:
-        """Bodies 1 to 8 of a leg."""
-        return tuple(getattr(self, name) for name in BODIES)
-
-    @property
-    def links_mass(self) -> float:
-        """Mass of every body of every leg, kg."""
-        return len(self.legs) * sum(body.mass for body in self.bodies)
-
-    @property
-    def mass(self) -> float:
-        """Total mass, kg: that of the links and the payload."""
-        return self.links_mass + self.payload.mass
-
-    @property
-    def leg_names(self) -> tuple[str, ...]:
-        """``rf``, ``lf``, ``rb``, ``lb`` for the paper's four, else ``f1``.. and ``b1``.."""
-        if self.legs == phased_legs(2):
-            return ("rf", "lf", "rb", "lb")
-        count = {"fore": 0, "back": 0}
-        names = []
-        for leg in self.legs:
-            count[leg.side] += 1
-            names.append(f"{leg.side[0]}{count[leg.side]}")
-        return tuple(names)
-
-    def with_slender_inertias(self) -> Robot:
-        """The same robot with rods of inertia m L^2 / 12 and triangles as uniform plates."""
-        return replace(self, **{name: getattr(self, name).slender() for name in BODIES})
-
-
-def paper_robot(phases: int = 2) -> Robot:
-    """The paper's machine with ``phases`` crank pins, two legs on each (2 gives its four legs)."""
-    return Robot(legs=phased_legs(phases))
-
-
-def holy_numbers_robot(phases: int = 2) -> Robot:
-    """Theo Jansen's eleven "holy numbers", scaled so that the crank is as long as the paper's.
-
-    Source: T. Jansen, *The Great Pretender* (2007): a 38, b 41.5, c 39.3, d 40.1, e 55.8, f 39.4,
-    g 36.7, h 65.7, i 49, j 50, k 61.9, l 7.8, m 15.
-    """
-    s = CRANK_RADIUS / 15.0
-    return Robot(
-        frame=Bar(s * math.hypot(38.0, 7.8)),
-        frame_angle=math.atan2(7.8, 38.0),
-        upper_rod=Bar(s * 50.0),
-        upper_triangle=Triangle.from_sides(s * 41.5, s * 55.8, s * 40.1),
-        rocker=Bar(s * 39.3),
-        lower_rod=Bar(s * 61.9),
-        coupler=Bar(s * 39.4),
-        foot=Triangle.from_sides(s * 36.7, s * 65.7, s * 49.0),
-        legs=phased_legs(phases),
-    )
-
-
-BEARING_LOADS = (17.0, 13.0, 11.0, 14.0, 23.0, 14.0, 11.0, 20.0, 11.0, 10.0)
-"""N, mean load of each of :data:`BEARINGS` of the built robot in walks at 2 rad/s."""
-
-
-def built_robot(phases: int = 2) -> Robot:
-    """A machine that could be built: the paper's linkage of aluminium, with a gearmotor.
-
-    Flat bars and windowed plates with pins in dry plain bearings, see
-    :mod:`jansen_env.robot.buildable`; the frame's bars carry motor and crankshaft at O, battery
-    and cross-members at P, as heavy. Bearings have Coulomb friction alone, by their mean load. Feet
-    are half-round treads of rubber with a radius of 20 mm. ``docs/built_robot.md`` has the bill of
-    materials and all sources.
-    """
-    robot, parts = paper_robot(phases), {}
-    for name in BODIES:
-        link = getattr(robot, name)
-        if isinstance(link, Triangle):
-            third = built.FOOT_MASS if name == "foot" else None
-            mass, inertia = built.triangular_plate(link.sides, third_mass=third)
-        elif name == "frame":
-            each = built.PIN_SHARE + built.AXIS_MASS / len(robot.legs)
-            mass, inertia = built.flat_bar(link.length, built.FRAME_WIDTH, each)
-        else:
-            thickness = built.bar_thickness(name)
-            mass, inertia = built.flat_bar(link.length, built.WIDTH, thickness=thickness)
-        parts[name] = replace(link, mass=mass, inertia=inertia)
-    robot = replace(robot, **parts)
-    normal, tangential = built.FOOT_STIFFNESS
-    return replace(
-        robot,
-        damping=(0.0,) * len(JOINT_PAIRS),
-        pad_radius=built.FOOT_RADIUS,
-        motor=MOTORS["ak80_6"],
-        bearing_friction=tuple(round(built.dry_torque(load), 4) for load in BEARING_LOADS),
-        pad_compliance=Compliance(
-            normal, round(built.foot_damping(normal, robot.mass), 1),
-            tangential, round(built.foot_damping(tangential, robot.mass), 1),
-        ),
-    )  # fmt: skip
-
-
-ROBOTS: dict[str, Callable[..., Robot]] = {
-    "paper": paper_robot,
-    "paper_slender": lambda phases=2: paper_robot(phases).with_slender_inertias(),
-    "holy": holy_numbers_robot,
-    "holy_slender": lambda phases=2: holy_numbers_robot(phases).with_slender_inertias(),
-    "built": built_robot,
-}
-"""Built-in designs by name; each takes the number of crank phases (legs = 2 x phases)."""

@@ -1,0 +1,96 @@
+"""Built-in designs: the paper's, the holy numbers', one that could be built."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+from jansen_env.robot import buildable as built
+from jansen_env.robot.links import (
+    BODIES,
+    CRANK_RADIUS,
+    JOINT_PAIRS,
+    Bar,
+    Compliance,
+    Triangle,
+    phased_legs,
+)
+from jansen_env.robot.motor import MOTORS
+from jansen_env.robot.robot import Robot
+
+
+def paper_robot(phases: int = 2) -> Robot:
+    """The paper's machine with ``phases`` crank pins, two legs on each (2 gives its four legs)."""
+    return Robot(legs=phased_legs(phases))
+
+
+def holy_numbers_robot(phases: int = 2) -> Robot:
+    """Theo Jansen's eleven "holy numbers", scaled so that the crank is as long as the paper's.
+
+    Source: T. Jansen, *The Great Pretender* (2007): a 38, b 41.5, c 39.3, d 40.1, e 55.8, f 39.4,
+    g 36.7, h 65.7, i 49, j 50, k 61.9, l 7.8, m 15.
+    """
+    s = CRANK_RADIUS / 15.0
+    return Robot(
+        frame=Bar(s * math.hypot(38.0, 7.8)),
+        frame_angle=math.atan2(7.8, 38.0),
+        upper_rod=Bar(s * 50.0),
+        upper_triangle=Triangle.from_sides(s * 41.5, s * 55.8, s * 40.1),
+        rocker=Bar(s * 39.3),
+        lower_rod=Bar(s * 61.9),
+        coupler=Bar(s * 39.4),
+        foot=Triangle.from_sides(s * 36.7, s * 65.7, s * 49.0),
+        legs=phased_legs(phases),
+    )
+
+
+BEARING_LOADS = (17.0, 13.0, 11.0, 14.0, 23.0, 14.0, 11.0, 20.0, 11.0, 10.0)
+"""N, mean load of each of :data:`BEARINGS` of the built robot in walks at 2 rad/s."""
+
+
+def built_robot(phases: int = 2) -> Robot:
+    """A machine that could be built: the paper's linkage of aluminium, with a gearmotor.
+
+    Flat bars and windowed plates with pins in dry plain bearings, see
+    :mod:`jansen_env.robot.buildable`; the frame's bars carry motor and crankshaft at O, battery
+    and cross-members at P, as heavy. Bearings have Coulomb friction alone, by their mean load. Feet
+    are half-round treads of rubber with a radius of 20 mm. ``docs/built_robot.md`` has the bill of
+    materials and all sources.
+    """
+    robot, parts = paper_robot(phases), {}
+    for name in BODIES:
+        link = getattr(robot, name)
+        if isinstance(link, Triangle):
+            third = built.FOOT_MASS if name == "foot" else None
+            mass, inertia = built.triangular_plate(link.sides, third_mass=third)
+        elif name == "frame":
+            each = built.PIN_SHARE + built.AXIS_MASS / len(robot.legs)
+            mass, inertia = built.flat_bar(link.length, built.FRAME_WIDTH, each)
+        else:
+            thickness = built.bar_thickness(name)
+            mass, inertia = built.flat_bar(link.length, built.WIDTH, thickness=thickness)
+        parts[name] = replace(link, mass=mass, inertia=inertia)
+    robot = replace(robot, **parts)
+    normal, tangential = built.FOOT_STIFFNESS
+    return replace(
+        robot,
+        damping=(0.0,) * len(JOINT_PAIRS),
+        pad_radius=built.FOOT_RADIUS,
+        motor=MOTORS["ak80_6"],
+        bearing_friction=tuple(round(built.dry_torque(load), 4) for load in BEARING_LOADS),
+        pad_compliance=Compliance(
+            normal, round(built.foot_damping(normal, robot.mass), 1),
+            tangential, round(built.foot_damping(tangential, robot.mass), 1),
+        ),
+    )  # fmt: skip
+
+
+ROBOTS: dict[str, Callable[..., Robot]] = {
+    "paper": paper_robot,
+    "paper_slender": lambda phases=2: paper_robot(phases).with_slender_inertias(),
+    "holy": holy_numbers_robot,
+    "holy_slender": lambda phases=2: holy_numbers_robot(phases).with_slender_inertias(),
+    "built": built_robot,
+}
+"""Built-in designs by name; each takes the number of crank phases (legs = 2 x phases)."""

@@ -1,0 +1,59 @@
+"""Robots that move together beside single ones: the same, bit for bit."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from jansen_env import Terrain
+
+ROUGH = Terrain.rough(np.random.default_rng(3), height=0.03, spacing=0.1, length=10.0, start=0.2)
+
+
+def together(count, mode=AutoresetMode.NEXT_STEP, limit=None, **arguments):
+    return gym.make_vec(
+        "JansenWalker-v0", num_envs=count, autoreset_mode=mode, max_episode_steps=limit, **arguments
+    )
+
+
+def side_by_side(count, mode=AutoresetMode.NEXT_STEP, limit=None, each=None, **arguments):
+    """Gymnasium's vector environment of single ones; ``each`` has further arguments of each."""
+
+    def make(index):
+        own = {} if each is None else each[index]
+        return lambda: gym.make("JansenWalker-v0", max_episode_steps=limit, **arguments, **own)
+
+    return gym.vector.SyncVectorEnv([make(i) for i in range(count)], autoreset_mode=mode)
+
+
+def same(a, b, place="infos"):
+    """Nested information agrees bit for bit, masks and types of arrays too."""
+    assert set(a) == set(b), place
+    for key, value in a.items():
+        if isinstance(value, dict):
+            same(value, b[key], f"{place}.{key}")
+        elif value.dtype == object:
+            for x, y in zip(value, b[key], strict=True):
+                assert (x is None) == (y is None) and np.array_equal(x, y), f"{place}.{key}"
+        else:
+            assert value.dtype == b[key].dtype and np.array_equal(value, b[key]), f"{place}.{key}"
+
+
+def compare(ours, theirs, steps, seed=7, scale=1.0):
+    """Both walk alike, bit for bit; returns how many episodes ended."""
+    rng, ends = np.random.default_rng(seed), 0
+    (a, info_a), (b, info_b) = ours.reset(seed=seed), theirs.reset(seed=seed)
+    assert np.array_equal(a, b)
+    same(info_a, info_b)
+    for _ in range(steps):
+        action = rng.uniform(-scale, scale, (ours.num_envs, 1)).astype(np.float32)
+        *a, info_a = ours.step(action)
+        *b, info_b = theirs.step(action)
+        for x, y in zip(a, b, strict=True):
+            assert np.array_equal(x, y) and x.dtype == y.dtype
+        same(info_a, info_b)
+        ends += int((a[2] | a[3]).sum())
+    ours.close()
+    theirs.close()
+    return ends

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import psutil
 import pytest
 from small_studies import (
     ROOT,
@@ -100,8 +101,11 @@ def test_killed_driver_and_end_by_signal_lose_nothing(whole, tmp_path):
     arguments = command(FOUR, tmp_path)
     driver = start(arguments)
     wait_until(lambda: any(map(steps_saved, runs)), driver)
+    children = psutil.Process(driver.pid).children(recursive=True)
+    workers = [one for one in children if "Agent" not in one.name()]  # Ray's own, which stay longer
     driver.send_signal(signal.SIGKILL)
     driver.wait()
+    assert not psutil.wait_procs(workers, timeout=60)[1]  # whose runs would go on meanwhile
     again = start(arguments)
     wait_until(lambda: " to do on Ray" in output(again), again)  # the first one's statuses are gone
     wait_until(lambda: "training" in {read_status(run.folder).get("state") for run in runs}, again)

@@ -202,7 +202,8 @@ class RigidBodyPlant:
 
     @property
     def in_contact(self) -> NDArray[np.bool_]:
-        """(pads,) the pads on the ground now or just before, see :class:`jansen_env.plants.pad_contacts.PadContacts`."""
+        """(pads,) the pads on the ground now or just before, see
+        :class:`jansen_env.plants.pad_contacts.PadContacts`."""
         return self._contacts.pressed
 
     @in_contact.setter

@@ -10,12 +10,12 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
+import psutil
 import pytest
 
 if find_spec("ray") is None:  # not imported: it reads how it is to authenticate when it is
     pytest.skip("Ray is not installed; the extra 'distributed' brings it", allow_module_level=True)
 pytest.importorskip("tree", reason="dm-tree is not installed; the extra 'distributed' brings it")
-psutil = pytest.importorskip("psutil")  # Ray has it
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "rllib_ppo.py"
 STEPS = 18_000

@@ -40,14 +40,17 @@ returns."""
 def feet(robot: Robot, stiffness: float) -> Compliance:
     """Return a robot's feet scaled to a stiffness, N/m; an infinite one is rigid.
 
-    Damping and tangential stiffness are scaled by the same factor. If a robot's own feet are rigid,
-    the built robot's feet are scaled instead. A world that draws scales of the feet at each reset
-    still applies them on top.
+    Tangential stiffness is scaled by the same factor, damping by its root: a rubber of the same
+    loss factor at the lower frequency (:func:`jansen_env.robot.buildable.foot_damping`). If a
+    robot's own feet are rigid, the built robot's feet are scaled instead. A world that draws scales
+    of the feet at each reset still applies them on top.
     """
     if stiffness == math.inf:
         return RIGID
     own = (built_robot() if robot.pad_compliance.rigid else robot).pad_compliance
-    return Compliance(*(value * stiffness / own.stiffness for value in astuple(own)))
+    scale = stiffness / own.stiffness
+    powers = (1.0, 0.5, 1.0, 0.5)  # of stiffness and damping, normal and tangential
+    return Compliance(*(value * scale**power for value, power in zip(astuple(own), powers)))
 
 
 def score(loaded: Loaded, env_id: str, episodes: int, seed: int = 0) -> Scores:

@@ -29,7 +29,7 @@ def test_feet_are_scaled():
     assert robustness.feet(built_robot(), own.stiffness) == own
     softer = robustness.feet(built_robot(), 0.1 * own.stiffness)
     assert softer.tangential_stiffness == pytest.approx(0.1 * own.tangential_stiffness)
-    assert softer.damping == pytest.approx(0.1 * own.damping)
+    assert softer.damping == pytest.approx(math.sqrt(0.1) * own.damping)  # the same loss factor
     assert robustness.feet(paper_robot(), 0.1 * own.stiffness) == softer
     assert robustness.feet(built_robot(), math.inf) == RIGID
 

@@ -27,22 +27,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS, Pads, pad_layout
-from jansen_env.dynamics.projection import (
-    DOF,
-    constraint_matrix,
-    orthogonal_complement,
-)
+from jansen_env.dynamics.projection import DOF, constraint_matrix, orthogonal_complement
 from jansen_env.gravity import GRAVITY
-from jansen_env.robot import (
-    BEARINGS,
-    BODIES_PER_LEG,
-    JOINT_PAIRS,
-    RIGID,
-    Leg,
-    Payload,
-    Robot,
-    Side,
-)
+from jansen_env.robot import BEARINGS, BODIES_PER_LEG, JOINT_PAIRS, RIGID, Leg, Payload, Robot, Side
 from jansen_env.robot.kinematics import check_closure, coordinates, joint_positions
 from jansen_env.robot.motor import IDEAL
 

@@ -15,12 +15,7 @@ TRACKING_WIDTH = 0.8  # rad, tracking error at which half of the tracking reward
 REWARD = row_dtype([("tracking", float), ("torque", float)])
 # What the information has of a robot that is held; its units are listed with the environment.
 HELD_INFORMATION = row_dtype(
-    [
-        ("crank_angle", float),
-        ("crank_speed", float),
-        ("crank_torque", float),
-        ("diverged", bool),
-    ]
+    [("crank_angle", float), ("crank_speed", float), ("crank_torque", float), ("diverged", bool)]
 )
 ENERGIES = row_dtype(
     [

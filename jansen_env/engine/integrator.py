@@ -31,13 +31,7 @@ from jansen_env.engine.compliance import (
     limit_springs,
 )
 from jansen_env.engine.contact_solver import OPEN, index_size, spare_space
-from jansen_env.engine.contacts import (
-    TRAVEL,
-    assemble,
-    correct_penetration,
-    find_contacts,
-    outruns,
-)
+from jansen_env.engine.contacts import TRAVEL, assemble, correct_penetration, find_contacts, outruns
 from jansen_env.engine.jit import compiled, macro, stage
 from jansen_env.engine.records import (
     CONTACT_STATISTICS,

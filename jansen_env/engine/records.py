@@ -64,7 +64,7 @@ PARAMS = row_dtype(
         ("compliant", "?"),
         ("stiffness", "f8", 2),  # N/m, normal and tangential
         ("pad_damping", "f8", 2),  # N s/m
-    ],
+    ]
 )
 """What may differ between robots of one design."""
 
@@ -89,7 +89,7 @@ STATUS = row_dtype(
         ("home_y", "f8"),
         ("home_first", "i8"),
         ("home_last", "i8"),
-    ],
+    ]
 )
 """Where a robot stands between collision detection and time steps."""
 

@@ -16,15 +16,7 @@ import numpy as np
 from jansen_env.engine.jit import compiled, stage
 from jansen_env.engine.motor_stages import drawn_power, limited_torque
 from jansen_env.engine.records import Array
-from jansen_env.engine.tables import (
-    C_Y,
-    CRANK,
-    DAMPING,
-    FIRST,
-    VALUE,
-    bearing_friction,
-    read_body,
-)
+from jansen_env.engine.tables import C_Y, CRANK, DAMPING, FIRST, VALUE, bearing_friction, read_body
 
 # Entries of a state: crank angle, its rate, and since the start what joints and gear have taken, J,
 # how much less the motor did than the torque last asked for would have, J and N m s, and what it

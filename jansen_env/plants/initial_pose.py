@@ -52,12 +52,7 @@ def resting_depth(mass: float, stiffness: float, gravity: float) -> float:
 
 
 def resting_pose(
-    robot: Robot,
-    centre: Array,
-    terrain: Terrain,
-    x: float,
-    crank_angle: float,
-    pitch: float | None,
+    robot: Robot, centre: Array, terrain: Terrain, x: float, crank_angle: float, pitch: float | None
 ) -> tuple[float, float]:
     """Height and pitch of the chassis when the robot is lowered onto the ground.
 

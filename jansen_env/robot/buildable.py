@@ -57,10 +57,7 @@ def bar_thickness(name: str) -> float:
 
 
 def flat_bar(
-    length: float,
-    width: float,
-    end_mass: float = PIN_SHARE,
-    thickness: float = BAR_THICKNESS,
+    length: float, width: float, end_mass: float = PIN_SHARE, thickness: float = BAR_THICKNESS
 ) -> Inertial:
     """A flat bar with round ends about its two pins, and a point mass on each pin.
 

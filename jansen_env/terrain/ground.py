@@ -12,15 +12,7 @@ import numpy as np
 import pymunk
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.checks import (
-    entries,
-    finite,
-    instance,
-    non_negative,
-    positive,
-    shown,
-    within,
-)
+from jansen_env.checks import entries, finite, instance, non_negative, positive, shown, within
 from jansen_env.terrain import shapes
 from jansen_env.terrain.shapes import MOST_POINTS
 

@@ -25,6 +25,11 @@ def row_dtype(fields: list[tuple[Any, ...]]) -> np.dtype[Any]:
     return np.dtype((np.record, dtype)) if DISABLED else dtype
 
 
+def floats(*names: str) -> list[tuple[str, type]]:
+    """Fields of :func:`row_dtype` that are numbers."""
+    return [(name, float) for name in names]
+
+
 PARAMS = row_dtype(
     [
         ("mass", "f8"),  # kg, load included

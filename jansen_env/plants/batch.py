@@ -19,13 +19,18 @@ from jansen_env.engine.records import UNKNOWN_DEFLECTION, WORLD, as_bytes
 from jansen_env.engine.tables import energy
 from jansen_env.gravity import GRAVITY, Gravity
 from jansen_env.parameters import CHANGES
-from jansen_env.plants.base import check_pushes, check_time_step
+from jansen_env.plants.base import check_pushes, check_time_step, divergence
 from jansen_env.plants.batch_robots import BatchRobots
 from jansen_env.plants.detector import ContactDetector
-from jansen_env.plants.forces_ahead import forces_ahead, forces_of
 from jansen_env.plants.placing import Placing, farthest_pad, non_toe_depths
 from jansen_env.plants.threads import Threads
-from jansen_env.plants.trace import PeakLoads, find_touchdowns, pads_in_contact, peak_loads
+from jansen_env.plants.trace import (
+    PeakLoads,
+    find_touchdowns,
+    pads_in_contact,
+    peak_loads,
+    trace_forces,
+)
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
@@ -42,7 +47,8 @@ CHANGING = (*RESULTS, "params", "nominal_params", "nominal", "parameters", "dive
 class Batch:
     """Robots on their terrains, advanced together by the projected equations.
 
-    Each moves as it would alone, bit for bit: they share the work, not the numbers.
+    Each moves as it would alone, bit for bit. Methods and attributes that are not documented here
+    are those of :class:`jansen_env.plants.base.BatchedPlant`.
 
     Args:
         robots: of one design; payloads, motors and the pads' compliance may differ. terrains: the
@@ -50,21 +56,17 @@ class Batch:
         time_step: of the integration, s.
         gravity: m/s^2 downwards, or a vector (x, y).
         detection_interval: time between two looks for the ground, s.
-        threads: cores to use; None for as many as there are, or numba's own limit
-            ``NUMBA_NUM_THREADS``, where that pays.
+        threads: see :class:`jansen_env.plants.threads.Threads`.
 
     Attributes:
-        tables: of each robot, payload included; model: what kernels see of them, see
-            :mod:`jansen_env.engine.tables`.
-        params: (n,) PARAMS, what may differ between them, as in force; nominal_params: (n,) PARAMS,
-            the same without :meth:`set_parameters`; accumulators: (n,) ACCUMULATORS, fields of
-            ``rows``. contact_statistics: (n, pads) CONTACT_STATISTICS. Sums are over the last
-            :meth:`step`; see :mod:`jansen_env.engine.records`.
+        tables: of each robot, payload included. model: of :mod:`jansen_env.engine.tables`.
+        params: (n,) PARAMS of :mod:`jansen_env.engine.records`, in force; nominal_params: (n,) the
+            same without :meth:`set_parameters`. accumulators: (n,) ACCUMULATORS and
+            contact_statistics: (n, pads) CONTACT_STATISTICS, sums over the last :meth:`step`.
         trace: (steps,) of :func:`jansen_env.engine.integrator.trace_dtype`, the first robot's last
             :meth:`step` if ``tracing``; touchdowns: (steps,) whether a pad touched down in each.
         in_contact: (pads,) the first robot's pads on the ground, as traced last; None where that is
             not known. It says what touches down next, and nothing else.
-        Others: see :class:`jansen_env.plants.base.BatchedPlant`.
 
     Raises:
         ValueError: an argument out of range, or robots of several designs; LinkageError: the robot
@@ -156,36 +158,19 @@ class Batch:
 
     @property
     def surface(self) -> Array:
-        """(vertices, 2) m, of all terrains; each robot's rows say which are its own."""
         return self.detector.surface
 
     def set_parameters(self, rows: Ints, values: NDArray[np.void]) -> None:
-        """Put ``values`` (k,) in force, from the robots' next placing on.
-
-        Raises:
-            ValueError: a number out of its limits, a parameter that is not honoured, or restitution
-                with compliant pads.
-        """
         self._machines.set_parameters(rows, values)
 
     def change(self, row: int, changes: dict[str, Any]) -> None:
-        """Change a robot or its ground themselves, while it walks; what else is in force stays.
-
-        Raises:
-            ValueError: restitution with compliant pads.
-        """
         self._machines.change(row, changes)
 
     def tables_in_force(self, row: int) -> Tables:
-        """Return the tables of a robot under its parameters."""
+        """Return the compiled robot under its parameters."""
         return self._machines.tables_in_force(row)
 
     def set_terrain(self, row: int, terrain: Terrain) -> None:
-        """Change a robot's ground: it must be placed again.
-
-        Raises:
-            ValueError: restitution with compliant pads.
-        """
         self._machines.set_terrain(row, terrain)
         surface = self.detector.surface
         self.detector.set_terrain(row, terrain)
@@ -234,7 +219,6 @@ class Batch:
             self.in_contact = in_contact
 
     def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
-        """Put a robot into a state (8,), with ``deflection`` (pads, 2) m, or None if unknown."""
         self.states[row] = state
         self.deflection[row] = UNKNOWN_DEFLECTION if deflection is None else deflection
         if row == 0:
@@ -245,7 +229,6 @@ class Batch:
         return self._placing.pad_centres(row)
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:
-        """(toes, 2) points of the ground nearest to toes and its tangents, see :class:`Placing`."""
         return self._placing.contact_frames(row)
 
     def energy(self, row: int) -> float:
@@ -264,15 +247,12 @@ class Batch:
         meanwhile: Callable[[], None] | None = None,
         pushes: Array | None = None,
     ) -> None:
-        """Hold crank torques (n,), N m, for some time steps, as far as the motors go.
+        """Hold crank torques, see :meth:`jansen_env.plants.base.BatchedPlant.step`.
 
         A robot that becomes faster than :data:`jansen_env.engine.integrator.DIVERGED`, or
         gets so deep into the ground that it is not found, stays as it was before, without
         entries in :attr:`accumulators` and :attr:`contact_statistics`, and is named in
         :attr:`diverged`. The others go on.
-
-        Raises:
-            ValueError: pushes of another shape.
         """
         if pushes is None:
             pushes = self._no_pushes
@@ -359,12 +339,24 @@ class Batch:
         return self._threads.move(len(rows), share, meanwhile)
 
     def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
-        """Forces in every joint of the first robot, see :func:`forces_ahead`."""
-        return forces_ahead(self, torque, push)
+        pushes = None if push is None else check_pushes(push)[None, None]
+        kept = self.tracing, self.trace, self.touchdowns
+        self.tracing = True
+        try:
+            self.lookahead(torque, self._every[:1], pushes)
+            if self.diverged[0]:
+                raise divergence(self.states[0], torque)
+            return self._traced_forces().at(0)
+        finally:
+            self.tracing, self.trace, self.touchdowns = kept
 
     def peak_loads(self) -> PeakLoads:
-        """Return the largest joint loads of the first robot in the last step, if it was traced."""
-        return peak_loads(forces_of(self).bearing, self.touchdowns, self.time_step)
+        return peak_loads(self._traced_forces().bearing, self.touchdowns, self.time_step)
+
+    def _traced_forces(self) -> JointForces:
+        """Forces in every joint in each time step that was traced last."""
+        tables, gravity = self.tables_in_force(0), self.effective_gravity
+        return trace_forces(tables, self.trace, self.time_step, gravity)
 
     @property
     def effective_gravity(self) -> tuple[float, float]:
@@ -391,7 +383,6 @@ class Batch:
         self.any_diverged = bool(self.diverged.any())
 
     def close(self) -> None:
-        """End the threads; a later :meth:`step` starts new ones."""
         self._threads.close()
 
 

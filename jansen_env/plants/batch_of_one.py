@@ -42,7 +42,6 @@ class BatchOfOne:
         self.rows["status"]["end_vertex"] = len(self.surface)
 
     def set_parameters(self, rows: NDArray[np.int64], values: NDArray[np.void]) -> None:
-        """Put parameters in force, see :class:`jansen_env.plants.base.BatchedPlant`."""
         for value in values:
             self.plant.set_parameters(value)
             self.parameters[0] = value
@@ -52,7 +51,6 @@ class BatchOfOne:
         raise ValueError(f"{sorted(changes)} cannot be changed on this plant")
 
     def set_terrain(self, row: int, terrain: Terrain) -> None:
-        """Change the robot's ground: it must be placed again."""
         self.plant.set_terrain(terrain)
         self.terrains[0] = terrain
         for name in ("friction", "restitution"):
@@ -66,7 +64,6 @@ class BatchOfOne:
 
     @property
     def in_contact(self) -> NDArray[np.bool_] | None:
-        """(pads,) the pads on the ground."""
         return self.plant.in_contact
 
     @in_contact.setter
@@ -79,13 +76,11 @@ class BatchOfOne:
         return self.plant.deflection[None]
 
     def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
-        """Put the robot into a state (8,), with ``deflection`` (pads, 2) m, or None if unknown."""
         self.plant.state = np.asarray(state, dtype=float)
         if deflection is not None:
             self.plant.deflection = deflection
 
     def place(self, rows: NDArray[np.int64], crank_angles: Array) -> None:
-        """Place the robot at rest."""
         self.plant.reset(0.0, float(crank_angles[0]))
         self._keep(self.plant.lookahead())
 
@@ -124,15 +119,12 @@ class BatchOfOne:
         self.slip[0], self.contact_force[0] = result.slip, result.contact_force
         self.joint_gap[0] = result.joint_gap
         sums = self.accumulators
-        sums["non_toe_impulse"], sums["worst_residual"] = (
-            float(result.non_toe_contact),
-            result.residual,
-        )
+        sums["non_toe_impulse"] = float(result.non_toe_contact)
+        sums["worst_residual"] = result.residual
         for name in ENERGIES:
             sums[name] = getattr(result, name)
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:
-        """See :meth:`RigidBodyPlant.contact_frames`."""
         return self.plant.contact_frames()
 
     def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
@@ -141,7 +133,7 @@ class BatchOfOne:
 
     def peak_loads(self) -> PeakLoads:
         """Raise ValueError: they are not known."""
-        raise ValueError("joint forces are not known on this plant")
+        raise ValueError("joint loads are not known on this plant")
 
     def close(self) -> None:
         """Nothing is held."""

@@ -34,13 +34,8 @@ class ProjectionPlant:
 
     Args:
         robot, terrain: what walks where.
-        time_step: of the integration, s.
-        gravity: m/s^2 downwards, or a vector (x, y); may be changed between steps. Sideways it is
-            a pull at the centre of mass.
-        detection_interval: time between two searches for contacts, s.
-
-    Raises:
-        ValueError: an argument out of range; LinkageError: the robot cannot turn its crank.
+        gravity: m/s^2 downwards, or a vector (x, y); may be changed between steps.
+        time_step, detection_interval; errors: see :class:`Batch`.
     """
 
     def __init__(
@@ -104,27 +99,13 @@ class ProjectionPlant:
         self.batch.change(0, {"gravity": value})
 
     @property
-    def effective_gravity(self) -> tuple[float, float]:
-        """(x, y) m/s^2, the gravity in force."""
-        return self.batch.effective_gravity
-
-    @property
     def nominal(self) -> np.void:
         """The robot's and its ground's own numbers, for :meth:`set_parameters`."""
         return self.batch.nominal[0].copy()
 
-    @property
-    def honours(self) -> frozenset[str]:
-        """Names of the parameters that it knows."""
-        return self.batch.honours
-
     def set_parameters(self, values: np.void) -> None:
-        """Put parameters of robot and ground in force, see :meth:`Batch.set_parameters`."""
+        """Put parameters in force, see :class:`jansen_env.plants.base.BatchedPlant`."""
         self.batch.set_parameters(np.zeros(1, np.int64), np.array([values], ROBOT_PARAMETERS))
-
-    def set_terrain(self, terrain: Terrain) -> None:
-        """Change the ground: the robot must be placed anew."""
-        self.batch.set_terrain(0, terrain)
 
     @property
     def prescribed_crank_speed(self) -> bool:
@@ -168,10 +149,7 @@ class ProjectionPlant:
 
     @property
     def trace(self) -> NDArray[np.void]:
-        """(steps,) what each time step of the last :meth:`step` or :meth:`lookahead` did.
-
-        See :func:`jansen_env.engine.integrator.trace_dtype`; no rows unless :attr:`tracing`.
-        """
+        """(steps,) time steps of the last :meth:`step` or :meth:`lookahead`, see :class:`Batch`."""
         return self.batch.trace
 
     @property
@@ -180,13 +158,7 @@ class ProjectionPlant:
         return self.batch.touchdowns
 
     def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
-        """Place the robot at rest on its lowest toes.
-
-        Args, errors: see :meth:`jansen_env.plants.batch.Batch.place_at`.
-
-        Returns:
-            The new state (8,).
-        """
+        """Place the robot at rest, see :meth:`Batch.place_at`; returns the new state (8,)."""
         angles = np.array([finite("crank_angle", crank_angle)])
         self.batch.place_at(np.zeros(1, np.int64), angles, x, pitch)
         return self.state
@@ -211,12 +183,10 @@ class ProjectionPlant:
         """Hold a crank torque for a while.
 
         Args:
-            torque: N m on the crank, counter-clockwise positive (and its reaction on the chassis),
-                as far as the robot's motor can.
+            torque: N m on the crank, counter-clockwise positive (and its reaction on the chassis).
             duration: s, rounded to whole time steps.
-            earlier: N m, held instead in the first ``switch`` time steps: a delay.
-            pushes: (steps, 2) N s, the impulse on the chassis at the crank axis in each time step,
-                world x and y; None for none.
+            earlier, switch, pushes (steps, 2): as of one robot in
+                :meth:`jansen_env.plants.base.BatchedPlant.step`.
 
         Raises:
             ValueError: a duration out of range, or pushes of another shape.
@@ -246,10 +216,9 @@ class ProjectionPlant:
         )
 
     def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
-        """Forces in every joint now: the mean over the next time step under a crank torque (N m).
+        """Mean forces in every joint over the next time step under a crank torque (N m).
 
-        With a toe landing in that step they contain its impulse / time step. ``push``: see
-        :meth:`lookahead`.
+        They contain a landing toe's impulse / time step. ``push``: see :meth:`lookahead`.
         """
         return self.batch.joint_forces(torque, push)
 
@@ -258,10 +227,7 @@ class ProjectionPlant:
         return self.batch.peak_loads()
 
     def contact_frames(self) -> tuple[Array, Array]:
-        """(toes, 2) points of the ground nearest to each toe's pad and its tangents there.
-
-        Where no ground is within reach, the pad's lowest point and +x.
-        """
+        """(toes, 2) points and tangents, see :class:`jansen_env.plants.base.BatchedPlant`."""
         return self.batch.contact_frames(0)
 
     def toe_positions(self) -> Array:

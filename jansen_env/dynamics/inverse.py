@@ -41,10 +41,7 @@ def crank_torque(
 ) -> CrankTorque:
     """The torque for a prescribed crank motion on a fixed base: (12) solved for tau.
 
-    Args:
-        robot: whose crank turns.
-        angle, speed, acceleration: of the crank, rad, rad/s, rad/s^2, of shapes that broadcast.
-        gravity: m/s^2.
+    ``angle`` (rad), ``speed`` and ``acceleration`` broadcast against one another.
     """
     psi, n, n_dot = np.broadcast_arrays(
         *(np.asarray(v, float) for v in (angle, speed, acceleration))

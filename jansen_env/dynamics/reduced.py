@@ -140,10 +140,7 @@ def _slope(robot: Robot, side: Side, psi: Array) -> tuple[Array, Array]:
 
 
 def _leg_sums(robot: Robot, side: Side, psi: Array) -> tuple[Array, Array]:
-    """(n, 6) the leg's share of :data:`BODY_FUNCTIONS`, from the dense projection.
-
-    And likewise of their part in J.
-    """
+    """(n, 6) the leg's share of :data:`BODY_FUNCTIONS`, and of their part in J."""
     mass = np.array([body.mass for body in robot.bodies])
     inertia = np.array([body.inertia for body in robot.bodies])
     first, second = np.array(JOINT_PAIRS).T - 1
@@ -203,10 +200,9 @@ def _taylor(series: Series) -> Array:
 
 @functools.cache
 def _waves() -> Series:
-    """exp(i n psi) of all harmonics in the middle of every interval.
+    """exp(i n psi) of all harmonics in the middle of every interval (8, INTERVALS / 8, HARMONICS).
 
-    (8, INTERVALS / 8, HARMONICS): products that BLAS does not share out to threads, which would
-    wait for one another longer than they work.
+    So small that BLAS does not share products out to threads, which is slower.
     """
     middle = 2.0 * math.pi * (np.arange(INTERVALS) + 0.5) / INTERVALS
     return np.exp(1j * np.outer(middle, np.arange(HARMONICS))).reshape(8, -1, HARMONICS)
@@ -291,14 +287,8 @@ def generalised_forces(
     """(4,) the paper's D^T h (12): weight, motor and viscous joints, N and N m."""
     s = body_sums(tables, q[3])
     R = _rotation(q[2])
-    return np.array(
-        [
-            0.0,
-            -tables.robot.mass * gravity,
-            -gravity * _left(R @ s.c)[1],
-            -gravity * (R @ s.dc)[1] + torque - s.f * v[3],
-        ]
-    )
+    pitch, crank = -gravity * _left(R @ s.c)[1], -gravity * (R @ s.dc)[1]
+    return np.array([0.0, -tables.robot.mass * gravity, pitch, crank + torque - s.f * v[3]])
 
 
 def energy(tables: Tables, q: Array, v: Array, gravity: float = GRAVITY) -> float:

@@ -41,7 +41,7 @@ def index_size(count: int) -> int:
 
 
 def spare_space(count: int) -> NDArray[np.float64]:
-    """Numbers that it needs where modes must be searched for: four vectors, Lemke's tableau."""
+    """Work space to search for modes: four vectors, Lemke's tableau."""
     return np.zeros((4 * count + 4, 8 * count + 2))
 
 

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.checks import positive
 from jansen_env.dynamics.joint_forces import JointForces
-from jansen_env.dynamics.reduced import Tables
 from jansen_env.engine import integrator
 from jansen_env.engine.collision import SPECULATIVE_MARGIN, WAY_OUT
 from jansen_env.engine.jit import Kernel, prepare
@@ -44,7 +43,7 @@ RESULTS = ("states", "accumulators", "contact_statistics", "slip", "contact_forc
 CHANGING = (*RESULTS, "params", "nominal_params", "nominal", "parameters", "diverged")
 
 
-class Batch:
+class Batch(BatchRobots):
     """Robots on their terrains, advanced together by the projected equations.
 
     Each moves as it would alone, bit for bit. Methods and attributes that are not documented here
@@ -73,7 +72,6 @@ class Batch:
             cannot turn its crank.
     """
 
-    honours = BatchRobots.honours
     changeable = frozenset(
         {"friction", "restitution", "payload", "motor", "pad_compliance", "gravity", *CHANGES}
     )
@@ -89,7 +87,10 @@ class Batch:
         threads: int | None = None,
     ) -> None:
         self._arguments = (time_step, gravity, detection_interval, threads)
-        self._take_robots(BatchRobots(robots, terrains, gravity))
+        super().__init__(robots, terrains, gravity)
+        self.toes = self.tables[0].layout.toes
+        self.accumulators = self.rows["accumulators"]
+        self.deflection: Array = self.contact_statistics["deflection"]
         self.time_step = check_time_step(time_step)
         self.detection_interval = positive("detection_interval", detection_interval)
         n, pads = len(self.robots), len(self.model.layout)
@@ -102,7 +103,7 @@ class Batch:
         self._depths = non_toe_depths(tables, self.toes, radius + SPECULATIVE_MARGIN)
         self.detector = ContactDetector(self.rows, terrains, world, farthest_pad(tables))
         self.states = np.zeros((n, 8))
-        self._placing = Placing(self._machines, self.detector, self.states, self._world)
+        self._placing = Placing(self, self.detector, self.states, self._world)
         self.slip, self.contact_force = np.zeros((n, self.toes)), np.zeros((n, self.toes, 2))
         self.joint_gap = np.zeros(n)
         self.diverged = np.zeros(n, bool)
@@ -119,19 +120,6 @@ class Batch:
         self._sums = np.empty((3, 6))
         self._shared = self._arguments_of_all()
         prepare(*self._kernels())
-
-    def _take_robots(self, machines: BatchRobots) -> None:
-        """Let what the robots are be at hand here, too: the same lists and arrays."""
-        self._machines = machines
-        self.robots, self.terrains = machines.robots, machines.terrains
-        self.tables = machines.tables
-        self.model, self.toes = machines.model, machines.tables[0].layout.toes
-        self.rows, self.params = machines.rows, machines.params
-        self.accumulators = self.rows["accumulators"]
-        self.nominal_params = machines.nominal_params
-        self.nominal, self.parameters = machines.nominal, machines.parameters
-        self.contact_statistics = machines.contact_statistics
-        self.deflection: Array = self.contact_statistics["deflection"]
 
     def _arguments_of_all(self) -> tuple[Any, ...]:
         """Arguments that threads share in a step."""
@@ -160,18 +148,8 @@ class Batch:
     def surface(self) -> Array:
         return self.detector.surface
 
-    def set_parameters(self, rows: Ints, values: NDArray[np.void]) -> None:
-        self._machines.set_parameters(rows, values)
-
-    def change(self, row: int, changes: dict[str, Any]) -> None:
-        self._machines.change(row, changes)
-
-    def tables_in_force(self, row: int) -> Tables:
-        """Return the compiled robot under its parameters."""
-        return self._machines.tables_in_force(row)
-
     def set_terrain(self, row: int, terrain: Terrain) -> None:
-        self._machines.set_terrain(row, terrain)
+        super().set_terrain(row, terrain)
         surface = self.detector.surface
         self.detector.set_terrain(row, terrain)
         if self.detector.surface is not surface:
@@ -273,7 +251,7 @@ class Batch:
             if meanwhile is not None:
                 meanwhile()
             return
-        before = self.states[rows], self.deflection[rows] if self._machines.any_gives else None
+        before = self.states[rows], self.deflection[rows] if self.any_gives else None
         if self.any_diverged:
             self.diverged[rows] = False
             self.any_diverged = bool(self.diverged.any())

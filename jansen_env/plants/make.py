@@ -21,28 +21,19 @@ PLANTS: dict[str, tuple[type[Plant], float]] = {
 
 
 def plant_time_step(name: str, time_step: float | None = None) -> float:
-    """The time step that :func:`make_plant` gives a plant, s; its own one for None.
-
-    Raises:
-        ValueError: not the name of a plant.
-    """
+    """Return a plant's own time step, s, for None. Raises ValueError: not the name of a plant."""
     if not isinstance(name, str) or name not in PLANTS:
         raise ValueError(f"plant is {shown(name)}, must be one of {sorted(PLANTS)}")
     return PLANTS[name][1] if time_step is None else time_step
 
 
 def make_plant(name: str, robot: Robot, terrain: Terrain, time_step: float | None = None) -> Plant:
-    """A plant by its name, one of :data:`PLANTS`.
-
-    Args:
-        name: ``"projection"`` or ``"rigid_body"``. robot, terrain: what walks where.
-        time_step: s; None for the plant's own.
+    """Return a plant of :data:`PLANTS`, with its own time step for None.
 
     Raises:
         ValueError: another name, or an argument out of range.
     """
-    step = plant_time_step(name, time_step)
-    return PLANTS[name][0](robot, terrain, step)
+    return PLANTS[name][0](robot, terrain, plant_time_step(name, time_step))
 
 
 def make_batch(

@@ -23,12 +23,7 @@ PITCHES = 256  # at which it is known how deep the pads that are no toes reach
 
 
 class Placing:
-    """Sets robots down.
-
-    Args:
-        machines: the robots. detector: of their terrains. states: (n, 8), which are written.
-        world: what they have in common, as bytes.
-    """
+    """Sets robots down: writes ``states`` (n, 8); ``world``: WORLD, as bytes."""
 
     def __init__(
         self,
@@ -90,10 +85,7 @@ class Placing:
         return self._centres[: len(self._model.layout)].copy()
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:
-        """(toes, 2) points of the ground nearest to each toe's pad and its tangents there.
-
-        Where no ground is within reach, the pad's lowest point and +x.
-        """
+        """See :meth:`jansen_env.plants.base.BatchedPlant.contact_frames`."""
         centres, radius = self.pad_centres(row)[: self._toes], self._machines.robots[0].pad_radius
         self._detector.find_candidates(np.array([row]), self._states)
         planes = self._detector.planes_near(row, centres)
@@ -113,10 +105,7 @@ def farthest_pad(tables: Tables) -> float:
 
 
 def non_toe_depths(tables: Tables, toes: int, margin: float) -> Array:
-    """Return how far below the axis a pad that is no toe may feel the ground, m, by pitch.
-
-    Over one turn; the last entry is the largest of all.
-    """
+    """How far below the axis a pad that is no toe feels the ground, m, by pitch; and the most."""
     rows = np.unique(tables.layout.table[toes:])
     x, y = tables.pads[rows][:, :, :2, 0].reshape(-1, 2).T
     farthest = float(np.hypot(x, y).max())

@@ -1,8 +1,7 @@
 """Terrains that are drawn at each reset, by name, parameters and level: 0 easy to 9 hard.
 
-``"stairs"`` has all its parameters from the level, ``"stairs:rise=0.02"`` its tread alone,
-``"mixed"`` is another of them each time, and any callable ``(rng, level) -> Terrain`` will do. What
-the levels mean is :data:`LEVELS`; ``python -m benchmarks.climbing`` measures what can be climbed.
+``"stairs"`` has all its parameters from the level, ``"stairs:rise=0.02"`` its tread alone.
+``python -m benchmarks.climbing`` measures what can be climbed.
 """
 
 from __future__ import annotations
@@ -41,11 +40,7 @@ GENERATORS = (*LEVELS, "mixed")
 
 
 def at_level(name: str, level: int) -> dict[str, float]:
-    """A generator's parameters at a level, 0 to 9, by name.
-
-    Raises:
-        ValueError: no generator has this name, or no level this number.
-    """
+    """A generator's parameters at a level, by name. Raises ValueError: no such name or level."""
     if name not in LEVELS:
         raise ValueError(f"generator is {shown(name)}, must be one of {list(LEVELS)}")
     share = whole_number("level", level, HIGHEST) / HIGHEST
@@ -144,15 +139,12 @@ class OwnGenerator:
 
 
 def make_generator(spec: Any) -> Generator | None:
-    """A generator ``(rng, level) -> Terrain`` from what a user may pass as a terrain.
+    """Return a generator ``(rng, level) -> Terrain``, or None for a fixed ground.
 
     Args:
         spec: a name of :data:`GENERATORS`, alone or with parameters that are to stay as they are,
-            ``"stairs:rise=0.02,tread=0.3"``, or a callable ``(rng, level) -> Terrain``.
-
-    Returns:
-        The generator, or None for a fixed ground such as a :class:`Terrain`, ``"flat"``,
-        ``"slope:0.1"`` or points.
+            ``"stairs:rise=0.02,tread=0.3"``, or a callable ``(rng, level) -> Terrain``; else fixed:
+            a :class:`Terrain`, ``"flat"``, ``"slope:0.1"`` or points.
 
     Raises:
         ValueError: a text that is neither, with what is allowed.

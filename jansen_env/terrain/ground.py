@@ -131,12 +131,7 @@ class Terrain:
         friction: float = 0.8,
         restitution: float = 0.0,
     ) -> Terrain:
-        """Random vertices from ``start`` on, level before: heights uniform in +- ``height``.
-
-        Args:
-            rng: the generator the heights are drawn from.
-            height, spacing, length, start: m.
-        """
+        """Random vertices from ``start`` on, level before: heights uniform in +- ``height``, m."""
         instance("rng", rng, np.random.Generator)
         height = within("height", height, 0.0, FARTHEST)
         spacing, length = positive("spacing", spacing), positive("length", length)
@@ -222,14 +217,9 @@ def make_terrain(
     friction: float | None = None,
     restitution: float | None = None,
 ) -> Terrain:
-    """Return a terrain from a user's argument.
+    """Return a terrain from a user's argument, see :data:`ALLOWED`; ValueError for anything else.
 
-    Args:
-        terrain: a :class:`Terrain`, ``"flat"``, ``"slope:ANGLE"`` (rad), or (x, y) points.
-        friction, restitution: replace the terrain's own where given.
-
-    Raises:
-        ValueError: anything else.
+    ``friction`` and ``restitution`` replace the terrain's own where given.
     """
     if isinstance(terrain, Terrain):
         made = terrain

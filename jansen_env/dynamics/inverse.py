@@ -16,15 +16,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class CrankTorque:
-    """A crank torque by cause, each (...), N m: weight, inertia, joint friction.
+    """A crank torque by cause, each (...), N m."""
 
-    Attributes:
-        gravity: g c_y'. inertia: k psi'' + k' psi'^2 / 2. friction: f psi'.
-    """
-
-    gravity: Array
-    inertia: Array
-    friction: Array
+    gravity: Array  #: g c_y'
+    inertia: Array  #: k psi'' + k' psi'^2 / 2
+    friction: Array  #: f psi'
 
     @property
     def total(self) -> Array:

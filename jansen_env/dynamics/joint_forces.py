@@ -80,36 +80,24 @@ def corner_name(index: int) -> str:
 
 @dataclass(frozen=True)
 class JointForces:
-    """Forces in the joints of all legs at one instant or several (...), world frame, N and N m.
-
-    Attributes:
-        robot: whose legs these are.
-        pin: (..., legs, 10, 2) force in each of :data:`PINS`.
-        frame: (..., legs, 3) force x, y and moment about the crank axis with which the chassis
-            holds the leg's frame; with a fixed base it passes on to the support.
-        shaft: (..., legs) torque with which the shaft turns the leg's crank.
-        gear: (...) what the motor's torque loses to the rotor's inertia and the friction of the
-            gear. rotor: (...) torque that spins the rotor up, J phi_ddot; both turn the chassis
-            the other way round.
-        toe: (..., legs, 2) contact force on each toe.
-        body: (..., legs, 8, 3) moment (about its centre of mass) and force x, y with which all
-            constraints together act on each body, M x_ddot - h of (4); weight, contacts, joint
-            friction and the motor (on the first leg) are forces applied.
-        joints: (..., legs, 8, 2) joint positions, m. centres: (..., legs, 8, 2) centres of mass, m.
-        q_ddot: (..., 4) accelerations of (x, y, theta, psi).
-    """
+    """Forces in the joints of all legs at one instant or several (...), world frame, N and N m."""
 
     robot: Robot
-    pin: Array
+    pin: Array  #: (..., legs, 10, 2) force in each of :data:`PINS`
+    #: (..., legs, 3) force x, y and moment about the crank axis with which the chassis holds the
+    #: leg's frame; with a fixed base it passes on to the support.
     frame: Array
-    shaft: Array
-    gear: Array
-    rotor: Array
-    toe: Array
+    shaft: Array  #: (..., legs) torque with which the shaft turns the leg's crank
+    gear: Array  #: (...) what the motor's torque loses to rotor's inertia and gear's friction
+    rotor: Array  #: (...) torque that spins the rotor up, J phi_ddot
+    toe: Array  #: (..., legs, 2) contact force on each toe
+    #: (..., legs, 8, 3) moment (about its centre of mass) and force x, y with which all constraints
+    #: together act on each body, M x_ddot - h of (4); weight, contacts, joint friction and motor
+    #: (on the first leg) are forces applied.
     body: Array
-    joints: Array
-    centres: Array
-    q_ddot: Array
+    joints: Array  #: (..., legs, 8, 2) joint positions, m
+    centres: Array  #: (..., legs, 8, 2) centres of mass, m
+    q_ddot: Array  #: (..., 4) accelerations of (x, y, theta, psi)
 
     @property
     def magnitude(self) -> Array:

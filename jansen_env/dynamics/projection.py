@@ -261,23 +261,15 @@ def system_coordinates(robot: Robot, q: Array) -> Array:
 
 @dataclass(frozen=True)
 class Projection:
-    """The system projected to its independent speeds, at one state or several (...).
+    """The system projected to its independent speeds, at one state or several (...)."""
 
-    Attributes:
-        D: (..., 24 n, k) from the independent speeds to X_dot; k is 1 with a fixed base, else 4.
-        bias: D_dot times the independent speeds (..., 24 n): accelerations at zero q_ddot.
-        mass: D^T M D (..., k, k), eq. (12). velocity_terms: D^T M D_dot q_dot (..., k).
-        generalised_forces: D^T h (..., k).
-        M: diagonal of the mass matrix (24 n,). h: the forces (..., 24 n).
-    """
-
-    D: Array
-    bias: Array
-    mass: Array
-    velocity_terms: Array
-    generalised_forces: Array
-    M: Array
-    h: Array
+    D: Array  #: (..., 24 n, k) from independent speeds to X_dot; k is 1 with a fixed base, else 4
+    bias: Array  #: (..., 24 n) D_dot times the independent speeds: accelerations at zero q_ddot
+    mass: Array  #: (..., k, k) D^T M D, eq. (12)
+    velocity_terms: Array  #: (..., k) D^T M D_dot q_dot
+    generalised_forces: Array  #: (..., k) D^T h
+    M: Array  #: (24 n,) diagonal of the mass matrix
+    h: Array  #: (..., 24 n) forces
 
     def acceleration(self) -> Array:
         """Independent accelerations (..., k), eq. (12)."""

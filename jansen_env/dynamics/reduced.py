@@ -48,28 +48,21 @@ PAD_FUNCTIONS = ("p_x", "p_y", "a")
 
 @dataclass(frozen=True)
 class Tables:
-    """A compiled robot.
-
-    Attributes:
-        robot: what was compiled.
-        body: (INTERVALS, 6, ORDER) Taylor coefficients of :data:`BODY_FUNCTIONS` about the middle
-            of each interval, without the payload.
-        own: what of it the links' inertias about their own centres of mass make: the terms in J.
-        pads: (12, INTERVALS, 3, ORDER) those of :data:`PAD_FUNCTIONS`; row
-            ``side * 6 + joint`` with side 0 fore, 1 back, for a leg of phase 0.
-        layout: the robot's pads.
-        bearings: (SAMPLES,) Coulomb friction torque of all bearings on the crank, N m, at crank
-            angles evenly over a turn: sum of tau_i |a_j' - a_i'|.
-        tail: largest Fourier coefficient cut off, relative to the largest kept.
-    """
+    """A compiled robot."""
 
     robot: Robot
+    #: (INTERVALS, 6, ORDER) Taylor coefficients of :data:`BODY_FUNCTIONS` about the middle of each
+    #: interval, without the payload; and what of it is by the links' own inertias: the terms in J.
     body: Array
     own: Array
+    #: (12, INTERVALS, 3, ORDER) those of :data:`PAD_FUNCTIONS`; row ``side * 6 + joint`` with side
+    #: 0 fore, 1 back, for a leg of phase 0.
     pads: Array
     layout: Pads
+    #: (SAMPLES,) Coulomb friction torque of all bearings on the crank, N m, at crank angles evenly
+    #: over a turn: sum of tau_i |a_j' - a_i'|.
     bearings: Array
-    tail: float
+    tail: float  #: largest Fourier coefficient cut off, relative to the largest kept
 
 
 def compile_robot(robot: Robot) -> Tables:

@@ -21,39 +21,24 @@ SHORTEST_STEP, LONGEST_STEP = 1e-9, 1.0  # s, of the integration
 
 
 class StepResult(NamedTuple):
-    """Slip, forces and energies of one step.
+    """Slip, forces and energies of one step; energies in J, what is not known NaN."""
 
-    Attributes:
-        slip: (toes,) path each toe slid while loaded, m.
-        contact_force: (toes, 2) mean tangential and normal force on each toe, N.
-        motor_work, slip_loss: J. push_work: of pushes on the chassis, J. joint_loss: what joints,
-            bearings and gear take, J.
-        impact_loss: what touchdowns take, and the dampers of compliant pads, J.
-        energy_change: change of kinetic and potential energy, that of compliant pads included, J.
-        non_toe_contact: whether a joint other than a toe was pressed on the ground.
-        residual: worst violation of the contact law, N s; NaN where it is not known.
-        contact_gain: the most energy that contact impulses of one time step added, J. Rolling
-            contacts may add some, as the time step is finite; where pads can bounce or wedge it is
-            0. NaN where it is not known.
-        joint_gap: the widest gap of any joint, m; 0 where joints cannot open.
-        electrical_work: drawn by the motor, J, see :class:`jansen_env.robot.motor.Motor`.
-        torque: of the motor, the mean, N m.
-    """
-
-    slip: Array
-    contact_force: Array
+    slip: Array  #: (toes,) m, path each toe slid while loaded
+    contact_force: Array  #: (toes, 2) N, mean tangential and normal force on each toe
     motor_work: float
-    joint_loss: float
+    joint_loss: float  #: in joints, bearings and gear
     slip_loss: float
-    impact_loss: float
-    energy_change: float
-    non_toe_contact: bool
-    residual: float
+    impact_loss: float  #: at touchdowns, and in the dampers of compliant pads
+    energy_change: float  #: kinetic and potential, that of compliant pads included
+    non_toe_contact: bool  #: whether a joint other than a toe was pressed on the ground
+    residual: float  #: N s, worst violation of the contact law
+    #: The most that contact impulses of one time step added. Rolling contacts may add some, as the
+    #: time step is finite; where pads can bounce or wedge it is 0.
     contact_gain: float
-    joint_gap: float = 0.0
-    electrical_work: float = 0.0
-    torque: float = math.nan
-    push_work: float = 0.0
+    joint_gap: float = 0.0  #: m, the widest of any joint; 0 where joints cannot open
+    electrical_work: float = 0.0  #: drawn by the motor, see :class:`jansen_env.robot.motor.Motor`
+    torque: float = math.nan  #: N m, mean, of the motor
+    push_work: float = 0.0  #: of pushes on the chassis
 
     @property
     def energy_residual(self) -> float:
@@ -75,17 +60,17 @@ class BatchedPlant(Protocol):
     robots: list[Robot]
     terrains: list[Terrain]
     toes: int
-    time_step: float  # s
-    rows: NDArray[np.void]  # (n,) ROBOT of ``engine.records``, with the last step's accumulators
-    slip: Array  # (n, toes) m, and so on of the last step
+    time_step: float  #: s
+    rows: NDArray[np.void]  #: (n,) ROBOT of ``engine.records``, with the last step's accumulators
+    slip: Array  #: (n, toes) m, and so on of the last step
     contact_force: Array
     joint_gap: Array
     diverged: NDArray[np.bool_]
     any_diverged: bool
-    in_contact: NDArray[np.bool_] | None  # (pads,) of the first robot
-    nominal: NDArray[np.void]  # (n,) ROBOT_PARAMETERS, the robots' own numbers
-    parameters: NDArray[np.void]  # (n,) those in force
-    tracing: bool  # whether each step of the first robot is recorded for :meth:`peak_loads`
+    in_contact: NDArray[np.bool_] | None  #: (pads,) of the first robot
+    nominal: NDArray[np.void]  #: (n,) ROBOT_PARAMETERS, the robots' own numbers
+    parameters: NDArray[np.void]  #: (n,) those in force
+    tracing: bool  #: whether each step of the first robot is recorded for :meth:`peak_loads`
 
     @property
     def honours(self) -> frozenset[str]:
@@ -243,11 +228,6 @@ def check_in_contact(value: Any, pads: int) -> NDArray[np.bool_] | None:
     if in_contact is not None and in_contact.shape != (pads,):
         raise ValueError(f"in_contact is {value!r}, must be None or {pads} flags")
     return in_contact
-
-
-def is_bounded(state: Array) -> bool:
-    """Whether the speeds of a state (8,) are finite and such as can be."""
-    return all(-DIVERGED < speed < DIVERGED for speed in state[4:].tolist())
 
 
 def divergence(state: Array, torque: float) -> FloatingPointError:

@@ -19,9 +19,8 @@ from jansen_env.engine.tables import energy
 from jansen_env.gravity import GRAVITY, Gravity
 from jansen_env.parameters import CHANGES
 from jansen_env.plants.base import check_pushes, check_time_step, divergence
-from jansen_env.plants.batch_robots import BatchRobots
 from jansen_env.plants.detector import ContactDetector
-from jansen_env.plants.placing import Placing, farthest_pad, non_toe_depths
+from jansen_env.plants.placing import PlacedRobots, farthest_pad, non_toe_depths
 from jansen_env.plants.threads import Threads
 from jansen_env.plants.trace import (
     PeakLoads,
@@ -43,7 +42,7 @@ RESULTS = ("states", "accumulators", "contact_statistics", "slip", "contact_forc
 CHANGING = (*RESULTS, "params", "nominal_params", "nominal", "parameters", "diverged")
 
 
-class Batch(BatchRobots):
+class Batch(PlacedRobots):
     """Robots on their terrains, advanced together by the projected equations.
 
     Each moves as it would alone, bit for bit. Methods and attributes that are not documented here
@@ -103,7 +102,7 @@ class Batch(BatchRobots):
         self._depths = non_toe_depths(tables, self.toes, radius + SPECULATIVE_MARGIN)
         self.detector = ContactDetector(self.rows, terrains, world, farthest_pad(tables))
         self.states = np.zeros((n, 8))
-        self._placing = Placing(self, self.detector, self.states, self._world)
+        self._centres = np.zeros((max(pads, self.toes + 1), 2))
         self.slip, self.contact_force = np.zeros((n, self.toes)), np.zeros((n, self.toes, 2))
         self.joint_gap = np.zeros(n)
         self.diverged = np.zeros(n, bool)
@@ -140,7 +139,7 @@ class Batch(BatchRobots):
         )  # fmt: skip
         return [
             *self.detector.kernels(self.states),
-            *self._placing.kernels(),
+            *self._placing_kernels(),
             Kernel("control step", integrator.advance, step),
         ]
 
@@ -173,7 +172,7 @@ class Batch(BatchRobots):
         Raises:
             ValueError: a number that is not finite, or feet too soft for their robot.
         """
-        self._placing.lower(rows, crank_angles, x, pitch)
+        self._lower(rows, crank_angles, x, pitch)
         self.deflection[rows] = UNKNOWN_DEFLECTION
         self.diverged[rows] = False
         self.in_contact = None if 0 in rows else self.in_contact
@@ -201,13 +200,6 @@ class Batch(BatchRobots):
         self.deflection[row] = UNKNOWN_DEFLECTION if deflection is None else deflection
         if row == 0:
             self.in_contact = None
-
-    def pad_centres(self, row: int) -> Array:
-        """(pads, 2) centres of a robot's pads, toes first, m."""
-        return self._placing.pad_centres(row)
-
-    def contact_frames(self, row: int) -> tuple[Array, Array]:
-        return self._placing.contact_frames(row)
 
     def energy(self, row: int) -> float:
         """Kinetic plus potential energy of a robot, J (potential 0 with its mass at y = 0)."""

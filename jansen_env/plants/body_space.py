@@ -25,10 +25,6 @@ _MOTION = _Body.POSITION | _Body.ANGLE | _Body.VELOCITY | _Body.ANGULAR_VELOCITY
 class BodySpace:
     """A new space with a robot in a state: nothing is left of what an older one cached.
 
-    Args:
-        robot, terrain: as parameters make them. gravity: (x, y) m/s^2. time_step: s.
-        state: (8,). fixed_base: whether the chassis is held.
-
     Attributes:
         space: pymunk's. bodies, pins, pads, dry: of the robot in it. owners: the body of each pad.
             index: of the bodies by pymunk's ids.

@@ -137,7 +137,8 @@ class FixedBasePlant:
         return plant
 
     def _take(self, batch: FixedBaseBatch) -> None:
-        self.batch, self.robot, self.time_step = batch, batch.robot, batch.time_step
+        self.batch, self.robot = batch, batch.robot
+        self.time_step, self.gravity = batch.time_step, batch.gravity
 
     @property
     def state(self) -> Array:

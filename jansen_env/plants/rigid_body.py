@@ -1,15 +1,14 @@
 """The rigid-body plant: every link a pymunk body, every pin a joint, pymunk's own contact solver.
 
-It shares with the projection plant the robot's data, what rubs on what, the ground and the contact
-laws, not its equations and solvers: no projection, no tables. Rigid pads are pymunk's, compliant
-ones have springs of their own (:mod:`jansen_env.plants.spring_pads`). Motor and viscous joints act
-as torques on the bodies, dry bearings and a dry gear are joints that hold up to their friction
-torque, the rotor is a body behind a stiff gear (:mod:`jansen_env.plants.geared_rotor`).
+It shares with the projection plant the robot's data, the ground and the contact laws, not its
+equations and solvers. Rigid pads are pymunk's, compliant ones have springs of their own. Motor and
+viscous joints act as torques on the bodies, dry bearings and a dry gear are joints that hold up to
+their friction torque, the rotor is a body behind a stiff gear.
 
 pymunk solves pins and contacts by iteration in one go and pulls open joints together again: joints
 gap by some hundredths of a millimetre (:attr:`StepResult.joint_gap`) and resting toes creep. It
-goes on from the impulses of the last time step, which a landing toe does not have: a step with a
-landing gets ten times the iterations. It is some hundred times slower than the projection plant.
+goes on from the last time step's impulses, which a landing toe does not have: a step with a landing
+gets ten times the iterations. It is some hundred times slower than the projection plant.
 """
 
 from __future__ import annotations
@@ -18,12 +17,11 @@ import math
 from typing import Any
 
 import numpy as np
-import pymunk
-import pymunk.batch
 from numpy.typing import NDArray
 
 from jansen_env.checks import finite, positive, positive_integer, within
 from jansen_env.dynamics.pads import pad_layout
+from jansen_env.engine.integrator import DIVERGED
 from jansen_env.engine.records import UNKNOWN_DEFLECTION
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.parameters import ROBOT_PARAMETERS, nominal
@@ -36,7 +34,6 @@ from jansen_env.plants.base import (
     check_state,
     check_time_step,
     divergence,
-    is_bounded,
 )
 from jansen_env.plants.bodies import CHASSIS, SHAFT
 from jansen_env.plants.body_space import BodySpace
@@ -63,14 +60,12 @@ TOUCHDOWN_ITERATIONS = 2000  # in one in which a pad may touch down, with nothin
 BEFORE_END = 5.0  # m, from the end of the ground at which a robot must turn back
 MAX_JOINT_GAP = 0.01  # m, a joint's gap beyond which the robot is no longer one
 LOOKAHEAD = 0.01  # s, after which pymunk's impulses on a robot placed again have settled
-_Body = pymunk.batch.BodyFields
 
 
 class RigidBodyPlant:
     """A robot on a terrain, body by body: reset, step(torque), state.
 
     Args:
-        robot, terrain: what walks where.
         time_step: of pymunk, s.
         gravity: m/s^2 downwards, or a vector (x, y); may be changed between steps.
         iterations: of pymunk's solver in a time step. touchdown_iterations: in one in which a pad
@@ -78,9 +73,7 @@ class RigidBodyPlant:
         fixed_base: hold the chassis still in the air, as the paper's fixed model does.
 
     Attributes:
-        robot, terrain: without parameters. parameters: a row of
-            :data:`jansen_env.parameters.ROBOT_PARAMETERS`, those in force.
-        honours: names of the parameters that it knows.
+        robot, terrain: without parameters. parameters: a row of ``ROBOT_PARAMETERS``, in force.
 
     Raises:
         ValueError: an argument out of range, or a time step too long for the stiffness of the
@@ -129,15 +122,13 @@ class RigidBodyPlant:
 
     @property
     def nominal(self) -> np.void:
-        """The robot's and its ground's own numbers, for :meth:`set_parameters`."""
+        """The robot's and its ground's own numbers."""
         return nominal(self.robot, self.terrain)
 
     def set_parameters(self, values: np.void) -> None:
-        """Put a row of parameters in force, from the next placing on.
+        """Put a row of parameters in force, see :class:`jansen_env.plants.base.BatchedPlant`.
 
-        Raises:
-            ValueError: a number out of its limits, a parameter that is not honoured, restitution
-                with compliant pads, or a time step too long for the pads' stiffness.
+        Raises ValueError also for a time step too long for the pads' stiffness.
         """
         given, own = (np.array([row], ROBOT_PARAMETERS) for row in (values, self.nominal))
         check_values(given, own, np.array([not self.robot.pad_compliance.rigid]), self.honours)
@@ -188,8 +179,7 @@ class RigidBodyPlant:
     def state(self) -> Array:
         """(8,) x, y, theta, psi and their rates; x, y the crank axis on the chassis, m, rad, s.
 
-        Setting it closes the joints, empties pymunk's caches and lets bristles rest. With a fixed
-        base, the chassis' rates must be 0.
+        Setting it closes the joints and lets bristles rest.
         """
         return self._space.state
 
@@ -202,8 +192,7 @@ class RigidBodyPlant:
 
     @property
     def in_contact(self) -> NDArray[np.bool_]:
-        """(pads,) the pads on the ground now or just before, see
-        :class:`jansen_env.plants.pad_contacts.PadContacts`."""
+        """(pads,) the pads on the ground now or just before."""
         return self._contacts.pressed
 
     @in_contact.setter
@@ -218,11 +207,8 @@ class RigidBodyPlant:
     def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
         """Place the robot at rest on its lowest toes; compliant ones sink in by its weight on two.
 
-        Args:
-            x: crank axis, m. crank_angle: rad. pitch: rad, or None to stand on both sides.
-
-        Raises:
-            ValueError: there is no ground at ``x``, or a number is not finite.
+        Pitch None: to stand on both sides. Raises ValueError: there is no ground at ``x`` (m), or a
+        number is not finite.
         """
         within("x", x, *self._ends)
         finite("crank_angle", crank_angle)
@@ -244,11 +230,8 @@ class RigidBodyPlant:
     ) -> StepResult:
         """Hold a crank torque for a while, see ``ProjectionPlant.step``.
 
-        Raises:
-            ValueError: a duration out of range, or pushes of another shape.
-            FloatingPointError: the simulation diverged: a speed that nothing has, a joint that came
-                apart by more than :data:`MAX_JOINT_GAP`, or a robot at the end of the ground. The
-                state is as it was before, joints closed.
+        FloatingPointError is raised, too, for a joint that came apart by more than
+        :data:`MAX_JOINT_GAP`, or a robot at the end of the ground.
         """
         steps = max(1, round(positive("duration", duration) / self.time_step))
         h, sums, before = self.time_step, Sums(len(self._owners)), self.state
@@ -265,7 +248,7 @@ class RigidBodyPlant:
 
     def _refusal(self, before: Array, torque: float, gap: float) -> FloatingPointError | None:
         """Return the error of a step from state ``before`` (8,), None for none."""
-        if not is_bounded(self.state):
+        if not all(-DIVERGED < speed < DIVERGED for speed in self.state[4:].tolist()):
             return divergence(before, torque)
         if not gap < MAX_JOINT_GAP:
             return FloatingPointError(
@@ -371,11 +354,11 @@ class RigidBodyPlant:
         self.in_contact = in_contact
 
     def energy(self) -> float:
-        """Kinetic plus potential energy, J (potential 0 with the centre of mass at the origin)."""
+        """Kinetic plus potential energy, J."""
         return self._space.snapshot().energy + self._held
 
     def contact_frames(self) -> tuple[Array, Array]:
-        """(toes, 2) points of the ground nearest to toes and its tangents, see BodySpace."""
+        """See :meth:`jansen_env.plants.base.BatchedPlant.contact_frames`."""
         return self._space.contact_frames(self.toe_positions())
 
     def toe_positions(self) -> Array:

@@ -16,13 +16,12 @@ X, Y, ANGLE, VX, VY, SPIN = range(6)  # columns of a motion
 
 
 class Snapshot(NamedTuple):
-    """Where everything is: the bodies' motion (n, 6), the pads' centres (k, 2) m, the energy (J)
-    without what springs hold, and the widest gap of a joint (m)."""
+    """Where everything is."""
 
-    motion: Array
-    pads: Array
-    energy: float
-    joint_gap: float
+    motion: Array  # (bodies, 6)
+    pads: Array  # (pads, 2) centres, m
+    energy: float  # J, without what springs hold
+    joint_gap: float  # m, the widest
 
     def speed_along(self, body: int, x: float, y: float, tx: float, ty: float) -> float:
         """Velocity (m/s) along (tx, ty) of the point of a body that is at (x, y)."""
@@ -31,16 +30,12 @@ class Snapshot(NamedTuple):
 
 
 class Sums:
-    """Sums over a step: energies in J, of each pad the path it slid (m) and its impulse (N s).
-
-    Impulses are tangential and normal; ``torque_impulse``: of the motor beyond what was last asked
-    for, N m s.
-    """
+    """Sums over a step: energies, J; of each pad the path it slid, m, and its impulse (2,), N s."""
 
     def __init__(self, pads: int) -> None:
         self.motor_work = self.push_work = self.electrical_work = 0.0
         self.joint_loss = self.slip_loss = self.impact_loss = 0.0
-        self.joint_gap = self.torque_impulse = 0.0
+        self.joint_gap = self.torque_impulse = 0.0  # of the motor beyond what was last asked for
         self.slip, self.impulse = np.zeros(pads), np.zeros((pads, 2))
 
     def result(self, toes: int, time: float, torque: float, energy_change: float) -> StepResult:

@@ -53,16 +53,11 @@ def check_stiffness(robot: Robot, time_step: float, owners: list[int]) -> None:
 
 
 class SpringPads:
-    """The pads of a robot on a terrain.
-
-    Args:
-        robot, terrain: whose pads, on what. owners: the body that each pad is part of.
-        time_step: s.
+    """The pads of a robot on a terrain; ``owners``: the body that each is part of.
 
     Attributes:
-        bristle: (pads,) s now, m.
+        bristle: (pads,) s now, m. stored: energy in springs and bristles, J.
         forces: (pads, 2) tangential and normal in the next time step, N.
-        stored: what springs and bristles hold at the beginning of that time step, J.
     """
 
     def __init__(self, robot: Robot, terrain: Terrain, owners: list[int], time_step: float) -> None:

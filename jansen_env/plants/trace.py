@@ -15,15 +15,11 @@ Array = NDArray[np.float64]
 
 
 class PeakLoads(NamedTuple):
-    """The largest load on any joint of any link (:attr:`JointForces.bearing`).
+    """The largest load on any joint of any link (:attr:`JointForces.bearing`)."""
 
-    Attributes:
-        force: N, in the time steps without a landing.
-        impulse: N s, in those with one, the ordinary force in that step included: a rigid foot
-            stops at once, with an impulse that is defined and a force that is not.
-    """
-
-    force: float
+    force: float  # N, in the time steps without a landing
+    # N s, in those with one: a rigid foot stops at once, with an impulse that is defined and a
+    # force that is not. The ordinary force in that step is included.
     impulse: float
 
 

@@ -53,7 +53,7 @@ class Terrain:
     """A ground profile y(x), the same across the whole width of the robot.
 
     ``waves``, ``stairs``, ``steps``, ``stumps`` and ``ramps`` have the arguments of the functions
-    of these names in :mod:`jansen_env.terrain.shapes`, and by name a friction and a restitution.
+    of these names in ``jansen_env.terrain.shapes``, and by name a friction and a restitution.
 
     Args:
         points: at least two (x, y) vertices, m, x increasing. The first and the last segment go on

@@ -75,6 +75,7 @@ class Batch(PlacedRobots):
         {"friction", "restitution", "payload", "motor", "pad_compliance", "gravity", *CHANGES}
     )
     knows_joint_forces, joints_open = True, False
+    lookahead_steps = 1
 
     def __init__(
         self,
@@ -315,7 +316,7 @@ class Batch(PlacedRobots):
         try:
             self.lookahead(torque, self._every[:1], pushes)
             if self.diverged[0]:
-                raise divergence(self.states[0], torque)
+                raise self.refusal(torque)
             return self._traced_forces().at(0)
         finally:
             self.tracing, self.trace, self.touchdowns = kept
@@ -327,6 +328,16 @@ class Batch(PlacedRobots):
         """Forces in every joint in each time step that was traced last."""
         tables, gravity = self.tables_in_force(0), self.effective_gravity
         return trace_forces(tables, self.trace, self.time_step, gravity)
+
+    def refusal(self, torque: float) -> FloatingPointError:
+        """Return the error of the first robot's last step, which was refused."""
+        return divergence(self.states[0], torque)
+
+    @property
+    def gravity(self) -> tuple[float, float]:
+        """(x, y) m/s^2, the first robot's gravity without its tilt."""
+        params = self.nominal_params[0]
+        return float(params["gravity_x"]), float(params["gravity_y"])
 
     @property
     def effective_gravity(self) -> tuple[float, float]:

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import TypeAlias
 
 from jansen_env.checks import shown
-from jansen_env.plants import batch, projected, rigid_body
+from jansen_env.plants import batch, projected, rigid_batch, rigid_body
 from jansen_env.plants.base import BatchedPlant
-from jansen_env.plants.batch_of_one import BatchOfOne
+from jansen_env.plants.rigid_batch import RigidBodyBatch
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
@@ -16,7 +16,7 @@ Plant: TypeAlias = projected.ProjectionPlant | rigid_body.RigidBodyPlant
 """A plant of one robot."""
 PLANTS: dict[str, tuple[type[Plant], float]] = {
     "projection": (projected.ProjectionPlant, batch.TIME_STEP),
-    "rigid_body": (rigid_body.RigidBodyPlant, rigid_body.TIME_STEP),
+    "rigid_body": (rigid_body.RigidBodyPlant, rigid_batch.TIME_STEP),
 }
 
 
@@ -55,12 +55,12 @@ def make_batch(
         return batch.Batch(robots, terrains, step, threads=one)
     if len(robots) > 1:
         raise ValueError(f"plant is {name!r}, must be 'projection' for several robots at once")
-    return BatchOfOne(rigid_body.RigidBodyPlant(robots[0], terrains[0], step))
+    return RigidBodyBatch(robots[0], terrains[0], step)
 
 
 def plant_of(batched: BatchedPlant) -> Plant:
     """Return the plant of a batch of one robot."""
     if isinstance(batched, batch.Batch):
         return projected.ProjectionPlant.of(batched)
-    assert isinstance(batched, BatchOfOne)
-    return batched.plant
+    assert isinstance(batched, RigidBodyBatch)
+    return rigid_body.RigidBodyPlant.of(batched)

@@ -8,11 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.plants.base import StepResult
-
 Array = NDArray[np.float64]
 
 X, Y, ANGLE, VX, VY, SPIN = range(6)  # columns of a motion
+
+
+SUMS = (
+    "motor_work", "push_work", "electrical_work", "joint_loss", "slip_loss", "impact_loss",
+)  # fmt: skip
 
 
 class Snapshot(NamedTuple):
@@ -38,21 +41,11 @@ class Sums:
         self.joint_gap = self.torque_impulse = 0.0  # of the motor beyond what was last asked for
         self.slip, self.impulse = np.zeros(pads), np.zeros((pads, 2))
 
-    def result(self, toes: int, time: float, torque: float, energy_change: float) -> StepResult:
-        """Return the result of a step of ``time`` s under a torque, N m, that was asked for."""
-        return StepResult(
-            slip=self.slip[:toes],
-            contact_force=self.impulse[:toes] / time,
-            motor_work=self.motor_work,
-            joint_loss=self.joint_loss,
-            slip_loss=self.slip_loss,
-            impact_loss=self.impact_loss,
-            energy_change=energy_change,
-            non_toe_contact=bool(self.impulse[toes:, 1].any()),
-            residual=math.nan,
-            contact_gain=math.nan,
-            joint_gap=self.joint_gap,
-            electrical_work=self.electrical_work,
-            torque=torque + self.torque_impulse / time,
-            push_work=self.push_work,
-        )
+    def fill(self, total: np.void, toes: int, torque: float, steps: int, h: float) -> None:
+        """Put them into ACCUMULATORS after steps of ``h`` s under a torque asked for, N m."""
+        for name in SUMS:
+            total[name] = getattr(self, name)
+        total["contact_gain"] = total["worst_residual"] = math.nan
+        total["non_toe_impulse"] = self.impulse[toes:, 1].sum()
+        lacking = torque + self.torque_impulse / (steps * h) - torque  # of the mean, as rounded
+        total["torque_impulse"] = lacking * steps * h

@@ -21,11 +21,7 @@ PART = ".part-"  # how the names of files begin that are being written
 
 
 def open_regular(path: str | Path) -> BinaryIO:
-    """Open a regular file to read its bytes. Reading a fifo or a device might never end.
-
-    Raises:
-        OSError: it is no regular file, or cannot be read.
-    """
+    """Open a file to read its bytes. Raises OSError: it is no regular file, or cannot be read."""
 
     def opener(name: str, flags: int) -> int:
         handle = os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
@@ -38,13 +34,9 @@ def open_regular(path: str | Path) -> BinaryIO:
 
 
 def write_whole(path: str | Path, write: Callable[[str], object]) -> Path:
-    """Let ``write`` fill a temporary file beside ``path``, then move it there in one go.
+    """Let ``write`` fill a temporary file of the same suffix beside ``path``, then move it there.
 
-    It is on the disk before it is moved, so that a crash leaves the old file or the new one. The
-    temporary name keeps the suffix of ``path``, which some writers look at.
-
-    Raises:
-        OSError: it cannot be written; names ``path``.
+    A crash leaves the old file or the new one. Raises OSError: it cannot be written.
     """
     path = Path(path)
     try:
@@ -93,10 +85,7 @@ def write_json(path: str | Path, value: Any) -> Path:
 
 
 def writable(folder: Path) -> bool:
-    """Whether a folder can be written to: it is made, and a file in it, which is removed again.
-
-    Permissions tell too little: root ignores them, and file systems may be read-only or full.
-    """
+    """Whether a folder can be written to: it is made, and a file in it, which is removed again."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=folder, prefix=PART)
@@ -113,11 +102,9 @@ def writable(folder: Path) -> bool:
 def own_folder(folder: Path) -> Path:
     """Make a folder whose files no other user but root can change; return its real path.
 
-    All folders above it count, as who can write there can replace the folder; but in
-    those with the sticky bit everybody's own stay. The real path has no links that could be swapped
-    afterwards; the folder itself must not be one, as its mode is set. Who owns the root folder can
-    change everything: in a container root's own folders may appear as those of another user. On
-    Windows nothing is checked: permissions are not in a file's mode there.
+    All folders above it count, but those with the sticky bit. The folder must not be a link. In a
+    container root's own folders may appear as those of the root folder's owner. On Windows
+    nothing is checked: permissions are not in a file's mode there.
 
     Raises:
         OSError: it cannot be made. ValueError: others could change its files; says where.

@@ -52,29 +52,18 @@ CIRCLE = direction(np.linspace(0.0, 2.0 * math.pi, 32))
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """What one picture shows; toes in the order of ``robot.legs``.
+    """What one picture shows; toes in the order of ``robot.legs``."""
 
-    Args:
-        q: (4,) crank axis x and y (m), chassis pitch theta and crank angle psi (rad).
-        contact_force: (n_toes, 2) tangential and normal force on each toe, N.
-        contact_point: (n_toes, 2) where each toe touches, m, world frame.
-        contact_tangent: (n_toes, 2) unit tangents of the ground there; normals are 90 degrees on.
-        slipping: (n_toes,) bool, the toes that slide along the ground.
-        command: commanded speed, or None. speed: the speed, both in the renderer's unit.
-        torque, torque_limit: of the crank, and the largest magnitude it may have, N m.
-        time: s.
-    """
-
-    q: Array
-    contact_force: Array
-    contact_point: Array
-    contact_tangent: Array
-    slipping: NDArray[np.bool_]
-    command: float | None
-    speed: float
-    torque: float
-    torque_limit: float
-    time: float
+    q: Array  # (4,) crank axis x and y (m), chassis pitch theta and crank angle psi (rad)
+    contact_force: Array  # (toes, 2) N, tangential and normal force on each toe
+    contact_point: Array  # (toes, 2) m, where each toe touches, world frame
+    contact_tangent: Array  # (toes, 2) unit tangents of the ground there; normals are 90 degrees on
+    slipping: NDArray[np.bool_]  # (toes,) the toes that slide along the ground
+    command: float | None  # speed, or None, in the renderer's unit
+    speed: float  # likewise
+    torque: float  # N m, of the crank
+    torque_limit: float  # N m, its largest magnitude
+    time: float  # s
 
 
 class Renderer:
@@ -128,14 +117,10 @@ class Renderer:
         self._weight = robot.mass * GRAVITY
 
     def draw(self, frame: Frame) -> Picture | None:
-        """Paint ``frame``.
+        """Paint ``frame``; returns a new array (height, width, 3) uint8.
 
-        Returns:
-            (height, width, 3) uint8, a fresh array; None in mode ``"human"``, which shows it and
-            waits for its turn at ``fps``. A window closed by its user is not opened again.
-
-        Raises:
-            RuntimeError: mode ``"human"`` and no display can be opened.
+        Mode ``"human"`` shows it, waits for its turn at ``fps`` and returns None. A window closed
+        by its user is not opened again. Raises RuntimeError: no display can be opened.
         """
         pg, human = self._pg, self.mode == "human"
         # Anyone in the process may quit pygame, which takes the window along.

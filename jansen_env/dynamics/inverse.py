@@ -16,15 +16,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class CrankTorque:
-    """A crank torque by cause, each (...), N m: weight, inertia, joint friction.
+    """A crank torque by cause, each (...), N m."""
 
-    Attributes:
-        gravity: g c_y'. inertia: k psi'' + k' psi'^2 / 2. friction: f psi'.
-    """
-
-    gravity: Array
-    inertia: Array
-    friction: Array
+    gravity: Array  #: g c_y'
+    inertia: Array  #: k psi'' + k' psi'^2 / 2
+    friction: Array  #: f psi'
 
     @property
     def total(self) -> Array:
@@ -41,10 +37,7 @@ def crank_torque(
 ) -> CrankTorque:
     """The torque for a prescribed crank motion on a fixed base: (12) solved for tau.
 
-    Args:
-        robot: whose crank turns.
-        angle, speed, acceleration: of the crank, rad, rad/s, rad/s^2, of shapes that broadcast.
-        gravity: m/s^2.
+    ``angle`` (rad), ``speed`` and ``acceleration`` broadcast against one another.
     """
     psi, n, n_dot = np.broadcast_arrays(
         *(np.asarray(v, float) for v in (angle, speed, acceleration))

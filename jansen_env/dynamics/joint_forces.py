@@ -80,53 +80,33 @@ def corner_name(index: int) -> str:
 
 @dataclass(frozen=True)
 class JointForces:
-    """Forces in the joints of all legs at one instant or several (...), world frame, N and N m.
-
-    Attributes:
-        robot: whose legs these are.
-        pin: (..., legs, 10, 2) force in each of :data:`PINS`.
-        frame: (..., legs, 3) force x, y and moment about the crank axis with which the chassis
-            holds the leg's frame; with a fixed base it passes on to the support.
-        shaft: (..., legs) torque with which the shaft turns the leg's crank.
-        gear: (...) what the motor's torque loses on its way to the shaft: to the rotor's inertia
-            and to the friction of the gear. rotor: (...) torque that spins the rotor up,
-            J phi_ddot; with it and the shafts' torque, the chassis is turned the other way round.
-        toe: (..., legs, 2) contact force on each toe.
-        body: (..., legs, 8, 3) moment (about its centre of mass) and force x, y with which all
-            constraints together act on each body, M x_ddot - h of (4); weight, contacts, joint
-            friction and the motor (on the first leg, with its rotor) are forces applied, not
-            constraint forces.
-        joints: (..., legs, 8, 2) joint positions, m. centres: (..., legs, 8, 2) centres of mass, m.
-        q_ddot: (..., 4) accelerations of (x, y, theta, psi).
-    """
+    """Forces in the joints of all legs at one instant or several (...), world frame, N and N m."""
 
     robot: Robot
-    pin: Array
+    pin: Array  #: (..., legs, 10, 2) force in each of :data:`PINS`
+    #: (..., legs, 3) force x, y and moment about the crank axis with which the chassis holds the
+    #: leg's frame; with a fixed base it passes on to the support.
     frame: Array
-    shaft: Array
-    gear: Array
-    rotor: Array
-    toe: Array
+    shaft: Array  #: (..., legs) torque with which the shaft turns the leg's crank
+    gear: Array  #: (...) what the motor's torque loses to rotor's inertia and gear's friction
+    rotor: Array  #: (...) torque that spins the rotor up, J phi_ddot
+    toe: Array  #: (..., legs, 2) contact force on each toe
+    #: (..., legs, 8, 3) moment (about its centre of mass) and force x, y with which all constraints
+    #: together act on each body, M x_ddot - h of (4); weight, contacts, joint friction and motor
+    #: (on the first leg) are forces applied.
     body: Array
-    joints: Array
-    centres: Array
-    q_ddot: Array
+    joints: Array  #: (..., legs, 8, 2) joint positions, m
+    centres: Array  #: (..., legs, 8, 2) centres of mass, m
+    q_ddot: Array  #: (..., 4) accelerations of (x, y, theta, psi)
 
     @property
     def magnitude(self) -> Array:
-        """(..., legs, 10) size of each pin's force, N.
-
-        Where three links share a joint (A, C, P), the paper pins two of them to the third, and
-        these are the forces between those pairs.
-        """
+        """(..., legs, 10) size of each pin's force, N, between the pairs that the paper pins."""
         return np.hypot(self.pin[..., 0], self.pin[..., 1])
 
     @property
     def bearing(self) -> Array:
-        """(..., legs, 17) force with which each link bears on its joints (all corners but T), N.
-
-        That is what a hole in the link carries, however the links are paired on the pin.
-        """
+        """(..., legs, 17) force on the hole of each link at its joints (all corners but T), N."""
         force = self.corner_forces()[..., :-1, :]
         return np.hypot(force[..., 0], force[..., 1])
 
@@ -149,10 +129,9 @@ class JointForces:
         return float(size.max()), self.robot.leg_names[leg], corner_name(int(corner))
 
     def corner_forces(self) -> Array:
-        """(..., legs, 18, 2) force on each of :data:`CORNERS`, world frame, N.
+        """(..., legs, 18, 2) force on each of :data:`CORNERS`, world frame, N, of links and ground.
 
-        From the other links on its joint; on the toe from the ground. Non-toe contact is
-        not in it.
+        Non-toe contact is not in it.
         """
         corner = PIN_SIGNS @ self.pin
         corner[..., -1, :] = self.toe
@@ -186,7 +165,7 @@ def joint_forces(
     dry: Array | float | None = None,
     gravity: Gravity = GRAVITY,
 ) -> JointForces:
-    """Forces in all joints from a state, the crank's torque and the forces on the toes.
+    """Return the forces in all joints from a state, the crank's torque and forces on the toes.
 
     Args:
         q, q_dot: (..., 4) crank axis x, y (m), pitch theta, crank angle psi (rad), and rates.
@@ -237,13 +216,9 @@ def joint_forces(
 
 
 def _check_arguments(
-    q: Array,
-    q_dot: Array,
-    torque: Array | float,
-    fixed_base: bool,
-    q_ddot: Array | None,
+    q: Array, q_dot: Array, torque: Array | float, fixed_base: bool, q_ddot: Array | None,
     dry: Array | float | None,
-) -> None:
+) -> None:  # fmt: skip
     """Raise ValueError for shapes that do not fit, or a fixed base that moves."""
     if q.shape[-1:] != (4,) or q_dot.shape != q.shape:
         raise ValueError(f"q and q_dot have shapes {q.shape}, {q_dot.shape}, must be (..., 4) both")
@@ -321,10 +296,7 @@ def _contact_forces(
 def _dry_friction(
     robot: Robot, D_q: Array, speed: Array, dry: Array | float | None
 ) -> tuple[Array, Array]:
-    """Dry bearings in the legs' coordinates (..., legs, 24), and the gear's share (...), N m.
-
-    ``D_q`` (..., legs, 24, 4), ``speed`` (...) of the crank.
-    """
+    """Dry bearings in the legs' coordinates (..., legs, 24), and the gear's share (...), N m."""
     h, most = np.zeros(D_q.shape[:-1]), np.full(speed.shape, robot.motor.friction)
     turning = [D_q[..., 3 * (j - 1), 3] - D_q[..., 3 * (i - 1), 3] for i, j in BEARINGS]
     for rate, size in zip(turning, robot.bearing_friction, strict=True):

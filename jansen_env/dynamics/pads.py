@@ -21,20 +21,13 @@ PAD_BODIES = (8, 8, 8, 4, 4, 1)
 
 @dataclass(frozen=True)
 class Pads:
-    """The round pads by which a robot can touch the ground, toes first (in the order of legs).
+    """The round pads by which a robot can touch the ground, toes first (in the order of legs)."""
 
-    Attributes:
-        leg: (n,) index of the leg. joint: (n,) index into :data:`PAD_JOINTS`.
-        table: (n,) row of :attr:`jansen_env.dynamics.reduced.Tables.pads`.
-        phase: (n,) crank phase, rad.
-        toes: how many of them are toes.
-    """
-
-    leg: NDArray[np.int64]
-    joint: NDArray[np.int64]
-    table: NDArray[np.int64]
-    phase: Array
-    toes: int
+    leg: NDArray[np.int64]  #: (n,) index of the leg
+    joint: NDArray[np.int64]  #: (n,) index into :data:`PAD_JOINTS`
+    table: NDArray[np.int64]  #: (n,) row of :attr:`jansen_env.dynamics.reduced.Tables.pads`
+    phase: Array  #: (n,) crank phase, rad
+    toes: int  #: how many of them are toes
 
 
 def pad_layout(robot: Robot) -> Pads:

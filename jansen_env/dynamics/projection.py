@@ -112,10 +112,7 @@ def constraints(robot: Robot, side: Sides, x: Array) -> Array:
 
 
 def constraint_matrix(robot: Robot, side: Sides, x: Array) -> Array:
-    """C = dPhi/dx (..., 20, 24) of x (..., 24), eq. (3).
-
-    Printed with d x_dot, which C x_dot = 0 does not allow.
-    """
+    """C = dPhi/dx (..., 20, 24), eq. (3); printed with d x_dot, which C x_dot = 0 rules out."""
     rows = _rows(robot, side)
     angle = x[..., rows.column] + rows.offset
     C = np.empty((*x.shape[:-1], CONSTRAINTS, COORDINATES))
@@ -136,10 +133,7 @@ def constraint_matrix_rate(robot: Robot, side: Sides, x: Array, x_dot: Array) ->
 
 
 def orthogonal_complement(C: Array, dof: int) -> Array:
-    """D = [1; -C_2^-1 C_1] with C D = 0, the first ``dof`` coordinates independent.
-
-    The paper's partition before (5); C (..., r, n) gives D (..., n, dof).
-    """
+    """D = [1; -C_2^-1 C_1] (..., n, dof) of C (..., r, n): the paper's partition before (5)."""
     return _below(np.eye(dof), -np.linalg.solve(C[..., dof:], C[..., :dof]))
 
 
@@ -165,10 +159,9 @@ def masses(robot: Robot) -> Array:
 
 
 def forces(robot: Robot, x_dot: Array, torque: float | Array, gravity: Gravity = GRAVITY) -> Array:
-    """h_f (..., 24) of x_dot (..., 24), eq. (2).
+    """h_f (..., 24), eq. (2): motor torque (crank +, frame -), weights, viscous joint torques.
 
-    Motor torque (crank +, frame -), weights and viscous joint torques. ``torque`` (N m, a number
-    or (...)) is this leg's share: one motor drives the shaft, so it enters one leg only.
+    ``torque`` (N m, a number or (...)): one motor drives the shaft, so it enters one leg only.
     """
     h = np.zeros(x_dot.shape)
     for axis, pull in enumerate(gravity_vector(gravity), start=1):
@@ -190,9 +183,8 @@ def forces(robot: Robot, x_dot: Array, torque: float | Array, gravity: Gravity =
 def system_constraints(robot: Robot, Q: Array, fixed_base: bool = True) -> Array:
     """System Phi_h: 3 rows that pin the first frame (if ``fixed_base``), 4 that tie each other leg.
 
-    The paper's 15 rows for four legs. Every leg is tied to the first one; the paper ties lb to lf,
-    which spans the same rows. Frame angle atan(h_0 / l_0), rows 9 and 10 read as rf against lf
-    (``docs/paper.md``).
+    Every leg is tied to the first one; the paper ties lb to lf, which spans the same rows. Rows 9
+    and 10 are read as rf against lf (``docs/paper.md``).
     """
     q = _by_leg(Q)
     g = q.copy()
@@ -269,23 +261,15 @@ def system_coordinates(robot: Robot, q: Array) -> Array:
 
 @dataclass(frozen=True)
 class Projection:
-    """The system projected to its independent speeds, at one state or several (...).
+    """The system projected to its independent speeds, at one state or several (...)."""
 
-    Attributes:
-        D: (..., 24 n, k) from the independent speeds to X_dot; k is 1 with a fixed base, else 4.
-        bias: D_dot times the independent speeds (..., 24 n): accelerations at zero q_ddot.
-        mass: D^T M D (..., k, k), eq. (12). velocity_terms: D^T M D_dot q_dot (..., k).
-        generalised_forces: D^T h (..., k).
-        M: diagonal of the mass matrix (24 n,). h: the forces (..., 24 n).
-    """
-
-    D: Array
-    bias: Array
-    mass: Array
-    velocity_terms: Array
-    generalised_forces: Array
-    M: Array
-    h: Array
+    D: Array  #: (..., 24 n, k) from independent speeds to X_dot; k is 1 with a fixed base, else 4
+    bias: Array  #: (..., 24 n) D_dot times the independent speeds: accelerations at zero q_ddot
+    mass: Array  #: (..., k, k) D^T M D, eq. (12)
+    velocity_terms: Array  #: (..., k) D^T M D_dot q_dot
+    generalised_forces: Array  #: (..., k) D^T h
+    M: Array  #: (24 n,) diagonal of the mass matrix
+    h: Array  #: (..., 24 n) forces
 
     def acceleration(self) -> Array:
         """Independent accelerations (..., k), eq. (12)."""
@@ -309,7 +293,6 @@ def project(
     """Equations (2)-(12) at one state or several; the payload is no part of the paper and left out.
 
     Args:
-        robot: the machine.
         q, q_dot: (..., 4) crank axis x, y (m), pitch theta, crank angle psi (rad), and their rates.
         torque: (...) or a number, of the crank, N m.
         fixed_base: hold the chassis (the first three of q_dot must then be 0).

@@ -27,22 +27,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS, Pads, pad_layout
-from jansen_env.dynamics.projection import (
-    DOF,
-    constraint_matrix,
-    orthogonal_complement,
-)
+from jansen_env.dynamics.projection import DOF, constraint_matrix, orthogonal_complement
 from jansen_env.gravity import GRAVITY
-from jansen_env.robot import (
-    BEARINGS,
-    BODIES_PER_LEG,
-    JOINT_PAIRS,
-    RIGID,
-    Leg,
-    Payload,
-    Robot,
-    Side,
-)
+from jansen_env.robot import BEARINGS, BODIES_PER_LEG, JOINT_PAIRS, RIGID, Leg, Payload, Robot, Side
 from jansen_env.robot.kinematics import check_closure, coordinates, joint_positions
 from jansen_env.robot.motor import IDEAL
 
@@ -61,28 +48,21 @@ PAD_FUNCTIONS = ("p_x", "p_y", "a")
 
 @dataclass(frozen=True)
 class Tables:
-    """A compiled robot.
-
-    Attributes:
-        robot: what was compiled.
-        body: (INTERVALS, 6, ORDER) Taylor coefficients of :data:`BODY_FUNCTIONS` about the middle
-            of each interval, without the payload.
-        own: what of it the links' inertias about their own centres of mass make: the terms in J.
-        pads: (12, INTERVALS, 3, ORDER) those of :data:`PAD_FUNCTIONS`; row
-            ``side * 6 + joint`` with side 0 fore, 1 back, for a leg of phase 0.
-        layout: the robot's pads.
-        bearings: (SAMPLES,) Coulomb friction torque of all bearings on the crank, N m, at crank
-            angles evenly over a turn: sum of tau_i |a_j' - a_i'|.
-        tail: largest Fourier coefficient cut off, relative to the largest kept.
-    """
+    """A compiled robot."""
 
     robot: Robot
+    #: (INTERVALS, 6, ORDER) Taylor coefficients of :data:`BODY_FUNCTIONS` about the middle of each
+    #: interval, without the payload; and what of it is by the links' own inertias: the terms in J.
     body: Array
     own: Array
+    #: (12, INTERVALS, 3, ORDER) those of :data:`PAD_FUNCTIONS`; row ``side * 6 + joint`` with side
+    #: 0 fore, 1 back, for a leg of phase 0.
     pads: Array
     layout: Pads
+    #: (SAMPLES,) Coulomb friction torque of all bearings on the crank, N m, at crank angles evenly
+    #: over a turn: sum of tau_i |a_j' - a_i'|.
     bearings: Array
-    tail: float
+    tail: float  #: largest Fourier coefficient cut off, relative to the largest kept
 
 
 def compile_robot(robot: Robot) -> Tables:
@@ -153,10 +133,7 @@ def _slope(robot: Robot, side: Side, psi: Array) -> tuple[Array, Array]:
 
 
 def _leg_sums(robot: Robot, side: Side, psi: Array) -> tuple[Array, Array]:
-    """(n, 6) the leg's share of :data:`BODY_FUNCTIONS`, from the dense projection.
-
-    And likewise of their part in J.
-    """
+    """(n, 6) the leg's share of :data:`BODY_FUNCTIONS`, and of their part in J."""
     mass = np.array([body.mass for body in robot.bodies])
     inertia = np.array([body.inertia for body in robot.bodies])
     first, second = np.array(JOINT_PAIRS).T - 1
@@ -216,10 +193,9 @@ def _taylor(series: Series) -> Array:
 
 @functools.cache
 def _waves() -> Series:
-    """exp(i n psi) of all harmonics in the middle of every interval.
+    """exp(i n psi) of all harmonics in the middle of every interval (8, INTERVALS / 8, HARMONICS).
 
-    (8, INTERVALS / 8, HARMONICS): products that BLAS does not share out to threads, which would
-    wait for one another longer than they work.
+    So small that BLAS does not share products out to threads, which is slower.
     """
     middle = 2.0 * math.pi * (np.arange(INTERVALS) + 0.5) / INTERVALS
     return np.exp(1j * np.outer(middle, np.arange(HARMONICS))).reshape(8, -1, HARMONICS)
@@ -304,14 +280,8 @@ def generalised_forces(
     """(4,) the paper's D^T h (12): weight, motor and viscous joints, N and N m."""
     s = body_sums(tables, q[3])
     R = _rotation(q[2])
-    return np.array(
-        [
-            0.0,
-            -tables.robot.mass * gravity,
-            -gravity * _left(R @ s.c)[1],
-            -gravity * (R @ s.dc)[1] + torque - s.f * v[3],
-        ]
-    )
+    pitch, crank = -gravity * _left(R @ s.c)[1], -gravity * (R @ s.dc)[1]
+    return np.array([0.0, -tables.robot.mass * gravity, pitch, crank + torque - s.f * v[3]])
 
 
 def energy(tables: Tables, q: Array, v: Array, gravity: float = GRAVITY) -> float:

@@ -27,12 +27,7 @@ def begin(robot, state, statistics, body, sums):
 
 @stage
 def end(robot, state, statistics, elapsed, slip, force, body, sums):
-    """Complete the sums, in a crank-axis state.
-
-    Args:
-        elapsed: s, since :func:`begin`. slip: (toes,) m and force: (toes, 2) N, out: of toes, the
-            path slid and the mean tangential and normal force.
-    """
+    """Complete the sums, in a crank-axis state; slip: (toes,) m and force: (toes, 2) N, out."""
     total, toes = robot.accumulators, len(slip)
     for j in range(toes):
         slip[j] = statistics[j].slip
@@ -51,12 +46,7 @@ def end(robot, state, statistics, elapsed, slip, force, body, sums):
 def accumulate_step(
     h, torque, asked, dry, push, velocity, outcome, inertia, count, params, contacts, total
 ):
-    """Add a time step's work, joint loss and worst figures.
-
-    Args:
-        torque, asked: of the motor, and the one last asked for, N m. dry: impulse of the crank's
-            Coulomb friction, N m s.
-    """
+    """Add a time step's work, joint loss and worst figures; arguments: see ``_time_step``."""
     end = outcome.end
     mean = 0.5 * (velocity.crank + end.crank)
     total.motor_work += h * torque * mean

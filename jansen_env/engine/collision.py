@@ -1,9 +1,8 @@
 """Collision detection: from each robot's candidate segments to its contact planes, without pymunk.
 
-The broad phase is pymunk's (``plants/detector.py``): it finds the segments of the terrain that may
-be near a robot while its crank axis stays within a skin of where it was then. A pad's planes are
-those of these candidates within its robot's speculative margin; a pad farther than that in the
-ground has the plane by which it comes out soonest.
+The broad phase (``plants/detector.py``) finds the candidates. A pad's planes are those of them
+within its robot's speculative margin; a pad farther than that in the ground has the plane by which
+it comes out soonest.
 """
 
 from __future__ import annotations
@@ -25,17 +24,9 @@ SAME = 1e-9  # difference of two planes' numbers below which they are one
 
 @stage(inline=False)
 def detect(state, robot, model, ground, world, planes):
-    """Find the planes near a robot's pads, unless the broad phase must be asked before.
+    """Find the planes near a robot's pads; False where the broad phase must be asked before.
 
-    Sets the robot's ``margin``, its planes, and ``too_deep``: whether a pad has none by which it
-    could come out of the ground.
-
-    Args:
-        state: (8,). robot: ROBOT. model, ground: Model and Ground of ``records.py``. world: WORLD.
-        planes: (robots * capacity,) PLANE.
-
-    Returns:
-        Whether the robot is still where the broad phase knows it.
+    Sets the robot's ``margin``, its ``planes`` and ``too_deep``; arguments: see ``records.py``.
     """
     status = robot.status
     _set_margin(state, robot, world.time_step)
@@ -120,11 +111,9 @@ def height_at(surface, begin, end, x):
 
 @compiled
 def move_robots(rows, states, robots, placed):
-    """Move pymunk's circles to some robots; those that are near enough stay, which spares its tree.
+    """Move pymunk's circles, ``placed`` (bodies, 2) m, to robots ``rows`` (k,).
 
-    Args:
-        rows: (k,) of the robots. states: (robots, 8). robots: (robots,) ROBOT.
-        placed: (bodies, 2) m: where the circles are in pymunk's space, changed in place.
+    Those that are near enough stay, which spares its tree.
     """
     for r in rows:
         status = robots[r].status
@@ -179,11 +168,7 @@ def keep_candidates(rows, ids, points, known_ids, row_of, robots, surface, reach
 
 @compiled
 def recall(rows, states, robots):
-    """Let robots that are placed again know the candidates of their last placement.
-
-    Returns:
-        Whether one of them needs the broad phase.
-    """
+    """Recall candidates of robots' last placement; whether one of them needs the broad phase."""
     unknown = False
     for r in rows:
         status = robots[r].status
@@ -221,12 +206,7 @@ def pad_centres(state, pads, layout, out):
 
 @compiled
 def planes_near(r, centres, robots, surface, world, planes):
-    """Find the planes near points (pads, 2), m, that are taken for the pads of robot ``r``.
-
-    Args:
-        robots: (robots,) ROBOT. surface: (vertices, 2) m. world: (1,) WORLD, as bytes.
-        planes: (robots * capacity,) PLANE.
-    """
+    """Find the planes near points (pads, 2), m, that are taken for the pads of robot ``r``."""
     status, world_row = robots[r].status, world.view(WORLD)[0]
     begin_planes(status)
     for j in range(len(centres)):
@@ -292,11 +272,7 @@ def _list_near_side(x, y, pad, first, last, nearest, near, status, surface, worl
 
 @stage(inline=False)
 def _way_out(surface, start, end, x, y, reach):
-    """The nearest plane whose ground a point is in.
-
-    Returns:
-        (whether there is one within ``reach`` (m); normal x, y; offset)
-    """
+    """The nearest plane whose ground a point is in: (whether within ``reach``, normal, offset)."""
     highest, best_x, best_y, best_offset = -reach, 0.0, 0.0, 0.0
     first, last = _segment(surface, start, end, x - reach), _segment(surface, start, end, x + reach)
     for k in range(first, last + 1):
@@ -311,8 +287,7 @@ def _way_out(surface, start, end, x, y, reach):
 def _plane(surface, start, end, k, x, y, near):
     """Plane by which segment ``k`` of surface[start:end] faces a point (x, y).
 
-    Returns:
-        (whether it is nearer than ``near`` and no neighbour's task; normal x, y; offset)
+    Returns (whether it is nearer than ``near`` and no neighbour's task; normal x, y; offset).
     """
     ax, ay = surface[k, 0], surface[k, 1]
     ex, ey = surface[k + 1, 0] - ax, surface[k + 1, 1] - ay

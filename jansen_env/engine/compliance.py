@@ -51,8 +51,7 @@ def _start_length(h, middle, ahead, old):
 def limit_springs(h, count, velocity, params, planes, contacts, statistics):
     """Limit the springs on planes just found to the energy that the pad's springs held before.
 
-    Moving the planes reduces their compression in proportion. A pad of unknown (infinite)
-    compression is as compressed as the ground presses it. Contacts are in the order of their pads.
+    Contacts are in the order of their pads.
     """
     k, d = params.stiffness[NORMAL], params.pad_damping[NORMAL]
     first, last = 0, 0
@@ -131,8 +130,8 @@ def accumulate_compliant(
 ):
     """Add a time step's slip, impulses and losses of compliant pads; bend the bristles.
 
-    What friction takes while sliding is slip loss. All else is impact loss: of dampers, of springs
-    let go, and what springs hold less on planes that were ``renewed`` than on the old ones.
+    All that is not slip loss is impact loss: of dampers, of springs let go, and what springs hold
+    less on planes that were ``renewed`` than on the old ones.
     Springs are as long as they are where the law looks, at the step's ends or up to half a step
     ahead. Where c = 0, springs and dampers of a step lose h d times the mean velocity squared, so
     no loss is negative. Of normal springs with c > 0 the share (1 - c)^2 of the energy counts as

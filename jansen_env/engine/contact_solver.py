@@ -41,7 +41,7 @@ def index_size(count: int) -> int:
 
 
 def spare_space(count: int) -> NDArray[np.float64]:
-    """Numbers that it needs where modes must be searched for: four vectors, Lemke's tableau."""
+    """Work space to search for modes: four vectors, Lemke's tableau."""
     return np.zeros((4 * count + 4, 8 * count + 2))
 
 
@@ -118,8 +118,7 @@ def _assemble(count, problem):
 def _factor(count, problem):
     """LU factors, into A, of the linear problem that the modes pose; False where it is singular.
 
-    ``indices`` holds which unknowns take part, which rows change places, the modes, and how many
-    unknowns there are. Factors of the same modes, from the last call, are kept.
+    ``indices``: which unknowns take part, which rows change places, the modes, how many unknowns.
     """
     if _factored(count, problem):
         return True
@@ -222,16 +221,12 @@ def _solve_from_guess(count, problem, tolerance):
 
 @compiled(inline="always")
 def solve(count, problem):
-    """Solve the contact law for ``count`` contacts.
+    """Solve the contact law for ``count`` contacts; returns the solution's :func:`residual`.
 
     Args:
-        count: contacts in use.
         problem: W with :func:`regularise` applied, v_free, mu and mode; P, u and mode are filled.
             With indices[5 count] = 0 nothing is kept from the call before; else W, mu and count
             must be the same as there.
-
-    Returns:
-        The solution's :func:`residual`, N s.
     """
     scale = 0.0
     for i in range(2 * count):
@@ -303,10 +298,7 @@ def _modes_of(count, problem):
 
 @macro
 def _proximal_point(count, problem, tolerance, error):
-    """Last resort: solve W + rho 1 with v_free - rho P, from the last P on.
-
-    The shifted problem is far better conditioned, and at its fixed point it is the one asked for.
-    """
+    """Last resort: solve W + rho 1 with v_free - rho P, from the last P on: better conditioned."""
     n, P, W, v_free = 2 * count, problem.P, problem.W, problem.v_free
     best, diagonal, free = problem.spare[1], problem.spare[2], problem.spare[3]
     modes = problem.indices[5 * count + 1 :]

@@ -30,15 +30,13 @@ TRAVEL = 4  # where, after the last pose, a robot's travel is
 def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
     """The pads that touch at the middle of a step: rows of J, curvature of their paths.
 
-    A step in which one of them touches down is an impact. In the others the contact law is asked
-    of the velocity at the end of the step, J v + (h / 2) J_dot v, which keeps a rolling or pivoting
-    toe where it is to second order.
+    But in an impact the contact law is asked of the velocity at the end of the step,
+    J v + (h / 2) J_dot v, which keeps a rolling or pivoting toe where it is to second order.
 
     A compliant pad touches if it does so where the step begins, or would in the middle of the next
     one at this velocity: that far ahead its law may look.
 
-    Returns:
-        (contacts, whether one of them was open when the step began)
+    Returns (contacts, whether one of them was open when the step began: an impact).
     """
     x, y, theta, psi = middle
     turn = np.cos(theta), np.sin(theta)
@@ -226,9 +224,8 @@ def can_wedge(params):
 def _wedged(count, plane, planes, friction):
     """Whether two contacts' friction cones hold opposite forces: n . n' <= -cos(2 atan(friction)).
 
-    Only then can the pads push on the ground with any force and no effect on the motion. Velocities
-    that no motion of the robot has, as bounces and the path's curvature ask for, would make
-    that force as large as the arithmetic allows, so a wedged step goes without both.
+    Only then can pads push on the ground with any force and no effect on the motion: bounces and
+    the path's curvature would make it as large as the arithmetic allows, so they are left out.
     """
     limit = (friction * friction - 1.0) / (friction * friction + 1.0)
     for c in range(count):

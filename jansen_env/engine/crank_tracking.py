@@ -5,43 +5,30 @@ from __future__ import annotations
 import math
 
 from jansen_env.engine.jit import compiled
-from jansen_env.engine.records import row_dtype
+from jansen_env.engine.records import floats, row_dtype
 
 START_ANGLE = math.pi  # rad, of the reference at time 0, as in the paper
 LOST = math.pi  # rad, tracking error at which an episode ends
 TRACKING_WIDTH = 0.8  # rad, tracking error at which half of the tracking reward is left
 
 # The reward's terms, and likewise their weights.
-REWARD = row_dtype([("tracking", float), ("torque", float)])
+REWARD = row_dtype(floats("tracking", "torque"))
 # What the information has of a robot that is held; its units are listed with the environment.
 HELD_INFORMATION = row_dtype(
-    [
-        ("crank_angle", float),
-        ("crank_speed", float),
-        ("crank_torque", float),
-        ("diverged", bool),
-    ]
+    [*floats("crank_angle", "crank_speed", "crank_torque"), ("diverged", bool)]
 )
 ENERGIES = row_dtype(
-    [
-        ("motor_work", float),
-        ("electrical_work", float),
-        ("joint_loss", float),
-        ("mechanical_energy_change", float),
-        ("residual", float),
-    ]
+    floats("motor_work", "electrical_work", "joint_loss", "mechanical_energy_change", "residual")
 )
 # A held robot's row: its last actions and steps.
 HELD_ROW = row_dtype(
     [
-        ("action", float),
-        ("action_before", float),
-        ("steps", float),
+        *floats("action", "action_before", "steps"),
         ("info", HELD_INFORMATION),
         ("energy", ENERGIES),
     ]
 )
-INFORMATION = row_dtype([("tracking_error", float), ("speed_command", float)])
+INFORMATION = row_dtype(floats("tracking_error", "speed_command"))
 # The task's row.
 ROW = row_dtype([("info", INFORMATION), ("reward", REWARD)])
 

@@ -31,13 +31,7 @@ from jansen_env.engine.compliance import (
     limit_springs,
 )
 from jansen_env.engine.contact_solver import OPEN, index_size, spare_space
-from jansen_env.engine.contacts import (
-    TRAVEL,
-    assemble,
-    correct_penetration,
-    find_contacts,
-    outruns,
-)
+from jansen_env.engine.contacts import TRAVEL, assemble, correct_penetration, find_contacts, outruns
 from jansen_env.engine.jit import compiled, macro, stage
 from jansen_env.engine.records import (
     CONTACT_STATISTICS,
@@ -89,9 +83,8 @@ def work_space(capacity: int) -> tuple[Array, Array, Array, Array, Array, Ints]:
 def trace_dtype(pads: int) -> np.dtype[Any]:
     """A time step as :func:`advance` traces it, numbers only.
 
-    Pose at the middle of the step; velocity before and after it, that of the centre of mass;
-    the motor's torque, N m, and the Coulomb friction's on the crank; x, y and moment impulse on
-    each pad, N s and N m s, about the pad's centre.
+    Pose at the middle of the step; velocities of the centre of mass; the motor's torque, N m, and
+    the Coulomb friction's on the crank; x, y and moment impulse on each pad about its centre.
     """
     return np.dtype(
         [
@@ -192,10 +185,7 @@ def _work(jacobians, matrices, vectors, readings, spare, ints):
 
 @macro
 def _advance_robot(world, asked, state, robot, model, planes, statistics, work, trace):
-    """Take a robot's steps, as far as its planes go; ``state`` is that of the centre of mass.
-
-    ``asked``: torque, the earlier one, time steps for which that still holds, and pushes.
-    """
+    """Take a robot's steps, as far as its planes go; ``state`` is that of the centre of mass."""
     torque, earlier, switch, pushes = asked
     status, h = robot.status, world.time_step
     left, done = status.steps_left, 0
@@ -242,10 +232,7 @@ def _bounded(state):
 def _time_step(h, asked, torque, pushes, renewed, state, robot, model, planes, statistics, work):
     """One time step of one robot with a ``torque``, while ``asked`` is the latest.
 
-    ``pushes``: (1, steps, 2) or without rows. ``renewed``: whether its planes were just found.
-
-    Returns:
-        (pads that touched, torque of the motor, N m, impulse of the crank's dry friction, N m s)
+    Returns (pads that touched, torque of the motor, impulse of the crank's dry friction, N m s).
     """
     params, contacts = robot.params, work.contacts
     velocity = Velocity(state[4], state[5], state[6], state[7])

@@ -14,7 +14,7 @@ PERTURBATION = 1e-9  # of the right-hand side, after scaling
 
 @stage(inline=False)
 def lemke(count, problem, compliance, T, basis):
-    """Lemke's method on (P_n, P_t+, P_t-, bound) of Stewart and Trinkle; True where it ends.
+    """Solve by Lemke's method; True where it ends.
 
     W's diagonal is taken (1 + compliance) times as large, and v_free is perturbed: good for the
     modes. T (4 n, 8 n + 2) and basis (4 n,) are work space.

@@ -24,9 +24,8 @@ def lower(rows, x, angles, pitches, states, body, pads, layout, robots, surface,
 
     Args:
         rows: (k,) of the robots. x: (k,) m, of the crank axis. angles: (k,) rad, of the crank.
-        pitches: (k,) rad, or NaN for :func:`level_pitch`.
-        states: (robots, 8), out. body, pads, layout: of a Model. robots: (robots,) ROBOT.
-        surface: (vertices, 2) m. world: (1,) WORLD, as bytes. toes: (toes + 1, 2), work space.
+        pitches: (k,) rad, or NaN for :func:`level_pitch`. states: (robots, 8), out.
+        world: (1,) WORLD, as bytes. toes: (toes + 1, 2), work space.
     """
     count = world.view(WORLD)[0].toes
     for k in range(len(rows)):
@@ -49,10 +48,7 @@ def lower(rows, x, angles, pitches, states, body, pads, layout, robots, surface,
 def settle(rows, sags, states, pads, layout, robots, surface, world, centres, planes):
     """Lower robots to the true gap, where the ground is not straight, and a little into it.
 
-    Args:
-        rows, states, pads, layout, robots, surface, world: as of :func:`lower`.
-        sags: (k,) m, deeper by as much. centres: (pads, 2), work space.
-        planes: (robots * capacity,) PLANE, out.
+    ``sags``: (k,) m, deeper by as much; ``centres``: (pads, 2), work space; ``planes``: out.
     """
     for k in range(len(rows)):
         r = rows[k]
@@ -74,11 +70,10 @@ def settle(rows, sags, states, pads, layout, robots, surface, world, centres, pl
 
 @compiled
 def clearance(toes, centre, surface, begin, end, x, radius, pitch):
-    """Heights by which the toes clear the terrain surface[begin:end] with the axis at y = 0.
+    """Heights by which the toes clear the terrain surface[begin:end] with the axis at (x, 0).
 
     Args:
         toes: (toes, 2) m, and centre: (2,) m, the centre of mass, in the chassis frame.
-        surface: (vertices, 2) m. x: of the axis, m. radius: of the toes, m. pitch: rad.
 
     Returns:
         (of all toes the smallest, of those ahead of the centre of mass, and of the others), m; inf

@@ -24,7 +24,7 @@ PUSHES = row_dtype(
 
 @compiled
 def fill_pushes(active, elapsed, seeds, strength, settings, random, schedule, scheduled, out):
-    """Impulses on the chassis in each time step of a control step.
+    """Fill impulses on the chassis in each time step of a control step; whether there are any.
 
     Args:
         active: (n,) whether a robot takes the step; the others are not pushed.
@@ -32,11 +32,7 @@ def fill_pushes(active, elapsed, seeds, strength, settings, random, schedule, sc
         strength: (n,) by which the random pushes are multiplied. settings: (1,) of :data:`PUSHES`.
         random: (n,) whether a robot's episode has random pushes, if there are any.
         schedule: (n, most, 3) times since the episode began, s, and impulses in x and y, N s.
-        scheduled: (n,) how many of these there are.
-        out: (n, steps, 2) N s.
-
-    Returns:
-        Whether any robot is pushed.
+        scheduled: (n,) how many of these there are. out: (n, steps, 2) N s.
     """
     push, any_pushed, steps = settings[0], False, out.shape[1]
     at_random = push.impulse_x > 0.0 or push.impulse_y > 0.0
@@ -65,11 +61,7 @@ def fill_pushes(active, elapsed, seeds, strength, settings, random, schedule, sc
 
 @compiled
 def _push(start, x, y, begin, push, out):
-    """Add one push to a robot's time steps (steps, 2); whether it is felt in any of them.
-
-    Args:
-        start: s. x, y: N s. begin: time steps before these.
-    """
+    """Add one push to a robot's time steps (steps, 2) from ``begin``; whether it is felt."""
     steps, step = len(out), push.time_step
     if start >= (begin + steps) * step or start + push.duration <= begin * step:
         return False

@@ -25,11 +25,7 @@ SPACING = 2.0**-52  # of uniform numbers, of which each stands in the middle of 
 
 @stage
 def number(key, k):
-    """64 random bits, the ``k``-th (0, 1, ...) of those that belong to a key.
-
-    Args:
-        key: an integer of 64 bits, a seed or what this function gave. k: a whole number.
-    """
+    """64 random bits, the ``k``-th (0, 1, ...) of a key: a seed or what this function gave."""
     mixed = np.uint64(key) + GOLDEN * (np.uint64(k) + ONE)
     mixed = (mixed ^ (mixed >> FIRST_SHIFT)) * FIRST_FACTOR
     mixed = (mixed ^ (mixed >> SECOND_SHIFT)) * SECOND_FACTOR
@@ -44,9 +40,6 @@ def uniform(key, k):
 
 @stage
 def normal(key, k):
-    """A number of mean 0 and standard deviation 1, normally distributed: the ``k``-th of a key.
-
-    By Box and Muller (1958), of the uniform numbers 2 k and 2 k + 1.
-    """
+    """The ``k``-th standard normal number of a key, by Box and Muller (1958)."""
     radius = math.sqrt(-2.0 * math.log(uniform(key, 2 * k)))
     return radius * math.cos(2.0 * math.pi * uniform(key, 2 * k + 1))

@@ -6,33 +6,17 @@ import math
 
 from jansen_env.engine.collision import height_at
 from jansen_env.engine.jit import compiled
-from jansen_env.engine.records import row_dtype
+from jansen_env.engine.records import floats, row_dtype
 
 # What the information has of a robot in its world; units are listed with the environments.
-INFORMATION = row_dtype(
-    [
-        ("x_position", float),
-        ("x_velocity", float),
-        ("pitch", float),
-        ("crank_angle", float),
-        ("crank_speed", float),
-        ("crank_torque", float),
-        ("joint_gap", float),
-        ("diverged", bool),
-    ]
-)
+STATE = ("x_position", "x_velocity", "pitch", "crank_angle", "crank_speed", "crank_torque")
+INFORMATION = row_dtype([*floats(*STATE, "joint_gap"), ("diverged", bool)])
 ENERGIES = row_dtype(
-    [
-        ("motor_work", float),
-        ("push_work", float),
-        ("electrical_work", float),
-        ("joint_loss", float),
-        ("slip_loss", float),
-        ("impact_loss", float),
-        ("mechanical_energy_change", float),
-        ("residual", float),
-    ]
-)
+    floats(
+        "motor_work", "push_work", "electrical_work", "joint_loss", "slip_loss", "impact_loss",
+        "mechanical_energy_change", "residual",
+    )
+)  # fmt: skip
 # A robot's row: its last actions, what it is, and its last step.
 ROW = row_dtype(
     [

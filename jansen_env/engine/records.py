@@ -25,6 +25,11 @@ def row_dtype(fields: list[tuple[Any, ...]]) -> np.dtype[Any]:
     return np.dtype((np.record, dtype)) if DISABLED else dtype
 
 
+def floats(*names: str) -> list[tuple[str, type]]:
+    """Fields of :func:`row_dtype` that are numbers."""
+    return [(name, float) for name in names]
+
+
 PARAMS = row_dtype(
     [
         ("mass", "f8"),  # kg, load included
@@ -64,7 +69,7 @@ PARAMS = row_dtype(
         ("compliant", "?"),
         ("stiffness", "f8", 2),  # N/m, normal and tangential
         ("pad_damping", "f8", 2),  # N s/m
-    ],
+    ]
 )
 """What may differ between robots of one design."""
 
@@ -89,7 +94,7 @@ STATUS = row_dtype(
         ("home_y", "f8"),
         ("home_first", "i8"),
         ("home_last", "i8"),
-    ],
+    ]
 )
 """Where a robot stands between collision detection and time steps."""
 

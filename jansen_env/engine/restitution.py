@@ -55,9 +55,8 @@ def solve_velocities(
 ):
     """The velocities at the end of a step; ``contacts`` gets its impulses and modes.
 
-    The crank's Coulomb friction, N m, is a known force as long as the crank goes on turning the way
-    it does. Where it would stop or turn back, that is another row of the contact problem, see
-    :func:`jansen_env.engine.contacts.add_dry_friction`.
+    The crank's Coulomb friction, N m, is a known force while the crank goes on turning; where it
+    would stop or turn back, another row of the contact problem, see ``add_dry_friction``.
     """
     sliding = friction * np.sign(velocity.crank)
     dry = friction > 0.0 and not params.prescribed_speed

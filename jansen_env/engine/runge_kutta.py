@@ -16,15 +16,7 @@ import numpy as np
 from jansen_env.engine.jit import compiled, stage
 from jansen_env.engine.motor_stages import drawn_power, limited_torque
 from jansen_env.engine.records import Array
-from jansen_env.engine.tables import (
-    C_Y,
-    CRANK,
-    DAMPING,
-    FIRST,
-    VALUE,
-    bearing_friction,
-    read_body,
-)
+from jansen_env.engine.tables import C_Y, CRANK, DAMPING, FIRST, VALUE, bearing_friction, read_body
 
 # Entries of a state: crank angle, its rate, and since the start what joints and gear have taken, J,
 # how much less the motor did than the torque last asked for would have, J and N m s, and what it
@@ -52,10 +44,9 @@ class Crank(NamedTuple):
 def _rates(state, direction, asked, latest, crank, rates):
     """Fill ``rates`` (6,) of a state with the Coulomb friction against ``direction``, 1, 0 or -1.
 
-    ``asked``: the motor's torque now, N m; ``latest``: the one last asked for.
+    ``asked``: the motor's torque now, ``latest``: the one last asked for, N m.
 
-    Returns:
-        (force on the crank without that friction, the friction), N m.
+    Returns (force on the crank without that friction, the friction), N m.
     """
     sums, params, n = crank.sums, crank.params, state[SPEED]
     read_body(crank.body, state[ANGLE], sums)
@@ -128,9 +119,7 @@ def _step_with_friction(h, asked, latest, state, crank):
 def turn(steps, switch, h, torque, earlier, state, body, bearings, params):
     """Advance a state (6,) by ``steps`` steps of ``h`` seconds under a torque asked for (N m).
 
-    In the first ``switch`` of them it is the ``earlier`` one. ``body`` and ``bearings`` are the
-    robot's tables, see :mod:`jansen_env.engine.tables`, and ``params`` (1,) its
-    :data:`jansen_env.engine.records.PARAMS`.
+    In the first ``switch`` of them it is the ``earlier`` one. ``body``, ``bearings``: of a Model.
     """
     crank = Crank(
         body, bearings, params[0], np.empty((3, 6)), np.empty((4, STATE)), np.empty(STATE),
@@ -155,8 +144,7 @@ def turn_each(steps, switch, h, torques, earlier, states, body, bearings, params
             work, J, and the motor's mean torque, N m; out.
         diverged: (n,) whether a crank became faster than :data:`DIVERGED`: it stays as it was; out.
 
-    Returns:
-        Whether one has.
+    Returns whether one has.
     """
     any_diverged = False
     for r in range(len(states)):

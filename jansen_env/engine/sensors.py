@@ -16,9 +16,7 @@ BIAS = 0  # of the stream's keys; the others are those of the steps
 def draw_errors(which, elapsed, seeds, level, deviation, speeds, known, bias, error, mean_error):
     """Draw the errors of some robots' readings in this step, always the same for one step.
 
-    The means over the step, of the velocity in x and of the crank's speed, have the errors of the
-    readings and second ones of the same size. Without the second ones the exact difference of mean
-    and reading would show; without the first ones their average would be better than the sensor.
+    Mean speeds over the step err by the errors of the readings and by second ones of the same size.
 
     Args:
         which: (k,) of the robots.

@@ -134,10 +134,7 @@ def _second(table, row, f, t):
 
 @stage(inline=False)
 def read_body(body, psi, out):
-    """Values and derivatives of a table (intervals, 8, 6) at a crank angle, into (3, 6).
-
-    Second derivatives those of c alone: nobody needs the others.
-    """
+    """Values, first and (of c alone) second derivatives of a table at an angle, into (3, 6)."""
     row, t = locate(body.shape[0], psi)
     for f in range(6):
         out[VALUE, f] = _value(body, row, f, t)
@@ -168,11 +165,7 @@ def read_sums(body, params, psi, out):
 
 @stage
 def read_pad(pads, table, psi, out):
-    """Place of a pad (chassis frame, m) and angle of its body at a crank angle, into out[VALUE].
-
-    Returns:
-        (row, t) for :func:`read_pad_motion`.
-    """
+    """Place (chassis frame, m) and angle of a pad into out[VALUE]; (row, t) for the motion."""
     row, t = locate(pads.shape[1], psi)
     for f in range(3):
         out[VALUE, f] = _value(pads[table], row, f, t)
@@ -196,10 +189,7 @@ def pad_place(pads, table, angle):
 
 @stage
 def bearing_friction(bearings, psi):
-    """Coulomb friction torque of all bearings on the crank at a crank angle, N m, interpolated.
-
-    It has kinks, where a bearing's two links do not turn on one another.
-    """
+    """Coulomb friction torque of all bearings on the crank at a crank angle, N m, interpolated."""
     place = psi / (2.0 * np.pi) * len(bearings)
     whole = np.floor(place)
     share = place - whole
@@ -220,10 +210,7 @@ def centre_of_mass(body, params, psi):
 
 @stage(inline=False)
 def to_centroid(body, params, state, sign, sums):
-    """Shift a state (8,) in place from the crank axis to the centre of mass (sign 1), or back (-1).
-
-    ``sums`` (3, 6) is work space.
-    """
+    """Shift a state (8,) from the crank axis to the centre of mass (sign 1), or back (-1)."""
     read_sums(body, params, state[3], sums)
     m = params.mass
     sx = (sums[VALUE, C_X] + params.load_mass * params.load_x) / m

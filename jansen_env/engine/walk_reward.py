@@ -10,7 +10,7 @@ import math
 
 from jansen_env.engine.jit import compiled
 from jansen_env.engine.readings import put, read, take_step
-from jansen_env.engine.records import row_dtype
+from jansen_env.engine.records import floats, row_dtype
 
 FALLEN_PITCH = 1.2  # rad
 
@@ -30,47 +30,16 @@ HALF_EFFORT = 0.3  # m, RMS torque / weight
 HALF_CHANGE = 0.8  # change of the action
 HALF_PITCH = 0.4  # rad
 
+MEANS = floats("mean_speed", "mean_slip", "mean_power", "rms_torque")
 # The reward's factors; all but the first two have an exponent, their weight.
-REWARD = row_dtype(
-    [
-        (name, float)
-        for name in ("tracking", "progress", "slip", "energy", "effort", "smoothness", "posture")
-    ]
-)
-# What is asked for: the weights, and what a fall is.
-SETTINGS = row_dtype(
-    [
-        ("slip", float),
-        ("energy", float),
-        ("effort", float),
-        ("smoothness", float),
-        ("posture", float),
-        ("fall_pitch", float),  # rad
-        ("fall_contact", bool),  # whether a joint on the ground is a fall
-    ]
-)
+WEIGHTED = floats("slip", "energy", "effort", "smoothness", "posture")
+REWARD = row_dtype([*floats("tracking", "progress"), *WEIGHTED])
+# The weights, and the definition of a fall: by pitch (rad), and whether by a joint on the ground.
+SETTINGS = row_dtype([*WEIGHTED, ("fall_pitch", float), ("fall_contact", bool)])
 # What is kept from step to step: exact in the information, and as measured behind noisy sensors.
-ACCOUNTS = row_dtype(
-    [
-        ("lag", float),
-        ("mean_speed", float),
-        ("mean_slip", float),
-        ("mean_power", float),
-        ("rms_torque", float),
-    ]
-)
+ACCOUNTS = row_dtype([*floats("lag"), *MEANS])
 # What the information has beside that of the world.
-INFORMATION = row_dtype(
-    [
-        ("speed_command", float),
-        ("lag", float),
-        ("mean_speed", float),
-        ("mean_slip", float),
-        ("mean_power", float),
-        ("rms_torque", float),
-        ("fallen", bool),
-    ]
-)
+INFORMATION = row_dtype([*floats("speed_command", "lag"), *MEANS, ("fallen", bool)])
 # A robot's row: what is kept of its episode, and what its last step was worth.
 ROW = row_dtype(
     [

@@ -17,46 +17,28 @@ from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
-
-
 SHORTEST_STEP, LONGEST_STEP = 1e-9, 1.0  # s, of the integration
 
 
 class StepResult(NamedTuple):
-    """Slip, forces and energies of one step.
+    """Slip, forces and energies of one step; energies in J, what is not known NaN."""
 
-    Attributes:
-        slip: (toes,) path each toe slid while loaded, m.
-        contact_force: (toes, 2) mean tangential and normal force on each toe, N.
-        motor_work, slip_loss: J. push_work: of pushes on the chassis, J. joint_loss: what joints,
-            bearings and gear take, J.
-        impact_loss: what touchdowns take, and the dampers of compliant pads, J.
-        energy_change: change of kinetic and potential energy, that of compliant pads included, J.
-        non_toe_contact: whether a joint other than a toe was pressed on the ground.
-        residual: worst violation of the contact law, N s; NaN where it is not known.
-        contact_gain: the most energy that the contact impulses of one time step added to what they
-            found, J, before the step or after the other forces' part of it, whichever was more.
-            Rolling contacts may add some, as the time step is finite; where pads can bounce or
-            wedge it is 0. NaN where it is not known.
-        joint_gap: the widest gap of any joint, m; 0 where joints cannot open.
-        electrical_work: drawn by the motor, J, see :class:`jansen_env.robot.motor.Motor`.
-        torque: of the motor, the mean, N m.
-    """
-
-    slip: Array
-    contact_force: Array
+    slip: Array  #: (toes,) m, path each toe slid while loaded
+    contact_force: Array  #: (toes, 2) N, mean tangential and normal force on each toe
     motor_work: float
-    joint_loss: float
+    joint_loss: float  #: in joints, bearings and gear
     slip_loss: float
-    impact_loss: float
-    energy_change: float
-    non_toe_contact: bool
-    residual: float
+    impact_loss: float  #: at touchdowns, and in the dampers of compliant pads
+    energy_change: float  #: kinetic and potential, that of compliant pads included
+    non_toe_contact: bool  #: whether a joint other than a toe was pressed on the ground
+    residual: float  #: N s, worst violation of the contact law
+    #: The most that contact impulses of one time step added. Rolling contacts may add some, as the
+    #: time step is finite; where pads can bounce or wedge it is 0.
     contact_gain: float
-    joint_gap: float = 0.0
-    electrical_work: float = 0.0
-    torque: float = math.nan
-    push_work: float = 0.0
+    joint_gap: float = 0.0  #: m, the widest of any joint; 0 where joints cannot open
+    electrical_work: float = 0.0  #: drawn by the motor, see :class:`jansen_env.robot.motor.Motor`
+    torque: float = math.nan  #: N m, mean, of the motor
+    push_work: float = 0.0  #: of pushes on the chassis
 
     @property
     def energy_residual(self) -> float:
@@ -73,48 +55,42 @@ ENERGIES = (
 
 
 class BatchedPlant(Protocol):
-    """n robots on their terrains: all that is known of plants above this package.
-
-    Attributes:
-        honours: names of the parameters that it knows, of ``ROBOT_PARAMETERS`` of
-            :mod:`jansen_env.parameters`. changeable: names that :meth:`change` takes.
-        knows_joint_forces: whether :meth:`joint_forces` and :meth:`peak_loads` are known.
-        joints_open: whether joints gap; if not, ``joint_gap`` stays 0.
-        states: (n, 8) x, y, theta, psi and rates; x, y the crank axis, m, rad, s; to be read.
-        rows: (n,) :data:`jansen_env.engine.records.ROBOT`, whose accumulators are the last step's.
-        slip, contact_force, joint_gap, diverged: (n, ...) of the last step.
-        any_diverged: whether one has.
-        nominal: (n,) ``ROBOT_PARAMETERS``, the robots' own numbers, and parameters: (n,), those
-            in force.
-        tracing: whether each step of the first robot is recorded for :meth:`peak_loads`.
-    """
+    """n robots on their terrains: all that is known of plants above this package."""
 
     robots: list[Robot]
     terrains: list[Terrain]
     toes: int
-    time_step: float
-    slip: Array
+    time_step: float  #: s
+    rows: NDArray[np.void]  #: (n,) ROBOT of ``engine.records``, with the last step's accumulators
+    slip: Array  #: (n, toes) m, and so on of the last step
     contact_force: Array
-    rows: NDArray[np.void]
     joint_gap: Array
     diverged: NDArray[np.bool_]
     any_diverged: bool
-    in_contact: NDArray[np.bool_] | None
-    nominal: NDArray[np.void]
-    parameters: NDArray[np.void]
-    tracing: bool
+    in_contact: NDArray[np.bool_] | None  #: (pads,) of the first robot
+    nominal: NDArray[np.void]  #: (n,) ROBOT_PARAMETERS, the robots' own numbers
+    parameters: NDArray[np.void]  #: (n,) those in force
+    tracing: bool  #: whether each step of the first robot is recorded for :meth:`peak_loads`
 
     @property
-    def honours(self) -> frozenset[str]: ...
+    def honours(self) -> frozenset[str]:
+        """Names of ``ROBOT_PARAMETERS`` of :mod:`jansen_env.parameters` that have an effect."""
+        ...
 
     @property
-    def changeable(self) -> frozenset[str]: ...
+    def changeable(self) -> frozenset[str]:
+        """Names that :meth:`change` takes."""
+        ...
 
     @property
-    def knows_joint_forces(self) -> bool: ...
+    def knows_joint_forces(self) -> bool:
+        """Whether :meth:`joint_forces` and :meth:`peak_loads` are known."""
+        ...
 
     @property
-    def joints_open(self) -> bool: ...
+    def joints_open(self) -> bool:
+        """Whether joints gap; if not, ``joint_gap`` stays 0."""
+        ...
 
     @property
     def surface(self) -> Array:
@@ -122,7 +98,9 @@ class BatchedPlant(Protocol):
         ...
 
     @property
-    def states(self) -> Array: ...
+    def states(self) -> Array:
+        """(n, 8) x, y, theta, psi and rates, x, y the crank axis, m, rad, s; to be read."""
+        ...
 
     @property
     def deflection(self) -> Array:
@@ -142,11 +120,19 @@ class BatchedPlant(Protocol):
         ...
 
     def change(self, row: int, changes: dict[str, Any]) -> None:
-        """Change a robot or its ground themselves, by names of :attr:`changeable`."""
+        """Change a robot or its ground themselves, while it walks; what else is in force stays.
+
+        Raises:
+            ValueError: restitution with compliant pads, or a name that is not :attr:`changeable`.
+        """
         ...
 
     def set_terrain(self, row: int, terrain: Terrain) -> None:
-        """Change a robot's ground: it must be placed again."""
+        """Change a robot's ground: it must be placed again.
+
+        Raises:
+            ValueError: restitution with compliant pads.
+        """
         ...
 
     def place(self, rows: NDArray[np.int64], crank_angles: Array) -> None:
@@ -163,25 +149,39 @@ class BatchedPlant(Protocol):
         meanwhile: Callable[[], None] | None = None,
         pushes: Array | None = None,
     ) -> None:
-        """Hold crank torques (n,), N m, for some time steps.
+        """Hold crank torques (n,), N m, for some time steps, as far as the motors go.
 
-        With ``earlier`` torques (n,) these still hold in the first ``switch`` (n,) of them. Of the
-        robots only ``rows`` (k,) move, if given; ``meanwhile`` may place the others.
-        ``pushes``: (n, steps, 2) N s, the impulse on each chassis at the crank axis in each of
-        them, world x and y; None for none.
+        Args:
+            earlier: (n,) N m, held instead in the first ``switch`` (n,) of them.
+            rows: (k,) of the robots that move; None for all. meanwhile: may place the others.
+            pushes: (n, steps, 2) N s, the impulse on each chassis at the crank axis in each time
+                step, world x and y; None for none.
+
+        Raises:
+            ValueError: pushes of another shape.
         """
         ...
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:
-        """(toes, 2) points of the ground nearest to a robot's toes and its tangents there."""
+        """(toes, 2) points of the ground nearest to a robot's toes and its tangents there.
+
+        Where no ground is within reach, the pad's lowest point and +x.
+        """
         ...
 
     def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
-        """Forces in every joint of the first robot in the next time step."""
+        """Forces in every joint of the first robot in the next time step, the mean.
+
+        Args:
+            torque: N m, of the crank. push: (2,) N s, the impulse on the chassis in that step.
+
+        Raises:
+            FloatingPointError: it diverges in that step.
+        """
         ...
 
     def peak_loads(self) -> PeakLoads:
-        """The largest loads on joints of the first robot in its last step."""
+        """The largest loads on joints of the first robot in its last step, if it was traced."""
         ...
 
     def close(self) -> None:
@@ -203,11 +203,7 @@ def check_state(value: Any) -> Array:
 
 
 def check_deflection(value: Any, pads: int) -> Array:
-    """Pads' deflection as an array (pads, 2): compression and bend, m.
-
-    Raises:
-        ValueError: it has another shape, a compression below 0 or NaN, or an infinite bend.
-    """
+    """Return pads' deflection (pads, 2), m, or raise ValueError: shape, compression, bend."""
     deflection = np.array(value, dtype=float)
     shape = deflection.shape == (pads, 2)
     if not (shape and (deflection[:, 0] >= 0.0).all() and np.isfinite(deflection[:, 1]).all()):
@@ -219,10 +215,7 @@ def check_deflection(value: Any, pads: int) -> Array:
 
 
 def check_pushes(value: Any, *shape: int) -> Array:
-    """Impulses on the chassis as an array. Raises ValueError unless they have a shape (..., 2).
-
-    Finiteness is not checked; non-finite input diverges.
-    """
+    """Return impulses (..., 2), of any size. Raises ValueError: another shape."""
     pushes = np.ascontiguousarray(value, dtype=float)
     if pushes.shape != (*shape, 2):
         raise ValueError(f"pushes have shape {pushes.shape}, must be {(*shape, 2)}")
@@ -230,16 +223,11 @@ def check_pushes(value: Any, *shape: int) -> Array:
 
 
 def check_in_contact(value: Any, pads: int) -> NDArray[np.bool_] | None:
-    """Which pads are pressed, a copy. Raises ValueError unless it is None or one flag a pad."""
+    """Return a copy of flags (pads,) or None. Raises ValueError: another shape."""
     in_contact = None if value is None else np.array(value, dtype=bool)
     if in_contact is not None and in_contact.shape != (pads,):
         raise ValueError(f"in_contact is {value!r}, must be None or {pads} flags")
     return in_contact
-
-
-def is_bounded(state: Array) -> bool:
-    """Whether the speeds of a state (8,) are finite and such as can be."""
-    return all(-DIVERGED < speed < DIVERGED for speed in state[4:].tolist())
 
 
 def divergence(state: Array, torque: float) -> FloatingPointError:

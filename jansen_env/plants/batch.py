@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.checks import positive
 from jansen_env.dynamics.joint_forces import JointForces
-from jansen_env.dynamics.reduced import Tables
 from jansen_env.engine import integrator
 from jansen_env.engine.collision import SPECULATIVE_MARGIN, WAY_OUT
 from jansen_env.engine.jit import Kernel, prepare
@@ -19,13 +18,17 @@ from jansen_env.engine.records import UNKNOWN_DEFLECTION, WORLD, as_bytes
 from jansen_env.engine.tables import energy
 from jansen_env.gravity import GRAVITY, Gravity
 from jansen_env.parameters import CHANGES
-from jansen_env.plants.base import check_pushes, check_time_step
-from jansen_env.plants.batch_robots import BatchRobots
+from jansen_env.plants.base import check_pushes, check_time_step, divergence
 from jansen_env.plants.detector import ContactDetector
-from jansen_env.plants.forces_ahead import forces_ahead, forces_of
-from jansen_env.plants.placing import Placing, farthest_pad, non_toe_depths
+from jansen_env.plants.placing import PlacedRobots, farthest_pad, non_toe_depths
 from jansen_env.plants.threads import Threads
-from jansen_env.plants.trace import PeakLoads, find_touchdowns, pads_in_contact, peak_loads
+from jansen_env.plants.trace import (
+    PeakLoads,
+    find_touchdowns,
+    pads_in_contact,
+    peak_loads,
+    trace_forces,
+)
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
@@ -39,10 +42,11 @@ RESULTS = ("states", "accumulators", "contact_statistics", "slip", "contact_forc
 CHANGING = (*RESULTS, "params", "nominal_params", "nominal", "parameters", "diverged")
 
 
-class Batch:
+class Batch(PlacedRobots):
     """Robots on their terrains, advanced together by the projected equations.
 
-    Each moves as it would alone, bit for bit: they share the work, not the numbers.
+    Each moves as it would alone, bit for bit. Methods and attributes that are not documented here
+    are those of :class:`jansen_env.plants.base.BatchedPlant`.
 
     Args:
         robots: of one design; payloads, motors and the pads' compliance may differ. terrains: the
@@ -50,32 +54,28 @@ class Batch:
         time_step: of the integration, s.
         gravity: m/s^2 downwards, or a vector (x, y).
         detection_interval: time between two looks for the ground, s.
-        threads: cores to use; None for as many as there are, or numba's own limit
-            ``NUMBA_NUM_THREADS``, where that pays.
+        threads: see :class:`jansen_env.plants.threads.Threads`.
 
     Attributes:
-        tables: of each robot, payload included; model: what kernels see of them, see
-            :mod:`jansen_env.engine.tables`.
-        params: (n,) PARAMS, what may differ between them, as in force; nominal_params: (n,) PARAMS,
-            the same without :meth:`set_parameters`; accumulators: (n,) ACCUMULATORS, fields of
-            ``rows``. contact_statistics: (n, pads) CONTACT_STATISTICS. Sums are over the last
-            :meth:`step`; see :mod:`jansen_env.engine.records`.
+        tables: of each robot, payload included. model: of :mod:`jansen_env.engine.tables`.
+        params: (n,) PARAMS of :mod:`jansen_env.engine.records`, in force; nominal_params: (n,) the
+            same without :meth:`set_parameters`. accumulators: (n,) ACCUMULATORS and
+            contact_statistics: (n, pads) CONTACT_STATISTICS, sums over the last :meth:`step`.
         trace: (steps,) of :func:`jansen_env.engine.integrator.trace_dtype`, the first robot's last
             :meth:`step` if ``tracing``; touchdowns: (steps,) whether a pad touched down in each.
         in_contact: (pads,) the first robot's pads on the ground, as traced last; None where that is
             not known. It says what touches down next, and nothing else.
-        Others: see :class:`jansen_env.plants.base.BatchedPlant`.
 
     Raises:
         ValueError: an argument out of range, or robots of several designs; LinkageError: the robot
             cannot turn its crank.
     """
 
-    honours = BatchRobots.honours
     changeable = frozenset(
         {"friction", "restitution", "payload", "motor", "pad_compliance", "gravity", *CHANGES}
     )
     knows_joint_forces, joints_open = True, False
+    lookahead_steps = 1
 
     def __init__(
         self,
@@ -87,7 +87,10 @@ class Batch:
         threads: int | None = None,
     ) -> None:
         self._arguments = (time_step, gravity, detection_interval, threads)
-        self._take_robots(BatchRobots(robots, terrains, gravity))
+        super().__init__(robots, terrains, gravity)
+        self.toes = self.tables[0].layout.toes
+        self.accumulators = self.rows["accumulators"]
+        self.deflection: Array = self.contact_statistics["deflection"]
         self.time_step = check_time_step(time_step)
         self.detection_interval = positive("detection_interval", detection_interval)
         n, pads = len(self.robots), len(self.model.layout)
@@ -100,7 +103,7 @@ class Batch:
         self._depths = non_toe_depths(tables, self.toes, radius + SPECULATIVE_MARGIN)
         self.detector = ContactDetector(self.rows, terrains, world, farthest_pad(tables))
         self.states = np.zeros((n, 8))
-        self._placing = Placing(self._machines, self.detector, self.states, self._world)
+        self._centres = np.zeros((max(pads, self.toes + 1), 2))
         self.slip, self.contact_force = np.zeros((n, self.toes)), np.zeros((n, self.toes, 2))
         self.joint_gap = np.zeros(n)
         self.diverged = np.zeros(n, bool)
@@ -117,19 +120,6 @@ class Batch:
         self._sums = np.empty((3, 6))
         self._shared = self._arguments_of_all()
         prepare(*self._kernels())
-
-    def _take_robots(self, machines: BatchRobots) -> None:
-        """Let what the robots are be at hand here, too: the same lists and arrays."""
-        self._machines = machines
-        self.robots, self.terrains = machines.robots, machines.terrains
-        self.tables = machines.tables
-        self.model, self.toes = machines.model, machines.tables[0].layout.toes
-        self.rows, self.params = machines.rows, machines.params
-        self.accumulators = self.rows["accumulators"]
-        self.nominal_params = machines.nominal_params
-        self.nominal, self.parameters = machines.nominal, machines.parameters
-        self.contact_statistics = machines.contact_statistics
-        self.deflection: Array = self.contact_statistics["deflection"]
 
     def _arguments_of_all(self) -> tuple[Any, ...]:
         """Arguments that threads share in a step."""
@@ -150,43 +140,16 @@ class Batch:
         )  # fmt: skip
         return [
             *self.detector.kernels(self.states),
-            *self._placing.kernels(),
+            *self._placing_kernels(),
             Kernel("control step", integrator.advance, step),
         ]
 
     @property
     def surface(self) -> Array:
-        """(vertices, 2) m, of all terrains; each robot's rows say which are its own."""
         return self.detector.surface
 
-    def set_parameters(self, rows: Ints, values: NDArray[np.void]) -> None:
-        """Put ``values`` (k,) in force, from the robots' next placing on.
-
-        Raises:
-            ValueError: a number out of its limits, a parameter that is not honoured, or restitution
-                with compliant pads.
-        """
-        self._machines.set_parameters(rows, values)
-
-    def change(self, row: int, changes: dict[str, Any]) -> None:
-        """Change a robot or its ground themselves, while it walks; what else is in force stays.
-
-        Raises:
-            ValueError: restitution with compliant pads.
-        """
-        self._machines.change(row, changes)
-
-    def tables_in_force(self, row: int) -> Tables:
-        """Return the tables of a robot under its parameters."""
-        return self._machines.tables_in_force(row)
-
     def set_terrain(self, row: int, terrain: Terrain) -> None:
-        """Change a robot's ground: it must be placed again.
-
-        Raises:
-            ValueError: restitution with compliant pads.
-        """
-        self._machines.set_terrain(row, terrain)
+        super().set_terrain(row, terrain)
         surface = self.detector.surface
         self.detector.set_terrain(row, terrain)
         if self.detector.surface is not surface:
@@ -210,7 +173,7 @@ class Batch:
         Raises:
             ValueError: a number that is not finite, or feet too soft for their robot.
         """
-        self._placing.lower(rows, crank_angles, x, pitch)
+        self._lower(rows, crank_angles, x, pitch)
         self.deflection[rows] = UNKNOWN_DEFLECTION
         self.diverged[rows] = False
         self.in_contact = None if 0 in rows else self.in_contact
@@ -234,19 +197,10 @@ class Batch:
             self.in_contact = in_contact
 
     def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
-        """Put a robot into a state (8,), with ``deflection`` (pads, 2) m, or None if unknown."""
         self.states[row] = state
         self.deflection[row] = UNKNOWN_DEFLECTION if deflection is None else deflection
         if row == 0:
             self.in_contact = None
-
-    def pad_centres(self, row: int) -> Array:
-        """(pads, 2) centres of a robot's pads, toes first, m."""
-        return self._placing.pad_centres(row)
-
-    def contact_frames(self, row: int) -> tuple[Array, Array]:
-        """(toes, 2) points of the ground nearest to toes and its tangents, see :class:`Placing`."""
-        return self._placing.contact_frames(row)
 
     def energy(self, row: int) -> float:
         """Kinetic plus potential energy of a robot, J (potential 0 with its mass at y = 0)."""
@@ -264,15 +218,12 @@ class Batch:
         meanwhile: Callable[[], None] | None = None,
         pushes: Array | None = None,
     ) -> None:
-        """Hold crank torques (n,), N m, for some time steps, as far as the motors go.
+        """Hold crank torques, see :meth:`jansen_env.plants.base.BatchedPlant.step`.
 
         A robot that becomes faster than :data:`jansen_env.engine.integrator.DIVERGED`, or
         gets so deep into the ground that it is not found, stays as it was before, without
         entries in :attr:`accumulators` and :attr:`contact_statistics`, and is named in
         :attr:`diverged`. The others go on.
-
-        Raises:
-            ValueError: pushes of another shape.
         """
         if pushes is None:
             pushes = self._no_pushes
@@ -293,7 +244,7 @@ class Batch:
             if meanwhile is not None:
                 meanwhile()
             return
-        before = self.states[rows], self.deflection[rows] if self._machines.any_gives else None
+        before = self.states[rows], self.deflection[rows] if self.any_gives else None
         if self.any_diverged:
             self.diverged[rows] = False
             self.any_diverged = bool(self.diverged.any())
@@ -359,12 +310,34 @@ class Batch:
         return self._threads.move(len(rows), share, meanwhile)
 
     def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
-        """Forces in every joint of the first robot, see :func:`forces_ahead`."""
-        return forces_ahead(self, torque, push)
+        pushes = None if push is None else check_pushes(push)[None, None]
+        kept = self.tracing, self.trace, self.touchdowns
+        self.tracing = True
+        try:
+            self.lookahead(torque, self._every[:1], pushes)
+            if self.diverged[0]:
+                raise self.refusal(torque)
+            return self._traced_forces().at(0)
+        finally:
+            self.tracing, self.trace, self.touchdowns = kept
 
     def peak_loads(self) -> PeakLoads:
-        """Return the largest joint loads of the first robot in the last step, if it was traced."""
-        return peak_loads(forces_of(self).bearing, self.touchdowns, self.time_step)
+        return peak_loads(self._traced_forces().bearing, self.touchdowns, self.time_step)
+
+    def _traced_forces(self) -> JointForces:
+        """Forces in every joint in each time step that was traced last."""
+        tables, gravity = self.tables_in_force(0), self.effective_gravity
+        return trace_forces(tables, self.trace, self.time_step, gravity)
+
+    def refusal(self, torque: float) -> FloatingPointError:
+        """Return the error of the first robot's last step, which was refused."""
+        return divergence(self.states[0], torque)
+
+    @property
+    def gravity(self) -> tuple[float, float]:
+        """(x, y) m/s^2, the first robot's gravity without its tilt."""
+        params = self.nominal_params[0]
+        return float(params["gravity_x"]), float(params["gravity_y"])
 
     @property
     def effective_gravity(self) -> tuple[float, float]:
@@ -391,7 +364,6 @@ class Batch:
         self.any_diverged = bool(self.diverged.any())
 
     def close(self) -> None:
-        """End the threads; a later :meth:`step` starts new ones."""
         self._threads.close()
 
 

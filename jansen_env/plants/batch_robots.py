@@ -78,7 +78,7 @@ class BatchRobots:
         self.any_gives = not all(robot.pad_compliance.rigid for robot in robots)
 
     def set_parameters(self, rows: Ints, values: NDArray[np.void]) -> None:
-        """Put parameters (k,) of robots (k,) in force, see ``Batch.set_parameters``."""
+        """Put parameters (k,) of robots (k,) in force, as the protocol has it."""
         compliant = self.nominal_params["compliant"][rows]
         check_values(values, self.nominal[rows], compliant, self.honours)
         self.parameters[rows] = values
@@ -112,7 +112,7 @@ class BatchRobots:
                 numbers[name][row] = getattr(terrain, name)
 
     def change(self, row: int, changes: dict[str, Any]) -> None:
-        """Change a robot or its ground themselves, see ``Batch.change``."""
+        """Change a robot or its ground themselves, as the protocol has it."""
         # Restitution first where it goes, last where it comes: compliant pads exclude it.
         for name in sorted(
             changes, key=lambda one: changes[one] > 0.0 if one == "restitution" else 0.5

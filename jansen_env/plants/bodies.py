@@ -1,7 +1,6 @@
 """A robot as pymunk bodies: one for each link, a joint for each pin, a circle for each pad.
 
-All frames and the load are one body, all cranks another, as they are in the machine; the other six
-links of every leg are bodies of their own.
+All frames and the load are one body, all cranks another; every other link is one of its own.
 """
 
 from __future__ import annotations
@@ -123,7 +122,7 @@ def dry_pairs(robot: Robot) -> dict[tuple[int, int], float]:
 
 
 def make_dry_joints(robot: Robot, bodies: list[pymunk.Body]) -> list[pymunk.SimpleMotor]:
-    """Joints that hold two bodies' spins together as far as their dry friction reaches."""
+    """Joints that hold two bodies' spins together up to their dry friction torque."""
     joints = []
     for (a, b), torque in dry_pairs(robot).items():
         joint = pymunk.SimpleMotor(bodies[a], bodies[b], 0.0)
@@ -133,17 +132,12 @@ def make_dry_joints(robot: Robot, bodies: list[pymunk.Body]) -> list[pymunk.Simp
 
 
 class TurnMotion(NamedTuple):
-    """A level robot at a crank angle: how its bodies move with each rate of q.
+    """A level robot at a crank angle: how its bodies move with each rate of q."""
 
-    Attributes:
-        poses: (bodies, 3), see :func:`poses`. rates: (4, bodies, 3) of these per rate of q.
-        mass_matrix: (4, 4). pads: (pads, 2) their centres, m.
-    """
-
-    poses: Array
-    rates: Array
-    mass_matrix: Array
-    pads: Array
+    poses: Array  # (bodies, 3), see :func:`poses`
+    rates: Array  # (4, bodies, 3) of these per rate of q
+    mass_matrix: Array  # (4, 4)
+    pads: Array  # (pads, 2) their centres, m
 
 
 def turn_motions(robot: Robot) -> Iterator[TurnMotion]:

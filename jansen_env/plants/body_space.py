@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pymunk
 import pymunk.batch
@@ -11,23 +13,21 @@ from jansen_env.dynamics.pads import pad_layout
 from jansen_env.plants import bodies as links
 from jansen_env.plants.bodies import CHASSIS, SHAFT
 from jansen_env.plants.pad_contacts import SLOP, PadContacts
-from jansen_env.plants.snapshot import BodyReader, Snapshot
+from jansen_env.plants.snapshot import ANGLE, SPIN, VX, VY, Snapshot
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
 _Body = pymunk.batch.BodyFields
+_MOTION = _Body.POSITION | _Body.ANGLE | _Body.VELOCITY | _Body.ANGULAR_VELOCITY
 
 
 class BodySpace:
     """A new space with a robot in a state: nothing is left of what an older one cached.
 
-    Args:
-        robot, terrain: as parameters make them. gravity: (x, y) m/s^2. time_step: s.
-        state: (8,). fixed_base: whether the chassis is held.
-
     Attributes:
         space: pymunk's. bodies, pins, pads, dry: of the robot in it. owners: the body of each pad.
+            index: of the bodies by pymunk's ids.
         home: (bodies, 3) where bodies are on a chassis at 0. inertias: (bodies, 2) kg, kg m^2.
         loads: (bodies, 3) force, N, and torque, N m, on each in the next time step.
         contacts: of its pads, where they are rigid.
@@ -60,20 +60,34 @@ class BodySpace:
         space.add(*self.bodies, *self.pins, *self.dry)
         if robot.pad_compliance.rigid:  # those that give push by themselves
             space.add(*self.pads)
-        self._reader = BodyReader(space, self.bodies, self.pins, self.pads, self.owners)
         # A row for every body of the space, the ground's (last) too: it stays 0.
-        rows = np.zeros((self._reader.rows, 3))
+        rows = np.zeros((self._list_bodies(), 3))
         self.loads = rows[: len(self.bodies)]
         self._set = pymunk.batch.Buffer()
         self._set.set_float_buf(rows)
         self._radius = robot.pad_radius
         self.contacts = PadContacts(
-            space, terrain, self.owners, self._reader.index, self._radius, time_step
+            space, terrain, self.owners, self.index, self._radius, time_step
         )
         q, v = state[:4], state[4:]
         links.put(self.bodies, links.poses(robot, q), links.rates(robot, q, v))
         for body in self.bodies:
             space.reindex_shapes_for_body(body)
+
+    def _list_bodies(self) -> int:
+        """Note which body carries each end of a pin and each pad; how many bodies there are."""
+        self._got = pymunk.batch.Buffer()
+        pymunk.batch.get_space_bodies(self.space, _Body.BODY_ID, self._got)
+        rows = list(memoryview(self._got.int_buf()).cast("P"))
+        self.index = {body.id: i for i, body in enumerate(self.bodies)}
+        if rows[: len(self.index)] != list(self.index):
+            raise RuntimeError("pymunk lists the bodies in another order than they were added in")
+        ends = [*(pin.a for pin in self.pins), *(pin.b for pin in self.pins)]
+        anchors = [*(pin.anchor_a for pin in self.pins), *(pin.anchor_b for pin in self.pins)]
+        places = [tuple(place) for place in (*anchors, *(pad.offset for pad in self.pads))]
+        self._carriers = np.array([*(self.index[body.id] for body in ends), *self.owners])
+        self._carried = np.array(places).T
+        return len(rows)
 
     def set_gravity(self, gravity: tuple[float, float]) -> None:
         """Change gravity, (x, y) m/s^2."""
@@ -92,7 +106,20 @@ class BodySpace:
 
     def snapshot(self) -> Snapshot:
         """Return where everything is now."""
-        return self._reader.read(self.inertias, self._gravity)
+        self._got.clear()
+        pymunk.batch.get_space_bodies(self.space, _MOTION, self._got)
+        motion = np.frombuffer(self._got.float_buf()).reshape(-1, 6)[: len(self.bodies)].copy()
+        mass, inertia = self.inertias.T
+        twice = mass @ (motion[:, VX] ** 2 + motion[:, VY] ** 2) + inertia @ motion[:, SPIN] ** 2
+        energy = float(0.5 * twice - self._gravity @ (mass @ motion[:, :ANGLE]))
+        angle, (x, y) = motion[:, ANGLE], self._carried
+        cos, sin = np.cos(angle)[self._carriers], np.sin(angle)[self._carriers]
+        points = motion[self._carriers, :ANGLE]
+        points[:, 0] += cos * x - sin * y
+        points[:, 1] += sin * x + cos * y
+        pins = len(self.pins)
+        apart = points[:pins] - points[pins : 2 * pins]
+        return Snapshot(motion, points[2 * pins :], energy, math.sqrt((apart**2).sum(axis=1).max()))
 
     def advance(self, time_step: float, iterations: int) -> Snapshot:
         """Let pymunk take a time step, s, under :attr:`loads`; returns where everything is then."""
@@ -105,15 +132,12 @@ class BodySpace:
         """Return the energy that dry friction took in a time step of mean spins (bodies,), J."""
         loss = 0.0
         for joint in self.dry:
-            a, b = self._reader.index[joint.a.id], self._reader.index[joint.b.id]
+            a, b = self.index[joint.a.id], self.index[joint.b.id]
             loss += joint.impulse * abs(float(mean[b] - mean[a]))
         return loss
 
     def contact_frames(self, centres: Array) -> tuple[Array, Array]:
-        """(k, 2) points of the ground nearest to pads at ``centres`` (k, 2) and its tangents there.
-
-        Where no ground is within reach, the pad's lowest point and +x.
-        """
+        """(k, 2) points of the ground nearest to pads' ``centres`` (k, 2), and tangents there."""
         points = centres - np.array([0.0, self._radius])
         tangents = np.tile([1.0, 0.0], (len(centres), 1))
         ours = pymunk.ShapeFilter(group=1)

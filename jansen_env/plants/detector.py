@@ -1,15 +1,13 @@
 """The broad phase is pymunk's: robots in, candidate segments out, for many robots at once.
 
-A robot is a circle around all that its pads can reach, larger by a skin, on a body that no solver
-moves: pymunk says which segments of the terrain touch it, and is asked again when the robot has
-left the skin. In between, as often as the time stepping asks, the planes near each pad are worked
-out from those candidates (:mod:`jansen_env.engine.collision`). The impulses are solved elsewhere,
-where the linkage's inertia is known (:mod:`jansen_env.engine.contact_solver`).
+A robot is a circle around all that its pads can reach, larger by a skin: pymunk says which segments
+of the terrain touch it, and is asked again when the robot has left the skin. In between, the planes
+near each pad come from those candidates (:mod:`jansen_env.engine.collision`).
 
 All robots share one space. Each stands in a cell of its own with a copy of its terrain, as circles
 on one spot would make the broad phase compare each with each. Planes are in the robot's own
-coordinates and do not depend on its cell. For pymunk the ground is cut into stretches, thick
-segments that hold all of it within them: few, so that a robot's ground is exchanged at little cost.
+coordinates. For pymunk the ground is cut into stretches, thick segments that hold all of it within
+them: few, so that a robot's ground is exchanged at little cost.
 """
 
 from __future__ import annotations
@@ -89,7 +87,7 @@ class ContactDetector:
         self._got = pymunk.batch.Buffer()
 
     def _add_grounds(self, terrains: Sequence[Terrain]) -> None:
-        """A copy of its ground in every robot's cell, on one static body."""
+        """Add a copy of its ground in every robot's cell, on one static body."""
         self._ground = pymunk.Body(body_type=pymunk.Body.STATIC)
         known: dict[int, tuple[Array, Array]] = {}
         self._segments = []
@@ -110,11 +108,7 @@ class ContactDetector:
         ]
 
     def set_terrain(self, row: int, terrain: Terrain) -> None:
-        """Give a robot another ground; it must be placed anew.
-
-        Where the surface has no room for it, :attr:`surface` becomes another array, equal in what
-        the other robots have of it.
-        """
+        """Give a robot another ground; where there is no room, :attr:`surface` is a new array."""
         line, status = terrain.polyline, self._robots[row]["status"]
         first, room = self._own[row].tolist()
         if len(line) > room:
@@ -176,10 +170,7 @@ class ContactDetector:
         return self.planes[status["first_plane"] : status["end_plane"]]
 
     def planes_near(self, robot: int, centres: Array) -> Rows:
-        """A robot's planes near points (pads, 2), m, its pads' centres, as a view.
-
-        Its candidates must be known, see :meth:`find_candidates`.
-        """
+        """A robot's planes near its pads' centres (pads, 2), m, among its candidates: a view."""
         self._robots["status"]["margin"][robot] = SPECULATIVE_MARGIN
         collision.planes_near(robot, centres, self._robots, self.surface, self._world, self.planes)
         return self.planes_of(robot)
@@ -236,12 +227,7 @@ class ContactDetector:
 
 
 def _surfaces(terrains: Sequence[Terrain]) -> tuple[Array, Ints, Ints]:
-    """Terrains as one array.
-
-    Returns:
-        (vertices (total, 2) of all different ones, m; where each begins and the last ends; which
-        of them each of ``terrains`` is, (n,))
-    """
+    """Vertices (total, 2) of all different terrains, m, the first of each, and which (n,) are."""
     distinct = {id(terrain): terrain for terrain in terrains}
     number = {key: i for i, key in enumerate(distinct)}
     lines = [terrain.polyline for terrain in distinct.values()]
@@ -250,11 +236,7 @@ def _surfaces(terrains: Sequence[Terrain]) -> tuple[Array, Ints, Ints]:
 
 
 def _stretches(line: Array) -> tuple[Array, Array]:
-    """A polyline (n, 2) as few thick segments: ends (k, 2, 2) and radii (k,), m.
-
-    Each goes from one vertex to another, some :data:`STRETCH` further or the next one, and is as
-    thick as the ground between them is away from it.
-    """
+    """A polyline (n, 2) as few thick segments that hold it: ends (k, 2, 2) and radii (k,), m."""
     place = np.floor((line[:, 0] - line[1, 0]) / STRETCH)
     cut = np.ones(len(line), bool)
     cut[2:-2] = place[2:-2] != place[1:-3]

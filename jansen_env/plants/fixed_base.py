@@ -29,8 +29,7 @@ class FixedBaseBatch:
 
     Attributes:
         states: (n, 2) crank angle (rad, not wrapped) and crank speed (rad/s); can be written to.
-        rows: (n, 6) these, and sums over the last :meth:`step`, see
-            :mod:`jansen_env.engine.runge_kutta`.
+        rows: (n, 6) these, and sums, see :mod:`jansen_env.engine.runge_kutta`.
         sums: (n, 5) motor_work, joint_loss, energy_change, electrical_work, J, and torque, the
             motor's mean, N m, over the last :meth:`step`; each an attribute (n,), too.
         diverged: (n,) whether the last :meth:`step` was refused. any_diverged: whether one was.
@@ -75,9 +74,7 @@ class FixedBaseBatch:
         earlier: Array | None = None,
         switch: NDArray[np.int64] | None = None,
     ) -> None:
-        """Hold crank torques (n,), N m, for some time steps, as far as the motor goes.
-
-        With ``earlier`` torques (n,) these still hold in the first ``switch`` (n,) of them.
+        """Hold crank torques, see :meth:`jansen_env.plants.base.BatchedPlant.step`.
 
         A crank that becomes faster than :data:`jansen_env.engine.runge_kutta.DIVERGED` stays as it
         was, and is named in :attr:`diverged`.
@@ -127,10 +124,7 @@ class FixedBaseResult(NamedTuple):
 
 
 class FixedBasePlant:
-    """A robot with its chassis held level in the air: reset, step(torque), state.
-
-    It is a :attr:`batch` of one; arguments and errors are those of :class:`FixedBaseBatch`.
-    """
+    """A :class:`FixedBaseBatch` of one, with its arguments and errors."""
 
     def __init__(self, robot: Robot, time_step: float = 1e-3, gravity: float = GRAVITY) -> None:
         self._take(FixedBaseBatch(robot, 1, time_step, gravity))
@@ -143,12 +137,8 @@ class FixedBasePlant:
         return plant
 
     def _take(self, batch: FixedBaseBatch) -> None:
-        self.batch, self.robot, self.time_step = batch, batch.robot, batch.time_step
-
-    @property
-    def gravity(self) -> float:
-        """m/s^2."""
-        return self.batch.gravity
+        self.batch, self.robot = batch, batch.robot
+        self.time_step, self.gravity = batch.time_step, batch.gravity
 
     @property
     def state(self) -> Array:

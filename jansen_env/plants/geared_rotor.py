@@ -25,15 +25,11 @@ DAMPING_RATIO = 0.125
 
 
 class GearedRotor:
-    """A robot's rotor.
-
-    Args:
-        robot: whose motor has a rotor inertia above 0. time_step: s.
+    """A robot's rotor, of an inertia above 0.
 
     Attributes:
         angle: phi, rad. speed: rad/s. torque: the gear's on the rotor in the next time step, N m.
-        energy: of the rotor and the gear's spring, J, at the beginning of that time step.
-        loss: what the gear's damper took in the time step before, J.
+        energy: of the rotor and the gear's spring, J. loss: in the gear in the last time step, J.
     """
 
     def __init__(self, robot: Robot, time_step: float) -> None:

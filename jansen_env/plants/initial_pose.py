@@ -29,19 +29,18 @@ def prepare_placement(robot: Robot, terrain: Terrain) -> None:
 
 
 def static_deflection(robot: Robot, gravity: float) -> float:
-    """Static deflection of compliant feet, m: a robot's weight on two of them.
-
-    Args:
-        gravity: m/s^2, downwards.
-
-    Raises:
-        ValueError: deeper than :data:`DEEPEST`: the feet are too soft for the robot.
-    """
+    """:func:`resting_depth` of a robot."""
     return resting_depth(robot.mass, robot.pad_compliance.stiffness, gravity)
 
 
 def resting_depth(mass: float, stiffness: float, gravity: float) -> float:
-    """:func:`static_deflection` of a mass, kg, on feet of a stiffness, N/m."""
+    """Static deflection of feet, m: the weight of a mass, kg, on two of a stiffness, N/m.
+
+    ``gravity``: m/s^2, downwards.
+
+    Raises:
+        ValueError: deeper than :data:`DEEPEST`: the feet are too soft.
+    """
     depth = 0.5 * mass * max(gravity, 0.0) / stiffness
     if depth > DEEPEST:
         raise ValueError(
@@ -52,24 +51,16 @@ def resting_depth(mass: float, stiffness: float, gravity: float) -> float:
 
 
 def resting_pose(
-    robot: Robot,
-    centre: Array,
-    terrain: Terrain,
-    x: float,
-    crank_angle: float,
-    pitch: float | None,
+    robot: Robot, centre: Array, terrain: Terrain, x: float, crank_angle: float, pitch: float | None
 ) -> tuple[float, float]:
-    """Height and pitch of the chassis when the robot is lowered onto the ground.
+    """Height and pitch (y, theta) of the chassis at which the lowest toe has no gap.
+
+    Toes are taken as discs on their local slope.
 
     Args:
-        robot, terrain: the robot and the ground.
-        centre: (2,) centre of mass in the chassis frame, m.
-        x: crank axis, m. crank_angle: rad.
+        centre: (2,) centre of mass in the chassis frame, m. x: crank axis, m. crank_angle: rad.
         pitch: rad, or None for the pitch at which the lowest toe ahead of the centre of mass and
             the lowest one behind it touch together; level if all toes are on one side.
-
-    Returns:
-        (y, theta): the lowest toe has no gap (toes taken as discs on their local slope).
 
     Raises:
         ValueError: a number that is not finite.

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import TypeAlias
 
 from jansen_env.checks import shown
-from jansen_env.plants import batch, projected, rigid_body
+from jansen_env.plants import batch, projected, rigid_batch, rigid_body
 from jansen_env.plants.base import BatchedPlant
-from jansen_env.plants.batch_of_one import BatchOfOne
+from jansen_env.plants.rigid_batch import RigidBodyBatch
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
@@ -16,33 +16,24 @@ Plant: TypeAlias = projected.ProjectionPlant | rigid_body.RigidBodyPlant
 """A plant of one robot."""
 PLANTS: dict[str, tuple[type[Plant], float]] = {
     "projection": (projected.ProjectionPlant, batch.TIME_STEP),
-    "rigid_body": (rigid_body.RigidBodyPlant, rigid_body.TIME_STEP),
+    "rigid_body": (rigid_body.RigidBodyPlant, rigid_batch.TIME_STEP),
 }
 
 
 def plant_time_step(name: str, time_step: float | None = None) -> float:
-    """The time step that :func:`make_plant` gives a plant, s; its own one for None.
-
-    Raises:
-        ValueError: not the name of a plant.
-    """
+    """Return a plant's own time step, s, for None. Raises ValueError: not the name of a plant."""
     if not isinstance(name, str) or name not in PLANTS:
         raise ValueError(f"plant is {shown(name)}, must be one of {sorted(PLANTS)}")
     return PLANTS[name][1] if time_step is None else time_step
 
 
 def make_plant(name: str, robot: Robot, terrain: Terrain, time_step: float | None = None) -> Plant:
-    """A plant by its name, one of :data:`PLANTS`.
-
-    Args:
-        name: ``"projection"`` or ``"rigid_body"``. robot, terrain: what walks where.
-        time_step: s; None for the plant's own.
+    """Return a plant of :data:`PLANTS`, with its own time step for None.
 
     Raises:
         ValueError: another name, or an argument out of range.
     """
-    step = plant_time_step(name, time_step)
-    return PLANTS[name][0](robot, terrain, step)
+    return PLANTS[name][0](robot, terrain, plant_time_step(name, time_step))
 
 
 def make_batch(
@@ -64,12 +55,12 @@ def make_batch(
         return batch.Batch(robots, terrains, step, threads=one)
     if len(robots) > 1:
         raise ValueError(f"plant is {name!r}, must be 'projection' for several robots at once")
-    return BatchOfOne(rigid_body.RigidBodyPlant(robots[0], terrains[0], step))
+    return RigidBodyBatch(robots[0], terrains[0], step)
 
 
 def plant_of(batched: BatchedPlant) -> Plant:
     """Return the plant of a batch of one robot."""
     if isinstance(batched, batch.Batch):
         return projected.ProjectionPlant.of(batched)
-    assert isinstance(batched, BatchOfOne)
-    return batched.plant
+    assert isinstance(batched, RigidBodyBatch)
+    return rigid_body.RigidBodyPlant.of(batched)

@@ -23,12 +23,9 @@ _CONTACT = _Arbiter.BODY_A_ID | _Arbiter.TOTAL_IMPULSE | _Arbiter.NORMAL | _Arbi
 
 
 class PadContacts:
-    """Which pads are on the ground of a space.
+    """Pads, m in ``radius``, of the bodies ``owners`` on the ``ground`` of a space.
 
-    Args:
-        space: with the bodies and the ground. ground: the terrain in it.
-        owners: the body of each pad. index: of bodies, by pymunk's ids.
-        radius: of the pads, m. time_step: s.
+    ``index``: of bodies, by pymunk's ids.
     """
 
     def __init__(

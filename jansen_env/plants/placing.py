@@ -22,42 +22,30 @@ Ints = NDArray[np.int64]
 PITCHES = 256  # at which it is known how deep the pads that are no toes reach
 
 
-class Placing:
-    """Sets robots down.
+class PlacedRobots(BatchRobots):
+    """Robots of a batch that are set down, see :class:`jansen_env.plants.batch.Batch`."""
 
-    Args:
-        machines: the robots. detector: of their terrains. states: (n, 8), which are written.
-        world: what they have in common, as bytes.
-    """
+    toes: int
+    states: Array
+    detector: ContactDetector
+    _world: NDArray[np.uint8]  # WORLD, as bytes
+    _centres: Array  # work space, of toes and centre of mass or of pads
 
-    def __init__(
-        self,
-        machines: BatchRobots,
-        detector: ContactDetector,
-        states: Array,
-        world: NDArray[np.uint8],
-    ) -> None:
-        self._machines, self._detector, self._states = machines, detector, states
-        self._model, self._world = machines.model, world
-        self._toes = machines.tables[0].layout.toes
-        self._centres = np.zeros((max(len(self._model.layout), self._toes + 1), 2))
-
-    def lower(self, rows: Ints, crank_angles: Array, x: float, pitch: float | None) -> None:
+    def _lower(self, rows: Ints, crank_angles: Array, x: float, pitch: float | None) -> None:
         """Lower robots (k,) onto their terrains, see ``Batch.place_at``."""
         places = np.full(len(rows), finite("x", x))
         pitches = np.full(len(rows), math.nan if pitch is None else finite("pitch", pitch))
         depths = np.zeros(len(rows))
-        if self._machines.any_gives:
-            params = self._machines.params[rows]
+        if self.any_gives:
+            params = self.params[rows]
             weighed = np.stack([params["mass"], params["stiffness"][:, 0], -params["gravity_y"]], 1)
             depths[:] = [resting_depth(*each) for each in weighed.tolist()]
         angles = np.ascontiguousarray(crank_angles)  # other layouts would be compiled apart
         placement.lower(*self._arguments_of_lower(rows, places, angles, pitches))
-        self._detector.recall(rows, self._states)
+        self.detector.recall(rows, self.states)
         placement.settle(*self._arguments_of_settle(rows, depths))
 
-    def kernels(self) -> list[Kernel]:
-        """Return what is compiled of it."""
+    def _placing_kernels(self) -> list[Kernel]:
         rows, number = np.arange(1), np.zeros(1)
         return [
             Kernel("pads", collision.pad_centres, self._arguments_of_pads(0)),
@@ -66,39 +54,36 @@ class Placing:
         ]
 
     def _arguments_of_pads(self, row: int) -> tuple[Any, ...]:
-        return self._states[row], self._model.pads, self._model.layout, self._centres
+        return self.states[row], self.model.pads, self.model.layout, self._centres
 
     def _arguments_of_lower(
         self, rows: Ints, x: Array, angles: Array, pitches: Array
     ) -> tuple[Any, ...]:
-        model = self._model
+        model = self.model
         return (
-            rows, x, angles, pitches, self._states, model.body, model.pads, model.layout,
-            self._machines.rows, self._detector.surface, self._world, self._centres,
+            rows, x, angles, pitches, self.states, model.body, model.pads, model.layout,
+            self.rows, self.detector.surface, self._world, self._centres,
         )  # fmt: skip
 
     def _arguments_of_settle(self, rows: Ints, depths: Array) -> tuple[Any, ...]:
-        model, detector = self._model, self._detector
+        model, detector = self.model, self.detector
         return (
-            rows, depths, self._states, model.pads, model.layout, self._machines.rows,
+            rows, depths, self.states, model.pads, model.layout, self.rows,
             detector.surface, self._world, self._centres, detector.planes,
         )  # fmt: skip
 
     def pad_centres(self, row: int) -> Array:
         """(pads, 2) centres of a robot's pads, toes first, m."""
         collision.pad_centres(*self._arguments_of_pads(row))
-        return self._centres[: len(self._model.layout)].copy()
+        return self._centres[: len(self.model.layout)].copy()
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:
-        """(toes, 2) points of the ground nearest to each toe's pad and its tangents there.
-
-        Where no ground is within reach, the pad's lowest point and +x.
-        """
-        centres, radius = self.pad_centres(row)[: self._toes], self._machines.robots[0].pad_radius
-        self._detector.find_candidates(np.array([row]), self._states)
-        planes = self._detector.planes_near(row, centres)
+        """See :meth:`jansen_env.plants.base.BatchedPlant.contact_frames`."""
+        centres, radius = self.pad_centres(row)[: self.toes], self.robots[0].pad_radius
+        self.detector.find_candidates(np.array([row]), self.states)
+        planes = self.detector.planes_near(row, centres)
         points = centres - np.array([0.0, radius])
-        tangents = np.tile([1.0, 0.0], (self._toes, 1))
+        tangents = np.tile([1.0, 0.0], (self.toes, 1))
         for plane in planes[::-1]:  # a pad's nearest comes last
             pad, normal = plane["pad"], np.array([plane["normal_x"], plane["normal_y"]])
             points[pad] = centres[pad] - radius * normal
@@ -113,10 +98,7 @@ def farthest_pad(tables: Tables) -> float:
 
 
 def non_toe_depths(tables: Tables, toes: int, margin: float) -> Array:
-    """Return how far below the axis a pad that is no toe may feel the ground, m, by pitch.
-
-    Over one turn; the last entry is the largest of all.
-    """
+    """How far below the axis a pad that is no toe feels the ground, m, by pitch; and the most."""
     rows = np.unique(tables.layout.table[toes:])
     x, y = tables.pads[rows][:, :, :2, 0].reshape(-1, 2).T
     farthest = float(np.hypot(x, y).max())

@@ -2,46 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import finite, positive
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.reduced import Tables
 from jansen_env.gravity import GRAVITY, Gravity
-from jansen_env.parameters import ROBOT_PARAMETERS
-from jansen_env.plants.base import (
-    ENERGIES,
-    StepResult,
-    check_deflection,
-    check_in_contact,
-    check_pushes,
-    check_state,
-    divergence,
-)
 from jansen_env.plants.batch import DETECTION_INTERVAL, TIME_STEP, Batch
+from jansen_env.plants.plant_of_one import PlantOfOne
 from jansen_env.plants.trace import PeakLoads
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
-Array = NDArray[np.float64]
 
-
-class ProjectionPlant:
-    """A robot on a terrain: reset, step(torque), state. It is a :attr:`batch` of one.
-
-    Args:
-        robot, terrain: what walks where.
-        time_step: of the integration, s.
-        gravity: m/s^2 downwards, or a vector (x, y); may be changed between steps. Sideways it is
-            a pull at the centre of mass.
-        detection_interval: time between two searches for contacts, s.
-
-    Raises:
-        ValueError: an argument out of range; LinkageError: the robot cannot turn its crank.
-    """
+class ProjectionPlant(PlantOfOne[Batch]):
+    """A robot on a terrain, by the projected equations: arguments and errors of :class:`Batch`."""
 
     def __init__(
         self,
@@ -51,80 +26,19 @@ class ProjectionPlant:
         gravity: Gravity = GRAVITY,
         detection_interval: float = DETECTION_INTERVAL,
     ) -> None:
-        self._take(Batch([robot], [terrain], time_step, gravity, detection_interval, threads=1))
-
-    @classmethod
-    def of(cls, batch: Batch) -> ProjectionPlant:
-        """Return the plant that a batch of one robot is."""
-        plant = cls.__new__(cls)
-        plant._take(batch)
-        return plant
-
-    def _take(self, batch: Batch) -> None:
-        self.batch, self.time_step, self.toes = batch, batch.time_step, batch.toes
-        self.detection_interval = batch.detection_interval
+        super().__init__(
+            Batch([robot], [terrain], time_step, gravity, detection_interval, threads=1)
+        )
 
     @property
-    def robot(self) -> Robot:
-        """The robot."""
-        return self.batch.robots[0]
-
-    @property
-    def terrain(self) -> Terrain:
-        """The terrain."""
-        return self.batch.terrains[0]
+    def detection_interval(self) -> float:
+        """Time between two looks for the ground, s."""
+        return self.batch.detection_interval
 
     @property
     def tables(self) -> Tables:
         """The compiled robot under its parameters."""
         return self.batch.tables_in_force(0)
-
-    @property
-    def state(self) -> Array:
-        """(8,) x, y, theta, psi and their rates, a copy; x, y the crank axis, m, rad, s."""
-        return self.batch.states[0].copy()
-
-    @state.setter
-    def state(self, value: Array) -> None:
-        self.batch.set_state(0, check_state(value))
-
-    @property
-    def x(self) -> float:
-        """Position of the crank axis along the ground, m."""
-        return float(self.batch.states[0, 0])
-
-    @property
-    def gravity(self) -> tuple[float, float]:
-        """(x, y) m/s^2, without the tilt of the parameters."""
-        params = self.batch.nominal_params[0]
-        return float(params["gravity_x"]), float(params["gravity_y"])
-
-    @gravity.setter
-    def gravity(self, value: Gravity) -> None:
-        self.batch.change(0, {"gravity": value})
-
-    @property
-    def effective_gravity(self) -> tuple[float, float]:
-        """(x, y) m/s^2, the gravity in force."""
-        return self.batch.effective_gravity
-
-    @property
-    def nominal(self) -> np.void:
-        """The robot's and its ground's own numbers, for :meth:`set_parameters`."""
-        return self.batch.nominal[0].copy()
-
-    @property
-    def honours(self) -> frozenset[str]:
-        """Names of the parameters that it knows."""
-        return self.batch.honours
-
-    def set_parameters(self, values: np.void) -> None:
-        """Put parameters of robot and ground in force, see :meth:`Batch.set_parameters`."""
-        self.batch.set_parameters(np.zeros(1, np.int64), np.array([values], ROBOT_PARAMETERS))
-
-    def set_terrain(self, terrain: Terrain) -> None:
-        """Change the ground: the robot must be placed anew."""
-        self.batch.set_terrain(0, terrain)
 
     @property
     def prescribed_crank_speed(self) -> bool:
@@ -134,28 +48,6 @@ class ProjectionPlant:
     @prescribed_crank_speed.setter
     def prescribed_crank_speed(self, driven: bool) -> None:
         self.batch.params["prescribed_speed"] = bool(driven)
-
-    @property
-    def in_contact(self) -> NDArray[np.bool_] | None:
-        """(pads,) the pads on the ground, as traced last; None where that is not known.
-
-        Part of the state only in that it says what lands next: set it after :attr:`state`.
-        """
-        in_contact = self.batch.in_contact
-        return None if in_contact is None else in_contact.copy()
-
-    @in_contact.setter
-    def in_contact(self, value: Any) -> None:
-        self.batch.in_contact = check_in_contact(value, len(self.batch.contact_statistics[0]))
-
-    @property
-    def deflection(self) -> Array:
-        """(pads, 2) compression and bend of compliant pads, m: set it after the state."""
-        return self.batch.deflection[0].copy()
-
-    @deflection.setter
-    def deflection(self, value: Any) -> None:
-        self.batch.deflection[0] = check_deflection(value, len(self.batch.deflection[0]))
 
     @property
     def tracing(self) -> bool:
@@ -168,10 +60,7 @@ class ProjectionPlant:
 
     @property
     def trace(self) -> NDArray[np.void]:
-        """(steps,) what each time step of the last :meth:`step` or :meth:`lookahead` did.
-
-        See :func:`jansen_env.engine.integrator.trace_dtype`; no rows unless :attr:`tracing`.
-        """
+        """(steps,) time steps of the last :meth:`step` or :meth:`lookahead`, see :class:`Batch`."""
         return self.batch.trace
 
     @property
@@ -179,95 +68,15 @@ class ProjectionPlant:
         """(steps,) whether a pad touched down in each time step of the last traced :meth:`step`."""
         return self.batch.touchdowns
 
-    def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
-        """Place the robot at rest on its lowest toes.
+    def joint_forces(
+        self, torque: float = 0.0, push: NDArray[np.float64] | None = None
+    ) -> JointForces:
+        """Mean forces in every joint over the next time step under a crank torque (N m).
 
-        Args, errors: see :meth:`jansen_env.plants.batch.Batch.place_at`.
-
-        Returns:
-            The new state (8,).
-        """
-        angles = np.array([finite("crank_angle", crank_angle)])
-        self.batch.place_at(np.zeros(1, np.int64), angles, x, pitch)
-        return self.state
-
-    def lookahead(self, torque: float = 0.0, push: Array | None = None) -> StepResult:
-        """Result of one time step; the state stays as it is.
-
-        ``push``: (2,) N s, the impulse on the chassis in it, None for none.
-        """
-        pushes = None if push is None else check_pushes(push)[None, None]
-        self.batch.lookahead(torque, pushes=pushes)
-        return self._result(torque)
-
-    def step(
-        self,
-        torque: float,
-        duration: float,
-        earlier: float = 0.0,
-        switch: int = 0,
-        pushes: Array | None = None,
-    ) -> StepResult:
-        """Hold a crank torque for a while.
-
-        Args:
-            torque: N m on the crank, counter-clockwise positive (and its reaction on the chassis),
-                as far as the robot's motor can.
-            duration: s, rounded to whole time steps.
-            earlier: N m, held instead in the first ``switch`` time steps: a delay.
-            pushes: (steps, 2) N s, the impulse on the chassis at the crank axis in each time step,
-                world x and y; None for none.
-
-        Raises:
-            ValueError: a duration out of range, or pushes of another shape.
-            FloatingPointError: the simulation diverged, to a speed that nothing has or to a pad
-                deep in the ground. The state is as it was before.
-        """
-        steps = max(1, round(positive("duration", duration) / self.time_step))
-        asked, before = np.array([torque], dtype=float), np.array([earlier], dtype=float)
-        impulses = None if pushes is None else check_pushes(pushes, steps)[None]
-        self.batch.step(asked, steps, before, np.array([switch]), pushes=impulses)
-        return self._result(torque, steps)
-
-    def _result(self, torque: float, steps: int = 1) -> StepResult:
-        """Return the result of the batch's last step, of so many time steps."""
-        batch = self.batch
-        if batch.any_diverged:
-            raise divergence(batch.states[0], torque)
-        total = batch.accumulators[0]
-        sums = dict(zip(total.dtype.names or (), total.item(), strict=True))
-        return StepResult(
-            slip=batch.slip[0].copy(),
-            contact_force=batch.contact_force[0].copy(),
-            non_toe_contact=sums["non_toe_impulse"] > 0.0,
-            residual=sums["worst_residual"],
-            torque=torque + sums["torque_impulse"] / (steps * self.time_step),
-            **{name: sums[name] for name in ENERGIES},
-        )
-
-    def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
-        """Forces in every joint now: the mean over the next time step under a crank torque (N m).
-
-        With a toe landing in that step they contain its impulse / time step. ``push``: see
-        :meth:`lookahead`.
+        They contain a landing toe's impulse / time step. ``push``: see :meth:`lookahead`.
         """
         return self.batch.joint_forces(torque, push)
 
     def peak_loads(self) -> PeakLoads:
         """The largest loads on any joint in the last :meth:`step`, which must have been traced."""
         return self.batch.peak_loads()
-
-    def contact_frames(self) -> tuple[Array, Array]:
-        """(toes, 2) points of the ground nearest to each toe's pad and its tangents there.
-
-        Where no ground is within reach, the pad's lowest point and +x.
-        """
-        return self.batch.contact_frames(0)
-
-    def toe_positions(self) -> Array:
-        """(toes, 2) centres of the toe pads, m."""
-        return self.batch.pad_centres(0)[: self.toes]
-
-    def energy(self) -> float:
-        """Kinetic plus potential energy, J (potential 0 with the centre of mass at y = 0)."""
-        return self.batch.energy(0)

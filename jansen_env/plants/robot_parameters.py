@@ -46,15 +46,8 @@ def _scaled_pads(robot: Robot, stiffness: float, damping: float) -> Robot:
     return replace(robot, pad_compliance=scaled)
 
 
-def _scaled_motor(robot: Robot, strength: float) -> Robot:
-    motor = robot.motor
-    stall, limit = strength * motor.stall_torque, strength * motor.torque_limit
-    return replace(robot, motor=replace(motor, stall_torque=stall, torque_limit=limit))
-
-
-def _scaled_rotor(robot: Robot, scale: float) -> Robot:
-    motor = replace(robot.motor, rotor_inertia=scale * robot.motor.rotor_inertia)
-    return replace(robot, motor=motor)
+def _with_motor(robot: Robot, **numbers: float) -> Robot:
+    return replace(robot, motor=replace(robot.motor, **numbers))
 
 
 def _loaded(robot: Robot, x: float | None = None, y: float | None = None) -> Robot:
@@ -74,8 +67,14 @@ ON_ROBOTS: dict[str, Callable[[Robot, float], Robot]] = {
     ),
     "foot_stiffness_scale": lambda robot, value: _scaled_pads(robot, value, 1.0),
     "foot_damping_scale": lambda robot, value: _scaled_pads(robot, 1.0, value),
-    "motor_strength": _scaled_motor,
-    "rotor_inertia_scale": _scaled_rotor,
+    "motor_strength": lambda robot, value: _with_motor(
+        robot,
+        stall_torque=value * robot.motor.stall_torque,
+        torque_limit=value * robot.motor.torque_limit,
+    ),
+    "rotor_inertia_scale": lambda robot, value: _with_motor(
+        robot, rotor_inertia=value * robot.motor.rotor_inertia
+    ),
 }
 """The machine that a robot is under a value of each parameter."""
 ON_TERRAINS = ("friction", "restitution")
@@ -135,9 +134,8 @@ def apply_to_kernels(
     """Make the kernels' rows of robots as they are those under parameters.
 
     Args:
-        params: (k,) of :data:`jansen_env.engine.records.PARAMS`. values: (k,) of
-            :data:`jansen_env.parameters.ROBOT_PARAMETERS`.
-        links_mass: kg, of the design. centre, pad: of :func:`jansen_env.engine.tables.farthest`.
+        params: (k,) of ``PARAMS``. values: (k,) of ``ROBOT_PARAMETERS``. links_mass: kg, of the
+            design. centre, pad: of :func:`jansen_env.engine.tables.farthest`.
     """
     for name, field in COPIED.items():
         params[field] = values[name]

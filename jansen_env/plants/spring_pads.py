@@ -30,11 +30,7 @@ FLAT = 1e-9  # m: nearer to the ground, its own normal is taken
 
 
 def check_stiffness(robot: Robot, time_step: float, owners: list[int]) -> None:
-    """Whether a time step, s, is short enough for the pads' springs and dampers.
-
-    Raises:
-        ValueError: it is not.
-    """
+    """Raise ValueError unless a time step, s, is short enough for the pads' springs and dampers."""
     give, lightest = robot.pad_compliance, math.inf
     for motion in links.turn_motions(robot):
         inverse = np.linalg.inv(motion.mass_matrix)
@@ -57,16 +53,11 @@ def check_stiffness(robot: Robot, time_step: float, owners: list[int]) -> None:
 
 
 class SpringPads:
-    """The pads of a robot on a terrain.
-
-    Args:
-        robot, terrain: whose pads, on what. owners: the body that each pad is part of.
-        time_step: s.
+    """The pads of a robot on a terrain; ``owners``: the body that each is part of.
 
     Attributes:
-        bristle: (pads,) s now, m.
+        bristle: (pads,) s now, m. stored: energy in springs and bristles, J.
         forces: (pads, 2) tangential and normal in the next time step, N.
-        stored: what springs and bristles hold at the beginning of that time step, J.
     """
 
     def __init__(self, robot: Robot, terrain: Terrain, owners: list[int], time_step: float) -> None:
@@ -104,12 +95,7 @@ class SpringPads:
         return loads
 
     def step(self, now: Snapshot, space: pymunk.Space, sums: Sums | None = None) -> None:
-        """Forces of the next time step, from where the bodies are now.
-
-        Args:
-            sums: takes what the pads did in the time step before; None for nothing, as after a
-                state that was set.
-        """
+        """Forces of the next time step; ``sums`` takes the work of those of the last one."""
         h, give = self._h, self._give
         k, d = give.stiffness, give.damping
         kt, dt = float(give.tangential_stiffness or 0.0), float(give.tangential_damping or 0.0)

@@ -21,12 +21,9 @@ class Threads:
     """As many threads as pay for some robots.
 
     Args:
-        robots: how many. threads: at most; None for as many as there are cores, or numba's own
-            limit ``NUMBA_NUM_THREADS``, where that pays.
-        memory: makes the memory of one thread.
-
-    Raises:
-        ValueError: ``threads`` is no whole number above 0.
+        robots: how many. memory: makes the memory of one thread.
+        threads: at most, a whole number above 0; None for as many as there are cores, or numba's
+            own limit ``NUMBA_NUM_THREADS``, where that pays.
     """
 
     def __init__(self, robots: int, threads: int | None, memory: Callable[[], Any]) -> None:
@@ -44,10 +41,7 @@ class Threads:
     def move(
         self, robots: int, share: Share, meanwhile: Callable[[], None] | None
     ) -> tuple[bool, bool]:
-        """Let threads take shares of so many robots; whether any of them set each of two flags.
-
-        ``meanwhile`` is called once while they run.
-        """
+        """Share so many robots out, and call ``meanwhile``; whether any share set each flag."""
         threads = max(1, min(self._count, robots // ROBOTS_PER_THREAD))
         shares = iter(self._shares if robots == self._robots else _shares(robots, threads))
 

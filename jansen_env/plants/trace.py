@@ -15,16 +15,11 @@ Array = NDArray[np.float64]
 
 
 class PeakLoads(NamedTuple):
-    """The largest load on any joint of any link (:attr:`JointForces.bearing`).
+    """The largest load on any joint of any link (:attr:`JointForces.bearing`)."""
 
-    Attributes:
-        force: N, in the time steps without a landing.
-        impulse: N s, in those with one, the ordinary force in that step included. There a rigid
-            foot stops at once: its impulse is defined, its force is not, and impulse / time step
-            says more about the time step than the robot.
-    """
-
-    force: float
+    force: float  # N, in the time steps without a landing
+    # N s, in those with one: a rigid foot stops at once, with an impulse that is defined and a
+    # force that is not. The ordinary force in that step is included.
     impulse: float
 
 
@@ -77,8 +72,7 @@ def find_touchdowns(
 
     Args:
         trace: (steps,). in_contact: (pads,) the pads pressed just before it; None where that
-            is not known: a state that was set may have to stop at once, so that every pad pressed
-            in the first time step counts as landing.
+            is not known: then every pad pressed in the first time step counts as landing.
     """
     now = pads_in_contact(trace)
     first = np.zeros_like(now[:1]) if in_contact is None else in_contact[None]
@@ -91,11 +85,7 @@ def pads_in_contact(trace: NDArray[np.void]) -> NDArray[np.bool_]:
 
 
 def peak_loads(size: Array, landing: NDArray[np.bool_], time_step: float) -> PeakLoads:
-    """The largest load on any joint.
-
-    Args:
-        size: (steps, legs, 17) of every mean bearing force, N. landing: (steps,).
-    """
+    """The largest of mean bearing forces (steps, legs, 17), N; landing: (steps,)."""
     largest = size.max(axis=(-2, -1))
     return PeakLoads(
         float(largest[~landing].max(initial=0.0)),

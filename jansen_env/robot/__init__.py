@@ -24,22 +24,7 @@ from jansen_env.robot.links import (
 from jansen_env.robot.robot import Robot
 
 __all__ = [
-    "BEARINGS",
-    "BEARING_LOADS",
-    "BODIES",
-    "BODIES_PER_LEG",
-    "JOINT_PAIRS",
-    "RIGID",
-    "ROBOTS",
-    "Bar",
-    "Compliance",
-    "Leg",
-    "Payload",
-    "Robot",
-    "Side",
-    "Triangle",
-    "built_robot",
-    "holy_numbers_robot",
-    "paper_robot",
-    "phased_legs",
-]
+    "BEARINGS", "BEARING_LOADS", "BODIES", "BODIES_PER_LEG", "JOINT_PAIRS", "RIGID", "ROBOTS",
+    "Bar", "Compliance", "Leg", "Payload", "Robot", "Side", "Triangle", "built_robot",
+    "holy_numbers_robot", "paper_robot", "phased_legs",
+]  # fmt: skip

@@ -1,12 +1,9 @@
 """Parts of a machine that could be built: flat bars, plates, pins, feet; masses and strengths.
 
-Bars are flat stock of aluminium EN AW-6060 T66, 5 mm thick, and 6 mm for the lower rods, which are
-pushed hardest; plates are cut from 4 mm of it: density 2700 kg/m^3, modulus of elasticity 69 GPa,
-proof strength 160 MPa (EN 755-2 for solid bars). Every end of a link carries its share of a pin:
-half of a shoulder screw of 6 mm with nut, washers and a spacer, and a flanged plain bearing of
-iglidur J200, whose coefficient of friction igus gives as 0.11 in the mean of all its measurements.
-A foot is a half-round tread of rubber on a shoe: its stiffness, strength and mass follow from its
-radius, width and hardness. ``docs/built_robot.md`` has the bill of materials and the sources.
+Bars and plates are of aluminium EN AW-6060 T66. Every end of a link carries its share of a pin:
+half of a shoulder screw with nut, washers and a spacer, and a plain bearing of iglidur J200. A foot
+is a half-round tread of rubber on a shoe. ``docs/built_robot.md`` has the bill of materials and the
+sources of all numbers.
 """
 
 from __future__ import annotations
@@ -57,16 +54,9 @@ def bar_thickness(name: str) -> float:
 
 
 def flat_bar(
-    length: float,
-    width: float,
-    end_mass: float = PIN_SHARE,
-    thickness: float = BAR_THICKNESS,
+    length: float, width: float, end_mass: float = PIN_SHARE, thickness: float = BAR_THICKNESS
 ) -> Inertial:
-    """A flat bar with round ends about its two pins, and a point mass on each pin.
-
-    Args:
-        length: between the pins, m. width, thickness: m. end_mass: kg, on each pin.
-    """
+    """A flat bar with round ends about two pins ``length`` m apart, and ``end_mass`` on each."""
     radius, areal = 0.5 * width, DENSITY * thickness
     middle, rounds = areal * length * width, areal * math.pi * radius**2
     inertia = middle * (length**2 + width**2) / 12.0
@@ -82,7 +72,6 @@ def triangular_plate(
 
     Outline, hole and pins are similar triangles about one centroid, which is the centre of mass.
     A heavier third corner draws the hole towards it, as far as leaves the centre of mass there.
-    The corners' rounding is left out.
 
     Args:
         sides: of the pins' triangle, first-second, second-third, third-first, m.

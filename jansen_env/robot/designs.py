@@ -52,11 +52,8 @@ BEARING_LOADS = (17.0, 13.0, 11.0, 14.0, 23.0, 14.0, 11.0, 20.0, 11.0, 10.0)
 def built_robot(phases: int = 2) -> Robot:
     """A machine that could be built: the paper's linkage of aluminium, with a gearmotor.
 
-    Flat bars and windowed plates with pins in dry plain bearings, see
-    :mod:`jansen_env.robot.buildable`; the frame's bars carry motor and crankshaft at O, battery
-    and cross-members at P, as heavy. Bearings have Coulomb friction alone, by their mean load. Feet
-    are half-round treads of rubber with a radius of 20 mm. ``docs/built_robot.md`` has the bill of
-    materials and all sources.
+    Flat bars and windowed plates, pins in dry plain bearings (Coulomb friction alone, by their mean
+    load), feet of rubber: see :mod:`jansen_env.robot.buildable`.
     """
     robot, parts = paper_robot(phases), {}
     for name in BODIES:

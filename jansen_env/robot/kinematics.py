@@ -58,7 +58,6 @@ def joint_positions(robot: Robot, side: Side, psi: ArrayLike) -> Array:
 
     Args:
         robot: its link lengths are used, its legs are not.
-        side: ``"fore"`` or ``"back"``.
         psi: crank angle relative to the chassis, rad, any shape (...).
 
     Returns:
@@ -132,22 +131,15 @@ def coordinates(robot: Robot, side: Side, psi: ArrayLike) -> Array:
 
 
 def check_closure(robot: Robot, samples: int = 720) -> None:
-    """Refuse a design that cannot turn a full revolution.
-
-    Raises:
-        LinkageError: names the joint and the crank angle at which it fails to close.
-    """
+    """Raise LinkageError for a design that cannot turn a full revolution: says where."""
     joint_positions(robot, "fore", np.linspace(-math.pi, math.pi, samples, endpoint=False))
 
 
 def advance_per_turn(robot: Robot, samples: int = 720) -> float:
     """How far a robot walks while its crank turns once counter-clockwise, m; negative: towards -x.
 
-    As if it stood level on its lowest toe, which does not slip. What it is good for is the sign,
-    and the order of magnitude: a real chassis rocks, and changes its feet elsewhere.
-
-    Raises:
-        LinkageError: the linkage does not close.
+    As if it stood level on its lowest toe: good for the sign and the order of magnitude.
+    Raises LinkageError: the linkage does not close.
     """
     psi = np.linspace(0.0, 2.0 * math.pi, samples + 1)
     legs = [joint_positions(robot, leg.side, psi + leg.phase)[:, T] for leg in robot.legs]

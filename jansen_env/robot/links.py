@@ -67,8 +67,7 @@ class Bar:
 
     Args:
         length: distance between its two pins, m.
-        mass: kg (paper, Table 1: 0.1).
-        inertia: about the centre of mass, kg m^2 (paper, Table 1: 0.1).
+        mass, inertia: kg, and about the centre of mass, kg m^2 (paper, Table 1: 0.1 both).
     """
 
     length: float
@@ -94,15 +93,13 @@ class Triangle:
     """A rigid triangle, given as the paper gives it: its corners seen from the centroid.
 
     The body's angle is the direction from its first corner to the centroid (triangle 4) or from
-    the centroid to its first corner (triangle 8); ``alpha`` and ``gamma`` are the angles at the
-    centroid between the first corner and the two others, on either side.
+    the centroid to its first corner (triangle 8).
 
     Args:
         d, l, h: centroid to the first, second and third corner, m (d4, l4, h4 or d8, l8, h8).
-        alpha: angle between the first and second corner, rad.
-        gamma: angle between the first and third corner, rad.
-        mass: kg.
-        inertia: about the centroid, kg m^2.
+        alpha, gamma: angles at the centroid from the first corner to the second, and to the third
+            on the other side, rad.
+        mass: kg. inertia: about the centroid, kg m^2.
     """
 
     d: float
@@ -200,16 +197,16 @@ class Payload:
             raise ValueError(
                 f"Payload.position is {shown(self.position)}, must be two numbers (x, y)"
             )
-        position = tuple(finite("Payload.position", value) for value in position)
-        object.__setattr__(self, "position", position)
+        place = tuple(finite("Payload.position", value) for value in position)
+        object.__setattr__(self, "position", place)
 
 
 @dataclass(frozen=True)
 class Compliance:
     """How a pad gives: spring and damper along the ground's normal, and a bristle along the ground.
 
-    Infinite stiffness is a rigid pad: then an impact ends at once, by the ground's restitution. A
-    compliant one bounces by itself, and restitution must be 0.
+    A rigid pad's impact ends at once, by the ground's restitution; for a compliant one that must
+    be 0.
 
     Args:
         stiffness: N/m, inf for a rigid pad. damping: N s/m.
@@ -256,10 +253,9 @@ RIGID = Compliance()
 
 
 def phased_legs(phases: int) -> tuple[Leg, ...]:
-    """A fore and a back leg for each of ``phases`` evenly spaced crank pins: fore legs first.
+    """A fore and a back leg for each of 1 to ``MOST_PHASES`` evenly spaced crank pins: fore first.
 
-    Raises:
-        ValueError: ``phases`` is not a whole number from 1 to ``MOST_PHASES``.
+    Raises ValueError: another number of pins.
     """
     phases = positive_integer("phases", phases, MOST_PHASES)
     angles = [2.0 * math.pi * k / phases for k in range(phases)]

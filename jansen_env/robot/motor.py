@@ -125,18 +125,4 @@ XM540_W270 = Motor(
 MOTORS: dict[str, Motor] = {
     "ideal": IDEAL, "ak80_6": AK80_6, "mx_106": MX_106, "xm540_w270": XM540_W270,
 }  # fmt: skip
-"""Motors by name; ``docs/built_robot.md`` has the data sheets' numbers and what was measured.
-
-- ``ak80_6``: T-Motor AK80-6 at 24 V, 0.485 kg: 12 N m at the peak (6 rated), 38.2 rad/s, ratio 6,
-  rotor inertia and the motor constant 0.2206 N m / W^0.5, from which the stall torque follows, as
-  DFKI's Underactuated Lab documents it (``torque_limited_simple_pendulum``, docs/reference.md).
-  Friction as identified there (``double_pendulum``, design C.1, shoulder). Its gear's efficiency is
-  not given: 0.9 is that of a planetary stage.
-- ``mx_106``: Robotis Dynamixel MX-106 at 12 V, 0.153 kg: 8.4 N m and 5.2 A at stall, 45 rev/min,
-  ratio 225 (e-manual). Armature 0.0266 kg m^2 at the shaft, Coulomb and viscous friction as
-  identified by M. Duclusaud et al. (BAM, https://github.com/Rhoban/bam, bam/params/mx106/m1.json).
-- ``xm540_w270``: Robotis Dynamixel XM540-W270 at 12 V, 0.165 kg: 10.6 N m and 4.4 A at stall,
-  30 rev/min, ratio 272.5 (e-manual). Rotor and friction are not given: those of the MX-106's motor,
-  through this gear.
-
-Efficiency of the two servos: stall torque / current over nominal voltage / no-load speed."""
+"""Motors by name, from data sheets and as identified: ``docs/built_robot.md`` has all sources."""

@@ -16,9 +16,7 @@ class Curriculum:
 
     Rudin, Hoeller, Reist and Hutter, "Learning to Walk in Minutes Using Massively Parallel Deep
     Reinforcement Learning", CoRL 2021 (2022), section 2.2; ``_update_terrain_curriculum`` of
-    legged_gym. There, a robot that has left its terrain of 8 m goes up, one that has walked less
-    than half of the commanded distance goes down. Levels drawn anew at the top keep the easy ones
-    from being forgotten.
+    legged_gym. Levels drawn at the top keep the easy ones from being forgotten.
 
     Args:
         up: goes up beyond this share of the commanded distance. down: goes down below this one.
@@ -47,15 +45,11 @@ class Curriculum:
     def next_level(
         self, level: int, walked: float, commanded: float, rng: np.random.Generator
     ) -> int:
-        """The level of the next episode.
+        """The level of the next episode. Raises ValueError: an argument out of range.
 
         Args:
             level: of this one. walked: m, towards the command. commanded: m, see ``horizon``; after
-                0 m the level stays.
-            rng: draws the level beyond the highest; not used otherwise.
-
-        Raises:
-            ValueError: an argument out of range.
+                0 m the level stays. rng: draws the level beyond the highest.
         """
         level = whole_number("level", level, HIGHEST)
         walked, commanded = finite("walked", walked), non_negative("commanded", commanded)

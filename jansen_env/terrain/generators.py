@@ -1,8 +1,7 @@
 """Terrains that are drawn at each reset, by name, parameters and level: 0 easy to 9 hard.
 
-``"stairs"`` has all its parameters from the level, ``"stairs:rise=0.02"`` its tread alone,
-``"mixed"`` is another of them each time, and any callable ``(rng, level) -> Terrain`` will do. What
-the levels mean is :data:`LEVELS`; ``python -m benchmarks.climbing`` measures what can be climbed.
+``"stairs"`` has all its parameters from the level, ``"stairs:rise=0.02"`` its tread alone.
+``python -m benchmarks.climbing`` measures what can be climbed.
 """
 
 from __future__ import annotations
@@ -35,55 +34,13 @@ LEVELS: dict[str, dict[str, tuple[float, float]]] = {
 """Of each generator its parameters' values at level 0 and level 9, evenly in between; m and rad."""
 
 
-def _slope(rng: Random, angle: float) -> Terrain:
-    return Terrain.slope(angle)
-
-
-def _rough(rng: Random, height: float, spacing: float) -> Terrain:
-    """As ``Terrain.rough``, on both sides."""
-    return Terrain.of(shapes.rough(rng, height, spacing, _start(rng), shapes.REACH))
-
-
-def _waves(rng: Random, height: float, length: float) -> Terrain:
-    return Terrain.waves(height, length, _start(rng))
-
-
-def _stairs(rng: Random, rise: float, tread: float) -> Terrain:
-    return Terrain.stairs(rise, tread, _start(rng))
-
-
-def _steps(rng: Random, height: float, spacing: float) -> Terrain:
-    return Terrain.steps(rng, height, spacing)
-
-
-def _stumps(rng: Random, height: float, width: float, spacing: float) -> Terrain:
-    return Terrain.stumps(height, width, spacing, _start(rng))
-
-
-def _ramps(rng: Random, angle: float, length: float) -> Terrain:
-    return Terrain.ramps(angle, length, _start(rng))
-
-
-def _start(rng: Random) -> float:
-    """Where a ground begins, m: drawn, or the way to its first step could be learned by heart."""
-    return rng.uniform(shapes.START, shapes.START + SHIFT)
-
-
-_MAKERS: dict[str, Callable[..., Terrain]] = {
-    "slope": _slope, "rough": _rough, "waves": _waves, "stairs": _stairs, "steps": _steps,
-    "stumps": _stumps, "ramps": _ramps,
-}  # fmt: skip
 _UP_OR_DOWN = {"slope": "angle", "stairs": "rise"}  # whose sign is drawn, if they are not given
-GENERATORS = (*_MAKERS, "mixed")
+GENERATORS = (*LEVELS, "mixed")
 """Their names."""
 
 
 def at_level(name: str, level: int) -> dict[str, float]:
-    """A generator's parameters at a level, 0 to 9, by name.
-
-    Raises:
-        ValueError: no generator has this name, or no level this number.
-    """
+    """A generator's parameters at a level, by name. Raises ValueError: no such name or level."""
     if name not in LEVELS:
         raise ValueError(f"generator is {shown(name)}, must be one of {list(LEVELS)}")
     share = whole_number("level", level, HIGHEST) / HIGHEST
@@ -92,10 +49,10 @@ def at_level(name: str, level: int) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class NamedGenerator:
-    """A ground of one kind, drawn anew at each call: ``(rng, level) -> Terrain``.
+    """A ground of one kind, drawn at each call: ``(rng, level) -> Terrain``.
 
-    Where it begins is drawn, and what is random in it; of slopes and stairs also whether they go up
-    or down, unless it is given. With default friction and restitution.
+    Slopes and stairs go up or down at random unless that is given. With default friction and
+    restitution.
 
     Args:
         name: one of :data:`LEVELS`.
@@ -130,7 +87,16 @@ class NamedGenerator:
         if down and (sign := _UP_OR_DOWN.get(self.name)):
             values[sign] *= -1.0
         values |= dict(self.given)
-        return _MAKERS[self.name](rng, **values)
+        if self.name == "slope":
+            return Terrain.slope(**values)
+        if self.name == "steps":
+            return Terrain.steps(rng, **values)
+        # The start is drawn, or the way to its first step could be learned by heart.
+        start = rng.uniform(shapes.START, shapes.START + SHIFT)
+        if self.name == "rough":  # unlike ``Terrain.rough`` on both sides
+            return Terrain.of(shapes.rough(rng, **values, start=start, reach=shapes.REACH))
+        maker: Callable[..., Terrain] = getattr(Terrain, self.name)
+        return maker(**values, start=start)
 
     def __str__(self) -> str:
         """As it is written: ``"stairs:rise=0.02"``."""
@@ -140,11 +106,7 @@ class NamedGenerator:
 
 @dataclass(frozen=True)
 class MixedGenerator:
-    """A ground of another kind at each call: ``(rng, level) -> Terrain``.
-
-    Args:
-        kinds: drawn from evenly; all by default.
-    """
+    """A ground of one of ``kinds``, drawn evenly at each call: ``(rng, level) -> Terrain``."""
 
     kinds: tuple[NamedGenerator, ...] = tuple(map(NamedGenerator, LEVELS))
 
@@ -158,11 +120,7 @@ class MixedGenerator:
 
 @dataclass(frozen=True)
 class OwnGenerator:
-    """A user's function that is held to what it has to return.
-
-    Args:
-        function: ``(rng, level) -> Terrain``.
-    """
+    """A user's ``function`` ``(rng, level) -> Terrain``, whose result is checked."""
 
     function: Callable[[Random, int], Any]
 
@@ -181,15 +139,12 @@ class OwnGenerator:
 
 
 def make_generator(spec: Any) -> Generator | None:
-    """A generator ``(rng, level) -> Terrain`` from what a user may pass as a terrain.
+    """Return a generator ``(rng, level) -> Terrain``, or None for a fixed ground.
 
     Args:
         spec: a name of :data:`GENERATORS`, alone or with parameters that are to stay as they are,
-            ``"stairs:rise=0.02,tread=0.3"``, or a callable ``(rng, level) -> Terrain``.
-
-    Returns:
-        The generator, or None for a fixed ground such as a :class:`Terrain`, ``"flat"``,
-        ``"slope:0.1"`` or points.
+            ``"stairs:rise=0.02,tread=0.3"``, or a callable ``(rng, level) -> Terrain``; else fixed:
+            a :class:`Terrain`, ``"flat"``, ``"slope:0.1"`` or points.
 
     Raises:
         ValueError: a text that is neither, with what is allowed.

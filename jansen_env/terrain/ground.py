@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -12,23 +13,14 @@ import numpy as np
 import pymunk
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.checks import (
-    entries,
-    finite,
-    instance,
-    non_negative,
-    positive,
-    shown,
-    within,
-)
+from jansen_env.checks import entries, finite, instance, non_negative, positive, shown, within
 from jansen_env.terrain import shapes
-from jansen_env.terrain.shapes import MOST_POINTS
+from jansen_env.terrain.shapes import MAX_SLOPE, MOST_POINTS
 
 Array = NDArray[np.float64]
 
 REACH = 1000.0  # m, how far the first and last segment are extended as pymunk's shapes
 GRADIENT_STEP = 1e-4  # m, to either side
-MAX_SLOPE = math.radians(80.0)
 FARTHEST = 1e6  # m, largest coordinate of a point: beyond, a toe's grip drowns in rounding
 
 
@@ -40,9 +32,28 @@ def heights_of(line: Array, x: ArrayLike) -> Array:
     return heights + before * first[1] / first[0] + after * last[1] / last[0]
 
 
+def _maker(points: Callable[..., Array]) -> classmethod[Terrain, ..., Terrain]:
+    """A constructor with the arguments of a function that returns points, and a terrain's own."""
+
+    @functools.wraps(points)
+    def make(
+        cls: type[Terrain],
+        *args: Any,
+        friction: float = 0.8,
+        restitution: float = 0.0,
+        **named: Any,
+    ) -> Terrain:
+        return cls.of(points(*args, **named), friction, restitution)
+
+    return classmethod(make)
+
+
 @dataclass(frozen=True)
 class Terrain:
     """A ground profile y(x), the same across the whole width of the robot.
+
+    ``waves``, ``stairs``, ``steps``, ``stumps`` and ``ramps`` have the arguments of the functions
+    of these names in ``jansen_env.terrain.shapes``, and by name a friction and a restitution.
 
     Args:
         points: at least two (x, y) vertices, m, x increasing. The first and the last segment go on
@@ -87,16 +98,15 @@ class Terrain:
                 f"Terrain.points: a segment has a slope of {steepest:.3f} rad, allowed are "
                 f"{MAX_SLOPE:.3f}"
             )
-        friction = non_negative("Terrain.friction", self.friction)
-        restitution = within("Terrain.restitution", self.restitution, 0.0, 1.0)
-        object.__setattr__(self, "friction", friction)
-        object.__setattr__(self, "restitution", restitution)
-        object.__setattr__(self, "points", tuple(map(tuple, table.tolist())))
+        set_value = functools.partial(object.__setattr__, self)
+        set_value("friction", non_negative("Terrain.friction", self.friction))
+        set_value("restitution", within("Terrain.restitution", self.restitution, 0.0, 1.0))
+        set_value("points", tuple(map(tuple, table.tolist())))
         before = table[0] - REACH * step[0] / step[0, 0]
         after = table[-1] + REACH * step[-1] / step[-1, 0]
         line = np.concatenate([[before], table[1:-1], [after]])
         line.setflags(write=False)
-        object.__setattr__(self, "_line", line)
+        set_value("_line", line)
 
     @classmethod
     def flat(cls, friction: float = 0.8, restitution: float = 0.0) -> Terrain:
@@ -121,12 +131,7 @@ class Terrain:
         friction: float = 0.8,
         restitution: float = 0.0,
     ) -> Terrain:
-        """Random vertices from ``start`` on, level before: heights uniform in +- ``height``.
-
-        Args:
-            rng: the generator the heights are drawn from.
-            height, spacing, length, start: m.
-        """
+        """Random vertices from ``start`` on, level before: heights uniform in +- ``height``, m."""
         instance("rng", rng, np.random.Generator)
         height = within("height", height, 0.0, FARTHEST)
         spacing, length = positive("spacing", spacing), positive("length", length)
@@ -142,105 +147,11 @@ class Terrain:
         tail = [(x[-1] + spacing, 0.0), (x[-1] + spacing + 1.0, 0.0)]
         return cls(tuple(lead + list(zip(x, y, strict=True)) + tail), friction, restitution)
 
-    @classmethod
-    def waves(
-        cls,
-        height: float = 0.03,
-        length: float = 1.0,
-        start: float = shapes.START,
-        reach: float = shapes.REACH,
-        friction: float = 0.8,
-        restitution: float = 0.0,
-    ) -> Terrain:
-        """Cosine waves on both sides of the origin, of eight segments each.
-
-        Args:
-            height: m, from trough to crest; below 0 they begin with a trough. length: of a wave, m.
-            start: m from the origin, to where the ground is level. reach: m, where they end, with
-                the last that has room; level beyond.
-        """
-        return cls.of(shapes.waves(height, length, start, reach), friction, restitution)
-
-    @classmethod
-    def stairs(
-        cls,
-        rise: float = 0.03,
-        tread: float = 0.4,
-        start: float = shapes.START,
-        reach: float = shapes.REACH,
-        friction: float = 0.8,
-        restitution: float = 0.0,
-    ) -> Terrain:
-        """Stairs that rise towards +x for ``rise`` > 0, with a landing around the origin.
-
-        The faces of all steps are 75 degrees steep, as x must increase: see ``docs/terrain.md``.
-
-        Args:
-            rise: m, of each step. tread: m, from step to step.
-            start, reach: m, half the landing but for half a tread, and where the stairs end on
-                either side; level beyond.
-        """
-        return cls.of(shapes.stairs(rise, tread, start, reach), friction, restitution)
-
-    @classmethod
-    def steps(
-        cls,
-        rng: np.random.Generator,
-        height: float = 0.03,
-        spacing: float = 0.5,
-        start: float = shapes.START,
-        reach: float = shapes.REACH,
-        friction: float = 0.8,
-        restitution: float = 0.0,
-    ) -> Terrain:
-        """Level pieces of random heights and lengths, with steps between them.
-
-        Args:
-            rng: the generator that they are drawn from.
-            height: m; the pieces' are uniform in +- height / 2, so that no step is higher.
-            spacing: m, the mean length of a piece; lengths are uniform in 0.5 to 1.5 times that.
-            start, reach: m from the origin, where they begin and about where they end, on both
-                sides; level before and beyond.
-        """
-        return cls.of(shapes.steps(rng, height, spacing, start, reach), friction, restitution)
-
-    @classmethod
-    def stumps(
-        cls,
-        height: float = 0.03,
-        width: float = 0.2,
-        spacing: float = 1.0,
-        start: float = shapes.START,
-        reach: float = shapes.REACH,
-        friction: float = 0.8,
-        restitution: float = 0.0,
-    ) -> Terrain:
-        """Blocks on level ground on both sides of the origin, or ditches for ``height`` < 0.
-
-        Args:
-            height, width: m, of a block. spacing: m, from one to the next.
-            start, reach: m from the origin, where the ground begins, half a gap before the first
-                block, and where it ends; level beyond.
-        """
-        return cls.of(shapes.stumps(height, width, spacing, start, reach), friction, restitution)
-
-    @classmethod
-    def ramps(
-        cls,
-        angle: float = 0.1,
-        length: float = 0.8,
-        start: float = shapes.START,
-        reach: float = shapes.REACH,
-        friction: float = 0.8,
-        restitution: float = 0.0,
-    ) -> Terrain:
-        """Ramps up and down with level pieces between them, on both sides of the origin.
-
-        Args:
-            angle: rad; below 0 they go down first. length: m in x, of a ramp and a level piece.
-            start, reach: m from the origin, where they begin and end; level beyond.
-        """
-        return cls.of(shapes.ramps(angle, length, start, reach, MAX_SLOPE), friction, restitution)
+    waves = _maker(shapes.waves)
+    stairs = _maker(shapes.stairs)
+    steps = _maker(shapes.steps)
+    stumps = _maker(shapes.stumps)
+    ramps = _maker(shapes.ramps)
 
     @classmethod
     def of(cls, points: Any, friction: float = 0.8, restitution: float = 0.0) -> Terrain:
@@ -272,23 +183,17 @@ class Terrain:
     def add_to(self, space: pymunk.Space) -> pymunk.Body:
         """Add the ground to a pymunk space as segments on a static body, and return it.
 
-        Neighbours are told to each other, so that no toe trips on a joint between them.
+        They know their neighbours, so that no toe trips on a joint between them.
         """
         ground = pymunk.Body(body_type=pymunk.Body.STATIC)
-        space.add(ground, *self.segments(ground))
-        return ground
-
-    def segments(self, ground: pymunk.Body) -> list[pymunk.Segment]:
-        """The surface as pymunk segments of a static body."""
-        points = self.polyline.tolist()
-        segments = []
+        points, segments = self.polyline.tolist(), []
         for i, (a, b) in enumerate(pairwise(points)):
             segment = pymunk.Segment(ground, a, b, 0.0)
             segment.set_neighbors(points[max(i - 1, 0)], points[min(i + 2, len(points) - 1)])
-            segment.friction = self.friction
-            segment.elasticity = self.restitution
+            segment.friction, segment.elasticity = self.friction, self.restitution
             segments.append(segment)
-        return segments
+        space.add(ground, *segments)
+        return ground
 
 
 def _numbers(name: str, value: Any) -> Array:
@@ -312,14 +217,9 @@ def make_terrain(
     friction: float | None = None,
     restitution: float | None = None,
 ) -> Terrain:
-    """Return a terrain from a user's argument.
+    """Return a terrain from a user's argument, see :data:`ALLOWED`; ValueError for anything else.
 
-    Args:
-        terrain: a :class:`Terrain`, ``"flat"``, ``"slope:ANGLE"`` (rad), or (x, y) points.
-        friction, restitution: replace the terrain's own where given.
-
-    Raises:
-        ValueError: anything else.
+    ``friction`` and ``restitution`` replace the terrain's own where given.
     """
     if isinstance(terrain, Terrain):
         made = terrain

@@ -19,6 +19,7 @@ Random: TypeAlias = np.random.Generator
 
 START = 0.6  # m, from the origin to where a ground begins: the machine's toes reach 0.55 m
 REACH = 9.0  # m, to where it ends: 8 m are 10 s at 0.8 m/s, and the toes ahead
+MAX_SLOPE = math.radians(80.0)
 RISER_SLOPE = math.radians(75.0)  # of the faces of steps, as x must increase from point to point
 LEAST_RUN = 1e-3  # m, of a face however low
 PER_WAVE = 8  # vertices
@@ -84,7 +85,7 @@ def _room(name: str, value: float, face: float) -> float:
 
 
 def rough(rng: Random, height: float, spacing: float, start: float, reach: float) -> Array:
-    """Vertices at a spacing, heights uniform in +- ``height``; see ``Terrain.rough``."""
+    """Vertices at a spacing on both sides, with heights uniform in +- ``height``."""
     instance("rng", rng, np.random.Generator)
     height, spacing = within("height", height, 0.0, TALLEST), positive("spacing", spacing)
     start, reach = level_ends(start, reach)
@@ -95,8 +96,16 @@ def rough(rng: Random, height: float, spacing: float, start: float, reach: float
     return both_sides(sides[0], sides[1])
 
 
-def waves(height: float, length: float, start: float, reach: float) -> Array:
-    """See ``Terrain.waves``."""
+def waves(
+    height: float = 0.03, length: float = 1.0, start: float = START, reach: float = REACH
+) -> Array:
+    """Cosine waves on both sides of the origin, of eight segments each.
+
+    Args:
+        height: m, from trough to crest; below 0 they begin with a trough. length: of a wave, m.
+        start: m from the origin, to where the ground is level. reach: m, where they end, with
+            the last that has room; level beyond.
+    """
     height, length = within("height", height, -TALLEST, TALLEST), positive("length", length)
     start, reach = level_ends(start, reach)
     count = periods(start, reach, length)
@@ -107,8 +116,18 @@ def waves(height: float, length: float, start: float, reach: float) -> Array:
     return both_sides(side, side)
 
 
-def stairs(rise: float, tread: float, start: float, reach: float) -> Array:
-    """See ``Terrain.stairs``."""
+def stairs(
+    rise: float = 0.03, tread: float = 0.4, start: float = START, reach: float = REACH
+) -> Array:
+    """Stairs that rise towards +x for ``rise`` > 0, with a landing around the origin.
+
+    The faces of all steps are 75 degrees steep, as x must increase: see ``docs/terrain.md``.
+
+    Args:
+        rise: m, of each step. tread: m, from step to step.
+        start, reach: m, half the landing but for half a tread, and where the stairs end on
+            either side; level beyond.
+    """
     rise = within("rise", rise, -TALLEST, TALLEST)
     tread = _room("tread", tread, rise)
     start, reach = level_ends(start, reach)
@@ -118,8 +137,22 @@ def stairs(rise: float, tread: float, start: float, reach: float) -> Array:
     return both_sides(treads(edges, heights), treads(edges, -heights))
 
 
-def steps(rng: Random, height: float, spacing: float, start: float, reach: float) -> Array:
-    """See ``Terrain.steps``."""
+def steps(
+    rng: Random,
+    height: float = 0.03,
+    spacing: float = 0.5,
+    start: float = START,
+    reach: float = REACH,
+) -> Array:
+    """Level pieces of random heights and lengths, with steps between them.
+
+    Args:
+        rng: the generator that they are drawn from.
+        height: m; the pieces' are uniform in +- height / 2, so that no step is higher.
+        spacing: m, the mean length of a piece; lengths are uniform in 0.5 to 1.5 times that.
+        start, reach: m from the origin, where they begin and about where they end, on both
+            sides; level before and beyond.
+    """
     instance("rng", rng, np.random.Generator)
     height = within("height", height, 0.0, TALLEST)
     spacing = 2.0 * _room("spacing / 2", 0.5 * finite("spacing", spacing), height)
@@ -130,8 +163,20 @@ def steps(rng: Random, height: float, spacing: float, start: float, reach: float
     return both_sides(treads(edges[0], heights[0]), treads(edges[1], heights[1]))
 
 
-def stumps(height: float, width: float, spacing: float, start: float, reach: float) -> Array:
-    """See ``Terrain.stumps``."""
+def stumps(
+    height: float = 0.03,
+    width: float = 0.2,
+    spacing: float = 1.0,
+    start: float = START,
+    reach: float = REACH,
+) -> Array:
+    """Blocks on level ground on both sides of the origin, or ditches for ``height`` < 0.
+
+    Args:
+        height, width: m, of a block. spacing: m, from one to the next.
+        start, reach: m from the origin, where the ground begins, half a gap before the first
+            block, and where it ends; level beyond.
+    """
     height = within("height", height, -TALLEST, TALLEST)
     width = _room("width", width, height)
     gap = _room("spacing - width", finite("spacing", spacing) - width, height)
@@ -144,9 +189,16 @@ def stumps(height: float, width: float, spacing: float, start: float, reach: flo
     return both_sides(side, side)
 
 
-def ramps(angle: float, length: float, start: float, reach: float, steepest: float) -> Array:
-    """See ``Terrain.ramps``."""
-    angle, length = within("angle", angle, -steepest, steepest), positive("length", length)
+def ramps(
+    angle: float = 0.1, length: float = 0.8, start: float = START, reach: float = REACH
+) -> Array:
+    """Ramps up and down with level pieces between them, on both sides of the origin.
+
+    Args:
+        angle: rad; below 0 they go down first. length: m in x, of a ramp and a level piece.
+        start, reach: m from the origin, where they begin and end; level beyond.
+    """
+    angle, length = within("angle", angle, -MAX_SLOPE, MAX_SLOPE), positive("length", length)
     start, reach = level_ends(start, reach)
     count = periods(start, reach, 4.0 * length)
     side = np.empty((4 * count, 2))

@@ -12,7 +12,6 @@ from jansen_env import ROBOTS, Payload, Robot, Terrain
 from jansen_env.envs.walker import JansenWalkerEnv
 from jansen_env.plants import bodies as links
 from jansen_env.plants.batch import Batch
-from jansen_env.plants.batch_of_one import BatchOfOne
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.rigid_body import RigidBodyPlant
 from jansen_env.plants.trace import trace_forces
@@ -94,8 +93,8 @@ def test_the_impulse_named_arrives(design):
 def test_the_impulse_named_arrives_body_by_body(design):
     """On the rigid-body plant: linear momentum to rounding; angular, gaps included, to 1 %."""
     plant = RigidBodyPlant(DESIGNS[design], Terrain.flat(), gravity=0.0)
-    spin = (lambda: 0.0) if plant._rotor is None else (lambda: plant._rotor.speed)
-    linear, angular, moment = thrown(plant, lambda: plant._space.snapshot().motion, spin)
+    spin = (lambda: 0.0) if plant.batch._rotor is None else (lambda: plant.batch._rotor.speed)
+    linear, angular, moment = thrown(plant, lambda: plant.batch._space.snapshot().motion, spin)
     assert linear == pytest.approx(IMPULSE, abs=1e-9)
     assert angular == pytest.approx(moment, rel=1e-2)
 
@@ -203,7 +202,7 @@ def test_robots_of_a_batch_are_pushed_one_by_one():
         assert plant.state.tobytes() == batch.states[k].tobytes()
         assert result.push_work == batch.accumulators["push_work"][k]
     assert len(set(batch.states[:, 0].tolist())) == 3
-    one = BatchOfOne(ProjectionPlant(robot, terrain))
+    one = ProjectionPlant(robot, terrain).batch
     one.place(np.zeros(1, np.int64), np.zeros(1))
     one.step(torque[:1], 40, earlier[:1], switch[:1], pushes=pushes[1:2])
     assert one.states.tobytes() == batch.states[1:2].tobytes()

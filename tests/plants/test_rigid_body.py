@@ -60,7 +60,7 @@ def test_pins_meet_where_the_joints_are(robot):
     plant = plant_on(robot=robot)
     plant.state = FLYING
     joints = world_joints(robot, FLYING[:4]).reshape(-1, 2)
-    for pin in plant._space.pins:
+    for pin in plant.batch._space.pins:
         a, b = pin.a.local_to_world(pin.anchor_a), pin.b.local_to_world(pin.anchor_b)
         assert (a - b).length < 1e-12
         assert np.hypot(*(joints - np.array(a)).T).min() < 1e-12
@@ -85,10 +85,10 @@ def test_flight_is_a_parabola_whatever_the_crank_does():
     """Centre of mass in free flight: v t - g t^2 / 2, to pymunk's first order, g h t / 2."""
     plant = plant_on()
     plant.state = FLYING
-    mass = plant._space.inertias[:, 0] / plant._space.inertias[:, 0].sum()
+    mass = plant.batch._space.inertias[:, 0] / plant.batch._space.inertias[:, 0].sum()
 
     def centre():
-        motion = plant._space.snapshot().motion
+        motion = plant.batch._space.snapshot().motion
         return mass @ motion[:, :2], mass @ motion[:, 3:5]
 
     (start, speed), duration = centre(), 0.5
@@ -173,7 +173,9 @@ def test_a_pull_is_felt():
     for _ in range(2):
         plant.step(-8.0 * plant.state[7], 0.05)
         speeds.append(
-            plant._space.inertias[:, 0] @ plant._space.snapshot().motion[:, 3] / paper_robot().mass
+            plant.batch._space.inertias[:, 0]
+            @ plant.batch._space.snapshot().motion[:, 3]
+            / paper_robot().mass
         )
     (first, last) = speeds
     assert (last - first) / 0.05 == pytest.approx(0.2 * 9.81, rel=1e-6)

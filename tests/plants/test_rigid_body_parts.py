@@ -13,7 +13,6 @@ import pytest
 from jansen_env import ROBOTS, Motor, Robot, Terrain
 from jansen_env.dynamics.joint_forces import joint_forces
 from jansen_env.plants.base import StepResult
-from jansen_env.plants.batch_of_one import BatchOfOne
 from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.rigid_body import RigidBodyPlant
 from jansen_env.robot import BEARINGS, BODIES_PER_LEG, Compliance
@@ -47,12 +46,12 @@ def spun(plant, state, torque, duration):
 
 def angular_momentum(plant):
     """(bodies, rotor) kg m^2/s: of all bodies about their common centre of mass, and the rotor."""
-    motion, (mass, inertia) = plant._space.snapshot().motion, plant._space.inertias.T
+    motion, (mass, inertia) = plant.batch._space.snapshot().motion, plant.batch._space.inertias.T
     place, speed = motion[:, :2], motion[:, 3:5]
     centre, mean = (mass @ place) / mass.sum(), (mass @ speed) / mass.sum()
     arm, drift = place - centre, speed - mean
     orbit = mass @ (arm[:, 0] * drift[:, 1] - arm[:, 1] * drift[:, 0])
-    return orbit + inertia @ motion[:, 5], plant._rotor.inertia * plant._rotor.speed
+    return orbit + inertia @ motion[:, 5], plant.batch._rotor.inertia * plant.batch._rotor.speed
 
 
 def test_the_rotor_keeps_the_angular_momentum_of_the_whole():
@@ -73,7 +72,7 @@ def test_the_rotor_turns_with_the_gear():
     plant = RigidBodyPlant(replace(LIGHT, motor=ROTOR), Terrain.flat())
     *_, pitch_rate, crank_rate = spun(plant, FLYING, 2.0, 0.1)
     ideal = pitch_rate + ROTOR.gear_ratio * crank_rate
-    assert plant._rotor.speed == pytest.approx(ideal, rel=1e-3) and abs(ideal) > 30.0
+    assert plant.batch._rotor.speed == pytest.approx(ideal, rel=1e-3) and abs(ideal) > 30.0
 
 
 def dense(robot, state, torque, duration, steps=100):
@@ -196,9 +195,9 @@ def test_an_earlier_torque_comes_first(switch):
     ]
     assert (plants[0].state == plants[1].state).all()
     assert whole.motor_work == pytest.approx(sum(p.motor_work for p in parts), rel=1e-12)
-    batch = BatchOfOne(RigidBodyPlant(LIGHT, Terrain.flat()))
+    batch = RigidBodyPlant(LIGHT, Terrain.flat()).batch
     batch.place(np.array([0]), np.array([0.0]))
-    batch.plant.reset()
+    batch.place_at(np.array([0]), np.array([0.0]))
     batch.step(np.array([2.0]), 80, np.array([-1.0]), np.array([switch]))
     assert (batch.states[0] == plants[0].state).all()
     assert batch.accumulators["motor_work"][0] == whole.motor_work
@@ -282,7 +281,11 @@ def test_bristles_slide_with_coulombs_friction():
     _, _, plant = pulled(0.3, 0.1, friction=0.2)
 
     def speed():
-        return plant._space.inertias[:, 0] @ plant._space.snapshot().motion[:, 3] / LOCKED.mass
+        return (
+            plant.batch._space.inertias[:, 0]
+            @ plant.batch._space.snapshot().motion[:, 3]
+            / LOCKED.mass
+        )
 
     before = speed()
     result = plant.step(0.0, 0.1)
@@ -296,16 +299,16 @@ def test_bristles_slide_with_coulombs_friction():
 def test_bristles_are_remembered():
     """By a lookahead, which changes nothing, and a copy; a state that is set has none."""
     _, _, plant = pulled(0.05)
-    bent = plant._springs.bristle.copy()
+    bent = plant.batch._springs.bristle.copy()
     before = plant.state
     plant.lookahead(1.0)
-    assert (plant._springs.bristle != 0.0).sum() == 2
-    np.testing.assert_allclose(plant._springs.bristle, bent, atol=1e-6)
+    assert (plant.batch._springs.bristle != 0.0).sum() == 2
+    np.testing.assert_allclose(plant.batch._springs.bristle, bent, atol=1e-6)
     np.testing.assert_allclose(plant.state, before, atol=1e-9)
     copy = pickle.loads(pickle.dumps(plant))
-    assert (copy._springs.bristle == plant._springs.bristle).all()
+    assert (copy.batch._springs.bristle == plant.batch._springs.bristle).all()
     plant.state = before
-    assert np.abs(plant._springs.bristle).max() < 1e-5 < np.abs(bent).max()
+    assert np.abs(plant.batch._springs.bristle).max() < 1e-5 < np.abs(bent).max()
 
 
 def test_a_time_step_too_long_for_the_pads_is_refused():
@@ -328,7 +331,9 @@ def test_a_time_step_too_long_for_the_pads_is_refused():
 def test_what_is_ideal_costs_nothing():
     """Neither rotor nor springs nor joints of dry friction; electrical work is mechanical work."""
     plant = RigidBodyPlant(Robot(), Terrain.flat())
-    assert plant._rotor is None and plant._springs is None and plant._space.dry == []
+    assert (
+        plant.batch._rotor is None and plant.batch._springs is None and plant.batch._space.dry == []
+    )
     plant.reset()
     result = plant.step(3.0, 0.02)
     assert isinstance(result, StepResult) and result.motor_work > 0.0

@@ -14,7 +14,6 @@ from jansen_env import ROBOTS, Motor, Payload, Robot, Terrain
 from jansen_env.dynamics import reduced as rd
 from jansen_env.parameters import OF_ROBOTS, ROBOT_PARAMETERS, effective, nominal
 from jansen_env.plants.batch import Batch
-from jansen_env.plants.batch_of_one import BatchOfOne
 from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.rigid_body import RigidBodyPlant
@@ -142,7 +141,7 @@ def test_the_rigid_body_plant_is_varied_alike():
     """Set down and driven, states of both plants 0.06 s on; and back to as it was, to the bit."""
     ends = {}
     for name, make in {"projection": ProjectionPlant, "rigid_body": RigidBodyPlant}.items():
-        batch = BatchOfOne(make(GIVING, GROUND))
+        batch = make(GIVING, GROUND).batch
         place = np.zeros(1, np.int64), np.array([0.3])
         batch.set_parameters(place[0], np.array([changed_row(GIVING, *CHANGES)], ROBOT_PARAMETERS))
         batch.place(*place)
@@ -152,7 +151,7 @@ def test_the_rigid_body_plant_is_varied_alike():
         assert not batch.any_diverged
         batch.set_parameters(place[0], batch.nominal)
         batch.place(*place)
-        again = BatchOfOne(make(GIVING, GROUND))
+        again = make(GIVING, GROUND).batch
         again.place(*place)
         assert batch.states.tobytes() == again.states.tobytes()
     assert np.abs(ends["projection"] - [0.0, 0.0, 0.0, 0.3]).max() > 0.02

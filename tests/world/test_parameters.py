@@ -53,7 +53,7 @@ def test_a_row_that_no_plant_knows_is_refused_by_name(plant, monkeypatch):
     """As if nobody had told the plants of it; the others go on."""
     for honours in ("HONOURED_BY_MACHINES", "HONOURED_BY_KERNELS"):
         assert {*parameters.OF_ROBOTS} == getattr(robot_parameters, honours)
-    for kind in (Batch, type(make_batch("rigid_body", [Robot()], [gym_terrain()]).plant)):
+    for kind in (Batch, type(make_batch("rigid_body", [Robot()], [gym_terrain()]))):
         monkeypatch.setattr(kind, "honours", kind.honours - {"mass_scale"})
     monkeypatch.setattr("jansen_env.plants.batch_robots.BatchRobots.honours", Batch.honours)
     ranges = {"mass_scale": (0.9, 1.1)}

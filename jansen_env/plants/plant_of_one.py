@@ -1,0 +1,169 @@
+"""The plant of one robot: a view of a batch of one."""
+
+from __future__ import annotations
+
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.checks import finite, positive
+from jansen_env.gravity import Gravity
+from jansen_env.parameters import ROBOT_PARAMETERS
+from jansen_env.plants.base import (
+    ENERGIES,
+    StepResult,
+    check_in_contact,
+    check_pushes,
+    check_state,
+)
+from jansen_env.plants.batch import Batch
+from jansen_env.plants.rigid_batch import RigidBodyBatch
+from jansen_env.robot import Robot
+from jansen_env.terrain import Terrain
+
+Array = NDArray[np.float64]
+B = TypeVar("B", Batch, RigidBodyBatch)
+
+FIRST = np.zeros(1, np.int64)
+
+
+class PlantOfOne(Generic[B]):
+    """A robot on a terrain: reset, step(torque), state. It is a :attr:`batch` of one."""
+
+    def __init__(self, batch: B) -> None:
+        self.batch: B = batch
+        self.time_step, self.toes = batch.time_step, batch.toes
+
+    @classmethod
+    def of(cls, batch: B) -> Any:
+        """Return the plant that a batch of one robot is."""
+        plant = cls.__new__(cls)
+        PlantOfOne.__init__(plant, batch)
+        return plant
+
+    @property
+    def robot(self) -> Robot:
+        """The robot, without parameters."""
+        return self.batch.robots[0]
+
+    @property
+    def terrain(self) -> Terrain:
+        """The terrain, without parameters."""
+        return self.batch.terrains[0]
+
+    @property
+    def state(self) -> Array:
+        """(8,) x, y, theta, psi and their rates, a copy; x, y the crank axis, m, rad, s."""
+        return self.batch.states[0].copy()
+
+    @state.setter
+    def state(self, value: Array) -> None:
+        self.batch.set_state(0, check_state(value))
+
+    @property
+    def x(self) -> float:
+        """Position of the crank axis along the ground, m."""
+        return float(self.batch.states[0, 0])
+
+    @property
+    def gravity(self) -> tuple[float, float]:
+        """(x, y) m/s^2, without the tilt of the parameters; a :data:`Gravity` may be set."""
+        return self.batch.gravity
+
+    @gravity.setter
+    def gravity(self, value: Gravity) -> None:
+        self.batch.change(0, {"gravity": value})
+
+    @property
+    def nominal(self) -> np.void:
+        """The robot's and its ground's own numbers, for :meth:`set_parameters`."""
+        return self.batch.nominal[0].copy()
+
+    def set_parameters(self, values: np.void) -> None:
+        """Put parameters in force, see :class:`jansen_env.plants.base.BatchedPlant`."""
+        self.batch.set_parameters(FIRST, np.array([values], ROBOT_PARAMETERS))
+
+    @property
+    def in_contact(self) -> NDArray[np.bool_] | None:
+        """(pads,) the pads on the ground; None where that is not known.
+
+        Part of the state only in that it says what lands next: set it after :attr:`state`.
+        """
+        in_contact = self.batch.in_contact
+        return None if in_contact is None else in_contact.copy()
+
+    @in_contact.setter
+    def in_contact(self, value: Any) -> None:
+        self.batch.in_contact = check_in_contact(value, len(self.batch.deflection[0]))
+
+    def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
+        """Place the robot at rest, see :meth:`Batch.place_at`; returns the new state (8,)."""
+        self.batch.place_at(FIRST, np.array([finite("crank_angle", crank_angle)]), x, pitch)
+        return self.state
+
+    def lookahead(self, torque: float = 0.0, push: Array | None = None) -> StepResult:
+        """Result of the next time step (rigid bodies: 10 ms); the state stays as it is.
+
+        ``push``: (2,) N s, the impulse on the chassis in the first time step, None for none.
+        """
+        pushes = None if push is None else check_pushes(push)[None, None]
+        self.batch.lookahead(torque, pushes=pushes)
+        return self._result(torque, self.batch.lookahead_steps)
+
+    def step(
+        self,
+        torque: float,
+        duration: float,
+        earlier: float = 0.0,
+        switch: int = 0,
+        pushes: Array | None = None,
+    ) -> StepResult:
+        """Hold a crank torque for a while.
+
+        Args:
+            torque: N m on the crank, counter-clockwise positive (and its reaction on the chassis).
+            duration: s, rounded to whole time steps.
+            earlier, switch, pushes (steps, 2): as of one robot in
+                :meth:`jansen_env.plants.base.BatchedPlant.step`.
+
+        Raises:
+            ValueError: a duration out of range, or pushes of another shape.
+            FloatingPointError: the simulation diverged: a speed that nothing has, a pad deep in the
+                ground; with rigid bodies also a joint that came apart, or a robot at the end of the
+                ground. The state is as it was before.
+        """
+        steps = max(1, round(positive("duration", duration) / self.time_step))
+        asked, before = np.array([torque], dtype=float), np.array([earlier], dtype=float)
+        impulses = None if pushes is None else check_pushes(pushes, steps)[None]
+        self.batch.step(asked, steps, before, np.array([switch]), pushes=impulses)
+        return self._result(torque, steps)
+
+    def _result(self, torque: float, steps: int) -> StepResult:
+        """Return the result of the batch's last step, of so many time steps."""
+        batch = self.batch
+        if batch.any_diverged:
+            raise batch.refusal(torque)
+        total = batch.accumulators[0]
+        sums = dict(zip(total.dtype.names or (), total.item(), strict=True))
+        return StepResult(
+            slip=batch.slip[0].copy(),
+            contact_force=batch.contact_force[0].copy(),
+            non_toe_contact=sums["non_toe_impulse"] > 0.0,
+            residual=sums["worst_residual"],
+            joint_gap=float(batch.joint_gap[0]),
+            torque=torque + sums["torque_impulse"] / (steps * self.time_step),
+            **{name: sums[name] for name in ENERGIES},
+        )
+
+    def contact_frames(self) -> tuple[Array, Array]:
+        """(toes, 2) points and tangents, see :class:`jansen_env.plants.base.BatchedPlant`."""
+        return self.batch.contact_frames(0)
+
+    def toe_positions(self) -> Array:
+        """(toes, 2) centres of the toe pads, m."""
+        return self.batch.pad_centres(0)[: self.toes]
+
+    def energy(self) -> float:
+        """Kinetic plus potential energy, J (potential 0 with the centre of mass at y = 0)."""
+        return self.batch.energy(0)

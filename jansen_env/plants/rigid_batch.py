@@ -1,0 +1,400 @@
+"""The rigid-body plant: every link a pymunk body, every pin a joint, pymunk's own contact solver.
+
+It shares with the projection plant the robot's data, the ground and the contact laws, not its
+equations and solvers. Compliant pads have springs of their own. Motor and viscous joints act as
+torques on the bodies, dry bearings and a dry gear are joints that hold up to their friction torque,
+the rotor is a body behind a stiff gear.
+
+pymunk solves pins and contacts by iteration in one go and pulls open joints together again: joints
+gap by some hundredths of a millimetre (:attr:`StepResult.joint_gap`) and resting toes creep. It
+goes on from the last time step's impulses, which a landing toe does not have: a step with a landing
+gets ten times the iterations. It is some hundred times slower than the projection plant.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jansen_env.checks import positive_integer, within
+from jansen_env.dynamics.joint_forces import JointForces
+from jansen_env.dynamics.pads import pad_layout
+from jansen_env.engine.integrator import DIVERGED
+from jansen_env.engine.records import ROBOT, UNKNOWN_DEFLECTION
+from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
+from jansen_env.parameters import ROBOT_PARAMETERS, nominal
+from jansen_env.plants import bodies as links
+from jansen_env.plants.base import check_pushes, check_time_step, divergence
+from jansen_env.plants.bodies import CHASSIS, SHAFT
+from jansen_env.plants.body_space import BodySpace
+from jansen_env.plants.geared_rotor import GearedRotor
+from jansen_env.plants.initial_pose import prepare_placement, resting_pose, static_deflection
+from jansen_env.plants.robot_parameters import (
+    HONOURED_BY_MACHINES,
+    check_values,
+    machine_of,
+    terrain_of,
+    tilted,
+)
+from jansen_env.plants.snapshot import ANGLE, SPIN, VX, VY, Snapshot, Sums
+from jansen_env.plants.spring_pads import SpringPads
+from jansen_env.plants.trace import PeakLoads
+from jansen_env.robot import Robot
+from jansen_env.robot.kinematics import check_closure
+from jansen_env.terrain import Terrain
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+TIME_STEP = 2.5e-4  # s
+ITERATIONS = 200  # of pymunk's solver in a time step, from the last one's impulses on
+TOUCHDOWN_ITERATIONS = 2000  # in one in which a pad may touch down, with nothing to go on from
+BEFORE_END = 5.0  # m, from the end of the ground at which a robot must turn back
+MAX_JOINT_GAP = 0.01  # m, a joint's gap beyond which the robot is no longer one
+CHANGING = ("parameters", "rows", "slip", "contact_force", "joint_gap", "diverged")
+LOOKAHEAD = 0.01  # s, after which pymunk's impulses on a robot placed again have settled
+
+
+class RigidBodyBatch:
+    """A robot on a terrain, body by body, as a :class:`jansen_env.plants.base.BatchedPlant` of one.
+
+    Args:
+        time_step: of pymunk, s. gravity: m/s^2 downwards, or a vector (x, y).
+        iterations: of pymunk's solver in a time step. touchdown_iterations: in one in which a pad
+            may touch down; an impact has to run through all joints at once, or it is too soft.
+        fixed_base: hold the chassis still in the air, as the paper's fixed model does.
+
+    Raises:
+        ValueError: an argument out of range, or a time step too long for the stiffness of the
+            robot's pads; LinkageError: the robot cannot turn its crank.
+    """
+
+    honours = HONOURED_BY_MACHINES
+    changeable: frozenset[str] = frozenset()
+    knows_joint_forces, joints_open, tracing = False, True, False
+
+    def __init__(
+        self,
+        robot: Robot,
+        terrain: Terrain,
+        time_step: float = TIME_STEP,
+        gravity: Gravity = GRAVITY,
+        iterations: int = ITERATIONS,
+        touchdown_iterations: int = TOUCHDOWN_ITERATIONS,
+        fixed_base: bool = False,
+    ) -> None:
+        check_closure(robot)
+        self.robots, self.terrains = [robot], [terrain]
+        self.nominal = np.array([nominal(robot, terrain)], ROBOT_PARAMETERS)
+        self.parameters = self.nominal.copy()
+        self.time_step = check_time_step(time_step)
+        self.iterations = positive_integer("iterations", iterations)
+        self.touchdown_iterations = positive_integer("touchdown_iterations", touchdown_iterations)
+        self.fixed_base = bool(fixed_base)
+        self.toes = toes = len(robot.legs)
+        self.slip, self.contact_force = np.zeros((1, toes)), np.zeros((1, toes, 2))
+        self.rows, self.joint_gap = np.zeros(1, ROBOT), np.zeros(1)
+        self.accumulators = self.rows["accumulators"]
+        self.diverged, self.any_diverged = np.zeros(1, bool), False
+        self.lookahead_steps = max(1, round(LOOKAHEAD / self.time_step))
+        self._owners = links.pad_bodies(pad_layout(robot))
+        self.gravity = gravity_vector(gravity)
+        prepare_placement(robot, terrain)
+        self._apply_parameters()
+        self._build(np.zeros(8))
+
+    def _apply_parameters(self) -> None:
+        """Take the machine, the ground and the gravity that :attr:`parameters` make."""
+        values = self.parameters[0]
+        robot = self._machine = machine_of(self.robots[0], values)
+        terrain = self._ground = terrain_of(self.terrains[0], values)
+        self._effective_gravity = tilted(self.gravity, float(values["tilt"]))
+        self._friction = links.joint_friction(robot)
+        self._springs = self._rotor = None
+        if not robot.pad_compliance.rigid:
+            self._springs = SpringPads(robot, terrain, self._owners, self.time_step)
+        if robot.motor.rotor_inertia > 0.0:
+            self._rotor = GearedRotor(robot, self.time_step)
+        first, last = terrain.polyline[[0, -1], 0].tolist()
+        self._ends = first + BEFORE_END, last - BEFORE_END
+        self.surface: Array = terrain.polyline.copy()
+        self.rows["status"]["end_vertex"] = len(self.surface)
+
+    def set_parameters(self, rows: Ints, values: NDArray[np.void]) -> None:
+        """Put parameters in force; ValueError also if the pads are too stiff for the time step."""
+        compliant = np.array([not self.robots[0].pad_compliance.rigid])
+        for k in range(len(values)):
+            check_values(values[k : k + 1], self.nominal, compliant, self.honours)
+            self._change(self.terrains[0], values[k])
+
+    def set_terrain(self, row: int, terrain: Terrain) -> None:
+        values = self.parameters[0].copy()
+        values["friction"], values["restitution"] = terrain.friction, terrain.restitution
+        self._change(terrain, values)
+        for name in ("friction", "restitution"):
+            self.nominal[name] = values[name]
+
+    def _change(self, terrain: Terrain, values: np.void) -> None:
+        """Go on from the same state as another robot on another ground."""
+        before, memory = (self.terrains[0], self.parameters.copy()), self._memory
+        self.terrains[0], self.parameters[0] = terrain, values
+        try:
+            self._apply_parameters()
+        except ValueError:
+            self.terrains[0], self.parameters[:] = before
+            self._apply_parameters()
+            raise
+        finally:
+            self._memory = memory
+
+    def change(self, row: int, changes: dict[str, Any]) -> None:
+        """Change the gravity; this plant is built once. Raises ValueError: anything else."""
+        if {*changes} != {"gravity"}:
+            raise ValueError(f"{sorted(changes)} cannot be changed on this plant")
+        self.gravity = gravity_vector(changes["gravity"])
+        self._effective_gravity = tilted(self.gravity, float(self.parameters["tilt"][0]))
+        self._space.set_gravity(self._effective_gravity)
+
+    def _build(self, state: Array, bristle: Array | None = None) -> None:
+        """Put the robot into ``state`` in a new space; bristle: (pads,) m, of compliant pads."""
+        pull, h = self._effective_gravity, self.time_step
+        self._space = BodySpace(self._machine, self._ground, pull, h, state, self.fixed_base)
+        self._contacts = self._space.contacts
+        now = self._space.snapshot()
+        if self._springs is not None:
+            self._springs.start(now, self._space.space, bristle)
+        if self._rotor is not None:
+            self._rotor.start(now.motion)
+
+    @property
+    def states(self) -> Array:
+        return self._space.state[None]
+
+    def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
+        """Close the joints in a state (8,); without ``deflection`` (pads, 2), m, bristles rest."""
+        state = np.asarray(state, dtype=float)
+        if self.fixed_base and state[4:7].any():
+            raise ValueError(f"state is {state!r}, its chassis must not move: its base is fixed")
+        self._build(state)
+        if deflection is not None and self._springs is not None:
+            self._memory = self._space.state, self.in_contact, deflection[:, 1]
+
+    @property
+    def in_contact(self) -> NDArray[np.bool_]:
+        return self._contacts.pressed
+
+    @in_contact.setter
+    def in_contact(self, value: NDArray[np.bool_] | None) -> None:
+        self._contacts.set_pressed(value)
+
+    def place(self, rows: Ints, crank_angles: Array) -> None:
+        self.place_at(rows, crank_angles)
+        self.lookahead()
+        if self.any_diverged:
+            raise self.refusal(0.0)
+
+    def place_at(
+        self, rows: Ints, crank_angles: Array, x: float = 0.0, pitch: float | None = None
+    ) -> None:
+        """Place the robot, see :meth:`jansen_env.plants.batch.Batch.place_at`, where ground is."""
+        within("x", x, *self._ends)
+        angle = float(crank_angles[0])
+        level = links.poses(self._machine, np.array([0.0, 0.0, 0.0, angle]))
+        masses = links.inertias(self._machine)[:, 0]
+        centre = masses @ level[:, 1:] / masses.sum()
+        y, theta = resting_pose(self._machine, centre, self._ground, x, angle, pitch)
+        y -= static_deflection(self._machine, -self._effective_gravity[1])
+        self._build(np.array([x, y, theta, angle, 0.0, 0.0, 0.0, 0.0]))
+
+    def lookahead(self, torque: float = 0.0, pushes: Array | None = None) -> None:
+        """Fill sums with the next :data:`LOOKAHEAD` seconds; the state stays, joints closed."""
+        impulses, saved = np.zeros((self.lookahead_steps, 2)), self._memory
+        if pushes is not None:
+            impulses[0] = pushes[0, 0]
+        try:
+            self._run(torque, 0.0, 0, impulses)
+        finally:
+            self._memory = saved
+
+    def step(
+        self,
+        torque: Array,
+        steps: int,
+        earlier: Array | None = None,
+        switch: Ints | None = None,
+        rows: Ints | None = None,
+        meanwhile: Callable[[], None] | None = None,
+        pushes: Array | None = None,
+    ) -> None:
+        """Hold a crank torque (1,), N m; ``meanwhile`` is called afterwards, or alone."""
+        if rows is None or len(rows) > 0:
+            before, first = 0.0, 0
+            if earlier is not None and switch is not None:
+                before, first = float(earlier[0]), int(switch[0])
+            impulses = np.zeros((1, steps, 2)) if pushes is None else check_pushes(pushes, 1, steps)
+            self._run(float(torque[0]), before, first, impulses[0])
+        if meanwhile is not None:
+            meanwhile()
+
+    def _run(self, torque: float, earlier: float, switch: int, impulses: Array) -> None:
+        """Take time steps with impulses (steps, 2) on the chassis, N s."""
+        h, sums, before = self.time_step, Sums(len(self._owners)), self._space.state
+        now = self._space.snapshot()
+        start = now.energy + self._held
+        for k, impulse in enumerate(impulses):
+            now, used = self._advance(now, earlier if k < switch else torque, impulse, sums)
+            sums.torque_impulse += h * (used - torque)
+        self._refusal = self._refused(before, torque, sums.joint_gap)
+        self.diverged[:] = self.any_diverged = self._refusal is not None
+        self.accumulators[:] = 0.0
+        self.slip[:] = self.contact_force[:] = self.joint_gap[:] = 0.0
+        if self.any_diverged:
+            self._build(before)
+            return
+        sums.fill(self.accumulators[0], self.toes, torque, len(impulses), h)
+        self.accumulators["energy_change"] = now.energy + self._held - start
+        self.slip[0], self.joint_gap[0] = sums.slip[: self.toes], sums.joint_gap
+        self.contact_force[0] = sums.impulse[: self.toes] / (len(impulses) * h)
+
+    def refusal(self, torque: float) -> FloatingPointError:
+        """Return the error of the last step, which was refused."""
+        return self._refusal or divergence(self._space.state, torque)
+
+    def _refused(self, before: Array, torque: float, gap: float) -> FloatingPointError | None:
+        """Return the error of a step from state ``before`` (8,), None for none."""
+        state = self._space.state.tolist()
+        if not all(-DIVERGED < speed < DIVERGED for speed in state[4:]):
+            return divergence(before, torque)
+        if not gap < MAX_JOINT_GAP:
+            return FloatingPointError(
+                f"a joint came apart by {gap} m under a torque of {torque} N m; "
+                "try a smaller time_step"
+            )
+        if not self._ends[0] < state[0] < self._ends[1]:
+            return FloatingPointError(
+                f"the robot is at x = {state[0]} m; the ground of the rigid-body plant ends at "
+                f"{self._ends} m"
+            )
+        return None
+
+    def _advance(
+        self, now: Snapshot, asked: float, push: Array, sums: Sums
+    ) -> tuple[Snapshot, float]:
+        """Take a time step under a torque and a push (2,), N s; also returns the motor's torque."""
+        h, motor, rotor, springs = self.time_step, self._machine.motor, self._rotor, self._springs
+        spin, held = now.motion[:, SPIN], self._held
+        loads = self._space.loads
+        torque = float(motor.torque(asked, spin[SHAFT] - spin[CHASSIS]))
+        loads[:, 2] = -self._friction @ spin
+        loads[CHASSIS, 2] -= torque
+        loads[SHAFT, 2] += torque
+        if rotor is not None:
+            loads[[CHASSIS, SHAFT], 2] += rotor.on_bodies
+        loads[:, :2] = 0.0
+        if springs is not None:
+            loads += springs.loads(now)
+        # A generalised impulse on the chassis' (x, y, angle), where pymunk moves it first.
+        turned = now.motion[CHASSIS, ANGLE] + h * spin[CHASSIS]
+        cos, sin = math.cos(turned), math.sin(turned)
+        ax, ay = (-self._space.home[CHASSIS, 1:]).tolist()
+        x, y = cos * ax - sin * ay, sin * ax + cos * ay
+        impulse = np.array([*push, x * push[1] - y * push[0]])
+        loads[CHASSIS] += impulse / h
+        landing = springs is None and self._contacts.landing_soon(now)
+        after = self._space.advance(h, self.touchdown_iterations if landing else self.iterations)
+        mean = 0.5 * (spin + after.motion[:, SPIN])
+        moved = 0.5 * (now.motion[CHASSIS] + after.motion[CHASSIS])[[VX, VY, SPIN]]
+        push_work = float(impulse @ moved)
+        turning = float(mean[SHAFT] - mean[CHASSIS])
+        work = h * torque * turning
+        loss = h * float(spin @ self._friction @ mean) + self._space.dry_loss(mean)
+        if rotor is not None:
+            rotor.step(after.motion)
+            loss += rotor.loss
+        sums.motor_work += work
+        sums.push_work += push_work
+        sums.electrical_work += h * float(motor.electrical_power(torque, turning))
+        sums.joint_loss += loss
+        if springs is None:
+            slip_loss, landed = self._contacts.book(after, sums)
+            sums.slip_loss += slip_loss
+            if landed:
+                left = now.energy + held + work + push_work - loss - slip_loss
+                sums.impact_loss += left - (after.energy + self._held)
+        else:
+            touching = springs.touching
+            springs.step(after, self._space.space, sums)
+            self._contacts.note(touching)
+        sums.joint_gap = max(sums.joint_gap, after.joint_gap)
+        return after, torque
+
+    @property
+    def _held(self) -> float:
+        """Energy in rotor and springs, J."""
+        rotor = 0.0 if self._rotor is None else self._rotor.energy
+        return rotor + (0.0 if self._springs is None else self._springs.stored)
+
+    @property
+    def deflection(self) -> Array:
+        """(1, pads, 2) compression (unknown: the bodies tell) and bend of compliant pads, m."""
+        deflection = np.tile(UNKNOWN_DEFLECTION, (1, len(self._owners), 1))
+        if self._springs is not None:
+            deflection[0, :, 1] = self._springs.bristle
+        return deflection
+
+    @property
+    def _memory(self) -> tuple[Array, NDArray[np.bool_], Array | None]:
+        """State, pads on the ground and bristles; setting it closes joints and gear."""
+        bristle = None if self._springs is None else self._springs.bristle.copy()
+        return self._space.state, self.in_contact, bristle
+
+    @_memory.setter
+    def _memory(self, value: tuple[Array, NDArray[np.bool_], Array | None]) -> None:
+        state, in_contact, bristle = value
+        self._build(state, bristle)
+        self.in_contact = in_contact
+
+    def energy(self, row: int) -> float:
+        """Kinetic plus potential energy, J."""
+        return self._space.snapshot().energy + self._held
+
+    def pad_centres(self, row: int) -> Array:
+        """(pads, 2) centres of the pads, toes first, m."""
+        return self._space.snapshot().pads
+
+    def contact_frames(self, row: int) -> tuple[Array, Array]:
+        return self._space.contact_frames(self.pad_centres(0)[: self.toes])
+
+    def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
+        """Raise ValueError: they are not known."""
+        raise ValueError("joint forces are not known on this plant")
+
+    def peak_loads(self) -> PeakLoads:
+        """Raise ValueError: they are not known."""
+        raise ValueError("joint loads are not known on this plant")
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The arguments, and what has become of them: everything else is made again from them."""
+        return {
+            "arguments": (
+                self.robots[0], self.terrains[0], self.time_step, self.gravity, self.iterations,
+                self.touchdown_iterations, self.fixed_base,
+            ),
+            "memory": self._memory,
+            "arrays": {name: getattr(self, name).copy() for name in CHANGING},
+        }  # fmt: skip
+
+    def __setstate__(self, saved: dict[str, Any]) -> None:
+        self.__init__(*saved["arguments"])  # type: ignore[misc]
+        for name, value in saved["arrays"].items():
+            getattr(self, name)[:] = value
+        self.any_diverged = bool(self.diverged.any())
+        self._apply_parameters()
+        self._memory = saved["memory"]

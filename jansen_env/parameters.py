@@ -1,13 +1,13 @@
 """The table of parameters: numbers that may differ between robots and between episodes.
 
-One row each. Structured types, checks, ``randomize``, reset options, ``set_parameters``,
-``info["parameters"]`` and the documentation's table are all made from it. This module is plain data
-that plants read as well; :mod:`jansen_env.plants.robot_parameters` and the world put it in force.
+Structured types, checks, ``randomize``, reset options, ``set_parameters``, ``info["parameters"]``
+and the documentation's table are all made from it;
+:mod:`jansen_env.plants.robot_parameters` and the world apply it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -22,6 +22,10 @@ LARGEST = 1e6  # of a coefficient of friction, a mass in kg, a place in m
 LONGEST_DELAY = 1.0  # s, of an action
 LOUDEST = 1e3  # times noise and pushes
 SMALLEST_SCALE, LARGEST_SCALE = 0.01, 100.0
+
+
+def _never(robot: Robot) -> bool:
+    return False
 
 
 class Parameter(NamedTuple):
@@ -44,18 +48,14 @@ class Parameter(NamedTuple):
     nominal: Callable[[Robot, Terrain], float]
     honoured_by: Literal["plant", "world"] = "plant"
     idle: str = ""
-    is_idle: Callable[[Robot], bool] = lambda robot: False
+    is_idle: Callable[[Robot], bool] = _never
     set_as: str = ""
     argument: bool = False
     whole: bool = False
 
 
 def _scale(
-    name: str,
-    least: float,
-    meaning: str,
-    idle: str = "",
-    is_idle: Callable[[Robot], bool] = lambda robot: False,
+    name: str, least: float, meaning: str, idle: str = "", is_idle: Callable[[Robot], bool] = _never
 ) -> Parameter:
     """A factor of numbers of the robot, 1 where nothing is drawn."""
     return Parameter(
@@ -145,34 +145,25 @@ their meaning. Nothing else depends on it."""
 
 PARAMETERS = {row.name: row for row in TABLE}
 """The rows by name."""
-
-
-def _row_type(rows: Iterable[Parameter]) -> np.dtype[Any]:
-    return np.dtype([(row.name, "f8") for row in rows])
-
-
-EPISODE = _row_type(TABLE)
+EPISODE: np.dtype[Any] = np.dtype([(row.name, "f8") for row in TABLE])
 """The numbers of one episode."""
-ROBOT_PARAMETERS = _row_type(row for row in TABLE if row.honoured_by == "plant")
-"""Those of them that plants honour."""
-OF_ROBOTS: tuple[str, ...] = ROBOT_PARAMETERS.names or ()
+OF_ROBOTS = tuple(row.name for row in TABLE if row.honoured_by == "plant")
+"""Names of those of them that plants honour."""
+ROBOT_PARAMETERS: np.dtype[Any] = np.dtype([(name, "f8") for name in OF_ROBOTS])
+"""The numbers that plants honour."""
 CHANGES = tuple(
-    row.name
-    for row in TABLE
-    if row.honoured_by == "plant" and row.set_as == row.name and not row.argument
+    name for name in OF_ROBOTS if PARAMETERS[name].set_as == name and not PARAMETERS[name].argument
 )
 """Parameters that ``set_parameters`` changes by name, beside those that are arguments, too."""
-
 CHANGED_BY = tuple(dict.fromkeys(row.set_as for row in TABLE if row.set_as))
 """Arguments of ``set_parameters`` that change a parameter."""
 
 
 def nominal(robot: Robot, terrain: Terrain, row_type: np.dtype[Any] = ROBOT_PARAMETERS) -> np.void:
     """Return the row, of :data:`ROBOT_PARAMETERS` or :data:`EPISODE`, that changes nothing."""
-    row = np.zeros(1, row_type)[0]
-    for name in row_type.names or ():
-        row[name] = PARAMETERS[name].nominal(robot, terrain)
-    return row
+    names: Any = row_type.names
+    values = tuple(PARAMETERS[name].nominal(robot, terrain) for name in names)
+    return np.array([values], row_type)[0]
 
 
 def robot_parameters(episodes: NDArray[np.void]) -> NDArray[np.void]:

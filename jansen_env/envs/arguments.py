@@ -5,7 +5,6 @@ All functions raise ValueError for anything else than they describe.
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Mapping, Sequence
 from numbers import Integral
@@ -16,9 +15,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from jansen_env.checks import entries, instance, positive_integer, shown, whole_number
-from jansen_env.world.broadcasting import entries_of
-
-Array = NDArray[np.float64]
+from jansen_env.world.argument_checks import Array, entries_of
 
 RENDER_MODES = ["human", "rgb_array"]
 MOST_ROBOTS = 1_000_000  # of a vector environment: gigabytes
@@ -62,22 +59,8 @@ def autoreset_mode(mode: Any) -> AutoresetMode:
         raise ValueError(f"autoreset_mode is {shown(mode)}, must be one of {allowed}") from None
 
 
-def known_arguments(environment: type, given: Mapping[str, Any]) -> None:
-    """Raises TypeError for arguments that an environment does not have."""
-    allowed = inspect.signature(environment).parameters
-    unknown = sorted({*given} - {*allowed})
-    if unknown:
-        raise TypeError(
-            f"{environment.__name__} got an unexpected keyword argument {unknown[0]!r}, must be in {sorted(allowed)}"
-        )
-
-
 def reset_mask(count: int, mask: Any) -> NDArray[np.bool_]:
-    """Which robots to reset (count,), all for None.
-
-    Raises:
-        TypeError: no array of bools. ValueError: not one for each, or none of them set.
-    """
+    """Which robots to reset (count,), all for None; TypeError for no array of bools."""
     if mask is None:
         return np.ones(count, bool)
     if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
@@ -92,10 +75,7 @@ def reset_mask(count: int, mask: Any) -> NDArray[np.bool_]:
 
 def reset_options(options: Any) -> dict[str, Any]:
     """The options of ``reset``, a copy; none for None. Raises ValueError for anything else."""
-    if options is None:
-        return {}
-    instance("options", options, dict)
-    return dict(options)
+    return {} if options is None else dict(instance("options", options, dict))
 
 
 def broadcast_options(count: int, options: dict[str, Any]) -> list[dict[str, Any]]:
@@ -135,3 +115,9 @@ def info_keys(value: Any, known: Sequence[str]) -> tuple[str, ...] | None:
     if unknown := sorted(set(value) - set(known)):
         raise ValueError(f"info_keys has {unknown}, must be of {sorted(known)}")
     return tuple(value)
+
+
+def complete_state(state: Mapping[str, Any], example: Mapping[str, Any]) -> None:
+    """Raises ValueError where a state to go on from has not all that ``example`` has."""
+    if missing := sorted({*example} - {*state}):
+        raise ValueError(f"state lacks {missing}, must come from get_state()")

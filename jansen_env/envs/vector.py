@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from jansen_env.checks import positive_integer
 from jansen_env.envs import arguments
 from jansen_env.envs.single import ATask
-from jansen_env.world.actuated import Array, Bools, Ints
-from jansen_env.world.argument_checks import complete_state
+from jansen_env.world.actuated import Bools, Ints
+from jansen_env.world.argument_checks import Array
 from jansen_env.world.entries import Observed
 
 Observations = NDArray[np.float32]
@@ -48,7 +48,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
 
     Attributes:
         task: the task of all robots. dt, control_dt: s for which an action is held.
-        torque_limit: N m.
+        torque_limit: N m. observed: name, unit and limits of each number of an observation.
 
     Raises:
         ValueError: an argument out of range, or not one for each robot.
@@ -61,12 +61,10 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         """Show the task's arguments as those of the environment."""
         super().__init_subclass__(**kwargs)
-        own = inspect.signature(TaskVectorEnv.__init__).parameters
-        if "__init__" in cls.__dict__:  # of its own
-            return
-        shown = [*inspect.signature(cls.TASK).parameters.values()][2:]  # without num_envs, threads
-        before = [p for name, p in own.items() if name not in ("self", "task_arguments")]
-        cls.__signature__ = inspect.Signature([*before, *shown])  # type: ignore[attr-defined]
+        if "__init__" not in cls.__dict__:
+            _, *before, _ = inspect.signature(TaskVectorEnv.__init__).parameters.values()
+            shown = inspect.signature(cls.TASK).parameters.values()
+            cls.__signature__ = inspect.Signature([*before, *shown])  # type: ignore[attr-defined]
 
     def __init__(
         self,
@@ -85,11 +83,11 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         self.render_mode = arguments.render_mode(render_mode, self.metadata["render_modes"])
         self.autoreset_mode = arguments.autoreset_mode(autoreset_mode)
         self.max_episode_steps = arguments.broadcast_limits(n, max_episode_steps)
-        arguments.known_arguments(type(self), task_arguments)
         self.task = task = self.TASK(n, threads, **task_arguments)
         self.info_keys = arguments.info_keys(info_keys, task.information.keys)
         self.control_dt = self.dt = task.control_dt
-        self.torque_limit = task.torque_limit
+        self.torque_limit: float = task.world.robots[0].motor.torque_limit
+        self.observed: tuple[Observed, ...] = task.observed
         self.metadata = {
             **self.metadata,
             "render_fps": max(1, round(1.0 / self.dt)),
@@ -140,7 +138,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
                 self._generators[i], self._seeds[i] = seeding.np_random(seeds[i])
         self.restart(rows, [options[i] for i in rows.tolist()])
         self._begun |= mask
-        infos = self._informed(mask, np.zeros(self.num_envs, bool))
+        infos = self._infos(mask, np.zeros(self.num_envs, bool))
         return self.task.observation.copy(), infos
 
     def restart(self, rows: Ints, options: Sequence[dict[str, Any]] | None = None) -> None:
@@ -165,7 +163,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         if self.autoreset_mode == AutoresetMode.SAME_STEP and self._done.any():
             infos = self._restart_in_step(terminated | truncated)
         else:
-            infos = self._informed(np.ones(self.num_envs, bool), ~over)
+            infos = self._infos(np.ones(self.num_envs, bool), ~over)
         return self.task.observation.copy(), rewards, terminated, truncated, infos
 
     def advance(self, actions: NDArray[np.float32]) -> tuple[Bools, Bools]:
@@ -192,15 +190,14 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         final = np.full(self.num_envs, None, object)
         for i in np.flatnonzero(done).tolist():
             final[i] = self.task.observation[i].copy()
-        last = self._informed(done, done)
+        last = self._infos(done, done)
         self.restart(np.flatnonzero(done))
-        infos = self._informed(np.ones(self.num_envs, bool), ~done)
+        infos = self._infos(np.ones(self.num_envs, bool), ~done)
         infos["final_obs"], infos["_final_obs"] = final, done.copy()
         infos["final_info"], infos["_final_info"] = last, done.copy()
         return infos
 
-    def _informed(self, known: Bools, stepped: Bools) -> dict[str, Any]:
-        """Information of :attr:`info_keys`, see :meth:`jansen_env.tasks.information.InfoBuilder.batched`."""
+    def _infos(self, known: Bools, stepped: Bools) -> dict[str, Any]:
         return self.task.information.batched(known, stepped, self.info_keys)
 
     def _awaiting_reset(self) -> Bools:
@@ -209,14 +206,13 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         return ~self._begun | self._done if disabled else ~self._begun
 
     def set_parameters(self, row: int, **changes: Any) -> None:
-        """Change robot ``row`` from now on, see the task's ``set_parameters``."""
+        """Change robot ``row`` from now on, see :meth:`jansen_env.tasks.task.Task.set_parameters`."""
         self.task.set_parameters(row, **changes)
 
     def push(self, row: int, impulse: Any) -> None:
-        """Push robot ``row`` from now on, see the task's ``push``.
+        """Push robot ``row`` from now on, see :meth:`jansen_env.world.world.World.push`.
 
-        With ``NEXT_STEP`` a robot whose episode is over is not pushed, as it takes no action: its
-        next step resets it.
+        With ``NEXT_STEP`` a robot whose episode is over is not pushed: its next step resets it.
 
         Raises:
             gymnasium.error.ResetNeeded: before the robot's first :meth:`reset`, and with
@@ -224,7 +220,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         """
         if self._awaiting_reset()[row]:
             raise gym.error.ResetNeeded(f"robot {row} must be reset before push()")
-        self.task.push(row, impulse)
+        self.task.world.push(row, impulse)
 
     def get_state(self, row: int) -> dict[str, Any]:
         """All that the future of robot ``row`` depends on, as of the single environment."""
@@ -236,7 +232,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
 
         Its count towards ``max_episode_steps`` stays.
         """
-        complete_state(state, self.get_state(row))
+        arguments.complete_state(state, self.get_state(row))
         self.task.set_state(row, state)
         self._generator(row).bit_generator.state = state["generator"]
         self._begun[row], self._done[row] = True, False
@@ -259,11 +255,6 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """Every robot's seed; -1 where it has none yet."""
         return tuple(self._seeds)
-
-    @property
-    def observed(self) -> tuple[Observed, ...]:
-        """Name, unit and limits of each number of a robot's observation."""
-        return self.task.observed
 
     def call_one(self, row: int, name: str, *args: Any, **kwargs: Any) -> Any:
         """Call one of :data:`METHODS` of robot ``row``."""
@@ -317,8 +308,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             fps = self.metadata["render_fps"]
             self._renderers[row] = Renderer(**scene, mode="rgb_array", fps=fps)
         self._renderers[row].show(**scene)  # which a reset may change
-        picture: NDArray[np.uint8] | None = self._renderers[row].draw(self.task.frame(row))
-        return picture
+        return self._renderers[row].draw(self.task.frame(row))
 
     def close_extras(self, **kwargs: Any) -> None:
         """Let go of pictures and threads."""
@@ -326,7 +316,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             renderer.close()
         self._renderers.clear()
         if hasattr(self, "task"):  # Gymnasium closes what was refused, too
-            self.task.close()
+            self.task.world.close()
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_renderers": {}}

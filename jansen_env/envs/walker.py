@@ -201,7 +201,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     def parameters(self) -> NDArray[np.float64]:
         """(17,) the numbers of this episode in the order of
         :data:`jansen_env.parameters.PARAMETERS`, which has their names and units."""
-        return self.task.parameters[0].copy()
+        return self.task.world.episodes.values[:1].view(float).copy()
 
     def joint_forces(self) -> JointForces:
         """Forces in every joint of every leg as they are now, under the last action's torque and

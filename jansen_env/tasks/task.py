@@ -5,20 +5,19 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from jansen_env.checks import finite
-from jansen_env.engine.jit import prepare
+from jansen_env.checks import within
+from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.rendering import Frame
-from jansen_env.robot import Robot
 from jansen_env.tasks.information import InfoBuilder
-from jansen_env.world import settings
 from jansen_env.world.actuated import Bools, Ints
-from jansen_env.world.argument_checks import complete_state, known_options, known_parameters
+from jansen_env.world.argument_checks import fill, marked, signature_of
 from jansen_env.world.entries import Observed
 from jansen_env.world.world import World
 
@@ -32,15 +31,15 @@ class Task(ABC):
 
     Args:
         num_envs: robots. threads: cores to use; None for as many as pay.
-        keywords: fields of the records of the world and of the task. Those that are marked as per
-            robot may be one for all robots or one for each: a sequence of terrains (or their
-            names), arrays (n,), or anything in :class:`jansen_env.world.broadcasting.Each`.
+        keywords: fields of the records of the world and of the task. Those of :attr:`PER_ROBOT` may
+            be one for all robots or one for each: a sequence of terrains (or their names), arrays
+            (n,), or anything in :class:`jansen_env.world.argument_checks.Each`.
 
     Attributes:
         WORLD: in what the robots are. RECORDS: frozen dataclasses whose fields are the task's own
-            keyword arguments, by the names under which :attr:`records` has them.
+            keyword arguments with their checks, by the names under which :meth:`take` gets them.
         DEFAULTS: other defaults of keyword arguments.
-        ROW: what is kept of a robot: a structured type with the fields ``info``, which is added to
+        ROW: structured type of a robot's data with the fields ``info``, which is added to
             the information, ``reward``, its terms, and others.
         STATE: numbers and flags of :attr:`rows`, such as "goal" or "info.fallen", that must be
             saved for an episode to go on.
@@ -67,32 +66,20 @@ class Task(ABC):
     SETTABLE: ClassVar[tuple[str, ...]] = ()
     PER_ROBOT: ClassVar[tuple[str, ...]]
     SINGLE_ONLY: ClassVar[dict[str, Any]]
-    OBSERVES: ClassVar[bool]
     world: Any
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         """Show the fields of all records as keyword arguments."""
         super().__init_subclass__(**kwargs)
         records = {**cls.WORLD.RECORDS, **cls.RECORDS}
-        shown = settings.signature_of(records, Task._positional)
-        cls.__signature__ = shown.replace(  # type: ignore[attr-defined]
-            parameters=[
-                p.replace(default=cls.DEFAULTS.get(name, p.default))
-                for name, p in shown.parameters.items()
-            ]
-        )
-        cls.OBSERVES = cls.observe is not Task.observe
-        cls.PER_ROBOT = tuple(settings.marked(records, "per_robot"))
-        cls.SINGLE_ONLY = settings.marked(records, "single_only")
-
-    @staticmethod
-    def _positional(num_envs: int = 1, threads: int | None = None) -> None:
-        """Have the arguments that come before the keywords."""
+        cls.__signature__ = signature_of(records, cls.DEFAULTS)  # type: ignore[attr-defined]
+        cls.PER_ROBOT = tuple(marked(records, "per_robot"))
+        cls.SINGLE_ONLY = marked(records, "single_only")
 
     def __init__(self, num_envs: int = 1, threads: int | None = None, **keywords: Any) -> None:
-        kinds = self.WORLD.RECORDS
-        records = settings.fill({**kinds, **self.RECORDS}, {**self.DEFAULTS, **keywords})
-        of_world = {name: record for name, record in records.items() if name in kinds}
+        kinds = {**self.WORLD.RECORDS, **self.RECORDS}
+        records = fill(kinds, {**self.DEFAULTS, **keywords}, num_envs)
+        of_world = {name: records.pop(name) for name in self.WORLD.RECORDS}
         by_default = frozenset(self.DEFAULTS) - {*keywords}
         self.num_envs = num_envs
         self.world = self.WORLD(num_envs, threads, **of_world, by_default=by_default)
@@ -100,7 +87,7 @@ class Task(ABC):
         self.truncated: Bools = self.world.truncated
         self.rows = np.zeros(num_envs, self.ROW)
         self.reward, self.terminated = np.zeros(num_envs), np.zeros(num_envs, bool)
-        self.take({name: record for name, record in records.items() if name not in kinds})
+        self.take(records)
         self.observed = tuple(self.entries)
         self.columns = {entry.name: place for place, entry in enumerate(self.observed)}
         low, high = np.array([(one.low, one.high) for one in self.observed], np.float32).T
@@ -119,7 +106,7 @@ class Task(ABC):
     # What a task defines.
 
     def take(self, records: dict[str, Any]) -> None:
-        """Check and keep the task's own records, by the names of :attr:`RECORDS`."""
+        """Keep the task's own records, by the names of :attr:`RECORDS`."""
 
     @property
     def own_entries(self) -> Sequence[Observed]:
@@ -156,28 +143,11 @@ class Task(ABC):
         """
         return 0.0, 0.0
 
-    def kernels(self) -> list[Any]:
+    def kernels(self) -> list[Kernel]:
         """Return what is compiled of it."""
         return list(self.world.own_kernels())
 
     # What environments ask.
-
-    @property
-    def robots(self) -> list[Robot]:
-        """Nominal robots, before randomisation."""
-        robots: list[Robot] = self.world.robots
-        return robots
-
-    @property
-    def torque_limit(self) -> float:
-        """N m, the first robot's torque of action 1."""
-        return float(self.world.torque_limit)
-
-    @property
-    def true_observation(self) -> NDArray[np.float32]:
-        """(n, d) the observations without noise; where there is none, the observations."""
-        truth: NDArray[np.float32] = self.world.arrays.get("true_observation", self.observation)
-        return truth
 
     def reset(
         self,
@@ -195,15 +165,16 @@ class Task(ABC):
             ValueError: an unknown option, or a value out of range.
         """
         options = [{}] * len(rows) if options is None else options
+        known = {*self.OPTIONS, *self.world.OPTIONS}
         for own in options:
-            known_options(own, (*self.OPTIONS, *self.world.OPTIONS))
+            if unknown := sorted({*own} - known):
+                raise ValueError(f"reset options {unknown} are unknown, must be in {sorted(known)}")
         drawn = self.world.reset(rows, generators, options, self.draw)
         self._clear(rows)
         self.begin(rows, drawn)
         self.describe(rows)
 
     def _clear(self, rows: Ints) -> None:
-        """Let nothing remain of robots' last episodes."""
         self.rows[rows] = np.zeros((), self.ROW)
         self.reward[rows], self.terminated[rows] = 0.0, False
 
@@ -236,7 +207,7 @@ class Task(ABC):
         self.world.disturb(rows)
 
     def set_parameters(self, row: int, **changes: Any) -> None:
-        """Change a robot from now on: the world's, see :class:`jansen_env.world.world.World`.
+        """Change a robot from now on: :attr:`SETTABLE`, and the world's.
 
         Energies in ``info`` are of what happens in steps: what a change between two of them adds to
         the robot's energy, that of a payload for one, is in neither of them.
@@ -245,10 +216,11 @@ class Task(ABC):
             ValueError: a value out of range, or the plant cannot change it. TypeError: another
                 name.
         """
-        known_parameters(changes, (*self.SETTABLE, *self.world.SETTABLE))
-        own = {name: value for name, value in changes.items() if name in self.SETTABLE}
-        others = {name: value for name, value in changes.items() if name not in self.SETTABLE}
-        checked, checked_own = self.world.checked(row, others), self.checked(row, own)
+        known = {*self.SETTABLE, *self.world.SETTABLE}
+        if unknown := sorted({*changes} - known):
+            raise TypeError(f"{unknown} cannot be changed, must be in {sorted(known)}")
+        own = {name: changes.pop(name) for name in self.SETTABLE if name in changes}
+        checked, checked_own = self.world.checked(row, changes), self.checked(row, own)
         self.world.apply(row, checked)  # all or nothing
         self.apply(row, checked_own)
 
@@ -257,20 +229,11 @@ class Task(ABC):
         return dict(changes)
 
     def apply(self, row: int, checked: dict[str, Any]) -> None:
-        """Put changes in force."""
-
-    def push(self, row: int, impulse: Any) -> None:
-        """Push a robot from now on, N s in x and y.
-
-        Raises:
-            ValueError: it cannot be pushed.
-        """
-        self.world.push(row, impulse)
+        """Apply changes."""
 
     def get_attr(self, name: str) -> list[Any] | None:
         """Return what robots have of their own by that name, for each; None for anything else."""
-        found: list[Any] | None = self.world.get_attr(name)
-        return found
+        return self.world.get_attr(name)
 
     def get_state(self, row: int) -> dict[str, Any]:
         """Return all that a robot's future depends on but its random numbers."""
@@ -279,27 +242,28 @@ class Task(ABC):
 
     def _kept(self, name: str) -> NDArray[Any]:
         """Return a number of :attr:`rows` by a name of :attr:`STATE`, (n,)."""
-        found = self.rows
-        for part in name.split("."):
-            found = found[part]
-        return found
+        return reduce(lambda found, part: found[part], name.split("."), self.rows)
 
     def checked_state(self, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the entries of :attr:`STATE`. Raises ValueError: a number is not finite."""
+        """Return the entries of :attr:`STATE`. Raises ValueError: a number is out of range."""
         checked = {}
         for name in self.STATE:
             key = name.split(".")[-1]
             flag = self._kept(name).dtype == np.bool_
-            checked[name] = bool(state[key]) if flag else finite(f"state[{key!r}]", state[key])
+            checked[name] = bool(state[key]) if flag else self.in_range("state", key, state[key])
         return checked
 
+    def in_range(self, label: str, name: str, value: Any) -> float:
+        """Return a number within the limits of its name, if observed. Raises ValueError."""
+        limits = {one.name: (one.low, one.high) for one in self.observed}
+        return within(f"{label}[{name!r}]", value, *limits.get(name, (-np.inf, np.inf)))
+
     def set_state(self, row: int, state: Mapping[str, Any]) -> None:
-        """Go on from a state of :meth:`get_state`; fills :attr:`observation`.
+        """Go on from a complete state of :meth:`get_state`; fills :attr:`observation`.
 
         Raises:
-            ValueError: an entry is missing or out of range.
+            ValueError: an entry is out of range.
         """
-        complete_state(state, self.get_state(row))
         checked, own = self.world.checked_state(row, state), self.checked_state(state)
         one = np.array([row])
         self.world.restore(row, checked)
@@ -309,13 +273,12 @@ class Task(ABC):
 
     def resume(self, row: int, state: dict[str, Any]) -> None:
         """Fill a robot's row, which is 0, with what :meth:`checked_state` gave."""
-        for name, value in state.items():
-            self._kept(name)[row] = value
+        for name in self.STATE:
+            self._kept(name)[row] = state[name]
 
     def scene(self, row: int) -> dict[str, Any]:
         """Return the arguments of :class:`jansen_env.rendering.Renderer` to draw a robot."""
-        scene: dict[str, Any] = self.world.scene(row)
-        return scene
+        return self.world.scene(row)
 
     def command(self, row: int) -> float | None:
         """Return the command that is drawn with a robot, None for none."""
@@ -332,7 +295,3 @@ class Task(ABC):
         self.__dict__.update(state)
         self.connect()  # with this copy's arrays
         self.information = self._make_info()
-
-    def close(self) -> None:
-        """Let go of threads."""
-        self.world.close()

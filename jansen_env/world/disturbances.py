@@ -1,13 +1,12 @@
 """Disturbances of n walking robots: pushes on their chassis, noise of their sensors.
 
-All is drawn from the seed of an episode and counters (:mod:`jansen_env.engine.random`): beside the
-seed, the robot's step, a schedule of pushes that was given and the measured lag and means there is
-nothing to be kept.
+All is drawn from the seed of an episode and counters (:mod:`jansen_env.engine.random`), so that a
+state needs the seed, the robot's step, its own pushes and the measured lag and means alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,11 +16,10 @@ from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.engine.pushes import PUSHES, fill_pushes
 from jansen_env.engine.sensors import add_noise, draw_errors
 from jansen_env.world.actuated import Bools, Ints
+from jansen_env.world.argument_checks import Array
 from jansen_env.world.entries import Observed
 from jansen_env.world.noise import Noise
-from jansen_env.world.push import MOST_PUSHES, Push, check_schedule
-
-Array = NDArray[np.float64]
+from jansen_env.world.push import MOST_PUSHES, Push
 
 ANGLES = (
     ("cos_crank_angle", "cos_crank_angle", "sin_crank_angle"),
@@ -36,17 +34,15 @@ class Pushes:
     """Pushes on n robots.
 
     Args:
-        num_envs: n. push: those at random; None: there are only those of :meth:`schedule`.
-        steps: time steps of a control step. time_step: s.
+        num_envs: n. push: random ones; None for none. steps: of a control step. time_step: s.
 
     Attributes:
-        strength: (n,) by which the random ones are multiplied. at_random: whether there are any.
-        random: (n,) whether a robot's episode has them.
+        strength: (n,) factor of the random ones. random: (n,) whether an episode has them.
     """
 
     def __init__(self, num_envs: int, push: Push | None, steps: int, time_step: float) -> None:
         self.strength = np.ones(num_envs)
-        self.at_random, self._steps = push is not None, steps
+        self._steps = steps
         self._settings = np.zeros(1, PUSHES)
         kind = push or Push(0.0)
         self._settings[0] = (*kind.impulse, kind.duration, kind.interval, time_step)  # type: ignore[misc]
@@ -54,11 +50,11 @@ class Pushes:
         self._scheduled = np.zeros(num_envs, np.int64)
         self._schedule = np.zeros((num_envs, 1, 3))
         self._impulse = np.zeros((0, steps, 2))
-        if self.at_random:
+        if push is not None:
             self._begin_pushing()
 
     def _begin_pushing(self) -> None:
-        """From now on there may be pushes."""
+        """Prepare for pushes."""
         n = len(self.strength)
         self._impulse = np.zeros((n, self._steps, 2))
         step = np.zeros(n, bool), np.zeros(n, np.int64), np.zeros(n, np.int64)
@@ -71,11 +67,7 @@ class Pushes:
         )  # fmt: skip
 
     def schedule(self, row: int, pushes: Array, random: bool) -> None:
-        """Give a robot's episode its own pushes (k, 3), see
-        :func:`jansen_env.world.push.check_schedule`.
-
-        random: whether there are those at random, too.
-        """
+        """Give a robot's episode checked pushes (k, 3), and ``random`` ones or not."""
         if len(pushes) > self._schedule.shape[1]:
             before, self._schedule = self._schedule, np.zeros((len(self.strength), len(pushes), 3))
             self._schedule[:, : before.shape[1]] = before
@@ -85,11 +77,7 @@ class Pushes:
             self._begin_pushing()
 
     def add(self, row: int, push: Array) -> None:
-        """Add a push (3,) to a robot's own, of which those that are over are forgotten.
-
-        Raises:
-            ValueError: there are as many as there may be.
-        """
+        """Add a push (3,) to a robot's own, less those that are over; ValueError: too many."""
         own = self.scheduled(row)
         going_on = own[own[:, 0] + self._settings["duration"] > push[0]]
         if len(going_on) == MOST_PUSHES:
@@ -97,14 +85,14 @@ class Pushes:
         self.schedule(row, np.concatenate([going_on, push[None]]), bool(self.random[row]))
 
     def scheduled(self, row: int) -> Array:
-        """A robot's own pushes (k, 3)."""
+        """Return a robot's own pushes (k, 3)."""
         return self._schedule[row, : self._scheduled[row]].copy()
 
     def of_step(self, active: Bools, elapsed: Ints, seeds: Ints) -> Array | None:
-        """Impulses (n, steps, 2) on the chassis in the time steps to come, N s; None: none at all.
+        """Return impulses (n, steps, 2) on the chassis in the next time steps, N s; None: none.
 
         Args:
-            active: (n,) who takes the step. elapsed: (n,) control steps since the episode began.
+            active: (n,) who takes the step. elapsed: (n,) control steps of the episodes so far.
             seeds: (n,) of the episodes.
         """
         if len(self._impulse) == 0:
@@ -117,11 +105,10 @@ class NoisySensors:
     """Noise in the observations of n robots.
 
     Args:
-        num_envs: n. noise: of the sensors. observed: what is observed: its names say which sensor
-            measures it, in whatever order they are.
+        num_envs: n. noise: of the sensors. observed: the columns, whose names tell the sensor.
 
     Attributes:
-        level: (n,) by which noise is multiplied. truth: (n, d) observations without noise.
+        level: (n,) factor of the noise. truth: (n, d) observations without noise.
         mean_error: (n, 2) of the mean speeds over a step, see
             :func:`jansen_env.engine.sensors.draw_errors`.
     """
@@ -149,7 +136,7 @@ class NoisySensors:
         )
 
     def measure(self, measured: Array, columns: Sequence[int]) -> None:
-        """Let ``columns`` (m,) be observed as ``measured`` (n, m), which may change, has them."""
+        """Observe ``columns`` (m,) as in ``measured`` (n, m), which may change."""
         self._measured, self._columns = measured, np.array(columns, np.int64)
 
     def _arguments_of_errors(self, rows: Ints, elapsed: Ints, seeds: Ints) -> tuple[Any, ...]:
@@ -165,20 +152,9 @@ class NoisySensors:
         )  # fmt: skip
 
     def draw(self, rows: Ints, elapsed: Ints, seeds: Ints) -> None:
-        """Draw the errors of some robots' step: of readings, and of mean speeds.
-
-        Args:
-            rows: (k,) of the robots. elapsed: (n,) control steps since the episode began.
-            seeds: (n,) of the episodes.
-        """
+        """Draw the errors of robots' (k,) readings and mean speeds, see :class:`Pushes`."""
         draw_errors(*self._arguments_of_errors(rows, elapsed, seeds))
 
     def add(self, rows: Ints, out: NDArray[np.float32]) -> None:
-        """Turn observations ``out`` (n, d) of robots (k,) into what sensors tell."""
+        """Add the errors drawn last to observations ``out`` (n, d) of robots (k,)."""
         add_noise(*self._arguments_of_noise(rows, out))
-
-
-def schedule_of(options: Mapping[str, Any]) -> tuple[Array, bool]:
-    """Return the pushes (k, 3) in options of a reset, and whether there are random ones too."""
-    pushes = options.get("pushes")
-    return check_schedule("options['pushes']", [] if pushes is None else pushes), pushes is None

@@ -1,4 +1,4 @@
-"""Parameters and terrains of n robots' episodes: planned at a reset, put in force, and kept."""
+"""Parameters and terrains of n robots' episodes: planned at a reset, applied, and kept."""
 
 from __future__ import annotations
 
@@ -26,64 +26,35 @@ from jansen_env.plants.initial_pose import resting_depth
 from jansen_env.plants.robot_parameters import check_restitution
 from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
-from jansen_env.terrain.curriculum import Curriculum
 from jansen_env.terrain.generators import Generator
-from jansen_env.world.randomization import Distribution, Randomization, Uniform, UniformLevels
+from jansen_env.world.argument_checks import Filled
+from jansen_env.world.randomization import Randomization, Uniform
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-class Terrains(NamedTuple):
-    """The ground of each robot.
-
-    Attributes:
-        terrains: fixed ones, and flat ones where they are drawn at each reset.
-        generators: what draws them; None where they are fixed.
-        own_friction, own_restitution: (n,) whether it was given, in place of the terrain's.
-    """
-
-    terrains: list[Terrain]
-    generators: list[Generator | None]
-    own_friction: NDArray[np.bool_]
-    own_restitution: NDArray[np.bool_]
-
-
-class Draws(NamedTuple):
-    """Distributions of each robot's episodes.
-
-    Attributes:
-        levels: (n, 2) lowest and highest terrain level. randomizations: of each.
-        curriculum: leads from level to level; None for a draw from ``levels``.
-        by_default: of "terrain_level" and "randomize" those that were not asked for: what would
-            do nothing of these is left out, not refused.
-    """
-
-    levels: Array
-    randomizations: list[Randomization]
-    curriculum: Curriculum | None
-    by_default: Collection[str] = ()
-
-
 class Plan(NamedTuple):
-    """An episode to come."""
+    """An episode to come: parameters (1,) of EPISODE; terrain, None where it stays."""
 
-    values: NDArray[Any]  # (1,) of EPISODE
-    terrain: Terrain | None  # None: the ground stays
+    values: NDArray[Any]
+    terrain: Terrain | None
 
 
 class EpisodeParameters:
     """Parameters and terrains of the episodes of n robots.
 
     Args:
-        plant: moves them. robots: of each, before randomisation. terrains, draws: of each.
-        has: parameters of the world that do nothing unless there is what they are about, such as
-            "noise_level", and whether there is.
+        plant: moves them. robots: of each, before randomisation. ground: the record, filled.
+        generators: of each robot's terrains, None where they are fixed. randomizations: of each.
+        has: parameters that do nothing unless the world has what they are about, such as
+            "noise_level", and whether it has.
+        by_default: of "terrain_level" and "randomize" those that are defaults: where they would do
+            nothing they are left out, not refused.
 
     Attributes:
         values: (n,) :data:`jansen_env.parameters.EPISODE`, those of the present episodes.
         nominal: (n,) the same where nothing is drawn. level: (n,) of a curriculum.
-        varies: whether anything is drawn.
+        levels: (n, 2) lowest and highest. varies: whether anything is drawn.
 
     Raises:
         ValueError: a parameter is randomised that does nothing, is not honoured, or is more than
@@ -94,23 +65,26 @@ class EpisodeParameters:
         self,
         plant: BatchedPlant,
         robots: Sequence[Robot],
-        terrains: Terrains,
-        draws: Draws,
+        ground: Filled,
+        generators: Sequence[Generator | None],
+        randomizations: Sequence[Randomization],
         has: Mapping[str, bool],
+        by_default: Collection[str] = (),
     ) -> None:
-        n = len(robots)
-        self._plant, self._generators = plant, list(terrains.generators)
-        self._own = {"friction": terrains.own_friction, "restitution": terrains.own_restitution}
-        self._randomizations, self.curriculum = list(draws.randomizations), draws.curriculum
-        self.levels, self.level = draws.levels, draws.levels[:, 0].astype(np.int64)
+        self._plant, self._generators, self.curriculum = plant, generators, ground.curriculum
+        given = {"friction": ground.friction, "restitution": ground.restitution}
+        self._own = {k: np.array([one is not None for one in v]) for k, v in given.items()}
+        self.randomizations, self.levels = list(randomizations), ground.terrain_level
         self._has, self._links_mass = dict(has), robots[0].links_mass  # of one design
-        pairs = zip(robots, terrains.terrains, strict=True)
+        pairs = zip(robots, plant.terrains, strict=True)
         self.nominal = np.array([nominal(*pair, EPISODE) for pair in pairs], EPISODE)
         self.values = self.nominal.copy()
-        self._changed = np.zeros(n, bool)  # by a draw, from what the robot and its ground are
-        self._check_draws(draws.by_default)
-        drawn = any(one.distributions for one in self._randomizations)
-        self.varies = bool(drawn or any(one is not None for one in self._generators))
+        self._changed = np.zeros(len(robots), bool)  # by a draw, from the nominal parameters
+        self._check_draws(by_default)
+        self.level = self.levels[:, 0].astype(np.int64)
+        self.varies = any(one.distributions for one in self.randomizations) or any(
+            one is not None for one in generators
+        )
 
     def _check_draws(self, by_default: Collection[str]) -> None:
         """Raises ValueError where something is drawn in vain; leaves it out where by default."""
@@ -120,8 +94,8 @@ class EpisodeParameters:
             levels[~has_levels] = 0.0
         for row in range(len(levels)):
             if "randomize" in by_default:
-                self._randomizations[row] = self._randomizations[row].only(self._useful(row))
-            self.check_names(row, [*self._randomizations[row].distributions], "randomize")
+                self.randomizations[row] = self.randomizations[row].only(self._useful(row))
+            self.check_names(row, [*self.randomizations[row].distributions], "randomize")
             self._check_feet(row, self._heaviest(row))
         if bad := np.flatnonzero(levels.any(axis=1) & ~has_levels).tolist():
             raise ValueError(
@@ -130,18 +104,6 @@ class EpisodeParameters:
             )
         if self.curriculum is not None and not has_levels.all():
             raise ValueError("curriculum is given, must be None on a ground that has no levels")
-
-    @property
-    def numbers(self) -> Array:
-        """(n, parameters) :attr:`values` as plain numbers."""
-        return self.values.view(float).reshape(len(self.values), -1)
-
-    def ranges(self, row: int) -> dict[str, Distribution]:
-        """Distributions of a robot's parameters, by name."""
-        drawn = dict(self._randomizations[row].distributions)
-        if self._generators[row] is not None:
-            drawn.setdefault("terrain_level", UniformLevels(*self.levels[row].tolist()))
-        return drawn
 
     def take(self, row: int, changes: Mapping[str, float]) -> None:
         """Let numbers that have been changed be a robot's nominal and present ones."""
@@ -174,10 +136,7 @@ class EpisodeParameters:
                 )
 
     def check_change(self, row: int, own: Compliance, changes: Mapping[str, Any]) -> None:
-        """Check changes of a robot's or its ground's own numbers, of ``set_parameters``.
-
-        Args:
-            own: its pads. changes: by name, checked one by one.
+        """Check changes by ``set_parameters`` of a robot with pads ``own``.
 
         Raises:
             ValueError: its feet cannot bear what its episodes' numbers become, or a restitution
@@ -186,7 +145,7 @@ class EpisodeParameters:
         pads = changes.get("pad_compliance", own)
         in_force = (of["restitution"][row] for of in (self._plant.parameters, self.nominal))
         restitution = changes.get("restitution", max(map(float, in_force)))
-        if not pads.rigid and "restitution" in self._randomizations[row].distributions:
+        if not pads.rigid and "restitution" in self.randomizations[row].distributions:
             raise ValueError(
                 f"pad_compliance is {pads}, must be rigid, as randomize has 'restitution'"
             )
@@ -211,22 +170,22 @@ class EpisodeParameters:
         resting_depth(mass, stiffness, GRAVITY * math.cos(values["tilt"]))
 
     def _heaviest(self, row: int, changes: Mapping[str, float] | None = None) -> Any:
-        """The numbers of a robot's episodes that its feet can bear least, as far as is known."""
+        """Return the numbers of a robot's episodes that its feet can bear least, if known."""
         values = self.nominal[row].copy()
         for name, value in (changes or {}).items():
             values[name] = value
-        for name, drawn in self._randomizations[row].distributions.items():
+        for name, drawn in self.randomizations[row].distributions.items():
             if isinstance(drawn, Uniform):
-                low, high = drawn.low, drawn.high
-                level = min(max(0.0, low), high)
-                values[name] = {"foot_stiffness_scale": low, "tilt": level}.get(name, high)
+                level = min(max(0.0, drawn.low), drawn.high)
+                least = {"foot_stiffness_scale": drawn.low, "tilt": level}
+                values[name] = least.get(name, drawn.high)
         return values
 
     def plan(
         self, row: int, rng: np.random.Generator, options: Mapping[str, Any], delay: float,
         walked: float, command: float,
     ) -> Plan:  # fmt: skip
-        """A robot's next episode; nothing changes yet but the generator's state.
+        """Return a robot's next episode; nothing changes yet but the generator's state.
 
         Args:
             options: of the reset, with numbers that are to be fixed. delay: s, as drawn.
@@ -236,14 +195,13 @@ class EpisodeParameters:
         Raises:
             ValueError: an option out of range or without effect, or no such ground.
         """
-        randomization, generator = self._randomizations[row], self._generators[row]
-        if not options and not self.varies and not self._changed[row]:
-            values = self.nominal[row : row + 1].copy()
-            values["delay"] = delay
-            return Plan(values, None)
+        randomization, generator = self.randomizations[row], self._generators[row]
         values = self.nominal[row : row + 1].copy()
         one = values[0]
-        one["delay"], one["terrain_level"] = delay, self._next_level(row, rng, walked, command)
+        one["delay"] = delay
+        if not options and not self.varies and not self._changed[row]:
+            return Plan(values, None)
+        one["terrain_level"] = self._next_level(row, rng, walked, command)
         randomization.draw(rng, one)
         given = [name for name in PARAMETERS if name in options]
         self.check_names(row, given, "options")
@@ -271,7 +229,7 @@ class EpisodeParameters:
         return float(rng.integers(int(low), int(high), endpoint=True)) if high > low else low
 
     def begin(self, rows: Ints, plans: Sequence[Plan]) -> None:
-        """Put planned episodes in force; the robots must be placed again.
+        """Apply planned episodes; the robots must be placed again.
 
         Raises:
             ValueError: feet too stiff for the time step of the plant ``"rigid_body"``; nothing has
@@ -299,15 +257,14 @@ class EpisodeParameters:
             self.level[rows] = values["terrain_level"].astype(np.int64)
 
     def shown_robot(self, row: int, robot: Robot) -> Robot:
-        """A robot with the payload that it has in this episode, for pictures."""
-        load = self.values[row]
-        place = float(load["payload_x"]), float(load["payload_y"])
-        if (load["payload"], *place) == (robot.payload.mass, *robot.payload.position):
+        """Return a robot with the payload that it has in this episode, for pictures."""
+        mass, *place = (float(self.values[row][f"payload{end}"]) for end in ("", "_x", "_y"))
+        if (mass, *place) == (robot.payload.mass, *robot.payload.position):
             return robot
-        return replace(robot, payload=Payload(float(load["payload"]), position=place))
+        return replace(robot, payload=Payload(mass, position=(place[0], place[1])))
 
     def state(self, row: int) -> dict[str, Any]:
-        """Parameters and terrain of a robot's episode, in plain numbers."""
+        """Return parameters and terrain of a robot's episode, in plain numbers."""
         state: dict[str, Any] = {
             "parameters": dict(zip(PARAMETERS, self.values[row].item(), strict=True)),
             "level": int(self.level[row]),
@@ -319,11 +276,7 @@ class EpisodeParameters:
         return state
 
     def planned(self, row: int, state: Mapping[str, Any]) -> tuple[Plan, int]:
-        """The episode of a :meth:`state`, and the curriculum's level.
-
-        Raises:
-            ValueError: it is not complete, or out of range.
-        """
+        """Return the episode of a :meth:`state`, and the level; ValueError: out of range."""
         given = state["parameters"]
         if not isinstance(given, Mapping) or {*given} != {*PARAMETERS}:
             raise ValueError(f"state['parameters'] is {shown(given)}, must have {[*PARAMETERS]}")

@@ -36,32 +36,26 @@ _EVEN = math.sqrt(1.0 / 3.0)  # standard deviation of what is drawn evenly from 
 class Noise:
     """Gaussian noise of a walking robot's sensors.
 
-    Of each sensor a number, the standard deviation of the noise that is drawn anew in every control
-    step, or a pair: that, and the standard deviation of a bias that is drawn at each reset and
-    stays for the episode. Every observation of a sensor has noise and bias of its own. Angles are
-    wrong by an angle, in sine and cosine alike. What is measured stays within the observation
-    space: a load is never below 0, as of a scale that only presses count on.
+    For each sensor the standard deviation of the noise of every control step, or a pair: that, and
+    the standard deviation of a bias that is drawn at each reset. Every observation of a sensor has
+    noise and bias of its own. An angle's error is the same in its sine and cosine. Observations
+    stay within the observation space: a load is never below 0.
 
-    Lag and means are observed as a machine's own computer would know them, by odometry. Lag and
-    mean speed are of the measured velocity; mean power is of the torque times the measured crank
-    speed. RMS torque is exact, because a motor's current tells its torque. Mean slip is 0, because
-    no sensor measures it. Both speeds are means over a step: they err by what the sensor's reading
-    errs, and by a second error of the same standard deviation. So lag and means tell no more of a
-    steady speed than the readings do. Command and last action are exact.
+    Lag and means are observed by odometry. Lag and mean speed are of the measured velocity; mean
+    power is of the torque times the measured crank speed. Both speeds are means over a step: they
+    have the error of the reading and a second one of the same standard deviation, so lag and means
+    tell no more of a steady speed than the readings do. Mean slip is 0, because no sensor measures
+    it. RMS torque (a motor's current tells it), command and last action are exact. Reward, end of
+    episode and ``info``, with ``true_observation``, have the true lag and means.
 
-    Reward, end of episode and ``info`` go by the true lag and means, which ``true_observation`` in
-    ``info`` has, too.
-
-    Most defaults are those of published environments, whose even noise of +-a has the standard
+    Most defaults are those of published environments, whose uniform noise of +-a has the standard
     deviation a / 3^0.5: legged_gym (Rudin et al. 2022, ``noise_scales``) and Isaac Lab's velocity
     task have 0.01 rad of joint angles, 0.05 of gravity's direction, 0.2 rad/s of angular and
-    0.1 m/s of linear velocity; MuJoCo Playground's Go1 the same but 0.03 rad. All three have
-    1.5 rad/s of joint speeds, more than this machine's crank turns at in a slow walk: the default
-    is that of Isaac Lab's Spot, 0.5. The first two have 0.1 m of heights, with steps up to 0.23 m;
-    this machine's feet lift 0.09 m, and the default is 1 % of the 0.6 m at which its axis is
-    carried. None has noise of contact forces; here it is some 5 % of what a loaded toe bears.
-    Biases: of the encoder +-0.015 rad as in mjlab's velocity task; of the gyro 1 degree/s, of the
-    pitch 0.5 degrees, of heights half their noise, of speeds and loads none.
+    0.1 m/s of linear velocity. Crank speed is that of Isaac Lab's Spot, 0.5 rad/s, because the
+    others' 1.5 rad/s is more than this crank turns in a slow walk. Heights are 1 % of the 0.6 m at
+    which the axis is carried; loads some 5 % of a loaded toe's. Biases: of the encoder
+    +-0.015 rad as in mjlab's velocity task; of the gyro 1 degree/s, of the pitch 0.5 degrees, of
+    heights half their noise, of speeds and loads none.
 
     Args:
         encoder: crank angle, rad. crank_speed: rad/s. pitch: rad. gyro: pitch rate, rad/s.
@@ -88,18 +82,14 @@ class Noise:
 
     @classmethod
     def only(cls, **sensors: Deviation) -> Noise:
-        """Noise of some sensors, the others exact.
-
-        Raises:
-            ValueError: as the class does, or there is no sensor of a name.
-        """
+        """Return noise of some sensors, the others exact; ValueError: no such sensor."""
         _check_names(sensors)
         return cls(**{name: sensors.get(name, 0.0) for name in COLUMNS})
 
     def deviations(self, observed: Sequence[str]) -> Array:
-        """Standard deviations (d, 2), of noise and bias, of the observations of these names (d,).
+        """Return standard deviations (d, 2), of noise and bias, of the observations (d,) named.
 
-        Of an angle they stand at the first of its sine and cosine.
+        Those of an angle stand at the first of its sine and cosine.
         """
         found = np.zeros((len(observed), 2))
         for i, name in enumerate(observed):
@@ -110,11 +100,7 @@ class Noise:
 
 
 def make_noise(noise: Any) -> Noise | None:
-    """Noise from a :class:`Noise`, or from a dictionary of its arguments; None: none.
-
-    Raises:
-        ValueError: anything else, or an argument out of range.
-    """
+    """Return a :class:`Noise`, also of a dictionary of its arguments; None for none; ValueError."""
     if noise is None or isinstance(noise, Noise):
         return noise
     if not isinstance(noise, Mapping):
@@ -127,6 +113,5 @@ def make_noise(noise: Any) -> Noise | None:
 
 
 def _check_names(sensors: Mapping[Any, Any]) -> None:
-    """Raises ValueError for sensors that there are not."""
     if unknown := [name for name in sensors if name not in COLUMNS]:
         raise ValueError(f"noise has {shown(unknown)}, must be of {sorted(COLUMNS)}")

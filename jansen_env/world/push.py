@@ -29,14 +29,10 @@ Array = NDArray[np.float64]
 class Push:
     """Random pushes on the chassis: one in each interval.
 
-    In every interval since the episode began (the first one too) a push begins at a time drawn so
-    that it ends before the interval does; each component of its impulse is drawn evenly from minus
-    to plus the largest.
-
-    The defaults: published environments push by a change of velocity, legged_gym of up to 1 m/s
-    every 15 s (Rudin et al. 2022), Isaac Lab of up to 0.5 m/s every 10 to 15 s in its velocity
-    tasks, whose commands are up to 1 m/s. As there half the fastest command, here 0.8 m/s, is
-    1.3 N s for a machine of 3.2 kg; episodes of 10 s have two of these.
+    A push begins at a time drawn so that it ends within its interval; each component of its impulse
+    is uniform from minus to plus the largest. By default that is half the fastest command, 0.4 m/s,
+    of a machine of 3.2 kg, as in Isaac Lab's velocity tasks (0.5 of 1 m/s every 10 to 15 s;
+    legged_gym, Rudin et al. 2022: up to 1 m/s every 15 s); episodes of 10 s have two of these.
 
     Args:
         impulse: the largest, N s: horizontal, or (horizontal, vertical).
@@ -59,11 +55,7 @@ class Push:
 
 
 def make_push(push: Any) -> Push | None:
-    """Pushes from a :class:`Push`, or from a dictionary of its arguments; None: none at random.
-
-    Raises:
-        ValueError: anything else, or an argument out of range.
-    """
+    """Return a :class:`Push`, also of a dictionary of its arguments; None for none; ValueError."""
     if push is None or isinstance(push, Push):
         return push
     known = list(Push.__dataclass_fields__)
@@ -75,11 +67,10 @@ def make_push(push: Any) -> Push | None:
 
 
 def check_schedule(name: str, pushes: Any) -> Array:
-    """An episode's own pushes (k, 3): when they begin, s, and their impulses in x and y, N s.
+    """Return an episode's own pushes (k, 3): start, s, and impulses in x and y, N s.
 
     Raises:
-        ValueError: no list of so many finite numbers each, a time below 0, or more than
-            :data:`MOST_PUSHES`.
+        ValueError: not such a list, a time below 0, or more than :data:`MOST_PUSHES`.
     """
     allowed = f"a list of at most {MOST_PUSHES} (t, Jx, Jy)"
     rows = [tuple(entries(name, one, allowed)) for one in entries(name, pushes, allowed)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple, Protocol
 
@@ -22,37 +21,29 @@ class Distribution(Protocol):
 
 
 class Uniform(NamedTuple):
-    """A uniform distribution from ``low`` to ``high``."""
+    """A uniform distribution from ``low`` to ``high``, ``whole``: of whole numbers, with both."""
 
     low: float
     high: float
+    whole: bool = False
 
     def sample(self, rng: np.random.Generator) -> float:
         """Draw a number."""
+        if self.whole:
+            return float(rng.integers(int(self.low), int(self.high), endpoint=True))
         return float(rng.uniform(self.low, self.high))
-
-
-class UniformLevels(NamedTuple):
-    """The whole numbers from ``low`` to ``high``, each as likely."""
-
-    low: float
-    high: float
-
-    def sample(self, rng: np.random.Generator) -> float:
-        """Draw one of them."""
-        return float(rng.integers(int(self.low), int(self.high), endpoint=True))
 
 
 class Randomization:
     """Distributions from which parameters are drawn at each reset.
 
     Args:
-        given: by name a number, (low, high) for a uniform draw (of whole numbers, both ends
-            included, where the parameter is one), or a :class:`Distribution`.
+        given: by name a number, (low, high) for a uniform draw (of whole numbers where the
+            parameter is one), or a :class:`Distribution`; None for none.
 
     Attributes:
-        distributions: by name, in the order of
-            :data:`jansen_env.parameters.TABLE`.
+        distributions: by name, in the order of :data:`jansen_env.parameters.TABLE`.
+        longest_delay: s, that may be drawn.
 
     Raises:
         ValueError: a name or a range that there is not.
@@ -72,18 +63,13 @@ class Randomization:
 
     def only(self, names: Collection[str]) -> Randomization:
         """Return the same for some parameters alone."""
-        kept = Randomization(None)
-        kept.longest_delay = self.longest_delay
-        kept.distributions = {
-            name: one for name, one in self.distributions.items() if name in names
-        }
-        return kept
+        return Randomization({k: one for k, one in self.distributions.items() if k in names})
 
     def draw(self, rng: np.random.Generator, values: NDArray[Any]) -> None:
         """Draw into ``values``, a row of :data:`jansen_env.parameters.EPISODE`.
 
         Raises:
-            ValueError: a distribution gave what its parameter cannot be.
+            ValueError: a distribution gave a number that its parameter cannot be.
         """
         for name, distribution in self.distributions.items():
             number = distribution.sample(rng)
@@ -91,10 +77,8 @@ class Randomization:
 
 
 def _distribution(name: str, value: Any) -> Distribution:
-    """Return the distribution of a parameter."""
     if callable(getattr(value, "sample", None)):
-        found: Distribution = value
-        return found
+        return value
     label = f"randomize[{name!r}]"
     pair: tuple[Any, ...] = (value, value)
     if isinstance(value, (tuple, list, np.ndarray)):
@@ -108,6 +92,4 @@ def _distribution(name: str, value: Any) -> Distribution:
     low, high = (check(label, name, one) for one in pair)
     if low > high:
         raise ValueError(f"{label} is {shown(value)}, must be (low, high) with low <= high")
-    if math.isinf(high):
-        raise ValueError(f"{label} is {shown(value)}, must be finite")
-    return UniformLevels(low, high) if PARAMETERS[name].whole else Uniform(low, high)
+    return Uniform(low, high, PARAMETERS[name].whole)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import entries, non_negative
+from jansen_env.checks import entries
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import readings
 from jansen_env.engine.jit import Kernel
@@ -20,28 +20,32 @@ from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.make import Plant, make_batch, plant_of, plant_time_step
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.terrain import Terrain
-from jansen_env.world import broadcasting as bc
-from jansen_env.world import robot_changes, robot_state
-from jansen_env.world.actuated import ActuatedRobots, Array, Bools, Draw, Ints
-from jansen_env.world.argument_checks import control_period, flag, option
-from jansen_env.world.disturbances import NoisySensors, Pushes, schedule_of
+from jansen_env.world import single_robots
+from jansen_env.world.actuated import ActuatedRobots, Bools, Draw, Ints
+from jansen_env.world.argument_checks import Array, Filled, option
+from jansen_env.world.disturbances import NoisySensors, Pushes
 from jansen_env.world.entries import Observed, list_entries
-from jansen_env.world.episode_parameters import Draws, EpisodeParameters, Plan
-from jansen_env.world.noise import make_noise
-from jansen_env.world.push import check_schedule, make_push
-from jansen_env.world.settings import Control, Ground, Machine, Randomness, Sensing
+from jansen_env.world.episode_parameters import EpisodeParameters, Plan
+from jansen_env.world.push import check_schedule
+from jansen_env.world.settings import (
+    Control,
+    Ground,
+    Machine,
+    Randomness,
+    Sensing,
+    make_robots,
+    make_terrains,
+)
 
 
 class World(ActuatedRobots):
-    """n robots in their surroundings, see :class:`ActuatedRobots`.
+    """n robots in their surroundings.
 
     Args:
         num_envs: robots. threads: cores to use; None for as many as pay.
-        machine, control, ground, randomness, sensing: see
-            :class:`jansen_env.envs.walker.JansenWalkerEnv`. What is marked as per robot in
-            :mod:`jansen_env.world.settings` may be one for all robots or one for each.
-        by_default: arguments that nobody has asked for, see
-            :class:`jansen_env.world.episode_parameters.Draws`.
+        machine, control, ground, randomness, sensing: filled records, see
+            :class:`jansen_env.envs.walker.JansenWalkerEnv`.
+        by_default: see :class:`jansen_env.world.episode_parameters.EpisodeParameters`.
 
     Attributes:
         plant: moves the robots. episodes: their parameters and terrains.
@@ -49,8 +53,7 @@ class World(ActuatedRobots):
         seeds: (n,) of what episodes draw after their start. sensors: None without noise.
 
     Raises:
-        ValueError: an argument out of range, or not one for each robot; LinkageError: the robot
-            cannot turn its crank.
+        ValueError: an argument out of range; LinkageError: the robot cannot turn its crank.
     """
 
     RECORDS = {
@@ -64,63 +67,48 @@ class World(ActuatedRobots):
         self,
         num_envs: int,
         threads: int | None,
-        machine: Machine,
-        control: Control,
-        ground: Ground,
-        randomness: Randomness,
-        sensing: Sensing,
+        machine: Filled,
+        control: Filled,
+        ground: Filled,
+        randomness: Filled,
+        sensing: Filled,
         by_default: Collection[str] = (),
     ) -> None:
-        n = num_envs
-        terrains = bc.broadcast_terrains(n, ground)
-        randomizations = bc.broadcast_randomizations(n, randomness.randomize)
-        robots = bc.broadcast_robots(n, machine)
-        time_step = plant_time_step(control.plant, control.time_step)
-        periods = control_period(control.control_dt, time_step)
-        noise, scale = "reset_noise_scale", randomness.reset_noise_scale
-        self.reset_noise_scale = bc.broadcast_numbers(n, noise, scale, non_negative)
-        self.track_joint_forces = flag("track_joint_forces", control.track_joint_forces)
+        n, robots = num_envs, make_robots(machine)
         for robot in robots:
             static_deflection(robot, GRAVITY)  # or its feet are too soft
+        terrains, generators = make_terrains(ground)
+        randomizations = randomness.randomize
+        time_step = plant_time_step(control.plant, control.time_step)
         longest = max(one.longest_delay for one in randomizations)
-        super().__init__(robots, readings.ROW, periods, control.delay, longest)
-        self.plant = self._make_plant(control.plant, terrains.terrains, threads)
-        self._scan = bc.scanned_places(sensing.height_scan)
+        super().__init__(
+            robots, readings.ROW, control.control_dt, time_step, control.delay, longest
+        )
+        self.reset_noise_scale = np.array(randomness.reset_noise_scale)
+        self.plant: BatchedPlant = make_batch(
+            control.plant, self.robots, terrains, self.time_step, threads
+        )
+        self._scan = sensing.height_scan
         self.entries = list_entries(self.plant.toes, len(self._scan))
-        self.pushes = Pushes(n, make_push(sensing.push), self.steps, self.time_step)
-        self._noise = make_noise(sensing.noise)
+        self._noise, push = sensing.noise, sensing.push
+        self.pushes = Pushes(n, push, self.steps, self.time_step)
         self.sensors: NoisySensors | None = None
-        self._measure_robots()
-        self.loads = np.zeros((n, self.plant.toes))
-        self.elapsed, self.seeds = np.zeros(n, np.int64), np.zeros(n, np.int64)
-        if self.track_joint_forces:
-            self.traceable.tracing = True
-        self._joint_loads = np.zeros(2)
-        draws = Draws(
-            bc.broadcast_levels(n, ground.terrain_level), randomizations,
-            bc.load_curriculum(ground.curriculum), by_default,
-        )  # fmt: skip
-        has = {"noise_level": self._noise is not None, "push_strength": self.pushes.at_random}
-        self.episodes = EpisodeParameters(self.plant, self.robots, terrains, draws, has)
-        self._share_arrays()
-
-    def _make_plant(self, name: str, terrains: list[Terrain], threads: int | None) -> BatchedPlant:
-        """Make what moves the robots."""
-        if self.num_envs > 1 and (name != "projection" or self.track_joint_forces):
-            raise ValueError(
-                f"plant is {name!r} and track_joint_forces {self.track_joint_forces}, must be "
-                "'projection' and False for several robots at once; "
-                "vectorization_mode='sync' has the others"
-            )
-        return make_batch(name, self.robots, terrains, self.time_step, threads)
-
-    def _measure_robots(self) -> None:
-        """Note which way each walks, and its weight."""
         self.advance_per_turn = advance_per_turn(self.robots[0])  # the same of all robots
         self.rows["direction"] = math.copysign(1.0, self.advance_per_turn)
         self.full_torque *= self.rows["direction"]
         self.rows["weight"] = [robot.mass * GRAVITY for robot in self.robots]
         self._links_mass = np.array([robot.links_mass for robot in self.robots])
+        self.loads = np.zeros((n, self.plant.toes))
+        self.elapsed, self.seeds = np.zeros(n, np.int64), np.zeros(n, np.int64)
+        self.track_joint_forces = control.track_joint_forces
+        if self.track_joint_forces:
+            self.traceable.tracing = True
+        self._joint_loads = np.zeros(2)
+        has = {"noise_level": self._noise is not None, "push_strength": push is not None}
+        self.episodes = EpisodeParameters(
+            self.plant, self.robots, ground, generators, randomizations, has, by_default
+        )
+        self._share_arrays()
 
     def _share_arrays(self) -> None:
         """Let information show the arrays of others."""
@@ -129,10 +117,8 @@ class World(ActuatedRobots):
         if self.sensors is not None:
             self.arrays["true_observation"] = self.sensors.truth
         if self.track_joint_forces:
-            self.step_arrays = {
-                "joint_force_max": self._joint_loads[:1],
-                "joint_impulse_max": self._joint_loads[1:],
-            }
+            names = "joint_force_max", "joint_impulse_max"
+            self.step_arrays = {k: self._joint_loads[i : i + 1] for i, k in enumerate(names)}
 
     def connect(
         self,
@@ -140,10 +126,9 @@ class World(ActuatedRobots):
         observation: NDArray[np.float32],
         progress: Callable[[int], tuple[float, float]],
     ) -> None:
-        """Take the array of observations (n, d), of which ``observed`` says the columns by name.
+        """Take the array of observations (n, d) with the columns ``observed``.
 
-        ``progress``: how far a robot got in its episode as its task asks, m, and the mean speed
-        that was asked for, m/s: what a curriculum goes by.
+        ``progress``: of a robot, see :meth:`jansen_env.tasks.task.Task.progress`.
         """
         names = [entry.name for entry in observed]
         own = [entry.name for entry in self.entries]
@@ -180,7 +165,7 @@ class World(ActuatedRobots):
         )
 
     def joint_forces(self) -> JointForces:
-        """Forces in every joint now, under the last action's torque and the push that goes on.
+        """Return the forces in every joint now, under the last action's torque and the push.
 
         Raises:
             ValueError: they are not known.
@@ -198,13 +183,11 @@ class World(ActuatedRobots):
     ) -> list[Any]:
         """Start episodes of some robots; returns what ``draw`` gave for each.
 
-        All that may be refused is, before anything changes.
-
         Args:
             generators: the random numbers of each. options: of ``reset`` for each.
 
         Raises:
-            ValueError: an option out of range.
+            ValueError: an option out of range; nothing has changed then.
         """
         each = list(zip(rows.tolist(), generators, options, strict=True))
         drawn = [self._draw(row, rng, own, draw) for row, rng, own in each]
@@ -213,7 +196,10 @@ class World(ActuatedRobots):
             self.episodes.plan(row, rng, own, start[2], *self._progress(row))
             for (row, rng, own), start in zip(each, drawn, strict=True)
         ]
-        schedules = [schedule_of(own) for own in options]
+        given = [own.get("pushes") for own in options]
+        schedules = [
+            check_schedule("options['pushes']", () if one is None else one) for one in given
+        ]
         self.seeds[rows] = seeds
         self.apply_parameters(rows, plans)
         plant = self.plant
@@ -225,8 +211,8 @@ class World(ActuatedRobots):
             plant.set_state(row, state)
         self.begin_delay(rows, self.episodes.values["delay"][rows])
         self.clear_episode(rows)
-        for row, pushes in zip(rows.tolist(), schedules, strict=True):
-            self.pushes.schedule(row, *pushes)
+        for row, pushes, one in zip(rows.tolist(), schedules, given, strict=True):
+            self.pushes.schedule(row, pushes, random=one is None)
         self.truncated[rows] = False
         return [start[3] for start in drawn]
 
@@ -341,10 +327,23 @@ class World(ActuatedRobots):
         pressed: Bools = self.plant.rows["accumulators"]["non_toe_impulse"] > 0.0
         return pressed
 
-    get_attr = robot_changes.get_attr
-    checked, apply = robot_changes.checked, robot_changes.apply
-    get_state, checked_state = robot_state.get_state, robot_state.checked_state
-    restore, frame = robot_state.restore, robot_state.frame
+    def get_attr(self, name: str) -> list[Any] | None:
+        """Return what each robot has of its own by that name; None for another name."""
+        found = single_robots.get_attr(self, name)
+        return super().get_attr(name) if found is None else found
+
+    checked, apply = single_robots.checked, single_robots.apply
+
+    def get_state(self, row: int) -> dict[str, Any]:
+        """Return all that a robot's future depends on but the task and random numbers."""
+        return {**super().get_state(row), **single_robots.get_state(self, row)}
+
+    def checked_state(self, row: int, state: Mapping[str, Any]) -> dict[str, Any]:
+        """Return a state, ready for :meth:`restore`; ValueError: an entry is out of range."""
+        actuation = super().checked_state(row, state)
+        return {**actuation, **single_robots.checked_state(self, row, state)}
+
+    restore, frame = single_robots.restore, single_robots.frame
 
     def push(self, row: int, impulse: Any) -> None:
         """Push a robot's chassis from now on, whatever other pushes there are.
@@ -365,10 +364,6 @@ class World(ActuatedRobots):
             "robot": self.episodes.shown_robot(row, self.robots[row]),
             "terrain_points": self.plant.terrains[row].polyline,
         }
-
-    def kernels(self) -> list[Kernel]:
-        """Return what is compiled of it, but for the plant."""
-        return [self._action_kernel()]
 
     def own_kernels(self) -> list[Kernel]:
         """Return the readings' kernels, for tasks without kernels of their own."""

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from numbers import Integral
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
@@ -121,3 +122,31 @@ def complete_state(state: Mapping[str, Any], example: Mapping[str, Any]) -> None
     """Raises ValueError where a state to go on from has not all that ``example`` has."""
     if missing := sorted({*example} - {*state}):
         raise ValueError(f"state lacks {missing}, must come from get_state()")
+
+
+class Renderers(dict[int, Any]):
+    """Renderers of the robots of an environment, by number; made when first needed."""
+
+    def draw(self, env: Any, row: int) -> NDArray[np.uint8] | None:
+        """Draw a robot; (H, W, 3) uint8, None in a window or without a ``render_mode``."""
+        if env.render_mode is None:
+            modes = env.metadata["render_modes"]
+            gym.logger.warn(f"render() was called without a render_mode; pass one of {modes}")
+            return None
+        from jansen_env.rendering import Renderer
+
+        scene = env.task.scene(row)
+        if row not in self:
+            fps = env.metadata["render_fps"]
+            self[row] = Renderer(**scene, mode=env.render_mode, fps=fps)
+        self[row].show(**scene)  # which a reset may change
+        return self[row].draw(env.task.frame(row))
+
+    def close(self) -> None:
+        """Close windows."""
+        for renderer in self.values():
+            renderer.close()
+        self.clear()
+
+    def __reduce__(self) -> Any:
+        return Renderers, ()  # a copy draws with its own

@@ -87,8 +87,7 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
     @property
     def plant(self) -> FixedBasePlant:
         """The plant."""
-        plant: FixedBasePlant = self.task.world.plant_of_one
-        return plant
+        return FixedBasePlant.of(self.task.world.plant)
 
     @property
     def reference(self) -> float:
@@ -96,17 +95,12 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
         return self.task.reference(0)
 
     def joint_forces(self) -> JointForces:
-        """Forces in every joint of every leg as they are now, under the last action's torque."""
+        """Return the forces in every joint now, under the last action's torque."""
         world = self.task.world
-        forces: JointForces = world.plant.joint_forces(0, float(world.torque[0]))
-        return forces
+        return world.plant.joint_forces(0, float(world.torque[0]))
 
 
 class JansenCrankVectorEnv(TaskVectorEnv[CrankTask]):
-    """:class:`JansenCrankEnv` for many robots at once: what ``gym.make_vec`` makes.
-
-    Arguments and errors are those of :class:`jansen_env.envs.vector.TaskVectorEnv` and
-    :class:`CrankTask`.
-    """
+    """:class:`JansenCrankEnv` for many robots at once: what ``gym.make_vec`` makes."""
 
     TASK = CrankTask

@@ -1,4 +1,4 @@
-"""Gymnasium's environment of one robot, of any task: it translates, no more."""
+"""Gymnasium's environment of one robot, of any task."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ ATask = TypeVar("ATask", bound=Task)
 
 ROW = np.zeros(1, np.int64)
 ACTIVE = np.ones(1, bool)
+RIGHT, LEFT = 1073741903, 1073741904  # pygame's K_RIGHT and K_LEFT
 
 
 class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
@@ -56,8 +57,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         self.torque_limit = self.robot.motor.torque_limit
         self.observed: tuple[Observed, ...] = self.task.observed
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.dt))}
-        self._begun = False
-        self._renderer: Any = None
+        self._begun, self._renderers = False, arguments.Renderers()
 
     @property
     def robot(self) -> Robot:
@@ -67,12 +67,12 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
     @property
     def window_closed(self) -> bool:
         """Whether the user has closed the window of ``render_mode="human"``."""
-        return self._renderer is not None and self._renderer.dismissed
+        return 0 in self._renderers and self._renderers[0].dismissed
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode; what ``options`` may fix stands under Starting State.
+        """Start an episode; Starting State lists the ``options``.
 
         Raises:
             ValueError: an unknown option, or a value out of range.
@@ -124,11 +124,11 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         self.task.world.push(0, impulse)
 
     def scene(self) -> dict[str, Any]:
-        """Arguments of the renderer, which stay the same in an episode."""
+        """Return the arguments of the renderer, which stay the same in an episode."""
         return self.task.scene(0)
 
     def frame(self) -> Frame:
-        """Picture data of the robot as it stands."""
+        """Return the picture data of the robot as it stands."""
         return self.task.frame(0)
 
     def get_state(self) -> dict[str, Any]:
@@ -153,32 +153,14 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         return self.task.observation[0].copy()
 
     def get_keys_to_action(self) -> dict[tuple[int, ...], NDArray[np.float32]]:
-        """Return :func:`gymnasium.utils.play.play`'s keys: right and left turn the crank."""
-        right, left = 1073741903, 1073741904  # pygame's K_RIGHT and K_LEFT
-        torques = {(right,): 1.0, (left,): -1.0, (right, left): 0.0}
+        """Return :func:`gymnasium.utils.play.play`'s keys: the arrow keys turn the crank."""
+        torques = {(RIGHT,): 1.0, (LEFT,): -1.0, (RIGHT, LEFT): 0.0}
         return {keys: np.full(1, torque, np.float32) for keys, torque in torques.items()}
 
     def render(self) -> NDArray[np.uint8] | None:
         """Draw the robot as it stands; (H, W, 3) uint8 in ``rgb_array`` mode, else None."""
-        if self.render_mode is None:
-            gym.logger.warn(
-                "render() was called without a render_mode; pass 'rgb_array' or 'human'"
-            )
-            return None
-        from jansen_env.rendering import Renderer
-
-        scene = self.scene()
-        if self._renderer is None:
-            fps = self.metadata["render_fps"]
-            self._renderer = Renderer(**scene, mode=self.render_mode, fps=fps)
-        self._renderer.show(**scene)  # which a reset may change
-        return self._renderer.draw(self.frame())
+        return self._renderers.draw(self, 0)
 
     def close(self) -> None:
         """Close the window, if there is one."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_renderer": None}
+        self._renderers.close()

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from jansen_env.checks import positive_integer
 from jansen_env.envs import arguments
 from jansen_env.envs.single import ATask
-from jansen_env.world.actuated import Bools, Ints
-from jansen_env.world.argument_checks import Array
+from jansen_env.world.argument_checks import Array, Bools, Ints
 from jansen_env.world.entries import Observed
 
 Observations = NDArray[np.float32]
@@ -77,7 +76,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         render_mode: str | None = None,
         **task_arguments: Any,
     ) -> None:
-        self._renderers: dict[int, Any] = {}
+        self._renderers = arguments.Renderers()
         self.num_envs = n = positive_integer("num_envs", num_envs, arguments.MOST_ROBOTS)
         threads = None if threads is None else positive_integer("threads", threads)
         self.render_mode = arguments.render_mode(render_mode, self.metadata["render_modes"])
@@ -261,7 +260,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         if name not in METHODS:
             raise AttributeError(f"{name!r} cannot be asked of a robot, must be in {METHODS}")
         if name == "render":
-            return self._draw(row)
+            return self._renderers.draw(self, row)
         return getattr(self, name)(row, *args, **kwargs)
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
@@ -292,31 +291,12 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             self.set_parameters(i, **{name: value})
 
     def render(self) -> tuple[Any, ...] | None:
-        """A picture (H, W, 3) of each robot; None without a ``render_mode``."""
-        if self.render_mode is None:
-            gym.logger.warn("render() was called without a render_mode; pass 'rgb_array'")
-            return None
-        return tuple(self._draw(i) for i in range(self.num_envs))
-
-    def _draw(self, row: int) -> NDArray[np.uint8] | None:
-        if self.render_mode is None:
-            return None
-        from jansen_env.rendering import Renderer
-
-        scene = self.task.scene(row)
-        if row not in self._renderers:
-            fps = self.metadata["render_fps"]
-            self._renderers[row] = Renderer(**scene, mode="rgb_array", fps=fps)
-        self._renderers[row].show(**scene)  # which a reset may change
-        return self._renderers[row].draw(self.task.frame(row))
+        """Return a picture (H, W, 3) of each robot; None without a ``render_mode``."""
+        pictures = tuple(self._renderers.draw(self, i) for i in range(self.num_envs))
+        return None if self.render_mode is None else pictures
 
     def close_extras(self, **kwargs: Any) -> None:
         """Let go of pictures and threads."""
-        for renderer in self._renderers.values():
-            renderer.close()
-        self._renderers.clear()
+        self._renderers.close()
         if hasattr(self, "task"):  # Gymnasium closes what was refused, too
             self.task.world.close()
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_renderers": {}}

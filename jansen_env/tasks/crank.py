@@ -8,15 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from jansen_env.checks import non_negative
 from jansen_env.engine import crank_tracking
-from jansen_env.engine.jit import Kernel
 from jansen_env.tasks.commands import CommandedTask
-from jansen_env.world.actuated import Bools, Ints
 from jansen_env.world.argument_checks import range_per_robot, single
 from jansen_env.world.entries import Observed
 from jansen_env.world.held import START_ANGLE, HeldRobots
@@ -42,6 +40,7 @@ class CrankTask(CommandedTask):
     WORLD = HeldRobots
     RECORDS = {"tracking": Tracking}
     ROW = crank_tracking.ROW
+    ENGINE: ClassVar[Any] = crank_tracking
     FASTEST = FASTEST_COMMAND
 
     def take(self, records: dict[str, Any]) -> None:
@@ -59,40 +58,23 @@ class CrankTask(CommandedTask):
             Observed("speed_command", "rad/s", -FASTEST_COMMAND, FASTEST_COMMAND),
         ]
 
-    def score(self, rows: Ints) -> None:
-        """Do nothing: :meth:`finish_step` scores."""
-
-    def finish_step(self, active: Bools) -> None:
-        """Score the step of the ``active`` robots (n,), and observe them, in one kernel."""
-        crank_tracking.finish_step(active, *self._step_arguments())
-
-    def describe(self, rows: Ints) -> None:
-        """Fill observations and information of some robots as they are now."""
-        crank_tracking.describe(rows, *self._describe_arguments())
-
     def reference(self, row: int) -> float:
         """r(t) = w t + pi, rad: where a robot's crank should be now."""
         passed = self.world.rows[row]["steps"] * self.control_dt
         return float(self.command(row) * passed + START_ANGLE)
 
-    def _step_arguments(self) -> tuple[Any, ...]:
+    def step_arguments(self) -> tuple[Any, ...]:
+        """Return those of :func:`jansen_env.engine.crank_tracking.finish_step` but the first."""
         world = self.world
         return (
             world.plant.rows, world.plant.sums, self.control_dt, self._weights, world.rows,
             self.rows, self.reward, self.terminated, self.observation,
         )  # fmt: skip
 
-    def _describe_arguments(self) -> tuple[Any, ...]:
+    def describe_arguments(self) -> tuple[Any, ...]:
+        """Return those of :func:`jansen_env.engine.crank_tracking.describe` but the first."""
         world = self.world
         return world.plant.rows, self.control_dt, world.rows, self.rows, self.observation
-
-    def kernels(self) -> list[Kernel]:
-        """Return what is compiled of it."""
-        one, every = np.arange(1), np.ones(self.num_envs, bool)
-        return [
-            Kernel("observation", crank_tracking.describe, (one, *self._describe_arguments())),
-            Kernel("reward", crank_tracking.finish_step, (every, *self._step_arguments())),
-        ]
 
     def scene(self, row: int) -> dict[str, Any]:
         """Return the arguments of the renderer."""

@@ -10,8 +10,7 @@ import numpy as np
 
 from jansen_env.checks import non_negative, positive
 from jansen_env.tasks.task import Task
-from jansen_env.world.actuated import Ints
-from jansen_env.world.argument_checks import option, single
+from jansen_env.world.argument_checks import Ints, option, single
 from jansen_env.world.entries import Observed
 
 FARTHEST = 3.0  # m, a goal on either side

@@ -16,8 +16,7 @@ from jansen_env.checks import within
 from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.rendering import Frame
 from jansen_env.tasks.information import InfoBuilder
-from jansen_env.world.actuated import Bools, Ints
-from jansen_env.world.argument_checks import fill, marked, signature_of
+from jansen_env.world.argument_checks import Bools, Ints, fill, marked, signature_of
 from jansen_env.world.entries import Observed
 from jansen_env.world.world import World
 
@@ -191,7 +190,7 @@ class Task(ABC):
         """
         self.world.step(actions, active, meanwhile)
         self.finish_step(active)
-        self.world.disturb_step()
+        self.world.disturb()
 
     def finish_step(self, active: Bools) -> None:
         """Score the step of the ``active`` robots (n,), and observe them."""

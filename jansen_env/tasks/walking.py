@@ -9,17 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from jansen_env.checks import finite, non_negative, positive, shown
 from jansen_env.engine import walk_reward
-from jansen_env.engine.jit import Kernel
 from jansen_env.tasks.commands import CommandedTask
 from jansen_env.tasks.task import Task
-from jansen_env.world.actuated import Bools, Ints
-from jansen_env.world.argument_checks import flag, per_robot, range_per_robot, single
+from jansen_env.world.argument_checks import Bools, Ints, flag, per_robot, range_per_robot, single
 from jansen_env.world.entries import Observed
 
 SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
@@ -75,6 +73,7 @@ class WalkerTask(CommandedTask):
     ROW = walk_reward.ROW
     STATE = ("info.fallen", *(f"info.{name}" for name in ACCOUNTS))
     SETTABLE = ("speed_command", "command")
+    ENGINE: ClassVar[Any] = walk_reward
     FASTEST = FASTEST_COMMAND
 
     def take(self, records: dict[str, Any]) -> None:
@@ -140,16 +139,13 @@ class WalkerTask(CommandedTask):
         if len(self._measured) > 0:
             self._measured[rows] = np.zeros((), walk_reward.ACCOUNTS)
 
-    def score(self, rows: Ints) -> None:
-        """Do nothing: :meth:`finish_step` scores."""
-
     def finish_step(self, active: Bools) -> None:
         """Score the step of the ``active`` robots (n,), and observe them, in one kernel."""
         if self._commands_change:
             self._draw_commands(active)
         if self.world.episodes.curriculum is not None:
             self._cover(active)
-        walk_reward.finish_step(active, *self._step_arguments())
+        super().finish_step(active)
         if self._observes:  # a task that derives from this one
             self.observe(np.flatnonzero(active))
         if self.terminate_when_fallen:
@@ -157,26 +153,20 @@ class WalkerTask(CommandedTask):
 
     def describe(self, rows: Ints) -> None:
         """Fill observations and information of some robots as they are now."""
-        walk_reward.describe(rows, *self._describe_arguments())
+        super().describe(rows)
         self.observe(rows)
         self.world.disturb(rows)
 
-    def _step_arguments(self) -> tuple[Any, ...]:
+    def step_arguments(self) -> tuple[Any, ...]:
+        """Return those of :func:`jansen_env.engine.walk_reward.finish_step` but the first."""
         return (
             self._settings, self.rows, self.reward, self._error, self._measured, self._places,
             *self.world.step_arguments(),
         )  # fmt: skip
 
-    def _describe_arguments(self) -> tuple[Any, ...]:
+    def describe_arguments(self) -> tuple[Any, ...]:
+        """Return those of :func:`jansen_env.engine.walk_reward.describe` but the first."""
         return self.rows, self._places, *self.world.describe_arguments()
-
-    def kernels(self) -> list[Kernel]:
-        """Return what is compiled of it."""
-        one, every = np.arange(1), np.ones(self.num_envs, bool)
-        return [
-            Kernel("observation", walk_reward.describe, (one, *self._describe_arguments())),
-            Kernel("reward", walk_reward.finish_step, (every, *self._step_arguments())),
-        ]
 
     def _draw_commands(self, active: Bools) -> None:
         """Draw the commands of the steps to come, where it is time for others."""

@@ -15,12 +15,18 @@ from jansen_env.engine.actions import take_actions
 from jansen_env.engine.jit import Kernel
 from jansen_env.robot import Robot
 from jansen_env.robot.motor import Motor
-from jansen_env.world.argument_checks import Array, control_period, number_range, option, optional
+from jansen_env.world.argument_checks import (
+    Array,
+    Bools,
+    Ints,
+    control_period,
+    number_range,
+    option,
+    optional,
+)
 from jansen_env.world.entries import Observed
 from jansen_env.world.settings import equip, load_motor, load_robot
 
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 Draw = Callable[[int, np.random.Generator, dict[str, Any]], Any]
 """Draws a task's own numbers of a robot's episode, with the options of its reset."""
 
@@ -97,11 +103,8 @@ class ActuatedRobots:
         """Raise ValueError: a robot that is held cannot be pushed."""
         raise ValueError("the robot is held, must be free to be pushed")
 
-    def disturb(self, rows: Ints) -> None:
-        """Add noise to the observations of some robots, between two steps."""
-
-    def disturb_step(self) -> None:
-        """Add noise to the observations after a step, with the errors that it has drawn."""
+    def disturb(self, rows: Ints | None = None) -> None:
+        """Add noise to observations after a step, or of some robots between two steps."""
 
     def close(self) -> None:
         """Let go of threads."""

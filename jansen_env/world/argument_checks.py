@@ -18,6 +18,8 @@ from jansen_env.checks import entries, positive, shown, within
 from jansen_env.plants.base import check_time_step
 
 Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 Check: TypeAlias = Callable[[str, Any], Any]
 """Returns the checked value of an argument, of which it is given the name."""
 Records: TypeAlias = Mapping[str, type]

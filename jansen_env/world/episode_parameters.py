@@ -82,9 +82,7 @@ class EpisodeParameters:
         self._changed = np.zeros(len(robots), bool)  # by a draw, from the nominal parameters
         self._check_draws(by_default)
         self.level = self.levels[:, 0].astype(np.int64)
-        self.varies = any(one.distributions for one in self.randomizations) or any(
-            one is not None for one in generators
-        )
+        self.varies = any(self.randomizations) or any(one is not None for one in generators)
 
     def _check_draws(self, by_default: Collection[str]) -> None:
         """Raises ValueError where something is drawn in vain; leaves it out where by default."""
@@ -94,8 +92,9 @@ class EpisodeParameters:
             levels[~has_levels] = 0.0
         for row in range(len(levels)):
             if "randomize" in by_default:
-                self.randomizations[row] = self.randomizations[row].only(self._useful(row))
-            self.check_names(row, [*self.randomizations[row].distributions], "randomize")
+                useful, drawn = self._useful(row), self.randomizations[row].items()
+                self.randomizations[row] = {k: one for k, one in drawn if k in useful}
+            self.check_names(row, [*self.randomizations[row]], "randomize")
             self._check_feet(row, self._heaviest(row))
         if bad := np.flatnonzero(levels.any(axis=1) & ~has_levels).tolist():
             raise ValueError(
@@ -145,7 +144,7 @@ class EpisodeParameters:
         pads = changes.get("pad_compliance", own)
         in_force = (of["restitution"][row] for of in (self._plant.parameters, self.nominal))
         restitution = changes.get("restitution", max(map(float, in_force)))
-        if not pads.rigid and "restitution" in self.randomizations[row].distributions:
+        if not pads.rigid and "restitution" in self.randomizations[row]:
             raise ValueError(
                 f"pad_compliance is {pads}, must be rigid, as randomize has 'restitution'"
             )
@@ -174,7 +173,7 @@ class EpisodeParameters:
         values = self.nominal[row].copy()
         for name, value in (changes or {}).items():
             values[name] = value
-        for name, drawn in self.randomizations[row].distributions.items():
+        for name, drawn in self.randomizations[row].items():
             if isinstance(drawn, Uniform):
                 level = min(max(0.0, drawn.low), drawn.high)
                 least = {"foot_stiffness_scale": drawn.low, "tilt": level}
@@ -202,7 +201,9 @@ class EpisodeParameters:
         if not options and not self.varies and not self._changed[row]:
             return Plan(values, None)
         one["terrain_level"] = self._next_level(row, rng, walked, command)
-        randomization.draw(rng, one)
+        for name, distribution in randomization.items():
+            label = f"a sample of randomize[{name!r}]"
+            one[name] = check(label, name, distribution.sample(rng))
         given = [name for name in PARAMETERS if name in options]
         self.check_names(row, given, "options")
         for name in given:
@@ -211,7 +212,7 @@ class EpisodeParameters:
         if generator is not None:
             terrain = generator(rng, round(float(one["terrain_level"])))
             for name, own in self._own.items():
-                if not own[row] and name not in (*randomization.distributions, *given):
+                if not own[row] and name not in (*randomization, *given):
                     one[name] = getattr(terrain, name)
             if terrain.restitution != one["restitution"]:  # which compliant pads may exclude
                 terrain = replace(terrain, restitution=float(one["restitution"]))

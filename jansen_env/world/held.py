@@ -11,19 +11,13 @@ import numpy as np
 from jansen_env.checks import non_negative, whole_number
 from jansen_env.engine import crank_tracking
 from jansen_env.parameters import LONGEST_DELAY
-from jansen_env.plants.fixed_base import FixedBaseBatch, FixedBasePlant, check_crank_state
+from jansen_env.plants.fixed_base import FixedBaseBatch, check_crank_state
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 from jansen_env.robot.motor import IDEAL, Motor
-from jansen_env.world.actuated import ActuatedRobots, Bools, Draw, Ints
-from jansen_env.world.argument_checks import (
-    Filled,
-    flag,
-    option,
-    per_robot,
-    range_per_robot,
-    single,
-)
+from jansen_env.world import argument_checks as arguments
+from jansen_env.world.actuated import ActuatedRobots, Draw
+from jansen_env.world.argument_checks import Bools, Filled, Ints, option, single
 from jansen_env.world.entries import Observed
 
 TORQUE_LIMIT = 5.0  # N m, of an ideal motor
@@ -37,11 +31,11 @@ class HeldMachine:
     robot: Robot | str = "paper"
     motor: Motor | str | None = None
     torque_limit: float | None = None
-    delay: float | tuple[float, float] | Any = range_per_robot(0.0, 0.0, LONGEST_DELAY)
+    delay: float | tuple[float, float] | Any = arguments.range_per_robot(0.0, 0.0, LONGEST_DELAY)
     control_dt: float = 0.01
     time_step: float = 0.001
-    reset_noise_scale: float | Any = per_robot(0.1, non_negative)
-    track_joint_forces: bool = single(False, flag, only=True)
+    reset_noise_scale: float | Any = arguments.per_robot(0.1, non_negative)
+    track_joint_forces: bool = single(False, arguments.flag, only=True)
 
 
 class HeldRobots(ActuatedRobots):
@@ -87,11 +81,6 @@ class HeldRobots(ActuatedRobots):
             chosen = replace(chosen, motor=replace(IDEAL, torque_limit=TORQUE_LIMIT))
         return chosen
 
-    @property
-    def plant_of_one(self) -> FixedBasePlant:
-        """The plant of a robot that is alone."""
-        return FixedBasePlant.of(self.plant)
-
     def connect(self, *given: Any) -> None:
         """Take nothing: the crank task reads the robots itself."""
 
@@ -104,7 +93,7 @@ class HeldRobots(ActuatedRobots):
     ) -> list[Any]:
         """Start episodes of some robots, see ``World``."""
         each = zip(rows.tolist(), generators, options, strict=True)
-        drawn = [self._draw(row, rng, own, draw) for row, rng, own in each]
+        drawn = [self._draw(*one, draw) for one in each]
         self.plant.states[rows] = [start[:2] for start in drawn]
         self.begin_delay(rows, np.array([start[2] for start in drawn]))
         self._clear_episode(rows)

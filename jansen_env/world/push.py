@@ -6,6 +6,7 @@ The force of a push is a half sine of its duration T; of the impulse J, from t0 
     impulse from t to t + h = J / 2 (cos(pi (t - t0) / T) - cos(pi (t + h - t0) / T))
 
 The impulses of the time steps are the second line, not a sum of forces, and so they add up to J.
+They are drawn from the episode's seed and counters (:mod:`jansen_env.engine.random`).
 """
 
 from __future__ import annotations
@@ -15,14 +16,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jansen_env.checks import entries, finite, non_negative, one_or_two, shown, within
+from jansen_env.engine.jit import Kernel, prepare
+from jansen_env.engine.pushes import PUSHES, fill_pushes
+from jansen_env.world.argument_checks import Array, Bools, Ints
 
 SHORTEST, LONGEST = 1e-3, 1e6  # s, of durations and intervals
 MOST_PUSHES = 1000  # of an episode's own
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -54,14 +55,14 @@ class Push:
         object.__setattr__(self, "duration", duration)
 
 
-def make_push(push: Any) -> Push | None:
+def make_push(name: str, push: Any) -> Push | None:
     """Return a :class:`Push`, also of a dictionary of its arguments; None for none; ValueError."""
     if push is None or isinstance(push, Push):
         return push
     known = list(Push.__dataclass_fields__)
     if not isinstance(push, Mapping) or not {*push} <= {*known}:
         raise ValueError(
-            f"push is {shown(push)}, must be None, a Push or a dictionary with some of {known}"
+            f"{name} is {shown(push)}, must be None, a Push or a dictionary with some of {known}"
         )
     return Push(**push)
 
@@ -82,3 +83,74 @@ def check_schedule(name: str, pushes: Any) -> Array:
         for i, (t, x, y) in enumerate(rows)
     ]  # fmt: skip
     return np.array(checked, float).reshape(-1, 3)
+
+
+class Pushes:
+    """Pushes on n robots.
+
+    Args:
+        num_envs: n. push: random ones; None for none. steps: of a control step. time_step: s.
+
+    Attributes:
+        strength: (n,) factor of the random ones. random: (n,) whether an episode has them.
+    """
+
+    def __init__(self, num_envs: int, push: Push | None, steps: int, time_step: float) -> None:
+        self.strength = np.ones(num_envs)
+        self._steps = steps
+        self._settings = np.zeros(1, PUSHES)
+        kind = push or Push(0.0)
+        self._settings[0] = (*kind.impulse, kind.duration, kind.interval, time_step)  # type: ignore[misc]
+        self.random = np.ones(num_envs, bool)
+        self._scheduled = np.zeros(num_envs, np.int64)
+        self._schedule = np.zeros((num_envs, 1, 3))
+        self._impulse = np.zeros((0, steps, 2))
+        if push is not None:
+            self._begin_pushing()
+
+    def _begin_pushing(self) -> None:
+        """Prepare for pushes."""
+        n = len(self.strength)
+        self._impulse = np.zeros((n, self._steps, 2))
+        step = np.zeros(n, bool), np.zeros(n, np.int64), np.zeros(n, np.int64)
+        prepare(Kernel("pushes", fill_pushes, (*step, *self._arguments())))
+
+    def _arguments(self) -> tuple[Any, ...]:
+        return (
+            self.strength, self._settings, self.random, self._schedule, self._scheduled,
+            self._impulse,
+        )  # fmt: skip
+
+    def schedule(self, row: int, pushes: Array, random: bool) -> None:
+        """Give a robot's episode checked pushes (k, 3), and ``random`` ones or not."""
+        if len(pushes) > self._schedule.shape[1]:
+            before, self._schedule = self._schedule, np.zeros((len(self.strength), len(pushes), 3))
+            self._schedule[:, : before.shape[1]] = before
+        self._schedule[row, : len(pushes)], self._scheduled[row] = pushes, len(pushes)
+        self.random[row] = random
+        if len(pushes) > 0 and len(self._impulse) == 0:
+            self._begin_pushing()
+
+    def add(self, row: int, push: Array) -> None:
+        """Add a push (3,) to a robot's own, less those that are over; ValueError: too many."""
+        own = self.scheduled(row)
+        going_on = own[own[:, 0] + self._settings["duration"] > push[0]]
+        if len(going_on) == MOST_PUSHES:
+            raise ValueError(f"there are {MOST_PUSHES} pushes, must be fewer")
+        self.schedule(row, np.concatenate([going_on, push[None]]), bool(self.random[row]))
+
+    def scheduled(self, row: int) -> Array:
+        """Return a robot's own pushes (k, 3)."""
+        return self._schedule[row, : self._scheduled[row]].copy()
+
+    def of_step(self, active: Bools, elapsed: Ints, seeds: Ints) -> Array | None:
+        """Return impulses (n, steps, 2) on the chassis in the next time steps, N s; None: none.
+
+        Args:
+            active: (n,) who takes the step. elapsed: (n,) control steps of the episodes so far.
+            seeds: (n,) of the episodes.
+        """
+        if len(self._impulse) == 0:
+            return None
+        pushed = fill_pushes(active, elapsed, seeds, *self._arguments())
+        return self._impulse if pushed else None

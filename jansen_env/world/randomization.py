@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jansen_env.checks import entries, shown
-from jansen_env.parameters import LONGEST_DELAY, PARAMETERS, check
+from jansen_env.parameters import PARAMETERS, check
 
 
 class Distribution(Protocol):
@@ -34,46 +33,26 @@ class Uniform(NamedTuple):
         return float(rng.uniform(self.low, self.high))
 
 
-class Randomization:
-    """Distributions from which parameters are drawn at each reset.
+Randomization: TypeAlias = dict[str, Distribution]
+"""Distributions of parameters by name, in the order of :data:`jansen_env.parameters.TABLE`."""
+
+
+def load_randomization(name: str, value: Any) -> Randomization:
+    """Return the distributions of ``randomize``.
 
     Args:
-        given: by name a number, (low, high) for a uniform draw (of whole numbers where the
+        value: by name a number, (low, high) for a uniform draw (of whole numbers where the
             parameter is one), or a :class:`Distribution`; None for none.
-
-    Attributes:
-        distributions: by name, in the order of :data:`jansen_env.parameters.TABLE`.
-        longest_delay: s, that may be drawn.
 
     Raises:
         ValueError: a name or a range that there is not.
     """
-
-    def __init__(self, given: Any) -> None:
-        given = {} if given is None else given
-        if not isinstance(given, Mapping):
-            raise ValueError(f"randomize is {shown(given)}, must map of {[*PARAMETERS]} to ranges")
-        if unknown := sorted(map(str, {*given} - {*PARAMETERS})):
-            raise ValueError(f"randomize has {unknown}, must be of {[*PARAMETERS]}")
-        self.distributions = {
-            name: _distribution(name, given[name]) for name in PARAMETERS if name in given
-        }
-        delay = self.distributions.get("delay", Uniform(0.0, 0.0))
-        self.longest_delay = delay.high if isinstance(delay, Uniform) else LONGEST_DELAY
-
-    def only(self, names: Collection[str]) -> Randomization:
-        """Return the same for some parameters alone."""
-        return Randomization({k: one for k, one in self.distributions.items() if k in names})
-
-    def draw(self, rng: np.random.Generator, values: NDArray[Any]) -> None:
-        """Draw into ``values``, a row of :data:`jansen_env.parameters.EPISODE`.
-
-        Raises:
-            ValueError: a distribution gave a number that its parameter cannot be.
-        """
-        for name, distribution in self.distributions.items():
-            number = distribution.sample(rng)
-            values[name] = check(f"a sample of randomize[{name!r}]", name, number)
+    given = {} if value is None else value
+    if not isinstance(given, Mapping):
+        raise ValueError(f"{name} is {shown(given)}, must map of {[*PARAMETERS]} to ranges")
+    if unknown := sorted(map(str, {*given} - {*PARAMETERS})):
+        raise ValueError(f"{name} has {unknown}, must be of {[*PARAMETERS]}")
+    return {one: _distribution(one, given[one]) for one in PARAMETERS if one in given}
 
 
 def _distribution(name: str, value: Any) -> Distribution:

@@ -12,15 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from jansen_env.checks import (
-    entries,
-    instance,
-    non_negative,
-    positive,
-    positive_integer,
-    shown,
-    within,
-)
+from jansen_env import checks
+from jansen_env.checks import instance, non_negative, positive, shown, within
 from jansen_env.parameters import LONGEST_DELAY
 from jansen_env.plants.make import plant_time_step
 from jansen_env.robot import ROBOTS, Compliance, Payload, Robot
@@ -28,22 +21,11 @@ from jansen_env.robot.motor import MOTORS, Motor
 from jansen_env.terrain import Terrain, make_terrain
 from jansen_env.terrain.curriculum import Curriculum
 from jansen_env.terrain.generators import HIGHEST, Generator, make_generator
-from jansen_env.world.argument_checks import (
-    Array,
-    Each,
-    Filled,
-    broadcast_by,
-    broadcast_ranges,
-    entries_of,
-    flag,
-    optional,
-    per_robot,
-    range_per_robot,
-    single,
-)
+from jansen_env.world import argument_checks as arguments
+from jansen_env.world.argument_checks import Array, Filled, optional, per_robot, single
 from jansen_env.world.noise import Noise, make_noise
 from jansen_env.world.push import Push, make_push
-from jansen_env.world.randomization import Randomization
+from jansen_env.world.randomization import load_randomization
 
 FLAT = Terrain.flat()  # where a robot stands before its ground is drawn
 FURTHEST_SCAN, MOST_SCANNED = 100.0, 1000  # m, and places, of a height scan
@@ -87,15 +69,15 @@ def _plant_name(name: str, value: Any) -> str:
 
 
 def _terrains(count: int, name: str, value: Any) -> list[Any]:
-    several = isinstance(value, Each) or (
+    several = isinstance(value, arguments.Each) or (
         isinstance(value, (list, tuple))
         and all(isinstance(one, (Terrain, str)) or callable(one) for one in value)
     )
-    return entries_of(name, value, count) if several else [value] * count
+    return arguments.entries_of(name, value, count) if several else [value] * count
 
 
 def _levels(count: int, name: str, value: Any) -> Array:
-    levels = broadcast_ranges(count, name, value, 0, HIGHEST)
+    levels = arguments.broadcast_ranges(count, name, value, 0, HIGHEST)
     if (levels != np.round(levels)).any():
         raise ValueError(f"{name} is {shown(value)}, must be whole numbers")
     return levels
@@ -106,11 +88,13 @@ def scanned_places(name: str, scan: Any) -> Array:
     if scan is None:
         return np.empty(0)
     allowed = "None or (behind, ahead, count)"
-    values = entries(name, scan, allowed)
+    values = checks.entries(name, scan, allowed)
     if len(values) != 3:
         raise ValueError(f"{name} is {shown(scan)}, must be {allowed}")
     behind, ahead = (within(f"{name}[{i}]", values[i], 0.0, FURTHEST_SCAN) for i in (0, 1))
-    return np.linspace(-behind, ahead, positive_integer(f"{name}[2]", values[2], MOST_SCANNED))
+    return np.linspace(
+        -behind, ahead, checks.positive_integer(f"{name}[2]", values[2], MOST_SCANNED)
+    )
 
 
 @dataclass(frozen=True)
@@ -128,21 +112,21 @@ class Machine:
 class Control:
     """Actuation and simulation; times in s."""
 
-    delay: float | tuple[float, float] | Any = range_per_robot(0.0, 0.0, LONGEST_DELAY)
+    delay: float | tuple[float, float] | Any = arguments.range_per_robot(0.0, 0.0, LONGEST_DELAY)
     control_dt: float = 0.02
     time_step: float | None = None
     plant: str = single("projection", _plant_name, only=True)
-    track_joint_forces: bool = single(False, flag, only=True)
+    track_joint_forces: bool = single(False, arguments.flag, only=True)
 
 
 @dataclass(frozen=True)
 class Ground:
     """The terrain, or how it is drawn."""
 
-    terrain: Terrain | str | Any = broadcast_by("flat", _terrains)
+    terrain: Terrain | str | Any = arguments.broadcast_by("flat", _terrains)
     friction: float | Any = per_robot(None, optional(non_negative))
     restitution: float | Any = per_robot(None, optional(partial(within, low=0.0, high=1.0)))
-    terrain_level: int | tuple[int, int] | Any = broadcast_by(0, _levels)
+    terrain_level: int | tuple[int, int] | Any = arguments.broadcast_by(0, _levels)
     curriculum: Curriculum | bool | Any | None = single(None, load_curriculum)
 
 
@@ -150,7 +134,7 @@ class Ground:
 class Randomness:
     """Randomisation between episodes; the starting crank speed in rad/s."""
 
-    randomize: Mapping[str, Any] | Any = per_robot(None, lambda name, value: Randomization(value))
+    randomize: Mapping[str, Any] | Any = per_robot(None, load_randomization)
     reset_noise_scale: float | Any = per_robot(0.1, non_negative)
 
 
@@ -159,8 +143,8 @@ class Sensing:
     """Sensors, their noise, and pushes."""
 
     height_scan: tuple[float, float, int] | Any | None = single(None, scanned_places)
-    noise: Noise | Mapping[str, Any] | None = single(None, lambda name, value: make_noise(value))
-    push: Push | Mapping[str, Any] | None = single(None, lambda name, value: make_push(value))
+    noise: Noise | Mapping[str, Any] | None = single(None, make_noise)
+    push: Push | Mapping[str, Any] | None = single(None, make_push)
 
 
 def equip(

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 MOST_STEPS = 2**63 - 1  # of an episode; and the largest seed
 PLACED = ("delay", "terrain_level")  # changes that apply from the next reset on
+KEPT = ("friction", "restitution", *CHANGES)
 SLIPPING = 0.01  # m/s of mean slip speed from which a toe is drawn as slipping
 
 
@@ -74,22 +75,19 @@ def get_attr(world: World, name: str) -> list[Any] | None:
     """Return what each robot has of its own by that name; None for another name.
 
     Names: ``terrain``, ``terrain_level``, ``payload``, ``motor``, ``torque_limit``,
-    ``pad_compliance``, ``weight``, ``reset_noise_scale``, ``friction``, ``restitution`` and
-    :data:`jansen_env.parameters.CHANGES`.
+    ``pad_compliance``, ``weight``, ``reset_noise_scale`` and :data:`KEPT`.
     """
     if name == "terrain":
         return list(world.plant.terrains)
-    if name == "terrain_level":
-        return list(world.episodes.values[name].astype(int).tolist())
     if name in ("payload", "motor", "pad_compliance"):
         return [getattr(robot, name) for robot in world.robots]
     if name == "torque_limit":
         return [robot.motor.torque_limit for robot in world.robots]
     if name in ("weight", "reset_noise_scale"):
-        return list(getattr(world, name).tolist())
-    if name in ("friction", "restitution", *CHANGES):
-        return list(world.episodes.values[name].tolist())
-    return None
+        return getattr(world, name).tolist()
+    if name == "terrain_level":
+        return world.episodes.values[name].astype(int).tolist()
+    return world.episodes.values[name].tolist() if name in KEPT else None
 
 
 def get_state(world: World, row: int) -> dict[str, Any]:

@@ -14,19 +14,19 @@ from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import readings
 from jansen_env.engine.jit import Kernel
 from jansen_env.gravity import GRAVITY
-from jansen_env.parameters import CHANGED_BY, PARAMETERS
+from jansen_env.parameters import CHANGED_BY, LONGEST_DELAY, PARAMETERS
 from jansen_env.plants.base import BatchedPlant
 from jansen_env.plants.initial_pose import static_deflection
-from jansen_env.plants.make import Plant, make_batch, plant_of, plant_time_step
+from jansen_env.plants.make import make_batch, plant_time_step
 from jansen_env.robot.kinematics import advance_per_turn
-from jansen_env.terrain import Terrain
 from jansen_env.world import single_robots
-from jansen_env.world.actuated import ActuatedRobots, Bools, Draw, Ints
-from jansen_env.world.argument_checks import Array, Filled, option
-from jansen_env.world.disturbances import NoisySensors, Pushes
+from jansen_env.world.actuated import ActuatedRobots, Draw
+from jansen_env.world.argument_checks import Array, Bools, Filled, Ints, option
 from jansen_env.world.entries import Observed, list_entries
 from jansen_env.world.episode_parameters import EpisodeParameters, Plan
-from jansen_env.world.push import check_schedule
+from jansen_env.world.noise import NoisySensors
+from jansen_env.world.push import Pushes, check_schedule
+from jansen_env.world.randomization import Uniform
 from jansen_env.world.settings import (
     Control,
     Ground,
@@ -78,11 +78,16 @@ class World(ActuatedRobots):
         for robot in robots:
             static_deflection(robot, GRAVITY)  # or its feet are too soft
         terrains, generators = make_terrains(ground)
-        randomizations = randomness.randomize
         time_step = plant_time_step(control.plant, control.time_step)
-        longest = max(one.longest_delay for one in randomizations)
+        drawn = [one["delay"] for one in randomness.randomize if "delay" in one]
+        most = [one.high if isinstance(one, Uniform) else LONGEST_DELAY for one in drawn]
         super().__init__(
-            robots, readings.ROW, control.control_dt, time_step, control.delay, longest
+            robots,
+            readings.ROW,
+            control.control_dt,
+            time_step,
+            control.delay,
+            max(most, default=0.0),
         )
         self.reset_noise_scale = np.array(randomness.reset_noise_scale)
         self.plant: BatchedPlant = make_batch(
@@ -101,12 +106,13 @@ class World(ActuatedRobots):
         self.loads = np.zeros((n, self.plant.toes))
         self.elapsed, self.seeds = np.zeros(n, np.int64), np.zeros(n, np.int64)
         self.track_joint_forces = control.track_joint_forces
-        if self.track_joint_forces:
-            self.traceable.tracing = True
+        if self.track_joint_forces and not self.plant.knows_joint_forces:
+            raise ValueError("track_joint_forces is True, must be False with plant='rigid_body'")
+        self.plant.tracing = self.track_joint_forces
         self._joint_loads = np.zeros(2)
         has = {"noise_level": self._noise is not None, "push_strength": push is not None}
         self.episodes = EpisodeParameters(
-            self.plant, self.robots, ground, generators, randomizations, has, by_default
+            self.plant, self.robots, ground, generators, randomness.randomize, has, by_default
         )
         self._share_arrays()
 
@@ -139,40 +145,15 @@ class World(ActuatedRobots):
             self._share_arrays()
 
     @property
-    def terrains(self) -> list[Terrain]:
-        """Of each robot, in this episode."""
-        return self.plant.terrains
-
-    @property
     def weight(self) -> Array:
         """(n,) N."""
-        weight: Array = self.rows["weight"]
-        return weight
-
-    @property
-    def plant_of_one(self) -> Plant:
-        """The plant of a robot that is alone."""
-        return plant_of(self.plant)
-
-    @property
-    def traceable(self) -> BatchedPlant:
-        """The plant, if it knows the forces in its joints; ValueError if not."""
-        if self.num_envs == 1 and self.plant.knows_joint_forces:
-            return self.plant
-        raise ValueError(
-            "joint forces are known of one robot with plant='projection' only: track_joint_forces "
-            "must be False"
-        )
+        return self.rows["weight"]
 
     def joint_forces(self) -> JointForces:
-        """Return the forces in every joint now, under the last action's torque and the push.
-
-        Raises:
-            ValueError: they are not known.
-        """
-        pushes = self.pushes_to_come(np.ones(1, bool))
+        """Return a single robot's joint forces now; ValueError: the plant does not know them."""
+        pushes = self.pushes.of_step(np.ones(1, bool), self.elapsed, self.seeds)
         push = None if pushes is None else pushes[0, 0]
-        return self.traceable.joint_forces(float(self.torque[0]), push)
+        return self.plant.joint_forces(float(self.torque[0]), push)
 
     def reset(
         self,
@@ -190,11 +171,11 @@ class World(ActuatedRobots):
             ValueError: an option out of range; nothing has changed then.
         """
         each = list(zip(rows.tolist(), generators, options, strict=True))
-        drawn = [self._draw(row, rng, own, draw) for row, rng, own in each]
+        drawn = [self._draw(*one, draw) for one in each]
         seeds = [rng.integers(2**63) for rng in generators]
         plans = [
-            self.episodes.plan(row, rng, own, start[2], *self._progress(row))
-            for (row, rng, own), start in zip(each, drawn, strict=True)
+            self.episodes.plan(*one, start[2], *self._progress(one[0]))
+            for one, start in zip(each, drawn, strict=True)
         ]
         given = [own.get("pushes") for own in options]
         schedules = [
@@ -268,7 +249,7 @@ class World(ActuatedRobots):
         """
         plant = self.plant
         self._take_actions(actions, active)
-        pushes = self.pushes_to_come(active)
+        pushes = self.pushes.of_step(active, self.elapsed, self.seeds)
         self.elapsed += active
         rows = None if active.all() else np.flatnonzero(active)
         plant.step(self.torque, self.steps, self.earlier, self.switch, rows, meanwhile, pushes)
@@ -281,10 +262,6 @@ class World(ActuatedRobots):
             self._truncate(plant.diverged & active)
         if self.track_joint_forces:
             self._joint_loads[:] = (0.0, 0.0) if plant.any_diverged else plant.peak_loads()
-
-    def pushes_to_come(self, active: Bools) -> Array | None:
-        """Return (n, steps, 2) N s on the ``active`` robots in the next step, None for none."""
-        return self.pushes.of_step(active, self.elapsed, self.seeds)
 
     def finish_step(self, active: Bools) -> None:
         """Account for the step of the ``active`` robots (n,), and :meth:`describe` them."""
@@ -304,28 +281,20 @@ class World(ActuatedRobots):
 
     def describe_arguments(self) -> tuple[Any, ...]:
         """Return the arguments of :func:`jansen_env.engine.readings.describe` but the first."""
-        plant = self.plant
-        return (
-            plant.states, plant.rows, self.rows, self.loads, plant.surface, self._scan,
-            self._places, self._observation,
-        )  # fmt: skip
+        return self.plant.states, *self.step_arguments()[4:]
 
-    def disturb_step(self) -> None:
-        """Add noise to the observations after a step, with the errors that it has drawn."""
-        if self.sensors is not None:
-            self.sensors.add(self._moved, self._observation)
-
-    def disturb(self, rows: Ints) -> None:
-        """Add noise to the observations of some robots, between two steps."""
-        if self.sensors is not None:
+    def disturb(self, rows: Ints | None = None) -> None:
+        """Add noise to observations after a step, or of some robots between two steps."""
+        if self.sensors is None:
+            return
+        if rows is not None:
             self.sensors.draw(rows, self.elapsed, self.seeds)
-            self.sensors.add(rows, self._observation)
+        self.sensors.add(self._moved if rows is None else rows, self._observation)
 
     @property
     def non_toe_contact(self) -> Bools:
         """(n,) whether a joint other than a toe was pressed on the ground in the last step."""
-        pressed: Bools = self.plant.rows["accumulators"]["non_toe_impulse"] > 0.0
-        return pressed
+        return self.plant.rows["accumulators"]["non_toe_impulse"] > 0.0
 
     def get_attr(self, name: str) -> list[Any] | None:
         """Return what each robot has of its own by that name; None for another name."""
@@ -346,10 +315,10 @@ class World(ActuatedRobots):
     restore, frame = single_robots.restore, single_robots.frame
 
     def push(self, row: int, impulse: Any) -> None:
-        """Push a robot's chassis from now on, whatever other pushes there are.
+        """Push a robot's chassis from now on, beside other pushes.
 
         Args:
-            impulse: (2,) N s in x and y; as long as ``push`` has it, without that 0.1 s.
+            impulse: (2,) N s in x and y, for ``push.duration``, by default 0.1 s.
 
         Raises:
             ValueError: no two finite numbers, or too many pushes at once.

@@ -97,7 +97,7 @@ def test_the_documented_defaults_are_those_of_the_class(env_id):
     assert text in doc or f"| ``speed_command`` | ({low:g}, {high:g}) |" in doc
     episodes = env.task.world.episodes
     levels = {"terrain_level": Uniform(*episodes.levels[0])} if episodes.levels.any() else {}
-    for name, drawn in {**episodes.randomizations[0].distributions, **levels}.items():
+    for name, drawn in {**episodes.randomizations[0], **levels}.items():
         assert f"``{name}``" in doc
         assert f"{drawn.low:g} to {drawn.high:g}" in doc, name
     assert f"{len(env.observed) - 1} |" in doc or env_id == "JansenWalker-v0"

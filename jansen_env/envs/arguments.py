@@ -28,14 +28,14 @@ def broadcast_limits(count: int, limit: Any) -> Array:
 
     None and -1, as ``gym.make`` has it, stand for never (inf).
     """
-    name = "max_episode_steps"
-
-    def steps(one: Any) -> float:
-        if one is None or (isinstance(one, Integral) and one == -1):
-            return math.inf
-        return float(positive_integer(name, one, MOST_EPISODE_STEPS))
-
-    return np.array([steps(one) for one in entries_of(name, limit, count)])
+    name, never = "max_episode_steps", math.inf
+    limits = [
+        never
+        if one is None or (isinstance(one, Integral) and one == -1)
+        else positive_integer(name, one, MOST_EPISODE_STEPS)
+        for one in entries_of(name, limit, count)
+    ]
+    return np.array(limits, float)
 
 
 def broadcast_seeds(count: int, seed: Any) -> list[int | None]:

@@ -100,7 +100,4 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
         return world.plant.joint_forces(0, float(world.torque[0]))
 
 
-class JansenCrankVectorEnv(TaskVectorEnv[CrankTask]):
-    """:class:`JansenCrankEnv` for many robots at once: what ``gym.make_vec`` makes."""
-
-    TASK = CrankTask
+JansenCrankVectorEnv = TaskVectorEnv.of(JansenCrankEnv)

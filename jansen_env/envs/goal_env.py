@@ -68,7 +68,4 @@ class JansenGoalEnv(SingleEnv[GoalTask]):
     TASK = GoalTask
 
 
-class JansenGoalVectorEnv(TaskVectorEnv[GoalTask]):
-    """:class:`JansenGoalEnv` for many robots at once: what ``gym.make_vec`` makes."""
-
-    TASK = GoalTask
+JansenGoalVectorEnv = TaskVectorEnv.of(JansenGoalEnv)

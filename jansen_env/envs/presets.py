@@ -80,10 +80,7 @@ class JansenWalkerBuiltEnv(JansenWalkerEnv):
     TASK = BuiltTask
 
 
-class JansenWalkerBuiltVectorEnv(TaskVectorEnv[BuiltTask]):
-    """:class:`JansenWalkerBuiltEnv` for many robots at once: what ``gym.make_vec`` makes."""
-
-    TASK = BuiltTask
+JansenWalkerBuiltVectorEnv = TaskVectorEnv.of(JansenWalkerBuiltEnv)
 
 
 class JansenWalkerRoughEnv(JansenWalkerEnv):
@@ -134,10 +131,7 @@ class JansenWalkerRoughEnv(JansenWalkerEnv):
     TASK = RoughTask
 
 
-class JansenWalkerRoughVectorEnv(TaskVectorEnv[RoughTask]):
-    """:class:`JansenWalkerRoughEnv` for many robots at once: what ``gym.make_vec`` makes."""
-
-    TASK = RoughTask
+JansenWalkerRoughVectorEnv = TaskVectorEnv.of(JansenWalkerRoughEnv)
 
 
 class JansenWalkerHardcoreEnv(JansenWalkerEnv):
@@ -186,7 +180,4 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
     TASK = HardcoreTask
 
 
-class JansenWalkerHardcoreVectorEnv(TaskVectorEnv[HardcoreTask]):
-    """:class:`JansenWalkerHardcoreEnv` for many robots at once: what ``gym.make_vec`` makes."""
-
-    TASK = HardcoreTask
+JansenWalkerHardcoreVectorEnv = TaskVectorEnv.of(JansenWalkerHardcoreEnv)

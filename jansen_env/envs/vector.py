@@ -1,4 +1,4 @@
-"""Gymnasium's vector environment of many robots, of any task: it translates, no more."""
+"""Gymnasium's vector environment of many robots, of any task."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import positive_integer
 from jansen_env.envs import arguments
-from jansen_env.envs.single import ATask
+from jansen_env.envs.single import ATask, SingleEnv
 from jansen_env.world.argument_checks import Array, Bools, Ints
 from jansen_env.world.entries import Observed
 
@@ -26,23 +26,21 @@ METHODS = ("get_state", "push", "render", "set_parameters", "set_state")
 
 
 class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], Generic[ATask]):
-    """``num_envs`` robots that do a task together; ``arguments`` are the task's.
+    """``num_envs`` robots that do a task together.
 
-    Spaces, rewards, information and arguments are those of the single environment, and so are the
-    trajectories, bit for bit: robot i of ``reset(seed=s)`` does what the single environment does
-    after ``reset(seed=s + i)``. A robot whose simulation diverges ends its own episode, no other's.
+    Trajectories are those of the single environment, bit for bit: robot i of ``reset(seed=s)`` does
+    what the single environment does after ``reset(seed=s + i)``. A robot whose simulation diverges
+    ends its own episode, no other's.
 
     Args:
-        num_envs: robots.
-        max_episode_steps: after which an episode is truncated, one number or one for each robot;
-            None for never.
+        num_envs: robots. max_episode_steps: after which an episode is truncated, one number or one
+            for each robot; None for never.
         autoreset_mode: ``NEXT_STEP`` (Gymnasium's default: the step after an episode's last one
             resets and ignores the action), ``SAME_STEP`` (that very step returns the next
             episode's first observation; ``infos["final_obs"]`` has the last one) or ``DISABLED``.
-        threads: cores to use; None for as many as pay.
-        info_keys: what ``infos`` are to have, such as ``("slip",)``; None for all of it, which
-            takes a few per cent of a step.
-        render_mode: None or ``"rgb_array"``.
+        threads: cores to use; None for as many as pay. render_mode: None or ``"rgb_array"``.
+        info_keys: keys of ``infos``, such as ``("slip",)``; None for all, which takes a few per cent
+            of a step.
         task_arguments: as for one robot; those in the task's ``PER_ROBOT`` may be one for each.
 
     Attributes:
@@ -58,12 +56,19 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
     task: ATask
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Show the task's arguments as those of the environment."""
         super().__init_subclass__(**kwargs)
         if "__init__" not in cls.__dict__:
             _, *before, _ = inspect.signature(TaskVectorEnv.__init__).parameters.values()
             shown = inspect.signature(cls.TASK).parameters.values()
             cls.__signature__ = inspect.Signature([*before, *shown])  # type: ignore[attr-defined]
+
+    @classmethod
+    def of(cls, single: type[SingleEnv[Any]]) -> type[TaskVectorEnv[Any]]:
+        """Return the vector environment of a single one's task: what ``gym.make_vec`` makes."""
+        name = single.__name__.replace("Env", "VectorEnv")
+        doc = f":class:`{single.__name__}` for many robots at once: what ``gym.make_vec`` makes."
+        own = {"TASK": single.TASK, "__doc__": doc, "__module__": single.__module__}
+        return type(name, (cls,), own)
 
     def __init__(
         self,
@@ -111,12 +116,11 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         """Start episodes: of all robots, or of those in ``options["reset_mask"]`` (num_envs,).
 
         Args:
-            seed: robot i gets seed + i, or entry i.
-            options: those of the single environment, for all or one for each.
+            seed: robot i gets seed + i, or entry i. options: of the single environment, for all or
+                one for each.
 
         Raises:
-            ValueError: not one seed or option for each robot, an unknown option, or a value out of
-                range. TypeError: ``reset_mask`` is no array of bools.
+            ValueError: a seed or option out of range. TypeError: a mask that is no array of bools.
         """
         options = arguments.reset_options(options)
         mask = arguments.reset_mask(self.num_envs, options.pop("reset_mask", None))
@@ -166,14 +170,10 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         return self.task.observation.copy(), rewards, terminated, truncated, infos
 
     def advance(self, actions: NDArray[np.float32]) -> tuple[Bools, Bools]:
-        """:meth:`step`, leaving in :attr:`task` what it led to; (terminated, truncated) of each.
-
-        With ``SAME_STEP`` no episode is started.
-        """
+        """Step without starting episodes of ``SAME_STEP``; returns (terminated, truncated)."""
         if (waiting := self._awaiting_reset()).any():
-            raise gym.error.ResetNeeded(
-                f"robots {np.flatnonzero(waiting).tolist()} must be reset before the next step()"
-            )
+            late = np.flatnonzero(waiting).tolist()
+            raise gym.error.ResetNeeded(f"robots {late} must be reset before the next step()")
         task, over = self.task, self._done.copy()
         # NEXT_STEP: those whose episode is over only start again.
         meanwhile = partial(self.restart, np.flatnonzero(over)) if over.any() else None
@@ -185,7 +185,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         return terminated, truncated
 
     def _restart_in_step(self, done: Bools) -> dict[str, Any]:
-        """Start the next episodes where ``done``; what was last seen goes into the information."""
+        """Start the next episodes where ``done``; the information has the last observations."""
         final = np.full(self.num_envs, None, object)
         for i in np.flatnonzero(done).tolist():
             final[i] = self.task.observation[i].copy()
@@ -200,7 +200,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         return self.task.information.batched(known, stepped, self.info_keys)
 
     def _awaiting_reset(self) -> Bools:
-        """Which robots (num_envs,) cannot take a step before :meth:`reset`."""
+        """Return which robots (num_envs,) cannot take a step before :meth:`reset`."""
         disabled = self.autoreset_mode == AutoresetMode.DISABLED
         return ~self._begun | self._done if disabled else ~self._begun
 
@@ -222,7 +222,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         self.task.world.push(row, impulse)
 
     def get_state(self, row: int) -> dict[str, Any]:
-        """All that the future of robot ``row`` depends on, as of the single environment."""
+        """Return all that the future of robot ``row`` depends on, as of the single environment."""
         generator = self._generator(row).bit_generator.state
         return {**self.task.get_state(row), "generator": generator}
 
@@ -238,7 +238,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         return self.task.observation[row].copy()
 
     def _generator(self, row: int) -> np.random.Generator:
-        """A robot's random numbers; seeded by the system where :meth:`reset` has got no seed."""
+        """Return a robot's generator, seeded by the system where :meth:`reset` got no seed."""
         found = self._generators[row]
         if found is None:
             found, self._seeds[row] = seeding.np_random()
@@ -270,7 +270,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         return self.get_attr(name)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """An attribute of each robot: its own, or what all have in common."""
+        """Return an attribute of each robot: its own, or the common one."""
         own = self.task.get_attr(name)
         if own is not None:
             return tuple(own)
@@ -283,7 +283,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         return (found,) * self.num_envs
 
     def set_attr(self, name: str, values: Any) -> None:
-        """:meth:`set_parameters` of all robots: to one value, or to the entries of a list."""
+        """Set a parameter of all robots: to one value, or to the entries of a list."""
         values = values if isinstance(values, (list, tuple)) else [values] * self.num_envs
         if len(values) != self.num_envs:
             raise ValueError(f"values has {len(values)} entries, must have {self.num_envs}")

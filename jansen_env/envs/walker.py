@@ -208,7 +208,4 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
         return self.task.world.joint_forces()
 
 
-class JansenWalkerVectorEnv(TaskVectorEnv[WalkerTask]):
-    """:class:`JansenWalkerEnv` for many robots at once: what ``gym.make_vec`` makes."""
-
-    TASK = WalkerTask
+JansenWalkerVectorEnv = TaskVectorEnv.of(JansenWalkerEnv)

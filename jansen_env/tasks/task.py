@@ -24,9 +24,8 @@ from jansen_env.world.world import World
 class Task(ABC):
     """A task of ``num_envs`` robots. Environments of one robot and of many are made of it.
 
-    A task is a class with the class attributes below, :attr:`own_entries`, :meth:`begin` and
-    :meth:`score`; :mod:`jansen_env.tasks.goal` is an example in plain NumPy. What is added here
-    appears in the single, the vector and Stable-Baselines3's environments.
+    A task has the class attributes below, :attr:`own_entries`, :meth:`begin` and :meth:`score`;
+    :mod:`jansen_env.tasks.goal` is an example in plain NumPy.
 
     Args:
         num_envs: robots. threads: cores to use; None for as many as pay.
@@ -35,25 +34,21 @@ class Task(ABC):
             (n,), or anything in :class:`jansen_env.world.argument_checks.Each`.
 
     Attributes:
-        WORLD: in what the robots are. RECORDS: frozen dataclasses whose fields are the task's own
-            keyword arguments with their checks, by the names under which :meth:`take` gets them.
+        WORLD: of the robots. RECORDS: frozen dataclasses of the task's own keyword arguments with
+            their checks, by the names under which :meth:`take` gets them.
         DEFAULTS: other defaults of keyword arguments.
-        ROW: structured type of a robot's data with the fields ``info``, which is added to
-            the information, ``reward``, its terms, and others.
-        STATE: numbers and flags of :attr:`rows`, such as "goal" or "info.fallen", that must be
-            saved for an episode to go on.
+        ROW: structured type of a robot's data: ``info`` is added to the information, ``reward``
+            has the reward's terms. STATE: what of it a state must have, such as "info.fallen".
         OPTIONS: of a reset, and SETTABLE: of :meth:`set_parameters`, beside the world's.
         PER_ROBOT, SINGLE_ONLY: keyword arguments that may be one for each robot; defaults of those
             that several robots cannot have otherwise.
         observation_space, action_space: of one robot. observed: each number of the observation.
-        columns: where each of them is in :attr:`observation`, by name.
-        observation: (n, d) the last ones. reward: (n,) of the last step. terminated: (n,) whether
-            the episode is over, truncated: (n,) whether the simulation diverged.
+        observation: (n, d) the last ones, with ``columns`` by name. reward: (n,) of the last step.
+        terminated, truncated: (n,) whether the episode is over, or the simulation diverged.
         information: of the last step. control_dt: s for which an action is held.
 
     Raises:
-        ValueError: an argument out of range, or not one for each robot. TypeError: no such
-            argument.
+        ValueError: an argument out of range. TypeError: no such argument.
     """
 
     WORLD: ClassVar[Any] = World
@@ -68,7 +63,6 @@ class Task(ABC):
     world: Any
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Show the fields of all records as keyword arguments."""
         super().__init_subclass__(**kwargs)
         records = {**cls.WORLD.RECORDS, **cls.RECORDS}
         cls.__signature__ = signature_of(records, cls.DEFAULTS)  # type: ignore[attr-defined]
@@ -136,10 +130,7 @@ class Task(ABC):
         """Fill the columns of :attr:`own_entries` for robots (k,)."""
 
     def progress(self, row: int) -> tuple[float, float]:
-        """Return how far a robot got as it should, m, and the mean speed asked for, m/s.
-
-        For a curriculum; after a speed of 0 the level stays.
-        """
+        """Return a robot's progress, m, and mean speed asked for, m/s, for a curriculum."""
         return 0.0, 0.0
 
     def kernels(self) -> list[Kernel]:
@@ -154,11 +145,7 @@ class Task(ABC):
         generators: Sequence[np.random.Generator],
         options: Sequence[dict[str, Any]] | None = None,
     ) -> None:
-        """Start episodes of some robots.
-
-        Args:
-            rows: indices of the robots. generators: the random numbers of each of them.
-            options: of ``reset`` for each of them.
+        """Start episodes of robots (k,), each with its generator and the options of its reset.
 
         Raises:
             ValueError: an unknown option, or a value out of range.
@@ -180,14 +167,7 @@ class Task(ABC):
     def step(
         self, actions: Any, active: Bools, meanwhile: Callable[[], None] | None = None
     ) -> None:
-        """Hold actions (n, 1) of the ``active`` robots (n,) for ``control_dt`` seconds.
-
-        Args:
-            meanwhile: called while they move, to :meth:`reset` others.
-
-        Raises:
-            ValueError: the actions are not one finite number for each active robot.
-        """
+        """Hold actions (n, 1) of the ``active`` robots (n,), see ``World.step``."""
         self.world.step(actions, active, meanwhile)
         self.finish_step(active)
         self.world.disturb()
@@ -208,12 +188,10 @@ class Task(ABC):
     def set_parameters(self, row: int, **changes: Any) -> None:
         """Change a robot from now on: :attr:`SETTABLE`, and the world's.
 
-        Energies in ``info`` are of what happens in steps: what a change between two of them adds to
-        the robot's energy, that of a payload for one, is in neither of them.
+        Energies in ``info`` do not have what the change itself adds to the robot's energy.
 
         Raises:
-            ValueError: a value out of range, or the plant cannot change it. TypeError: another
-                name.
+            ValueError: a value out of range, or fixed by the plant. TypeError: another name.
         """
         known = {*self.SETTABLE, *self.world.SETTABLE}
         if unknown := sorted({*changes} - known):
@@ -258,11 +236,7 @@ class Task(ABC):
         return within(f"{label}[{name!r}]", value, *limits.get(name, (-np.inf, np.inf)))
 
     def set_state(self, row: int, state: Mapping[str, Any]) -> None:
-        """Go on from a complete state of :meth:`get_state`; fills :attr:`observation`.
-
-        Raises:
-            ValueError: an entry is out of range.
-        """
+        """Go on from a complete state of :meth:`get_state`; ValueError: an entry out of range."""
         checked, own = self.world.checked_state(row, state), self.checked_state(state)
         one = np.array([row])
         self.world.restore(row, checked)

@@ -105,10 +105,7 @@ class WalkerTask(CommandedTask):
 
     @property
     def entries(self) -> Sequence[Observed]:
-        """All that is observed: the command before the feet, lag and means before the heights.
-
-        What a task that derives from this one adds comes last.
-        """
+        """All that is observed, as documented; what a derived task adds comes last."""
         known = {one.name: one for one in self.world.entries}
         own = {one.name: one for one in self.own_entries}
         heights = [known.pop(name) for name in [*known] if name.startswith("height_scan_")]
@@ -118,7 +115,7 @@ class WalkerTask(CommandedTask):
         return [*known.values(), command, *loads, last, *accounts, *heights, *own.values()]
 
     def connect(self) -> None:
-        """Let noisy sensors measure lag and means by odometry."""
+        """Let noisy sensors measure lag and means."""
         self._places = np.array([self.columns[name] for name in COMMANDED])
         self.rows["mean_path"] = abs(self.world.advance_per_turn) / STEPS_PER_TURN
         self._error = np.zeros((0, 2))

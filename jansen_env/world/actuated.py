@@ -38,16 +38,14 @@ class ActuatedRobots:
 
     Attributes:
         RECORDS: its keyword arguments, see :mod:`jansen_env.world.argument_checks`.
-        OPTIONS: of a reset. SETTABLE: what may be changed of one robot.
+        OPTIONS: of a reset. SETTABLE: of a change. entries: numbers for observations.
         robots: before randomisation. control_dt: s for which an action is held.
-        entries: what it knows of a robot, for observations.
         rows: (n,) with fields ``action``, ``action_before``, ``info`` and ``energy``.
-        arrays: (n, ...) more information; step_arrays: (n,) more that only a step has;
-            parameters: (n,) structured, of the episode, None where nothing is drawn.
+        arrays, step_arrays, parameters: see :class:`jansen_env.tasks.information.InfoBuilder`.
         full_torque: (n,) N m, the torque of action 1, with its sign.
-        torque: (n,) that the last step ended with, N m, and earlier: (n,) the one that held in its
-            first ``switch`` (n,) time steps. asked: (n, steps) N m, torques asked for, latest
-            first. delay: (n, 2) after how many control steps and time steps they hold.
+        torque: (n,) that the last step ended with, N m; earlier: (n,) that of its first ``switch``
+            (n,) time steps. asked: (n, steps) N m, torques asked for, latest first. delay: (n, 2)
+            control steps and time steps by which they come late.
         delay_range: (n, 2) s, of episodes to come. truncated: (n,) whether the simulation diverged.
     """
 
@@ -137,13 +135,12 @@ class ActuatedRobots:
         return (self.asked.shape[1] - 2) * self.control_dt
 
     def _draw_delay(self, row: int, rng: np.random.Generator, options: Mapping[str, Any]) -> float:
-        """Draw by how much a robot's torques come late in an episode, s."""
         low, high = self.delay_range[row].tolist()
         drawn = rng.uniform(low, high) if high > low else low
         return option(options, "delay", drawn, 0.0, self._longest_delay)
 
     def checked_delay_range(self, name: str, value: Any) -> tuple[float, float]:
-        """Return a range of delays, s. Raises ValueError: out of range."""
+        """Return a range of delays, s; ValueError: out of range."""
         return number_range(name, value, 0.0, self._longest_delay)
 
     def delay_of(self, row: int) -> float:
@@ -178,7 +175,6 @@ class ActuatedRobots:
         return list(self.plant.states.copy()) if name == "state" else None
 
     def _take_actions(self, actions: Any, active: Bools) -> None:
-        """Turn actions (n, 1) into torques, see :meth:`step`."""
         count = self.num_envs
         try:
             values: Array = np.ascontiguousarray(actions, dtype=float)

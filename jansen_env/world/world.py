@@ -43,8 +43,7 @@ class World(ActuatedRobots):
 
     Args:
         num_envs: robots. threads: cores to use; None for as many as pay.
-        machine, control, ground, randomness, sensing: filled records, see
-            :class:`jansen_env.envs.walker.JansenWalkerEnv`.
+        machine, control, ground, randomness, sensing: filled records.
         by_default: see :class:`jansen_env.world.episode_parameters.EpisodeParameters`.
 
     Attributes:
@@ -132,10 +131,7 @@ class World(ActuatedRobots):
         observation: NDArray[np.float32],
         progress: Callable[[int], tuple[float, float]],
     ) -> None:
-        """Take the array of observations (n, d) with the columns ``observed``.
-
-        ``progress``: of a robot, see :meth:`jansen_env.tasks.task.Task.progress`.
-        """
+        """Take the array of observations (n, d), its columns, and the task's ``progress``."""
         names = [entry.name for entry in observed]
         own = [entry.name for entry in self.entries]
         self._places = np.array([names.index(name) if name in names else -1 for name in own])
@@ -163,9 +159,6 @@ class World(ActuatedRobots):
         draw: Draw,
     ) -> list[Any]:
         """Start episodes of some robots; returns what ``draw`` gave for each.
-
-        Args:
-            generators: the random numbers of each. options: of ``reset`` for each.
 
         Raises:
             ValueError: an option out of range; nothing has changed then.
@@ -200,7 +193,7 @@ class World(ActuatedRobots):
     def _draw(
         self, row: int, rng: np.random.Generator, options: dict[str, Any], draw: Draw
     ) -> tuple[float, float, float, Any]:
-        """Draw a start: crank angle (rad) and speed (rad/s), delay (s), the task's numbers."""
+        """Draw crank angle (rad) and speed (rad/s), delay (s), and the task's numbers."""
         # Drawn in any case, so that fixing one leaves the others as they were.
         crank_angle = rng.uniform(0.0, 2.0 * math.pi)
         own = draw(row, rng, options)
@@ -214,7 +207,7 @@ class World(ActuatedRobots):
         self.update_scales(rows)
 
     def update_scales(self, rows: Ints) -> None:
-        """Note the weights of robots as they are, the torque of an action of 1, and so on."""
+        """Update weights, full torques, and strengths of pushes and noise."""
         values = self.episodes.values[rows]
         self.rows["weight"][rows] = GRAVITY * (
             values["mass_scale"] * self._links_mass[rows] + values["payload"]
@@ -226,7 +219,7 @@ class World(ActuatedRobots):
             self.sensors.level[rows] = values["noise_level"]
 
     def clear_episode(self, rows: Ints, action: float = 0.0) -> None:
-        """Begin robots' episodes: nothing but what a robot is remains of the one before."""
+        """Clear the data of robots' last episodes."""
         kept, info = self.rows, self.rows["info"]
         for name in ("info", "energy"):
             kept[name][rows] = np.zeros((), readings.ROW[name])

@@ -24,10 +24,7 @@ MOST_EPISODE_STEPS = 2**53  # the largest number up to which floats count one by
 
 
 def broadcast_limits(count: int, limit: Any) -> Array:
-    """(count,) steps after which an episode is truncated, from one or from one for each.
-
-    None and -1, as ``gym.make`` has it, stand for never (inf).
-    """
+    """(count,) steps after which episodes are truncated; inf for None and ``gym.make``'s -1."""
     name, never = "max_episode_steps", math.inf
     limits = [
         never
@@ -39,7 +36,7 @@ def broadcast_limits(count: int, limit: Any) -> Array:
 
 
 def broadcast_seeds(count: int, seed: Any) -> list[int | None]:
-    """``count`` seeds: seed, seed + 1, ... from one, those of a sequence, or none."""
+    """``count`` seeds: seed, seed + 1, ..., those of a sequence, or None."""
     if seed is None:
         return [None] * count
     allowed = f"a whole number, or {count} of them"

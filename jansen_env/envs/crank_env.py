@@ -15,9 +15,8 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
     ## Description
     The experiment of *Dynamic Analysis and Modeling of Jansen Mechanism*, section 3: four legs on one
     crank shaft, the frame pinned, one degree of freedom (16 - 15), equation (12). The crank is to
-    follow r(t) = w t + pi. The torque needed for it swings between 1 and 2 N m twice a turn: weight
-    and inertia of 32 bodies as the linkage moves them. The paper's PID (13) lags behind; a
-    controller that knows the machine need not.
+    follow r(t) = w t + pi. The torque needed for it swings between 1 and 2 N m twice a turn. The
+    paper's PID (13) lags behind; a controller that knows the machine need not.
 
     ## Action Space
     | Num | Action | Min | Max | Unit |

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 
 from jansen_env.checks import within
-from jansen_env.engine.jit import Kernel
 from jansen_env.tasks.task import Task
 from jansen_env.world.argument_checks import Array, Bools, Ints, number_range, option
 
@@ -18,23 +16,13 @@ class CommandedTask(Task):
     """A task with a commanded speed, ``rows["info"]["speed_command"]``.
 
     Attributes:
-        ENGINE: module with the kernels ``finish_step`` and ``describe``.
         FASTEST: the largest command. speed_command: (n, 2) range of the next ones.
     """
 
-    ENGINE: ClassVar[Any]
     FASTEST: ClassVar[float]
     OPTIONS = ("speed_command",)
     SETTABLE: ClassVar[tuple[str, ...]] = ("speed_command",)
     speed_command: Array
-
-    @abstractmethod
-    def step_arguments(self) -> tuple[Any, ...]:
-        """Return the arguments of the engine's ``finish_step`` but the first."""
-
-    @abstractmethod
-    def describe_arguments(self) -> tuple[Any, ...]:
-        """Return the arguments of the engine's ``describe`` but the first."""
 
     def score(self, rows: Ints) -> None:
         """Do nothing: :meth:`finish_step` scores."""
@@ -42,18 +30,6 @@ class CommandedTask(Task):
     def finish_step(self, active: Bools) -> None:
         """Score the step of the ``active`` robots (n,), and observe them, in one kernel."""
         self.ENGINE.finish_step(active, *self.step_arguments())
-
-    def describe(self, rows: Ints) -> None:
-        """Fill observations and information of some robots as they are now."""
-        self.ENGINE.describe(rows, *self.describe_arguments())
-
-    def kernels(self) -> list[Kernel]:
-        """Return what is compiled of it."""
-        one, every, engine = np.arange(1), np.ones(self.num_envs, bool), self.ENGINE
-        return [
-            Kernel("observation", engine.describe, (one, *self.describe_arguments())),
-            Kernel("reward", engine.finish_step, (every, *self.step_arguments())),
-        ]
 
     def draw(self, row: int, rng: np.random.Generator, options: dict[str, Any]) -> float:
         """Draw a robot's command."""

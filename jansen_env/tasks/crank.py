@@ -64,7 +64,6 @@ class CrankTask(CommandedTask):
         return float(self.command(row) * passed + START_ANGLE)
 
     def step_arguments(self) -> tuple[Any, ...]:
-        """Return those of :func:`jansen_env.engine.crank_tracking.finish_step` but the first."""
         world = self.world
         return (
             world.plant.rows, world.plant.sums, self.control_dt, self._weights, world.rows,
@@ -72,7 +71,6 @@ class CrankTask(CommandedTask):
         )  # fmt: skip
 
     def describe_arguments(self) -> tuple[Any, ...]:
-        """Return those of :func:`jansen_env.engine.crank_tracking.describe` but the first."""
         world = self.world
         return world.plant.rows, self.control_dt, world.rows, self.rows, self.observation
 

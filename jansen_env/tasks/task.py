@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import reduce
 from typing import Any, ClassVar
 
@@ -13,6 +12,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from jansen_env.checks import within
+from jansen_env.engine import readings
 from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.rendering import Frame
 from jansen_env.tasks.information import InfoBuilder
@@ -34,7 +34,8 @@ class Task(ABC):
             (n,), or anything in :class:`jansen_env.world.argument_checks.Each`.
 
     Attributes:
-        WORLD: of the robots. RECORDS: frozen dataclasses of the task's own keyword arguments with
+        WORLD: of the robots. ENGINE: module of the kernels ``finish_step`` and ``describe``.
+            RECORDS: frozen dataclasses of the task's own keyword arguments with
             their checks, by the names under which :meth:`take` gets them.
         DEFAULTS: other defaults of keyword arguments.
         ROW: structured type of a robot's data: ``info`` is added to the information, ``reward``
@@ -52,6 +53,7 @@ class Task(ABC):
     """
 
     WORLD: ClassVar[Any] = World
+    ENGINE: ClassVar[Any] = readings
     RECORDS: ClassVar[dict[str, type]] = {}
     DEFAULTS: ClassVar[dict[str, Any]] = {}
     ROW: ClassVar[Any]
@@ -90,7 +92,12 @@ class Task(ABC):
         self.world.connect(self.observed, self.observation, self.progress)
         self.connect()
         self.information = self._make_info()
-        prepare(*self.world.kernels(), *self.kernels())
+        one, every, engine = np.arange(1), np.ones(num_envs, bool), self.ENGINE
+        prepare(
+            *self.world.kernels(),
+            Kernel("observation", engine.describe, (one, *self.describe_arguments())),
+            Kernel("reward", engine.finish_step, (every, *self.step_arguments())),
+        )
 
     def _make_info(self) -> InfoBuilder:
         world = self.world
@@ -133,9 +140,13 @@ class Task(ABC):
         """Return a robot's progress, m, and mean speed asked for, m/s, for a curriculum."""
         return 0.0, 0.0
 
-    def kernels(self) -> list[Kernel]:
-        """Return what is compiled of it."""
-        return list(self.world.own_kernels())
+    def step_arguments(self) -> tuple[Any, ...]:
+        """Return the arguments of the engine's ``finish_step`` but the first."""
+        return self.world.step_arguments()
+
+    def describe_arguments(self) -> tuple[Any, ...]:
+        """Return the arguments of the engine's ``describe`` but the first."""
+        return self.world.describe_arguments()
 
     # What environments ask.
 
@@ -175,13 +186,13 @@ class Task(ABC):
     def finish_step(self, active: Bools) -> None:
         """Score the step of the ``active`` robots (n,), and observe them."""
         rows = np.flatnonzero(active)
-        self.world.finish_step(active)
+        self.ENGINE.finish_step(active, *self.step_arguments())
         self.score(rows)
         self.observe(rows)
 
     def describe(self, rows: Ints) -> None:
         """Fill observations and information of some robots as they are now."""
-        self.world.describe(rows)
+        self.ENGINE.describe(rows, *self.describe_arguments())
         self.observe(rows)
         self.world.disturb(rows)
 
@@ -259,7 +270,7 @@ class Task(ABC):
 
     def frame(self, row: int) -> Frame:
         """Return the picture data of a robot as it stands."""
-        return replace(self.world.frame(row), command=self.command(row))
+        return self.world.frame(row, self.command(row))
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "information": None}

@@ -148,21 +148,13 @@ class WalkerTask(CommandedTask):
         if self.terminate_when_fallen:
             self.terminated[:] = self.rows["info"]["fallen"]
 
-    def describe(self, rows: Ints) -> None:
-        """Fill observations and information of some robots as they are now."""
-        super().describe(rows)
-        self.observe(rows)
-        self.world.disturb(rows)
-
     def step_arguments(self) -> tuple[Any, ...]:
-        """Return those of :func:`jansen_env.engine.walk_reward.finish_step` but the first."""
         return (
             self._settings, self.rows, self.reward, self._error, self._measured, self._places,
             *self.world.step_arguments(),
         )  # fmt: skip
 
     def describe_arguments(self) -> tuple[Any, ...]:
-        """Return those of :func:`jansen_env.engine.walk_reward.describe` but the first."""
         return self.rows, self._places, *self.world.describe_arguments()
 
     def _draw_commands(self, active: Bools) -> None:

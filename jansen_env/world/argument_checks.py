@@ -20,12 +20,9 @@ from jansen_env.plants.base import check_time_step
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
-Check: TypeAlias = Callable[[str, Any], Any]
-"""Returns the checked value of an argument, of which it is given the name."""
-Records: TypeAlias = Mapping[str, type]
-"""Types of records by the names under which they are passed."""
-Filled: TypeAlias = Any
-"""A record of :func:`fill`, whose fields have the types of their checks."""
+Check: TypeAlias = Callable[[str, Any], Any]  # of an argument's name and value
+Records: TypeAlias = Mapping[str, type]  # by the names under which they are passed
+Filled: TypeAlias = Any  # a record of :func:`fill`, whose fields have the types of their checks
 
 MOST_STEPS = 10_000  # time steps in a control period: seconds on the slowest plant
 
@@ -39,12 +36,9 @@ def control_period(control_dt: Any, time_step: Any) -> tuple[float, float]:
     period = positive("control_dt", control_dt)
     step = check_time_step(time_step)
     steps = period / step
-    allowed = None
-    if steps > MOST_STEPS * (1.0 + 1e-9):
-        allowed = f"at most {MOST_STEPS} times"
-    elif steps < 1.0 - 1e-9 or abs(steps - round(steps)) > 1e-6 * steps:
-        allowed = "a multiple of"
-    if allowed is not None:
+    too_long = steps > MOST_STEPS * (1.0 + 1e-9)
+    if too_long or steps < 1.0 - 1e-9 or abs(steps - round(steps)) > 1e-6 * steps:
+        allowed = f"at most {MOST_STEPS} times" if too_long else "a multiple of"
         raise ValueError(
             f"control_dt is {shown(control_dt)}, must be {allowed} time_step, {shown(time_step)}"
         )
@@ -61,6 +55,19 @@ def flag(name: str, value: Any) -> bool:
 def optional(check: Check) -> Check:
     """A check that takes None, too."""
     return lambda name, value: None if value is None else check(name, value)
+
+
+def load_record(kind: type, name: str, value: Any) -> Any:
+    """A dataclass of a type, also of a dictionary of its arguments; None for none."""
+    if value is None or isinstance(value, kind):
+        return value
+    known = sorted(one.name for one in fields(kind))
+    if not isinstance(value, Mapping):
+        allowed = f"None, a {kind.__name__} or a dictionary with some of {known}"
+        raise ValueError(f"{name} is {shown(value)}, must be {allowed}")
+    if unknown := [key for key in value if key not in known]:
+        raise ValueError(f"{name} has {shown(unknown)}, must be of {known}")
+    return kind(**value)
 
 
 def number_range(name: str, value: Any, least: float, most: float) -> tuple[float, float]:
@@ -99,12 +106,8 @@ def entries_of(name: str, value: Any, count: int) -> list[Any]:
 
 
 def broadcast_ranges(count: int, name: str, value: Any, least: float, most: float) -> Array:
-    """(count, 2) ranges between ``least`` and ``most``.
-
-    Args:
-        value: a number or (low, high) for all; an array (count,) of numbers, or an array
-            (count, 2) or list of ranges for each.
-    """
+    """(count, 2) ranges, of a number or (low, high) for all, an array (count,) of numbers, or an
+    array (count, 2) or list of ranges for each."""
     several = isinstance(value, (np.ndarray, Each)) or (
         isinstance(value, (list, tuple))
         and any(isinstance(one, (list, tuple, np.ndarray)) for one in value)
@@ -162,23 +165,17 @@ def marked(records: Records, mark: str) -> dict[str, Any]:
 
 
 def fill(records: Records, keywords: Mapping[str, Any], count: int) -> dict[str, Any]:
-    """Return the records of ``count`` robots with keywords put into them, checked.
-
-    Raises:
-        TypeError: no record has a field of a keyword's name.
-    """
+    """Return the records of ``count`` robots with checked keywords; TypeError for another name."""
     known = {one.name for kind in records.values() for one in fields(kind)}
     if unknown := sorted({*keywords} - known):
         raise TypeError(f"unexpected keyword argument {unknown[0]!r}, must be in {sorted(known)}")
-    return {
-        name: kind(
-            **{
-                one.name: _checked(one, keywords.get(one.name, one.default), count)
-                for one in fields(kind)
-            }
+    found = {}
+    for name, kind in records.items():
+        given = {one: keywords.get(one.name, one.default) for one in fields(kind)}
+        found[name] = kind(
+            **{one.name: _checked(one, value, count) for one, value in given.items()}
         )
-        for name, kind in records.items()
-    }
+    return found
 
 
 def _checked(one: Any, value: Any, count: int) -> Any:

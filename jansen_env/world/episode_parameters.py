@@ -95,7 +95,7 @@ class EpisodeParameters:
                 useful, drawn = self._useful(row), self.randomizations[row].items()
                 self.randomizations[row] = {k: one for k, one in drawn if k in useful}
             self.check_names(row, [*self.randomizations[row]], "randomize")
-            self._check_feet(row, self._heaviest(row))
+            self._check_feet(row, self._heaviest(row, {}))
         if bad := np.flatnonzero(levels.any(axis=1) & ~has_levels).tolist():
             raise ValueError(
                 f"terrain_level is {shown(levels[bad[0]].tolist())}, must be 0 on a ground that is "
@@ -105,19 +105,18 @@ class EpisodeParameters:
             raise ValueError("curriculum is given, must be None on a ground that has no levels")
 
     def take(self, row: int, changes: Mapping[str, float]) -> None:
-        """Let numbers that have been changed be a robot's nominal and present ones."""
+        """Set a robot's nominal and present numbers."""
         for name, value in changes.items():
             self.nominal[name][row] = self.values[name][row] = value
             if name in self._own:
                 self._own[name][row] = True
 
     def checked_level(self, row: int, level: Any) -> int:
-        """Return a terrain level of a robot. Raises ValueError: no such, or its ground has none."""
+        """Return a terrain level of a robot; ValueError: out of range, or its ground has none."""
         self.check_names(row, ["terrain_level"], "set_parameters")
         return round(check("terrain_level", "terrain_level", level))
 
     def _useful(self, row: int) -> set[str]:
-        """Return the names of the parameters that do something for a robot."""
         useful = {*effective(self._plant.robots[row])} & {*self._plant.honours}
         has = {**self._has, "delay": True, "terrain_level": self._generators[row] is not None}
         return useful | {name for name, present in has.items() if present}
@@ -134,24 +133,15 @@ class EpisodeParameters:
                     f"{[one for one in PARAMETERS if one in useful]}"
                 )
 
-    def check_change(self, row: int, own: Compliance, changes: Mapping[str, Any]) -> None:
-        """Check changes by ``set_parameters`` of a robot with pads ``own``.
-
-        Raises:
-            ValueError: its feet cannot bear what its episodes' numbers become, or a restitution
-                in force or drawn excludes them.
-        """
-        pads = changes.get("pad_compliance", own)
+    def check_change(self, row: int, pads: Compliance, numbers: Mapping[str, float]) -> None:
+        """Raise ValueError where a robot with ``pads`` cannot have these numbers from now on."""
         in_force = (of["restitution"][row] for of in (self._plant.parameters, self.nominal))
-        restitution = changes.get("restitution", max(map(float, in_force)))
+        restitution = numbers.get("restitution", max(map(float, in_force)))
         if not pads.rigid and "restitution" in self.randomizations[row]:
             raise ValueError(
                 f"pad_compliance is {pads}, must be rigid, as randomize has 'restitution'"
             )
         check_restitution(np.array([not pads.rigid]), np.array([restitution]))
-        numbers = {name: changes[name] for name in PARAMETERS if name in {*changes} - {"delay"}}
-        if "payload" in changes:
-            numbers["payload"] = changes["payload"].mass
         present = self.values[row].copy()
         for name, value in numbers.items():
             present[name] = value
@@ -168,10 +158,10 @@ class EpisodeParameters:
         stiffness = float(values["foot_stiffness_scale"]) * pads.stiffness
         resting_depth(mass, stiffness, GRAVITY * math.cos(values["tilt"]))
 
-    def _heaviest(self, row: int, changes: Mapping[str, float] | None = None) -> Any:
+    def _heaviest(self, row: int, changes: Mapping[str, float]) -> Any:
         """Return the numbers of a robot's episodes that its feet can bear least, if known."""
         values = self.nominal[row].copy()
-        for name, value in (changes or {}).items():
+        for name, value in changes.items():
             values[name] = value
         for name, drawn in self.randomizations[row].items():
             if isinstance(drawn, Uniform):
@@ -188,8 +178,7 @@ class EpisodeParameters:
 
         Args:
             options: of the reset, with numbers that are to be fixed. delay: s, as drawn.
-            walked, command: how far it got towards its commands in its last one, m, and their mean
-                size, m/s; 0 at first.
+            walked, command: progress in its last episode, m, and mean command, m/s; 0 at first.
 
         Raises:
             ValueError: an option out of range or without effect, or no such ground.

@@ -39,11 +39,7 @@ class HeldMachine:
 
 
 class HeldRobots(ActuatedRobots):
-    """n equal robots with their chassis held.
-
-    ``machine``: see :class:`jansen_env.envs.crank_env.JansenCrankEnv`. ``threads`` and
-    ``by_default`` have no effect. Methods: see :class:`jansen_env.world.world.World`.
-    """
+    """n equal robots with their chassis held, see :class:`jansen_env.world.world.World`."""
 
     RECORDS = {"machine": HeldMachine}
     OPTIONS = ("crank_angle", "crank_speed", "delay")
@@ -103,7 +99,7 @@ class HeldRobots(ActuatedRobots):
     def _draw(
         self, row: int, rng: np.random.Generator, options: dict[str, Any], draw: Draw
     ) -> tuple[float, float, float, Any]:
-        """Draw a start: crank angle (rad) and speed (rad/s), delay (s), the task's numbers."""
+        """Draw crank angle (rad) and speed (rad/s), delay (s), and the task's numbers."""
         # Drawn in any case, so that fixing one leaves the others as they were.
         own = draw(row, rng, options)
         noise = self.reset_noise_scale[row]
@@ -165,13 +161,13 @@ class HeldRobots(ActuatedRobots):
         """Return the arguments of the renderer."""
         return {"robot": self.robots[row], "terrain_points": None, "speed_unit": "rad/s"}
 
-    def frame(self, row: int) -> Frame:
-        """Return the picture data of a robot as it stands, without a command."""
+    def frame(self, row: int, command: float | None) -> Frame:
+        """Return the picture data of a robot as it stands."""
         angle, speed = self.plant.states[row].tolist()
         none = np.zeros((len(self.robots[row].legs), 2))
         return Frame(
             q=np.array([0.0, 0.0, 0.0, angle]), contact_point=none, contact_tangent=none,
-            contact_force=none, slipping=none[:, 0] > 0.0, command=None, speed=speed,
+            contact_force=none, slipping=none[:, 0] > 0.0, command=command, speed=speed,
             torque=float(self.torque[row]), torque_limit=float(self.full_torque[row]),
             time=float(self.rows[row]["steps"]) * self.control_dt,
         )  # fmt: skip

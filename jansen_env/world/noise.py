@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from string import digits
 from typing import Any, TypeAlias
@@ -11,10 +11,10 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import one_or_two, shown
+from jansen_env.checks import one_or_two
 from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.engine.sensors import add_noise, draw_errors
-from jansen_env.world.argument_checks import Array, Ints
+from jansen_env.world.argument_checks import Array, Ints, load_record
 from jansen_env.world.entries import Observed
 
 Deviation: TypeAlias = float | tuple[float, float]
@@ -94,38 +94,16 @@ class Noise:
     @classmethod
     def only(cls, **sensors: Deviation) -> Noise:
         """Return noise of some sensors, the others exact; ValueError: no such sensor."""
-        _check_names(sensors)
-        return cls(**{name: sensors.get(name, 0.0) for name in COLUMNS})
+        return load_record(cls, "noise", {**dict.fromkeys(COLUMNS, 0.0), **sensors})
 
     def deviations(self, observed: Sequence[str]) -> Array:
-        """Return standard deviations (d, 2), of noise and bias, of the observations (d,) named.
-
-        Those of an angle stand at the first of its sine and cosine.
-        """
+        """Return standard deviations (d, 2), of noise and bias, of the observations named."""
         found = np.zeros((len(observed), 2))
         for i, name in enumerate(observed):
             for sensor, columns in COLUMNS.items():
                 if name.rstrip(digits) in columns:
                     found[i] = getattr(self, sensor)
         return found
-
-
-def make_noise(name: str, noise: Any) -> Noise | None:
-    """Return a :class:`Noise`, also of a dictionary of its arguments; None for none; ValueError."""
-    if noise is None or isinstance(noise, Noise):
-        return noise
-    if not isinstance(noise, Mapping):
-        raise ValueError(
-            f"{name} is {shown(noise)}, must be None, a Noise or a dictionary with some of "
-            f"{sorted(COLUMNS)}"
-        )
-    _check_names(noise)
-    return Noise(**noise)
-
-
-def _check_names(sensors: Mapping[Any, Any]) -> None:
-    if unknown := [name for name in sensors if name not in COLUMNS]:
-        raise ValueError(f"noise has {shown(unknown)}, must be of {sorted(COLUMNS)}")
 
 
 class NoisySensors:

@@ -11,7 +11,6 @@ They are drawn from the episode's seed and counters (:mod:`jansen_env.engine.ran
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,18 +52,6 @@ class Push:
         duration = within("Push.duration", self.duration, SHORTEST, interval)
         object.__setattr__(self, "interval", interval)
         object.__setattr__(self, "duration", duration)
-
-
-def make_push(name: str, push: Any) -> Push | None:
-    """Return a :class:`Push`, also of a dictionary of its arguments; None for none; ValueError."""
-    if push is None or isinstance(push, Push):
-        return push
-    known = list(Push.__dataclass_fields__)
-    if not isinstance(push, Mapping) or not {*push} <= {*known}:
-        raise ValueError(
-            f"{name} is {shown(push)}, must be None, a Push or a dictionary with some of {known}"
-        )
-    return Push(**push)
 
 
 def check_schedule(name: str, pushes: Any) -> Array:

@@ -22,9 +22,9 @@ from jansen_env.terrain import Terrain, make_terrain
 from jansen_env.terrain.curriculum import Curriculum
 from jansen_env.terrain.generators import HIGHEST, Generator, make_generator
 from jansen_env.world import argument_checks as arguments
-from jansen_env.world.argument_checks import Array, Filled, optional, per_robot, single
-from jansen_env.world.noise import Noise, make_noise
-from jansen_env.world.push import Push, make_push
+from jansen_env.world.argument_checks import Array, Filled, load_record, optional, per_robot, single
+from jansen_env.world.noise import Noise
+from jansen_env.world.push import Push
 from jansen_env.world.randomization import load_randomization
 
 FLAT = Terrain.flat()  # where a robot stands before its ground is drawn
@@ -143,8 +143,8 @@ class Sensing:
     """Sensors, their noise, and pushes."""
 
     height_scan: tuple[float, float, int] | Any | None = single(None, scanned_places)
-    noise: Noise | Mapping[str, Any] | None = single(None, make_noise)
-    push: Push | Mapping[str, Any] | None = single(None, make_push)
+    noise: Noise | Mapping[str, Any] | None = single(None, partial(load_record, Noise))
+    push: Push | Mapping[str, Any] | None = single(None, partial(load_record, Push))
 
 
 def equip(

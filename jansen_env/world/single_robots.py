@@ -27,11 +27,7 @@ SLIPPING = 0.01  # m/s of mean slip speed from which a toe is drawn as slipping
 
 
 def checked(world: World, row: int, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return changes of a robot, ready for :func:`apply`.
-
-    Raises:
-        ValueError: one is out of range, or the plant cannot change it.
-    """
+    """Return changes for :func:`apply`; ValueError: out of range, or fixed by the plant."""
     physical = sorted({*changes} - {*PLACED})
     if not {*physical} <= world.plant.changeable:
         raise ValueError(f"{physical[0]} cannot be changed with plant='rigid_body'")
@@ -47,7 +43,18 @@ def checked(world: World, row: int, changes: Mapping[str, Any]) -> dict[str, Any
     }
     world.episodes.check_names(row, [name for name in found if name in CHANGES], "changes")
     if physical:
-        world.episodes.check_change(row, world.robots[row].pad_compliance, found)
+        pads = found.get("pad_compliance", world.robots[row].pad_compliance)
+        world.episodes.check_change(row, pads, _numbers(found))
+    return found
+
+
+def _numbers(changes: Mapping[str, Any]) -> dict[str, float]:
+    """Return the parameters that checked changes set at once."""
+    found = {name: changes[name] for name in PARAMETERS if name in {*changes} - {*PLACED}}
+    if "payload" in found:
+        load = found["payload"]
+        found["payload_x"], found["payload_y"] = load.position
+        found["payload"] = load.mass
     return found
 
 
@@ -62,12 +69,7 @@ def apply(world: World, row: int, checked: dict[str, Any]) -> None:
         return
     world.plant.change(row, physical)
     world.robots[row] = world.plant.robots[row]
-    numbers = {name: value for name, value in physical.items() if name in PARAMETERS}
-    if "payload" in physical:
-        load = world.robots[row].payload
-        place = zip(("payload_x", "payload_y"), load.position, strict=True)
-        numbers = {**numbers, "payload": load.mass, **dict(place)}
-    world.episodes.take(row, numbers)
+    world.episodes.take(row, _numbers(checked))
     world.update_scales(np.array([row]))
 
 
@@ -143,15 +145,15 @@ def restore(world: World, row: int, state: dict[str, Any]) -> None:
     world.pushes.schedule(row, state["pushes"], state["random_pushes"])
 
 
-def frame(world: World, row: int) -> Frame:
-    """Return the picture data of a robot as it stands, without a command."""
+def frame(world: World, row: int, command: float | None) -> Frame:
+    """Return the picture data of a robot as it stands."""
     plant = world.plant
     state = plant.states[row]
     points, tangents = plant.contact_frames(row)
     return Frame(
         q=state[:4], contact_point=points, contact_tangent=tangents,
         contact_force=plant.contact_force[row],
-        slipping=plant.slip[row] > SLIPPING * world.control_dt, command=None,
+        slipping=plant.slip[row] > SLIPPING * world.control_dt, command=command,
         speed=float(state[4]), torque=float(world.torque[row]),
         torque_limit=abs(float(world.full_torque[row])),
         time=float(world.elapsed[row]) * world.control_dt,

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from jansen_env.checks import entries
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import readings
-from jansen_env.engine.jit import Kernel
 from jansen_env.gravity import GRAVITY
 from jansen_env.parameters import CHANGED_BY, LONGEST_DELAY, PARAMETERS
 from jansen_env.plants.base import BatchedPlant
@@ -256,14 +255,6 @@ class World(ActuatedRobots):
         if self.track_joint_forces:
             self._joint_loads[:] = (0.0, 0.0) if plant.any_diverged else plant.peak_loads()
 
-    def finish_step(self, active: Bools) -> None:
-        """Account for the step of the ``active`` robots (n,), and :meth:`describe` them."""
-        readings.finish_step(active, *self.step_arguments())
-
-    def describe(self, rows: Ints) -> None:
-        """Fill the world's columns of the observation and its information for some robots."""
-        readings.describe(rows, *self.describe_arguments())
-
     def step_arguments(self) -> tuple[Any, ...]:
         """Return the arguments of :func:`jansen_env.engine.readings.finish_step` but the first."""
         plant = self.plant
@@ -290,7 +281,7 @@ class World(ActuatedRobots):
         return self.plant.rows["accumulators"]["non_toe_impulse"] > 0.0
 
     def get_attr(self, name: str) -> list[Any] | None:
-        """Return what each robot has of its own by that name; None for another name."""
+        """Return an attribute of each robot, see :func:`single_robots.get_attr`; None: no such."""
         found = single_robots.get_attr(self, name)
         return super().get_attr(name) if found is None else found
 
@@ -326,14 +317,6 @@ class World(ActuatedRobots):
             "robot": self.episodes.shown_robot(row, self.robots[row]),
             "terrain_points": self.plant.terrains[row].polyline,
         }
-
-    def own_kernels(self) -> list[Kernel]:
-        """Return the readings' kernels, for tasks without kernels of their own."""
-        one, every = np.arange(1), np.ones(self.num_envs, bool)
-        return [
-            Kernel("readings", readings.describe, (one, *self.describe_arguments())),
-            Kernel("step readings", readings.finish_step, (every, *self.step_arguments())),
-        ]
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)

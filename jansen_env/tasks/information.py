@@ -69,9 +69,7 @@ class InfoBuilder:
     ) -> dict[str, Any]:
         """Return Gymnasium's vector information: arrays, 0 where not ``known``, each with a mask.
 
-        Args:
-            known, stepped: (n,) of which robots there is any, and of which that of a step.
-            keys: of :attr:`keys` those wanted, None for all.
+        ``stepped``: (n,) whether it is of a step; ``keys``: those wanted, None for all.
         """
         wanted = self.keys if keys is None else keys
         if not wanted:

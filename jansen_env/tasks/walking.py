@@ -65,8 +65,7 @@ class WalkerTask(CommandedTask):
     """Walk at a commanded speed, m/s, by the torque on one crank.
 
     Attributes:
-        covered: (n, 2) m since the reset, walked towards the commands and commanded; with a
-            curriculum.
+        covered: (n, 2) m walked towards the commands and commanded; with a curriculum.
     """
 
     RECORDS = {"commands": Commands, "weights": RewardWeights, "termination": Termination}

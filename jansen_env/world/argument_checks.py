@@ -171,10 +171,8 @@ def fill(records: Records, keywords: Mapping[str, Any], count: int) -> dict[str,
         raise TypeError(f"unexpected keyword argument {unknown[0]!r}, must be in {sorted(known)}")
     found = {}
     for name, kind in records.items():
-        given = {one: keywords.get(one.name, one.default) for one in fields(kind)}
-        found[name] = kind(
-            **{one.name: _checked(one, value, count) for one, value in given.items()}
-        )
+        given = [(one, keywords.get(one.name, one.default)) for one in fields(kind)]
+        found[name] = kind(**{one.name: _checked(one, value, count) for one, value in given})
     return found
 
 

@@ -46,10 +46,8 @@ class EpisodeParameters:
     Args:
         plant: moves them. robots: of each, before randomisation. ground: the record, filled.
         generators: of each robot's terrains, None where they are fixed. randomizations: of each.
-        has: parameters that do nothing unless the world has what they are about, such as
-            "noise_level", and whether it has.
-        by_default: of "terrain_level" and "randomize" those that are defaults: where they would do
-            nothing they are left out, not refused.
+        has: parameters such as "noise_level", and whether the world has what they are about.
+        by_default: arguments that are left out, not refused, where they would do nothing.
 
     Attributes:
         values: (n,) :data:`jansen_env.parameters.EPISODE`, those of the present episodes.
@@ -57,8 +55,8 @@ class EpisodeParameters:
         levels: (n, 2) lowest and highest. varies: whether anything is drawn.
 
     Raises:
-        ValueError: a parameter is randomised that does nothing, is not honoured, or is more than
-            the feet can carry; or levels of a ground without any.
+        ValueError: a parameter is randomised in vain, or beyond what the feet can carry; or a
+            ground without levels has some.
     """
 
     def __init__(
@@ -222,8 +220,7 @@ class EpisodeParameters:
         """Apply planned episodes; the robots must be placed again.
 
         Raises:
-            ValueError: feet too stiff for the time step of the plant ``"rigid_body"``; nothing has
-                changed then.
+            ValueError: feet too stiff for ``"rigid_body"``'s time step; nothing has changed then.
         """
         before = [self._plant.terrains[row] for row in rows.tolist()]
         for row, plan in zip(rows.tolist(), plans, strict=True):

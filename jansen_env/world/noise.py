@@ -114,8 +114,7 @@ class NoisySensors:
 
     Attributes:
         level: (n,) factor of the noise. truth: (n, d) observations without noise.
-        mean_error: (n, 2) of the mean speeds over a step, see
-            :func:`jansen_env.engine.sensors.draw_errors`.
+        mean_error: (n, 2), see :func:`jansen_env.engine.sensors.draw_errors`.
     """
 
     def __init__(self, num_envs: int, noise: Noise, observed: Sequence[Observed]) -> None:

@@ -55,11 +55,7 @@ class Push:
 
 
 def check_schedule(name: str, pushes: Any) -> Array:
-    """Return an episode's own pushes (k, 3): start, s, and impulses in x and y, N s.
-
-    Raises:
-        ValueError: not such a list, a time below 0, or more than :data:`MOST_PUSHES`.
-    """
+    """Return an episode's own pushes (k, 3): start, s, and impulses in x and y, N s; ValueError."""
     allowed = f"a list of at most {MOST_PUSHES} (t, Jx, Jy)"
     rows = [tuple(entries(name, one, allowed)) for one in entries(name, pushes, allowed)]
     if len(rows) > MOST_PUSHES or any(len(row) != 3 for row in rows):
@@ -131,11 +127,9 @@ class Pushes:
         return self._schedule[row, : self._scheduled[row]].copy()
 
     def of_step(self, active: Bools, elapsed: Ints, seeds: Ints) -> Array | None:
-        """Return impulses (n, steps, 2) on the chassis in the next time steps, N s; None: none.
+        """Return impulses (n, steps, 2) on the ``active`` (n,) robots' next step, N s; None: none.
 
-        Args:
-            active: (n,) who takes the step. elapsed: (n,) control steps of the episodes so far.
-            seeds: (n,) of the episodes.
+        elapsed, seeds: (n,) control steps of the episodes so far, and their seeds.
         """
         if len(self._impulse) == 0:
             return None

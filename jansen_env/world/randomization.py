@@ -40,9 +40,8 @@ Randomization: TypeAlias = dict[str, Distribution]
 def load_randomization(name: str, value: Any) -> Randomization:
     """Return the distributions of ``randomize``.
 
-    Args:
-        value: by name a number, (low, high) for a uniform draw (of whole numbers where the
-            parameter is one), or a :class:`Distribution`; None for none.
+    ``value``: by name a number, (low, high) for a uniform draw (of whole numbers where the
+    parameter is one), or a :class:`Distribution`; None for none.
 
     Raises:
         ValueError: a name or a range that there is not.

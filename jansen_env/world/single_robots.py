@@ -13,6 +13,7 @@ from jansen_env.dynamics.pads import pad_layout
 from jansen_env.parameters import CHANGES, PARAMETERS, check
 from jansen_env.plants.base import check_deflection, check_in_contact, check_state
 from jansen_env.rendering import Frame
+from jansen_env.world.actuated import ActuatedRobots
 from jansen_env.world.argument_checks import Check
 from jansen_env.world.push import check_schedule
 from jansen_env.world.settings import load_compliance, load_motor, load_payload
@@ -76,8 +77,9 @@ def apply(world: World, row: int, checked: dict[str, Any]) -> None:
 def get_attr(world: World, name: str) -> list[Any] | None:
     """Return what each robot has of its own by that name; None for another name.
 
-    Names: ``terrain``, ``terrain_level``, ``payload``, ``motor``, ``torque_limit``,
-    ``pad_compliance``, ``weight``, ``reset_noise_scale`` and :data:`KEPT`.
+    Names: ``robot``, ``state``, ``delay`` (s, of this episode), ``terrain``, ``terrain_level``,
+    ``payload``, ``motor``, ``torque_limit``, ``pad_compliance``, ``weight``,
+    ``reset_noise_scale`` and :data:`KEPT`.
     """
     if name == "terrain":
         return list(world.plant.terrains)
@@ -89,13 +91,16 @@ def get_attr(world: World, name: str) -> list[Any] | None:
         return getattr(world, name).tolist()
     if name == "terrain_level":
         return world.episodes.values[name].astype(int).tolist()
-    return world.episodes.values[name].tolist() if name in KEPT else None
+    if name in KEPT:
+        return world.episodes.values[name].tolist()
+    return ActuatedRobots.get_attr(world, name)
 
 
 def get_state(world: World, row: int) -> dict[str, Any]:
-    """Return the state of a robot, beside that of its torques."""
+    """Return all that a robot's future depends on but the task and random numbers."""
     in_contact = world.plant.in_contact
     return {
+        **ActuatedRobots.get_state(world, row),
         "in_contact": None if row > 0 or in_contact is None else in_contact.copy(),
         "deflection": world.plant.deflection[row].copy(),
         "steps": int(world.elapsed[row]),
@@ -108,7 +113,7 @@ def get_state(world: World, row: int) -> dict[str, Any]:
 
 
 def checked_state(world: World, row: int, state: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a state of :func:`get_state`, checked. Raises ValueError: out of range."""
+    """Return a state of :func:`get_state` for :func:`restore`; ValueError: out of range."""
     loads = np.array(state["loads"], dtype=float)
     if loads.shape != world.loads[row].shape or not np.isfinite(loads).all():
         raise ValueError(
@@ -116,6 +121,7 @@ def checked_state(world: World, row: int, state: Mapping[str, Any]) -> dict[str,
         )
     pads = len(pad_layout(world.robots[0]).leg)
     return {
+        **ActuatedRobots.checked_state(world, row, state),
         "plant": check_state(state["plant"]),
         "loads": loads,
         "in_contact": check_in_contact(state["in_contact"], pads),
@@ -129,7 +135,7 @@ def checked_state(world: World, row: int, state: Mapping[str, Any]) -> dict[str,
 
 
 def restore(world: World, row: int, state: dict[str, Any]) -> None:
-    """Let a robot go on from a state of ``checked_state``."""
+    """Let a robot go on from a state of :func:`checked_state`."""
     plant, one = world.plant, np.array([row])
     plan, level = state["plan"]
     world.apply_parameters(one, [plan])

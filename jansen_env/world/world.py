@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -233,8 +233,7 @@ class World(ActuatedRobots):
     ) -> None:
         """Hold actions (n, 1) of the ``active`` robots (n,) for ``control_dt`` seconds.
 
-        Args:
-            meanwhile: called while they move, to :meth:`reset` others.
+        ``meanwhile`` is called while they move, to :meth:`reset` others.
 
         Raises:
             ValueError: the actions are not one finite number for each active robot.
@@ -280,32 +279,16 @@ class World(ActuatedRobots):
         """(n,) whether a joint other than a toe was pressed on the ground in the last step."""
         return self.plant.rows["accumulators"]["non_toe_impulse"] > 0.0
 
-    def get_attr(self, name: str) -> list[Any] | None:
-        """Return an attribute of each robot, see :func:`single_robots.get_attr`; None: no such."""
-        found = single_robots.get_attr(self, name)
-        return super().get_attr(name) if found is None else found
-
+    get_attr = single_robots.get_attr
     checked, apply = single_robots.checked, single_robots.apply
-
-    def get_state(self, row: int) -> dict[str, Any]:
-        """Return all that a robot's future depends on but the task and random numbers."""
-        return {**super().get_state(row), **single_robots.get_state(self, row)}
-
-    def checked_state(self, row: int, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return a state, ready for :meth:`restore`; ValueError: an entry is out of range."""
-        actuation = super().checked_state(row, state)
-        return {**actuation, **single_robots.checked_state(self, row, state)}
-
+    get_state, checked_state = single_robots.get_state, single_robots.checked_state
     restore, frame = single_robots.restore, single_robots.frame
 
     def push(self, row: int, impulse: Any) -> None:
-        """Push a robot's chassis from now on, beside other pushes.
-
-        Args:
-            impulse: (2,) N s in x and y, for ``push.duration``, by default 0.1 s.
+        """Push a robot's chassis from now on, beside other pushes, for ``push.duration`` or 0.1 s.
 
         Raises:
-            ValueError: no two finite numbers, or too many pushes at once.
+            ValueError: an impulse of no two finite numbers, N s, or too many pushes at once.
         """
         now = float(self.elapsed[row]) * self.control_dt
         own = check_schedule("impulse", [(now, *entries("impulse", impulse, "(Jx, Jy)"))])

@@ -14,7 +14,7 @@ import numpy as np
 
 from jansen_env.checks import non_negative
 from jansen_env.engine import crank_tracking
-from jansen_env.tasks.commands import CommandedTask
+from jansen_env.tasks.task import CommandedTask
 from jansen_env.world.argument_checks import range_per_robot, single
 from jansen_env.world.entries import Observed
 from jansen_env.world.held import START_ANGLE, HeldRobots

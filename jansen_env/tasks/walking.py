@@ -15,8 +15,7 @@ import numpy as np
 
 from jansen_env.checks import finite, non_negative, positive, shown
 from jansen_env.engine import walk_reward
-from jansen_env.tasks.commands import CommandedTask
-from jansen_env.tasks.task import Task
+from jansen_env.tasks.task import CommandedTask, Task
 from jansen_env.world.argument_checks import Bools, Ints, flag, per_robot, range_per_robot, single
 from jansen_env.world.entries import Observed
 

@@ -15,15 +15,8 @@ from jansen_env.engine.actions import take_actions
 from jansen_env.engine.jit import Kernel
 from jansen_env.robot import Robot
 from jansen_env.robot.motor import Motor
-from jansen_env.world.argument_checks import (
-    Array,
-    Bools,
-    Ints,
-    control_period,
-    number_range,
-    option,
-    optional,
-)
+from jansen_env.world import argument_checks as arguments
+from jansen_env.world.argument_checks import Array, Bools, Ints
 from jansen_env.world.entries import Observed
 from jansen_env.world.settings import equip, load_motor, load_robot
 
@@ -68,7 +61,7 @@ class ActuatedRobots:
     ) -> None:
         """Allocate arrays. Raises ValueError: a period or delay out of range."""
         self.robots, self.num_envs = list(robots), len(robots)
-        self.control_dt, self.time_step = control_period(control_dt, time_step)
+        self.control_dt, self.time_step = arguments.control_period(control_dt, time_step)
         self.steps = round(self.control_dt / self.time_step)
         n, self.delay_range = self.num_envs, delay_range
         longest_delay = max(float(delay_range.max()), longest_delay)
@@ -93,8 +86,8 @@ class ActuatedRobots:
         """Return the robot that such arguments give. Raises ValueError: one is not allowed."""
         return equip(
             load_robot("robot", robot),
-            motor=optional(load_motor)("motor", motor),
-            torque_limit=optional(positive)("torque_limit", torque_limit),
+            motor=arguments.optional(load_motor)("motor", motor),
+            torque_limit=arguments.optional(positive)("torque_limit", torque_limit),
         )
 
     def push(self, row: int, impulse: Any) -> None:
@@ -137,11 +130,11 @@ class ActuatedRobots:
     def _draw_delay(self, row: int, rng: np.random.Generator, options: Mapping[str, Any]) -> float:
         low, high = self.delay_range[row].tolist()
         drawn = rng.uniform(low, high) if high > low else low
-        return option(options, "delay", drawn, 0.0, self._longest_delay)
+        return arguments.option(options, "delay", drawn, 0.0, self._longest_delay)
 
     def checked_delay_range(self, name: str, value: Any) -> tuple[float, float]:
         """Return a range of delays, s; ValueError: out of range."""
-        return number_range(name, value, 0.0, self._longest_delay)
+        return arguments.number_range(name, value, 0.0, self._longest_delay)
 
     def delay_of(self, row: int) -> float:
         """Return by how much a robot's torques come late, s."""

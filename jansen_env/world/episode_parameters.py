@@ -10,17 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env import parameters
 from jansen_env.checks import shown
 from jansen_env.gravity import GRAVITY
-from jansen_env.parameters import (
-    EPISODE,
-    OF_ROBOTS,
-    PARAMETERS,
-    check,
-    effective,
-    nominal,
-    robot_parameters,
-)
+from jansen_env.parameters import EPISODE, OF_ROBOTS, PARAMETERS, check, robot_parameters
 from jansen_env.plants.base import BatchedPlant
 from jansen_env.plants.initial_pose import resting_depth
 from jansen_env.plants.robot_parameters import check_restitution
@@ -75,7 +68,7 @@ class EpisodeParameters:
         self.randomizations, self.levels = list(randomizations), ground.terrain_level
         self._has, self._links_mass = dict(has), robots[0].links_mass  # of one design
         pairs = zip(robots, plant.terrains, strict=True)
-        self.nominal = np.array([nominal(*pair, EPISODE) for pair in pairs], EPISODE)
+        self.nominal = np.array([parameters.nominal(*pair, EPISODE) for pair in pairs], EPISODE)
         self.values = self.nominal.copy()
         self._changed = np.zeros(len(robots), bool)  # by a draw, from the nominal parameters
         self._check_draws(by_default)
@@ -115,7 +108,7 @@ class EpisodeParameters:
         return round(check("terrain_level", "terrain_level", level))
 
     def _useful(self, row: int) -> set[str]:
-        useful = {*effective(self._plant.robots[row])} & {*self._plant.honours}
+        useful = {*parameters.effective(self._plant.robots[row])} & {*self._plant.honours}
         has = {**self._has, "delay": True, "terrain_level": self._generators[row] is not None}
         return useful | {name for name, present in has.items() if present}
 
@@ -222,10 +215,11 @@ class EpisodeParameters:
         Raises:
             ValueError: feet too stiff for ``"rigid_body"``'s time step; nothing has changed then.
         """
-        before = [self._plant.terrains[row] for row in rows.tolist()]
-        for row, plan in zip(rows.tolist(), plans, strict=True):
-            if plan.terrain is not None:
-                self._plant.set_terrain(row, plan.terrain)
+        drawn = {row: plan.terrain for row, plan in zip(rows.tolist(), plans, strict=True)}
+        grounds = {row: terrain for row, terrain in drawn.items() if terrain is not None}
+        before = {row: self._plant.terrains[row] for row in grounds}
+        for row, terrain in grounds.items():
+            self._plant.set_terrain(row, terrain)
         values = np.concatenate([plan.values for plan in plans])
         changed = np.array([plan.terrain is not None for plan in plans])
         changed |= robot_parameters(values) != robot_parameters(self.nominal[rows])
@@ -234,9 +228,8 @@ class EpisodeParameters:
             try:
                 self._plant.set_parameters(rows[due], robot_parameters(values[due]))
             except ValueError:
-                for row, plan, terrain in zip(rows.tolist(), plans, before, strict=True):
-                    if plan.terrain is not None:
-                        self._plant.set_terrain(row, terrain)
+                for row, terrain in before.items():
+                    self._plant.set_terrain(row, terrain)
                 self._plant.set_parameters(rows, robot_parameters(self.values[rows]))
                 raise
         self.values[rows], self._changed[rows] = values, changed

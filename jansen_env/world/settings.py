@@ -147,6 +147,13 @@ class Sensing:
     push: Push | Mapping[str, Any] | None = single(None, partial(load_record, Push))
 
 
+RECORDS = {
+    "machine": Machine, "control": Control, "ground": Ground, "randomness": Randomness,
+    "sensing": Sensing,
+}  # fmt: skip
+"""The world's records by the names under which it takes them."""
+
+
 def equip(
     robot: Robot,
     payload: Payload | None = None,

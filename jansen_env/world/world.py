@@ -18,7 +18,7 @@ from jansen_env.plants.base import BatchedPlant
 from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.make import make_batch, plant_time_step
 from jansen_env.robot.kinematics import advance_per_turn
-from jansen_env.world import single_robots
+from jansen_env.world import settings, single_robots
 from jansen_env.world.actuated import ActuatedRobots, Draw
 from jansen_env.world.argument_checks import Array, Bools, Filled, Ints, option
 from jansen_env.world.entries import Observed, list_entries
@@ -26,15 +26,6 @@ from jansen_env.world.episode_parameters import EpisodeParameters, Plan
 from jansen_env.world.noise import NoisySensors
 from jansen_env.world.push import Pushes, check_schedule
 from jansen_env.world.randomization import Uniform
-from jansen_env.world.settings import (
-    Control,
-    Ground,
-    Machine,
-    Randomness,
-    Sensing,
-    make_robots,
-    make_terrains,
-)
 
 
 class World(ActuatedRobots):
@@ -54,10 +45,7 @@ class World(ActuatedRobots):
         ValueError: an argument out of range; LinkageError: the robot cannot turn its crank.
     """
 
-    RECORDS = {
-        "machine": Machine, "control": Control, "ground": Ground, "randomness": Randomness,
-        "sensing": Sensing,
-    }  # fmt: skip
+    RECORDS = settings.RECORDS
     OPTIONS = ("crank_angle", "pushes", *PARAMETERS)
     SETTABLE = (*CHANGED_BY, "motor", "pad_compliance")
 
@@ -72,10 +60,10 @@ class World(ActuatedRobots):
         sensing: Filled,
         by_default: Collection[str] = (),
     ) -> None:
-        n, robots = num_envs, make_robots(machine)
+        n, robots = num_envs, settings.make_robots(machine)
         for robot in robots:
             static_deflection(robot, GRAVITY)  # or its feet are too soft
-        terrains, generators = make_terrains(ground)
+        terrains, generators = settings.make_terrains(ground)
         time_step = plant_time_step(control.plant, control.time_step)
         drawn = [one["delay"] for one in randomness.randomize if "delay" in one]
         most = [one.high if isinstance(one, Uniform) else LONGEST_DELAY for one in drawn]

@@ -34,9 +34,10 @@ class InfoBuilder:
         parameters: NDArray[Any] | None = None,
     ) -> None:
         self._world, self._task, self._arrays = world, task, dict(arrays)
-        self._groups: dict[str, Any] = {"energy": world["energy"]}
+        groups: dict[str, Any] = {"energy": world["energy"]}
         if parameters is not None:
-            self._groups["parameters"] = parameters
+            groups["parameters"] = parameters
+        self._groups = {name: (rows, rows.dtype.names) for name, rows in groups.items()}
         names: Any = world.dtype.names
         self._of_world = names.index("info")
         names = task.dtype.names
@@ -54,8 +55,8 @@ class InfoBuilder:
         world, task = self._world[row].item(), self._task[row].item()
         numbers = world[self._of_world] + task[self._of_task]
         info = dict(zip(self._names, numbers, strict=True))
-        for name, rows in self._groups.items():
-            info[name] = dict(zip(rows.dtype.names, rows[row].item(), strict=True))
+        for name, (rows, names) in self._groups.items():
+            info[name] = dict(zip(names, rows[row].item(), strict=True))
         for name, array in self._arrays.items():
             info[name] = array[row].copy()
         if stepped:
@@ -75,9 +76,8 @@ class InfoBuilder:
         if not wanted:
             return {}
         infos = _masked(self._of_any, wanted, known)
-        for group, rows in self._groups.items():
+        for group, (rows, names) in self._groups.items():
             if group in wanted:
-                names = rows.dtype.names
                 infos[group] = _masked({name: rows[name] for name in names}, names, known)
                 infos[f"_{group}"] = known.copy()
         if stepped.any():

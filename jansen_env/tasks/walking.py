@@ -140,7 +140,7 @@ class WalkerTask(CommandedTask):
             self._draw_commands(active)
         if self.world.episodes.curriculum is not None:
             self._cover(active)
-        super().finish_step(active)
+        walk_reward.finish_step(active, *self.step_arguments())
         if self._observes:  # a task that derives from this one
             self.observe(np.flatnonzero(active))
         if self.terminate_when_fallen:

@@ -25,64 +25,22 @@ from jansen_env.world.push import Push
 __version__ = "0.1.0"
 
 __all__ = [
-    "MOTORS",
-    "ROBOTS",
-    "Bar",
-    "Compliance",
-    "Curriculum",
-    "Leg",
-    "LinkageError",
-    "Motor",
-    "Noise",
-    "Payload",
-    "Push",
-    "Robot",
-    "Terrain",
-    "Triangle",
-    "built_robot",
-    "holy_numbers_robot",
-    "paper_robot",
-    "phased_legs",
-]
+    "MOTORS", "ROBOTS", "Bar", "Compliance", "Curriculum", "Leg", "LinkageError", "Motor", "Noise",
+    "Payload", "Push", "Robot", "Terrain", "Triangle", "built_robot", "holy_numbers_robot",
+    "paper_robot", "phased_legs",
+]  # fmt: skip
 
-register(
-    id="JansenWalker-v0",
-    entry_point="jansen_env.envs.walker:JansenWalkerEnv",
-    vector_entry_point="jansen_env.envs.walker:JansenWalkerVectorEnv",
-    max_episode_steps=500,
-)
-
-register(
-    id="JansenWalkerBuilt-v0",
-    entry_point="jansen_env.envs.presets:JansenWalkerBuiltEnv",
-    vector_entry_point="jansen_env.envs.presets:JansenWalkerBuiltVectorEnv",
-    max_episode_steps=500,
-)
-
-register(
-    id="JansenCrank-v0",
-    entry_point="jansen_env.envs.crank_env:JansenCrankEnv",
-    vector_entry_point="jansen_env.envs.crank_env:JansenCrankVectorEnv",
-    max_episode_steps=1000,
-)
-
-register(
-    id="JansenGoal-v0",
-    entry_point="jansen_env.envs.goal_env:JansenGoalEnv",
-    vector_entry_point="jansen_env.envs.goal_env:JansenGoalVectorEnv",
-    max_episode_steps=750,
-)
-
-register(
-    id="JansenWalkerRough-v0",
-    entry_point="jansen_env.envs.presets:JansenWalkerRoughEnv",
-    vector_entry_point="jansen_env.envs.presets:JansenWalkerRoughVectorEnv",
-    max_episode_steps=500,
-)
-
-register(
-    id="JansenWalkerHardcore-v0",
-    entry_point="jansen_env.envs.presets:JansenWalkerHardcoreEnv",
-    vector_entry_point="jansen_env.envs.presets:JansenWalkerHardcoreVectorEnv",
-    max_episode_steps=500,
-)
+for _name, _entry, _steps in (
+    ("JansenWalker", "walker:JansenWalker", 500),
+    ("JansenWalkerBuilt", "presets:JansenWalkerBuilt", 500),
+    ("JansenCrank", "crank_env:JansenCrank", 1000),
+    ("JansenGoal", "goal_env:JansenGoal", 750),
+    ("JansenWalkerRough", "presets:JansenWalkerRough", 500),
+    ("JansenWalkerHardcore", "presets:JansenWalkerHardcore", 500),
+):
+    register(
+        id=f"{_name}-v0",
+        entry_point=f"jansen_env.envs.{_entry}Env",
+        vector_entry_point=f"jansen_env.envs.{_entry}VectorEnv",
+        max_episode_steps=_steps,
+    )

@@ -22,7 +22,8 @@ def shown(value: Any) -> str:
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 
-def _number(name: str, value: Any) -> float:
+def finite(name: str, value: Any) -> float:
+    """Return ``value`` as a float. Raises ValueError unless it is a finite number."""
     number = math.nan
     if not isinstance(value, bool) and isinstance(value, (Real, Decimal)):
         with contextlib.suppress(OverflowError, ValueError):  # beyond a float's range
@@ -32,14 +33,9 @@ def _number(name: str, value: Any) -> float:
     return number
 
 
-def finite(name: str, value: Any) -> float:
-    """Return ``value`` as a float. Raises ValueError unless it is a finite number."""
-    return _number(name, value)
-
-
 def positive(name: str, value: Any) -> float:
     """Return ``value`` as a float. Raises ValueError unless it is above 0."""
-    number = _number(name, value)
+    number = finite(name, value)
     if number <= 0.0:
         raise ValueError(f"{name} is {shown(value)}, must be above 0")
     return number
@@ -58,7 +54,7 @@ def positive_single(name: str, value: Any) -> float:
 
 def non_negative(name: str, value: Any) -> float:
     """Return ``value`` as a float. Raises ValueError if it is below 0."""
-    number = _number(name, value)
+    number = finite(name, value)
     if number < 0.0:
         raise ValueError(f"{name} is {shown(value)}, must be 0 or above")
     return number
@@ -66,58 +62,47 @@ def non_negative(name: str, value: Any) -> float:
 
 def within(name: str, value: Any, low: float, high: float) -> float:
     """Return ``value`` as a float. Raises ValueError unless ``low <= value <= high``."""
-    number = _number(name, value)
+    number = finite(name, value)
     if not low <= number <= high:
         raise ValueError(f"{name} is {shown(value)}, must be between {low} and {high}")
     return number
 
 
-def positive_integer(name: str, value: Any, most: int | None = None) -> int:
-    """Return ``value`` as an int. Raises ValueError unless it is a whole number from 1 to ``most``.
+def whole_number(name: str, value: Any, most: int | None = None, least: int = 0) -> int:
+    """Return ``value`` as an int. Raises ValueError unless it is whole, from ``least`` to ``most``.
 
     Without ``most`` there is no upper bound.
     """
     whole = isinstance(value, Integral) and not isinstance(value, bool)
-    if not whole or value < 1 or (most is not None and value > most):
-        allowed = "above 0" if most is None else f"from 1 to {most}"
-        raise ValueError(f"{name} is {shown(value)}, must be a whole number {allowed}")
-    return int(value)
-
-
-def whole_number(name: str, value: Any, most: int | None = None) -> int:
-    """Return ``value`` as an int. Raises ValueError unless it is a whole number from 0 to ``most``.
-
-    Without ``most`` there is no upper bound.
-    """
-    whole = isinstance(value, Integral) and not isinstance(value, bool)
-    if not whole or value < 0 or (most is not None and value > most):
-        allowed = ", 0 or above" if most is None else f" from 0 to {most}"
+    if not whole or value < least or (most is not None and value > most):
+        allowed = " above 0" if least else ", 0 or above"
+        allowed = allowed if most is None else f" from {least} to {most}"
         raise ValueError(f"{name} is {shown(value)}, must be a whole number{allowed}")
     return int(value)
 
 
-def instance(name: str, value: Any, kind: type) -> None:
-    """Raises ValueError unless ``value`` is of a type."""
+def positive_integer(name: str, value: Any, most: int | None = None) -> int:
+    """Return ``value`` as an int. Raises ValueError unless it is whole, from 1 to ``most``."""
+    return whole_number(name, value, most, least=1)
+
+
+def instance(name: str, value: Any, kind: type) -> Any:
+    """Return ``value``. Raises ValueError unless it is of a type."""
     if not isinstance(value, kind):
         raise ValueError(f"{name} is {shown(value)}, must be a {kind.__name__}")
+    return value
 
 
 def entries(name: str, value: Any, allowed: str) -> tuple[Any, ...]:
-    """The entries of a list, tuple, array ... Raises ValueError if it is nothing of that kind."""
-    if isinstance(value, (str, bytes, Mapping, Set)) or not isinstance(value, Iterable):
-        raise ValueError(f"{name} is {shown(value)}, must be {allowed}")
-    try:
-        return tuple(value)
-    except TypeError:  # an array without dimensions
-        raise ValueError(f"{name} is {shown(value)}, must be {allowed}") from None
+    """Return the entries of a list, tuple, array ... Raises ValueError for anything else."""
+    if isinstance(value, Iterable) and not isinstance(value, (str, bytes, Mapping, Set)):
+        with contextlib.suppress(TypeError):  # of an array without dimensions
+            return tuple(value)
+    raise ValueError(f"{name} is {shown(value)}, must be {allowed}")
 
 
 def one_or_two(name: str, value: Any) -> tuple[float, float]:
-    """Two numbers of 0 and above: those given, or one and 0.
-
-    Raises:
-        ValueError: anything else.
-    """
+    """Return two numbers of 0 and above: those given, or one and 0. Raises ValueError."""
     if not isinstance(value, Iterable):
         return non_negative(name, value), 0.0
     both = entries(name, value, "a number or two")

@@ -1,13 +1,13 @@
 """The table of parameters: numbers that may differ between robots and between episodes.
 
-One row each. Structured types, checks, ``randomize``, reset options, ``set_parameters``,
-``info["parameters"]`` and the documentation's table are all made from it. This module is plain data
-that plants read as well; :mod:`jansen_env.plants.robot_parameters` and the world put it in force.
+Structured types, checks, ``randomize``, reset options, ``set_parameters``, ``info["parameters"]``
+and the documentation's table are all made from it;
+:mod:`jansen_env.plants.robot_parameters` and the world apply it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -21,7 +21,20 @@ from jansen_env.terrain.generators import HIGHEST
 LARGEST = 1e6  # of a coefficient of friction, a mass in kg, a place in m
 LONGEST_DELAY = 1.0  # s, of an action
 LOUDEST = 1e3  # times noise and pushes
-SMALLEST_SCALE, LARGEST_SCALE = 0.01, 100.0
+SCALE, FROM_0 = (0.01, 100.0), (0.0, 100.0)  # factors
+
+
+def _one(robot: Robot, terrain: Terrain) -> float:
+    return 1.0
+
+
+def _never(robot: Robot) -> bool:
+    return False
+
+
+def _undamped(robot: Robot) -> bool:
+    pads = robot.pad_compliance
+    return pads.rigid or (pads.damping, pads.tangential_damping) == (0.0, 0.0)
 
 
 class Parameter(NamedTuple):
@@ -30,9 +43,9 @@ class Parameter(NamedTuple):
     Attributes:
         name, unit: of the number. least, most: its limits. meaning: what it does.
         nominal: its value for a robot on a terrain where nothing is drawn.
-        honoured_by: "plant": it changes robot or ground; "world": what surrounds them.
         idle: where it has no effect, in words, and is_idle: whether a robot is such a one.
-        set_as: the argument of ``set_parameters`` that changes it, "" for none.
+        honoured_by: "plant": it changes robot or ground; "world": what surrounds them.
+        set_as: the argument of ``set_parameters`` that changes it, "" for none, None for its name.
         argument: whether the constructor has an argument of its name. whole: no fractions.
     """
 
@@ -41,138 +54,83 @@ class Parameter(NamedTuple):
     least: float
     most: float
     meaning: str
-    nominal: Callable[[Robot, Terrain], float]
-    honoured_by: Literal["plant", "world"] = "plant"
+    nominal: Callable[[Robot, Terrain], float] = _one
     idle: str = ""
-    is_idle: Callable[[Robot], bool] = lambda robot: False
-    set_as: str = ""
+    is_idle: Callable[[Robot], bool] = _never
+    honoured_by: Literal["plant", "world"] = "plant"
+    set_as: str | None = None
     argument: bool = False
     whole: bool = False
 
-
-def _scale(
-    name: str,
-    least: float,
-    meaning: str,
-    idle: str = "",
-    is_idle: Callable[[Robot], bool] = lambda robot: False,
-) -> Parameter:
-    """A factor of numbers of the robot, 1 where nothing is drawn."""
-    return Parameter(
-        name, "1", least, LARGEST_SCALE, meaning, lambda robot, terrain: 1.0,
-        idle=idle, is_idle=is_idle, set_as=name,
-    )  # fmt: skip
-
-
-def _undamped(robot: Robot) -> bool:
-    pads = robot.pad_compliance
-    return pads.rigid or (pads.damping, pads.tangential_damping) == (0.0, 0.0)
+    @property
+    def changed_by(self) -> str:
+        """The argument of ``set_parameters`` that changes it, "" for none."""
+        return self.name if self.set_as is None else self.set_as
 
 
 TABLE = (
-    Parameter(
-        "friction", "1", 0.0, LARGEST, "Coulomb coefficient between toes and ground",
-        lambda robot, terrain: terrain.friction, set_as="friction", argument=True,
-    ),
-    Parameter(
-        "restitution", "1", 0.0, 1.0, "Newton's coefficient between toes and ground",
-        lambda robot, terrain: terrain.restitution,
-        idle="compliant feet", is_idle=lambda robot: not robot.pad_compliance.rigid,
-        set_as="restitution", argument=True,
-    ),
-    Parameter(
-        "payload", "kg", 0.0, LARGEST, "mass of the payload; its own inertia stays",
-        lambda robot, terrain: robot.payload.mass, set_as="payload", argument=True,
-    ),
-    Parameter(
-        "payload_x", "m", -LARGEST, LARGEST, "place of the payload ahead of the crank axis",
-        lambda robot, terrain: robot.payload.position[0], set_as="payload",
-    ),
-    Parameter(
-        "payload_y", "m", -LARGEST, LARGEST, "place of the payload above the crank axis",
-        lambda robot, terrain: robot.payload.position[1], set_as="payload",
-    ),
-    _scale("mass_scale", SMALLEST_SCALE, "times the links' masses and inertias"),
-    _scale(
-        "inertia_scale", 0.0, "times the links' inertias about their own centres, on top",
-        "links without inertia", lambda robot: not any(link.inertia for link in robot.bodies),
-    ),
-    _scale(
-        "damping_scale", 0.0, "times the joints' viscous damping",
-        "joints without damping", lambda robot: not any(robot.damping),
-    ),
-    _scale(
-        "foot_stiffness_scale", SMALLEST_SCALE, "times the stiffness of the feet",
-        "rigid feet", lambda robot: robot.pad_compliance.rigid,
-    ),
-    _scale(
-        "foot_damping_scale", 0.0, "times the damping of the feet", "feet without damping",
-        _undamped,
-    ),
-    _scale(
-        "motor_strength", SMALLEST_SCALE,
-        "times the torque of an action and all limits of the motor's torque",
-    ),
-    _scale(
-        "rotor_inertia_scale", 0.0, "times the inertia of the motor's rotor",
-        "motors without rotor", lambda robot: robot.motor.rotor_inertia == 0.0,
-    ),
-    Parameter(
-        "tilt", "rad", -MAX_SLOPE, MAX_SLOPE,
-        "turns gravity, so that the floor rises towards +x above 0",
-        lambda robot, terrain: 0.0, set_as="tilt",
-    ),
-    Parameter(
-        "delay", "s", 0.0, LONGEST_DELAY, "time by which torques come late",
-        lambda robot, terrain: 0.0, "world", set_as="delay", argument=True,
-    ),
-    Parameter(
-        "noise_level", "1", 0.0, LOUDEST, "times the sensors' noise",
-        lambda robot, terrain: 1.0, "world", idle="environments without noise",
-    ),
-    Parameter(
-        "push_strength", "1", 0.0, LOUDEST, "times the impulses of random pushes",
-        lambda robot, terrain: 1.0, "world", idle="environments without random pushes",
-    ),
-    Parameter(
-        "terrain_level", "1", 0.0, HIGHEST, "level of a drawn terrain, a whole number",
-        lambda robot, terrain: 0.0, "world", idle="terrains that are not drawn",
-        set_as="terrain_level", argument=True, whole=True,
-    ),
+    Parameter("friction", "1", 0.0, LARGEST, "Coulomb coefficient between toes and ground",
+              lambda robot, terrain: terrain.friction, argument=True),
+    Parameter("restitution", "1", 0.0, 1.0, "Newton's coefficient between toes and ground",
+              lambda robot, terrain: terrain.restitution, "compliant feet",
+              lambda robot: not robot.pad_compliance.rigid, argument=True),
+    Parameter("payload", "kg", 0.0, LARGEST, "mass of the payload; its own inertia stays",
+              lambda robot, terrain: robot.payload.mass, argument=True),
+    Parameter("payload_x", "m", -LARGEST, LARGEST, "place of the payload ahead of the crank axis",
+              lambda robot, terrain: robot.payload.position[0], set_as="payload"),
+    Parameter("payload_y", "m", -LARGEST, LARGEST, "place of the payload above the crank axis",
+              lambda robot, terrain: robot.payload.position[1], set_as="payload"),
+    Parameter("mass_scale", "1", *SCALE, "times the links' masses and inertias"),
+    Parameter("inertia_scale", "1", *FROM_0,
+              "times the links' inertias about their own centres, on top", _one,
+              "links without inertia", lambda robot: not any(one.inertia for one in robot.bodies)),
+    Parameter("damping_scale", "1", *FROM_0, "times the joints' viscous damping", _one,
+              "joints without damping", lambda robot: not any(robot.damping)),
+    Parameter("foot_stiffness_scale", "1", *SCALE, "times the stiffness of the feet", _one,
+              "rigid feet", lambda robot: robot.pad_compliance.rigid),
+    Parameter("foot_damping_scale", "1", *FROM_0, "times the damping of the feet", _one,
+              "feet without damping", _undamped),
+    Parameter("motor_strength", "1", *SCALE,
+              "times the torque of an action and all limits of the motor's torque"),
+    Parameter("rotor_inertia_scale", "1", *FROM_0, "times the inertia of the motor's rotor", _one,
+              "motors without rotor", lambda robot: robot.motor.rotor_inertia == 0.0),
+    Parameter("tilt", "rad", -MAX_SLOPE, MAX_SLOPE,
+              "turns gravity, so that the floor rises towards +x above 0",
+              lambda robot, terrain: 0.0),
+    Parameter("delay", "s", 0.0, LONGEST_DELAY, "time by which torques come late",
+              lambda robot, terrain: 0.0, honoured_by="world", argument=True),
+    Parameter("noise_level", "1", 0.0, LOUDEST, "times the sensors' noise",
+              idle="environments without noise", honoured_by="world", set_as=""),
+    Parameter("push_strength", "1", 0.0, LOUDEST, "times the impulses of random pushes",
+              idle="environments without random pushes", honoured_by="world", set_as=""),
+    Parameter("terrain_level", "1", 0.0, HIGHEST, "level of a drawn terrain, a whole number",
+              lambda robot, terrain: 0.0, "terrains that are not drawn", honoured_by="world",
+              argument=True, whole=True),
 )  # fmt: skip
 """All rows. Random numbers are drawn in this order: a new row goes to the end, so that seeds keep
 their meaning. Nothing else depends on it."""
 
 PARAMETERS = {row.name: row for row in TABLE}
 """The rows by name."""
-
-
-def _row_type(rows: Iterable[Parameter]) -> np.dtype[Any]:
-    return np.dtype([(row.name, "f8") for row in rows])
-
-
-EPISODE = _row_type(TABLE)
+EPISODE: np.dtype[Any] = np.dtype([(row.name, "f8") for row in TABLE])
 """The numbers of one episode."""
-ROBOT_PARAMETERS = _row_type(row for row in TABLE if row.honoured_by == "plant")
-"""Those of them that plants honour."""
-OF_ROBOTS: tuple[str, ...] = ROBOT_PARAMETERS.names or ()
+OF_ROBOTS = tuple(row.name for row in TABLE if row.honoured_by == "plant")
+"""Names of those of them that plants honour."""
+ROBOT_PARAMETERS: np.dtype[Any] = np.dtype([(name, "f8") for name in OF_ROBOTS])
+"""The numbers that plants honour."""
 CHANGES = tuple(
-    row.name
-    for row in TABLE
-    if row.honoured_by == "plant" and row.set_as == row.name and not row.argument
+    name for name in OF_ROBOTS if PARAMETERS[name].set_as is None and not PARAMETERS[name].argument
 )
 """Parameters that ``set_parameters`` changes by name, beside those that are arguments, too."""
-
-CHANGED_BY = tuple(dict.fromkeys(row.set_as for row in TABLE if row.set_as))
+CHANGED_BY = tuple(dict.fromkeys(row.changed_by for row in TABLE if row.changed_by))
 """Arguments of ``set_parameters`` that change a parameter."""
 
 
 def nominal(robot: Robot, terrain: Terrain, row_type: np.dtype[Any] = ROBOT_PARAMETERS) -> np.void:
     """Return the row, of :data:`ROBOT_PARAMETERS` or :data:`EPISODE`, that changes nothing."""
-    row = np.zeros(1, row_type)[0]
-    for name in row_type.names or ():
-        row[name] = PARAMETERS[name].nominal(robot, terrain)
-    return row
+    names: Any = row_type.names
+    values = tuple(PARAMETERS[name].nominal(robot, terrain) for name in names)
+    return np.array([values], row_type)[0]
 
 
 def robot_parameters(episodes: NDArray[np.void]) -> NDArray[np.void]:

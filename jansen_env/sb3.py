@@ -19,7 +19,7 @@ from jansen_env.envs import arguments
 from jansen_env.envs.vector import TaskVectorEnv
 from jansen_env.scoring.benchmarks import can_be_batched, vector_env
 from jansen_env.scoring.rollout import make_env
-from jansen_env.world.broadcasting import Each
+from jansen_env.world.argument_checks import Each
 
 
 def make_vec_env(

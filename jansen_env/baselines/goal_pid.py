@@ -25,7 +25,7 @@ class GoalPid:
     def __init__(self, env: Any) -> None:
         names = [entry.name for entry in env.observed]
         self._columns = [names.index("goal_distance"), names.index("crank_speed")]
-        self._per_radian = abs(advance_per_turn(env.task.robots[0])) / (2.0 * math.pi)  # m
+        self._per_radian = abs(advance_per_turn(env.task.world.robots[0])) / (2.0 * math.pi)  # m
         self._dt = env.control_dt
 
     def predict(

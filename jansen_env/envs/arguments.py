@@ -5,20 +5,18 @@ All functions raise ValueError for anything else than they describe.
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Mapping, Sequence
 from numbers import Integral
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from jansen_env.checks import entries, instance, positive_integer, shown, whole_number
-from jansen_env.world.broadcasting import entries_of
-
-Array = NDArray[np.float64]
+from jansen_env.world.argument_checks import Array, entries_of
 
 RENDER_MODES = ["human", "rgb_array"]
 MOST_ROBOTS = 1_000_000  # of a vector environment: gigabytes
@@ -26,22 +24,19 @@ MOST_EPISODE_STEPS = 2**53  # the largest number up to which floats count one by
 
 
 def broadcast_limits(count: int, limit: Any) -> Array:
-    """(count,) steps after which an episode is truncated, from one or from one for each.
-
-    None and -1, as ``gym.make`` has it, stand for never (inf).
-    """
-    name = "max_episode_steps"
-
-    def steps(one: Any) -> float:
-        if one is None or (isinstance(one, Integral) and one == -1):
-            return math.inf
-        return float(positive_integer(name, one, MOST_EPISODE_STEPS))
-
-    return np.array([steps(one) for one in entries_of(name, limit, count)])
+    """(count,) steps after which episodes are truncated; inf for None and ``gym.make``'s -1."""
+    name, never = "max_episode_steps", math.inf
+    limits = [
+        never
+        if one is None or (isinstance(one, Integral) and one == -1)
+        else positive_integer(name, one, MOST_EPISODE_STEPS)
+        for one in entries_of(name, limit, count)
+    ]
+    return np.array(limits, float)
 
 
 def broadcast_seeds(count: int, seed: Any) -> list[int | None]:
-    """``count`` seeds: seed, seed + 1, ... from one, those of a sequence, or none."""
+    """``count`` seeds: seed, seed + 1, ..., those of a sequence, or None."""
     if seed is None:
         return [None] * count
     allowed = f"a whole number, or {count} of them"
@@ -62,22 +57,8 @@ def autoreset_mode(mode: Any) -> AutoresetMode:
         raise ValueError(f"autoreset_mode is {shown(mode)}, must be one of {allowed}") from None
 
 
-def known_arguments(environment: type, given: Mapping[str, Any]) -> None:
-    """Raises TypeError for arguments that an environment does not have."""
-    allowed = inspect.signature(environment).parameters
-    unknown = sorted({*given} - {*allowed})
-    if unknown:
-        raise TypeError(
-            f"{environment.__name__} got an unexpected keyword argument {unknown[0]!r}, must be in {sorted(allowed)}"
-        )
-
-
 def reset_mask(count: int, mask: Any) -> NDArray[np.bool_]:
-    """Which robots to reset (count,), all for None.
-
-    Raises:
-        TypeError: no array of bools. ValueError: not one for each, or none of them set.
-    """
+    """Which robots to reset (count,), all for None; TypeError for no array of bools."""
     if mask is None:
         return np.ones(count, bool)
     if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
@@ -92,10 +73,7 @@ def reset_mask(count: int, mask: Any) -> NDArray[np.bool_]:
 
 def reset_options(options: Any) -> dict[str, Any]:
     """The options of ``reset``, a copy; none for None. Raises ValueError for anything else."""
-    if options is None:
-        return {}
-    instance("options", options, dict)
-    return dict(options)
+    return {} if options is None else dict(instance("options", options, dict))
 
 
 def broadcast_options(count: int, options: dict[str, Any]) -> list[dict[str, Any]]:
@@ -135,3 +113,37 @@ def info_keys(value: Any, known: Sequence[str]) -> tuple[str, ...] | None:
     if unknown := sorted(set(value) - set(known)):
         raise ValueError(f"info_keys has {unknown}, must be of {sorted(known)}")
     return tuple(value)
+
+
+def complete_state(state: Mapping[str, Any], example: Mapping[str, Any]) -> None:
+    """Raises ValueError where a state to go on from has not all that ``example`` has."""
+    if missing := sorted({*example} - {*state}):
+        raise ValueError(f"state lacks {missing}, must come from get_state()")
+
+
+class Renderers(dict[int, Any]):
+    """Renderers of the robots of an environment, by number; made when first needed."""
+
+    def draw(self, env: Any, row: int) -> NDArray[np.uint8] | None:
+        """Draw a robot; (H, W, 3) uint8, None in a window or without a ``render_mode``."""
+        if env.render_mode is None:
+            modes = env.metadata["render_modes"]
+            gym.logger.warn(f"render() was called without a render_mode; pass one of {modes}")
+            return None
+        from jansen_env.rendering import Renderer
+
+        scene = env.task.scene(row)
+        if row not in self:
+            fps = env.metadata["render_fps"]
+            self[row] = Renderer(**scene, mode=env.render_mode, fps=fps)
+        self[row].show(**scene)  # which a reset may change
+        return self[row].draw(env.task.frame(row))
+
+    def close(self) -> None:
+        """Close windows."""
+        for renderer in self.values():
+            renderer.close()
+        self.clear()
+
+    def __reduce__(self) -> Any:
+        return Renderers, ()  # a copy draws with its own

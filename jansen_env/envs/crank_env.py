@@ -15,9 +15,8 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
     ## Description
     The experiment of *Dynamic Analysis and Modeling of Jansen Mechanism*, section 3: four legs on one
     crank shaft, the frame pinned, one degree of freedom (16 - 15), equation (12). The crank is to
-    follow r(t) = w t + pi. The torque needed for it swings between 1 and 2 N m twice a turn: weight
-    and inertia of 32 bodies as the linkage moves them. The paper's PID (13) lags behind; a
-    controller that knows the machine need not.
+    follow r(t) = w t + pi. The torque needed for it swings between 1 and 2 N m twice a turn. The
+    paper's PID (13) lags behind; a controller that knows the machine need not.
 
     ## Action Space
     | Num | Action | Min | Max | Unit |
@@ -87,8 +86,7 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
     @property
     def plant(self) -> FixedBasePlant:
         """The plant."""
-        plant: FixedBasePlant = self.task.world.plant_of_one
-        return plant
+        return FixedBasePlant.of(self.task.world.plant)
 
     @property
     def reference(self) -> float:
@@ -96,17 +94,9 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
         return self.task.reference(0)
 
     def joint_forces(self) -> JointForces:
-        """Forces in every joint of every leg as they are now, under the last action's torque."""
+        """Return the forces in every joint now, under the last action's torque."""
         world = self.task.world
-        forces: JointForces = world.plant.joint_forces(0, float(world.torque[0]))
-        return forces
+        return world.plant.joint_forces(0, float(world.torque[0]))
 
 
-class JansenCrankVectorEnv(TaskVectorEnv[CrankTask]):
-    """:class:`JansenCrankEnv` for many robots at once: what ``gym.make_vec`` makes.
-
-    Arguments and errors are those of :class:`jansen_env.envs.vector.TaskVectorEnv` and
-    :class:`CrankTask`.
-    """
-
-    TASK = CrankTask
+JansenCrankVectorEnv = TaskVectorEnv.of(JansenCrankEnv)

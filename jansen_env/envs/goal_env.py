@@ -23,12 +23,7 @@ class JansenGoalEnv(SingleEnv[GoalTask]):
     ## Observation Space
     | Num | Observation | Min | Max | Unit |
     |-----|-------------|-----|-----|------|
-    | 0, 1 | cosine and sine of the crank angle | -1 | 1 | 1 |
-    | 2 | crank speed | -Inf | Inf | rad/s |
-    | 3, 4 | sine and cosine of the chassis pitch | -1 | 1 | 1 |
-    | 5 | pitch rate | -Inf | Inf | rad/s |
-    | 6, 7 | velocity of the crank axis in x and y | -Inf | Inf | m/s |
-    | 8 | height of the crank axis over the ground below it | -Inf | Inf | m |
+    | 0 .. 8 | crank, pitch, velocity and height of the crank axis as of ``JansenWalker-v0`` | | | |
     | 9 | last action | -1 | 1 | 1 |
     | 10 .. 13 | normal load of each toe / weight | 0 | Inf | 1 |
     | 14 .. | with ``height_scan``: as of ``JansenWalker-v0`` | -Inf | Inf | m |
@@ -68,7 +63,4 @@ class JansenGoalEnv(SingleEnv[GoalTask]):
     TASK = GoalTask
 
 
-class JansenGoalVectorEnv(TaskVectorEnv[GoalTask]):
-    """:class:`JansenGoalEnv` for many robots at once: what ``gym.make_vec`` makes."""
-
-    TASK = GoalTask
+JansenGoalVectorEnv = TaskVectorEnv.of(JansenGoalEnv)

@@ -1,7 +1,7 @@
 """``JansenWalkerBuilt-v0``, ``JansenWalkerRough-v0`` and ``JansenWalkerHardcore-v0``: presets.
 
-Each is :class:`WalkerTask` with other defaults, no more; any of them can be given another value.
-What is randomised by default is left out where it would do nothing: levels of flat ground, noise
+Each is :class:`WalkerTask` with other defaults; any of them can be given another value. Parameters
+randomised by default are left out where they would do nothing: levels of flat ground, noise
 where there is none.
 """
 
@@ -13,58 +13,47 @@ from jansen_env.tasks.walking import WalkerTask
 from jansen_env.world.noise import Noise
 from jansen_env.world.push import Push
 
-HEIGHT_SCAN = (
-    0.5,
-    0.9,
-    15,
-)  # m behind and ahead of the axis, places: every 0.1 m; feet reach 0.6 m
-SPEED_COMMAND = (0.1, 0.5)  # m/s
-BUILT = {"robot": "built"}
-ROUGH_RANGES = {"friction": (0.4, 1.0), "payload": (0.0, 0.5)}
-ROUGH = {
-    **BUILT,
-    "terrain": "mixed",
-    "terrain_level": (0, 9),
-    "speed_command": SPEED_COMMAND,
-    "height_scan": HEIGHT_SCAN,
-    "randomize": ROUGH_RANGES,
-}
-HARDCORE = {
-    **ROUGH,
-    "noise": Noise(),
-    "push": Push(impulse=3.0),
-    "randomize": {
-        **ROUGH_RANGES,
-        "payload_x": (-0.1, 0.1),
-        "mass_scale": (0.9, 1.1),
-        "foot_stiffness_scale": (0.5, 2.0),
-        "foot_damping_scale": (0.5, 2.0),
-        "motor_strength": (0.8, 1.2),
-        "rotor_inertia_scale": (0.8, 1.2),
-        "tilt": (-0.05, 0.05),
-        "delay": (0.0, 0.04),
-        "noise_level": (0.5, 1.5),
-        "push_strength": (0.0, 1.0),
-    },
-}
-
 
 class BuiltTask(WalkerTask):
-    """The defaults :data:`BUILT`."""
+    """A machine that could be built."""
 
-    DEFAULTS = BUILT
+    DEFAULTS = {"robot": "built"}
 
 
 class RoughTask(WalkerTask):
-    """The defaults :data:`ROUGH`."""
+    """New terrain every episode."""
 
-    DEFAULTS = ROUGH
+    DEFAULTS = {
+        **BuiltTask.DEFAULTS,
+        "terrain": "mixed",
+        "terrain_level": (0, 9),
+        "speed_command": (0.1, 0.5),  # m/s
+        "height_scan": (0.5, 0.9, 15),  # m behind and ahead: every 0.1 m; feet reach 0.6 m
+        "randomize": {"friction": (0.4, 1.0), "payload": (0.0, 0.5)},
+    }
 
 
 class HardcoreTask(WalkerTask):
-    """The defaults :data:`HARDCORE`."""
+    """Noise, delay, pushes and machines that differ, on such terrain."""
 
-    DEFAULTS = HARDCORE
+    DEFAULTS = {
+        **RoughTask.DEFAULTS,
+        "noise": Noise(),
+        "push": Push(impulse=3.0),
+        "randomize": {
+            **RoughTask.DEFAULTS["randomize"],
+            "payload_x": (-0.1, 0.1),
+            "mass_scale": (0.9, 1.1),
+            "foot_stiffness_scale": (0.5, 2.0),
+            "foot_damping_scale": (0.5, 2.0),
+            "motor_strength": (0.8, 1.2),
+            "rotor_inertia_scale": (0.8, 1.2),
+            "tilt": (-0.05, 0.05),
+            "delay": (0.0, 0.04),
+            "noise_level": (0.5, 1.5),
+            "push_strength": (0.0, 1.0),
+        },
+    }
 
 
 class JansenWalkerBuiltEnv(JansenWalkerEnv):
@@ -76,34 +65,13 @@ class JansenWalkerBuiltEnv(JansenWalkerEnv):
     feet, and a gearmotor with its rotor and torque-speed line. The paper's own robot has links of
     0.1 kg with a radius of gyration of 1 m, which no machine can have, and is much harder to drive.
 
-    ## Action Space
-    | Num | Action | Min | Max | Unit |
-    |-----|--------|-----|-----|------|
-    | 0 | crank torque, as a share of ``torque_limit`` (12 N m) | -1 | 1 | 1 |
+    Actions, rewards, starts, ends, information and arguments are those of ``JansenWalker-v0``, with
+    ``robot="built"``, whose ``torque_limit`` is 12 N m.
 
-    ## Observation Space
-    | Num | Observation | Min | Max | Unit |
-    |-----|-------------|-----|-----|------|
-    | 0 .. 19 | as of ``JansenWalker-v0`` | | | |
-
-    ## Rewards
-    Those of ``JansenWalker-v0``.
-
-    ## Starting State
-    As in ``JansenWalker-v0``. Drawn at each reset:
-
-    | Number | Range |
+    | Number | Value |
     |--------|-------|
+    | observations as of ``JansenWalker-v0`` | 0 .. 19 |
     | commanded speed | 0.05 to 0.8 m/s |
-
-    ## Episode End
-    As in ``JansenWalker-v0``. Truncated after 500 steps (10 s).
-
-    ## Information
-    That of ``JansenWalker-v0``.
-
-    ## Arguments
-    Those of ``JansenWalker-v0``, with ``robot="built"``.
 
     ## Version History
     * v0: first release.
@@ -112,10 +80,7 @@ class JansenWalkerBuiltEnv(JansenWalkerEnv):
     TASK = BuiltTask
 
 
-class JansenWalkerBuiltVectorEnv(TaskVectorEnv[BuiltTask]):
-    """:class:`JansenWalkerBuiltEnv` for many robots at once: what ``gym.make_vec`` makes."""
-
-    TASK = BuiltTask
+JansenWalkerBuiltVectorEnv = TaskVectorEnv.of(JansenWalkerBuiltEnv)
 
 
 class JansenWalkerRoughEnv(JansenWalkerEnv):
@@ -126,20 +91,13 @@ class JansenWalkerRoughEnv(JansenWalkerEnv):
     waves, stairs, steps, stumps and ramps (``docs/terrain.md``), drawn at each reset at a level
     from 0, nearly flat, to 9, just beyond what the paper's robot can climb. The robot sees the ground
     ahead, carries a load that it does not know, and does not know how slippery the ground is.
-
-    ## Action Space
-    | Num | Action | Min | Max | Unit |
-    |-----|--------|-----|-----|------|
-    | 0 | crank torque, as a share of ``torque_limit`` (12 N m) | -1 | 1 | 1 |
+    Actions, rewards and ends are those of ``JansenWalkerBuilt-v0``.
 
     ## Observation Space
     | Num | Observation | Min | Max | Unit |
     |-----|-------------|-----|-----|------|
     | 0 .. 19 | as of ``JansenWalker-v0`` | | | |
     | 20 .. 34 | height scan: height of the crank axis over the ground at 15 places from 0.5 m behind it to 0.9 m ahead | -Inf | Inf | m |
-
-    ## Rewards
-    Those of ``JansenWalker-v0``.
 
     ## Starting State
     As in ``JansenWalker-v0``, at x = 0; but for slopes the ground is level there, and begins to be
@@ -157,25 +115,14 @@ class JansenWalkerRoughEnv(JansenWalkerEnv):
     the commanded distance, down when less than half of that, and past the top to any level
     (:class:`jansen_env.terrain.curriculum.Curriculum`).
 
-    ## Episode End
-    As in ``JansenWalker-v0``. Truncated after 500 steps (10 s).
-
     ## Information
-    That of ``JansenWalker-v0``, and ``parameters``: all numbers of the episode by name, those of
-    the table among them. ``env.unwrapped.parameters`` has them as one vector, for a critic that may
-    know them.
+    That of ``JansenWalker-v0``, and ``parameters``: all numbers of the episode by name
+    (``env.unwrapped.parameters``: as one vector, for a critic that may know them).
 
     ## Arguments
-    Those of ``JansenWalker-v0``, with other defaults:
-
-    | Argument | Default |
-    |----------|---------|
-    | ``robot`` | ``"built"`` |
-    | ``terrain`` | ``"mixed"`` |
-    | ``terrain_level`` | (0, 9) |
-    | ``speed_command`` | (0.1, 0.5) |
-    | ``height_scan`` | (0.5, 0.9, 15) |
-    | ``randomize`` | ``{"friction": (0.4, 1.0), "payload": (0.0, 0.5)}`` |
+    Those of ``JansenWalker-v0``, with the defaults ``robot="built"``, ``terrain="mixed"``,
+    ``height_scan=(0.5, 0.9, 15)``, and ``terrain_level``, ``speed_command`` and ``randomize`` as in the
+    table of ranges.
 
     ## Version History
     * v0: first release.
@@ -184,10 +131,7 @@ class JansenWalkerRoughEnv(JansenWalkerEnv):
     TASK = RoughTask
 
 
-class JansenWalkerRoughVectorEnv(TaskVectorEnv[RoughTask]):
-    """:class:`JansenWalkerRoughEnv` for many robots at once: what ``gym.make_vec`` makes."""
-
-    TASK = RoughTask
+JansenWalkerRoughVectorEnv = TaskVectorEnv.of(JansenWalkerRoughEnv)
 
 
 class JansenWalkerHardcoreEnv(JansenWalkerEnv):
@@ -195,27 +139,18 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
 
     ## Description
     ``JansenWalkerRough-v0`` with noisy sensors, delayed torques, pushes, a floor that is not level, and
-    machines that differ from episode to episode.
-
-    ## Action Space
-    | Num | Action | Min | Max | Unit |
-    |-----|--------|-----|-----|------|
-    | 0 | crank torque, as a share of ``torque_limit`` (12 N m) | -1 | 1 | 1 |
-
-    The torque is ``motor_strength`` times what the action asks for, as far as the motor can.
+    machines that differ from episode to episode. The torque is ``motor_strength`` times what the action
+    asks for, as far as the motor can. Rewards and ends are those of ``JansenWalkerBuilt-v0``; they go by
+    true values, not by measured ones.
 
     ## Observation Space
     | Num | Observation | Min | Max | Unit |
     |-----|-------------|-----|-----|------|
-    | 0 .. 19 | as of ``JansenWalker-v0``, with noise | | | |
-    | 20 .. 34 | height scan as of ``JansenWalkerRough-v0``, with noise | -Inf | Inf | m |
+    | 0 .. 34 | as of ``JansenWalkerRough-v0``, with noise | | | |
 
     Noise is :class:`jansen_env.world.noise.Noise`, times ``noise_level``: of each step, and a bias for
     the episode. Lag and means are as measured, mean slip is 0; command, last action and RMS torque
-    are exact.
-
-    ## Rewards
-    Those of ``JansenWalker-v0``; they go by true values, not by measured ones.
+    are exact. ``true_observation`` in the information is without noise.
 
     ## Starting State
     As in ``JansenWalkerRough-v0``. Drawn at each reset:
@@ -234,15 +169,8 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
     | ``noise_level`` | 0.5 to 1.5 |
     | ``push_strength`` | 0 to 1, of pushes of up to 3 N s, one in each 5 s |
 
-    ## Episode End
-    As in ``JansenWalker-v0``. Truncated after 500 steps (10 s).
-
-    ## Information
-    That of ``JansenWalkerRough-v0``, and ``true_observation``: the observation without noise.
-
     ## Arguments
-    Those of ``JansenWalker-v0``; ``robot``, ``terrain``, ``terrain_level``, ``speed_command`` and
-    ``height_scan`` as of ``JansenWalkerRough-v0``, and ``noise=Noise()``, ``push=Push(3.0)``,
+    Those of ``JansenWalkerRough-v0`` with its defaults, and ``noise=Noise()``, ``push=Push(3.0)``,
     ``randomize`` as in the table.
 
     ## Version History
@@ -252,7 +180,4 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
     TASK = HardcoreTask
 
 
-class JansenWalkerHardcoreVectorEnv(TaskVectorEnv[HardcoreTask]):
-    """:class:`JansenWalkerHardcoreEnv` for many robots at once: what ``gym.make_vec`` makes."""
-
-    TASK = HardcoreTask
+JansenWalkerHardcoreVectorEnv = TaskVectorEnv.of(JansenWalkerHardcoreEnv)

@@ -1,4 +1,4 @@
-"""Gymnasium's environment of one robot, of any task: it translates, no more."""
+"""Gymnasium's environment of one robot, of any task."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from jansen_env.envs import arguments
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 from jansen_env.tasks.task import Task
-from jansen_env.world.argument_checks import complete_state
-from jansen_env.world.broadcasting import Each
+from jansen_env.world.argument_checks import Each
 from jansen_env.world.entries import Observed
 
 Observation = NDArray[np.float32]
@@ -22,14 +21,15 @@ ATask = TypeVar("ATask", bound=Task)
 
 ROW = np.zeros(1, np.int64)
 ACTIVE = np.ones(1, bool)
+RIGHT, LEFT = 1073741903, 1073741904  # pygame's K_RIGHT and K_LEFT
 
 
 class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
-    """One robot that does a task; ``arguments`` are the task's.
+    """One robot that does a task; arguments are the task's and ``render_mode``.
 
     Attributes:
         task: the task of this one robot. dt, control_dt: s for which an action is held.
-        torque_limit: N m. robot: what moves.
+        torque_limit: N m. observed: name, unit and limits of each number of the observation.
     """
 
     metadata: dict[str, Any] = {"render_modes": arguments.RENDER_MODES, "render_fps": 50}
@@ -39,47 +39,40 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
     def __init_subclass__(cls, **kwargs: Any) -> None:
         """Show the task's arguments as those of the environment."""
         super().__init_subclass__(**kwargs)
-        if "__init__" in cls.__dict__:  # of its own
-            return
-        own = [*inspect.signature(cls.TASK).parameters.values()][2:]  # all but num_envs, threads
-        mode = inspect.Parameter("render_mode", inspect.Parameter.KEYWORD_ONLY, default=None)
-        cls.__signature__ = inspect.Signature([*own, mode])  # type: ignore[attr-defined]
+        if "__init__" not in cls.__dict__:
+            own = inspect.signature(cls.TASK).parameters.values()
+            mode = inspect.Parameter("render_mode", inspect.Parameter.KEYWORD_ONLY, default=None)
+            cls.__signature__ = inspect.Signature([*own, mode])  # type: ignore[attr-defined]
 
     def __init__(self, *, render_mode: str | None = None, **task_arguments: Any) -> None:
         self.render_mode = arguments.render_mode(render_mode)
-        arguments.known_arguments(type(self), task_arguments)
         own = {
             name: Each([value]) if name in self.TASK.PER_ROBOT else value
             for name, value in task_arguments.items()
         }
-        self.task = self.TASK(1, **own)
+        self.task = self.TASK(1, None, **own)
         self.observation_space: Any = self.task.observation_space
         self.action_space: Any = self.task.action_space
         self.control_dt = self.dt = self.task.control_dt
-        self.torque_limit = self.task.torque_limit
+        self.torque_limit = self.robot.motor.torque_limit
+        self.observed: tuple[Observed, ...] = self.task.observed
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.dt))}
-        self._begun = False
-        self._renderer: Any = None
+        self._begun, self._renderers = False, arguments.Renderers()
 
     @property
     def robot(self) -> Robot:
         """The robot."""
-        return self.task.robots[0]
-
-    @property
-    def observed(self) -> tuple[Observed, ...]:
-        """Name, unit and limits of each number of the observation."""
-        return self.task.observed
+        return self.task.world.robots[0]
 
     @property
     def window_closed(self) -> bool:
         """Whether the user has closed the window of ``render_mode="human"``."""
-        return self._renderer is not None and self._renderer.dismissed
+        return 0 in self._renderers and self._renderers[0].dismissed
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode; what ``options`` may fix stands under Starting State.
+        """Start an episode; Starting State lists the ``options``.
 
         Raises:
             ValueError: an unknown option, or a value out of range.
@@ -118,31 +111,30 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
             raise gym.error.ResetNeeded("reset() must be called first")
 
     def set_parameters(self, **changes: Any) -> None:
-        """Change the robot from now on, see the task's ``set_parameters``."""
+        """Change the robot from now on, see :meth:`jansen_env.tasks.task.Task.set_parameters`."""
         self.task.set_parameters(0, **changes)
 
     def push(self, impulse: Any) -> None:
-        """Push the robot from now on, see the task's ``push``.
+        """Push the robot from now on, see :meth:`jansen_env.world.world.World.push`.
 
         Raises:
             gymnasium.error.ResetNeeded: before the first :meth:`reset`.
         """
         self._check_begun()
-        self.task.push(0, impulse)
+        self.task.world.push(0, impulse)
 
     def scene(self) -> dict[str, Any]:
-        """Arguments of the renderer, which stay the same in an episode."""
+        """Return the arguments of the renderer, which stay the same in an episode."""
         return self.task.scene(0)
 
     def frame(self) -> Frame:
-        """Picture data of the robot as it stands."""
+        """Return the picture data of the robot as it stands."""
         return self.task.frame(0)
 
     def get_state(self) -> dict[str, Any]:
-        """All that the future depends on; :meth:`set_state` continues from it bit for bit.
+        """Return all that the future depends on; :meth:`set_state` continues bit for bit.
 
-        On the plant ``"rigid_body"`` up to what pymunk keeps to itself: there the joints are closed
-        and the solver starts again.
+        On the plant ``"rigid_body"`` nearly: there the joints are closed and the solver starts anew.
         """
         return {**self.task.get_state(0), "generator": self.np_random.bit_generator.state}
 
@@ -154,40 +146,21 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         Raises:
             ValueError: an entry is missing, or out of range.
         """
-        complete_state(state, self.get_state())
+        arguments.complete_state(state, self.get_state())
         self.task.set_state(0, state)
         self.np_random.bit_generator.state = state["generator"]
         self._begun = True
         return self.task.observation[0].copy()
 
     def get_keys_to_action(self) -> dict[tuple[int, ...], NDArray[np.float32]]:
-        """For :func:`gymnasium.utils.play.play`: the arrow keys right and left turn the crank."""
-        right, left = 1073741903, 1073741904  # pygame's K_RIGHT and K_LEFT
-        torques = {(right,): 1.0, (left,): -1.0, (right, left): 0.0}
+        """Return :func:`gymnasium.utils.play.play`'s keys: the arrow keys turn the crank."""
+        torques = {(RIGHT,): 1.0, (LEFT,): -1.0, (RIGHT, LEFT): 0.0}
         return {keys: np.full(1, torque, np.float32) for keys, torque in torques.items()}
 
     def render(self) -> NDArray[np.uint8] | None:
         """Draw the robot as it stands; (H, W, 3) uint8 in ``rgb_array`` mode, else None."""
-        if self.render_mode is None:
-            gym.logger.warn(
-                "render() was called without a render_mode; pass render_mode='rgb_array' or 'human'"
-            )
-            return None
-        from jansen_env.rendering import Renderer
-
-        scene = self.scene()
-        if self._renderer is None:
-            fps = self.metadata["render_fps"]
-            self._renderer = Renderer(**scene, mode=self.render_mode, fps=fps)
-        self._renderer.show(**scene)  # which a reset may change
-        picture: NDArray[np.uint8] | None = self._renderer.draw(self.frame())
-        return picture
+        return self._renderers.draw(self, 0)
 
     def close(self) -> None:
         """Close the window, if there is one."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_renderer": None}
+        self._renderers.close()

@@ -1,4 +1,4 @@
-"""Gymnasium's vector environment of many robots, of any task: it translates, no more."""
+"""Gymnasium's vector environment of many robots, of any task."""
 
 from __future__ import annotations
 
@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import positive_integer
 from jansen_env.envs import arguments
-from jansen_env.envs.single import ATask
-from jansen_env.world.actuated import Array, Bools, Ints
-from jansen_env.world.argument_checks import complete_state
+from jansen_env.envs.single import ATask, SingleEnv
+from jansen_env.world.argument_checks import Array, Bools, Ints
 from jansen_env.world.entries import Observed
 
 Observations = NDArray[np.float32]
@@ -27,28 +26,26 @@ METHODS = ("get_state", "push", "render", "set_parameters", "set_state")
 
 
 class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], Generic[ATask]):
-    """``num_envs`` robots that do a task together; ``arguments`` are the task's.
+    """``num_envs`` robots that do a task together.
 
-    Spaces, rewards, information and arguments are those of the single environment, and so are the
-    trajectories, bit for bit: robot i of ``reset(seed=s)`` does what the single environment does
-    after ``reset(seed=s + i)``. A robot whose simulation diverges ends its own episode, no other's.
+    Trajectories are those of the single environment, bit for bit: robot i of ``reset(seed=s)`` does
+    what the single environment does after ``reset(seed=s + i)``. A robot whose simulation diverges
+    ends its own episode, no other's.
 
     Args:
-        num_envs: robots.
-        max_episode_steps: after which an episode is truncated, one number or one for each robot;
-            None for never.
+        num_envs: robots. max_episode_steps: after which an episode is truncated, one number or one
+            for each robot; None for never.
         autoreset_mode: ``NEXT_STEP`` (Gymnasium's default: the step after an episode's last one
             resets and ignores the action), ``SAME_STEP`` (that very step returns the next
             episode's first observation; ``infos["final_obs"]`` has the last one) or ``DISABLED``.
-        threads: cores to use; None for as many as pay.
-        info_keys: what ``infos`` are to have, such as ``("slip",)``; None for all of it, which
-            takes a few per cent of a step.
-        render_mode: None or ``"rgb_array"``.
+        threads: cores to use; None for as many as pay. render_mode: None or ``"rgb_array"``.
+        info_keys: keys of ``infos``, such as ``("slip",)``; None for all, which takes a few per cent
+            of a step.
         task_arguments: as for one robot; those in the task's ``PER_ROBOT`` may be one for each.
 
     Attributes:
         task: the task of all robots. dt, control_dt: s for which an action is held.
-        torque_limit: N m.
+        torque_limit: N m. observed: name, unit and limits of each number of an observation.
 
     Raises:
         ValueError: an argument out of range, or not one for each robot.
@@ -59,14 +56,19 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
     task: ATask
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Show the task's arguments as those of the environment."""
         super().__init_subclass__(**kwargs)
-        own = inspect.signature(TaskVectorEnv.__init__).parameters
-        if "__init__" in cls.__dict__:  # of its own
-            return
-        shown = [*inspect.signature(cls.TASK).parameters.values()][2:]  # without num_envs, threads
-        before = [p for name, p in own.items() if name not in ("self", "task_arguments")]
-        cls.__signature__ = inspect.Signature([*before, *shown])  # type: ignore[attr-defined]
+        if "__init__" not in cls.__dict__:
+            _, *before, _ = inspect.signature(TaskVectorEnv.__init__).parameters.values()
+            shown = inspect.signature(cls.TASK).parameters.values()
+            cls.__signature__ = inspect.Signature([*before, *shown])  # type: ignore[attr-defined]
+
+    @classmethod
+    def of(cls, single: type[SingleEnv[Any]]) -> type[TaskVectorEnv[Any]]:
+        """Return the vector environment of a single one's task: what ``gym.make_vec`` makes."""
+        name = single.__name__.replace("Env", "VectorEnv")
+        doc = f":class:`{single.__name__}` for many robots at once: what ``gym.make_vec`` makes."
+        own = {"TASK": single.TASK, "__doc__": doc, "__module__": single.__module__}
+        return type(name, (cls,), own)
 
     def __init__(
         self,
@@ -79,17 +81,17 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         render_mode: str | None = None,
         **task_arguments: Any,
     ) -> None:
-        self._renderers: dict[int, Any] = {}
+        self._renderers = arguments.Renderers()
         self.num_envs = n = positive_integer("num_envs", num_envs, arguments.MOST_ROBOTS)
         threads = None if threads is None else positive_integer("threads", threads)
         self.render_mode = arguments.render_mode(render_mode, self.metadata["render_modes"])
         self.autoreset_mode = arguments.autoreset_mode(autoreset_mode)
         self.max_episode_steps = arguments.broadcast_limits(n, max_episode_steps)
-        arguments.known_arguments(type(self), task_arguments)
         self.task = task = self.TASK(n, threads, **task_arguments)
         self.info_keys = arguments.info_keys(info_keys, task.information.keys)
         self.control_dt = self.dt = task.control_dt
-        self.torque_limit = task.torque_limit
+        self.torque_limit: float = task.world.robots[0].motor.torque_limit
+        self.observed: tuple[Observed, ...] = task.observed
         self.metadata = {
             **self.metadata,
             "render_fps": max(1, round(1.0 / self.dt)),
@@ -114,12 +116,11 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         """Start episodes: of all robots, or of those in ``options["reset_mask"]`` (num_envs,).
 
         Args:
-            seed: robot i gets seed + i, or entry i.
-            options: those of the single environment, for all or one for each.
+            seed: robot i gets seed + i, or entry i. options: of the single environment, for all or
+                one for each.
 
         Raises:
-            ValueError: not one seed or option for each robot, an unknown option, or a value out of
-                range. TypeError: ``reset_mask`` is no array of bools.
+            ValueError: a seed or option out of range. TypeError: a mask that is no array of bools.
         """
         options = arguments.reset_options(options)
         mask = arguments.reset_mask(self.num_envs, options.pop("reset_mask", None))
@@ -140,7 +141,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
                 self._generators[i], self._seeds[i] = seeding.np_random(seeds[i])
         self.restart(rows, [options[i] for i in rows.tolist()])
         self._begun |= mask
-        infos = self._informed(mask, np.zeros(self.num_envs, bool))
+        infos = self._infos(mask, np.zeros(self.num_envs, bool))
         return self.task.observation.copy(), infos
 
     def restart(self, rows: Ints, options: Sequence[dict[str, Any]] | None = None) -> None:
@@ -165,18 +166,14 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         if self.autoreset_mode == AutoresetMode.SAME_STEP and self._done.any():
             infos = self._restart_in_step(terminated | truncated)
         else:
-            infos = self._informed(np.ones(self.num_envs, bool), ~over)
+            infos = self._infos(np.ones(self.num_envs, bool), ~over)
         return self.task.observation.copy(), rewards, terminated, truncated, infos
 
     def advance(self, actions: NDArray[np.float32]) -> tuple[Bools, Bools]:
-        """:meth:`step`, leaving in :attr:`task` what it led to; (terminated, truncated) of each.
-
-        With ``SAME_STEP`` no episode is started.
-        """
+        """Step without starting episodes of ``SAME_STEP``; returns (terminated, truncated)."""
         if (waiting := self._awaiting_reset()).any():
-            raise gym.error.ResetNeeded(
-                f"robots {np.flatnonzero(waiting).tolist()} must be reset before the next step()"
-            )
+            late = np.flatnonzero(waiting).tolist()
+            raise gym.error.ResetNeeded(f"robots {late} must be reset before the next step()")
         task, over = self.task, self._done.copy()
         # NEXT_STEP: those whose episode is over only start again.
         meanwhile = partial(self.restart, np.flatnonzero(over)) if over.any() else None
@@ -188,35 +185,33 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         return terminated, truncated
 
     def _restart_in_step(self, done: Bools) -> dict[str, Any]:
-        """Start the next episodes where ``done``; what was last seen goes into the information."""
+        """Start the next episodes where ``done``; the information has the last observations."""
         final = np.full(self.num_envs, None, object)
         for i in np.flatnonzero(done).tolist():
             final[i] = self.task.observation[i].copy()
-        last = self._informed(done, done)
+        last = self._infos(done, done)
         self.restart(np.flatnonzero(done))
-        infos = self._informed(np.ones(self.num_envs, bool), ~done)
+        infos = self._infos(np.ones(self.num_envs, bool), ~done)
         infos["final_obs"], infos["_final_obs"] = final, done.copy()
         infos["final_info"], infos["_final_info"] = last, done.copy()
         return infos
 
-    def _informed(self, known: Bools, stepped: Bools) -> dict[str, Any]:
-        """Information of :attr:`info_keys`, see :meth:`jansen_env.tasks.information.InfoBuilder.batched`."""
+    def _infos(self, known: Bools, stepped: Bools) -> dict[str, Any]:
         return self.task.information.batched(known, stepped, self.info_keys)
 
     def _awaiting_reset(self) -> Bools:
-        """Which robots (num_envs,) cannot take a step before :meth:`reset`."""
+        """Return which robots (num_envs,) cannot take a step before :meth:`reset`."""
         disabled = self.autoreset_mode == AutoresetMode.DISABLED
         return ~self._begun | self._done if disabled else ~self._begun
 
     def set_parameters(self, row: int, **changes: Any) -> None:
-        """Change robot ``row`` from now on, see the task's ``set_parameters``."""
+        """Change robot ``row`` from now on, see :meth:`jansen_env.tasks.task.Task.set_parameters`."""
         self.task.set_parameters(row, **changes)
 
     def push(self, row: int, impulse: Any) -> None:
-        """Push robot ``row`` from now on, see the task's ``push``.
+        """Push robot ``row`` from now on, see :meth:`jansen_env.world.world.World.push`.
 
-        With ``NEXT_STEP`` a robot whose episode is over is not pushed, as it takes no action: its
-        next step resets it.
+        With ``NEXT_STEP`` a robot whose episode is over is not pushed: its next step resets it.
 
         Raises:
             gymnasium.error.ResetNeeded: before the robot's first :meth:`reset`, and with
@@ -224,10 +219,10 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         """
         if self._awaiting_reset()[row]:
             raise gym.error.ResetNeeded(f"robot {row} must be reset before push()")
-        self.task.push(row, impulse)
+        self.task.world.push(row, impulse)
 
     def get_state(self, row: int) -> dict[str, Any]:
-        """All that the future of robot ``row`` depends on, as of the single environment."""
+        """Return all that the future of robot ``row`` depends on, as of the single environment."""
         generator = self._generator(row).bit_generator.state
         return {**self.task.get_state(row), "generator": generator}
 
@@ -236,14 +231,14 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
 
         Its count towards ``max_episode_steps`` stays.
         """
-        complete_state(state, self.get_state(row))
+        arguments.complete_state(state, self.get_state(row))
         self.task.set_state(row, state)
         self._generator(row).bit_generator.state = state["generator"]
         self._begun[row], self._done[row] = True, False
         return self.task.observation[row].copy()
 
     def _generator(self, row: int) -> np.random.Generator:
-        """A robot's random numbers; seeded by the system where :meth:`reset` has got no seed."""
+        """Return a robot's generator, seeded by the system where :meth:`reset` got no seed."""
         found = self._generators[row]
         if found is None:
             found, self._seeds[row] = seeding.np_random()
@@ -260,17 +255,12 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         """Every robot's seed; -1 where it has none yet."""
         return tuple(self._seeds)
 
-    @property
-    def observed(self) -> tuple[Observed, ...]:
-        """Name, unit and limits of each number of a robot's observation."""
-        return self.task.observed
-
     def call_one(self, row: int, name: str, *args: Any, **kwargs: Any) -> Any:
         """Call one of :data:`METHODS` of robot ``row``."""
         if name not in METHODS:
             raise AttributeError(f"{name!r} cannot be asked of a robot, must be in {METHODS}")
         if name == "render":
-            return self._draw(row)
+            return self._renderers.draw(self, row)
         return getattr(self, name)(row, *args, **kwargs)
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
@@ -280,7 +270,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         return self.get_attr(name)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """An attribute of each robot: its own, or what all have in common."""
+        """Return an attribute of each robot: its own, or the common one."""
         own = self.task.get_attr(name)
         if own is not None:
             return tuple(own)
@@ -293,7 +283,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         return (found,) * self.num_envs
 
     def set_attr(self, name: str, values: Any) -> None:
-        """:meth:`set_parameters` of all robots: to one value, or to the entries of a list."""
+        """Set a parameter of all robots: to one value, or to the entries of a list."""
         values = values if isinstance(values, (list, tuple)) else [values] * self.num_envs
         if len(values) != self.num_envs:
             raise ValueError(f"values has {len(values)} entries, must have {self.num_envs}")
@@ -301,32 +291,12 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             self.set_parameters(i, **{name: value})
 
     def render(self) -> tuple[Any, ...] | None:
-        """A picture (H, W, 3) of each robot; None without a ``render_mode``."""
-        if self.render_mode is None:
-            gym.logger.warn("render() was called without a render_mode; pass 'rgb_array'")
-            return None
-        return tuple(self._draw(i) for i in range(self.num_envs))
-
-    def _draw(self, row: int) -> NDArray[np.uint8] | None:
-        if self.render_mode is None:
-            return None
-        from jansen_env.rendering import Renderer
-
-        scene = self.task.scene(row)
-        if row not in self._renderers:
-            fps = self.metadata["render_fps"]
-            self._renderers[row] = Renderer(**scene, mode="rgb_array", fps=fps)
-        self._renderers[row].show(**scene)  # which a reset may change
-        picture: NDArray[np.uint8] | None = self._renderers[row].draw(self.task.frame(row))
-        return picture
+        """Return a picture (H, W, 3) of each robot; None without a ``render_mode``."""
+        pictures = tuple(self._renderers.draw(self, i) for i in range(self.num_envs))
+        return None if self.render_mode is None else pictures
 
     def close_extras(self, **kwargs: Any) -> None:
         """Let go of pictures and threads."""
-        for renderer in self._renderers.values():
-            renderer.close()
-        self._renderers.clear()
+        self._renderers.close()
         if hasattr(self, "task"):  # Gymnasium closes what was refused, too
-            self.task.close()
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_renderers": {}}
+            self.task.world.close()

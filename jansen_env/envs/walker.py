@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv
-from jansen_env.plants.make import Plant
+from jansen_env.plants.make import Plant, plant_of
 from jansen_env.tasks.walking import WalkerTask
 from jansen_env.terrain import Terrain
 
@@ -60,10 +60,9 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     with ``noise`` they are as measured, and mean slip is 0.
 
     ``height_scan=(behind, ahead, count)`` looks at ``count`` places, evenly from x - behind to
-    x + ahead (m; of one, x - behind), x the crank axis'. They stay where they are in the world
-    whatever the pitch and the command: of a robot that walks towards -x those ahead come first, and
-    its mirror image, which walks towards +x, sees them in the reverse order if both ranges are
-    equal. With ``noise`` all sensors err, as :class:`jansen_env.Noise` documents.
+    x + ahead (m; of one, x - behind), x the crank axis', whatever the pitch and the command: for a
+    robot that walks towards -x those ahead come first. With ``noise`` all sensors err, as
+    :class:`jansen_env.Noise` documents.
 
     ## Rewards
     A target starts where the robot does and moves at the commanded speed; it waits while the robot
@@ -85,10 +84,8 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
 
     with v = max(\\|command\\|, 0.1 m/s), and the last five to the powers ``slip_weight`` ...
     ``posture_weight``, 1 by default; 0 leaves one out. Standing still earns nothing at any command
-    but 0, as there is no progress, and a fall costs what the rest of the episode would have earned.
-    Of fourteen controllers, the shipped policy among them, the best two by return are the best two
-    by the scores of ``python -m agents.evaluate``, and the rank correlation of all is 0.93
-    (``docs/training.md``, ``python -m benchmarks.ranking``).
+    but 0, and a fall costs what the rest of the episode would have earned. By return fourteen
+    controllers rank nearly as by the scores (rank correlation 0.93, ``docs/training.md``).
 
     ## Starting State
     Crank angle uniform over a turn, placed at rest at x = 0 on the lowest toe before and the
@@ -105,16 +102,14 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     that ``reset(seed=...)`` seeds. ``reset(options={"friction": 0.5, "terrain_level": 3})`` fixes
     any of the parameters for one episode; the others are what they would have been.
 
-    A command may be negative (walk towards -x) or 0 (stand). It stays for the episode unless
-    ``command_interval`` says after how many seconds another one is drawn, or
-    ``set_parameters(command=...)`` gives one from the next step on.
+    A command may be negative (walk towards -x) or 0 (stand). It stays for the episode, but for
+    ``command_interval`` and ``set_parameters(command=...)``.
 
     ## Episode End
     Terminated when the robot has fallen: \\|pitch\\| > ``fall_pitch``, or, if ``fall_contact``, a
-    joint other than a toe (knee, ankle, hip, frame pivot) is pressed on the ground. For the
-    paper's robot that is final: of 60 falls it gets up after 6 on flat and 4 on rough ground; the
-    holy one on rough ground after 36 (``tests/tasks/test_walker_env.py``), which is what the arguments
-    are for.
+    joint other than a toe (knee, ankle, hip, frame pivot) is pressed on the ground. Of 60 falls the
+    paper's robot gets up after 6 on flat and 4 on rough ground, the holy one on rough ground after
+    36 (``tests/tasks/test_walker_env.py``).
 
     Truncated after 500 steps (10 s) when made with ``gym.make``, and where the simulation diverges
     (absurd torques, time steps or terrains): that step does nothing, says so in ``info`` and in a
@@ -167,12 +162,11 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | ``render_mode`` | None | ``"human"`` or ``"rgb_array"`` |
 
     ## Plants
-    The same task runs on two plants that share the robot's data, which bodies rub on one another,
-    the ground, the contact laws (rigid and with springs) and the motor's, but not equations and
-    solvers. ``"projection"`` integrates the paper's projected equations with exact contacts; it is fast, and what policies
-    are trained on. ``"rigid_body"`` is built of pymunk's bodies, joints and contacts, some hundred
-    times slower; its joints gap a little (``info["joint_gap"]``). A policy that walks on both does
-    not exploit numerical error.
+    The same task runs on two plants that share the robot's data, the ground, the contact laws and the
+    motor, but not equations and solvers. ``"projection"`` integrates the paper's projected equations
+    with exact contacts, fast enough to train on. ``"rigid_body"`` is built of pymunk's bodies, joints
+    and contacts, some hundred times slower; its joints gap a little (``info["joint_gap"]``). A policy
+    that walks on both does not exploit numerical error.
 
     ## Version History
     * v0: first release.
@@ -183,14 +177,12 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     @property
     def terrain(self) -> Terrain:
         """The terrain of this episode."""
-        terrain: Terrain = self.task.world.terrains[0]
-        return terrain
+        return self.task.world.plant.terrains[0]
 
     @property
     def plant(self) -> Plant:
         """The plant."""
-        plant: Plant = self.task.world.plant_of_one
-        return plant
+        return plant_of(self.task.world.plant)
 
     @property
     def weight(self) -> float:
@@ -201,30 +193,19 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     def parameters(self) -> NDArray[np.float64]:
         """(17,) the numbers of this episode in the order of
         :data:`jansen_env.parameters.PARAMETERS`, which has their names and units."""
-        return self.task.parameters[0].copy()
+        return self.task.world.episodes.values[:1].view(float).copy()
 
     def joint_forces(self) -> JointForces:
-        """Forces in every joint of every leg as they are now, under the last action's torque and
-        the push that goes on.
+        """Return the forces in every joint now, under the last action's torque and the push.
 
-        Means over the next time step; one in which a toe touches down contains its impulse / time
-        step.
+        Means over the next time step, with the impulse / time step of a toe that touches down.
 
         Raises:
             ValueError: the plant is another than ``"projection"``.
             gymnasium.error.ResetNeeded: before the first :meth:`reset`.
         """
-        _ = self.task.world.traceable  # which is refused before what a reset would change
         self._check_begun()
-        forces: JointForces = self.task.world.joint_forces()
-        return forces
+        return self.task.world.joint_forces()
 
 
-class JansenWalkerVectorEnv(TaskVectorEnv[WalkerTask]):
-    """:class:`JansenWalkerEnv` for many robots at once: what ``gym.make_vec`` makes.
-
-    All robots share one pymunk space and are moved by all cores. Arguments and errors are those of
-    :class:`jansen_env.envs.vector.TaskVectorEnv` and :class:`WalkerTask`.
-    """
-
-    TASK = WalkerTask
+JansenWalkerVectorEnv = TaskVectorEnv.of(JansenWalkerEnv)

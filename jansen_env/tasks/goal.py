@@ -10,8 +10,7 @@ import numpy as np
 
 from jansen_env.checks import non_negative, positive
 from jansen_env.tasks.task import Task
-from jansen_env.world.actuated import Ints
-from jansen_env.world.argument_checks import option
+from jansen_env.world.argument_checks import Ints, option, single
 from jansen_env.world.entries import Observed
 
 FARTHEST = 3.0  # m, a goal on either side
@@ -26,8 +25,8 @@ UP_TO = 1e-9  # of HOLD: periods do not add up to it exactly
 class GoalReward:
     """Exponent of the energy's factor, and the worth of standing at the goal."""
 
-    energy_weight: float = 1.0
-    arrival_weight: float = 1.0
+    energy_weight: float = single(1.0, non_negative)
+    arrival_weight: float = single(1.0, positive)
 
 
 class GoalTask(Task):
@@ -44,10 +43,8 @@ class GoalTask(Task):
     STATE = ("info.goal", "info.held", "info.fallen", "info.is_success")
 
     def take(self, records: dict[str, Any]) -> None:
-        """Check the weights."""
-        chosen = records["rewards"]
-        self._energy_weight = non_negative("energy_weight", chosen.energy_weight)
-        self._arrival_weight = positive("arrival_weight", chosen.arrival_weight)
+        """Keep the weights."""
+        self._weights: GoalReward = records["rewards"]
 
     @property
     def own_entries(self) -> Sequence[Observed]:
@@ -80,7 +77,7 @@ class GoalTask(Task):
         info["fallen"][rows] |= tipped | self.world.non_toe_contact[rows]
         power = np.abs(world["energy"]["motor_work"]) / self.control_dt / world["weight"]
         term["closeness"][rows] = 1.0 / (1.0 + distance / HALF_DISTANCE)
-        term["arrival"][rows] = self._arrival_weight * near
-        term["energy"][rows] = (1.0 + power / HALF_POWER) ** -self._energy_weight
+        term["arrival"][rows] = self._weights.arrival_weight * near
+        term["energy"][rows] = (1.0 + power / HALF_POWER) ** -self._weights.energy_weight
         paid = (term["closeness"] + term["arrival"])[rows] * term["energy"][rows]
         self.reward[rows], self.terminated[rows] = paid, info["fallen"][rows]

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from functools import reduce
 from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from jansen_env.checks import finite
-from jansen_env.engine.jit import prepare
+from jansen_env.checks import within
+from jansen_env.engine import readings
+from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.rendering import Frame
-from jansen_env.robot import Robot
 from jansen_env.tasks.information import InfoBuilder
-from jansen_env.world import settings
-from jansen_env.world.actuated import Bools, Ints
-from jansen_env.world.argument_checks import complete_state, known_options, known_parameters
+from jansen_env.world import argument_checks as arguments
+from jansen_env.world.argument_checks import Array, Bools, Ints
 from jansen_env.world.entries import Observed
 from jansen_env.world.world import World
 
@@ -26,39 +25,35 @@ from jansen_env.world.world import World
 class Task(ABC):
     """A task of ``num_envs`` robots. Environments of one robot and of many are made of it.
 
-    A task is a class with the class attributes below, :attr:`own_entries`, :meth:`begin` and
-    :meth:`score`; :mod:`jansen_env.tasks.goal` is an example in plain NumPy. What is added here
-    appears in the single, the vector and Stable-Baselines3's environments.
+    A task has the class attributes below, :attr:`own_entries`, :meth:`begin` and :meth:`score`;
+    :mod:`jansen_env.tasks.goal` is an example in plain NumPy.
 
     Args:
         num_envs: robots. threads: cores to use; None for as many as pay.
-        keywords: fields of the records of the world and of the task. Those that are marked as per
-            robot may be one for all robots or one for each: a sequence of terrains (or their
-            names), arrays (n,), or anything in :class:`jansen_env.world.broadcasting.Each`.
+        keywords: fields of the records of the world and of the task. Those of :attr:`PER_ROBOT` may
+            be one for all robots or one for each: a sequence of terrains (or their names), arrays
+            (n,), or anything in :class:`jansen_env.world.argument_checks.Each`.
 
     Attributes:
-        WORLD: in what the robots are. RECORDS: frozen dataclasses whose fields are the task's own
-            keyword arguments, by the names under which :attr:`records` has them.
-        DEFAULTS: other defaults of keyword arguments.
-        ROW: what is kept of a robot: a structured type with the fields ``info``, which is added to
-            the information, ``reward``, its terms, and others.
-        STATE: numbers and flags of :attr:`rows`, such as "goal" or "info.fallen", that must be
-            saved for an episode to go on.
+        WORLD: of the robots. ENGINE: module of the kernels ``finish_step`` and ``describe``.
+        RECORDS: frozen dataclasses of the task's own keyword arguments with their checks, by the
+            names under which :meth:`take` gets them. DEFAULTS: other defaults of arguments.
+        ROW: structured type of a robot's data: ``info`` is added to the information, ``reward``
+            has the reward's terms. STATE: what of it a state must have, such as "info.fallen".
         OPTIONS: of a reset, and SETTABLE: of :meth:`set_parameters`, beside the world's.
         PER_ROBOT, SINGLE_ONLY: keyword arguments that may be one for each robot; defaults of those
             that several robots cannot have otherwise.
         observation_space, action_space: of one robot. observed: each number of the observation.
-        columns: where each of them is in :attr:`observation`, by name.
-        observation: (n, d) the last ones. reward: (n,) of the last step. terminated: (n,) whether
-            the episode is over, truncated: (n,) whether the simulation diverged.
+        observation: (n, d) the last ones, with ``columns`` by name. reward: (n,) of the last step.
+        terminated, truncated: (n,) whether the episode is over, or the simulation diverged.
         information: of the last step. control_dt: s for which an action is held.
 
     Raises:
-        ValueError: an argument out of range, or not one for each robot. TypeError: no such
-            argument.
+        ValueError: an argument out of range. TypeError: no such argument.
     """
 
     WORLD: ClassVar[Any] = World
+    ENGINE: ClassVar[Any] = readings
     RECORDS: ClassVar[dict[str, type]] = {}
     DEFAULTS: ClassVar[dict[str, Any]] = {}
     ROW: ClassVar[Any]
@@ -67,32 +62,19 @@ class Task(ABC):
     SETTABLE: ClassVar[tuple[str, ...]] = ()
     PER_ROBOT: ClassVar[tuple[str, ...]]
     SINGLE_ONLY: ClassVar[dict[str, Any]]
-    OBSERVES: ClassVar[bool]
     world: Any
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Show the fields of all records as keyword arguments."""
         super().__init_subclass__(**kwargs)
         records = {**cls.WORLD.RECORDS, **cls.RECORDS}
-        shown = settings.signature_of(records, Task._positional)
-        cls.__signature__ = shown.replace(  # type: ignore[attr-defined]
-            parameters=[
-                p.replace(default=cls.DEFAULTS.get(name, p.default))
-                for name, p in shown.parameters.items()
-            ]
-        )
-        cls.OBSERVES = cls.observe is not Task.observe
-        cls.PER_ROBOT = tuple(settings.marked(records, "per_robot"))
-        cls.SINGLE_ONLY = settings.marked(records, "single_only")
-
-    @staticmethod
-    def _positional(num_envs: int = 1, threads: int | None = None) -> None:
-        """Have the arguments that come before the keywords."""
+        cls.__signature__ = arguments.signature_of(records, cls.DEFAULTS)  # type: ignore[attr-defined]
+        cls.PER_ROBOT = tuple(arguments.marked(records, "per_robot"))
+        cls.SINGLE_ONLY = arguments.marked(records, "single_only")
 
     def __init__(self, num_envs: int = 1, threads: int | None = None, **keywords: Any) -> None:
-        kinds = self.WORLD.RECORDS
-        records = settings.fill({**kinds, **self.RECORDS}, {**self.DEFAULTS, **keywords})
-        of_world = {name: record for name, record in records.items() if name in kinds}
+        kinds = {**self.WORLD.RECORDS, **self.RECORDS}
+        records = arguments.fill(kinds, {**self.DEFAULTS, **keywords}, num_envs)
+        of_world = {name: records.pop(name) for name in self.WORLD.RECORDS}
         by_default = frozenset(self.DEFAULTS) - {*keywords}
         self.num_envs = num_envs
         self.world = self.WORLD(num_envs, threads, **of_world, by_default=by_default)
@@ -100,7 +82,7 @@ class Task(ABC):
         self.truncated: Bools = self.world.truncated
         self.rows = np.zeros(num_envs, self.ROW)
         self.reward, self.terminated = np.zeros(num_envs), np.zeros(num_envs, bool)
-        self.take({name: record for name, record in records.items() if name not in kinds})
+        self.take(records)
         self.observed = tuple(self.entries)
         self.columns = {entry.name: place for place, entry in enumerate(self.observed)}
         low, high = np.array([(one.low, one.high) for one in self.observed], np.float32).T
@@ -110,7 +92,12 @@ class Task(ABC):
         self.world.connect(self.observed, self.observation, self.progress)
         self.connect()
         self.information = self._make_info()
-        prepare(*self.world.kernels(), *self.kernels())
+        one, every, engine = np.arange(1), np.ones(num_envs, bool), self.ENGINE
+        prepare(
+            *self.world.kernels(),
+            Kernel("observation", engine.describe, (one, *self.describe_arguments())),
+            Kernel("reward", engine.finish_step, (every, *self.step_arguments())),
+        )
 
     def _make_info(self) -> InfoBuilder:
         world = self.world
@@ -119,7 +106,7 @@ class Task(ABC):
     # What a task defines.
 
     def take(self, records: dict[str, Any]) -> None:
-        """Check and keep the task's own records, by the names of :attr:`RECORDS`."""
+        """Keep the task's own records, by the names of :attr:`RECORDS`."""
 
     @property
     def own_entries(self) -> Sequence[Observed]:
@@ -150,34 +137,18 @@ class Task(ABC):
         """Fill the columns of :attr:`own_entries` for robots (k,)."""
 
     def progress(self, row: int) -> tuple[float, float]:
-        """Return how far a robot got as it should, m, and the mean speed asked for, m/s.
-
-        For a curriculum; after a speed of 0 the level stays.
-        """
+        """Return a robot's progress, m, and mean speed asked for, m/s, for a curriculum."""
         return 0.0, 0.0
 
-    def kernels(self) -> list[Any]:
-        """Return what is compiled of it."""
-        return list(self.world.own_kernels())
+    def step_arguments(self) -> tuple[Any, ...]:
+        """Return the arguments of the engine's ``finish_step`` but the first."""
+        return self.world.step_arguments()
+
+    def describe_arguments(self) -> tuple[Any, ...]:
+        """Return the arguments of the engine's ``describe`` but the first."""
+        return self.world.describe_arguments()
 
     # What environments ask.
-
-    @property
-    def robots(self) -> list[Robot]:
-        """Nominal robots, before randomisation."""
-        robots: list[Robot] = self.world.robots
-        return robots
-
-    @property
-    def torque_limit(self) -> float:
-        """N m, the first robot's torque of action 1."""
-        return float(self.world.torque_limit)
-
-    @property
-    def true_observation(self) -> NDArray[np.float32]:
-        """(n, d) the observations without noise; where there is none, the observations."""
-        truth: NDArray[np.float32] = self.world.arrays.get("true_observation", self.observation)
-        return truth
 
     def reset(
         self,
@@ -185,70 +156,59 @@ class Task(ABC):
         generators: Sequence[np.random.Generator],
         options: Sequence[dict[str, Any]] | None = None,
     ) -> None:
-        """Start episodes of some robots.
-
-        Args:
-            rows: indices of the robots. generators: the random numbers of each of them.
-            options: of ``reset`` for each of them.
+        """Start episodes of robots (k,), each with its generator and the options of its reset.
 
         Raises:
             ValueError: an unknown option, or a value out of range.
         """
         options = [{}] * len(rows) if options is None else options
+        known = {*self.OPTIONS, *self.world.OPTIONS}
         for own in options:
-            known_options(own, (*self.OPTIONS, *self.world.OPTIONS))
+            if unknown := sorted({*own} - known):
+                raise ValueError(f"reset options {unknown} are unknown, must be in {sorted(known)}")
         drawn = self.world.reset(rows, generators, options, self.draw)
         self._clear(rows)
         self.begin(rows, drawn)
         self.describe(rows)
 
     def _clear(self, rows: Ints) -> None:
-        """Let nothing remain of robots' last episodes."""
         self.rows[rows] = np.zeros((), self.ROW)
         self.reward[rows], self.terminated[rows] = 0.0, False
 
     def step(
         self, actions: Any, active: Bools, meanwhile: Callable[[], None] | None = None
     ) -> None:
-        """Hold actions (n, 1) of the ``active`` robots (n,) for ``control_dt`` seconds.
-
-        Args:
-            meanwhile: called while they move, to :meth:`reset` others.
-
-        Raises:
-            ValueError: the actions are not one finite number for each active robot.
-        """
+        """Hold actions (n, 1) of the ``active`` robots (n,), see ``World.step``."""
         self.world.step(actions, active, meanwhile)
         self.finish_step(active)
-        self.world.disturb_step()
+        self.world.disturb()
 
     def finish_step(self, active: Bools) -> None:
         """Score the step of the ``active`` robots (n,), and observe them."""
         rows = np.flatnonzero(active)
-        self.world.finish_step(active)
+        self.ENGINE.finish_step(active, *self.step_arguments())
         self.score(rows)
         self.observe(rows)
 
     def describe(self, rows: Ints) -> None:
         """Fill observations and information of some robots as they are now."""
-        self.world.describe(rows)
+        self.ENGINE.describe(rows, *self.describe_arguments())
         self.observe(rows)
         self.world.disturb(rows)
 
     def set_parameters(self, row: int, **changes: Any) -> None:
-        """Change a robot from now on: the world's, see :class:`jansen_env.world.world.World`.
+        """Change a robot from now on: :attr:`SETTABLE`, and the world's.
 
-        Energies in ``info`` are of what happens in steps: what a change between two of them adds to
-        the robot's energy, that of a payload for one, is in neither of them.
+        Energies in ``info`` do not have what the change itself adds to the robot's energy.
 
         Raises:
-            ValueError: a value out of range, or the plant cannot change it. TypeError: another
-                name.
+            ValueError: a value out of range, or fixed by the plant. TypeError: another name.
         """
-        known_parameters(changes, (*self.SETTABLE, *self.world.SETTABLE))
-        own = {name: value for name, value in changes.items() if name in self.SETTABLE}
-        others = {name: value for name, value in changes.items() if name not in self.SETTABLE}
-        checked, checked_own = self.world.checked(row, others), self.checked(row, own)
+        known = {*self.SETTABLE, *self.world.SETTABLE}
+        if unknown := sorted({*changes} - known):
+            raise TypeError(f"{unknown} cannot be changed, must be in {sorted(known)}")
+        own = {name: changes.pop(name) for name in self.SETTABLE if name in changes}
+        checked, checked_own = self.world.checked(row, changes), self.checked(row, own)
         self.world.apply(row, checked)  # all or nothing
         self.apply(row, checked_own)
 
@@ -257,20 +217,11 @@ class Task(ABC):
         return dict(changes)
 
     def apply(self, row: int, checked: dict[str, Any]) -> None:
-        """Put changes in force."""
-
-    def push(self, row: int, impulse: Any) -> None:
-        """Push a robot from now on, N s in x and y.
-
-        Raises:
-            ValueError: it cannot be pushed.
-        """
-        self.world.push(row, impulse)
+        """Apply changes."""
 
     def get_attr(self, name: str) -> list[Any] | None:
         """Return what robots have of their own by that name, for each; None for anything else."""
-        found: list[Any] | None = self.world.get_attr(name)
-        return found
+        return self.world.get_attr(name)
 
     def get_state(self, row: int) -> dict[str, Any]:
         """Return all that a robot's future depends on but its random numbers."""
@@ -279,27 +230,24 @@ class Task(ABC):
 
     def _kept(self, name: str) -> NDArray[Any]:
         """Return a number of :attr:`rows` by a name of :attr:`STATE`, (n,)."""
-        found = self.rows
-        for part in name.split("."):
-            found = found[part]
-        return found
+        return reduce(lambda found, part: found[part], name.split("."), self.rows)
 
     def checked_state(self, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the entries of :attr:`STATE`. Raises ValueError: a number is not finite."""
+        """Return the entries of :attr:`STATE`. Raises ValueError: a number is out of range."""
         checked = {}
         for name in self.STATE:
             key = name.split(".")[-1]
             flag = self._kept(name).dtype == np.bool_
-            checked[name] = bool(state[key]) if flag else finite(f"state[{key!r}]", state[key])
+            checked[name] = bool(state[key]) if flag else self.in_range("state", key, state[key])
         return checked
 
-    def set_state(self, row: int, state: Mapping[str, Any]) -> None:
-        """Go on from a state of :meth:`get_state`; fills :attr:`observation`.
+    def in_range(self, label: str, name: str, value: Any) -> float:
+        """Return a number within the limits of its name, if observed. Raises ValueError."""
+        limits = {one.name: (one.low, one.high) for one in self.observed}
+        return within(f"{label}[{name!r}]", value, *limits.get(name, (-np.inf, np.inf)))
 
-        Raises:
-            ValueError: an entry is missing or out of range.
-        """
-        complete_state(state, self.get_state(row))
+    def set_state(self, row: int, state: Mapping[str, Any]) -> None:
+        """Go on from a complete state of :meth:`get_state`; ValueError: an entry out of range."""
         checked, own = self.world.checked_state(row, state), self.checked_state(state)
         one = np.array([row])
         self.world.restore(row, checked)
@@ -309,13 +257,12 @@ class Task(ABC):
 
     def resume(self, row: int, state: dict[str, Any]) -> None:
         """Fill a robot's row, which is 0, with what :meth:`checked_state` gave."""
-        for name, value in state.items():
-            self._kept(name)[row] = value
+        for name in self.STATE:
+            self._kept(name)[row] = state[name]
 
     def scene(self, row: int) -> dict[str, Any]:
         """Return the arguments of :class:`jansen_env.rendering.Renderer` to draw a robot."""
-        scene: dict[str, Any] = self.world.scene(row)
-        return scene
+        return self.world.scene(row)
 
     def command(self, row: int) -> float | None:
         """Return the command that is drawn with a robot, None for none."""
@@ -323,7 +270,7 @@ class Task(ABC):
 
     def frame(self, row: int) -> Frame:
         """Return the picture data of a robot as it stands."""
-        return replace(self.world.frame(row), command=self.command(row))
+        return self.world.frame(row, self.command(row))
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "information": None}
@@ -333,6 +280,68 @@ class Task(ABC):
         self.connect()  # with this copy's arrays
         self.information = self._make_info()
 
-    def close(self) -> None:
-        """Let go of threads."""
-        self.world.close()
+
+class CommandedTask(Task):
+    """A task with a commanded speed, ``rows["info"]["speed_command"]``.
+
+    Attributes:
+        FASTEST: the largest command. speed_command: (n, 2) range of the next ones.
+    """
+
+    FASTEST: ClassVar[float]
+    OPTIONS = ("speed_command",)
+    SETTABLE: ClassVar[tuple[str, ...]] = ("speed_command",)
+    speed_command: Array
+
+    def score(self, rows: Ints) -> None:
+        """Do nothing: :meth:`finish_step` scores."""
+
+    def finish_step(self, active: Bools) -> None:
+        """Score the step of the ``active`` robots (n,), and observe them, in one kernel."""
+        self.ENGINE.finish_step(active, *self.step_arguments())
+
+    def draw(self, row: int, rng: np.random.Generator, options: dict[str, Any]) -> float:
+        """Draw a robot's command."""
+        command = rng.uniform(*self.speed_command[row])
+        return arguments.option(options, "speed_command", command, -self.FASTEST, self.FASTEST)
+
+    def begin(self, rows: Ints, drawn: Sequence[Any]) -> None:
+        """Start with commands."""
+        self.rows["info"]["speed_command"][rows] = drawn
+
+    def checked(self, row: int, changes: Mapping[str, Any]) -> dict[str, Any]:
+        """Return changes of ``speed_command``, a number or a range, and ``command``."""
+        limits = -self.FASTEST, self.FASTEST
+        checks: dict[str, Any] = {"speed_command": arguments.number_range, "command": within}
+        return {name: checks[name](name, value, *limits) for name, value in changes.items()}
+
+    def apply(self, row: int, checked: dict[str, Any]) -> None:
+        """Draw commands from another range from now on."""
+        if "speed_command" in checked:
+            self.speed_command[row] = checked["speed_command"]
+
+    def get_attr(self, name: str) -> list[Any] | None:
+        """Return what each robot has of its own, see :attr:`SETTABLE` and the world's."""
+        if name not in self.SETTABLE:
+            return super().get_attr(name)
+        if name == "command":
+            return list(self.rows["info"]["speed_command"].tolist())
+        return [(low, high) for low, high in self.speed_command.tolist()]
+
+    def get_state(self, row: int) -> dict[str, Any]:
+        """Return all that a robot's future depends on but its random numbers."""
+        return {**super().get_state(row), "command": self.command(row)}
+
+    def checked_state(self, state: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the task's entries of a state. Raises ValueError: one is out of range."""
+        command = within("state['command']", state["command"], -self.FASTEST, self.FASTEST)
+        return {**super().checked_state(state), "command": command}
+
+    def resume(self, row: int, state: dict[str, Any]) -> None:
+        """Go on with a command and the other entries of a state."""
+        self.begin(np.array([row]), [state["command"]])
+        super().resume(row, state)
+
+    def command(self, row: int) -> float:
+        """Return a robot's command."""
+        return float(self.rows["info"]["speed_command"][row])

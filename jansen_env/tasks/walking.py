@@ -1,28 +1,23 @@
 """The walking task: follow a commanded speed, with little slip, energy and effort.
 
-The numbers of a step are worked out in :mod:`jansen_env.engine.walk_reward`. What they mean is
-documented in :class:`jansen_env.envs.walker.JansenWalkerEnv`.
+The numbers of a step are worked out in :mod:`jansen_env.engine.walk_reward` and documented in
+:class:`jansen_env.envs.walker.JansenWalkerEnv`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
-from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jansen_env.checks import finite, non_negative, positive, shown, within
+from jansen_env.checks import finite, non_negative, positive, shown
 from jansen_env.engine import walk_reward
-from jansen_env.engine.jit import Kernel
-from jansen_env.tasks.task import Task
-from jansen_env.world.actuated import Array, Bools, Ints
-from jansen_env.world.argument_checks import flag, interval, option
-from jansen_env.world.broadcasting import broadcast_numbers, broadcast_ranges, number_range
+from jansen_env.tasks.task import CommandedTask, Task
+from jansen_env.world.argument_checks import Bools, Ints, flag, per_robot, range_per_robot, single
 from jansen_env.world.entries import Observed
-from jansen_env.world.settings import per_robot
 
 SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
 FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
@@ -31,89 +26,84 @@ ACCOUNTS: tuple[str, ...] = walk_reward.ACCOUNTS.names or ()  # lag and means
 COMMANDED = ("speed_command", *ACCOUNTS)  # in the order of :func:`walk_reward.observe`
 
 
+def _interval(name: str, value: Any) -> float:
+    return math.inf if value is None else positive(name, value)
+
+
 @dataclass(frozen=True)
 class Commands:
     """Speeds that are asked for, m/s, and after how many seconds another one is drawn."""
 
-    speed_command: float | tuple[float, float] | Any = per_robot(SPEED_COMMAND)
-    command_interval: float | Any = per_robot(None)
+    speed_command: float | tuple[float, float] | Any = range_per_robot(
+        SPEED_COMMAND, -FASTEST_COMMAND, FASTEST_COMMAND
+    )
+    command_interval: float | Any = per_robot(None, _interval)
 
 
 @dataclass(frozen=True)
 class RewardWeights:
     """Exponents of the reward's factors."""
 
-    slip_weight: float = 1.0
-    energy_weight: float = 1.0
-    effort_weight: float = 1.0
-    smoothness_weight: float = 1.0
-    posture_weight: float = 1.0
+    slip_weight: float = single(1.0, non_negative)
+    energy_weight: float = single(1.0, non_negative)
+    effort_weight: float = single(1.0, non_negative)
+    smoothness_weight: float = single(1.0, non_negative)
+    posture_weight: float = single(1.0, non_negative)
 
 
 @dataclass(frozen=True)
 class Termination:
     """Criteria of a fall, and whether it ends the episode; the pitch in rad."""
 
-    fall_pitch: float = walk_reward.FALLEN_PITCH
-    fall_contact: bool = True
-    terminate_when_fallen: bool = True
+    fall_pitch: float = single(walk_reward.FALLEN_PITCH, positive)
+    fall_contact: bool = single(True, flag)
+    terminate_when_fallen: bool = single(True, flag)
 
 
-class WalkerTask(Task):
-    """Walk at a commanded speed by the torque on one crank.
+class WalkerTask(CommandedTask):
+    """Walk at a commanded speed, m/s, by the torque on one crank.
 
     Attributes:
-        speed_command: (n, 2) m/s, range of the next commands.
-        covered: (n, 2) m since the reset, walked towards the commands and commanded; with a
-            curriculum.
+        covered: (n, 2) m walked towards the commands and commanded; with a curriculum.
     """
 
     RECORDS = {"commands": Commands, "weights": RewardWeights, "termination": Termination}
     ROW = walk_reward.ROW
-    OPTIONS = ("speed_command",)
+    STATE = ("info.fallen", *(f"info.{name}" for name in ACCOUNTS))
     SETTABLE = ("speed_command", "command")
+    ENGINE: ClassVar[Any] = walk_reward
+    FASTEST = FASTEST_COMMAND
 
     def take(self, records: dict[str, Any]) -> None:
-        """Check and keep commands, weights and termination."""
+        """Keep commands, weights and termination."""
         commands, weights, end = (records[name] for name in WalkerTask.RECORDS)
-        n, fastest = self.num_envs, FASTEST_COMMAND
-        self.speed_command = broadcast_ranges(
-            n, "speed_command", commands.speed_command, -fastest, fastest
-        )
-        intervals = broadcast_numbers(n, "command_interval", commands.command_interval, interval)
+        self.speed_command = commands.speed_command
+        intervals = np.array(commands.command_interval)
         self._command_steps = np.maximum(1.0, np.rint(intervals / self.control_dt))
         self._commands_change = bool(np.isfinite(intervals).any())
-        self.terminate_when_fallen = flag("terminate_when_fallen", end.terminate_when_fallen)
+        self.terminate_when_fallen = end.terminate_when_fallen
         self._settings = np.zeros(1, walk_reward.SETTINGS)
-        exponents = zip(vars(weights), astuple(weights), strict=True)
-        self._settings[0] = (
-            *(non_negative(name, value) for name, value in exponents),
-            positive("fall_pitch", end.fall_pitch),
-            flag("fall_contact", end.fall_contact),
-        )
-        self.covered = np.zeros((n, 2))
+        self._settings[0] = (*astuple(weights), end.fall_pitch, end.fall_contact)
+        self.covered = np.zeros((self.num_envs, 2))
         self._measured = np.zeros(0, walk_reward.ACCOUNTS)
+        self._observes = type(self).observe is not Task.observe
 
     @property
     def own_entries(self) -> Sequence[Observed]:
         """The command, the lag and the means."""
-        any_number, positive_number = (-np.inf, np.inf), (0.0, np.inf)
         furthest = walk_reward.FURTHEST_TARGET
         return [
             Observed("speed_command", "m/s", -FASTEST_COMMAND, FASTEST_COMMAND),
             Observed("lag", "m", -furthest, furthest),
-            Observed("mean_speed", "m/s", *any_number),
-            Observed("mean_slip", "m/s", *positive_number),
-            Observed("mean_power", "W", *positive_number),
-            Observed("rms_torque", "N m", *positive_number),
+            Observed("mean_speed", "m/s", -np.inf, np.inf),
+            Observed("mean_slip", "m/s", 0.0, np.inf),
+            Observed("mean_power", "W", 0.0, np.inf),
+            Observed("rms_torque", "N m", 0.0, np.inf),
         ]
 
     @property
     def entries(self) -> Sequence[Observed]:
-        """All that is observed: the command before the feet, lag and means before the heights.
-
-        What a task that derives from this one adds comes last.
-        """
+        """All that is observed, as documented; what a derived task adds comes last."""
         known = {one.name: one for one in self.world.entries}
         own = {one.name: one for one in self.own_entries}
         heights = [known.pop(name) for name in [*known] if name.startswith("height_scan_")]
@@ -123,7 +113,7 @@ class WalkerTask(Task):
         return [*known.values(), command, *loads, last, *accounts, *heights, *own.values()]
 
     def connect(self) -> None:
-        """Let noisy sensors measure lag and means by odometry."""
+        """Let noisy sensors measure lag and means."""
         self._places = np.array([self.columns[name] for name in COMMANDED])
         self.rows["mean_path"] = abs(self.world.advance_per_turn) / STEPS_PER_TURN
         self._error = np.zeros((0, 2))
@@ -135,21 +125,14 @@ class WalkerTask(Task):
             sensors.measure(numbers, [self.columns[name] for name in ACCOUNTS])
             self._error = sensors.mean_error
 
-    def draw(self, row: int, rng: np.random.Generator, options: dict[str, Any]) -> float:
-        """Draw a robot's command, m/s."""
-        command = rng.uniform(*self.speed_command[row])
-        return option(options, "speed_command", command, -FASTEST_COMMAND, FASTEST_COMMAND)
-
     def begin(self, rows: Ints, drawn: Sequence[Any]) -> None:
         """Start with commands, m/s; lag and means are 0."""
         self.rows["mean_path"][rows] = abs(self.world.advance_per_turn) / STEPS_PER_TURN
-        self.rows["next_command"][rows] = self.rows["info"]["speed_command"][rows] = drawn
+        super().begin(rows, drawn)
+        self.rows["next_command"][rows] = drawn
         self.covered[rows] = 0.0
         if len(self._measured) > 0:
             self._measured[rows] = np.zeros((), walk_reward.ACCOUNTS)
-
-    def score(self, rows: Ints) -> None:
-        """Do nothing: :meth:`finish_step` scores."""
 
     def finish_step(self, active: Bools) -> None:
         """Score the step of the ``active`` robots (n,), and observe them, in one kernel."""
@@ -157,34 +140,20 @@ class WalkerTask(Task):
             self._draw_commands(active)
         if self.world.episodes.curriculum is not None:
             self._cover(active)
-        walk_reward.finish_step(active, *self._step_arguments())
-        if self.OBSERVES:  # a task that derives from this one
+        walk_reward.finish_step(active, *self.step_arguments())
+        if self._observes:  # a task that derives from this one
             self.observe(np.flatnonzero(active))
         if self.terminate_when_fallen:
             self.terminated[:] = self.rows["info"]["fallen"]
 
-    def describe(self, rows: Ints) -> None:
-        """Fill observations and information of some robots as they are now."""
-        walk_reward.describe(rows, *self._describe_arguments())
-        self.observe(rows)
-        self.world.disturb(rows)
-
-    def _step_arguments(self) -> tuple[Any, ...]:
+    def step_arguments(self) -> tuple[Any, ...]:
         return (
             self._settings, self.rows, self.reward, self._error, self._measured, self._places,
             *self.world.step_arguments(),
         )  # fmt: skip
 
-    def _describe_arguments(self) -> tuple[Any, ...]:
+    def describe_arguments(self) -> tuple[Any, ...]:
         return self.rows, self._places, *self.world.describe_arguments()
-
-    def kernels(self) -> list[Kernel]:
-        """Return what is compiled of it."""
-        one, every = np.arange(1), np.ones(self.num_envs, bool)
-        return [
-            Kernel("observation", walk_reward.describe, (one, *self._describe_arguments())),
-            Kernel("reward", walk_reward.finish_step, (every, *self._step_arguments())),
-        ]
 
     def _draw_commands(self, active: Bools) -> None:
         """Draw the commands of the steps to come, where it is time for others."""
@@ -206,91 +175,35 @@ class WalkerTask(Task):
         walked, commanded = self.covered[row].tolist()
         return walked, commanded / (max(1, int(self.world.elapsed[row])) * self.control_dt)
 
-    def checked(self, row: int, changes: Mapping[str, Any]) -> dict[str, Any]:
-        """Return changes of ``speed_command``, a number or a range, and ``command``, m/s."""
-        limits = -FASTEST_COMMAND, FASTEST_COMMAND
-        checks: dict[str, Callable[..., Any]] = {"speed_command": number_range, "command": within}
-        return {name: checks[name](name, value, *limits) for name, value in changes.items()}
-
     def apply(self, row: int, checked: dict[str, Any]) -> None:
         """Draw commands from another range from now on; give another one from the next step on."""
-        if "speed_command" in checked:
-            self.speed_command[row] = checked["speed_command"]
+        super().apply(row, checked)
         if "command" in checked:
             kept = self.rows[row]
             kept["info"]["speed_command"] = kept["next_command"] = checked["command"]
             self.describe(np.array([row]))
 
-    def get_attr(self, name: str) -> list[Any] | None:
-        """Return what each robot has of its own: the world's, ``speed_command``, ``command``."""
-        if name == "speed_command":
-            return [(low, high) for low, high in self.speed_command.tolist()]
-        if name == "command":
-            return list(self.rows["info"]["speed_command"].tolist())
-        return super().get_attr(name)
-
     def get_state(self, row: int) -> dict[str, Any]:
         """Return all that a robot's future depends on but its random numbers."""
-        info = self.rows[row]["info"]
-        state = {
-            **self.world.get_state(row),
-            "command": float(info["speed_command"]),
-            "fallen": bool(info["fallen"]),
-            **{name: float(info[name]) for name in ACCOUNTS},
-            "covered": self.covered[row].copy(),
-        }
+        state = {**super().get_state(row), "covered": self.covered[row].copy()}
         if len(self._measured) > 0:
             state["measured"] = dict(zip(ACCOUNTS, self._measured[row].item(), strict=True))
         return state
 
     def checked_state(self, state: Mapping[str, Any]) -> dict[str, Any]:
         """Return the task's entries of a state. Raises ValueError: one is out of range."""
-        limits = -FASTEST_COMMAND, FASTEST_COMMAND
-        measured = None
+        checked = super().checked_state(state)
+        checked["covered"] = [finite("state['covered']", one) for one in state["covered"]]
         if len(self._measured) > 0:
-            measured = _checked_accounts("state['measured']", state["measured"])
-        return {
-            "command": within("state['command']", state["command"], *limits),
-            "fallen": bool(state["fallen"]),
-            "accounts": _checked_accounts("state", state),
-            "covered": [finite("state['covered']", one) for one in state["covered"]],
-            "measured": measured,
-        }
+            given, label = state["measured"], "state['measured']"
+            if not isinstance(given, Mapping) or not {*ACCOUNTS} <= {*given}:
+                raise ValueError(f"{label} is {shown(given)}, must have {[*ACCOUNTS]}")
+            checked["measured"] = tuple(self.in_range(label, k, given[k]) for k in ACCOUNTS)
+        return checked
 
     def resume(self, row: int, state: dict[str, Any]) -> None:
-        """Fill a robot's row with what :meth:`checked_state` gave."""
-        self.begin(np.array([row]), [state["command"]])
-        info = self.rows[row]["info"]
-        info["fallen"] = state["fallen"]
-        for name, value in zip(ACCOUNTS, state["accounts"], strict=True):
-            info[name] = value
+        """Fill a robot's row with the entries of a checked state."""
+        super().resume(row, state)
         self.covered[row] = state["covered"]
-        if state["measured"] is not None:
+        if "measured" in state:
             self._measured[row] = state["measured"]
-
-    def command(self, row: int) -> float:
-        """Return a robot's command, m/s."""
-        return float(self.rows[row]["info"]["speed_command"])
-
-    @property
-    def parameters(self) -> NDArray[np.float64]:
-        """(n, 17) the numbers of all robots' episodes, see :mod:`jansen_env.parameters`."""
-        numbers: Array = self.world.episodes.numbers
-        return numbers
-
-
-def _checked_accounts(label: str, given: Any) -> tuple[float, ...]:
-    """Return lag and means in the order of ``walk_reward.ACCOUNTS``.
-
-    Raises:
-        ValueError: one is missing or out of range.
-    """
-    if not isinstance(given, Mapping) or not {*ACCOUNTS} <= {*given}:
-        raise ValueError(f"{label} is {shown(given)}, must have {[*ACCOUNTS]}")
-    furthest = walk_reward.FURTHEST_TARGET
-    checks: dict[str, Callable[[str, Any], float]] = {
-        "lag": partial(within, low=-furthest, high=furthest), "mean_speed": finite,
-    }  # fmt: skip
-    return tuple(
-        checks.get(name, non_negative)(f"{label}[{name!r}]", given[name]) for name in ACCOUNTS
-    )

@@ -10,19 +10,16 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import within
+from jansen_env.checks import positive, shown, within
 from jansen_env.engine.actions import take_actions
 from jansen_env.engine.jit import Kernel
 from jansen_env.robot import Robot
 from jansen_env.robot.motor import Motor
-from jansen_env.world import settings
-from jansen_env.world.argument_checks import batched_actions, option
-from jansen_env.world.broadcasting import broadcast_delays, broadcast_robots, number_range
+from jansen_env.world import argument_checks as arguments
+from jansen_env.world.argument_checks import Array, Bools, Ints
 from jansen_env.world.entries import Observed
+from jansen_env.world.settings import equip, load_motor, load_robot
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 Draw = Callable[[int, np.random.Generator, dict[str, Any]], Any]
 """Draws a task's own numbers of a robot's episode, with the options of its reset."""
 
@@ -30,23 +27,18 @@ MOST_DELAYED = 10_000  # control periods in a delay: torques that are kept
 
 
 class ActuatedRobots:
-    """n robots and their delayed torques: what worlds have in common.
-
-    A world knows no commands, rewards or ends of episodes. It has the methods of
-    :class:`jansen_env.world.world.World`.
+    """n robots and their delayed torques; a world knows no commands, rewards or ends of episodes.
 
     Attributes:
-        RECORDS: its keyword arguments, see :mod:`jansen_env.world.settings`.
-        OPTIONS: of a reset. SETTABLE: what may be changed of one robot.
+        RECORDS: its keyword arguments, see :mod:`jansen_env.world.argument_checks`.
+        OPTIONS: of a reset. SETTABLE: of a change. entries: numbers for observations.
         robots: before randomisation. control_dt: s for which an action is held.
-        entries: what it knows of a robot, for observations.
         rows: (n,) with fields ``action``, ``action_before``, ``info`` and ``energy``.
-        arrays: (n, ...) more information; step_arrays: (n,) more that only a step has;
-            parameters: (n,) structured, of the episode, None where nothing is drawn.
+        arrays, step_arrays, parameters: see :class:`jansen_env.tasks.information.InfoBuilder`.
         full_torque: (n,) N m, the torque of action 1, with its sign.
-        torque: (n,) that the last step ended with, N m, and earlier: (n,) the one that held in its
-            first ``switch`` (n,) time steps. asked: (n, steps) N m, torques asked for, latest
-            first. delay: (n, 2) after how many control steps and time steps they hold.
+        torque: (n,) that the last step ended with, N m; earlier: (n,) that of its first ``switch``
+            (n,) time steps. asked: (n, steps) N m, torques asked for, latest first. delay: (n, 2)
+            control steps and time steps by which they come late.
         delay_range: (n, 2) s, of episodes to come. truncated: (n,) whether the simulation diverged.
     """
 
@@ -54,6 +46,7 @@ class ActuatedRobots:
     OPTIONS: ClassVar[tuple[str, ...]]
     SETTABLE: ClassVar[tuple[str, ...]]
     entries: list[Observed]
+    plant: Any
     rows: NDArray[Any]
     parameters: NDArray[Any] | None = None
 
@@ -61,21 +54,17 @@ class ActuatedRobots:
         self,
         robots: Sequence[Robot],
         row: np.dtype[Any],
-        periods: tuple[float, float],
-        delay: Any,
+        control_dt: float,
+        time_step: float,
+        delay_range: Array,
         longest_delay: float = 0.0,
     ) -> None:
-        """Allocate arrays; periods: of control and time steps, s; delay: s, ranges of each robot.
-
-        Raises:
-            ValueError: a delay out of range.
-        """
+        """Allocate arrays. Raises ValueError: a period or delay out of range."""
         self.robots, self.num_envs = list(robots), len(robots)
-        self.control_dt, self.time_step = periods
+        self.control_dt, self.time_step = arguments.control_period(control_dt, time_step)
         self.steps = round(self.control_dt / self.time_step)
-        n = self.num_envs
-        self.delay_range = broadcast_delays(n, delay)
-        longest_delay = max(float(self.delay_range.max()), longest_delay)
+        n, self.delay_range = self.num_envs, delay_range
+        longest_delay = max(float(delay_range.max()), longest_delay)
         if longest_delay > MOST_DELAYED * self.control_dt:
             raise ValueError(
                 f"delay is {longest_delay} s, must be at most {MOST_DELAYED} times "
@@ -94,39 +83,27 @@ class ActuatedRobots:
     def driven_robot(
         cls, robot: Robot | str, motor: Motor | str | None, torque_limit: float | None
     ) -> Robot:
-        """Return the robot that such arguments give, with the motor that turns its crank.
-
-        Raises:
-            ValueError: one of them is not allowed.
-        """
-        machine = settings.Machine(robot=robot, motor=motor, torque_limit=torque_limit)
-        return broadcast_robots(1, machine)[0]
-
-    @property
-    def torque_limit(self) -> float:
-        """N m, the first robot's torque of action 1."""
-        return self.robots[0].motor.torque_limit
+        """Return the robot that such arguments give. Raises ValueError: one is not allowed."""
+        return equip(
+            load_robot("robot", robot),
+            motor=arguments.optional(load_motor)("motor", motor),
+            torque_limit=arguments.optional(positive)("torque_limit", torque_limit),
+        )
 
     def push(self, row: int, impulse: Any) -> None:
-        """Push a robot from now on, N s in x and y.
-
-        Raises:
-            ValueError: it cannot be pushed.
-        """
+        """Raise ValueError: a robot that is held cannot be pushed."""
         raise ValueError("the robot is held, must be free to be pushed")
 
-    def disturb(self, rows: Ints) -> None:
-        """Turn observations of some robots into what their sensors tell, between two steps."""
-
-    def disturb_step(self) -> None:
-        """Turn the observations after a step into what the sensors of those that took it tell."""
+    def disturb(self, rows: Ints | None = None) -> None:
+        """Add noise to observations after a step, or of some robots between two steps."""
 
     def close(self) -> None:
         """Let go of threads."""
 
-    def _action_kernel(self) -> Kernel:
+    def kernels(self) -> list[Kernel]:
+        """Return what is compiled of it, but for the plant."""
         actions, active = np.zeros((self.num_envs, 1)), np.ones(self.num_envs, bool)
-        return Kernel("actions", take_actions, (actions, active, *self._delayed()))
+        return [Kernel("actions", take_actions, (actions, active, *self._delayed()))]
 
     def _delayed(self) -> tuple[Any, ...]:
         return (
@@ -135,10 +112,9 @@ class ActuatedRobots:
         )  # fmt: skip
 
     def begin_delay(self, rows: Ints, delays: Array, asked: Array | None = None) -> None:
-        """Begin episodes of robots (k,) whose torques come late.
+        """Begin episodes of robots (k,) whose torques come ``delays`` (k,) s late.
 
-        Args:
-            delays: (k,) s. asked: (k, steps) N m, torques asked for before; None: 0.
+        ``asked``: (k, steps) N m, torques asked for before; None: 0.
         """
         steps = np.rint(delays / self.time_step).astype(np.int64)
         whole, rest = np.divmod(steps, self.steps)
@@ -152,34 +128,30 @@ class ActuatedRobots:
         return (self.asked.shape[1] - 2) * self.control_dt
 
     def _draw_delay(self, row: int, rng: np.random.Generator, options: Mapping[str, Any]) -> float:
-        """Draw by how much a robot's torques come late in an episode, s."""
         low, high = self.delay_range[row].tolist()
         drawn = rng.uniform(low, high) if high > low else low
-        return option(options, "delay", drawn, 0.0, self._longest_delay)
+        return arguments.option(options, "delay", drawn, 0.0, self._longest_delay)
 
-    def checked_delay_range(self, value: Any) -> tuple[float, float]:
-        """Return a range of delays, s. Raises ValueError: out of range."""
-        return number_range("delay", value, 0.0, self._longest_delay)
+    def checked_delay_range(self, name: str, value: Any) -> tuple[float, float]:
+        """Return a range of delays, s; ValueError: out of range."""
+        return arguments.number_range(name, value, 0.0, self._longest_delay)
 
     def delay_of(self, row: int) -> float:
         """Return by how much a robot's torques come late, s."""
         whole, rest = self.delay[row].tolist()
         return float(whole * self.control_dt + rest * self.time_step)
 
-    def actuation_state(self, row: int) -> dict[str, Any]:
-        """Return a robot's delay, s, torques on their way, N m, and last action, for a state."""
+    def get_state(self, row: int) -> dict[str, Any]:
+        """Return all that a robot's future depends on but the task and random numbers."""
         return {
+            "plant": self.plant.states[row].copy(),
             "delay": self.delay_of(row),
             "asked": self.asked[row].copy(),
             "action": float(self.rows[row]["action"]),
         }
 
-    def checked_actuation(self, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the checked entries of :meth:`actuation_state`.
-
-        Raises:
-            ValueError: one is out of range.
-        """
+    def checked_state(self, row: int, state: Mapping[str, Any]) -> dict[str, Any]:
+        """Return a state, ready for :meth:`restore`; ValueError: an entry is out of range."""
         longest, asked = self.asked.shape[1], np.array(state["asked"], dtype=float)
         if asked.shape != (longest,) or not np.isfinite(asked).all():
             raise ValueError(f"state['asked'] is {asked}, must be {longest} finite numbers")
@@ -187,9 +159,23 @@ class ActuatedRobots:
         action = within("state['action']", state["action"], -1.0, 1.0)
         return {"delay": delay, "asked": asked, "action": action}
 
+    def get_attr(self, name: str) -> list[Any] | None:
+        """Return ``delay`` (s, of this episode), ``robot`` or ``state`` of each robot."""
+        if name == "delay":
+            return [self.delay_of(row) for row in range(self.num_envs)]
+        if name == "robot":
+            return list(self.robots)
+        return list(self.plant.states.copy()) if name == "state" else None
+
     def _take_actions(self, actions: Any, active: Bools) -> None:
-        """Turn actions (n, 1) into torques, see :meth:`step`."""
-        values = batched_actions(self.num_envs, actions)
+        count = self.num_envs
+        try:
+            values: Array = np.ascontiguousarray(actions, dtype=float)
+        except (TypeError, ValueError, OverflowError):
+            allowed = f"must be numbers, shape ({count}, 1)"
+            raise ValueError(f"actions are {shown(actions)}, {allowed}") from None
+        if values.shape != (count, 1):
+            raise ValueError(f"actions have shape {values.shape}, must have ({count}, 1)")
         bad = take_actions(values, active, *self._delayed())
         if bad >= 0:
             raise ValueError(f"actions[{bad}] is {values[bad, 0]}, must be finite")

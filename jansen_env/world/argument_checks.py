@@ -1,23 +1,34 @@
-"""Checks of arguments, options and states that worlds and tasks share.
+"""Arguments of n robots: checks, one value for all or one for each, and records of arguments.
 
 All functions raise ValueError for anything else than they describe.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import field, fields
+from functools import partial
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import finite, positive, shown, within
+from jansen_env.checks import entries, positive, shown, within
 from jansen_env.plants.base import check_time_step
 
 Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+Check: TypeAlias = Callable[[str, Any], Any]  # of an argument's name and value
+Records: TypeAlias = Mapping[str, type]  # by the names under which they are passed
+Filled: TypeAlias = Any  # a record of :func:`fill`, whose fields have the types of their checks
 
 MOST_STEPS = 10_000  # time steps in a control period: seconds on the slowest plant
+
+
+class Each(tuple[Any, ...]):
+    """One value for each robot, where a plain sequence could as well be one value for all."""
 
 
 def control_period(control_dt: Any, time_step: Any) -> tuple[float, float]:
@@ -25,22 +36,13 @@ def control_period(control_dt: Any, time_step: Any) -> tuple[float, float]:
     period = positive("control_dt", control_dt)
     step = check_time_step(time_step)
     steps = period / step
-    if steps > MOST_STEPS * (1.0 + 1e-9):
+    too_long = steps > MOST_STEPS * (1.0 + 1e-9)
+    if too_long or steps < 1.0 - 1e-9 or abs(steps - round(steps)) > 1e-6 * steps:
+        allowed = f"at most {MOST_STEPS} times" if too_long else "a multiple of"
         raise ValueError(
-            f"control_dt is {shown(control_dt)}, must be at most {MOST_STEPS} times time_step, "
-            f"{shown(time_step)}"
-        )
-    if steps < 1.0 - 1e-9 or abs(steps - round(steps)) > 1e-6 * steps:
-        raise ValueError(
-            f"control_dt is {shown(control_dt)}, must be a multiple of time_step, "
-            f"{shown(time_step)}"
+            f"control_dt is {shown(control_dt)}, must be {allowed} time_step, {shown(time_step)}"
         )
     return period, step
-
-
-def interval(name: str, value: Any) -> float:
-    """A time in s above 0; inf for None, which stands for never."""
-    return math.inf if value is None else positive(name, value)
 
 
 def flag(name: str, value: Any) -> bool:
@@ -50,51 +52,137 @@ def flag(name: str, value: Any) -> bool:
     return bool(value)
 
 
-def batched_actions(count: int, actions: Any) -> Array:
-    """Actions (count, 1) as an array of floats."""
-    try:
-        values: Array = np.ascontiguousarray(actions, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError(
-            f"actions are {shown(actions)}, must be numbers, shape ({count}, 1)"
-        ) from None
-    if values.shape != (count, 1):
-        raise ValueError(f"actions have shape {values.shape}, must have ({count}, 1)")
-    return values
+def optional(check: Check) -> Check:
+    """A check that takes None, too."""
+    return lambda name, value: None if value is None else check(name, value)
 
 
-def known_options(options: dict[str, Any], allowed: Sequence[str]) -> None:
-    """Raises ValueError for options of ``reset`` that are not ``allowed``."""
-    unknown = sorted({*options} - {*allowed})
-    if unknown:
-        raise ValueError(f"reset options {unknown} are unknown, must be in {sorted(allowed)}")
+def load_record(kind: type, name: str, value: Any) -> Any:
+    """A dataclass of a type, also of a dictionary of its arguments; None for none."""
+    if value is None or isinstance(value, kind):
+        return value
+    known = sorted(one.name for one in fields(kind))
+    if not isinstance(value, Mapping):
+        allowed = f"None, a {kind.__name__} or a dictionary with some of {known}"
+        raise ValueError(f"{name} is {shown(value)}, must be {allowed}")
+    if unknown := [key for key in value if key not in known]:
+        raise ValueError(f"{name} has {shown(unknown)}, must be of {known}")
+    return kind(**value)
+
+
+def number_range(name: str, value: Any, least: float, most: float) -> tuple[float, float]:
+    """A number or a pair between ``least`` and ``most`` as (low, high)."""
+    pair: tuple[Any, ...] = (value, value)
+    if isinstance(value, (tuple, list, np.ndarray)):
+        pair = entries(name, value, "a number or (low, high)")
+    if len(pair) != 2:
+        raise ValueError(f"{name} is {shown(value)}, must be a number or (low, high)")
+    low, high = (within(name, one, least, most) for one in pair)
+    if low > high:
+        raise ValueError(f"{name} is {shown(value)}, must be (low, high) with low <= high")
+    return low, high
 
 
 def option(
     options: Mapping[str, Any],
     name: str,
     drawn: float,
-    low: float | None = None,
-    high: float | None = None,
+    low: float = -np.inf,
+    high: float = np.inf,
 ) -> float:
-    """An option of ``reset``, or what was drawn in its place."""
-    if name not in options:
-        return drawn
-    label = f"options[{name!r}]"
-    if low is None or high is None:
-        return finite(label, options[name])
-    return within(label, options[name], low, high)
+    """An option of ``reset``, or the number that was drawn in its place."""
+    return within(f"options[{name!r}]", options[name], low, high) if name in options else drawn
 
 
-def known_parameters(changes: dict[str, Any], allowed: Sequence[str]) -> None:
-    """Raises TypeError for what cannot be changed of one robot."""
-    unknown = sorted({*changes} - {*allowed})
-    if unknown:
-        raise TypeError(f"{unknown} cannot be changed, must be in {sorted(allowed)}")
+def entries_of(name: str, value: Any, count: int) -> list[Any]:
+    """``count`` values: the entries of a sequence or array (count,), or one value repeated."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if not isinstance(value, (list, tuple)):
+        return [value] * count
+    if len(value) != count:
+        raise ValueError(f"{name} has {len(value)} entries, must have {count}, or be one")
+    return list(value)
 
 
-def complete_state(state: Mapping[str, Any], example: Mapping[str, Any]) -> None:
-    """Raises ValueError where a state to go on from has not all that ``example`` has."""
-    missing = sorted({*example} - {*state})
-    if missing:
-        raise ValueError(f"state lacks {missing}, must come from get_state()")
+def broadcast_ranges(count: int, name: str, value: Any, least: float, most: float) -> Array:
+    """(count, 2) ranges, of a number or (low, high) for all, an array (count,) of numbers, or an
+    array (count, 2) or list of ranges for each."""
+    several = isinstance(value, (np.ndarray, Each)) or (
+        isinstance(value, (list, tuple))
+        and any(isinstance(one, (list, tuple, np.ndarray)) for one in value)
+    )
+    values = entries_of(name, value, count) if several else [value] * count
+    return np.array([number_range(name, one, least, most) for one in values])
+
+
+# Fields of records: frozen dataclasses of arguments. What :func:`fill` returns has been checked.
+
+
+def single(default: Any, check: Check, only: bool = False) -> Any:
+    """Return a field with one value for all robots; ``only``: several must have its default."""
+    return field(default=default, metadata={"check": check, "single_only": only})
+
+
+def per_robot(default: Any, check: Check) -> Any:
+    """Return a field with one value for all robots or one for each; it becomes a list."""
+
+    def broadcast(count: int, name: str, value: Any) -> list[Any]:
+        return [check(name, one) for one in entries_of(name, value, count)]
+
+    return broadcast_by(default, broadcast)
+
+
+def range_per_robot(default: Any, least: float, most: float) -> Any:
+    """Return a field with ranges (n, 2), see :func:`broadcast_ranges`."""
+    return broadcast_by(default, partial(broadcast_ranges, least=least, most=most))
+
+
+def broadcast_by(default: Any, broadcast: Callable[[int, str, Any], Any]) -> Any:
+    """Return a field that ``broadcast`` makes of count, name and value."""
+    return field(default=default, metadata={"broadcast": broadcast, "per_robot": True})
+
+
+def signature_of(records: Records, defaults: Mapping[str, Any]) -> inspect.Signature:
+    """Return a signature with the fields of all records as keywords, some with other defaults."""
+    keywords = [
+        inspect.Parameter(
+            one.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=defaults.get(one.name, one.default),
+            annotation=one.type,
+        )
+        for kind in records.values()
+        for one in fields(kind)
+    ]
+    return inspect.Signature(keywords)
+
+
+def marked(records: Records, mark: str) -> dict[str, Any]:
+    """Return the defaults of the records' fields with a mark, such as "per_robot", by name."""
+    every = [one for kind in records.values() for one in fields(kind)]
+    return {one.name: one.default for one in every if one.metadata.get(mark)}
+
+
+def fill(records: Records, keywords: Mapping[str, Any], count: int) -> dict[str, Any]:
+    """Return the records of ``count`` robots with checked keywords; TypeError for another name."""
+    known = {one.name for kind in records.values() for one in fields(kind)}
+    if unknown := sorted({*keywords} - known):
+        raise TypeError(f"unexpected keyword argument {unknown[0]!r}, must be in {sorted(known)}")
+    found = {}
+    for name, kind in records.items():
+        given = [(one, keywords.get(one.name, one.default)) for one in fields(kind)]
+        found[name] = kind(**{one.name: _checked(one, value, count) for one, value in given})
+    return found
+
+
+def _checked(one: Any, value: Any, count: int) -> Any:
+    if "broadcast" in one.metadata:
+        return one.metadata["broadcast"](count, one.name, value)
+    found = one.metadata["check"](one.name, value) if "check" in one.metadata else value
+    if count > 1 and one.metadata.get("single_only") and found != one.default:
+        raise ValueError(
+            f"{one.name} is {shown(value)}, must be {one.default!r} for several robots at once; "
+            "vectorization_mode='sync' has the others"
+        )
+    return found

@@ -21,18 +21,18 @@ def list_entries(toes: int, scanned: int) -> list[Observed]:
 
     In the order of :func:`jansen_env.engine.readings.read`.
     """
-    any_number, unit, positive_number = (-np.inf, np.inf), (-1.0, 1.0), (0.0, np.inf)
+    inf = np.inf
     return [
-        Observed("cos_crank_angle", "1", *unit),
-        Observed("sin_crank_angle", "1", *unit),
-        Observed("crank_speed", "rad/s", *any_number),
-        Observed("sin_pitch", "1", *unit),
-        Observed("cos_pitch", "1", *unit),
-        Observed("pitch_rate", "rad/s", *any_number),
-        Observed("crank_axis_x_velocity", "m/s", *any_number),
-        Observed("crank_axis_y_velocity", "m/s", *any_number),
-        Observed("crank_axis_height", "m", *any_number),
-        Observed("last_action", "1", *unit),
-        *(Observed(f"toe_load_{toe}", "1", *positive_number) for toe in range(toes)),
-        *(Observed(f"height_scan_{place}", "m", *any_number) for place in range(scanned)),
+        Observed("cos_crank_angle", "1", -1.0, 1.0),
+        Observed("sin_crank_angle", "1", -1.0, 1.0),
+        Observed("crank_speed", "rad/s", -inf, inf),
+        Observed("sin_pitch", "1", -1.0, 1.0),
+        Observed("cos_pitch", "1", -1.0, 1.0),
+        Observed("pitch_rate", "rad/s", -inf, inf),
+        Observed("crank_axis_x_velocity", "m/s", -inf, inf),
+        Observed("crank_axis_y_velocity", "m/s", -inf, inf),
+        Observed("crank_axis_height", "m", -inf, inf),
+        Observed("last_action", "1", -1.0, 1.0),
+        *(Observed(f"toe_load_{toe}", "1", 0.0, inf) for toe in range(toes)),
+        *(Observed(f"height_scan_{place}", "m", -inf, inf) for place in range(scanned)),
     ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from string import digits
 from typing import Any, TypeAlias
@@ -11,9 +11,12 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import one_or_two, shown
+from jansen_env.checks import one_or_two
+from jansen_env.engine.jit import Kernel, prepare
+from jansen_env.engine.sensors import add_noise, draw_errors
+from jansen_env.world.argument_checks import Array, Ints, load_record
+from jansen_env.world.entries import Observed
 
-Array = NDArray[np.float64]
 Deviation: TypeAlias = float | tuple[float, float]
 """Standard deviation of each step's noise, or that and the one of the episode's bias."""
 
@@ -29,6 +32,14 @@ COLUMNS = {
 }
 """Observations of each sensor: names, without their numbers."""
 
+ANGLES = (
+    ("cos_crank_angle", "cos_crank_angle", "sin_crank_angle"),
+    ("sin_pitch", "cos_pitch", "sin_pitch"),
+)
+"""Entries at which the error of an angle stands, with those of its cosine and sine."""
+SPEEDS = ("crank_axis_x_velocity", "crank_speed")
+"""Entries whose sensors odometry goes by."""
+
 _EVEN = math.sqrt(1.0 / 3.0)  # standard deviation of what is drawn evenly from -1 to 1
 
 
@@ -36,32 +47,26 @@ _EVEN = math.sqrt(1.0 / 3.0)  # standard deviation of what is drawn evenly from 
 class Noise:
     """Gaussian noise of a walking robot's sensors.
 
-    Of each sensor a number, the standard deviation of the noise that is drawn anew in every control
-    step, or a pair: that, and the standard deviation of a bias that is drawn at each reset and
-    stays for the episode. Every observation of a sensor has noise and bias of its own. Angles are
-    wrong by an angle, in sine and cosine alike. What is measured stays within the observation
-    space: a load is never below 0, as of a scale that only presses count on.
+    For each sensor the standard deviation of the noise of every control step, or a pair: that, and
+    the standard deviation of a bias that is drawn at each reset. Every observation of a sensor has
+    noise and bias of its own. An angle's error is the same in its sine and cosine. Observations
+    stay within the observation space: a load is never below 0.
 
-    Lag and means are observed as a machine's own computer would know them, by odometry. Lag and
-    mean speed are of the measured velocity; mean power is of the torque times the measured crank
-    speed. RMS torque is exact, because a motor's current tells its torque. Mean slip is 0, because
-    no sensor measures it. Both speeds are means over a step: they err by what the sensor's reading
-    errs, and by a second error of the same standard deviation. So lag and means tell no more of a
-    steady speed than the readings do. Command and last action are exact.
+    Lag and means are observed by odometry. Lag and mean speed are of the measured velocity; mean
+    power is of the torque times the measured crank speed. Both speeds are means over a step: they
+    have the error of the reading and a second one of the same standard deviation, so lag and means
+    tell no more of a steady speed than the readings do. Mean slip is 0, because no sensor measures
+    it. RMS torque (a motor's current tells it), command and last action are exact. Reward, end of
+    episode and ``info``, with ``true_observation``, have the true lag and means.
 
-    Reward, end of episode and ``info`` go by the true lag and means, which ``true_observation`` in
-    ``info`` has, too.
-
-    Most defaults are those of published environments, whose even noise of +-a has the standard
+    Most defaults are those of published environments, whose uniform noise of +-a has the standard
     deviation a / 3^0.5: legged_gym (Rudin et al. 2022, ``noise_scales``) and Isaac Lab's velocity
     task have 0.01 rad of joint angles, 0.05 of gravity's direction, 0.2 rad/s of angular and
-    0.1 m/s of linear velocity; MuJoCo Playground's Go1 the same but 0.03 rad. All three have
-    1.5 rad/s of joint speeds, more than this machine's crank turns at in a slow walk: the default
-    is that of Isaac Lab's Spot, 0.5. The first two have 0.1 m of heights, with steps up to 0.23 m;
-    this machine's feet lift 0.09 m, and the default is 1 % of the 0.6 m at which its axis is
-    carried. None has noise of contact forces; here it is some 5 % of what a loaded toe bears.
-    Biases: of the encoder +-0.015 rad as in mjlab's velocity task; of the gyro 1 degree/s, of the
-    pitch 0.5 degrees, of heights half their noise, of speeds and loads none.
+    0.1 m/s of linear velocity. Crank speed is that of Isaac Lab's Spot, 0.5 rad/s, because the
+    others' 1.5 rad/s is more than this crank turns in a slow walk. Heights are 1 % of the 0.6 m at
+    which the axis is carried; loads some 5 % of a loaded toe's. Biases: of the encoder
+    +-0.015 rad as in mjlab's velocity task; of the gyro 1 degree/s, of the pitch 0.5 degrees, of
+    heights half their noise, of speeds and loads none.
 
     Args:
         encoder: crank angle, rad. crank_speed: rad/s. pitch: rad. gyro: pitch rate, rad/s.
@@ -88,19 +93,11 @@ class Noise:
 
     @classmethod
     def only(cls, **sensors: Deviation) -> Noise:
-        """Noise of some sensors, the others exact.
-
-        Raises:
-            ValueError: as the class does, or there is no sensor of a name.
-        """
-        _check_names(sensors)
-        return cls(**{name: sensors.get(name, 0.0) for name in COLUMNS})
+        """Return noise of some sensors, the others exact; ValueError: no such sensor."""
+        return load_record(cls, "noise", {**dict.fromkeys(COLUMNS, 0.0), **sensors})
 
     def deviations(self, observed: Sequence[str]) -> Array:
-        """Standard deviations (d, 2), of noise and bias, of the observations of these names (d,).
-
-        Of an angle they stand at the first of its sine and cosine.
-        """
+        """Return standard deviations (d, 2), of noise and bias, of the observations named."""
         found = np.zeros((len(observed), 2))
         for i, name in enumerate(observed):
             for sensor, columns in COLUMNS.items():
@@ -109,24 +106,59 @@ class Noise:
         return found
 
 
-def make_noise(noise: Any) -> Noise | None:
-    """Noise from a :class:`Noise`, or from a dictionary of its arguments; None: none.
+class NoisySensors:
+    """Noise in the observations of n robots.
 
-    Raises:
-        ValueError: anything else, or an argument out of range.
+    Args:
+        num_envs: n. noise: of the sensors. observed: the columns, whose names tell the sensor.
+
+    Attributes:
+        level: (n,) factor of the noise. truth: (n, d) observations without noise.
+        mean_error: (n, 2), see :func:`jansen_env.engine.sensors.draw_errors`.
     """
-    if noise is None or isinstance(noise, Noise):
-        return noise
-    if not isinstance(noise, Mapping):
-        raise ValueError(
-            f"noise is {shown(noise)}, must be None, a Noise or a dictionary with some of "
-            f"{sorted(COLUMNS)}"
+
+    def __init__(self, num_envs: int, noise: Noise, observed: Sequence[Observed]) -> None:
+        self.level = np.ones(num_envs)
+        self.truth = np.zeros((num_envs, len(observed)), np.float32)
+        names = [entry.name for entry in observed]
+        self._deviation = noise.deviations(names)
+        limits = np.array([(entry.low, entry.high) for entry in observed], np.float32)
+        self._low, self._high = limits.T.copy()
+        self._known = np.full(num_envs, -1)
+        self._bias, self._error = np.zeros((2, *self.truth.shape))
+        self.mean_error = np.zeros((num_envs, 2))
+        self._angles = np.full((len(names), 2), -1)
+        for first, *pair in ANGLES:
+            if {first, *pair} <= {*names}:
+                self._angles[names.index(first)] = [names.index(name) for name in pair]
+        self._speeds = np.array([names.index(one) if one in names else -1 for one in SPEEDS])
+        self.measure(np.zeros((num_envs, 0)), ())
+        one, counts = np.arange(1), np.zeros(num_envs, np.int64)
+        prepare(
+            Kernel("errors", draw_errors, self._arguments_of_errors(one, counts, counts)),
+            Kernel("noise", add_noise, self._arguments_of_noise(one, self.truth)),
         )
-    _check_names(noise)
-    return Noise(**noise)
 
+    def measure(self, measured: Array, columns: Sequence[int]) -> None:
+        """Observe ``columns`` (m,) as in ``measured`` (n, m), which may change."""
+        self._measured, self._columns = measured, np.array(columns, np.int64)
 
-def _check_names(sensors: Mapping[Any, Any]) -> None:
-    """Raises ValueError for sensors that there are not."""
-    if unknown := [name for name in sensors if name not in COLUMNS]:
-        raise ValueError(f"noise has {shown(unknown)}, must be of {sorted(COLUMNS)}")
+    def _arguments_of_errors(self, rows: Ints, elapsed: Ints, seeds: Ints) -> tuple[Any, ...]:
+        return (
+            rows, elapsed, seeds, self.level, self._deviation, self._speeds, self._known,
+            self._bias, self._error, self.mean_error,
+        )  # fmt: skip
+
+    def _arguments_of_noise(self, rows: Ints, out: Any) -> tuple[Any, ...]:
+        return (
+            rows, self._error, self._angles, self._measured, self._columns, self._low, self._high,
+            self.truth, out,
+        )  # fmt: skip
+
+    def draw(self, rows: Ints, elapsed: Ints, seeds: Ints) -> None:
+        """Draw the errors of robots' (k,) readings and mean speeds, see :class:`Pushes`."""
+        draw_errors(*self._arguments_of_errors(rows, elapsed, seeds))
+
+    def add(self, rows: Ints, out: NDArray[np.float32]) -> None:
+        """Add the errors drawn last to observations ``out`` (n, d) of robots (k,)."""
+        add_noise(*self._arguments_of_noise(rows, out))

@@ -6,37 +6,33 @@ The force of a push is a half sine of its duration T; of the impulse J, from t0 
     impulse from t to t + h = J / 2 (cos(pi (t - t0) / T) - cos(pi (t + h - t0) / T))
 
 The impulses of the time steps are the second line, not a sum of forces, and so they add up to J.
+They are drawn from the episode's seed and counters (:mod:`jansen_env.engine.random`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jansen_env.checks import entries, finite, non_negative, one_or_two, shown, within
+from jansen_env.engine.jit import Kernel, prepare
+from jansen_env.engine.pushes import PUSHES, fill_pushes
+from jansen_env.world.argument_checks import Array, Bools, Ints
 
 SHORTEST, LONGEST = 1e-3, 1e6  # s, of durations and intervals
 MOST_PUSHES = 1000  # of an episode's own
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Push:
     """Random pushes on the chassis: one in each interval.
 
-    In every interval since the episode began (the first one too) a push begins at a time drawn so
-    that it ends before the interval does; each component of its impulse is drawn evenly from minus
-    to plus the largest.
-
-    The defaults: published environments push by a change of velocity, legged_gym of up to 1 m/s
-    every 15 s (Rudin et al. 2022), Isaac Lab of up to 0.5 m/s every 10 to 15 s in its velocity
-    tasks, whose commands are up to 1 m/s. As there half the fastest command, here 0.8 m/s, is
-    1.3 N s for a machine of 3.2 kg; episodes of 10 s have two of these.
+    A push begins at a time drawn so that it ends within its interval; each component of its impulse
+    is uniform from minus to plus the largest. By default that is half the fastest command, 0.4 m/s,
+    of a machine of 3.2 kg, as in Isaac Lab's velocity tasks (0.5 of 1 m/s every 10 to 15 s;
+    legged_gym, Rudin et al. 2022: up to 1 m/s every 15 s); episodes of 10 s have two of these.
 
     Args:
         impulse: the largest, N s: horizontal, or (horizontal, vertical).
@@ -58,29 +54,8 @@ class Push:
         object.__setattr__(self, "duration", duration)
 
 
-def make_push(push: Any) -> Push | None:
-    """Pushes from a :class:`Push`, or from a dictionary of its arguments; None: none at random.
-
-    Raises:
-        ValueError: anything else, or an argument out of range.
-    """
-    if push is None or isinstance(push, Push):
-        return push
-    known = list(Push.__dataclass_fields__)
-    if not isinstance(push, Mapping) or not {*push} <= {*known}:
-        raise ValueError(
-            f"push is {shown(push)}, must be None, a Push or a dictionary with some of {known}"
-        )
-    return Push(**push)
-
-
 def check_schedule(name: str, pushes: Any) -> Array:
-    """An episode's own pushes (k, 3): when they begin, s, and their impulses in x and y, N s.
-
-    Raises:
-        ValueError: no list of so many finite numbers each, a time below 0, or more than
-            :data:`MOST_PUSHES`.
-    """
+    """Return an episode's own pushes (k, 3): start, s, and impulses in x and y, N s; ValueError."""
     allowed = f"a list of at most {MOST_PUSHES} (t, Jx, Jy)"
     rows = [tuple(entries(name, one, allowed)) for one in entries(name, pushes, allowed)]
     if len(rows) > MOST_PUSHES or any(len(row) != 3 for row in rows):
@@ -91,3 +66,72 @@ def check_schedule(name: str, pushes: Any) -> Array:
         for i, (t, x, y) in enumerate(rows)
     ]  # fmt: skip
     return np.array(checked, float).reshape(-1, 3)
+
+
+class Pushes:
+    """Pushes on n robots.
+
+    Args:
+        num_envs: n. push: random ones; None for none. steps: of a control step. time_step: s.
+
+    Attributes:
+        strength: (n,) factor of the random ones. random: (n,) whether an episode has them.
+    """
+
+    def __init__(self, num_envs: int, push: Push | None, steps: int, time_step: float) -> None:
+        self.strength = np.ones(num_envs)
+        self._steps = steps
+        self._settings = np.zeros(1, PUSHES)
+        kind = push or Push(0.0)
+        self._settings[0] = (*kind.impulse, kind.duration, kind.interval, time_step)  # type: ignore[misc]
+        self.random = np.ones(num_envs, bool)
+        self._scheduled = np.zeros(num_envs, np.int64)
+        self._schedule = np.zeros((num_envs, 1, 3))
+        self._impulse = np.zeros((0, steps, 2))
+        if push is not None:
+            self._begin_pushing()
+
+    def _begin_pushing(self) -> None:
+        """Prepare for pushes."""
+        n = len(self.strength)
+        self._impulse = np.zeros((n, self._steps, 2))
+        step = np.zeros(n, bool), np.zeros(n, np.int64), np.zeros(n, np.int64)
+        prepare(Kernel("pushes", fill_pushes, (*step, *self._arguments())))
+
+    def _arguments(self) -> tuple[Any, ...]:
+        return (
+            self.strength, self._settings, self.random, self._schedule, self._scheduled,
+            self._impulse,
+        )  # fmt: skip
+
+    def schedule(self, row: int, pushes: Array, random: bool) -> None:
+        """Give a robot's episode checked pushes (k, 3), and ``random`` ones or not."""
+        if len(pushes) > self._schedule.shape[1]:
+            before, self._schedule = self._schedule, np.zeros((len(self.strength), len(pushes), 3))
+            self._schedule[:, : before.shape[1]] = before
+        self._schedule[row, : len(pushes)], self._scheduled[row] = pushes, len(pushes)
+        self.random[row] = random
+        if len(pushes) > 0 and len(self._impulse) == 0:
+            self._begin_pushing()
+
+    def add(self, row: int, push: Array) -> None:
+        """Add a push (3,) to a robot's own, less those that are over; ValueError: too many."""
+        own = self.scheduled(row)
+        going_on = own[own[:, 0] + self._settings["duration"] > push[0]]
+        if len(going_on) == MOST_PUSHES:
+            raise ValueError(f"there are {MOST_PUSHES} pushes, must be fewer")
+        self.schedule(row, np.concatenate([going_on, push[None]]), bool(self.random[row]))
+
+    def scheduled(self, row: int) -> Array:
+        """Return a robot's own pushes (k, 3)."""
+        return self._schedule[row, : self._scheduled[row]].copy()
+
+    def of_step(self, active: Bools, elapsed: Ints, seeds: Ints) -> Array | None:
+        """Return impulses (n, steps, 2) on the ``active`` (n,) robots' next step, N s; None: none.
+
+        elapsed, seeds: (n,) control steps of the episodes so far, and their seeds.
+        """
+        if len(self._impulse) == 0:
+            return None
+        pushed = fill_pushes(active, elapsed, seeds, *self._arguments())
+        return self._impulse if pushed else None

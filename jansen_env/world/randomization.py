@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Collection, Mapping
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jansen_env.checks import entries, shown
-from jansen_env.parameters import LONGEST_DELAY, PARAMETERS, check
+from jansen_env.parameters import PARAMETERS, check
 
 
 class Distribution(Protocol):
@@ -22,79 +20,43 @@ class Distribution(Protocol):
 
 
 class Uniform(NamedTuple):
-    """A uniform distribution from ``low`` to ``high``."""
+    """A uniform distribution from ``low`` to ``high``, ``whole``: of whole numbers, with both."""
 
     low: float
     high: float
+    whole: bool = False
 
     def sample(self, rng: np.random.Generator) -> float:
         """Draw a number."""
+        if self.whole:
+            return float(rng.integers(int(self.low), int(self.high), endpoint=True))
         return float(rng.uniform(self.low, self.high))
 
 
-class UniformLevels(NamedTuple):
-    """The whole numbers from ``low`` to ``high``, each as likely."""
-
-    low: float
-    high: float
-
-    def sample(self, rng: np.random.Generator) -> float:
-        """Draw one of them."""
-        return float(rng.integers(int(self.low), int(self.high), endpoint=True))
+Randomization: TypeAlias = dict[str, Distribution]
+"""Distributions of parameters by name, in the order of :data:`jansen_env.parameters.TABLE`."""
 
 
-class Randomization:
-    """Distributions from which parameters are drawn at each reset.
+def load_randomization(name: str, value: Any) -> Randomization:
+    """Return the distributions of ``randomize``.
 
-    Args:
-        given: by name a number, (low, high) for a uniform draw (of whole numbers, both ends
-            included, where the parameter is one), or a :class:`Distribution`.
-
-    Attributes:
-        distributions: by name, in the order of
-            :data:`jansen_env.parameters.TABLE`.
+    ``value``: by name a number, (low, high) for a uniform draw (of whole numbers where the
+    parameter is one), or a :class:`Distribution`; None for none.
 
     Raises:
         ValueError: a name or a range that there is not.
     """
-
-    def __init__(self, given: Any) -> None:
-        given = {} if given is None else given
-        if not isinstance(given, Mapping):
-            raise ValueError(f"randomize is {shown(given)}, must map of {[*PARAMETERS]} to ranges")
-        if unknown := sorted(map(str, {*given} - {*PARAMETERS})):
-            raise ValueError(f"randomize has {unknown}, must be of {[*PARAMETERS]}")
-        self.distributions = {
-            name: _distribution(name, given[name]) for name in PARAMETERS if name in given
-        }
-        delay = self.distributions.get("delay", Uniform(0.0, 0.0))
-        self.longest_delay = delay.high if isinstance(delay, Uniform) else LONGEST_DELAY
-
-    def only(self, names: Collection[str]) -> Randomization:
-        """Return the same for some parameters alone."""
-        kept = Randomization(None)
-        kept.longest_delay = self.longest_delay
-        kept.distributions = {
-            name: one for name, one in self.distributions.items() if name in names
-        }
-        return kept
-
-    def draw(self, rng: np.random.Generator, values: NDArray[Any]) -> None:
-        """Draw into ``values``, a row of :data:`jansen_env.parameters.EPISODE`.
-
-        Raises:
-            ValueError: a distribution gave what its parameter cannot be.
-        """
-        for name, distribution in self.distributions.items():
-            number = distribution.sample(rng)
-            values[name] = check(f"a sample of randomize[{name!r}]", name, number)
+    given = {} if value is None else value
+    if not isinstance(given, Mapping):
+        raise ValueError(f"{name} is {shown(given)}, must map of {[*PARAMETERS]} to ranges")
+    if unknown := sorted(map(str, {*given} - {*PARAMETERS})):
+        raise ValueError(f"{name} has {unknown}, must be of {[*PARAMETERS]}")
+    return {one: _distribution(one, given[one]) for one in PARAMETERS if one in given}
 
 
 def _distribution(name: str, value: Any) -> Distribution:
-    """Return the distribution of a parameter."""
     if callable(getattr(value, "sample", None)):
-        found: Distribution = value
-        return found
+        return value
     label = f"randomize[{name!r}]"
     pair: tuple[Any, ...] = (value, value)
     if isinstance(value, (tuple, list, np.ndarray)):
@@ -108,6 +70,4 @@ def _distribution(name: str, value: Any) -> Distribution:
     low, high = (check(label, name, one) for one in pair)
     if low > high:
         raise ValueError(f"{label} is {shown(value)}, must be (low, high) with low <= high")
-    if math.isinf(high):
-        raise ValueError(f"{label} is {shown(value)}, must be finite")
-    return UniformLevels(low, high) if PARAMETERS[name].whole else Uniform(low, high)
+    return Uniform(low, high, PARAMETERS[name].whole)

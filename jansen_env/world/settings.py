@@ -1,118 +1,190 @@
-"""Keyword arguments as a few frozen records: machine, control, ground, randomness, sensing."""
+"""Keyword arguments of the world as frozen records, and the robots and terrains they give.
+
+All functions raise ValueError for a value out of range.
+"""
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import Any
 
-from jansen_env.robot import Compliance, Payload, Robot
-from jansen_env.robot.motor import Motor
-from jansen_env.terrain import Terrain
+import numpy as np
+
+from jansen_env import checks
+from jansen_env.checks import instance, non_negative, positive, shown, within
+from jansen_env.parameters import LONGEST_DELAY
+from jansen_env.plants.make import plant_time_step
+from jansen_env.robot import ROBOTS, Compliance, Payload, Robot
+from jansen_env.robot.motor import MOTORS, Motor
+from jansen_env.terrain import Terrain, make_terrain
 from jansen_env.terrain.curriculum import Curriculum
+from jansen_env.terrain.generators import HIGHEST, Generator, make_generator
+from jansen_env.world import argument_checks as arguments
+from jansen_env.world.argument_checks import Array, Filled, load_record, optional, per_robot, single
 from jansen_env.world.noise import Noise
 from jansen_env.world.push import Push
+from jansen_env.world.randomization import load_randomization
+
+FLAT = Terrain.flat()  # where a robot stands before its ground is drawn
+FURTHEST_SCAN, MOST_SCANNED = 100.0, 1000  # m, and places, of a height scan
 
 
-def per_robot(default: Any) -> Any:
-    """Return a field of a record that may be one for all robots or one for each."""
-    return field(default=default, metadata={"per_robot": True})
+def _by_name(kind: type, known: Mapping[str, Any], name: str, value: Any) -> Any:
+    """Return a value of a type, or a known one by its name."""
+    if isinstance(value, kind):
+        return value
+    if not isinstance(value, str) or value not in known:
+        allowed = f"a {kind.__name__} or one of {sorted(known)}"
+        raise ValueError(f"{name} is {shown(value)}, must be {allowed}")
+    return known[value]
 
 
-def single_only(default: Any) -> Any:
-    """Return a field of a record that must have its default where there are several robots."""
-    return field(default=default, metadata={"single_only": True})
+def load_robot(name: str, value: Any) -> Robot:
+    """A robot by itself or by the name of a design."""
+    robot = _by_name(Robot, ROBOTS, name, value)
+    return robot if isinstance(robot, Robot) else robot()
+
+
+load_motor = partial(_by_name, Motor, MOTORS)
+load_compliance = partial(instance, kind=Compliance)
+
+
+def load_payload(name: str, value: Any) -> Payload:
+    """A payload by itself or by its mass at the crank axis, kg."""
+    return value if isinstance(value, Payload) else Payload(non_negative(name, value))
+
+
+def load_curriculum(name: str, value: Any) -> Curriculum | None:
+    """A curriculum; True stands for the default one, None and False for none."""
+    if value is None or isinstance(value, (bool, np.bool_)):
+        return Curriculum() if value else None
+    return instance(name, value, Curriculum)
+
+
+def _plant_name(name: str, value: Any) -> str:
+    plant_time_step(value)  # which refuses another
+    return value
+
+
+def _terrains(count: int, name: str, value: Any) -> list[Any]:
+    several = isinstance(value, arguments.Each) or (
+        isinstance(value, (list, tuple))
+        and all(isinstance(one, (Terrain, str)) or callable(one) for one in value)
+    )
+    return arguments.entries_of(name, value, count) if several else [value] * count
+
+
+def _levels(count: int, name: str, value: Any) -> Array:
+    levels = arguments.broadcast_ranges(count, name, value, 0, HIGHEST)
+    if (levels != np.round(levels)).any():
+        raise ValueError(f"{name} is {shown(value)}, must be whole numbers")
+    return levels
+
+
+def scanned_places(name: str, scan: Any) -> Array:
+    """(count,) m, places from the crank axis, of (behind, ahead, count); none for None."""
+    if scan is None:
+        return np.empty(0)
+    allowed = "None or (behind, ahead, count)"
+    values = checks.entries(name, scan, allowed)
+    if len(values) != 3:
+        raise ValueError(f"{name} is {shown(scan)}, must be {allowed}")
+    behind, ahead = (within(f"{name}[{i}]", values[i], 0.0, FURTHEST_SCAN) for i in (0, 1))
+    return np.linspace(
+        -behind, ahead, checks.positive_integer(f"{name}[2]", values[2], MOST_SCANNED)
+    )
 
 
 @dataclass(frozen=True)
 class Machine:
     """The robot. A torque limit of None is the motor's, other Nones are the robot's own."""
 
-    robot: Robot | str = "paper"
-    payload: Payload | float | Any = per_robot(None)
-    motor: Motor | str | Any = per_robot(None)
-    torque_limit: float | Any = per_robot(None)
-    pad_compliance: Compliance | Any = per_robot(None)
+    robot: Robot | str = single("paper", load_robot)
+    payload: Payload | float | Any = per_robot(None, optional(load_payload))
+    motor: Motor | str | Any = per_robot(None, optional(load_motor))
+    torque_limit: float | Any = per_robot(None, optional(positive))
+    pad_compliance: Compliance | Any = per_robot(None, optional(load_compliance))
 
 
 @dataclass(frozen=True)
 class Control:
     """Actuation and simulation; times in s."""
 
-    delay: float | tuple[float, float] | Any = per_robot(0.0)
+    delay: float | tuple[float, float] | Any = arguments.range_per_robot(0.0, 0.0, LONGEST_DELAY)
     control_dt: float = 0.02
     time_step: float | None = None
-    plant: str = single_only("projection")
-    track_joint_forces: bool = single_only(False)
+    plant: str = single("projection", _plant_name, only=True)
+    track_joint_forces: bool = single(False, arguments.flag, only=True)
 
 
 @dataclass(frozen=True)
 class Ground:
     """The terrain, or how it is drawn."""
 
-    terrain: Terrain | str | Any = per_robot("flat")
-    friction: float | Any = per_robot(None)
-    restitution: float | Any = per_robot(None)
-    terrain_level: int | tuple[int, int] | Any = per_robot(0)
-    curriculum: Curriculum | bool | None = None
+    terrain: Terrain | str | Any = arguments.broadcast_by("flat", _terrains)
+    friction: float | Any = per_robot(None, optional(non_negative))
+    restitution: float | Any = per_robot(None, optional(partial(within, low=0.0, high=1.0)))
+    terrain_level: int | tuple[int, int] | Any = arguments.broadcast_by(0, _levels)
+    curriculum: Curriculum | bool | Any | None = single(None, load_curriculum)
 
 
 @dataclass(frozen=True)
 class Randomness:
     """Randomisation between episodes; the starting crank speed in rad/s."""
 
-    randomize: Mapping[str, Any] | Any = per_robot(None)
-    reset_noise_scale: float | Any = per_robot(0.1)
+    randomize: Mapping[str, Any] | Any = per_robot(None, load_randomization)
+    reset_noise_scale: float | Any = per_robot(0.1, non_negative)
 
 
 @dataclass(frozen=True)
 class Sensing:
     """Sensors, their noise, and pushes."""
 
-    height_scan: tuple[float, float, int] | None = None
-    noise: Noise | Mapping[str, Any] | None = None
-    push: Push | Mapping[str, Any] | None = None
+    height_scan: tuple[float, float, int] | Any | None = single(None, scanned_places)
+    noise: Noise | Mapping[str, Any] | None = single(None, partial(load_record, Noise))
+    push: Push | Mapping[str, Any] | None = single(None, partial(load_record, Push))
 
 
-Records = Mapping[str, type]
-"""Types of records by the names under which they are passed."""
+RECORDS = {
+    "machine": Machine, "control": Control, "ground": Ground, "randomness": Randomness,
+    "sensing": Sensing,
+}  # fmt: skip
+"""The world's records by the names under which it takes them."""
 
 
-def signature_of(records: Records, before: Callable[..., Any]) -> inspect.Signature:
-    """Return a signature with the fields of all records as keywords, after those of ``before``."""
-    shown = [p for p in inspect.signature(before).parameters.values() if p.kind != p.VAR_KEYWORD]
-    keywords = [
-        inspect.Parameter(
-            one.name, inspect.Parameter.KEYWORD_ONLY, default=one.default, annotation=one.type
-        )
-        for kind in records.values()
-        for one in fields(kind)
-    ]
-    return inspect.Signature(shown + keywords)
+def equip(
+    robot: Robot,
+    payload: Payload | None = None,
+    motor: Motor | None = None,
+    pad_compliance: Compliance | None = None,
+    torque_limit: float | None = None,
+) -> Robot:
+    """Return a robot with other parts, where they are not None."""
+    given = {"payload": payload, "motor": motor, "pad_compliance": pad_compliance}
+    parts: dict[str, Any] = {name: one for name, one in given.items() if one is not None}
+    own = replace(robot, **parts)
+    limit = own.motor.torque_limit if torque_limit is None else torque_limit
+    return replace(own, motor=replace(own.motor, torque_limit=limit))
 
 
-def marked(records: Records, mark: str) -> dict[str, Any]:
-    """Return the defaults of the records' fields with a mark, such as "per_robot", by name."""
-    return {
-        one.name: one.default
-        for kind in records.values()
-        for one in fields(kind)
-        if one.metadata.get(mark)
-    }
+def make_robots(machine: Filled) -> list[Robot]:
+    """Return robots of one design, each with its payload, motor ...; equal ones are one."""
+    make = cache(partial(equip, machine.robot))
+    parts = machine.payload, machine.motor, machine.pad_compliance, machine.torque_limit
+    return [make(*chosen) for chosen in zip(*parts, strict=True)]
 
 
-def fill(records: Records, keywords: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the records with keywords put into them.
-
-    Raises:
-        TypeError: no record has a field of a keyword's name.
-    """
-    names = {name: {one.name for one in fields(kind)} for name, kind in records.items()}
-    if unknown := sorted({*keywords} - set().union(*names.values())):
-        allowed = sorted(set().union(*names.values()))
-        raise TypeError(f"unexpected keyword argument {unknown[0]!r}, must be in {allowed}")
-    return {
-        name: kind(**{key: keywords[key] for key in names[name] if key in keywords})
-        for name, kind in records.items()
-    }
+def make_terrains(ground: Filled) -> tuple[list[Terrain], list[Generator | None]]:
+    """Return terrains, flat where they are drawn at each reset, and the generators that draw."""
+    different = {id(one): one for one in ground.terrain}
+    known = {key: make_generator(one) for key, one in different.items()}
+    made: dict[Any, Terrain] = {}  # robots on equal ground share it
+    terrains = []
+    for one, *numbers in zip(ground.terrain, ground.friction, ground.restitution, strict=True):
+        key = (id(one), *numbers)
+        if key not in made:
+            made[key] = make_terrain(FLAT if known[id(one)] else one, *numbers)
+        terrains.append(made[key])
+    return terrains, [known[id(one)] for one in ground.terrain]

@@ -9,39 +9,32 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import entries, non_negative
+from jansen_env.checks import entries
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import readings
-from jansen_env.engine.jit import Kernel
 from jansen_env.gravity import GRAVITY
-from jansen_env.parameters import CHANGED_BY, PARAMETERS
+from jansen_env.parameters import CHANGED_BY, LONGEST_DELAY, PARAMETERS
 from jansen_env.plants.base import BatchedPlant
 from jansen_env.plants.initial_pose import static_deflection
-from jansen_env.plants.make import Plant, make_batch, plant_of, plant_time_step
+from jansen_env.plants.make import make_batch, plant_time_step
 from jansen_env.robot.kinematics import advance_per_turn
-from jansen_env.terrain import Terrain
-from jansen_env.world import broadcasting as bc
-from jansen_env.world import robot_changes, robot_state
-from jansen_env.world.actuated import ActuatedRobots, Array, Bools, Draw, Ints
-from jansen_env.world.argument_checks import control_period, flag, option
-from jansen_env.world.disturbances import NoisySensors, Pushes, schedule_of
+from jansen_env.world import settings, single_robots
+from jansen_env.world.actuated import ActuatedRobots, Draw
+from jansen_env.world.argument_checks import Array, Bools, Filled, Ints, option
 from jansen_env.world.entries import Observed, list_entries
-from jansen_env.world.episode_parameters import Draws, EpisodeParameters, Plan
-from jansen_env.world.noise import make_noise
-from jansen_env.world.push import check_schedule, make_push
-from jansen_env.world.settings import Control, Ground, Machine, Randomness, Sensing
+from jansen_env.world.episode_parameters import EpisodeParameters, Plan
+from jansen_env.world.noise import NoisySensors
+from jansen_env.world.push import Pushes, check_schedule
+from jansen_env.world.randomization import Uniform
 
 
 class World(ActuatedRobots):
-    """n robots in their surroundings, see :class:`ActuatedRobots`.
+    """n robots in their surroundings.
 
     Args:
         num_envs: robots. threads: cores to use; None for as many as pay.
-        machine, control, ground, randomness, sensing: see
-            :class:`jansen_env.envs.walker.JansenWalkerEnv`. What is marked as per robot in
-            :mod:`jansen_env.world.settings` may be one for all robots or one for each.
-        by_default: arguments that nobody has asked for, see
-            :class:`jansen_env.world.episode_parameters.Draws`.
+        machine, control, ground, randomness, sensing: filled records.
+        by_default: see :class:`jansen_env.world.episode_parameters.EpisodeParameters`.
 
     Attributes:
         plant: moves the robots. episodes: their parameters and terrains.
@@ -49,14 +42,10 @@ class World(ActuatedRobots):
         seeds: (n,) of what episodes draw after their start. sensors: None without noise.
 
     Raises:
-        ValueError: an argument out of range, or not one for each robot; LinkageError: the robot
-            cannot turn its crank.
+        ValueError: an argument out of range; LinkageError: the robot cannot turn its crank.
     """
 
-    RECORDS = {
-        "machine": Machine, "control": Control, "ground": Ground, "randomness": Randomness,
-        "sensing": Sensing,
-    }  # fmt: skip
+    RECORDS = settings.RECORDS
     OPTIONS = ("crank_angle", "pushes", *PARAMETERS)
     SETTABLE = (*CHANGED_BY, "motor", "pad_compliance")
 
@@ -64,63 +53,54 @@ class World(ActuatedRobots):
         self,
         num_envs: int,
         threads: int | None,
-        machine: Machine,
-        control: Control,
-        ground: Ground,
-        randomness: Randomness,
-        sensing: Sensing,
+        machine: Filled,
+        control: Filled,
+        ground: Filled,
+        randomness: Filled,
+        sensing: Filled,
         by_default: Collection[str] = (),
     ) -> None:
-        n = num_envs
-        terrains = bc.broadcast_terrains(n, ground)
-        randomizations = bc.broadcast_randomizations(n, randomness.randomize)
-        robots = bc.broadcast_robots(n, machine)
-        time_step = plant_time_step(control.plant, control.time_step)
-        periods = control_period(control.control_dt, time_step)
-        noise, scale = "reset_noise_scale", randomness.reset_noise_scale
-        self.reset_noise_scale = bc.broadcast_numbers(n, noise, scale, non_negative)
-        self.track_joint_forces = flag("track_joint_forces", control.track_joint_forces)
+        n, robots = num_envs, settings.make_robots(machine)
         for robot in robots:
             static_deflection(robot, GRAVITY)  # or its feet are too soft
-        longest = max(one.longest_delay for one in randomizations)
-        super().__init__(robots, readings.ROW, periods, control.delay, longest)
-        self.plant = self._make_plant(control.plant, terrains.terrains, threads)
-        self._scan = bc.scanned_places(sensing.height_scan)
+        terrains, generators = settings.make_terrains(ground)
+        time_step = plant_time_step(control.plant, control.time_step)
+        drawn = [one["delay"] for one in randomness.randomize if "delay" in one]
+        most = [one.high if isinstance(one, Uniform) else LONGEST_DELAY for one in drawn]
+        super().__init__(
+            robots,
+            readings.ROW,
+            control.control_dt,
+            time_step,
+            control.delay,
+            max(most, default=0.0),
+        )
+        self.reset_noise_scale = np.array(randomness.reset_noise_scale)
+        self.plant: BatchedPlant = make_batch(
+            control.plant, self.robots, terrains, self.time_step, threads
+        )
+        self._scan = sensing.height_scan
         self.entries = list_entries(self.plant.toes, len(self._scan))
-        self.pushes = Pushes(n, make_push(sensing.push), self.steps, self.time_step)
-        self._noise = make_noise(sensing.noise)
+        self._noise, push = sensing.noise, sensing.push
+        self.pushes = Pushes(n, push, self.steps, self.time_step)
         self.sensors: NoisySensors | None = None
-        self._measure_robots()
-        self.loads = np.zeros((n, self.plant.toes))
-        self.elapsed, self.seeds = np.zeros(n, np.int64), np.zeros(n, np.int64)
-        if self.track_joint_forces:
-            self.traceable.tracing = True
-        self._joint_loads = np.zeros(2)
-        draws = Draws(
-            bc.broadcast_levels(n, ground.terrain_level), randomizations,
-            bc.load_curriculum(ground.curriculum), by_default,
-        )  # fmt: skip
-        has = {"noise_level": self._noise is not None, "push_strength": self.pushes.at_random}
-        self.episodes = EpisodeParameters(self.plant, self.robots, terrains, draws, has)
-        self._share_arrays()
-
-    def _make_plant(self, name: str, terrains: list[Terrain], threads: int | None) -> BatchedPlant:
-        """Make what moves the robots."""
-        if self.num_envs > 1 and (name != "projection" or self.track_joint_forces):
-            raise ValueError(
-                f"plant is {name!r} and track_joint_forces {self.track_joint_forces}, must be "
-                "'projection' and False for several robots at once; "
-                "vectorization_mode='sync' has the others"
-            )
-        return make_batch(name, self.robots, terrains, self.time_step, threads)
-
-    def _measure_robots(self) -> None:
-        """Note which way each walks, and its weight."""
         self.advance_per_turn = advance_per_turn(self.robots[0])  # the same of all robots
         self.rows["direction"] = math.copysign(1.0, self.advance_per_turn)
         self.full_torque *= self.rows["direction"]
         self.rows["weight"] = [robot.mass * GRAVITY for robot in self.robots]
         self._links_mass = np.array([robot.links_mass for robot in self.robots])
+        self.loads = np.zeros((n, self.plant.toes))
+        self.elapsed, self.seeds = np.zeros(n, np.int64), np.zeros(n, np.int64)
+        self.track_joint_forces = control.track_joint_forces
+        if self.track_joint_forces and not self.plant.knows_joint_forces:
+            raise ValueError("track_joint_forces is True, must be False with plant='rigid_body'")
+        self.plant.tracing = self.track_joint_forces
+        self._joint_loads = np.zeros(2)
+        has = {"noise_level": self._noise is not None, "push_strength": push is not None}
+        self.episodes = EpisodeParameters(
+            self.plant, self.robots, ground, generators, randomness.randomize, has, by_default
+        )
+        self._share_arrays()
 
     def _share_arrays(self) -> None:
         """Let information show the arrays of others."""
@@ -129,10 +109,8 @@ class World(ActuatedRobots):
         if self.sensors is not None:
             self.arrays["true_observation"] = self.sensors.truth
         if self.track_joint_forces:
-            self.step_arrays = {
-                "joint_force_max": self._joint_loads[:1],
-                "joint_impulse_max": self._joint_loads[1:],
-            }
+            names = "joint_force_max", "joint_impulse_max"
+            self.step_arrays = {k: self._joint_loads[i : i + 1] for i, k in enumerate(names)}
 
     def connect(
         self,
@@ -140,11 +118,7 @@ class World(ActuatedRobots):
         observation: NDArray[np.float32],
         progress: Callable[[int], tuple[float, float]],
     ) -> None:
-        """Take the array of observations (n, d), of which ``observed`` says the columns by name.
-
-        ``progress``: how far a robot got in its episode as its task asks, m, and the mean speed
-        that was asked for, m/s: what a curriculum goes by.
-        """
+        """Take the array of observations (n, d), its columns, and the task's ``progress``."""
         names = [entry.name for entry in observed]
         own = [entry.name for entry in self.entries]
         self._places = np.array([names.index(name) if name in names else -1 for name in own])
@@ -154,40 +128,15 @@ class World(ActuatedRobots):
             self._share_arrays()
 
     @property
-    def terrains(self) -> list[Terrain]:
-        """Of each robot, in this episode."""
-        return self.plant.terrains
-
-    @property
     def weight(self) -> Array:
         """(n,) N."""
-        weight: Array = self.rows["weight"]
-        return weight
-
-    @property
-    def plant_of_one(self) -> Plant:
-        """The plant of a robot that is alone."""
-        return plant_of(self.plant)
-
-    @property
-    def traceable(self) -> BatchedPlant:
-        """The plant, if it knows the forces in its joints; ValueError if not."""
-        if self.num_envs == 1 and self.plant.knows_joint_forces:
-            return self.plant
-        raise ValueError(
-            "joint forces are known of one robot with plant='projection' only: track_joint_forces "
-            "must be False"
-        )
+        return self.rows["weight"]
 
     def joint_forces(self) -> JointForces:
-        """Forces in every joint now, under the last action's torque and the push that goes on.
-
-        Raises:
-            ValueError: they are not known.
-        """
-        pushes = self.pushes_to_come(np.ones(1, bool))
+        """Return a single robot's joint forces now; ValueError: the plant does not know them."""
+        pushes = self.pushes.of_step(np.ones(1, bool), self.elapsed, self.seeds)
         push = None if pushes is None else pushes[0, 0]
-        return self.traceable.joint_forces(float(self.torque[0]), push)
+        return self.plant.joint_forces(float(self.torque[0]), push)
 
     def reset(
         self,
@@ -198,22 +147,20 @@ class World(ActuatedRobots):
     ) -> list[Any]:
         """Start episodes of some robots; returns what ``draw`` gave for each.
 
-        All that may be refused is, before anything changes.
-
-        Args:
-            generators: the random numbers of each. options: of ``reset`` for each.
-
         Raises:
-            ValueError: an option out of range.
+            ValueError: an option out of range; nothing has changed then.
         """
         each = list(zip(rows.tolist(), generators, options, strict=True))
-        drawn = [self._draw(row, rng, own, draw) for row, rng, own in each]
+        drawn = [self._draw(*one, draw) for one in each]
         seeds = [rng.integers(2**63) for rng in generators]
         plans = [
-            self.episodes.plan(row, rng, own, start[2], *self._progress(row))
-            for (row, rng, own), start in zip(each, drawn, strict=True)
+            self.episodes.plan(*one, start[2], *self._progress(one[0]))
+            for one, start in zip(each, drawn, strict=True)
         ]
-        schedules = [schedule_of(own) for own in options]
+        given = [own.get("pushes") for own in options]
+        schedules = [
+            check_schedule("options['pushes']", () if one is None else one) for one in given
+        ]
         self.seeds[rows] = seeds
         self.apply_parameters(rows, plans)
         plant = self.plant
@@ -225,15 +172,15 @@ class World(ActuatedRobots):
             plant.set_state(row, state)
         self.begin_delay(rows, self.episodes.values["delay"][rows])
         self.clear_episode(rows)
-        for row, pushes in zip(rows.tolist(), schedules, strict=True):
-            self.pushes.schedule(row, *pushes)
+        for row, pushes, one in zip(rows.tolist(), schedules, given, strict=True):
+            self.pushes.schedule(row, pushes, random=one is None)
         self.truncated[rows] = False
         return [start[3] for start in drawn]
 
     def _draw(
         self, row: int, rng: np.random.Generator, options: dict[str, Any], draw: Draw
     ) -> tuple[float, float, float, Any]:
-        """Draw a start: crank angle (rad) and speed (rad/s), delay (s), the task's numbers."""
+        """Draw crank angle (rad) and speed (rad/s), delay (s), and the task's numbers."""
         # Drawn in any case, so that fixing one leaves the others as they were.
         crank_angle = rng.uniform(0.0, 2.0 * math.pi)
         own = draw(row, rng, options)
@@ -247,7 +194,7 @@ class World(ActuatedRobots):
         self.update_scales(rows)
 
     def update_scales(self, rows: Ints) -> None:
-        """Note the weights of robots as they are, the torque of an action of 1, and so on."""
+        """Update weights, full torques, and strengths of pushes and noise."""
         values = self.episodes.values[rows]
         self.rows["weight"][rows] = GRAVITY * (
             values["mass_scale"] * self._links_mass[rows] + values["payload"]
@@ -259,7 +206,7 @@ class World(ActuatedRobots):
             self.sensors.level[rows] = values["noise_level"]
 
     def clear_episode(self, rows: Ints, action: float = 0.0) -> None:
-        """Begin robots' episodes: nothing but what a robot is remains of the one before."""
+        """Clear the data of robots' last episodes."""
         kept, info = self.rows, self.rows["info"]
         for name in ("info", "energy"):
             kept[name][rows] = np.zeros((), readings.ROW[name])
@@ -274,15 +221,14 @@ class World(ActuatedRobots):
     ) -> None:
         """Hold actions (n, 1) of the ``active`` robots (n,) for ``control_dt`` seconds.
 
-        Args:
-            meanwhile: called while they move, to :meth:`reset` others.
+        ``meanwhile`` is called while they move, to :meth:`reset` others.
 
         Raises:
             ValueError: the actions are not one finite number for each active robot.
         """
         plant = self.plant
         self._take_actions(actions, active)
-        pushes = self.pushes_to_come(active)
+        pushes = self.pushes.of_step(active, self.elapsed, self.seeds)
         self.elapsed += active
         rows = None if active.all() else np.flatnonzero(active)
         plant.step(self.torque, self.steps, self.earlier, self.switch, rows, meanwhile, pushes)
@@ -296,18 +242,6 @@ class World(ActuatedRobots):
         if self.track_joint_forces:
             self._joint_loads[:] = (0.0, 0.0) if plant.any_diverged else plant.peak_loads()
 
-    def pushes_to_come(self, active: Bools) -> Array | None:
-        """Return (n, steps, 2) N s on the ``active`` robots in the next step, None for none."""
-        return self.pushes.of_step(active, self.elapsed, self.seeds)
-
-    def finish_step(self, active: Bools) -> None:
-        """Account for the step of the ``active`` robots (n,), and :meth:`describe` them."""
-        readings.finish_step(active, *self.step_arguments())
-
-    def describe(self, rows: Ints) -> None:
-        """Fill the world's columns of the observation and its information for some robots."""
-        readings.describe(rows, *self.describe_arguments())
-
     def step_arguments(self) -> tuple[Any, ...]:
         """Return the arguments of :func:`jansen_env.engine.readings.finish_step` but the first."""
         plant = self.plant
@@ -318,42 +252,31 @@ class World(ActuatedRobots):
 
     def describe_arguments(self) -> tuple[Any, ...]:
         """Return the arguments of :func:`jansen_env.engine.readings.describe` but the first."""
-        plant = self.plant
-        return (
-            plant.states, plant.rows, self.rows, self.loads, plant.surface, self._scan,
-            self._places, self._observation,
-        )  # fmt: skip
+        return self.plant.states, *self.step_arguments()[4:]
 
-    def disturb_step(self) -> None:
-        """Add noise to the observations after a step, with the errors that it has drawn."""
-        if self.sensors is not None:
-            self.sensors.add(self._moved, self._observation)
-
-    def disturb(self, rows: Ints) -> None:
-        """Add noise to the observations of some robots, between two steps."""
-        if self.sensors is not None:
+    def disturb(self, rows: Ints | None = None) -> None:
+        """Add noise to observations after a step, or of some robots between two steps."""
+        if self.sensors is None:
+            return
+        if rows is not None:
             self.sensors.draw(rows, self.elapsed, self.seeds)
-            self.sensors.add(rows, self._observation)
+        self.sensors.add(self._moved if rows is None else rows, self._observation)
 
     @property
     def non_toe_contact(self) -> Bools:
         """(n,) whether a joint other than a toe was pressed on the ground in the last step."""
-        pressed: Bools = self.plant.rows["accumulators"]["non_toe_impulse"] > 0.0
-        return pressed
+        return self.plant.rows["accumulators"]["non_toe_impulse"] > 0.0
 
-    get_attr = robot_changes.get_attr
-    checked, apply = robot_changes.checked, robot_changes.apply
-    get_state, checked_state = robot_state.get_state, robot_state.checked_state
-    restore, frame = robot_state.restore, robot_state.frame
+    get_attr = single_robots.get_attr
+    checked, apply = single_robots.checked, single_robots.apply
+    get_state, checked_state = single_robots.get_state, single_robots.checked_state
+    restore, frame = single_robots.restore, single_robots.frame
 
     def push(self, row: int, impulse: Any) -> None:
-        """Push a robot's chassis from now on, whatever other pushes there are.
-
-        Args:
-            impulse: (2,) N s in x and y; as long as ``push`` has it, without that 0.1 s.
+        """Push a robot's chassis from now on, beside other pushes, for ``push.duration`` or 0.1 s.
 
         Raises:
-            ValueError: no two finite numbers, or too many pushes at once.
+            ValueError: an impulse of no two finite numbers, N s, or too many pushes at once.
         """
         now = float(self.elapsed[row]) * self.control_dt
         own = check_schedule("impulse", [(now, *entries("impulse", impulse, "(Jx, Jy)"))])
@@ -365,18 +288,6 @@ class World(ActuatedRobots):
             "robot": self.episodes.shown_robot(row, self.robots[row]),
             "terrain_points": self.plant.terrains[row].polyline,
         }
-
-    def kernels(self) -> list[Kernel]:
-        """Return what is compiled of it, but for the plant."""
-        return [self._action_kernel()]
-
-    def own_kernels(self) -> list[Kernel]:
-        """Return the readings' kernels, for tasks without kernels of their own."""
-        one, every = np.arange(1), np.ones(self.num_envs, bool)
-        return [
-            Kernel("readings", readings.describe, (one, *self.describe_arguments())),
-            Kernel("step readings", readings.finish_step, (every, *self.step_arguments())),
-        ]
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)

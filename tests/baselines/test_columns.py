@@ -30,7 +30,7 @@ def world(request, monkeypatch):
     shown = list(plain.observed)
 
     def add(column):
-        monkeypatch.setattr(plain.task, "observed", (*shown[:column], ADDED, *shown[column:]))
+        monkeypatch.setattr(plain, "observed", (*shown[:column], ADDED, *shown[column:]))
         return np.insert(np.array(seen), column, 99.0, axis=1)
 
     return env, np.array(seen), add

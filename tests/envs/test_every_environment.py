@@ -14,6 +14,7 @@ from side_by_side import compare
 from stable_baselines3.common.env_checker import check_env as check_for_sb3
 
 from jansen_env.scoring.benchmarks import vector_env
+from jansen_env.world.randomization import Uniform
 
 IDS = sorted(name for name in gym.registry if name.startswith("Jansen"))
 WALKERS = [name for name in IDS if "Walker" in name]
@@ -94,7 +95,9 @@ def test_the_documented_defaults_are_those_of_the_class(env_id):
     low, high = env.task.speed_command[0]
     text = f"| commanded speed | {low:g} to {high:g} m/s |"
     assert text in doc or f"| ``speed_command`` | ({low:g}, {high:g}) |" in doc
-    for name, drawn in env.task.world.episodes.ranges(0).items():
+    episodes = env.task.world.episodes
+    levels = {"terrain_level": Uniform(*episodes.levels[0])} if episodes.levels.any() else {}
+    for name, drawn in {**episodes.randomizations[0], **levels}.items():
         assert f"``{name}``" in doc
         assert f"{drawn.low:g} to {drawn.high:g}" in doc, name
     assert f"{len(env.observed) - 1} |" in doc or env_id == "JansenWalker-v0"

@@ -149,7 +149,7 @@ def test_ground_from_points_and_lists_of_ranges():
     """What the single environment takes, and one for each as a list."""
     points = [(-1.0, 0.0), (0.2, 0.05)]
     env = together(2, limit=-1, terrain=points, speed_command=[(0.1, 0.1), (0.2, 0.3)])
-    terrains = env.task.world.terrains
+    terrains = env.task.world.plant.terrains
     assert terrains[0].points == tuple(points) and terrains[1] is terrains[0]
     assert env.task.speed_command.tolist() == [[0.1, 0.1], [0.2, 0.3]]
     assert np.isinf(env.max_episode_steps).all()

@@ -16,8 +16,8 @@ from side_by_side import ROUGH, compare, side_by_side, together
 from jansen_env import Noise, Push
 from jansen_env.engine import walk_reward
 from jansen_env.tasks.walking import WalkerTask
-from jansen_env.world.disturbances import NoisySensors
-from jansen_env.world.noise import COLUMNS, make_noise
+from jansen_env.world.argument_checks import load_record
+from jansen_env.world.noise import COLUMNS, NoisySensors
 
 SCAN = (0.4, 0.8, 5)
 ALL = {
@@ -349,4 +349,4 @@ def test_pushes_at_random_come_from_the_argument_and_only_from_it():
 )
 def test_wrong_noise_is_refused(wrong, message):
     with pytest.raises(ValueError, match=message):
-        make_noise(wrong)
+        load_record(Noise, "noise", wrong)

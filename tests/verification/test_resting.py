@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from walks import placed
 
 from jansen_env import Leg, Payload, Robot, Terrain
 from jansen_env.dynamics import reduced as rd
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot import RIGID, ROBOTS, paper_robot
 from jansen_env.robot.kinematics import T, coordinates, joint_positions
 
@@ -32,18 +32,15 @@ some_and_more = pytest.mark.parametrize(
 
 def standing(name, slope, psi, locked):
     """The design placed on a slope."""
-    plant = ProjectionPlant(DESIGNS[name], Terrain.slope(slope, friction=FRICTION))
-    plant.prescribed_crank_speed = locked
-    plant.reset(0.0, psi)
-    return plant
+    ground = Terrain.slope(slope, friction=FRICTION)
+    return placed(DESIGNS[name], ground, psi, locked=locked)
 
 
 def friction_needed(plant, slope):
     """Largest |tangential| / normal load with which two toes hold all of a robot with free crank.
 
-    Two toes have four load components for its four degrees of freedom: J^T P = dV/dq. None where
-    there are not two toes, or where they leave one free; infinite where one of them would have to
-    pull.
+    J^T P = dV/dq: four loads, four equations. None where there are not two toes, or where they
+    leave one free; infinite where one of them would have to pull.
     """
     q, d = plant.state[:4], 1e-5
     on = np.flatnonzero(plant.lookahead().contact_force[:, 1])

@@ -43,6 +43,11 @@ def governor(plant, speed=1.0, most=20.0):
     return float(np.clip(10.0 * (speed - rate) + 1.5 * speed, -most, most))
 
 
+def walked(plant, speed, duration):
+    """Hold the crank near ``speed`` rad/s; the results of all steps."""
+    return [plant.step(governor(plant, speed), HOLD) for _ in range(round(duration / HOLD))]
+
+
 def audit(plant, torque, duration):
     """Energy not accounted for and turned over, J, and the worst residual, N s, of a motion."""
     missed = turned = residual = 0.0

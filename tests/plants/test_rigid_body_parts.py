@@ -1,5 +1,4 @@
-"""The rigid-body plant's motor, rotor, dry bearings and pads that give, each against closed forms
-or the dense equations."""
+"""The rigid-body plant's motor, rotor, dry bearings and compliant pads against closed forms."""
 
 from __future__ import annotations
 
@@ -10,9 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jansen_env import ROBOTS, Motor, Robot, Terrain
+from jansen_env import ROBOTS, Motor, Terrain
 from jansen_env.dynamics.joint_forces import joint_forces
-from jansen_env.plants.base import StepResult
 from jansen_env.plants.batch_of_one import BatchOfOne
 from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.rigid_body import RigidBodyPlant
@@ -32,10 +30,11 @@ UPRIGHT = 0.5 * math.pi  # rad, the crank angle at which fore and back legs are 
 
 def walk(plant, speed, duration, dt=0.02):
     """Hold the crank near ``speed`` rad/s; the results of all steps."""
-    results = []
-    for _ in range(round(duration / dt)):
-        results.append(plant.step(0.8 * (speed - plant.state[7]) + 1.2 * speed, dt))
-    return results
+
+    def torque():
+        return 0.8 * (speed - plant.state[7]) + 1.2 * speed
+
+    return [plant.step(torque(), dt) for _ in range(round(duration / dt))]
 
 
 def spun(plant, state, torque, duration):
@@ -56,8 +55,7 @@ def angular_momentum(plant):
 
 
 def test_the_rotor_keeps_the_angular_momentum_of_the_whole():
-    """In flight the bodies' changes by as much as the rotor's, whatever the motor does: 0.3 %
-    (joints that gap by micrometres cost as much without a rotor)."""
+    """In flight the bodies' changes by as much as the rotor's: 0.3 %, as joints gap."""
     plant = RigidBodyPlant(replace(LIGHT, motor=ROTOR), Terrain.flat(), gravity=0.0)
     plant.state = FLYING
     before = angular_momentum(plant)
@@ -66,14 +64,8 @@ def test_the_rotor_keeps_the_angular_momentum_of_the_whole():
     exchanged = after[1] - before[1]
     assert abs(exchanged) > 5e-4
     assert abs(sum(after) - sum(before)) < 0.003 * abs(exchanged)
-
-
-def test_the_rotor_turns_with_the_gear():
-    """phi' = theta' + G psi' within a thousandth, though only a spring makes it."""
-    plant = RigidBodyPlant(replace(LIGHT, motor=ROTOR), Terrain.flat())
-    *_, pitch_rate, crank_rate = spun(plant, FLYING, 2.0, 0.1)
-    ideal = pitch_rate + ROTOR.gear_ratio * crank_rate
-    assert plant._rotor.speed == pytest.approx(ideal, rel=1e-3) and abs(ideal) > 30.0
+    ideal = plant.state[6] + ROTOR.gear_ratio * plant.state[7]  # though only a spring makes it
+    assert plant._rotor.speed == pytest.approx(ideal, rel=1e-3) and abs(ideal) > 10.0
 
 
 def dense(robot, state, torque, duration, steps=100):
@@ -153,9 +145,9 @@ def test_energy_accounts_close(change):
     robot = replace(LIGHT, **change)
     plant = RigidBodyPlant(robot, Terrain.flat(friction=0.5))
     plant.reset()
-    results = walk(plant, 3.0, 2.0)
+    results = walk(plant, 3.0, 1.5)
     work = sum(r.motor_work for r in results)
-    assert work > 5.0 and abs(sum(r.energy_residual for r in results)) < 0.001 * work
+    assert work > 3.0 and abs(sum(r.energy_residual for r in results)) < 0.001 * work
     assert sum(r.electrical_work for r in results) >= 0.999999 * work
     load = np.mean([r.contact_force[:, 1].sum() for r in results])
     assert load == pytest.approx(robot.mass * 9.81, rel=0.03)
@@ -164,13 +156,12 @@ def test_energy_accounts_close(change):
 def test_the_motor_gives_what_it_can():
     """Beyond its torque-speed line a torque is the same as at it; energy by its own formula."""
     motor = Motor(stall_torque=4.0, no_load_speed=8.0, torque_limit=3.0, efficiency=0.7)
-    plants = [RigidBodyPlant(replace(LIGHT, motor=motor), Terrain.flat()) for _ in range(2)]
-    asked = 100.0, 3.0
-    results = []
-    for plant, torque in zip(plants, asked, strict=True):
+    plant, ends, results = RigidBodyPlant(replace(LIGHT, motor=motor), Terrain.flat()), [], []
+    for torque in (100.0, 3.0):
         plant.state = np.array([0.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
         results.append(plant.step(torque, 0.05))
-    assert (plants[0].state == plants[1].state).all()
+        ends.append(plant.state)
+    assert (ends[0] == ends[1]).all()
     assert results[0].electrical_work == results[1].electrical_work > results[0].motor_work > 0.0
     fast = RigidBodyPlant(replace(LIGHT, motor=motor), Terrain.flat(), fixed_base=True)
     fast.state = np.array([0.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 7.0])
@@ -268,7 +259,7 @@ def test_bristles_hold_and_give():
     way, result, plant = pulled(0.05)
     bent = 0.05 * LOCKED.mass * 9.81 / (2.0 * float(GIVE.tangential_stiffness))
     assert way > 0.5 * bent and result.slip.sum() < 1e-7
-    for _ in range(20):  # back and forth
+    for _ in range(5):  # back and forth
         for side in (0.05, -0.05):
             plant.gravity = (side * 9.81, -9.81)
             assert plant.step(0.0, 0.02).slip.sum() < 1e-7
@@ -322,14 +313,3 @@ def test_a_time_step_too_long_for_the_pads_is_refused():
     before = plant.energy()
     plant.step(0.0, 0.05)
     assert plant.energy() < before + 1e-3
-
-
-@pytest.mark.processor
-def test_what_is_ideal_costs_nothing():
-    """Neither rotor nor springs nor joints of dry friction; electrical work is mechanical work."""
-    plant = RigidBodyPlant(Robot(), Terrain.flat())
-    assert plant._rotor is None and plant._springs is None and plant._space.dry == []
-    plant.reset()
-    result = plant.step(3.0, 0.02)
-    assert isinstance(result, StepResult) and result.motor_work > 0.0
-    assert result.electrical_work == pytest.approx(result.motor_work, rel=1e-12)  # sums of 80 steps

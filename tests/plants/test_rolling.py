@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from walks import placed, shift
 
 from jansen_env import Robot, Terrain
-from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot.kinematics import T, coordinates, joint_positions
 
 RADIUS = 0.03  # m, three times the default
@@ -17,9 +17,8 @@ POSES = [(1.0, 0.15), (1.0, -0.1), (4.0, 0.15), (4.0, -0.1)]  # crank angle, pit
 
 def on_one_toe(slope, psi, pitch, friction, time_step):
     """A plant set down with such a pitch that one toe carries all, and which one."""
-    terrain = Terrain.slope(slope, friction=friction)
-    plant = ProjectionPlant(Robot(pad_radius=RADIUS), terrain, time_step)
-    plant.reset(0.0, psi, slope + pitch)
+    robot, terrain = Robot(pad_radius=RADIUS), Terrain.slope(slope, friction=friction)
+    plant = placed(robot, terrain, psi, slope + pitch, time_step=time_step)
     load = plant.lookahead().contact_force[:, 1]
     assert np.count_nonzero(load) == 1
     return plant, int(np.argmax(load))
@@ -36,11 +35,9 @@ def pad(q, toe):
 
 @pytest.mark.parametrize("psi, pitch", POSES)
 def test_a_gripping_toe_rolls(psi, pitch):
-    """Moved along the slope by -radius * turn of the foot link, off it not at all.
+    """Swung about that toe for 0.1 s: along the slope by -radius * turn of the foot link.
 
-    The motor swings the robot about that toe for 0.1 s. Tangential error: 5 um of some 2 mm, and
-    four times less at half the time step (3.5 asked). Normal: a toe that opens for a step falls
-    g h^2 before it is caught.
+    Error: 5 um of some 2 mm, of order h^2; off the slope a toe that opens for a step falls g h^2.
     """
     slope, errors = 0.2, []
     for h in (1e-3, 5e-4):
@@ -80,13 +77,8 @@ def test_slip_is_the_path_of_the_contact_point(psi, pitch):
 
 def test_a_toe_pushed_into_the_ground_comes_out():
     """1 mm deep: out to the 20 um that are left, slowly, and with no speed gained (1e-9 m/s)."""
-    plant = ProjectionPlant(Robot(), Terrain.flat())
-    plant.prescribed_crank_speed = True
-    state = plant.reset(0.0, 1.0)
-    rest = state[1]
-    state[1] -= 1e-3
-    plant.state = state
-    heights = []
+    plant, heights = placed(psi=1.0, moved=shift(y=-1e-3), locked=True), []
+    rest = plant.state[1] + 1e-3
     for _ in range(100):
         plant.step(0.0, plant.time_step)
         heights.append(plant.state[1] - rest)

@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from browser import browser, open_window  # noqa: F401 - fixtures: once for all modules
+from motions import ODD
 from numpy.typing import NDArray
-from walks import ODD
 
 from jansen_env.dynamics.reduced import Tables, compile_robot
 from jansen_env.robot import BEARINGS, ROBOTS, Robot, paper_robot

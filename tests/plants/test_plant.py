@@ -1,7 +1,5 @@
 """The projection plant as a machine: same bits every time, copies that go on, refusals."""
 
-from __future__ import annotations
-
 import math
 import pickle
 import subprocess

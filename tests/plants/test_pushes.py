@@ -1,19 +1,15 @@
 """Pushes on the chassis: the impulse named arrives, its work is in the accounts, on both plants."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from walks import HOLD, governor, placed
+from motions import HOLD, governor, momenta, placed
 
 from jansen_env import ROBOTS, Payload, Robot, Terrain
 from jansen_env.envs.walker import JansenWalkerEnv
-from jansen_env.plants import bodies as links
 from jansen_env.plants.batch import Batch
-from jansen_env.plants.batch_of_one import BatchOfOne
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.rigid_body import RigidBodyPlant
 from jansen_env.plants.trace import trace_forces
@@ -33,51 +29,37 @@ def half_sine(steps, impulse=IMPULSE):
     return np.outer(-0.5 * np.diff(np.cos(phase)), impulse)
 
 
-def momenta(robot, motion, rotor_spin):
-    """Linear (2,), N s, and angular momentum about the centre of mass of (bodies, 6) one by one."""
-    mass, inertia = links.inertias(robot).T
-    (x, y), speed = (motion[:, :2] - mass @ motion[:, :2] / mass.sum()).T, motion[:, 3:5]
+def momenta_of_bodies(plant):
+    """What :func:`motions.momenta` tells, of a rigid-body plant's bodies and rotor one by one."""
+    motion, (mass, inertia) = plant._space.snapshot().motion, plant._space.inertias.T
+    centre = mass @ motion[:, :2] / mass.sum()
+    (x, y), speed = (motion[:, :2] - centre).T, motion[:, 3:5]
     turning = mass @ (x * speed[:, 1] - y * speed[:, 0]) + inertia @ motion[:, 5]
-    return mass @ speed, turning + robot.motor.rotor_inertia * rotor_spin
+    rotor = 0.0 if plant._rotor is None else plant._rotor.inertia * plant._rotor.speed
+    return mass @ speed, turning + rotor, centre
 
 
-def arm(robot, state):
-    """(2,) m, from the centre of mass to the crank axis."""
-    mass = links.inertias(robot)[:, 0]
-    return state[:2] - mass @ links.poses(robot, state[:4])[:, 1:] / mass.sum()
-
-
-def thrown(plant, motion, rotor_spin):
+def thrown(plant, momenta):
     """In flight without gravity: changes of the momenta in a push, and its arm x impulse."""
-    robot, time_step = plant.robot, plant.time_step
     plant.state = FLYING
-    start, moment = momenta(robot, motion(), rotor_spin()), 0.0
-    for impulse in half_sine(round(BRIEF / time_step)):
-        before = arm(robot, plant.state)
-        result = plant.step(2.0, time_step, pushes=impulse[None])
+    start, moment = momenta(plant), 0.0
+    for impulse in half_sine(round(BRIEF / plant.time_step)):
+        before = plant.state[:2] - momenta(plant)[2]
+        result = plant.step(2.0, plant.time_step, pushes=impulse[None])
         assert result.push_work != 0.0
-        x, y = 0.5 * (before + arm(robot, plant.state))  # at the middle of the step
+        x, y = 0.5 * (before + plant.state[:2] - momenta(plant)[2])  # at the middle of the step
         moment += x * impulse[1] - y * impulse[0]
-    linear, angular = momenta(robot, motion(), rotor_spin())
+    linear, angular, _ = momenta(plant)
     return linear - start[0], angular - start[1], moment
 
 
 @pytest.mark.parametrize("design", DESIGNS)
 def test_the_impulse_named_arrives(design):
     """In flight: linear momentum to 1e-7, angular by arm x impulse to second order."""
-    robot, errors = DESIGNS[design], []
+    errors = []
     for time_step in (1e-3, 5e-4):
-        plant = ProjectionPlant(robot, Terrain.flat(), time_step, gravity=0.0)
-
-        def motion(plant=plant):
-            q, v = np.split(plant.state, 2)
-            parts = links.poses(robot, q), links.rates(robot, q, v)
-            return np.concatenate([np.roll(part, -1, axis=1) for part in parts], axis=1)
-
-        def rotor_spin(plant=plant):
-            return plant.state[6] + robot.motor.gear_ratio * plant.state[7]
-
-        linear, angular, moment = thrown(plant, motion, rotor_spin)
+        plant = placed(DESIGNS[design], time_step=time_step, gravity=0.0)
+        linear, angular, moment = thrown(plant, momenta)
         assert linear == pytest.approx(IMPULSE, abs=1e-7)
         assert abs(moment) > 0.01
         errors.append(abs(angular - moment))
@@ -88,8 +70,7 @@ def test_the_impulse_named_arrives(design):
 def test_the_impulse_named_arrives_body_by_body(design):
     """On the rigid-body plant: linear momentum to rounding; angular, gaps included, to 1 %."""
     plant = RigidBodyPlant(DESIGNS[design], Terrain.flat(), gravity=0.0)
-    spin = (lambda: 0.0) if plant._rotor is None else (lambda: plant._rotor.speed)
-    linear, angular, moment = thrown(plant, lambda: plant._space.snapshot().motion, spin)
+    linear, angular, moment = thrown(plant, momenta_of_bodies)
     assert linear == pytest.approx(IMPULSE, abs=1e-9)
     assert angular == pytest.approx(moment, rel=1e-2)
 
@@ -174,11 +155,6 @@ def test_robots_of_a_batch_are_pushed_one_by_one():
         assert plant.state.tobytes() == batch.states[k].tobytes()
         assert result.push_work == batch.accumulators["push_work"][k]
     assert len(set(batch.states[:, 0].tolist())) == 3
-    one = BatchOfOne(ProjectionPlant(robot, terrain))
-    one.place(np.zeros(1, np.int64), np.zeros(1))
-    one.step(torque[:1], 40, earlier[:1], switch[:1], pushes=pushes[1:2])
-    assert one.states.tobytes() == batch.states[1:2].tobytes()
-    assert one.rows["accumulators"]["push_work"][0] == batch.accumulators["push_work"][1]
 
 
 @pytest.mark.parametrize("plant", PLANTS)

@@ -1,7 +1,5 @@
 """The rigid-body plant against closed forms, dense equations, and the projection plant."""
 
-from __future__ import annotations
-
 import math
 import pickle
 import subprocess
@@ -10,7 +8,7 @@ import sys
 import gymnasium as gym
 import numpy as np
 import pytest
-from walks import walked
+from motions import walked
 
 from jansen_env import ROBOTS, Payload, Robot, Terrain, paper_robot
 from jansen_env.dynamics.reduced import compile_robot, energy, mass_matrix

@@ -1,7 +1,5 @@
 """Robot parameters: robots move as the machines do that are built with these numbers."""
 
-from __future__ import annotations
-
 import copy
 import math
 import pickle
@@ -11,14 +9,13 @@ import numpy as np
 import pytest
 
 from jansen_env import ROBOTS, Motor, Payload, Robot, Terrain
-from jansen_env.dynamics import reduced as rd
-from jansen_env.parameters import OF_ROBOTS, ROBOT_PARAMETERS, effective, nominal
+from jansen_env.parameters import ROBOT_PARAMETERS, effective, nominal
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.batch_of_one import BatchOfOne
 from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.rigid_body import RigidBodyPlant
-from jansen_env.plants.robot_parameters import machine_of, tables_of, terrain_of, tilted
+from jansen_env.plants.robot_parameters import machine_of, terrain_of, tilted
 from jansen_env.robot import Compliance
 from jansen_env.robot.motor import AK80_6
 
@@ -105,22 +102,6 @@ def test_a_row_that_changes_nothing_changes_no_bit(design):
         assert a.tobytes() == b.tobytes()
 
 
-@pytest.mark.parametrize("design", DESIGNS)
-def test_tables_of_varied_robots(design):
-    """Scaled tables are those of the changed machine: 1e-12, second derivatives 1e-10."""
-    robot = DESIGNS[design]
-    row = changed_row(robot, *CHANGES)
-    scaled = tables_of(rd.compile_robot(robot), row)
-    built = rd.compile_robot(machine_of(robot, row))
-    psi = np.linspace(-4.0, 4.0, 1000)
-    for name, expected in vars(rd.body_sums(built, psi)).items():
-        found = getattr(rd.body_sums(scaled, psi), name)
-        assert np.abs(found - expected).max() < (1e-10 if name == "ddc" else 1e-12), name
-    assert np.abs(scaled.own - built.own)[..., 0].max() < 1e-13
-    assert scaled.robot == built.robot
-    assert (scaled.pads == built.pads).all() and (scaled.bearings == built.bearings).all()
-
-
 def test_the_rigid_body_plant_is_varied_alike():
     """Set down and driven, states of both plants 0.06 s on; and back to as it was, to the bit."""
     ends = {}
@@ -140,23 +121,6 @@ def test_the_rigid_body_plant_is_varied_alike():
         assert batch.states.tobytes() == again.states.tobytes()
     assert np.abs(ends["projection"] - [0.0, 0.0, 0.0, 0.3]).max() > 0.02
     assert ends["rigid_body"] == pytest.approx(ends["projection"], abs=1e-3)
-
-
-def test_a_tilted_floor_is_a_slope():
-    """Level ground under turned gravity: the same walk as up a slope, to 1e-6."""
-    angle, ways = 0.1, []
-    for ground in (Terrain.flat(), Terrain.slope(angle)):
-        plant = ProjectionPlant(GIVING, ground)
-        values = plant.nominal
-        values["tilt"] = angle if ground == Terrain.flat() else 0.0
-        plant.set_parameters(values)
-        start = plant.reset(0.0, 0.3)
-        for _ in range(20):
-            plant.step(2.0, 0.02)
-        ways.append(plant.state[:4] - start[:4])
-    (x, y, *angles), cos, sin = ways[0], math.cos(angle), math.sin(angle)
-    assert x > 0.01
-    assert ways[1] == pytest.approx([cos * x - sin * y, sin * x + cos * y, *angles], abs=1e-6)
 
 
 def test_setters_change_what_the_robot_is():
@@ -213,13 +177,6 @@ def test_what_is_in_force_counts_for_placing_and_forces():
     assert plant.joint_forces().bearing == pytest.approx(other.joint_forces().bearing, rel=1e-6)
     assert plant.peak_loads().force == pytest.approx(other.peak_loads().force, rel=1e-6)
     assert plant.energy() == pytest.approx(other.energy(), rel=1e-9)
-
-
-def test_what_has_an_effect():
-    assert set(OF_ROBOTS) - set(effective(Robot())) == {
-        "foot_stiffness_scale", "foot_damping_scale", "rotor_inertia_scale",
-    }  # fmt: skip
-    assert set(OF_ROBOTS) - set(effective(ROBOTS["built"]())) == {"restitution", "damping_scale"}
 
 
 @pytest.mark.parametrize("plant", [ProjectionPlant, RigidBodyPlant])

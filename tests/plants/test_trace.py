@@ -1,17 +1,12 @@
 """Joint forces of a walk: each time step's trace balances, landings are impulses, not forces."""
 
-from __future__ import annotations
-
-import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from walks import HOLD, governor, placed
+from motions import HOLD, governor, placed
 
 from jansen_env import Payload, Robot, Terrain
-from jansen_env.dynamics import reduced as rd
-from jansen_env.dynamics.joint_forces import joint_forces
 from jansen_env.envs.walker import JansenWalkerEnv
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.trace import pads_in_contact, peak_loads, trace_forces
@@ -83,27 +78,6 @@ def test_every_time_step_balances(robot, terrain):
     assert (typical[0] <= 1e-8).all() and (typical[0] / typical[1] > 3.0).all()
 
 
-def test_traced_contacts_make_the_traced_motion():
-    """Forward dynamics under a trace's torque and contact forces gives its accelerations: 1e-6."""
-    plant = standing(LADEN, Terrain.slope(0.1))
-    trace, landed = walk(plant, 1.0)
-    traced = trace_forces(plant.tables, trace, plant.time_step)
-    contact = trace["impulses"] / plant.time_step
-    mean = 0.5 * (trace["velocity_before"] + trace["velocity_after"])
-    q = trace["pose"].copy()
-    sums = rd.body_sums(plant.tables, q[:, 3])
-    R = np.exp(1j * q[:, 2]) / LADEN.mass
-    c, dc = (R * (f @ [1.0, 1.0j]) for f in (sums.c, sums.dc))
-    slip = 1j * c * mean[:, 2] + dc * mean[:, 3]
-    q[:, :2] -= np.stack([c.real, c.imag], axis=1)
-    mean[:, :2] -= np.stack([slip.real, slip.imag], axis=1)
-    forward = joint_forces(LADEN, q, mean, trace["torque"], contact)
-    scale = np.abs(traced.q_ddot).max(axis=1, keepdims=True)
-    assert (np.abs(forward.q_ddot - traced.q_ddot) <= 1e-6 * np.maximum(scale, 1.0)).all()
-    assert (np.abs(forward.pin - traced.pin).max(axis=(1, 2, 3)) <= 1e-3).all()
-    assert landed.any()
-
-
 def test_traced_impulses_are_the_results():
     """Impulses on the toes add up to the step's mean contact force, on a slope too; rounding."""
     angle = 0.1
@@ -116,21 +90,6 @@ def test_traced_impulses_are_the_results():
         assert along == pytest.approx(HOLD * result.contact_force, abs=1e-12)
 
 
-def test_tracing_changes_no_bit():
-    """States and results with and without a trace, joint forces asked for in between or not."""
-    plants = [standing(Robot(), Terrain.slope(0.05)) for _ in range(2)]
-    plants[1].tracing = False
-    for k in range(100):
-        torque = 10.0 * np.sin(k)
-        first, second = (plant.step(torque, HOLD) for plant in plants)
-        assert plants[0].state.tobytes() == plants[1].state.tobytes()
-        assert pickle.dumps(tuple(map(np.asarray, first))) == pickle.dumps(
-            tuple(map(np.asarray, second))
-        )
-        assert plants[0].trace["impulses"].shape == (20, 22, 3) and len(plants[1].trace) == 0
-        plants[k % 2].joint_forces(torque)
-
-
 @pytest.mark.parametrize("crank_angle, stretch", [(1.0, (0.15, 0.32)), (4.0, (0.1, 0.25))])
 def test_forces_between_landings_do_not_depend_on_the_time_step(crank_angle, stretch):
     """The largest joint force of a stretch without landings, with half the time step: 0.5 %."""
@@ -141,17 +100,6 @@ def test_forces_between_landings_do_not_depend_on_the_time_step(crank_angle, str
         assert not landed[steps].any() and landed[: steps.start].any()
         largest.append(force[steps].max())
     assert largest[0] == pytest.approx(largest[1], rel=5e-3)
-
-
-@pytest.mark.parametrize("crank_angle", [0.3, 4.0])
-def test_landing_impulses_of_a_walk_do_not_depend_on_the_time_step(crank_angle):
-    """6 %, 4 % of it the ordinary force of 40 N; impulse / time step doubles."""
-    impulse = []
-    for h in (1e-3, 5e-4):
-        force, landed = turned(1.0, crank_angle=crank_angle, time_step=h)
-        impulse.append(force[landed].max() * h)
-    assert impulse[0] == pytest.approx(impulse[1], rel=0.06)
-    assert impulse[0] > 0.9
 
 
 def test_landing_impulse_of_a_drop_does_not_depend_on_the_time_step():

@@ -1,7 +1,5 @@
 """Verification tests note the numbers they measure: ``--numbers FILE`` writes them as a table."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

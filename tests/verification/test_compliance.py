@@ -5,15 +5,13 @@ after t = (pi - atan2(2 D s, 1 - 2 D^2)) / (w s) with e^(-D w t) of its speed, w
 D = n d / (2 m w), s^2 = 1 - D^2 (T. Schwager and T. Poeschel, Granular Matter 9, 2007).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from motions import placed, shift
 from test_touchdown import PSI, level
-from walks import placed, shift
 
 from jansen_env import ROBOTS, Terrain
 from jansen_env.gravity import GRAVITY

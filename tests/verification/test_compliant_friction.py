@@ -1,14 +1,12 @@
 """Friction of compliant pads: bristles hold exactly up to mu N, and give back what they took."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from motions import placed, shift
 from test_grooves import grooves
-from walks import placed, shift
 
 from jansen_env import ROBOTS, Robot, Terrain
 from jansen_env.gravity import GRAVITY

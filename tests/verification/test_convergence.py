@@ -3,11 +3,9 @@
 What is sunk 10 um into the ground at the start stays in contact: the plant leaves that depth alone.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from walks import FLIGHT, placed, shift
+from motions import FLIGHT, placed, shift
 
 from jansen_env import Terrain
 

@@ -1,18 +1,15 @@
 """Coulomb friction of gear and bearings on the crank: exact at standstill, on both bases."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from walks import FLIGHT, PADS, pads, placed, shift
+from motions import FLIGHT, PADS, pads, pinned, placed, shift
 
 from jansen_env import Motor, Robot
 from jansen_env.dynamics.reduced import body_sums, compile_robot
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.fixed_base import FixedBasePlant
 from jansen_env.robot import BEARINGS, ROBOTS
 from jansen_env.robot.kinematics import A, B, C, D, E, O, P, joint_positions
 
@@ -66,8 +63,7 @@ def test_it_breaks_away_at_friction_and_weight(sign, measured):
     tables = compile_robot(replace(SMOOTH, motor=GEAR))
 
     def fixed(torque):
-        plant = FixedBasePlant(tables.robot)
-        plant.reset(1.0)
+        plant = pinned(tables.robot, 1.0)
         plant.step(torque, 0.01)
         return plant.state[0] != 1.0
 
@@ -90,8 +86,7 @@ def test_a_free_crank_stops_in_time(measured):
     """After k n / F where k is constant; else by energy, k n^2 / 2 = F psi."""
     robot = replace(SMOOTH, motor=Motor(friction=TORQUE, rotor_inertia=1e-3, gear_ratio=1e3))
     tables = compile_robot(robot)  # k is 1000 kg m^2 and 0.7
-    plant = FixedBasePlant(robot, gravity=0.0)
-    plant.reset(0.3, 0.01)
+    plant = pinned(robot, 0.3, 0.01, gravity=0.0)
     k = float(body_sums(tables, 0.3).k)
     times, stop = 0, k * 0.01 / TORQUE
     while plant.state[1] > 0.0:
@@ -101,8 +96,7 @@ def test_a_free_crank_stops_in_time(measured):
     turned = 0.5 * k * 0.01**2 / TORQUE
     measured("fixed base: angle to stop", abs(plant.state[0] - 0.3 - turned) / turned, 1e-7)
     light = replace(SMOOTH, motor=GEAR)
-    plant = FixedBasePlant(light, gravity=0.0)
-    plant.reset(0.3, 6.0)
+    plant = pinned(light, 0.3, 6.0, gravity=0.0)
     energy = plant.energy()
     result = plant.step(0.0, 10.0)
     assert plant.state[1] == 0.0
@@ -134,8 +128,7 @@ def test_bearings_hold_and_stop_it_as_the_gear_does(measured):
     """Fixed base with weight: energy lost = the integral of the friction along the way."""
     friction = (0.05,) * len(BEARINGS)
     robot = replace(Robot(), bearing_friction=friction)
-    plant = FixedBasePlant(robot, 5e-4)
-    plant.reset(0.3, 5.0)
+    plant = pinned(robot, 0.3, 5.0, 5e-4)
     missed = turned = 0.0
     for _ in range(300):
         before = plant.state[0]

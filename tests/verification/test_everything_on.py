@@ -1,14 +1,12 @@
 """Compliant pads, motor, rotor, bearings and payload at once; and the limits in which they go."""
 
-from __future__ import annotations
-
 import math
 import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from walks import HOLD, audit, governor, momenta, placed, shift
+from motions import HOLD, audit, governor, momenta, placed, shift
 
 from jansen_env import ROBOTS, Motor, Payload, Robot, Terrain
 from jansen_env.gravity import GRAVITY

@@ -5,10 +5,9 @@ of mass); at the flat positions (sin phi = 0) C loses two ranks. phi_ddot = -(3.
 https://www.iftomm-multibody.org/benchmark/problem/N_four-bar_mechanism
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
+from motions import runge_kutta
 
 from jansen_env.dynamics.projection import orthogonal_complement, orthogonal_complement_rate
 
@@ -75,19 +74,6 @@ def acceleration(x, rate):
     D_dot = orthogonal_complement_rate(C, constraint_matrix_rate(x, x_dot), D)
     mass = D[:, 0] @ (M * D[:, 0])
     return D[:, 0] @ (H - M * D_dot[:, 0] * rate) / mass, x_dot
-
-
-def runge_kutta(slope, y, step, steps):
-    """Classical fourth order; (steps + 1, n)."""
-    path = [y]
-    for _ in range(steps):
-        k1 = slope(y)
-        k2 = slope(y + 0.5 * step * k1)
-        k3 = slope(y + 0.5 * step * k2)
-        k4 = slope(y + step * k3)
-        y = y + step / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
-        path.append(y)
-    return np.array(path)
 
 
 def independent(y):

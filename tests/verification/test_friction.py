@@ -4,13 +4,11 @@ A locked robot is a block as long as it does not tip: mu < a / z for the centre 
 ground and a from either toe, which holds for ``MACHINES`` with room to spare.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
-from walks import momenta, placed, shift
+from motions import momenta, placed, shift
 
 from jansen_env import Leg, Payload, Robot, Terrain
 from jansen_env.dynamics import reduced as rd

@@ -2,13 +2,11 @@
 on each other with any force. Random grooves, slopes to 80 degrees, friction to 5.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
-from walks import placed
+from motions import placed
 
 from jansen_env import ROBOTS, Terrain, paper_robot
 from jansen_env.plants.batch import Batch

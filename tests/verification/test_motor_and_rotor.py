@@ -1,13 +1,11 @@
 """The motor's line, its rotor, its electrical work and a delayed action, on both bases."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from walks import FLIGHT, HOLD, PADS, audit, governor, pads, placed
+from motions import FLIGHT, HOLD, PADS, audit, governor, pads, pinned, placed
 
 from jansen_env import Motor, Payload, Robot, Terrain
 from jansen_env.dynamics import reduced as rd
@@ -74,8 +72,7 @@ def test_momentum_in_flight_with_a_rotor(ratio, inertia, measured):
 def test_a_free_rotor_feels_like_g_squared_j(measured):
     """Fixed base, weightless and undamped: a torque gives psi'' = tau / (k + G^2 J), k' small."""
     robot = replace(Robot(motor=Motor(gear_ratio=100.0, rotor_inertia=0.1)), damping=(0.0,) * 10)
-    plant = FixedBasePlant(robot, gravity=0.0)
-    plant.reset(0.3)
+    plant = pinned(robot, 0.3, gravity=0.0)
     plant.step(5.0, 1.0)
     work = 5.0 * (plant.state[0] - 0.3)
     measured("geared crank: work off its energy", abs(work / plant.energy() - 1.0), 1e-12)
@@ -86,12 +83,10 @@ def test_no_load_speed(measured):
     """Full torque asked for, no friction, no weight: the crank gets to the no-load speed."""
     robot = replace(Robot(motor=replace(LINE, rotor_inertia=0.05, gear_ratio=20.0)),
                     damping=(0.0,) * 10)  # fmt: skip
-    fixed = FixedBasePlant(robot, gravity=0.0)
-    fixed.reset(0.3)
+    fixed = pinned(robot, 0.3, gravity=0.0)
     fixed.step(9.0, 300.0)
     measured("no-load speed, fixed base, relative", abs(fixed.state[1] / 6.0 - 1.0), 5e-3)
-    with_losses = FixedBasePlant(replace(robot, damping=(0.1,) * 10), gravity=0.0)
-    with_losses.reset(0.3)
+    with_losses = pinned(replace(robot, damping=(0.1,) * 10), 0.3, gravity=0.0)
     with_losses.step(9.0, 100.0)
     before = with_losses.state[0]
     result = with_losses.step(9.0, 20.0)
@@ -167,14 +162,12 @@ def test_electrical_work_is_its_integral(efficiency, measured):
 def test_electrical_work_of_both_bases(measured):
     """At a stall the winding alone draws: n0 tau^2 / stall; on the fixed base the same integral."""
     motor = Motor(stall_torque=12.0, no_load_speed=6.0, torque_limit=9.0, friction=50.0)
-    plant = FixedBasePlant(Robot(motor=motor))
-    plant.reset(0.3)
+    plant = pinned(Robot(motor=motor), 0.3)
     drawn = plant.step(5.0, 2.0).electrical_work
     also = placed(Robot(motor=motor)).step(5.0, 2.0).electrical_work
     expected = 2.0 * 6.0 * 5.0**2 / 12.0
     measured("drawn at a stall", max(abs(drawn / expected - 1), abs(also / expected - 1)), 1e-9)
-    turning = FixedBasePlant(Robot(motor=LINE))
-    turning.reset(0.3)
+    turning = pinned(Robot(motor=LINE), 0.3)
     total, summed = 0.0, 0.0
     for _ in range(2000):
         before = turning.state[1]

@@ -4,8 +4,6 @@ A toe slides with P_n = -q_n / (W_nn -+ mu W_nt) (C. R. Acad. Sci. 121, 1895): b
 that has no solution, or several; time stepping stops the toe at once (SIAM Review 42, 2000).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ Each of n contacts is open, sticks, or slides one way; with its mode given the l
 trying all modes finds every solution there is (Glocker, Set-Valued Force Laws, 2001).
 """
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -5,14 +5,12 @@ and masses times F make times sqrt(S), forces F, torques F S, inertias F S^2, vi
 coefficients F S^1.5.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from walks import FLIGHT, HOLD, ODD, governor, placed
+from motions import FLIGHT, HOLD, ODD, governor, placed
 
 from jansen_env import ROBOTS, Leg, Payload, Robot, Terrain, paper_robot
 from jansen_env.engine.placement import PLACEMENT_DEPTH

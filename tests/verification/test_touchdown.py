@@ -4,21 +4,19 @@
 back legs mirror fore legs. Three and four carry loads that are undetermined.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math
 
 import numpy as np
 import pytest
-from walks import placed, shift
+from motions import placed, shift, toes_of
 
 from jansen_env import ROBOTS, Leg, Payload, Robot, Terrain
 from jansen_env.dynamics import reduced as rd
 from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.gravity import GRAVITY
-from jansen_env.robot.kinematics import T, coordinates, joint_positions
+from jansen_env.robot.kinematics import T, joint_positions
 
 PSI = 2.75  # rad
 IMPACT = 1e-8  # s, time step in which an impact is dealt: nothing else matters in it
@@ -42,21 +40,10 @@ def level(toes):
     return Robot(legs=legs)
 
 
-def pads(robot, q):
-    """(toes, 3) x, y of the pads' centres and the angles of the foot links, from the linkage."""
-    rows = []
-    for leg in robot.legs:
-        place = joint_positions(robot, leg.side, q[3] + leg.phase)[T] @ [1.0, 1.0j]
-        centre = q[0] + 1j * q[1] + np.exp(1j * q[2]) * place
-        angle = q[2] + coordinates(robot, leg.side, q[3] + leg.phase)[21]
-        rows.append((centre.real, centre.imag, angle))
-    return np.array(rows)
-
-
 def jacobians(robot, q):
     """(toes, 4) normal and tangential Jacobian on level ground, by central differences."""
     steps = 1e-5 * np.eye(4)
-    columns = [(pads(robot, q + step) - pads(robot, q - step)) / 2e-5 for step in steps]
+    columns = [(toes_of(robot, q + step) - toes_of(robot, q - step)) / 2e-5 for step in steps]
     motion = np.stack(columns, axis=2)
     return motion[:, 1], motion[:, 0] + robot.pad_radius * motion[:, 2]
 

@@ -1,13 +1,11 @@
 """The worst that can be asked of contacts: no NaN, no crash, the law obeyed, nothing sinks in."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from walks import HOLD, governor, placed, shift
+from motions import HOLD, governor, placed, shift
 
 from jansen_env import ROBOTS, Leg, Payload, Robot, Terrain
 from jansen_env.gravity import GRAVITY

@@ -1,19 +1,28 @@
 """Robots set down, thrown and walked: what physics tests of all folders begin with."""
 
-from __future__ import annotations
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from jansen_env import Compliance, Leg, Robot, Terrain
+from jansen_env import ROBOTS, Compliance, Leg, Payload, Robot, Terrain, paper_robot
 from jansen_env.dynamics import reduced as rd
+from jansen_env.plants.fixed_base import FixedBasePlant
 from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.robot import RIGID
+from jansen_env.robot.kinematics import T, coordinates, joint_positions
 
 HOLD = 0.02  # s, for which a torque is held
 FLIGHT = np.array([0.3, 50.0, 0.4, 2.0, 0.5, 1.0, 1.0, 5.0])
 """A state high above the ground, everything moving."""
 ODD = Robot(legs=(Leg("back"), Leg("fore", 1.0), Leg("fore", 2.7), Leg("back", -2.0)))
 STATE = ("x", "y", "pitch", "psi", "vx", "vy", "spin", "crank")
+DESIGNS = {
+    **{name: replace(make(), pad_compliance=RIGID) for name, make in ROBOTS.items()},
+    "loaded": Robot(payload=Payload(5.0, 0.2, (0.02, -0.2))),
+    "six legs": paper_robot(3),
+    "twelve legs": paper_robot(6),
+}
 PADS = {"rigid": Compliance(), "compliant": Compliance(3e4, 60.0)}
 pads = pytest.mark.parametrize("name", PADS)
 
@@ -48,6 +57,13 @@ def walked(plant, speed, duration):
     return [plant.step(governor(plant, speed), HOLD) for _ in range(round(duration / HOLD))]
 
 
+def pinned(robot, psi=0.3, speed=0.0, time_step=1e-3, **arguments):
+    """A plant whose chassis is held, its crank at an angle, rad, and a speed, rad/s."""
+    plant = FixedBasePlant(robot, time_step, **arguments)
+    plant.reset(psi, speed)
+    return plant
+
+
 def audit(plant, torque, duration):
     """Energy not accounted for and turned over, J, and the worst residual, N s, of a motion."""
     missed = turned = residual = 0.0
@@ -60,9 +76,32 @@ def audit(plant, torque, duration):
     return missed, turned, residual
 
 
+def toes_of(robot, q):
+    """(toes, 3) x, y of the pads' centres and the angles of the foot links, from the linkage."""
+    rows = []
+    for leg in robot.legs:
+        place = joint_positions(robot, leg.side, q[3] + leg.phase)[T] @ [1.0, 1.0j]
+        centre = q[0] + 1j * q[1] + np.exp(1j * q[2]) * place
+        angle = q[2] + coordinates(robot, leg.side, q[3] + leg.phase)[21]
+        rows.append((centre.real, centre.imag, angle))
+    return np.array(rows)
+
+
 def momenta(plant):
     """Linear momentum (2,), spin about the centre of mass, that centre (2,), all from M(q)."""
     q, v = np.split(plant.state, 2)
     p = rd.mass_matrix(plant.tables, q) @ v
     c = complex(*rd.body_sums(plant.tables, q[3]).c) / plant.robot.mass * np.exp(1j * q[2])
     return p[:2], p[2] - (c.real * p[1] - c.imag * p[0]), q[:2] + np.array([c.real, c.imag])
+
+
+def runge_kutta(slope, y, step, steps):
+    """Classical fourth order; (steps + 1, n)."""
+    path = [y]
+    for _ in range(steps):
+        k1 = slope(y)
+        k2 = slope(y + 0.5 * step * k1)
+        k3 = slope(y + 0.5 * step * k2)
+        y = y + step / 6.0 * (k1 + 2.0 * (k2 + k3) + slope(y + step * k3))
+        path.append(y)
+    return np.array(path)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jansen_env.dynamics import projection as pr
-from jansen_env.robot import JOINT_PAIRS, paper_robot
+from jansen_env.robot import paper_robot
 from jansen_env.robot.kinematics import coordinates
 
 pytestmark = pytest.mark.processor  # tolerances are those of rounding
@@ -143,18 +143,3 @@ def test_projection_against_all_multipliers(robot, fixed_base, rng):
     assert p.D @ p.acceleration() + p.bias == pytest.approx(acceleration, abs=1e-7)
     assert p.constraint_forces() == pytest.approx(C.T @ multipliers, abs=1e-7)
     assert np.abs(p.D.T @ p.constraint_forces()).max() <= 1e-10  # they do no work
-
-
-def test_forces_are_action_and_reaction(rng):
-    """Motor and joint torques sum to zero; viscous power is never positive; weights add up."""
-    robot, x_dot = paper_robot(), rng.normal(size=24)
-    h = pr.forces(robot, x_dot, torque=3.0)
-    assert h[0::3].sum() == pytest.approx(0.0, abs=1e-14)
-    assert np.all(h[1::3] == 0.0) and h[2::3].sum() == pytest.approx(-0.8 * 9.81, abs=1e-14)
-    viscous = pr.forces(robot, x_dot, torque=0.0, gravity=0.0)
-    w = x_dot[0::3]
-    loss = sum(0.1 * (w[j - 1] - w[i - 1]) ** 2 for i, j in JOINT_PAIRS)
-    assert viscous @ x_dot == pytest.approx(-loss, rel=1e-13)
-    motor = h - pr.forces(robot, x_dot, torque=0.0)
-    assert motor[[0, 3]] == pytest.approx([-3.0, 3.0], abs=1e-14)
-    assert np.count_nonzero(np.abs(motor) > 1e-14) == 2

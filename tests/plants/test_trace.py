@@ -29,16 +29,6 @@ def walk(plant, duration):
     return np.concatenate(rows), np.concatenate(landed)
 
 
-def turned(duration, **arguments):
-    """Its crank driven at 1 rad/s from rest: largest joint force of each time step, landings."""
-    plant = standing(locked=True, **arguments)
-    plant.state = np.append(plant.state[:7], 1.0)
-    plant.step(0.0, duration)
-    forces = trace_forces(plant.tables, plant.trace, plant.time_step)
-    assert np.abs(forces.torque - plant.trace["torque"]).max() <= 1e-9
-    return forces.bearing.max(axis=(1, 2)), plant.touchdowns
-
-
 def dropped(time_step, height=0.05, duration=0.15):
     """From a height onto one fore toe: 0.1 s of free fall, then the landing."""
     plant = standing(crank_angle=0.3, time_step=time_step)
@@ -88,18 +78,6 @@ def test_traced_impulses_are_the_results():
         tangent = np.array([np.cos(angle), np.sin(angle)])
         along = impulse @ np.column_stack([tangent, [-tangent[1], tangent[0]]])
         assert along == pytest.approx(HOLD * result.contact_force, abs=1e-12)
-
-
-@pytest.mark.parametrize("crank_angle, stretch", [(1.0, (0.15, 0.32)), (4.0, (0.1, 0.25))])
-def test_forces_between_landings_do_not_depend_on_the_time_step(crank_angle, stretch):
-    """The largest joint force of a stretch without landings, with half the time step: 0.5 %."""
-    largest = []
-    for h in (1e-3, 5e-4):
-        force, landed = turned(0.35, crank_angle=crank_angle, time_step=h)
-        steps = slice(*(round(t / h) for t in stretch))
-        assert not landed[steps].any() and landed[: steps.start].any()
-        largest.append(force[steps].max())
-    assert largest[0] == pytest.approx(largest[1], rel=5e-3)
 
 
 def test_landing_impulse_of_a_drop_does_not_depend_on_the_time_step():

@@ -29,20 +29,6 @@ def walk(env, seed, steps=40, **options):
     return np.concatenate(seen), info
 
 
-def test_seeds_replay_all_that_is_drawn():
-    """Ground, parameters and motion; another seed gives others."""
-    one, other = make(), make()
-    first, info = walk(one, 5)
-    walk(one, 6)
-    again, same = walk(one, 5)
-    elsewhere, too = walk(other, 5)
-    np.testing.assert_array_equal(first, again)
-    np.testing.assert_array_equal(first, elsewhere)
-    assert info["parameters"] == same["parameters"] == too["parameters"]
-    assert one.unwrapped.terrain == other.unwrapped.terrain
-    assert walk(other, 7)[1]["parameters"] != info["parameters"]
-
-
 def test_each_is_drawn_from_its_range():
     """Uniformly: the mean of many within three standard errors of the middle."""
     env = gym.make_vec("JansenWalker-v0", 400, **WORLD)

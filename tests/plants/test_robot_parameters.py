@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from jansen_env import ROBOTS, Motor, Payload, Robot, Terrain
+from jansen_env.dynamics import reduced as rd
 from jansen_env.parameters import ROBOT_PARAMETERS, effective, nominal
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.batch_of_one import BatchOfOne
 from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.rigid_body import RigidBodyPlant
-from jansen_env.plants.robot_parameters import machine_of, terrain_of, tilted
+from jansen_env.plants.robot_parameters import machine_of, tables_of, terrain_of, tilted
 from jansen_env.robot import Compliance
 from jansen_env.robot.motor import AK80_6
 
@@ -72,7 +73,7 @@ def test_varied_robots_are_those_built_so(design):
     batch.set_parameters(every, rows)
     states, sums, forces = walked(batch)
     for k, (names, row) in enumerate(zip(cases, rows, strict=True)):
-        pull = tilted(GRAVITY, float(row["tilt"]))
+        pull = -9.81 * math.sin(row["tilt"]), -9.81 * math.cos(row["tilt"])  # as on a slope
         other = Batch([machine_of(robot, row)], [terrain_of(GROUND, row)], gravity=pull)
         expected = walked(other)
         apart = np.abs(states[:, k] - expected[0][:, 0]).max(axis=1)
@@ -100,6 +101,22 @@ def test_a_row_that_changes_nothing_changes_no_bit(design):
         assert other.params[name].tobytes() == plain.params[name].tobytes()
     for a, b in zip(walked(plain), walked(other), strict=True):
         assert a.tobytes() == b.tobytes()
+
+
+@pytest.mark.parametrize("design", DESIGNS)
+def test_tables_of_varied_robots(design):
+    """Scaled tables are those of the changed machine: 1e-12, second derivatives 1e-10."""
+    robot = DESIGNS[design]
+    row = changed_row(robot, *CHANGES)
+    scaled = tables_of(rd.compile_robot(robot), row)
+    built = rd.compile_robot(machine_of(robot, row))
+    psi = np.linspace(-4.0, 4.0, 1000)
+    for name, expected in vars(rd.body_sums(built, psi)).items():
+        found = getattr(rd.body_sums(scaled, psi), name)
+        assert np.abs(found - expected).max() < (1e-10 if name == "ddc" else 1e-12), name
+    assert np.abs(scaled.own - built.own)[..., 0].max() < 1e-13
+    assert scaled.robot == built.robot
+    assert (scaled.pads == built.pads).all() and (scaled.bearings == built.bearings).all()
 
 
 def test_the_rigid_body_plant_is_varied_alike():

@@ -49,8 +49,8 @@ def feet(robot: Robot, stiffness: float) -> Compliance:
         return RIGID
     own = (built_robot() if robot.pad_compliance.rigid else robot).pad_compliance
     scale = stiffness / own.stiffness
-    powers = (1.0, 0.5, 1.0, 0.5)  # of stiffness and damping, normal and tangential
-    return Compliance(*(value * scale**power for value, power in zip(astuple(own), powers)))
+    powers = np.array((1.0, 0.5, 1.0, 0.5))  # of stiffness and damping, normal and tangential
+    return Compliance(*(np.array(astuple(own)) * scale**powers).tolist())
 
 
 def score(loaded: Loaded, env_id: str, episodes: int, seed: int = 0) -> Scores:

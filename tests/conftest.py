@@ -11,13 +11,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from browser import browser, open_window  # noqa: F401 - fixtures: once for all modules
+from motions import ODD
 from numpy.typing import NDArray
 
 from jansen_env.dynamics.reduced import Tables, compile_robot
-from jansen_env.robot import BEARINGS, ROBOTS, Leg, Robot, paper_robot
+from jansen_env.robot import BEARINGS, ROBOTS, Robot, paper_robot
 from jansen_env.robot.motor import IDEAL
 
-ODD = Robot(legs=(Leg("back"), Leg("fore", 1.0), Leg("fore", 2.7), Leg("back", -2.0)))
 DESIGNS = {**{name: make() for name, make in ROBOTS.items()}, "phases3": paper_robot(3), "odd": ODD}
 """Every built-in design, six legs on three phases, and a first leg that faces back."""
 

@@ -1,14 +1,24 @@
 """Robots that move together beside single ones: the same, bit for bit."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from jansen_env import Terrain
+from jansen_env import Push, Terrain
 
 ROUGH = Terrain.rough(np.random.default_rng(3), height=0.03, spacing=0.1, length=10.0, start=0.2)
+
+WORLD = {
+    "terrain": "mixed",
+    "terrain_level": (0, 9),
+    "randomize": {
+        "friction": (0.4, 1.0), "payload": (0.0, 0.5), "payload_x": (-0.1, 0.1),
+        "mass_scale": (0.9, 1.1), "damping_scale": (0.5, 2.0), "motor_strength": (0.8, 1.2),
+        "tilt": (-0.05, 0.05), "delay": (0.0, 0.03),
+    },
+}  # fmt: skip
+"""Ground and robot drawn at each reset."""
+DISTURBED = {"height_scan": (0.4, 0.8, 5), "noise": {}, "push": Push((1.3, 0.5), 0.05, 0.2)}
 
 
 def together(count, mode=AutoresetMode.NEXT_STEP, limit=None, **arguments):

@@ -205,7 +205,8 @@ class Batch(PlacedRobots):
     def energy(self, row: int) -> float:
         """Kinetic plus potential energy of a robot, J (potential 0 with its mass at y = 0)."""
         arguments = row, self.states, self.rows, self.model.body, self._sums
-        prepare(Kernel("energy", energy, arguments))
+        if not getattr(energy, "overloads", True):  # compiled when it is first asked for
+            prepare(Kernel("energy", energy, arguments))
         return float(energy(*arguments))
 
     def step(

@@ -1,11 +1,8 @@
 """Joint forces against Newton and Euler, body by body, and against the other models.
 
-Positions, angles and their derivatives come from the closed form of the linkage here, not from C,
-D or M: functions of the crank angle are periodic, so their Fourier series give r' and r'' to
-rounding. Points and forces are complex numbers x + i y.
+Positions and angles come from the closed form here, their derivatives from Fourier series of them.
+Points and forces are complex numbers x + i y.
 """
-
-from __future__ import annotations
 
 import math
 from dataclasses import replace
@@ -13,10 +10,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jansen_env import ROBOTS, Payload
+from jansen_env import ROBOTS, Bar, Payload
 from jansen_env.dynamics import projection as pr
-from jansen_env.dynamics import reduced as rd
-from jansen_env.dynamics.joint_forces import CORNERS, PINS, joint_forces
+from jansen_env.dynamics.joint_forces import CORNERS, joint_forces
 from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS, pad_layout
 from jansen_env.gravity import GRAVITY
 from jansen_env.robot import BEARINGS, JOINT_PAIRS
@@ -66,12 +62,6 @@ class Moving:
         self.acceleration = acceleration[:, :8]
         self.joint_slope, self.angle_slope = turn * slope[:, 8:], df[:, :8].real  # d/dpsi
         self.axis = axis
-
-
-def centres(robot, q):
-    """(legs, 8) centres of mass, straight from the linkage."""
-    legs = [coordinates(robot, leg.side, q[3] + leg.phase).reshape(8, 3) for leg in robot.legs]
-    return q[0] + 1j * q[1] + np.exp(1j * q[2]) * (np.array(legs)[..., 1:] @ [1.0, 1.0j])
 
 
 def pads(robot):
@@ -129,11 +119,7 @@ def draw(robot, random_state, rng, fixed_base):
 
 @FIXED_BASE
 def test_newton_and_euler_hold_for_every_body(laden, random_state, rng, fixed_base):
-    """Pins, frame, shaft, contact, weight and viscous torques add up to m a and J alpha.
-
-    At random states, torques and wrenches on all pads, for each of a leg's eight bodies, to
-    rounding: 1e-11 of the largest force.
-    """
+    """Pins, frame, shaft, contact, weight and viscous torques add up to m a and J alpha: 1e-11."""
     for _ in range(3):
         q, v, torque, contact = draw(laden, random_state, rng, fixed_base)
         forces = joint_forces(laden, q, v, torque, contact, fixed_base=fixed_base)
@@ -142,59 +128,6 @@ def test_newton_and_euler_hold_for_every_body(laden, random_state, rng, fixed_ba
         assert misses(forces, moving, contact).max() <= 1e-11 * forces.magnitude.max()
         assert np.abs(forces.joints @ [1.0, 1.0j] - moving.joint).max() <= 1e-12
         assert np.abs(forces.centres @ [1.0, 1.0j] - moving.centre).max() <= 1e-12
-
-
-def test_newton_and_euler_with_accelerations_from_differences(robot, random_state, rng):
-    """m a of places along the q(t) that is to follow, from the linkage alone, differenced: 1e-7 N.
-
-    Eighth order, steps of 1 ms: rounding of 1e-16 m / (1 ms)^2 makes 1e-8 m/s^2 with 0.1 kg.
-    """
-    h = 1e-3
-    weights = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72])
-    weights = np.append(weights, weights[3::-1])
-    mass = np.array([body.mass for body in robot.bodies])
-    for _ in range(2):
-        q, v, torque, contact = draw(robot, random_state, rng, False)
-        forces = joint_forces(robot, q, v, torque, contact[: len(robot.legs)])
-        t = h * np.arange(-4, 5)[:, None]
-        path = q + v * t + 0.5 * forces.q_ddot * t * t
-        place = np.array([centres(robot, pose) for pose in path])
-        wanted = mass * (np.tensordot(weights, place, 1) / h**2 + 1j * G)
-        corner = forces.corner_forces() @ [1.0, 1.0j]
-        for body in range(8):
-            mine = [k for k, (other, _) in enumerate(CORNERS) if other == body + 1]
-            found = corner[:, mine].sum(axis=1)
-            if body == 0:
-                found = found + forces.frame[:, :2] @ [1.0, 1.0j]
-            assert np.abs(found - wanted[:, body]).max() <= 1e-7
-
-
-@FIXED_BASE
-def test_accelerations_are_the_reduced_models(laden, random_state, rng, fixed_base):
-    """M a = h - velocity terms + virtual work on all pads, load included: 1e-9 of the largest."""
-    tables = rd.compile_robot(laden)
-    leg, joint, body = np.transpose(pads(laden))
-    for _ in range(5):
-        q, v, torque, contact = draw(laden, random_state, rng, fixed_base)
-        moving = Moving(laden, q, v, np.zeros(4))
-        push, twist = contact[:, :2] @ [1.0, 1.0j], contact[:, 2]
-        arm = moving.joint[leg, joint] - moving.axis
-        work = [push.real, push.imag, (arm.conjugate() * push).imag + twist,
-                (moving.joint_slope[leg, joint].conjugate() * push).real
-                + moving.angle_slope[leg, body] * twist]  # fmt: skip
-        right = rd.generalised_forces(tables, q, v, torque) - rd.velocity_terms(tables, q, v)
-        right += np.sum(work, axis=1)
-        turning = moving.angle_slope[:, np.array(BEARINGS) - 1]
-        dry = (np.abs(turning[..., 1] - turning[..., 0]) @ laden.bearing_friction).sum()
-        right[3] -= np.sign(v[3]) * (dry + laden.motor.friction)
-        M = rd.mass_matrix(tables, q)
-        a = joint_forces(laden, q, v, torque, contact, fixed_base=fixed_base).q_ddot
-        if fixed_base:
-            assert (a[:3] == 0.0).all()
-            expected = np.array([0.0, 0.0, 0.0, right[3] / M[3, 3]])
-        else:
-            expected = np.linalg.solve(M, right)
-        assert np.abs(a - expected).max() <= 1e-9 * max(1.0, np.abs(expected).max())
 
 
 def test_a_free_chassis_passes_on_the_motor_and_the_load(laden, random_state, rng):
@@ -213,64 +146,14 @@ def test_a_free_chassis_passes_on_the_motor_and_the_load(laden, random_state, rn
         assert moment - to_shaft - forces.rotor == pytest.approx(about_axis, abs=scale)
 
 
-def test_a_fixed_base_passes_on_weight_and_inertia(robot, random_state):
-    """Frames = (0, m g) + d/dt momentum, and their moment + torque = g c_x + d/dt spin; level."""
-    tables = rd.compile_robot(robot)
-    for _ in range(5):
-        q, v = np.split(random_state(), 2)
-        q[2] = v[:3] = 0.0
-        forces = joint_forces(robot, q, v, 2.0, fixed_base=True)
-        s, n, n_dot = rd.body_sums(tables, q[3]), v[3], forces.q_ddot[3]
-        x, y, moment = forces.frame.sum(axis=0)
-        scale = 1e-9 * forces.magnitude.max()
-        inertia = s.dc * n_dot + s.ddc * n * n
-        assert [x, y - robot.mass * G] == pytest.approx(inertia, abs=scale)
-        spin_rate = s.b * n_dot + s.db * n * n
-        to_shaft = forces.torque - forces.gear
-        assert moment + to_shaft + forces.rotor == pytest.approx(spin_rate + G * s.c[0], abs=scale)
-        assert forces.torque == pytest.approx(2.0, abs=scale)
-
-
-def test_held_at_rest(robot, rng):
-    """With the torque g c_y' nothing accelerates (1e-9) and the frames carry the weight."""
-    tables = rd.compile_robot(robot)
-    for psi in rng.uniform(-3.0, 3.0, 10):
-        q, rest = np.array([0.3, -0.2, 0.0, psi]), np.zeros(4)
-        torque = G * rd.body_sums(tables, psi).dc[1]
-        forces = joint_forces(robot, q, rest, torque, fixed_base=True)
-        assert np.abs(forces.q_ddot).max() <= 1e-9
-        support = forces.frame.sum(axis=0)[:2]
-        assert support == pytest.approx([0.0, robot.mass * G], abs=1e-9)
-
-
 @FIXED_BASE
 def test_constraint_forces_of_the_projection(linkage, random_state, rng, fixed_base):
-    """The paper's C^T lambda of every body (4) is the sum of its pins, its frame's and its shaft's.
-
-    There the motor is an applied force in h: +tau on the first leg's crank, -tau on its frame.
-    """
+    """The paper's C^T lambda of every body (4)."""
     q, v, torque, _ = draw(linkage, random_state, rng, fixed_base)
     if fixed_base:
         q[:3] = 0.0
     forces = joint_forces(linkage, q, v, torque, fixed_base=fixed_base)
-    moving = Moving(linkage, q, v, np.zeros(4))
-    total = np.zeros((len(linkage.legs), 8, 3))  # moment, x, y
-
-    def act(body, at, given):
-        total[:, body, 1:] += given
-        arm = at - moving.centre[:, body]
-        total[:, body, 0] += (arm.conjugate() * (given @ [1.0, 1.0j])).imag
-
-    for k, pin in enumerate(PINS):
-        at = moving.joint[:, JOINTS.index(pin.joint)]
-        act(pin.body - 1, at, forces.pin[:, k])
-        act(pin.other - 1, at, -forces.pin[:, k])
-    act(0, moving.axis, forces.frame[:, :2])
-    total[:, 0, 0] += forces.frame[:, 2]
-    total[:, 1, 0] += forces.shaft
-    total[0, :2, 0] += torque, -torque
     paper = pr.project(linkage, q, v, torque, fixed_base=fixed_base).constraint_forces()
-    assert np.abs(total.ravel() - paper).max() <= 1e-9 * np.abs(paper).max()
     assert np.abs(forces.body.ravel() - paper).max() <= 1e-12 * np.abs(paper).max()
 
 
@@ -317,3 +200,71 @@ def test_at_a_standstill_bearings_and_gear_share_what_they_hold(fixed_base):
         assert getattr(held, name) == pytest.approx(halfway, abs=1e-9)
     assert held.torque == pytest.approx(torque, abs=1e-9)
     assert np.abs(free.pin - sliding.pin).max() > 0.1
+
+
+BARS = {2: "crank", 3: "upper_rod", 5: "rocker", 6: "lower_rod", 7: "coupler"}
+
+
+@pytest.mark.parametrize("body, name", BARS.items(), ids=BARS.values())
+def test_virtual_work_of_a_longer_bar(robot, rng, body, name):
+    """At rest, crank held: a bar's mean axial load is -dV/dL, V the potential energy of its leg."""
+    link, psi, h = getattr(robot, name), rng.uniform(-3.0, 3.0), 1e-4
+    forces = joint_forces(robot, np.array([0.0, 0.0, 0.0, psi]), np.zeros(4), fixed_base=True,
+                          q_ddot=np.zeros(4))  # fmt: skip
+    ends = [k for k, (other, _) in enumerate(CORNERS) if other == body]
+    weight = G * np.array([part.mass for part in robot.bodies])
+    for loads, leg in zip(forces.link_loads()[:, ends, 0], robot.legs, strict=True):
+
+        def potential(change, leg=leg):
+            longer = replace(robot, **{name: replace(link, length=link.length + change)})
+            return coordinates(longer, leg.side, psi + leg.phase)[2::3] @ weight
+
+        near, far = (potential(s) - potential(-s) for s in (h, 2.0 * h))
+        assert loads.mean() == pytest.approx(-(8.0 * near - far) / (12.0 * h), abs=1e-8)
+
+
+def test_loads_of_a_massless_bar_are_tension_or_compression(robot, random_state, rng):
+    """Both ends pulled alike, no shear, at any motion: 1e-12 kg leave 1e-9 of the largest force."""
+    names = ("upper_rod", "rocker", "lower_rod", "coupler")
+    light = {name: Bar(getattr(robot, name).length, 1e-12, 0.0) for name in names}
+    robot = replace(robot, damping=(0.0,) * 10, bearing_friction=(0.0,) * 10, **light)
+    q, v, torque, contact = draw(robot, random_state, rng, False)
+    forces = joint_forces(robot, q, v, torque, contact[: len(robot.legs)])
+    loads, scale = forces.link_loads(), forces.magnitude.max()
+    for body in (3, 5, 6, 7):
+        ends = [k for k, (other, _) in enumerate(CORNERS) if other == body]
+        (one, other), shear = loads[:, ends, 0].T, loads[:, ends, 1]
+        assert np.abs(one - other).max() <= 1e-9 * scale
+        assert np.abs(shear).max() <= 1e-9 * scale
+        assert np.abs(one).max() > 1e-3 * scale  # and it does carry
+
+
+def test_many_instants_are_each_one(laden, random_state, rng):
+    """(2, 3) instants at once, then one by one, and :meth:`at`: the same to rounding."""
+    draws = [draw(laden, random_state, rng, False) for _ in range(6)]
+    shape = ((2, 3, 4), (2, 3, 4), (2, 3), (2, 3, len(pads(laden)), 3))
+    args = [np.reshape(arg, s) for arg, s in zip(zip(*draws, strict=True), shape, strict=True)]
+    every = joint_forces(laden, *args)
+    one_by_one = [joint_forces(laden, *each) for each in draws]
+    for k, one in enumerate(one_by_one):
+        for name in ("pin", "frame", "shaft", "toe", "joints", "centres", "q_ddot"):
+            found, expected = getattr(every.at(k // 3).at(k % 3), name), getattr(one, name)
+            assert found.shape == expected.shape
+            assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    assert every.torque.shape == (2, 3) and every.link_loads().shape[:2] == (2, 3)
+    assert every.largest()[0] == every.bearing.max()
+    size, leg, pin = max(one.largest() for one in one_by_one)
+    assert every.largest() == (pytest.approx(size), leg, pin)
+
+
+def test_bearing_does_not_depend_on_how_links_are_paired(laden, random_state, rng):
+    """Every corner but the toe; at joints of two links both bear as much, at three they add up."""
+    q, v, torque, contact = draw(laden, random_state, rng, False)
+    forces = joint_forces(laden, q, v, torque, contact[: len(laden.legs)])
+    corner, bearing = forces.corner_forces(), forces.bearing
+    assert bearing.shape == (len(laden.legs), 17)
+    assert bearing == pytest.approx(np.hypot(corner[:, :17, 0], corner[:, :17, 1]), abs=1e-12)
+    for joint in "OABPCDE":
+        at = [k for k, (_, name) in enumerate(CORNERS) if name == joint]
+        scale = np.abs(corner).max()
+        assert np.abs(corner[:, at].sum(axis=1)).max() <= 1e-12 * scale  # action and reaction

@@ -1,7 +1,5 @@
 """The periodic tables against the dense projection they were compiled from."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -20,10 +18,7 @@ LOAD = Payload(mass=1.7, inertia=0.3, position=(0.2, 0.4))
 
 
 def dense(robot, q, v, torque):
-    """M, velocity terms and forces in (x, y, theta, psi), from the paper's independent speeds.
-
-    Those are T v. T is a first harmonic of theta, so its derivative below is exact.
-    """
+    """M, velocity terms and forces in (x, y, theta, psi), from the independent speeds T v."""
 
     def T_at(turn):
         return pr.tangent_matrix(robot, q + np.array([0.0, 0.0, turn, 0.0]))[0]
@@ -49,10 +44,7 @@ def test_equations_of_motion_are_the_projections(linkage, random_state, rng):
 
 
 def test_a_load_adds_a_rigid_body(random_state):
-    """M, velocity terms and forces grow by those of one body fixed to the chassis; rounding only.
-
-    Its centre moves with J v, J = [1, S R p, 0]: J^T m J, J^T m J_dot v and J^T (0, -m g).
-    """
+    """Whose centre moves with J v, J = [1, S R p, 0]: J^T m J, J^T m J_dot v, J^T (0, -m g)."""
     bare, laden = compile_robot(paper_robot()), compile_robot(replace(paper_robot(), payload=LOAD))
     for _ in range(25):
         q, v = np.split(random_state(), 2)
@@ -74,10 +66,7 @@ def test_a_load_adds_a_rigid_body(random_state):
 
 @pytest.mark.parametrize("design", [paper_robot(), replace(paper_robot(), payload=LOAD)])
 def test_power_balance(design, random_state):
-    """dE/dt = torque n - f n^2 at any state: velocity terms and weights fit M (differences: 1e-6).
-
-    E is differenced along the motion that the equations give, by 1e-5 s.
-    """
+    """dE/dt = torque n - f n^2: velocity terms and weights fit M; differences by 1e-5 s: 1e-6."""
     tables, torque, h = compile_robot(design), 3.0, 1e-5
     for _ in range(10):
         q, v = np.split(random_state(), 2)
@@ -89,22 +78,6 @@ def test_power_balance(design, random_state):
 
         power = torque * v[3] - rd.body_sums(tables, q[3]).f * v[3] ** 2
         assert (energy_at(h) - energy_at(-h)) / (2 * h) == pytest.approx(power, abs=1e-6, rel=1e-6)
-
-
-def test_check_numbers():
-    """Sums over the four legs' 32 bodies at psi = 1, eight digits."""
-    s = rd.body_sums(compile_robot(paper_robot()), 1.0)
-    assert s.c == pytest.approx([-0.02227913, -0.23652102], abs=6e-9)
-    assert [s.I, s.b, s.k, s.f] == pytest.approx(
-        [3.57062077, 0.54423227, 0.68518289, 1.77576369], abs=6e-9
-    )
-
-
-def test_mass_matrix_is_a_mass_matrix(robot, tables, random_state):
-    """Symmetric and positive definite, its upper left the total mass."""
-    M = rd.mass_matrix(tables, random_state()[:4])
-    assert (M == M.T).all() and np.linalg.eigvalsh(M)[0] > 0.0
-    assert M[0, 0] == M[1, 1] == robot.mass
 
 
 def test_pads_follow_their_joints(robot, tables, rng):

@@ -1,7 +1,5 @@
 """Where machine code is kept, what happens if it cannot be, and what a user is told."""
 
-from __future__ import annotations
-
 import logging
 import os
 import pickle
@@ -84,9 +82,9 @@ def test_preparing_says_how_far_it_is(silent, monkeypatch, tmp_path, caplog):
 
 
 def test_nothing_is_compiled_after_make():
-    """In a process of its own: reset and step, alone and batched, on both plants and the crank.
+    """Nor read from the disk: reset and step, alone and batched, on both plants and the crank.
 
-    Nor is anything read from the disk, where other tests may have left machine code for more types.
+    In a process of its own: other tests may have left machine code for more types.
     """
     code = """
 import gc
@@ -113,10 +111,7 @@ for make, name, more in (
     assert known() == made, {*known().items()} - {*made.items()}
 print("done")
 """
-    ended = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, timeout=600
-    )
-    assert ended.returncode == 0 and ended.stdout == "done\n", ended.stderr
+    assert python(code)[0] == "done\n"
 
 
 def test_kernels_that_allocate_nothing_count_no_references():
@@ -149,6 +144,24 @@ def test_the_first_folder_that_can_be_written_to(places):
     assert len(names) == 1 and NAME.fullmatch(names.pop())
 
 
+SCORE = """
+from jansen_env.engine.jit import FOLDER, Kernel, prepare
+from jansen_env.engine.walk_reward import progress_score
+for _ in range(2): prepare(Kernel('score', progress_score, (0.3, 0.3)))
+print(progress_score(0.3, 0.3), FOLDER)
+"""
+
+
+def python(code, **variables):
+    """Output and errors of a process with these environment variables."""
+    ended = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", code], env={**os.environ, **variables},
+        cwd=variables.get("PYTHONPATH"), capture_output=True, text=True, timeout=600,
+    )  # fmt: skip
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout, ended.stderr
+
+
 class Planted:
     """Makes a file when it is unpickled."""
 
@@ -163,24 +176,13 @@ class Planted:
 def test_machine_code_that_others_may_have_planted_is_not_run(tmp_path):
     """In a NUMBA_CACHE_DIR where everybody may write: a line, and the next folder."""
     shutil.copytree(PACKAGE, tmp_path / "jansen_env", ignore=shutil.ignore_patterns("__pycache__"))
-    code = (
-        "from jansen_env.engine.jit import FOLDER, Kernel, prepare\n"
-        "from jansen_env.engine.walk_reward import progress_score\n"
-        "prepare(Kernel('score', progress_score, (0.3, 0.3)))\n"
-        "print(progress_score(0.3, 0.3), FOLDER)"
-    )
     shared = tmp_path / "shared"
-    variables = {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(shared)}
 
     def run():
-        ended = subprocess.run(
-            [sys.executable, "-c", code], env={**os.environ, **variables}, cwd=tmp_path,
-            capture_output=True, text=True, timeout=120,
-        )  # fmt: skip
-        assert ended.returncode == 0, ended.stderr
-        score, folder = ended.stdout.split()
+        found, said = python(SCORE, PYTHONPATH=str(tmp_path), NUMBA_CACHE_DIR=str(shared))
+        score, folder = found.split()
         assert score == "1.0"
-        return Path(folder), ended.stderr
+        return Path(folder), said
 
     folder, said = run()
     assert folder.parent == shared.resolve() and "keeps no machine code" not in said
@@ -224,39 +226,30 @@ def test_folders_where_others_may_write(place, mode, places):
 
 
 @on_posix
-@pytest.mark.parametrize("level", ["the folder", "above it"])
+@pytest.mark.parametrize("level", ["the folder", "above it", "the root folder"])
 def test_folders_of_another_user(level, places, monkeypatch):
-    """Are refused, whatever their modes, also to root; those of root are not."""
+    """Are refused, also to root; not root's, nor the root folder's owner's, as in containers."""
     first = Path(jit._cache_folder())
-    theirs = first if level == "the folder" else places[0].resolve()
-    owner = theirs.stat().st_uid
-    lstat = Path.lstat
+    theirs = {"the folder": [first], "above it": [places[0].resolve()]}.get(
+        level, first.parents[1:]
+    )
+    lstat, owner = Path.lstat, first.stat().st_uid
+    other = 65534 if level == "the root folder" else owner + 1
 
     def of_another(path):
         fields = list(lstat(path))
-        fields[4] = owner + 1 if path == theirs else fields[4]
+        fields[4] = other if path in theirs else fields[4]
         return os.stat_result(fields)
 
     monkeypatch.setattr(Path, "lstat", of_another)
+    if level == "the root folder":
+        assert Path(jit._cache_folder()) == first and jit._refused == []
+        return
     assert Path(jit._cache_folder()).parent == places[1].resolve()
     (line,) = jit._refused
-    assert f"{theirs} belongs to user {owner + 1}" in line
-    monkeypatch.setattr(os, "geteuid", lambda: owner + 1)
+    assert f"{theirs[0]} belongs to user {other}" in line
+    monkeypatch.setattr(os, "geteuid", lambda: other)
     assert (Path(jit._cache_folder()) == first) == (owner == 0)
-
-
-@on_posix
-def test_folders_of_the_root_folders_owner(places, monkeypatch):
-    """Are as good as root's, whose folders some containers show as those of another user."""
-    lstat = Path.lstat
-
-    def of_nobody(path):
-        fields = list(lstat(path))
-        fields[4] = 65534 if path in places[0].resolve().parents else fields[4]
-        return os.stat_result(fields)
-
-    monkeypatch.setattr(Path, "lstat", of_nobody)
-    assert Path(jit._cache_folder()).parent == places[0].resolve() and jit._refused == []
 
 
 @on_posix
@@ -353,21 +346,10 @@ def test_the_package_runs_where_nothing_can_be_written(tmp_path):
     shutil.copytree(PACKAGE, tmp_path / "jansen_env", ignore=shutil.ignore_patterns("__pycache__"))
     block(tmp_path / "jansen_env" / "__pycache__")
     nowhere = str(tmp_path / "jansen_env" / "__pycache__" / "cache")
-    code = (
-        "from jansen_env.engine.jit import FOLDER, Kernel, prepare\n"
-        "from jansen_env.engine.walk_reward import progress_score\n"
-        "for _ in range(2): prepare(Kernel('score', progress_score, (0.3, 0.3)))\n"
-        "print(repr(FOLDER), progress_score(0.3, 0.3))"
-    )
     names = ("HOME", "LOCALAPPDATA", "NUMBA_CACHE_DIR", "USERPROFILE", "XDG_CACHE_HOME")
-    variables = {"PYTHONPATH": str(tmp_path), **dict.fromkeys(names, nowhere)}
-    ended = subprocess.run(
-        [sys.executable, "-c", code], env={**os.environ, **variables}, cwd=tmp_path,
-        capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
-    assert ended.returncode == 0, ended.stderr
-    assert ended.stdout == "'' 1.0\n"
-    assert ended.stderr.count("cannot keep it") == 1
+    found, said = python(SCORE, PYTHONPATH=str(tmp_path), **dict.fromkeys(names, nowhere))
+    assert found == "1.0 \n"
+    assert said.count("cannot keep it") == 1
 
 
 def test_what_is_not_compiled_does_the_same():
@@ -375,16 +357,10 @@ def test_what_is_not_compiled_does_the_same():
     code = (
         "import gymnasium as gym, jansen_env, numpy as np\n"
         "for name in ('JansenWalker-v0', 'JansenCrank-v0'):\n"
-        "    env = gym.make_vec(name, num_envs=2)\n"
+        "    more = {} if 'Crank' in name else {'noise': {}, 'push': {}}\n"
+        "    env = gym.make_vec(name, num_envs=2, **more)\n"
         "    env.reset(seed=0)\n"
         "    print(env.step(np.full((2, 1), 0.5, np.float32))[0].tobytes().hex())\n"
     )
-    seen = set()
-    for disabled in ("0", "1"):
-        ended = subprocess.run(
-            [sys.executable, "-c", code],
-            capture_output=True, text=True, env={**os.environ, "NUMBA_DISABLE_JIT": disabled},
-        )  # fmt: skip
-        assert ended.returncode == 0, ended.stderr
-        seen.add(ended.stdout)
+    seen = {python(code, NUMBA_DISABLE_JIT=disabled)[0] for disabled in ("0", "1")}
     assert len(seen) == 1

@@ -1,7 +1,5 @@
 """The ground as pymunk finds it: gaps and normals against geometry done by hand."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -88,30 +86,12 @@ def test_a_concave_corner_gives_two_planes(kink):
     assert planes[1, :2] == pytest.approx(normal_of(-kink), abs=1e-11)
 
 
-@pytest.mark.parametrize("width", [0.4, 0.1, 0.02])
-def test_a_bump_is_felt_where_it_is(width):
-    """However narrow: 3 cm high, the gap of a pad over its top is exact."""
-    bump = Terrain(((-1.0, 0.0), (0.0, 0.0), (0.5 * width, 0.03), (width, 0.0), (1.0, 0.0)))
-    centre = [0.5 * width, 0.03 + RADIUS + 1e-3]
-    _, _, gaps = detect(bump, [centre])
-    assert gaps.min() == pytest.approx(1e-3, abs=1e-12)
-
-
 def test_the_far_side_of_a_ridge_is_not_felt():
     """Beside a narrow ridge a pad feels the side that faces it and the ground, not the other."""
     ridge = Terrain(((-1.0, 0.0), (0.0, 0.0), (0.01, 0.04), (0.02, 0.0), (1.0, 0.0)))
     planes, _, gaps = detect(ridge, [[0.035, 0.012]])
     assert len(gaps) == 2 and gaps.min() > 0.0
     assert (planes[:, 0] >= 0.0).all()
-
-
-def test_a_pad_that_sank_in_is_pushed_up():
-    """With its centre below the surface the normal still points out of the ground."""
-    planes, _, gaps = detect(
-        Terrain.slope(0.2), above(Terrain.slope(0.2), [0.5], math.tan(0.2), -0.03)
-    )
-    assert gaps == pytest.approx([-0.03], abs=1e-12)
-    assert planes[0, 1] > 0.0
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
@@ -129,30 +109,15 @@ def test_a_pad_deep_in_a_ridge_comes_out_of_the_near_side(side, width):
 
 
 def test_order_is_by_pad_then_nearest_first():
-    """Pads in order, whatever order pymunk has; a second detector gives the same bits."""
+    """Whatever order pymunk has."""
     rng = np.random.default_rng(1)
     x = rng.uniform(-3.0, 3.0, 40)
     centres = np.column_stack([x, HILLS.height(x) + rng.uniform(0.0, 0.05, 40)])
     centres[:3, 0] = -1.0  # three in the valley, which see two planes each
     centres[:3, 1] = [0.02, 0.03, 0.04]
-    planes, pad, gaps = detect(HILLS, centres)
+    _, pad, gaps = detect(HILLS, centres)
     assert (np.diff(pad) >= 0).all() and (np.diff(gaps)[np.diff(pad) == 0] >= -1e-15).all()
     assert (pad[:6] == [0, 0, 1, 1, 2, 2]).all()
-    again, pad_again, _ = detect(HILLS, centres)
-    assert (planes == again).all() and (pad == pad_again).all()
-
-
-def test_nothing_is_kept_between_detections():
-    """Detection elsewhere in between, or of the first pad alone, changes no bit of the next one."""
-    detector = make([HILLS], 12)
-    places = np.array([[-1.0, 0.02], [0.3, 0.18], [2.0, 0.6]])
-    seen = []
-    for centres in (places, places + 5.0, places[:1], places):
-        find_candidates(detector, centres[:1])
-        planes, pad = found(detector, centres)
-        seen.append((len(pad), planes.tobytes(), pad.tobytes()))
-    assert [number for number, *_ in seen] == [4, 0, 2, 4]
-    assert seen[3] == seen[0]
 
 
 def jagged(rng, spacing=0.05, count=200):
@@ -163,24 +128,25 @@ def jagged(rng, spacing=0.05, count=200):
 
 @pytest.mark.parametrize("extent", [0.2, 1.0])
 def test_planes_are_the_same_until_the_next_broad_phase(rng, extent):
-    """Robots moved by up to SKIN see what they see without a broad phase, bit for bit."""
+    """Robots moved by up to SKIN see what each sees alone after a broad phase, bit for bit."""
 
     def around(places, reach):
         turn, share = rng.uniform(0.0, 2.0 * np.pi, len(places)), rng.uniform(0.0, 1.0, len(places))
         return places + reach * (share * [np.cos(turn), np.sin(turn)]).T
 
-    for _ in range(20):
-        terrain = jagged(rng)
+    for _ in range(10):
+        terrains = [jagged(rng), HILLS, jagged(rng), Terrain.slope(-0.3)] * 5
         x = rng.uniform(1.0, 9.0, 20)
-        start = np.column_stack([x, terrain.height(x) + rng.uniform(0.0, 0.3, 20)])
+        ground = [terrain.height(place) for terrain, place in zip(terrains, x, strict=True)]
+        start = np.column_stack([x, ground + rng.uniform(0.0, 0.3, 20)])
         moved = around(start, SKIN)
-        detector = make([terrain] * 20, 400, extent)
+        detector = make(terrains, 400, extent)
         find_candidates(detector, start)
         numbers = []
         for robot in range(20):
             pads = around(moved[[robot] * 50], extent)
             planes, pad = found(detector, pads, robot)
-            expected, expected_pad, _ = detect(terrain, pads, capacity=400)
+            expected, expected_pad, _ = detect(terrains[robot], pads, capacity=400)
             assert np.array_equal(pad, expected_pad) and np.array_equal(planes, expected)
             numbers.append(len(pad))
         assert max(numbers) > 10
@@ -218,21 +184,6 @@ def test_placed_again_after_a_flight():
         batch.step(np.zeros(2), 20)
     weight = 9.81 * paper_robot().mass
     assert batch.contact_force[0, :, 1].sum() == pytest.approx(weight, rel=1e-3)
-
-
-def test_robots_in_one_space_see_what_each_sees_alone(rng):
-    """30 robots, on three terrains, bit for bit."""
-    grounds = [jagged(rng), HILLS, Terrain.slope(-0.3)]
-    terrains = [grounds[i % 3] for i in range(30)]
-    detector = make(terrains, 40, 1.0)
-    axes = np.column_stack([rng.uniform(-1.0, 5.0, 30), np.full(30, 0.5)])
-    find_candidates(detector, axes)
-    for robot, terrain in enumerate(terrains):
-        x = axes[robot, 0] + rng.uniform(-0.5, 0.5, 4)
-        centres = np.column_stack([x, terrain.height(x) + rng.uniform(0.0, 0.06, 4)])
-        planes, pad = found(detector, centres, robot)
-        alone, alone_pad, _ = detect(terrain, centres, capacity=40)
-        assert np.array_equal(planes, alone) and np.array_equal(pad, alone_pad)
 
 
 def test_planes_are_pymunks_own_contacts(rng):
@@ -304,9 +255,7 @@ def test_rough_terrain():
 @pytest.mark.parametrize("x", [-3e4, -1000.5, -999.5, 999.8, 1001.0, 2500.0, 1e5])
 @pytest.mark.parametrize("angle", [0.0, 0.1])
 def test_the_ground_has_no_end(x, angle):
-    """A kilometre away, where pymunk's shapes end, and far beyond: one plane a pad, gap to 1e-10 of
-    the way; the height goes on.
-    """
+    """Where pymunk's shapes end, and far beyond: one plane a pad, gap to 1e-10 of the way."""
     terrain = Terrain.slope(angle)
     centres = above(terrain, np.array([x, x + 0.3]), math.tan(angle), 0.004)
     planes, pad, gaps = detect(terrain, centres)

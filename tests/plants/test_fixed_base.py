@@ -1,18 +1,16 @@
 """The pinned plant, and the torque that a prescribed crank motion takes, pinned and walking."""
 
-from __future__ import annotations
-
 import math
 import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from motions import pinned
 
-from jansen_env import Bar, LinkageError, Payload, Robot, Terrain, paper_robot
+from jansen_env import Payload, Terrain, paper_robot
 from jansen_env.dynamics import projection as pr
 from jansen_env.dynamics.inverse import crank_torque
-from jansen_env.gravity import GRAVITY
 from jansen_env.paper.free_walk import walking_torque
 from jansen_env.plants.fixed_base import FixedBasePlant
 from jansen_env.plants.projected import ProjectionPlant
@@ -21,9 +19,7 @@ TURN = np.linspace(0.0, 2.0 * math.pi, 720, endpoint=False)
 
 
 def started(robot, time_step=1e-3, psi=0.3, speed=2.0, **arguments):
-    plant = FixedBasePlant(robot, time_step, **arguments)
-    plant.reset(psi, speed)
-    return plant
+    return pinned(robot, psi, speed, time_step, **arguments)
 
 
 def crank_acceleration(plant, torque, h=2e-5):
@@ -52,10 +48,7 @@ def test_accelerations_are_the_dense_projections(linkage, random_state, rng):
 
 
 def test_a_heavy_load_pins_the_walker_as_well(linkage):
-    """The free plant under 10^9 kg, weightless: the same crank motion over 1 s, to 1e-6 rad.
-
-    What is left is the free plant's own error, of order h^2.
-    """
+    """The free plant under 10^9 kg, weightless: 1e-6 rad in 1 s, its own error of order h^2."""
     heavy = replace(linkage, payload=Payload(1e9, 1e9), damping=paper_robot().damping)
     pinned = started(heavy, gravity=0.0)
     pinned.step(1.5, 1.0)
@@ -108,39 +101,13 @@ def test_energy_balance(linkage, rng):
     assert loss > 10.0 and miss <= 1e-6 * loss
 
 
-def test_free_swing_keeps_its_energy():
-    """No damping, no torque: 10 s of swinging through several turns change it by under 1e-8 J."""
-    plant = started(replace(paper_robot(), damping=(0.0,) * 10), speed=1.0)
-    start = plant.energy()
-    angles = []
-    for _ in range(100):
-        result = plant.step(0.0, 0.1)
-        assert result.joint_loss == result.motor_work == 0.0
-        angles.append(plant.state[0])
-    assert plant.energy() == pytest.approx(start, abs=1e-8)
-    assert np.ptp(angles) > 1.0
-
-
-def test_a_load_changes_no_motion():
-    """On a chassis that is held it rests: the same bits, and its weight m g y in the energy."""
-    bare = started(paper_robot())
-    laden = started(replace(paper_robot(), payload=Payload(1.7, 0.3, (0.2, 0.4))))
-    assert laden.energy() - bare.energy() == pytest.approx(1.7 * GRAVITY * 0.4, abs=1e-12)
-    bare.step(1.0, 1.0)
-    laden.step(1.0, 1.0)
-    assert (bare.state == laden.state).all()
-
-
 def test_states_copies_and_pickles():
     """A state is handed out as a copy; a pickle, or a state carried over, goes on bit for bit."""
     plant = started(paper_robot(), 5e-4, gravity=1.62)
     plant.state[:] = 7.0
     assert plant.state.tolist() == [0.3, 2.0]
     plant.step(1.0, 0.1)
-    copy, other = (
-        pickle.loads(pickle.dumps(plant)),
-        FixedBasePlant(paper_robot(), 5e-4, gravity=1.62),
-    )
+    copy, other = pickle.loads(pickle.dumps(plant)), started(paper_robot(), 5e-4, gravity=1.62)
     other.state = plant.state
     for one in (plant, copy, other):
         one.step(2.0, 0.1)
@@ -148,30 +115,8 @@ def test_states_copies_and_pickles():
         assert (one.robot, one.time_step, one.gravity) == (paper_robot(), 5e-4, 1.62)
 
 
-def test_what_the_plant_refuses():
-    """Arguments by name; states that are not two finite numbers; states that diverge."""
-    for name, value in (("time_step", 0.0), ("gravity", -9.81)):
-        with pytest.raises(ValueError, match=f"{name} is {value}"):
-            FixedBasePlant(Robot(), **{name: value})
-    with pytest.raises(LinkageError, match="joint C"):
-        FixedBasePlant(replace(Robot(), crank=Bar(0.2)))
-    plant = FixedBasePlant(Robot())
-    for state in ([0.0], [0.0, math.nan], np.zeros((2, 1))):
-        with pytest.raises(ValueError, match="must be 2 finite numbers"):
-            plant.state = state
-    with pytest.raises(ValueError, match="duration is 0"):
-        plant.step(1.0, 0.0)
-    with pytest.raises(ValueError, match="torque is nan, must be a finite number"):
-        plant.step(math.nan, 0.1)
-    with pytest.raises(FloatingPointError, match=f"under a torque of {1e9}"):
-        plant.step(1e9, 0.1)
-
-
 def test_crank_torque_is_equation_12_solved_for_tau(linkage, random_state, rng):
-    """Inverse, then forward dynamics of the dense projection give the acceleration back: 1e-10.
-
-    Its causes are those of reduced.py: weight alone at rest, friction odd in the speed.
-    """
+    """Forward dynamics of the dense projection give the acceleration back: 1e-10."""
     psi, n, n_dot = np.array([[*random_state()[[3, 7]], rng.normal()] for _ in range(10)]).T
     parts = crank_torque(linkage, psi, n, n_dot)
     assert (parts.total == parts.gravity + parts.inertia + parts.friction).all()
@@ -196,28 +141,18 @@ def test_mean_crank_torque_is_the_viscous_loss(robot):
         assert [parts.total.min(), parts.total.max()] == pytest.approx([0.990, 1.922], abs=1e-3)
 
 
-def test_crank_torque_shapes_and_mirror():
-    """Arguments broadcast; the paper's machine, mirrored (psi -> pi - psi), takes minus as much."""
+def test_crank_torques_arguments_broadcast():
     robot = paper_robot()
     grid = crank_torque(robot, TURN[:, None], np.array([0.5, 1.0, -2.0]), 0.3)
     assert grid.total.shape == (720, 3)
-    mirror = crank_torque(robot, math.pi - TURN[:, None], np.array([-0.5, -1.0, 2.0]), -0.3)
-    for name in ("gravity", "inertia", "friction"):
-        assert getattr(mirror, name) == pytest.approx(-getattr(grid, name), abs=1e-12)
     assert grid.total[7, 1] == crank_torque(robot, TURN[7], 1.0, 0.3).total
     with pytest.raises(ValueError, match="broadcast"):
         crank_torque(robot, TURN, np.ones(3))
 
 
-@pytest.fixture(scope="module")
-def walk():
-    """Four turns of the paper's machine at 1 rad/s."""
-    return walking_torque(paper_robot(), turns=4, settle=1)
-
-
-def test_walking_torque_pays_the_losses(walk):
-    """mean torque * speed * time = joint, slip and impact losses, per turn: 1 % (energy at the
-    two ends differs a little); exactly the motor work of the same walk, 1e-12."""
+def test_walking_torque_pays_the_losses():
+    """Mean torque * speed * time is the motor work (1e-12), and the losses of whole turns: 1 %."""
+    walk = walking_torque(paper_robot(), turns=4, settle=1)
     plant = ProjectionPlant(paper_robot(), Terrain.flat())
     plant.reset()
     plant.state = np.append(plant.state[:7], 1.0)

@@ -1,17 +1,16 @@
 """The projection plant as a machine: same bits every time, copies that go on, refusals."""
 
-from __future__ import annotations
-
+import math
 import pickle
 import subprocess
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from jansen_env import Bar, LinkageError, Robot, Terrain
 from jansen_env.engine.placement import PLACEMENT_DEPTH
+from jansen_env.plants.fixed_base import FixedBasePlant
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.rigid_body import RigidBodyPlant
 
@@ -34,44 +33,23 @@ def torques(rng):
 
 @pytest.mark.parametrize("terrain", [Terrain.flat(), ROUGH], ids=["flat", "rough"])
 def test_same_inputs_same_bits(terrain, torques):
-    """Two plants, or one plant set down again: not one bit differs in 6.5 s of random torque."""
-    first, second = (ProjectionPlant(Robot(), terrain) for _ in range(2))
+    """Of two plants, of one set down again, pickled half way, or given the state of another one."""
+    arguments = Robot(pad_radius=0.02), terrain, 5e-4, 1.62
+    first, second, third = (ProjectionPlant(*arguments, detection_interval=4e-3) for _ in range(3))
     first.reset(0.0, 0.3)
-    second.reset(0.0, 0.3)
     bits = run(first, torques)
-    assert run(second, torques) == bits
-    first.reset(0.0, 0.3)
-    assert run(first, torques) == bits
     assert len(set(bits)) == len(bits)  # and something moved
-
-
-@pytest.mark.parametrize("terrain", [Terrain.flat(), ROUGH], ids=["flat", "rough"])
-def test_a_pickled_plant_goes_on_with_the_same_bits(terrain, torques):
-    """Pickled half way, and likewise when only the state is carried to another plant."""
-    plant, other = (ProjectionPlant(Robot(), terrain, time_step=5e-4) for _ in range(2))
-    plant.reset(0.0, 0.3)
-    run(plant, torques[:250])
-    copy = pickle.loads(pickle.dumps(plant))
-    other.state = plant.state
-    bits = run(plant, torques[250:])
-    assert run(copy, torques[250:]) == bits
-    assert run(other, torques[250:]) == bits
-
-
-def test_a_pickled_plant_keeps_its_arguments():
-    """Robot, terrain, time steps, gravity and the brake."""
-    plant = ProjectionPlant(Robot(pad_radius=0.02), ROUGH, 2e-3, 1.62, detection_interval=4e-3)
-    plant.prescribed_crank_speed = True
-    copy = pickle.loads(pickle.dumps(plant))
-    for name in (
-        "robot",
-        "terrain",
-        "time_step",
-        "gravity",
-        "detection_interval",
-        "prescribed_crank_speed",
-    ):
-        assert getattr(copy, name) == getattr(plant, name), name
+    for plant in (first, second):
+        plant.reset(0.0, 0.3)
+        assert run(plant, torques[:250]) == bits[:250]
+    third.state, copy = second.state, pickle.loads(pickle.dumps(second))
+    for plant in (second, third, copy):
+        assert run(plant, torques[250:]) == bits[250:]
+    second.prescribed_crank_speed = True
+    copy = pickle.loads(pickle.dumps(second))
+    for name in ("robot", "terrain", "time_step", "gravity", "detection_interval"):
+        assert getattr(copy, name) == getattr(second, name), name
+    assert copy.prescribed_crank_speed
 
 
 def test_states_are_copies():
@@ -116,22 +94,6 @@ def test_set_down_on_the_lowest_toes(terrain, pitch):
     assert plant.lookahead().contact_force[:, 1].max() > 0.0
 
 
-@pytest.mark.parametrize(
-    "arguments, message",
-    [
-        ({"time_step": 0.0}, "time_step is 0.0"),
-        ({"gravity": -9.81}, "gravity is -9.81"),
-        ({"gravity": (0.0,)}, r"gravity is \(0.0,\)"),
-        ({"gravity": (0.0, float("nan"))}, "gravity is nan"),
-        ({"detection_interval": float("nan")}, "detection_interval is nan"),
-    ],
-)
-def test_bad_arguments(arguments, message):
-    """ValueError names the argument and the value."""
-    with pytest.raises(ValueError, match=message):
-        ProjectionPlant(Robot(), Terrain.flat(), **arguments)
-
-
 def test_set_down_touches_a_rounded_ridge_everywhere():
     """Over the top, too, where the ground lies below the corner: a loaded toe within 2 ms."""
     plant = ProjectionPlant(Robot(), Terrain(((-1.0, -0.2), (0.0, 0.0), (1.0, -0.2))))
@@ -140,19 +102,8 @@ def test_set_down_touches_a_rounded_ridge_everywhere():
         assert plant.step(0.0, 2.0 * plant.time_step).contact_force[:, 1].max() > 0.0
 
 
-def test_bad_states_and_robots():
-    """A state is eight finite numbers; a robot must be able to turn its crank."""
-    plant = ProjectionPlant(Robot(), Terrain.flat())
-    for state in ([0.0] * 7, [0.0] * 7 + [float("nan")]):
-        with pytest.raises(ValueError, match="must be 8 finite numbers"):
-            plant.state = state
-    with pytest.raises(LinkageError, match="joint C"):
-        ProjectionPlant(replace(Robot(), crank=Bar(0.2)), Terrain.flat())
-
-
 ABSURD_TORQUES = """
 from jansen_env import Robot, Terrain
-from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.plants.projected import ProjectionPlant
 plant = ProjectionPlant(Robot(), Terrain.flat())
 for power in range(6, 15):
@@ -173,13 +124,72 @@ def test_divergence_is_reported():
     assert ended.stdout.split() == ["reported"] * 27
 
 
-@pytest.mark.parametrize("plant", [ProjectionPlant, RigidBodyPlant])
+def projection(robot=None, **arguments):
+    return ProjectionPlant(robot or Robot(), Terrain.flat(), **arguments)
+
+
+def rigid_body(robot=None, **arguments):
+    return RigidBodyPlant(robot or Robot(), Terrain.flat(), **arguments)
+
+
+def pinned(robot=None, **arguments):
+    return FixedBasePlant(robot or Robot(), **arguments)
+
+
+TOO_LONG = Robot(crank=Bar(0.2))
+REFUSED = [
+    *((make, {name: value}, None, f"{name} is {value}")
+      for make in (projection, rigid_body, pinned)
+      for name, value in (("time_step", 0.0), ("gravity", -9.81))),
+    *((make, {"robot": TOO_LONG}, None, "joint C") for make in (projection, rigid_body, pinned)),
+    (projection, {"gravity": (0.0,)}, None, r"gravity is \(0.0,\)"),
+    (projection, {"gravity": (0.0, math.nan)}, None, "gravity is nan"),
+    (projection, {"detection_interval": math.nan}, None, "detection_interval is nan"),
+    (rigid_body, {"iterations": 0}, None, "iterations is 0"),
+    *((make, {}, state, "state is .*must be 8 finite numbers")
+      for make in (projection, rigid_body) for state in ([0.0] * 7, [math.nan] * 8)),
+    *((pinned, {}, state, "must be 2 finite numbers")
+      for state in ([0.0], [0.0, math.nan], np.zeros((2, 1)))),
+    (rigid_body, {"fixed_base": True}, np.ones(8), "must not move: its base is fixed"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("make, arguments, state, message", REFUSED)
+def test_bad_arguments_and_states(make, arguments, state, message):
+    """ValueError names the argument and the value; a robot must be able to turn its crank."""
+    error = LinkageError if "robot" in arguments else ValueError
+    with pytest.raises(error, match=message):
+        make(**arguments).state = state
+
+
+def test_bad_steps_of_the_pinned_plant():
+    for torque, duration, message in (
+        (1.0, 0.0, "duration is 0"),
+        (math.nan, 0.1, "torque is nan, must be a finite number"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            pinned().step(torque, duration)
+    with pytest.raises(FloatingPointError, match=f"under a torque of {1e9}"):
+        pinned().step(1e9, 0.1)
+
+
+@pytest.mark.processor
+@pytest.mark.parametrize(
+    "torque, duration, message", [(1e4, 0.1, "came apart"), (1e6, 0.02, "the simulation diverged")]
+)
+def test_joints_that_come_apart(torque, duration, message):
+    """Within a few time steps, before rounding decides how it ends."""
+    with pytest.raises(FloatingPointError, match=message):
+        rigid_body(time_step=0.02).step(torque, duration)
+
+
+@pytest.mark.parametrize("make", [projection, rigid_body])
 @pytest.mark.parametrize("argument", ["x", "crank_angle", "pitch"])
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), "a"])
-def test_placements_are_checked(plant, argument, value):
+def test_placements_are_checked(make, argument):
     """Numbers that are none are named; the robot stays where it was."""
-    placed = plant(Robot(), Terrain.flat())
+    placed = make()
     before = placed.reset(0.0, 0.3)
-    with pytest.raises(ValueError, match=f"{argument} is"):
-        placed.reset(**{argument: value})
-    assert (placed.state == before).all()
+    for value in (math.nan, math.inf, "a"):
+        with pytest.raises(ValueError, match=f"{argument} is"):
+            placed.reset(**{argument: value})
+        assert (placed.state == before).all()

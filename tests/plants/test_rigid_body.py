@@ -1,21 +1,17 @@
 """The rigid-body plant against closed forms, dense equations, and the projection plant."""
 
-from __future__ import annotations
-
 import math
 import pickle
 import subprocess
 import sys
-from itertools import pairwise
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from motions import walked
 
-import jansen_env
-from jansen_env import ROBOTS, LinkageError, Payload, Robot, Terrain, paper_robot
+from jansen_env import ROBOTS, Payload, Robot, Terrain, paper_robot
 from jansen_env.dynamics.reduced import compile_robot, energy, mass_matrix
-from jansen_env.envs.walker import JansenWalkerEnv
 from jansen_env.plants.fixed_base import FixedBasePlant
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.rigid_body import TIME_STEP, RigidBodyPlant
@@ -28,15 +24,6 @@ FLYING = np.array([0.3, 5.0, 0.2, 1.1, 0.4, 1.0, -0.7, 2.0])
 def plant_on(terrain=None, robot=None, **arguments):
     """The paper's machine on flat ground, or another."""
     return RigidBodyPlant(robot or paper_robot(), terrain or Terrain.flat(), **arguments)
-
-
-def walk(plant, speed, duration, dt=0.02):
-    """Hold the crank near ``speed`` rad/s; the results of all steps."""
-    results = []
-    for _ in range(round(duration / dt)):
-        torque = 10.0 * (speed - plant.state[7]) + 1.56 * speed
-        results.append(plant.step(min(torque, plant.robot.motor.torque_limit), dt))
-    return results
 
 
 def test_bodies_have_the_robots_inertia(robot):
@@ -76,9 +63,6 @@ def test_state_is_read_and_set(robot):
     np.testing.assert_allclose(plant.state, FLYING, atol=1e-9)
     plant.state[:] = 0.0
     np.testing.assert_allclose(plant.state, FLYING, atol=1e-9)
-    for bad in (np.zeros(7), np.full(8, np.nan)):
-        with pytest.raises(ValueError, match="state is"):
-            plant.state = bad
 
 
 def test_flight_is_a_parabola_whatever_the_crank_does():
@@ -103,9 +87,7 @@ def test_flight_is_a_parabola_whatever_the_crank_does():
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("phases", [1, 2, 6])
 def test_it_stands_and_starts_like_the_projection_plant(name, phases):
-    """2, 4 and 12 legs of every design: its toes carry the weight, 1 % (10 % while compliant feet
-    still swing), and 0.2 s under 3 N m (1 N m on the built robot's light crank) lead to the same
-    place, 0.5 mm and 4 mrad."""
+    """2, 4 and 12 legs: toes carry the weight; 0.2 s under torque lead to the same place."""
     robot = ROBOTS[name](phases)
     ground = Terrain.flat(friction=0.3)  # with much friction sliding on two toes is unstable
     plants = plant_on(ground, robot), ProjectionPlant(robot, ground)
@@ -123,30 +105,22 @@ def test_it_stands_and_starts_like_the_projection_plant(name, phases):
     assert results[0].joint_gap < 2e-4 and results[1].joint_gap == 0.0
 
 
-@pytest.mark.parametrize("speed", [1.0, 3.5])
-def test_joints_stay_shut_in_a_walk(speed):
-    """Less than 0.2 mm in three seconds of walking; the toes' impulses account for the weight."""
-    plant = plant_on(Terrain.flat(friction=0.5))
+@pytest.mark.parametrize("speed, friction", [(1.0, 0.5), (3.5, 0.3)])
+def test_a_walk_keeps_joints_shut_and_accounts_closed(speed, friction):
+    """Gaps below 0.2 mm; toes carry the weight; motor work = losses + energy change, 0.1 %."""
+    plant = plant_on(Terrain.flat(friction))
     plant.reset()
-    results = walk(plant, speed, 3.0)
+    results = walked(plant, speed, 2.0)
     assert 0.0 < max(r.joint_gap for r in results) < 2e-4
     load = np.mean([r.contact_force[:, 1].sum() for r in results])
     assert load == pytest.approx(paper_robot().mass * 9.81, rel=0.02)
-
-
-def test_energy_accounts_close():
-    """Motor work = losses + energy change: 0.1 % of the work in a walk, sliding and landing."""
-    plant = plant_on(Terrain.flat(friction=0.3))
-    plant.reset()
-    results = walk(plant, 3.5, 3.0)
     work = sum(r.motor_work for r in results)
     assert abs(sum(r.energy_residual for r in results)) < 0.001 * work
-    assert sum(r.slip_loss for r in results) > 0.01 * work
+    assert speed < 2.0 or sum(r.slip_loss for r in results) > 0.01 * work
 
 
 def test_pinned_it_follows_the_pinned_plant():
-    """The paper's fixed model swings free from 3 rad/s: the angle differs by less than 2e-4 rad,
-    by half of that with half the time step."""
+    """Swinging free from 3 rad/s: within 2e-4 rad, half of that with half the time step."""
     apart = []
     for step in (TIME_STEP, 0.5 * TIME_STEP):
         plant = RigidBodyPlant(paper_robot(), Terrain.flat(), step, fixed_base=True)
@@ -154,7 +128,7 @@ def test_pinned_it_follows_the_pinned_plant():
         exact = FixedBasePlant(paper_robot())
         exact.reset(0.5, 3.0)
         angles = []
-        for _ in range(50):
+        for _ in range(25):
             exact.step(0.0, 0.02)
             plant.step(0.0, 0.02)
             angles.append((plant.state[3], exact.state[0]))
@@ -172,19 +146,15 @@ def test_a_pull_is_felt():
     speeds = []
     for _ in range(2):
         plant.step(-8.0 * plant.state[7], 0.05)
-        speeds.append(
-            plant.batch._space.inertias[:, 0]
-            @ plant.batch._space.snapshot().motion[:, 3]
-            / paper_robot().mass
-        )
-    (first, last) = speeds
+        motion = plant.batch._space.snapshot().motion
+        speeds.append(plant.batch._space.inertias[:, 0] @ motion[:, 3] / paper_robot().mass)
+    first, last = speeds
     assert (last - first) / 0.05 == pytest.approx(0.2 * 9.81, rel=1e-6)
 
 
 @pytest.mark.parametrize("friction", [0.1, 0.3])
 def test_slip_and_friction_are_those_of_coulomb(friction):
-    """Sliding down a slope of 0.4 with the motor off: t = -mu n against the motion, and each toe's
-    friction takes mu n times its slip; slip as on the projection plant, 2 %."""
+    """Sliding down a slope of 0.4: t = -mu n, heat mu n times slip; slip as on the other, 2 %."""
     ground = Terrain.slope(0.4, friction=friction)
     plants = plant_on(ground), ProjectionPlant(paper_robot(), ground)
     slips = []
@@ -207,7 +177,7 @@ def test_slip_of_a_walk_is_the_projection_plants():
     ground, slips = Terrain.flat(friction=0.3), []
     for plant in (plant_on(ground), ProjectionPlant(paper_robot(), ground)):
         plant.reset()
-        slips.append(sum(float(r.slip.sum()) for r in walk(plant, 1.7, 1.5)))
+        slips.append(sum(float(r.slip.sum()) for r in walked(plant, 1.7, 1.5)))
     assert slips[0] == pytest.approx(slips[1], rel=0.05) and slips[0] > 0.1
 
 
@@ -218,7 +188,7 @@ from jansen_env.plants.rigid_body import RigidBodyPlant
 plant = RigidBodyPlant(paper_robot(), Terrain.rough(np.random.default_rng(0), start=0.1))
 plant.reset()
 rng = np.random.default_rng(1)
-for _ in range(40):
+for _ in range(20):
     result = plant.step(rng.uniform(-10.0, 15.0), 0.02)
 print(plant.state.tobytes().hex(), result.slip.tobytes().hex())
 """
@@ -228,16 +198,16 @@ def test_same_inputs_same_bits_in_another_process():
     """Pymunk's order of bodies is that of pointers; nothing of it reaches the result."""
     runs = [
         subprocess.run([sys.executable, "-c", RUN], capture_output=True, text=True, check=True)
-        for _ in range(3)
+        for _ in range(2)
     ]
-    assert all(one.stdout == other.stdout for one, other in pairwise(runs))
+    assert runs[0].stdout == runs[1].stdout
 
 
 def test_set_down_again_or_pickled_nothing_is_remembered():
     """After reset or setting a state the future is that of a new plant, bit for bit."""
     plant = plant_on()
     plant.reset()
-    walk(plant, 2.0, 0.5)
+    walked(plant, 2.0, 0.5)
     copy, fresh = pickle.loads(pickle.dumps(plant)), plant_on()
     fresh.state, fresh.in_contact = plant.state, plant.in_contact
     for _ in range(5):
@@ -253,23 +223,6 @@ def test_set_down_again_or_pickled_nothing_is_remembered():
         other.reset(crank_angle=0.4)
         other.step(2.0, 0.1)
     assert (plant.state == fresh.state).all()
-
-
-@pytest.mark.processor
-def test_bad_arguments():
-    """ValueError names the argument and the value; a robot must be able to turn its crank."""
-    for name, value in (("time_step", 0.0), ("iterations", 0), ("gravity", -1.0)):
-        with pytest.raises(ValueError, match=f"{name} is {value}"):
-            plant_on(**{name: value})
-    with pytest.raises(LinkageError):
-        plant_on(robot=Robot(crank=jansen_env.Bar(0.5)))
-    with pytest.raises(ValueError, match="must not move: its base is fixed"):
-        plant_on(fixed_base=True).state = FLYING
-    # Within a few time steps, before rounding decides how it ends.
-    with pytest.raises(FloatingPointError, match="came apart"):
-        plant_on(time_step=0.02).step(1e4, 0.1)
-    with pytest.raises(FloatingPointError, match="the simulation diverged"):
-        plant_on(time_step=0.02).step(1e6, 0.02)
 
 
 def test_the_task_is_the_same():
@@ -288,15 +241,3 @@ def test_the_task_is_the_same():
     factors = [value for name, value in info.items() if name.startswith("reward/")]
     assert reward == pytest.approx(np.prod(factors), rel=1e-12)
     assert one.unwrapped.plant.time_step < other.unwrapped.plant.time_step
-
-
-def test_states_of_the_task_are_read_and_set():
-    """From a state that was set, two environments go on alike, bit for bit."""
-    envs = [JansenWalkerEnv(plant="rigid_body") for _ in range(2)]
-    envs[0].reset(seed=1)
-    envs[0].step(np.array([0.5], np.float32))
-    state = envs[0].get_state()
-    seen = [env.set_state(state) for env in envs]
-    assert (seen[0] == seen[1]).all()
-    seen = [env.step(np.array([0.5], np.float32))[0] for env in envs]
-    assert (seen[0] == seen[1]).all()

@@ -1,7 +1,5 @@
 """Robot parameters: robots move as the machines do that are built with these numbers."""
 
-from __future__ import annotations
-
 import copy
 import math
 import pickle
@@ -12,13 +10,13 @@ import pytest
 
 from jansen_env import ROBOTS, Motor, Payload, Robot, Terrain
 from jansen_env.dynamics import reduced as rd
-from jansen_env.parameters import OF_ROBOTS, ROBOT_PARAMETERS, effective, nominal
+from jansen_env.parameters import ROBOT_PARAMETERS, effective, nominal
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.rigid_body import RigidBodyPlant
 from jansen_env.plants.robot_parameters import machine_of, tables_of, terrain_of, tilted
-from jansen_env.robot import BODIES, Compliance
+from jansen_env.robot import Compliance
 from jansen_env.robot.motor import AK80_6
 
 GRAVITY = (0.0, -9.81)
@@ -61,10 +59,7 @@ def walked(batch, steps=40):
 
 @pytest.mark.parametrize("design", DESIGNS)
 def test_varied_robots_are_those_built_so(design):
-    """All parameters at once and each alone: to 1e-10 after 240 time steps, 1e-8 after 800.
-
-    The other batch is compiled from the machines built with these numbers, one by one.
-    """
+    """All parameters at once and each alone: 1e-10 after 240 time steps, 1e-8 after 800."""
     robot = DESIGNS[design]
     cases = [[], list(CHANGES), *([name] for name in CHANGES)]
     for case in cases[-len(CHANGES) :]:
@@ -77,7 +72,7 @@ def test_varied_robots_are_those_built_so(design):
     batch.set_parameters(every, rows)
     states, sums, forces = walked(batch)
     for k, (names, row) in enumerate(zip(cases, rows, strict=True)):
-        pull = tilted(GRAVITY, float(row["tilt"]))
+        pull = -9.81 * math.sin(row["tilt"]), -9.81 * math.cos(row["tilt"])  # as on a slope
         other = Batch([machine_of(robot, row)], [terrain_of(GROUND, row)], gravity=pull)
         expected = walked(other)
         apart = np.abs(states[:, k] - expected[0][:, 0]).max(axis=1)
@@ -109,10 +104,7 @@ def test_a_row_that_changes_nothing_changes_no_bit(design):
 
 @pytest.mark.parametrize("design", DESIGNS)
 def test_tables_of_varied_robots(design):
-    """Scaled tables say of every crank angle what those compiled from the changed machine do.
-
-    To 1e-12, second derivatives to 1e-10.
-    """
+    """Scaled tables are those of the changed machine: 1e-12, second derivatives 1e-10."""
     robot = DESIGNS[design]
     row = changed_row(robot, *CHANGES)
     scaled = tables_of(rd.compile_robot(robot), row)
@@ -124,17 +116,6 @@ def test_tables_of_varied_robots(design):
     assert np.abs(scaled.own - built.own)[..., 0].max() < 1e-13
     assert scaled.robot == built.robot
     assert (scaled.pads == built.pads).all() and (scaled.bearings == built.bearings).all()
-
-
-def test_own_inertias_are_what_scales_with_them():
-    """I, b and k without the links' own inertias are those of the links as points: rounding."""
-    row = nominal(RIGID, GROUND)
-    row["inertia_scale"] = 0.0
-    points = replace(RIGID, **{n: replace(getattr(RIGID, n), inertia=0.0) for n in BODIES})
-    assert machine_of(RIGID, row) == points
-    scaled = tables_of(rd.compile_robot(RIGID), row)
-    expected = rd.compile_robot(points).body
-    assert np.abs(scaled.body - expected)[..., 0].max() < 1e-13
 
 
 def test_the_rigid_body_plant_is_varied_alike():
@@ -158,51 +139,24 @@ def test_the_rigid_body_plant_is_varied_alike():
     assert ends["rigid_body"] == pytest.approx(ends["projection"], abs=1e-3)
 
 
-def test_a_tilted_floor_is_a_slope():
-    """Level ground under turned gravity: the same walk as up a slope, to 1e-6."""
-    angle, ways = 0.1, []
-    for ground in (Terrain.flat(), Terrain.slope(angle)):
-        plant = ProjectionPlant(GIVING, ground)
-        values = plant.nominal
-        values["tilt"] = angle if ground == Terrain.flat() else 0.0
-        plant.set_parameters(values)
-        start = plant.reset(0.0, 0.3)
-        for _ in range(20):
-            plant.step(2.0, 0.02)
-        ways.append(plant.state[:4] - start[:4])
-    (x, y, *angles), cos, sin = ways[0], math.cos(angle), math.sin(angle)
-    assert x > 0.01
-    assert ways[1] == pytest.approx([cos * x - sin * y, sin * x + cos * y, *angles], abs=1e-6)
-
-
 def test_setters_change_what_the_robot_is():
     """A setter's number is in force and nominal; what else was changed stays."""
     batch = Batch([GIVING] * 2, [GROUND] * 2)
     row = changed_row(GIVING, *CHANGES)
     batch.set_parameters(np.array([1]), np.array([row], ROBOT_PARAMETERS))
     motor = replace(AK80_6, stall_torque=50.0)
-    batch.change(1, {"motor": motor})
-    batch.change(1, {"payload": Payload(2.0, 0.1, (0.1, 0.0))})
-    batch.change(1, {"pad_compliance": Compliance(1e4, 30.0)})
-    batch.change(1, {"friction": 0.9})
-    batch.change(1, {"gravity": 5.0})
-    robot = replace(
-        GIVING,
-        motor=motor,
-        payload=Payload(2.0, 0.1, (0.1, 0.0)),
-        pad_compliance=Compliance(1e4, 30.0),
-    )
+    parts = {"motor": motor, "payload": Payload(2.0, 0.1, (0.1, 0.0)),
+             "pad_compliance": Compliance(1e4, 30.0)}  # fmt: skip
+    for name, value in {**parts, "friction": 0.9, "gravity": 5.0}.items():
+        batch.change(1, {name: value})
+    robot = replace(GIVING, **parts)
     assert batch.robots[1] == robot
     row["friction"], row["payload"], row["payload_x"], row["payload_y"] = 0.9, 2.0, 0.1, 0.0
     assert batch.parameters[1] == row
     assert batch.nominal[1] == nominal(robot, replace(GROUND, friction=0.9))
     built = Batch([machine_of(robot, row)], [GROUND], gravity=tilted((0.0, -5.0), row["tilt"]))
-    for name in set(batch.params.dtype.names) - {
-        "friction",
-        "mass_scale",
-        "inertia_scale",
-        "damping_scale",
-    }:
+    scales = {"friction", "mass_scale", "inertia_scale", "damping_scale"}
+    for name in set(batch.params.dtype.names) - scales:
         assert batch.params[name][1] == pytest.approx(built.params[name][0], rel=1e-12), name
     assert batch.params["gravity_y"][0] == -9.81 and batch.parameters[0] == batch.nominal[0]
     batch.set_terrain(1, Terrain.flat(0.3))
@@ -241,13 +195,6 @@ def test_what_is_in_force_counts_for_placing_and_forces():
     assert plant.energy() == pytest.approx(other.energy(), rel=1e-9)
 
 
-def test_what_has_an_effect():
-    assert set(OF_ROBOTS) - set(effective(Robot())) == {
-        "foot_stiffness_scale", "foot_damping_scale", "rotor_inertia_scale",
-    }  # fmt: skip
-    assert set(OF_ROBOTS) - set(effective(ROBOTS["built"]())) == {"restitution", "damping_scale"}
-
-
 @pytest.mark.parametrize("plant", [ProjectionPlant, RigidBodyPlant])
 def test_refused(plant):
     plant = plant(GIVING, GROUND)
@@ -266,7 +213,5 @@ def test_refused(plant):
     row = plant.nominal
     row["foot_stiffness_scale"], row["mass_scale"] = 0.01, 10.0
     plant.set_parameters(row)
-    with pytest.raises(
-        ValueError, match=r"pad_compliance\.stiffness is 200\.0 N/m, must be at least"
-    ):
+    with pytest.raises(ValueError, match=r"stiffness is 200\.0 N/m, must be at least"):
         plant.reset()

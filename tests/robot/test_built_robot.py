@@ -1,7 +1,5 @@
 """The robot that could be built: masses from dimensions, its list of parts, what it carries."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +13,7 @@ from jansen_env import MOTORS, Terrain, built_robot
 from jansen_env.plants.make import make_plant
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.trace import trace_forces
-from jansen_env.robot import BEARING_LOADS, BODIES, Triangle
+from jansen_env.robot import BEARING_LOADS
 from jansen_env.robot import buildable as built
 from jansen_env.robot.motor import AK80_6, MX_106, XM540_W270
 
@@ -50,10 +48,7 @@ def test_a_flat_bar_is_a_rectangle_with_round_ends():
 
 @pytest.mark.parametrize("third", [0.02, 0.05])
 def test_a_plate_is_a_triangle_with_a_hole(third):
-    """Mass and inertia about the pins' centroid by a grid, 1e-3; masses on the pins as points.
-
-    A heavier third corner draws the hole towards it: the centre of mass stays.
-    """
+    """By a grid, 1e-3; a heavier third corner draws the hole to it: the centre of mass stays."""
     corners = np.array([[0.0, 0.0], [0.3, 0.0], [0.1, 0.2]])
     corners -= corners.mean(axis=0)
     sides = tuple(np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1))
@@ -102,25 +97,8 @@ def test_the_list_of_parts_adds_up_to_the_robot(phases):
     parts = built_parts.bill_of_materials(robot)
     assert sum(part.mass for part in parts) == pytest.approx(robot.mass, rel=1e-12)
     assert all(part.number > 0 and part.each > 0.0 for part in parts)
-
-
-def test_the_documented_list_is_that_of_the_code():
-    assert built_parts.parts_table(built_robot()) in PAGE.read_text(encoding="utf-8")
-
-
-def test_links_are_no_longer_heavier_than_they_look():
-    """Every radius of gyration fits into the link; the paper's, 1 m, is 2 to 9 times its length."""
-    for name in BODIES:
-        link = getattr(built_robot(), name)
-        reach = max(link.sides) if isinstance(link, Triangle) else link.length
-        assert (link.inertia / link.mass) ** 0.5 < 0.55 * reach
-
-
-def test_motor_and_battery_balance():
-    """Equal masses at O and P: the centre of mass is half way."""
-    at_axis = built.MOTOR_MASS + built.MOTOR_PLATE_MASS + built.CRANKSHAFT_MASS
-    at_pivots = built.BATTERY_MASS + 2.0 * built.CROSS_MEMBER_MASS
-    assert at_axis == pytest.approx(at_pivots) == pytest.approx(built.AXIS_MASS)
+    documented = built_parts.parts_table(robot) in PAGE.read_text(encoding="utf-8")
+    assert documented == (phases == 2)
 
 
 def test_the_masses_of_parts_are_those_of_their_volumes():
@@ -143,8 +121,7 @@ def test_the_masses_of_parts_are_those_of_their_volumes():
 def test_the_feets_numbers_belong_to_one_part():
     """Radius, width and hardness give the stiffness, as a secant, and the load that it bears.
 
-    Along the ground the tread is a short cantilever of the half-round's width, cut off where the
-    ground flattens it: shear and bending (Timoshenko).
+    Along the ground the tread is a short cantilever: shear and bending (Timoshenko).
     """
     robot, modulus = built_robot(), built.rubber_modulus(built.RUBBER_HARDNESS)
     assert modulus == pytest.approx(3.605e6, rel=1e-3)
@@ -192,10 +169,7 @@ def test_a_walk_at_2_rad_s_is_borne(loads):
 
 @pytest.mark.parametrize("start", [0.0, 0.2 * math.pi])
 def test_touchdowns_are_resolved(start):
-    """Half the time step changes the largest loads of a first step at 4 N m, from rest: 5 %.
-
-    Later steps of two walks are not the same steps: touchdowns make them part.
-    """
+    """Half the time step changes the largest loads of a first step at 4 N m, from rest: 5 %."""
     found = []
     for step in (measured.FINE_STEP, 0.5 * measured.FINE_STEP):
         plant, rows = ProjectionPlant(built_robot(), Terrain.flat(), step), []
@@ -214,10 +188,9 @@ def test_touchdowns_are_resolved(start):
 
 @pytest.mark.parametrize("speed", [1.0, pytest.param(1.5, marks=pytest.mark.slow)])
 def test_it_walks_under_the_papers_pid(speed):
-    """Forwards, upright, the crank kept within 2 %; on both plants as fast, as dear, sliding as
-    much: 10 %."""
+    """The crank kept within 2 %; on both plants as fast, as dear, sliding as much: 10 %."""
     found = [
-        measured.walk(make_plant(plant, built_robot(), Terrain.flat()), speed, 4.0)
+        measured.walk(make_plant(plant, built_robot(), Terrain.flat()), speed, 2.5)
         for plant in ("projection", "rigid_body")
     ]
     for one in found:

@@ -1,7 +1,5 @@
 """Joint positions from the crank angle: the paper's check numbers, rigid links, mirror image."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -28,30 +26,17 @@ TURN = np.linspace(0.0, 2.0 * math.pi, 1440, endpoint=False)  # rad, a quarter o
 
 
 @pytest.mark.parametrize(
-    "psi, side, toe",
+    "psi, side, toe, rate",
     [
-        (0.0, "fore", (-0.399037, -0.533103)),
-        (0.0, "back", (0.280209, -0.621044)),
-        (1.0, "fore", (-0.268899, -0.564633)),
-        (1.0, "back", (0.146598, -0.609492)),
+        (0.0, "fore", (-0.399037, -0.533103), 0.216520),
+        (0.0, "back", (0.280209, -0.621044), -0.367201),
+        (1.0, "fore", (-0.268899, -0.564633), 0.419304),
+        (1.0, "back", (0.146598, -0.609492), 0.366109),
     ],
 )
-def test_toe_positions(psi, side, toe):
-    """The check numbers of the paper's reading, which have six digits after the point."""
+def test_check_numbers_of_the_papers_reading(psi, side, toe, rate):
+    """Place of the toe and d(theta_8)/d(psi), six digits after the point."""
     assert joint_positions(paper_robot(), side, psi)[T] == pytest.approx(toe, abs=6e-7)
-
-
-@pytest.mark.parametrize(
-    "psi, side, rate",
-    [
-        (0.0, "fore", 0.216520),
-        (0.0, "back", -0.367201),
-        (1.0, "fore", 0.419304),
-        (1.0, "back", 0.366109),
-    ],
-)
-def test_foot_link_turning_rate(psi, side, rate):
-    """d(theta_8)/d(psi), six digits; central differences of 1e-5 rad err by 1e-10."""
     ahead, behind = coordinates(paper_robot(), side, np.array([psi + 1e-5, psi - 1e-5]))[:, 21]
     assert (ahead - behind) / 2e-5 == pytest.approx(rate, abs=6e-7)
 

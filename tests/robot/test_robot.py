@@ -1,6 +1,4 @@
-"""What the machine is: the paper's numbers, and designs that are refused."""
-
-from __future__ import annotations
+"""The machine and its motor: the paper's numbers, and designs that are refused."""
 
 import math
 from dataclasses import replace
@@ -13,6 +11,7 @@ from jansen_env import (
     Compliance,
     Leg,
     LinkageError,
+    Motor,
     Payload,
     Robot,
     Terrain,
@@ -78,15 +77,9 @@ REFUSED = {
     "restitution": (lambda: Terrain.flat(restitution=1.1), "Terrain.restitution is 1.1"),
     "roughness": (lambda: Terrain.rough(np.random.default_rng(), height=-1), "height is -1"),
     "generator": (lambda: Terrain.rough(0), "rng is 0, must be a Generator"),
-    "vertices": (
-        lambda: Terrain.rough(np.random.default_rng(), length=1e300),
-        r"length / spacing is 5e\+300, must be at most 100000",
-    ),
+    "vertices": (lambda: Terrain.rough(np.random.default_rng(), length=1e300), "at most 100000"),
     "points text": (lambda: Terrain((("0", "0"), ("1", "0"))), "Terrain.points is .* of numbers"),
-    "points far": (
-        lambda: Terrain(((0.0, 0.0), (1e7, 0.0))),
-        r"is 1e\+07 m, must be within",
-    ),
+    "points far": (lambda: Terrain(((0.0, 0.0), (1e7, 0.0))), r"is 1e\+07 m, must be within"),
     "terrain name": (lambda: make_terrain("moon"), "terrain is 'moon'"),
     "terrain angle": (lambda: make_terrain("slope:up"), "terrain is 'slope:up'"),
 }
@@ -137,12 +130,8 @@ def test_triangle_4_is_a_little_larger_than_its_sides():
 def test_triangle_sides_and_centroid_belong_together(triangle):
     """sides undoes from_sides; the three corners' mean is the centroid (6 digits as printed)."""
     assert Triangle.from_sides(*triangle.sides).sides == pytest.approx(triangle.sides, abs=1e-12)
-    corners = (
-        triangle.d
-        + triangle.l * np.exp(1j * triangle.alpha)
-        + triangle.h * np.exp(-1j * triangle.gamma)
-    )
-    assert abs(corners) < 2e-6
+    second, third = np.exp(1j * triangle.alpha), np.exp(-1j * triangle.gamma)
+    assert abs(triangle.d + triangle.l * second + triangle.h * third) < 2e-6
 
 
 def test_the_paper_robot_is_the_papers():
@@ -182,3 +171,69 @@ def test_a_pad_gives_along_the_ground_as_it_does_into_it_unless_told():
     assert not same.rigid
     assert Compliance().rigid
     assert Compliance(2e4, 50.0, 1e4).tangential_stiffness == 1e4
+
+
+REAL = Motor(
+    stall_torque=8.0, no_load_speed=10.0, torque_limit=6.0, gear_ratio=50.0, efficiency=0.7
+)
+
+
+def test_an_ideal_motor_gives_what_is_asked_for():
+    asked = np.linspace(-30.0, 30.0, 61)
+    np.testing.assert_array_equal(Motor().torque(asked, 1e6), asked)
+    drawn = Motor().electrical_power([2.0, -2.0, 0.0], [3.0, 3.0, 1.0])  # mechanical, never back
+    np.testing.assert_array_equal(drawn, [6.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("speed", "low", "high"),
+    [
+        (0.0, -6.0, 6.0),  # the limit of gear and driver
+        (5.0, -6.0, 4.0),  # half way to the no-load speed
+        (10.0, -6.0, 0.0),
+        (12.0, -6.0, -1.6),  # overrun, the motor brakes whatever is asked for
+        (-5.0, -4.0, 6.0),
+        (-12.0, 1.6, 6.0),
+        (30.0, -6.0, -6.0),  # but no more than driver and gear allow
+    ],
+)
+def test_torque_lies_below_the_torque_speed_line(speed, low, high):
+    assert float(REAL.torque(-100.0, speed)) == pytest.approx(low)
+    assert float(REAL.torque(100.0, speed)) == pytest.approx(high)
+    inside = 0.5 * (low + high)
+    assert float(REAL.torque(inside, speed)) == inside
+
+
+def test_electrical_power_is_the_armatures_voltage_times_current():
+    # V = K n0, R = V / I_s, stall torque = eta K I_s; of any K the power is the same.
+    K = 0.9
+    voltage, stall_current = K * 10.0, 8.0 / (0.7 * K)
+    resistance = voltage / stall_current
+    for torque, speed in ((3.0, 4.0), (8.0, 0.0), (2.0, -1.0), (-4.0, 8.0), (-6.0, 0.2)):
+        inner = torque / 0.7 if torque * speed >= 0.0 else torque * 0.7
+        current = inner / K
+        power = (K * speed + resistance * current) * current
+        assert float(REAL.electrical_power(torque, speed)) == pytest.approx(max(power, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ({"stall_torque": 0.0}, "stall_torque"),
+        ({"stall_torque": math.nan}, "stall_torque"),
+        ({"no_load_speed": 5.0}, "stall_torque is inf"),
+        ({"torque_limit": -1.0}, "torque_limit"),
+        ({"torque_limit": math.inf}, "torque_limit"),
+        ({"gear_ratio": 0.0}, "gear_ratio"),
+        ({"rotor_inertia": -1e-6}, "rotor_inertia"),
+        ({"friction": -0.1}, "friction"),
+        ({"viscous_friction": "much"}, "viscous_friction"),
+        ({"efficiency": 0.0}, "efficiency"),
+        ({"viscous_friction": 1e7}, "viscous_friction"),
+        ({"gear_ratio": 1e9, "rotor_inertia": 1.0}, "gear_ratio"),
+        ({"efficiency": 1.1}, "efficiency"),
+    ],
+)
+def test_what_no_motor_can_be_is_refused(arguments, named):
+    with pytest.raises(ValueError, match=named):
+        Motor(**arguments)

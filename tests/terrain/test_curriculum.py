@@ -1,11 +1,11 @@
-"""Levels by how far a robot has walked."""
+"""Levels of drawn terrains: given one by one, and by how far a robot has walked."""
 
-from __future__ import annotations
-
+import gymnasium as gym
 import numpy as np
 import pytest
 
 from jansen_env.terrain.curriculum import Curriculum
+from jansen_env.terrain.generators import HIGHEST
 
 
 @pytest.mark.parametrize(
@@ -52,3 +52,64 @@ def test_past_the_top_any_level(rng):
 def test_wrong_arguments_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         Curriculum(**arguments)
+
+
+def test_levels_of_a_batch():
+    """One for each robot, by argument, by option, and from the next episode on."""
+    envs = gym.make_vec("JansenWalker-v0", 3, terrain="stairs", terrain_level=np.array([0, 4, 9]))
+    info = envs.reset(seed=0)[1]
+    assert info["parameters"]["terrain_level"].tolist() == [0, 4, 9]
+    heights = [abs(t.height(9.0)) for t in envs.get_attr("terrain")]
+    assert 0.0 < heights[0] < heights[1] < heights[2]
+    envs.reset(options={"terrain_level": np.array([1, 2, 3])})
+    assert envs.get_attr("terrain_level") == (1, 2, 3)
+    envs.set_attr("terrain_level", 5)
+    assert envs.get_attr("terrain_level") == (1, 2, 3)
+    envs.reset()
+    assert envs.get_attr("terrain_level") == (5, 5, 5)
+    envs.close()
+    with pytest.raises(ValueError, match=r"terrain_level is .* has no levels"):
+        gym.make("JansenWalker-v0", terrain_level=3)
+
+
+def test_a_curriculum_leads_on():
+    """Up after a walk, down after standing, past the top to any; through every API the same."""
+    rule = Curriculum(horizon=1.0)
+    env = gym.make(
+        "JansenWalker-v0", terrain="slope", terrain_level=4, curriculum=rule, speed_command=0.1
+    )
+
+    def level_after(torque, steps=50):
+        for _ in range(steps):
+            env.step(np.full(1, torque, np.float32))
+        return env.reset()[1]["parameters"]["terrain_level"]
+
+    assert env.reset(seed=0)[1]["parameters"]["terrain_level"] == 4
+    assert level_after(0.6) == 5
+    assert level_after(0.6) == 6
+    assert level_after(0.0) == 5
+    assert level_after(0.6, steps=5) == 4  # ended early: not far enough
+    env.unwrapped.set_parameters(terrain_level=HIGHEST)
+    env.reset()
+    assert {level_after(0.6) for _ in range(12)} - {HIGHEST}
+
+
+def test_a_curriculum_goes_by_all_commands():
+    """Walking there and back as commanded is a success, wherever it ends; also by a state."""
+    env = gym.make(
+        "JansenWalker-v0", terrain="slope:angle=0", curriculum=Curriculum(horizon=4.0)
+    ).unwrapped
+    env.reset(seed=0, options={"speed_command": 0.2})
+    ends = []
+    for command in (0.2, -0.2):
+        env.set_parameters(command=command)
+        for _ in range(100):
+            info = env.step(np.array([3.0 * command], np.float32))[4]
+        ends.append(info["x_position"])
+    path = ends[0] + (ends[0] - ends[1])
+    assert path > 0.8 > abs(ends[1])
+    np.testing.assert_allclose(env.task.covered[0], (path, 0.8))
+    other = gym.make("JansenWalker-v0", terrain="slope:angle=0", curriculum=True).unwrapped
+    other.set_state(env.get_state())
+    np.testing.assert_array_equal(other.task.covered, env.task.covered)
+    assert env.reset()[1]["parameters"]["terrain_level"] == 1

@@ -1,9 +1,4 @@
-"""Verification tests note the numbers they measure.
-
-``python -m pytest tests/verification -m "slow or not slow" --numbers FILE`` writes them as a table.
-"""
-
-from __future__ import annotations
+"""Verification tests note the numbers they measure: ``--numbers FILE`` writes them as a table."""
 
 import math
 from pathlib import Path

@@ -1,27 +1,21 @@
 """Compliant pads against mass, spring and damper: landing, bounce, sag, and no energy from nowhere.
 
-``level(n)`` with a locked crank falls flat on n toes: one mass on n springs and n dampers,
-
-    m z'' = -n k z - n d z' - m g        while that pushes,
-
-so that without gravity it leaves after t = (pi - atan2(2 D s, 1 - 2 D^2)) / (w s) with e^(-D w t)
-of its speed, w^2 = n k / m, D = n d / (2 m w), s^2 = 1 - D^2 (T. Schwager and T. Poeschel, Granular
-Matter 9, 2007).
+With a locked crank ``level(n)`` is one mass on n springs and n dampers: without gravity it leaves
+after t = (pi - atan2(2 D s, 1 - 2 D^2)) / (w s) with e^(-D w t) of its speed, w^2 = n k / m,
+D = n d / (2 m w), s^2 = 1 - D^2 (T. Schwager and T. Poeschel, Granular Matter 9, 2007).
 """
-
-from __future__ import annotations
 
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from motions import placed, shift
 from test_touchdown import PSI, level
 
 from jansen_env import ROBOTS, Terrain
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.batch import Batch
-from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot import Compliance
 
 SPEED = 1.0  # m/s
@@ -31,12 +25,10 @@ MASS = level(2).mass
 def flat_fall(toes, pads, time_step, gravity=0.0, speed=SPEED, ahead=0.0):
     """A plant whose toes touch the ground in ``ahead`` time steps, crank locked."""
     robot = replace(level(toes), pad_compliance=pads)
-    plant = ProjectionPlant(robot, Terrain.flat(friction=0.0), time_step, gravity=gravity)
-    plant.prescribed_crank_speed = True
-    state = plant.reset(0.0, PSI, 0.0)
-    state[1] -= plant.toe_positions()[:, 1].min() - robot.pad_radius - ahead * time_step * speed
-    state[5] = -speed
-    plant.state = state
+    arguments = dict(locked=True, time_step=time_step, gravity=gravity)
+    plant = placed(robot, Terrain.flat(friction=0.0), PSI, 0.0, **arguments)
+    above = plant.toe_positions()[:, 1].min() - robot.pad_radius
+    plant.state = plant.state + shift(y=ahead * time_step * speed - above, vy=-speed)
     return plant
 
 
@@ -126,10 +118,7 @@ def test_sag(measured):
 
 @pytest.mark.parametrize("damping", [0.0, 1e2, 1e4, 1e8])
 def test_stiff_pads_land_as_rigid_ones_do(damping, measured):
-    """The limit of stiffness: no bounce, wherever in a step it touches down, at 1 ms.
-
-    With a damper that is too fast for the step, too, however soft the spring is.
-    """
+    """Wherever in a step of 1 ms it touches down; also with a damper too fast for the step."""
     rebound = {}
     for stiffness in (1e4, 1e8, 1e10, 1e12, 1e16):
         if damping < 1e8 and stiffness < 1e8:
@@ -149,19 +138,13 @@ def test_stiff_pads_land_as_rigid_ones_do(damping, measured):
 @pytest.mark.parametrize("friction", [0.0, 0.3, 0.8])
 @pytest.mark.parametrize("toes", [1, 2, 3, 4])
 def test_the_rigid_limit_of_a_landing(toes, friction, measured):
-    """Thrown on its toes, crank free: where it is after 20 ms, on 1e14 N/m and on rigid pads.
-
-    They may touch down a time step apart, and rigid pads may stay 20 um deep.
-    """
+    """Thrown on its toes, crank free: where it is after 20 ms, on 1e14 N/m and on rigid pads."""
     for step, limit in ((1e-3, 2e-2), (1e-4, 3e-3)):
         ends = []
         for pads in (Compliance(1e14), Compliance()):
             robot = replace(level(toes), pad_compliance=pads)
-            plant = ProjectionPlant(robot, Terrain.flat(friction), step)
-            state = plant.reset(0.0, PSI, 0.02)
-            state[1] += 2.34e-3
-            state[4:] = 0.2, -0.5, 0.3, 1.0
-            plant.state = state
+            thrown = shift(y=2.34e-3, vx=0.2, vy=-0.5, spin=0.3, crank=1.0)
+            plant = placed(robot, Terrain.flat(friction), PSI, 0.02, moved=thrown, time_step=step)
             plant.step(1.0, 0.02)
             ends.append(plant.state)
         apart = np.abs(ends[0] - ends[1]).max()
@@ -178,12 +161,10 @@ def thrown(rng, count):
         robots.append(replace(ROBOTS["paper"](), pad_compliance=Compliance(k, d, kt, dt)))
     batch = Batch(robots, [Terrain.flat(float(friction))] * count, step, 0.0, threads=1)
     for i, robot in enumerate(robots):
-        state = ProjectionPlant(robot, batch.terrains[i], gravity=0.0).reset(
-            0.0, rng.uniform(0.0, 2.0 * math.pi), rng.uniform(-0.3, 0.3)
-        )
-        state[1] += (
-            rng.uniform(0.0, 2.0) * step + robot.mass * GRAVITY / robot.pad_compliance.stiffness
-        )
+        psi, pitch = rng.uniform([0.0, -0.3], [2.0 * math.pi, 0.3])
+        batch.place_at(np.array([i]), np.array([psi]), pitch=pitch)
+        state, sunk = batch.states[i], robot.mass * GRAVITY / robot.pad_compliance.stiffness
+        state[1] += rng.uniform(0.0, 2.0) * step + sunk
         state[4:] = rng.normal(size=4) * (0.5, 0.3, 0.5, 0.0) - (0.0, 1.0, 0.0, 0.0)
         batch.set_state(i, state)
     return batch
@@ -197,9 +178,7 @@ def resolved(batch):
 
 
 def test_no_pad_creates_energy(rng, measured):
-    """Crank locked, so that only pads can: 320 throws, k to 1e16 N/m, d to 1e10 N s/m, steps of
-    0.1 to 20 ms. Kinetic and elastic energy never exceed what it came with.
-    """
+    """Crank locked: k to 1e16 N/m, d to 1e10 N s/m, steps of 0.1 to 20 ms; elastic included."""
     gain, residual = 0.0, 0.0
     for _ in range(20):
         batch = thrown(rng, 16)

@@ -1,12 +1,11 @@
 """Friction of compliant pads: bristles hold exactly up to mu N, and give back what they took."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from motions import placed, shift
 from test_grooves import grooves
 
 from jansen_env import ROBOTS, Robot, Terrain
@@ -14,19 +13,16 @@ from jansen_env.gravity import GRAVITY
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot import Compliance
+from jansen_env.terrain.generators import HIGHEST, LEVELS, make_generator
 
-STEP = 1e-3  # s
 PADS = Compliance(3e4, 600.0, 1e4, 300.0)
 FRICTION = 0.2
 
 
-def standing(pads=PADS, friction=FRICTION, time_step=STEP, settle=10.0):
+def standing(pads=PADS, friction=FRICTION, speed=0.0, settle=10.0):
     """The paper's robot at rest on two toes, crank locked."""
-    plant = ProjectionPlant(
-        replace(Robot(), pad_compliance=pads), Terrain.flat(friction), time_step
-    )
-    plant.reset(0.0, 0.3)
-    plant.prescribed_crank_speed = True
+    robot = replace(Robot(), pad_compliance=pads)
+    plant = placed(robot, Terrain.flat(friction), moved=shift(vx=speed), locked=True)
     if settle > 0.0:
         plant.step(0.0, settle)
     plant.tracing = True
@@ -47,10 +43,7 @@ def shares(plant):
 
 
 def test_bristles_hold_an_oscillating_pull(measured):
-    """100 cycles of 1 Hz at 30 % of the friction: it sways on its bristles and comes back.
-
-    The rigid law for comparison: it does not move at all.
-    """
+    """100 cycles of 1 Hz at 30 % of the friction: it sways on its bristles and comes back."""
     for name, pads in (("bristles", PADS), ("rigid", Compliance())):
         plant = standing(pads)
         start, sway, slip = plant.state, 0.0, 0.0
@@ -103,14 +96,8 @@ def test_it_stands_below_and_slides_above(measured):
 
 
 def test_bristles_and_springs_give_back_what_they_took(measured):
-    """No dampers, no slip, no gravity change: kinetic, potential and elastic energy keep their sum.
-
-    Swinging on its bristles for 5 s, with a period of 16 time steps.
-    """
-    plant = standing(Compliance(3e4, 0.0, 1e4, 0.0), friction=5.0, settle=0.0)
-    state = plant.state
-    state[4] = 0.02
-    plant.state = state
+    """No dampers, no slip: 5 s of swinging, 16 time steps a period, keep all energies' sum."""
+    plant = standing(Compliance(3e4, 0.0, 1e4, 0.0), 5.0, speed=0.02, settle=0.0)
     energies, slip = [], 0.0
     for _ in range(500):
         slip += plant.step(0.0, 0.01).slip.sum()
@@ -125,10 +112,7 @@ def test_bristles_and_springs_give_back_what_they_took(measured):
 @pytest.mark.parametrize("time_step", [1e-3, 1e-2])
 @pytest.mark.parametrize("name", ["paper_slender", "holy", "built"])
 def test_random_walks_in_grooves(name, time_step, measured):
-    """Two planes and more at a pad, random torques, pads of all kinds: nothing diverges, friction
-    never drives, and little energy is unaccounted for: what springs up to 1 TN/m, which no such
-    time step resolves, give back of what counted as lost.
-    """
+    """Nothing diverges, friction never drives; springs to 1 TN/m give back what counted as lost."""
     rng, count = np.random.default_rng(7), 48
     terrains = [replace(grooves(rng), restitution=0.0) for _ in range(count)]
     robots = []
@@ -174,3 +158,64 @@ def test_left_alone_in_grooves_it_comes_to_rest(measured):
             now = plant.energy() + plant.batch.accumulators["elastic_energy"][0]
             gain, last = max(gain, now - last), now
     measured("left alone in grooves: energy gained in 20 ms", gain, 5e-4, "J")
+
+
+DAMPING_RATIOS = 0.0, 0.05, 0.2, 1.0  # of 1 kg, about what a toe feels like
+
+
+def edges(half: float, flats: bool) -> Terrain:
+    """Grooves of 45 degrees, ``half`` as deep as wide (m), side by side or with flats between."""
+    number = np.arange(-int(3.0 / half), int(3.0 / half) + 1)
+    deep = number % 4 == 1 if flats else number % 2 == 1
+    return Terrain(tuple(zip(half * number, np.where(deep, -half, 0.0), strict=True)), 0.8)
+
+
+@pytest.mark.parametrize("time_step", [1e-3, 5e-4, 2.5e-4])
+def test_thrown_into_grooves(time_step, rng, measured):
+    """Soft and undamped, no torque: kinetic, potential and elastic energy never rise in 20 ms."""
+    grounds = [edges(h, f) for h in (0.005, 0.01, 0.025, 0.05, 0.1, 0.2) for f in (False, True)]
+    grounds *= 4
+    robot = replace(ROBOTS["paper"](), pad_compliance=Compliance(2e4))
+    batch = Batch([robot] * len(grounds), grounds, time_step, threads=1)
+    gain, last = 0.0, np.full(len(grounds), math.inf)
+    for i in range(len(grounds)):
+        batch.place(np.array([i]), rng.uniform(0.0, 2.0 * math.pi, 1))
+        state = batch.states[i] + [0.0, 0.05, 0.0, 0.0, *rng.normal(size=4) * (0.5, 0.5, 0.5, 2.0)]
+        batch.set_state(i, state)
+    for _ in range(100):
+        batch.step(np.zeros(len(grounds)), round(0.02 / time_step))
+        now = np.array([batch.energy(i) for i in range(len(grounds))])
+        now += batch.accumulators["elastic_energy"]
+        gain, last = max(gain, (now - last).max()), now
+    batch.close()
+    measured("thrown into 45-degree grooves: energy gained in 20 ms", gain, 1e-6, "J")
+
+
+@pytest.mark.parametrize("name", ["paper", "built"])
+def test_walks_on_every_ground(name, rng, measured):
+    """All generators and levels, 3 kN/m to 1 MN/m: no loss is negative, so the books show gains."""
+    grounds = [make_generator(kind)(rng, level) for kind in LEVELS for level in range(HIGHEST + 1)]
+    count, robots = len(grounds), []
+    for i in range(count):
+        k, ratio = 10.0 ** rng.uniform(3.5, 6.0), DAMPING_RATIOS[i % len(DAMPING_RATIOS)]
+        d = 2.0 * ratio * math.sqrt(k)
+        pads = Compliance(k, d, rng.uniform(0.25, 1.0) * k, d)
+        robots.append(replace(ROBOTS[name](), pad_compliance=pads))
+    batch = Batch(robots, grounds)
+    batch.place(np.arange(count), rng.uniform(0.0, 2.0 * math.pi, count))
+    speed = rng.uniform(1.0, 5.0, count)
+    created, turned = np.zeros(count), np.zeros(count)
+    for _ in range(250):
+        torque = np.clip(10.0 * (speed - batch.states[:, 7]) + 1.5 * speed, -20.0, 20.0)
+        batch.step(torque, 20)
+        sums = batch.accumulators
+        missing = sums["motor_work"] - sums["energy_change"] - sums["joint_loss"]
+        missing -= sums["slip_loss"] + sums["impact_loss"]
+        assert not batch.diverged.any()
+        assert sums["slip_loss"].min() >= 0.0
+        created = np.maximum(created, -missing)
+        turned += np.abs(sums["motor_work"])
+    batch.close()
+    measured(f"{name} on every ground: energy created in 20 ms", created.max(), 0.3, "J")
+    share = (created / turned).max()
+    measured(f"{name} on every ground: the same of the motor's work in 5 s", share, 2e-3)

@@ -1,27 +1,22 @@
-"""Energy, momentum and Galilean invariance: what mechanics keeps, the time step keeps.
-
-Energy is audited step by step: motor work = joint loss + slip loss + impact loss + energy change.
-"""
-
-from __future__ import annotations
+"""Energy, momentum and Galilean invariance: what mechanics keeps, the time step keeps."""
 
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from motions import DESIGNS, FLIGHT, HOLD, audit, governor, momenta, placed, shift
 
 from jansen_env import Payload, Robot, Terrain
-from jansen_env.dynamics import reduced as rd
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.projected import ProjectionPlant
 
-HOLD = 0.02  # s, for which a torque is held
-FLIGHT = np.array([0.3, 50.0, 0.4, 2.0, 0.5, 1.0, 1.0, 5.0])  # thrown up high, spinning
 THROWN = np.array([0.0, 0.8, 2.0, 0.3, 1.0, 0.0, 3.0, 0.0])  # near the ground, on its back
+DROPPED = shift(y=0.8, pitch=0.1, psi=0.3)
+SLIDE = Terrain.slope(0.4, friction=0.2)
 LADEN = replace(Robot(), payload=Payload(5.0, 0.2, (0.1, 0.2)))
 ROUGH = Terrain.rough(np.random.default_rng(0), start=-5.0)
 BOUNCY = Terrain.flat(restitution=0.5)
+loads = pytest.mark.parametrize("robot", [Robot(), LADEN], ids=["paper", "laden"])
 
 
 def held(torque):
@@ -31,77 +26,39 @@ def held(torque):
 
 def walking(speed):
     """The torque that holds the crank near ``speed`` rad/s."""
-    return lambda plant: float(np.clip(10.0 * (speed - plant.state[7]) + 1.5 * speed, -20.0, 20.0))
-
-
-def motion(law, duration, terrain=None, robot=None, state=None, locked=False):
-    """What :func:`audit` needs to know of a motion."""
-    return law, duration, terrain or Terrain.flat(), robot or Robot(), state, locked
+    return lambda plant: governor(plant, speed)
 
 
 # Each motion with the error allowed at 1 ms, relative to the energy turned over.
 MOTIONS = {
-    "flight": (motion(held(2.0), 1.0, state=FLIGHT), 2e-6),
-    "standing": (motion(held(0.0), 2.0), 4e-12),
-    "sliding, crank locked": (
-        motion(held(0.0), 1.0, Terrain.slope(0.4, friction=0.2), locked=True),
-        2e-13,
-    ),
-    "slow walk": (motion(walking(0.5), 4.0), 2e-6),
-    "fast walk": (motion(walking(4.0), 4.0), 8e-6),
-    "walk uphill": (motion(walking(1.0), 4.0, Terrain.slope(0.1)), 2e-6),
-    "walk downhill": (motion(walking(1.0), 4.0, Terrain.slope(-0.1)), 2e-6),
-    "walk on rough ground": (motion(walking(1.0), 4.0, ROUGH), 1e-6),
-    "walk with payload": (motion(walking(1.0), 4.0, robot=LADEN), 3e-6),
-    "walk, restitution 0.5": (motion(walking(1.0), 4.0, BOUNCY), 4e-6),
-    "dropped, restitution 0.5": (
-        motion(held(0.0), 2.0, BOUNCY, state=[0.0, 0.8, 0.1, 0.3, 0.0, 0.0, 0.0, 0.0]),
-        1e-5,
-    ),
-    "tumbling on outer joints": (motion(held(0.0), 3.0, state=THROWN), 6e-5),
-    "tumbling, crank locked": (motion(held(0.0), 3.0, state=THROWN, locked=True), 2e-13),
+    "flight": (held(2.0), 1.0, dict(state=FLIGHT), 2e-6),
+    "standing": (held(0.0), 2.0, {}, 4e-12),
+    "sliding, crank locked": (held(0.0), 1.0, dict(terrain=SLIDE, locked=True), 2e-13),
+    "slow walk": (walking(0.5), 4.0, {}, 2e-6),
+    "fast walk": (walking(4.0), 4.0, {}, 8e-6),
+    "walk uphill": (walking(1.0), 4.0, dict(terrain=Terrain.slope(0.1)), 2e-6),
+    "walk downhill": (walking(1.0), 4.0, dict(terrain=Terrain.slope(-0.1)), 2e-6),
+    "walk on rough ground": (walking(1.0), 4.0, dict(terrain=ROUGH), 1e-6),
+    "walk with payload": (walking(1.0), 4.0, dict(robot=LADEN), 3e-6),
+    "walk, restitution 0.5": (walking(1.0), 4.0, dict(terrain=BOUNCY), 4e-6),
+    "dropped, restitution 0.5": (held(0.0), 2.0, dict(terrain=BOUNCY, state=DROPPED), 1e-5),
+    "tumbling on outer joints": (held(0.0), 3.0, dict(state=THROWN), 6e-5),
+    "tumbling, crank locked": (held(0.0), 3.0, dict(state=THROWN, locked=True), 2e-13),
 }
 
 
-def audit(time_step, law, duration, terrain, robot, state, locked):
-    """Sum of |energy residual|, and the energy turned over (at least m g times 0.1 m), J."""
-    plant = ProjectionPlant(robot, terrain, time_step)
-    plant.reset(0.0, 0.3)
-    if state is not None:
-        plant.state = state
-    plant.prescribed_crank_speed = locked
-    missed = turned = 0.0
-    for _ in range(round(duration / HOLD)):
-        result = plant.step(law(plant), HOLD)
-        assert min(result.joint_loss, result.slip_loss) >= -1e-15
-        missed += abs(result.energy_residual)
-        turned += abs(result.motor_work) + abs(result.energy_change)
-    return missed, max(turned, 0.1 * robot.mass * GRAVITY)
-
-
-def thrown(robot, velocity=(0.0, 0.0), time_step=1e-3):
-    """A plant in flight, its crank axis at ``velocity`` m/s beyond FLIGHT's; damped joints."""
-    plant = ProjectionPlant(robot, Terrain.flat(), time_step)
-    state = FLIGHT.copy()
-    state[4:6] += velocity
-    plant.state = state
-    return plant
-
-
-def momenta(plant):
-    """Linear momentum (2,), spin about the centre of mass, that centre (2,), all from M(q)."""
-    q, v = np.split(plant.state, 2)
-    p = rd.mass_matrix(plant.tables, q) @ v
-    c = complex(*rd.body_sums(plant.tables, q[3]).c)
-    c *= np.exp(1j * q[2]) / plant.robot.mass
-    return p[:2], p[2] - (c.real * p[1] - c.imag * p[0]), q[:2] + np.array([c.real, c.imag])
+def unaccounted(time_step, law, duration, placing):
+    """Energy not accounted for, and turned over (at least m g times 0.1 m), J."""
+    plant = placed(**placing, time_step=time_step)
+    missed, turned, _ = audit(plant, law, duration)
+    return missed, max(turned, 0.1 * plant.robot.mass * GRAVITY)
 
 
 @pytest.mark.parametrize("name", MOTIONS)
 def test_energy_audit(name, measured):
     """Motor work = joint, slip and impact loss + energy change, step by step, at 1 ms."""
-    arguments, limit = MOTIONS[name]
-    missed, turned = audit(1e-3, *arguments)
+    *arguments, limit = MOTIONS[name]
+    missed, turned = unaccounted(1e-3, *arguments)
     measured(f"energy unaccounted for, {name}", missed / turned, limit)
 
 
@@ -117,26 +74,25 @@ ORDERS = {  # of the energy error: the midpoint rule's between impacts, the impa
 
 @pytest.mark.parametrize("name", ORDERS)
 def test_energy_error_falls_with_the_time_step(name, measured):
-    """Order between 2 and 0.25 ms: 2 in smooth motion, 1 with impacts, which fall at random in a
-    step, so that a walk's error scatters: 0.3 of an order over a factor of 8 is a factor of 1.9.
-    """
+    """Order between 2 and 0.25 ms: 2 in smooth motion, 1 with impacts, whose error scatters."""
     order, lost = ORDERS[name]
-    coarse, fine = (audit(step, *MOTIONS[name][0])[0] for step in (2e-3, 2.5e-4))
+    coarse, fine = (unaccounted(step, *MOTIONS[name][:3])[0] for step in (2e-3, 2.5e-4))
     found = math.log(coarse / fine) / math.log(8.0)
     measured(f"energy error's order lost of {order:.0f}, {name}", order - found, lost)
 
 
 def test_energy_audit_of_a_locked_crank_does_not_depend_on_the_time_step(measured):
     """A rigid body's midpoint step has no energy error at all: tumbling at 4 ms, to rounding."""
-    missed, turned = audit(4e-3, *MOTIONS["tumbling, crank locked"][0])
+    missed, turned = unaccounted(4e-3, *MOTIONS["tumbling, crank locked"][:3])
     measured("energy unaccounted for, tumbling rigid body at 4 ms", missed / turned, 2e-13)
 
 
-@pytest.mark.parametrize("robot", [Robot(), LADEN], ids=["paper", "laden"])
+@loads
 @pytest.mark.parametrize("velocity", [(7.0, 3.0), (-20.0, 15.0)])
 def test_galilean_invariance_in_flight(robot, velocity, measured):
     """Thrown or not: the same pitch, crank angle and rates, and the centres V t apart."""
-    rest, moving = thrown(robot), thrown(robot, velocity)
+    rest = placed(robot, state=FLIGHT)
+    moving = placed(robot, state=FLIGHT + shift(vx=velocity[0], vy=velocity[1]))
     inside = outside = 0.0
     for k in range(1, 51):
         torque = 3.0 * math.sin(0.7 * k)
@@ -150,10 +106,10 @@ def test_galilean_invariance_in_flight(robot, velocity, measured):
     measured("Galilean invariance: place less V t in 1 s", outside, 2e-12, "m, m/s")
 
 
-@pytest.mark.parametrize("robot", [Robot(), LADEN], ids=["paper", "laden"])
+@loads
 def test_parabola_and_momentum_in_flight(robot, measured):
     """Any crank torque: c(t) = c + v t - g t^2 / 2, p(t) = p - m g t, at every look in 1 s."""
-    plant = thrown(robot)
+    plant = placed(robot, state=FLIGHT)
     (p, _, c), worst_c, worst_p = momenta(plant), 0.0, 0.0
     for k in range(1, 51):
         plant.step(6.0 * math.sin(0.7 * k), HOLD)
@@ -168,7 +124,7 @@ def test_parabola_and_momentum_in_flight(robot, measured):
 
 def spin_drift(robot, time_step):
     """Largest change of the spin about the centre of mass in 0.5 s of changing torque, N m s."""
-    plant = thrown(robot, time_step=time_step)
+    plant = placed(robot, state=FLIGHT, time_step=time_step)
     _, spin, _ = momenta(plant)
     drift = 0.0
     for k in range(25):
@@ -177,7 +133,7 @@ def spin_drift(robot, time_step):
     return drift / abs(spin)
 
 
-@pytest.mark.parametrize("robot", [Robot(), LADEN], ids=["paper", "laden"])
+@loads
 def test_crank_torque_cannot_spin_it_up_in_flight(robot, measured):
     """Motor torque is internal: the spin is kept to the step's error, of second order."""
     steps = np.array([4e-3, 2e-3, 1e-3, 5e-4])
@@ -185,3 +141,75 @@ def test_crank_torque_cannot_spin_it_up_in_flight(robot, measured):
     order = np.polyfit(np.log(steps), np.log(drift), 1)[0]
     measured("flight: spin's relative drift in 0.5 s at 1 ms", drift[2], 2e-6)
     measured("flight: spin's drift, order lost of 2", 2.0 - order, 0.01)
+
+
+designs = pytest.mark.parametrize("name", DESIGNS)
+
+
+def wild(plant, rng):
+    """A random torque, 5 N m a leg at most."""
+    return rng.uniform(-5.0, 5.0) * len(plant.robot.legs)
+
+
+@designs
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+def test_smooth_ground_cannot_push_it_along(name, restitution, rng, measured):
+    """mu = 0: horizontal momentum keeps its value through touchdowns, falls and random torques."""
+    plant = placed(DESIGNS[name], Terrain.flat(0.0, restitution), moved=shift(vx=0.5))
+    start, error, most, landed = momenta(plant)[0][0], 0.0, 0.0, 0
+    for _ in range(150):
+        result = plant.step(wild(plant, rng), HOLD)
+        error = max(error, abs(momenta(plant)[0][0] - start))
+        most = max(most, np.abs(result.contact_force[:, 0]).max())
+        landed += result.impact_loss > 1e-3  # J
+    assert landed > 5 and np.abs(plant.state[4:]).max() > 0.1
+    measured("momentum gained, relative", error / abs(start), 1e-14)
+    measured("tangential force", most, 0.0, "N")
+
+
+@designs
+@pytest.mark.parametrize("angle", [0.0, 0.15])
+def test_contact_forces_account_for_all_momentum(name, angle, rng, measured):
+    """Toes' impulses + m g t = change of momentum, level or on a slope, within |t| <= mu n."""
+    plant = placed(DESIGNS[name], Terrain.slope(angle))
+    along = np.array([math.cos(angle), math.sin(angle)])
+    normal = np.array([-along[1], along[0]])
+    weight = np.array([0.0, -plant.robot.mass * GRAVITY])
+    error, cone, stepped = 0.0, -math.inf, 0.0
+    for _ in range(150):
+        before = momenta(plant)[0]
+        result = plant.step(wild(plant, rng), HOLD)
+        if result.non_toe_contact or abs(plant.state[2]) > 1.2:
+            plant.reset(0.0, rng.uniform(0.0, 2.0 * math.pi))
+            continue
+        t, n = result.contact_force.T
+        ground = t.sum() * along + n.sum() * normal
+        change = momenta(plant)[0] - before
+        error = max(error, np.abs(change - (ground + weight) * HOLD).max())
+        stepped = max(stepped, np.abs(change).max())
+        cone = max(cone, (np.abs(t) - 0.8 * n).max(), -n.min())
+    assert stepped > 0.1
+    measured("momentum not accounted for", error, 3e-14, "N s")
+    measured("force outside the cone", cone, 1e-12, "N")
+
+
+@designs
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+def test_rough_ground_accounts_for_all_momentum(name, restitution, rng, measured):
+    """Normals change within a hold: by the trace, toes and outer joints together."""
+    ground = Terrain.rough(np.random.default_rng(1), start=-20.0, restitution=restitution)
+    plant = placed(DESIGNS[name], ground, tracing=True)
+    weight = np.array([0.0, -plant.robot.mass * GRAVITY])
+    error, change_most = 0.0, 0.0
+    for _ in range(80):
+        before = momenta(plant)[0]
+        plant.step(wild(plant, rng), HOLD)
+        impulses = plant.trace["impulses"]
+        change = momenta(plant)[0] - before
+        total = impulses[:, :, :2].sum(axis=(0, 1)) + weight * HOLD
+        error = max(error, np.abs(change - total).max())
+        change_most = max(change_most, np.abs(change).max())
+        if abs(plant.state[2]) > 1.2:
+            plant.reset(0.0, rng.uniform(0.0, 2.0 * math.pi))
+    assert change_most > 0.1
+    measured("momentum not accounted for on rough ground", error, 3e-14, "N s")

@@ -1,43 +1,24 @@
 """Order of convergence in the time step: 2 while no toe touches down, 1 across a touchdown.
 
-Against a much finer step's answer. What is sunk 10 um into the ground at the start stays in
-contact: the plant leaves that depth alone, and the step's error does not lift the toes out of it.
+What is sunk 10 um into the ground at the start stays in contact: the plant leaves that depth alone.
 """
-
-from __future__ import annotations
 
 import numpy as np
 import pytest
+from motions import FLIGHT, placed, shift
 
-from jansen_env import Robot, Terrain
-from jansen_env.plants.projected import ProjectionPlant
+from jansen_env import Terrain
 
 SUNK = 1e-5  # m
 STEPS = np.array([4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4])  # s
 FINEST = STEPS[-1] / 16.0
-FLIGHT = np.array([0.3, 50.0, 0.4, 2.0, 0.5, 1.0, 1.0, 5.0])
 
 
-def run(step, duration, terrain, change, torque=0.0, psi=0.3, pitch=None, locked=False):
-    """End state, and the pads that carried in each time step; ``change`` alters the first state."""
-    plant = ProjectionPlant(Robot(), terrain, step)
-    plant.reset(0.0, psi, pitch)
-    plant.state = change(plant.state)
-    plant.prescribed_crank_speed, plant.tracing = locked, True
+def run(step, duration, torque=0.0, **placing):
+    """End state, and the pads that carried in each time step."""
+    plant = placed(**placing, tracing=True, time_step=step)
     result = plant.step(torque, duration)
     return plant.state, plant.trace["impulses"][:, :, 1] > 0.0, result
-
-
-def moved(**by):
-    """A state changed by these numbers."""
-    index = {"x": 0, "y": 1, "vx": 4, "vy": 5, "crank": 7}
-
-    def change(state):
-        for name, number in by.items():
-            state[index[name]] += number
-        return state
-
-    return change
 
 
 def fitted_order(steps, errors):
@@ -46,18 +27,18 @@ def fitted_order(steps, errors):
 
 
 SMOOTH = {
-    "flight": dict(terrain=Terrain.flat(), change=lambda _: FLIGHT, torque=2.0),
+    "flight": dict(terrain=Terrain.flat(), state=FLIGHT, torque=2.0),
     "rolling on one toe, crank free": dict(
-        terrain=Terrain.flat(friction=2.0), change=moved(y=-SUNK), torque=3.0, psi=1.0, pitch=0.1
+        terrain=Terrain.flat(friction=2.0), moved=shift(y=-SUNK), torque=3.0, psi=1.0, pitch=0.1
     ),
     "rolling backwards on one toe": dict(
-        terrain=Terrain.flat(friction=2.0), change=moved(y=-SUNK), torque=-3.0, psi=2.0, pitch=0.2
+        terrain=Terrain.flat(friction=2.0), moved=shift(y=-SUNK), torque=-3.0, psi=2.0, pitch=0.2
     ),
     "sliding on two toes, crank free": dict(
-        terrain=Terrain.flat(friction=0.1), change=moved(y=-SUNK, vx=1.0), torque=2.0
+        terrain=Terrain.flat(friction=0.1), moved=shift(y=-SUNK, vx=1.0), torque=2.0
     ),
     "sliding downhill on two toes": dict(
-        terrain=Terrain.slope(0.4, friction=0.2), change=moved(y=-SUNK), torque=2.0
+        terrain=Terrain.slope(0.4, friction=0.2), moved=shift(y=-SUNK), torque=2.0
     ),
 }
 
@@ -76,17 +57,17 @@ def test_smooth_motion_is_of_second_order(name, measured):
 
 def fallen(d):
     """Dropped from 1 to 2 cm."""
-    return dict(change=moved(y=0.01 * (1.0 + d)))
+    return dict(moved=shift(y=0.01 * (1.0 + d)))
 
 
 def pushed(d):
     """0.3 m/s and a little more, in contact."""
-    return dict(change=moved(y=-SUNK, vx=0.3 * (1.0 + 0.1 * d)))
+    return dict(moved=shift(y=-SUNK, vx=0.3 * (1.0 + 0.1 * d)))
 
 
 def cranked(d):
     """At rest on one toe, about which it falls over until the toe slides."""
-    return dict(change=moved(y=-SUNK), torque=4.0 + 0.1 * d)
+    return dict(moved=shift(y=-SUNK), torque=4.0 + 0.1 * d)
 
 
 LEVEL = dict(terrain=Terrain.flat(), duration=0.1, psi=1.0, pitch=0.1)
@@ -119,10 +100,8 @@ ALL_BUT_HEIGHT = [0, 2, 3, 4, 5, 6, 7]
 
 @pytest.mark.parametrize("name", EVENTS)
 def test_order_across_events(name, measured):
-    """A touchdown falls anywhere in a step: order 1. So does a change between sticking and sliding,
-    but no velocity jumps there, so that its time need not be known so well: order 2.
+    """Mean error over twelve starts: order 1 across a touchdown, 2 across sticking and sliding.
 
-    The mean error over twelve starts, since that of one depends on where in its step it falls.
     Without the height, which a touchdown leaves up to 20 um off whatever the step.
     """
     start, motion, order, limit = EVENTS[name]

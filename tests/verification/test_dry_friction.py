@@ -1,29 +1,21 @@
-"""Coulomb friction of gear and bearings on the crank: exact at standstill, on both bases.
-
-A crank of inertia k that turns freely without weight and viscous friction stops after k n / F.
-"""
-
-from __future__ import annotations
+"""Coulomb friction of gear and bearings on the crank: exact at standstill, on both bases."""
 
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from motions import FLIGHT, PADS, pads, pinned, placed, shift
 
-from jansen_env import Motor, Robot, Terrain
+from jansen_env import Motor, Robot
 from jansen_env.dynamics.reduced import body_sums, compile_robot
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.fixed_base import FixedBasePlant
-from jansen_env.plants.projected import ProjectionPlant
-from jansen_env.robot import BEARINGS, ROBOTS, Compliance
+from jansen_env.robot import BEARINGS, ROBOTS
 from jansen_env.robot.kinematics import A, B, C, D, E, O, P, joint_positions
 
 TORQUE = 1.5  # N m, of friction
 SMOOTH = replace(Robot(), damping=(0.0,) * 10)
 GEAR = Motor(friction=TORQUE)
-PADS = {"rigid": Compliance(), "compliant": Compliance(3e4, 60.0)}
-pads = pytest.mark.parametrize("name", PADS)
 
 
 def test_bearings_are_the_kinematics(rng, measured):
@@ -54,8 +46,7 @@ def test_bearings_are_the_kinematics(rng, measured):
 def test_a_crank_below_its_friction_stands_still(name, share, measured):
     """10 s on its feet under 99.9 % of what holds it, the weight's torque included: not one bit."""
     robot = replace(Robot(), motor=Motor(friction=30.0), pad_compliance=PADS[name])
-    plant = ProjectionPlant(robot, Terrain.flat())
-    plant.reset(0.0, 0.3)
+    plant = placed(robot)
     plant.step(0.0, 2.0)
     before = plant.state
     result = plant.step(share * 20.0, 10.0)
@@ -68,21 +59,16 @@ def test_a_crank_below_its_friction_stands_still(name, share, measured):
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_it_breaks_away_at_friction_and_weight(sign, measured):
-    """The least torque that turns it: F less the weight's torque, by bisection, on a fixed base.
-
-    And weightless and free in space, where that is F itself.
-    """
+    """By bisection: F less the weight's torque on a fixed base, F itself free in space."""
     tables = compile_robot(replace(SMOOTH, motor=GEAR))
 
     def fixed(torque):
-        plant = FixedBasePlant(tables.robot)
-        plant.reset(1.0)
+        plant = pinned(tables.robot, 1.0)
         plant.step(torque, 0.01)
         return plant.state[0] != 1.0
 
     def free(torque):
-        plant = ProjectionPlant(tables.robot, Terrain.flat(), gravity=0.0)
-        plant.state = [0.0, 5.0, 0.1, 1.0, 0.0, 0.0, 0.0, 0.0]
+        plant = placed(tables.robot, state=shift(y=5.0, pitch=0.1, psi=1.0), gravity=0.0)
         plant.step(torque, 0.01)
         return plant.state[7] != 0.0
 
@@ -92,20 +78,15 @@ def test_it_breaks_away_at_friction_and_weight(sign, measured):
         for _ in range(60):
             middle = 0.5 * (low + high)
             low, high = (low, middle) if turns(sign * middle) else (middle, high)
-        measured(
-            f"{base} base: break away off friction", abs(high - TORQUE - expected), 1e-10, "N m"
-        )
+        off = abs(high - TORQUE - expected)
+        measured(f"{base} base: break away off friction", off, 1e-10, "N m")
 
 
 def test_a_free_crank_stops_in_time(measured):
-    """Weightless, no viscous friction: k n / F seconds where k is constant, k n^2 / 2 = F psi.
-
-    In general k changes with the crank angle: by energy, k n^2 / 2 falls by F a radian until 0.
-    """
+    """After k n / F where k is constant; else by energy, k n^2 / 2 = F psi."""
     robot = replace(SMOOTH, motor=Motor(friction=TORQUE, rotor_inertia=1e-3, gear_ratio=1e3))
     tables = compile_robot(robot)  # k is 1000 kg m^2 and 0.7
-    plant = FixedBasePlant(robot, gravity=0.0)
-    plant.reset(0.3, 0.01)
+    plant = pinned(robot, 0.3, 0.01, gravity=0.0)
     k = float(body_sums(tables, 0.3).k)
     times, stop = 0, k * 0.01 / TORQUE
     while plant.state[1] > 0.0:
@@ -115,14 +96,12 @@ def test_a_free_crank_stops_in_time(measured):
     turned = 0.5 * k * 0.01**2 / TORQUE
     measured("fixed base: angle to stop", abs(plant.state[0] - 0.3 - turned) / turned, 1e-7)
     light = replace(SMOOTH, motor=GEAR)
-    plant = FixedBasePlant(light, gravity=0.0)
-    plant.reset(0.3, 6.0)
+    plant = pinned(light, 0.3, 6.0, gravity=0.0)
     energy = plant.energy()
     result = plant.step(0.0, 10.0)
     assert plant.state[1] == 0.0
-    measured("fixed base: F psi off the energy lost", abs(
-        TORQUE * (plant.state[0] - 0.3) / energy - 1.0
-    ), 1e-7)  # fmt: skip
+    share = TORQUE * (plant.state[0] - 0.3) / energy
+    measured("fixed base: F psi off the energy lost", abs(share - 1.0), 1e-7)
     measured("fixed base: joint loss off it", abs(result.joint_loss / energy - 1.0), 1e-7)
 
 
@@ -132,8 +111,8 @@ def test_the_same_stop_in_flight(name, measured):
     robot = replace(SMOOTH, motor=GEAR, pad_compliance=PADS[name])
     ends = []
     for step in (2e-3, 1e-3, 5e-4, 3.125e-5):
-        plant = ProjectionPlant(robot, Terrain.flat(), step, gravity=0.0)
-        plant.state = [0.0, 50.0, 0.1, 1.0, 0.1, 0.0, 0.5, 4.0]
+        thrown = [0.0, 50.0, 0.1, 1.0, 0.1, 0.0, 0.5, 4.0]
+        plant = placed(robot, state=thrown, time_step=step, gravity=0.0)
         start = plant.energy()
         result = plant.step(0.0, 3.0)
         assert plant.state[7] == 0.0
@@ -149,8 +128,7 @@ def test_bearings_hold_and_stop_it_as_the_gear_does(measured):
     """Fixed base with weight: energy lost = the integral of the friction along the way."""
     friction = (0.05,) * len(BEARINGS)
     robot = replace(Robot(), bearing_friction=friction)
-    plant = FixedBasePlant(robot, 5e-4)
-    plant.reset(0.3, 5.0)
+    plant = pinned(robot, 0.3, 5.0, 5e-4)
     missed = turned = 0.0
     for _ in range(300):
         before = plant.state[0]
@@ -172,8 +150,7 @@ def test_smooth_motion_under_dry_friction_is_of_second_order(name, measured):
     )
     ends = []
     for step in (2e-3, 1e-3, 5e-4, 3.125e-5):
-        plant = ProjectionPlant(robot, Terrain.flat(), step)
-        plant.state = [0.3, 50.0, 0.4, 2.0, 0.5, 1.0, 1.0, 5.0]
+        plant = placed(robot, state=FLIGHT, time_step=step)
         plant.step(8.0, 0.2)
         ends.append(plant.state)
     errors = [np.abs(end - ends[-1]).max() for end in ends[:3]]

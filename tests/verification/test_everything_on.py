@@ -1,21 +1,18 @@
 """Compliant pads, motor, rotor, bearings and payload at once; and the limits in which they go."""
 
-from __future__ import annotations
-
 import math
+import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from motions import HOLD, audit, governor, momenta, placed, shift
 
 from jansen_env import ROBOTS, Motor, Payload, Robot, Terrain
-from jansen_env.dynamics import reduced as rd
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.batch import Batch
-from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot import BEARINGS, Compliance
 
-HOLD = 0.02  # s
 MOTOR = Motor(14.0, 7.0, 10.0, 40.0, 1e-4, 0.15, 0.02, 0.8)
 PADS = Compliance(3e4, 60.0, 2e4, 40.0)
 ROUGH = Terrain.rough(np.random.default_rng(0), start=-5.0, friction=0.6)
@@ -30,54 +27,39 @@ def full(name, pads=PADS):
     )  # fmt: skip
 
 
-def walking(plant, speed=1.5):
-    """The torque that holds the crank near ``speed`` rad/s."""
-    return float(np.clip(10.0 * (speed - plant.state[7]) + 1.5 * speed, -10.0, 10.0))
-
-
-def audit(name, ground, step, duration=4.0):
-    """Energy not accounted for and turned over, J; the worst residual, N s, of m g dt."""
-    plant = ProjectionPlant(full(name), GROUNDS[ground], step)
-    plant.reset(0.0, 0.3)
-    missed = turned = residual = 0.0
-    for _ in range(round(duration / HOLD)):
-        result = plant.step(walking(plant), HOLD)
-        missed += abs(result.energy_residual)
-        turned += abs(result.motor_work) + abs(result.energy_change)
-        residual = max(residual, result.residual)
-        assert result.slip_loss >= 0.0 and result.electrical_work >= 0.0
-    return missed / turned, residual / (plant.robot.mass * GRAVITY * step)
+def walking(plant):
+    """The torque that holds the crank near 1.5 rad/s."""
+    return governor(plant, 1.5, 10.0)
 
 
 @pytest.mark.parametrize("ground", GROUNDS)
 @pytest.mark.parametrize("name", ["paper", "holy_slender"])
 def test_energy_audit(name, ground, measured):
     """Motor work = joint, slip and impact loss + change of energy, elastic included."""
-    missed, residual = audit(name, ground, 1e-3)
-    fine, _ = audit(name, ground, 2.5e-4)
+    shares = []
+    for step in (1e-3, 2.5e-4):
+        plant = placed(full(name), GROUNDS[ground], time_step=step)
+        lost, turned, residual = audit(plant, walking, 4.0)
+        shares.append(lost / turned)
+        law = residual / (plant.robot.mass * GRAVITY * step)
+        measured("everything on: contact law violated, of m g dt", law, 1e-14)
+    missed, fine = shares
     measured(f"everything on, {ground}: energy unaccounted for at 1 ms", missed, 5e-7)
     measured(f"everything on, {ground}: the same at 0.25 ms", fine, 5e-8)
     measured("everything on: order lost of 2", 2.0 - math.log(missed / fine, 4.0), 0.3)
-    measured("everything on: contact law violated, of m g dt", residual, 1e-14)
 
 
 @pytest.mark.parametrize("name", ["paper", "holy_slender"])
 def test_the_ground_accounts_for_all_momentum(name, rng, measured):
     """By the trace: contact impulses + m g t = change of momentum; all within Coulomb's cone."""
-    plant = ProjectionPlant(full(name), Terrain.flat(0.6))
-    plant.reset(0.0, 0.3)
-    plant.tracing, error, cone = True, 0.0, 0.0
-
-    def momentum():
-        q, v = np.split(plant.state, 2)
-        return (rd.mass_matrix(plant.tables, q) @ v)[:2]
-
+    plant = placed(full(name), Terrain.flat(0.6), tracing=True)
+    error = cone = 0.0
     for _ in range(100):
-        before = momentum()
+        before = momenta(plant)[0]
         plant.step(float(rng.uniform(-10.0, 10.0)), HOLD)
         impulses = plant.trace["impulses"][:, :, :2]
         total = impulses.sum(axis=(0, 1)) - np.array([0.0, plant.robot.mass * GRAVITY * HOLD])
-        error = max(error, np.abs(momentum() - before - total).max())
+        error = max(error, np.abs(momenta(plant)[0] - before - total).max())
         tangential, normal = np.moveaxis(impulses, -1, 0)
         cone = max(cone, (np.abs(tangential) - 0.6 * normal).max(), -normal.min())
     measured("everything on: momentum not accounted for", error, 3e-14, "N s")
@@ -85,9 +67,9 @@ def test_the_ground_accounts_for_all_momentum(name, rng, measured):
 
 
 SUNK = {  # first state changed by, torque: the contacts stay as they are
-    "in flight": (dict(y=5.0, pitch=0.4, vx=0.5, w=1.0, crank=4.0), 3.0),
-    "standing on two toes": (dict(vx=0.01), 0.0),
-    "rolling on two toes": (dict(crank=0.3), 4.0),
+    "in flight": (shift(y=5.0, pitch=0.4, vx=0.5, spin=1.0, crank=4.0), 3.0),
+    "standing on two toes": (shift(vx=0.01), 0.0),
+    "rolling on two toes": (shift(crank=0.3), 4.0),
 }
 
 
@@ -98,11 +80,7 @@ def test_smooth_motion_is_of_second_order(name, measured):
     robot = replace(full("paper"), pad_compliance=Compliance(2e4, 40.0, 2e4, 40.0))
     ends, steps = [], [2e-3, 1e-3, 5e-4, 2.5e-4, 1.5625e-5]
     for step in steps:
-        plant = ProjectionPlant(robot, Terrain.flat(5.0), step)
-        state = plant.reset(0.0, 0.3)
-        state += [0, change.get("y", 0), change.get("pitch", 0), 0, change.get("vx", 0), 0,
-                  change.get("w", 0), change.get("crank", 0)]  # fmt: skip
-        plant.state = state
+        plant = placed(robot, Terrain.flat(5.0), moved=change, time_step=step)
         plant.step(torque, 0.1)
         ends.append(plant.state)
     errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
@@ -163,10 +141,7 @@ NOTHING = {
 @pytest.mark.parametrize("name", NOTHING)
 def test_what_is_not_there_changes_no_bit(name):
     """A walk on rough ground with it and without: the same states."""
-    one = ProjectionPlant(Robot(), ROUGH)
-    other = ProjectionPlant(replace(Robot(), **NOTHING[name]), ROUGH)
-    one.reset(0.0, 0.3)
-    other.reset(0.0, 0.3)
+    one, other = placed(Robot(), ROUGH), placed(replace(Robot(), **NOTHING[name]), ROUGH)
     for _ in range(100):
         torque = walking(one)
         a, b = one.step(torque, HOLD), other.step(torque, HOLD)
@@ -178,8 +153,7 @@ def test_small_friction_and_a_far_line_change_little(measured):
     """Continuity: 1e-9 N m of friction and a line of 1e9 N m, against none, after half a second."""
     ends = []
     for motor in (Motor(), Motor(1e9, 1e9, 1e9, 3.0, 1e-12, 1e-9, 1e-9)):
-        plant = ProjectionPlant(Robot(motor=motor), Terrain.flat(0.3))
-        plant.reset(0.0, 0.3)
+        plant = placed(Robot(motor=motor), Terrain.flat(0.3))
         plant.step(3.0, 0.5)
         ends.append(plant.state)
     apart = np.abs(ends[0] - ends[1]).max()
@@ -188,8 +162,6 @@ def test_small_friction_and_a_far_line_change_little(measured):
 
 def test_a_pickled_batch_goes_on_as_it_would(rng):
     """Bristles and motors travel with the batch."""
-    import pickle
-
     batch = Batch(mixed(4), [Terrain.flat(0.6)] * 4, threads=1)
     for i in range(4):
         batch.place(np.array([i]), np.array([0.3]))

@@ -1,18 +1,13 @@
 """IFToMM benchmark A02, the N four-bar mechanism, by the projection that carries the walker.
 
-N = 2 windowed loops of uniform 1 m, 1 kg bars: three parallel cranks on ground pins at x = 0, 1, 2
-and two couplers, one freedom, in absolute coordinates (theta, x, y of each centre of mass). At the
-flat positions (sin phi = 0) the mechanism can change its form and C loses two ranks.
+N = 2 windowed loops of uniform 1 m, 1 kg bars in absolute coordinates (theta, x, y of each centre
+of mass); at the flat positions (sin phi = 0) C loses two ranks. phi_ddot = -(3.5 / 3) g cos phi.
 https://www.iftomm-multibody.org/benchmark/problem/N_four-bar_mechanism
-
-The cranks turn as one and the couplers only translate, so the kinetic energy is (3 / 3 + 2)
-phi_dot^2 / 2, the potential (3 / 2 + 2) g sin phi, and phi_ddot = -(3.5 / 3) g cos phi.
 """
-
-from __future__ import annotations
 
 import numpy as np
 import pytest
+from motions import runge_kutta
 
 from jansen_env.dynamics.projection import orthogonal_complement, orthogonal_complement_rate
 
@@ -81,19 +76,6 @@ def acceleration(x, rate):
     return D[:, 0] @ (H - M * D_dot[:, 0] * rate) / mass, x_dot
 
 
-def runge_kutta(slope, y, step, steps):
-    """Classical fourth order; (steps + 1, n)."""
-    path = [y]
-    for _ in range(steps):
-        k1 = slope(y)
-        k2 = slope(y + 0.5 * step * k1)
-        k3 = slope(y + 0.5 * step * k2)
-        k4 = slope(y + step * k3)
-        y = y + step / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
-        path.append(y)
-    return np.array(path)
-
-
 def independent(y):
     """Slope of (phi, phi_dot), the positions from the closure of the loops."""
     return np.array([y[1], acceleration(positions(y[0]), y[1])[0]])
@@ -123,11 +105,7 @@ def test_end_point_is_the_published_one(path, measured):
 
 
 def test_it_passes_through_the_flat_positions(path, measured):
-    """Ten passes in which C is all but singular, 1/|sin phi| its condition: none breaks a loop.
-
-    What D and D_dot give there is still phi_ddot = -(3.5 / 3) g cos phi, to rounding: each solve
-    with C_2 loses 1/|sin phi|, and D_dot takes two of them.
-    """
+    """Ten passes; phi_ddot loses 1/|sin phi| in each of two solves with C_2 that D_dot takes."""
     nearest = np.abs(np.sin(path[:, 0])).min()
     assert np.count_nonzero(np.diff(np.floor(path[:, 0] / np.pi))) == 10
     measured("A02 four-bar: nearest approach to a flat position", nearest, 1e-3, "rad")
@@ -151,11 +129,7 @@ def test_energy(path, measured):
 
 
 def test_loops_stay_closed_in_absolute_coordinates(measured):
-    """All 15 coordinates integrated with x_dot = D phi_dot: the loops open by the step's error.
-
-    No stabilisation and no closure: only C D = 0 holds the chain on its branch at the flat
-    positions, where it could fold. Steps of 5 ms; fourth order.
-    """
+    """x_dot = D phi_dot in steps of 5 ms: only C D = 0 holds the chain on its branch."""
     start = np.append(positions(0.5 * np.pi), -1.0)
     path = runge_kutta(absolute, start, 5e-3, round(DURATION / 5e-3))
     opened = max(np.abs(y[:-1] - positions(y[0])).max() for y in path)

@@ -1,21 +1,18 @@
 """Coulomb friction with the crank locked: how far a sliding robot slides, and when it begins to.
 
-A locked robot is a rigid body, so a block's formulae hold as long as it does not tip: sliding at
-mu, both toes stay loaded where mu < a / z for the centre of mass z above the ground and a from
-either toe. ``MACHINES`` are such that this holds with room to spare (``loads_while_sliding``).
+A locked robot is a block as long as it does not tip: mu < a / z for the centre of mass z above the
+ground and a from either toe, which holds for ``MACHINES`` with room to spare.
 """
-
-from __future__ import annotations
 
 import math
 
 import numpy as np
 import pytest
+from motions import momenta, placed, shift
 
 from jansen_env import Leg, Payload, Robot, Terrain
 from jansen_env.dynamics import reduced as rd
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot import holy_numbers_robot, paper_robot
 
 STEP = 1e-3  # s
@@ -38,20 +35,10 @@ SLIDES = [
 machines = pytest.mark.parametrize("name", MACHINES)
 
 
-def standing(name, terrain, time_step=STEP):
-    """The machine placed, its crank locked."""
+def standing(name, terrain, speed=0.0):
+    """The machine placed, its crank locked, moving along at a speed."""
     robot, psi, _ = MACHINES[name]
-    plant = ProjectionPlant(robot, terrain, time_step)
-    plant.prescribed_crank_speed = True
-    plant.reset(0.0, psi)
-    return plant
-
-
-def push(plant, speed):
-    """Give the whole robot a horizontal velocity."""
-    state = plant.state
-    state[4] = speed
-    plant.state = state
+    return placed(robot, terrain, psi, moved=shift(vx=speed), locked=True)
 
 
 def slides(plant):
@@ -59,23 +46,13 @@ def slides(plant):
     return math.hypot(*plant.state[4:6]) > SLIDING
 
 
-def centre_of_mass(plant):
-    """As a complex number, m."""
-    q = plant.state
-    c = complex(*rd.body_sums(plant.tables, q[3]).c) / plant.robot.mass
-    return q[0] + 1j * q[1] + np.exp(1j * q[2]) * c
-
-
 def loads_while_sliding(plant, drag):
-    """(rear, front) loads by moments about the centre of mass: ground force (drag, m g).
-
-    It acts where the toes' pads are lowest, a little below the ground's surface.
-    """
+    """(rear, front) loads by moments about the centre of mass: ground force (drag, m g)."""
     toes = plant.toe_positions()[np.flatnonzero(plant.lookahead().contact_force[:, 1])]
     rear, front = toes[:, 0].min(), toes[:, 0].max()
-    centre, weight = centre_of_mass(plant), plant.robot.mass * GRAVITY
-    height = centre.imag - toes[:, 1].mean() + plant.robot.pad_radius
-    on_front = (weight * (centre.real - rear) - drag * height) / (front - rear)
+    (x, y), weight = momenta(plant)[2], plant.robot.mass * GRAVITY
+    height = y - toes[:, 1].mean() + plant.robot.pad_radius
+    on_front = (weight * (x - rear) - drag * height) / (front - rear)
     return np.array([weight - on_front, on_front])
 
 
@@ -88,14 +65,9 @@ def sorted_loads(plant, result):
 
 @pytest.mark.parametrize("name, mu, speed", SLIDES)
 def test_sliding_to_a_stop(name, mu, speed, measured):
-    """It stops after v / (mu g) at v^2 / (2 mu g); each toe slid that far, friction took m v^2 / 2.
-
-    The stop falls inside a time step h: mu g h^2 / 8 is the most this can add to the distance.
-    Slip misses the path in that step, mu g h^2 / 2 at most, as the toe sticks at its end.
-    """
-    plant = standing(name, Terrain.flat(friction=mu))
+    """After v / (mu g) at v^2 / (2 mu g); the stop inside a step h adds up to mu g h^2 / 8."""
+    plant = standing(name, Terrain.flat(friction=mu), speed)
     mass, x0 = plant.robot.mass, plant.x
-    push(plant, speed)
     expected = loads_while_sliding(plant, -math.copysign(mu * mass * GRAVITY, speed))
     assert expected.min() > 0.02 * mass * GRAVITY  # it does not tip
     steps = math.ceil(abs(speed) / (mu * GRAVITY * STEP))
@@ -121,14 +93,9 @@ def test_sliding_to_a_stop(name, mu, speed, measured):
 
 @pytest.mark.parametrize("mu, speed", [(0.2, 0.6), (0.5, -1.0), (0.8, 1.5)])
 def test_sliding_to_a_stop_on_one_toe(mu, speed, measured):
-    """On one toe it slides v^2 / (2 mu g), too, if the ground's force goes through its centre.
-
-    A payload puts the centre of mass mu z behind the toe: then (-mu, 1) N has no moment and the
-    robot balances while it slides; after the stop it falls over.
-    """
+    """A payload puts the centre of mass mu z behind the toe: (-mu, 1) N has no moment."""
     psi, pitch, depth = 1.0, 0.1, -0.3
-    bare = ProjectionPlant(Robot(), Terrain.flat())
-    bare.reset(0.0, psi, pitch)
+    bare = placed(psi=psi, pitch=pitch)
     toes, state = bare.toe_positions(), bare.state
     toe, turn = toes[np.argmin(toes[:, 1])], np.exp(1j * pitch)
     c = complex(*rd.body_sums(bare.tables, psi).c)  # mass * place in the chassis frame
@@ -142,10 +109,7 @@ def test_sliding_to_a_stop_on_one_toe(mu, speed, measured):
 
     along = -miss(0.0) / (miss(1.0) - miss(0.0))
     robot = Robot(payload=Payload(load, 0.1, (along, depth)))
-    plant = ProjectionPlant(robot, Terrain.flat(friction=mu))
-    plant.prescribed_crank_speed = True
-    plant.reset(0.0, psi, pitch)
-    push(plant, speed)
+    plant = placed(robot, Terrain.flat(friction=mu), psi, pitch, moved=shift(vx=speed), locked=True)
     steps = math.ceil(abs(speed) / (mu * GRAVITY * STEP))
     result = plant.step(0.0, (steps - 1) * STEP)
     assert np.count_nonzero(result.contact_force[:, 1]) == 1
@@ -166,10 +130,7 @@ def test_sliding_to_a_stop_on_one_toe(mu, speed, measured):
 @machines
 @pytest.mark.parametrize("share", [0.5, 1.0])
 def test_slip_begins_at_the_friction_angle(name, share, measured):
-    """Gravity turned slowly, 1e-5 rad every 10 ms: it slips at atan(mu), neither before nor after.
-
-    Up to there it creeps less than 10 pm all in all.
-    """
+    """Gravity turned by 1e-5 rad every 10 ms: it slips at atan(mu), neither before nor after."""
     mu = share * MACHINES[name][2]
     plant = standing(name, Terrain.flat(friction=mu))
     angle, turn = math.atan(mu) - 2e-3, 1e-5
@@ -208,10 +169,7 @@ def test_steepest_slope_it_stands_on(name, way, measured):
 @machines
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_below_and_above_the_friction_angle(name, way, measured):
-    """On slopes 0.1 % less steep than atan(mu) it stays for 10 s, loads m g (sin a, cos a).
-
-    On steeper ones it slides with g (sin a - mu cos a) like a block; on ice with g sin a.
-    """
+    """0.1 % below it stays for 10 s; above it slides with g (sin a - mu cos a), on ice g sin a."""
     robot, _, most = MACHINES[name]
     weight, mu = robot.mass * GRAVITY, 0.8 * most
     angle = way * 0.999 * math.atan(mu)
@@ -236,10 +194,7 @@ def test_below_and_above_the_friction_angle(name, way, measured):
 @machines
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_slip_begins_at_a_pull_of_mu_m_g(name, way, measured):
-    """Pulled sideways at the centre of mass, more and more: it slips at mu m g, and creeps not.
-
-    After that it speeds up with pull / m - mu g, like a block; friction is mu m g against it.
-    """
+    """Pulled at the centre of mass; then it speeds up with pull / m - mu g, like a block."""
     robot, _, mu = MACHINES[name]
     plant = standing(name, Terrain.flat(friction=mu))
     x0, weight, wrong = plant.x, robot.mass * GRAVITY, 0.0
@@ -269,9 +224,8 @@ def test_friction_reverses_with_the_motion(name, measured):
     robot, _, most = MACHINES[name]
     mu, speed = most / 2.0, 0.5
     pull = 1.3 * mu * GRAVITY  # per mass
-    plant = standing(name, Terrain.flat(friction=mu))
+    plant = standing(name, Terrain.flat(friction=mu), speed)
     plant.gravity = -pull, -GRAVITY
-    push(plant, speed)
     slowing, gaining = pull + mu * GRAVITY, pull - mu * GRAVITY
     turning = round(speed / slowing / STEP) * STEP
     first = plant.step(0.0, turning - 2.0 * STEP)

@@ -1,31 +1,20 @@
 """The motor's line, its rotor, its electrical work and a delayed action, on both bases."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from motions import FLIGHT, HOLD, PADS, audit, governor, pads, pinned, placed
 
 from jansen_env import Motor, Payload, Robot, Terrain
 from jansen_env.dynamics import reduced as rd
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.fixed_base import FixedBasePlant
 from jansen_env.plants.projected import ProjectionPlant
-from jansen_env.robot import ROBOTS, Compliance
+from jansen_env.robot import ROBOTS
 
 LINE = Motor(stall_torque=12.0, no_load_speed=6.0, torque_limit=9.0)
-FLIGHT = np.array([0.3, 50.0, 0.4, 2.0, 0.5, 1.0, 1.0, 5.0])
-HOLD = 0.02  # s
-PADS = {"rigid": Compliance(), "compliant": Compliance(3e4, 60.0)}
-pads = pytest.mark.parametrize("name", PADS)
-
-
-def in_flight(robot, step=1e-3):
-    plant = ProjectionPlant(robot, Terrain.flat(), step, gravity=0.0)
-    plant.state = FLIGHT
-    return plant
 
 
 def momenta(robot, state):
@@ -66,7 +55,7 @@ def test_momentum_in_flight_with_a_rotor(ratio, inertia, measured):
     robot = Robot(motor=Motor(gear_ratio=ratio, rotor_inertia=inertia))
     drift = []
     for step in (2e-3, 1e-3, 5e-4):
-        plant = in_flight(robot, step)
+        plant = placed(robot, state=FLIGHT, time_step=step, gravity=0.0)
         p, spin = momenta(robot, plant.state)
         worst = 0.0
         for k in range(25):
@@ -83,8 +72,7 @@ def test_momentum_in_flight_with_a_rotor(ratio, inertia, measured):
 def test_a_free_rotor_feels_like_g_squared_j(measured):
     """Fixed base, weightless and undamped: a torque gives psi'' = tau / (k + G^2 J), k' small."""
     robot = replace(Robot(motor=Motor(gear_ratio=100.0, rotor_inertia=0.1)), damping=(0.0,) * 10)
-    plant = FixedBasePlant(robot, gravity=0.0)
-    plant.reset(0.3)
+    plant = pinned(robot, 0.3, gravity=0.0)
     plant.step(5.0, 1.0)
     work = 5.0 * (plant.state[0] - 0.3)
     measured("geared crank: work off its energy", abs(work / plant.energy() - 1.0), 1e-12)
@@ -95,39 +83,27 @@ def test_no_load_speed(measured):
     """Full torque asked for, no friction, no weight: the crank gets to the no-load speed."""
     robot = replace(Robot(motor=replace(LINE, rotor_inertia=0.05, gear_ratio=20.0)),
                     damping=(0.0,) * 10)  # fmt: skip
-    fixed = FixedBasePlant(robot, gravity=0.0)
-    fixed.reset(0.3)
+    fixed = pinned(robot, 0.3, gravity=0.0)
     fixed.step(9.0, 300.0)
     measured("no-load speed, fixed base, relative", abs(fixed.state[1] / 6.0 - 1.0), 5e-3)
-    with_losses = FixedBasePlant(replace(robot, damping=(0.1,) * 10), gravity=0.0)
-    with_losses.reset(0.3)
+    with_losses = pinned(replace(robot, damping=(0.1,) * 10), 0.3, gravity=0.0)
     with_losses.step(9.0, 100.0)
     before = with_losses.state[0]
     result = with_losses.step(9.0, 20.0)
     mean = (with_losses.state[0] - before) / 20.0
     torque = float(with_losses.batch.torque[0])
     assert 3.0 < mean < 5.9
-    measured(
-        "mean torque off the line at the mean speed",
-        abs(LINE.torque(9.0, mean) - torque),
-        1e-9,
-        "N m",
-    )
-    measured(
-        "motor work less joint loss, of it", abs(1 - result.joint_loss / result.motor_work), 2e-2
-    )
+    off = abs(LINE.torque(9.0, mean) - torque)
+    measured("mean torque off the line at the mean speed", off, 1e-9, "N m")
+    unspent = abs(1 - result.joint_loss / result.motor_work)
+    measured("motor work less joint loss, of it", unspent, 2e-2)
 
 
 @pads
 def test_torque_keeps_to_the_line(name, measured):
-    """Walking and landing, time step by time step: the torque at the mean crank speed is what the
-    data sheet has for it, in two passes: contacts and speed-dependent terms are of the last one.
-    """
+    """Time step by time step, at the mean crank speed: two passes, contacts are of the last one."""
     robot = Robot(motor=LINE, pad_compliance=PADS[name])
-    plant, worst = ProjectionPlant(robot, Terrain.flat()), []
-    plant.reset(0.0, 0.3)
-    plant.tracing = True
-    limited = 0
+    plant, worst, limited = placed(robot, tracing=True), [], 0
     for k in range(200):
         asked = 9.0 * math.copysign(1.0, math.sin(0.05 * k))
         plant.step(asked, HOLD)
@@ -139,9 +115,8 @@ def test_torque_keeps_to_the_line(name, measured):
     worst = np.concatenate(worst)
     assert limited > 500
     measured(f"torque off the motor's line, median, {name}", np.median(worst), 1e-6, "N m")
-    measured(
-        f"torque off the motor's line, 99 % of steps, {name}", np.quantile(worst, 0.99), 1e-5, "N m"
-    )
+    most = np.quantile(worst, 0.99)
+    measured(f"torque off the motor's line, 99 % of steps, {name}", most, 1e-5, "N m")
     measured(f"torque off the motor's line, worst impact, {name}", worst.max(), 0.1, "N m")
 
 
@@ -150,8 +125,7 @@ def test_torque_keeps_to_the_line(name, measured):
 def test_an_absurdly_steep_line_is_a_brake(name, stall, measured):
     """Stall torque / no-load speed to 1e12 N m s: the crank keeps to n0 and nothing diverges."""
     motor = Motor(stall_torque=stall, no_load_speed=1e-3, torque_limit=stall)
-    plant = ProjectionPlant(Robot(motor=motor, pad_compliance=PADS[name]), Terrain.flat())
-    plant.reset(0.0, 0.3)
+    plant = placed(Robot(motor=motor, pad_compliance=PADS[name]))
     rng, fastest = np.random.default_rng(5), 0.0
     for k in range(100):
         result = plant.step(float(rng.uniform(-1.0, 1.0)) * stall, HOLD)
@@ -166,9 +140,7 @@ def test_an_absurdly_steep_line_is_a_brake(name, stall, measured):
 def test_electrical_work_is_its_integral(efficiency, measured):
     """What the plant adds up against the trace, at half steps refined, by the data sheet's law."""
     motor = replace(LINE, efficiency=efficiency)
-    plant = ProjectionPlant(Robot(motor=motor), Terrain.flat())
-    plant.reset(0.0, 0.3)
-    plant.tracing = True
+    plant = placed(Robot(motor=motor), tracing=True)
     found = expected = regained = 0.0
     for k in range(150):
         result = plant.step(8.0 * math.sin(0.11 * k), HOLD)
@@ -190,16 +162,12 @@ def test_electrical_work_is_its_integral(efficiency, measured):
 def test_electrical_work_of_both_bases(measured):
     """At a stall the winding alone draws: n0 tau^2 / stall; on the fixed base the same integral."""
     motor = Motor(stall_torque=12.0, no_load_speed=6.0, torque_limit=9.0, friction=50.0)
-    plant = FixedBasePlant(Robot(motor=motor))
-    plant.reset(0.3)
+    plant = pinned(Robot(motor=motor), 0.3)
     drawn = plant.step(5.0, 2.0).electrical_work
-    free = ProjectionPlant(Robot(motor=motor), Terrain.flat())
-    free.reset(0.0, 0.3)
-    also = free.step(5.0, 2.0).electrical_work
+    also = placed(Robot(motor=motor)).step(5.0, 2.0).electrical_work
     expected = 2.0 * 6.0 * 5.0**2 / 12.0
     measured("drawn at a stall", max(abs(drawn / expected - 1), abs(also / expected - 1)), 1e-9)
-    turning = FixedBasePlant(Robot(motor=LINE))
-    turning.reset(0.3)
+    turning = pinned(Robot(motor=LINE), 0.3)
     total, summed = 0.0, 0.0
     for _ in range(2000):
         before = turning.state[1]
@@ -211,10 +179,7 @@ def test_electrical_work_of_both_bases(measured):
 
 @pads
 def test_a_delayed_action_is_the_earlier_one_for_a_while(name, measured):
-    """step(torque, n, earlier, switch) is ``switch`` steps of the one and n - switch of the other.
-
-    Bit for bit where that is one call; the state is written down between two, which rounds it.
-    """
+    """Bit for bit where that is one call; a state written down between two is rounded."""
     robot = Robot(motor=replace(LINE, friction=0.3), pad_compliance=PADS[name])
     n = 4
     delayed, plain = (Batch([robot] * n, [Terrain.flat()] * n, threads=1) for _ in range(2))
@@ -262,14 +227,9 @@ def test_energy_audit_of_a_walk_with_motor_and_rotor(name, measured):
         motor = replace(
             LINE, rotor_inertia=2e-4, gear_ratio=30.0, friction=0.2, viscous_friction=0.02
         )
-        plant = ProjectionPlant(replace(ROBOTS[name](), motor=motor), Terrain.flat(0.5), step)
-        plant.reset(0.0, 0.3)
-        lost = turned = 0.0
-        for _ in range(200):
-            speed = float(plant.state[7])
-            result = plant.step(float(np.clip(10.0 * (1.0 - speed) + 1.5, -9.0, 9.0)), HOLD)
-            lost += abs(result.energy_residual)
-            turned += abs(result.motor_work) + abs(result.energy_change)
+        robot = replace(ROBOTS[name](), motor=motor)
+        plant = placed(robot, Terrain.flat(0.5), time_step=step)
+        lost, turned, _ = audit(plant, lambda plant: governor(plant, most=9.0), 4.0)
         missed.append(lost / turned)
     measured(f"walk with motor and rotor, {name}: energy unaccounted for", missed[0], 1e-6)
     measured(f"walk with motor and rotor, {name}: at a quarter of the step", missed[1], 1e-7)

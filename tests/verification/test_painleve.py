@@ -1,11 +1,8 @@
 """Painleve's paradox: the friction from which on a toe may have no way to slide.
 
-Painleve (C. R. Acad. Sci. 121, 1895): a toe slides with P_n = -q_n / (W_nn -+ mu W_nt), so that
-beyond mu = W_nn / |W_nt| sliding one way has no solution, or several. Time stepping always has
-one: an impulse that stops the toe at once (Stewart, SIAM Review 42, 2000).
+A toe slides with P_n = -q_n / (W_nn -+ mu W_nt) (C. R. Acad. Sci. 121, 1895): beyond W_nn / |W_nt|
+that has no solution, or several; time stepping stops the toe at once (SIAM Review 42, 2000).
 """
-
-from __future__ import annotations
 
 import math
 from dataclasses import replace
@@ -34,11 +31,7 @@ LOADED = {"paper": 1.65, "paper_slender": 0.46, "holy": 1.91, "holy_slender": 0.
 
 
 def delassus(robot, psi, pitch, toe):
-    """W (..., n, 2, 2), tangential before normal, of a toe on level ground.
-
-    At crank angles psi (n,) and pitches (..., n), in the chassis frame, which the ground turns in.
-    J by central differences, of the toe's centre and of the angle by which its pad rolls.
-    """
+    """W (..., n, 2, 2), tangential first, of a toe at psi (n,), pitch (..., n): J by difference."""
     q = np.zeros((len(psi), 4))
     q[:, 3] = psi
     centre, rolled, small = np.zeros((len(psi), 2, 4)), np.zeros((len(psi), 1, 4)), 1e-6
@@ -69,10 +62,7 @@ def any_posture(robot):
 
 @pytest.mark.parametrize("name", THRESHOLDS)
 def test_thresholds(name):
-    """By robot, to 1 %: postures 2 and 3 degrees apart. Slender links bring it to usual frictions.
-
-    A load on the crank axis brings it down further.
-    """
+    """By robot, to 1 %: postures 2 and 3 degrees apart; a load on the crank axis brings it down."""
     robot = ROBOTS[name]()
     anywhere, standing = THRESHOLDS[name]
     assert any_posture(robot) == pytest.approx(anywhere, rel=0.01)
@@ -104,9 +94,7 @@ def painleve_postures(plant, mu):
 
 @pytest.mark.parametrize("mu", [4.0, 5.0])
 def test_painleve(mu, measured):
-    """No sliding solution: the toe is stopped by an impulse without a collision, and the robot
-    never gains energy: energy gained in 20 ms over the kinetic energy it had.
-    """
+    """The toe is stopped by an impulse without a collision, and the robot never gains energy."""
     robot = Robot()
     plant = ProjectionPlant(robot, Terrain.flat(friction=mu))
     postures = painleve_postures(plant, mu)

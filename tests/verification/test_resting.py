@@ -1,28 +1,18 @@
 """Resting for a minute without torque: nothing is gained, nothing moves, no load changes."""
 
-from __future__ import annotations
-
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from motions import DESIGNS, placed, toes_of
 
-from jansen_env import Leg, Payload, Robot, Terrain
+from jansen_env import Leg, Robot, Terrain
 from jansen_env.dynamics import reduced as rd
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.projected import ProjectionPlant
-from jansen_env.robot import RIGID, ROBOTS, paper_robot
-from jansen_env.robot.kinematics import T, coordinates, joint_positions
 
 FRICTION = 0.8
-DESIGNS = {
-    **{name: replace(make(), pad_compliance=RIGID) for name, make in ROBOTS.items()},
-    "loaded": Robot(payload=Payload(5.0, 0.2, (0.02, -0.2))),
-    "six legs": paper_robot(3),
-    "twelve legs": paper_robot(6),
-    "twins": Robot(legs=(Leg("fore"), Leg("fore"), Leg("back"), Leg("back"))),
-}
+TWINS = Robot(legs=(Leg("fore"), Leg("fore"), Leg("back"), Leg("back")))
+DESIGNS = {**DESIGNS, "twins": TWINS}
 POSES = [(slope, psi) for slope in (0.1, 0.0, -0.2) for psi in (0.3, 1.0, 2.0, 4.0)]  # rad
 some_and_more = pytest.mark.parametrize(
     "poses",
@@ -32,32 +22,27 @@ some_and_more = pytest.mark.parametrize(
 
 def standing(name, slope, psi, locked):
     """The design placed on a slope."""
-    plant = ProjectionPlant(DESIGNS[name], Terrain.slope(slope, friction=FRICTION))
-    plant.prescribed_crank_speed = locked
-    plant.reset(0.0, psi)
-    return plant
+    ground = Terrain.slope(slope, friction=FRICTION)
+    return placed(DESIGNS[name], ground, psi, locked=locked)
 
 
 def friction_needed(plant, slope):
     """Largest |tangential| / normal load with which two toes hold all of a robot with free crank.
 
-    Two toes have four load components for its four degrees of freedom: J^T P = dV/dq. None where
-    there are not two toes, or where they leave one free; infinite where one of them would have to
-    pull.
+    J^T P = dV/dq: four loads, four equations. None where there are not two toes, or where they
+    leave one free; infinite where one of them would have to pull.
     """
     q, d = plant.state[:4], 1e-5
     on = np.flatnonzero(plant.lookahead().contact_force[:, 1])
     if len(on) != 2:
         return None
-    normal, along = [-math.sin(slope), math.cos(slope)], [math.cos(slope), math.sin(slope)]
+    normal, along = np.array(
+        [[-math.sin(slope), math.cos(slope)], [math.cos(slope), math.sin(slope)]]
+    )
 
     def look(q):
         rows = []
-        for leg in (plant.robot.legs[i] for i in on):
-            joint = joint_positions(plant.robot, leg.side, q[3] + leg.phase)[T] @ [1.0, 1.0j]
-            turned = joint * np.exp(1j * q[2])
-            place = np.add(q[:2], [turned.real, turned.imag])
-            angle = q[2] + coordinates(plant.robot, leg.side, q[3] + leg.phase)[21]
+        for *place, angle in toes_of(plant.robot, q)[on]:
             rows += [place @ normal, place @ along + plant.robot.pad_radius * angle]
         return np.array([*rows, rd.energy(plant.tables, q, np.zeros(4))])
 

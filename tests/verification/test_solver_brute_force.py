@@ -1,11 +1,8 @@
 """The contact solver against every one of the 4^n combinations of contact modes.
 
-Each of n contacts is open, sticks, or slides one way; with its mode given the law is linear. Trying
-all modes finds every solution there is (Glocker, Set-Valued Force Laws, 2001), also
-where there are several, as there may be at large friction, or where impulses are not unique.
+Each of n contacts is open, sticks, or slides one way; with its mode given the law is linear:
+trying all modes finds every solution there is (Glocker, Set-Valued Force Laws, 2001).
 """
-
-from __future__ import annotations
 
 import itertools
 
@@ -30,8 +27,7 @@ SLACK = 1e-8  # of the speeds and impulses at play, by which a trial's inequalit
 def random_problems(rng, problems, count, dof=4, twins="none"):
     """Jacobians of random directions (problems, 2 count, dof), W and q = J v.
 
-    With more than dof / 2 contacts W is singular; ``twins``: the last contact is the first
-    again, "equal" or "near" by 1e-6.
+    ``twins``: the last contact is the first again, "equal" or "near" by 1e-6.
     """
     root = rng.normal(size=(problems, dof, dof))
     mobility = root @ root.transpose(0, 2, 1) + 0.1 * np.eye(dof)
@@ -67,9 +63,7 @@ def violations(W, q, mu, P):
 
 
 def nearest_solution(W, q, mu, u):
-    """For each problem, over all mode combinations that contradict nothing: how far ``u`` is from
-    the nearest, how far the solutions are from one another, and how many combinations fit.
-    """
+    """How far ``u`` is from the nearest that fits, how far those are apart, and how many fit."""
     problems, n = mu.shape
     speed = np.abs(q).max(axis=1)
     impulse = np.abs(q / np.diagonal(W, axis1=1, axis2=2)).max(axis=1)
@@ -130,11 +124,7 @@ def draw(kind, count, problems):
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 @pytest.mark.parametrize("kind", KINDS)
 def test_solver_finds_one_of_all_solutions(kind, count, measured):
-    """625 problems each, 10,000 in all: P obeys the law, u is that of a combination that fits.
-
-    Where all that fit leave the same velocities, u is thereby the only answer. Twins' systems are
-    the worse conditioned: by 1 / compliance, and the trial loses as many digits.
-    """
+    """P obeys the law, u is that of a combination that fits: of the only one where all agree."""
     W, q, mu = draw(kind, count, 625)
     mean = np.trace(W, axis1=1, axis2=2) / (2 * count)
     W += COMPLIANCE * mean[:, None, None] * np.eye(2 * count)
@@ -152,10 +142,7 @@ def test_solver_finds_one_of_all_solutions(kind, count, measured):
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 @pytest.mark.parametrize("kind", KINDS)
 def test_singular_problems_obey_the_law(kind, count, measured):
-    """The same with the kernels' own compliance, 1e-11: W as singular as a robot's on many toes.
-
-    Jammed contacts carry impulses far above those at play; the violation is relative to the latter.
-    """
+    """With the kernels' own compliance, 1e-11: W as singular as a robot's on many toes."""
     W, q, mu = draw(kind, count, 625)
     for w in W:
         regularise(count, w, SOLVERS_OWN)
@@ -176,10 +163,9 @@ def test_first_guess_decides_only_among_solutions(measured):
 
 
 def test_a_standing_robot_may_have_three_answers(measured):
-    """Coulomb's law need not have one answer: the paper's robot on two toes, friction 0.8, cranked.
+    """At crank angle 0.3 under 11 N m: the fore toe slides, or the back toe, or both.
 
-    Its W and q at crank angle 0.3 under 11 N m: the fore toe slides, or the back toe, or both. The
-    solver returns one of them whatever its first guess, and all three obey the law.
+    The solver returns one of them whatever its first guess, and all three obey the law.
     """
     W = np.array(
         [

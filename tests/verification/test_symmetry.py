@@ -1,38 +1,33 @@
 """Mirror image and change of scale: what the laws of motion do not see, the robot does not feel.
 
-Mirror x -> -x: a leg's own crank angle a becomes pi - a and its side the other one. With
-a = psi + phase this is psi -> pi - psi, phase -> -phase, theta -> -theta, torque -> -torque.
-
-Scale: lengths times S and masses times F under the same gravity make times sqrt(S), forces F,
-torques F S, inertias F S^2 and viscous coefficients (torque times time) F S^1.5 times as large.
+Mirrored are psi -> pi - psi, phase -> -phase, theta -> -theta, torque -> -torque. Lengths times S
+and masses times F make times sqrt(S), forces F, torques F S, inertias F S^2, viscous
+coefficients F S^1.5.
 """
-
-from __future__ import annotations
 
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from motions import FLIGHT, HOLD, ODD, governor, placed
 
-from jansen_env import ROBOTS, Leg, Payload, Robot, Terrain
+from jansen_env import ROBOTS, Leg, Payload, Robot, Terrain, paper_robot
 from jansen_env.engine.placement import PLACEMENT_DEPTH
+from jansen_env.gravity import GRAVITY
 from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.robot import BODIES
 
-HOLD = 0.02  # s, for which a torque is held
 TOUCHING = 1e-9  # m, by which the small robot is in the ground
-FLIGHT = np.array([0.3, 50.0, 0.4, 2.0, 0.5, 1.0, 1.0, 5.0])
-ODD_LEGS = (Leg("back"), Leg("fore", 1.0), Leg("fore", 2.7), Leg("back", -2.0))
-ODD = Robot(legs=ODD_LEGS, payload=Payload(2.0, 0.1, (0.1, 0.2)))
+ODD_LADEN = replace(ODD, payload=Payload(2.0, 0.1, (0.1, 0.2)))
 ROUGH = Terrain.rough(np.random.default_rng(0), start=-5.0)
-BODIES = ("frame", "crank", "upper_rod", "upper_triangle", "rocker", "lower_rod", "coupler", "foot")
 WALKS = {
     "paper flat": (Robot(), Terrain.flat()),
     "paper uphill": (Robot(), Terrain.slope(0.1)),
     "paper bouncing": (Robot(), Terrain.flat(restitution=0.5)),
     "holy rough": (ROBOTS["holy"](), ROUGH),
-    "odd downhill": (ODD, Terrain.slope(-0.1)),
-    "odd rough": (ODD, ROUGH),
+    "odd downhill": (ODD_LADEN, Terrain.slope(-0.1)),
+    "odd rough": (ODD_LADEN, ROUGH),
 }
 S, F = 4.0, 8.0  # powers of two, which round nothing
 TIME = math.sqrt(S)
@@ -79,28 +74,16 @@ def scaled(robot):
     )
 
 
-def governor(speed, angle_rate):
-    """Torque that holds the crank near a speed, N m."""
-    return float(np.clip(10.0 * (speed - angle_rate) + 1.5 * speed, -20.0, 20.0))
-
-
 @pytest.mark.parametrize("name", WALKS)
 def test_mirrored_walk(name, measured):
-    """5 s of walking and its mirror image: pose, rates, slip and forces; only rounding differs.
-
-    A difference grows in touchdowns and slips; forces are velocity changes over 1 ms.
-    """
+    """5 s: pose, rates, slip and forces (velocity changes over 1 ms); only rounding differs."""
     robot, terrain = WALKS[name]
-    plant, image = (
-        ProjectionPlant(robot, terrain),
-        ProjectionPlant(mirrored(robot), mirrored_ground(terrain)),
-    )
-    plant.reset(0.0, 0.3)
+    plant, image = placed(robot, terrain), placed(mirrored(robot), mirrored_ground(terrain))
     image.state = mirrored_state(plant.state)
     state = slip = force = 0.0
     for _ in range(250):
-        here = plant.step(governor(1.0, plant.state[7]), HOLD)
-        there = image.step(governor(-1.0, image.state[7]), HOLD)
+        here = plant.step(governor(plant, 1.0), HOLD)
+        there = image.step(governor(image, -1.0), HOLD)
         state = max(state, np.abs(mirrored_state(plant.state) - image.state).max())
         slip = max(slip, np.abs(here.slip - there.slip).max())
         force = max(force, np.abs(here.contact_force * [-1.0, 1.0] - there.contact_force).max())
@@ -111,19 +94,14 @@ def test_mirrored_walk(name, measured):
 
 
 def test_the_papers_robot_is_its_own_mirror_image(measured):
-    """It walks to the left as to the right, rf's toe moving as rb's and lf's as lb's did.
-
-    At friction 0.5, where Coulomb's law has one answer. At 0.8 a step's contact problem may have
-    three (one foot slides, or the other, or both), and the order of the legs decides.
-    """
+    """At friction 0.5: at 0.8 Coulomb's law may have three answers, and the legs' order decides."""
     ground = Terrain.flat(friction=0.5)
-    plants = ProjectionPlant(Robot(), ground), ProjectionPlant(Robot(), ground)
-    plants[0].reset(0.0, 0.3)
+    plants = placed(terrain=ground), placed(terrain=ground)
     plants[1].state = mirrored_state(plants[0].state)
     state = force = 0.0
     for _ in range(250):
         right, left = (
-            plant.step(governor(speed, plant.state[7]), HOLD)
+            plant.step(governor(plant, speed), HOLD)
             for plant, speed in zip(plants, (1.0, -1.0), strict=True)
         )
         state = max(state, np.abs(mirrored_state(plants[0].state) - plants[1].state).max())
@@ -135,10 +113,7 @@ def test_the_papers_robot_is_its_own_mirror_image(measured):
 
 
 def compare_scales(robot, terrain, law, duration, time_step, state=None, locked=False):
-    """Largest difference of the scaled robot's state (8,), force, slip and energies, scaled back.
-
-    ``law``: torque in N m of the crank's rate, both in the small robot's units.
-    """
+    """Largest difference of state (8,), force, slip and energies, scaled back; ``law`` of rate."""
     small = ProjectionPlant(robot, terrain, time_step)
     ground = replace(terrain, points=tuple((S * x, S * y) for x, y in terrain.points))
     large = ProjectionPlant(
@@ -163,10 +138,10 @@ def compare_scales(robot, terrain, law, duration, time_step, state=None, locked=
 
 
 SCALED = {  # no toe is ever pushed out of the ground here
-    "flight": (ODD, Terrain.flat(), lambda rate: 2.0, 1.0, 1e-3, FLIGHT),
+    "flight": (ODD_LADEN, Terrain.flat(), lambda rate: 2.0, 1.0, 1e-3, FLIGHT),
     "standing": (Robot(), Terrain.flat(), lambda rate: 0.0, 1.0, 1e-3),
     "sliding": (Robot(), Terrain.slope(0.4, friction=0.2), lambda rate: 0.0, 1.0, 1e-3, None, True),
-    "walk at 20 us": (Robot(), Terrain.flat(), lambda rate: governor(1.0, rate), 2.0, 2e-5),
+    "walk at 20 us": (Robot(), Terrain.flat(), lambda rate: governor(rate), 2.0, 2e-5),
 }
 
 
@@ -174,10 +149,8 @@ SCALED = {  # no toe is ever pushed out of the ground here
 def test_scaled_robot(name, measured):
     """4 times as long, 8 times as heavy: the same motion, forces and energies in scaled units.
 
-    To rounding, which is why the walk's time step is so small: a toe that touches down at 1 m/s
-    goes no deeper than 20 um, which the kernels leave alone (and to larger depths they apply a
-    length). In flight collision detection runs after 5 cm, whatever the scale: energies are 1500 J
-    there, rounded to 2e-13 J at every query.
+    At 20 us a landing toe goes no deeper than the 20 um that are left alone. In flight collision
+    detection runs after 5 cm, whatever the scale, and rounds 1500 J to 2e-13 J every time.
     """
     apart, force, slip, energy = compare_scales(*SCALED[name])
     measured(f"scaled robot, {name}: state", apart.max(), 1e-13, "m, rad, 1/s")
@@ -188,12 +161,46 @@ def test_scaled_robot(name, measured):
 
 @pytest.mark.parametrize("name", ["paper flat", "paper uphill"])
 def test_scaled_walk_at_1_ms(name, measured):
-    """What the 20 um of penetration that are left alone do to a walk: they do not scale.
-
-    Landing toes stay 20 um deep where 80 um / 4 would be 5 um, so that the next one lands sooner
-    or later: in 2 s about a millimetre of pose, friction 0.5.
-    """
+    """Landing toes stay 20 um deep, which does not scale: the next one lands sooner or later."""
     robot, terrain = WALKS[name]
     terrain = replace(terrain, friction=0.5)
-    apart, *_ = compare_scales(robot, terrain, lambda rate: governor(1.0, rate), 2.0, 1e-3)
+    apart, *_ = compare_scales(robot, terrain, lambda rate: governor(rate), 2.0, 1e-3)
     measured(f"scaled robot, 2 s at 1 ms, {name}: pose", apart[:4].max(), 2e-3, "m, rad")
+
+
+SLOPES = {  # robot, crank angle, friction, torque
+    "paper": (Robot(), 0.3, 0.8, 6.0),
+    "holy slipping": (ROBOTS["holy"](), 2.0, 0.2, 6.0),
+    "six legs": (paper_robot(3), 1.0, 0.8, -8.0),
+}
+
+
+@pytest.mark.parametrize("name", SLOPES)
+@pytest.mark.parametrize("angle", [0.1, -0.2])
+def test_a_slope_is_gravity_turned(name, angle, measured):
+    """2 s of walking on a slope = on level ground with g turned by -angle, in the turned frame."""
+    robot, psi, mu, torque = SLOPES[name]
+    slope, turn = placed(robot, Terrain.slope(angle, friction=mu), psi), np.exp(1j * angle)
+    gravity = -GRAVITY * math.sin(angle), -GRAVITY * math.cos(angle)
+
+    def turned(state, turn, angle):
+        """A state on the level as seen on the slope, or the other way round."""
+        q = state.copy()
+        for i in (0, 4):
+            place = turn * complex(*q[i : i + 2])
+            q[i : i + 2] = place.real, place.imag
+        q[2] += angle
+        return q
+
+    start = turned(slope.state, 1.0 / turn, -angle)
+    level = placed(robot, Terrain.flat(friction=mu), state=start, gravity=gravity)
+    apart, work, slip = 0.0, 0.0, 0.0
+    for k in range(100):
+        push = torque * (1.0 + math.sin(0.3 * k))
+        results = [plant.step(push, 0.02) for plant in (slope, level)]
+        apart = max(apart, np.abs(slope.state - turned(level.state, turn, angle)).max())
+        work += abs(results[0].contact_force - results[1].contact_force).max() * 0.02
+        slip += results[0].slip.sum()
+    assert abs(slope.state[3] - psi) > 1.0 and slip > 1e-4  # it stepped, it slid
+    measured("state apart after 2 s", apart, 1e-12)
+    measured("impulses apart", work, 1e-11, "N s")

@@ -1,11 +1,8 @@
 """Touchdown: Newton's restitution, bounce heights, and several toes that strike at once.
 
-``level(n)`` are robots with n toes level at crank angle ``PSI``: on opposite flanks of the foot's
-path two crank angles give one toe height, and back legs mirror fore legs. With three and four the
-loads are statically undetermined, but what the robot does is not.
+``level(n)`` have n toes level at crank angle ``PSI``: two crank angles give one toe height, and
+back legs mirror fore legs. Three and four carry loads that are undetermined.
 """
-
-from __future__ import annotations
 
 import functools
 import itertools
@@ -13,13 +10,13 @@ import math
 
 import numpy as np
 import pytest
+from motions import placed, shift, toes_of
 
-from jansen_env import Leg, Payload, Robot, Terrain
+from jansen_env import ROBOTS, Leg, Payload, Robot, Terrain
 from jansen_env.dynamics import reduced as rd
 from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.projected import ProjectionPlant
-from jansen_env.robot.kinematics import T, coordinates, joint_positions
+from jansen_env.robot.kinematics import T, joint_positions
 
 PSI = 2.75  # rad
 IMPACT = 1e-8  # s, time step in which an impact is dealt: nothing else matters in it
@@ -43,32 +40,10 @@ def level(toes):
     return Robot(legs=legs)
 
 
-def plant_on(robot, ground, locked, psi=PSI, pitch=0.0, **arguments):
-    """A plant with the robot placed at a pitch."""
-    plant = ProjectionPlant(robot, ground, **arguments)
-    plant.prescribed_crank_speed = locked
-    plant.reset(0.0, psi, pitch)
-    return plant
-
-
-def pads(robot, q):
-    """(toes, 3) x, y of the pads' centres and the angles of the foot links, from the linkage."""
-    rows = []
-    for leg in robot.legs:
-        place = joint_positions(robot, leg.side, q[3] + leg.phase)[T] @ [1.0, 1.0j]
-        centre = q[0] + 1j * q[1] + np.exp(1j * q[2]) * place
-        angle = q[2] + coordinates(robot, leg.side, q[3] + leg.phase)[21]
-        rows.append((centre.real, centre.imag, angle))
-    return np.array(rows)
-
-
 def jacobians(robot, q):
     """(toes, 4) normal and tangential Jacobian on level ground, by central differences."""
-    d, columns = 1e-5, []
-    for i in range(4):
-        shift = d * np.eye(4)[i]
-        change = (pads(robot, q + shift) - pads(robot, q - shift)) / (2.0 * d)
-        columns.append(change)
+    steps = 1e-5 * np.eye(4)
+    columns = [(toes_of(robot, q + step) - toes_of(robot, q - step)) / 2e-5 for step in steps]
     motion = np.stack(columns, axis=2)
     return motion[:, 1], motion[:, 0] + robot.pad_radius * motion[:, 2]
 
@@ -83,11 +58,7 @@ def inverse_mass(plant, q):
 
 
 def least_impulse(inverse, normal, v, restitution):
-    """Velocity after a smooth impact: of all that obey J v+ >= -e J v the nearest in M.
-
-    By trying which toes keep to equality; the answer is one of these, and all that are allowed
-    are at least as far.
-    """
+    """Velocity after a smooth impact: of all with J v+ >= -e J v nearest in M, by trying sets."""
     least, answer = math.inf, v
     wanted = -restitution * np.minimum(normal @ v, 0.0)
     for some in itertools.product([False, True], repeat=len(normal)):
@@ -137,18 +108,13 @@ def strike(robot, v, mu, restitution, locked, psi=PSI):
     """Let it strike with velocity v.
 
     Returns:
-        The plant, its pose at the impact, the velocity just after, the kinetic energy gained, and
-        that less what is booked, J.
+        Plant, pose, velocity just after, the kinetic energy gained, that less what is booked, J.
     """
     ground = Terrain.flat(friction=mu, restitution=restitution)
-    plant = plant_on(robot, ground, locked, psi, gravity=0.0, time_step=IMPACT)
-    state = plant.state
-    state[1] += (
-        PLACEMENT_DEPTH + 0.01 * IMPACT
-    )  # all but touching: it touches down in the next step
-    state[4:] = v
-    plant.state, plant.tracing = state, True
-    pose = state[:4] + 0.5 * IMPACT * state[4:]
+    above = np.array([0.0, PLACEMENT_DEPTH + 0.01 * IMPACT, 0.0, 0.0, *v])  # all but touching
+    settings = dict(locked=locked, tracing=True, gravity=0.0, time_step=IMPACT)
+    plant = placed(robot, ground, psi, 0.0, moved=above, **settings)
+    pose = plant.state[:4] + 0.5 * IMPACT * plant.state[4:]
     result = plant.step(0.0, IMPACT)
     assert plant.touchdowns.all()
     M = rd.mass_matrix(plant.tables, pose)
@@ -165,10 +131,7 @@ VELOCITIES = [(0.0, -1.0, 0.0, 0.0), (0.3, -1.0, 0.6, 0.0), (-0.5, -0.7, -0.4, 2
 @pytest.mark.parametrize("toes", [1, 2, 3, 4])
 @pytest.mark.parametrize("restitution", [0.0, 0.3, 0.8, 1.0])
 def test_smooth_impact_is_the_least_impulse(toes, restitution, locked, measured):
-    """mu = 0: v+ is the velocity nearest to v in M's metric with J v+ >= -e J v; 1 to 4 toes.
-
-    That problem is strictly convex: the velocity is unique, however loads are shared.
-    """
+    """mu = 0: v+ is the nearest to v in M with J v+ >= -e J v: strictly convex, so unique."""
     worst, newton, most, unbooked = 0.0, 0.0, -math.inf, 0.0
     for v in np.array(VELOCITIES):
         if locked:
@@ -223,15 +186,9 @@ def test_the_order_of_the_legs_is_of_no_matter(toes, mu, restitution, measured):
 
 @pytest.mark.parametrize("toes, locked", [(2, True), (3, True), (4, True), (3, False), (4, False)])
 def test_level_toes_share_the_weight(toes, locked, measured):
-    """Landed from 5 cm it stays for 10 s, loads balanced in force and moment; the locked robot's
-    are linear in x as on equal springs: of all that balance, the smallest. (With its crank free
-    the robot walks on two toes that are mirror images: those move as one.)
-    """
+    """Loads balance; the locked robot's are linear in x as on equal springs."""
     robot = level(toes)
-    plant = plant_on(robot, Terrain.flat(), True)
-    state = plant.state
-    state[1] += 0.05
-    plant.state = state
+    plant = placed(robot, None, PSI, 0.0, moved=shift(y=0.05), locked=True)
     plant.step(0.0, 0.5)
     plant.prescribed_crank_speed = locked
     before = plant.state
@@ -259,8 +216,7 @@ DROP = 0.1  # m
 def test_bounce_heights(toes, restitution, bounces, measured):
     """Dropped flat it rises to h_k = e^2k h_0, flying for 2 sqrt(2 h_k / g); e = 1: for ever.
 
-    On one toe the centre of mass is over it (a payload's doing), so that it does not turn. A
-    impact is dealt within v h of the ground, v the speed it comes with: so far may heights be off.
+    An impact is dealt within v h of the ground, v its speed: so far heights may be off.
     """
     step, chunk, robot = 1e-5, 1e-4, level(toes)
     if toes == 1:  # c + load * (x, y) = (mass + load) * toe's x
@@ -270,11 +226,9 @@ def test_bounce_heights(toes, restitution, bounces, measured):
         along = ((robot.mass + load) * place - c) / load
         robot = Robot(legs=robot.legs, payload=Payload(load, 0.1, (float(along), -0.2)))
     ground = Terrain.flat(friction=0.0, restitution=restitution)
-    plant = plant_on(robot, ground, True, time_step=step)
-    state = plant.state
-    rest = state[1] + PLACEMENT_DEPTH
-    state[1] = rest + DROP
-    plant.state = state
+    up = shift(y=PLACEMENT_DEPTH + DROP)
+    plant = placed(robot, ground, PSI, 0.0, moved=up, locked=True, time_step=step)
+    rest = plant.state[1] - DROP
     start, heights, times, steps = plant.energy(), [], [], 0
     while len(heights) < bounces:
         falling = plant.state[5]
@@ -293,3 +247,50 @@ def test_bounce_heights(toes, restitution, bounces, measured):
     if restitution == 1.0:
         measured("energy lost or won at e = 1", abs(plant.energy() - start) / start, 1e-10)
     measured("pitch rate", abs(plant.state[6]), 2e-11, "rad/s")
+
+
+THROWN = 1e-6  # s, time step in which thrown robots strike
+HEAVY = Robot(payload=Payload(60.0, 1.0, (0.1, 0.0)))
+
+
+def impacts(robot, friction, restitution, rng, count=300):
+    """(n, 2) energies before and after random single impacts in weightlessness, crank free."""
+    ground = Terrain.flat(friction, restitution)
+    plant = placed(robot, ground, tracing=True, time_step=THROWN, gravity=0.0)
+    energies = []
+    for _ in range(count):
+        state = plant.reset(0.0, rng.uniform(0.0, 2.0 * np.pi), rng.uniform(-0.3, 0.3))
+        state[4:] = rng.normal(size=4) * (1.0, 0.0, 1.0, 3.0) - (0.0, 1.0, 0.0, 0.0)
+        state[1] += PLACEMENT_DEPTH + 0.2 * THROWN  # it touches down next, if it comes near
+        plant.state = state
+        before = plant.energy()
+        plant.step(0.0, THROWN)
+        if plant.touchdowns[0]:
+            energies.append((before, plant.energy()))
+    assert len(energies) > count // 2
+    return np.array(energies)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3, 0.8, 2.0])
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 0.8, 1.0])
+@pytest.mark.parametrize("robot", [ROBOTS["holy_slender"](2), HEAVY], ids=["holy_slender", "60 kg"])
+def test_no_impact_creates_energy(robot, friction, restitution, rng, measured):
+    """Newton's law alone gives more than twice as much (60 kg, friction 0.8, e = 1)."""
+    energies = impacts(robot, friction, restitution, rng)
+    gain = (energies[:, 1] / energies[:, 0]).max() - 1.0
+    measured(f"energy gained in an impact, friction {friction}, e = {restitution}", gain, 2e-6)
+
+
+def test_what_bounces_lawfully_bounces_as_asked(rng, measured):
+    """One toe struck, no friction: no energy is at risk, and it leaves at e times its speed."""
+    for e in (0.5, 1.0):
+        ground = Terrain.flat(0.0, e)  # locked: a rigid body, whose struck toe's speed is told
+        plant = placed(
+            None, ground, 1.0, 0.2, moved=shift(vy=-1.0), locked=True, time_step=THROWN, gravity=0.0
+        )
+        toe = int(np.argmin(plant.toe_positions()[:, 1]))
+        plant.step(0.0, THROWN)
+        left = plant.toe_positions()[toe, 1]
+        plant.step(0.0, 1e-4)
+        speed = (plant.toe_positions()[toe, 1] - left) / 1e-4
+        measured(f"rebound speed, e = {e}, less e", abs(speed - e), 5e-5, "m/s")

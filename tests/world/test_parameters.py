@@ -1,14 +1,12 @@
 """The table of parameters: each row on both plants, its limits, its line in the documentation."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from jansen_env import Compliance, Motor, Payload, Robot, parameters
+from jansen_env import Compliance, Motor, Payload, Robot, Terrain, parameters
 from jansen_env.parameters import PARAMETERS, TABLE, markdown
 from jansen_env.plants import robot_parameters
 from jansen_env.plants.batch import Batch
@@ -24,14 +22,15 @@ PLANTS = ("projection", "rigid_body")
 def walked(plant, row, value, feet):
     """All that is observed of a short walk in which one parameter has a value."""
     env = gym.make(
-        "JansenWalker-v0", plant=plant, terrain="rough", noise={}, push={"interval": 0.1},
-        delay=(0.0, 1.0), height_scan=(0.5, 1.5, 9),
+        "JansenWalker-v0", plant=plant, terrain="rough", noise={}, delay=(0.0, 1.0),
+        push={"duration": 0.02, "interval": 0.04}, height_scan=(0.5, 1.5, 9),
         robot=Robot(**MACHINE, **({"pad_compliance": FEET} if feet else {})),
     )  # fmt: skip
     observation, info = env.reset(seed=1, options={"delay": 0.0, row.name: value})
     assert info["parameters"][row.name] == value
     seen = [observation]
-    seen += [env.step(np.full(1, 0.7, np.float32))[0] for _ in range(7)]
+    steps = 7 if row.name in ("delay", "restitution") else 3
+    seen += [env.step(np.full(1, 0.7, np.float32))[0] for _ in range(steps)]
     return np.array(seen)
 
 
@@ -53,7 +52,7 @@ def test_a_row_that_no_plant_knows_is_refused_by_name(plant, monkeypatch):
     """As if nobody had told the plants of it; the others go on."""
     for honours in ("HONOURED_BY_MACHINES", "HONOURED_BY_KERNELS"):
         assert {*parameters.OF_ROBOTS} == getattr(robot_parameters, honours)
-    for kind in (Batch, type(make_batch("rigid_body", [Robot()], [gym_terrain()]))):
+    for kind in (Batch, type(make_batch("rigid_body", [Robot()], [Terrain.flat()]))):
         monkeypatch.setattr(kind, "honours", kind.honours - {"mass_scale"})
     monkeypatch.setattr("jansen_env.plants.batch_robots.BatchRobots.honours", Batch.honours)
     ranges = {"mass_scale": (0.9, 1.1)}
@@ -69,10 +68,6 @@ def test_a_row_that_no_plant_knows_is_refused_by_name(plant, monkeypatch):
         env.unwrapped.set_state(state)
 
 
-def gym_terrain():
-    return gym.make("JansenWalker-v0").unwrapped.terrain
-
-
 def test_limits_hold_everywhere():
     """At a reset, in a range, in a state: the message has name, value and limits."""
     env = gym.make("JansenWalker-v0", robot="built", noise={}, push={}, terrain="rough").unwrapped
@@ -85,9 +80,8 @@ def test_limits_hold_everywhere():
             lambda: env.reset(options={row.name: beyond}),  # noqa: B023
             lambda: gym.make("JansenWalker-v0", randomize={row.name: (row.least, beyond)}),  # noqa: B023
         ):
-            with pytest.raises(
-                ValueError, match=rf"\['{row.name}'\] is .*{beyond}.* must be between"
-            ):
+            message = rf"\['{row.name}'\] is .*{beyond}.* must be between"
+            with pytest.raises(ValueError, match=message):
                 refused()
     with pytest.raises(ValueError, match=r"randomize has .'gravity'., must be of"):
         gym.make("JansenWalker-v0", randomize={"gravity": 1.0})

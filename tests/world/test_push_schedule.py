@@ -1,7 +1,5 @@
 """Pushes: what arrives is what was named, when it was named; the same for a robot alone or not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -87,14 +85,6 @@ def test_random_pushes_come_once_in_each_interval_and_end_in_it():
     assert abs(np.corrcoef(totals.T)[0, 1]) < 0.2
     assert abs(np.corrcoef(starts.ravel(), totals[:, 0])[0, 1]) < 0.2
     assert abs(np.corrcoef(starts[1:].ravel(), starts[:-1].ravel())[0, 1]) < 0.2
-
-
-def test_they_are_the_same_for_a_seed_whoever_else_there_is():
-    push = Push((1.0, 1.0), duration=0.1, interval=0.4)
-    together = felt(Pushes(5, push, STEPS, STEP), 60, np.array([9, 8, 7, 6, 5]))
-    alone = felt(Pushes(1, push, STEPS, STEP), 60, np.array([7]))
-    np.testing.assert_array_equal(together[:, 2], alone[:, 0])
-    assert (together[:, 1] != together[:, 2]).any()
 
 
 def test_strength_scales_the_random_ones_alone():

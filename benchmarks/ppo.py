@@ -25,11 +25,7 @@ NEVER = 10**9  # updates between two lines of a log
 
 
 class Trainee:
-    """PPO and its environments.
-
-    Args:
-        venv: a vector environment of Stable-Baselines3's. setting: PPO's arguments.
-    """
+    """PPO with some arguments, and the vector environments that it trains in."""
 
     def __init__(self, venv: Any, setting: dict[str, Any]) -> None:
         from stable_baselines3 import PPO
@@ -97,7 +93,7 @@ def main(arguments: list[str] | None = None) -> None:
     measure.report(
         found.out / "ppo.md",
         "# Training",
-        measure.conditions(rounds),
+        f"{measure.machine()} Medians of {rounds} rounds in turns.",
         f"PPO, {listed}, layers {LAYERS}, one thread of torch. As shipped: "
         + ", ".join(f"{name} {value}" for name, value in shipped.items())
         + ".",

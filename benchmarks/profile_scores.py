@@ -2,9 +2,8 @@
 
     python -m benchmarks.profile_scores [--episodes 1000] [--policy RUN] [--quick]
 
-Scores on starts of their own, drift and error without the first two seconds; of falls the upper
-bound of their probability too. The figure shows over the crank's angle how fast it turns, which
-toes bear a load, and where they slip. Writes ``scores.md`` and ``turn.png``.
+The figure shows crank speed, loaded toes and slip over the crank's angle. Writes ``scores.md`` and
+``turn.png``.
 """
 
 from __future__ import annotations
@@ -49,14 +48,18 @@ def load(names: list[str]) -> dict[str, Policy]:
     return policies
 
 
-def episodes(
-    policy: Policy, commands: Array, friction: float = FRICTION, first: int = FIRST_SEED
-) -> Outcome:
-    """An episode for each command (n,), m/s, on starts that no search has seen."""
-    rollout = BatchedRollout(np.full(len(commands), friction))
-    out = rollout.run(policy, commands, first + np.arange(len(commands)))
-    rollout.close()
-    return out
+def chosen_with_policies(
+    doc: str | None, out: str, episodes: int, arguments: list[str] | None
+) -> tuple[Any, dict[str, Policy]]:
+    """The command line, with ``--policy``, and the policies beside the PID and the profile."""
+    parser = measure.options(doc, out, episodes=episodes)
+    parser.add_argument("--policy", action="append", default=[], metavar="NAME",
+                        help="also a run's folder or model")  # fmt: skip
+    found = measure.chosen(parser, arguments)
+    try:
+        return found, load(["pid", "profile", *found.policy])
+    except ValueError as error:
+        parser.error(str(error))
 
 
 def numbers(out: Outcome) -> dict[str, float]:
@@ -81,8 +84,10 @@ def score(
     scores = {}
     for i, command in enumerate(commands):
         for name, policy in policies.items():
-            out = episodes(policy, np.full(count, command), first=SCORED_SEED + i * count)
-            scores[command, name] = numbers(out)
+            rollout = BatchedRollout(np.full(count, FRICTION))
+            seeds = SCORED_SEED + i * count + np.arange(count)
+            scores[command, name] = numbers(rollout.run(policy, np.full(count, command), seeds))
+            rollout.close()
     return scores
 
 
@@ -123,16 +128,11 @@ def score_table(scores: dict[tuple[float, str], dict[str, float]], count: int) -
 
 
 class Turn(NamedTuple):
-    """Over the crank's angle, in bins (b,).
+    """Over the crank's angle, in bins (b,)."""
 
-    Attributes:
-        speed: (3, b) rad/s, quantiles 0.1, 0.5 and 0.9. load: (toes, b) share of the time that a
-            toe stands. slip: (b,) m per metre and turn of all toes: its mean is the slip per metre.
-    """
-
-    speed: Array
-    load: Array
-    slip: Array
+    speed: Array  # (3, b) rad/s, quantiles 0.1, 0.5 and 0.9
+    load: Array  # (toes, b) share of the time that a toe stands
+    slip: Array  # (b,) m per metre and turn of all toes: its mean is the slip per metre
 
 
 def turn(policy: Policy, command: float, walks: int = WALKS) -> Turn:
@@ -190,21 +190,14 @@ def draw(policies: dict[str, Policy], commands: tuple[float, ...], walks: int, p
         axes[-1, j].set_xticks(range(0, 361, 90))
     axes[0, 0].set_ylabel("crank speed (rad/s)")
     axes[-1, 0].set_ylabel("slip (m/m)")
-    measure.legend_above(figure, axes[0, 0], len(policies))
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     measure.save(figure, path)
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = measure.options(__doc__, "docs/profile", episodes=EPISODES)
-    parser.add_argument("--policy", action="append", default=[], metavar="NAME",
-                        help="also a run's folder or model")  # fmt: skip
-    found = measure.chosen(parser, arguments)
+    found, policies = chosen_with_policies(__doc__, "docs/profile", EPISODES, arguments)
     commands, count = (COMMANDS, found.episodes) if not found.quick else (SHOWN[-1:], 2)
-    try:
-        policies = load(["pid", "profile", *found.policy])
-    except ValueError as error:
-        parser.error(str(error))
     scores = score(policies, commands, count)
     command = f"python -m benchmarks.profile_scores --episodes {count}"
     measure.report(

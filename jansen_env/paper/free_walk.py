@@ -58,22 +58,15 @@ def prescribed_speed(
 
 @dataclass(frozen=True)
 class Walk:
-    """Turns at a constant crank speed on flat ground.
+    """Turns at a constant crank speed on flat ground."""
 
-    Attributes:
-        speed: of the crank, rad/s. turns: completed before a fall, after those that settle.
-        distance, slip: m per turn, the distance negative if it walks backwards. torque: mean, N m.
-        one_toe, no_toe: share of the time on a single toe, and in the air.
-        fell: whether the robot fell.
-    """
-
-    speed: float
-    turns: int
-    distance: float
-    slip: float
-    torque: float
-    one_toe: float
-    no_toe: float
+    speed: float  # of the crank, rad/s
+    turns: int  # completed before a fall, after those that settle
+    distance: float  # m per turn, negative if it walks backwards
+    slip: float  # m per turn
+    torque: float  # mean, N m
+    one_toe: float  # share of the time on a single toe
+    no_toe: float  # and in the air
     fell: bool
 
     @property
@@ -138,21 +131,13 @@ def walking_forces(
 
 @dataclass(frozen=True)
 class WalkingTorque:
-    """The crank torque of a walk at constant crank speed, by crank angle.
+    """The crank torque of a walk at constant crank speed, by crank angle; until a fall."""
 
-    Attributes:
-        angle: (bins,) middle of each bin of crank angle, rad, within 0 .. 2 pi.
-        torque, spread: (bins,) mean over all turns, touchdowns included, and standard deviation
-            between the turns' own means, N m.
-        mean: over the time of all turns, N m. distance: walked per turn, m.
-        fell: whether the robot fell; its turns then are those before.
-    """
-
-    angle: Array
-    torque: Array
-    spread: Array
-    mean: float
-    distance: float
+    angle: Array  # (bins,) middle of each bin of crank angle, rad, within 0 .. 2 pi
+    torque: Array  # (bins,) mean over all turns, touchdowns included, N m
+    spread: Array  # (bins,) standard deviation between the turns' own means, N m
+    mean: float  # over the time of all turns, N m
+    distance: float  # walked per turn, m
     fell: bool
 
 
@@ -161,11 +146,8 @@ def walking_torque(
 ) -> WalkingTorque:
     """The torque that keeps the crank at a constant speed (rad/s) while the robot walks.
 
-    The crank's speed is prescribed and the torque is what that takes, in every time step. A
-    touchdown takes an impulse: the mean over a bin contains it, a single value could not show it.
-
-    Args:
-        turns: of the crank that are evaluated, after ``settle`` turns from standing.
+    A touchdown takes an impulse: the mean over a bin contains it, a single value could not show it.
+    ``turns`` of the crank are evaluated, after ``settle`` turns from standing.
 
     Raises:
         ValueError: a fall before the first turn was complete.
@@ -216,17 +198,11 @@ def walking_ripple(robot: Robot, torque: float, duration: float = 20.0) -> Rippl
 
 @dataclass(frozen=True)
 class Loads:
-    """The largest loads over a motion and all legs: by body (8,), and by link and joint (17,).
+    """The largest loads over a motion and all legs."""
 
-    Attributes:
-        moment: N m, and force: N, of all constraints on each body, M x_ddot - h.
-        bearing: N, of each link on each of its joints, see
-            :data:`jansen_env.dynamics.joint_forces.CORNERS`.
-    """
-
-    moment: Array
-    force: Array
-    bearing: Array
+    moment: Array  # (8,) N m, of all constraints on each body, M x_ddot - h
+    force: Array  # (8,) N, likewise
+    bearing: Array  # (17,) N, of each link on each of its joints, in the order of CORNERS
 
     @property
     def place(self) -> str:

@@ -39,10 +39,7 @@ SPACINGS, ROUGH_FRICTION = (0.2, 0.05), 0.3  # m between the vertices of rough g
 SPAN = 12.0  # m of it
 CONTROL_DT = 0.02  # s for which a torque is held on level ground
 HELD = 0.04  # s for which it is on rough ground: every step() queries the terrain
-SWEEPS = {
-    "time_step": (TIME_STEPS, FINEST_STEP),
-    "detection_interval": (INTERVALS, INTERVALS[0]),
-}
+SWEEPS = {"time_step": (TIME_STEPS, FINEST_STEP), "detection_interval": (INTERVALS, INTERVALS[0])}
 WINDOW = 1.0  # s after which positions are compared
 MEANS = ("distance", "slip", "work")
 ROUNDS, COST_TIME = 5, 4.0  # of the costs; s of the walk whose control steps are timed

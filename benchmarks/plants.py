@@ -155,12 +155,6 @@ def compare(walk: Walk) -> Comparison:
     return Comparison(walk, ensemble, others, rigid)
 
 
-def iterated(walk: Walk, iterations: int) -> Walked:
-    """A walk with so many of pymunk's iterations in every time step, touchdown or not."""
-    plant = walk.plant("rigid_body", iterations=iterations, touchdown_iterations=iterations)
-    return walk.run(plant)
-
-
 def walk_table(compared: list[Comparison]) -> str:
     columns = {
         "distance": "distance (m)", "cost_of_transport": "cost of transport",
@@ -234,7 +228,10 @@ def main(arguments: list[str] | None = None) -> None:
         )
         return
     steady = Walk(6.0, 0.3, duration=0.5 if found.quick else 3.0)
-    runs = {str(n): iterated(steady, n) for n in ITERATIONS[: 2 if found.quick else None]}
+    runs = {
+        str(n): steady.run(steady.plant("rigid_body", iterations=n, touchdown_iterations=n))
+        for n in ITERATIONS[: 2 if found.quick else None]
+    }
     runs["projection plant"] = steady.run(steady.plant("projection"))
     rows = [(name, f"{run.distance:.3f}", f"{run.cost_of_transport:.3f}", f"{run.slip:.3f}")
             for name, run in runs.items()]  # fmt: skip

@@ -100,20 +100,11 @@ def measured_setting(name: str, robot: Robot) -> Setting:
     return nearest_setting(np.array(entry["settings"]), np.array(entry["speeds"]))
 
 
-def measured_pid(env: Any) -> Policy:
-    """Return the PID with the gains and the crank speeds found for an environment's robot."""
-    gains = PID(*measured("pid", env.robot)["gains"])
-    return walking_pid(measured_setting("pid", env.robot), env, gains)
-
-
-def measured_torque(env: Any) -> Policy:
-    """Return the constant torques measured on an environment's robot."""
-    return constant_torque(measured_setting("constant", env.robot), env)
-
-
 BASELINES: dict[str, Callable[[Any], Policy]] = {
-    "pid": measured_pid,
-    "constant": measured_torque,
+    "pid": lambda env: walking_pid(
+        measured_setting("pid", env.robot), env, PID(*measured("pid", env.robot)["gains"])
+    ),
+    "constant": lambda env: constant_torque(measured_setting("constant", env.robot), env),
     "profile": searched_profile,
 }
 """Each is made for an unwrapped environment."""

@@ -130,48 +130,6 @@ def walking_forces(
 
 
 @dataclass(frozen=True)
-class WalkingTorque:
-    """The crank torque of a walk at constant crank speed, by crank angle; until a fall."""
-
-    angle: Array  # (bins,) middle of each bin of crank angle, rad, within 0 .. 2 pi
-    torque: Array  # (bins,) mean over all turns, touchdowns included, N m
-    spread: Array  # (bins,) standard deviation between the turns' own means, N m
-    mean: float  # over the time of all turns, N m
-    distance: float  # walked per turn, m
-    fell: bool
-
-
-def walking_torque(
-    robot: Robot, speed: float = 1.0, turns: int = 10, settle: int = 2, bins: int = 72
-) -> WalkingTorque:
-    """The torque that keeps the crank at a constant speed (rad/s) while the robot walks.
-
-    A touchdown takes an impulse: the mean over a bin contains it, a single value could not show it.
-    ``turns`` of the crank are evaluated, after ``settle`` turns from standing.
-
-    Raises:
-        ValueError: a fall before the first turn was complete.
-    """
-    period = 2.0 * math.pi / speed
-    plant = prescribed_speed(robot, Terrain.flat(), speed)
-    rows, means, places = [], [], []
-    for begin, _ in walk_on(plant, settle * period, period, turns):
-        psi, torque = plant.trace["pose"][:, 3], plant.trace["torque"]
-        index = (psi % (2.0 * math.pi) / (2.0 * math.pi) * bins).astype(int) % bins
-        count = np.bincount(index, minlength=bins)
-        rows.append(np.bincount(index, torque, minlength=bins) / np.maximum(count, 1))
-        means.append(torque.mean())
-        places += [begin, plant.x]
-    if not rows:
-        raise ValueError(f"the robot falls at a crank speed of {speed} rad/s")
-    angle = 2.0 * math.pi * (np.arange(bins) + 0.5) / bins
-    return WalkingTorque(
-        angle, np.mean(rows, axis=0), np.std(rows, axis=0), float(np.mean(means)),
-        distance=abs(places[-1] - places[0]) / len(rows), fell=len(rows) < turns,
-    )  # fmt: skip
-
-
-@dataclass(frozen=True)
 class Ripple:
     """A crank's speed under a constant torque, rad/s: its mean, half its range / mean; a fall?"""
 

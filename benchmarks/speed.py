@@ -1,4 +1,4 @@
-"""Speed of the environments: one, many, larger ones, harder ones, the first one.
+"""Speed of the environments: one, many, larger ones, harder ones, the first one, in PPO.
 
     python -m benchmarks.speed [--only PART ...] [--rounds 7] [--out logs/speed] [--quick]
     python -m benchmarks.speed --against TREE
@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -32,6 +34,10 @@ AT_ONCE, LEVEL = 256, 3  # robots of each preset; of the rough ground whose exch
 SAME, OTHER = "one rough ground for all, for good", "another rough ground at each reset"
 HARDCORE, BUILT = "JansenWalkerHardcore-v0", "the built robot, flat"
 ROUNDS = 7
+ENVIRONMENTS, ROLLOUTS = 64, 5  # of PPO, side by side; of a round, each with its update
+SETTING: dict[str, Any] = {"n_steps": 64, "batch_size": 1024, "n_epochs": 6}
+LAYERS = (64, 64)
+NEVER = 10**9  # updates between two lines of a log
 
 
 def one(rounds: int, quick: bool) -> str:
@@ -206,7 +212,84 @@ def start(rounds: int, quick: bool) -> str:
     return f"## Starting\n\n{measure.table(head, rows)}"
 
 
-PARTS = {"one": one, "many": many, "size": size, "worlds": worlds, "start": start}
+class Trainee:
+    """PPO with some arguments, and the vector environments that it trains in."""
+
+    def __init__(self, venv: Any, setting: dict[str, Any]) -> None:
+        from stable_baselines3 import PPO
+
+        self.inside = 0.0  # s spent in the environments
+        for name in ("reset", "step_async", "step_wait"):
+            setattr(venv, name, self._timed(getattr(venv, name)))
+        self.label = type(venv).__name__
+        self.steps = ROLLOUTS * setting["n_steps"] * venv.num_envs
+        self.model = PPO("MlpPolicy", venv, policy_kwargs={"net_arch": list(LAYERS)}, seed=0,
+                         device="cpu", **setting)  # fmt: skip
+
+    def _timed(self, call: Callable[..., Any]) -> Callable[..., Any]:
+        def timed(*arguments: Any) -> Any:
+            start = time.perf_counter()
+            try:
+                return call(*arguments)
+            finally:
+                self.inside += time.perf_counter() - start
+
+        return timed
+
+    def play(self) -> tuple[float, float]:
+        """Train some rollouts on; steps/s, and the environments' share of the time."""
+        before, start = self.inside, time.perf_counter()
+        self.model.learn(self.steps, log_interval=NEVER, reset_num_timesteps=False)
+        spent = time.perf_counter() - start
+        return self.steps / spent, (self.inside - before) / spent
+
+
+def ppo(rounds: int, quick: bool) -> str:
+    """Stable-Baselines3's PPO: steps/s, and the environments' share of the time.
+
+    In one batch, of as many robots and of four times as many, and in the peer's own default, with
+    the same setting; and in the larger batch with the hyperparameters that ``train.py`` ships.
+    """
+    import torch
+    from stable_baselines3.common.env_util import make_vec_env as peers_vec_env
+
+    from agents.training.config import new_config
+    from jansen_env.sb3 import make_vec_env
+
+    count, setting = ENVIRONMENTS, SETTING
+    if quick:
+        count, setting = 4, {"n_steps": 8, "batch_size": 16, "n_epochs": 1}
+    torch.set_num_threads(1)  # these networks are small, more threads cost more than they bring
+    more = 4 * count
+    shipped = new_config()["hyperparameters"]
+    shipped = {name: shipped[name] for name in ("batch_size", "n_epochs")}
+    trainees = {
+        (OURS, count, ""): Trainee(make_vec_env(OURS, count), setting),
+        (OURS, more, ""): Trainee(make_vec_env(OURS, more), setting),
+        (OURS, more, "as shipped"): Trainee(make_vec_env(OURS, more), {**setting, **shipped}),
+        (MUJOCO, count, ""): Trainee(peers_vec_env(MUJOCO, count), setting),
+    }
+    plays = measure.take_turns({name: trainee.play for name, trainee in trainees.items()}, rounds)
+    rates = {name: [rate for rate, _ in pairs] for name, pairs in plays.items()}
+    rows = [
+        (*name, f"`{trainee.label}`", *measure.spread(rates[name]),
+         f"{median(share for _, share in plays[name]):.1%}")
+        for name, trainee in trainees.items()
+    ]  # fmt: skip
+    head = ("trained on", "at once", "hyperparameters", "in", "steps/s", "lowest", "highest",
+            "in the environments")  # fmt: skip
+    listed, ours = (
+        ", ".join(f"{name} {value}" for name, value in given.items())
+        for given in (setting, shipped)
+    )
+    ratio = measure.ratio(rates[OURS, count, ""], rates[MUJOCO, count, ""])
+    return (
+        f"## Training\n\nPPO, {listed}, layers {LAYERS}, one thread of torch. As shipped: {ours}."
+        f"\n\n{measure.table(head, rows)}\n\nRatio of the steps/s, {count} at once: {ratio}."
+    )
+
+
+PARTS = {"one": one, "many": many, "size": size, "worlds": worlds, "start": start, "ppo": ppo}
 
 
 def against(other: Path, rounds: int, quick: bool) -> str:
@@ -255,6 +338,8 @@ def main(arguments: list[str] | None = None) -> None:
         return
     if {"one", "many", "size"} & {*found.only}:
         measure.require("mujoco", "Box2D")
+    if "ppo" in found.only:
+        measure.require("stable_baselines3", "mujoco")
     parts = []
     for name, part in PARTS.items():
         if name in found.only:

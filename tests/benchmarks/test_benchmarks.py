@@ -12,7 +12,6 @@ from benchmarks import (
     convergence,
     measure,
     plants,
-    ppo,
     probe,
     profile_scores,
     ranking,
@@ -94,7 +93,7 @@ def test_what_cannot_be_measured_is_refused(arguments, tmp_path, capsys):
     ("main", "needs", "arguments", "written"),
     [
         (speed.main, ("mujoco", "Box2D"), ["--only", "one", "many", "size", "worlds"], "speed"),
-        (ppo.main, ("stable_baselines3", "mujoco"), [], "ppo"),
+        (speed.main, ("stable_baselines3", "mujoco"), ["--only", "ppo"], "speed"),
         (convergence.main, (), [], "convergence"),
         (plants.main, (), [], "plants"),
         (plants.main, (), ["--machines"], "machines"),

@@ -62,69 +62,44 @@ def chosen_with_policies(
         parser.error(str(error))
 
 
-def numbers(out: Outcome) -> dict[str, float]:
-    """Of episodes at one command: the table's columns after the policy."""
-    distance = max(float(out.distance.sum()), 1e-9)
-    return {
-        "return": float(out.returns.mean()),
-        "falls": int(out.fell.sum()),
-        "drift": float(out.drift.mean()),
-        "error": float(np.abs(out.drift).mean()),
-        "slip": float(out.slip.sum()) / distance,
-        "transport": float(out.work.sum()) / distance,
-        "torque": float(np.sqrt(out.square).mean()),
-        "change": float(out.change.mean()),
-    }
+def most_falls(falls: int, count: int) -> str:
+    """The exact (Clopper-Pearson) one-sided upper bound of the probability of a fall, in %."""
+    bound = binomtest(falls, count, alternative="less").proportion_ci(CONFIDENCE, "exact")
+    return f"{100.0 * bound.high:.2g} %"
 
 
-def score(
-    policies: dict[str, Policy], commands: tuple[float, ...], count: int
-) -> dict[tuple[float, str], dict[str, float]]:
-    """:func:`numbers` by command and policy, of ``count`` episodes each."""
-    scores = {}
+def cells(out: Outcome) -> tuple[str, ...]:
+    """Return the table's columns after the policy, of episodes at one command."""
+    distance, falls, count = (
+        max(float(out.distance.sum()), 1e-9),
+        int(out.fell.sum()),
+        len(out.fell),
+    )
+    return (
+        f"{out.returns.mean():.0f}", f"{falls} of {count}", most_falls(falls, count),
+        f"{out.drift.mean():+.3f}", f"{np.abs(out.drift).mean():.3f}",
+        f"{out.slip.sum() / distance:.3f}", f"{out.work.sum() / distance:.2f}",
+        f"{np.sqrt(out.square).mean():.1f}", f"{out.change.mean():.2f}",
+    )  # fmt: skip
+
+
+def score(policies: dict[str, Policy], commands: tuple[float, ...], count: int) -> list[str]:
+    """The table by command and policy, and a sentence on each policy's falls, as Markdown."""
+    rows, falls = [], dict.fromkeys(policies, 0)
     for i, command in enumerate(commands):
         for name, policy in policies.items():
             rollout = BatchedRollout(np.full(count, FRICTION))
             seeds = SCORED_SEED + i * count + np.arange(count)
-            scores[command, name] = numbers(rollout.run(policy, np.full(count, command), seeds))
+            out = rollout.run(policy, np.full(count, command), seeds)
             rollout.close()
-    return scores
-
-
-def most_falls(falls: int, count: int) -> float:
-    """Return the exact (Clopper-Pearson) upper bound of the probability of a fall, one-sided."""
-    bound = binomtest(falls, count, alternative="less").proportion_ci(CONFIDENCE, "exact")
-    return float(bound.high)
-
-
-def all_falls(scores: dict[tuple[float, str], dict[str, float]], count: int) -> str:
-    """A sentence for each policy: falls over all commands, and their bound."""
-    lines = []
-    for name in dict.fromkeys(name for _, name in scores):
-        own = [int(row["falls"]) for (_, policy), row in scores.items() if policy == name]
-        total = count * len(own)
-        lines.append(
-            f"{name}: {sum(own)} falls in the {total:,} episodes of all commands, in the mean a "
-            f"probability of at most {100.0 * most_falls(sum(own), total):.2g} %."
-        )
-    return "\n\n".join(lines)
-
-
-def score_table(scores: dict[tuple[float, str], dict[str, float]], count: int) -> str:
-    """As Markdown, by command."""
-    digits = {"return": ".0f", "drift": "+.3f", "error": ".3f", "slip": ".3f", "transport": ".2f",
-              "torque": ".1f", "change": ".2f"}  # fmt: skip
-    rows = []
-    for (command, name), own in scores.items():
-        cells = []
-        for key, value in own.items():
-            if key == "falls":
-                bound = 100.0 * most_falls(int(value), count)
-                cells += [f"{value} of {count}", f"{bound:.2g} %"]
-            else:
-                cells.append(f"{value:{digits[key]}}")
-        rows.append((f"{command:g}", name, *cells))
-    return measure.table(HEAD, rows)
+            rows.append((f"{command:g}", name, *cells(out)))
+            falls[name] += int(out.fell.sum())
+    total = count * len(commands)
+    return [measure.table(HEAD, rows)] + [
+        f"{name}: {fell} falls in the {total:,} episodes of all commands, in the mean a "
+        f"probability of at most {most_falls(fell, total)}."
+        for name, fell in falls.items()
+    ]
 
 
 class Turn(NamedTuple):
@@ -198,7 +173,6 @@ def main(arguments: list[str] | None = None) -> None:
     """Command line."""
     found, policies = chosen_with_policies(__doc__, "docs/profile", EPISODES, arguments)
     commands, count = (COMMANDS, found.episodes) if not found.quick else (SHOWN[-1:], 2)
-    scores = score(policies, commands, count)
     command = f"python -m benchmarks.profile_scores --episodes {count}"
     measure.report(
         found.out / "scores.md",
@@ -208,8 +182,7 @@ def main(arguments: list[str] | None = None) -> None:
         "bound of the probability of a fall. Mean speed and speed error (mean of its size over the "
         "episodes) are of the time after the first two seconds; the change of torque is that from "
         "one control step to the next.",
-        score_table(scores, count),
-        all_falls(scores, count),
+        *score(policies, commands, count),
     )
     shown, walks = (commands, count) if found.quick else (SHOWN, WALKS)
     draw(policies, shown, walks, found.out / "turn.png")

@@ -2,9 +2,8 @@
 
     python -m benchmarks.built_robot [--out docs/built_robot] [--plant rigid_body] [--quick]
 
-On the projection plant, or the rigid-body plant (motors alone), under the paper's PID on level
-ground of friction 0.8, from several starts. Prints the bill of materials; writes ``loads.md`` and
-``motors.md``.
+Prints the bill of materials; writes ``loads.md`` and ``motors.md``, the latter alone on the
+rigid-body plant.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ RATED = {"ak80_6": 6.0, "mx_106": 8.4 / 5.0, "xm540_w270": 10.6 / 5.0}  # N m, c
 RODS = ("upper_rod", "rocker", "lower_rod", "coupler")
 
 
-def starts(number: int = STARTS) -> list[float]:
+def starts(number: int) -> list[float]:
     """Crank angles to start from, rad."""
     return [math.pi * k / number for k in range(number)]
 
@@ -59,22 +58,15 @@ def walk(
 
 
 class Loads(NamedTuple):
-    """The loads of a walk, N and N m.
+    """The loads of a walk until its end or fall, N and N m."""
 
-    Attributes:
-        mean, largest: force in each of :data:`PINS`, of all legs. rods: largest compression of each
-            of :data:`RODS`. normal, shear: largest on a foot. constant, loaded: friction of the
-            bearings on the crank, mean and largest, as modelled and in proportion to their loads.
-        fell: whether it fell; loads are those until then.
-    """
-
-    mean: Array
-    largest: Array
-    rods: Array
-    normal: Array
-    shear: Array
-    constant: Array
-    loaded: Array
+    mean: Array  # force in each of PINS, of all legs
+    largest: Array  # the same
+    rods: Array  # largest compression of each of RODS
+    normal: Array  # largest on a foot
+    shear: Array  # largest on a foot
+    constant: Array  # friction of the bearings on the crank, mean and largest, as modelled
+    loaded: Array  # the same, in proportion to their loads
     rms_torque: Array
     peak_torque: Array
     fell: Array

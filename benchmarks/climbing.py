@@ -2,9 +2,8 @@
 
     python -m benchmarks.climbing [--episodes 24] [--policy RUN] [--quick]
 
-A walk of 10 s succeeds that does not fall and gets 0.8 of the commanded distance. All controllers
-and speeds meet the same grounds: where one of them succeeds, the machine can. Writes
-``climbing.md``, ``levels.md``, ``climbing.png`` and ``generators.png``.
+All controllers and speeds meet the same grounds: where one of them succeeds, the machine can.
+Writes ``climbing.md``, ``levels.md`` and ``generators.png``.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ import numpy as np
 
 from agents.tuning.batched_rollout import DURATION, BatchedRollout
 from benchmarks import measure
-from benchmarks.profile_scores import load
+from benchmarks.profile_scores import chosen_with_policies
 from jansen_env import Terrain
 from jansen_env.baselines.policy import Array, Bools, Policy
 from jansen_env.plants.projected import ProjectionPlant
@@ -44,12 +43,12 @@ OBSTACLES = (
 
 
 def parameter(obstacle: str) -> str:
-    """What grows of it."""
+    """Name of the parameter that grows."""
     return "height" if obstacle == "one step" else next(iter(LEVELS[obstacle.split()[0]]))
 
 
 def sizes(obstacle: str) -> Array:
-    """Of an obstacle, m or rad: of levels 0 to 9 and beyond them, evenly; below 0: down."""
+    """Sizes (m or rad) of levels 0 to 9 and beyond them, evenly; below 0: down."""
     if obstacle == "one step":
         return np.linspace(0.015, 0.18, HIGHEST + BEYOND + 1)
     low, high = LEVELS[obstacle.split()[0]][parameter(obstacle)]
@@ -59,7 +58,7 @@ def sizes(obstacle: str) -> Array:
 
 
 def ground(obstacle: str, size: float, seed: int) -> Terrain:
-    """An obstacle of a size, at another place and with other draws for each seed."""
+    """Return an obstacle of a size; place and draws differ by seed."""
     rng = np.random.default_rng([FIRST_SEED, seed])
     if obstacle != "one step":
         given = ((parameter(obstacle), size),)
@@ -67,14 +66,6 @@ def ground(obstacle: str, size: float, seed: int) -> Terrain:
     edge = shapes.START + rng.uniform(0.1, 0.5)
     step = shapes.treads(np.array([edge]), np.array([size]))
     return Terrain.of(np.concatenate([[[-1.0, 0.0]], step, [[step[-1, 0] + 1.0, size]]]))
-
-
-class Case(NamedTuple):
-    """One walk: on which ground, how fast, from which start."""
-
-    terrain: Terrain
-    command: float
-    seed: int
 
 
 class Walked(NamedTuple):
@@ -88,16 +79,15 @@ Found: TypeAlias = dict[str, Walked]
 """By policy: (sizes, speeds, episodes)."""
 
 
-def walk(policy: Policy, cases: Sequence[Case]) -> Walked:
-    """One walk of each case, (n,)."""
+def walk(policy: Policy, cases: Sequence[tuple[Terrain, float, int]]) -> Walked:
+    """One walk of each case (terrain, speed command, seed), (n,)."""
     parts = []
     for begin in range(0, len(cases), AT_ONCE):
-        some = cases[begin : begin + AT_ONCE]
-        rollout = BatchedRollout(np.full(len(some), FRICTION), [case.terrain for case in some])
-        commands = np.array([case.command for case in some])
-        out = rollout.run(policy, commands, np.array([case.seed for case in some]))
+        terrains, speeds, seeds = zip(*cases[begin : begin + AT_ONCE], strict=True)
+        rollout = BatchedRollout(np.full(len(terrains), FRICTION), terrains)
+        out = rollout.run(policy, np.array(speeds), np.array(seeds))
         rollout.close()
-        enough = out.distance >= ENOUGH * DURATION * commands
+        enough = out.distance >= ENOUGH * DURATION * np.array(speeds)
         parts.append(Walked(~out.fell, ~out.fell & enough))
     return Walked(*map(np.concatenate, zip(*parts, strict=True)))
 
@@ -108,7 +98,7 @@ def climb(
     """Walks over all sizes of an obstacle; episode k has the same ground at all speeds."""
     grown = sizes(obstacle)
     cases = [
-        Case(ground(obstacle, size, k), speed, FIRST_SEED + k)
+        (ground(obstacle, size, k), speed, FIRST_SEED + k)
         for size in grown.tolist()
         for speed in speeds
         for k in range(episodes)
@@ -123,8 +113,7 @@ def climb(
 def anyhow(found: Found) -> Array:
     """(sizes,) share of the grounds on which some policy succeeded at some speed."""
     every = np.stack([walked.succeeded for walked in found.values()])
-    share: Array = every.any(axis=(0, 2)).mean(axis=1)
-    return share
+    return np.asarray(every.any(axis=(0, 2)).mean(axis=1))
 
 
 def last(grown: Array, share: Array) -> str:
@@ -197,29 +186,6 @@ def toe_lift(robot: Robot) -> float:
     return float((np.max(toes, axis=0) - np.min(toes, axis=0)).max())
 
 
-def draw(results: dict[str, Found], speeds: Sequence[float], path: Path) -> None:
-    """Success over size, a panel per obstacle: each speed thin, the best thick."""
-    figure, axes = measure.subplots(2, (len(results) + 1) // 2, 15.0, 6.0, sharey=True)
-    for axis, (obstacle, found) in zip(axes.flat, results.items(), strict=False):
-        grown = np.abs(sizes(obstacle))
-        for i, (name, walked) in enumerate(found.items()):
-            shares, (share, speed) = walked.succeeded.mean(axis=2), best(walked.succeeded)
-            axis.plot(grown, shares, color=f"C{i}", lw=0.6, alpha=0.6)
-            axis.plot(grown, share, color=f"C{i}", lw=2.0, label=f"{name}, best speed")
-            axis.plot(grown, best(walked.up)[0], ":", color=f"C{i}", label=f"{name} stays up")
-            axis.annotate(f"{speeds[speed]:g} m/s", (0.03, 0.05 + 0.08 * i), color=f"C{i}",
-                          xycoords="axes fraction", fontsize=8)  # fmt: skip
-        axis.plot(grown, anyhow(found), "k--", lw=1.0, label="any policy and speed")
-        if obstacle != "one step":
-            axis.axvline(grown[HIGHEST], color="grey", lw=0.8)
-        unit = UNITS.get(parameter(obstacle), "m")
-        axis.set(title=obstacle, xlabel=f"{parameter(obstacle)} ({unit})", xlim=(0.0, None))
-    for row in axes:
-        row[0].set_ylabel("share of walks")
-    measure.legend_above(figure, axes[0, 0], 5)
-    measure.save(figure, path)
-
-
 def draw_generators(path: Path, levels: Sequence[int] = (0, 4, HIGHEST)) -> None:
     """Each generator's ground at some levels, with the robot to scale."""
     figure, axes = measure.subplots(len(LEVELS), len(levels), 12.0, 9.5, sharex=True, sharey=True)
@@ -244,19 +210,11 @@ def draw_generators(path: Path, levels: Sequence[int] = (0, 4, HIGHEST)) -> None
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = measure.options(__doc__, "docs/terrain", episodes=EPISODES)
-    parser.add_argument("--policy", action="append", default=[], metavar="NAME",
-                        help="also a run's folder or model")  # fmt: skip
-    found = measure.chosen(parser, arguments)
-    quick: bool = found.quick
-    count, speeds = (2, SPEEDS[-1:]) if quick else (found.episodes, SPEEDS)
-    try:
-        policies = load(["pid", "profile", *found.policy])
-    except ValueError as error:
-        parser.error(str(error))
+    found, policies = chosen_with_policies(__doc__, "docs/terrain", EPISODES, arguments)
+    count, speeds = (2, SPEEDS[-1:]) if found.quick else (found.episodes, SPEEDS)
     results = {
         obstacle: climb(policies, obstacle, speeds, count)
-        for obstacle in (OBSTACLES[:1] if quick else OBSTACLES)
+        for obstacle in (OBSTACLES[:1] if found.quick else OBSTACLES)
     }
     command = f"python -m benchmarks.climbing --episodes {count}"
     shown = ", ".join(f"{speed:g}" for speed in speeds)
@@ -279,7 +237,7 @@ def main(arguments: list[str] | None = None) -> None:
     )
     measure.report(found.out / "levels.md", "# Levels", "`python -m benchmarks.climbing`: values "
                    "of `jansen_env.terrain.generators.LEVELS`.", level_table())  # fmt: skip
-    draw(results, speeds, found.out / "climbing.png")
+
     draw_generators(found.out / "generators.png")
 
 

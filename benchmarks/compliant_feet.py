@@ -2,8 +2,7 @@
 
     python -m benchmarks.compliant_feet [--starts 10] [--out docs/validation] [--quick]
 
-Under the paper's PID on level ground of friction 0.8, with time steps that resolve a touchdown, and
-from starts at crank angles spread evenly over a turn. Writes ``compliant_feet.md``.
+Writes ``compliant_feet.md``.
 """
 
 from __future__ import annotations
@@ -35,24 +34,16 @@ LOADED = 8  # time steps of a control step whose forces are computed: those with
 
 
 class Walk(NamedTuple):
-    """A walk under the PID.
+    """A walk under the PID."""
 
-    Attributes:
-        distance, slip: m a turn of the crank. force: the largest on any link's joint, N; on rigid
-            feet that without touchdowns. fell: whether it ended in a fall.
-    """
-
-    distance: float
-    slip: float
-    force: float
+    distance: float  # m a turn of the crank
+    slip: float  # m a turn
+    force: float  # N, the largest on any link's joint; on rigid feet without touchdowns
     fell: bool
 
 
 def toe_mass(robot: Robot) -> float:
-    """What a toe feels like to the ground that strikes it, kg: 1 / W_nn, the mean over a turn.
-
-    Of the lowest toe, by the dense mass matrix, level, crank free.
-    """
+    """Effective mass of the lowest toe at a touchdown, kg: 1 / W_nn, the mean over a level turn."""
     tables, masses, d = compile_robot(robot), [], 1e-6
     for psi in np.linspace(0.0, 2.0 * math.pi, 64, endpoint=False):
         before, toes, after = (
@@ -75,11 +66,7 @@ def pads(robot: Robot, stiffness: float, ratio: float = DAMPING_RATIO) -> Compli
 def walk(
     robot: Robot, speed: float, turns: int, time_step: float = TIME_STEP, angle: float = 0.0
 ) -> Walk:
-    """Turns at a crank speed (rad/s) under the paper's PID, after one that does not count.
-
-    Args:
-        angle: of the crank at the start, rad.
-    """
+    """Turns at a crank speed (rad/s) from a crank angle (rad), after one that does not count."""
     plant = ProjectionPlant(robot, Terrain.flat(), time_step)
     plant.tracing = True
     force, turn = 0.0, 2.0 * math.pi / speed

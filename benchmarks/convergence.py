@@ -2,9 +2,8 @@
 
     python -m benchmarks.convergence [--out logs/convergence] [--jobs 2] [--quick]
 
-Walks from many starts with larger and smaller values, against the same walks with a far smaller
-one: where the robot is after a second; what the whole walk comes to in the mean; what the energy
-audit leaves over; how deep toes are in the ground. Beside it what a control step costs. With much
+Walks from many starts, against the same walks with a far smaller value: position after a second,
+means of the whole walk, energy audit, penetration, and what a control step costs. With much
 friction a walk is chaotic: after some seconds only its means can converge. Writes
 ``convergence.md``.
 """
@@ -14,12 +13,12 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from statistics import median
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +39,7 @@ SPACINGS, ROUGH_FRICTION = (0.2, 0.05), 0.3  # m between the vertices of rough g
 SPAN = 12.0  # m of it
 CONTROL_DT = 0.02  # s for which a torque is held on level ground
 HELD = 0.04  # s for which it is on rough ground: every step() queries the terrain
+SWEEPS = {"time_step": (TIME_STEPS, FINEST_STEP), "detection_interval": (INTERVALS, INTERVALS[0])}
 WINDOW = 1.0  # s after which positions are compared
 MEANS = ("distance", "slip", "work")
 ROUNDS, COST_TIME = 5, 4.0  # of the costs; s of the walk whose control steps are timed
@@ -47,15 +47,10 @@ ROUNDS, COST_TIME = 5, 4.0  # of the costs; s of the walk whose control steps ar
 
 @dataclass(frozen=True)
 class Setting:
-    """How a walk is computed.
-
-    Attributes:
-        friction: Coulomb coefficient. spacing: of rough ground, m; 0 is level ground.
-        time_step, detection_interval: s. control_dt: for which a torque is held, s.
-    """
+    """How a walk is computed; times in s."""
 
     friction: float
-    spacing: float = 0.0
+    spacing: float = 0.0  # m, of rough ground; 0 is level ground
     time_step: float = TIME_STEP
     detection_interval: float = DETECTION_INTERVAL
     control_dt: float = CONTROL_DT
@@ -72,38 +67,15 @@ class Setting:
 
 
 class Walk(NamedTuple):
-    """What came out of a walk.
+    """Results of a walk, or arrays (starts,) of those from many starts."""
 
-    Attributes:
-        early: position after :data:`WINDOW`, m. distance: m. slip: of all toes, m.
-        work: of the motor, J. audit: energy left unaccounted for, as a share of the motor's work.
-        penetration: deepest of a toe in the ground at the end of a control step, m.
-        fell: 1 if it fell, else 0.
-    """
-
-    early: float
-    distance: float
-    slip: float
-    work: float
-    audit: float
-    penetration: float
-    fell: float
-
-
-class Error(NamedTuple):
-    """Walks with one value against those of the finest, start by start.
-
-    Attributes:
-        value: s. error: (starts,) of the early position, m.
-        changes: mean and standard error of the relative change of each of :data:`MEANS`.
-        walks: with the value. walked: by the finest in the mean at the early position, m.
-    """
-
-    value: float
-    error: Array
-    changes: dict[str, tuple[float, float]]
-    walks: Walk
-    walked: float
+    early: Any  # position after WINDOW, m
+    distance: Any  # m
+    slip: Any  # of all toes, m
+    work: Any  # of the motor, J
+    audit: Any  # energy left unaccounted for, as a share of the motor's work
+    penetration: Any  # deepest of a toe at the end of a control step, m
+    fell: Any  # 1 if it fell, else 0
 
 
 def torque(plant: ProjectionPlant) -> float:
@@ -140,44 +112,19 @@ def penetration(plant: ProjectionPlant) -> float:
     return float((plant.robot.pad_radius - above).max())
 
 
-def compare(value: float, found: Walk, exact: Walk) -> Error:
-    """Walks (arrays, an entry for each start) with a value against those of the finest."""
+def compare(found: Walk, exact: Walk) -> tuple[Array, dict[str, tuple[float, float]]]:
+    """Compare walks (arrays, an entry for each start) with those of the finest value.
+
+    Returns:
+        Errors (starts,) of the early position, m; mean and standard error of the relative change of
+        each of :data:`MEANS`.
+    """
     changes = {}
     for name in MEANS:
         change = (getattr(found, name) - getattr(exact, name)) / np.mean(getattr(exact, name))
         deviation = float(np.std(change, ddof=1))
         changes[name] = float(np.mean(change)), deviation / math.sqrt(len(change))
-    error = np.abs(np.subtract(found.early, exact.early))
-    return Error(value, error, changes, found, float(np.mean(exact.early)))
-
-
-@dataclass(frozen=True)
-class Study:
-    """Walks with several values of one setting.
-
-    Attributes:
-        pool: in which they run. starts: crank angles. duration: s.
-    """
-
-    pool: Executor
-    starts: int
-    duration: float
-
-    def walks(self, setting: Setting) -> Walk:
-        """Arrays (starts,) from all starts."""
-        jobs = [self.pool.submit(walk, setting, number, self.starts, self.duration)
-                for number in range(self.starts)]  # fmt: skip
-        return Walk(*np.array([job.result() for job in jobs]).T)
-
-    def sweep(
-        self, setting: Setting, what: str, values: Sequence[float], finest: float
-    ) -> list[Error]:
-        """A setting's walks with each value (s) of ``what``, compared with those of the finest."""
-        exact = self.walks(replace(setting, **{what: finest}))
-        return [
-            compare(v, exact if v == finest else self.walks(replace(setting, **{what: v})), exact)
-            for v in values
-        ]
+    return np.abs(np.subtract(found.early, exact.early)), changes
 
 
 def costs(setting: Setting, what: str, values: Sequence[float], rounds: int) -> dict[float, float]:
@@ -197,23 +144,44 @@ def costs(setting: Setting, what: str, values: Sequence[float], rounds: int) -> 
     return {v: median(found[v]) for v in values}
 
 
-def error_table(rows: list[Error], cost: dict[float, float]) -> str:
-    """A row for each value."""
+def error_table(found: dict[float, Walk], exact: Walk, cost: dict[float, float]) -> str:
+    """Compare the walks with each value (s) with those of the finest, as Markdown."""
     head = (
         "ms", "error after 1 s, mm", "9 of 10 below", "distance, %", "slip, %",
         "motor work, %", "audit", "deepest, mm", "falls", "us per 20 ms",
     )  # fmt: skip
-    cells = [
-        (
-            f"{1e3 * row.value:g}", f"{1e3 * np.median(row.error):.2g}",
-            f"{1e3 * np.quantile(row.error, 0.9):.2g}",
-            *(f"{100 * mean:+.2f} ± {100 * error:.2f}" for mean, error in row.changes.values()),
-            f"{np.median(row.walks.audit):.1e}", f"{1e3 * np.max(row.walks.penetration):.2f}",
-            f"{np.mean(row.walks.fell):.2f}", f"{1e6 * cost[row.value]:.0f}",
-        )
-        for row in rows
-    ]  # fmt: skip
-    return measure.table(head, cells)
+    rows = []
+    for value, own in found.items():
+        error, changes = compare(own, exact)
+        rows.append((
+            f"{1e3 * value:g}", f"{1e3 * np.median(error):.2g}",
+            f"{1e3 * np.quantile(error, 0.9):.2g}",
+            *(f"{100 * mean:+.2f} ± {100 * error:.2f}" for mean, error in changes.values()),
+            f"{np.median(own.audit):.1e}", f"{1e3 * np.max(own.penetration):.2f}",
+            f"{np.mean(own.fell):.2f}", f"{1e6 * cost[value]:.0f}",
+        ))  # fmt: skip
+    return measure.table(head, rows)
+
+
+def sweep(
+    what: str, walk_all: Callable[[Setting], Walk], settings: dict[str, Setting], rounds: int
+) -> list[str]:
+    """Walk with each value of a setting; Markdown paragraphs."""
+    values, finest = SWEEPS[what]
+    parts = [f"## {what.replace('_', ' ').capitalize()}: {1e3 * getattr(Setting(0.0), what):g} ms"]
+    cost = costs(next(iter(settings.values())), what, values, rounds)
+    for name, setting in settings.items():
+        print(f"{what.replace('_', ' ')}, {name} ...", file=sys.stderr, flush=True)
+        found = {v: walk_all(replace(setting, **{what: v})) for v in {*values, finest}}
+        exact = found[finest]
+        parts.append(f"{name}, {np.mean(exact.early):.2f} m walked in the first second:")
+        parts.append(error_table({v: found[v] for v in values}, exact, cost))
+        if what == "detection_interval":
+            often = replace(setting, detection_interval=INTERVALS[0])
+            coarse, fine = (walk_all(replace(often, time_step=s)) for s in (TIME_STEP, FINEST_STEP))
+            own = 1e3 * float(np.median(compare(coarse, fine)[0]))
+            parts.append(f"The time step's own error there: {own:.2g} mm.")
+    return parts
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -231,24 +199,13 @@ def main(arguments: list[str] | None = None) -> None:
         for spacing in SPACINGS
     }
     with ProcessPoolExecutor(found.jobs) as pool:
-        study = Study(pool, starts, duration)
-        for what, values, finest, settings in (
-            ("time_step", TIME_STEPS, FINEST_STEP, level),
-            ("detection_interval", INTERVALS, INTERVALS[0], rough),
-        ):
-            default: float = getattr(Setting(0.0), what)
-            parts.append(f"## {what.replace('_', ' ').capitalize()}: {1e3 * default:g} ms")
-            cost = costs(next(iter(settings.values())), what, values, rounds)
-            for name, setting in settings.items():
-                print(f"{what.replace('_', ' ')}, {name} ...", file=sys.stderr, flush=True)
-                rows = study.sweep(setting, what, values, finest)
-                parts.append(f"{name}, {rows[0].walked:.2f} m walked in the first second:")
-                parts.append(error_table(rows, cost))
-                if what == "detection_interval":
-                    often = replace(setting, detection_interval=INTERVALS[0])
-                    (row,) = study.sweep(often, "time_step", (TIME_STEP,), FINEST_STEP)
-                    own = 1e3 * float(np.median(row.error))
-                    parts.append(f"The time step's own error there: {own:.2g} mm.")
+
+        def walk_all(setting: Setting) -> Walk:
+            one = partial(walk, setting, starts=starts, duration=duration)
+            return Walk(*np.array(list(pool.map(one, range(starts)))).T)
+
+        parts += sweep("time_step", walk_all, level, rounds)
+        parts += sweep("detection_interval", walk_all, rough, rounds)
     measure.report(found.out / "convergence.md", *parts)
 
 

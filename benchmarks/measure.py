@@ -54,11 +54,7 @@ def spread(values: Sequence[float], form: str = ",.0f") -> tuple[str, str, str]:
 def take_turns(
     plays: Mapping[K, Callable[[], T]], rounds: int, warm_up: bool = True
 ) -> dict[K, list[T]]:
-    """What each contestant's play returned in each round.
-
-    After a warm-up that does not count they take turns, in reverse order every other round, so
-    that a change of load meets all of them.
-    """
+    """What each contestant's play returned in each round, in reverse order every other round."""
     found: dict[K, list[T]] = {name: [] for name in plays}
     for play in plays.values() if warm_up else ():
         play()
@@ -73,10 +69,7 @@ def machine() -> str:
     listing = Path("/proc/cpuinfo")
     lines = listing.read_text(encoding="utf-8").splitlines() if listing.exists() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    parts = [
-        names[0] if names else platform.processor() or platform.machine(),
-        f"{available_cores()} cores",
-    ]
+    parts = [next(iter(names), platform.machine()), f"{available_cores()} cores"]
     if hasattr(os, "getloadavg"):
         parts.append(f"load average {os.getloadavg()[0]:.2f} at the start")
     versions = {"jansen_env": jansen_env.__version__, "Python": platform.python_version()}
@@ -86,11 +79,6 @@ def machine() -> str:
         except PackageNotFoundError:
             continue
     return f"{', '.join(parts)}; {', '.join(f'{n} {number}' for n, number in versions.items())}."
-
-
-def conditions(rounds: int) -> str:
-    """The machine, and how often all was measured."""
-    return f"{machine()} Medians of {rounds} rounds in turns."
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
@@ -127,10 +115,7 @@ def require(*modules: str) -> None:
     """Exit with what to install unless these modules are there."""
     missing = [name for name in modules if importlib.util.find_spec(name) is None]
     if missing:
-        install = 'python -m pip install -c constraints.txt -e ".[bench]"'
-        raise SystemExit(
-            f"not installed: {', '.join(missing)}; all that is needed comes with\n{install}"
-        )
+        raise SystemExit(f"not installed: {', '.join(missing)}; install the extra 'bench'")
 
 
 def report(path: Path, *parts: str) -> None:
@@ -150,12 +135,6 @@ def subplots(rows: int, columns: int, width: float, height: float, **arguments: 
         axis.grid(alpha=0.3)
         axis.set_axisbelow(True)
     return figure, axes
-
-
-def legend_above(figure: Any, axis: Any, columns: int) -> None:
-    """One legend for the whole figure, of what one of its axes shows."""
-    figure.legend(*axis.get_legend_handles_labels(), loc="outside upper center", ncols=columns,
-                  frameon=False)  # fmt: skip
 
 
 def save(figure: Any, path: Path) -> None:

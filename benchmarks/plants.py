@@ -2,11 +2,10 @@
 
     python -m benchmarks.plants [--machines] [--out logs/plants] [--jobs 2] [--quick]
 
-The projection plant and the rigid-body plant side by side, with the time step halved on both: walks
-at many crank speeds and frictions, on slopes, with loads; and a steady walk as pymunk's solver
-iterates longer. Writes ``plants.md`` and ``walks.png``. With ``--machines`` instead walks with
-compliant feet, dry bearings, a rotor, a motor's torque-speed line, and the robot that could be
-built: ``machines.md``.
+Both plants side by side, with the time step halved on both: walks at many crank speeds and
+frictions, on slopes, with loads; and a steady walk as pymunk's solver iterates longer. Writes
+``plants.md``. With ``--machines`` walks with compliant feet, dry bearings, a rotor, a motor's line
+and the robot that could be built: ``machines.md``.
 """
 
 from __future__ import annotations
@@ -16,11 +15,9 @@ import sys
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks import measure
 from benchmarks.measure import table
@@ -28,8 +25,6 @@ from benchmarks.walks import Walked, walk, whole_half_turns
 from jansen_env import ROBOTS, Compliance, Motor, Terrain, paper_robot
 from jansen_env.plants.make import PLANTS, Plant
 from jansen_env.robot import BEARINGS, Payload
-
-Array = NDArray[np.float64]
 
 SPEEDS = (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)  # of the crank, rad/s
 FRICTIONS = (0.1, 0.3, 0.6, 1.0)
@@ -60,21 +55,12 @@ HOW_COMPARED = (
     f"half a turn. Agree: distance and cost of transport within {100 * ALLOWED:.0f} %."
 )
 
-VERDICTS = {
-    "agree": "#15803d", "chaotic": "#ca8a04", "falls at times": "#a21caf",
-    "falls on both": "#6b7280", "other gait": "#0891b2", "differ": "#dc2626",
-}  # fmt: skip
-"""Their colours."""
-
 
 @dataclass(frozen=True)
 class Walk:
-    """The crank held at a speed by the paper's PID.
+    """The crank held at a speed (rad/s) by the paper's PID; slope in rad, payload in kg.
 
-    Attributes:
-        speed: of the crank, rad/s. friction: Coulomb coefficient. slope: rad, uphill positive.
-        payload: kg at the crank axis. machine: one of :data:`MACHINES`.
-        duration: s, about: :attr:`measured` is a whole number of half turns.
+    ``measured`` s is the whole number of half turns nearest to ``duration`` s.
     """
 
     speed: float
@@ -86,12 +72,10 @@ class Walk:
 
     @property
     def measured(self) -> float:
-        """s."""
         return whole_half_turns(self.speed, self.duration)
 
     @property
     def label(self) -> str:
-        """What it is called in tables."""
         words = [f"{self.speed:g} rad/s, friction {self.friction:g}"]
         words += [f"slope {self.slope:+g}"] if self.slope else []
         words += [f"{self.payload:g} kg"] if self.payload else []
@@ -99,7 +83,7 @@ class Walk:
         return ", ".join(words)
 
     def plant(self, name: str, halvings: int = 0, **arguments: Any) -> Plant:
-        """A plant for it by its name, its own time step halved so many times."""
+        """Return a plant by name, its own time step halved so many times."""
         robot = replace(MACHINES[self.machine], payload=Payload(self.payload))
         terrain = Terrain.slope(self.slope, friction=self.friction)
         kind, time_step = PLANTS[name]
@@ -107,7 +91,6 @@ class Walk:
         return made
 
     def run(self, plant: Plant, start: float = 0.0) -> Walked:
-        """Walk on a plant of :meth:`plant` from a crank angle, rad."""
         return walk(plant, self.speed, self.measured, start=start)
 
 
@@ -115,9 +98,8 @@ class Comparison(NamedTuple):
     """One walk on both plants.
 
     Attributes:
-        ensemble: on the projection plant, from each of :data:`STARTS`, then from the first with
-            the time step halved. others: the same from each of :data:`OTHER_STARTS`.
-        rigid: on the rigid-body plant, with its time step and half of it.
+        ensemble: on the projection plant, from :data:`STARTS`, then with the time step halved.
+        others: from :data:`OTHER_STARTS`. rigid: on the other plant, with its time step and half.
     """
 
     walk: Walk
@@ -139,7 +121,7 @@ class Comparison(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """One of :data:`VERDICTS`: "agree" within :data:`ALLOWED`.
+        """How they compare: "agree" within :data:`ALLOWED`.
 
         "chaotic": starts 1 mrad apart come apart by more on the projection plant alone. "other
         gait": a walk like the rigid-body plant's is found there from another crank angle.
@@ -173,14 +155,7 @@ def compare(walk: Walk) -> Comparison:
     return Comparison(walk, ensemble, others, rigid)
 
 
-def iterated(walk: Walk, iterations: int) -> Walked:
-    """A walk with so many of pymunk's iterations in every time step, touchdown or not."""
-    plant = walk.plant("rigid_body", iterations=iterations, touchdown_iterations=iterations)
-    return walk.run(plant)
-
-
 def walk_table(compared: list[Comparison]) -> str:
-    """A row for each walk."""
     columns = {
         "distance": "distance (m)", "cost_of_transport": "cost of transport",
         "rms_torque": "RMS torque (N m)", "heave": "heave (mm)", "slip": "slip (m/m)",
@@ -202,72 +177,39 @@ def walk_table(compared: list[Comparison]) -> str:
     return table(head, rows)
 
 
-def draw_walks(compared: list[Comparison], path: Path) -> None:
-    """Walking speed and cost of transport on level ground against the crank speed."""
-    level = [c for c in compared if not c.walk.slope and not c.walk.payload]
-    frictions = sorted({c.walk.friction for c in level})
-    figure, axes = measure.subplots(
-        2, len(frictions), max(6.4, 3.2 * len(frictions)), 6.0, sharex=True, sharey="row"
-    )
-    for (row, column), axis in np.ndenumerate(axes):
-        name = ("distance", "cost_of_transport")[row]
-        line = []
-        for c in (c for c in level if c.walk.friction == frictions[column]):
-            scale = 1.0 / c.walk.measured if name == "distance" else 1.0
-            runs = [scale * getattr(run, name) for run in c.ensemble if not run.fell]
-            if runs:
-                line.append((c.walk.speed, np.median(runs), min(runs), max(runs)))
-            for run, marker in zip(c.rigid, "ox", strict=True):
-                if not run.fell:
-                    axis.plot(c.walk.speed, scale * getattr(run, name), marker, ms=6, mfc="none",
-                              color=VERDICTS[c.verdict])  # fmt: skip
-        speed, middle, low, high = np.array(line).reshape(-1, 4).T
-        axis.plot(speed, middle, color="tab:blue", lw=1.2, label="projection plant")
-        axis.fill_between(speed, low, high, color="tab:blue", alpha=0.2)
-        axis.set(yscale=("linear", "log")[row], xlabel=("", "crank speed, rad/s")[row])
-        axis.set_title("" if row else f"friction {frictions[column]:g}", fontsize=10)
-    axes[0, 0].set_ylabel("walking speed, m/s")
-    axes[1, 0].set_ylabel("cost of transport")
-    axes[0, 0].plot([], [], "ok", mfc="none", label="rigid-body plant")
-    axes[0, 0].plot([], [], "xk", label="half its time step")
-    for name, colour in VERDICTS.items():
-        axes[0, 0].plot([], [], "s", color=colour, label=name)
-    measure.legend_above(figure, axes[0, 0], 4)
-    measure.save(figure, path)
+def compare_all(walks: list[Walk], jobs: int) -> tuple[str, str, str]:
+    """Return how walks are compared, their table, and how many have which verdict."""
+    compared = []
+    with ProcessPoolExecutor(jobs) as pool:
+        for number, comparison in enumerate(pool.map(compare, walks), 1):
+            compared.append(comparison)
+            print(f"{number}/{len(walks)} {comparison.walk.label}", file=sys.stderr)
+    verdicts = sorted(Counter(c.verdict for c in compared).items())
+    counted = ", ".join(f"{name}: {number}" for name, number in verdicts)
+    return HOW_COMPARED, walk_table(compared), f"{len(compared)} walks; {counted}."
 
 
-def counted(compared: list[Comparison]) -> str:
-    """How many walks have which verdict."""
-    verdicts = Counter(c.verdict for c in compared)
-    found = ", ".join(f"{name}: {number}" for name, number in sorted(verdicts.items()))
-    return f"{len(compared)} walks; {found}."
-
-
-def compare_machines(out: Path, jobs: int, quick: bool) -> None:
-    """Walks of :data:`MACHINES`, the last of them loaded too, on both plants."""
+def machine_walks(quick: bool) -> list[Walk]:
+    """Walks of :data:`MACHINES`, two of them loaded too."""
     others = list(MACHINES)[1:]
+    if quick:
+        return [Walk(1.0, machine=name, duration=1.0) for name in others[-2:]]
     chosen = [(name, 0.0) for name in others]
     chosen += [(name, PAYLOADS[0]) for name in ("feet that give", "built")]
-    walks = [
+    return [
         Walk(speed, payload=payload, machine=name, duration=MACHINE_DURATION)
         for name, payload in chosen
         for speed in MACHINE_SPEEDS
     ]
+
+
+def paper_walks(quick: bool) -> list[Walk]:
+    """Walks of the paper's robot over crank speeds, frictions, slopes and loads."""
     if quick:
-        walks = [Walk(1.0, machine=name, duration=1.0) for name in others[-2:]]
-    with ProcessPoolExecutor(jobs) as pool:
-        compared = []
-        for number, comparison in enumerate(pool.map(compare, walks), 1):
-            compared.append(comparison)
-            print(f"{number}/{len(walks)} {comparison.walk.label}", file=sys.stderr)
-    measure.report(
-        out / "machines.md",
-        "# Two plants, other machines",
-        f"`python -m benchmarks.plants --machines`. {measure.machine()}",
-        f"{HOW_COMPARED} The machines are `MACHINES` in `benchmarks/plants.py`.",
-        walk_table(compared),
-        counted(compared),
-    )
+        return [Walk(speed, 0.3, duration=1.0) for speed in (1.0, 4.0)]
+    walks = [Walk(speed, friction) for friction in FRICTIONS for speed in SPEEDS]
+    walks += [Walk(HARDER, slope=slope) for slope in SLOPES]
+    return walks + [Walk(HARDER, payload=payload) for payload in PAYLOADS]
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -275,26 +217,21 @@ def main(arguments: list[str] | None = None) -> None:
     parser = measure.options(__doc__, "logs/plants", jobs=2)
     parser.add_argument("--machines", action="store_true", help="other machines instead")
     found = measure.chosen(parser, arguments)
-    if found.machines:
-        compare_machines(found.out, found.jobs, found.quick)
-        return
-    measure.require("matplotlib")
-    walks = [Walk(speed, friction) for friction in FRICTIONS for speed in SPEEDS]
-    walks += [Walk(HARDER, slope=slope) for slope in SLOPES]
-    walks += [Walk(HARDER, payload=payload) for payload in PAYLOADS]
-    steady, numbers = Walk(6.0, 0.3, duration=3.0), ITERATIONS
-    if found.quick:
-        walks = [Walk(speed, 0.3, duration=1.0) for speed in (1.0, 4.0)]
-        steady, numbers = Walk(6.0, 0.3, duration=0.5), ITERATIONS[:2]
     head = measure.machine()
-    with ProcessPoolExecutor(found.jobs) as pool:
-        comparing = [pool.submit(compare, walk) for walk in walks]
-        iterating = {str(n): pool.submit(iterated, steady, n) for n in numbers}
-        compared = []
-        for number, future in enumerate(comparing, 1):
-            compared.append(future.result())
-            print(f"{number}/{len(walks)} {walks[number - 1].label}", file=sys.stderr)
-        runs = {name: future.result() for name, future in iterating.items()}
+    if found.machines:
+        measure.report(
+            found.out / "machines.md",
+            "# Two plants, other machines",
+            f"`python -m benchmarks.plants --machines`. {head}",
+            "The machines are `MACHINES` in `benchmarks/plants.py`.",
+            *compare_all(machine_walks(found.quick), found.jobs),
+        )
+        return
+    steady = Walk(6.0, 0.3, duration=0.5 if found.quick else 3.0)
+    runs = {
+        str(n): steady.run(steady.plant("rigid_body", iterations=n, touchdown_iterations=n))
+        for n in ITERATIONS[: 2 if found.quick else None]
+    }
     runs["projection plant"] = steady.run(steady.plant("projection"))
     rows = [(name, f"{run.distance:.3f}", f"{run.cost_of_transport:.3f}", f"{run.slip:.3f}")
             for name, run in runs.items()]  # fmt: skip
@@ -303,15 +240,12 @@ def main(arguments: list[str] | None = None) -> None:
         "# Two plants, walk by walk",
         f"`python -m benchmarks.plants`. {head}",
         "## Walks",
-        HOW_COMPARED,
-        walk_table(compared),
-        counted(compared),
+        *compare_all(paper_walks(found.quick), found.jobs),
         "## More iterations",
         f"{steady.label}, {steady.measured:.2f} s.",
         table(("iterations in every time step", "distance (m)", "cost of transport", "slip (m/m)"),
               rows),
     )  # fmt: skip
-    draw_walks(compared, found.out / "walks.png")
 
 
 if __name__ == "__main__":

@@ -49,14 +49,9 @@ STAGES = ("import", "make", "reset", "step")
 
 
 class Single:
-    """One environment as ``gym.make`` makes it, and the actions of a play.
+    """One environment and the actions of a play: those of a policy in its first run, or random.
 
-    Args:
-        policy: observation to action, asked once, in the constructor; None for random actions.
-        arguments: of the environment.
-
-    Attributes:
-        resets: of the last play, beyond the one it begins with.
+    ``resets``: of the last play, beyond the one it begins with.
     """
 
     def __init__(
@@ -97,11 +92,7 @@ class Single:
 
 
 class Many:
-    """A vector environment and random actions; each play goes on where the last one ended.
-
-    Args:
-        venv: Gymnasium's or envpool's, reset. space: of one environment's action. steps: of a play.
-    """
+    """A vector environment, reset, and random actions; each play goes on where the last ended."""
 
     def __init__(self, venv: Any, count: int, space: Any, steps: int) -> None:
         self.venv, self.count = venv, count
@@ -132,11 +123,7 @@ def robots(count: int, robot_steps: int, env_id: str = OURS, **arguments: Any) -
 
 
 class Tree:
-    """A checkout whose package runs in new processes, with a cache of its own.
-
-    Args:
-        path: of the checkout.
-    """
+    """A checkout at ``path`` whose package runs in new processes, with its own cache."""
 
     def __init__(self, path: Path) -> None:
         self.path, self._folder = path.resolve(), tempfile.TemporaryDirectory()
@@ -148,20 +135,12 @@ class Tree:
         return self.later()
 
     def later(self) -> list[float]:
-        """Seconds of each of :data:`STAGES`.
-
-        Raises:
-            RuntimeError: it failed, or another package than the tree's was found.
-        """
+        """Seconds of each of :data:`STAGES`."""
         seconds: list[float] = self._answer(START, self.path)
         return seconds
 
     def rate(self, count: int, steps: int) -> float:
-        """Steps/s of so many environments: the median of three plays after one to warm up.
-
-        Raises:
-            RuntimeError: it failed.
-        """
+        """Steps/s of so many environments: the median of three plays after one to warm up."""
         return float(self._answer(Path(__file__).read_text(encoding="utf-8"), count, steps))
 
     def close(self) -> None:

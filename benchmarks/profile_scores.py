@@ -2,9 +2,8 @@
 
     python -m benchmarks.profile_scores [--episodes 1000] [--policy RUN] [--quick]
 
-Scores on starts of their own, drift and error without the first two seconds; of falls the upper
-bound of their probability too. The figure shows over the crank's angle how fast it turns, which
-toes bear a load, and where they slip. Writes ``scores.md`` and ``turn.png``.
+The figure shows crank speed, loaded toes and slip over the crank's angle. Writes ``scores.md`` and
+``turn.png``.
 """
 
 from __future__ import annotations
@@ -49,90 +48,66 @@ def load(names: list[str]) -> dict[str, Policy]:
     return policies
 
 
-def episodes(
-    policy: Policy, commands: Array, friction: float = FRICTION, first: int = FIRST_SEED
-) -> Outcome:
-    """An episode for each command (n,), m/s, on starts that no search has seen."""
-    rollout = BatchedRollout(np.full(len(commands), friction))
-    out = rollout.run(policy, commands, first + np.arange(len(commands)))
-    rollout.close()
-    return out
+def chosen_with_policies(
+    doc: str | None, out: str, episodes: int, arguments: list[str] | None
+) -> tuple[Any, dict[str, Policy]]:
+    """The command line, with ``--policy``, and the policies beside the PID and the profile."""
+    parser = measure.options(doc, out, episodes=episodes)
+    parser.add_argument("--policy", action="append", default=[], metavar="NAME",
+                        help="also a run's folder or model")  # fmt: skip
+    found = measure.chosen(parser, arguments)
+    try:
+        return found, load(["pid", "profile", *found.policy])
+    except ValueError as error:
+        parser.error(str(error))
 
 
-def numbers(out: Outcome) -> dict[str, float]:
-    """Of episodes at one command: the table's columns after the policy."""
-    distance = max(float(out.distance.sum()), 1e-9)
-    return {
-        "return": float(out.returns.mean()),
-        "falls": int(out.fell.sum()),
-        "drift": float(out.drift.mean()),
-        "error": float(np.abs(out.drift).mean()),
-        "slip": float(out.slip.sum()) / distance,
-        "transport": float(out.work.sum()) / distance,
-        "torque": float(np.sqrt(out.square).mean()),
-        "change": float(out.change.mean()),
-    }
+def most_falls(falls: int, count: int) -> str:
+    """The exact (Clopper-Pearson) one-sided upper bound of the probability of a fall, in %."""
+    bound = binomtest(falls, count, alternative="less").proportion_ci(CONFIDENCE, "exact")
+    return f"{100.0 * bound.high:.2g} %"
 
 
-def score(
-    policies: dict[str, Policy], commands: tuple[float, ...], count: int
-) -> dict[tuple[float, str], dict[str, float]]:
-    """:func:`numbers` by command and policy, of ``count`` episodes each."""
-    scores = {}
+def cells(out: Outcome) -> tuple[str, ...]:
+    """Return the table's columns after the policy, of episodes at one command."""
+    distance, falls, count = (
+        max(float(out.distance.sum()), 1e-9),
+        int(out.fell.sum()),
+        len(out.fell),
+    )
+    return (
+        f"{out.returns.mean():.0f}", f"{falls} of {count}", most_falls(falls, count),
+        f"{out.drift.mean():+.3f}", f"{np.abs(out.drift).mean():.3f}",
+        f"{out.slip.sum() / distance:.3f}", f"{out.work.sum() / distance:.2f}",
+        f"{np.sqrt(out.square).mean():.1f}", f"{out.change.mean():.2f}",
+    )  # fmt: skip
+
+
+def score(policies: dict[str, Policy], commands: tuple[float, ...], count: int) -> list[str]:
+    """The table by command and policy, and a sentence on each policy's falls, as Markdown."""
+    rows, falls = [], dict.fromkeys(policies, 0)
     for i, command in enumerate(commands):
         for name, policy in policies.items():
-            out = episodes(policy, np.full(count, command), first=SCORED_SEED + i * count)
-            scores[command, name] = numbers(out)
-    return scores
-
-
-def most_falls(falls: int, count: int) -> float:
-    """Return the exact (Clopper-Pearson) upper bound of the probability of a fall, one-sided."""
-    bound = binomtest(falls, count, alternative="less").proportion_ci(CONFIDENCE, "exact")
-    return float(bound.high)
-
-
-def all_falls(scores: dict[tuple[float, str], dict[str, float]], count: int) -> str:
-    """A sentence for each policy: falls over all commands, and their bound."""
-    lines = []
-    for name in dict.fromkeys(name for _, name in scores):
-        own = [int(row["falls"]) for (_, policy), row in scores.items() if policy == name]
-        total = count * len(own)
-        lines.append(
-            f"{name}: {sum(own)} falls in the {total:,} episodes of all commands, in the mean a "
-            f"probability of at most {100.0 * most_falls(sum(own), total):.2g} %."
-        )
-    return "\n\n".join(lines)
-
-
-def score_table(scores: dict[tuple[float, str], dict[str, float]], count: int) -> str:
-    """As Markdown, by command."""
-    digits = {"return": ".0f", "drift": "+.3f", "error": ".3f", "slip": ".3f", "transport": ".2f",
-              "torque": ".1f", "change": ".2f"}  # fmt: skip
-    rows = []
-    for (command, name), own in scores.items():
-        cells = []
-        for key, value in own.items():
-            if key == "falls":
-                bound = 100.0 * most_falls(int(value), count)
-                cells += [f"{value} of {count}", f"{bound:.2g} %"]
-            else:
-                cells.append(f"{value:{digits[key]}}")
-        rows.append((f"{command:g}", name, *cells))
-    return measure.table(HEAD, rows)
+            rollout = BatchedRollout(np.full(count, FRICTION))
+            seeds = SCORED_SEED + i * count + np.arange(count)
+            out = rollout.run(policy, np.full(count, command), seeds)
+            rollout.close()
+            rows.append((f"{command:g}", name, *cells(out)))
+            falls[name] += int(out.fell.sum())
+    total = count * len(commands)
+    return [measure.table(HEAD, rows)] + [
+        f"{name}: {fell} falls in the {total:,} episodes of all commands, in the mean a "
+        f"probability of at most {most_falls(fell, total)}."
+        for name, fell in falls.items()
+    ]
 
 
 class Turn(NamedTuple):
-    """Over the crank's angle, in bins (b,).
+    """Over the crank's angle, in bins (b,)."""
 
-    Attributes:
-        speed: (3, b) rad/s, quantiles 0.1, 0.5 and 0.9. load: (toes, b) share of the time that a
-            toe stands. slip: (b,) m per metre and turn of all toes: its mean is the slip per metre.
-    """
-
-    speed: Array
-    load: Array
-    slip: Array
+    speed: Array  # (3, b) rad/s, quantiles 0.1, 0.5 and 0.9
+    load: Array  # (toes, b) share of the time that a toe stands
+    slip: Array  # (b,) m per metre and turn of all toes: its mean is the slip per metre
 
 
 def turn(policy: Policy, command: float, walks: int = WALKS) -> Turn:
@@ -190,22 +165,14 @@ def draw(policies: dict[str, Policy], commands: tuple[float, ...], walks: int, p
         axes[-1, j].set_xticks(range(0, 361, 90))
     axes[0, 0].set_ylabel("crank speed (rad/s)")
     axes[-1, 0].set_ylabel("slip (m/m)")
-    measure.legend_above(figure, axes[0, 0], len(policies))
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     measure.save(figure, path)
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = measure.options(__doc__, "docs/profile", episodes=EPISODES)
-    parser.add_argument("--policy", action="append", default=[], metavar="NAME",
-                        help="also a run's folder or model")  # fmt: skip
-    found = measure.chosen(parser, arguments)
+    found, policies = chosen_with_policies(__doc__, "docs/profile", EPISODES, arguments)
     commands, count = (COMMANDS, found.episodes) if not found.quick else (SHOWN[-1:], 2)
-    try:
-        policies = load(["pid", "profile", *found.policy])
-    except ValueError as error:
-        parser.error(str(error))
-    scores = score(policies, commands, count)
     command = f"python -m benchmarks.profile_scores --episodes {count}"
     measure.report(
         found.out / "scores.md",
@@ -215,8 +182,7 @@ def main(arguments: list[str] | None = None) -> None:
         "bound of the probability of a fall. Mean speed and speed error (mean of its size over the "
         "episodes) are of the time after the first two seconds; the change of torque is that from "
         "one control step to the next.",
-        score_table(scores, count),
-        all_falls(scores, count),
+        *score(policies, commands, count),
     )
     shown, walks = (commands, count) if found.quick else (SHOWN, WALKS)
     draw(policies, shown, walks, found.out / "turn.png")

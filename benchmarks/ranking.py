@@ -1,17 +1,16 @@
-"""Whether the reward of ``JansenWalker-v0`` ranks controllers as the score table does.
+"""Rank controllers of ``JansenWalker-v0`` by the reward and by the score table.
 
     python -m benchmarks.ranking [--episodes 10] [--out logs/ranking] [--quick]
 
-Controllers from good to useless, the shipped policy among them, are scored on the same episodes and
-ranked twice: by their mean return, and by the table, that is by the mean, over the commands, of
-their ranks in speed error, slip per metre, cost of transport, falls and RMS torque. One that does
-not cover half of the commanded distance walks nowhere: at that command it comes after all that do,
-by its speed error. Prints both and Spearman's rank correlation, and writes them to ``ranking.md``.
+By the table: by the mean, over the commands, of their ranks in :data:`TABLE`. One that does not
+cover half of the commanded distance comes after all that do at that command, by its speed error.
+Writes both and Spearman's rank correlation to ``ranking.md``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,9 +18,8 @@ from scipy.stats import rankdata, spearmanr
 
 from agents.evaluate import load_named
 from benchmarks import measure
-from jansen_env.baselines.columns import columns
 from jansen_env.baselines.pid import PID
-from jansen_env.baselines.policy import Array, Policy, TorquePolicy
+from jansen_env.baselines.policy import Array, Policy, TorquePolicy, columns
 from jansen_env.baselines.walker_baselines import BASELINES, measured_setting, walking_pid
 from jansen_env.robot import Robot
 from jansen_env.scoring.benchmarks import WALKER
@@ -59,40 +57,27 @@ def pid_with(pid: PID, pace: float = 1.0) -> Callable[[Any], Policy]:
     return lambda env: walking_pid(lambda command: pace * setting(command), env, pid)
 
 
-class Changed:
-    """A policy whose actions are changed."""
+def changed_pid(change: Callable[[Array, np.random.Generator], Array]) -> Callable[[Any], Policy]:
+    """The PID with its torques (n,), N m, changed."""
 
-    def __init__(self, policy: Policy, change: Callable[[Array], Array]) -> None:
-        self.policy, self.change = policy, change
+    def load(env: Any) -> Policy:
+        pid, rng = BASELINES["pid"](env), np.random.default_rng(0)
 
-    def predict(self, *arguments: Any) -> tuple[Any, Any]:
-        actions, state = self.policy.predict(*arguments)
-        return self.change(actions).astype(np.float32), state
+        def controller(seen: Array, memory: Any, starts: Any) -> tuple[Array, Any]:
+            actions, memory = pid.predict(seen, memory, starts)
+            return change(env.torque_limit * actions[:, 0], rng), memory
+
+        return TorquePolicy(controller, env.torque_limit)
+
+    return load
 
 
-def torque(function: Callable[[int], Array]) -> Callable[[Any], Policy]:
-    """Torques (n,), N m, of n robots, whatever they observe."""
-    return lambda env: TorquePolicy(lambda seen, *_: (function(len(seen)), None), env.torque_limit)
-
-
-def noisy(env: Any) -> Policy:
-    """The PID, and as much noise."""
-    rng = np.random.default_rng(0)
-    limit = NOISE / env.torque_limit
-    return Changed(
-        BASELINES["pid"](env), lambda a: np.clip(a + rng.uniform(-limit, limit, a.shape), -1, 1)
+def random_torque(env: Any, size: float = 1.0) -> Policy:
+    """Uniform over a share of the whole range, at each step."""
+    rng, limit = np.random.default_rng(1), env.torque_limit
+    return TorquePolicy(
+        lambda seen, *_: (size * limit * rng.uniform(-1.0, 1.0, len(seen)), None), limit
     )
-
-
-def bang_bang(env: Any) -> Policy:
-    """The PID's sign."""
-    return Changed(BASELINES["pid"](env), lambda a: np.sign(a) * BANG / env.torque_limit)
-
-
-def random_torque(env: Any) -> Policy:
-    """Uniform over the whole range, at each step."""
-    rng = np.random.default_rng(1)
-    return torque(lambda n: env.torque_limit * rng.uniform(-1.0, 1.0, n))(env)
 
 
 CONTROLLERS: dict[str, Callable[[Any], Policy]] = {
@@ -102,13 +87,13 @@ CONTROLLERS: dict[str, Callable[[Any], Policy]] = {
     "PID, soft": pid_with(PID(3.0, 0.3, 0.3)),
     "PID, 0.6 of the speed": pid_with(PID(), 0.6),
     "PID, 1.4 of the speed": pid_with(PID(), 1.4),
-    "PID and noise": noisy,
-    "PID, bang-bang": bang_bang,
+    "PID and noise": changed_pid(lambda t, rng: t + rng.uniform(-NOISE, NOISE, t.shape)),
+    "PID, bang-bang": changed_pid(lambda t, _: BANG * np.sign(t)),
     "crank speed, stiff": speed_control(30.0),
     "crank speed, soft": speed_control(5.0),
     "constant torque": BASELINES["constant"],
     "random torque": random_torque,
-    "standing": torque(np.zeros),
+    "standing": partial(random_torque, size=0.0),
 }
 """Each is made for an unwrapped environment."""
 

@@ -1,22 +1,22 @@
-"""How fast the environments are: one, many, larger ones, harder ones, the first one.
+"""Speed of the environments: one, many, larger ones, harder ones, the first one, in PPO.
 
     python -m benchmarks.speed [--only PART ...] [--rounds 7] [--out logs/speed] [--quick]
     python -m benchmarks.speed --against TREE
 
-Peers take turns with it in the same run. Writes ``speed.md`` and ``speed.png``; with ``--against``,
-which compares this tree with the checkout TREE of another commit, ``against.md``.
+Writes ``speed.md``, or ``against.md`` with this tree beside the checkout TREE of another commit.
 """
 
 from __future__ import annotations
 
 import importlib.util
 import sys
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import median
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -34,16 +34,13 @@ AT_ONCE, LEVEL = 256, 3  # robots of each preset; of the rough ground whose exch
 SAME, OTHER = "one rough ground for all, for good", "another rough ground at each reset"
 HARDCORE, BUILT = "JansenWalkerHardcore-v0", "the built robot, flat"
 ROUNDS = 7
+ENVIRONMENTS, ROLLOUTS = 64, 5  # of PPO, side by side; of a round, each with its update
+SETTING: dict[str, Any] = {"n_steps": 64, "batch_size": 1024, "n_epochs": 6}
+LAYERS = (64, 64)
+NEVER = 10**9  # updates between two lines of a log
 
 
-class Part(NamedTuple):
-    """What a part of the measurement found: Markdown, and what draws its panels."""
-
-    text: str
-    panels: Sequence[Callable[[Any], None]]
-
-
-def one(rounds: int, quick: bool) -> Part:
+def one(rounds: int, quick: bool) -> str:
     """``gym.make`` beside its peers: random actions, wrappers and resets included."""
     steps = 200 if quick else 5000
     players = {
@@ -69,16 +66,12 @@ def one(rounds: int, quick: bool) -> Part:
     slower = measure.ratio(rates[REAL], rates[FLAT])
     ratios.append((f"{REAL} / {FLAT}", slower, f"{slower.value:.2f}"))
     head = ("environment", "steps/s", "lowest", "highest", "resets", "ms/step", "simulated s/s")
-    text = f"## One environment\n\n{measure.table(head, rows)}\n\n" + measure.table(
+    return f"## One environment\n\n{measure.table(head, rows)}\n\n" + measure.table(
         ("ratio", "steps/s (by round)", "simulated s/s"), ratios
     )
-    simulated = {name: [rate * duration[name] for rate in found] for name, found in rates.items()}
-    return Part(text, [
-        partial(draw_bars, rates, "steps / s"), partial(draw_bars, simulated, "simulated s / s"),
-    ])  # fmt: skip
 
 
-def many(rounds: int, quick: bool) -> Part:
+def many(rounds: int, quick: bool) -> str:
     """``gym.make_vec`` beside a single peer and, where there is envpool, many."""
     counts = (1, 4) if quick else (1, 4, 16, 64, 256, 1024, 4096)
     compared, steps = (4, 100) if quick else (256, 60_000)
@@ -104,23 +97,10 @@ def many(rounds: int, quick: bool) -> Part:
     ratios.append((f"{compared} robots on {available_cores()} cores / on one thread", gained))
     slower = measure.ratio(rates["motor, bearings, feet", compared], rates["flat", compared])
     ratios.append((f"{compared} with motor, bearings, feet / {compared} robots", slower))
-    text = "\n\n".join([
-        "## Many environments",
-        measure.table(("environments", "at once", "steps/s", "lowest", "highest"), rows),
-        measure.table(("ratio", "steps/s (by round)"), ratios),
-    ])  # fmt: skip
-
-    def draw(axis: Any) -> None:
-        for label in dict.fromkeys(name for name, _ in players):
-            series = {count: found for (name, count), found in rates.items() if name == label}
-            draw_series(axis, series, label=label)
-        axis.set(xscale="log", ylim=(0.0, None), xlabel="environments at once", ylabel="steps / s")
-        axis.set_xticks(counts, map(str, counts))
-        axis.set_title("many environments", fontsize=10)
-        axis.minorticks_off()
-        axis.legend(fontsize=7, loc="upper left")
-
-    return Part(text, [draw])
+    head = ("environments", "at once", "steps/s", "lowest", "highest")
+    return f"## Many environments\n\n{measure.table(head, rows)}\n\n" + measure.table(
+        ("ratio", "steps/s (by round)"), ratios
+    )
 
 
 def real_robot() -> Robot:
@@ -139,7 +119,7 @@ def envpool(count: int, threads: int, steps: int) -> Many:
     return Many(venv, count, venv.action_space, steps)
 
 
-def size(rounds: int, quick: bool) -> Part:
+def size(rounds: int, quick: bool) -> str:
     """A step of walking against the number of legs and of the ground's segments, and at rest."""
     steps = 20 if quick else 400  # within an episode
     legs = (4, 24) if quick else tuple(range(4, 25, 4))
@@ -150,7 +130,7 @@ def size(rounds: int, quick: bool) -> Part:
             n: walker(steps, terrain=walks.rough_ground(n, 100.0 / n)) for n in segments
         },
     }
-    parts, panels = ["## Larger environments\n\nA step of 20 ms of a walk at 2.7 rad/s:"], []
+    parts = ["## Larger environments\n\nA step of 20 ms of a walk at 2.7 rad/s:"]
     for name, players in sweeps.items():
         rates = measure.take_turns({n: player.play for n, player in players.items()}, rounds)
         cost = {n: [1e6 / rate for rate in found] for n, found in rates.items()}
@@ -160,14 +140,14 @@ def size(rounds: int, quick: bool) -> Part:
         parts.append(measure.table((name, "us", "lowest", "highest", "resets"), rows))
         growth = measure.ratio(cost[max(cost)], cost[min(cost)])
         parts.append(f"{max(cost)} {name} cost {growth} times as much as {min(cost)}.")
-        panels.append(partial(draw_sweep, cost, name))
+
     resting = {dt: Single(OURS, steps, lambda _: np.zeros(1, np.float32), control_dt=dt)
                for dt in (0.02, 0.1)}  # fmt: skip
     found = measure.take_turns({dt: player.play for dt, player in resting.items()}, rounds)
     short, long = (1e6 / median(found[dt]) for dt in resting)
     each = (long - short) / 80  # time steps of 1 ms
     parts.append(f"A step at rest takes {short:.1f} us, each of its 20 time steps {each:.2f} us.")
-    return Part("\n\n".join(parts), panels)
+    return "\n\n".join(parts)
 
 
 def walker(steps: int, legs: int = 4, **arguments: Any) -> Single:
@@ -203,7 +183,7 @@ def presets() -> dict[str, dict[str, Any]]:
     }  # fmt: skip
 
 
-def worlds(rounds: int, quick: bool) -> Part:
+def worlds(rounds: int, quick: bool) -> str:
     """Harder environments beside as many robots on flat ground."""
     steps = 2_000 if quick else 60_000
     players = {name: robots(AT_ONCE, steps, **given) for name, given in presets().items()}
@@ -212,14 +192,13 @@ def worlds(rounds: int, quick: bool) -> Part:
     pairs = [(name, "flat") for name in rates if name not in ("flat", BUILT)]
     pairs += [(OTHER, SAME), (HARDCORE, BUILT)]
     ratios = [(f"{one} / {other}", measure.ratio(rates[one], rates[other])) for one, other in pairs]
-    return Part("\n\n".join([
-        "## Harder environments",
-        measure.table((f"{AT_ONCE} robots", "steps/s", "lowest", "highest"), rows),
-        measure.table(("ratio", "steps/s (by round)"), ratios),
-    ]), [])  # fmt: skip
+    head = (f"{AT_ONCE} robots", "steps/s", "lowest", "highest")
+    return f"## Harder environments\n\n{measure.table(head, rows)}\n\n" + measure.table(
+        ("ratio", "steps/s (by round)"), ratios
+    )
 
 
-def start(rounds: int, quick: bool) -> Part:
+def start(rounds: int, quick: bool) -> str:
     """The first environment on a machine, and one in a later process."""
     tree = Tree(Path(__file__).parents[1])
     cold = [tree.first() for _ in range(1 if quick else min(rounds, 3))]
@@ -230,10 +209,87 @@ def start(rounds: int, quick: bool) -> Part:
         for name, times in (("nothing compiled yet", cold), ("compiled before", warm))
     ]  # fmt: skip
     head = ("seconds in a new process", *STAGES, "all")
-    return Part(f"## Starting\n\n{measure.table(head, rows)}", [])
+    return f"## Starting\n\n{measure.table(head, rows)}"
 
 
-PARTS = {"one": one, "many": many, "size": size, "worlds": worlds, "start": start}
+class Trainee:
+    """PPO with some arguments, and the vector environments that it trains in."""
+
+    def __init__(self, venv: Any, setting: dict[str, Any]) -> None:
+        from stable_baselines3 import PPO
+
+        self.inside = 0.0  # s spent in the environments
+        for name in ("reset", "step_async", "step_wait"):
+            setattr(venv, name, self._timed(getattr(venv, name)))
+        self.label = type(venv).__name__
+        self.steps = ROLLOUTS * setting["n_steps"] * venv.num_envs
+        self.model = PPO("MlpPolicy", venv, policy_kwargs={"net_arch": list(LAYERS)}, seed=0,
+                         device="cpu", **setting)  # fmt: skip
+
+    def _timed(self, call: Callable[..., Any]) -> Callable[..., Any]:
+        def timed(*arguments: Any) -> Any:
+            start = time.perf_counter()
+            try:
+                return call(*arguments)
+            finally:
+                self.inside += time.perf_counter() - start
+
+        return timed
+
+    def play(self) -> tuple[float, float]:
+        """Train some rollouts on; steps/s, and the environments' share of the time."""
+        before, start = self.inside, time.perf_counter()
+        self.model.learn(self.steps, log_interval=NEVER, reset_num_timesteps=False)
+        spent = time.perf_counter() - start
+        return self.steps / spent, (self.inside - before) / spent
+
+
+def ppo(rounds: int, quick: bool) -> str:
+    """Stable-Baselines3's PPO: steps/s, and the environments' share of the time.
+
+    In one batch, of as many robots and of four times as many, and in the peer's own default, with
+    the same setting; and in the larger batch with the hyperparameters that ``train.py`` ships.
+    """
+    import torch
+    from stable_baselines3.common.env_util import make_vec_env as peers_vec_env
+
+    from agents.training.config import new_config
+    from jansen_env.sb3 import make_vec_env
+
+    count, setting = ENVIRONMENTS, SETTING
+    if quick:
+        count, setting = 4, {"n_steps": 8, "batch_size": 16, "n_epochs": 1}
+    torch.set_num_threads(1)  # these networks are small, more threads cost more than they bring
+    more = 4 * count
+    shipped = new_config()["hyperparameters"]
+    shipped = {name: shipped[name] for name in ("batch_size", "n_epochs")}
+    trainees = {
+        (OURS, count, ""): Trainee(make_vec_env(OURS, count), setting),
+        (OURS, more, ""): Trainee(make_vec_env(OURS, more), setting),
+        (OURS, more, "as shipped"): Trainee(make_vec_env(OURS, more), {**setting, **shipped}),
+        (MUJOCO, count, ""): Trainee(peers_vec_env(MUJOCO, count), setting),
+    }
+    plays = measure.take_turns({name: trainee.play for name, trainee in trainees.items()}, rounds)
+    rates = {name: [rate for rate, _ in pairs] for name, pairs in plays.items()}
+    rows = [
+        (*name, f"`{trainee.label}`", *measure.spread(rates[name]),
+         f"{median(share for _, share in plays[name]):.1%}")
+        for name, trainee in trainees.items()
+    ]  # fmt: skip
+    head = ("trained on", "at once", "hyperparameters", "in", "steps/s", "lowest", "highest",
+            "in the environments")  # fmt: skip
+    listed, ours = (
+        ", ".join(f"{name} {value}" for name, value in given.items())
+        for given in (setting, shipped)
+    )
+    ratio = measure.ratio(rates[OURS, count, ""], rates[MUJOCO, count, ""])
+    return (
+        f"## Training\n\nPPO, {listed}, layers {LAYERS}, one thread of torch. As shipped: {ours}."
+        f"\n\n{measure.table(head, rows)}\n\nRatio of the steps/s, {count} at once: {ratio}."
+    )
+
+
+PARTS = {"one": one, "many": many, "size": size, "worlds": worlds, "start": start, "ppo": ppo}
 
 
 def against(other: Path, rounds: int, quick: bool) -> str:
@@ -266,45 +322,6 @@ def against(other: Path, rounds: int, quick: bool) -> str:
     return measure.table(("JansenWalker-v0", *trees, "here / there (by round)"), rows)
 
 
-def draw_series(axis: Any, series: dict[int, list[float]], **style: Any) -> None:
-    """Medians against a number, with the range of their rounds."""
-    middle = np.array([median(values) for values in series.values()])
-    low, high = (np.array([f(values) for values in series.values()]) for f in (min, max))
-    axis.errorbar(list(series), middle, [middle - low, high - middle], fmt="o-", **style)
-
-
-def draw_bars(series: dict[str, list[float]], label: str, axis: Any) -> None:
-    """A bar for each environment, with the range of its rounds."""
-    for name, values in reversed(series.items()):
-        middle = median(values)
-        axis.barh(name, middle, xerr=[[middle - min(values)], [max(values) - middle]], height=0.6,
-                  color="tab:blue" if name.startswith(OURS) else "tab:gray")  # fmt: skip
-    axis.locator_params(axis="x", nbins=4)
-    axis.set_xlabel(label)
-    axis.set_title("one environment", fontsize=10)
-
-
-def draw_sweep(cost: dict[int, list[float]], name: str, axis: Any) -> None:
-    """Microseconds of a step against a number."""
-    draw_series(axis, cost)
-    if name != "legs":
-        axis.set_xscale("log")
-    axis.set_ylim(0.0, 1.2 * max(map(max, cost.values())))
-    axis.set(xlabel=name, ylabel="us")
-    axis.set_title("a step of 20 ms", fontsize=10)
-
-
-def draw(panels: list[Callable[[Any], None]], path: Path) -> None:
-    """All panels in one figure, three in a row."""
-    rows = -(-len(panels) // 3)
-    figure, axes = measure.subplots(rows, 3, 13.8, 3.6 * rows)
-    for axis, panel in zip(axes.flat, panels, strict=False):
-        panel(axis)
-    for axis in axes.flat[len(panels) :]:
-        axis.remove()
-    measure.save(figure, path)
-
-
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
     parser = measure.options(__doc__, "logs/speed", rounds=ROUNDS)
@@ -314,22 +331,21 @@ def main(arguments: list[str] | None = None) -> None:
                         help="compare with this checkout of another commit instead")  # fmt: skip
     found = measure.chosen(parser, arguments)
     rounds = 1 if found.quick else found.rounds
-    head = measure.conditions(rounds)
+    head = f"{measure.machine()} Medians of {rounds} rounds in turns."
     if found.against is not None:
         compared = against(found.against, rounds, found.quick)
         measure.report(found.out / "against.md", "# Two commits", head, compared)
         return
     if {"one", "many", "size"} & {*found.only}:
-        measure.require("mujoco", "Box2D", "matplotlib")
+        measure.require("mujoco", "Box2D")
+    if "ppo" in found.only:
+        measure.require("stable_baselines3", "mujoco")
     parts = []
     for name, part in PARTS.items():
         if name in found.only:
             print(f"{name} ...", file=sys.stderr, flush=True)
             parts.append(part(rounds, found.quick))
-    measure.report(found.out / "speed.md", "# Speed", head, *(p.text for p in parts))
-    panels = [panel for p in parts for panel in p.panels]
-    if panels:
-        draw(panels, found.out / "speed.png")
+    measure.report(found.out / "speed.md", "# Speed", head, *parts)
 
 
 if __name__ == "__main__":

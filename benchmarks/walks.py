@@ -22,25 +22,18 @@ STEEPNESS = 0.1  # heights of rough ground are +- so much of the distance betwee
 
 
 class Walked(NamedTuple):
-    """What came out of a walk; of one that fell, until then.
+    """Results of a walk; of one that fell, until then."""
 
-    Attributes:
-        distance: m along x. speed: m/s. crank_speed: mean, rad/s. rms_torque, peak_torque: of the
-            motor, N m. slip: of all toes, m a metre. cost_of_transport, electrical: |motor work|
-            and energy drawn, per weight and distance. heave: highest less lowest position of the
-            crank axis over the ground, m. joint_gap: m. fell: whether it did.
-    """
-
-    distance: float
-    speed: float
-    crank_speed: float
-    rms_torque: float
+    distance: float  # m along x
+    speed: float  # m/s
+    crank_speed: float  # mean, rad/s
+    rms_torque: float  # of the motor, N m
     peak_torque: float
-    slip: float
-    cost_of_transport: float
-    electrical: float
-    heave: float
-    joint_gap: float
+    slip: float  # of all toes, m a metre
+    cost_of_transport: float  # |motor work| per weight and distance
+    electrical: float  # energy drawn, likewise
+    heave: float  # highest less lowest crank axis over the ground, m
+    joint_gap: float  # m
     fell: bool
 
 
@@ -113,12 +106,6 @@ def fallen(plant: Plant, result: StepResult) -> bool:
 
 
 def rough_ground(segments: int, spacing: float = 0.2, seed: int = 0, **arguments: Any) -> Terrain:
-    """Rough ground of so many segments around x = 0, equally steep whatever the spacing (m).
-
-    Raises:
-        ValueError: fewer than five segments: two before and two after the rough ones are level.
-    """
-    if segments < 5:
-        raise ValueError(f"segments is {segments}, must be at least 5")
+    """Rough ground of 5 or more segments around x = 0, equally steep whatever the spacing (m)."""
     length, rng = (segments - 2.5) * spacing, np.random.default_rng(seed)
     return Terrain.rough(rng, STEEPNESS * spacing, spacing, length, -0.5 * length, **arguments)

@@ -33,8 +33,7 @@ def make_vec_env(
 
     Args:
         env_id: one of :data:`jansen_env.scoring.benchmarks.BENCHMARKS`.
-        env_kwargs: arguments of all of them.
-        variants: further ones; environment i takes number i, counted around.
+        env_kwargs: arguments of all. variants: further ones; environment i takes number i mod m.
         info_keys: as of :class:`BatchVecEnv`; single environments give all of their information.
 
     Raises:
@@ -70,16 +69,12 @@ def _make_batch(
 class BatchVecEnv(VecEnv):
     """Robots that are simulated together, as Stable-Baselines3 wants its environments.
 
-    An episode that ends is followed by the next one's first observation in the same step; its
-    information has the last one, a copy, as ``terminal_observation``, and
-    ``TimeLimit.truncated``. ``set_attr`` is ``set_parameters`` of the robots; ``env_method`` calls
-    one of :data:`jansen_env.envs.vector.METHODS`.
+    An episode that ends is followed by the next one's first observation in the same step. Its last
+    step's information has all keys, ``terminal_observation`` and ``TimeLimit.truncated``.
 
     Args:
         env: the robots, with ``AutoresetMode.DISABLED``: episodes are started here.
-        info_keys: what each step's information has of the single environment's, such as
-            ``"slip"``; None for all. The last step of an episode always has all, and alone
-            ``TimeLimit.truncated``.
+        info_keys: of the other steps' information, such as ``"slip"``; None for all.
 
     Raises:
         ValueError: an unknown key, or another autoreset mode.
@@ -94,7 +89,6 @@ class BatchVecEnv(VecEnv):
         self._actions: NDArray[np.float32] = np.zeros((env.num_envs, 1), np.float32)
 
     def reset(self) -> NDArray[np.float32]:
-        """Start all episodes; returns their first observations (n, d)."""
         seeds, options = self._seeds, self._options
         self._reset_seeds()
         self._reset_options()
@@ -104,13 +98,11 @@ class BatchVecEnv(VecEnv):
         return observations
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
-        """Keep the actions (n, 1) for :meth:`step_wait`."""
         self._actions = actions
 
     def step_wait(
         self,
     ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], list[dict[str, Any]]]:
-        """Take the step: observations (n, d), rewards (n,), dones (n,), and n dictionaries."""
         task = self.env.task
         terminated, truncated = self.env.advance(self._actions)
         rewards, dones = task.reward.copy(), terminated | truncated
@@ -147,15 +139,12 @@ class BatchVecEnv(VecEnv):
             self.env._elapsed[i] = elapsed
 
     def close(self) -> None:
-        """Let go of threads and pictures."""
         self.env.close()
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
-        """A picture (H, W, 3) of each robot."""
         return self.env.render() or [None] * self.num_envs
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """An attribute of each robot."""
         values = self.env.get_attr(attr_name)
         return [values[i] for i in self._get_indices(indices)]
 
@@ -176,5 +165,4 @@ class BatchVecEnv(VecEnv):
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
     ) -> list[bool]:
-        """False for each: robots of a batch have no wrappers of their own."""
         return [False for _ in self._get_indices(indices)]

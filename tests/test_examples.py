@@ -12,7 +12,6 @@ import pytest
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SIZES = {  # the arguments that make it short, and a word of what it prints
-    "cleanrl_ppo": ("--steps 1536 --envs 6", "pid: return"),
     "joint_loads": ("20", "largest"),
     "own_linkage": ("20", "does not close"),
     "own_terrain_and_reward": ("20", "return"),
@@ -21,7 +20,7 @@ SIZES = {  # the arguments that make it short, and a word of what it prints
     "tune_with_optuna": ("1 20000", "best return"),
     "walk_with_pid": ("20", " m in "),
 }
-LONGEST = {"cleanrl_ppo": 140, "tune_with_optuna": 60}  # lines; the others 40
+LONGEST = {"tune_with_optuna": 60}  # lines; the others 40
 ELSEWHERE = {"rllib_ppo"}  # by test_rllib.py, where Ray is installed
 
 

@@ -15,8 +15,7 @@ import cma
 import numpy as np
 
 from agents.tuning.batched_rollout import ENV, BatchedRollout, Outcome
-from jansen_env.baselines.columns import columns
-from jansen_env.baselines.policy import Array, TorquePolicy
+from jansen_env.baselines.policy import Array, TorquePolicy, columns
 from jansen_env.baselines.profile import READ, Profile, profile_torque
 
 COMMANDS = (0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.7, 0.8)  # m/s

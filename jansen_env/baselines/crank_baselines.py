@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from jansen_env.baselines.columns import columns
 from jansen_env.baselines.pid import PID
-from jansen_env.baselines.policy import Array, Bools, Policy, TorquePolicy, pid_policy
+from jansen_env.baselines.policy import Array, Bools, Policy, TorquePolicy, columns, pid_policy
 from jansen_env.dynamics.inverse import crank_torque
 
 # Beside the joints' friction, 1.6 N m s / rad, it damps the crank (0.73 kg m^2) nearly critically.

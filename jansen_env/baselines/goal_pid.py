@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.baselines.policy import columns
 from jansen_env.robot.kinematics import advance_per_turn
 
 GAIN, FASTEST, RAMP = 1.3, 0.42, 0.3  # 1/s of the distance; m/s; m/s^2: faster starts make it fall
@@ -23,8 +24,7 @@ class GoalPid:
     """
 
     def __init__(self, env: Any) -> None:
-        names = [entry.name for entry in env.observed]
-        self._columns = [names.index("goal_distance"), names.index("crank_speed")]
+        self._columns = columns(env, "goal_distance", "crank_speed")
         self._per_radian = abs(advance_per_turn(env.task.world.robots[0])) / (2.0 * math.pi)  # m
         self._dt = env.control_dt
 

@@ -1,4 +1,4 @@
-"""What a policy is, and controllers of the crank's torque as policies: the paper's PID (13)."""
+"""The policy protocol, and controllers of the crank's torque as policies: the paper's PID (13)."""
 
 from __future__ import annotations
 
@@ -40,11 +40,7 @@ class Policy(Protocol):
 
 
 class TorquePolicy:
-    """A controller as a policy.
-
-    Args:
-        controller: gives torques. torque_limit: of the environment, N m.
-    """
+    """A controller as a policy, within the environment's torque limit, N m."""
 
     def __init__(self, controller: Controller, torque_limit: float) -> None:
         self.controller, self.torque_limit = controller, torque_limit
@@ -56,8 +52,7 @@ class TorquePolicy:
         episode_start: Any = None,
         deterministic: bool = False,
     ) -> tuple[NDArray[np.float32], Any]:
-        """Actions (n, 1) or (1,) for observations (n, d) or (d,), and the state to pass back; a
-        controller has no noise, whatever ``deterministic`` says."""
+        """Actions (n, 1) or (1,) for observations (n, d) or (d,), and the state to pass back."""
         batch = np.atleast_2d(np.asarray(observation, dtype=float))
         starts = np.asarray(True if state is None else episode_start, dtype=bool)
         torque, state = self.controller(batch, state, np.broadcast_to(starts, len(batch)))
@@ -68,12 +63,7 @@ class TorquePolicy:
 def pid_policy(
     reference: Reference, torque_limit: float, control_dt: float, pid: PID = PAPER_PID
 ) -> TorquePolicy:
-    """Torque from (13); the integral waits while the torque is at its limit.
-
-    Args:
-        reference: gives the errors. torque_limit: of the environment, N m. control_dt: s.
-        pid: gains; default: the paper's.
-    """
+    """Torque from (13); the integral waits while the torque is at its limit (N m)."""
 
     def controller(observations: Array, memory: Any, starts: Bools) -> tuple[Array, Any]:
         before, integral = memory or (None, 0.0)  # the reference's memory; rad s
@@ -84,3 +74,16 @@ def pid_policy(
         return torque, (after, integral)
 
     return TorquePolicy(controller, torque_limit)
+
+
+def columns(env: Any, *names: str) -> list[int]:
+    """Return where names stand in the observation of an environment, single or batched.
+
+    Raises:
+        ValueError: the environment does not show one of them.
+    """
+    shown = [entry.name for entry in env.unwrapped.observed]
+    for name in names:
+        if name not in shown:
+            raise ValueError(f"name is {name!r}, must be one of {shown}")
+    return [shown.index(name) for name in names]

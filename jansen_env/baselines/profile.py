@@ -1,14 +1,11 @@
 """The crank-speed profile: how fast the crank is to turn at each of its angles, as a controller.
 
-The crank is asked for a speed that depends on where it stands, and gets a torque in proportion to
-what it lacks:
-
     n_ref(psi) = n0 exp(g lag + sum over k = 1 .. K of a_k cos 2 k psi + b_k sin 2 k psi)
     torque     = kp (n_ref - crank speed) + tau0
 
 Even harmonics, as both pairs of legs are on crank pins half a turn apart: all repeats twice a turn.
-The lag is how far the target is ahead of the robot: with it the mean speed is held. The numbers are
-found by ``python -m agents.tune profile`` (:mod:`agents.tuning.profile_search`).
+The lag is the target's distance ahead of the robot: with it the mean speed is held. The numbers
+are found by ``python -m agents.tune profile``.
 """
 
 from __future__ import annotations
@@ -22,8 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from jansen_env.baselines.columns import columns
-from jansen_env.baselines.policy import Array, TorquePolicy
+from jansen_env.baselines.policy import Array, TorquePolicy, columns
 
 DATA = Path(__file__).parent / "data" / "profile.json"
 
@@ -41,10 +37,9 @@ def number_names(harmonics: int) -> tuple[str, ...]:
 
 
 def profile_torque(numbers: Array, observation: Array, read: Sequence[int]) -> Array:
-    """Torques (n,), N m, of profiles (n, 4 + 2 K) for observations (n, d), one each.
+    """Torques (n,), N m, of profiles (n, 4 + 2 K) for observations (n, d), columns ``read``.
 
     A negative command walks the mirror image: crank angle pi - psi, speed, torque and lag reversed.
-    ``read``: the columns of :data:`READ`.
     """
     cos, sin, rate, command, lag = (observation[:, column] for column in read)
     sign = np.where(command < 0.0, -1.0, 1.0)
@@ -59,11 +54,9 @@ def profile_torque(numbers: Array, observation: Array, read: Sequence[int]) -> A
 
 @dataclass(frozen=True)
 class Profile:
-    """Profiles at a grid of commands, and in between.
+    """Profiles at a grid of commands, interpolated linearly in between.
 
-    Between two commands the numbers are interpolated linearly. Below the slowest, n0 and tau0 fall
-    in proportion to the command, so that at 0 the crank is only braked; beyond the fastest, n0
-    rises in proportion.
+    Below the slowest, n0 and tau0 fall in proportion to the command; beyond the fastest, n0 rises.
 
     Args:
         commands: (m,) m/s, above 0, increasing.
@@ -83,7 +76,7 @@ class Profile:
         if (
             commands.ndim != 1
             or not len(commands)
-            or not np.all(np.diff(commands, prepend=0.0) > 0.0)
+            or not (np.diff(commands, prepend=0.0) > 0.0).all()
         ):
             raise ValueError(f"commands is {commands.tolist()}, must increase from above 0")
         shape = numbers.shape
@@ -112,10 +105,7 @@ class Profile:
         return found
 
     def torque(self, observation: Array, read: Sequence[int]) -> Array:
-        """Torques (n,), N m, for observations (n, d) of a walker; before any limit.
-
-        ``read``: the columns of :data:`READ`.
-        """
+        """Torques (n,), N m, for observations (n, d) of a walker; before any limit."""
         command = observation[:, read[READ.index("speed_command")]]
         return profile_torque(self.at(command), observation, read)
 
@@ -126,10 +116,6 @@ class Profile:
 
 
 def load_profile(path: str | Path = DATA, robot: str = "paper") -> Profile:
-    """The profile found for a design, in a file that the search wrote; by default the shipped one.
-
-    Raises:
-        OSError, ValueError, KeyError: there is none, or it is damaged.
-    """
+    """The profile found for a design, in a file of the search; default: the shipped one."""
     found = json.loads(Path(path).read_text(encoding="utf-8"))[robot]
     return Profile(np.array(found["commands"]), np.array(found["numbers"]))

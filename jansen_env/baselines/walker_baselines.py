@@ -1,9 +1,7 @@
 """Baselines of the walkers: a PID, constant torque, and a crank-speed profile.
 
-They read nothing but the observation. The crank speed (or torque) for a commanded walking speed
-comes from a map measured on the robot at hand (``python -m agents.tune``, kept in ``agents/data``).
-The paper's robot is driven with the paper's gains, others with gains found for them. The profile
-(:mod:`jansen_env.baselines.profile`) is searched for on each robot, too.
+They read the observation only. The crank speed (or torque) for a commanded speed is measured on
+each robot (``python -m agents.tune``); so are the gains, but for the paper's on the paper's robot.
 """
 
 from __future__ import annotations
@@ -16,9 +14,16 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from jansen_env.baselines import profile
-from jansen_env.baselines.columns import columns
 from jansen_env.baselines.pid import PID
-from jansen_env.baselines.policy import PAPER_PID, Array, Bools, Policy, TorquePolicy, pid_policy
+from jansen_env.baselines.policy import (
+    PAPER_PID,
+    Array,
+    Bools,
+    Policy,
+    TorquePolicy,
+    columns,
+    pid_policy,
+)
 from jansen_env.robot import BODIES, ROBOTS, Robot
 
 DATA = Path(__file__).parent / "data" / "baselines.json"
@@ -28,13 +33,9 @@ Setting: TypeAlias = Callable[[Array], Array]
 
 
 def nearest_setting(settings: Array, speeds: Array) -> Setting:
-    """Of measured settings the one whose episodes came closest to each commanded speed.
+    """The measured setting (m,) whose episodes' speeds (m, episodes) came closest to a command.
 
     A negative command turns the crank backwards: the machine is its own mirror image.
-
-    Args:
-        settings: (m,) constant crank speeds, rad/s, or torques, N m; above 0.
-        speeds: (m, episodes) distance over the whole episode's time, m/s; a fall ends the walk.
     """
 
     def setting(command: Array) -> Array:
@@ -83,8 +84,7 @@ def tuned_for(robot: Robot, tuned: Iterable[str]) -> str:
 def searched_profile(env: Any) -> Policy:
     """Return the profile found for an environment's robot."""
     found = json.loads(profile.DATA.read_text(encoding="utf-8"))
-    own = profile.load_profile(robot=tuned_for(env.robot, found))
-    return own.policy(env)
+    return profile.load_profile(robot=tuned_for(env.robot, found)).policy(env)
 
 
 def measured(name: str, robot: Robot) -> dict[str, Any]:
@@ -100,20 +100,11 @@ def measured_setting(name: str, robot: Robot) -> Setting:
     return nearest_setting(np.array(entry["settings"]), np.array(entry["speeds"]))
 
 
-def measured_pid(env: Any) -> Policy:
-    """Return the PID with the gains and the crank speeds found for an environment's robot."""
-    gains = PID(*measured("pid", env.robot)["gains"])
-    return walking_pid(measured_setting("pid", env.robot), env, gains)
-
-
-def measured_torque(env: Any) -> Policy:
-    """Return the constant torques measured on an environment's robot."""
-    return constant_torque(measured_setting("constant", env.robot), env)
-
-
 BASELINES: dict[str, Callable[[Any], Policy]] = {
-    "pid": measured_pid,
-    "constant": measured_torque,
+    "pid": lambda env: walking_pid(
+        measured_setting("pid", env.robot), env, PID(*measured("pid", env.robot)["gains"])
+    ),
+    "constant": lambda env: constant_torque(measured_setting("constant", env.robot), env),
     "profile": searched_profile,
 }
 """Each is made for an unwrapped environment."""

@@ -27,7 +27,7 @@ def main(arguments: list[str] | None = None) -> None:
         from jansen_env.paper.claims import check_claims
         from jansen_env.paper.errata import errata
         from jansen_env.paper.figures import draw
-        from jansen_env.paper.report import as_markdown, as_text
+        from jansen_env.paper.report import as_markdown
     except ImportError as error:
         raise SystemExit(f"{error}; install what the paper needs with\n{INSTALL}") from error
     start, out = time.perf_counter(), args.out
@@ -35,15 +35,15 @@ def main(arguments: list[str] | None = None) -> None:
         parser.error(f"--out is {out}, must be a folder that can be written to")
     results = compute(args.workers)
     claims, found = check_claims(results), errata()
-    print(as_text(claims), end="\n\n")
-    write_text(out / "claims.md", as_markdown(claims, found, results.levels, results.pid_levels))
+    text = as_markdown(claims, found, results.levels, results.pid_levels)
+    print(text)
+    write_text(out / "claims.md", text)
     tables: dict[str, list[Any]] = {
         "claims": claims, "levels": results.levels, "pid_levels": results.pid_levels,
         "errata": found,
     }  # fmt: skip
-    write_json(
-        out / "claims.json", {name: [asdict(row) for row in rows] for name, rows in tables.items()}
-    )
+    rows = {name: [asdict(row) for row in table] for name, table in tables.items()}
+    write_json(out / "claims.json", rows)
     figures = draw(results, out)
     print(f"written: {out}/claims.md, {out}/claims.json and {len(figures)} figures "
           f"in {time.perf_counter() - start:.0f} s")  # fmt: skip

@@ -39,21 +39,15 @@ ROUNDING = 1e-15  # m, below which the digits are the processor's
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim of the paper.
-
-    Attributes:
-        key: a short name. where: in the paper. says: the paper. computed: here. verdict: one of
-            "holds", "holds with a condition", "does not hold". why: the reason.
-        numbers: behind ``computed``, SI units.
-    """
+    """One claim of the paper."""
 
     key: str
-    where: str
+    where: str  # in the paper
     says: str
-    computed: str
-    verdict: str
+    computed: str  # here
+    verdict: str  # HOLDS, CONDITION or FAILS
     why: str
-    numbers: dict[str, float]
+    numbers: dict[str, float]  # behind `computed`, SI units
 
 
 def check_claims(results: Results) -> list[Claim]:

@@ -1,4 +1,4 @@
-"""What three of the paper's errata come to, in numbers; all of them are in ``docs/paper.md``."""
+"""Errata of the paper in numbers; all of them are in ``docs/paper.md``."""
 
 from __future__ import annotations
 
@@ -23,15 +23,11 @@ FRAME_PAIRS = ((1, 4), (1, 5))
 
 @dataclass(frozen=True)
 class Erratum:
-    """What an erratum comes to.
-
-    Attributes:
-        name: of the erratum. found: in words. numbers: behind them, SI units.
-    """
+    """Effect of an erratum."""
 
     name: str
     found: str
-    numbers: dict[str, float]
+    numbers: dict[str, float]  # behind `found`, SI units
 
 
 def errata() -> list[Erratum]:

@@ -19,7 +19,6 @@ from jansen_env.files import write_whole
 from jansen_env.gravity import GRAVITY
 from jansen_env.paper import toes
 from jansen_env.paper.fixed_model import SETTLED
-from jansen_env.paper.free_walk import walking_torque
 from jansen_env.paper.interpretations import PRINTED_LEVEL, pid_run
 from jansen_env.paper.results import FRICTIONS, SLOW, Results
 from jansen_env.robot import paper_robot
@@ -165,30 +164,19 @@ def translation(r: Results) -> Figure:
 
 
 def torque_split(_: Results) -> Figure:
-    """The torque at a constant 1 rad/s: by cause on a fixed base, and walking."""
-    figure, (left, right) = _figure(10.0, 3.8, 1, 2)
-    robot, angle = paper_robot(), toes.turn(720)
-    split = crank_torque(robot, angle)
+    """The torque at a constant 1 rad/s on a fixed base, by cause."""
+    figure, axes = _figure(7.2, 3.6)
+    angle = toes.turn(720)
+    split = crank_torque(paper_robot(), angle)
     for name, value, color in (
         ("friction", split.friction, "#c2410c"), ("gravity", split.gravity, "#1d4ed8"),
         ("inertia", split.inertia, "#059669"), ("total", split.total, INK),
     ):  # fmt: skip
-        left.plot(angle, value, color=color, lw=2.2 if name == "total" else 1.5,
+        axes.plot(angle, value, color=color, lw=2.2 if name == "total" else 1.5,
                   label=f"{name}, mean {round(value.mean(), 3) + 0.0:.3f} N m")  # fmt: skip
-    left.set(title="Torque at a constant 1 rad/s, fixed base", ylim=(-0.6, 2.9))
-    left.legend(loc="upper center", ncols=2)
-    walk = walking_torque(robot, speed=1.0, turns=6, settle=1, bins=60)
-    right.fill_between(walk.angle, walk.torque - walk.spread, walk.torque + walk.spread,
-                       color="#ddd6fe", lw=0, label="SD between turns")  # fmt: skip
-    right.plot(walk.angle, walk.torque, color=ACCENT, label=f"walking, mean {walk.mean:.2f} N m")
-    right.plot(angle, split.total, color=INK, lw=1.2,
-               label=f"fixed base, mean {split.total.mean():.2f} N m")  # fmt: skip
-    right.set(title="The same crank speed on the ground")
-    right.legend(loc="upper center", ncols=2)
-    right.margins(y=0.3)
-    for axes in (left, right):
-        axes.set_ylabel("torque (N m)")
-        _angle_axis(axes)
+    axes.set(title="Torque at a constant 1 rad/s", ylim=(-0.6, 2.9), ylabel="torque (N m)")
+    axes.legend(loc="upper center", ncols=2)
+    _angle_axis(axes)
     return figure
 
 

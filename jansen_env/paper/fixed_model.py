@@ -26,17 +26,12 @@ SETTLED = 3.0  # s, from where on the motion is taken to be periodic
 
 @dataclass(frozen=True)
 class Run:
-    """A simulation, sampled as the controller sees it: (n + 1,) each, torque (n,).
+    """A simulation, sampled as the controller sees it: (n + 1,) each, torque (n,)."""
 
-    Attributes:
-        time: s. angle: rad. speed: rad/s, of the crank. torque: N m, held after each sample but
-            the last.
-    """
-
-    time: Array
-    angle: Array
-    speed: Array
-    torque: Array
+    time: Array  # s
+    angle: Array  # of the crank, rad
+    speed: Array  # rad/s
+    torque: Array  # N m, held after each sample but the last
 
     @property
     def settled(self) -> NDArray[np.bool_]:

@@ -58,22 +58,15 @@ def prescribed_speed(
 
 @dataclass(frozen=True)
 class Walk:
-    """Turns at a constant crank speed on flat ground.
+    """Turns at a constant crank speed on flat ground."""
 
-    Attributes:
-        speed: of the crank, rad/s. turns: completed before a fall, after those that settle.
-        distance, slip: m per turn, the distance negative if it walks backwards. torque: mean, N m.
-        one_toe, no_toe: share of the time on a single toe, and in the air.
-        fell: whether the robot fell.
-    """
-
-    speed: float
-    turns: int
-    distance: float
-    slip: float
-    torque: float
-    one_toe: float
-    no_toe: float
+    speed: float  # of the crank, rad/s
+    turns: int  # completed before a fall, after those that settle
+    distance: float  # m per turn, negative if it walks backwards
+    slip: float  # m per turn
+    torque: float  # mean, N m
+    one_toe: float  # share of the time on a single toe
+    no_toe: float  # and in the air
     fell: bool
 
     @property
@@ -137,59 +130,6 @@ def walking_forces(
 
 
 @dataclass(frozen=True)
-class WalkingTorque:
-    """The crank torque of a walk at constant crank speed, by crank angle.
-
-    Attributes:
-        angle: (bins,) middle of each bin of crank angle, rad, within 0 .. 2 pi.
-        torque, spread: (bins,) mean over all turns, touchdowns included, and standard deviation
-            between the turns' own means, N m.
-        mean: over the time of all turns, N m. distance: walked per turn, m.
-        fell: whether the robot fell; its turns then are those before.
-    """
-
-    angle: Array
-    torque: Array
-    spread: Array
-    mean: float
-    distance: float
-    fell: bool
-
-
-def walking_torque(
-    robot: Robot, speed: float = 1.0, turns: int = 10, settle: int = 2, bins: int = 72
-) -> WalkingTorque:
-    """The torque that keeps the crank at a constant speed (rad/s) while the robot walks.
-
-    The crank's speed is prescribed and the torque is what that takes, in every time step. A
-    touchdown takes an impulse: the mean over a bin contains it, a single value could not show it.
-
-    Args:
-        turns: of the crank that are evaluated, after ``settle`` turns from standing.
-
-    Raises:
-        ValueError: a fall before the first turn was complete.
-    """
-    period = 2.0 * math.pi / speed
-    plant = prescribed_speed(robot, Terrain.flat(), speed)
-    rows, means, places = [], [], []
-    for begin, _ in walk_on(plant, settle * period, period, turns):
-        psi, torque = plant.trace["pose"][:, 3], plant.trace["torque"]
-        index = (psi % (2.0 * math.pi) / (2.0 * math.pi) * bins).astype(int) % bins
-        count = np.bincount(index, minlength=bins)
-        rows.append(np.bincount(index, torque, minlength=bins) / np.maximum(count, 1))
-        means.append(torque.mean())
-        places += [begin, plant.x]
-    if not rows:
-        raise ValueError(f"the robot falls at a crank speed of {speed} rad/s")
-    angle = 2.0 * math.pi * (np.arange(bins) + 0.5) / bins
-    return WalkingTorque(
-        angle, np.mean(rows, axis=0), np.std(rows, axis=0), float(np.mean(means)),
-        distance=abs(places[-1] - places[0]) / len(rows), fell=len(rows) < turns,
-    )  # fmt: skip
-
-
-@dataclass(frozen=True)
 class Ripple:
     """A crank's speed under a constant torque, rad/s: its mean, half its range / mean; a fall?"""
 
@@ -216,17 +156,11 @@ def walking_ripple(robot: Robot, torque: float, duration: float = 20.0) -> Rippl
 
 @dataclass(frozen=True)
 class Loads:
-    """The largest loads over a motion and all legs: by body (8,), and by link and joint (17,).
+    """The largest loads over a motion and all legs."""
 
-    Attributes:
-        moment: N m, and force: N, of all constraints on each body, M x_ddot - h.
-        bearing: N, of each link on each of its joints, see
-            :data:`jansen_env.dynamics.joint_forces.CORNERS`.
-    """
-
-    moment: Array
-    force: Array
-    bearing: Array
+    moment: Array  # (8,) N m, of all constraints on each body, M x_ddot - h
+    force: Array  # (8,) N, likewise
+    bearing: Array  # (17,) N, of each link on each of its joints, in the order of CORNERS
 
     @property
     def place(self) -> str:

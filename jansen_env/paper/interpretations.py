@@ -28,19 +28,13 @@ ANGLES = 360  # crank angles in a turn
 
 @dataclass(frozen=True)
 class Level:
-    """The torque of one interpretation, N m.
-
-    Attributes:
-        name: what is understood differently.
-        low, mean, high: over a turn at a constant 1 rad/s (or -1, where so read).
-        loss: the joints' mean loss of power at that speed, W, from their rates alone.
-    """
+    """The torque of one interpretation over a turn at a constant 1 rad/s (or -1), N m."""
 
     name: str
     low: float
     mean: float
     high: float
-    loss: float
+    loss: float  # W, the joints' mean loss of power, from their rates alone
 
 
 def torque_levels() -> list[Level]:
@@ -119,18 +113,13 @@ def _without_reaction(robot: Robot) -> Level:
 
 @dataclass(frozen=True)
 class PIDLevel:
-    """The torque of one interpretation under the PID (13), after 3 s, N m.
-
-    Attributes:
-        name: what is understood differently. low, mean, high: of the torque.
-        near: share of the time that it is within :data:`NEAR` of the printed level's size.
-    """
+    """The torque of one interpretation under the PID (13), after 3 s, N m."""
 
     name: str
     low: float
     mean: float
     high: float
-    near: float
+    near: float  # share of the time within NEAR of the printed level's size
 
 
 def pid_run(robot: Robot, motors: int = 1, direction: float = 1.0) -> fixed.Run:

@@ -1,4 +1,4 @@
-"""Claims, interpretations and errata as Markdown tables, and claims as plain text."""
+"""Claims, interpretations and errata as Markdown tables."""
 
 from __future__ import annotations
 
@@ -18,14 +18,10 @@ def as_markdown(
     claims: list[Claim], errata: list[Erratum], levels: list[Level], pid_levels: list[PIDLevel]
 ) -> str:
     """All tables under their headings."""
-    return "\n".join(
-        f"# {heading}\n\n{table}"
-        for heading, table in (
-            ("Claims", claims_table(claims)),
-            ("Errata in numbers", errata_table(errata)),
-            ("Torque at a constant 1 rad/s, by interpretation", levels_table(levels)),
-            ("Torque under the PID, by interpretation", pid_table(pid_levels)),
-        )
+    return (
+        f"# Claims\n\n{claims_table(claims)}\n# Errata in numbers\n\n{errata_table(errata)}\n"
+        f"# Torque at a constant 1 rad/s, by interpretation\n\n{levels_table(levels)}\n"
+        f"# Torque under the PID, by interpretation\n\n{pid_table(pid_levels)}"
     )
 
 
@@ -61,11 +57,3 @@ def pid_table(levels: list[PIDLevel]) -> str:
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     # Cells of whole sentences: not padded to one width.
     return tabulate(rows, head, "github", disable_numparse=True, stralign=None) + "\n"
-
-
-def as_text(claims: list[Claim]) -> str:
-    """The claims as plain text."""
-    return "\n\n".join(
-        f"{c.verdict.upper()}: {c.says} ({c.where})\n    computed: {c.computed}\n    why: {c.why}"
-        for c in claims
-    )

@@ -33,44 +33,31 @@ WALKING_TORQUES = (3.0, 4.0, 5.0, 6.0, 8.0)  # N m, constant, walking
 
 @dataclass(frozen=True)
 class Results:
-    """What was computed.
+    """Numbers that claims and figures share."""
 
-    Attributes:
-        run, long: the PID's 10 s, and its run until it is periodic.
-        ripples, slender_ripple, walking_ripples: of the crank's speed by constant torque (N m):
-            fixed base, with slender links at the middle one of these torques, and walking.
-        forces: (samples, 8, 3) constraint moment and force on the right forepaw in ``run``.
-        fixed_loads: of all legs over a turn at 1 rad/s. walking_loads: by speed, friction.
-        levels, pid_levels: torque by interpretation, at a constant 1 rad/s and under the PID.
-        reversed_valley: of the PID with the reference turning back.
-        heaves: by number of phases. other_heaves: of four legs, m, by the lengths that the
-            print leaves open. support: the slow walk's two toes. slow: it, by friction.
-        walks: at :data:`SPEEDS`. no_slip: see :data:`NO_SLIP`.
-    """
-
-    run: fixed_model.Run
-    long: fixed_model.Run
-    ripples: dict[float, free_walk.Ripple]
-    slender_ripple: free_walk.Ripple
-    walking_ripples: dict[float, free_walk.Ripple]
-    forces: Array
-    fixed_loads: free_walk.Loads
-    walking_loads: dict[tuple[float, float], free_walk.Loads]
+    run: fixed_model.Run  # the PID's 10 s
+    long: fixed_model.Run  # the same until it is periodic
+    ripples: dict[float, free_walk.Ripple]  # of the crank's speed by constant torque, fixed base
+    slender_ripple: free_walk.Ripple  # with slender links, at the middle torque
+    walking_ripples: dict[float, free_walk.Ripple]  # walking, by constant torque
+    forces: Array  # (samples, 8, 3) constraint moment and force on the right forepaw in `run`
+    fixed_loads: free_walk.Loads  # of all legs over a turn at 1 rad/s
+    walking_loads: dict[tuple[float, float], free_walk.Loads]  # by speed and friction
     levels: list[interpretations.Level]
     pid_levels: list[interpretations.PIDLevel]
     reversed_valley: tuple[float, float]
-    heaves: list[toes.Heave]
-    other_heaves: dict[str, float]
-    support: toes.DoubleSupport
-    slow: dict[float, free_walk.Walk]
-    walks: list[free_walk.Walk]
+    heaves: list[toes.Heave]  # by number of phases
+    other_heaves: dict[str, float]  # of four legs, m, by the lengths that the print leaves open
+    support: toes.DoubleSupport  # a slow walk's two toes
+    slow: dict[float, free_walk.Walk]  # that walk by friction
+    walks: list[free_walk.Walk]  # at SPEEDS
     no_slip: free_walk.Walk
 
 
 def compute(workers: int = 2) -> Results:
     """Compute everything in ``workers`` processes; about half a minute on two cores."""
     robot = paper_robot()
-    # What is due is compiled here: the processes then find it in the cache.
+    # Compiled here, so that the processes find it in the cache.
     free_walk.walk(robot, 50.0, 1)
     _run(fixed_model.SAMPLING)
     # Spawned, not forked: a process with threads (torch's, say) must not be forked.

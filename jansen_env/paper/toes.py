@@ -49,21 +49,13 @@ def mirror_error(robot: Robot, samples: int = 720) -> float:
 
 @dataclass(frozen=True)
 class Heave:
-    """Up-and-down motion of a robot over a turn, peak to peak.
-
-    Attributes:
-        legs: how many.
-        level: m, of the crank axis with the chassis kept level: the lowest toe carries.
-        one_side: m, the same on the fore toes alone.
-        standing: m, of the crank axis where a toe on either side carries and the chassis pitches.
-        pitch: rad, of that pitching.
-    """
+    """Up-and-down motion of the crank axis over a turn, peak to peak."""
 
     legs: int
-    level: float
-    one_side: float
-    standing: float
-    pitch: float
+    level: float  # m, with the chassis kept level: the lowest toe carries
+    one_side: float  # m, the same on the fore toes alone
+    standing: float  # m, where a toe on either side carries and the chassis pitches
+    pitch: float  # rad, of that pitching
 
 
 def heave(phases: int, samples: int = 1440, poses: int = 48) -> Heave:
@@ -98,24 +90,19 @@ def standing_poses(robot: Robot, angle: Array) -> Array:
 
 @dataclass(frozen=True)
 class DoubleSupport:
-    """A slowly walking robot over a turn: its two standing toes, and how fast they part.
+    """A slowly walking robot over a turn: its two standing toes, and how fast they part, m/rad.
 
-    Attributes:
-        angle: (n,) crank angle, rad.
-        front, rear: (n,) legs whose toes carry.
-        x_speed: (n,) difference of their x velocities with the chassis fixed and level, m/rad:
-            the paper's argument (Fig. 6).
-        slip: (n,) speed at which their contact points part along the ground, m/rad, with the
-            chassis free to heave and pitch and the pads rolling: 0 would let both stick.
-        rolling: (n,) the part of it that is the pads' rolling, m/rad; points do not roll.
+    ``x_speed`` is the paper's argument (Fig. 6): the difference of their x velocities with the
+    chassis fixed and level. ``slip`` is the speed at which their contact points part along the
+    ground with the chassis free to heave and pitch and the pads rolling: 0 would let both stick.
     """
 
-    angle: Array
-    front: NDArray[np.int64]
+    angle: Array  # (n,) of the crank, rad
+    front: NDArray[np.int64]  # (n,) leg whose toe carries
     rear: NDArray[np.int64]
     x_speed: Array
     slip: Array
-    rolling: Array
+    rolling: Array  # the part of it that is the pads' rolling; points do not roll
 
     @property
     def per_turn(self) -> float:

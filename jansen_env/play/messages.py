@@ -1,4 +1,4 @@
-"""What a page may ask of a session: messages of one JSON object, held to a strict schema.
+"""Messages of a page to a session: one JSON object each, held to a strict schema.
 
 ``{"do": "set", "name": "friction", "value": 0.3}`` is an action of
 :class:`jansen_env.play.session.Session` and its arguments. Nothing else passes: no other action, no
@@ -8,56 +8,46 @@ missing, other or repeated field, no value of another type, no number that is no
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
-from jansen_env.checks import shown
+from jansen_env.checks import finite, instance, shown
 
 LONGEST_TEXT = 40  # characters of a text in a message
 
 
-def _number(value: Any) -> bool:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return False
-    try:
-        return math.isfinite(value)
-    except OverflowError:  # an integer beyond a float's range
-        return False
+def _text(name: str, value: Any) -> None:
+    if not isinstance(value, str) or len(value) > LONGEST_TEXT:
+        raise ValueError(f"{name} is {shown(value)}, must be a short text")
 
 
-def _text(value: Any) -> bool:
-    return isinstance(value, str) and len(value) <= LONGEST_TEXT
+def _key(name: str, value: Any) -> None:
+    if type(value) is not int or value not in (-1, 0, 1):
+        raise ValueError(f"{name} is {shown(value)}, must be -1, 0 or 1")
 
 
-def _flag(value: Any) -> bool:
-    return isinstance(value, bool)
+def _choice(name: str, value: Any) -> None:
+    if type(value) is not int:
+        _text(name, value)
 
 
-def _key(value: Any) -> bool:
-    return type(value) is int and value in (-1, 0, 1)
-
-
-def _choice(value: Any) -> bool:
-    return _text(value) or type(value) is int
-
-
-FIELDS: dict[str, dict[str, tuple[Callable[[Any], bool], str]]] = {
-    "steer": {"value": (_number, "a finite number")},
-    "hold": {"direction": (_key, "-1, 0 or 1")},
-    "set": {"name": (_text, "a short text"), "value": (_number, "a finite number")},
-    "choose": {"name": (_text, "a short text"), "value": (_choice, "a short text or whole number")},
-    "push": {"x": (_number, "a finite number"), "y": (_number, "a finite number")},
-    "pause": {"value": (_flag, "true or false")},
-    "slow": {"value": (_number, "a finite number")},
+FIELDS: dict[str, dict[str, Callable[[str, Any], Any]]] = {
+    "steer": {"value": finite},
+    "hold": {"direction": _key},
+    "set": {"name": _text, "value": finite},
+    "choose": {"name": _text, "value": _choice},
+    "push": {"x": finite, "y": finite},
+    "pause": {"value": partial(instance, kind=bool)},
+    "slow": {"value": finite},
     "reset": {},
     "another": {},
 }
-"""Of each action its arguments: what checks them, and what that allows."""
+"""Arguments of each action, and their checks."""
 
 
 def parse(message: str | bytes) -> tuple[str, dict[str, Any]]:
-    """An action of a session, and its arguments, from a message.
+    """Return an action of a session, and its arguments, from a message.
 
     Raises:
         ValueError: it is no text, no JSON, or does not fit :data:`FIELDS`.
@@ -72,12 +62,10 @@ def parse(message: str | bytes) -> tuple[str, dict[str, Any]]:
         raise ValueError(f"message is {shown(message)}, must be an object that says what to do")
     if action not in FIELDS:
         raise ValueError(f"do is {shown(action)}, must be one of {list(FIELDS)}")
-    fields = FIELDS[action]
-    if {*found} != {*fields}:
-        raise ValueError(f"{action} has {shown(sorted(found))}, must have {sorted(fields)}")
-    for name, (fits, allowed) in fields.items():
-        if not fits(found[name]):
-            raise ValueError(f"{name} is {shown(found[name])}, must be {allowed}")
+    if {*found} != {*FIELDS[action]}:
+        raise ValueError(f"{action} has {shown(sorted(found))}, must have {sorted(FIELDS[action])}")
+    for name, check in FIELDS[action].items():
+        check(name, found[name])
     return action, found
 
 
@@ -86,8 +74,6 @@ def _refuse(constant: str) -> Any:
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """An object whose fields are there once each."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    if len(found := dict(pairs)) < len(pairs):
         raise ValueError("a field is there twice")
     return found

@@ -1,8 +1,4 @@
-"""The score of a walk as it goes: what ``jansen_env.scoring.benchmarks`` has of a whole episode.
-
-Distance, slip per metre and mechanical cost of transport are those of ``python -m
-agents.evaluate``; ``tests/play/test_play_session.py`` holds one to the other.
-"""
+"""The score of a walk as it goes, by the definitions of :mod:`jansen_env.scoring.benchmarks`."""
 
 from __future__ import annotations
 
@@ -17,7 +13,7 @@ MIN_DISTANCE = 1e-3  # m, below which a ratio per metre is not formed
 
 @dataclass(frozen=True)
 class Score:
-    """What a walk has come to.
+    """Score of a walk so far.
 
     Attributes:
         time: s. distance: m, walked in the directions commanded, and without a command in the
@@ -34,11 +30,7 @@ class Score:
 
 
 class Tally:
-    """Adds up the steps of one walk.
-
-    Args:
-        dt: s of a step.
-    """
+    """Adds up the steps, of ``dt`` s each, of one walk."""
 
     def __init__(self, dt: float) -> None:
         self._dt, self._steps = dt, 0
@@ -46,10 +38,7 @@ class Tally:
         self._slip = self._lift = self._speed = 0.0
 
     def add(self, info: Mapping[str, Any], weight: float, command: float | None) -> None:
-        """Add a step by its ``info``.
-
-        ``weight``: of the robot in it, N; ``command``: in it, m/s, or None where there is none.
-        """
+        """Add a step by its ``info``, the robot's weight (N) and command (m/s, or None) in it."""
         self._steps += 1
         way, self._x = float(info["x_position"]) - self._x, float(info["x_position"])
         if command:
@@ -63,11 +52,7 @@ class Tally:
     def score(self) -> Score:
         """The score so far."""
         distance = max(self._commanded, 0.0) + abs(self._free)
-        far = distance > MIN_DISTANCE
-        return Score(
-            self._steps * self._dt,
-            distance,
-            self._slip / distance if far else None,
-            self._lift / distance if far else None,
-            self._speed,
+        slip, cost = (
+            v / distance if distance > MIN_DISTANCE else None for v in (self._slip, self._lift)
         )
+        return Score(self._steps * self._dt, distance, slip, cost, self._speed)

@@ -1,15 +1,11 @@
 """A session on a web page: served on 127.0.0.1 only, its state streamed over a websocket.
 
-There is one robot, whoever looks: all pages that are open show and change the same session, and a
-page that is loaded again finds it as it was. Time stands still while none is open.
+All pages that are open show and change the same session; time stands still while none is open.
 
-A page of another site may be open in the same browser and must not reach the robot. So the
-``Host`` of a request must be this server's own (a name of somebody else's that leads here is
-refused: DNS rebinding), an ``Origin`` too, and a socket is not opened without one. Only the files
-of :data:`FILES` are served. Messages are small, few and held to a schema
-(:mod:`jansen_env.play.messages`); who sends rubbish is told so, and after some of it cut off. A
-page that reads slowly gets fewer frames, none is kept for it; one that sends and never reads is cut
-off.
+A page of another site may be open in the same browser and must not reach the robot: the ``Host``
+of a request must be this server's own (against DNS rebinding), an ``Origin`` too, and a socket
+needs one. Only :data:`FILES` are served. Messages are small, few and held to a schema
+(:mod:`jansen_env.play.messages`); clients that keep sending rubbish, or never read, are cut off.
 """
 
 from __future__ import annotations
@@ -63,17 +59,12 @@ RATE, BURST = 200.0, 200.0  # messages a second of one socket, and how many at o
 MOST_ERRORS = 20  # messages of one socket that are refused before it is closed
 VIOLATION = 1008  # RFC 6455: policy violation
 LOGGER = logging.getLogger("jansen_env.play")
-# What clients do wrong is theirs, and no page of traceback in the terminal; errors of the handler
-# are ours.
+# Clients' errors give no traceback in the terminal; errors of the handler do.
 LOGGER.addFilter(lambda record: "handler failed" in str(record.msg))
 
 
 class Page:
-    """What is sent to all pages of a session, and what comes from them.
-
-    Args:
-        session: what they show. port: of the server.
-    """
+    """Messages to and from all pages of a session, served at a port."""
 
     def __init__(self, session: Session, port: int) -> None:
         self.session = session
@@ -103,8 +94,6 @@ class Page:
         return response
 
     def _answer(self, request: Request) -> tuple[HTTPStatus, str, str]:
-        """Status, body and its type."""
-
         def refused(status: HTTPStatus) -> tuple[HTTPStatus, str, str]:
             return status, f"{status.value} {status.phrase}\n", "text/plain"
 
@@ -161,10 +150,7 @@ class Page:
             await asyncio.sleep(0.0)  # others have their turn, however many messages there are
 
     async def _do(self, action: str, arguments: dict[str, Any]) -> None:
-        """Do what a message asks for; while a robot is made for it, all else goes on.
-
-        Messages of the same page wait for it, and so do choices of others.
-        """
+        """Do what a message asks for; all but this page and other choices go on meanwhile."""
         if action != "choose":
             self.session.attempt(action, **arguments)
             return
@@ -212,7 +198,7 @@ class Page:
 
 
 def scene_message(session: Session) -> dict[str, Any]:
-    """What a page shows and what its user may choose, while nothing is changed."""
+    """Scene, settings and choices, which change with the session's version."""
     values = session.values()
     return {
         "kind": "scene",

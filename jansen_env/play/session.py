@@ -1,13 +1,10 @@
-"""State of a robot walked by hand: its environment, input, settings, score and pace.
-
-A page shows a :class:`Session` and passes on its user's actions. The environment is used by
-its public API alone.
-"""
+"""State of a robot walked by hand: its environment, input, settings, score and pace."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -15,7 +12,6 @@ import numpy as np
 
 import jansen_env
 from jansen_env.checks import finite, instance, shown, whole_number, within
-from jansen_env.play.frames import between, snapshot
 from jansen_env.play.score import Score, Tally
 from jansen_env.policies import pretrained
 from jansen_env.policies.environment import arguments_of
@@ -56,6 +52,7 @@ MESSAGE_TIME = 6.0  # s for which a message is shown
 TORQUE_RATE, RELEASE_RATE = 3.0, 8.0  # 1/s, of the torque while a key is held, and after it
 FIRST_COMMAND = 0.25  # of the top speed, when a policy takes over
 COMMAND_RATE = 0.5  # 1/s, of a policy's command while a key is held
+ARRAYS = ("q", "contact_force", "contact_point", "contact_tangent", "slipping")  # of a frame
 
 
 class Session:
@@ -69,10 +66,9 @@ class Session:
 
     Attributes:
         input: -1 to 1: the action, or the policy's command as a share of :attr:`top_speed`, m/s.
-        settings: the sliders that have been moved. paused: whether time stands still; pace: how
-            fast it passes, one of :data:`PACES`. fallen: since the last start. stuck: the
-            simulation has diverged, only a reset helps. version: another one whenever anything
-            but the robot's state and the input has changed.
+        settings: the sliders that have been moved. paused: time stands still. pace: of time, one
+            of :data:`PACES`. fallen: since the last start. stuck: the simulation has diverged.
+        version: changes with anything but the robot's state and the input.
 
     Raises:
         ValueError: an argument is none of those allowed, or they do not go together.
@@ -87,8 +83,7 @@ class Session:
         control: str = BY_HAND,
         seed: int = 0,
     ) -> None:
-        if env_id not in ENVIRONMENTS:
-            raise ValueError(f"env is {shown(env_id)}, must be one of {list(ENVIRONMENTS)}")
+        _one_of(ENVIRONMENTS, "env", env_id)
         self.env_id, self.controls = env_id, (BY_HAND, *pretrained.names(env_id))
         self.seed = whole_number("seed", seed)
         self.settings: dict[str, float] = {}
@@ -99,13 +94,12 @@ class Session:
         self._env: Any = None
         self._final: Score | None = None  # from a fall on
         own = arguments_of(env_id)
-        chosen = self._choices = {
+        self._choices = {
             "robot": own["robot"] if robot is None else robot,
             "terrain": own["terrain"] if terrain is None else terrain,
-            "level": level,
             "control": control,
         }
-        _check_level(chosen)
+        chosen = self._chosen("level", level)
         self._begin_with(self._made(chosen), chosen)
 
     @property
@@ -157,10 +151,7 @@ class Session:
     # Actions of the user. Each raises ValueError where it is refused, and then changes nothing.
 
     def attempt(self, action: str, **arguments: Any) -> bool:
-        """Do one of the actions below by its name; return whether it was not refused.
-
-        The reason of a refusal becomes the message.
-        """
+        """Do an action by its name; False if it is refused, with the reason as the message."""
         try:
             getattr(self, action)(**arguments)
         except ValueError as error:
@@ -180,8 +171,7 @@ class Session:
     def hold(self, direction: int) -> None:
         """Hold the key to the right (1), to the left (-1), or none (0).
 
-        By hand the torque grows while a key is held and goes back to 0 after it; a policy's
-        command grows or falls, and stays.
+        The torque by hand goes back to 0 after it; a policy's command stays.
         """
         if isinstance(direction, bool) or direction not in (-1, 0, 1):
             raise ValueError(f"direction is {shown(direction)}, must be -1, 0 or 1")
@@ -190,8 +180,7 @@ class Session:
 
     def set(self, name: str, value: float) -> None:
         """Move a slider."""
-        if name not in SLIDERS:
-            raise ValueError(f"slider is {shown(name)}, must be one of {list(SLIDERS)}")
+        _one_of(SLIDERS, "slider", name)
         slider = SLIDERS[name]
         number = within(slider.label, value, slider.low, slider.high)
         self.env.set_parameters(**{name: number})
@@ -201,8 +190,7 @@ class Session:
     def choose(self, name: str, value: Any, env: Any = None) -> None:
         """Choose a robot, a terrain, a level or a control; all but a control start again.
 
-        Args:
-            env: of :meth:`make` for this choice; None: it is made here.
+        ``env``: of :meth:`make` for this choice; None: it is made here.
         """
         chosen = self._chosen(name, value)
         if name == "control":
@@ -211,10 +199,9 @@ class Session:
             self._begin_with(self._made(chosen) if env is None else env, chosen)
 
     def make(self, name: str, value: Any) -> Any:
-        """Return the environment for a choice; None for a control, which needs no other one.
+        """Return the environment for a choice, None for a control; changes nothing.
 
-        It takes a tenth of a second, reads the session and changes nothing of it, and so may run in
-        another thread than the session does.
+        It takes a tenth of a second, and may run in another thread than the session does.
         """
         chosen = self._chosen(name, value)
         return None if name == "control" else self._made(chosen)
@@ -265,12 +252,16 @@ class Session:
         return steps
 
     def frame(self) -> Frame:
-        """Interpolate between the last two steps, so that slow motion is smooth.
+        """Interpolate between the last two steps; forces are the next one's.
 
-        The command is None where no policy walks. A positive torque walks towards +x, whichever way
-        the crank turns for that.
+        The command is None where no policy walks. A positive torque walks towards +x.
         """
-        return between(*self._frames, self._due)
+        before, now = self._frames
+        moved = {
+            name: (1.0 - self._due) * getattr(before, name) + self._due * getattr(now, name)
+            for name in ("q", "contact_point", "time")
+        }
+        return replace(now, **moved)
 
     def scene(self) -> dict[str, Any]:
         """The robot and its ground: arguments of :class:`jansen_env.rendering.Renderer`."""
@@ -282,19 +273,16 @@ class Session:
 
     def _chosen(self, name: str, value: Any) -> dict[str, Any]:
         """The choices with another one."""
-        if name not in self._choices:
-            raise ValueError(f"choice is {shown(name)}, must be one of {list(self._choices)}")
+        _one_of(self.options, "choice", name)
         chosen = {**self._choices, name: value}
-        if name == "level":
-            _check_level(chosen)
+        if name == "level" and chosen["terrain"] == FLAT and value != 0:
+            raise ValueError(f"level is {shown(value)}, must be 0 on flat ground")
         return chosen
 
     def _made(self, choices: dict[str, Any]) -> Any:
         """The environment of these choices."""
         for name in ("robot", "terrain"):
-            if not isinstance(choices[name], str) or choices[name] not in self.options[name]:
-                allowed = list(self.options[name])
-                raise ValueError(f"{name} is {shown(choices[name])}, must be one of {allowed}")
+            _one_of(self.options[name], name, choices[name])
         level = whole_number("level", choices["level"], HIGHEST)
         return gym.make(
             self.env_id, max_episode_steps=-1, disable_env_checker=True, robot=choices["robot"],
@@ -320,8 +308,7 @@ class Session:
 
     def _policy_of(self, control: Any, env: Any) -> pretrained.PretrainedPolicy | None:
         """The policy of this name for an environment; None for the torque by hand."""
-        if not isinstance(control, str) or control not in self.controls:
-            raise ValueError(f"control is {shown(control)}, must be one of {list(self.controls)}")
+        _one_of(self.controls, "control", control)
         return None if control == BY_HAND else pretrained.load(self.env_id, control).on(env)
 
     def _take_control(self, policy: pretrained.PretrainedPolicy | None, name: str) -> None:
@@ -364,7 +351,11 @@ class Session:
             self._returns = bool(self._held) or self.input != 0.0
 
     def _snapshot(self) -> Frame:
-        return snapshot(self.env.frame(), self.command, self._direction)
+        """The present frame, which stays as it is while the robot moves."""
+        frame = self.env.frame()
+        arrays = {name: getattr(frame, name).copy() for name in ARRAYS}
+        torque = self._direction * frame.torque
+        return replace(frame, command=self.command, torque=torque, **arrays)
 
     def _step(self) -> None:
         """Take one step."""
@@ -386,7 +377,7 @@ class Session:
             self.fallen = bool(info["fallen"])
 
 
-def _check_level(choices: Mapping[str, Any]) -> None:
-    """Raises ValueError for a level of ground that has none."""
-    if choices["terrain"] == FLAT and choices["level"] != 0:
-        raise ValueError(f"level is {shown(choices['level'])}, must be 0 on flat ground")
+def _one_of(allowed: Collection[str], name: str, value: Any) -> None:
+    """Raises ValueError unless ``value`` is among ``allowed``."""
+    if not isinstance(value, str) or value not in allowed:
+        raise ValueError(f"{name} is {shown(value)}, must be one of {list(allowed)}")

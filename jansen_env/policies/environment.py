@@ -1,6 +1,6 @@
-"""Checks of a policy's file against the environment that it names: its actions, its time steps.
+"""Checks of a policy's file, which may come from anybody, against the environment that it names.
 
-Files come from anybody. The checks need only the environment's arguments, and build no environment.
+They need the environment's arguments only, and build no environment.
 """
 
 from __future__ import annotations
@@ -43,16 +43,11 @@ def arguments_of(env_id: str) -> dict[str, Any]:
 def check_action(
     env_id: str, env_kwargs: Mapping[str, Any], torque_limit: float, control_dt: float
 ) -> None:
-    """Check a policy's torque limit and control period against the environment its file names.
-
-    Args:
-        env_id, env_kwargs: of the file. torque_limit: N m, of action 1. control_dt: s, for which
-            an action is held.
+    """Check a policy's torque limit (N m) and control period (s) against its environment.
 
     Raises:
-        ValueError: they differ; there is no such environment; the control period is not within
-            :data:`SHORTEST_PERIOD` and :data:`LONGEST_PERIOD`; or an episode has no end, or more
-            than :data:`MOST_TIME_STEPS` time steps.
+        ValueError: they differ; there is no such environment; the period is out of range; or an
+            episode has no end, or more than :data:`MOST_TIME_STEPS` time steps.
     """
     given = {**arguments_of(env_id), **env_kwargs}
     env: Any = load_env_creator(str(gym.registry[env_id].entry_point))

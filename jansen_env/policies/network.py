@@ -1,7 +1,6 @@
-"""The parts of a policy's network as data that can be called: :mod:`jansen_env.policies.pretrained`
-puts them together, and whatever writes a policy in another language reads them.
+"""Parts of a policy's network as callable data; exports to other languages read them.
 
-Observations come as (n, d).
+Features map observations (n, d) to (n, size).
 """
 
 from __future__ import annotations
@@ -33,17 +32,12 @@ class Plain:
     size: int
 
     def __call__(self, seen: Array) -> Array:
-        """Return features (n, size)."""
         return seen
 
 
 @dataclass(frozen=True, eq=False)
 class Normalized:
-    """clip((observation - mean) / deviation, -clip, clip).
-
-    Args:
-        mean, deviation: (size,). clip: in deviations.
-    """
+    """clip((observation - mean) / deviation, -clip, clip) with mean, deviation (size,)."""
 
     mean: Array
     deviation: Array
@@ -51,11 +45,9 @@ class Normalized:
 
     @property
     def size(self) -> int:
-        """Number of features."""
         return len(self.mean)
 
     def __call__(self, seen: Array) -> Array:
-        """Return features (n, size)."""
         return np.clip((seen - self.mean) / self.deviation, -self.clip, self.clip)
 
 
@@ -68,11 +60,9 @@ class Harmonics:
 
     @property
     def size(self) -> int:
-        """Number of features."""
         return 2 * len(self.multiples)
 
     def __call__(self, seen: Array) -> Array:
-        """Return features (n, size)."""
         powers = (seen[:, :1] + 1j * seen[:, 1:2]) ** np.array(self.multiples, int)  # de Moivre
         return np.stack([powers.real, powers.imag], axis=-1).reshape(len(seen), -1)
 
@@ -82,16 +72,11 @@ Features: TypeAlias = Plain | Normalized | Harmonics
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """activation(weight x + bias).
+    """activation(weight x + bias)."""
 
-    Args:
-        weight: (units, inputs). bias: (units,). activation: in :data:`ACTIVATIONS`.
-    """
-
-    weight: Array
-    bias: Array
-    activation: str | None
+    weight: Array  # (units, inputs)
+    bias: Array  # (units,)
+    activation: str | None  # in ACTIVATIONS
 
     def __call__(self, values: Array) -> Array:
-        """Return outputs (n, units) for inputs (n, inputs)."""
         return ACTIVATIONS[self.activation](values @ self.weight.T + self.bias)

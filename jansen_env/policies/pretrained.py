@@ -1,16 +1,15 @@
 """Trained policies that come with the package: run with NumPy, nothing else.
 
-A policy is two files: ``ENV_ID/NAME.json`` says what it observes, how its network is built, how it
-was trained and what it scores, and ``NAME.safetensors`` has the network's weights. No code is in
-them, and what does not fit together is refused. ``docs/policies.md`` describes the format;
-``python -m agents.pack`` writes it.
+A policy is two files without code: ``ENV_ID/NAME.json`` says what it observes, how its network is
+built and trained, and what it scores; ``NAME.safetensors`` has the weights. ``docs/policies.md``
+describes the format; ``python -m agents.pack`` writes it.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable
 from copy import copy
 from pathlib import Path
 from typing import Any
@@ -19,13 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from safetensors.numpy import load as read_tensors
 
-from jansen_env.checks import (
-    instance,
-    positive_integer,
-    positive_single,
-    shown,
-    whole_number,
-)
+from jansen_env.checks import instance, positive_integer, positive_single, shown, whole_number
 from jansen_env.files import open_regular
 from jansen_env.policies.environment import check_action
 from jansen_env.policies.network import (
@@ -55,23 +48,20 @@ class PretrainedPolicy:
     """A trained policy; its actions are those of the network it was trained as, without noise.
 
     Args:
-        description: what the JSON file holds. tensors: what the other one holds.
+        description: content of the JSON file. tensors: content of the other one.
 
     Attributes:
-        description, tensors: as given. env_id: what it was trained on; env_kwargs: with which
-            arguments. observed: names of what it observes, in order. torque_limit: N m, of action
-            1. control_dt: s for which an action is held. scale: mean and standard deviation of
-            each observation in training, 0 and 1 where they are not kept. units: of what it
-            observes.
-        features, layers, limit, squash: the network, in this order: what it makes of what it sees,
-            side by side; its layers; the most that their output may be, inf for no limit; and the
-            name of what is made of that (see :mod:`jansen_env.policies.network`). Clipped to -1 ..
-            1 this is the share of the torque limit.
+        env_id, env_kwargs: what it was trained on. observed, units: names and units of what it
+            observes, in order. torque_limit: N m, of action 1. control_dt: s for which an action
+            is held. scale: mean and standard deviation of each observation in training, 0 and 1
+            where they are not kept.
+        features, layers, limit, squash: the network, in this order: features side by side; layers;
+            the most that their output may be; the function of that
+            (:mod:`jansen_env.policies.network`). Clipped to -1 .. 1: share of the torque limit.
 
     Raises:
         ValueError: something in the description is missing or not allowed, does not fit the
-            tensors, or is not what the environment has (:mod:`jansen_env.policies.environment`); or
-            a number is beyond float32, in which C may compute.
+            tensors or the environment, or is beyond float32, in which C may compute.
     """
 
     def __init__(self, description: dict[str, Any], tensors: Tensors) -> None:
@@ -126,9 +116,10 @@ class PretrainedPolicy:
                     raise ValueError(f"harmonics take the first observations {list(CRANK_ANGLE)}")
                 found.append(Harmonics(multiples))
             else:
-                raise ValueError(
-                    f"kind of features is {shown(block.get('kind'))}, must be 'observation', "
-                    "'normalized' or 'harmonics'"
+                _known(
+                    ("observation", "normalized", "harmonics"),
+                    "kind of features",
+                    block.get("kind"),
                 )
         return found
 
@@ -173,12 +164,11 @@ class PretrainedPolicy:
                     f"the policy of {self.env_id} observes {name}, must be one of {names}, which "
                     "this environment shows"
                 )
-        for name in names:
-            if name.startswith("toe_load_") and name not in self.observed:
-                raise ValueError(
-                    f"this environment shows {name}, which the policy of {self.env_id} does not "
-                    "observe: it has learnt on a robot with fewer toes"
-                )
+        if more := [n for n in names if n.startswith("toe_load_") and n not in self.observed]:
+            raise ValueError(
+                f"this environment shows {more[0]}, which the policy of {self.env_id} does not "
+                "observe: it has learnt on a robot with fewer toes"
+            )
         found = copy(self)
         found._columns, found._shown = [names.index(name) for name in self.observed], len(names)
         return found
@@ -194,7 +184,7 @@ class PretrainedPolicy:
 
         d: as many as are :attr:`observed`, or as the environment shows that was given to
         :meth:`on`. Computed in float64, and so the same on most processors once rounded to float32;
-        without noise, whatever ``deterministic`` says (the default is Stable-Baselines3's).
+        without noise, whatever ``deterministic`` says.
 
         Raises:
             ValueError: observations of another size.
@@ -234,10 +224,7 @@ def shipped(env_id: str, name: str = DEFAULT) -> Path:
 
 
 def load(env_id: str, name: str = DEFAULT) -> PretrainedPolicy:
-    """Load a policy that comes with the package.
-
-    Args:
-        env_id: such as ``"JansenWalker-v0"``. name: one of :func:`names`.
+    """Load a policy that comes with the package; ``name``: one of :func:`names`.
 
     Raises:
         ValueError: there is none of this name for the environment.
@@ -254,19 +241,15 @@ def load_file(path: str | Path) -> PretrainedPolicy:
     path = Path(path)
     weights = path.with_suffix(".safetensors")
     try:
-        description = json.loads(_read(path))
-        policy_weights = _read(weights)
-    except (OSError, RecursionError, ValueError) as error:
-        raise ValueError(f"{path} is no policy: {_reason(error)}") from error
-    try:
-        tensors = read_tensors(policy_weights)
-    except Exception as error:  # SafetensorError, and NumPy's of types that it does not have
-        raise ValueError(f"{weights} is no file of tensors: {_reason(error)}") from error
-    try:
+        description, content = json.loads(_read(path)), _read(weights)
+        try:
+            tensors = read_tensors(content)
+        except Exception as error:  # SafetensorError, and NumPy's of types that it does not have
+            raise ValueError(f"{weights} is no file of tensors: {_reason(error)}") from error
         policy = PretrainedPolicy(description, tensors)
-        if description.get("sha256") != checksum(policy_weights):
+        if description.get("sha256") != checksum(content):
             raise ValueError(f"sha256 is not that of {weights.name}: they are of two policies")
-    except ValueError as error:
+    except (OSError, RecursionError, ValueError) as error:
         raise ValueError(f"{path} is no policy: {_reason(error)}") from error
     return policy
 
@@ -297,9 +280,8 @@ def _entry(part: Any, name: str, kind: type) -> Any:
     return part[name]
 
 
-def _known(table: dict[Any, Any], name: str, value: Any) -> Any:
+def _known(table: Iterable[Any], name: str, value: Any) -> Any:
     """Return ``value``, which must be a name in a table."""
-    allowed: Sequence[Any] = list(table)
-    if value not in allowed:
+    if value not in (allowed := list(table)):
         raise ValueError(f"{name} is {shown(value)}, must be one of {allowed}")
     return value

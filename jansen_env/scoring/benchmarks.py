@@ -20,34 +20,23 @@ from jansen_env.tasks.crank import LOST
 from jansen_env.tasks.goal import FARTHEST
 
 ENOUGH = 0.8  # of the commanded distance
+LATER, FIRST = f"after {SETTLING:g} s", f"in the first {SETTLING:g} s"
+COST = "mechanical cost of transport"
 
 
 @dataclass(frozen=True)
 class Benchmark:
-    """How policies are scored on an environment.
+    """How policies are scored on an environment."""
 
-    Attributes:
-        commands: the grid on which policies are scored.
-        command_unit: its unit.
-        aggregates: what is kept of each episode, by name.
-        metrics: by name; the first is "return".
-        baselines: the policies to compare with by name, the main one first; each is made for an
-            unwrapped environment.
-        chosen_by: the metric by which the best model of a run is chosen.
-        variety: how many times as many episodes that takes as where nothing but the start differs.
-        option: of a reset, that takes the command.
-        drawn: range of the commands of a reset; None for the environment's ``speed_command``.
-    """
-
-    commands: tuple[float, ...]
+    commands: tuple[float, ...]  # the grid on which policies are scored
     command_unit: str
-    aggregates: dict[str, Aggregate]
-    metrics: dict[str, Metric]
-    baselines: dict[str, Callable[[Any], Policy]]
-    chosen_by: str = "return"
-    variety: int = 1
-    option: str = "speed_command"
-    drawn: tuple[float, float] | None = None
+    aggregates: dict[str, Aggregate]  # kept of each episode
+    metrics: dict[str, Metric]  # the first is "return"
+    baselines: dict[str, Callable[[Any], Policy]]  # for an unwrapped environment; main one first
+    chosen_by: str = "return"  # the metric by which the best model of a run is chosen
+    variety: int = 1  # times the episodes that choosing takes where only the start differs
+    option: str = "speed_command"  # of a reset, that takes the command
+    drawn: tuple[float, float] | None = None  # commands of a reset; None: the env's speed_command
 
     @property
     def middle(self) -> float:
@@ -59,29 +48,30 @@ def _mean(name: str) -> Callable[[Episodes, Any], Array]:
     return lambda run, _: np.asarray(run[name], dtype=float)
 
 
+def _horizon(env: Any) -> float:
+    """Time limit of an episode, s."""
+    return float(env.spec.max_episode_steps * env.unwrapped.control_dt)
+
+
 def _speed_error(run: Episodes, env: Any) -> Array:
     """Over the full length of an episode: after a fall the robot is taken to stand still."""
-    horizon = env.spec.max_episode_steps * env.unwrapped.control_dt
-    return np.abs(run["distance"] / horizon - run["command"])
+    return np.abs(run["distance"] / _horizon(env) - run["command"])
 
 
 def _steady_speed_error(run: Episodes, env: Any) -> Array:
-    """The same after the first :data:`SETTLING` s, in which it gets going."""
-    horizon = env.spec.max_episode_steps * env.unwrapped.control_dt - SETTLING
-    if horizon <= 0.0:
-        return np.full(len(run["command"]), np.nan)
+    """The same after :data:`SETTLING` s; NaN for episodes that are not longer."""
+    horizon = max(_horizon(env) - SETTLING, 0.0) or np.nan
     return np.abs((run["distance"] - run["early_distance"]) / horizon - run["command"])
 
 
 def succeeded(run: Episodes, env: Any) -> Array:
     """1 for each episode (n,) without a fall and :data:`ENOUGH` of the way commanded, else 0."""
-    way = np.abs(run["command"]) * env.spec.max_episode_steps * env.unwrapped.control_dt
-    walked = ~run["fell"].astype(bool) & (_distance(run, env) >= ENOUGH * way)
-    return walked.astype(float)
+    enough = _distance(run, env) >= ENOUGH * np.abs(run["command"]) * _horizon(env)
+    return (~run["fell"].astype(bool) & enough).astype(float)
 
 
 def _per_step(name: str) -> Callable[[Episodes, Any], Array]:
-    """A sum over an episode's steps as their mean."""
+    """Mean over an episode's steps."""
     return lambda run, env: np.asarray(run[name] * env.unwrapped.control_dt / run["duration"])
 
 
@@ -90,25 +80,14 @@ def _per_weight(name: str) -> Callable[[Episodes, Any], Array]:
     return lambda run, env: np.asarray(run[name] / env.unwrapped.task.world.weight[0])
 
 
-def _start_slip(run: Episodes, env: Any) -> Array:
-    """Slip within :data:`SETTLING`, m."""
-    return np.asarray(run["slip"] - run["steady_slip"])
-
-
 def _start_work(run: Episodes, env: Any) -> Array:
     """Work within :data:`SETTLING` / weight, m."""
-    return np.asarray((run["work"] - run["steady_work"]) / env.unwrapped.task.world.weight[0])
+    return _per_weight("work")(run, env) - _per_weight("steady_work")(run, env)
 
 
 def _start_lag(run: Episodes, env: Any) -> Array:
-    """How far an episode is behind its command at :data:`SETTLING`, m."""
+    """Distance behind the command at :data:`SETTLING`, m."""
     return SETTLING * np.abs(run["command"]) - np.sign(run["command"]) * run["early_distance"]
-
-
-def _steady_distance(run: Episodes, env: Any) -> Array:
-    """Distance in the commanded direction after :data:`SETTLING`, m."""
-    way = np.sign(run["command"]) * (run["distance"] - run["early_distance"])
-    return np.maximum(way, 0.0)
 
 
 def _distance(run: Episodes, env: Any) -> Array:
@@ -116,10 +95,14 @@ def _distance(run: Episodes, env: Any) -> Array:
     return np.maximum(np.sign(run["command"]) * run["distance"], 0.0)
 
 
+def _steady_distance(run: Episodes, env: Any) -> Array:
+    """Distance in the commanded direction after :data:`SETTLING`, m."""
+    return _distance({**run, "distance": run["distance"] - run["early_distance"]}, env)
+
+
 def _time_to_success(run: Episodes, env: Any) -> Array:
     """Return s; of an episode without success its time limit."""
-    steps = np.where(run["success"], run["steps"], env.spec.max_episode_steps)
-    return np.asarray(steps * env.unwrapped.control_dt)
+    return np.where(run["success"], run["steps"] * env.unwrapped.control_dt, _horizon(env))
 
 
 TORQUE = {
@@ -146,35 +129,23 @@ WALKER = Benchmark(
     metrics={
         "return": Metric("return", "", _mean("returns")),
         "speed_error": Metric("speed error", "m/s", _speed_error),
-        "steady_speed_error": Metric(
-            f"speed error after {SETTLING:g} s", "m/s", _steady_speed_error
-        ),
+        "steady_speed_error": Metric(f"speed error {LATER}", "m/s", _steady_speed_error),
         "slip_per_metre": Metric("slip per metre", "m/m", _mean("slip"), _distance),
         "steady_slip_per_metre": Metric(
-            f"slip per metre after {SETTLING:g} s",
-            "m/m",
-            _mean("steady_slip"),
-            _steady_distance,
-            "log",
+            f"slip per metre {LATER}", "m/m", _mean("steady_slip"), _steady_distance, "log"
         ),
-        "cost_of_transport": Metric(
-            "mechanical cost of transport", "1", _per_weight("work"), _distance
-        ),
+        "cost_of_transport": Metric(COST, "1", _per_weight("work"), _distance),
         "steady_cost_of_transport": Metric(
-            f"mechanical cost of transport after {SETTLING:g} s",
-            "1",
-            _per_weight("steady_work"),
-            _steady_distance,
-            "log",
+            f"{COST} {LATER}", "1", _per_weight("steady_work"), _steady_distance, "log"
         ),
         "electrical_cost_of_transport": Metric(
-            "electrical cost of transport", "1", _per_weight("drawn"), _distance, axis=""
+            "electrical cost of transport", "1", _per_weight("drawn"), _distance, ""
         ),
-        "start_slip": Metric(f"slip in the first {SETTLING:g} s", "m", _start_slip, axis=""),
-        "start_work": Metric(
-            f"work / weight in the first {SETTLING:g} s", "m", _start_work, axis=""
+        "start_slip": Metric(
+            f"slip {FIRST}", "m", lambda run, _: run["slip"] - run["steady_slip"], axis=""
         ),
-        "start_lag": Metric(f"behind the command after {SETTLING:g} s", "m", _start_lag, axis=""),
+        "start_work": Metric(f"work / weight {FIRST}", "m", _start_work, axis=""),
+        "start_lag": Metric(f"behind the command {LATER}", "m", _start_lag, axis=""),
         "falls": Metric("falls", "fraction", _mean("fell"), axis="fraction"),
         "peak_torque": Metric("peak torque", "N m", _mean("peak_torque"), axis=""),
         "rms_torque": Metric("RMS torque", "N m", _mean("rms_torque")),
@@ -188,10 +159,7 @@ WALKER = Benchmark(
 WORLD = replace(
     WALKER,
     commands=(0.1, 0.2, 0.3, 0.4, 0.5),
-    metrics={
-        **WALKER.metrics,
-        "success": Metric("success", "fraction", succeeded, axis="fraction"),
-    },
+    metrics=WALKER.metrics | {"success": Metric("success", "fraction", succeeded, axis="fraction")},
     chosen_by="success",
     variety=4,
 )
@@ -288,11 +256,10 @@ def vector_env(env_id: str) -> Any:
 def check_env_kwargs(env_id: str, env_kwargs: dict[str, Any]) -> None:
     """Check the names of an environment's arguments, and its time limit; it checks the rest itself.
 
-    Gymnasium's own arguments, with which other code could be made to run, are not among them.
+    Gymnasium's own arguments, with which other code could be made to run, are refused.
 
     Raises:
-        ValueError: no benchmark is known for this id, the environment has no argument of a name,
-            ``max_episode_steps`` is no limit, or ``render_mode`` opens windows.
+        ValueError: an unknown id or argument, no time limit, or a ``render_mode`` with windows.
     """
     find_benchmark(env_id)
     entry: Any = gym.spec(env_id).entry_point

@@ -29,14 +29,11 @@ MIN_DISTANCE = 1e-3  # m, below which a ratio per metre is not formed
 
 
 class Aggregate(NamedTuple):
-    """What is kept of an episode from each step's ``info``.
+    """What is kept of an episode: values (n,) of each step's ``infos``, and how they are reduced.
 
-    Attributes:
-        reduction: the "sum" over its steps or over the "steady" ones (after :data:`SETTLING`), the
-            "peak" of the absolute value, the "rms" (root of the mean square), the "last" value, the
-            last "early" one (within :data:`SETTLING`), or the "change": the sum of the absolute
-            changes from step to step, the first from 0.
-        function: the step's values (n,) from a vector environment's ``infos``.
+    To the "sum" over its steps or the "steady" ones (after :data:`SETTLING`), the "peak" of the
+    absolute value, the "rms", the "last" value, the last "early" one (within :data:`SETTLING`), or
+    the "change": the sum of the absolute changes from step to step, the first from 0.
     """
 
     reduction: Literal["sum", "steady", "peak", "rms", "last", "early", "change"]
@@ -44,22 +41,14 @@ class Aggregate(NamedTuple):
 
 
 class Metric(NamedTuple):
-    """A number for many episodes: a mean, or with a normaliser the ratio of two sums.
-
-    Attributes:
-        label, unit: in tables and figures; of what is 0 or 1 in each episode "fraction".
-        function: episodes and their environment to a value of each episode (n,).
-        normaliser: the same, m; the sum of ``function`` is divided by its sum.
-        axis: in figures "linear", "log" or "fraction" (0 to 1); "" for in tables alone.
-        digits: in tables.
-    """
+    """A number for many episodes: a mean, or with a normaliser the ratio of two sums."""
 
     label: str
-    unit: str
-    function: Callable[[Episodes, Any], Array]
-    normaliser: Callable[[Episodes, Any], Array] | None = None
-    axis: Literal["linear", "log", "fraction", ""] = "linear"
-    digits: int = 3
+    unit: str  # "fraction" of what is 0 or 1 in each episode
+    function: Callable[[Episodes, Any], Array]  # episodes and their environment to values (n,)
+    normaliser: Callable[[Episodes, Any], Array] | None = None  # the same, m
+    axis: Literal["linear", "log", "fraction", ""] = "linear"  # of figures; "" for tables alone
+    digits: int = 3  # in tables
 
     @property
     def heading(self) -> str:
@@ -110,10 +99,9 @@ def proportion_with_interval(k: int, n: int) -> Interval:
 def summarise(metrics: dict[str, Metric], run: Episodes, env: Any, seed: int = 0) -> dict[str, Any]:
     """Every metric over all episodes and for each command, with 95 % intervals.
 
-    Fractions have :func:`proportion_with_interval` of their episodes. Other metrics have the
-    percentile bootstrap (Efron and Tibshirani 1993), stratified: episodes are resampled within each
-    command. Resamples in which nobody walked have no ratio per metre and do not count; with one
-    episode per command there is no such interval.
+    Fractions have :func:`proportion_with_interval` of their episodes, other metrics the percentile
+    bootstrap (Efron and Tibshirani 1993), resampled within each command. Resamples in which nobody
+    walked do not count; with one episode per command there is no such interval.
 
     Args:
         metrics: by name. run: episodes, the same number for each command. seed: of the resampling.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -22,30 +22,21 @@ from jansen_env.scoring.metrics import SETTLING, Array, Episodes
 DRAWN_SEED = 20_000  # of episodes with drawn commands: training, tuning and other scores use others
 
 
-class Moment(NamedTuple):
-    """A step: its end, s since the start; its length, s; what was reduced at the step before."""
-
-    time: float
-    dt: float
-    last: Any
-
-
-REDUCTIONS: dict[str, Callable[[Any, Any, Moment], Any]] = {
-    "sum": lambda total, value, _: total + value,
-    "steady": lambda total, value, at: total if at.time < SETTLING + 0.5 * at.dt else total + value,
-    "peak": lambda total, value, _: np.maximum(total, np.abs(value)),
-    "rms": lambda total, value, at: total + np.square(value) * at.dt,  # mean and root at the end
-    "last": lambda total, value, _: value,
-    "early": lambda total, value, at: value if at.time < SETTLING + 0.5 * at.dt else total,
-    "change": lambda total, value, at: total + np.abs(value - at.last),
+REDUCTIONS: dict[str, Callable[..., Any]] = {
+    "sum": lambda total, value, **_: total + value,
+    "steady": lambda total, value, early, **_: total if early else total + value,
+    "peak": lambda total, value, **_: np.maximum(total, np.abs(value)),
+    "rms": lambda total, value, dt, **_: total + np.square(value) * dt,  # mean and root at the end
+    "last": lambda total, value, **_: value,
+    "early": lambda total, value, early, **_: value if early else total,
+    "change": lambda total, value, last, **_: total + np.abs(value - last),
 }
+"""From the total so far and a step's value; ``early``: the step ends within SETTLING; ``dt``: of a
+step, s; ``last``: the value before."""
 
 
 def make_env(env_id: str, env_kwargs: dict[str, Any], **more: Any) -> gym.Env[Any, Any]:
-    """``gym.make`` of one of :data:`jansen_env.scoring.benchmarks.BENCHMARKS`.
-
-    Args:
-        env_kwargs: as users give them, which are checked. more: as the program gives them.
+    """``gym.make`` of a benchmark's id; ``env_kwargs`` come from users and are checked.
 
     Raises:
         ValueError: another id, or an argument that the environment does not take.
@@ -55,11 +46,7 @@ def make_env(env_id: str, env_kwargs: dict[str, Any], **more: Any) -> gym.Env[An
 
 
 def draw_episodes(env: Any, count: int, seed: int = 0) -> tuple[Array, NDArray[np.int64]]:
-    """Return commands (count,), uniform in the range of ``env``, and the seeds (count,) of resets.
-
-    Args:
-        env: as ``gym.make`` gives it. seed: of commands and starts.
-    """
+    """Return commands (count,), uniform in the range of ``env``, and seeds (count,) of resets."""
     low, high = find_benchmark(env.spec.id).drawn or env.unwrapped.task.speed_command[0]
     commands = np.random.default_rng([DRAWN_SEED, seed]).uniform(low, high, count)
     return commands, DRAWN_SEED + seed * 1_000_000 + np.arange(count)
@@ -91,12 +78,9 @@ def run_episodes(
     """Run one episode for each pair of command and seed, up to ``at_once`` side by side.
 
     An episode is what it is alone, bit for bit, if the policy's actions do not depend on how many
-    it is asked for.
+    it is asked for; it acts deterministically.
 
     Args:
-        policy: acts deterministically.
-        env_id, env_kwargs: of the environment, one of
-            :data:`jansen_env.scoring.benchmarks.BENCHMARKS`.
         commands: (n,), in the benchmark's unit. seeds: (n,) of each episode's reset.
         options: more of them for each reset, (n,) by name.
 
@@ -125,7 +109,7 @@ def _run_side_by_side(
     options: dict[str, NDArray[Any]],
     seeds: NDArray[np.int64],
 ) -> Episodes:
-    """One episode in each environment; what is kept of each."""
+    """Run one episode in each environment."""
     n, dt = len(seeds), envs.get_attr("control_dt")[0]
     totals: dict[str, Any] = {}
     last: dict[str, Any] = {}
@@ -136,16 +120,13 @@ def _run_side_by_side(
         starts = np.zeros(n, bool)
         observations, rewards, terminated, truncated, infos = envs.step(actions)
         time += dt
-        values: dict[str, tuple[str, Any]] = {
-            "returns": ("sum", rewards),
-            "duration": ("sum", np.full(n, dt)),
-        }
+        values = {"returns": ("sum", rewards), "duration": ("sum", np.full(n, dt))}
         for name, (reduction, function) in benchmark.aggregates.items():
-            values[name] = (reduction, function(infos))
+            values[name] = reduction, function(infos)
         for name, (how, value) in values.items():
             before = totals.get(name, np.zeros_like(value))
-            at = Moment(time, dt, last.get(name, 0.0))
-            totals[name] = np.where(running, REDUCTIONS[how](before, value, at), before)
+            more = {"early": time < SETTLING + 0.5 * dt, "dt": dt, "last": last.get(name, 0.0)}
+            totals[name] = np.where(running, REDUCTIONS[how](before, value, **more), before)
             last[name] = value
         running &= ~(terminated | truncated)
     return {"command": options[benchmark.option], **totals}

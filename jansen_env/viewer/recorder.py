@@ -1,4 +1,4 @@
-"""Records the episodes that any policy walks, from beside it: a wrapper that changes nothing."""
+"""Recorder of the episodes that any policy walks: a wrapper that changes nothing."""
 
 from __future__ import annotations
 
@@ -26,12 +26,10 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     ``env = Recorder(gym.make("JansenWalker-v0"))``; then, at any time after a step,
     ``env.recording``. The environment goes on as it would without, bit for bit.
 
-    One episode is kept: a reset, in the middle of an episode too, begins another one, and so does a
-    step before which time went back (``Autoreset`` below, ``set_state``). A :class:`Recording` that
-    has been taken is not changed by anything later. It has what passes through this place among the
-    wrappers: their observations and actions if they are below. Its scene is that of the reset,
-    whatever ``set_parameters`` changes later. Of an episode of more than
-    :data:`jansen_env.viewer.recording.MOST_STEPS` steps the first ones are kept, with a warning.
+    One episode is kept: a reset begins another one, and so does a step before which time went back
+    (``Autoreset`` below, ``set_state``). Observations and actions are those at this place among the
+    wrappers. The scene is that of the reset, whatever ``set_parameters`` changes later. Of longer
+    episodes the first ``MOST_STEPS`` (of ``recording``) are kept, with a warning.
 
     Args:
         env: one robot's, of any task of this package, under any wrappers.
@@ -107,7 +105,6 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     def _begin(
         self, observation: Any, info: dict[str, Any], seed: int | None, options: Any
     ) -> None:
-        """Begin a recording of an episode that has been reset."""
         scene, spec = scene_of(self.env), self.env.spec
         self._robot = self._inner.scene()["robot"]
         ground = scene.pop("terrain")
@@ -153,7 +150,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
 
 def as_json(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments as JSON knows them: numbers, texts, lists; of anything else what it prints as."""
+    """Arguments as JSON knows them: numbers, texts, lists; anything else as its ``repr``."""
 
     def known(value: Any) -> Any:
         if isinstance(value, np.ndarray | np.generic):

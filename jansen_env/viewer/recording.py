@@ -18,7 +18,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from jansen_env.checks import finite, instance, non_negative, positive, shown, within
+from jansen_env.checks import finite, instance, shown, within
 from jansen_env.files import open_regular, write_bytes
 from jansen_env.robot.kinematics import JOINTS, SKELETON
 from jansen_env.viewer.web.geometry import SLIP, TRIANGLES
@@ -76,7 +76,7 @@ class Recording:
     """An episode of n control steps: n + 1 frames, the start and the end of each step.
 
     Arrays are read-only. Contact, forces and torque of a frame are those of the step that ends
-    there, the last two its means; the start has those at rest.
+    there, the last two its means.
 
     Args:
         time: (n + 1,) s. state: (n + 1, k) of the plant: x, y, theta, psi and their rates, or psi
@@ -100,9 +100,8 @@ class Recording:
         terminated, truncated: how the last step ended.
 
     Raises:
-        ValueError: an array of another shape, or with a number that is not finite or beyond
-            :data:`LARGEST`; steps shorter than :data:`SHORTEST`; no motor work among the energies;
-            a robot beyond :data:`FARTHEST`; anything else of another kind.
+        ValueError: an array of another shape, a number that is not finite or out of range, no motor
+            work among the energies, or an entry of another kind.
     """
 
     time: Array
@@ -159,9 +158,9 @@ class Recording:
                 f"pose has a place {far:.3g} m from the origin, must be within {FARTHEST:g} times "
                 f"scene['reach'], {reach:.3g} m"
             )
-        for name, count in (("energies", sizes["energies"]), ("observed", sizes["observed"])):
-            entries = getattr(self, name)
-            if len(entries) not in (count, 0 if name == "observed" else count):
+        for name in ("energies", "observed"):
+            entries, count = getattr(self, name), sizes[name]
+            if len(entries) != count and (entries or name == "energies"):
                 raise ValueError(f"{name} has {len(entries)} entries, must have {count}")
         if "motor_work" not in self.energies:
             raise ValueError(f"energies is {shown(self.energies)}, must have 'motor_work'")
@@ -183,7 +182,7 @@ class Recording:
 
     @property
     def steps(self) -> int:
-        """How many control steps it has."""
+        """Number of control steps."""
         return len(self.reward)
 
     @property
@@ -197,26 +196,19 @@ class Recording:
         return self.energy_of("motor_work") / np.diff(self.time)
 
     def energy_of(self, name: str) -> Array:
-        """(n,) J, one of the energies by its name.
-
-        Raises:
-            ValueError: there is none of this name.
-        """
+        """(n,) J, one of the energies. Raises ValueError if there is none of this name."""
         if name not in self.energies:
             raise ValueError(f"energy is {shown(name)}, must be one of {list(self.energies)}")
         return self.energy[:, self.energies.index(name)]
 
     def to_bytes(self) -> bytes:
         """The file's content: compressed arrays, the rest as JSON in ``description``."""
-        others = {
-            one.name: getattr(self, one.name) for one in fields(self) if one.name not in SHAPES
-        }
+        names = [one.name for one in fields(self) if one.name not in SHAPES]
+        others = {name: getattr(self, name) for name in names}
         text = json.dumps({"format": FORMAT, **others}, allow_nan=False).encode()
         description = np.frombuffer(text, np.uint8)
-        file = io.BytesIO()
-        np.savez_compressed(
-            file, description=description, **{name: getattr(self, name) for name in SHAPES}
-        )
+        file, arrays = io.BytesIO(), {name: getattr(self, name) for name in SHAPES}
+        np.savez_compressed(file, description=description, **arrays)
         return file.getvalue()
 
     def save(self, path: str | Path) -> Path:
@@ -238,17 +230,12 @@ class Recording:
 
     @staticmethod
     def from_bytes(data: bytes) -> Recording:
-        """A recording from a file's content.
-
-        Raises:
-            ValueError: see :meth:`load`.
-        """
+        """A recording from a file's content. Raises ValueError as :meth:`load` does."""
         content: dict[str, Any] = _read_archive(data)
         content |= _read_description(content.pop("description").tobytes())
         return Recording(**content)
 
     def _repr_html_(self) -> str:
-        """The replay, for notebooks."""
         from jansen_env.viewer.web.page import frame_of  # the page is made of recordings
 
         return frame_of(self)
@@ -319,9 +306,8 @@ def _read_description(text: bytes) -> dict[str, Any]:
     for pair in found["observed"]:
         if not isinstance(pair, list) or len(pair) != 2:
             raise ValueError(f"observed has {shown(pair)}, must have a name and a unit each")
-    found["energies"] = tuple(found["energies"])
-    found["observed"] = tuple(map(tuple, found["observed"]))
-    return dict(found)
+    observed = tuple(map(tuple, found["observed"]))
+    return {**found, "energies": tuple(found["energies"]), "observed": observed}
 
 
 def _refuse(constant: str) -> None:
@@ -374,10 +360,9 @@ def _check_scene(scene: Any, legs: int) -> None:
         if leg["side"] not in ("fore", "back"):
             raise ValueError(f"a leg's side is {shown(leg['side'])}, must be 'fore' or 'back'")
         within("a leg's depth", leg["depth"], 0.0, 1.0)
-    for name in ("reach", "weight", "controlDt", "speedRange"):
-        within(f"scene[{name!r}]", positive(f"scene[{name!r}]", scene[name]), 1e-9, LARGEST)
-    for name in ("padRadius", "torqueLimit"):
-        within(f"scene[{name!r}]", non_negative(f"scene[{name!r}]", scene[name]), 0.0, LARGEST)
+    for name in ("reach", "weight", "controlDt", "speedRange", "padRadius", "torqueLimit"):
+        least = 0.0 if name in ("padRadius", "torqueLimit") else 1e-9
+        within(f"scene[{name!r}]", scene[name], least, LARGEST)
     _check_text("scene['speedUnit']", scene["speedUnit"])
     if (load := scene["payload"]) is not None:
         if not isinstance(load, dict) or {*load} != {"mass", "x", "y"}:

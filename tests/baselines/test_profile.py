@@ -11,8 +11,7 @@ from agents.evaluate import load_named
 from agents.tuning import profile_search
 from agents.tuning.batched_rollout import BatchedRollout
 from agents.tuning.profile_search import Sweep, improve, profiles, search_profile, triangular, worth
-from jansen_env.baselines.columns import columns
-from jansen_env.baselines.policy import TorquePolicy
+from jansen_env.baselines.policy import TorquePolicy, columns
 from jansen_env.baselines.profile import READ, load_profile, profile_torque
 from jansen_env.scoring.benchmarks import WALKER
 from jansen_env.scoring.metrics import point_estimates

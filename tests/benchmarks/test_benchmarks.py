@@ -12,7 +12,6 @@ from benchmarks import (
     convergence,
     measure,
     plants,
-    ppo,
     probe,
     profile_scores,
     ranking,
@@ -62,10 +61,10 @@ def test_errors_of_walks():
     """Start by start against the finest, changes relative to its mean with standard errors."""
     exact = convergence.Walk(*np.array([[1.0, 2.0, 0.5, 10.0, 1e-6, 1e-4, 0.0]] * 3).T)
     found = exact._replace(early=np.array([1.001, 1.002, 0.997]), distance=[2.0, 2.2, 2.4])
-    row = convergence.compare(1e-3, found, exact)
-    assert row.error == pytest.approx([0.001, 0.002, 0.003])
-    assert row.changes["distance"] == pytest.approx((0.1, 0.1 / np.sqrt(3.0)))
-    assert row.changes["slip"] == (0.0, 0.0)
+    error, changes = convergence.compare(found, exact)
+    assert error == pytest.approx([0.001, 0.002, 0.003])
+    assert changes["distance"] == pytest.approx((0.1, 0.1 / np.sqrt(3.0)))
+    assert changes["slip"] == (0.0, 0.0)
 
 
 def test_another_tree_is_measured():
@@ -94,24 +93,21 @@ def test_what_cannot_be_measured_is_refused(arguments, tmp_path, capsys):
     ("main", "needs", "arguments", "written"),
     [
         (speed.main, ("mujoco", "Box2D"), ["--only", "one", "many", "size", "worlds"], "speed"),
-        (ppo.main, ("stable_baselines3", "mujoco"), [], "ppo"),
+        (speed.main, ("stable_baselines3", "mujoco"), ["--only", "ppo"], "speed"),
         (convergence.main, (), [], "convergence"),
-        (plants.main, (), [], "plants walks"),
+        (plants.main, (), [], "plants"),
         (plants.main, (), ["--machines"], "machines"),
         (built_robot.main, (), ["--plant", "rigid_body"], "motors_rigid_body"),
     ],
 )
 def test_a_benchmark_runs(main, needs, arguments, written, tmp_path):
-    """The short form writes its tables and figures; the two plants agree."""
+    """The short form writes its tables; the two plants agree."""
     for module in needs:
         pytest.importorskip(module)
     main(["--quick", "--out", str(tmp_path), *arguments])
-    name, *figures = written.split()
-    text = (tmp_path / f"{name}.md").read_text(encoding="utf-8")
+    text = (tmp_path / f"{written}.md").read_text(encoding="utf-8")
     assert text.startswith("# ") and "\n|:--" in text
-    assert name not in ("plants", "machines") or "2 walks; agree: 2." in text
-    for figure in figures:
-        assert (tmp_path / f"{figure}.png").stat().st_size > 10_000
+    assert written not in ("plants", "machines") or "2 walks; agree: 2." in text
 
 
 @pytest.mark.slow

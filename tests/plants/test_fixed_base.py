@@ -11,7 +11,7 @@ from motions import pinned
 from jansen_env import Payload, Terrain, paper_robot
 from jansen_env.dynamics import projection as pr
 from jansen_env.dynamics.inverse import crank_torque
-from jansen_env.paper.free_walk import walking_torque
+from jansen_env.paper import free_walk
 from jansen_env.plants.fixed_base import FixedBasePlant
 from jansen_env.plants.projected import ProjectionPlant
 
@@ -152,7 +152,7 @@ def test_crank_torques_arguments_broadcast():
 
 def test_walking_torque_pays_the_losses():
     """Mean torque * speed * time is the motor work (1e-12), and the losses of whole turns: 1 %."""
-    walk = walking_torque(paper_robot(), turns=4, settle=1)
+    walk = free_walk.walk(paper_robot(), 1.0, turns=4)
     plant = ProjectionPlant(paper_robot(), Terrain.flat())
     plant.reset()
     plant.state = np.append(plant.state[:7], 1.0)
@@ -160,18 +160,17 @@ def test_walking_torque_pays_the_losses():
     turn = 2.0 * math.pi
     plant.step(0.0, turn)
     start, results = plant.x, [plant.step(0.0, turn) for _ in range(4)]
-    time = 4.0 * round(turn / 1e-3) * 1e-3
     work = sum(r.motor_work for r in results)
     losses = sum(r.joint_loss + r.slip_loss + r.impact_loss for r in results)
-    assert walk.mean * time == pytest.approx(work, rel=1e-12)
+    assert walk.torque * 4.0 * turn == pytest.approx(work, rel=1e-12)
     assert work == pytest.approx(losses, rel=0.01)
     assert walk.distance == pytest.approx((plant.x - start) / 4.0, rel=1e-12)
     assert plant.state[7] == 1.0 and not walk.fell
 
 
 def test_a_fall_ends_the_evaluation():
-    """At 2.5 rad/s the paper's machine falls: the turns before it count, and none is refused."""
-    fallen = walking_torque(paper_robot(), speed=2.5, settle=0, turns=5)
-    assert fallen.fell and np.isfinite(fallen.torque).all() and fallen.mean > 0.0
+    """At 2.5 rad/s the paper's machine falls: the turns before it count, and forces are refused."""
+    fallen = free_walk.walk(paper_robot(), 2.5, turns=15)
+    assert fallen.fell and 0 < fallen.turns < 15 and fallen.torque > 0.0
     with pytest.raises(ValueError, match=r"the robot falls at a crank speed of 2\.5 rad/s"):
-        walking_torque(paper_robot(), speed=2.5, settle=10, turns=1)
+        free_walk.walking_forces(paper_robot(), 2.5, turns=15)

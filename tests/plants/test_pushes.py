@@ -35,10 +35,9 @@ def momenta_of_bodies(plant):
     centre = mass @ motion[:, :2] / mass.sum()
     (x, y), speed = (motion[:, :2] - centre).T, motion[:, 3:5]
     turning = mass @ (x * speed[:, 1] - y * speed[:, 0]) + inertia @ motion[:, 5]
-    rotor = (
-        0.0 if plant.batch._rotor is None else plant.batch._rotor.inertia * plant.batch._rotor.speed
-    )
-    return mass @ speed, turning + rotor, centre
+    if (rotor := plant.batch._rotor) is not None:
+        turning += rotor.inertia * rotor.speed
+    return mass @ speed, turning, centre
 
 
 def thrown(plant, momenta):

@@ -1,6 +1,6 @@
-"""What is drawn of a robot as plain numbers, ready for JSON: ``scene.js`` draws them.
+"""Geometry of a robot as plain numbers, ready for JSON: ``scene.js`` draws them.
 
-Colours, widths and the meaning of all that is drawn are those of :mod:`jansen_env.rendering`.
+Colours, widths and meaning are those of :mod:`jansen_env.rendering`.
 """
 
 from __future__ import annotations
@@ -14,32 +14,17 @@ from numpy.typing import NDArray
 from jansen_env.gravity import GRAVITY
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
-from jansen_env.robot.kinematics import (
-    JOINTS,
-    SKELETON,
-    B,
-    C,
-    D,
-    E,
-    P,
-    T,
-    joint_positions,
-    world_joints,
-)
+from jansen_env.robot.kinematics import JOINTS, SKELETON, joint_positions, world_joints
 
 Array = NDArray[np.float64]
 
-AIR, GRIP, SLIP = 0, 1, 2
-"""What a toe does: it is lifted, it holds, it slides while it is loaded."""
-TRIANGLES = [[P, B, D], [C, E, T]]  # corners of the plates
+AIR, GRIP, SLIP = 0, 1, 2  # a toe is lifted, holds, slides while it is loaded
+TRIANGLES = [[JOINTS.index(name) for name in plate] for plate in ("PBD", "CET")]  # the plates
 TOUCHING = 1e-6  # of the robot's weight: the normal force from which a toe is on the ground
 
 
 def scene_of(env: Any) -> dict[str, Any]:
-    """What stays as it is while an environment's robot moves.
-
-    Args:
-        env: one robot's, of any task, under any wrappers.
+    """Scene of one robot's environment, of any task: what does not change while it moves.
 
     Returns:
         ``legs``: for each its ``side`` and ``depth`` (0 the nearest, 1 the farthest); ``joints``:
@@ -78,20 +63,13 @@ def scene_of(env: Any) -> dict[str, Any]:
 
 
 def state_of(env: Any) -> dict[str, Any]:
-    """Where an environment's robot is now, and what it does.
-
-    Args:
-        env: one robot's, of any task, under any wrappers, after its first reset.
-
-    Returns:
-        :func:`state_of_frame` of it.
-    """
+    """:func:`state_of_frame` of one robot's environment, of any task, after its first reset."""
     inner = env.unwrapped
     return state_of_frame(inner.scene()["robot"], inner.frame())
 
 
 def state_of_frame(robot: Robot, frame: Frame) -> dict[str, Any]:
-    """Where a robot is in a frame, and what it does.
+    """Pose, toes, speed and torque of a robot in a frame.
 
     Returns:
         ``t`` s; ``x``, ``y`` m of the crank axis, ``pitch`` and ``crank`` rad; ``joints``: (legs,
@@ -99,7 +77,6 @@ def state_of_frame(robot: Robot, frame: Frame) -> dict[str, Any]:
         :data:`SLIP`), ``point`` (2,) m where it touches and ``force`` (2,) N on it, world frame;
         ``command`` and ``speed`` in the scene's unit, ``torque`` N m.
     """
-    x, y, pitch, crank = (float(value) for value in frame.q)
     toes = zip(
         contacts(frame, robot.mass * GRAVITY).tolist(),
         np.asarray(frame.contact_point).tolist(),
@@ -108,14 +85,9 @@ def state_of_frame(robot: Robot, frame: Frame) -> dict[str, Any]:
     )
     return {
         "t": frame.time,
-        "x": x,
-        "y": y,
-        "pitch": pitch,
-        "crank": crank,
+        **dict(zip(("x", "y", "pitch", "crank"), map(float, frame.q), strict=True)),
         "joints": world_joints(robot, frame.q).tolist(),
-        "toes": [
-            {"contact": contact, "point": point, "force": force} for contact, point, force in toes
-        ],
+        "toes": [dict(zip(("contact", "point", "force"), toe, strict=True)) for toe in toes],
         "command": frame.command,
         "speed": frame.speed,
         "torque": frame.torque,

@@ -54,8 +54,7 @@ def page(*recordings: Recording) -> str:
             {"label": label, **_packed(one)} for label, one in zip(labels, recordings, strict=True)
         ],
     }
-    style = _style()
-    script = _script()
+    style, script = _read("theme.css") + _read("replay.css"), _script()
     policy = (
         f"default-src 'none'; img-src data:; style-src {_hash_of(style)}; "
         f"script-src {_hash_of(script)}; base-uri 'none'; form-action 'none'"
@@ -72,20 +71,12 @@ def page(*recordings: Recording) -> str:
 
 
 def write_page(path: str | Path, *recordings: Recording) -> Path:
-    """Write the page of one recording, or of two, atomically.
-
-    Raises:
-        ValueError: another number of recordings. OSError: it cannot be written.
-    """
+    """Write :func:`page` atomically. Raises OSError if it cannot be written."""
     return write_text(path, page(*recordings))
 
 
 def frame_of(*recordings: Recording) -> str:
-    """The page as a frame within another page, such as a notebook's; it can do nothing to that.
-
-    Raises:
-        ValueError: see :func:`page`.
-    """
+    """:func:`page` as a sandboxed frame within another page, such as a notebook's."""
     return (
         f'<iframe srcdoc="{html.escape(page(*recordings))}" sandbox="allow-scripts" '
         f'title="Replay" width="100%" height="{FRAME_HEIGHT}" style="border:0"></iframe>'
@@ -96,16 +87,8 @@ def _read(name: str) -> str:
     return (FOLDER / name).read_text(encoding="utf-8")
 
 
-def _style() -> str:
-    return _read("theme.css") + _read("replay.css")
-
-
 def _script() -> str:
-    """All scripts as one: each module a function that returns what it exports.
-
-    Raises:
-        ValueError: an import or export that this cannot put in.
-    """
+    """All scripts as one: each module a function that returns its exports."""
     modules = []
     for name in SCRIPTS:
         source = _read(f"{name}.js")
@@ -159,9 +142,9 @@ def _subtitle(recordings: tuple[Recording, ...]) -> str:
 
 
 def _packed(recording: Recording) -> dict[str, Any]:
-    """What the page has of a recording; ``track.js`` unpacks it.
+    """A recording's content for ``track.js``.
 
-    Arrays are of all frames; of the start, what is of a step is 0. Points are relative to the crank
+    Arrays are of all frames; numbers of a step are 0 at the start. Points are relative to the crank
     axis.
     """
     one = recording
@@ -190,8 +173,8 @@ def _packed(recording: Recording) -> dict[str, Any]:
         "slipped": _plain(_after_start(one.slip.sum(axis=1)).cumsum()),
         "lifted": _plain(_after_start(lifts).cumsum()),
     }
-    ended = one.terminated
-    return {"scene": {**one.scene, "terrain": _seen(one)}, "ended": ended, "arrays": arrays}
+    scene = {**one.scene, "terrain": _seen(one)}
+    return {"scene": scene, "ended": one.terminated, "arrays": arrays}
 
 
 def _after_start(values: Array) -> Array:
@@ -201,9 +184,7 @@ def _after_start(values: Array) -> Array:
 
 def _turned(angles: Array) -> Array:
     """Angles (n, 2), rad, by whole turns nearer to 0: small numbers are exact as float32."""
-    turns = np.rint(angles[0] / (2.0 * np.pi))
-    near: Array = angles - 2.0 * np.pi * turns
-    return near
+    return np.asarray(angles - 2.0 * np.pi * np.rint(angles[0] / (2.0 * np.pi)))
 
 
 def _seen(recording: Recording) -> list[list[float]] | None:

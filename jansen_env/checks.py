@@ -69,10 +69,7 @@ def within(name: str, value: Any, low: float, high: float) -> float:
 
 
 def whole_number(name: str, value: Any, most: int | None = None, least: int = 0) -> int:
-    """Return ``value`` as an int. Raises ValueError unless it is whole, from ``least`` to ``most``.
-
-    Without ``most`` there is no upper bound.
-    """
+    """Return ``value`` as an int. Raises ValueError unless whole, from ``least`` to ``most``."""
     whole = isinstance(value, Integral) and not isinstance(value, bool)
     if not whole or value < least or (most is not None and value > most):
         allowed = " above 0" if least else ", 0 or above"

@@ -1,8 +1,7 @@
 """The table of parameters: numbers that may differ between robots and between episodes.
 
-Structured types, checks, ``randomize``, reset options, ``set_parameters``, ``info["parameters"]``
-and the documentation's table are all made from it;
-:mod:`jansen_env.plants.robot_parameters` and the world apply it.
+Types, checks, ``randomize``, reset options, ``set_parameters``, ``info["parameters"]`` and the
+documentation are made from it; :mod:`jansen_env.plants.robot_parameters` and the world apply it.
 """
 
 from __future__ import annotations
@@ -144,11 +143,7 @@ def effective(robot: Robot) -> tuple[str, ...]:
 
 
 def check(label: str, name: str, value: Any) -> float:
-    """Return a value of a parameter as a float.
-
-    Raises:
-        ValueError: it is out of its limits; the message calls it ``label``.
-    """
+    """Return a parameter's value as a float; ValueError: out of its limits, called ``label``."""
     row = PARAMETERS[name]
     number = within(label, value, row.least, row.most)
     if row.whole and number != round(number):

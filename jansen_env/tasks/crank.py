@@ -1,8 +1,4 @@
-"""The crank task: follow a turning reference with the crank of a robot that is held.
-
-The numbers of a step are worked out in :mod:`jansen_env.engine.crank_tracking` and documented in
-:class:`jansen_env.envs.crank_env.JansenCrankEnv`.
-"""
+"""The crank task: follow a turning reference; numbers: :mod:`jansen_env.engine.crank_tracking`."""
 
 from __future__ import annotations
 
@@ -35,7 +31,7 @@ class Tracking:
 
 
 class CrankTask(CommandedTask):
-    """Turn the crank of a Jansen linkage along a reference; commands are in rad/s."""
+    """Turn the crank along a reference; see :class:`jansen_env.envs.crank_env.JansenCrankEnv`."""
 
     WORLD = HeldRobots
     RECORDS = {"tracking": Tracking}

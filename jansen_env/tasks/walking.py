@@ -1,8 +1,4 @@
-"""The walking task: follow a commanded speed, with little slip, energy and effort.
-
-The numbers of a step are worked out in :mod:`jansen_env.engine.walk_reward` and documented in
-:class:`jansen_env.envs.walker.JansenWalkerEnv`.
-"""
+"""The walking task: follow a commanded speed; numbers: :mod:`jansen_env.engine.walk_reward`."""
 
 from __future__ import annotations
 
@@ -61,7 +57,7 @@ class Termination:
 
 
 class WalkerTask(CommandedTask):
-    """Walk at a commanded speed, m/s, by the torque on one crank.
+    """Walk at a commanded speed, m/s; see :class:`jansen_env.envs.walker.JansenWalkerEnv`.
 
     Attributes:
         covered: (n, 2) m walked towards the commands and commanded; with a curriculum.

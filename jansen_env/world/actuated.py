@@ -112,10 +112,7 @@ class ActuatedRobots:
         )  # fmt: skip
 
     def begin_delay(self, rows: Ints, delays: Array, asked: Array | None = None) -> None:
-        """Begin episodes of robots (k,) whose torques come ``delays`` (k,) s late.
-
-        ``asked``: (k, steps) N m, torques asked for before; None: 0.
-        """
+        """Begin episodes with ``delays`` (k,) s, and earlier torques ``asked`` (k, steps) N m."""
         steps = np.rint(delays / self.time_step).astype(np.int64)
         whole, rest = np.divmod(steps, self.steps)
         self.delay[rows] = np.stack([whole, rest], axis=-1)

@@ -17,10 +17,7 @@ class Observed(NamedTuple):
 
 
 def list_entries(toes: int, scanned: int) -> list[Observed]:
-    """Return the observed numbers of a robot with so many toes and places of a height scan.
-
-    In the order of :func:`jansen_env.engine.readings.read`.
-    """
+    """Return the numbers of a robot in the order of :func:`jansen_env.engine.readings.read`."""
     inf = np.inf
     return [
         Observed("cos_crank_angle", "1", -1.0, 1.0),

@@ -18,8 +18,8 @@ from typing import Any
 from agents.command_line import mapping, non_negative_int, positive_int
 from agents.plain_yaml import read_yaml
 from agents.studies.backends import has_ray, run_locally, run_on_ray
-from agents.studies.plan import Study, enter, make_study, read_study
-from agents.studies.progress import StudyProgress
+from agents.studies.plan import STUDY, Study, enter, make_study, read_study
+from agents.studies.progress import study_progress
 from agents.studies.run import STATUS, TOKEN, RunRequest, RunResult, is_finished
 from agents.studies.study_report import write_report
 from agents.training.config import ALGORITHMS
@@ -28,9 +28,7 @@ from jansen_env.cores import available_cores
 from jansen_env.files import write_text
 from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT
 
-FLAGS = ("seeds", "envs", "algos", "timesteps", "n_envs", "env_kwargs", "config", "eval_freq",
-         "save_freq", "eval_episodes")  # fmt: skip
-"""Those that describe a study, named as in its file."""
+FLAGS = tuple(STUDY)[:-1]  # those that describe a study, named as in its file, without variants
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -134,7 +132,7 @@ def _run(
     if not left:
         return {}
     requests = [RunRequest(run, *common, token.read_text(encoding="utf-8")) for run in left]
-    with StudyProgress(runs) as progress:
+    with study_progress(runs) as progress:
         if not local:
             return run_on_ray(requests, args.address, progress)
         workers = args.workers or max(1, available_cores() // args.cores)

@@ -17,10 +17,9 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from multiprocessing.connection import wait as wait_for
-from queue import SimpleQueue
 from typing import Any
 
 from agents.studies.run import RunRequest, RunResult, execute_run
@@ -57,22 +56,18 @@ def run_locally(requests: Sequence[RunRequest], workers: int, watch: Watch) -> d
     Returns:
         The result of each run, by its name. After Ctrl-C running ones have saved checkpoints.
     """
-    pools: SimpleQueue[ProcessPoolExecutor] = SimpleQueue()
-    for _ in range(workers):
-        pools.put(_new_pool())
+    context = multiprocessing.get_context("spawn")  # a process with threads must not be forked
 
     def execute(request: RunRequest) -> RunResult:
-        """Take a pool of one process, so that one that is lost takes no other with it."""
+        """Execute a run in a process of its own, and again where that was lost."""
         for _ in range(RETRIES + 1):
             if stop.signal:
                 return STOPPED
-            pool = pools.get()
-            try:
+            with (
+                ProcessPoolExecutor(1, context, initializer=_begin_worker) as pool,
+                suppress(BrokenProcessPool),
+            ):
                 return pool.submit(execute_run, request).result()
-            except BrokenProcessPool:
-                pool = _new_pool()
-            finally:
-                pools.put(pool)
         return LOST
 
     with StopOnSignal() as stop, ThreadPoolExecutor(workers) as threads:
@@ -82,17 +77,9 @@ def run_locally(requests: Sequence[RunRequest], workers: int, watch: Watch) -> d
         if stop.signal:
             for process in multiprocessing.active_children():
                 process.terminate()  # SIGTERM: a run in training saves a checkpoint
-    for _ in range(workers):
-        pools.get().shutdown()
     results = {name: future.result() for future, name in futures.items()}
     watch(results)
     return results
-
-
-def _new_pool() -> ProcessPoolExecutor:
-    # Spawned, not forked: a process with threads must not be forked.
-    context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(1, context, initializer=_begin_worker)
 
 
 def _begin_worker() -> None:
@@ -115,11 +102,8 @@ def run_on_ray(
     """Execute runs as tasks of Ray, which begins those lost with a process or node again.
 
     Args:
-        requests: of runs. address: of a cluster to join, "auto" for that of this machine; None for
-            one of this machine's cores, for as long as the study takes. watch: see :data:`Watch`.
-
-    Returns:
-        The result of each run, by its name. After Ctrl-C running ones have saved checkpoints.
+        requests, watch: as of :func:`run_locally`. address: of a cluster to join, "auto" for that
+            of this machine; None for a new one of its cores, for as long as the study takes.
 
     Raises:
         ConnectionError: there is no cluster at the address, or it asks for no token.

@@ -7,7 +7,6 @@ import os
 import socket
 import traceback
 from contextlib import redirect_stderr, redirect_stdout, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,8 +18,7 @@ STATUS, LOG, SCORES, TOKEN = "status.json", "log.txt", "scores.json", "token.txt
 PATIENCE = 30.0  # s for another process, whose driver or node was killed, to leave a run's folder
 
 
-@dataclass(frozen=True)
-class RunRequest:
+class RunRequest(NamedTuple):
     """A run, and what the process that executes it must know.
 
     Attributes:

@@ -32,7 +32,7 @@ from agents.studies import plan as study_plan
 from agents.studies import run as study_run
 from agents.studies import study_report
 from agents.studies.plan import make_study
-from agents.studies.progress import StudyProgress
+from agents.studies.progress import study_progress
 from agents.training.runs import locked
 from jansen_env.scoring.benchmarks import BENCHMARKS
 
@@ -161,10 +161,6 @@ def test_report_has_the_numbers_of_the_runs(finished, tmp_path):
         scores = json.loads((run.folder / "scores.json").read_text())
         own = list(scores.values())[-1]["overall"]["return"][0]
         assert float(row["return"]) == own
-        target = scores["pid"]["overall"]["return"][0]
-        evaluations = json.loads((run.folder / "evaluations.json").read_text())
-        ahead = [e["steps"] for e in evaluations if e["return"] > target]
-        assert row["steps_to_pid"] == (str(ahead[0]) if ahead else "")
     for name, group in found["groups"].items():
         own = [float(row["return"]) for row in rows if row["group"] == name]
         assert group["returns"] == own and group["mean"][0] == pytest.approx(np.mean(own))
@@ -225,19 +221,18 @@ def test_a_run_that_another_process_has_is_not_touched(finished, monkeypatch):
     assert study_run.read_status(run.folder)["state"] == "finished"
 
 
-def test_progress_is_bars_in_a_terminal_and_lines_elsewhere(finished):
+def test_progress_is_a_bar_in_a_terminal_and_lines_elsewhere(finished):
     runs = study_plan.read_study(finished).runs(finished)
     results = {runs[0].name: study_run.RunResult("failed", "diverged")}
     for terminal in (True, False):
         console = Console(file=io.StringIO(), force_terminal=terminal, width=120, height=30)
-        with StudyProgress(runs, console) as progress:
+        with study_progress(runs, console) as progress:
             progress(results)
             progress(results)
         shown = console.file.getvalue()
         times = shown.count("1 failed, 3 finished")
         assert times >= 1 if terminal else times == 1  # a line where something changes
-        assert (runs[0].name in shown) == ("2048/2048" in shown) == terminal
-        assert runs[1].name not in shown
+        assert ("2048/2048" in shown) == terminal
 
 
 @pytest.mark.parametrize(

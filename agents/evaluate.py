@@ -16,9 +16,7 @@ from agents.plots import plot_scores
 from agents.video import FRAME_TIME, record_video
 from jansen_env.baselines.policy import Policy
 from jansen_env.files import write_json
-from jansen_env.plants.make import PLANTS
 from jansen_env.policies import pretrained
-from jansen_env.policies.pretrained import PretrainedPolicy
 from jansen_env.scoring.benchmarks import WALKERS, find_benchmark
 from jansen_env.scoring.metrics import INTERVALS, pooled, score_table, summarise
 from jansen_env.scoring.rollout import draw_episodes, make_env, run_episodes
@@ -30,28 +28,29 @@ SHIPPED = "pretrained:"  # before the name of a policy that comes with the packa
 
 
 def load_named(name: str, env: Any) -> Policy:
-    """Load a policy for ``env`` by name, or from a run's folder or the file of a model or policy.
-
-    Names are those of baselines, ``"pretrained"`` and ``"pretrained:NAME"``, see
-    :mod:`jansen_env.policies.pretrained`.
+    """Load a policy for ``env``: a baseline, ``"pretrained"`` or ``"pretrained:NAME"``, or that of
+    a run's folder or of the file of a model or policy.
 
     Raises:
         ValueError: it is none of these, or was trained on other observations or actions.
     """
-    env_id, own = env.spec.id, ALIASES.get(name, name)
+    env_id, own, path = env.spec.id, ALIASES.get(name, name), Path(name)
     baselines = find_benchmark(env_id).baselines
     if own in baselines:
         return baselines[own](env.unwrapped)
     if own.startswith(SHIPPED):
         path = pretrained.shipped(env_id, own.removeprefix(SHIPPED))
-        return _fitting(name, pretrained.load_file(path), env)
-    if not Path(name).exists():
+    elif not path.exists():
         raise ValueError(
             f"policy is {name!r}, must be one of {[*baselines, 'pretrained']}, a run's folder, a "
             "model's zip file or a policy's json file"
         )
-    if Path(name).suffix == ".json":
-        return _fitting(name, pretrained.load_file(name), env)
+    if path.suffix == ".json":
+        packed = pretrained.load_file(path)
+        try:
+            return packed.on(env)
+        except ValueError as error:
+            raise ValueError(f"policy {name!r} does not fit {env_id}: {error}") from None
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # more would change the last bits of the actions
     from agents.training.models import load_policy  # only now: torch is slow to import
 
@@ -64,14 +63,6 @@ def load_named(name: str, env: Any) -> Policy:
                 f"for {env.spec.id}"
             )
     return policy
-
-
-def _fitting(name: str, policy: PretrainedPolicy, env: Any) -> PretrainedPolicy:
-    """Return ``policy`` for an environment that has the observations it needs."""
-    try:
-        return policy.on(env)
-    except ValueError as error:
-        raise ValueError(f"policy {name!r} does not fit {env.spec.id}: {error}") from None
 
 
 def model_file(name: str) -> Path | None:
@@ -92,11 +83,8 @@ def label(name: str) -> str:
 
 
 def labels(names: list[str]) -> list[str]:
-    """Return :func:`label` of each policy, or the given names where two would share one.
-
-    Raises:
-        ValueError: a policy is given twice.
-    """
+    """Return :func:`label` of each policy, or the given names where two would share one; a
+    ValueError where a policy is given twice."""
     policies = [model_file(name) or ALIASES.get(name, name) for name in names]
     for policy, name in zip(policies, names, strict=True):
         if (times := policies.count(policy)) > 1:
@@ -106,19 +94,14 @@ def labels(names: list[str]) -> list[str]:
 
 
 def evaluate(
-    policies: dict[str, Policy],
-    env_id: str,
-    env_kwargs: dict[str, Any],
-    commands: Sequence[float] | None = None,
-    episodes: int = 10,
-    seed: int = 0,
+    policies: dict[str, Policy], env_id: str, env_kwargs: dict[str, Any],
+    commands: Sequence[float] | None = None, episodes: int = 10, seed: int = 0,
     drawn: bool = False,
-) -> dict[str, dict[str, Any]]:
+) -> dict[str, dict[str, Any]]:  # fmt: skip
     """Score policies on the same episodes, each with a different start.
 
     Args:
-        policies: by name. env_id, env_kwargs: of the environment.
-        commands: speeds or goals; None for the benchmark's own grid.
+        policies: by name. commands: speeds or goals; None for the benchmark's own grid.
         episodes: per command, or of ``drawn`` ones in all. seed: of commands and starts.
         drawn: whether commands are drawn from the environment's whole range instead.
 
@@ -146,10 +129,8 @@ def evaluate(
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line; incompatible options are refused."""
-    parser = policy_parser(__doc__, required=True)
+    parser = policy_parser(__doc__, required=True, plants=True)
     add = parser.add_argument
-    add("--plant", action="append", default=[], choices=sorted(PLANTS),
-        help="plant of the walkers; repeat to compare; default: projection")  # fmt: skip
     add("--commands", type=float, nargs="+", metavar="V",
         help="speeds or goals; default: the benchmark's grid")  # fmt: skip
     add("--episodes", type=positive_int, default=10,
@@ -184,12 +165,8 @@ def load_all(
 ) -> list[tuple[dict[str, Policy], dict[str, Any]]]:
     """Return for each plant the policies by label, and the environment's arguments.
 
-    Args:
-        args: of :func:`agents.command_line.policy_parser`, and ``plant`` if there is a choice.
-        commands: that will be given.
-
     Raises:
-        ValueError: a policy, an argument or a commanded speed is not allowed.
+        ValueError: a policy, an argument or one of the commands is not allowed.
     """
     names = dict(zip(labels(args.policy), args.policy, strict=True))
     loaded = []

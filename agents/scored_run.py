@@ -45,25 +45,18 @@ def score_run(folder: Path, config: dict[str, Any], episodes: int) -> Scores:
 
 
 def outcome(folder: Path, env_id: str, scores: Scores) -> str:
-    """What :func:`score_run` found, in words and a Markdown table."""
+    """Return what :func:`score_run` found, in words and a Markdown table."""
     benchmark = find_benchmark(env_id)
     baseline, run = next(iter(benchmark.baselines)), list(scores)[-1]
-    target = _mean_return(scores[baseline])
-    lines = [
-        score_table(benchmark.metrics, scores),
-        "brackets: 95 % intervals over episodes, not seeds",
-    ]
-    rows = read_evaluations(folder)
-    ahead = next((row for row in rows if row["return"] > target), None)
-    if ahead is not None and "seconds" in ahead:
-        lines.append(
-            f"ahead of {baseline} at the evaluation after {ahead['steps']:.0f} steps, "
-            f"{ahead['seconds']:.0f} s from the start"
-        )
-    lines.append(
-        f"return: {_mean_return(scores[run]):.0f} against {target:.0f} of {baseline}; "
-        f"figures in {folder}"
-    )
+    target, table = _mean_return(scores[baseline]), score_table(benchmark.metrics, scores)
+    lines = [table, "brackets: 95 % intervals over episodes, not seeds"]
+    ahead = [row for row in read_evaluations(folder) if row["return"] > target]
+    if ahead and "seconds" in ahead[0]:
+        steps, seconds = ahead[0]["steps"], ahead[0]["seconds"]
+        lines.append(f"ahead of {baseline} at the evaluation after {steps:.0f} steps, "
+                     f"{seconds:.0f} s from the start")  # fmt: skip
+    lines.append(f"return: {_mean_return(scores[run]):.0f} against {target:.0f} of {baseline}; "
+                 f"figures in {folder}")  # fmt: skip
     return "\n".join(lines)
 
 

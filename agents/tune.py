@@ -19,7 +19,6 @@ from tqdm import tqdm
 import jansen_env
 from agents.command_line import non_negative_int, positive_int
 from agents.tuning import profile_search
-from agents.tuning.batched_rollout import Outcome
 from jansen_env.baselines import profile
 from jansen_env.baselines.pid import PID
 from jansen_env.baselines.policy import Array, Policy
@@ -36,6 +35,7 @@ from jansen_env.baselines.walker_baselines import (
 from jansen_env.files import write_json
 from jansen_env.robot import ROBOTS
 from jansen_env.scoring.benchmarks import BENCHMARKS
+from jansen_env.scoring.metrics import Episodes
 from jansen_env.scoring.rollout import make_env, run_episodes
 
 ENV = "JansenWalker-v0"
@@ -99,7 +99,7 @@ def measure_pid(episodes: int, env_id: str) -> dict[str, Any]:
 
 
 def versions() -> dict[str, str]:
-    """Of what a search's numbers come from."""
+    """Return the versions of what a search's numbers come from."""
     return {
         "jansen_env": jansen_env.__version__,
         **{name: version(name) for name in ("cma", "numba", "numpy")},
@@ -143,10 +143,9 @@ def tune_profile(seed: int, path: Path, env_id: str = ENV, effort: float = 1.0) 
     total = len(commands) * sum(sweep.generations for sweep in sweeps)
     with tqdm(total=total, desc="profile", unit="generation") as bar:
 
-        def progress(command: float, out: Outcome) -> None:
-            bar.set_postfix_str(
-                f"{command:g} m/s: return {out.returns.mean():.0f}, falls {out.fell.mean():.1%}"
-            )
+        def progress(command: float, run: Episodes) -> None:
+            returns, falls = run["returns"].mean(), run["fell"].mean()
+            bar.set_postfix_str(f"{command:g} m/s: return {returns:.0f}, falls {falls:.1%}")
             bar.update()
 
         def save(found: Profile) -> None:

@@ -15,7 +15,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from agents.tuning.batched_rollout import DURATION, BatchedRollout
+from agents.tuning.profile_search import ENV
 from benchmarks import measure
 from benchmarks.profile_scores import load
 from jansen_env import Terrain
@@ -23,7 +23,8 @@ from jansen_env.baselines.policy import Array, Bools, Policy
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot import Robot, paper_robot
 from jansen_env.robot.kinematics import SKELETON, T, joint_positions, world_joints
-from jansen_env.scoring.benchmarks import ENOUGH
+from jansen_env.scoring.benchmarks import ENOUGH, succeeded
+from jansen_env.scoring.rollout import make_env, run_episodes
 from jansen_env.terrain import shapes
 from jansen_env.terrain.generators import HIGHEST, LEVELS, NamedGenerator, at_level, make_generator
 
@@ -93,12 +94,12 @@ def walk(policy: Policy, cases: Sequence[Case]) -> Walked:
     parts = []
     for begin in range(0, len(cases), AT_ONCE):
         some = cases[begin : begin + AT_ONCE]
-        rollout = BatchedRollout(np.full(len(some), FRICTION), [case.terrain for case in some])
-        commands = np.array([case.command for case in some])
-        out = rollout.run(policy, commands, np.array([case.seed for case in some]))
-        rollout.close()
-        enough = out.distance >= ENOUGH * DURATION * commands
-        parts.append(Walked(~out.fell, ~out.fell & enough))
+        run = run_episodes(
+            policy, ENV, {"friction": FRICTION, "terrain": [case.terrain for case in some]},
+            np.array([case.command for case in some]), np.array([case.seed for case in some]),
+        )  # fmt: skip
+        won = succeeded(run, make_env(ENV, {})).astype(bool)
+        parts.append(Walked(~run["fell"].astype(bool), won))
     return Walked(*map(np.concatenate, zip(*parts, strict=True)))
 
 

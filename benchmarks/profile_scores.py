@@ -18,10 +18,12 @@ from gymnasium.vector import AutoresetMode
 from scipy.stats import binomtest
 
 from agents.evaluate import label, load_named
-from agents.tuning.batched_rollout import ENV, BatchedRollout, Outcome
+from agents.tuning.profile_search import ENV
 from benchmarks import measure
 from jansen_env.baselines.policy import Array, Policy
-from jansen_env.scoring.rollout import make_env
+from jansen_env.scoring.benchmarks import WALKER
+from jansen_env.scoring.metrics import SETTLING, Episodes, point_estimates
+from jansen_env.scoring.rollout import make_env, run_episodes
 
 COMMANDS = (0.05, 0.06, 0.075, 0.1, 0.125, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7,
             0.8)  # fmt: skip
@@ -30,6 +32,11 @@ FIRST_SEED = 70_000  # apart from all others
 SCORED_SEED = 100_000  # of the table, and all above
 CONFIDENCE = 0.95  # of the bound of falls
 FRICTION = 0.8
+DURATION = 10.0  # s, of an episode
+COLUMNS = {
+    "error": "steady_speed_error", "slip": "slip_per_metre", "transport": "cost_of_transport",
+    "torque": "rms_torque", "change": "torque_change",
+}  # fmt: skip
 HEAD = (
     "m/s", "policy", "return", "falls", "at most", "mean speed - command (m/s)",
     "speed error (m/s)", "slip (m/m)", "cost of transport", "RMS torque (N m)",
@@ -51,26 +58,21 @@ def load(names: list[str]) -> dict[str, Policy]:
 
 def episodes(
     policy: Policy, commands: Array, friction: float = FRICTION, first: int = FIRST_SEED
-) -> Outcome:
+) -> Episodes:
     """An episode for each command (n,), m/s, on starts that no search has seen."""
-    rollout = BatchedRollout(np.full(len(commands), friction))
-    out = rollout.run(policy, commands, first + np.arange(len(commands)))
-    rollout.close()
-    return out
+    seeds = first + np.arange(len(commands))
+    return run_episodes(policy, ENV, {"friction": friction}, commands, seeds)
 
 
-def numbers(out: Outcome) -> dict[str, float]:
+def numbers(run: Episodes) -> dict[str, float]:
     """Of episodes at one command: the table's columns after the policy."""
-    distance = max(float(out.distance.sum()), 1e-9)
+    found = point_estimates(WALKER.metrics, run, make_env(ENV, {}))
+    speed = (run["distance"] - run["early_distance"]) / (DURATION - SETTLING)
     return {
-        "return": float(out.returns.mean()),
-        "falls": int(out.fell.sum()),
-        "drift": float(out.drift.mean()),
-        "error": float(np.abs(out.drift).mean()),
-        "slip": float(out.slip.sum()) / distance,
-        "transport": float(out.work.sum()) / distance,
-        "torque": float(np.sqrt(out.square).mean()),
-        "change": float(out.change.mean()),
+        "return": float(run["returns"].mean()),
+        "falls": int(run["fell"].sum()),
+        "drift": float((speed - run["command"]).mean()),
+        **{key: float(found[name] or 0.0) for key, name in COLUMNS.items()},
     }
 
 

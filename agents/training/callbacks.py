@@ -26,7 +26,6 @@ from agents.training.runs import (
     BEST,
     best_score,
     find_replay_buffer,
-    monitor_sizes,
     read_evaluations,
     remove_replay_buffers,
     replay_path,
@@ -45,14 +44,13 @@ class Saver(BaseCallback):
     """Saves checkpoints, and evaluates now and then to keep the best model.
 
     A checkpoint is taken where a rollout begins, when the update before is complete, with all that
-    the rest of training depends on (:mod:`agents.training.training_state`): to go on from it gives
-    the run that would have been, bit for bit. It belongs behind all callbacks that change the model
-    there.
+    the rest of training depends on (:mod:`agents.training.training_state`). It belongs behind all
+    callbacks that change the model there.
 
     Args:
         folder: the run's. save_every, eval_every: environment steps; 0 for never.
         env_id, env_kwargs: of the evaluation. done: steps trained before this run began.
-        seconds: training time of these steps. stop: when to save and end before the time.
+        stop: when to save and end before the time.
 
     Attributes:
         ended: whether training ended on a signal. last: file saved last, None before the first.
@@ -66,7 +64,6 @@ class Saver(BaseCallback):
         env_id: str,
         env_kwargs: dict[str, Any],
         done: int = 0,
-        seconds: float = 0.0,
         stop: StopOnSignal | None = None,
     ) -> None:
         super().__init__()
@@ -85,6 +82,7 @@ class Saver(BaseCallback):
         self._next_save, self._next_eval = (
             (done // every + 1) * every if every else 0 for every in (save_every, eval_every)
         )
+        seconds = self.history[-1].get("seconds", 0.0) if self.history else 0.0
         self._begun = time.perf_counter() - seconds
         self._replay_buffer = find_replay_buffer(folder, done)  # of the last complete checkpoint
 
@@ -94,7 +92,8 @@ class Saver(BaseCallback):
         if due:
             self._next_save += self.save_every
         if due or self.ended:
-            self.save_checkpoint()
+            steps = self.model.num_timesteps
+            self.save(self.folder / "checkpoints" / f"model_{steps}_steps.zip")
 
     def _on_step(self) -> bool:
         if self.ended:
@@ -104,30 +103,20 @@ class Saver(BaseCallback):
             self.evaluate()
         return True
 
-    def save_checkpoint(self) -> None:
-        """Save all that is needed to go on from here."""
-        self.save(self.folder / "checkpoints" / f"model_{self.model.num_timesteps}_steps.zip")
-
     def save(self, path: Path) -> None:
-        """Save the replay buffer, then the model with its state and what belongs to its steps.
+        """Save the replay buffer, then the model with its state.
 
-        Buffers are named by their steps: whenever a kill comes, the last model has its own. Two at
-        most are on the disk: this one and the one before.
+        Whenever a kill comes, the last model has its buffer: this one and the one before stay.
         """
         replay_buffer = getattr(self.model, "replay_buffer", None)  # of an off-policy algorithm
         if replay_buffer is not None:
             file = replay_path(self.folder, self.model.num_timesteps)
             remove_replay_buffers(self.folder, keep=(file, self._replay_buffer))
             save_replay_buffer(replay_buffer, file)
-        notes = {"monitor": monitor_sizes(self.folder), "seconds": self._seconds()}
-        save_model(self.model, path, notes, read_state(self.model))
+        save_model(self.model, path, state=read_state(self.model))
         self.last = path
         if replay_buffer is not None:
             self._replay_buffer = file
-
-    def _seconds(self) -> float:
-        """Return the training time so far, s."""
-        return round(time.perf_counter() - self._begun, 1)
 
     def evaluate(self) -> None:
         """Score the present policy; keep it if it is the best so far."""
@@ -142,7 +131,7 @@ class Saver(BaseCallback):
             self.logger.record(f"eval/{name}", value)
         row: dict[str, Any] = {
             "steps": float(self.num_timesteps),
-            "seconds": self._seconds(),  # this evaluation included
+            "seconds": round(time.perf_counter() - self._begun, 1),  # of training so far
             **scored,
         }
         if row["score"] > self.best:

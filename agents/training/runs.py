@@ -1,7 +1,7 @@
 """Run folders. A run's folder holds all that is needed to go on with it or to score it:
 
 config.yml  command.txt  best_model.zip  final_model.zip  evaluations.json
-checkpoints/model_STEPS_steps.zip  monitor/N.monitor.csv  tensorboard/
+checkpoints/model_STEPS_steps.zip  tensorboard/
 replay_buffer_STEPS.npz (SAC: of the last checkpoint and the one before)
 """
 
@@ -163,33 +163,3 @@ def best_score(folder: Path) -> float:
     """
     notes = read_notes(folder / BEST) if (folder / BEST).is_file() else {}
     return finite(f"score in {folder / BEST}", notes["score"]) if "score" in notes else -math.inf
-
-
-def next_monitor(folder: Path) -> Path:
-    """Where a run, or its resumption, logs its episodes: monitor/N.monitor.csv, N not taken yet."""
-    numbers = [int(name.split(".")[0]) for name in monitor_sizes(folder)]
-    return folder / "monitor" / f"{max(numbers, default=-1) + 1}.monitor.csv"
-
-
-def monitor_sizes(folder: Path) -> dict[str, int]:
-    """Bytes in each monitor file: with a checkpoint they separate its episodes from later ones.
-
-    Each row is on disk when its episode's last step has been taken.
-    """
-    paths = (folder / "monitor").glob("*.monitor.csv")
-    return {path.name: path.stat().st_size for path in paths if path.name.split(".")[0].isdecimal()}
-
-
-def rewind_monitors(folder: Path, sizes: dict[str, int]) -> None:
-    """Drop the episodes logged after a checkpoint, which a resumed run trains again.
-
-    Args:
-        folder: the run's. sizes: :func:`monitor_sizes` at the checkpoint.
-    """
-    for name, size in monitor_sizes(folder).items():
-        path = folder / "monitor" / name
-        kept = min(size, sizes.get(name, 0))
-        if kept == 0:  # begun after the checkpoint
-            path.unlink()
-        elif kept < size:
-            os.truncate(path, kept)

@@ -299,7 +299,7 @@ def test_an_end_by_signal_saves_checkpoints(tmp_path):
     plan = {**SMALL, "timesteps": 1_000_000, "save_freq": 0, "eval_freq": 0}
     driver = start(command(plan, tmp_path, "--local", "--workers", "2"))
     folders = [run.folder for run in make_study(plan).runs(tmp_path / "small")]
-    wait_until(lambda: all(map(has_episodes, folders[:2])), driver)
+    wait_until(lambda: all(map(is_training, folders[:2])), driver)
     driver.send_signal(signal.SIGTERM)
     assert driver.wait(60) == 130, output(driver)
     for folder in folders[:2]:
@@ -308,9 +308,9 @@ def test_an_end_by_signal_saves_checkpoints(tmp_path):
     assert not folders[2].exists()
 
 
-def has_episodes(folder):
-    """Whether a run is in the midst of training: an episode has been logged below the header."""
-    return any(path.read_bytes().count(b"\n") > 2 for path in folder.glob("monitor/*.csv"))
+def is_training(folder):
+    """Whether a run is in the midst of training: Stable-Baselines3 has begun its log."""
+    return any(folder.glob("tensorboard/*/events*"))
 
 
 def wait_for_checkpoint(folder, steps, driver):

@@ -41,7 +41,6 @@ def test_run_folder_holds_all(run):
     assert all((run / name).is_file() for name in expected)
     assert list((run / "checkpoints").glob("model_*_steps.zip"))
     assert list((run / "tensorboard").rglob("events*"))
-    assert list((run / "monitor").glob("*.csv"))
     settings = yaml.safe_load((run / "config.yml").read_text())
     assert (settings["algo"], settings["seed"], settings["timesteps"]) == ("ppo", 3, 1024)
     assert run.parent.name == "ppo" and run.name == "JansenWalker-v0_1"

@@ -33,17 +33,12 @@ Loaded: TypeAlias = Sequence[tuple[dict[str, Policy], dict[str, Any]]]
 """Policies by name, and the environment's arguments; see :func:`agents.evaluate.load_all`."""
 
 Scores: TypeAlias = dict[str, dict[str, dict[str, dict[str, Any]]]]
-"""By sweep, condition and policy: the summary that :func:`jansen_env.scoring.metrics.pooled`
-returns."""
+"""By sweep, condition and policy :func:`jansen_env.scoring.metrics.pooled`."""
 
 
 def feet(robot: Robot, stiffness: float) -> Compliance:
-    """Return a robot's feet scaled to a stiffness, N/m; an infinite one is rigid.
-
-    Damping and tangential stiffness are scaled by the same factor. If a robot's own feet are rigid,
-    the built robot's feet are scaled instead. A world that draws scales of the feet at each reset
-    still applies them on top.
-    """
+    """Return a robot's feet, or the built one's where its own are rigid, scaled with all their
+    parameters to a stiffness, N/m; an infinite one is rigid."""
     if stiffness == math.inf:
         return RIGID
     own = (built_robot() if robot.pad_compliance.rigid else robot).pad_compliance
@@ -56,7 +51,6 @@ def score(loaded: Loaded, env_id: str, episodes: int, seed: int = 0) -> Scores:
     Args:
         loaded: policies and arguments, of each plant. env_id: of a walker. episodes: under each
             condition; of a plant in :data:`FEWER` so many times fewer, the first of them.
-        seed: of commands and starts.
 
     Raises:
         ValueError: an argument out of range, or feet that give and a restitution above 0.
@@ -120,20 +114,13 @@ def plot(scores: Scores, metrics: dict[str, Metric], path: Path) -> Path:
 
 
 def report(loaded: Loaded, env_id: str, episodes: int, seed: int, out: Path) -> str:
-    """Score, write ``robustness.json`` and ``robustness.png`` into ``out``, and return the table.
-
-    Raises:
-        ValueError: see :func:`score`.
-    """
+    """Score, write ``robustness.json`` and ``robustness.png`` into ``out``, return the table."""
     scores = score(loaded, env_id, episodes, seed)
     write_json(out / "robustness.json", scores)
     metrics = {name: find_benchmark(env_id).metrics[name] for name in METRICS}
     plot(scores, metrics, out / "robustness.png")
-    fewer = "".join(
-        f" (on {plant} 1/{FEWER[plant]} of that)"
-        for _, env_kwargs in loaded
-        if (plant := env_kwargs.get("plant")) in FEWER
-    )
+    slow = [plant for _, kwargs in loaded if (plant := kwargs.get("plant")) in FEWER]
+    fewer = "".join(f" (on {plant} 1/{FEWER[plant]} of that)" for plant in slow)
     return (
         f"{table(scores, metrics)}\n\n{episodes} episodes of {env_id} under each condition{fewer}, "
         f"commands drawn from its range, seed {seed}; {INTERVALS}. "

@@ -15,7 +15,7 @@ import uuid
 from pathlib import Path
 from typing import Any
 
-from agents.command_line import mapping, non_negative_int, positive_int
+from agents.command_line import add_run_flags, positive_int
 from agents.plain_yaml import read_yaml
 from agents.studies.backends import has_ray, run_locally, run_on_ray
 from agents.studies.plan import STUDY, Study, enter, make_study, read_study
@@ -34,22 +34,14 @@ FLAGS = tuple(STUDY)[:-1]  # those that describe a study, named as in its file, 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse flags; those of a run are named as in train.py."""
     parser = argparse.ArgumentParser(description=__doc__)
-    add, count, steps = parser.add_argument, positive_int, non_negative_int
+    add_run_flags(parser)
+    add, count = parser.add_argument, positive_int
     add("study", nargs="?", metavar="FILE", help="the study as YAML, in place of flags")
     add("--seeds", type=count, help="runs of each kind, with seeds from 0; default: 10")
     add("--env", dest="envs", nargs="+", choices=sorted(BENCHMARKS),
         help=f"environment ids; default: {DEFAULT}")  # fmt: skip
     add("--algo", dest="algos", nargs="+", choices=sorted(ALGORITHMS),
         help="algorithms; default: ppo")  # fmt: skip
-    add("-n", "--timesteps", type=count, help="environment steps of a run")
-    add("--n-envs", type=count, help="environments side by side in a run")
-    add("--env-kwargs", type=mapping, metavar="YAML",
-        help="arguments of the environments, e.g. '{friction: 0.5}'")  # fmt: skip
-    add("--config", metavar="FILE", help="hyperparameters; default: agents/configs/ENV/ALGO.yml")
-    add("--eval-freq", type=steps,
-        help="steps between evaluations; default: a 16th of the timesteps")  # fmt: skip
-    add("--save-freq", type=steps, help="steps between checkpoints; default: 100000")
-    add("--eval-episodes", type=count, help="episodes per command of the scores; default: 10")
     add("--name", help="of the study; default: the file's, or else 'study'")
     add("--log-folder", default="logs/studies", metavar="DIR", help="the study goes to DIR/NAME")
     add("--cores", type=count, default=1, help="of each run, for its environments; default: 1")
@@ -117,10 +109,9 @@ def _run(
     study: Study, folder: Path, args: argparse.Namespace, command: str
 ) -> dict[str, RunResult]:
     """Execute the runs that are not finished; returns their results by name."""
-    token = folder / TOKEN
-    if not token.is_file():
+    if not (token := folder / TOKEN).is_file():
         write_text(token, uuid.uuid4().hex)
-    common = (study.eval_freq, study.save_freq, study.eval_episodes, args.cores, command)
+    common = (*study[2:], args.cores, command, token.read_text(encoding="utf-8"))
     runs = study.runs(folder)
     left = [run for run in runs if not is_finished(run.folder)]
     for run in left:
@@ -131,7 +122,7 @@ def _run(
           f"-> {folder}", flush=True)  # fmt: skip
     if not left:
         return {}
-    requests = [RunRequest(run, *common, token.read_text(encoding="utf-8")) for run in left]
+    requests = [RunRequest(run, *common) for run in left]
     with study_progress(runs) as progress:
         if not local:
             return run_on_ray(requests, args.address, progress)

@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from agents.studies.backends import Watch
 from agents.studies.plan import Run
-from agents.studies.run import RunResult, is_finished, read_status
+from agents.studies.run import RunResult, is_finished, run_state
 from agents.training.runs import read_evaluations
 
 
@@ -40,13 +40,6 @@ def study_progress(runs: Sequence[Run], console: Console | None = None) -> Itera
 
     with bars:
         yield watch
-
-
-def run_state(run: Run) -> str:
-    """Return a run's state by its folder."""
-    if is_finished(run.folder):
-        return "finished"
-    return str(read_status(run.folder).get("state", "waiting"))
 
 
 def _steps(run: Run) -> int:

@@ -20,16 +20,9 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 from agents.training.models import save_model
 from agents.training.normalizer import NormalizedObservation
-from agents.training.process import SIGNALS, after_the_first
+from agents.training.process import HANGUP, SIGNALS
 from agents.training.replay_buffers import save_replay_buffer
-from agents.training.runs import (
-    BEST,
-    best_score,
-    find_replay_buffer,
-    read_evaluations,
-    remove_replay_buffers,
-    replay_path,
-)
+from agents.training.runs import BEST, best_score, read_evaluations, replay_path
 from agents.training.training_state import read_state
 from jansen_env.files import write_json
 from jansen_env.scoring.benchmarks import find_benchmark
@@ -57,15 +50,9 @@ class Saver(BaseCallback):
     """
 
     def __init__(
-        self,
-        folder: Path,
-        save_every: int,
-        eval_every: int,
-        env_id: str,
-        env_kwargs: dict[str, Any],
-        done: int = 0,
-        stop: StopOnSignal | None = None,
-    ) -> None:
+        self, folder: Path, save_every: int, eval_every: int, env_id: str,
+        env_kwargs: dict[str, Any], done: int = 0, stop: StopOnSignal | None = None,
+    ) -> None:  # fmt: skip
         super().__init__()
         self.folder, self.save_every, self.eval_every = folder, save_every, eval_every
         self.env_id, self.env_kwargs = env_id, env_kwargs
@@ -84,7 +71,7 @@ class Saver(BaseCallback):
         )
         seconds = self.history[-1].get("seconds", 0.0) if self.history else 0.0
         self._begun = time.perf_counter() - seconds
-        self._replay_buffer = find_replay_buffer(folder, done)  # of the last complete checkpoint
+        self._replay_buffer = replay_path(folder, done)  # of the last complete checkpoint
 
     def _on_rollout_start(self) -> None:
         due = self.save_every and self.model.num_timesteps >= self._next_save
@@ -108,15 +95,14 @@ class Saver(BaseCallback):
 
         Whenever a kill comes, the last model has its buffer: this one and the one before stay.
         """
+        file = replay_path(self.folder, self.model.num_timesteps)
         replay_buffer = getattr(self.model, "replay_buffer", None)  # of an off-policy algorithm
         if replay_buffer is not None:
-            file = replay_path(self.folder, self.model.num_timesteps)
-            remove_replay_buffers(self.folder, keep=(file, self._replay_buffer))
+            for old in {*self.folder.glob("replay_buffer*.npz")} - {file, self._replay_buffer}:
+                old.unlink()
             save_replay_buffer(replay_buffer, file)
         save_model(self.model, path, state=read_state(self.model))
-        self.last = path
-        if replay_buffer is not None:
-            self._replay_buffer = file
+        self.last, self._replay_buffer = path, file
 
     def evaluate(self) -> None:
         """Score the present policy; keep it if it is the best so far."""
@@ -129,11 +115,8 @@ class Saver(BaseCallback):
         env.close()
         for name, value in scored.items():
             self.logger.record(f"eval/{name}", value)
-        row: dict[str, Any] = {
-            "steps": float(self.num_timesteps),
-            "seconds": round(time.perf_counter() - self._begun, 1),  # of training so far
-            **scored,
-        }
+        seconds = round(time.perf_counter() - self._begun, 1)  # of training so far
+        row: dict[str, Any] = {"steps": float(self.num_timesteps), "seconds": seconds, **scored}
         if row["score"] > self.best:
             self.best = row["score"]
             # Its score in the same file: no kill can part the two.
@@ -143,11 +126,8 @@ class Saver(BaseCallback):
 
 
 class NormalizerUpdate(BaseCallback):
-    """Updates the policy's normalizer with the last rollout before the next one begins.
-
-    Within a rollout and the update on it the normalizer stands still: the update compares with
-    probabilities that the rollout's policy gave.
-    """
+    """Update the policy's normalizer with the last rollout before the next one begins: the update
+    compares with probabilities that the rollout's policy gave."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -179,12 +159,8 @@ class NormalizerUpdate(BaseCallback):
 
 
 class StopOnSignal:
-    """Takes SIGINT (Ctrl-C), SIGTERM and SIGHUP while it is open; a second Ctrl-C kills at once.
-
-    :class:`Saver` ends training where the next rollout begins: by then nothing is half done.
-
-    Attributes:
-        signal: the number of the signal that came, 0 for none.
+    """Take SIGINT (Ctrl-C), SIGTERM and SIGHUP while open, for :class:`Saver` to end training where
+    the next rollout begins; a second Ctrl-C kills at once. ``signal``: which has come, 0 for none.
     """
 
     def __init__(self) -> None:
@@ -204,8 +180,8 @@ class StopOnSignal:
 
     def _take(self, number: int, frame: FrameType | None) -> None:
         self.signal = number
-        for taken in self._handlers:
-            signal.signal(taken, after_the_first(taken))
+        for taken in self._handlers:  # a closed terminal may send two, by its shell and the kernel
+            signal.signal(taken, signal.SIG_IGN if taken in HANGUP else signal.SIG_DFL)
         # To standard error, but not by print: the signal may have come in the midst of one.
         with suppress(OSError):  # its terminal may be gone
             os.write(2, b"\nstopping after this rollout; once more to end at once\n")

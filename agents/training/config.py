@@ -60,19 +60,13 @@ class Rule(NamedTuple):
 
 
 KEYS = {
-    "policy": Rule(words=("MlpPolicy",)),
-    "timesteps": Rule((int,), 1, MAX_STEPS),
-    "n_envs": Rule((int,), 1, 10_000),
-    "reward_scale": Rule((float,), TINY),
-    "fall_cost": Rule((float,), 0),
-    "env_kwargs": Rule((dict,)),
-    "training_variants": Rule((list,)),
-    "hyperparameters": Rule((dict,)),
-    "policy_kwargs": Rule((dict,)),
-    "algo": Rule(words=tuple(ALGORITHMS)),
-    "env": Rule(words=tuple(BENCHMARKS)),
-    "seed": Rule((int,), 0, 2**32 - 1),
-}
+    "policy": Rule(words=("MlpPolicy",)), "timesteps": Rule((int,), 1, MAX_STEPS),
+    "n_envs": Rule((int,), 1, 10_000), "reward_scale": Rule((float,), TINY),
+    "fall_cost": Rule((float,), 0), "env_kwargs": Rule((dict,)),
+    "training_variants": Rule((list,)), "hyperparameters": Rule((dict,)),
+    "policy_kwargs": Rule((dict,)), "algo": Rule(words=tuple(ALGORITHMS)),
+    "env": Rule(words=tuple(BENCHMARKS)), "seed": Rule((int,), 0, 2**32 - 1),
+}  # fmt: skip
 TO_TRAIN = ("policy", "timesteps", "n_envs", "hyperparameters")
 TO_RESUME = (*TO_TRAIN, "algo", "env", "seed")
 TO_LOAD = ("algo", "env", "policy")
@@ -88,11 +82,8 @@ LIMITS: dict[str, tuple[float, float]] = {
 }  # fmt: skip
 """Of the arguments of Stable-Baselines3 that are numbers; of others from TINY to HUGE."""
 SET_HERE = ("seed", "_init_setup_model", "optimize_memory_usage", "normalize_images")
-OWN = {
-    "activation": Rule(words=("tanh", "relu", "elu")),
-    "normalize": Rule((bool,)),
-    "harmonics": Rule((int,), 0, 32),
-}
+OWN = {"activation": Rule(words=("tanh", "relu", "elu")), "normalize": Rule((bool,)),
+       "harmonics": Rule((int,), 0, 32)}  # fmt: skip
 """Of ``policy_kwargs``, beside those of the policy's class."""
 
 

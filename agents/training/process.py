@@ -14,14 +14,6 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, *HANGUP)
 UNREAD = {errno.EPIPE, errno.EIO, errno.EINVAL}  # of a pipe, of a terminal, of a pipe of Windows
 
 
-def after_the_first(number: int) -> Any:
-    """Return the handler of a signal after one of :data:`SIGNALS` has come: a second one kills.
-
-    A second SIGHUP is ignored: a terminal that is closed may send two, by its shell and the kernel.
-    """
-    return signal.SIG_IGN if number in HANGUP else signal.SIG_DFL
-
-
 class _Output(io.FileIO):
     """A file that drops what is written once its reader has gone."""
 

@@ -12,7 +12,7 @@ import math
 import os
 import re
 import socket
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,7 @@ FINAL, BEST = "final_model.zip", "best_model.zip"
 
 
 def new_run_folder(root: str | Path, algo: str, env_id: str) -> Path:
-    """``root/ALGO/ENV_N``, N one above the last; created."""
+    """Make ``root/ALGO/ENV_N``, N one above the last."""
     parent = Path(root) / algo
     parent.mkdir(parents=True, exist_ok=True)
     for number in itertools.count(get_latest_run_id(str(parent), env_id) + 1):
@@ -45,10 +45,8 @@ def new_run_folder(root: str | Path, algo: str, env_id: str) -> Path:
 def locked(folder: Path, patience: float = 0.0) -> Iterator[None]:
     """Keep other processes from a run's folder, and remove what a killed one had half written.
 
-    The lock goes with its process, however that ends. Another's is waited for, ``patience`` s.
-
     Raises:
-        ValueError: another process has it, or the folder cannot be written to.
+        ValueError: another process has it for ``patience`` s, or it cannot be written to.
     """
     holder = folder / ".lock-holder"
     try:
@@ -68,7 +66,7 @@ def locked(folder: Path, patience: float = 0.0) -> Iterator[None]:
 
 
 def last_state(folder: str | Path) -> Path | None:
-    """The model with the most steps in a run's folder: final_model.zip or a checkpoint.
+    """Return the model with the most steps in a run's folder: final_model.zip or a checkpoint.
 
     One that is damaged, or whose replay buffer is, is passed over, with a line that says so. None
     where there is no model yet.
@@ -77,25 +75,21 @@ def last_state(folder: str | Path) -> Path | None:
         ValueError: there are models, and all are damaged.
     """
     found = [
-        (int(path.stem.split("_")[1]), path)
+        (int(path.stem.split("_")[1]), False, path)
         for path in (Path(folder) / "checkpoints").glob("model_*_steps.zip")
         if re.fullmatch(r"model_\d+_steps", path.stem)
     ]
-    found.sort(reverse=True)
     errors = []
-    final = Path(folder) / FINAL
-    if final.is_file():
+    if (final := Path(folder) / FINAL).is_file():
         try:  # after the update that a checkpoint of as many steps comes before
-            steps = read_model(final)[1]
-            place = next((i for i, (s, _) in enumerate(found) if s <= steps), len(found))
-            found.insert(place, (steps, final))
+            found.append((read_model(final)[1], True, final))
         except ValueError as error:
             errors.append(error)
-    for steps, path in found:
+    for steps, _, path in sorted(found, reverse=True):
         try:
             read_model(path)
             read_training_state(path)
-            if (buffer := find_replay_buffer(Path(folder), steps)) is not None:
+            if (buffer := replay_path(Path(folder), steps)).is_file():
                 check_replay_file(buffer)
         except ValueError as error:
             errors.append(error)
@@ -109,21 +103,8 @@ def last_state(folder: str | Path) -> Path | None:
 
 
 def replay_path(folder: Path, steps: int) -> Path:
-    """Where the replay buffer of a model of so many steps lies."""
+    """Return where the replay buffer of a model of so many steps lies."""
     return folder / f"replay_buffer_{steps}.npz"
-
-
-def find_replay_buffer(folder: Path, steps: int) -> Path | None:
-    """Return the replay buffer of a model of so many steps; None where there is none."""
-    path = replay_path(folder, steps)
-    return path if path.is_file() else None
-
-
-def remove_replay_buffers(folder: Path, keep: Collection[Path | None]) -> None:
-    """Remove replay buffers but some."""
-    for path in folder.glob("replay_buffer*.npz"):
-        if path not in keep:
-            path.unlink()
 
 
 def record_run(folder: Path, config: dict[str, Any], command: str) -> None:
@@ -135,11 +116,7 @@ def record_run(folder: Path, config: dict[str, Any], command: str) -> None:
 
 
 def read_evaluations(folder: Path) -> list[dict[str, Any]]:
-    """The rows of evaluations.json; none where there is no such file.
-
-    Raises:
-        ValueError: it is damaged.
-    """
+    """Return the rows of evaluations.json, none without it; a ValueError where it is damaged."""
     path = folder / "evaluations.json"
     try:
         rows = parse_json(path.read_bytes()) if path.is_file() else []
@@ -156,10 +133,6 @@ def read_evaluations(folder: Path) -> list[dict[str, Any]]:
 
 
 def best_score(folder: Path) -> float:
-    """Return the score of best_model.zip at its evaluation; -inf where there is none.
-
-    Raises:
-        ValueError: best_model.zip is damaged.
-    """
+    """Return the score of best_model.zip at its evaluation; -inf where there is none."""
     notes = read_notes(folder / BEST) if (folder / BEST).is_file() else {}
     return finite(f"score in {folder / BEST}", notes["score"]) if "score" in notes else -math.inf

@@ -19,7 +19,7 @@ from agents.training.config import find_config, training_envs
 from agents.training.model_files import read_model, read_training_state
 from agents.training.models import build_model, restore
 from agents.training.replay_buffers import load_replay_buffer
-from agents.training.runs import FINAL, find_replay_buffer
+from agents.training.runs import FINAL, replay_path
 from agents.training.training_state import GeneratorsRestored, restore_state
 from jansen_env.sb3 import make_vec_env
 
@@ -74,9 +74,8 @@ def prepare(config: dict[str, Any], resume: Path | None = None) -> BaseAlgorithm
 
 def _refill(model: OffPolicyAlgorithm, folder: Path) -> None:
     """Fill the replay buffer from a run's; without one, let it fill before training goes on."""
-    path = find_replay_buffer(folder, model.num_timesteps)
-    if path is not None:
-        assert model.replay_buffer is not None
+    path = replay_path(folder, model.num_timesteps)
+    if path.is_file() and model.replay_buffer is not None:
         load_replay_buffer(model.replay_buffer, path)
         return
     model.learning_starts += model.num_timesteps

@@ -1,15 +1,13 @@
 """The search for crank-speed profiles: CMA-ES (Hansen 2016) on the task's own mean return.
 
-One command of the grid after another, in each gait outwards from the command it is first found at;
-on episodes whose commands lie around it, with the neighbours' numbers held, so that what counts is
-the profile as it is interpolated. All candidates of a generation walk the same episodes, side by
-side in one batch.
+One command of the grid after another, on episodes whose commands lie around it, with the
+neighbours' numbers held, so that what counts is the profile as it is interpolated. All candidates
+of a generation walk the same episodes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import cma
@@ -39,6 +37,10 @@ SHAPE_SPREAD = 0.2  # ... and of a_k and b_k, by the root of k
 GAINS, FEEDBACKS = (1.0, 30.0), (0.0, 4.0)  # bounds of kp and g
 # What is taken off an episode's return for a fall, and for 1 m/s of drift.
 FALL, DRIFT = 200.0, 2000.0
+
+
+Progress = Callable[[float, Episodes], None]
+"""Gets each generation's command and episodes."""
 
 
 class Sweep(NamedTuple):
@@ -71,13 +73,11 @@ def make_search(start: Array, sweep: Sweep, rng: np.random.Generator) -> Any:
     low, high = np.full((2, size), [[-np.inf], [np.inf]])
     low[[1, 3]], high[[1, 3]] = np.transpose([np.log(GAINS), FEEDBACKS])
     options = {
-        "CMA_stds": np.concatenate([SPREAD, shape, shape]),
-        "bounds": [low, high],
-        "popsize": sweep.candidates,
-        "randn": lambda *shape: rng.standard_normal(shape),
+        "CMA_stds": np.concatenate([SPREAD, shape, shape]), "bounds": [low, high],
+        "popsize": sweep.candidates, "randn": lambda *shape: rng.standard_normal(shape),
         "seed": np.nan,  # leave numpy's global generator alone
         "verbose": -9,
-    }
+    }  # fmt: skip
     return cma.CMAEvolutionStrategy(encode(start), sweep.step_size, options)
 
 
@@ -96,19 +96,11 @@ def triangular(share: Array, left: float, middle: float, right: float) -> Array:
 
 
 def improve(
-    found: dict[float, Array],
-    command: float,
-    sweep: Sweep,
-    rng: np.random.Generator,
-    progress: Callable[[Episodes], None] = lambda _: None,
-    env_id: str = ENV,
-) -> Array:
-    """Return better numbers for a command of the grid.
-
-    Args:
-        found: numbers by command, m/s; ``command`` among them, the others are held.
-        progress: gets each generation's episodes. env_id: whose robot walks.
-    """
+    found: dict[float, Array], command: float, sweep: Sweep, rng: np.random.Generator,
+    progress: Progress = lambda *_: None, env_id: str = ENV,
+) -> Array:  # fmt: skip
+    """Return better numbers for a command of the grid; ``found`` are numbers by command, of which
+    the others are held."""
     knots = sorted(found)
     place, m, n = knots.index(command), sweep.candidates, sweep.episodes
     left, right = knots[max(place - 1, 0)], knots[min(place + 1, len(knots) - 1)]
@@ -131,7 +123,7 @@ def improve(
         run = run_episodes(policy, env_id, {}, command_of, seeds, at_once=m * n,
                            options={"friction": friction, "crank_angle": angle})  # fmt: skip
         search.tell(asked, -worth(run, env).reshape(m, n).mean(axis=1))
-        progress(run)
+        progress(command, run)
     env.close()
     return decode(search.result.xfavorite)
 
@@ -161,20 +153,14 @@ def first_guess(command: float, found: Mapping[float, Array], harmonics: int) ->
 
 
 def search_profile(
-    commands: Sequence[float],
-    sweeps: Sequence[Sweep],
-    harmonics: int = HARMONICS,
-    seed: int = 0,
-    progress: Callable[[float, Episodes], None] = lambda *_: None,
-    save: Callable[[Profile], None] = lambda _: None,
-    env_id: str = ENV,
-) -> Profile:
-    """Return the profile at a grid of commands, m/s, above 0.
+    commands: Sequence[float], sweeps: Sequence[Sweep], harmonics: int = HARMONICS, seed: int = 0,
+    progress: Progress = lambda *_: None, env_id: str = ENV,
+) -> Iterator[Profile]:  # fmt: skip
+    """Give the profile at a grid of commands, m/s, above 0, after each sweep.
 
     Args:
-        sweeps: at least one. harmonics: K. seed: the same one, the same profile.
-        progress: gets each generation's command and episodes. save: gets what there is after
-            each sweep, at all commands. env_id: whose robot walks.
+        harmonics: K. seed: the same one, the same profile. progress: see :data:`Progress`.
+        env_id: whose robot walks.
     """
     rng = np.random.default_rng(seed)
     found: dict[float, Array] = {}
@@ -187,9 +173,6 @@ def search_profile(
             # At first without the other gait, whose commands would spoil those in between.
             held = found if len(found) == len(order) else same_gait(command, found)
 
-            tell = partial(progress, command)
-            found[command] = improve(held, command, sweep, rng, tell, env_id)
+            found[command] = improve(held, command, sweep, rng, progress, env_id)
         knots = sorted(found)
-        profile = Profile(np.array(knots), np.array([found[knot] for knot in knots]))
-        save(profile)
-    return profile
+        yield Profile(np.array(knots), np.array([found[knot] for knot in knots]))

@@ -146,7 +146,9 @@ def test_the_search_repeats():
     told = []
 
     def search(seed):
-        return search_profile((0.1, 0.15, 0.5), (sweep,), 5, seed, lambda c, _: told.append(c))
+        commands = (0.1, 0.15, 0.5)
+        (found,) = search_profile(commands, (sweep,), 5, seed, lambda c, _: told.append(c))
+        return found
 
     found, again, other = search(0), search(0), search(1)
     assert told[:3] == [0.1, 0.15, 0.5]
@@ -175,7 +177,8 @@ def test_an_interrupted_search_leaves_no_part_of_the_grid(monkeypatch):
 
     monkeypatch.setattr(profile_search, "improve", improve)
     with pytest.raises(KeyboardInterrupt):
-        search_profile((0.1, 0.15, 0.5), (sweep, sweep), save=saved.append)
+        for found in search_profile((0.1, 0.15, 0.5), (sweep, sweep)):
+            saved.append(found)
     assert [profile.commands.tolist() for profile in saved] == [[0.1, 0.15, 0.5]]
 
 

@@ -22,7 +22,7 @@ import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from agents.command_line import add_run_flags, non_negative_int
-from agents.scored_run import outcome, score_run
+from agents.evaluate import outcome, score_run
 from agents.training.config import ALGORITHMS, TO_RESUME, load_config, new_config
 from agents.training.process import outlive_readers
 from agents.training.runs import (

@@ -12,7 +12,7 @@ import numpy as np
 
 from agents import robustness
 from agents.command_line import parse_policies, policy_parser, positive_int
-from agents.plots import plot_scores
+from agents.plots import plot_scores, plot_training
 from agents.video import FRAME_TIME, record_video
 from jansen_env.baselines.policy import Policy
 from jansen_env.files import write_json
@@ -25,6 +25,9 @@ FIRST_SEED = 40_000  # of scored episodes; training, tuning and selection use ot
 ALIASES = {"pid-paper": "pid", "pretrained": f"pretrained:{pretrained.DEFAULT}"}
 KINDS = tuple(suffix.removeprefix(".") for suffix in FRAME_TIME)  # of video
 SHIPPED = "pretrained:"  # before the name of a policy that comes with the package
+
+Scores = dict[str, dict[str, Any]]
+"""Of each policy what :func:`evaluate` gives; of a run its own comes last."""
 
 
 def load_named(name: str, env: Any) -> Policy:
@@ -97,7 +100,7 @@ def evaluate(
     policies: dict[str, Policy], env_id: str, env_kwargs: dict[str, Any],
     commands: Sequence[float] | None = None, episodes: int = 10, seed: int = 0,
     drawn: bool = False,
-) -> dict[str, dict[str, Any]]:  # fmt: skip
+) -> Scores:  # fmt: skip
     """Score policies on the same episodes, each with a different start.
 
     Args:
@@ -125,6 +128,50 @@ def evaluate(
         scores[name] = {**summary(benchmark.metrics, run, env, seed), "raw": raw}
     env.close()
     return scores
+
+
+def score_run(folder: Path, config: dict[str, Any], episodes: int) -> Scores:
+    """Score the best model in a run's folder and the baselines, with so many ``episodes`` per
+    command; writes scores.json and the figures. A ValueError names a damaged file."""
+    from agents.training.runs import BEST, FINAL, read_evaluations
+
+    model = folder / BEST if (folder / BEST).is_file() else folder / FINAL
+    env_id, env_kwargs = config["env"], config.get("env_kwargs", {})
+    benchmark, name = find_benchmark(env_id), label(str(model))
+    env = make_env(env_id, env_kwargs)
+    policies = {baseline: load(env.unwrapped) for baseline, load in benchmark.baselines.items()}
+    policies[name] = load_named(str(model), env)
+    env.close()
+    scores = evaluate(policies, env_id, env_kwargs, episodes=episodes)
+    write_json(folder / "scores.json", scores)
+    plot_scores(benchmark, scores, folder / "scores.png")
+    evaluations = read_evaluations(folder)
+    if evaluations:
+        levels = {baseline: _mean_return(scores[baseline]) for baseline in benchmark.baselines}
+        plot_training(evaluations, levels, folder / "training.png")
+    return scores
+
+
+def outcome(folder: Path, env_id: str, scores: Scores) -> str:
+    """Return what :func:`score_run` found, in words and a Markdown table."""
+    from agents.training.runs import read_evaluations
+
+    benchmark = find_benchmark(env_id)
+    baseline, run = next(iter(benchmark.baselines)), list(scores)[-1]
+    target, table = _mean_return(scores[baseline]), score_table(benchmark.metrics, scores)
+    lines = [table, "brackets: 95 % intervals over episodes, not seeds"]
+    ahead = [row for row in read_evaluations(folder) if row["return"] > target]
+    if ahead and "seconds" in ahead[0]:
+        steps, seconds = ahead[0]["steps"], ahead[0]["seconds"]
+        lines.append(f"ahead of {baseline} at the evaluation after {steps:.0f} steps, "
+                     f"{seconds:.0f} s from the start")  # fmt: skip
+    lines.append(f"return: {_mean_return(scores[run]):.0f} against {target:.0f} of {baseline}; "
+                 f"figures in {folder}")  # fmt: skip
+    return "\n".join(lines)
+
+
+def _mean_return(score: dict[str, Any]) -> float:
+    return float(score["overall"]["return"][0])
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -194,8 +241,8 @@ def main(arguments: list[str] | None = None) -> None:
             return
     except (OSError, ValueError) as error:
         args.error(str(error))
-    scores: dict[str, dict[str, Any]] = {}
-    drawn: dict[str, dict[str, Any]] = {}
+    scores: Scores = {}
+    drawn: Scores = {}
     for policies, env_kwargs in loaded:
         scores |= evaluate(policies, args.env, env_kwargs, args.commands, args.episodes, args.seed)
         if count := args.random_commands:

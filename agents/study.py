@@ -12,17 +12,23 @@ import shlex
 import signal
 import sys
 import uuid
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
 from agents.command_line import add_run_flags, positive_int
 from agents.plain_yaml import read_yaml
-from agents.studies.backends import has_ray, run_locally, run_on_ray
-from agents.studies.plan import STUDY, Study, enter, make_study, read_study
-from agents.studies.progress import study_progress
-from agents.studies.run import STATUS, TOKEN, RunRequest, RunResult, is_finished
+from agents.studies.backends import Watch, has_ray, run_locally, run_on_ray
+from agents.studies.plan import STUDY, Run, Study, enter, make_study, read_study
+from agents.studies.run import STATUS, TOKEN, RunRequest, RunResult, is_finished, run_state
 from agents.studies.study_report import write_report
 from agents.training.config import ALGORITHMS
+from agents.training.runs import read_evaluations
 from agents.training.train_model import prepare
 from jansen_env.cores import available_cores
 from jansen_env.files import write_text
@@ -128,6 +134,42 @@ def _run(
             return run_on_ray(requests, args.address, progress)
         workers = args.workers or max(1, available_cores() // args.cores)
         return run_locally(requests, min(workers, len(left)), progress)
+
+
+@contextmanager
+def study_progress(runs: Sequence[Run], console: Console | None = None) -> Iterator[Watch]:
+    """Give the function that shows how many runs are in which state, and the steps evaluated.
+
+    Args:
+        runs: of the study. console: to print to; None for standard output.
+    """
+    console, before = console or Console(), ""
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
+    bars = Progress(*columns, TimeRemainingColumn(), console=console,
+                    disable=not console.is_terminal, speed_estimate_period=7200.0)  # fmt: skip
+    task = bars.add_task("", total=sum(run.config["timesteps"] for run in runs))
+
+    def watch(results: dict[str, RunResult]) -> None:
+        nonlocal before
+        states = [results[r.name].state if r.name in results else run_state(r) for r in runs]
+        counts = sorted(Counter(states).items())
+        line = ", ".join(f"{count} {state}" for state, count in counts)
+        bars.update(task, completed=sum(map(_steps, runs)), description=line)
+        if line != before and not console.is_terminal:
+            console.print(line, highlight=False, soft_wrap=True)
+        before = line
+
+    with bars:
+        yield watch
+
+
+def _steps(run: Run) -> int:
+    """Return the steps of a run's last evaluation."""
+    if is_finished(run.folder):
+        return int(run.config["timesteps"])
+    with suppress(ValueError, IndexError):  # a damaged file is the report's to name
+        return int(read_evaluations(run.folder)[-1]["steps"])
+    return 0
 
 
 if __name__ == "__main__":

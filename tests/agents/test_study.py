@@ -32,7 +32,6 @@ from agents.studies import plan as study_plan
 from agents.studies import run as study_run
 from agents.studies import study_report
 from agents.studies.plan import make_study
-from agents.studies.progress import study_progress
 from agents.training.runs import locked
 from jansen_env.scoring.benchmarks import BENCHMARKS
 
@@ -226,7 +225,7 @@ def test_progress_is_a_bar_in_a_terminal_and_lines_elsewhere(finished):
     results = {runs[0].name: study_run.RunResult("failed", "diverged")}
     for terminal in (True, False):
         console = Console(file=io.StringIO(), force_terminal=terminal, width=120, height=30)
-        with study_progress(runs, console) as progress:
+        with study.study_progress(runs, console) as progress:
             progress(results)
             progress(results)
         shown = console.file.getvalue()

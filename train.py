@@ -1,4 +1,4 @@
-"""Train a policy, score it against the baselines and draw the figures: ``python train.py``."""
+"""Train a policy, score it against the baselines and draw the scores: ``python train.py``."""
 
 from __future__ import annotations
 

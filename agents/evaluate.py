@@ -12,7 +12,7 @@ import numpy as np
 
 from agents import robustness
 from agents.command_line import parse_policies, policy_parser, positive_int
-from agents.plots import plot_scores, plot_training
+from agents.plots import plot_scores
 from agents.video import FRAME_TIME, record_video
 from jansen_env.baselines.policy import Policy
 from jansen_env.files import write_json
@@ -61,10 +61,8 @@ def load_named(name: str, env: Any) -> Policy:
     for space in ("observation_space", "action_space"):
         trained, needed = getattr(policy, space), getattr(env, space)
         if trained.shape != needed.shape:
-            raise ValueError(
-                f"policy {name!r} has an {space} of shape {trained.shape}, must be {needed.shape} "
-                f"for {env.spec.id}"
-            )
+            raise ValueError(f"policy {name!r} has an {space} of shape {trained.shape}, must be "
+                             f"{needed.shape} for {env_id}")  # fmt: skip
     return policy
 
 
@@ -132,23 +130,18 @@ def evaluate(
 
 def score_run(folder: Path, config: dict[str, Any], episodes: int) -> Scores:
     """Score the best model in a run's folder and the baselines, with so many ``episodes`` per
-    command; writes scores.json and the figures. A ValueError names a damaged file."""
-    from agents.training.runs import BEST, FINAL, read_evaluations
+    command; writes scores.json and scores.png. A ValueError names a damaged file."""
+    from agents.training.runs import BEST, FINAL
 
     model = folder / BEST if (folder / BEST).is_file() else folder / FINAL
     env_id, env_kwargs = config["env"], config.get("env_kwargs", {})
-    benchmark, name = find_benchmark(env_id), label(str(model))
-    env = make_env(env_id, env_kwargs)
-    policies = {baseline: load(env.unwrapped) for baseline, load in benchmark.baselines.items()}
-    policies[name] = load_named(str(model), env)
+    benchmark, env = find_benchmark(env_id), make_env(env_id, env_kwargs)
+    policies = {name: load_named(name, env) for name in benchmark.baselines}
+    policies[label(str(model))] = load_named(str(model), env)
     env.close()
     scores = evaluate(policies, env_id, env_kwargs, episodes=episodes)
     write_json(folder / "scores.json", scores)
     plot_scores(benchmark, scores, folder / "scores.png")
-    evaluations = read_evaluations(folder)
-    if evaluations:
-        levels = {baseline: _mean_return(scores[baseline]) for baseline in benchmark.baselines}
-        plot_training(evaluations, levels, folder / "training.png")
     return scores
 
 
@@ -166,7 +159,7 @@ def outcome(folder: Path, env_id: str, scores: Scores) -> str:
         lines.append(f"ahead of {baseline} at the evaluation after {steps:.0f} steps, "
                      f"{seconds:.0f} s from the start")  # fmt: skip
     lines.append(f"return: {_mean_return(scores[run]):.0f} against {target:.0f} of {baseline}; "
-                 f"figures in {folder}")  # fmt: skip
+                 f"figure in {folder}")  # fmt: skip
     return "\n".join(lines)
 
 
@@ -247,8 +240,8 @@ def main(arguments: list[str] | None = None) -> None:
         scores |= evaluate(policies, args.env, env_kwargs, args.commands, args.episodes, args.seed)
         if count := args.random_commands:
             drawn |= evaluate(policies, args.env, env_kwargs, None, count, args.seed, drawn=True)
-    write_json(out / "scores.json", {name: {**own, **({"drawn": drawn[name]} if drawn else {})}
-                                     for name, own in scores.items()})  # fmt: skip
+    both = {name: {**own, "drawn": drawn[name]} for name, own in scores.items() if drawn}
+    write_json(out / "scores.json", both or scores)
     plot_scores(benchmark, scores, out / "scores.png")
     print(score_table(benchmark.metrics, scores))
     if drawn:

@@ -57,12 +57,9 @@ def describe_network(policy: Any) -> dict[str, Any]:
                 limit = module.max_val  # of the mean of SAC's gSDE
             elif not isinstance(module, nn.Sequential):
                 raise ValueError(f"{name} is a {type(module).__name__}, which cannot be packed")
-    return {
-        "features": _features(policy.get_submodule(extractor), extractor),
-        "layers": layers,
-        "limit": limit,
-        "squash": "tanh" if policy.squash_output else "clip",
-    }
+    features = _features(policy.get_submodule(extractor), extractor)
+    squash = "tanh" if policy.squash_output else "clip"
+    return {"features": features, "layers": layers, "limit": limit, "squash": squash}
 
 
 def _features(extractor: nn.Module, path: str) -> list[dict[str, Any]]:
@@ -89,20 +86,14 @@ def _describe(policy: Any, config: dict[str, Any], training: dict[str, Any]) -> 
         "format": pretrained.FORMAT,
         "env": {"id": config["env"], "kwargs": config.get("env_kwargs", {})},
         "observation": [{"name": row.name, "unit": row.unit} for row in plain.observed],
-        "action": {
-            "name": "crank_torque",
-            "unit": "torque_limit",  # a share of it
-            "torque_limit": plain.torque_limit,  # N m
-            "control_dt": plain.control_dt,  # s
-        },
+        # The unit is a share of the limit, N m; the time is in s.
+        "action": {"name": "crank_torque", "unit": "torque_limit",
+                   "torque_limit": plain.torque_limit, "control_dt": plain.control_dt},
         "network": describe_network(policy),
         "training": {**training, "config": config},
-        "versions": {
-            "jansen_env": jansen_env.__version__,
-            "python": platform.python_version(),
-            **{name: version(name) for name in LIBRARIES},
-        },
-    }
+        "versions": {"jansen_env": jansen_env.__version__, "python": platform.python_version(),
+                     **{name: version(name) for name in LIBRARIES}},
+    }  # fmt: skip
 
 
 def pack(
@@ -114,9 +105,6 @@ def pack(
     Args:
         run: folder or file. name: of the policy; None for that of its algorithm.
         episodes, seed: of the scores, as of :func:`agents.evaluate.evaluate`.
-
-    Returns:
-        Where the JSON file is.
 
     Raises:
         ValueError: there is no such model, or it has a part that cannot be packed.

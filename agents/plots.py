@@ -80,22 +80,6 @@ def _drawable(values: Any, axis: str) -> Any:
     return np.maximum(numbers, LEAST) if axis == "log" else numbers
 
 
-def plot_training(
-    evaluations: list[dict[str, Any]], baselines: dict[str, float], path: str | Path
-) -> Path:
-    """Draw the mean return of evaluations during training, with the baselines as level lines."""
-    figure, axis = plt.subplots(figsize=(7, 4), layout="constrained")
-    steps = [row["steps"] for row in evaluations]
-    axis.plot(steps, [row["return"] for row in evaluations], marker="o", label="trained policy")
-    for i, (name, value) in enumerate(baselines.items()):
-        axis.axhline(value, color=f"C{i + 1}", linestyle="--", label=name)
-    axis.set_xlabel("environment steps")
-    axis.set_ylabel("mean return over the commands")
-    axis.legend(frameon=False)
-    axis.grid(alpha=0.3)
-    return save(figure, path)
-
-
 def save(figure: Any, path: str | Path) -> Path:
     """Write a figure whole, and close it; returns ``path``."""
     written = write_whole(path, lambda name: figure.savefig(name, dpi=120))

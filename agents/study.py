@@ -96,11 +96,8 @@ def _begin(args: argparse.Namespace) -> tuple[Study, Path]:
     """Return the study asked for and its folder, after each group's model was built once."""
     name = args.name or (Path(args.study).stem if args.study else "study")
     folder = Path(args.log_folder).resolve() / name
-    if args.study:
-        study = make_study(read_yaml(args.study), args.study)
-    else:
-        plan = {flag: getattr(args, flag) for flag in FLAGS}
-        study = make_study({k: v for k, v in plan.items() if v is not None})
+    plan = {flag: value for flag in FLAGS if (value := getattr(args, flag)) is not None}
+    study = make_study(read_yaml(args.study), args.study) if args.study else make_study(plan)
     for group, config in study.groups.items():
         try:
             env: Any = prepare({**config, "seed": 0}).get_env()
@@ -138,11 +135,7 @@ def _run(
 
 @contextmanager
 def study_progress(runs: Sequence[Run], console: Console | None = None) -> Iterator[Watch]:
-    """Give the function that shows how many runs are in which state, and the steps evaluated.
-
-    Args:
-        runs: of the study. console: to print to; None for standard output.
-    """
+    """Give the function that shows how many runs are in which state, and the steps evaluated."""
     console, before = console or Console(), ""
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
     bars = Progress(*columns, TimeRemainingColumn(), console=console,

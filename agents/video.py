@@ -99,7 +99,7 @@ def steps_per_frame(path: str | Path, env: Any) -> int:
 
 def record_video(policy: Policy, env_id: str, env_kwargs: dict[str, Any], command: float, seed: int,
                  path: str | Path, seconds: float = 6.0) -> None:  # fmt: skip
-    """Write a video of one episode with a command, to a .gif or .mp4 file."""
+    """Write a video of an episode's first ``seconds``, to a .gif or .mp4 file."""
     env: Any = make_env(env_id, env_kwargs, render_mode="rgb_array")
     dt, every = env.unwrapped.control_dt, steps_per_frame(path, env)
     steps = zip(range(round(seconds / dt)), play(policy, env, command, seed), strict=False)

@@ -35,15 +35,7 @@ UNCHECKED = ("C in float", "PyTorch itself in float32")  # which are less exact,
 
 
 def read(run: str, env_id: str | None = None) -> tuple[PretrainedPolicy, str]:
-    """Return a policy and how it is called.
-
-    Args:
-        run: a run's folder, a model's zip file, a policy's json file, ``"pretrained"`` or
-            ``"pretrained:NAME"``. env_id: of the last two; None for the default.
-
-    Raises:
-        ValueError: there is none, it is damaged, or it has a part that cannot be packed.
-    """
+    """Return the policy and the name of what :func:`export` is given."""
     own = ALIASES.get(run, run)
     if own.startswith(SHIPPED):
         path = pretrained.shipped(env_id or DEFAULT, own.removeprefix(SHIPPED))
@@ -64,7 +56,9 @@ def export(
     """Write a policy and its model card into a folder.
 
     Args:
-        run, env_id: see :func:`read`. kinds: of :data:`KINDS`. out: the folder.
+        run: a run's folder, a model's zip file, a policy's json file, ``"pretrained"`` or
+            ``"pretrained:NAME"``. env_id: of the last two; None for the default.
+        kinds: of :data:`KINDS`. out: the folder.
         name: of the files, and of functions in C; None for one such as jansen_walker_v0_ppo.
         episodes, seed: of the scores, as of :func:`agents.evaluate.evaluate`.
         command: what the card is to say of how it was written.
@@ -74,8 +68,8 @@ def export(
         float64, by what computes them, None for what could not be run here.
 
     Raises:
-        ValueError: as of :func:`read`; the name is none for C; or what was made does not act as the
-            policy does. ModuleNotFoundError: ONNX is asked for, and its packages are not installed.
+        ValueError: there is no such policy, it is damaged, or it has a part that cannot be packed;
+            the name is none for C; or what was made does not act as the policy does.
     """
     policy, own = read(run, env_id)
     words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", f"{policy.env_id}_{own}").lower()

@@ -1,11 +1,7 @@
 """A policy as C99 source for a microcontroller: no allocation, nothing needed but math.h.
 
-``NAME.h`` has limits, places of observations and a function; ``NAME.c`` the weights, as
-constants, and the code: the template is ``policy.c.in``. All is computed in double, or with
-NAME_SINGLE_PRECISION defined in float, which differs a little (see the model card).
-
-Texts of a policy's file come into comments and identifiers after :func:`comment` and
-:func:`places`, which leave nothing of them that C could take for code.
+The template is ``policy.c.in``. Texts of a policy's file come into comments and identifiers after
+:func:`comment` and :func:`places`, which leave nothing of them that C could take for code.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Model cards: what a policy that is taken along is for, how to run it, and what it is worth.
 
-After Mitchell et al., "Model Cards for Model Reporting", FAT* 2019. The template is ``card.md.in``;
-all numbers come from the policy's file, its environment and its scores. Texts of a policy's file
-stand as code, in which Markdown finds nothing to act on (:func:`code`, :func:`block`).
+After Mitchell et al., "Model Cards for Model Reporting", FAT* 2019. The template is ``card.md.in``.
+Texts of a policy's file stand as code, in which Markdown finds nothing to act on.
 """
 
 from __future__ import annotations
@@ -41,11 +40,7 @@ def block(text: str) -> str:
 
 
 def card(policy: PretrainedPolicy, files: dict[str, bytes], told: dict[str, Any]) -> str:
-    """Return the model card, in Markdown.
-
-    Args:
-        files: their content by name. told: see :func:`agents.export.export`.
-    """
+    """Return the model card in Markdown, with what :func:`agents.export.export` has told."""
     env: Any = make_env(policy.env_id, policy.env_kwargs).unwrapped
     documents = [inspect.cleandoc(kind.__doc__ or "") for kind in type(env).__mro__]
     benchmark, training = find_benchmark(policy.env_id), policy.description["training"]

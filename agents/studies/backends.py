@@ -1,8 +1,4 @@
-"""Places where a study's runs are executed: local processes, or tasks of Ray.
-
-Both give a request to :func:`agents.studies.run.execute_run` in a process with nothing else to do,
-and again when that process was lost; all a run needs to go on is in its folder.
-"""
+"""Places where a study's runs are executed, and again where lost: local processes, Ray's tasks."""
 
 from __future__ import annotations
 
@@ -171,9 +167,6 @@ def connect_ray(address: str | None, **options: Any) -> Any:
 
     Ray listens on all network interfaces and runs what it is sent: so only clusters that ask for a
     token are used, and a new one gets a token that this process and its children alone know.
-
-    Args:
-        address: of a cluster to join; None or "local" for a new one. options: of ``ray.init``.
 
     Raises:
         ConnectionError: there is no cluster at the address, or it asks for no token.

@@ -21,18 +21,12 @@ MAX_RUNS = 10_000
 PARTS = ("hyperparameters", "policy_kwargs")
 CHANGES = ("timesteps", "n_envs", "reward_scale", "training_variants")
 STUDY: dict[str, Rule] = {
-    "seeds": Rule((int, list), 1, MAX_RUNS),
-    "envs": Rule((list,)),
-    "algos": Rule((list,)),
-    "timesteps": KEYS["timesteps"],
-    "n_envs": KEYS["n_envs"],
-    "env_kwargs": KEYS["env_kwargs"],
-    "config": Rule((str,)),
-    "eval_freq": Rule((int, NoneType), 0, MAX_STEPS),
-    "save_freq": Rule((int,), 0, MAX_STEPS),
-    "eval_episodes": Rule((int,), 1, 100_000),
+    "seeds": Rule((int, list), 1, MAX_RUNS), "envs": Rule((list,)), "algos": Rule((list,)),
+    **{name: KEYS[name] for name in ("timesteps", "n_envs", "env_kwargs")},
+    "config": Rule((str,)), "eval_freq": Rule((int, NoneType), 0, MAX_STEPS),
+    "save_freq": Rule((int,), 0, MAX_STEPS), "eval_episodes": Rule((int,), 1, 100_000),
     "variants": Rule((dict,)),
-}
+}  # fmt: skip
 VARIANT: dict[str, Rule] = {
     "config": STUDY["config"],
     **{name: KEYS[name] for name in ("env", "algo", "env_kwargs", *CHANGES, *PARTS)},
@@ -103,9 +97,8 @@ def make_study(plan: dict[str, Any], source: str = "study") -> Study:
             for algo in ([variant["algo"]] if "algo" in variant else plan["algos"])
         )
         if not 1 <= len(groups) * len(seeds) <= MAX_RUNS:
-            raise ValueError(
-                f"{len(groups)} groups of {len(seeds)} seeds must be 1 to {MAX_RUNS} runs"
-            )
+            size = f"{len(groups)} groups of {len(seeds)} seeds"
+            raise ValueError(f"{size} must be 1 to {MAX_RUNS} runs")
     except ValueError as error:
         raise ValueError(f"{source}: {error}") from error
     return Study(seeds, groups, plan["eval_freq"], plan["save_freq"], plan["eval_episodes"])

@@ -48,14 +48,8 @@ DASHES = ("--", ":", "-.")
 
 
 def write_report(study: Study, folder: Path) -> str:
-    """Write report.md, its figures, report.json, runs.csv and commands.csv into a study's folder.
-
-    Returns:
-        The table, and which runs are not finished.
-
-    Raises:
-        ValueError: a file of a finished run is damaged.
-    """
+    """Write report.md, its figures, report.json, runs.csv and commands.csv into a study's folder;
+    return the table, and which runs are not finished. A ValueError names a damaged file."""
     rows = [_collect(run) for run in study.runs(folder)]
     found = analyse(study, rows)
     figures = plot_study(found, folder)
@@ -108,13 +102,8 @@ def _collect(run: Run) -> Row:
 
 
 def analyse(study: Study, rows: Sequence[Row]) -> dict[str, Any]:
-    """Return the numbers of tables and figures: by group, and of each pair of groups.
-
-    Returns:
-        {"groups": {name: {"env", "runs", "finished", "returns", "mean", "iqm", "worst", "metrics",
-        "baselines", "by_command", "curve"}}, "improvement": {name: {other: [value, low, high]}}}
-        with intervals as lists [value, low, high].
-    """
+    """Return the numbers of tables and figures: "groups" by name, and "improvement" of each over
+    those after it; intervals are lists [value, low, high]."""
     groups = {}
     for name, config in study.groups.items():
         own = [row for row in rows if row["group"] == name]
@@ -155,12 +144,8 @@ def _analyse(env_id: str, rows: list[Row]) -> dict[str, Any]:
 
 
 def over_seeds(benchmark: Benchmark, rows: Sequence[Row]) -> dict[str, Any]:
-    """Return mean and worst seed of finished runs at each command, of metrics where less is better.
-
-    Returns:
-        {"command": [...], "columns": {heading: {"mean", "worst": [...]}}}, None for what some seed
-        has no value of, such as a ratio per metre where it does not walk; {} without a run.
-    """
+    """Return "mean" and "worst" seed of finished runs at each command, by heading, of metrics where
+    less is better; None for what some seed has no value of, {} without a run."""
     if not rows:
         return {}
     first, columns = rows[0]["by_command"]["run"], {}

@@ -31,15 +31,12 @@ def read_state(model: BaseAlgorithm) -> dict[str, Any]:
     venv: Any = model.get_env()
     monitor: Any = unwrap_vec_wrapper(venv, VecMonitor)
     return {
-        "updates": int(model._n_updates),
-        "episodes": int(model._episode_num),
+        "updates": int(model._n_updates), "episodes": int(model._episode_num),
         "observations": _plain(model._last_obs),
         "episode_starts": _plain(model._last_episode_starts),
-        "returns": _plain(monitor.episode_returns),
-        "lengths": _plain(monitor.episode_lengths),
-        "robots": _read_robots(venv),
-        "generators": _read_generators(model),
-    }
+        "returns": _plain(monitor.episode_returns), "lengths": _plain(monitor.episode_lengths),
+        "robots": _read_robots(venv), "generators": _read_generators(model),
+    }  # fmt: skip
 
 
 def restore_state(model: BaseAlgorithm, state: dict[str, Any]) -> None:

@@ -37,7 +37,7 @@ def run(tmp_path_factory):
 def test_run_folder_holds_all(run):
     """Config, command, checkpoints, best and final model, evaluations, scores, figures, logs."""
     expected = ["config.yml", "command.txt", "best_model.zip", "final_model.zip",
-                "evaluations.json", "scores.json", "scores.png", "training.png"]  # fmt: skip
+                "evaluations.json", "scores.json", "scores.png"]  # fmt: skip
     assert all((run / name).is_file() for name in expected)
     assert list((run / "checkpoints").glob("model_*_steps.zip"))
     assert list((run / "tensorboard").rglob("events*"))

@@ -71,10 +71,8 @@ def score(loaded: Loaded, env_id: str, episodes: int, seed: int = 0) -> Scores:
         ]  # fmt: skip
         for sweep, condition, changes, options in conditions:
             for name, policy in policies.items():
-                run = run_episodes(
-                    policy, env_id, {**env_kwargs, **changes}, commands[:count], seeds[:count],
-                    options=options,
-                )  # fmt: skip
+                given = {**env_kwargs, **changes}, commands[:count], seeds[:count]
+                run = run_episodes(policy, env_id, *given, options=options)
                 scores[sweep].setdefault(condition, {})[name] = pooled(metrics, run, env, seed)
         env.close()
     return scores
@@ -96,9 +94,8 @@ def table(scores: Scores, metrics: dict[str, Metric]) -> str:
 def plot(scores: Scores, metrics: dict[str, Metric], path: Path) -> Path:
     """Draw a row per metric, a column per sweep, a line per policy; bands are 95 % intervals."""
     figure = Figure(figsize=(4.5 * max(len(scores), 1.5), 10.0), layout="constrained")
-    axes: Any = figure.subplots(
-        len(metrics), len(scores), sharex="col", sharey="row", squeeze=False
-    )
+    shape = len(metrics), len(scores)
+    axes: Any = figure.subplots(*shape, sharex="col", sharey="row", squeeze=False)
     for column, (sweep, conditions) in zip(axes.T, scores.items(), strict=True):
         for axis, (name, metric) in zip(column, metrics.items(), strict=True):
             for policy in next(iter(conditions.values())):

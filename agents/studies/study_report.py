@@ -84,17 +84,13 @@ def _collect(run: Run) -> Row:
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
         found["run"] = found.pop([*found][-1])
-        row["scores"] = {
-            name: {metric: value[0] for metric, value in policy["overall"].items()}
-            for name, policy in found.items()
-        }
-        row["by_command"] = {
-            name: {
-                metric: {"command": values["command"], "value": values["value"]}
-                for metric, values in policy["by_command"].items()
+        row["scores"], row["by_command"] = {}, {}
+        for name, policy in found.items():
+            row["scores"][name] = {key: value[0] for key, value in policy["overall"].items()}
+            row["by_command"][name] = {
+                key: {"command": values["command"], "value": values["value"]}
+                for key, values in policy["by_command"].items()
             }
-            for name, policy in found.items()
-        }
     except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise ValueError(f"{path} is damaged: {error}; without it the run is scored again"
                          ) from error  # fmt: skip
@@ -122,25 +118,19 @@ def _analyse(env_id: str, rows: list[Row]) -> dict[str, Any]:
     known = finished[0]["scores"] if finished else {"run": {}}  # baselines: the same for all runs
     runs = {name: [row["scores"]["run"][name] for row in finished] for name in known["run"]}
     worst = min(finished, key=lambda row: row["scores"]["run"]["return"], default=None)
+    baselines = {
+        name: {"return": known[name]["return"], "metrics": known[name],
+               "improvement": listed(improvement_over(known[name]["return"], returns))}
+        for name in find_benchmark(env_id).baselines if name in known
+    }  # fmt: skip
     return {
-        "finished": len(finished),
-        "returns": returns,
-        "mean": listed(mean_with_interval(returns)),
-        "iqm": listed(iqm_with_interval(returns)),
+        "finished": len(finished), "returns": returns, "baselines": baselines,
+        "mean": listed(mean_with_interval(returns)), "iqm": listed(iqm_with_interval(returns)),
         "worst": worst and {"return": min(returns), "seed": worst["seed"]},
         "metrics": {name: listed(mean_with_interval(_numbers(v))) for name, v in runs.items()},
-        "baselines": {
-            name: {
-                "return": known[name]["return"],
-                "metrics": known[name],
-                "improvement": listed(improvement_over(known[name]["return"], returns)),
-            }
-            for name in find_benchmark(env_id).baselines
-            if name in known
-        },
         "by_command": over_seeds(find_benchmark(env_id), finished),
         "curve": _curve([row["evaluations"] for row in finished]),
-    }
+    }  # fmt: skip
 
 
 def over_seeds(benchmark: Benchmark, rows: Sequence[Row]) -> dict[str, Any]:
@@ -152,10 +142,8 @@ def over_seeds(benchmark: Benchmark, rows: Sequence[Row]) -> dict[str, Any]:
     for name, metric in tabled(benchmark.metrics).items():
         if metric.axis and name not in ("return", benchmark.chosen_by) and name in first:
             values = np.stack([_numbers(row["by_command"]["run"][name]["value"]) for row in rows])
-            columns[metric.heading] = {
-                "mean": listed(values.mean(axis=0)),
-                "worst": listed(values.max(axis=0)),
-            }
+            mean, worst = listed(values.mean(axis=0)), listed(values.max(axis=0))
+            columns[metric.heading] = {"mean": mean, "worst": worst}
     return {"command": next(iter(first.values()))["command"], "columns": columns}
 
 

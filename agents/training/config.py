@@ -117,18 +117,14 @@ def shipped_config(env_id: str, algo: str) -> Path:
     if not path.is_file():
         files = [p for p in CONFIGS.glob("*/*.yml") if p.stem in ALGORITHMS]
         found = sorted(f"{p.parent.name}/{p.stem}" for p in files)
-        raise ValueError(
-            f"no configuration for {env_id}/{algo}, must be one of {found}, or a file of your own"
-        )
+        raise ValueError(f"no configuration for {env_id}/{algo}, must be one of {found}, or a file")
     return path
 
 
 def load_config(
-    path: str | Path,
-    algo: str | None = None,
-    env_id: str | None = None,
+    path: str | Path, algo: str | None = None, env_id: str | None = None,
     required: Collection[str] = TO_TRAIN,
-) -> dict[str, Any]:
+) -> dict[str, Any]:  # fmt: skip
     """Read a training configuration from YAML; each name in it is looked up in a table.
 
     Keys: ``policy``, ``timesteps``, ``n_envs``, ``reward_scale`` and ``fall_cost`` (of the
@@ -158,12 +154,9 @@ def load_config(
 
 
 def new_config(
-    path: str | Path | None = None,
-    algo: str | None = None,
-    env_id: str | None = None,
-    env_kwargs: dict[str, Any] | None = None,
-    **values: Any,
-) -> dict[str, Any]:
+    path: str | Path | None = None, algo: str | None = None, env_id: str | None = None,
+    env_kwargs: dict[str, Any] | None = None, **values: Any,
+) -> dict[str, Any]:  # fmt: skip
     """Return the whole configuration of a new run: a file's, with what is given in its place.
 
     Args:
@@ -205,11 +198,9 @@ def training_envs(config: dict[str, Any]) -> tuple[dict[str, Any], list[dict[str
 
 
 def check_config(
-    config: Any,
-    algo: str | None = None,
-    env_id: str | None = None,
+    config: Any, algo: str | None = None, env_id: str | None = None,
     required: Collection[str] = TO_TRAIN,
-) -> None:
+) -> None:  # fmt: skip
     """Check a configuration's names and values; arguments and errors are :func:`load_config`'s."""
     Rule((dict,)).check("configuration", config)
     missing = [name for name in required if name not in config]
@@ -224,9 +215,9 @@ def check_config(
         policy_kwargs = dict(config.get("policy_kwargs", {}))
         if "net_arch" in policy_kwargs:
             _check_layers(policy_kwargs.pop("net_arch"), ["pi", "vf" if algo == "ppo" else "qf"])
-        check_keys("hyperparameters", config.get("hyperparameters", {}),
-                   rules(algo)["hyperparameters"])  # fmt: skip
         check_keys("policy_kwargs", policy_kwargs, rules(algo)["policy_kwargs"])
+        hyperparameters = config.get("hyperparameters", {})
+        check_keys("hyperparameters", hyperparameters, rules(algo)["hyperparameters"])
         if policy_kwargs.get("harmonics") and not policy_kwargs.get("normalize"):
             raise ValueError("harmonics is given, so normalize must be true, too")
     if env_id is not None:

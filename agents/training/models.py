@@ -108,9 +108,8 @@ def restore(model: BaseAlgorithm, tensors: dict[str, Any]) -> None:
     values = parameters.pop("pytorch_variables", None) or {}
     needed = model._get_torch_save_params()[1]
     if set(values) != set(needed):
-        raise ValueError(
-            f"the saved model has the variables {sorted(values)}, must have {sorted(needed)}"
-        )
+        names = f"{sorted(values)}, must have {sorted(needed)}"
+        raise ValueError(f"the saved model has the variables {names}")
     try:
         model.set_parameters(parameters, exact_match=True)
         for name, value in values.items():  # such as SAC's entropy coefficient

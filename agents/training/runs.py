@@ -126,9 +126,8 @@ def read_evaluations(folder: Path) -> list[dict[str, Any]]:
             for name in {"steps", "return", *({"seconds", "score"} & {*row})}:
                 finite(name, row.get(name))
     except (OSError, RecursionError, ValueError) as error:
-        raise ValueError(
-            f"{path} must be a list of evaluations, each with 'steps' and 'return': {error}"
-        ) from error
+        needed = "a list of evaluations, each with 'steps' and 'return'"
+        raise ValueError(f"{path} must be {needed}: {error}") from error
     return rows
 
 

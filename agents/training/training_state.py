@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from gymnasium.wrappers import TimeLimit
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
@@ -105,10 +104,9 @@ def _read_robots(venv: Any) -> list[dict[str, Any]]:
     inner = venv.unwrapped
     if isinstance(inner, BatchVecEnv):
         return [_plain(state) for state in inner.get_states()]
-    return [
-        {**_plain(env.unwrapped.get_state()), "elapsed": _time_limit(env)._elapsed_steps}
-        for env in inner.envs
-    ]
+    elapsed = inner.get_attr("_elapsed_steps")  # of TimeLimit
+    states = zip(inner.env_method("get_state"), elapsed, strict=True)
+    return [{**_plain(state), "elapsed": steps} for state, steps in states]
 
 
 def _restore_robots(venv: Any, states: list[dict[str, Any]]) -> None:
@@ -124,14 +122,7 @@ def _restore_robots(venv: Any, states: list[dict[str, Any]]) -> None:
         elapsed = whole_number("elapsed", own.pop("elapsed"))
         env.reset()  # wrappers ask for it
         env.unwrapped.set_state(own)
-        _time_limit(env)._elapsed_steps = elapsed
-
-
-def _time_limit(env: Any) -> Any:
-    """Return the wrapper that counts an episode's steps."""
-    while not isinstance(env, TimeLimit):
-        env = env.env
-    return env
+        env.set_wrapper_attr("_elapsed_steps", elapsed, force=False)
 
 
 def _read_generators(model: BaseAlgorithm) -> dict[str, Any]:

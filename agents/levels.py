@@ -39,10 +39,8 @@ def score_levels(
     """Score a policy by level: :func:`jansen_env.scoring.metrics.pooled`, and which were ``won``.
 
     Args:
-        policy, env_id, env_kwargs: as of :func:`jansen_env.scoring.rollout.run_episodes`, with
-            resets that have the option ``terrain_level``. episodes: of each level.
-        commands: m/s, that the episodes share evenly; None: as many as there are episodes, over the
-            environment's range.
+        policy, env_id, env_kwargs: as of :func:`jansen_env.scoring.rollout.run_episodes`.
+        episodes: of each level. commands: m/s, shared evenly; None: over the environment's range.
 
     Raises:
         ValueError: an environment without levels, or an argument out of range.

@@ -46,11 +46,7 @@ def feet(robot: Robot, stiffness: float) -> Compliance:
 
 
 def score(loaded: Loaded, env_id: str, episodes: int, seed: int = 0) -> Scores:
-    """Score policies under each condition.
-
-    Args:
-        loaded: policies and arguments, of each plant. env_id: of a walker. episodes: under each
-            condition; of a plant in :data:`FEWER` so many times fewer, the first of them.
+    """Score policies under each condition on so many episodes, fewer on a plant in :data:`FEWER`.
 
     Raises:
         ValueError: an argument out of range, or feet that give and a restitution above 0.

@@ -32,13 +32,11 @@ def load_sb3_file(path: str | Path) -> BaseAlgorithm:
 
 
 def to_sb3(packed: PretrainedPolicy) -> BaseAlgorithm:
-    """Return a policy as the model that it was trained as, on the environments of its training.
-
-    Networks are the trained ones, the critic's too; the optimiser starts again.
+    """Return a policy as the model that it was trained as, on the environments of its training; the
+    optimiser starts again.
 
     Raises:
-        ValueError: its training's configuration is not allowed (see
-            :func:`agents.training.config.check_config`), or of another environment or network.
+        ValueError: its training's configuration is not allowed, or of another environment.
     """
     model = prepare(_training_config(packed))
     _fill(model.policy, packed)

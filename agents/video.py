@@ -108,11 +108,7 @@ def record_video(policy: Policy, env_id: str, env_kwargs: dict[str, Any], comman
 
 
 def save_video(frames: Iterable[Picture], path: str | Path, frame_time: float) -> None:
-    """Write frames atomically as an endlessly repeating .gif (delays in whole 10 ms), or as .mp4.
-
-    Args:
-        frames: (height, width, 3) uint8, of one even size, at least one; written as they come.
-        path: file to write or replace. frame_time: s from one to the next.
+    """Write frames (height, width, 3), of one even size, as they come, as an endless .gif or .mp4.
 
     Raises:
         ValueError: no frames, or another suffix.

@@ -44,13 +44,9 @@ def has_ray() -> bool:
 
 
 def run_locally(requests: Sequence[RunRequest], workers: int, watch: Watch) -> dict[str, RunResult]:
-    """Execute runs in local processes.
+    """Execute runs in so many local processes side by side, and return the result of each by name.
 
-    Args:
-        requests: of runs. workers: processes side by side. watch: see :data:`Watch`.
-
-    Returns:
-        The result of each run, by its name. After Ctrl-C running ones have saved checkpoints.
+    After Ctrl-C running ones have saved checkpoints.
     """
     context = multiprocessing.get_context("spawn")  # a process with threads must not be forked
 
@@ -95,11 +91,8 @@ def _begin_worker() -> None:
 def run_on_ray(
     requests: Sequence[RunRequest], address: str | None, watch: Watch
 ) -> dict[str, RunResult]:
-    """Execute runs as tasks of Ray, which begins those lost with a process or node again.
-
-    Args:
-        requests, watch: as of :func:`run_locally`. address: of a cluster to join, "auto" for that
-            of this machine; None for a new one of its cores, for as long as the study takes.
+    """Execute runs as tasks of Ray, which begins those lost with a process or node again, else as
+    :func:`run_locally`; without an address on a new cluster of this machine's cores.
 
     Raises:
         ConnectionError: there is no cluster at the address, or it asks for no token.

@@ -47,14 +47,12 @@ def resampled(
 ) -> tuple[Array, Array]:  # fmt: skip
     """Return the ends of the bootstrap interval of a statistic, each group resampled on its own.
 
-    Where BCa has no value, as of runs that are all alike, the percentiles stand.
+    Where BCa has no value, as of runs that are all alike, the percentiles stand; NaN with less than
+    two runs in a group.
 
     Args:
         statistic: of as many arrays as there are groups, along their ``axis``.
-        groups: (n_i, ...) what is known of each run. resamples, method: of the bootstrap.
-
-    Returns:
-        Lower and upper ends, of the shape of the statistic; NaN with less than two runs in a group.
+        groups: (n_i, ...) of each run. resamples, method: of the bootstrap.
     """
     arrays = [np.moveaxis(np.asarray(group, float), 0, -1) for group in groups]
     if min(array.shape[-1] for array in arrays) < 2:

@@ -34,19 +34,14 @@ SELECTION_SEED = 30_000  # of the episodes that choose the best model, apart fro
 
 
 class Saver(BaseCallback):
-    """Saves checkpoints, and evaluates now and then to keep the best model.
+    """Save checkpoints, and evaluate now and then to keep the best model.
 
-    A checkpoint is taken where a rollout begins, when the update before is complete, with all that
-    the rest of training depends on (:mod:`agents.training.training_state`). It belongs behind all
-    callbacks that change the model there.
+    A checkpoint is taken where a rollout begins, behind all callbacks that change the model there.
 
     Args:
         folder: the run's. save_every, eval_every: environment steps; 0 for never.
         env_id, env_kwargs: of the evaluation. done: steps trained before this run began.
-        stop: when to save and end before the time.
-
-    Attributes:
-        ended: whether training ended on a signal. last: file saved last, None before the first.
+        stop: when to save and end before the time; then ``ended`` is set.
     """
 
     def __init__(

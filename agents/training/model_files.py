@@ -43,13 +43,8 @@ NAMES = ("collections OrderedDict", "torch._utils _rebuild_tensor_v2", "torch Fl
 
 
 def read_model(path: str | Path, members: Collection[str] = MEMBERS) -> tuple[dict[str, Any], int]:
-    """Read tensors and number of time steps in a Stable-Baselines3 zip file.
-
-    Args:
-        path: of the file. members: which to read; those that it lacks are left out.
-
-    Returns:
-        ({member: its dictionary, lists and tensors, all finite}, time steps trained)
+    """Read the tensors, all finite, of those ``members`` that a Stable-Baselines3 zip file has, and
+    the number of time steps trained.
 
     Raises:
         ValueError: no such file, or it is damaged, too large, or not what the members hold.

@@ -43,11 +43,8 @@ def new_run_folder(root: str | Path, algo: str, env_id: str) -> Path:
 
 @contextmanager
 def locked(folder: Path, patience: float = 0.0) -> Iterator[None]:
-    """Keep other processes from a run's folder, and remove what a killed one had half written.
-
-    Raises:
-        ValueError: another process has it for ``patience`` s, or it cannot be written to.
-    """
+    """Keep other processes from a run's folder, and remove what a killed one had half written; a
+    ValueError where another has it for ``patience`` s, or it cannot be written to."""
     holder = folder / ".lock-holder"
     try:
         held = FileLock(folder / ".lock").acquire(patience)
@@ -66,13 +63,10 @@ def locked(folder: Path, patience: float = 0.0) -> Iterator[None]:
 
 
 def last_state(folder: str | Path) -> Path | None:
-    """Return the model with the most steps in a run's folder: final_model.zip or a checkpoint.
+    """Return the model with the most steps in a run's folder, None without one.
 
-    One that is damaged, or whose replay buffer is, is passed over, with a line that says so. None
-    where there is no model yet.
-
-    Raises:
-        ValueError: there are models, and all are damaged.
+    One that is damaged, or whose replay buffer is, is passed over, with a line that says so; where
+    all are, a ValueError does.
     """
     found = [
         (int(path.stem.split("_")[1]), False, path)

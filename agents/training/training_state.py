@@ -39,13 +39,10 @@ def read_state(model: BaseAlgorithm) -> dict[str, Any]:
 
 
 def restore_state(model: BaseAlgorithm, state: dict[str, Any]) -> None:
-    """Let a model go on from a state of :func:`read_state`, on environments as those were.
+    """Let a model go on from a state of :func:`read_state`; a ValueError where it does not fit.
 
     Stable-Baselines3 draws exploration noise between here and the next rollout's beginning:
     :class:`GeneratorsRestored` is due there.
-
-    Raises:
-        ValueError: something is missing, or is of another model or other environments.
     """
     venv: Any = model.get_env()
     monitor: Any = unwrap_vec_wrapper(venv, VecMonitor)

@@ -32,11 +32,7 @@ Scores = dict[str, dict[str, Any]]
 
 def load_named(name: str, env: Any) -> Policy:
     """Load a policy for ``env``: a baseline, ``"pretrained"`` or ``"pretrained:NAME"``, or that of
-    a run's folder or of the file of a model or policy.
-
-    Raises:
-        ValueError: it is none of these, or was trained on other observations or actions.
-    """
+    a run's folder or of the file of a model or policy; a ValueError where it does not fit."""
     env_id, own, path = env.spec.id, ALIASES.get(name, name), Path(name)
     baselines = find_benchmark(env_id).baselines
     if own in baselines:
@@ -99,19 +95,16 @@ def evaluate(
     commands: Sequence[float] | None = None, episodes: int = 10, seed: int = 0,
     drawn: bool = False,
 ) -> Scores:  # fmt: skip
-    """Score policies on the same episodes, each with a different start.
+    """Score policies, by name, on the same episodes, each with a different start.
 
     Args:
-        policies: by name. commands: speeds or goals; None for the benchmark's own grid.
+        commands: speeds or goals; None for the benchmark's own grid. drawn: whether they are drawn
+            from the environment's whole range instead.
         episodes: per command, or of ``drawn`` ones in all. seed: of commands and starts.
-        drawn: whether commands are drawn from the environment's whole range instead.
 
     Returns:
         For each policy :func:`jansen_env.scoring.metrics.summarise`, or with ``drawn``
         :func:`jansen_env.scoring.metrics.pooled`, and its episodes under ``"raw"``.
-
-    Raises:
-        ValueError: no benchmark is known for ``env_id``, or an argument out of range.
     """
     benchmark, env, scores = find_benchmark(env_id), make_env(env_id, env_kwargs), {}
     if drawn:

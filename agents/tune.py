@@ -1,8 +1,7 @@
 """Make the baselines' data: ``python -m agents.tune [pid] [constant] [profile]``.
 
-For ``pid`` and ``constant`` the walking speed at constant crank speeds and at constant torques is
-measured on the robot of ``--env``; the PID's gains are those of :data:`GAINS` that return most.
-``profile`` is searched for on the same robot (:mod:`agents.tuning.profile_search`).
+For ``pid`` and ``constant`` walking speeds are measured on the robot of ``--env``; ``profile`` is
+searched for on it (:mod:`agents.tuning.profile_search`).
 """
 
 from __future__ import annotations
@@ -51,9 +50,9 @@ HORIZON = 10.0  # s, the time limit of an episode
 
 def policy_of(name: str, setting: Setting, env: Any, gains: tuple[float, ...] = PAPER) -> Policy:
     """Return the baseline "pid" or "constant" with a setting for each command."""
-    return (
-        walking_pid(setting, env, PID(*gains)) if name == "pid" else constant_torque(setting, env)
-    )
+    if name == "pid":
+        return walking_pid(setting, env, PID(*gains))
+    return constant_torque(setting, env)
 
 
 def measure(

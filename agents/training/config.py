@@ -157,17 +157,14 @@ def new_config(
     path: str | Path | None = None, algo: str | None = None, env_id: str | None = None,
     env_kwargs: dict[str, Any] | None = None, **values: Any,
 ) -> dict[str, Any]:  # fmt: skip
-    """Return the whole configuration of a new run: a file's, with what is given in its place.
+    """Return a new run's whole configuration: a file's, with what is given in its place; errors are
+    :func:`load_config`'s.
 
     Args:
         path: of the file; None for the one shipped for ``env_id`` and ``algo``.
-        algo, env_id: None for the file's own, or else ppo and
-            :data:`jansen_env.scoring.benchmarks.DEFAULT`.
+        algo, env_id: None for the file's own, or else ppo and the default environment.
         env_kwargs: on top of the file's, in training as well. values: further keys, such as
             ``timesteps``; None for the file's. ``seed`` is 0 without.
-
-    Raises:
-        ValueError: as of :func:`load_config`.
     """
     config = load_config(path, algo, env_id) if path else {}
     algo, env_id = algo or config.get("algo", "ppo"), env_id or config.get("env", DEFAULT)

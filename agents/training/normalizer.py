@@ -15,10 +15,8 @@ class NormalizedObservation(BaseFeaturesExtractor):
     """(observation - mean) / standard deviation, clipped; statistics are part of the state dict,
     and change only in :meth:`update`.
 
-    Args:
-        observation_space: (d,) observations, the first two cos and sin of the crank angle psi.
-        harmonics: m, how many cos 2 k psi, sin 2 k psi, k = 1 .. m, are appended, unscaled. Even
-            multiples alone: what the torque should be repeats after half a turn of the crank.
+    Of observations that begin with cos and sin of the crank angle psi, ``harmonics`` many cos 2 k
+    psi, sin 2 k psi are appended: the torque that is due repeats after half a turn of the crank.
     """
 
     mean: torch.Tensor

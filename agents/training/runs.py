@@ -1,9 +1,5 @@
-"""Run folders. A run's folder holds all that is needed to go on with it or to score it:
-
-config.yml  command.txt  best_model.zip  final_model.zip  evaluations.json
-checkpoints/model_STEPS_steps.zip  tensorboard/
-replay_buffer_STEPS.npz (SAC: of the last checkpoint and the one before)
-"""
+"""Run folders: config.yml, command.txt, best_model.zip, final_model.zip, evaluations.json,
+checkpoints/model_STEPS_steps.zip, tensorboard/ and, of SAC, replay_buffer_STEPS.npz."""
 
 from __future__ import annotations
 

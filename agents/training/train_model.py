@@ -47,10 +47,8 @@ def prepare(config: dict[str, Any], resume: Path | None = None) -> BaseAlgorithm
     """Build the model that a configuration describes, on its environments; writes nothing.
 
     Args:
-        config: a training configuration with ``algo``, ``env`` and ``seed``. Environment i takes
-            number i of its ``training_variants``, counted around, on top of the arguments of all.
-        resume: a model's file, of which it takes all that training has come to; the run's folder
-            has its replay buffer, if the algorithm has one.
+        config: a training configuration with ``algo``, ``env`` and ``seed``. resume: a model's
+            file, of which it takes all that training has come to.
 
     Raises:
         ValueError: something in the configuration or the files is wrong.

@@ -151,9 +151,9 @@ def _curve(runs: Sequence[list[Row]]) -> dict[str, list[float | None]]:
     """Return mean and IQM of the returns, with the IQM's interval, at the steps of all runs."""
     every = [{row["steps"]: row["return"] for row in run} for run in runs if run]
     steps = sorted(set.intersection(*map(set, every))) if every else []
-    returns = np.array([[run[step] for step in steps] for run in every]).reshape(-1, len(steps))
     curves: dict[str, Any] = dict.fromkeys(("mean", "iqm", "low", "high"), ())
     if steps:
+        returns = np.array([[run[step] for step in steps] for run in every])
         low, high = resampled(interquartile_mean, returns)
         curves = {"mean": returns.mean(axis=0), "iqm": interquartile_mean(returns)}
         curves |= {"low": low, "high": high}

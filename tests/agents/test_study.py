@@ -178,6 +178,12 @@ def test_report_has_the_numbers_of_the_runs(finished, tmp_path):
     assert [interval[0] for others in found["improvement"].values() for interval in others.values()]
 
 
+def test_a_study_without_a_finished_run_is_reported(tmp_path):
+    """As one that was stopped early."""
+    text = study_report.write_report(make_study(SMALL), tmp_path)
+    assert "0/2" in text and "_plain/seed_0: waiting" in text
+
+
 def test_a_failed_run_does_not_stop_the_others(tmp_path, monkeypatch):
     """It is reported, with what was wrong, and begun again by the same command."""
     from agents.training import train_model as training

@@ -1,4 +1,4 @@
-"""Train a policy, score it against the baselines and draw the figures: ``python train.py``."""
+"""Train a policy, score it against the baselines and draw the scores: ``python train.py``."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from typing import Any
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 
-from agents.command_line import mapping, non_negative_int, positive_int
-from agents.scored_run import outcome, score_run
+from agents.command_line import add_run_flags, non_negative_int
+from agents.evaluate import outcome, score_run
 from agents.training.config import ALGORITHMS, TO_RESUME, load_config, new_config
 from agents.training.process import outlive_readers
 from agents.training.runs import (
@@ -41,23 +41,17 @@ from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT, find_benchmark
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line, with flags named as in RL Baselines3 Zoo."""
     parser = argparse.ArgumentParser(description=__doc__)
-    add, count, steps = parser.add_argument, positive_int, non_negative_int
+    add_run_flags(parser)
+    parser.set_defaults(save_freq=100_000, eval_episodes=10)
+    add = parser.add_argument
     add("--algo", choices=sorted(ALGORITHMS), help="algorithm; default: --config's, or ppo")
     add("--env", choices=sorted(BENCHMARKS),
         help=f"environment id; default: --config's, or {DEFAULT}")  # fmt: skip
-    add("-n", "--timesteps", type=count, help="environment steps, in place of the configuration's")
-    add("--n-envs", type=count, help="parallel environments, in place of the configuration's")
-    add("--seed", type=steps, help="seed of networks and environments; default: --config's, or 0")
-    add("--eval-freq", type=steps,
-        help="steps between evaluations, 0 for none; default: a 16th of the timesteps")  # fmt: skip
-    add("--save-freq", type=steps, default=100_000, help="steps between checkpoints, 0 for none")
-    add("--eval-episodes", type=count, default=10, help="episodes per command of the final table")
+    add("--seed", type=non_negative_int,
+        help="seed of networks and environments; default: --config's, or 0")  # fmt: skip
     add("--log-folder", default="logs", metavar="DIR", help="parent folder of runs, DIR/ALGO/ENV_N")
     add("--tensorboard-log", metavar="DIR",
         help="folder of TensorBoard's log, '' for none; default: the run's")  # fmt: skip
-    add("--env-kwargs", type=mapping, metavar="YAML",
-        help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
-    add("--config", metavar="FILE", help="hyperparameters; default: agents/configs/ENV/ALGO.yml")
     add("--resume", metavar="RUN", help="run folder to continue from its last checkpoint")
     add("--no-progress", action="store_true", help="no progress bar")
     return parser.parse_args(arguments)

@@ -1,4 +1,4 @@
-"""Types of command-line arguments shared by the scripts."""
+"""Command-line arguments shared by the scripts."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from functools import partial
 from typing import Any
 
 from agents.plain_yaml import parse_yaml
+from jansen_env.plants.make import PLANTS
 from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT, find_benchmark
 
 MAX_STEPS = 10**10  # environment steps of one run: months of training
 
 
 def mapping(text: str) -> dict[str, Any]:
-    """A YAML mapping such as ``{friction: 0.5}``, read by
-    :func:`agents.plain_yaml.parse_yaml`."""
+    """Parse a YAML mapping such as ``{friction: 0.5}``."""
     try:
         value = parse_yaml(text, repr(text))
     except ValueError as error:
@@ -26,7 +26,7 @@ def mapping(text: str) -> dict[str, Any]:
 
 
 def positive_int(text: str, low: int = 1) -> int:
-    """A whole number from ``low`` to :data:`MAX_STEPS`, also written ``1e5``."""
+    """Parse a whole number from ``low`` to :data:`MAX_STEPS`, also written ``1e5``."""
     try:
         value = float(text)
     except ValueError:
@@ -41,10 +41,28 @@ def positive_int(text: str, low: int = 1) -> int:
 non_negative_int = partial(positive_int, low=0)
 
 
+def add_run_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags of a training run, named as in RL Baselines3 Zoo; all are None by default."""
+    add = parser.add_argument
+    add("-n", "--timesteps", type=positive_int,
+        help="environment steps of a run, in place of the configuration's")  # fmt: skip
+    add("--n-envs", type=positive_int, help="parallel environments of a run, in place of its")
+    add("--env-kwargs", type=mapping, metavar="YAML",
+        help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
+    add("--config", metavar="FILE", help="hyperparameters; default: agents/configs/ENV/ALGO.yml")
+    add("--eval-freq", type=non_negative_int,
+        help="steps between evaluations, 0 for none; default: a 16th of the timesteps"
+        )  # fmt: skip
+    add("--save-freq", type=non_negative_int,
+        help="steps between checkpoints, 0 for none; default: 100000")  # fmt: skip
+    add("--eval-episodes", type=positive_int,
+        help="episodes per command of the scores; default: 10")  # fmt: skip
+
+
 def policy_parser(
-    description: str | None, env_id: str = DEFAULT, required: bool = False
+    description: str | None, env_id: str = DEFAULT, required: bool = False, plants: bool = False
 ) -> argparse.ArgumentParser:
-    """Return a parser with ``--policy``, ``--env``, ``--env-kwargs`` and ``--seed``."""
+    """Return a parser with the flags of policies and their environment."""
     named = "; ".join(f"{one}: {', '.join(own.baselines)}" for one, own in BENCHMARKS.items())
     parser = argparse.ArgumentParser(description=description)
     add = parser.add_argument
@@ -56,6 +74,10 @@ def policy_parser(
     add("--env-kwargs", default={}, type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--seed", type=non_negative_int, default=0, help="seed of the starts; default: 0")
+    if plants:
+        add("--plant", action="append", default=[], choices=sorted(PLANTS),
+            help="plant of the walkers; repeat to compare; default: the environment's"
+            )  # fmt: skip
     return parser
 
 

@@ -8,21 +8,14 @@ import re
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from agents.command_line import parse_policies, policy_parser, positive_int
 from agents.evaluate import label, load_all
-from agents.video import (
-    Progress,
-    check_suffix,
-    film,
-    play,
-    save_video,
-    stack,
-    steps_per_frame,
-)
+from agents.video import Progress, check_suffix, film, play, save_video, stack, steps_per_frame
 from jansen_env.baselines.policy import Policy
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import make_env
@@ -55,9 +48,8 @@ def episode(
 def episodes(policy: Policy, env: Any, args: argparse.Namespace) -> Iterator[Progress]:
     """Play episodes one after another until the window, if any, is closed."""
     for number in range(args.episodes):
-        yield from episode(policy, env, args, number)
-        if env.unwrapped.window_closed:
-            return
+        if not env.unwrapped.window_closed:
+            yield from episode(policy, env, args, number)
 
 
 def show(policy: Policy, env: Any, args: argparse.Namespace) -> bool:
@@ -77,18 +69,10 @@ def show(policy: Policy, env: Any, args: argparse.Namespace) -> bool:
 
 
 def record(policies: dict[str, Policy], args: argparse.Namespace, path: Path) -> None:
-    """Film the episodes, several policies one above the other from the same starts.
-
-    Args:
-        policies: by title.
-    """
+    """Film the episodes; policies, by title, one above the other from the same starts."""
     with ExitStack() as made:
-        envs: list[Any] = [
-            made.enter_context(
-                closing(make_env(args.env, args.env_kwargs, render_mode="rgb_array"))
-            )
-            for _ in policies
-        ]
+        new = partial(make_env, args.env, args.env_kwargs, render_mode="rgb_array")
+        envs: list[Any] = [made.enter_context(closing(new())) for _ in policies]
         every, titled = steps_per_frame(path, envs[0]), len(policies) > 1
         shown = [(env, policy, title if titled else None)
                  for env, (title, policy) in zip(envs, policies.items(), strict=True)]  # fmt: skip
@@ -121,11 +105,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def prepare(args: argparse.Namespace) -> dict[str, Policy]:
-    """Check all arguments; return the policies by title.
-
-    Raises:
-        ValueError: a policy, a command, an argument or the kind of video is not allowed.
-    """
+    """Return the policies by title; a ValueError names an argument that is not allowed."""
     if args.video is not None:
         check_suffix(args.video)
     ((policies, _),) = load_all(args, args.command)

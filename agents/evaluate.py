@@ -16,9 +16,7 @@ from agents.plots import plot_scores
 from agents.video import FRAME_TIME, record_video
 from jansen_env.baselines.policy import Policy
 from jansen_env.files import write_json
-from jansen_env.plants.make import PLANTS
 from jansen_env.policies import pretrained
-from jansen_env.policies.pretrained import PretrainedPolicy
 from jansen_env.scoring.benchmarks import WALKERS, find_benchmark
 from jansen_env.scoring.metrics import INTERVALS, pooled, score_table, summarise
 from jansen_env.scoring.rollout import draw_episodes, make_env, run_episodes
@@ -28,30 +26,30 @@ ALIASES = {"pid-paper": "pid", "pretrained": f"pretrained:{pretrained.DEFAULT}"}
 KINDS = tuple(suffix.removeprefix(".") for suffix in FRAME_TIME)  # of video
 SHIPPED = "pretrained:"  # before the name of a policy that comes with the package
 
+Scores = dict[str, dict[str, Any]]
+"""Of each policy what :func:`evaluate` gives; of a run its own comes last."""
+
 
 def load_named(name: str, env: Any) -> Policy:
-    """Load a policy for ``env`` by name, or from a run's folder or the file of a model or policy.
-
-    Names are those of baselines, ``"pretrained"`` and ``"pretrained:NAME"``, see
-    :mod:`jansen_env.policies.pretrained`.
-
-    Raises:
-        ValueError: it is none of these, or was trained on other observations or actions.
-    """
-    env_id, own = env.spec.id, ALIASES.get(name, name)
+    """Load a policy for ``env``: a baseline, ``"pretrained"`` or ``"pretrained:NAME"``, or that of
+    a run's folder or of the file of a model or policy; a ValueError where it does not fit."""
+    env_id, own, path = env.spec.id, ALIASES.get(name, name), Path(name)
     baselines = find_benchmark(env_id).baselines
     if own in baselines:
         return baselines[own](env.unwrapped)
     if own.startswith(SHIPPED):
         path = pretrained.shipped(env_id, own.removeprefix(SHIPPED))
-        return _fitting(name, pretrained.load_file(path), env)
-    if not Path(name).exists():
+    elif not path.exists():
         raise ValueError(
             f"policy is {name!r}, must be one of {[*baselines, 'pretrained']}, a run's folder, a "
             "model's zip file or a policy's json file"
         )
-    if Path(name).suffix == ".json":
-        return _fitting(name, pretrained.load_file(name), env)
+    if path.suffix == ".json":
+        packed = pretrained.load_file(path)
+        try:
+            return packed.on(env)
+        except ValueError as error:
+            raise ValueError(f"policy {name!r} does not fit {env_id}: {error}") from None
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # more would change the last bits of the actions
     from agents.training.models import load_policy  # only now: torch is slow to import
 
@@ -59,19 +57,9 @@ def load_named(name: str, env: Any) -> Policy:
     for space in ("observation_space", "action_space"):
         trained, needed = getattr(policy, space), getattr(env, space)
         if trained.shape != needed.shape:
-            raise ValueError(
-                f"policy {name!r} has an {space} of shape {trained.shape}, must be {needed.shape} "
-                f"for {env.spec.id}"
-            )
+            raise ValueError(f"policy {name!r} has an {space} of shape {trained.shape}, must be "
+                             f"{needed.shape} for {env_id}")  # fmt: skip
     return policy
-
-
-def _fitting(name: str, policy: PretrainedPolicy, env: Any) -> PretrainedPolicy:
-    """Return ``policy`` for an environment that has the observations it needs."""
-    try:
-        return policy.on(env)
-    except ValueError as error:
-        raise ValueError(f"policy {name!r} does not fit {env.spec.id}: {error}") from None
 
 
 def model_file(name: str) -> Path | None:
@@ -92,11 +80,8 @@ def label(name: str) -> str:
 
 
 def labels(names: list[str]) -> list[str]:
-    """Return :func:`label` of each policy, or the given names where two would share one.
-
-    Raises:
-        ValueError: a policy is given twice.
-    """
+    """Return :func:`label` of each policy, or the given names where two would share one; a
+    ValueError where a policy is given twice."""
     policies = [model_file(name) or ALIASES.get(name, name) for name in names]
     for policy, name in zip(policies, names, strict=True):
         if (times := policies.count(policy)) > 1:
@@ -106,28 +91,20 @@ def labels(names: list[str]) -> list[str]:
 
 
 def evaluate(
-    policies: dict[str, Policy],
-    env_id: str,
-    env_kwargs: dict[str, Any],
-    commands: Sequence[float] | None = None,
-    episodes: int = 10,
-    seed: int = 0,
+    policies: dict[str, Policy], env_id: str, env_kwargs: dict[str, Any],
+    commands: Sequence[float] | None = None, episodes: int = 10, seed: int = 0,
     drawn: bool = False,
-) -> dict[str, dict[str, Any]]:
-    """Score policies on the same episodes, each with a different start.
+) -> Scores:  # fmt: skip
+    """Score policies, by name, on the same episodes, each with a different start.
 
     Args:
-        policies: by name. env_id, env_kwargs: of the environment.
-        commands: speeds or goals; None for the benchmark's own grid.
+        commands: speeds or goals; None for the benchmark's own grid. drawn: whether they are drawn
+            from the environment's whole range instead.
         episodes: per command, or of ``drawn`` ones in all. seed: of commands and starts.
-        drawn: whether commands are drawn from the environment's whole range instead.
 
     Returns:
         For each policy :func:`jansen_env.scoring.metrics.summarise`, or with ``drawn``
         :func:`jansen_env.scoring.metrics.pooled`, and its episodes under ``"raw"``.
-
-    Raises:
-        ValueError: no benchmark is known for ``env_id``, or an argument out of range.
     """
     benchmark, env, scores = find_benchmark(env_id), make_env(env_id, env_kwargs), {}
     if drawn:
@@ -144,12 +121,49 @@ def evaluate(
     return scores
 
 
+def score_run(folder: Path, config: dict[str, Any], episodes: int) -> Scores:
+    """Score the best model in a run's folder and the baselines, with so many ``episodes`` per
+    command; writes scores.json and scores.png. A ValueError names a damaged file."""
+    from agents.training.runs import BEST, FINAL
+
+    model = folder / BEST if (folder / BEST).is_file() else folder / FINAL
+    env_id, env_kwargs = config["env"], config.get("env_kwargs", {})
+    benchmark, env = find_benchmark(env_id), make_env(env_id, env_kwargs)
+    policies = {name: load_named(name, env) for name in benchmark.baselines}
+    policies[label(str(model))] = load_named(str(model), env)
+    env.close()
+    scores = evaluate(policies, env_id, env_kwargs, episodes=episodes)
+    write_json(folder / "scores.json", scores)
+    plot_scores(benchmark, scores, folder / "scores.png")
+    return scores
+
+
+def outcome(folder: Path, env_id: str, scores: Scores) -> str:
+    """Return what :func:`score_run` found, in words and a Markdown table."""
+    from agents.training.runs import read_evaluations
+
+    benchmark = find_benchmark(env_id)
+    baseline, run = next(iter(benchmark.baselines)), list(scores)[-1]
+    target, table = _mean_return(scores[baseline]), score_table(benchmark.metrics, scores)
+    lines = [table, "brackets: 95 % intervals over episodes, not seeds"]
+    ahead = [row for row in read_evaluations(folder) if row["return"] > target]
+    if ahead and "seconds" in ahead[0]:
+        steps, seconds = ahead[0]["steps"], ahead[0]["seconds"]
+        lines.append(f"ahead of {baseline} at the evaluation after {steps:.0f} steps, "
+                     f"{seconds:.0f} s from the start")  # fmt: skip
+    lines.append(f"return: {_mean_return(scores[run]):.0f} against {target:.0f} of {baseline}; "
+                 f"figure in {folder}")  # fmt: skip
+    return "\n".join(lines)
+
+
+def _mean_return(score: dict[str, Any]) -> float:
+    return float(score["overall"]["return"][0])
+
+
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line; incompatible options are refused."""
-    parser = policy_parser(__doc__, required=True)
+    parser = policy_parser(__doc__, required=True, plants=True)
     add = parser.add_argument
-    add("--plant", action="append", default=[], choices=sorted(PLANTS),
-        help="plant of the walkers; repeat to compare; default: projection")  # fmt: skip
     add("--commands", type=float, nargs="+", metavar="V",
         help="speeds or goals; default: the benchmark's grid")  # fmt: skip
     add("--episodes", type=positive_int, default=10,
@@ -184,12 +198,8 @@ def load_all(
 ) -> list[tuple[dict[str, Policy], dict[str, Any]]]:
     """Return for each plant the policies by label, and the environment's arguments.
 
-    Args:
-        args: of :func:`agents.command_line.policy_parser`, and ``plant`` if there is a choice.
-        commands: that will be given.
-
     Raises:
-        ValueError: a policy, an argument or a commanded speed is not allowed.
+        ValueError: a policy, an argument or one of the commands is not allowed.
     """
     names = dict(zip(labels(args.policy), args.policy, strict=True))
     loaded = []
@@ -217,14 +227,14 @@ def main(arguments: list[str] | None = None) -> None:
             return
     except (OSError, ValueError) as error:
         args.error(str(error))
-    scores: dict[str, dict[str, Any]] = {}
-    drawn: dict[str, dict[str, Any]] = {}
+    scores: Scores = {}
+    drawn: Scores = {}
     for policies, env_kwargs in loaded:
         scores |= evaluate(policies, args.env, env_kwargs, args.commands, args.episodes, args.seed)
         if count := args.random_commands:
             drawn |= evaluate(policies, args.env, env_kwargs, None, count, args.seed, drawn=True)
-    write_json(out / "scores.json", {name: {**own, **({"drawn": drawn[name]} if drawn else {})}
-                                     for name, own in scores.items()})  # fmt: skip
+    both = {name: {**own, "drawn": drawn[name]} for name, own in scores.items() if drawn}
+    write_json(out / "scores.json", both or scores)
     plot_scores(benchmark, scores, out / "scores.png")
     print(score_table(benchmark.metrics, scores))
     if drawn:

@@ -21,7 +21,6 @@ from agents.evaluate import load_all
 from agents.robustness import Scores, plot, table
 from jansen_env.baselines.policy import Policy
 from jansen_env.files import write_json, write_text
-from jansen_env.plants.make import PLANTS
 from jansen_env.scoring.benchmarks import ENOUGH, WORLD, succeeded
 from jansen_env.scoring.metrics import INTERVALS, pooled, proportion_with_interval
 from jansen_env.scoring.rollout import make_env, run_episodes
@@ -34,22 +33,14 @@ METRICS = {name: WORLD.metrics[name]
 
 
 def score_levels(
-    policy: Policy,
-    env_id: str,
-    env_kwargs: dict[str, Any],
-    levels: Sequence[int],
-    episodes: int,
-    seed: int = 0,
-    commands: Sequence[float] | None = None,
-) -> dict[str, dict[str, Any]]:
+    policy: Policy, env_id: str, env_kwargs: dict[str, Any], levels: Sequence[int], episodes: int,
+    seed: int = 0, commands: Sequence[float] | None = None,
+) -> dict[str, dict[str, Any]]:  # fmt: skip
     """Score a policy by level: :func:`jansen_env.scoring.metrics.pooled`, and which were ``won``.
 
     Args:
-        policy: acts deterministically. env_id, env_kwargs: of an environment whose resets have the
-            option ``terrain_level``.
-        episodes: of each level. seed: of the episodes.
-        commands: m/s, that the episodes share evenly; None: as many as there are episodes, over the
-            environment's range.
+        policy, env_id, env_kwargs: as of :func:`jansen_env.scoring.rollout.run_episodes`.
+        episodes: of each level. commands: m/s, shared evenly; None: over the environment's range.
 
     Raises:
         ValueError: an environment without levels, or an argument out of range.
@@ -58,10 +49,9 @@ def score_levels(
     if commands is None:
         low, high = env.unwrapped.task.speed_command[0]
         commands = low + (high - low) * (np.arange(episodes) + 0.5) / episodes
-    n = len(levels) * episodes
     level = np.repeat(np.asarray(levels, np.int64), episodes)
     asked = np.tile(np.resize(np.asarray(commands, float), episodes), len(levels))
-    seeds = FIRST_SEED + seed * n + np.arange(n)
+    seeds = FIRST_SEED + seed * len(level) + np.arange(len(level))
     run = run_episodes(policy, env_id, env_kwargs, asked, seeds, options={"terrain_level": level})
     found = {}
     for one in levels:
@@ -85,10 +75,8 @@ def success_table(levels: dict[str, dict[str, dict[str, Any]]]) -> str:
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
-    parser = policy_parser(__doc__, "JansenWalkerRough-v0", required=True)
+    parser = policy_parser(__doc__, "JansenWalkerRough-v0", required=True, plants=True)
     add = parser.add_argument
-    add("--plant", action="append", default=[], choices=sorted(PLANTS),
-        help="plant; repeat to compare; default: the environment's")  # fmt: skip
     add("--levels", type=non_negative_int, nargs="+", default=list(range(HIGHEST + 1)), metavar="L",
         help=f"terrain levels, 0 to {HIGHEST}; default: all")  # fmt: skip
     add("--commands", type=float, nargs="+", metavar="V",
@@ -99,30 +87,18 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     return parse_policies(parser, arguments, "--commands")
 
 
-def score_all(args: argparse.Namespace) -> Scores:
-    """Score all policies on each requested plant.
-
-    Raises:
-        ValueError: a policy or an argument is not allowed.
-    """
-    scores: Scores = {LEVEL: {}}
-    for policies, env_kwargs in load_all(args, args.commands or ()):
-        for name, policy in policies.items():
-            found = score_levels(
-                policy, args.env, env_kwargs, args.levels, args.episodes, args.seed, args.commands
-            )
-            for level, own in found.items():
-                scores[LEVEL].setdefault(level, {})[name] = own
-    return scores
-
-
 def main(arguments: list[str] | None = None) -> None:
     """Score, draw, print."""
     args = parse(arguments)
     out = Path(args.out)
+    scores: Scores = {LEVEL: {}}
+    given = args.levels, args.episodes, args.seed, args.commands
     try:
         out.mkdir(parents=True, exist_ok=True)
-        scores = score_all(args)
+        for policies, env_kwargs in load_all(args, args.commands or ()):
+            for name, policy in policies.items():
+                for level, own in score_levels(policy, args.env, env_kwargs, *given).items():
+                    scores[LEVEL].setdefault(level, {})[name] = own
     except (OSError, ValueError) as error:
         args.error(str(error))
     write_json(out / "levels.json", scores)

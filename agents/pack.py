@@ -1,8 +1,7 @@
-"""A trained policy as two small files that need neither torch nor this package's training:
+"""Pack a trained policy as two small files that need no torch: ``python -m agents.pack RUN``.
 
-``python -m agents.pack logs/ppo/JansenWalker-v0_1`` writes ``ENV_ID/NAME.json`` and
-``NAME.safetensors``, which :mod:`jansen_env.policies.pretrained` reads, with the scores of the
-policy as it will be read.
+It writes ``ENV_ID/NAME.json``, with the policy's scores, and ``NAME.safetensors``, which
+:mod:`jansen_env.policies.pretrained` reads.
 """
 
 from __future__ import annotations
@@ -34,16 +33,13 @@ from jansen_env.scoring.rollout import make_env
 ACTIVATIONS = {nn.Tanh: "tanh", nn.ReLU: "relu", nn.ELU: "elu"}
 LIBRARIES = ("gymnasium", "numba", "numpy", "stable-baselines3", "torch")
 COPY = "critic_target."  # SAC's, of the critic: it need not be kept
-DIGITS = 6  # of an episode's numbers
+DIGITS = 6  # of an episode's numbers: for a comparison with those of another processor
 TOLERANCE = 1e-6  # of an action, between the network in torch and in NumPy
 
 
 def describe_network(policy: Any) -> dict[str, Any]:
-    """Describe how a policy of PPO or SAC gets from an observation to its action without noise.
-
-    Raises:
-        ValueError: it has a part that :mod:`jansen_env.policies.pretrained` does not know.
-    """
+    """Describe how a policy of PPO or SAC gets from an observation to its action without noise; a
+    ValueError names a part that :mod:`jansen_env.policies.pretrained` does not know."""
     if hasattr(policy, "actor"):  # SAC
         extractor, parts = "actor.features_extractor", ("actor.latent_pi", "actor.mu")
     else:
@@ -53,26 +49,21 @@ def describe_network(policy: Any) -> dict[str, Any]:
     for part in parts:
         for name, module in policy.get_submodule(part).named_modules(prefix=part):
             if isinstance(module, nn.Linear):
-                layers.append({
-                    "units": module.out_features, "activation": None,
-                    "weight": f"{name}.weight", "bias": f"{name}.bias",
-                })  # fmt: skip
+                layers.append({"units": module.out_features, "activation": None,
+                               "weight": f"{name}.weight", "bias": f"{name}.bias"})  # fmt: skip
             elif type(module) in ACTIVATIONS and layers and layers[-1]["activation"] is None:
                 layers[-1]["activation"] = ACTIVATIONS[type(module)]
             elif isinstance(module, nn.Hardtanh) and module.min_val == -module.max_val:
                 limit = module.max_val  # of the mean of SAC's gSDE
             elif not isinstance(module, nn.Sequential):
                 raise ValueError(f"{name} is a {type(module).__name__}, which cannot be packed")
-    return {
-        "features": _features(policy.get_submodule(extractor), extractor),
-        "layers": layers,
-        "limit": limit,
-        "squash": "tanh" if policy.squash_output else "clip",
-    }
+    features = _features(policy.get_submodule(extractor), extractor)
+    squash = "tanh" if policy.squash_output else "clip"
+    return {"features": features, "layers": layers, "limit": limit, "squash": squash}
 
 
 def _features(extractor: nn.Module, path: str) -> list[dict[str, Any]]:
-    """Describe what a features extractor makes of an observation, block by block."""
+    """Describe the features made of an observation, block by block."""
     if isinstance(extractor, FlattenExtractor):
         return [{"kind": "observation"}]
     if not isinstance(extractor, NormalizedObservation):
@@ -86,13 +77,8 @@ def _features(extractor: nn.Module, path: str) -> list[dict[str, Any]]:
     return blocks
 
 
-def describe(policy: Any, config: dict[str, Any], training: dict[str, Any]) -> dict[str, Any]:
-    """Return the JSON file's content but for checksum and scores.
-
-    Args:
-        policy: as of :func:`agents.training.models.load_policy`. config: of its run.
-        training: what else to say of that.
-    """
+def _describe(policy: Any, config: dict[str, Any], training: dict[str, Any]) -> dict[str, Any]:
+    """Return the JSON file's content but for checksum and scores."""
     env: Any = make_env(config["env"], config.get("env_kwargs", {}))
     plain = env.unwrapped
     env.close()
@@ -100,20 +86,14 @@ def describe(policy: Any, config: dict[str, Any], training: dict[str, Any]) -> d
         "format": pretrained.FORMAT,
         "env": {"id": config["env"], "kwargs": config.get("env_kwargs", {})},
         "observation": [{"name": row.name, "unit": row.unit} for row in plain.observed],
-        "action": {
-            "name": "crank_torque",
-            "unit": "torque_limit",  # a share of it
-            "torque_limit": plain.torque_limit,  # N m
-            "control_dt": plain.control_dt,  # s
-        },
+        # The unit is a share of the limit, N m; the time is in s.
+        "action": {"name": "crank_torque", "unit": "torque_limit",
+                   "torque_limit": plain.torque_limit, "control_dt": plain.control_dt},
         "network": describe_network(policy),
         "training": {**training, "config": config},
-        "versions": {
-            "jansen_env": jansen_env.__version__,
-            "python": platform.python_version(),
-            **{name: version(name) for name in LIBRARIES},
-        },
-    }
+        "versions": {"jansen_env": jansen_env.__version__, "python": platform.python_version(),
+                     **{name: version(name) for name in LIBRARIES}},
+    }  # fmt: skip
 
 
 def pack(
@@ -126,24 +106,19 @@ def pack(
         run: folder or file. name: of the policy; None for that of its algorithm.
         episodes, seed: of the scores, as of :func:`agents.evaluate.evaluate`.
 
-    Returns:
-        Where the JSON file is.
-
     Raises:
         ValueError: there is no such model, or it has a part that cannot be packed.
     """
     packed = from_run(run)
-    env_id, algo = packed.env_id, packed.description["training"]["config"]["algo"]
+    name = name or packed.description["training"]["config"]["algo"]
     packed.description["scores"] = scores_of(packed, episodes, seed)
-    return write(packed, Path(out) / env_id / f"{name or algo}.json")
+    path, weights = Path(out) / packed.env_id / f"{name}.json", save(packed.tensors)
+    write_bytes(path.with_suffix(".safetensors"), weights)
+    return write_json(path, {**packed.description, "sha256": pretrained.checksum(weights)})
 
 
 def from_run(run: str | Path) -> PretrainedPolicy:
-    """Return a run's best model, or a model's file, as it would be packed, without scores.
-
-    Raises:
-        ValueError: there is no such model, or it has a part that cannot be packed.
-    """
+    """Return a run's best model, or a model's file, as :func:`pack` does, but without scores."""
     model = model_file(str(run)) or Path(run)
     policy: Any = load_policy(model)
     source = find_config(model)
@@ -156,36 +131,22 @@ def from_run(run: str | Path) -> PretrainedPolicy:
         if not key.startswith(COPY)
     }
     training = {"command": lines, "steps": read_model(model, ())[1]}
-    packed = PretrainedPolicy(describe(policy, config, training), tensors)
+    packed = PretrainedPolicy(_describe(policy, config, training), tensors)
     check_equal(packed, load_policy(model))
     return packed
 
 
-def write(policy: PretrainedPolicy, path: Path) -> Path:
-    """Write a policy as a JSON file and the .safetensors file beside it; return ``path``."""
-    weights = save(policy.tensors)
-    write_bytes(path.with_suffix(".safetensors"), weights)
-    return write_json(path, {**policy.description, "sha256": pretrained.checksum(weights)})
-
-
 def rescore(path: str | Path, episodes: int = 10, seed: int = 0) -> Path:
-    """Make the scores in a policy's JSON file again, as where the benchmark's metrics have changed.
-
-    Raises:
-        ValueError: it is no policy's.
-    """
+    """Make the scores in a policy's JSON file again, as where metrics have changed."""
     policy = pretrained.load_file(path)
     return write_json(path, {**policy.description, "scores": scores_of(policy, episodes, seed)})
 
 
 def check_equal(packed: PretrainedPolicy, policy: Any, count: int = 10_000) -> float:
-    """Return the largest difference of two policies' actions on some ``count`` random observations.
+    """Return the largest difference of two policies' actions on ``count`` random observations.
 
-    Torch computes in float32, with an error of its own that depends on how many observations it is
-    given at once; so it is compared in float64, to which ``policy`` is turned.
-
-    Raises:
-        ValueError: it is more than :data:`TOLERANCE`.
+    Torch's error in float32 depends on how many observations it is given at once; so ``policy`` is
+    turned to float64. A ValueError says where it is more than :data:`TOLERANCE`.
     """
     rng = np.random.default_rng(0)
     in_float64(policy)
@@ -198,7 +159,7 @@ def check_equal(packed: PretrainedPolicy, policy: Any, count: int = 10_000) -> f
 
 
 def random_observations(policy: PretrainedPolicy, spread: Any, rng: np.random.Generator) -> Any:
-    """Return observations (n, d) this many (n, d) standard deviations off their mean in training;
+    """Return observations (n, d), ``spread`` (n, d) standard deviations off their mean in training;
     cosines and sines of an angle are those of a random one."""
     mean, deviation = policy.scale
     seen = mean + deviation * spread
@@ -211,8 +172,7 @@ def random_observations(policy: PretrainedPolicy, spread: Any, rng: np.random.Ge
 
 
 def in_float64(policy: Any) -> Any:
-    """Let a policy of :func:`agents.training.models.load_policy` compute in float64; its weights
-    stay those of float32."""
+    """Let a policy of PyTorch compute in float64; its weights stay those of float32."""
     for module in policy.double().modules():
         if isinstance(module, BaseFeaturesExtractor):  # observations come to it as float32
             module.register_forward_pre_hook(lambda _, inputs: (inputs[0].double(),))
@@ -220,24 +180,16 @@ def in_float64(policy: Any) -> Any:
 
 
 def scores_of(policy: PretrainedPolicy, episodes: int, seed: int = 0) -> dict[str, Any]:
-    """Return the scores of :func:`agents.evaluate.evaluate`, and how to have them again.
-
-    The numbers of single episodes have as many digits as a comparison with those of another
-    processor needs.
-    """
+    """Return the scores of :func:`agents.evaluate.evaluate`, and how to have them again."""
     scores = evaluate(
         {"pretrained": policy}, policy.env_id, policy.env_kwargs, episodes=episodes, seed=seed
     )["pretrained"]
-    return {
-        "episodes_per_command": episodes,
-        "seed": seed,
-        "overall": scores["overall"],
-        "by_command": scores["by_command"],
-        "by_episode": {
-            name: [float(f"{value:.{DIGITS}g}") for value in values]
-            for name, values in scores["raw"].items()
-        },
+    episode = {
+        name: [float(f"{value:.{DIGITS}g}") for value in values]
+        for name, values in scores["raw"].items()
     }
+    return {"episodes_per_command": episodes, "seed": seed, "overall": scores["overall"],
+            "by_command": scores["by_command"], "by_episode": episode}  # fmt: skip
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -247,9 +199,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("run", help="a run's folder, a model's zip file with config.yml beside it, or the json "
         "file of a policy whose scores are to be made again")  # fmt: skip
     add("--name", help="of the policy; default: that of its algorithm")
-    add(
-        "--out", default="policies", metavar="DIR", help="files go to DIR/ENV_ID; default: policies"
-    )
+    add("--out", default="policies", metavar="DIR",
+        help="files go to DIR/ENV_ID; default: policies")  # fmt: skip
     add("--episodes", type=positive_int, default=10, help="per command, of the scores; default: 10")
     add("--seed", type=non_negative_int, default=0, help="of the scores; default: 0")
     args = parser.parse_args(arguments)
@@ -258,7 +209,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Pack a policy and say where it is and what it scores."""
+    """Pack a policy; print where it is and its scores."""
     args = parse(arguments)
     try:
         if Path(args.run).suffix == ".json":
@@ -268,13 +219,9 @@ def main(arguments: list[str] | None = None) -> None:
     except (OSError, ValueError) as error:
         args.error(str(error))
     scores = json.loads(path.read_text(encoding="utf-8"))["scores"]["overall"]
-    sizes = " and ".join(
-        f"{file} ({file.stat().st_size / 1000:.0f} kB)"
-        for file in (path, path.with_suffix(".safetensors"))
-    )
-    print(f"written: {sizes}\n"
-          + ", ".join(f"{name} {value[0]:.4g}" for name, value in scores.items()
-                      if value[0] is not None))  # fmt: skip
+    weights = path.with_suffix(".safetensors")
+    print(f"written: {path} ({path.stat().st_size / 1000:.0f} kB), {weights}")
+    print(*(f"{name} {v[0]:.4g}" for name, v in scores.items() if v[0] is not None), sep=", ")
 
 
 if __name__ == "__main__":

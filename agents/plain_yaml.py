@@ -37,14 +37,8 @@ _Loader.add_implicit_resolver(
 
 
 def parse_yaml(text: str, name: str) -> Any:
-    """Parse text as YAML.
-
-    Args:
-        text: YAML. name: of its source, for messages.
-
-    Raises:
-        ValueError: no YAML, a tag of Python, an alias or a key that stands twice; names the line.
-    """
+    """Parse text as plain data; a ValueError begins with the ``name`` of its source, and the line
+    where there is one."""
     try:
         return yaml.load(text, _Loader)
     except yaml.MarkedYAMLError as error:
@@ -55,11 +49,7 @@ def parse_yaml(text: str, name: str) -> Any:
 
 
 def read_yaml(path: str | Path) -> Any:
-    """Parse a file, see :func:`parse_yaml`.
-
-    Raises:
-        ValueError: no such file, too large a one, no UTF-8, or no YAML as read here.
-    """
+    """Parse a file; a ValueError names it where it is missing, too large, no UTF-8 or no YAML."""
     try:
         with open_regular(path) as file:
             data = file.read(MAX_BYTES + 1)

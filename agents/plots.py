@@ -19,10 +19,8 @@ LEAST = 1e-4  # at which a logarithmic axis shows all that is less: rigid feet m
 
 
 def plot_scores(benchmark: Benchmark, scores: dict[str, dict[str, Any]], path: str | Path) -> Path:
-    """Each metric against the command, a line per policy; bands are 95 % intervals.
-
-    With one command a point per policy instead, side by side.
-    """
+    """Draw each metric against the command, a line per policy with its 95 % interval; with one
+    command a point per policy instead, side by side."""
     shown = {name: metric for name, metric in tabled(benchmark.metrics).items() if metric.axis}
     columns = (len(shown) + 1) // 2
     figure, axes = plt.subplots(2, columns, figsize=(12, 6.4), layout="constrained", sharex=True)
@@ -76,26 +74,10 @@ def legend_above(figure: Any, axis: Any) -> None:
 
 
 def _drawable(values: Any, axis: str) -> Any:
-    """Numbers to draw: NaN for what is none; on a logarithmic axis at least :data:`LEAST`."""
+    """Return numbers to draw: NaN for what is none; on a logarithmic axis at least LEAST."""
     numbers = np.array(values, float)
     numbers[~np.isfinite(numbers)] = np.nan
     return np.maximum(numbers, LEAST) if axis == "log" else numbers
-
-
-def plot_training(
-    evaluations: list[dict[str, Any]], baselines: dict[str, float], path: str | Path
-) -> Path:
-    """Mean return of the evaluations during training, with the baselines as level lines."""
-    figure, axis = plt.subplots(figsize=(7, 4), layout="constrained")
-    steps = [row["steps"] for row in evaluations]
-    axis.plot(steps, [row["return"] for row in evaluations], marker="o", label="trained policy")
-    for i, (name, value) in enumerate(baselines.items()):
-        axis.axhline(value, color=f"C{i + 1}", linestyle="--", label=name)
-    axis.set_xlabel("environment steps")
-    axis.set_ylabel("mean return over the commands")
-    axis.legend(frameon=False)
-    axis.grid(alpha=0.3)
-    return save(figure, path)
 
 
 def save(figure: Any, path: str | Path) -> Path:

@@ -19,7 +19,7 @@ from jansen_env.viewer.web.page import MOST_RECORDINGS, page
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    """The command line; what does not go together is refused."""
+    """Parse the command line."""
     parser = policy_parser(__doc__)
     add = parser.add_argument
     add("--recording", action="append", default=[], metavar="FILE",
@@ -43,21 +43,12 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def record(name: str, label: str, args: argparse.Namespace) -> Recording:
-    """An episode of a policy, with environment, command and start of the command line.
-
-    Raises:
-        ValueError: the policy, the command or an argument of the environment is not allowed.
-    """
+    """Record an episode of a policy; a ValueError where it or an argument is not allowed."""
     with closing(Recorder(make_env(args.env, args.env_kwargs), label)) as env:
         for moment in play(load_named(name, env), env, args.command, args.seed):
             if moment.steps == args.steps:
                 break
         return env.recording
-
-
-def path_of(recording: Recording, out: Path) -> Path:
-    """The file beside a page that a recording goes to, by its label."""
-    return out.with_name(f"{out.stem}_{re.sub('[^A-Za-z0-9._-]', '_', recording.label)}.npz")
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -69,7 +60,8 @@ def main(arguments: list[str] | None = None) -> None:
         made = [record(name, label[-LONGEST_NAME:], args) for name, label in named]
         saved = [Recording.load(path) for path in args.recording]
         content = page(*made, *saved)  # or nothing is written
-        paths = [path_of(one, out) for one in made]
+        names = [re.sub("[^A-Za-z0-9._-]", "_", one.label) for one in made]
+        paths = [out.with_name(f"{out.stem}_{name}.npz") for name in names]
         if len({*paths}) < len(paths):  # labels differ in other characters alone
             paths = [path.with_stem(f"{path.stem}_{i}") for i, path in enumerate(paths, start=1)]
         written = [one.save(path) for one, path in zip(made, paths, strict=True)]

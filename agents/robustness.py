@@ -33,17 +33,14 @@ Loaded: TypeAlias = Sequence[tuple[dict[str, Policy], dict[str, Any]]]
 """Policies by name, and the environment's arguments; see :func:`agents.evaluate.load_all`."""
 
 Scores: TypeAlias = dict[str, dict[str, dict[str, dict[str, Any]]]]
-"""By sweep, condition and policy: the summary that :func:`jansen_env.scoring.metrics.pooled`
-returns."""
+"""By sweep, condition and policy :func:`jansen_env.scoring.metrics.pooled`."""
 
 
 def feet(robot: Robot, stiffness: float) -> Compliance:
-    """Return a robot's feet scaled to a stiffness, N/m; an infinite one is rigid.
+    """Return a robot's feet, or the built one's where its own are rigid, scaled to a stiffness, N/m.
 
-    Tangential stiffness is scaled by the same factor, damping by its root: a rubber of the same
-    loss factor at the lower frequency (:func:`jansen_env.robot.buildable.foot_damping`). If a
-    robot's own feet are rigid, the built robot's feet are scaled instead. A world that draws scales
-    of the feet at each reset still applies them on top.
+    An infinite one is rigid. Damping is scaled by the root, as of a rubber of the same loss factor
+    at the lower frequency (:func:`jansen_env.robot.buildable.foot_damping`).
     """
     if stiffness == math.inf:
         return RIGID
@@ -54,12 +51,7 @@ def feet(robot: Robot, stiffness: float) -> Compliance:
 
 
 def score(loaded: Loaded, env_id: str, episodes: int, seed: int = 0) -> Scores:
-    """Score policies under each condition.
-
-    Args:
-        loaded: policies and arguments, of each plant. env_id: of a walker. episodes: under each
-            condition; of a plant in :data:`FEWER` so many times fewer, the first of them.
-        seed: of commands and starts.
+    """Score policies under each condition on so many episodes, fewer on a plant in :data:`FEWER`.
 
     Raises:
         ValueError: an argument out of range, or feet that give and a restitution above 0.
@@ -80,10 +72,8 @@ def score(loaded: Loaded, env_id: str, episodes: int, seed: int = 0) -> Scores:
         ]  # fmt: skip
         for sweep, condition, changes, options in conditions:
             for name, policy in policies.items():
-                run = run_episodes(
-                    policy, env_id, {**env_kwargs, **changes}, commands[:count], seeds[:count],
-                    options=options,
-                )  # fmt: skip
+                given = {**env_kwargs, **changes}, commands[:count], seeds[:count]
+                run = run_episodes(policy, env_id, *given, options=options)
                 scores[sweep].setdefault(condition, {})[name] = pooled(metrics, run, env, seed)
         env.close()
     return scores
@@ -105,9 +95,8 @@ def table(scores: Scores, metrics: dict[str, Metric]) -> str:
 def plot(scores: Scores, metrics: dict[str, Metric], path: Path) -> Path:
     """Draw a row per metric, a column per sweep, a line per policy; bands are 95 % intervals."""
     figure = Figure(figsize=(4.5 * max(len(scores), 1.5), 10.0), layout="constrained")
-    axes: Any = figure.subplots(
-        len(metrics), len(scores), sharex="col", sharey="row", squeeze=False
-    )
+    shape = len(metrics), len(scores)
+    axes: Any = figure.subplots(*shape, sharex="col", sharey="row", squeeze=False)
     for column, (sweep, conditions) in zip(axes.T, scores.items(), strict=True):
         for axis, (name, metric) in zip(column, metrics.items(), strict=True):
             for policy in next(iter(conditions.values())):
@@ -123,20 +112,13 @@ def plot(scores: Scores, metrics: dict[str, Metric], path: Path) -> Path:
 
 
 def report(loaded: Loaded, env_id: str, episodes: int, seed: int, out: Path) -> str:
-    """Score, write ``robustness.json`` and ``robustness.png`` into ``out``, and return the table.
-
-    Raises:
-        ValueError: see :func:`score`.
-    """
+    """Score, write ``robustness.json`` and ``robustness.png`` into ``out``, return the table."""
     scores = score(loaded, env_id, episodes, seed)
     write_json(out / "robustness.json", scores)
     metrics = {name: find_benchmark(env_id).metrics[name] for name in METRICS}
     plot(scores, metrics, out / "robustness.png")
-    fewer = "".join(
-        f" (on {plant} 1/{FEWER[plant]} of that)"
-        for _, env_kwargs in loaded
-        if (plant := env_kwargs.get("plant")) in FEWER
-    )
+    slow = [plant for _, kwargs in loaded if (plant := kwargs.get("plant")) in FEWER]
+    fewer = "".join(f" (on {plant} 1/{FEWER[plant]} of that)" for plant in slow)
     return (
         f"{table(scores, metrics)}\n\n{episodes} episodes of {env_id} under each condition{fewer}, "
         f"commands drawn from its range, seed {seed}; {INTERVALS}. "

@@ -12,46 +12,42 @@ import shlex
 import signal
 import sys
 import uuid
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from agents.command_line import mapping, non_negative_int, positive_int
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from agents.command_line import add_run_flags, positive_int
 from agents.plain_yaml import read_yaml
-from agents.studies.backends import has_ray, run_locally, run_on_ray
-from agents.studies.plan import Study, enter, make_study, read_study
-from agents.studies.progress import StudyProgress
-from agents.studies.run import STATUS, TOKEN, RunRequest, RunResult, is_finished
+from agents.studies.backends import Watch, has_ray, run_locally, run_on_ray
+from agents.studies.plan import STUDY, Run, Study, enter, make_study, read_study
+from agents.studies.run import STATUS, TOKEN, RunRequest, RunResult, is_finished, run_state
 from agents.studies.study_report import write_report
 from agents.training.config import ALGORITHMS
+from agents.training.runs import read_evaluations
 from agents.training.train_model import prepare
 from jansen_env.cores import available_cores
 from jansen_env.files import write_text
 from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT
 
-FLAGS = ("seeds", "envs", "algos", "timesteps", "n_envs", "env_kwargs", "config", "eval_freq",
-         "save_freq", "eval_episodes")  # fmt: skip
-"""Those that describe a study, named as in its file."""
+FLAGS = tuple(STUDY)[:-1]  # those that describe a study, named as in its file, without variants
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse flags; those of a run are named as in train.py."""
     parser = argparse.ArgumentParser(description=__doc__)
-    add, count, steps = parser.add_argument, positive_int, non_negative_int
+    add_run_flags(parser)
+    add, count = parser.add_argument, positive_int
     add("study", nargs="?", metavar="FILE", help="the study as YAML, in place of flags")
     add("--seeds", type=count, help="runs of each kind, with seeds from 0; default: 10")
     add("--env", dest="envs", nargs="+", choices=sorted(BENCHMARKS),
         help=f"environment ids; default: {DEFAULT}")  # fmt: skip
     add("--algo", dest="algos", nargs="+", choices=sorted(ALGORITHMS),
         help="algorithms; default: ppo")  # fmt: skip
-    add("-n", "--timesteps", type=count, help="environment steps of a run")
-    add("--n-envs", type=count, help="environments side by side in a run")
-    add("--env-kwargs", type=mapping, metavar="YAML",
-        help="arguments of the environments, e.g. '{friction: 0.5}'")  # fmt: skip
-    add("--config", metavar="FILE", help="hyperparameters; default: agents/configs/ENV/ALGO.yml")
-    add("--eval-freq", type=steps,
-        help="steps between evaluations; default: a 16th of the timesteps")  # fmt: skip
-    add("--save-freq", type=steps, help="steps between checkpoints; default: 100000")
-    add("--eval-episodes", type=count, help="episodes per command of the scores; default: 10")
     add("--name", help="of the study; default: the file's, or else 'study'")
     add("--log-folder", default="logs/studies", metavar="DIR", help="the study goes to DIR/NAME")
     add("--cores", type=count, default=1, help="of each run, for its environments; default: 1")
@@ -100,11 +96,8 @@ def _begin(args: argparse.Namespace) -> tuple[Study, Path]:
     """Return the study asked for and its folder, after each group's model was built once."""
     name = args.name or (Path(args.study).stem if args.study else "study")
     folder = Path(args.log_folder).resolve() / name
-    if args.study:
-        study = make_study(read_yaml(args.study), args.study)
-    else:
-        plan = {flag: getattr(args, flag) for flag in FLAGS}
-        study = make_study({k: v for k, v in plan.items() if v is not None})
+    plan = {flag: value for flag in FLAGS if (value := getattr(args, flag)) is not None}
+    study = make_study(read_yaml(args.study), args.study) if args.study else make_study(plan)
     for group, config in study.groups.items():
         try:
             env: Any = prepare({**config, "seed": 0}).get_env()
@@ -119,10 +112,9 @@ def _run(
     study: Study, folder: Path, args: argparse.Namespace, command: str
 ) -> dict[str, RunResult]:
     """Execute the runs that are not finished; returns their results by name."""
-    token = folder / TOKEN
-    if not token.is_file():
+    if not (token := folder / TOKEN).is_file():
         write_text(token, uuid.uuid4().hex)
-    common = (study.eval_freq, study.save_freq, study.eval_episodes, args.cores, command)
+    common = (*study[2:], args.cores, command, token.read_text(encoding="utf-8"))
     runs = study.runs(folder)
     left = [run for run in runs if not is_finished(run.folder)]
     for run in left:
@@ -133,12 +125,44 @@ def _run(
           f"-> {folder}", flush=True)  # fmt: skip
     if not left:
         return {}
-    requests = [RunRequest(run, *common, token.read_text(encoding="utf-8")) for run in left]
-    with StudyProgress(runs) as progress:
+    requests = [RunRequest(run, *common) for run in left]
+    with study_progress(runs) as progress:
         if not local:
             return run_on_ray(requests, args.address, progress)
         workers = args.workers or max(1, available_cores() // args.cores)
         return run_locally(requests, min(workers, len(left)), progress)
+
+
+@contextmanager
+def study_progress(runs: Sequence[Run], console: Console | None = None) -> Iterator[Watch]:
+    """Give the function that shows how many runs are in which state, and the steps evaluated."""
+    console, before = console or Console(), ""
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
+    bars = Progress(*columns, TimeRemainingColumn(), console=console,
+                    disable=not console.is_terminal, speed_estimate_period=7200.0)  # fmt: skip
+    task = bars.add_task("", total=sum(run.config["timesteps"] for run in runs))
+
+    def watch(results: dict[str, RunResult]) -> None:
+        nonlocal before
+        states = [results[r.name].state if r.name in results else run_state(r) for r in runs]
+        counts = sorted(Counter(states).items())
+        line = ", ".join(f"{count} {state}" for state, count in counts)
+        bars.update(task, completed=sum(map(_steps, runs)), description=line)
+        if line != before and not console.is_terminal:
+            console.print(line, highlight=False, soft_wrap=True)
+        before = line
+
+    with bars:
+        yield watch
+
+
+def _steps(run: Run) -> int:
+    """Return the steps of a run's last evaluation."""
+    if is_finished(run.folder):
+        return int(run.config["timesteps"])
+    with suppress(ValueError, IndexError):  # a damaged file is the report's to name
+        return int(read_evaluations(run.folder)[-1]["steps"])
+    return 0
 
 
 if __name__ == "__main__":

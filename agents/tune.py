@@ -1,8 +1,7 @@
-"""Make the baselines' data, ``agents/data``: ``python -m agents.tune [pid] [constant] [profile]``.
+"""Make the baselines' data: ``python -m agents.tune [pid] [constant] [profile]``.
 
-For ``pid`` and ``constant`` the walking speed at constant crank speeds and at constant torques is
-measured on the robot of ``--env``; the PID's gains are those of :data:`GAINS` that return most.
-``profile`` is searched for on the same robot (:mod:`agents.tuning.profile_search`).
+For ``pid`` and ``constant`` walking speeds are measured on the robot of ``--env``; ``profile`` is
+searched for on it (:mod:`agents.tuning.profile_search`).
 """
 
 from __future__ import annotations
@@ -19,11 +18,9 @@ from tqdm import tqdm
 import jansen_env
 from agents.command_line import non_negative_int, positive_int
 from agents.tuning import profile_search
-from agents.tuning.batched_rollout import Outcome
 from jansen_env.baselines import profile
 from jansen_env.baselines.pid import PID
 from jansen_env.baselines.policy import Array, Policy
-from jansen_env.baselines.profile import Profile
 from jansen_env.baselines.walker_baselines import (
     BASELINES,
     DATA,
@@ -36,6 +33,7 @@ from jansen_env.baselines.walker_baselines import (
 from jansen_env.files import write_json
 from jansen_env.robot import ROBOTS
 from jansen_env.scoring.benchmarks import BENCHMARKS
+from jansen_env.scoring.metrics import Episodes
 from jansen_env.scoring.rollout import make_env, run_episodes
 
 ENV = "JansenWalker-v0"
@@ -50,27 +48,17 @@ FIRST_SEED = 10_000  # apart from all others
 HORIZON = 10.0  # s, the time limit of an episode
 
 
-def design_of(env_id: str) -> str:
-    """Return the name of the built-in design that an environment's robot has the links of."""
-    env: Any = make_env(env_id, {}).unwrapped
-    return tuned_for(env.robot, ROBOTS)
-
-
 def policy_of(name: str, setting: Setting, env: Any, gains: tuple[float, ...] = PAPER) -> Policy:
     """Return the baseline "pid" or "constant" with a setting for each command."""
-    return (
-        walking_pid(setting, env, PID(*gains)) if name == "pid" else constant_torque(setting, env)
-    )
+    if name == "pid":
+        return walking_pid(setting, env, PID(*gains))
+    return constant_torque(setting, env)
 
 
 def measure(
-    name: str,
-    settings: Array,
-    episodes: int,
-    env_id: str = ENV,
-    gains: tuple[float, ...] = PAPER,
+    name: str, settings: Array, episodes: int, env_id: str = ENV, gains: tuple[float, ...] = PAPER
 ) -> dict[str, Any]:
-    """Walking speeds (m/s) of each crank speed ("pid") or torque ("constant"), as in the file."""
+    """Measure walking speeds, m/s, of each crank speed ("pid") or torque ("constant")."""
     env = make_env(env_id, {}).unwrapped
     each = np.repeat(settings, episodes)
     commands, seeds = np.full(len(each), 0.3), FIRST_SEED + np.arange(len(each)) % episodes
@@ -81,10 +69,8 @@ def measure(
 
 
 def measure_pid(episodes: int, env_id: str) -> dict[str, Any]:
-    """Measure the PID: the paper's on the paper's robot, elsewhere with the best of :data:`GAINS`.
-
-    Best is the mean return at the commands that policies are scored at, on other starts.
-    """
+    """Measure the PID with the paper's gains on the paper's robot, elsewhere with those of
+    :data:`GAINS` whose mean return over the benchmark's commands is best, on other starts."""
     env, commands = make_env(env_id, {}).unwrapped, np.repeat(BENCHMARKS[env_id].commands, episodes)
     seeds = FIRST_SEED + episodes + np.arange(len(commands)) % episodes
     best, found = -np.inf, {}
@@ -98,70 +84,45 @@ def measure_pid(episodes: int, env_id: str) -> dict[str, Any]:
     return found
 
 
-def versions() -> dict[str, str]:
-    """Of what a search's numbers come from."""
-    return {
-        "jansen_env": jansen_env.__version__,
-        **{name: version(name) for name in ("cma", "numba", "numpy")},
-    }
-
-
-def save_design(path: Path, design: str, made: dict[str, Any]) -> Path:
-    """Write a design's numbers; what the file has of others stays."""
+def save_design(path: Path, env_id: str, made: dict[str, Any]) -> None:
+    """Write the numbers of the design of an environment's robot; those of others stay."""
+    env: Any = make_env(env_id, {}).unwrapped
+    design = tuned_for(env.robot, ROBOTS)
     kept = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    return write_json(path, {**kept, design: {**kept.get(design, {}), **made}})
+    write_json(path, {**kept, design: {**kept.get(design, {}), **made}})
 
 
-def tune_maps(names: list[str], episodes: int, path: Path, env_id: str = ENV) -> None:
-    """Measure some of :data:`SETTINGS` on an environment's robot."""
-    made: dict[str, Any] = {}
-    for name in tqdm(names, desc="walking speeds", unit="baseline"):
-        command = f"python -m agents.tune {name} --env {env_id} --episodes {episodes}"
-        made[name] = {"command": command} | (
-            measure_pid(episodes, env_id) if name == "pid"
-            else measure(name, SETTINGS[name], episodes, env_id)
-        )  # fmt: skip
-    print(f"written: {save_design(path, design_of(env_id), made)}")
-
-
-def tune_profile(seed: int, path: Path, env_id: str = ENV, effort: float = 1.0) -> None:
-    """Search for the profile; what there is after each sweep is in the file.
-
-    ``effort``: by which the numbers of generations are multiplied.
-    """
+def tune_profile(seed: int, path: Path, env_id: str, effort: float) -> None:
+    """Search for the profile, with ``effort`` times the generations; it is saved by sweep."""
     sweeps = [
         sweep._replace(generations=max(1, round(effort * sweep.generations)))
         for sweep in profile_search.SWEEPS
     ]
-    commands, design = profile_search.COMMANDS, design_of(env_id)
-    made: dict[str, Any] = {
+    commands = profile_search.COMMANDS
+    made = {
         "command": f"python -m agents.tune profile --env {env_id} --seed {seed} "
         f"--effort {effort:g}",
-        "versions": versions(),
+        "versions": {name: version(name) for name in ("cma", "numba", "numpy")}
+        | {"jansen_env": jansen_env.__version__},
         "columns": list(profile.number_names(profile_search.HARMONICS)),
     }
     total = len(commands) * sum(sweep.generations for sweep in sweeps)
     with tqdm(total=total, desc="profile", unit="generation") as bar:
 
-        def progress(command: float, out: Outcome) -> None:
-            bar.set_postfix_str(
-                f"{command:g} m/s: return {out.returns.mean():.0f}, falls {out.fell.mean():.1%}"
-            )
+        def progress(command: float, run: Episodes) -> None:
+            returns, falls = run["returns"].mean(), run["fell"].mean()
+            bar.set_postfix_str(f"{command:g} m/s: return {returns:.0f}, falls {falls:.1%}")
             bar.update()
 
-        def save(found: Profile) -> None:
-            made["commands"] = found.commands.tolist()
-            made["numbers"] = found.numbers.round(5).tolist()
-            save_design(path, design, made)
-
-        profile_search.search_profile(
-            commands, sweeps, seed=seed, progress=progress, save=save, env_id=env_id
-        )
-    print(f"written: {path}")
+        given: dict[str, Any] = {"seed": seed, "progress": progress, "env_id": env_id}
+        for found in profile_search.search_profile(commands, sweeps, **given):
+            numbers = found.numbers.round(5).tolist()
+            own = {**made, "commands": found.commands.tolist(), "numbers": numbers}
+            save_design(path, env_id, own)
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Command line."""
+    """Measure and search for the named baselines' numbers."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     add = parser.add_argument
     add("baselines", nargs="*", metavar="NAME", help=f"of {', '.join(BASELINES)}; default: all")
@@ -173,16 +134,20 @@ def main(arguments: list[str] | None = None) -> None:
     args = parser.parse_args(arguments)
     if not 0.0 < args.effort <= 100.0:
         parser.error(f"--effort is {args.effort}, must be above 0 and at most 100")
-    names = args.baselines or list(BENCHMARKS[args.env].baselines)
-    for name in names:
-        if name not in BENCHMARKS[args.env].baselines:
-            known = list(BENCHMARKS[args.env].baselines)
+    known = list(BENCHMARKS[args.env].baselines)
+    for name in args.baselines or known:
+        if name not in known:
             parser.error(f"baseline is {name!r}, must be one of {known} for {args.env}")
-    maps = [name for name in SETTINGS if name in names]
-    if maps:
-        tune_maps(maps, args.episodes, args.out / DATA.name, args.env)
-    if "profile" in names:
-        tune_profile(args.seed, args.out / profile.DATA.name, args.env, args.effort)
+    for name in args.baselines or known:
+        path = args.out / (profile.DATA if name == "profile" else DATA).name
+        if name == "profile":
+            tune_profile(args.seed, path, args.env, args.effort)
+        elif name in SETTINGS:
+            command = f"python -m agents.tune {name} --env {args.env} --episodes {args.episodes}"
+            found = (measure_pid(args.episodes, args.env) if name == "pid"
+                     else measure(name, SETTINGS[name], args.episodes, args.env))  # fmt: skip
+            save_design(path, args.env, {name: {"command": command, **found}})
+        print(f"written: {path}")
 
 
 if __name__ == "__main__":

@@ -19,20 +19,12 @@ from jansen_env.policies.pretrained import PretrainedPolicy
 
 
 def load_sb3(env_id: str, name: str = pretrained.DEFAULT) -> BaseAlgorithm:
-    """Load a policy that comes with the package as a model, see :func:`to_sb3`.
-
-    Raises:
-        ValueError: there is none of this name for the environment.
-    """
+    """Load a policy that comes with the package as a model, see :func:`to_sb3`."""
     return to_sb3(pretrained.load(env_id, name))
 
 
 def load_sb3_file(path: str | Path) -> BaseAlgorithm:
-    """Load a policy's JSON file and the file beside it as a model, see :func:`to_sb3`.
-
-    Raises:
-        ValueError: as of :func:`jansen_env.policies.pretrained.load_file` and :func:`to_sb3`.
-    """
+    """Load a policy's JSON file as a model, see :func:`to_sb3`; a ValueError names the file."""
     try:
         return to_sb3(pretrained.load_file(path))
     except ValueError as error:
@@ -40,39 +32,29 @@ def load_sb3_file(path: str | Path) -> BaseAlgorithm:
 
 
 def to_sb3(packed: PretrainedPolicy) -> BaseAlgorithm:
-    """Return a policy as the model that it was trained as, on the environments of its training.
-
-    Networks are the trained ones, the critic's too; the optimiser starts again.
+    """Return a policy as the model that it was trained as, on the environments of its training; the
+    optimiser starts again.
 
     Raises:
-        ValueError: as of :func:`training_config`, or the configuration describes other networks.
+        ValueError: its training's configuration is not allowed, or of another environment.
     """
-    model = prepare(training_config(packed))
+    model = prepare(_training_config(packed))
     _fill(model.policy, packed)
     return model
 
 
 def to_policy(packed: PretrainedPolicy) -> Policy:
-    """Return a policy as the one in PyTorch that it was packed of.
-
-    Raises:
-        ValueError: as of :func:`to_sb3`.
-    """
+    """Return a policy as the one in PyTorch that it was packed of; errors are :func:`to_sb3`'s."""
     try:
-        policy: Policy = untrained_policy(training_config(packed))
+        policy: Policy = untrained_policy(_training_config(packed))
     except (AssertionError, TypeError) as error:  # arguments that do not go together
         raise ValueError(str(error)) from error
     _fill(policy, packed)
     return policy
 
 
-def training_config(packed: PretrainedPolicy) -> dict[str, Any]:
-    """Return the configuration that a policy was trained with.
-
-    Raises:
-        ValueError: it is not allowed (see :func:`agents.training.config.check_config`), or of
-            another environment than the policy.
-    """
+def _training_config(packed: PretrainedPolicy) -> dict[str, Any]:
+    """Return the configuration that a policy was trained with."""
     training = packed.description.get("training")
     config: Any = training.get("config") if isinstance(training, dict) else None
     check_config(config, required=TO_RESUME)

@@ -27,10 +27,8 @@ Picture = NDArray[np.uint8]
 
 
 class Progress(NamedTuple):
-    """Of an episode: the steps taken, the return so far, and whether it has ended early.
-
-    Of a walker also how far it has come, m, and how far its toes have slid, all together, m.
-    """
+    """Of an episode the steps taken, the return so far, and whether it has ended early; of a walker
+    also how far it has come, and its toes have slid together, m."""
 
     steps: int
     returned: float
@@ -38,20 +36,9 @@ class Progress(NamedTuple):
     walked: float | None = None
     slipped: float | None = None
 
-    def after(self, reward: float, failed: bool, info: dict[str, Any]) -> Progress:
-        """One step on."""
-        slipped = (self.slipped or 0.0) + float(info["slip"].sum()) if "slip" in info else None
-        return Progress(
-            self.steps + 1, self.returned + reward, failed, info.get("x_position"), slipped
-        )
-
 
 def play(policy: Policy, env: Any, command: float, seed: int) -> Iterator[Progress]:
-    """Play an episode with a command; yield its start and each step.
-
-    Args:
-        policy: acts deterministically. env: of one robot. seed: of its start.
-    """
+    """Play an episode of one robot with a command; yield its start and each step."""
     observation, _ = env.reset(seed=seed, options={find_benchmark(env.spec.id).option: command})
     moment, state, truncated = Progress(0, 0.0, False), None, False
     yield moment
@@ -59,17 +46,17 @@ def play(policy: Policy, env: Any, command: float, seed: int) -> Iterator[Progre
         starts = np.array([moment.steps == 0])
         actions, state = policy.predict(observation[None], state, starts, True)
         observation, reward, terminated, truncated, info = env.step(actions[0])
-        moment = moment.after(reward, terminated, info)
+        slipped = (moment.slipped or 0.0) + info["slip"].sum() if "slip" in info else None
+        moment = Progress(moment.steps + 1, moment.returned + reward, terminated,
+                          info.get("x_position"), slipped)  # fmt: skip
         yield moment
 
 
 def film(
     env: Any, moments: Iterable[Progress], every: int, title: str | None = None
 ) -> Iterator[Picture]:
-    """A frame of one moment in ``every`` that come by; env: as they are played in.
-
-    title: written into the frames, with how far a walker has come and its toes have slid.
-    """
+    """Give a frame of one in ``every`` moments; a title is written into it, with how far a walker
+    has come and its toes have slid."""
     for moment in moments:
         if moment.steps % every == 0:
             yield env.render() if title is None else _titled(env.render(), title, moment)
@@ -91,30 +78,28 @@ def _titled(frame: Picture, title: str, moment: Progress) -> Picture:
 
 
 def stack(films: Sequence[Iterable[Picture]]) -> Iterator[Picture]:
-    """Films one above the other; the last frame of one that ends stays until all have ended."""
+    """Put films one above the other; the last frame of one that ends stays until all have ended."""
     shown: list[Any] = [None] * len(films)
     for frames in zip_longest(*films):
-        shown = [
-            before if frame is None else frame for frame, before in zip(frames, shown, strict=True)
-        ]
+        shown = [before if new is None else new for new, before in zip(frames, shown, strict=True)]
         yield np.concatenate(shown)
 
 
 def check_suffix(path: str | Path) -> str:
-    """The suffix of a video's file. Raises ValueError if no video has it."""
+    """Return the suffix of a video's file; a ValueError where no video has it."""
     if (suffix := Path(path).suffix) not in FRAME_TIME:
         raise ValueError(f"{path} ends in {suffix!r}, must end in one of {list(FRAME_TIME)}")
     return suffix
 
 
 def steps_per_frame(path: str | Path, env: Any) -> int:
-    """How many control steps a file's kind of video has from one frame to the next."""
+    """Return how many control steps a file's kind of video has from one frame to the next."""
     return max(1, round(FRAME_TIME[Path(path).suffix] / env.unwrapped.control_dt))
 
 
 def record_video(policy: Policy, env_id: str, env_kwargs: dict[str, Any], command: float, seed: int,
                  path: str | Path, seconds: float = 6.0) -> None:  # fmt: skip
-    """Write a video of one episode with a command, to a .gif or .mp4 file."""
+    """Write a video of an episode's first ``seconds``, to a .gif or .mp4 file."""
     env: Any = make_env(env_id, env_kwargs, render_mode="rgb_array")
     dt, every = env.unwrapped.control_dt, steps_per_frame(path, env)
     steps = zip(range(round(seconds / dt)), play(policy, env, command, seed), strict=False)
@@ -123,12 +108,7 @@ def record_video(policy: Policy, env_id: str, env_kwargs: dict[str, Any], comman
 
 
 def save_video(frames: Iterable[Picture], path: str | Path, frame_time: float) -> None:
-    """Write frames atomically as an endlessly repeating .gif (delays in whole 10 ms), or as .mp4.
-
-    Args:
-        frames: (height, width, 3) uint8, of one even size, at least one; they are written as they
-            come, so that a long video takes little memory.
-        path: file to write or replace. frame_time: s from one to the next.
+    """Write frames (height, width, 3), of one even size, as they come, as an endless .gif or .mp4.
 
     Raises:
         ValueError: no frames, or another suffix.
@@ -150,17 +130,17 @@ def _write_mp4(frames: Iterable[Picture], name: str, frame_time: float) -> None:
 
 
 def _write_gif(frames: Iterable[Picture], name: str, frame_time: float) -> None:
-    small: Iterator[Image.Image] = map(_shrunk, frames)
-    first = next(small)
+    small = (
+        Image.fromarray(frame).resize(
+            (GIF_WIDTH, round(GIF_WIDTH * frame.shape[0] / frame.shape[1])),
+            Image.Resampling.LANCZOS,
+        )
+        for frame in frames
+    )
+    first: Image.Image = next(small)
     # One palette for all, or still parts would flicker; an octree keeps a toe's few red pixels.
     palette = first.quantize(GIF_COLOURS, Image.Quantize.FASTOCTREE)
     first, *others = (
         image.quantize(palette=palette, dither=Image.Dither.NONE) for image in chain([first], small)
     )
     first.save(name, save_all=True, append_images=others, duration=1e3 * frame_time, loop=0)
-
-
-def _shrunk(frame: Picture) -> Image.Image:
-    height, width = frame.shape[:2]
-    size = (GIF_WIDTH, round(height * GIF_WIDTH / width))
-    return Image.fromarray(frame).resize(size, Image.Resampling.LANCZOS)

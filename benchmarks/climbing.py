@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from agents.tuning.batched_rollout import DURATION, BatchedRollout
+from agents.tuning.profile_search import ENV
 from benchmarks import measure
 from benchmarks.profile_scores import chosen_with_policies
 from jansen_env import Terrain
@@ -22,7 +22,8 @@ from jansen_env.baselines.policy import Array, Bools, Policy
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot import Robot, paper_robot
 from jansen_env.robot.kinematics import SKELETON, T, joint_positions, world_joints
-from jansen_env.scoring.benchmarks import ENOUGH
+from jansen_env.scoring.benchmarks import ENOUGH, succeeded
+from jansen_env.scoring.rollout import make_env, run_episodes
 from jansen_env.terrain import shapes
 from jansen_env.terrain.generators import HIGHEST, LEVELS, NamedGenerator, at_level, make_generator
 
@@ -84,11 +85,10 @@ def walk(policy: Policy, cases: Sequence[tuple[Terrain, float, int]]) -> Walked:
     parts = []
     for begin in range(0, len(cases), AT_ONCE):
         terrains, speeds, seeds = zip(*cases[begin : begin + AT_ONCE], strict=True)
-        rollout = BatchedRollout(np.full(len(terrains), FRICTION), terrains)
-        out = rollout.run(policy, np.array(speeds), np.array(seeds))
-        rollout.close()
-        enough = out.distance >= ENOUGH * DURATION * np.array(speeds)
-        parts.append(Walked(~out.fell, ~out.fell & enough))
+        kwargs = {"friction": FRICTION, "terrain": list(terrains)}
+        run = run_episodes(policy, ENV, kwargs, np.array(speeds), np.array(seeds))
+        won = succeeded(run, make_env(ENV, {})).astype(bool)
+        parts.append(Walked(~run["fell"].astype(bool), won))
     return Walked(*map(np.concatenate, zip(*parts, strict=True)))
 
 

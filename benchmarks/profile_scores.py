@@ -17,10 +17,12 @@ from gymnasium.vector import AutoresetMode
 from scipy.stats import binomtest
 
 from agents.evaluate import label, load_named
-from agents.tuning.batched_rollout import ENV, BatchedRollout, Outcome
+from agents.tuning.profile_search import ENV
 from benchmarks import measure
 from jansen_env.baselines.policy import Array, Policy
-from jansen_env.scoring.rollout import make_env
+from jansen_env.scoring.benchmarks import WALKER
+from jansen_env.scoring.metrics import SETTLING, Episodes, point_estimates
+from jansen_env.scoring.rollout import make_env, run_episodes
 
 COMMANDS = (0.05, 0.06, 0.075, 0.1, 0.125, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7,
             0.8)  # fmt: skip
@@ -29,6 +31,11 @@ FIRST_SEED = 70_000  # apart from all others
 SCORED_SEED = 100_000  # of the table, and all above
 CONFIDENCE = 0.95  # of the bound of falls
 FRICTION = 0.8
+DURATION = 10.0  # s, of an episode
+COLUMNS = {
+    "steady_speed_error": ".3f", "slip_per_metre": ".3f", "cost_of_transport": ".2f",
+    "rms_torque": ".1f", "torque_change": ".2f",
+}  # fmt: skip
 HEAD = (
     "m/s", "policy", "return", "falls", "at most", "mean speed - command (m/s)",
     "speed error (m/s)", "slip (m/m)", "cost of transport", "RMS torque (N m)",
@@ -68,18 +75,15 @@ def most_falls(falls: int, count: int) -> str:
     return f"{100.0 * bound.high:.2g} %"
 
 
-def cells(out: Outcome) -> tuple[str, ...]:
+def cells(run: Episodes) -> tuple[str, ...]:
     """Return the table's columns after the policy, of episodes at one command."""
-    distance, falls, count = (
-        max(float(out.distance.sum()), 1e-9),
-        int(out.fell.sum()),
-        len(out.fell),
-    )
+    found = point_estimates(WALKER.metrics, run, make_env(ENV, {}))
+    speed = (run["distance"] - run["early_distance"]) / (DURATION - SETTLING)
+    falls, count = int(run["fell"].sum()), len(run["fell"])
     return (
-        f"{out.returns.mean():.0f}", f"{falls} of {count}", most_falls(falls, count),
-        f"{out.drift.mean():+.3f}", f"{np.abs(out.drift).mean():.3f}",
-        f"{out.slip.sum() / distance:.3f}", f"{out.work.sum() / distance:.2f}",
-        f"{np.sqrt(out.square).mean():.1f}", f"{out.change.mean():.2f}",
+        f"{run['returns'].mean():.0f}", f"{falls} of {count}", most_falls(falls, count),
+        f"{(speed - run['command']).mean():+.3f}",
+        *(f"{found[name] or 0.0:{digits}}" for name, digits in COLUMNS.items()),
     )  # fmt: skip
 
 
@@ -87,13 +91,12 @@ def score(policies: dict[str, Policy], commands: tuple[float, ...], count: int) 
     """The table by command and policy, and a sentence on each policy's falls, as Markdown."""
     rows, falls = [], dict.fromkeys(policies, 0)
     for i, command in enumerate(commands):
+        seeds = SCORED_SEED + i * count + np.arange(count)
         for name, policy in policies.items():
-            rollout = BatchedRollout(np.full(count, FRICTION))
-            seeds = SCORED_SEED + i * count + np.arange(count)
-            out = rollout.run(policy, np.full(count, command), seeds)
-            rollout.close()
-            rows.append((f"{command:g}", name, *cells(out)))
-            falls[name] += int(out.fell.sum())
+            asked = np.full(count, command)
+            run = run_episodes(policy, ENV, {"friction": FRICTION}, asked, seeds)
+            rows.append((f"{command:g}", name, *cells(run)))
+            falls[name] += int(run["fell"].sum())
     total = count * len(commands)
     return [measure.table(HEAD, rows)] + [
         f"{name}: {fell} falls in the {total:,} episodes of all commands, in the mean a "

@@ -66,17 +66,12 @@ def _kill(venv, steps):
 
 
 def outcome(folder: Path):
-    """All that a run has come to: final and best model with optimisers, evaluations, episodes."""
+    """All that a run has come to: final and best model with optimisers, and evaluations."""
     rows = [
         {name: value for name, value in row.items() if name != "seconds"}
         for row in runs.read_evaluations(folder)
     ]
-    episodes = [
-        line.rsplit(",", 1)[0]  # without its wall time
-        for path in sorted((folder / "monitor").glob("*.csv"), key=lambda p: int(p.name[:-12]))
-        for line in path.read_text().splitlines()[2:]
-    ]
-    return [read_model(folder / name) for name in (runs.FINAL, runs.BEST)], rows, episodes
+    return [read_model(folder / name) for name in (runs.FINAL, runs.BEST)], rows
 
 
 def same(one, other) -> bool:

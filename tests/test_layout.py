@@ -28,7 +28,7 @@ ORDER = (
     ["play"],
     ["agents.command_line", "agents.plain_yaml", "agents.plots", "agents.video"],
     ["agents.training", "agents.tuning", "agents.robustness"],
-    ["agents.evaluate", "agents.pack", "agents.scored_run", "agents.unpack"],
+    ["agents.evaluate", "agents.pack", "agents.unpack"],
     ["agents.export", "agents.studies"],
     ["agents"],  # the other commands
     ["benchmarks", "examples", "train"],

@@ -7,10 +7,17 @@ differs by more than 1e-6 nothing is written.
 
 from __future__ import annotations
 
+import argparse
 import re
+import shlex
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import torch
+
+from agents.command_line import non_negative_int, positive_int
 from agents.evaluate import ALIASES, SHIPPED, evaluate
 from agents.export import agreement, c_source, onnx_model
 from agents.export.model_card import card
@@ -19,7 +26,7 @@ from agents.unpack import to_policy
 from jansen_env.files import write_bytes
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import PretrainedPolicy
-from jansen_env.scoring.benchmarks import DEFAULT, find_benchmark
+from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT, find_benchmark
 from jansen_env.scoring.rollout import make_env
 
 KINDS = ("onnx", "c")
@@ -28,15 +35,7 @@ UNCHECKED = ("C in float", "PyTorch itself in float32")  # which are less exact,
 
 
 def read(run: str, env_id: str | None = None) -> tuple[PretrainedPolicy, str]:
-    """Return a policy and how it is called.
-
-    Args:
-        run: a run's folder, a model's zip file, a policy's json file, ``"pretrained"`` or
-            ``"pretrained:NAME"``. env_id: of the last two; None for the default.
-
-    Raises:
-        ValueError: there is none, it is damaged, or it has a part that cannot be packed.
-    """
+    """Return the policy and the name of what :func:`export` is given."""
     own = ALIASES.get(run, run)
     if own.startswith(SHIPPED):
         path = pretrained.shipped(env_id or DEFAULT, own.removeprefix(SHIPPED))
@@ -57,7 +56,9 @@ def export(
     """Write a policy and its model card into a folder.
 
     Args:
-        run, env_id: see :func:`read`. kinds: of :data:`KINDS`. out: the folder.
+        run: a run's folder, a model's zip file, a policy's json file, ``"pretrained"`` or
+            ``"pretrained:NAME"``. env_id: of the last two; None for the default.
+        kinds: of :data:`KINDS`. out: the folder.
         name: of the files, and of functions in C; None for one such as jansen_walker_v0_ppo.
         episodes, seed: of the scores, as of :func:`agents.evaluate.evaluate`.
         command: what the card is to say of how it was written.
@@ -67,8 +68,8 @@ def export(
         float64, by what computes them, None for what could not be run here.
 
     Raises:
-        ValueError: as of :func:`read`; the name is none for C; or what was made does not act as the
-            policy does. ModuleNotFoundError: ONNX is asked for, and its packages are not installed.
+        ValueError: there is no such policy, it is damaged, or it has a part that cannot be packed;
+            the name is none for C; or what was made does not act as the policy does.
     """
     policy, own = read(run, env_id)
     words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", f"{policy.env_id}_{own}").lower()
@@ -128,3 +129,46 @@ def _c(policy: PretrainedPolicy, name: str, cases: Any) -> tuple[dict[str, bytes
         for what, options in zip(actions, (agreement.OPTIONS, single), strict=True):
             actions[what] = agreement.actions_of_c(program, name, cases, options)
     return {file: text.encode("ascii") for file, text in texts.items()}, actions
+
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
+    """Parse the command line."""
+    parser = argparse.ArgumentParser("python -m agents.export", description=__doc__)
+    add = parser.add_argument
+    add("run", metavar="RUN", help="a run's folder, a model's zip file with config.yml beside it, "
+        "a policy's json file, 'pretrained' or 'pretrained:NAME'")  # fmt: skip
+    add("--to", action="append", required=True, choices=KINDS,
+        help="what to write; given again, several of them")  # fmt: skip
+    add("--env", choices=sorted(BENCHMARKS), help=f"of 'pretrained'; default: {DEFAULT}")
+    add("--out", default="exports", metavar="DIR", help="folder of the files; default: exports")
+    add("--name", help="of the files and of functions in C; default: such as jansen_walker_v0_ppo")
+    add("--episodes", type=positive_int, default=10,
+        help="per command, of the scores in the model card; default: 10")  # fmt: skip
+    add("--seed", type=non_negative_int, default=0, help="of the scores; default: 0")
+    args = parser.parse_args(arguments)
+    args.error, args.to = parser.error, tuple(dict.fromkeys(args.to))
+    missing = [one for one in onnx_model.NEEDED if find_spec(one) is None]
+    if "onnx" in args.to and missing:
+        parser.error(f"--to onnx needs {', '.join(missing)}, which the extra 'export' installs: "
+                     'python -m pip install -e ".[export]"')  # fmt: skip
+    return args
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Export a policy, and say what was written and how well it agrees."""
+    words = sys.argv[1:] if arguments is None else arguments
+    args = parse(words)
+    torch.set_num_threads(1)  # of a network this small more only wait for one another
+    command = shlex.join(["python", "-m", "agents.export", *words])
+    print(f"comparing on {CASES} observations, then scoring beside the baselines ...", flush=True)
+    try:
+        paths, differences = export(
+            args.run, args.to, args.out, args.name, args.env, args.episodes, args.seed, command
+        )
+    except (OSError, ValueError) as error:
+        args.error(str(error))
+    for path in paths:
+        print(f"written: {path} ({path.stat().st_size / 1000:.1f} kB)")
+    for what, difference in differences.items():
+        told = "not run: no C compiler here" if difference is None else f"{difference:.2g}"
+        print(f"largest difference of an action to PyTorch's in float64, {what}: {told}")

@@ -31,8 +31,7 @@ def make_cases(policy: PretrainedPolicy, count: int = 10_000) -> Cases:
     """Return observations (n, d): half of them of a rollout on the policy's environment, a quarter
     random ones around their mean in training, a quarter at the clip of the scaling and beyond.
 
-    Args:
-        count: n, rounded to whole steps of :data:`ROBOTS`.
+    ``count`` is n, rounded to whole steps of :data:`ROBOTS`.
     """
     rng, steps = np.random.default_rng(0), max(4, count // ROBOTS)
     quarter = (steps // 4 * ROBOTS, len(policy.observed))
@@ -40,18 +39,13 @@ def make_cases(policy: PretrainedPolicy, count: int = 10_000) -> Cases:
     far = clip * rng.choice(FAR, size=quarter) * rng.choice([-1.0, 1.0], size=quarter)
     near = 2.0 * rng.normal(size=quarter)
     made = random_observations(policy, np.concatenate([near, far]), rng)
-    return np.concatenate([_rollout(policy, steps - 2 * (steps // 4)), made])
-
-
-def _rollout(policy: PretrainedPolicy, steps: int) -> Cases:
-    """Return what a policy observes on its environment."""
     envs = make_envs(policy.env_id, policy.env_kwargs, ROBOTS)
-    seen, observations = envs.reset(seed=0)[0], []
-    for _ in range(steps):
-        observations.append(np.array(seen, np.float32))
+    seen, walked = envs.reset(seed=0)[0], []
+    for _ in range(steps - 2 * (steps // 4)):
+        walked.append(np.array(seen, np.float32))
         seen = envs.step(policy.predict(seen)[0])[0]
     envs.close()
-    return np.concatenate(observations)
+    return np.concatenate([*walked, made])
 
 
 def actions_of(policy: Policy, cases: Cases) -> Array:
@@ -70,11 +64,7 @@ def compiler() -> str | None:
 def actions_of_c(
     sources: Mapping[str, str], name: str, cases: Cases, options: Sequence[str] = OPTIONS
 ) -> Array:
-    """Return the actions (n,) of generated C and its example program, compiled here.
-
-    Args:
-        sources: texts by file name, main.c among them. name: of the policy. options: of the
-            compiler.
+    """Return the actions (n,) of generated C, ``sources`` by file name, main.c among them.
 
     Raises:
         ValueError: there is no compiler, or it refuses the source.
@@ -89,10 +79,8 @@ def actions_of_c(
         made = subprocess.run(build, cwd=folder, capture_output=True, text=True, check=False)
         if made.returncode != 0:
             raise ValueError(f"{' '.join(build)} failed: {made.stderr.strip()}")
-        program = str(Path(folder) / "main")
-        answer = subprocess.run(
-            [program], input=as_text(cases), capture_output=True, text=True, check=True
-        )
+        program, numbers = str(Path(folder) / "main"), as_text(cases)
+        answer = subprocess.run(program, input=numbers, capture_output=True, text=True, check=True)
     return np.array(answer.stdout.split(), float)
 
 

@@ -1,11 +1,7 @@
 """A policy as C99 source for a microcontroller: no allocation, nothing needed but math.h.
 
-``NAME.h`` has limits, places of observations and a function; ``NAME.c`` the weights, as
-constants, and the code: the template is ``policy.c.in``. All is computed in double, or with
-NAME_SINGLE_PRECISION defined in float, which differs a little (see the model card).
-
-Texts of a policy's file come into comments and identifiers after :func:`comment` and
-:func:`places`, which leave nothing of them that C could take for code.
+The template is ``policy.c.in``. Texts of a policy's file come into comments and identifiers after
+:func:`comment` and :func:`places`, which leave nothing of them that C could take for code.
 """
 
 from __future__ import annotations
@@ -61,11 +57,7 @@ def places(policy: PretrainedPolicy, name: str) -> list[str]:
 
 
 def sources(policy: PretrainedPolicy, name: str) -> dict[str, str]:
-    """Return the text of each file by its name.
-
-    Raises:
-        ValueError: the name is none for C, or two observations would have one.
-    """
+    """Return the text of each file by its name; a ValueError where C does not allow a name."""
     check_name(name)
     return {f"{name}.{part}": _part(policy, name, part) for part in ("h", "c")}
 
@@ -92,16 +84,12 @@ def _part(policy: PretrainedPolicy, name: str, part: str) -> str:
 
 def _single(value: float) -> str:
     """Return a float's text in C."""
-    return f"{_point(str(np.float32(value)))}f"
+    return f"{np.float32(value)}f"
 
 
 def _real(value: float) -> str:
     """Return a number of the precision in which is computed."""
-    return f"R({_point(repr(float(value)))})"
-
-
-def _point(digits: str) -> str:
-    return digits if re.search(r"[.e]", digits) else f"{digits}.0"
+    return f"R({float(value)!r})"
 
 
 def _array(values: Any, name: str) -> str:

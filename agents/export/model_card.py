@@ -1,8 +1,7 @@
 """Model cards: what a policy that is taken along is for, how to run it, and what it is worth.
 
-After Mitchell et al., "Model Cards for Model Reporting", FAT* 2019. The template is ``card.md.in``;
-all numbers come from the policy's file, its environment and its scores. Texts of a policy's file
-stand as code, in which Markdown finds nothing to act on (:func:`code`, :func:`block`).
+After Mitchell et al., "Model Cards for Model Reporting", FAT* 2019. The template is ``card.md.in``.
+Texts of a policy's file stand as code, in which Markdown finds nothing to act on.
 """
 
 from __future__ import annotations
@@ -41,16 +40,7 @@ def block(text: str) -> str:
 
 
 def card(policy: PretrainedPolicy, files: dict[str, bytes], told: dict[str, Any]) -> str:
-    """Return the model card, in Markdown.
-
-    Args:
-        files: their content by name. told: ``name`` of the files; ``run``, where the policy is
-            from, as agents.evaluate takes it; ``command`` that exported it; whether there is
-            ``onnx``; the ``example`` in C, or ""; ``differences`` of actions to PyTorch's by what
-            computes them, None where not compared; ``compared``, on how many observations;
-            ``scores`` of :func:`agents.evaluate.evaluate` by policy, with ``episodes`` a command
-            and ``seed``; an ``observation`` (d,) that occurs, for the examples.
-    """
+    """Return the model card in Markdown, with what :func:`agents.export.export` has told."""
     env: Any = make_env(policy.env_id, policy.env_kwargs).unwrapped
     documents = [inspect.cleandoc(kind.__doc__ or "") for kind in type(env).__mro__]
     benchmark, training = find_benchmark(policy.env_id), policy.description["training"]
@@ -72,7 +62,10 @@ def card(policy: PretrainedPolicy, files: dict[str, bytes], told: dict[str, Any]
         + [(code(file), len(data), code(checksum(data))) for file, data in files.items()],
         "observation": _observation(policy),
         "differences": [("computed by", "largest difference")]
-        + [(what, _number(value)) for what, value in told["differences"].items()],
+        + [
+            (what, "not compared here" if value is None else f"{value:.2g}")
+            for what, value in told["differences"].items()
+        ],
         "arguments": "\n".join(
             f"{name}: {value}"
             for name, value in {**arguments_of(policy.env_id), **policy.env_kwargs}.items()
@@ -90,10 +83,6 @@ def card(policy: PretrainedPolicy, files: dict[str, bytes], told: dict[str, Any]
     values = {**told, **facts(env), **own, "policy": policy, "benchmark": benchmark}
     env.close()
     return render("card.md.in", {"code": code, "block": block}, **values)
-
-
-def _number(difference: float | None) -> str:
-    return "not compared here" if difference is None else f"{difference:.2g}"
 
 
 def facts(env: Any) -> dict[str, Any]:

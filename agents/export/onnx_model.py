@@ -72,11 +72,7 @@ def _layer(layer: Layer, values: Tensor) -> Tensor:
 
 
 def build(policy: PretrainedPolicy, name: str) -> Any:
-    """Return the model of a policy, checked; ``name``: of the graph.
-
-    Raises:
-        ModuleNotFoundError: a package of :data:`NEEDED` is not installed.
-    """
+    """Return the model of a policy, checked; ``name``: of the graph."""
     import onnx
 
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # of operators that it does not need
@@ -93,15 +89,12 @@ def build(policy: PretrainedPolicy, name: str) -> Any:
         del part.metadata_props[:]  # paths of this machine
     model.producer_name, model.producer_version = "jansen_env", jansen_env.__version__
     graph.name = name
+    observation = zip(policy.observed, policy.units, strict=True)
     told = {
-        "env_kwargs": policy.env_kwargs,
-        "control_dt": policy.control_dt,  # s
-        "torque_limit": policy.torque_limit,  # N m
-        "observation": [
-            {"name": seen, "unit": unit}
-            for seen, unit in zip(policy.observed, policy.units, strict=True)
-        ],
-    }
+        "env_kwargs": policy.env_kwargs, "control_dt": policy.control_dt,
+        "torque_limit": policy.torque_limit,
+        "observation": [{"name": seen, "unit": unit} for seen, unit in observation],
+    }  # fmt: skip
     texts = {key: json.dumps(value) for key, value in told.items()}
     onnx.helper.set_model_props(model, {"env_id": policy.env_id, **texts})
     onnx.checker.check_model(model, full_check=True)
@@ -109,10 +102,6 @@ def build(policy: PretrainedPolicy, name: str) -> Any:
 
 
 def actions_of(session: Any, observations: Any) -> Any:
-    """Return the actions (n,) of a model for observations (n, d).
-
-    Args:
-        session: ``onnxruntime.InferenceSession`` or ``onnx.reference.ReferenceEvaluator`` of it.
-    """
+    """Return the actions (n,) for observations (n, d), by onnxruntime's session or onnx's own."""
     given = {"observation": np.asarray(observations, np.float32)}
     return session.run(["action"], given)[0][:, 0].astype(float)

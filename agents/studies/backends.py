@@ -1,8 +1,4 @@
-"""Places where a study's runs are executed: local processes, or tasks of Ray.
-
-Both give a request to :func:`agents.studies.run.execute_run` in a process with nothing else to do,
-and again when that process was lost; all a run needs to go on is in its folder.
-"""
+"""Places where a study's runs are executed, and again where lost: local processes, Ray's tasks."""
 
 from __future__ import annotations
 
@@ -17,10 +13,9 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from multiprocessing.connection import wait as wait_for
-from queue import SimpleQueue
 from typing import Any
 
 from agents.studies.run import RunRequest, RunResult, execute_run
@@ -49,30 +44,22 @@ def has_ray() -> bool:
 
 
 def run_locally(requests: Sequence[RunRequest], workers: int, watch: Watch) -> dict[str, RunResult]:
-    """Execute runs in local processes.
+    """Execute runs in so many local processes side by side, and return the result of each by name.
 
-    Args:
-        requests: of runs. workers: processes side by side. watch: see :data:`Watch`.
-
-    Returns:
-        The result of each run, by its name. After Ctrl-C running ones have saved checkpoints.
+    After Ctrl-C running ones have saved checkpoints.
     """
-    pools: SimpleQueue[ProcessPoolExecutor] = SimpleQueue()
-    for _ in range(workers):
-        pools.put(_new_pool())
+    context = multiprocessing.get_context("spawn")  # a process with threads must not be forked
 
     def execute(request: RunRequest) -> RunResult:
-        """Take a pool of one process, so that one that is lost takes no other with it."""
+        """Execute a run in a process of its own, and again where that was lost."""
         for _ in range(RETRIES + 1):
             if stop.signal:
                 return STOPPED
-            pool = pools.get()
-            try:
+            with (
+                ProcessPoolExecutor(1, context, initializer=_begin_worker) as pool,
+                suppress(BrokenProcessPool),
+            ):
                 return pool.submit(execute_run, request).result()
-            except BrokenProcessPool:
-                pool = _new_pool()
-            finally:
-                pools.put(pool)
         return LOST
 
     with StopOnSignal() as stop, ThreadPoolExecutor(workers) as threads:
@@ -82,17 +69,9 @@ def run_locally(requests: Sequence[RunRequest], workers: int, watch: Watch) -> d
         if stop.signal:
             for process in multiprocessing.active_children():
                 process.terminate()  # SIGTERM: a run in training saves a checkpoint
-    for _ in range(workers):
-        pools.get().shutdown()
     results = {name: future.result() for future, name in futures.items()}
     watch(results)
     return results
-
-
-def _new_pool() -> ProcessPoolExecutor:
-    # Spawned, not forked: a process with threads must not be forked.
-    context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(1, context, initializer=_begin_worker)
 
 
 def _begin_worker() -> None:
@@ -112,14 +91,8 @@ def _begin_worker() -> None:
 def run_on_ray(
     requests: Sequence[RunRequest], address: str | None, watch: Watch
 ) -> dict[str, RunResult]:
-    """Execute runs as tasks of Ray, which begins those lost with a process or node again.
-
-    Args:
-        requests: of runs. address: of a cluster to join, "auto" for that of this machine; None for
-            one of this machine's cores, for as long as the study takes. watch: see :data:`Watch`.
-
-    Returns:
-        The result of each run, by its name. After Ctrl-C running ones have saved checkpoints.
+    """Execute runs as tasks of Ray, which begins those lost with a process or node again, else as
+    :func:`run_locally`; without an address on a new cluster of this machine's cores.
 
     Raises:
         ConnectionError: there is no cluster at the address, or it asks for no token.
@@ -187,9 +160,6 @@ def connect_ray(address: str | None, **options: Any) -> Any:
 
     Ray listens on all network interfaces and runs what it is sent: so only clusters that ask for a
     token are used, and a new one gets a token that this process and its children alone know.
-
-    Args:
-        address: of a cluster to join; None or "local" for a new one. options: of ``ray.init``.
 
     Raises:
         ConnectionError: there is no cluster at the address, or it asks for no token.

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, fields
 from pathlib import Path
 from types import NoneType
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -22,41 +21,24 @@ MAX_RUNS = 10_000
 PARTS = ("hyperparameters", "policy_kwargs")
 CHANGES = ("timesteps", "n_envs", "reward_scale", "training_variants")
 STUDY: dict[str, Rule] = {
-    "seeds": Rule((int, list), 1, MAX_RUNS),
-    "envs": Rule((list,)),
-    "algos": Rule((list,)),
-    "timesteps": KEYS["timesteps"],
-    "n_envs": KEYS["n_envs"],
-    "env_kwargs": KEYS["env_kwargs"],
-    "config": Rule((str,)),
-    "eval_freq": Rule((int, NoneType), 0, MAX_STEPS),
-    "save_freq": Rule((int,), 0, MAX_STEPS),
-    "eval_episodes": Rule((int,), 1, 100_000),
+    "seeds": Rule((int, list), 1, MAX_RUNS), "envs": Rule((list,)), "algos": Rule((list,)),
+    **{name: KEYS[name] for name in ("timesteps", "n_envs", "env_kwargs")},
+    "config": Rule((str,)), "eval_freq": Rule((int, NoneType), 0, MAX_STEPS),
+    "save_freq": Rule((int,), 0, MAX_STEPS), "eval_episodes": Rule((int,), 1, 100_000),
     "variants": Rule((dict,)),
-}
+}  # fmt: skip
 VARIANT: dict[str, Rule] = {
     "config": STUDY["config"],
     **{name: KEYS[name] for name in ("env", "algo", "env_kwargs", *CHANGES, *PARTS)},
 }
 DEFAULTS: dict[str, Any] = {
-    "seeds": 10,
-    "envs": [DEFAULT],
-    "algos": ["ppo"],
-    "eval_freq": None,
-    "save_freq": 100_000,
-    "eval_episodes": 10,
-    "variants": {"": {}},
-}
+    "seeds": 10, "envs": [DEFAULT], "algos": ["ppo"], "eval_freq": None, "save_freq": 100_000,
+    "eval_episodes": 10, "variants": {"": {}},
+}  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Run:
-    """One run of a study.
-
-    Attributes:
-        folder: where it keeps everything. group: its name; runs of one differ in their seeds alone.
-        config: the training configuration, complete.
-    """
+class Run(NamedTuple):
+    """One run of a study: its folder, its group's name, and its training configuration."""
 
     folder: Path
     group: str
@@ -68,14 +50,8 @@ class Run:
         return f"{self.group}/{self.folder.name}"
 
 
-@dataclass(frozen=True)
-class Study:
-    """A study, complete, as it stands in its folder.
-
-    Attributes:
-        seeds: of each group. groups: their configurations by name, without a seed.
-        eval_freq, save_freq, eval_episodes: as of ``train.py``.
-    """
+class Study(NamedTuple):
+    """A study, complete: ``groups`` are configurations by name, each run with all seeds."""
 
     seeds: list[int]
     groups: dict[str, dict[str, Any]]
@@ -93,13 +69,11 @@ class Study:
 
 
 def make_study(plan: dict[str, Any], source: str = "study") -> Study:
-    """Make the study that a plan describes.
+    """Make the study that a plan with keys of :data:`STUDY` describes.
 
-    Args:
-        plan: keys of :data:`STUDY`, those of :data:`DEFAULTS` where they are missing. Each variant
-            is run with each environment and algorithm, or with its own ``env`` or ``algo`` alone;
-            its ``hyperparameters``, ``policy_kwargs`` and ``env_kwargs`` come on top of the
-            configuration's, its other keys in their place. source: its name, for messages.
+    Each variant is run with each environment and algorithm, or with its own ``env`` or ``algo``
+    alone; its ``hyperparameters``, ``policy_kwargs`` and ``env_kwargs`` come on top of the
+    configuration's, its other keys in their place.
 
     Raises:
         ValueError: an unknown key, or a value that is not allowed; names ``source``.
@@ -109,12 +83,8 @@ def make_study(plan: dict[str, Any], source: str = "study") -> Study:
         check_keys("", plan, STUDY)
         plan = {**DEFAULTS, **plan}
         seeds = plan["seeds"] if isinstance(plan["seeds"], list) else [*range(plan["seeds"])]
-        for name, values, rule in (
-            ("seeds", seeds, KEYS["seed"]),
-            ("envs", plan["envs"], KEYS["env"]),
-            ("algos", plan["algos"], KEYS["algo"]),
-        ):
-            _check_list(name, values, rule)
+        for name, values in (("seeds", seeds), ("envs", plan["envs"]), ("algos", plan["algos"])):
+            _check_list(name, values)
         for name, variant in plan["variants"].items():
             if name:
                 _check_name("variant", name)
@@ -127,19 +97,18 @@ def make_study(plan: dict[str, Any], source: str = "study") -> Study:
             for algo in ([variant["algo"]] if "algo" in variant else plan["algos"])
         )
         if not 1 <= len(groups) * len(seeds) <= MAX_RUNS:
-            raise ValueError(
-                f"{len(groups)} groups of {len(seeds)} seeds must be 1 to {MAX_RUNS} runs"
-            )
+            size = f"{len(groups)} groups of {len(seeds)} seeds"
+            raise ValueError(f"{size} must be 1 to {MAX_RUNS} runs")
     except ValueError as error:
         raise ValueError(f"{source}: {error}") from error
     return Study(seeds, groups, plan["eval_freq"], plan["save_freq"], plan["eval_episodes"])
 
 
-def _check_list(name: str, values: list[Any], rule: Rule) -> None:
+def _check_list(name: str, values: list[Any]) -> None:
     if not values or any(values.count(value) > 1 for value in values):
         raise ValueError(f"{name} is {shown(values)}, must be a list with each once")
     for value in values:
-        rule.check(name, value)
+        KEYS[name.removesuffix("s")].check(name, value)
 
 
 def _check_name(what: str, name: str) -> None:
@@ -167,20 +136,16 @@ def _group(
 
 
 def read_study(folder: str | Path) -> Study:
-    """Read the study of a folder.
-
-    Raises:
-        ValueError: it has none, or the file is damaged.
-    """
+    """Read the study of a folder; a ValueError where it has none, or the file is damaged."""
     path = Path(folder) / PLAN
-    found, keys = read_yaml(path), [field.name for field in fields(Study)]
+    found = read_yaml(path)
     try:
-        if not isinstance(found, dict) or {*found} != {*keys}:
-            raise ValueError(f"is {shown(found)}, must be a mapping with {keys}")
+        if not isinstance(found, dict) or {*found} != {*Study._fields}:
+            raise ValueError(f"is {shown(found)}, must be a mapping with {[*Study._fields]}")
         groups = found.pop("groups")
         KEYS["env_kwargs"].check("groups", groups)
         check_keys("", found, {**STUDY, "seeds": Rule((list,))})
-        _check_list("seeds", found["seeds"], KEYS["seed"])
+        _check_list("seeds", found["seeds"])
         for name, config in groups.items():
             _check_name("group", name)
             check_config(config, required=[key for key in TO_RESUME if key != "seed"])
@@ -190,20 +155,15 @@ def read_study(folder: str | Path) -> Study:
 
 
 def enter(folder: Path, study: Study) -> None:
-    """Make a study's folder, or check that it is this study's.
-
-    Raises:
-        ValueError: it belongs to another study, names what differs; or the study is too large.
-        OSError: it cannot be written to.
-    """
-    text = yaml.safe_dump(vars(study), sort_keys=False)
+    """Make a study's folder, or check that it is this study's; a ValueError names what differs."""
+    text = yaml.safe_dump(study._asdict(), sort_keys=False)
     if len(text.encode()) > MAX_BYTES:
         raise ValueError(f"the study takes {len(text.encode())} bytes in {PLAN}, must be at most "
                          f"{MAX_BYTES}: fewer groups")  # fmt: skip
     if not (folder / PLAN).is_file():
         write_text(folder / PLAN, text)
         return
-    found, requested = _flat(vars(read_study(folder))), _flat(vars(study))
+    found, requested = _flat(read_study(folder)._asdict()), _flat(study._asdict())
     differing = [
         f"{name} is {shown(requested.get(name))}, there {shown(found.get(name))}"
         for name in {**requested, **found}
@@ -217,8 +177,6 @@ def enter(folder: Path, study: Study) -> None:
 def _flat(value: Any, name: str = "") -> dict[str, Any]:
     """Return nested mappings as one, with names such as ``groups.NAME.timesteps``."""
     if not isinstance(value, dict) or not value:
-        return {name: value}
-    found: dict[str, Any] = {}
-    for key, part in value.items():
-        found |= _flat(part, f"{name}.{key}" if name else key)
-    return found
+        return {name.removeprefix("."): value}
+    parts = [_flat(part, f"{name}.{key}") for key, part in value.items()]
+    return {key: part for found in parts for key, part in found.items()}

@@ -7,7 +7,6 @@ import os
 import socket
 import traceback
 from contextlib import redirect_stderr, redirect_stdout, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,8 +18,7 @@ STATUS, LOG, SCORES, TOKEN = "status.json", "log.txt", "scores.json", "token.txt
 PATIENCE = 30.0  # s for another process, whose driver or node was killed, to leave a run's folder
 
 
-@dataclass(frozen=True)
-class RunRequest:
+class RunRequest(NamedTuple):
     """A run, and what the process that executes it must know.
 
     Attributes:
@@ -59,6 +57,13 @@ def read_status(folder: Path) -> dict[str, Any]:
     return {}
 
 
+def run_state(run: Run) -> str:
+    """Return a run's state by its folder."""
+    if is_finished(run.folder):
+        return "finished"
+    return str(read_status(run.folder).get("state", "waiting"))
+
+
 def _write_status(folder: Path, state: str, error: str = "") -> None:
     row = {"state": state, "error": error, "host": socket.gethostname(), "pid": os.getpid()}
     with suppress(OSError):  # a full disk is reported by what must be written
@@ -66,10 +71,9 @@ def _write_status(folder: Path, state: str, error: str = "") -> None:
 
 
 def execute_run(request: RunRequest) -> RunResult:
-    """Train and score a run, from its last checkpoint if it has one; raises nothing of its own.
+    """Train and score a run, from its last checkpoint if it has one; errors are the result.
 
-    Its output goes to log.txt in its folder. The networks take one thread whatever the cores, as
-    with ``train.py``: their sums, and so the run that a seed gives, depend on the number.
+    Its output goes to log.txt in its folder.
     """
     folder = request.run.folder
     os.environ["NUMBA_NUM_THREADS"] = str(request.cores)
@@ -82,7 +86,15 @@ def execute_run(request: RunRequest) -> RunResult:
             redirect_stdout(log),
             redirect_stderr(log),
         ):
-            result = _execute(request)
+            try:
+                _train_and_score(request)
+                result = RunResult("finished")
+            except (KeyboardInterrupt, SystemExit) as error:
+                text = str(error) if isinstance(getattr(error, "code", None), str) else ""
+                result = RunResult("failed" if text else "stopped", text)
+            except Exception as error:
+                traceback.print_exc()
+                result = RunResult("failed", f"{type(error).__name__}: {error}")
             _write_status(folder, *result)
             return result
     except (OSError, ValueError) as error:
@@ -101,26 +113,13 @@ def _check_shared(folder: Path, token: str) -> None:
         )
 
 
-def _execute(request: RunRequest) -> RunResult:
-    """Train and score; errors are the result."""
-    try:
-        _train_and_score(request)
-    except (KeyboardInterrupt, SystemExit) as error:
-        text = str(error) if isinstance(getattr(error, "code", None), str) else ""
-        return RunResult("failed" if text else "stopped", text)
-    except Exception as error:
-        traceback.print_exc()
-        return RunResult("failed", f"{type(error).__name__}: {error}")
-    return RunResult("finished")
-
-
 def _train_and_score(request: RunRequest) -> None:
     import torch
 
-    from agents.scored_run import score_run
+    from agents.evaluate import score_run
     from agents.training.train_model import prepare, train
 
-    torch.set_num_threads(1)
+    torch.set_num_threads(1)  # whatever the cores: the run that a seed gives depends on the number
     folder, config = request.run.folder, request.run.config
     _write_status(folder, "starting")
     resume = last_state(folder)

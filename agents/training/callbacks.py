@@ -20,17 +20,9 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 from agents.training.models import save_model
 from agents.training.normalizer import NormalizedObservation
-from agents.training.process import SIGNALS, after_the_first
+from agents.training.process import HANGUP, SIGNALS
 from agents.training.replay_buffers import save_replay_buffer
-from agents.training.runs import (
-    BEST,
-    best_score,
-    find_replay_buffer,
-    monitor_sizes,
-    read_evaluations,
-    remove_replay_buffers,
-    replay_path,
-)
+from agents.training.runs import BEST, best_score, read_evaluations, replay_path
 from agents.training.training_state import read_state
 from jansen_env.files import write_json
 from jansen_env.scoring.benchmarks import find_benchmark
@@ -42,33 +34,20 @@ SELECTION_SEED = 30_000  # of the episodes that choose the best model, apart fro
 
 
 class Saver(BaseCallback):
-    """Saves checkpoints, and evaluates now and then to keep the best model.
+    """Save checkpoints, and evaluate now and then to keep the best model.
 
-    A checkpoint is taken where a rollout begins, when the update before is complete, with all that
-    the rest of training depends on (:mod:`agents.training.training_state`): to go on from it gives
-    the run that would have been, bit for bit. It belongs behind all callbacks that change the model
-    there.
+    A checkpoint is taken where a rollout begins, behind all callbacks that change the model there.
 
     Args:
         folder: the run's. save_every, eval_every: environment steps; 0 for never.
         env_id, env_kwargs: of the evaluation. done: steps trained before this run began.
-        seconds: training time of these steps. stop: when to save and end before the time.
-
-    Attributes:
-        ended: whether training ended on a signal. last: file saved last, None before the first.
+        stop: when to save and end before the time; then ``ended`` is set.
     """
 
     def __init__(
-        self,
-        folder: Path,
-        save_every: int,
-        eval_every: int,
-        env_id: str,
-        env_kwargs: dict[str, Any],
-        done: int = 0,
-        seconds: float = 0.0,
-        stop: StopOnSignal | None = None,
-    ) -> None:
+        self, folder: Path, save_every: int, eval_every: int, env_id: str,
+        env_kwargs: dict[str, Any], done: int = 0, stop: StopOnSignal | None = None,
+    ) -> None:  # fmt: skip
         super().__init__()
         self.folder, self.save_every, self.eval_every = folder, save_every, eval_every
         self.env_id, self.env_kwargs = env_id, env_kwargs
@@ -85,8 +64,9 @@ class Saver(BaseCallback):
         self._next_save, self._next_eval = (
             (done // every + 1) * every if every else 0 for every in (save_every, eval_every)
         )
+        seconds = self.history[-1].get("seconds", 0.0) if self.history else 0.0
         self._begun = time.perf_counter() - seconds
-        self._replay_buffer = find_replay_buffer(folder, done)  # of the last complete checkpoint
+        self._replay_buffer = replay_path(folder, done)  # of the last complete checkpoint
 
     def _on_rollout_start(self) -> None:
         due = self.save_every and self.model.num_timesteps >= self._next_save
@@ -94,7 +74,8 @@ class Saver(BaseCallback):
         if due:
             self._next_save += self.save_every
         if due or self.ended:
-            self.save_checkpoint()
+            steps = self.model.num_timesteps
+            self.save(self.folder / "checkpoints" / f"model_{steps}_steps.zip")
 
     def _on_step(self) -> bool:
         if self.ended:
@@ -104,30 +85,19 @@ class Saver(BaseCallback):
             self.evaluate()
         return True
 
-    def save_checkpoint(self) -> None:
-        """Save all that is needed to go on from here."""
-        self.save(self.folder / "checkpoints" / f"model_{self.model.num_timesteps}_steps.zip")
-
     def save(self, path: Path) -> None:
-        """Save the replay buffer, then the model with its state and what belongs to its steps.
+        """Save the replay buffer, then the model with its state.
 
-        Buffers are named by their steps: whenever a kill comes, the last model has its own. Two at
-        most are on the disk: this one and the one before.
+        Whenever a kill comes, the last model has its buffer: this one and the one before stay.
         """
+        file = replay_path(self.folder, self.model.num_timesteps)
         replay_buffer = getattr(self.model, "replay_buffer", None)  # of an off-policy algorithm
         if replay_buffer is not None:
-            file = replay_path(self.folder, self.model.num_timesteps)
-            remove_replay_buffers(self.folder, keep=(file, self._replay_buffer))
+            for old in {*self.folder.glob("replay_buffer*.npz")} - {file, self._replay_buffer}:
+                old.unlink()
             save_replay_buffer(replay_buffer, file)
-        notes = {"monitor": monitor_sizes(self.folder), "seconds": self._seconds()}
-        save_model(self.model, path, notes, read_state(self.model))
-        self.last = path
-        if replay_buffer is not None:
-            self._replay_buffer = file
-
-    def _seconds(self) -> float:
-        """Return the training time so far, s."""
-        return round(time.perf_counter() - self._begun, 1)
+        save_model(self.model, path, state=read_state(self.model))
+        self.last, self._replay_buffer = path, file
 
     def evaluate(self) -> None:
         """Score the present policy; keep it if it is the best so far."""
@@ -140,11 +110,8 @@ class Saver(BaseCallback):
         env.close()
         for name, value in scored.items():
             self.logger.record(f"eval/{name}", value)
-        row: dict[str, Any] = {
-            "steps": float(self.num_timesteps),
-            "seconds": self._seconds(),  # this evaluation included
-            **scored,
-        }
+        seconds = round(time.perf_counter() - self._begun, 1)  # of training so far
+        row: dict[str, Any] = {"steps": float(self.num_timesteps), "seconds": seconds, **scored}
         if row["score"] > self.best:
             self.best = row["score"]
             # Its score in the same file: no kill can part the two.
@@ -154,11 +121,8 @@ class Saver(BaseCallback):
 
 
 class NormalizerUpdate(BaseCallback):
-    """Updates the policy's normalizer with the last rollout before the next one begins.
-
-    Within a rollout and the update on it the normalizer stands still: the update compares with
-    probabilities that the rollout's policy gave.
-    """
+    """Update the policy's normalizer with the last rollout before the next one begins: the update
+    compares with probabilities that the rollout's policy gave."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -190,12 +154,8 @@ class NormalizerUpdate(BaseCallback):
 
 
 class StopOnSignal:
-    """Takes SIGINT (Ctrl-C), SIGTERM and SIGHUP while it is open; a second Ctrl-C kills at once.
-
-    :class:`Saver` ends training where the next rollout begins: by then nothing is half done.
-
-    Attributes:
-        signal: the number of the signal that came, 0 for none.
+    """Take SIGINT (Ctrl-C), SIGTERM and SIGHUP while open, for :class:`Saver` to end training where
+    the next rollout begins; a second Ctrl-C kills at once. ``signal``: which has come, 0 for none.
     """
 
     def __init__(self) -> None:
@@ -215,8 +175,8 @@ class StopOnSignal:
 
     def _take(self, number: int, frame: FrameType | None) -> None:
         self.signal = number
-        for taken in self._handlers:
-            signal.signal(taken, after_the_first(taken))
+        for taken in self._handlers:  # a closed terminal may send two, by its shell and the kernel
+            signal.signal(taken, signal.SIG_IGN if taken in HANGUP else signal.SIG_DFL)
         # To standard error, but not by print: the signal may have come in the midst of one.
         with suppress(OSError):  # its terminal may be gone
             os.write(2, b"\nstopping after this rollout; once more to end at once\n")

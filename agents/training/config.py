@@ -60,19 +60,13 @@ class Rule(NamedTuple):
 
 
 KEYS = {
-    "policy": Rule(words=("MlpPolicy",)),
-    "timesteps": Rule((int,), 1, MAX_STEPS),
-    "n_envs": Rule((int,), 1, 10_000),
-    "reward_scale": Rule((float,), TINY),
-    "fall_cost": Rule((float,), 0),
-    "env_kwargs": Rule((dict,)),
-    "training_variants": Rule((list,)),
-    "hyperparameters": Rule((dict,)),
-    "policy_kwargs": Rule((dict,)),
-    "algo": Rule(words=tuple(ALGORITHMS)),
-    "env": Rule(words=tuple(BENCHMARKS)),
-    "seed": Rule((int,), 0, 2**32 - 1),
-}
+    "policy": Rule(words=("MlpPolicy",)), "timesteps": Rule((int,), 1, MAX_STEPS),
+    "n_envs": Rule((int,), 1, 10_000), "reward_scale": Rule((float,), TINY),
+    "fall_cost": Rule((float,), 0), "env_kwargs": Rule((dict,)),
+    "training_variants": Rule((list,)), "hyperparameters": Rule((dict,)),
+    "policy_kwargs": Rule((dict,)), "algo": Rule(words=tuple(ALGORITHMS)),
+    "env": Rule(words=tuple(BENCHMARKS)), "seed": Rule((int,), 0, 2**32 - 1),
+}  # fmt: skip
 TO_TRAIN = ("policy", "timesteps", "n_envs", "hyperparameters")
 TO_RESUME = (*TO_TRAIN, "algo", "env", "seed")
 TO_LOAD = ("algo", "env", "policy")
@@ -88,11 +82,8 @@ LIMITS: dict[str, tuple[float, float]] = {
 }  # fmt: skip
 """Of the arguments of Stable-Baselines3 that are numbers; of others from TINY to HUGE."""
 SET_HERE = ("seed", "_init_setup_model", "optimize_memory_usage", "normalize_images")
-OWN = {
-    "activation": Rule(words=("tanh", "relu", "elu")),
-    "normalize": Rule((bool,)),
-    "harmonics": Rule((int,), 0, 32),
-}
+OWN = {"activation": Rule(words=("tanh", "relu", "elu")), "normalize": Rule((bool,)),
+       "harmonics": Rule((int,), 0, 32)}  # fmt: skip
 """Of ``policy_kwargs``, beside those of the policy's class."""
 
 
@@ -120,28 +111,21 @@ def rules(algo: str) -> dict[str, dict[str, Rule]]:
 
 
 def shipped_config(env_id: str, algo: str) -> Path:
-    """The configuration for an environment and algorithm that comes with the package.
-
-    Raises:
-        ValueError: there is none.
-    """
+    """Return the configuration file for an environment and algorithm that comes with the package;
+    a ValueError where there is none."""
     path = CONFIGS / env_id / f"{algo}.yml"
     if not path.is_file():
         files = [p for p in CONFIGS.glob("*/*.yml") if p.stem in ALGORITHMS]
         found = sorted(f"{p.parent.name}/{p.stem}" for p in files)
-        raise ValueError(
-            f"no configuration for {env_id}/{algo}, must be one of {found}, or a file of your own"
-        )
+        raise ValueError(f"no configuration for {env_id}/{algo}, must be one of {found}, or a file")
     return path
 
 
 def load_config(
-    path: str | Path,
-    algo: str | None = None,
-    env_id: str | None = None,
+    path: str | Path, algo: str | None = None, env_id: str | None = None,
     required: Collection[str] = TO_TRAIN,
-) -> dict[str, Any]:
-    """A training configuration from YAML; it can name no code, each name is looked up in a table.
+) -> dict[str, Any]:  # fmt: skip
+    """Read a training configuration from YAML; each name in it is looked up in a table.
 
     Keys: ``policy``, ``timesteps``, ``n_envs``, ``reward_scale`` and ``fall_cost`` (of the
     training reward: a factor, and what a fall takes off before it), ``env_kwargs`` (for training
@@ -153,11 +137,13 @@ def load_config(
     so many of the crank angle). The config.yml of a run also has ``algo``, ``env`` and ``seed``.
 
     Args:
-        path: of the file, see :func:`agents.plain_yaml.parse_yaml`.
-        algo, env_id, required: as of :func:`check_config`.
+        path: of the file. required: keys that it must have.
+        algo, env_id: what it is for; None for its own ``algo`` and ``env``. Where it has none
+            either, the arguments of algorithm, policy and environment stay unchecked.
 
     Raises:
-        ValueError: no such file, no YAML, or not allowed by :func:`check_config`; names the file.
+        ValueError: no such file, no YAML, an unknown or missing key, or a value that is not
+            allowed; names the file.
     """
     config: dict[str, Any] = read_yaml(path)
     try:
@@ -168,29 +154,21 @@ def load_config(
 
 
 def new_config(
-    path: str | Path | None = None,
-    algo: str | None = None,
-    env_id: str | None = None,
-    env_kwargs: dict[str, Any] | None = None,
-    **values: Any,
-) -> dict[str, Any]:
-    """The whole configuration of a new run: a file's, with what is given in its place.
+    path: str | Path | None = None, algo: str | None = None, env_id: str | None = None,
+    env_kwargs: dict[str, Any] | None = None, **values: Any,
+) -> dict[str, Any]:  # fmt: skip
+    """Return a new run's whole configuration: a file's, with what is given in its place; errors are
+    :func:`load_config`'s.
 
     Args:
         path: of the file; None for the one shipped for ``env_id`` and ``algo``.
-        algo, env_id: None for the file's own, or else ppo and
-        :data:`jansen_env.scoring.benchmarks.DEFAULT`. env_kwargs: on top of the file's; they hold
-        in training as well. values: further keys, such as ``timesteps``; None for the file's.
-        ``seed`` is 0 without.
-
-    Raises:
-        ValueError: as of :func:`load_config`.
+        algo, env_id: None for the file's own, or else ppo and the default environment.
+        env_kwargs: on top of the file's, in training as well. values: further keys, such as
+            ``timesteps``; None for the file's. ``seed`` is 0 without.
     """
     config = load_config(path, algo, env_id) if path else {}
-    algo = algo or config.get("algo", "ppo")
-    env_id = env_id or config.get("env", DEFAULT)
-    if not path:
-        config = load_config(shipped_config(env_id, algo), algo, env_id)
+    algo, env_id = algo or config.get("algo", "ppo"), env_id or config.get("env", DEFAULT)
+    config = config or load_config(shipped_config(env_id, algo), algo, env_id)
     config = {"seed": 0, **config, **{k: v for k, v in values.items() if v is not None}}
     overrides = env_kwargs or {}
     config["env_kwargs"] = {**config.get("env_kwargs", {}), **overrides}
@@ -205,10 +183,9 @@ def new_config(
 
 
 def training_envs(config: dict[str, Any]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Arguments of all training environments, and the variants that they take in turn.
+    """Return the arguments of all training environments, and the variants that they take in turn.
 
-    Arguments that are the same in all variants are among the former: some of them, such as the
-    reward's weights, cannot differ between the robots of a batch.
+    What all variants have alike is among the former: a batch has one set of reward weights.
     """
     variants = config.get("training_variants", [{}])
     first, *others = variants
@@ -218,21 +195,10 @@ def training_envs(config: dict[str, Any]) -> tuple[dict[str, Any], list[dict[str
 
 
 def check_config(
-    config: Any,
-    algo: str | None = None,
-    env_id: str | None = None,
+    config: Any, algo: str | None = None, env_id: str | None = None,
     required: Collection[str] = TO_TRAIN,
-) -> None:
-    """Check a configuration's names and values.
-
-    Args:
-        config: see :func:`load_config`. required: keys that it must have.
-        algo, env_id: what it is for; None for its own ``algo`` and ``env``. Where it has none
-            either, the arguments of algorithm, policy and environment stay unchecked.
-
-    Raises:
-        ValueError: an unknown or missing key, or a value that is not allowed.
-    """
+) -> None:  # fmt: skip
+    """Check a configuration's names and values; arguments and errors are :func:`load_config`'s."""
     Rule((dict,)).check("configuration", config)
     missing = [name for name in required if name not in config]
     if missing:
@@ -246,9 +212,9 @@ def check_config(
         policy_kwargs = dict(config.get("policy_kwargs", {}))
         if "net_arch" in policy_kwargs:
             _check_layers(policy_kwargs.pop("net_arch"), ["pi", "vf" if algo == "ppo" else "qf"])
-        check_keys("hyperparameters", config.get("hyperparameters", {}),
-                   rules(algo)["hyperparameters"])  # fmt: skip
         check_keys("policy_kwargs", policy_kwargs, rules(algo)["policy_kwargs"])
+        hyperparameters = config.get("hyperparameters", {})
+        check_keys("hyperparameters", hyperparameters, rules(algo)["hyperparameters"])
         if policy_kwargs.get("harmonics") and not policy_kwargs.get("normalize"):
             raise ValueError("harmonics is given, so normalize must be true, too")
     if env_id is not None:
@@ -260,11 +226,8 @@ def _check_layers(value: Any, networks: list[str]) -> None:
     """Check the units of each layer of all networks together, or of each."""
     several = isinstance(value, dict) and {*value} == {*networks}
     for layers in value.values() if several else [value]:
-        if (
-            not isinstance(layers, list)
-            or len(layers) > MAX_LAYERS
-            or not all(type(units) is int and 1 <= units <= MAX_UNITS for units in layers)
-        ):
+        fits = isinstance(layers, list) and len(layers) <= MAX_LAYERS
+        if not fits or not all(type(units) is int and 1 <= units <= MAX_UNITS for units in layers):
             raise ValueError(
                 f"policy_kwargs.net_arch is {shown(value)}, must be a list of up to {MAX_LAYERS} "
                 f"layers of 1 to {MAX_UNITS} units, or a mapping of {networks} to such lists"
@@ -272,11 +235,7 @@ def _check_layers(value: Any, networks: list[str]) -> None:
 
 
 def check_keys(part: str, values: dict[str, Any], table: dict[str, Rule]) -> None:
-    """Check each value by the table's rule of its name, and that there is one.
-
-    Raises:
-        ValueError: names the key, the value and what is allowed.
-    """
+    """Check each value by the table's rule of its name; a ValueError says what is allowed."""
     for name, value in values.items():
         if name not in table:
             where = f" of {part}" if part else ""
@@ -285,11 +244,7 @@ def check_keys(part: str, values: dict[str, Any], table: dict[str, Rule]) -> Non
 
 
 def find_config(model: str | Path) -> Path:
-    """The config.yml of the run a model belongs to: in its folder or the one above.
-
-    Raises:
-        ValueError: there is none.
-    """
+    """Return the config.yml in a model's folder or the one above; a ValueError without one."""
     folder = Path(model).resolve().parent
     for place in (folder, folder.parent):
         if (place / "config.yml").is_file():

@@ -1,10 +1,8 @@
 """Stable-Baselines3's zip files read as plain numbers: no code in them runs, no size is trusted.
 
-A model is a zip file; each of its ``.pth`` members is a zip file again, written by ``torch.save``,
-with the structure as a pickle and each tensor's numbers as a member of their own. Sizes and the
-names in the pickle are checked before torch reads it, which it does with ``weights_only=True``.
-Nothing may be packed, as Stable-Baselines3 packs nothing: so no file asks for more memory than a
-few times its size.
+Each ``.pth`` member of a model is a zip file again, written by ``torch.save``. Sizes and the names
+in its pickle are checked before torch reads it with ``weights_only=True``. Nothing may be packed:
+so no file asks for more memory than a few times its size.
 """
 
 from __future__ import annotations
@@ -45,13 +43,8 @@ NAMES = ("collections OrderedDict", "torch._utils _rebuild_tensor_v2", "torch Fl
 
 
 def read_model(path: str | Path, members: Collection[str] = MEMBERS) -> tuple[dict[str, Any], int]:
-    """Tensors and number of time steps in a Stable-Baselines3 zip file.
-
-    Args:
-        path: of the file. members: which to read; those that it lacks are left out.
-
-    Returns:
-        ({member: its dictionary, lists and tensors, all finite}, time steps trained)
+    """Read the tensors, all finite, of those ``members`` that a Stable-Baselines3 zip file has, and
+    the number of time steps trained.
 
     Raises:
         ValueError: no such file, or it is damaged, too large, or not what the members hold.
@@ -64,27 +57,16 @@ def read_model(path: str | Path, members: Collection[str] = MEMBERS) -> tuple[di
             if f"{name}.pth" in present
         }
         data = parse_json(_unzip(archive, "data", MAX_TEXT))
-        steps = whole_number("num_timesteps", data["num_timesteps"])
-        if steps > MAX_STEPS:
-            raise ValueError(f"num_timesteps is {steps}, must be at most {MAX_STEPS}")
-    return tensors, steps
+        return tensors, whole_number("num_timesteps", data["num_timesteps"], MAX_STEPS)
 
 
 def read_notes(path: str | Path) -> dict[str, Any]:
-    """Return what :func:`agents.training.models.save_model` has noted; {} where it has not.
-
-    Raises:
-        ValueError: no such file, or it is damaged or too large.
-    """
+    """Return what :func:`agents.training.models.save_model` has noted; {} where it has not."""
     return _read_json(path, NOTES, MAX_TEXT, needed=False)
 
 
 def read_training_state(path: str | Path) -> dict[str, Any]:
-    """Return the training state in a model's file, see :mod:`agents.training.training_state`.
-
-    Raises:
-        ValueError: no such file, or it has no state, or is damaged or too large.
-    """
+    """Return the training state in a model's file, see :mod:`agents.training.training_state`."""
     return _read_json(path, STATE, MAX_STATE)
 
 
@@ -99,11 +81,7 @@ def _read_json(path: str | Path, name: str, limit: int, needed: bool = True) -> 
 
 
 def parse_json(data: bytes) -> Any:
-    """JSON, but no text of nothing but brackets, each of which takes many times its size.
-
-    Raises:
-        ValueError: no JSON. RecursionError: of too many levels.
-    """
+    """Parse JSON, but no text of nothing but brackets, each of which takes many times its size."""
     if data.count(b"[") + data.count(b"{") > MAX_ENTRIES:
         raise ValueError(f"it has more than {MAX_ENTRIES} lists and dictionaries")
     return json.loads(data)
@@ -111,7 +89,7 @@ def parse_json(data: bytes) -> Any:
 
 @contextmanager
 def _opened(path: str | Path) -> Iterator[zipfile.ZipFile]:
-    """A zip file, whatever goes wrong in reading it one ValueError that names it."""
+    """Open a zip file; whatever goes wrong in reading it is one ValueError that names it."""
     try:
         with warnings.catch_warnings(), open_regular(path) as file:
             warnings.simplefilter("ignore")  # such as of odd text in a damaged pickle
@@ -123,7 +101,7 @@ def _opened(path: str | Path) -> Iterator[zipfile.ZipFile]:
 
 
 def _unzip(archive: zipfile.ZipFile, name: str, limit: int = MAX_BYTES) -> bytes:
-    """A member's bytes, never more of them than ``limit``, whatever its header says."""
+    """Read a member's bytes, never more of them than ``limit``, whatever its header says."""
     info = archive.getinfo(name)
     if info.file_size > limit:
         raise ValueError(f"{name} unpacks to {info.file_size} bytes, must be {limit} at most")
@@ -137,7 +115,7 @@ def _unzip(archive: zipfile.ZipFile, name: str, limit: int = MAX_BYTES) -> bytes
 
 
 def _read_tensors(data: bytes) -> Any:
-    """What torch.save wrote: nested dictionaries and lists of numbers, text and tensors."""
+    """Read what torch.save wrote: nested dictionaries and lists of numbers, text and tensors."""
     if not data.startswith(b"PK\3\4"):  # with anything before, torch takes other formats for it
         raise ValueError("a member is no zip file")
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -162,7 +140,7 @@ def _read_tensors(data: bytes) -> Any:
 
 
 def _nodes(value: Any, depth: int = 0) -> Iterator[Any]:
-    """A value and all in its nested dictionaries and lists; of bounded depth."""
+    """Give a value and all in its nested dictionaries and lists; of bounded depth."""
     if depth == MAX_DEPTH:
         raise ValueError(f"it has more than {MAX_DEPTH} levels")
     yield value
@@ -176,10 +154,8 @@ def _nodes(value: Any, depth: int = 0) -> Iterator[Any]:
 
 
 def _check_plain(value: Any, stored: int) -> None:
-    """Raises ValueError unless all is dictionaries, lists, finite numbers and tensors, text.
-
-    Tensors may share what is ``stored``, bytes, under a few names.
-    """
+    """Raise a ValueError unless all is dictionaries, lists, finite numbers and tensors, text; these
+    may share what is ``stored``, bytes, under a few names."""
     size = 0
     for count, node in enumerate(_nodes(value)):
         if count == MAX_ENTRIES:

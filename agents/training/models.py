@@ -1,8 +1,4 @@
-"""Models: built from a configuration, and read from files without running code from them.
-
-Models are Stable-Baselines3's own zip files. Only the tensors in them are used (see
-:mod:`agents.training.model_files`), and the rest is built from config.yml.
-"""
+"""Models: built from a configuration, which alone says how; files give them tensors, no code."""
 
 from __future__ import annotations
 
@@ -27,7 +23,7 @@ ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU
 
 
 def build_model(algo: str, config: dict[str, Any], env: Any, **more: Any) -> BaseAlgorithm:
-    """A fresh model of ``algo`` for ``env`` from a checked configuration."""
+    """Build a new model of ``algo`` for ``env`` from a checked configuration."""
     arguments = dict(config["hyperparameters"])
     for name in ("learning_rate", "clip_range", "clip_range_vf"):
         if isinstance(value := arguments.get(name), str):
@@ -39,15 +35,13 @@ def build_model(algo: str, config: dict[str, Any], env: Any, **more: Any) -> Bas
 
 
 def linear_schedule(text: str) -> LinearSchedule:
-    """``"linear_X"``: from X at the start to 0 at the end, and 0 from there on.
-
-    A run's last rollout may end past its last step: below 0 the schedule must not go.
-    """
+    """Return ``"linear_X"``: from X at the start to 0 at the end, and 0 past it, where a run's last
+    rollout may end."""
     return LinearSchedule(float(text.removeprefix("linear_")), 0.0, end_fraction=1.0)
 
 
 def _policy_kwargs(config: dict[str, Any]) -> dict[str, Any]:
-    """``policy_kwargs`` with names turned into classes."""
+    """Return ``policy_kwargs`` with names turned into classes."""
     arguments = dict(config.get("policy_kwargs", {}))
     if "activation" in arguments:
         arguments["activation_fn"] = ACTIVATIONS[arguments.pop("activation")]
@@ -59,7 +53,7 @@ def _policy_kwargs(config: dict[str, Any]) -> dict[str, Any]:
 
 
 def load_policy(path: str | Path) -> Policy:
-    """A trained policy from a run's folder or a model's zip file, without running code from it.
+    """Load a trained policy from a run's folder or a model's zip file, without running its code.
 
     A model that Stable-Baselines3 trained elsewhere takes a config.yml beside it that says how the
     policy is built; policy_kwargs and use_sde may be left out where they are the library's own::
@@ -71,9 +65,8 @@ def load_policy(path: str | Path) -> Policy:
         policy_kwargs: {net_arch: [128, 128], activation: relu}
 
     Raises:
-        ValueError: no such model or a damaged one, no config.yml beside it or one that is not
-            allowed (see :func:`agents.training.config.load_config`), or one that describes other
-            weights.
+        ValueError: no such model or a damaged one, or no config.yml, or one that is not allowed
+            (see :func:`agents.training.config.load_config`) or describes other weights.
     """
     path = Path(path)
     if path.is_dir():
@@ -96,37 +89,27 @@ def load_policy(path: str | Path) -> Policy:
 
 
 def untrained_policy(config: dict[str, Any]) -> Any:
-    """The policy of a checked configuration, of Stable-Baselines3.
-
-    Raises:
-        AssertionError, TypeError, ValueError: arguments that do not go together.
-    """
+    """Build the policy of a checked configuration; where its arguments do not go together,
+    Stable-Baselines3 raises an AssertionError, TypeError or ValueError."""
     env: Any = make_env(config["env"], config.get("env_kwargs", {}))
     policy: Any = ALGORITHMS[config["algo"]].policy_aliases[config["policy"]](
-        env.observation_space,
-        env.action_space,
-        lambda _: 0.0,  # the learning rate, of no use here
-        use_sde=config.get("hyperparameters", {}).get("use_sde", False),
-        **_policy_kwargs(config),
-    )
+        env.observation_space, env.action_space, lambda _: 0.0,  # the learning rate, of no use here
+        use_sde=config.get("hyperparameters", {}).get("use_sde", False), **_policy_kwargs(config),
+    )  # fmt: skip
     policy.set_training_mode(False)
     env.close()
     return policy
 
 
 def restore(model: BaseAlgorithm, tensors: dict[str, Any]) -> None:
-    """Set all parameters of a model, its optimisers' too, as :func:`read_model` gives them.
-
-    Raises:
-        ValueError: they are of another model.
-    """
+    """Set all parameters of a model, its optimisers' too, as :func:`read_model` gives them; a
+    ValueError where they are another model's."""
     parameters = dict(tensors)
     values = parameters.pop("pytorch_variables", None) or {}
     needed = model._get_torch_save_params()[1]
     if set(values) != set(needed):
-        raise ValueError(
-            f"the saved model has the variables {sorted(values)}, must have {sorted(needed)}"
-        )
+        names = f"{sorted(values)}, must have {sorted(needed)}"
+        raise ValueError(f"the saved model has the variables {names}")
     try:
         model.set_parameters(parameters, exact_match=True)
         for name, value in values.items():  # such as SAC's entropy coefficient
@@ -139,16 +122,10 @@ def restore(model: BaseAlgorithm, tensors: dict[str, Any]) -> None:
 
 
 def save_model(
-    model: BaseAlgorithm,
-    path: Path,
-    notes: dict[str, Any] | None = None,
+    model: BaseAlgorithm, path: Path, notes: dict[str, Any] | None = None,
     state: dict[str, Any] | None = None,
-) -> None:
-    """Save by an atomic write, with ``notes`` and training ``state`` as JSON in the same file.
-
-    Raises:
-        OSError: it cannot be written; the old file, if any, is as it was.
-    """
+) -> None:  # fmt: skip
+    """Save by an atomic write, with ``notes`` and training ``state`` as JSON in the same file."""
     buffer = io.BytesIO()  # whole before the disk sees any of it
     model.save(buffer)
     with zipfile.ZipFile(buffer, "a") as archive:

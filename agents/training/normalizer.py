@@ -12,15 +12,11 @@ MIN_DEVIATION = 1e-3  # or what hardly varies would be blown up: to the clip, an
 
 
 class NormalizedObservation(BaseFeaturesExtractor):
-    """(observation - mean) / standard deviation, clipped; statistics are part of the state dict.
+    """(observation - mean) / standard deviation, clipped; statistics are part of the state dict,
+    and change only in :meth:`update`.
 
-    They change only in :meth:`update`, so that within a rollout and the update on it the policy
-    is one function of the observation. Before the first they leave observations as they are.
-
-    Args:
-        observation_space: (d,) observations, the first two cos and sin of the crank angle psi.
-        harmonics: m, how many cos 2 k psi, sin 2 k psi, k = 1 .. m, are appended, unscaled. Even
-            multiples alone: what the torque should be repeats after half a turn of the crank.
+    Of observations that begin with cos and sin of the crank angle psi, ``harmonics`` many cos 2 k
+    psi, sin 2 k psi are appended: the torque that is due repeats after half a turn of the crank.
     """
 
     mean: torch.Tensor
@@ -36,14 +32,14 @@ class NormalizedObservation(BaseFeaturesExtractor):
         self.register_buffer("count", torch.tensor(0.0))
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """(n, d) observations to (n, d + 2 m) features."""
+        """Return features (n, d + 2 m) of observations (n, d)."""
         observation = observation.flatten(1)
         deviation = torch.sqrt(self.variance).clamp(min=MIN_DEVIATION)
         scaled = torch.clamp((observation - self.mean) / deviation, -CLIP, CLIP)
         return torch.cat([scaled, *self._crank_harmonics(observation)], dim=1)
 
     def _crank_harmonics(self, observation: torch.Tensor) -> list[torch.Tensor]:
-        """cos 2 psi, sin 2 psi, cos 4 psi, ... (n, 1) each, by adding angles."""
+        """Return cos 2 psi, sin 2 psi, cos 4 psi, ... (n, 1) each, by adding angles."""
         cos, sin = observation[:, 0:1], observation[:, 1:2]
         cos_2, sin_2 = cos**2 - sin**2, 2.0 * sin * cos
         found: list[torch.Tensor] = []

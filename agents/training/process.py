@@ -2,48 +2,34 @@
 
 from __future__ import annotations
 
-import errno
-import io
-import os
 import signal
 import sys
+from contextlib import suppress
 from typing import Any
 
 HANGUP = (signal.SIGHUP,) if hasattr(signal, "SIGHUP") else ()  # a closed terminal's
 SIGNALS = (signal.SIGINT, signal.SIGTERM, *HANGUP)
-UNREAD = {errno.EPIPE, errno.EIO, errno.EINVAL}  # of a pipe, of a terminal, of a pipe of Windows
 
 
-def after_the_first(number: int) -> Any:
-    """Return the handler of a signal after one of :data:`SIGNALS` has come: a second one kills.
+class _Output:
+    """A stream that drops what is written once its reader has gone."""
 
-    A second SIGHUP is ignored: a terminal that is closed may send two, by its shell and the kernel.
-    """
-    return signal.SIG_IGN if number in HANGUP else signal.SIG_DFL
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
 
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
 
-class _Output(io.FileIO):
-    """A file that drops what is written once its reader has gone."""
+    def write(self, text: str) -> int:
+        with suppress(OSError):
+            self._stream.write(text)
+        return len(text)
 
-    def write(self, data: Any, /) -> int:
-        try:
-            return super().write(data)
-        except OSError as error:
-            if error.errno not in UNREAD:
-                raise
-            return memoryview(data).nbytes
+    def flush(self) -> None:
+        with suppress(OSError):
+            self._stream.flush()
 
 
 def outlive_readers() -> None:
     """Let this process go on when nobody reads its output any more, as after ``| head``."""
-    for name in ("stdout", "stderr"):
-        stream: Any = getattr(sys, name)
-        console = os.name == "nt" and stream is not None and stream.isatty()  # has its own writer
-        if type(stream) is not io.TextIOWrapper or console:  # a notebook's, or none
-            continue
-        file: Any = _Output(stream.fileno(), "w", closefd=False)
-        text = io.TextIOWrapper(
-            file if stream.write_through else io.BufferedWriter(file), stream.encoding,
-            stream.errors, None, stream.line_buffering, stream.write_through,
-        )  # fmt: skip
-        setattr(sys, name, text)
+    sys.stdout, sys.stderr = _Output(sys.stdout), _Output(sys.stderr)

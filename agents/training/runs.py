@@ -1,9 +1,5 @@
-"""Run folders. A run's folder holds all that is needed to go on with it or to score it:
-
-config.yml  command.txt  best_model.zip  final_model.zip  evaluations.json
-checkpoints/model_STEPS_steps.zip  monitor/N.monitor.csv  tensorboard/
-replay_buffer_STEPS.npz (SAC: of the last checkpoint and the one before)
-"""
+"""Run folders: config.yml, command.txt, best_model.zip, final_model.zip, evaluations.json,
+checkpoints/model_STEPS_steps.zip, tensorboard/ and, of SAC, replay_buffer_STEPS.npz."""
 
 from __future__ import annotations
 
@@ -12,7 +8,7 @@ import math
 import os
 import re
 import socket
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -30,7 +26,7 @@ FINAL, BEST = "final_model.zip", "best_model.zip"
 
 
 def new_run_folder(root: str | Path, algo: str, env_id: str) -> Path:
-    """``root/ALGO/ENV_N``, N one above the last; created."""
+    """Make ``root/ALGO/ENV_N``, N one above the last."""
     parent = Path(root) / algo
     parent.mkdir(parents=True, exist_ok=True)
     for number in itertools.count(get_latest_run_id(str(parent), env_id) + 1):
@@ -43,13 +39,8 @@ def new_run_folder(root: str | Path, algo: str, env_id: str) -> Path:
 
 @contextmanager
 def locked(folder: Path, patience: float = 0.0) -> Iterator[None]:
-    """Keep other processes from a run's folder, and remove what a killed one had half written.
-
-    The lock goes with its process, however that ends. Another's is waited for, ``patience`` s.
-
-    Raises:
-        ValueError: another process has it, or the folder cannot be written to.
-    """
+    """Keep other processes from a run's folder, and remove what a killed one had half written; a
+    ValueError where another has it for ``patience`` s, or it cannot be written to."""
     holder = folder / ".lock-holder"
     try:
         held = FileLock(folder / ".lock").acquire(patience)
@@ -68,34 +59,27 @@ def locked(folder: Path, patience: float = 0.0) -> Iterator[None]:
 
 
 def last_state(folder: str | Path) -> Path | None:
-    """The model with the most steps in a run's folder: final_model.zip or a checkpoint.
+    """Return the model with the most steps in a run's folder, None without one.
 
-    One that is damaged, or whose replay buffer is, is passed over, with a line that says so. None
-    where there is no model yet.
-
-    Raises:
-        ValueError: there are models, and all are damaged.
+    One that is damaged, or whose replay buffer is, is passed over, with a line that says so; where
+    all are, a ValueError does.
     """
     found = [
-        (int(path.stem.split("_")[1]), path)
+        (int(path.stem.split("_")[1]), False, path)
         for path in (Path(folder) / "checkpoints").glob("model_*_steps.zip")
         if re.fullmatch(r"model_\d+_steps", path.stem)
     ]
-    found.sort(reverse=True)
     errors = []
-    final = Path(folder) / FINAL
-    if final.is_file():
+    if (final := Path(folder) / FINAL).is_file():
         try:  # after the update that a checkpoint of as many steps comes before
-            steps = read_model(final)[1]
-            place = next((i for i, (s, _) in enumerate(found) if s <= steps), len(found))
-            found.insert(place, (steps, final))
+            found.append((read_model(final)[1], True, final))
         except ValueError as error:
             errors.append(error)
-    for steps, path in found:
+    for steps, _, path in sorted(found, reverse=True):
         try:
             read_model(path)
             read_training_state(path)
-            if (buffer := find_replay_buffer(Path(folder), steps)) is not None:
+            if (buffer := replay_path(Path(folder), steps)).is_file():
                 check_replay_file(buffer)
         except ValueError as error:
             errors.append(error)
@@ -109,21 +93,8 @@ def last_state(folder: str | Path) -> Path | None:
 
 
 def replay_path(folder: Path, steps: int) -> Path:
-    """Where the replay buffer of a model of so many steps lies."""
+    """Return where the replay buffer of a model of so many steps lies."""
     return folder / f"replay_buffer_{steps}.npz"
-
-
-def find_replay_buffer(folder: Path, steps: int) -> Path | None:
-    """Return the replay buffer of a model of so many steps; None where there is none."""
-    path = replay_path(folder, steps)
-    return path if path.is_file() else None
-
-
-def remove_replay_buffers(folder: Path, keep: Collection[Path | None]) -> None:
-    """Remove replay buffers but some."""
-    for path in folder.glob("replay_buffer*.npz"):
-        if path not in keep:
-            path.unlink()
 
 
 def record_run(folder: Path, config: dict[str, Any], command: str) -> None:
@@ -135,11 +106,7 @@ def record_run(folder: Path, config: dict[str, Any], command: str) -> None:
 
 
 def read_evaluations(folder: Path) -> list[dict[str, Any]]:
-    """The rows of evaluations.json; none where there is no such file.
-
-    Raises:
-        ValueError: it is damaged.
-    """
+    """Return the rows of evaluations.json, none without it; a ValueError where it is damaged."""
     path = folder / "evaluations.json"
     try:
         rows = parse_json(path.read_bytes()) if path.is_file() else []
@@ -149,47 +116,12 @@ def read_evaluations(folder: Path) -> list[dict[str, Any]]:
             for name in {"steps", "return", *({"seconds", "score"} & {*row})}:
                 finite(name, row.get(name))
     except (OSError, RecursionError, ValueError) as error:
-        raise ValueError(
-            f"{path} must be a list of evaluations, each with 'steps' and 'return': {error}"
-        ) from error
+        needed = "a list of evaluations, each with 'steps' and 'return'"
+        raise ValueError(f"{path} must be {needed}: {error}") from error
     return rows
 
 
 def best_score(folder: Path) -> float:
-    """Return the score of best_model.zip at its evaluation; -inf where there is none.
-
-    Raises:
-        ValueError: best_model.zip is damaged.
-    """
+    """Return the score of best_model.zip at its evaluation; -inf where there is none."""
     notes = read_notes(folder / BEST) if (folder / BEST).is_file() else {}
     return finite(f"score in {folder / BEST}", notes["score"]) if "score" in notes else -math.inf
-
-
-def next_monitor(folder: Path) -> Path:
-    """Where a run, or its resumption, logs its episodes: monitor/N.monitor.csv, N not taken yet."""
-    numbers = [int(name.split(".")[0]) for name in monitor_sizes(folder)]
-    return folder / "monitor" / f"{max(numbers, default=-1) + 1}.monitor.csv"
-
-
-def monitor_sizes(folder: Path) -> dict[str, int]:
-    """Bytes in each monitor file: with a checkpoint they separate its episodes from later ones.
-
-    Each row is on disk when its episode's last step has been taken.
-    """
-    paths = (folder / "monitor").glob("*.monitor.csv")
-    return {path.name: path.stat().st_size for path in paths if path.name.split(".")[0].isdecimal()}
-
-
-def rewind_monitors(folder: Path, sizes: dict[str, int]) -> None:
-    """Drop the episodes logged after a checkpoint, which a resumed run trains again.
-
-    Args:
-        folder: the run's. sizes: :func:`monitor_sizes` at the checkpoint.
-    """
-    for name, size in monitor_sizes(folder).items():
-        path = folder / "monitor" / name
-        kept = min(size, sizes.get(name, 0))
-        if kept == 0:  # begun after the checkpoint
-            path.unlink()
-        elif kept < size:
-            os.truncate(path, kept)

@@ -11,30 +11,23 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, ProgressBarCallback
-from stable_baselines3.common.monitor import ResultsWriter
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor, unwrap_vec_wrapper
+from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor
 
 from agents.training.callbacks import NormalizerUpdate, Saver, StopOnSignal
 from agents.training.config import find_config, training_envs
-from agents.training.model_files import read_model, read_notes, read_training_state
+from agents.training.model_files import read_model, read_training_state
 from agents.training.models import build_model, restore
 from agents.training.replay_buffers import load_replay_buffer
-from agents.training.runs import FINAL, find_replay_buffer, next_monitor, rewind_monitors
+from agents.training.runs import FINAL, replay_path
 from agents.training.training_state import GeneratorsRestored, restore_state
-from jansen_env.checks import instance, non_negative, whole_number
 from jansen_env.sb3 import make_vec_env
 
 EVALUATIONS = 16  # of a run, if nothing else is said
 
 
 class TrainingReward(VecEnvWrapper):
-    """Rewards less what a fall costs, times a number; monitors inside see neither.
-
-    Args:
-        venv: the environments. scale: the number. fall_cost: taken off where an episode ends before
-            its time limit.
-    """
+    """Rewards less ``fall_cost`` where an episode ends before its time limit, times ``scale``."""
 
     def __init__(self, venv: Any, scale: float, fall_cost: float) -> None:
         super().__init__(venv)
@@ -51,13 +44,11 @@ class TrainingReward(VecEnvWrapper):
 
 
 def prepare(config: dict[str, Any], resume: Path | None = None) -> BaseAlgorithm:
-    """The model a configuration describes, on its environments. Writes nothing.
+    """Build the model that a configuration describes, on its environments; writes nothing.
 
     Args:
-        config: a training configuration with ``algo``, ``env`` and ``seed``. Environment i takes
-            number i of its ``training_variants``, counted around, on top of the arguments of all.
-        resume: a model's file, of which it takes all that training has come to; the run's folder
-            has its replay buffer, if the algorithm has one.
+        config: a training configuration with ``algo``, ``env`` and ``seed``. resume: a model's
+            file, of which it takes all that training has come to.
 
     Raises:
         ValueError: something in the configuration or the files is wrong.
@@ -72,7 +63,6 @@ def prepare(config: dict[str, Any], resume: Path | None = None) -> BaseAlgorithm
         restore(model, tensors)
         if isinstance(model, OffPolicyAlgorithm):
             _refill(model, find_config(resume).parent)
-        _noted(resume)  # or what is wrong with it would show too late
         restore_state(model, read_training_state(resume))
         if config.get("env_kwargs", {}).get("plant") == "rigid_body":
             print("plant='rigid_body': what pymunk's solver had cached is lost, so the run goes on "
@@ -82,26 +72,13 @@ def prepare(config: dict[str, Any], resume: Path | None = None) -> BaseAlgorithm
 
 def _refill(model: OffPolicyAlgorithm, folder: Path) -> None:
     """Fill the replay buffer from a run's; without one, let it fill before training goes on."""
-    path = find_replay_buffer(folder, model.num_timesteps)
-    if path is not None:
-        assert model.replay_buffer is not None
+    path = replay_path(folder, model.num_timesteps)
+    if path.is_file() and model.replay_buffer is not None:
         load_replay_buffer(model.replay_buffer, path)
         return
     model.learning_starts += model.num_timesteps
     print(f"no replay buffer in {folder}: it fills from empty, with random actions until step "
           f"{model.learning_starts}")  # fmt: skip
-
-
-def _noted(path: Path) -> tuple[dict[str, int], float]:
-    """Return what is noted with a model: sizes of the monitors, and seconds trained.
-
-    Raises:
-        ValueError: something else.
-    """
-    notes = read_notes(path)
-    seconds = non_negative(f"seconds in {path}", notes.get("seconds"))
-    instance(f"monitor in {path}", notes.get("monitor"), dict)
-    return {k: whole_number(f"{k} in {path}", v) for k, v in notes["monitor"].items()}, seconds
 
 
 def train(
@@ -131,60 +108,36 @@ def train(
             saved before stays good.
     """
     venv: Any = model.get_env()
-    stop = StopOnSignal()
-    monitor_sizes, seconds = ({}, 0.0) if resume is None else _noted(resume)
+    stop, steps = StopOnSignal(), config["timesteps"]
     if eval_every is None:
-        eval_every = max(1, config["timesteps"] // EVALUATIONS)
+        eval_every = max(1, steps // EVALUATIONS)
     saver = Saver(
         folder, save_every, eval_every, config["env"], config.get("env_kwargs", {}),
-        done=model.num_timesteps, seconds=seconds, stop=stop,
+        done=model.num_timesteps, stop=stop,
     )  # fmt: skip
     saver.init_callback(model)
-    rewind_monitors(folder, monitor_sizes)
-    monitor: Any = unwrap_vec_wrapper(venv, VecMonitor)  # from now on it writes each episode
-    header = {"t_start": monitor.t_start, "env_id": config["env"]}
-    monitor.results_writer = ResultsWriter(str(next_monitor(folder)), header)
     model.tensorboard_log = tensorboard
     callbacks: list[BaseCallback] = [NormalizerUpdate(), saver, *more_callbacks]
     if resume is not None:
         callbacks.insert(0, GeneratorsRestored(read_training_state(resume)))
     if progress:
         callbacks.append(ProgressBarCallback())
+    go_on = f"python train.py --resume {shlex.quote(str(folder))} goes on from the last checkpoint"
     try:
         with closing(venv):
-            remaining = config["timesteps"] - model.num_timesteps
-            if remaining > 0:
-                _learn(model, remaining, callbacks, stop, folder)
+            if (remaining := steps - model.num_timesteps) > 0:
+                with stop:
+                    model.learn(remaining, callback=callbacks, reset_num_timesteps=False,
+                                tb_log_name=folder.name)  # fmt: skip
                 if saver.ended:
-                    print(f"stopped, saved as {saver.last}; {_go_on(folder)}")
+                    print(f"stopped, saved as {saver.last}; {go_on}")
                     raise SystemExit(128 + stop.signal)
                 saver.evaluate()
             saver.save(folder / FINAL)
     except OSError as error:  # such as a full disk
         raise SystemExit(
-            f"training stopped at {model.num_timesteps} steps: {error}; {_go_on(folder)}"
+            f"training stopped at {model.num_timesteps} steps: {error}; {go_on}"
         ) from error
-    if stop.signal:  # in the last rollout
-        raise SystemExit(128 + stop.signal)
-
-
-def _go_on(folder: Path) -> str:
-    return f"python train.py --resume {shlex.quote(str(folder))} goes on from the last checkpoint"
-
-
-def _learn(
-    model: BaseAlgorithm,
-    steps: int,
-    callbacks: list[BaseCallback],
-    stop: StopOnSignal,
-    folder: Path,
-) -> None:
-    """``model.learn``; what stops it stands in :func:`train`."""
-    try:
-        with stop:
-            model.learn(
-                steps, callback=callbacks, reset_num_timesteps=False, tb_log_name=folder.name
-            )
     except ValueError as error:
         if "to satisfy the constraint" not in str(error):  # torch's, of a policy that is NaN
             raise
@@ -192,3 +145,5 @@ def _learn(
             f"training diverged at {model.num_timesteps} steps: the policy's actions are no "
             "longer finite; a lower learning_rate may help"
         ) from error
+    if stop.signal:  # in the last rollout
+        raise SystemExit(128 + stop.signal)

@@ -1,23 +1,25 @@
 """The search for crank-speed profiles: CMA-ES (Hansen 2016) on the task's own mean return.
 
-One command of the grid after another, in each gait outwards from the command it is first found at;
-on episodes whose commands lie around it, with the neighbours' numbers held, so that what counts is
-the profile as it is interpolated. All candidates of a generation walk the same episodes, side by
-side in one batch.
+One command of the grid after another, on episodes whose commands lie around it, with the
+neighbours' numbers held, so that what counts is the profile as it is interpolated. All candidates
+of a generation walk the same episodes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import cma
 import numpy as np
 
-from agents.tuning.batched_rollout import ENV, BatchedRollout, Outcome
 from jansen_env.baselines.policy import Array, TorquePolicy, columns
 from jansen_env.baselines.profile import READ, Profile, profile_torque
+from jansen_env.scoring.benchmarks import find_benchmark
+from jansen_env.scoring.metrics import Episodes
+from jansen_env.scoring.rollout import make_env, run_episodes
 
+ENV = "JansenWalker-v0"
 COMMANDS = (0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.7, 0.8)  # m/s
 HARMONICS = 4
 FRICTION = (0.4, 1.0)
@@ -36,6 +38,10 @@ GAINS, FEEDBACKS = (1.0, 30.0), (0.0, 4.0)  # bounds of kp and g
 FALL, DRIFT = 200.0, 2000.0
 
 
+Progress = Callable[[float, Episodes], None]
+"""Gets each generation's command and episodes."""
+
+
 class Sweep(NamedTuple):
     """Once through the grid; ``step_size`` is CMA-ES's sigma, 1 for a first guess."""
 
@@ -49,40 +55,39 @@ SWEEPS = (Sweep(30, 12, 0.5), Sweep(25, 16, 0.3), Sweep(12, 24, 0.15))
 
 
 def encode(numbers: Array) -> Array:
-    """What is searched: the logarithms of n0 and kp, the others as they are."""
+    """Return what is searched: the logarithms of n0 and kp, the others as they are."""
     return np.concatenate([np.log(numbers[:2]), numbers[2:]])
 
 
 def decode(searched: Any) -> Array:
-    """Numbers (..., 4 + 2 K) from what :func:`encode` makes of them."""
+    """Return numbers (..., 4 + 2 K) from what :func:`encode` makes of them."""
     values = np.asarray(searched, float)
     return np.concatenate([np.exp(values[..., :2]), values[..., 2:]], axis=-1)
 
 
 def make_search(start: Array, sweep: Sweep, rng: np.random.Generator) -> Any:
-    """CMA-ES around numbers (4 + 2 K,), with its random numbers from ``rng``."""
+    """Return CMA-ES around numbers (4 + 2 K,), with its random numbers from ``rng``."""
     size, harmonics = len(start), len(start) // 2 - 2
     shape = SHAPE_SPREAD / np.sqrt(np.arange(1, harmonics + 1))
     low, high = np.full((2, size), [[-np.inf], [np.inf]])
     low[[1, 3]], high[[1, 3]] = np.transpose([np.log(GAINS), FEEDBACKS])
     options = {
-        "CMA_stds": np.concatenate([SPREAD, shape, shape]),
-        "bounds": [low, high],
-        "popsize": sweep.candidates,
-        "randn": lambda *shape: rng.standard_normal(shape),
+        "CMA_stds": np.concatenate([SPREAD, shape, shape]), "bounds": [low, high],
+        "popsize": sweep.candidates, "randn": lambda *shape: rng.standard_normal(shape),
         "seed": np.nan,  # leave numpy's global generator alone
         "verbose": -9,
-    }
+    }  # fmt: skip
     return cma.CMAEvolutionStrategy(encode(start), sweep.step_size, options)
 
 
-def worth(out: Outcome) -> Array:
-    """What is maximised, of each episode."""
-    return out.returns - FALL * out.fell - DRIFT * np.abs(out.drift)
+def worth(run: Episodes, env: Any) -> Array:
+    """Return what is maximised, of each episode; drift is the steady speed's error, m/s."""
+    drift = find_benchmark(env.spec.id).metrics["steady_speed_error"].function(run, env)
+    return run["returns"] - FALL * run["fell"] - DRIFT * drift
 
 
 def triangular(share: Array, left: float, middle: float, right: float) -> Array:
-    """Quantiles of the triangular distribution: how much a knot counts between its neighbours."""
+    """Return quantiles of the triangular distribution: how much a knot counts between others."""
     width = right - left
     below = left + np.sqrt(share * width * (middle - left))
     above = right - np.sqrt((1.0 - share) * width * (right - middle))
@@ -90,19 +95,11 @@ def triangular(share: Array, left: float, middle: float, right: float) -> Array:
 
 
 def improve(
-    found: dict[float, Array],
-    command: float,
-    sweep: Sweep,
-    rng: np.random.Generator,
-    progress: Callable[[Outcome], None] = lambda _: None,
-    env_id: str = ENV,
-) -> Array:
-    """Better numbers for a command of the grid.
-
-    Args:
-        found: numbers by command, m/s; ``command`` among them, the others are held.
-        progress: gets each generation's episodes. env_id: whose robot walks.
-    """
+    found: dict[float, Array], command: float, sweep: Sweep, rng: np.random.Generator,
+    progress: Progress = lambda *_: None, env_id: str = ENV,
+) -> Array:  # fmt: skip
+    """Return better numbers for a command of the grid; ``found`` are numbers by command, of which
+    the others are held."""
     knots = sorted(found)
     place, m, n = knots.index(command), sweep.candidates, sweep.episodes
     left, right = knots[max(place - 1, 0)], knots[min(place + 1, len(knots) - 1)]
@@ -110,7 +107,7 @@ def improve(
     held[place] = 0.0
     rest = Profile(np.array(knots), held)
     search = make_search(found[command], sweep, rng)
-    rollout = BatchedRollout(np.tile(np.linspace(*FRICTION, n), m), env_id=env_id)
+    env = make_env(env_id, {})
     for _ in range(sweep.generations):
         # Commands and starts are stratified, each in an order of its own.
         orders = np.array([rng.permutation(n), rng.permutation(n)])
@@ -119,29 +116,31 @@ def improve(
         weight = np.interp(commands, knots, np.eye(len(knots))[place])[:, None]
         asked = search.ask()
         numbers = rest.at(commands) + weight * decode(asked)[:, None]
-        policy = profiles(numbers.reshape(m * n, -1), rollout.envs)
-        seeds = rng.integers(2**31) + np.arange(n)
-        out = rollout.run(policy, *(np.tile(each, m) for each in (commands, seeds, angles)))
-        search.tell(asked, -worth(out).reshape(m, n).mean(axis=1))
-        progress(out)
-    rollout.close()
+        policy = profiles(numbers.reshape(m * n, -1), env)
+        starts = commands, rng.integers(2**31) + np.arange(n), np.linspace(*FRICTION, n), angles
+        command_of, seeds, friction, angle = (np.tile(each, m) for each in starts)
+        run = run_episodes(policy, env_id, {}, command_of, seeds, at_once=m * n,
+                           options={"friction": friction, "crank_angle": angle})  # fmt: skip
+        search.tell(asked, -worth(run, env).reshape(m, n).mean(axis=1))
+        progress(command, run)
+    env.close()
     return decode(search.result.xfavorite)
 
 
-def profiles(numbers: Array, envs: Any) -> TorquePolicy:
+def profiles(numbers: Array, env: Any) -> TorquePolicy:
     """Return a policy for n walkers, each with its own row of numbers (n, 4 + 2 K)."""
-    read = columns(envs, *READ)
+    read = columns(env, *READ)
     return TorquePolicy(lambda seen, *_: (profile_torque(numbers, seen, read), None),
-                        envs.unwrapped.torque_limit)  # fmt: skip
+                        env.unwrapped.torque_limit)  # fmt: skip
 
 
 def same_gait(command: float, found: Mapping[float, Any]) -> dict[float, Any]:
-    """Of numbers by command those of the gait that a command is walked in."""
+    """Return of numbers by command those of the gait that a command is walked in."""
     return {other: own for other, own in found.items() if (other < BORDER) == (command < BORDER)}
 
 
 def first_guess(command: float, found: Mapping[float, Array], harmonics: int) -> Array:
-    """The numbers of the nearest command of the same gait, with a faster or slower crank."""
+    """Return the numbers of the nearest command of its gait, with a faster or slower crank."""
     known = same_gait(command, found) or same_gait(command, FIRST)
     nearest = min(known, key=lambda other: abs(other - command))
     start = np.array(known[nearest])
@@ -153,20 +152,14 @@ def first_guess(command: float, found: Mapping[float, Array], harmonics: int) ->
 
 
 def search_profile(
-    commands: Sequence[float],
-    sweeps: Sequence[Sweep],
-    harmonics: int = HARMONICS,
-    seed: int = 0,
-    progress: Callable[[float, Outcome], None] = lambda *_: None,
-    save: Callable[[Profile], None] = lambda _: None,
-    env_id: str = ENV,
-) -> Profile:
-    """The profile at a grid of commands, m/s, above 0.
+    commands: Sequence[float], sweeps: Sequence[Sweep], harmonics: int = HARMONICS, seed: int = 0,
+    progress: Progress = lambda *_: None, env_id: str = ENV,
+) -> Iterator[Profile]:  # fmt: skip
+    """Give the profile at a grid of commands, m/s, above 0, after each sweep.
 
     Args:
-        sweeps: at least one. harmonics: K. seed: the same one, the same profile.
-        progress: gets each generation's command and episodes. save: gets what there is after
-            each sweep, at all commands. env_id: whose robot walks.
+        harmonics: K. seed: the same one, the same profile. progress: see :data:`Progress`.
+        env_id: whose robot walks.
     """
     rng = np.random.default_rng(seed)
     found: dict[float, Array] = {}
@@ -179,11 +172,6 @@ def search_profile(
             # At first without the other gait, whose commands would spoil those in between.
             held = found if len(found) == len(order) else same_gait(command, found)
 
-            def tell(out: Outcome, command: float = command) -> None:
-                progress(command, out)
-
-            found[command] = improve(held, command, sweep, rng, tell, env_id)
+            found[command] = improve(held, command, sweep, rng, progress, env_id)
         knots = sorted(found)
-        profile = Profile(np.array(knots), np.array([found[knot] for knot in knots]))
-        save(profile)
-    return profile
+        yield Profile(np.array(knots), np.array([found[knot] for knot in knots]))

@@ -13,7 +13,6 @@ import pytest
 from small_runs import NETWORKS, go_on, made_run, small_run
 
 from agents import export, pack, unpack
-from agents.export import __main__ as command
 from agents.export import agreement, c_source, model_card, onnx_model
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import PretrainedPolicy
@@ -226,7 +225,7 @@ def exported(tmp_path_factory):
     to = [word for kind in export.KINDS for word in ("--to", kind)]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(export, "CASES", 600)
-        command.main([str(run), *to, "--out", str(folder), "--name", "mine", "--episodes", "2"])
+        export.main([str(run), *to, "--out", str(folder), "--name", "mine", "--episodes", "2"])
     return run, folder
 
 
@@ -310,7 +309,7 @@ def test_what_does_not_agree_is_not_written(exported, tmp_path, monkeypatch, cap
 
     def refused(*words):
         with pytest.raises(SystemExit):
-            command.main([*map(str, words), "--out", str(out), "--episodes", "1"])
+            export.main([*map(str, words), "--out", str(out), "--episodes", "1"])
         return capsys.readouterr().err
 
     assert "--env is JansenCrank-v0, but" in refused(exported[0], "--to", "c", "--env", CRANK)
@@ -333,7 +332,7 @@ def test_what_does_not_agree_is_not_written(exported, tmp_path, monkeypatch, cap
             patch.setattr(c_source, "sources", lambda _, name: original(other, name))
             said = refused("pretrained", "--to", "c", "--env", CRANK)
         assert "actions of C in double differ by" in said and "nothing was written" in said
-    monkeypatch.setattr(command, "find_spec", lambda _: None)
+    monkeypatch.setattr(export, "find_spec", lambda _: None)
     assert "which the extra 'export' installs" in refused("pretrained", "--to", "onnx")
     assert not out.exists()
 

@@ -148,7 +148,6 @@ def read_model_files(path, model):
     tensors, _ = model_files.read_model(path)
     models.restore(model, tensors)
     model_files.read_notes(path)
-    training._noted(path)
     restore_state(model, model_files.read_training_state(path))
 
 

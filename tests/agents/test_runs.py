@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import os
 import pickle
 import signal
@@ -62,18 +60,6 @@ def go(settings, folder, resume=None):
 def kill(folder):
     """Leave of a finished run what a kill shortly before its end leaves."""
     (folder / runs.FINAL).unlink()
-
-
-def episodes(folder):
-    """Steps and return of each episode in the monitors, read as Stable-Baselines3's load_results
-    does, for which it needs pandas."""
-    found = []
-    for path in sorted((folder / "monitor").glob("*monitor.csv")):
-        with path.open() as file:
-            header = file.readline()
-            assert header[0] == "#" and json.loads(header[1:])["t_start"] > 0.0
-            found += [(int(row["l"]), float(row["r"])) for row in csv.DictReader(file)]
-    return np.array(found)
 
 
 def test_learning_rate_never_goes_below_zero(tmp_path, returns):
@@ -164,24 +150,6 @@ def test_a_damaged_final_model_leaves_the_checkpoints(tmp_path, capsys):
     checkpoint.unlink()
     with pytest.raises(ValueError, match="is no Stable-Baselines3 model"):
         runs.last_state(tmp_path)
-
-
-@pytest.mark.parametrize("env_id", ["JansenWalker-v0", "JansenCrank-v0"])
-def test_monitors_count_each_step_once(env_id, tmp_path, returns):
-    """Also of a run that was killed past its last checkpoint, and resumed, and killed again."""
-    settings = small_config(env_id)
-    go(settings, tmp_path)
-    before = episodes(tmp_path)
-    assert before[:, 0].sum() == STEPS  # 8 a piece, none cut short
-    for _ in range(2):
-        kill(tmp_path)
-        go(settings, tmp_path, runs.last_state(tmp_path))
-        after = episodes(tmp_path)
-        assert after[:, 0].sum() == STEPS
-        assert np.array_equal(after[: KEPT // 8], before[: KEPT // 8])
-    assert sorted(p.name for p in (tmp_path / "monitor").iterdir()) == [
-        "0.monitor.csv", "1.monitor.csv",
-    ]  # fmt: skip
 
 
 def test_replay_buffer_goes_on(tmp_path, returns):
@@ -354,7 +322,7 @@ def test_failed_resume_changes_nothing(tmp_path, started):
             train.main(["--resume", str(tmp_path), "-n", "999"])
         checkpoint.write_bytes(b"torn")
     after = [(tmp_path / name).read_bytes() for name in ("config.yml", "command.txt")]
-    assert after == before and not (tmp_path / "monitor").exists()
+    assert after == before
 
 
 def test_run_folders_of_two_starts_at_once(tmp_path, monkeypatch):

@@ -37,11 +37,10 @@ def run(tmp_path_factory):
 def test_run_folder_holds_all(run):
     """Config, command, checkpoints, best and final model, evaluations, scores, figures, logs."""
     expected = ["config.yml", "command.txt", "best_model.zip", "final_model.zip",
-                "evaluations.json", "scores.json", "scores.png", "training.png"]  # fmt: skip
+                "evaluations.json", "scores.json", "scores.png"]  # fmt: skip
     assert all((run / name).is_file() for name in expected)
     assert list((run / "checkpoints").glob("model_*_steps.zip"))
     assert list((run / "tensorboard").rglob("events*"))
-    assert list((run / "monitor").glob("*.csv"))
     settings = yaml.safe_load((run / "config.yml").read_text())
     assert (settings["algo"], settings["seed"], settings["timesteps"]) == ("ppo", 3, 1024)
     assert run.parent.name == "ppo" and run.name == "JansenWalker-v0_1"

@@ -9,7 +9,6 @@ import scipy.stats
 from agents import tune
 from agents.evaluate import load_named
 from agents.tuning import profile_search
-from agents.tuning.batched_rollout import BatchedRollout
 from agents.tuning.profile_search import Sweep, improve, profiles, search_profile, triangular, worth
 from jansen_env.baselines.policy import TorquePolicy, columns
 from jansen_env.baselines.profile import READ, load_profile, profile_torque
@@ -122,26 +121,22 @@ def test_the_search_improves_a_bad_start():
     start = np.array([0.4, 3.0, 1.0, 0.0, 0.3, 0.3])
     sweep = Sweep(generations=4, episodes=2, step_size=1.0, candidates=6)
     found = improve({0.1: start}, 0.1, sweep, np.random.default_rng(0))
-    rollout = BatchedRollout(np.full(8, 0.8))
-    values = [
-        worth(
-            rollout.run(
-                profiles(own[None].repeat(8, 0), rollout.envs), np.full(8, 0.1), np.arange(8)
-            )
-        )
+    env = make_env(ENV, {})
+    walks = [
+        run_episodes(profiles(own[None].repeat(8, 0), env), ENV, {}, np.full(8, 0.1), np.arange(8))
         for own in (start, found)
     ]
+    values = [worth(walk, env) for walk in walks]
     assert values[1].mean() > values[0].mean() + 20.0
 
 
 def test_means_of_an_episode_end_with_its_fall():
     """The full torque throws some robots over: its mean square is its square, however soon."""
-    rollout = BatchedRollout(np.full(3, 0.8))
     full = TorquePolicy(lambda seen, *_: (np.full(len(seen), 20.0), None), 20.0)
-    out = rollout.run(full, np.full(3, 0.3), np.arange(3))
-    assert out.fell.any() and not out.fell.all()
-    assert out.square == pytest.approx(np.full(3, 400.0))
-    assert (out.change[out.fell] > out.change[~out.fell].max()).all()  # once, from 0
+    run = run_episodes(full, ENV, {}, np.full(3, 0.3), np.arange(3))
+    assert run["fell"].any() and not run["fell"].all()
+    assert run["rms_torque"] == pytest.approx(np.full(3, 20.0))
+    assert run["torque_change"] == pytest.approx(np.full(3, 20.0))  # once, from 0
 
 
 def test_the_search_repeats():
@@ -150,7 +145,9 @@ def test_the_search_repeats():
     told = []
 
     def search(seed):
-        return search_profile((0.1, 0.15, 0.5), (sweep,), 5, seed, lambda c, _: told.append(c))
+        commands = (0.1, 0.15, 0.5)
+        (found,) = search_profile(commands, (sweep,), 5, seed, lambda c, _: told.append(c))
+        return found
 
     found, again, other = search(0), search(0), search(1)
     assert told[:3] == [0.1, 0.15, 0.5]
@@ -179,7 +176,8 @@ def test_an_interrupted_search_leaves_no_part_of_the_grid(monkeypatch):
 
     monkeypatch.setattr(profile_search, "improve", improve)
     with pytest.raises(KeyboardInterrupt):
-        search_profile((0.1, 0.15, 0.5), (sweep, sweep), save=saved.append)
+        for found in search_profile((0.1, 0.15, 0.5), (sweep, sweep)):
+            saved.append(found)
     assert [profile.commands.tolist() for profile in saved] == [[0.1, 0.15, 0.5]]
 
 

@@ -78,15 +78,6 @@ def test_coverage_is_what_is_said_of_it():
         assert 0.93 < np.mean((ends[:, 0] < 0.0) & (ends[:, 1] > 0.0)) < 0.97
 
 
-def test_performance_profile_counts_runs_above_each_level():
-    fraction, low, high = over_runs.performance_profile([1.0, 2.0, 2.0, 4.0], [0, 1, 1.5, 2, 3, 4])
-    np.testing.assert_array_equal(fraction, [1.0, 0.75, 0.75, 0.25, 0.25, 0.0])
-    assert np.all(low <= fraction) and np.all(fraction <= high)
-    levels = np.linspace(0.0, 10.0, 50)
-    for part in over_runs.performance_profile(TEN, levels):
-        assert np.all(np.diff(part) <= 0.0) and part[0] == 1.0 and part[-1] == 0.0
-
-
 def test_improvement_over_a_mark_is_a_proportion_with_its_exact_interval():
     """At either end a count as far off as k has a probability of 2.5 %."""
     value, low, high = over_runs.improvement_over(2.0, TEN)
@@ -108,10 +99,3 @@ def test_probability_of_improvement_counts_pairs():
         over_runs.probability_of_improvement(*pair)[0] for pair in ((TEN, TEN + 1), (TEN + 1, TEN))
     )
     assert there + back == pytest.approx(1.0) and there < 0.5
-
-
-def test_median_counts_those_that_never_arrive():
-    assert over_runs.median_with_never([]) is None
-    assert over_runs.median_with_never([3.0, None, 1.0]) == 3.0
-    assert over_runs.median_with_never([None, None, 1.0]) is None
-    assert over_runs.median_with_never([4.0, 2.0]) == 4.0

@@ -1,7 +1,5 @@
 """Robots that move together beside single ones: the same, bit for bit."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode

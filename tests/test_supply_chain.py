@@ -1,7 +1,5 @@
 """What is fetched from elsewhere: by commit, from one index, without install scripts."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

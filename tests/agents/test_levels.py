@@ -1,7 +1,5 @@
 """Scores by terrain level."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -22,7 +20,6 @@ class Idle:
 
 
 def test_successes_walk_towards_their_command():
-    """Backwards, too, and without a fall."""
     env = make_env(ENV, {"max_episode_steps": 100})  # 2 s
     run = {
         "command": np.array([0.5, 0.5, -0.5, 0.5]),
@@ -34,7 +31,6 @@ def test_successes_walk_towards_their_command():
 
 
 def test_each_episode_has_its_options():
-    """Levels differ side by side as they do alone."""
     seeds, commands = np.array([5, 6, 7]), np.full(3, 0.4)
     arguments = {"terrain": "slope", "max_episode_steps": 30}
     wanted = np.array([0, 4, 9])
@@ -59,7 +55,6 @@ def test_policies_meet_the_same_episodes():
 
 
 def test_scores_by_level_are_written(tmp_path, capsys):
-    """One command: table, numbers and figure."""
     levels.main([
         "--env", ENV, "--env-kwargs", "{terrain: stairs, max_episode_steps: 30}",
         "--policy", "pid", "--policy", "profile", "--levels", "0", "9", "--episodes", "3",

@@ -1,7 +1,5 @@
 """A run that was killed and resumed is, bit for bit, the one that was not."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

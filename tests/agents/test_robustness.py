@@ -1,7 +1,5 @@
 """Scores over friction and foot stiffness."""
 
-from __future__ import annotations
-
 import json
 import math
 
@@ -24,7 +22,6 @@ def few(monkeypatch):
 
 
 def test_feet_are_scaled():
-    """As a whole; rigid robots get the built one's."""
     own = built_robot().pad_compliance
     assert robustness.feet(built_robot(), own.stiffness) == own
     softer = robustness.feet(built_robot(), 0.1 * own.stiffness)

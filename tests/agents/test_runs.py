@@ -1,7 +1,5 @@
 """Runs of train.py: what their folders keep, how they start, stop and go on."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os
@@ -108,8 +106,6 @@ def test_resumed_run_keeps_a_better_model(tmp_path, returns):
 
 
 def test_best_model_outlives_a_kill_before_its_row_is_written(tmp_path, returns, monkeypatch):
-    """Its return is in its own file."""
-
     def killed(*given):
         raise KeyboardInterrupt
 
@@ -184,22 +180,7 @@ def test_monitors_count_each_step_once(env_id, tmp_path, returns):
     ]  # fmt: skip
 
 
-def test_replay_buffer_goes_on(tmp_path, returns):
-    """Its transitions are those of before, and more come after them."""
-    settings = small_config(algo="sac")
-    before = go(settings, tmp_path).replay_buffer
-    after = training.prepare(settings, runs.last_state(tmp_path))
-    assert after.learning_starts == 32
-    assert after.replay_buffer.pos == before.pos == STEPS // 4
-    for name in replay_buffers.ARRAYS:
-        assert np.array_equal(getattr(after.replay_buffer, name), getattr(before, name))
-    more = go(settings | {"timesteps": STEPS + 16}, tmp_path, runs.last_state(tmp_path))
-    assert more.replay_buffer.pos == STEPS // 4 + 4
-    assert np.array_equal(more.replay_buffer.actions[: before.pos], before.actions[: before.pos])
-
-
 def test_missing_replay_buffer_is_reported(tmp_path, returns, capsys):
-    """And filled before training goes on."""
     settings = small_config(algo="sac")
     go(settings, tmp_path)
     runs.replay_path(tmp_path, STEPS).unlink()
@@ -208,21 +189,6 @@ def test_missing_replay_buffer_is_reported(tmp_path, returns, capsys):
         capsys.readouterr().out
     )
     assert model.learning_starts == STEPS + 32
-
-
-def test_full_replay_buffer_is_restored(tmp_path):
-    """With the place at which the oldest transitions are overwritten."""
-    settings = small_config(algo="sac")
-    settings["hyperparameters"] |= {"buffer_size": 40}
-    first, second = (training.prepare(settings).replay_buffer for _ in range(2))
-    rng = np.random.default_rng(0)
-    for _ in range(13):  # of 10 rows
-        seen, then = rng.normal(size=(2, 4, 20))
-        first.add(seen, then, rng.normal(size=(4, 1)), np.ones(4), np.zeros(4), [{}] * 4)
-    replay_buffers.save_replay_buffer(first, tmp_path / "buffer.npz")
-    replay_buffers.load_replay_buffer(second, tmp_path / "buffer.npz")
-    assert (second.pos, second.full) == (3, True)
-    assert np.array_equal(first.next_observations, second.next_observations)
 
 
 def test_bad_replay_buffers_are_refused(tmp_path):
@@ -265,12 +231,13 @@ def test_bad_replay_buffers_are_refused(tmp_path):
 def hangups_count():
     """Where the tests are run by nohup, too."""
     before = {number: signal.signal(number, signal.SIG_DFL) for number in HANGUP}
+    before[signal.SIGINT] = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, *HANGUP])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, *HANGUP])
 def test_a_signal_saves_where_training_is(
     number, tmp_path, returns, monkeypatch, capsys, hangups_count
 ):
@@ -313,7 +280,6 @@ def started(monkeypatch):
 
 
 def test_config_file_says_algorithm_environment_and_seed(tmp_path, started):
-    """Flags win."""
     path = tmp_path / "my.yml"
     path.write_text(yaml.safe_dump(small_config("JansenCrank-v0") | {"seed": 7}))
     folder = train.main(["--config", str(path), "--log-folder", str(tmp_path)])
@@ -343,7 +309,6 @@ def test_failed_start_leaves_no_folder(wrong, tmp_path, started):
 
 
 def test_failed_resume_changes_nothing(tmp_path, started):
-    """A checkpoint that is none, or of another network."""
     checkpoint = tmp_path / "checkpoints" / "model_9_steps.zip"
     models.save_model(training.prepare(small_config()), checkpoint, {}, {})
     settings = small_config() | {"policy_kwargs": {"net_arch": [8]}}
@@ -358,7 +323,6 @@ def test_failed_resume_changes_nothing(tmp_path, started):
 
 
 def test_run_folders_of_two_starts_at_once(tmp_path, monkeypatch):
-    """The number that the other one takes in between is passed over."""
     first = runs.new_run_folder(tmp_path, "ppo", "JansenWalker-v0")
     monkeypatch.setattr(runs, "get_latest_run_id", lambda *given: 0)  # before the other's start
     second = runs.new_run_folder(tmp_path, "ppo", "JansenWalker-v0")
@@ -366,7 +330,6 @@ def test_run_folders_of_two_starts_at_once(tmp_path, monkeypatch):
 
 
 def test_training_that_diverges_says_so(tmp_path, returns):
-    """In one line, not by pages of torch's."""
     settings = small_config()
     settings["hyperparameters"] |= {"learning_rate": 1e30}
     with pytest.raises(SystemExit, match=r"training diverged at \d+ steps: .* lower learning_rate"):
@@ -374,7 +337,6 @@ def test_training_that_diverges_says_so(tmp_path, returns):
 
 
 def test_a_log_folder_that_cannot_be_written_is_named(tmp_path, returns):
-    """In one line."""
     (tmp_path / "file").touch()
     with pytest.raises(SystemExit, match="--log-folder cannot be written to"):
         train.main(["-n", "64", "--n-envs", "4", "--log-folder", str(tmp_path / "file")])

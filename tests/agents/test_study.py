@@ -1,7 +1,5 @@
 """Studies: what is run, in which folder, what goes on after a kill, and what is reported."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -97,7 +95,6 @@ def test_the_shipped_study_can_be_run():
 
 
 def test_another_study_in_the_same_folder_is_refused(tmp_path):
-    """With the names of what differs; the same study is taken."""
     study_plan.enter(tmp_path, make_study(SMALL))
     study_plan.enter(tmp_path, make_study(SMALL))
     assert study_plan.read_study(tmp_path) == make_study(SMALL)
@@ -123,7 +120,6 @@ def test_a_folder_whose_study_is_damaged_is_refused(tmp_path, text, message):
 
 
 def test_run_folders_are_those_of_train(finished):
-    """With their status, and what they printed."""
     for run in study_plan.read_study(finished).runs(finished):
         names = {path.name for path in run.folder.iterdir()}
         assert names >= {"config.yml", "command.txt", "final_model.zip", "best_model.zip",
@@ -216,7 +212,6 @@ def test_a_folder_that_is_not_shared_is_refused(finished):
 
 
 def test_a_run_that_another_process_has_is_not_touched(finished, monkeypatch):
-    """It is waited for, but not for ever."""
     monkeypatch.setattr(study_run, "PATIENCE", 0.0)
     run = study_plan.read_study(finished).runs(finished)[0]
     with locked(run.folder):
@@ -269,7 +264,6 @@ def test_an_address_without_ray_is_refused(monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_local_processes_give_the_same_runs(finished, tmp_path):
-    """As one process does; with more cores for the environments too."""
     process = start(command(SMALL, tmp_path, "--local", "--workers", "2", "--cores", "2"))
     assert process.wait(300) == 0, output(process)
     assert_same_results(finished, tmp_path / "small")

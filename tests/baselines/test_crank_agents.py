@@ -1,7 +1,5 @@
 """Baselines of JansenCrank-v0, what it is scored by, and that learning beats the paper's PID."""
 
-from __future__ import annotations
-
 import json
 
 import gymnasium as gym

@@ -1,7 +1,5 @@
 """The benchmarks: turns, ratios, verdicts, and that each runs to its end and writes its tables."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -80,7 +78,6 @@ def test_another_tree_is_measured():
 
 @pytest.mark.parametrize("arguments", (["--rounds", "0"], ["--only", "x"], ["--out", "FILE"]))
 def test_what_cannot_be_measured_is_refused(arguments, tmp_path, capsys):
-    """No rounds, an unknown part, a file for a folder."""
     (tmp_path / "FILE").touch()
     with pytest.raises(SystemExit):
         speed.main([str(tmp_path / a) if a == "FILE" else a for a in arguments])
@@ -116,7 +113,6 @@ def test_a_benchmark_runs(main, needs, arguments, written, tmp_path):
 
 @pytest.mark.slow
 def test_starting_is_measured(tmp_path):
-    """A first process compiles, which takes longer than a later one."""
     tree = probe.Tree(Path(__file__).parents[2])
     assert sum(tree.first()) > 2.0 * sum(tree.later())
     tree.close()
@@ -147,8 +143,7 @@ def test_ranks_by_return_and_by_table():
 
 
 def test_ranking_runs(tmp_path, capsys):
-    """One command: all controllers and the shipped policy are ranked, standing last, a profile
-    before bang-bang."""
+    """One command."""
     ranking.main(["--quick", "--out", str(tmp_path)])
     lines = (tmp_path / "ranking.md").read_text().splitlines()[2:]
     order = [line.split("|")[1].strip() for line in lines if line.startswith("|")]

@@ -1,7 +1,5 @@
 """Robots that move together as a Stable-Baselines3 ``VecEnv``: like single ones that take turns."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -118,7 +116,6 @@ def test_options_may_differ():
 
 
 def test_ground_from_points():
-    """As in a configuration file, for all or for some."""
     points = [[-1.0, 0.0], [0.2, 0.05], [1.0, 0.0]]
     venv = make_vec_env(ENV, 2, {"terrain": points})
     assert venv.get_attr("terrain") == [Terrain(points)] * 2
@@ -138,7 +135,6 @@ def test_what_cannot_move_together_takes_turns():
 
 
 def test_it_trains_and_wraps():
-    """PPO inside VecNormalize: the same weights from the same seed."""
     weights = []
     for _ in range(2):
         venv = VecNormalize(make_vec_env(ENV, 4, {"max_episode_steps": 20}))

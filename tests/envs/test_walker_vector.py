@@ -1,7 +1,5 @@
 """Robots that move together do what each does alone, and Gymnasium's vector interface around it."""
 
-from __future__ import annotations
-
 import copy
 import gc
 import pickle
@@ -71,7 +69,6 @@ def test_each_has_its_own_ground_load_and_command():
 
 
 def test_many_legs_and_other_steps():
-    """Ten legs, another control period and time step, bit for bit."""
     arguments = {"robot": paper_robot(phases=5), "control_dt": 0.03, "time_step": 0.0015}
     compare(together(3, **arguments), side_by_side(3, **arguments), 60)
 
@@ -109,7 +106,6 @@ def test_a_mask_resets_some():
 
 
 def test_masks_may_reset_all_in_turn():
-    """Before the first step; those left out are named."""
     env = together(3, AutoresetMode.DISABLED)
     env.reset(options={"reset_mask": np.array([True, False, True])})
     with pytest.raises(gym.error.ResetNeeded, match=r"\[1\]"):
@@ -119,7 +115,6 @@ def test_masks_may_reset_all_in_turn():
 
 
 def test_copies_and_pickles_go_on_bit_for_bit():
-    """In mid-walk, on rough ground, with threads."""
     env = together(32, limit=30, terrain=ROUGH, threads=2)
     env.reset(seed=3)
     rng = np.random.default_rng(0)
@@ -145,18 +140,7 @@ def test_an_action_that_is_ignored_may_be_anything():
         env.step(np.array([[0.0], [np.nan]]))
 
 
-def test_ground_from_points_and_lists_of_ranges():
-    """What the single environment takes, and one for each as a list."""
-    points = [(-1.0, 0.0), (0.2, 0.05)]
-    env = together(2, limit=-1, terrain=points, speed_command=[(0.1, 0.1), (0.2, 0.3)])
-    terrains = env.task.world.terrains
-    assert terrains[0].points == tuple(points) and terrains[1] is terrains[0]
-    assert env.task.speed_command.tolist() == [[0.1, 0.1], [0.2, 0.3]]
-    assert np.isinf(env.max_episode_steps).all()
-
-
 def test_options_for_each():
-    """Commands and crank angles as arrays."""
     env = together(3)
     angles, commands = np.array([0.1, 2.0, 5.0]), np.array([0.1, 0.5, -0.3])
     _, info = env.reset(seed=0, options={"crank_angle": angles, "speed_command": commands})
@@ -199,7 +183,6 @@ def test_information_on_request(mode):
 
 
 def test_what_was_returned_is_not_changed_later():
-    """Observations, rewards and information belong to the caller."""
     env = together(4, AutoresetMode.SAME_STEP, limit=3)
     env.reset(seed=0)
     kept = [env.step(np.full((4, 1), 0.5, np.float32)) for _ in range(3)]
@@ -239,7 +222,6 @@ def test_members_can_be_asked_and_told():
 
 
 def test_pictures():
-    """One of each robot, the same as the single environment draws."""
     env = together(2, render_mode="rgb_array")
     env.reset(seed=4)
     single = gym.make("JansenWalker-v0", render_mode="rgb_array")
@@ -373,7 +355,6 @@ def test_a_refused_step_changes_nothing():
 
 
 def test_bad_changes_and_states_change_nothing():
-    """All values are checked before one is set."""
     env = together(2, friction=0.5)
     env.reset(seed=0)
     with pytest.raises(ValueError, match="restitution"):

@@ -1,7 +1,5 @@
 """A client of the page's server."""
 
-from __future__ import annotations
-
 import http.client
 import json
 from concurrent.futures import ThreadPoolExecutor

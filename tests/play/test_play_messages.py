@@ -1,7 +1,5 @@
 """Messages to the page's server: held to a schema, and rubbish does no harm."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import random

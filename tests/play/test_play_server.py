@@ -1,7 +1,5 @@
 """The page's server: who may reach it, and how much it takes."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import select
@@ -254,7 +252,6 @@ def test_the_end_does_not_wait_for_idle_connections(monkeypatch):
 
 
 def test_who_asks_and_never_reads_is_cut_off(served):
-    """Answers to pings are not kept without end."""
     ping = b"\x89\xfd" + bytes(4) + bytes(125)
     with socket.create_connection(served[1].split(":"), timeout=10) as one:
         one.sendall(opening(served[1]))

@@ -1,7 +1,5 @@
 """Scores of the policies that come with the package, again."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -49,9 +47,7 @@ def by_episode(scores):
 @pytest.mark.processor
 @pytest.mark.parametrize(("env_id", "name"), SHIPPED)
 def test_scores_are_those_shipped(env_id, name):
-    """On the same starts, whatever the processor: nearly the same number, or, where contacts make
-    episodes chaotic, no more different than chance has it. After a change of robot, environment or
-    metrics ``python -m agents.pack FILE.json --episodes N`` scores a file again."""
+    """On the same starts, whatever the processor."""
     policy = pretrained.load(env_id, name)
     shipped = policy.description["scores"]
     again = pack.scores_of(policy, shipped["episodes_per_command"], shipped["seed"])

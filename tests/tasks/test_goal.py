@@ -1,7 +1,5 @@
 """The goal task: its reward, its success, its baseline; the same at all APIs."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -51,10 +49,7 @@ class Still:
 
 
 def test_the_baseline_solves_it_and_the_reward_ranks(monkeypatch):
-    """97 of the 100 goals of seeds from 1000 on, on which it was not tuned; 0.9 at least.
-
-    Controllers are ranked by the return as by success, and those as good as by energy.
-    """
+    """97 of the 100 goals of seeds from 1000 on, on which it was not tuned; 0.9 at least."""
     env = make(100)
     success, returns, work = solved(GoalPid(env.unwrapped), env, seed=1000)
     assert success.mean() >= 0.9

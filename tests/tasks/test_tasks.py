@@ -1,7 +1,5 @@
 """A task that derives from another one: nothing is copied, nothing moves."""
 
-from __future__ import annotations
-
 import inspect
 from dataclasses import dataclass
 
@@ -77,10 +75,7 @@ def test_arguments_are_those_of_the_world_and_its_own():
 
 @pytest.mark.parametrize("noise", [None, {}])
 def test_what_is_added_moves_nothing(noise):
-    """All other columns, by name, and rewards and information are those without it, bit for bit.
-
-    With noise but for lag and means, whose speeds have a second error drawn by the columns' number.
-    """
+    """All other columns, by name, and rewards and information are those without it, bit for bit."""
     env, plain = (kind(**WORLD, noise=noise) for kind in (DerivedEnv, PlainEnv))
     many = DerivedVectorEnv(2, **WORLD, noise=noise)
     seen, before = env.reset(seed=4)[0], plain.reset(seed=4)[0]

@@ -1,7 +1,5 @@
 """The replay page in a real browser: it plays, is right, and can be used by everybody."""
 
-from __future__ import annotations
-
 import re
 
 import gymnasium as gym
@@ -94,7 +92,6 @@ def settled(page):
 
 
 def test_it_plays(opened):
-    """By itself, to the end; and again from the start."""
     page = opened().page
     picture = page.locator("#stage canvas")
     page.wait_for_function("() => parseFloat(document.querySelector('#time').value) > 0.3")
@@ -269,7 +266,6 @@ def test_a_phone_is_wide_enough(opened, count):
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_colours_are_the_readers(opened, scheme):
-    """Also when they change while the page is open."""
     page = opened(**STILL, color_scheme=scheme).page
 
     def darkness():

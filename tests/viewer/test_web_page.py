@@ -1,7 +1,5 @@
 """What pages are made of: a scene's numbers, arrays that are exact enough, text that stays text."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json
@@ -78,7 +76,6 @@ def test_scene_and_state(env_id, arguments):
 
 
 def test_pages_are_small(recording):
-    """400 kB for 500 steps, of two recordings too."""
     assert len(page(recording).encode()) < LIMIT / 1.5
     assert len(page(recording, replace(recording, label="other")).encode()) < LIMIT
 

@@ -85,7 +85,6 @@ def main(folder: Path, algo: str, kills: int, seed: int) -> None:
 
 
 def new(folder: Path) -> Path:
-    """The next run's folder."""
     run = folder / str(len(list(folder.iterdir())))
     run.mkdir()
     return run

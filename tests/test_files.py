@@ -69,7 +69,6 @@ def test_files_follow_the_umask(umask, tmp_path):
 
 
 def test_a_list_of_numbers_is_one_line_of_json(tmp_path):
-    """Whatever brackets and line breaks strings have; values stay as they are."""
     value = {"a": [1, -2.5e-3, None], "b": [[], [3]], "c": ["[\n 1,\n 2]", "x"], "d": [{"e": [4]}]}
     text = write_json(tmp_path / "value.json", value).read_text()
     assert json.loads(text) == value

@@ -88,7 +88,6 @@ def test_imports_go_in_one_direction(path):
 
 
 def test_modules_have_names_of_their_own():
-    """But for those that make a folder a package, and pytest's conftest.py."""
     tests = [path for path in (ROOT / "tests").rglob("*.py") if path.name != "conftest.py"]
     names = Counter(path.name for path in [*FILES, *tests])
     assert [n for n, count in names.items() if count > 1 and not n.startswith("__")] == []

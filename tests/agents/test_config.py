@@ -130,7 +130,6 @@ def test_values_are_checked(values, message, tmp_path):
 
 
 def test_values_that_are_allowed(tmp_path):
-    """Schedules, nulls, layers of each network, names of each algorithm."""
     some = {
         "ppo": (
             {"learning_rate": "linear_1e-3", "clip_range_vf": None, "target_kl": 0.02, "gamma": 1},
@@ -158,7 +157,6 @@ def test_recorded_configurations_are_read_again(tmp_path):
 
 
 def test_environments_have_an_id_of_a_task_and_a_time_limit():
-    """Gymnasium imports the module before a colon, and takes -1 for no limit."""
     for env_id, kwargs, message in (
         ("antigravity:JansenWalker-v0", {}, "must be one of"),
         ("JansenWalker-v0", {"max_episode_steps": -1}, "max_episode_steps is -1, must be"),
@@ -182,6 +180,9 @@ def test_environments_have_an_id_of_a_task_and_a_time_limit():
         ["--episodes", "0"],
         ["--episodes", "many"],
         ["--seed", "-1"],
+        ["--commands", "9"],
+        ["--video-command", "9"],
+        ["--env-kwargs", "{render_mode: human}"],
     ],
 )
 def test_evaluation_refuses_before_it_runs(given, tmp_path, monkeypatch, capsys):
@@ -253,7 +254,6 @@ def test_policies_keep_labels_of_their_own(tmp_path, monkeypatch):
 
 
 def test_what_the_command_line_says_holds_for_all_variants():
-    """Of the shipped variants those arguments go that --env-kwargs gives."""
     given = ["--env", "JansenCrank-v0", "--env-kwargs", "{reset_noise_scale: 0.5}"]
     settings = train._configure(train.parse(given))
     assert settings["env_kwargs"] == {"reset_noise_scale": 0.5}
@@ -273,16 +273,3 @@ def test_what_all_variants_have_alike_holds_for_all_environments():
     assert config.training_envs({}) == ({}, [{}])
     for path in config.CONFIGS.glob("*/*.yml"):
         assert can_be_batched(path.parent.name, *config.training_envs(config.load_config(path)))
-
-
-def test_evaluation_checks_commands_and_folders_before_it_runs(tmp_path, capsys):
-    (tmp_path / "file").touch()
-    for given, reason in (
-        (["--commands", "9"], "is 9.0, must be between"),
-        (["--video-command", "9"], "is 9.0, must be between"),
-        (["--out", str(tmp_path / "file" / "out")], "Not a directory"),
-        (["--env-kwargs", "{render_mode: human}"], "render_mode is 'human', must be"),
-    ):
-        with pytest.raises(SystemExit):
-            evaluate.main(["--policy", "pid", *given])
-        assert reason in capsys.readouterr().err

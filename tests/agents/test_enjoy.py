@@ -67,7 +67,6 @@ def window(invisible):
 
 
 def test_windows_show_all_episodes_or_until_they_are_closed(window, capsys):
-    """What a user does who looks at it, or closes it in the second episode."""
     import pygame
 
     args = enjoy.parse(["--env", CRANK, "--steps", "4", "--episodes", "3"])

@@ -124,7 +124,6 @@ def in_model(name, data, rng):
 
 
 def state_of(data, rng):
-    """The training state of a model changed."""
     out = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(out, "w") as new:
         for name in old.namelist():
@@ -144,7 +143,6 @@ def yaml_of(data, rng):
 
 
 def read_model_files(path, model):
-    """All that is read of a model in resuming."""
     tensors, _ = model_files.read_model(path)
     models.restore(model, tensors)
     model_files.read_notes(path)

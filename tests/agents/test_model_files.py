@@ -42,12 +42,10 @@ def made(tmp_path_factory):
 
 @pytest.fixture
 def folder(made, tmp_path):
-    """A copy of it to spoil."""
     return shutil.copytree(made, tmp_path / "run")
 
 
 def configure(folder, **values):
-    """Change the configuration of a run."""
     text = yaml.safe_dump({**SETTINGS, **values})
     (folder / "config.yml").write_text(text)
 
@@ -62,7 +60,6 @@ def rewritten(data, change):
 
 
 def spoil(folder, change):
-    """Rewrite the members of best_model.zip."""
     path = folder / "best_model.zip"
     path.write_bytes(rewritten(path.read_bytes(), change))
     return path
@@ -100,7 +97,6 @@ def tensor(size, stride, count=4, offset=0, kind=b"FloatStorage"):
 
 
 def test_names_in_a_run_folder_import_nothing(folder, monkeypatch):
-    """A module beside the model, named by its configuration, is not run."""
     (folder / "payload.py").write_text("import builtins; builtins.payload_ran = True\n")
     (folder / "checkpoints").mkdir()
     shutil.copy(folder / "best_model.zip", folder / "checkpoints" / "model_8_steps.zip")
@@ -123,7 +119,6 @@ def test_names_in_a_run_folder_import_nothing(folder, monkeypatch):
 
 
 def test_all_is_read_as_torch_reads_it(made):
-    """Parameters, optimiser and steps; what is not asked for stays unread."""
     tensors, steps = model_files.read_model(made / "best_model.zip")
     with zipfile.ZipFile(made / "best_model.zip") as archive:
         for name, ours in tensors.items():
@@ -192,7 +187,6 @@ def test_models_that_do_not_fit_their_configuration(values, reason, folder):
     ids=range(13),
 )  # fmt: skip
 def test_pickles_that_are_no_state_dict(structure, reason, folder):
-    """No other names, no more numbers than are there, no nesting without end."""
     refused(hostile(folder / "best_model.zip", structure), reason, model_files.read_model)
 
 
@@ -270,7 +264,6 @@ def test_nothing_unpacks_without_bound(folder):
 
 
 def test_members_that_are_not_needed_stay_unread(folder):
-    """Whatever else is in the file, its size or damage does not matter."""
     path = folder / "best_model.zip"
     with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("other.pth", b"\0" * 2 * model_files.MAX_BYTES)
@@ -280,7 +273,6 @@ def test_members_that_are_not_needed_stay_unread(folder):
 
 
 def test_only_what_a_model_saves_is_restored():
-    """Not what else a file names, nor what is missing or of another shape."""
     model = prepare(small_run("sac"))
     given = {
         "policy": model.policy.state_dict(),

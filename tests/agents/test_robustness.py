@@ -16,7 +16,6 @@ SHORT = {"max_episode_steps": 150}  # 3 s
 
 @pytest.fixture
 def few(monkeypatch):
-    """Two conditions of each kind."""
     monkeypatch.setattr(robustness, "FRICTIONS", (0.3, 0.8))
     monkeypatch.setattr(robustness, "STIFFNESSES", (20, math.inf))
 
@@ -46,7 +45,6 @@ def test_conditions_are_what_they_are_called(few):
 
 
 def test_robustness_command(few, tmp_path, capsys):
-    """Tables, numbers, and a figure; fewer episodes on the slow plant."""
     evaluate.main([
         "--robustness", "--policy", "pid", "--policy", "profile", "--plant", "projection",
         "--plant", "rigid_body", "--episodes", "3", "--env-kwargs", "{max_episode_steps: 4}",

@@ -36,12 +36,10 @@ def killed(request, tmp_path_factory):
 
 @pytest.fixture
 def run(killed, tmp_path):
-    """A copy of the killed run."""
     return shutil.copytree(killed[1], tmp_path / "run")
 
 
 def checkpoints(run):
-    """From the first to the last."""
     found = (run / "checkpoints").glob("model_*_steps.zip")
     return sorted(found, key=lambda path: int(path.stem.split("_")[1]))
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from small_runs import small_run
 from stable_baselines3 import PPO
 
 import train
@@ -24,15 +25,10 @@ STEPS = 128
 
 def small_config(env_id="JansenWalker-v0", algo="ppo", **more):
     """Rollouts of 32 steps of 4 environments, in episodes of 8 each."""
-    settings = config.load_config(config.shipped_config(env_id, algo))
+    own = {"n_steps": 8, "n_epochs": 1} if algo == "ppo" else {"learning_starts": 32}
+    more = {"timesteps": STEPS, "n_envs": 4, "env_kwargs": {"max_episode_steps": 8}, **more}
+    settings = small_run(algo, env_id, own, **more)
     settings.pop("training_variants", None)
-    settings.update(algo=algo, env=env_id, seed=0, timesteps=STEPS, n_envs=4)
-    settings.update(env_kwargs={"max_episode_steps": 8}, **more)
-    settings["hyperparameters"] |= {"batch_size": 16}
-    if algo == "ppo":
-        settings["hyperparameters"] |= {"n_steps": 8, "n_epochs": 1}
-    else:
-        settings["hyperparameters"] |= {"learning_starts": 32, "gradient_steps": 1}
     return settings
 
 
@@ -75,7 +71,6 @@ def episodes(folder):
 
 
 def test_learning_rate_never_goes_below_zero(tmp_path, returns):
-    """Nor the clip range, where a run's last rollout ends past its last step."""
     settings = small_config(timesteps=100)
     settings["hyperparameters"] |= {"clip_range": "linear_0.2"}
     model = go(settings, tmp_path)
@@ -151,7 +146,6 @@ def test_last_state_is_the_one_of_most_steps(tmp_path):
 
 
 def test_a_damaged_final_model_leaves_the_checkpoints(tmp_path, capsys):
-    """The last of them is gone on from; without one the damage is named."""
     checkpoint = tmp_path / "checkpoints" / "model_9_steps.zip"
     models.save_model(training.prepare(small_config()), checkpoint, {}, {})
     (tmp_path / runs.FINAL).write_bytes(checkpoint.read_bytes()[:1000])
@@ -192,7 +186,6 @@ def test_missing_replay_buffer_is_reported(tmp_path, returns, capsys):
 
 
 def test_bad_replay_buffers_are_refused(tmp_path):
-    """Pickles, files cut off, arrays of another size; none runs code."""
     settings = small_config(algo="sac")
     buffer = training.prepare(settings).replay_buffer
     path = tmp_path / "buffer.npz"
@@ -229,7 +222,6 @@ def test_bad_replay_buffers_are_refused(tmp_path):
 
 @pytest.fixture
 def hangups_count():
-    """Where the tests are run by nohup, too."""
     before = {number: signal.signal(number, signal.SIG_DFL) for number in HANGUP}
     before[signal.SIGINT] = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
@@ -299,7 +291,6 @@ def test_config_file_says_algorithm_environment_and_seed(tmp_path, started):
     [["--env-kwargs", "{friction: -1}"], ["--config", "CONFIG"], ["--env-kwargs", "{no_such: 1}"]],
 )
 def test_failed_start_leaves_no_folder(wrong, tmp_path, started):
-    """Neither bad arguments of the environment nor a bad configuration."""
     settings = small_config(env=".." if "CONFIG" in wrong else "JansenWalker-v0")
     (tmp_path / "my.yml").write_text(yaml.safe_dump(settings))
     wrong = [str(tmp_path / "my.yml") if word == "CONFIG" else word for word in wrong]

@@ -28,7 +28,6 @@ def test_nohup_is_respected():
 
 @pytest.mark.parametrize("buffered", ["", "1"])
 def test_a_reader_that_goes_away_does_not_end_the_run(buffered, tmp_path):
-    """``train.py | head -1``: trained to its end, scored, exit status 0."""
     command = [
         sys.executable, "train.py", "--log-folder", str(tmp_path), "-n", "8", "--n-envs", "1",
         "--env", "JansenCrank-v0", "--config", str(tmp_path / "short.yml"), "--eval-freq", "0",

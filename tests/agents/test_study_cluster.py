@@ -47,7 +47,6 @@ def whole(tmp_path_factory):
 
 @pytest.fixture
 def cluster():
-    """Two nodes, one core each."""
     nodes = Cluster(initialize_head=True, head_node_args=NODE)
     nodes.add_node(**NODE)
     nodes.wait_for_nodes()

@@ -42,7 +42,6 @@ def acts(policy, seen):
 
 
 def test_baselines_and_policies_find_their_columns(world):
-    """With another number at the front, in the middle and at the end."""
     env, seen, add = world
     env_id = env.spec.id
     names = [

@@ -22,7 +22,6 @@ COS_CRANK, _, CRANK_SPEED, COMMAND, LAG = COLUMNS
 
 
 def seen(commands, rng=None):
-    """Observations (n, 20) of walking robots."""
     rng = rng or np.random.default_rng(0)
     observation = rng.normal(size=(len(commands), 20))
     angle = rng.uniform(0.0, 2.0 * np.pi, len(commands))

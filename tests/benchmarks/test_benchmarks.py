@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from benchmarks import (
@@ -21,7 +20,6 @@ from benchmarks.walks import Walked
 
 
 def test_contestants_take_turns():
-    """A warm-up that does not count, then the order turns every round."""
     called = []
     plays = {name: lambda name=name: called.append(name) or len(called) for name in "ab"}
     assert measure.take_turns(plays, 2) == {"a": [3, 6], "b": [4, 5]}
@@ -54,16 +52,6 @@ def test_verdicts():
     assert verdict(wild, [run(1.0), run(2.0)]) == verdict(wild, [run(1.2)]) == "chaotic"
     assert verdict(steady, [run(1.0), run(1.0, fell=True)]) == "falls at times"
     assert verdict([run(1.0, fell=True)] * 3, [run(1.0, fell=True)] * 2) == "falls on both"
-
-
-def test_errors_of_walks():
-    """Start by start against the finest, changes relative to its mean with standard errors."""
-    exact = convergence.Walk(*np.array([[1.0, 2.0, 0.5, 10.0, 1e-6, 1e-4, 0.0]] * 3).T)
-    found = exact._replace(early=np.array([1.001, 1.002, 0.997]), distance=[2.0, 2.2, 2.4])
-    row = convergence.compare(1e-3, found, exact)
-    assert row.error == pytest.approx([0.001, 0.002, 0.003])
-    assert row.changes["distance"] == pytest.approx((0.1, 0.1 / np.sqrt(3.0)))
-    assert row.changes["slip"] == (0.0, 0.0)
 
 
 def test_another_tree_is_measured():
@@ -99,7 +87,6 @@ def test_what_cannot_be_measured_is_refused(arguments, tmp_path, capsys):
     ],
 )
 def test_a_benchmark_runs(main, needs, arguments, written, tmp_path):
-    """The short form writes its tables and figures; the two plants agree."""
     for module in needs:
         pytest.importorskip(module)
     main(["--quick", "--out", str(tmp_path), *arguments])
@@ -126,7 +113,6 @@ def scored(error, slip, cost, falls, torque, share=1.0, returned=0.0):
 
 
 def test_ranks_by_return_and_by_table():
-    """Mean ranks by hand; who walks nowhere comes last, however cheaply."""
     rows = {
         "good": scored(0.01, 0.1, 1.0, 0.0, 5.0, returned=9.0),
         "rough": scored(0.02, 0.2, 3.0, 0.0, 9.0, returned=5.0),
@@ -143,7 +129,6 @@ def test_ranks_by_return_and_by_table():
 
 
 def test_ranking_runs(tmp_path, capsys):
-    """One command."""
     ranking.main(["--quick", "--out", str(tmp_path)])
     lines = (tmp_path / "ranking.md").read_text().splitlines()[2:]
     order = [line.split("|")[1].strip() for line in lines if line.startswith("|")]
@@ -154,7 +139,6 @@ def test_ranking_runs(tmp_path, capsys):
 
 
 def test_profile_scores_run(tmp_path, capsys):
-    """One command: both policies are scored, and a turn of the crank is drawn."""
     profile_scores.main(["--quick", "--out", str(tmp_path)])
     lines = (tmp_path / "scores.md").read_text().splitlines()
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if "0 of 2" in line]

@@ -26,7 +26,6 @@ def test_the_documented_levels_are_those_of_the_code():
 
 
 def test_limits_of_shares():
-    """Best speed by the mean; the last size before the share falls below a half."""
     ok = np.zeros((12, 2, 4), bool)
     ok[:5, 1] = True
     ok[5, 1, :2] = ok[8, 1] = True

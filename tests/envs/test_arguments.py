@@ -165,7 +165,6 @@ def test_the_longest_control_period():
 
 @pytest.mark.parametrize("make", [JansenWalkerEnv, JansenCrankEnv])
 def test_a_step_before_the_first_reset_is_refused(make):
-    """As Gymnasium's wrapper does; a state that was set is as good as a reset."""
     env, other = make(), make()
     with pytest.raises(gym.error.ResetNeeded, match="reset"):
         env.step(np.zeros(1))
@@ -183,8 +182,7 @@ def test_options_that_are_no_dictionary_are_refused(make, options):
 
 @pytest.mark.parametrize("make", [JansenWalkerEnv, JansenCrankEnv])
 @pytest.mark.parametrize(
-    "action",
-    ["x", None, [10**400], [[0.0]], [object()], {}, [], [math.inf], [math.nan], [0, 0]],
+    "action", ["x", None, [10**400], [[0.0]], [object()], {}, [], [math.inf], [math.nan], [0, 0]]
 )
 def test_actions_that_are_no_number_are_refused(make, action):
     env = make()

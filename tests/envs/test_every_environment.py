@@ -58,8 +58,6 @@ def test_many_are_what_each_is_alone(env_id, mode):
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_the_same_seed_gives_the_same_episode(env_id):
-    """Twice in one environment, and in another one; the next seed another."""
-
     def episode(env, seed):
         seen = [env.reset(seed=seed)[0]]
         rng = np.random.default_rng(0)

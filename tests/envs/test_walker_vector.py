@@ -42,7 +42,6 @@ def test_threads_do_not_change_a_bit():
 
 
 def test_joint_loads_after_a_restart():
-    """What touches down after an episode's start is not told by the one before."""
     arguments = {"track_joint_forces": True, "limit": 5}
     assert compare(together(1, **arguments), side_by_side(1, **arguments), 60) == 10
 
@@ -131,7 +130,6 @@ def test_copies_and_pickles_go_on_bit_for_bit():
 
 
 def test_an_action_that_is_ignored_may_be_anything():
-    """That of a robot that only starts its next episode in this step."""
     env = together(2, limit=1)
     env.reset(seed=0)
     env.step(np.zeros((2, 1)))
@@ -149,7 +147,6 @@ def test_options_for_each():
 
 
 def test_a_bad_option_of_one_leaves_all_as_they_were():
-    """What robot 2 is refused for does not place robots 0 and 1 before."""
     env = together(3)
     env.reset(seed=0)
     before = env.unwrapped.task.world.plant.states.copy()
@@ -197,7 +194,6 @@ def test_what_was_returned_is_not_changed_later():
 
 
 def test_members_can_be_asked_and_told():
-    """Attributes one by one, as Gymnasium's own vector environments have them."""
     env = together(3, friction=0.5)
     env.reset(seed=0)
     assert env.get_attr("control_dt") == (0.02,) * 3
@@ -342,7 +338,6 @@ def test_whatever_diverges_the_others_do_what_they_do_alone():
 
 
 def test_a_refused_step_changes_nothing():
-    """One robot's action is no number: the others' last actions stay."""
     env = together(3, AutoresetMode.DISABLED)
     env.reset(seed=0)
     for _ in range(5):
@@ -372,7 +367,6 @@ def test_bad_changes_and_states_change_nothing():
 
 
 def test_what_each_robot_has_of_its_own():
-    """Not the whole batch's; methods that are none of a robot's are refused."""
     env = together(2, limit=7, reset_noise_scale=[0.1, 0.2])
     assert env.get_attr("max_episode_steps") == (7.0, 7.0)
     assert env.get_attr("reset_noise_scale") == (0.1, 0.2)

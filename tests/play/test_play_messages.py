@@ -67,7 +67,6 @@ def rubbish(rng):
 
 
 def memory(process):
-    """MiB that a process has."""
     for line in Path(f"/proc/{process.pid}/status").read_text().splitlines():
         if line.startswith("VmRSS"):
             return int(line.split()[1]) / 1024

@@ -54,7 +54,6 @@ def reads(page, name, pattern):
 
 
 def pixels(page):
-    """What the canvas shows."""
     return page.locator("#picture").screenshot()
 
 

@@ -25,7 +25,6 @@ def test_interquartile_mean_is_that_of_the_middle_half():
 
 
 def test_interval_of_the_mean_is_students():
-    """By hand: 1, 2, 6 have the mean 3 and s = sqrt(7); t(2) = 4.3027 at 97.5 %."""
     half = 4.302652729911275 * math.sqrt(7.0 / 3.0)
     assert over_runs.mean_with_interval([1.0, 2.0, 6.0]) == pytest.approx((3, 3 - half, 3 + half))
 
@@ -77,7 +76,6 @@ def test_performance_profile_counts_runs_above_each_level():
 
 
 def test_improvement_over_a_mark_is_a_proportion_with_its_exact_interval():
-    """At either end a count as far off as k has a probability of 2.5 %."""
     value, low, high = over_runs.improvement_over(2.0, TEN)
     assert value == 0.8
     assert binom.sf(7, 10, low) == pytest.approx(0.025)

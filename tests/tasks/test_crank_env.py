@@ -96,7 +96,6 @@ def test_state_copies_and_pickles_go_on_bit_for_bit():
 
 
 def test_states_that_are_none():
-    """Missing entries are named; the plant's state is two finite numbers."""
     env = JansenCrankEnv()
     env.reset(seed=0)
     state = env.get_state()

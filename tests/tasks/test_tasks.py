@@ -16,14 +16,10 @@ WORLD = {"robot": "built", "height_scan": (0.2, 0.5, 3), "delay": 0.01, "frictio
 
 @dataclass(frozen=True)
 class Bonus:
-    """An argument of its own."""
-
     torque_bonus: float = 0.5
 
 
 class Derived(WalkerTask):
-    """Observes the torque, too."""
-
     RECORDS = {**WalkerTask.RECORDS, "bonus": Bonus}  # noqa: RUF012
     DEFAULTS = {"speed_command": 0.2}  # noqa: RUF012
 
@@ -41,26 +37,18 @@ class Derived(WalkerTask):
 
 
 class Plain(WalkerTask):
-    """The same without."""
-
     DEFAULTS = Derived.DEFAULTS
 
 
 class DerivedEnv(SingleEnv[Derived]):
-    """One robot."""
-
     TASK = Derived
 
 
 class DerivedVectorEnv(TaskVectorEnv[Derived]):
-    """Many."""
-
     TASK = Derived
 
 
 class PlainEnv(SingleEnv[Plain]):
-    """One robot that does not observe it."""
-
     TASK = Plain
 
 

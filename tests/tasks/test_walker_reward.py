@@ -123,7 +123,6 @@ def test_weights_are_exponents():
 
 
 def test_a_mirrored_command_earns_the_same():
-    """The paper's machine is its own mirror image: so are its rewards."""
     runs = []
     for sign in (1.0, -1.0):
         env, rng = JansenWalkerEnv(reset_noise_scale=0.0), np.random.default_rng(1)

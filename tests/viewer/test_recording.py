@@ -222,8 +222,6 @@ def rewritten(short, packed=zipfile.ZIP_DEFLATED, **changed):
 
 
 class Harmful:
-    """Runs code when it is unpickled."""
-
     def __reduce__(self):
         return pytest.fail, ("code of the file was run",)
 

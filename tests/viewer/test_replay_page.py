@@ -53,7 +53,6 @@ def time_of(page):
 
 
 def numbers(page, i=0):
-    """What the table says: by name."""
     cells = page.locator(f"td[data-recording='{i}']")
     values = cells.evaluate_all("all => all.map(one => [one.dataset.name, one.textContent])")
     return {name: float(text) if text != "\u2013" else None for name, text in values}
@@ -85,7 +84,6 @@ def check(page, recordings, k):
 
 
 def settled(page):
-    """Wait until what was asked for is drawn."""
     page.evaluate(
         "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
     )
@@ -113,7 +111,6 @@ def test_it_plays(opened):
 
 
 def test_a_pause_of_the_browser_is_none_of_the_walk(opened):
-    """As of a hidden tab, which gets no frames: the replay goes on where it was."""
     passed = opened().page.evaluate(f"""async () => {{
         const time = () => parseFloat(document.querySelector("#time").value);
         {FRAME} {FRAME}
@@ -269,7 +266,6 @@ def test_colours_are_the_readers(opened, scheme):
     page = opened(**STILL, color_scheme=scheme).page
 
     def darkness():
-        """Whether page and sky are dark."""
         settled(page)
         body = page.evaluate("getComputedStyle(document.body).backgroundColor")
         shown = iio.imread(page.locator("#stage canvas").screenshot())

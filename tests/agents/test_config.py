@@ -169,32 +169,6 @@ def test_environments_have_an_id_of_a_task_and_a_time_limit():
 
 
 @pytest.mark.parametrize(
-    "given",
-    [
-        ["--env-kwargs", "{max_episode_steps: -1}"],
-        ["--env-kwargs", "{fricton: 1}"],
-        ["--env-kwargs", "{friction: 1, friction: 2}"],
-        ["--env-kwargs", "{speed_command: 0.3}"],
-        ["--policy", "dog"],
-        ["--policy", "constant"],
-        ["--episodes", "0"],
-        ["--episodes", "many"],
-        ["--seed", "-1"],
-        ["--commands", "9"],
-        ["--video-command", "9"],
-        ["--env-kwargs", "{render_mode: human}"],
-    ],
-)
-def test_evaluation_refuses_before_it_runs(given, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(evaluate, "run_episodes", None)
-    with pytest.raises(SystemExit):
-        evaluate.main(["--policy", "constant", "--out", str(tmp_path / "out"), *given])
-    last = capsys.readouterr().err.splitlines()[-1]
-    assert "error: " in last and given[1].partition(":")[0].strip("{") in last
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
     "text", ["policy: [", "policy: MlpPolicy", yaml.safe_dump({**LEAST, "timesteps": -5})]
 )
 def test_training_refuses_before_it_runs(text, tmp_path):

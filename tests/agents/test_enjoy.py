@@ -92,24 +92,6 @@ def test_a_display_that_does_not_answer_gives_a_film(window, monkeypatch, capsys
     assert "no window: " in capsys.readouterr().out
 
 
-def test_what_is_not_allowed_is_said_in_a_line(invisible, capsys):
-    for given, reason in (
-        (["--policy", "nobody"], "must be one of ['pid', 'constant', 'inverse', 'pretrained']"),
-        (["--policy", "pretrained:none"], "policy is 'none', must be one of"),
-        (["--command", "99"], "is 99.0, must be between"),
-        (["--env-kwargs", "{speed_command: 2}"], "speed_command in --env-kwargs has no effect"),
-        (["--env-kwargs", "{render_mode: human}"], "render_mode is 'human', must be"),
-        (["--env-kwargs", "{robot: none}"], "robot is 'none', must be a Robot or one of"),
-        (["--policy", "pid", "--policy", "pid"], "policy 'pid' is given 2 times, must be once"),
-        (["--video", "a.avi"], "a.avi ends in '.avi', must end in one of ['.gif', '.mp4']"),
-        (["--video", "/dev/null/a.gif"], "/dev/null/a.gif"),
-    ):
-        with pytest.raises(SystemExit):
-            enjoy.main(["--env", CRANK, *given])
-        assert reason in capsys.readouterr().err.splitlines()[-1]
-    assert [*invisible.iterdir()] == []
-
-
 def test_long_videos_take_little_memory(tmp_path, monkeypatch):
     taken, written = [], []
 

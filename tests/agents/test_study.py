@@ -221,26 +221,6 @@ def test_progress_is_bars_in_a_terminal_and_lines_elsewhere(finished):
         assert runs[1].name not in shown
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["plan.yml", "--seeds", "3"], "not allowed beside it: seeds"),
-        (["--local", "--address", "auto"], "exclude each other"),
-        (["no.yml"], "no.yml cannot be read"),
-        (["--report", "nowhere"], "nowhere/study.yml cannot be read"),
-    ],
-)
-def test_command_lines_that_cannot_be_are_refused(
-    tmp_path, monkeypatch, capsys, arguments, message
-):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(SystemExit) as error:
-        study.main(arguments)
-    assert error.value.code == 2
-    assert message in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_an_address_without_ray_is_refused(monkeypatch, capsys):
     monkeypatch.setattr(study, "has_ray", lambda: False)
     with pytest.raises(SystemExit):

@@ -37,7 +37,7 @@ Scores: TypeAlias = dict[str, dict[str, dict[str, dict[str, Any]]]]
 
 
 def feet(robot: Robot, stiffness: float) -> Compliance:
-    """Return a robot's feet, or the built one's where its own are rigid, scaled to a stiffness, N/m.
+    """Return feet of a stiffness, N/m: the robot's scaled, or the built one's if those are rigid.
 
     An infinite one is rigid. Damping is scaled by the root, as of a rubber of the same loss factor
     at the lower frequency (:func:`jansen_env.robot.buildable.foot_damping`).

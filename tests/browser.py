@@ -4,8 +4,6 @@ With $CHROMIUM set, or $JANSEN_ENV_BROWSER "required", they fail there. The fixt
 ``conftest.py``'s; what a page reports is checked at the end.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 from dataclasses import dataclass, field
@@ -59,10 +57,7 @@ class Window:
 
 @pytest.fixture
 def open_window(browser):
-    """A function from Playwright's options of a context to a :class:`Window`.
-
-    At the end of the test no page may have reported an error or a warning.
-    """
+    """A function from Playwright's options of a context to a :class:`Window`."""
     windows, contexts = [], []
 
     def opened(**options: Any) -> Window:

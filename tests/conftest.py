@@ -2,8 +2,6 @@
 browser for the tests of pages.
 """
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Callable
 from dataclasses import replace

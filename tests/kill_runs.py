@@ -1,7 +1,5 @@
 """Kill a small run with SIGKILL again and again, and compare it with one that was left alone."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import random
@@ -35,8 +33,7 @@ def start(settings, folder: Path, in_write=None) -> int:
 
 
 def kill_in_write(number: int, moment: str, part: float) -> None:
-    """Have this process killed within its ``number``-th write: with a part of the file on the disk,
-    with all of it but not moved to its place, or just after that."""
+    """Have this process killed within its ``number``-th write."""
     move, left = os.replace, [number]
 
     def replace(source, target):
@@ -88,7 +85,6 @@ def main(folder: Path, algo: str, kills: int, seed: int) -> None:
 
 
 def new(folder: Path) -> Path:
-    """The next run's folder."""
     run = folder / str(len(list(folder.iterdir())))
     run.mkdir()
     return run

@@ -8,8 +8,6 @@ PyTorch, NumPy, OpenBLAS, MKL, oneDNN and the C library choose their code by the
 this processor or NumPy's build lacks is left out.
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import sys
@@ -38,11 +36,7 @@ VARIABLES = {
 
 
 def variables(kind: str) -> dict[str, str]:
-    """Return the environment variables of a kind of processor.
-
-    Args:
-        kind: of :data:`VARIABLES`.
-    """
+    """Return the environment variables of a kind of processor."""
     optional = [name for name in __cpu_dispatch__ if __cpu_features__[name]]
     off = [name for name in optional if kind == "generic" or name.startswith(WIDE)]
     return {

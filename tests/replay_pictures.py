@@ -1,7 +1,5 @@
 """The pictures of ``docs/replay.md``: ``python tests/replay_pictures.py docs/replay``."""
 
-from __future__ import annotations
-
 import argparse
 import io
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Small training runs, and what has come out of them, for the tests of resuming."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import torch

@@ -1,7 +1,5 @@
 """A small study, and commands in processes of their own."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -9,8 +7,8 @@ import tempfile
 import time
 from pathlib import Path
 
-import torch
 import yaml
+from small_runs import same
 
 from agents.studies import plan as study_plan
 from agents.studies import run as study_run
@@ -75,26 +73,12 @@ def perform_here(plan, folder):
     ]
 
 
-def tensors(value, name=""):
-    """All that a model's file holds, by name."""
-    if isinstance(value, dict | list | tuple):
-        items = value.items() if isinstance(value, dict) else enumerate(value)
-        return {k: v for key, part in items for k, v in tensors(part, f"{name}.{key}").items()}
-    return {name: value}
-
-
 def assert_same_results(folder, other):
     """Weights, optimisers and scores of all runs, bit for bit."""
     names = [path.relative_to(folder) for path in sorted(folder.glob("*/seed_*/*_model.zip"))]
     assert len(names) >= 2
     for name in names:
-        (one, steps), (two, others) = read_model(folder / name), read_model(other / name)
-        assert steps == others
-        one, two = tensors(one), tensors(two)
-        assert one.keys() == two.keys()
-        for key, value in one.items():
-            same = torch.equal(value, two[key]) if torch.is_tensor(value) else value == two[key]
-            assert same, (name, key)
+        assert same(read_model(folder / name), read_model(other / name)), name
     for path in folder.glob("*/seed_*/scores.json"):
         assert path.read_bytes() == (other / path.relative_to(folder)).read_bytes()
 

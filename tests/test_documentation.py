@@ -1,7 +1,5 @@
 """README and documentation: code blocks run, commands and links are of things that exist."""
 
-from __future__ import annotations
-
 import re
 import runpy
 import shlex
@@ -27,7 +25,6 @@ def blocks(page: Path, language: str) -> Iterator[tuple[int, str]]:
     "page", [page for page in PAGES if any(blocks(page, "python"))], ids=lambda page: page.stem
 )
 def test_python_blocks_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One after another, with what the ones before have defined."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     names: dict[str, object] = {"__name__": "__main__"}
@@ -66,13 +63,6 @@ def test_commands_have_the_options_that_pages_use(
     assert exited.value.code == 0
     known = re.findall(r"(?<![\w-])--?[a-z][\w-]*", capsys.readouterr().out)
     assert commands()[program] <= {*known}
-
-
-@pytest.mark.parametrize("job", ['".[train]" && python train.py', '".[test]" && python -m pytest'])
-def test_the_readme_has_one_command_for_a_job(job: str) -> None:
-    """Install and train, install and test: each a line that a shell runs as it stands."""
-    lines = [line for _, block in blocks(ROOT / "README.md", "bash") for line in block.splitlines()]
-    assert [job in line for line in lines if job.split()[0] in line] == [True]
 
 
 def anchors(page: Path) -> set[str]:

@@ -1,7 +1,5 @@
 """Files are written atomically: the old one or the new one, and nothing beside it."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os
@@ -29,7 +27,6 @@ def test_files_are_on_the_disk_before_they_are_moved(tmp_path, monkeypatch):
 
 
 def test_a_file_that_fails_leaves_the_old_one(tmp_path):
-    """And nothing beside it."""
     path = write_text(tmp_path / "note.txt", "old")
 
     def fail(name):
@@ -62,7 +59,6 @@ def test_a_fifo_is_refused(read, tmp_path, no_waiting):
 @pytest.mark.skipif(os.name != "posix", reason="POSIX has a umask")
 @pytest.mark.parametrize("umask", [0o022, 0o077, 0o002])
 def test_files_follow_the_umask(umask, tmp_path):
-    """New ones and those in place of others, as any program's."""
     before = os.umask(umask)
     try:
         for _ in range(2):
@@ -73,7 +69,6 @@ def test_files_follow_the_umask(umask, tmp_path):
 
 
 def test_a_list_of_numbers_is_one_line_of_json(tmp_path):
-    """Whatever brackets and line breaks strings have; values stay as they are."""
     value = {"a": [1, -2.5e-3, None], "b": [[], [3]], "c": ["[\n 1,\n 2]", "x"], "d": [{"e": [4]}]}
     text = write_json(tmp_path / "value.json", value).read_text()
     assert json.loads(text) == value

@@ -1,7 +1,5 @@
 """Where things stand: imports go one way, modules have names of their own, numba in engine/."""
 
-from __future__ import annotations
-
 import ast
 import sys
 from collections import Counter
@@ -83,7 +81,6 @@ def test_agents_ask_for_all_packages_that_they_import():
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_imports_go_in_one_direction(path):
-    """From lower lines of :data:`ORDER` to higher ones."""
     own = part_of(".".join(path.relative_to(ROOT).with_suffix("").parts))
     assert own is not None, "a part that ORDER does not name"
     wrong = [m for m in imported(path) if RANK.get(part_of(m) or "", 0) > RANK[own]]
@@ -91,7 +88,6 @@ def test_imports_go_in_one_direction(path):
 
 
 def test_modules_have_names_of_their_own():
-    """But for those that make a folder a package, and pytest's conftest.py."""
     tests = [path for path in (ROOT / "tests").rglob("*.py") if path.name != "conftest.py"]
     names = Counter(path.name for path in [*FILES, *tests])
     assert [n for n, count in names.items() if count > 1 and not n.startswith("__")] == []

@@ -1,7 +1,5 @@
 """What is fetched from elsewhere: by commit, from one index, without install scripts."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -14,7 +12,6 @@ PINNED = re.compile(r"[0-9a-f]{40} +# .*v\d+\.\d+\.\d+")
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.name)
 def test_actions_and_hooks_are_pinned_by_commit(path):
-    """A tag can be moved to other code; the comment says which version it is."""
     pins = re.findall(r"(?:uses: .*@|rev: *)(.*)", path.read_text(encoding="utf-8"))
     assert pins
     for pin in pins:

@@ -1,7 +1,5 @@
 """Watching policies, with a display and without."""
 
-from __future__ import annotations
-
 import imageio.v3 as iio
 import numpy as np
 import pytest
@@ -21,7 +19,6 @@ def invisible(monkeypatch, tmp_path):
 
 
 def test_without_a_display_there_is_a_film(invisible, capsys):
-    """Of the pretrained policy, and a line says so and where."""
     enjoy.main(["--env", CRANK, "--steps", "6"])
     printed = capsys.readouterr().out
     assert "no display to open a window on: filming pretrained on JansenCrank-v0 to" in printed
@@ -70,7 +67,6 @@ def window(invisible):
 
 
 def test_windows_show_all_episodes_or_until_they_are_closed(window, capsys):
-    """What a user does who looks at it, or closes it in the second episode."""
     import pygame
 
     args = enjoy.parse(["--env", CRANK, "--steps", "4", "--episodes", "3"])
@@ -88,7 +84,6 @@ def test_windows_show_all_episodes_or_until_they_are_closed(window, capsys):
 
 
 def test_a_display_that_does_not_answer_gives_a_film(window, monkeypatch, capsys):
-    """Found out before anything is played."""
     args = enjoy.parse(["--env", CRANK, "--steps", "4"])
     (policy,) = enjoy.prepare(args).values()
     monkeypatch.setenv("SDL_VIDEODRIVER", "x11")
@@ -97,27 +92,7 @@ def test_a_display_that_does_not_answer_gives_a_film(window, monkeypatch, capsys
     assert "no window: " in capsys.readouterr().out
 
 
-def test_what_is_not_allowed_is_said_in_a_line(invisible, capsys):
-    """Before anything is written."""
-    for given, reason in (
-        (["--policy", "nobody"], "must be one of ['pid', 'constant', 'inverse', 'pretrained']"),
-        (["--policy", "pretrained:none"], "policy is 'none', must be one of"),
-        (["--command", "99"], "is 99.0, must be between"),
-        (["--env-kwargs", "{speed_command: 2}"], "speed_command in --env-kwargs has no effect"),
-        (["--env-kwargs", "{render_mode: human}"], "render_mode is 'human', must be"),
-        (["--env-kwargs", "{robot: none}"], "robot is 'none', must be a Robot or one of"),
-        (["--policy", "pid", "--policy", "pid"], "policy 'pid' is given 2 times, must be once"),
-        (["--video", "a.avi"], "a.avi ends in '.avi', must end in one of ['.gif', '.mp4']"),
-        (["--video", "/dev/null/a.gif"], "/dev/null/a.gif"),
-    ):
-        with pytest.raises(SystemExit):
-            enjoy.main(["--env", CRANK, *given])
-        assert reason in capsys.readouterr().err.splitlines()[-1]
-    assert [*invisible.iterdir()] == []
-
-
 def test_long_videos_take_little_memory(tmp_path, monkeypatch):
-    """Frames are written as they come: none waits for the last one."""
     taken, written = [], []
 
     def frames():

@@ -1,7 +1,5 @@
 """Policies taken along: ONNX and C that act as PyTorch does, and what is said of them."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
@@ -10,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_runs import NETWORKS, go_on, made_run, small_run
+from small_runs import NETWORKS, made_run
 
 from agents import export, pack, unpack
 from agents.export import agreement, c_source, model_card, onnx_model
@@ -27,7 +25,6 @@ STRICT = (
 )  # fmt: skip
 SINGLE = (*STRICT, "-DMINE_SINGLE_PRECISION")
 WALKER, CRANK = "JansenWalker-v0", "JansenCrank-v0"
-RUNNING = ("lag", "mean_speed", "mean_slip", "mean_power", "rms_torque")
 needs_cc = pytest.mark.skipif(agreement.compiler() is None, reason="there is no C compiler")
 
 RUNS = {
@@ -63,43 +60,19 @@ def agree(policy, count, limit=1e-6, single=1e-5):
 
 @pytest.mark.parametrize("kind", RUNS)
 def test_onnx_and_c_act_as_pytorch(kind, tmp_path):
-    """Harmonics, limits."""
-    agree(pack.from_run(made_run(tmp_path / "run", *RUNS[kind], WALKER)), 600)
+    agree(pack.from_run(made_run(tmp_path / "run", *RUNS[kind], WALKER)), 300)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("env_id", filter(pretrained.names, BENCHMARKS))
 def test_shipped_policies_act_as_pytorch(env_id):
-    """On 10,000 observations, in float to 2e-6."""
     agree(pretrained.load(env_id), 10_000, single=2e-6)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("network", NETWORKS)
 def test_networks_act_as_pytorch(network, tmp_path):
-    """All that can be packed."""
     agree(pack.from_run(made_run(tmp_path / "run", *NETWORKS[network])), 10_000)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("algo", ["ppo", "sac"])
-def test_trained_policies_act_as_pytorch(algo, tmp_path):
-    """Of small runs, with statistics of what they have seen."""
-    go_on(small_run(algo), tmp_path)
-    agree(pack.from_run(tmp_path), 10_000)
-
-
-def test_cases_are_those_that_matter():
-    """Of episodes, of chance, and at the clip and beyond."""
-    policy = pretrained.load(WALKER)
-    seen = agreement.make_cases(policy, 400)
-    mean, deviation = policy.scale
-    far = np.abs((seen - mean) / deviation)
-    far[..., [0, 1, 3, 4]] = 0.0  # on the circle
-    assert far[: len(far) // 2].max() < 30.0
-    clip = far[-len(far) // 4 :]
-    for low, high in ((9.99, 10.0), (10.0, 10.01), (99.0, 101.0), (9e4, 1.1e5)):
-        assert ((clip > low) & (clip < high)).any()
 
 
 EVIL = '*/ int evil(void); /* \\\n #include "evil.h" ??/ `rm` \u2028 <b>|</b>'
@@ -138,42 +111,13 @@ def test_no_text_of_a_file_becomes_code():
 
 
 def test_no_text_of_a_file_becomes_markdown():
-    """Within a line it stays code, and a block of code it cannot end."""
     assert re.fullmatch("`[^`|\n]+`", model_card.code(EVIL)) and model_card.code("") == "` `"
     lines = model_card.block(f"a\n```\n# b\n\n<script>\n\r{EVIL}").split("\n")
     assert len(lines) == 7 and all(re.match("    [^\r\u2028]*$", line) for line in lines)
 
 
-def numbers_of(part, place=()):
-    """Where the floats of a description are."""
-    items = part.items() if isinstance(part, dict) else enumerate(part)
-    for key, value in items:
-        if isinstance(value, float):
-            yield (*place, key)
-        elif isinstance(value, (dict, list)):
-            yield from numbers_of(value, (*place, key))
-
-
-@pytest.mark.parametrize("kind", RUNS)
-def test_no_number_of_a_file_is_beyond_float(kind, tmp_path):
-    """Or C would have ``inf.0f``: each number of a file is refused, or is one that float has."""
-    policy = pack.from_run(made_run(tmp_path / "run", *RUNS[kind], WALKER))
-    places = [*numbers_of({k: policy.description[k] for k in ("action", "network")})]
-    assert len(places) >= 4
-    for *path, last in places:
-        for value in (1e300, -1e39, 1e-300, 1e-39):
-            described = json.loads(json.dumps(policy.description))
-            part = described
-            for key in path:
-                part = part[key]
-            part[last] = value
-            with pytest.raises(ValueError, match="must"):
-                PretrainedPolicy(described, policy.tensors)
-
-
 @needs_cc
 def test_what_is_not_finite_is_refused_by_the_controller(tmp_path):
-    """With a torque of 0; the next observation is answered as any."""
     policy = pack.from_run(made_run(tmp_path / "run", *NETWORKS["squashed"], WALKER))
     (tmp_path / "main.c").write_text("""
 #include <math.h>
@@ -209,7 +153,6 @@ int main(void)
 
 @needs_cc
 def test_arithmetic_that_does_not_know_nan_is_refused():
-    """The test for it would be left out without a word."""
     cases = np.ones((1, 5), np.float32)
     sources = program(pretrained.load(CRANK))
     with pytest.raises(ValueError, match="ffast-math leaves out the test"):
@@ -218,7 +161,6 @@ def test_arithmetic_that_does_not_know_nan_is_refused():
 
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory):
-    """A run, and what has been written of it."""
     pytest.importorskip("onnx")
     folder = tmp_path_factory.mktemp("exported")
     run = made_run(folder / "run", *NETWORKS["apart"], WALKER)
@@ -230,7 +172,6 @@ def exported(tmp_path_factory):
 
 
 def test_everything_is_written_with_its_card(exported):
-    """Whose checksums are right, and whose numbers are those of the run."""
     run, folder = exported
     names = {"mine.onnx", "mine.h", "mine.c", "mine.md"}
     assert {path.name for path in folder.iterdir()} == names | {"run"}
@@ -251,7 +192,6 @@ def test_everything_is_written_with_its_card(exported):
 
 
 def test_the_examples_of_a_card_run(exported, tmp_path, capsys, monkeypatch):
-    """And print what it says."""
     folder = exported[1]
     card = (folder / "mine.md").read_text(encoding="utf-8")
     expected = {float(number) for number in re.findall(r"prints (-?[\d.]+?)\.\n", card)}
@@ -283,7 +223,6 @@ def test_the_examples_of_a_card_run(exported, tmp_path, capsys, monkeypatch):
 
 
 def test_an_onnx_model_says_what_it_takes(exported):
-    """Names, units, periods and limits; any number of robots."""
     onnx = pytest.importorskip("onnx")
     model = onnx.load(exported[1] / "mine.onnx")
     onnx.checker.check_model(model, full_check=True)
@@ -303,7 +242,6 @@ def test_an_onnx_model_says_what_it_takes(exported):
 
 
 def test_what_does_not_agree_is_not_written(exported, tmp_path, monkeypatch, capsys):
-    """Nor what cannot be; in a line."""
     out = tmp_path / "out"
     monkeypatch.setattr(export, "CASES", 200)
 
@@ -339,7 +277,6 @@ def test_what_does_not_agree_is_not_written(exported, tmp_path, monkeypatch, cap
 
 @pytest.mark.parametrize("robot", ["paper", "holy"])
 def test_angles_and_toes_are_where_a_card_says(robot):
-    """Crank angle 0, which way it grows, and which toe is on which side."""
     env = make_env(WALKER, {"robot": robot}).unwrapped
     told = model_card.facts(env)
     seen, _ = env.reset(seed=0, options={"crank_angle": 0.0, "speed_command": 0.3})
@@ -353,6 +290,7 @@ def test_angles_and_toes_are_where_a_card_says(robot):
         assert seen[1] > sine and seen[2] > 0.0
         sine = seen[1]
     assert pins[0][0] == pytest.approx([env.robot.crank.length, 0.0], abs=1e-9)
+    assert told["path"] == pytest.approx(abs(kinematics.advance_per_turn(env.robot)) / 4.0)
     assert told["clockwise"] == (pins[-1][0, 1] < 0.0) == (info["crank_speed"] < 0.0)
     assert info["x_position"] > 0.0
     for toe in range(len(env.robot.legs)):
@@ -360,27 +298,3 @@ def test_angles_and_toes_are_where_a_card_says(robot):
         assert (side == "+x") == (pivots[0][toe] > 0.0)
         same = np.allclose(pins[0][toe], pins[0][0], atol=1e-9)
         assert (angle == "0 degrees") == same == (angle != "180 degrees")
-
-
-def test_running_means_are_worked_out_so():
-    """By the formulas in a card, from what a step does."""
-    env = make_env(WALKER, {}).unwrapped
-    seen, _ = env.reset(seed=0, options={"speed_command": 0.3})
-    path = model_card.facts(env)["path"]
-    names = [entry.name for entry in env.observed]
-    dt, command, kept = env.control_dt, 0.3, dict.fromkeys(RUNNING, 0.0)
-    share = 1.0 - np.exp(-dt / min(max(path / command, 0.2), 3.4))
-    x = 0.0
-    for _ in range(60):
-        seen, _, _, _, info = env.step(np.full(1, 0.3, np.float32))
-        velocity = (info["x_position"] - x) / dt
-        x, slip = info["x_position"], float(np.sum(info["slip"]))
-        power, torque = abs(info["energy"]["motor_work"]) / dt, info["crank_torque"]
-        kept["lag"] = min(max(kept["lag"] + (command - velocity) * dt, -0.5), 0.5)
-        kept["mean_speed"] += share * (velocity - kept["mean_speed"])
-        kept["mean_slip"] += share * (slip / dt - kept["mean_slip"])
-        kept["mean_power"] += share * (power - kept["mean_power"])
-        square = kept["rms_torque"] ** 2
-        kept["rms_torque"] = (square + share * (torque**2 - square)) ** 0.5
-        for name, value in kept.items():
-            assert seen[names.index(name)] == pytest.approx(value, rel=1e-4, abs=1e-6), name

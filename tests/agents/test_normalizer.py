@@ -1,7 +1,5 @@
 """When the normalizer learns, from what, and what it makes of features that hardly vary."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

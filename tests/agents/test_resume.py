@@ -1,7 +1,5 @@
 """A run that was killed and resumed is, bit for bit, the one that was not."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -75,7 +73,6 @@ def test_what_many_robots_saved_can_be_read(tmp_path):
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes that are loaded already take a fork")
 def test_twenty_kills(algo, tmp_path):
-    """With SIGKILL at random moments, half of them within the writing of a file."""
     command = [sys.executable, str(DRIVER), str(tmp_path / "runs"), "--algo", algo]
     done = subprocess.run(command, capture_output=True, text=True, cwd=DRIVER.parents[1])
     assert done.returncode == 0, done.stderr

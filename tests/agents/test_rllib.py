@@ -1,7 +1,5 @@
 """RLlib trains one policy with several processes, one of which is killed."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

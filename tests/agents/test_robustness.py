@@ -1,7 +1,5 @@
 """Scores over friction and foot stiffness."""
 
-from __future__ import annotations
-
 import json
 import math
 
@@ -18,13 +16,11 @@ SHORT = {"max_episode_steps": 150}  # 3 s
 
 @pytest.fixture
 def few(monkeypatch):
-    """Two conditions of each kind."""
     monkeypatch.setattr(robustness, "FRICTIONS", (0.3, 0.8))
     monkeypatch.setattr(robustness, "STIFFNESSES", (20, math.inf))
 
 
 def test_feet_are_scaled():
-    """As a whole; rigid robots get the built one's."""
     own = built_robot().pad_compliance
     assert robustness.feet(built_robot(), own.stiffness) == own
     softer = robustness.feet(built_robot(), 0.1 * own.stiffness)
@@ -49,7 +45,6 @@ def test_conditions_are_what_they_are_called(few):
 
 
 def test_robustness_command(few, tmp_path, capsys):
-    """Tables, numbers, and a figure; fewer episodes on the slow plant."""
     evaluate.main([
         "--robustness", "--policy", "pid", "--policy", "profile", "--plant", "projection",
         "--plant", "rigid_body", "--episodes", "3", "--env-kwargs", "{max_episode_steps: 4}",

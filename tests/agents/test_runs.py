@@ -1,7 +1,5 @@
 """Runs of train.py: what their folders keep, how they start, stop and go on."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import signal
@@ -10,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from small_runs import small_run
 from stable_baselines3 import PPO
 
 import train
@@ -24,15 +23,10 @@ STEPS = 128
 
 def small_config(env_id="JansenWalker-v0", algo="ppo", **more):
     """Rollouts of 32 steps of 4 environments, in episodes of 8 each."""
-    settings = config.load_config(config.shipped_config(env_id, algo))
+    own = {"n_steps": 8, "n_epochs": 1} if algo == "ppo" else {"learning_starts": 32}
+    more = {"timesteps": STEPS, "n_envs": 4, "env_kwargs": {"max_episode_steps": 8}, **more}
+    settings = small_run(algo, env_id, own, **more)
     settings.pop("training_variants", None)
-    settings.update(algo=algo, env=env_id, seed=0, timesteps=STEPS, n_envs=4)
-    settings.update(env_kwargs={"max_episode_steps": 8}, **more)
-    settings["hyperparameters"] |= {"batch_size": 16}
-    if algo == "ppo":
-        settings["hyperparameters"] |= {"n_steps": 8, "n_epochs": 1}
-    else:
-        settings["hyperparameters"] |= {"learning_starts": 32, "gradient_steps": 1}
     return settings
 
 
@@ -63,7 +57,6 @@ def kill(folder):
 
 
 def test_learning_rate_never_goes_below_zero(tmp_path, returns):
-    """Nor the clip range, where a run's last rollout ends past its last step."""
     settings = small_config(timesteps=100)
     settings["hyperparameters"] |= {"clip_range": "linear_0.2"}
     model = go(settings, tmp_path)
@@ -94,8 +87,6 @@ def test_resumed_run_keeps_a_better_model(tmp_path, returns):
 
 
 def test_best_model_outlives_a_kill_before_its_row_is_written(tmp_path, returns, monkeypatch):
-    """Its return is in its own file."""
-
     def killed(*given):
         raise KeyboardInterrupt
 
@@ -141,7 +132,6 @@ def test_last_state_is_the_one_of_most_steps(tmp_path):
 
 
 def test_a_damaged_final_model_leaves_the_checkpoints(tmp_path, capsys):
-    """The last of them is gone on from; without one the damage is named."""
     checkpoint = tmp_path / "checkpoints" / "model_9_steps.zip"
     models.save_model(training.prepare(small_config()), checkpoint, {}, {})
     (tmp_path / runs.FINAL).write_bytes(checkpoint.read_bytes()[:1000])
@@ -152,22 +142,7 @@ def test_a_damaged_final_model_leaves_the_checkpoints(tmp_path, capsys):
         runs.last_state(tmp_path)
 
 
-def test_replay_buffer_goes_on(tmp_path, returns):
-    """Its transitions are those of before, and more come after them."""
-    settings = small_config(algo="sac")
-    before = go(settings, tmp_path).replay_buffer
-    after = training.prepare(settings, runs.last_state(tmp_path))
-    assert after.learning_starts == 32
-    assert after.replay_buffer.pos == before.pos == STEPS // 4
-    for name in replay_buffers.ARRAYS:
-        assert np.array_equal(getattr(after.replay_buffer, name), getattr(before, name))
-    more = go(settings | {"timesteps": STEPS + 16}, tmp_path, runs.last_state(tmp_path))
-    assert more.replay_buffer.pos == STEPS // 4 + 4
-    assert np.array_equal(more.replay_buffer.actions[: before.pos], before.actions[: before.pos])
-
-
 def test_missing_replay_buffer_is_reported(tmp_path, returns, capsys):
-    """And filled before training goes on."""
     settings = small_config(algo="sac")
     go(settings, tmp_path)
     runs.replay_path(tmp_path, STEPS).unlink()
@@ -178,23 +153,7 @@ def test_missing_replay_buffer_is_reported(tmp_path, returns, capsys):
     assert model.learning_starts == STEPS + 32
 
 
-def test_full_replay_buffer_is_restored(tmp_path):
-    """With the place at which the oldest transitions are overwritten."""
-    settings = small_config(algo="sac")
-    settings["hyperparameters"] |= {"buffer_size": 40}
-    first, second = (training.prepare(settings).replay_buffer for _ in range(2))
-    rng = np.random.default_rng(0)
-    for _ in range(13):  # of 10 rows
-        seen, then = rng.normal(size=(2, 4, 20))
-        first.add(seen, then, rng.normal(size=(4, 1)), np.ones(4), np.zeros(4), [{}] * 4)
-    replay_buffers.save_replay_buffer(first, tmp_path / "buffer.npz")
-    replay_buffers.load_replay_buffer(second, tmp_path / "buffer.npz")
-    assert (second.pos, second.full) == (3, True)
-    assert np.array_equal(first.next_observations, second.next_observations)
-
-
 def test_bad_replay_buffers_are_refused(tmp_path):
-    """Pickles, files cut off, arrays of another size; none runs code."""
     settings = small_config(algo="sac")
     buffer = training.prepare(settings).replay_buffer
     path = tmp_path / "buffer.npz"
@@ -209,36 +168,39 @@ def test_bad_replay_buffers_are_refused(tmp_path):
         path.write_bytes(content)
         with pytest.raises(ValueError, match="is no replay buffer"):
             replay_buffers.load_replay_buffer(buffer, path)
-    np.savez(path, pos=np.array([Bomb()], dtype=object))
-    with pytest.raises(ValueError, match="is no replay buffer"):
-        replay_buffers.load_replay_buffer(buffer, path)
-    assert not (tmp_path / "boom").exists()
     arrays = {name: getattr(buffer, name)[:6] for name in replay_buffers.ARRAYS}
-    np.savez(path, pos=5, full=False, **{**arrays, "actions": np.zeros((6, 4, 2), np.float32)})
-    with pytest.raises(ValueError, match=r"actions has shape \(6, 4, 2\).*must have \(6, 4, 1\)"):
-        replay_buffers.load_replay_buffer(buffer, path)
-    np.savez(path, pos=-1, full=False, **arrays)
-    with pytest.raises(ValueError, match="pos is -1, must be in"):
-        replay_buffers.load_replay_buffer(buffer, path)
-    np.savez_compressed(path, **arrays, bomb=np.zeros(10**8, np.uint8))
-    assert path.stat().st_size < 10**6
-    with pytest.raises(ValueError, match=r"it has 7 arrays, must have 8: \['actions"):
-        replay_buffers.load_replay_buffer(buffer, path)
-    np.savez_compressed(path, pos=5, full=False, **arrays)
-    with pytest.raises(ValueError, match=r"is packed, must be stored"):
-        replay_buffers.load_replay_buffer(buffer, path)
+    wide = {**arrays, "actions": np.zeros((6, 4, 2), np.float32)}
+    for save, given, reason in (
+        (np.savez, {"pos": np.array([Bomb()], dtype=object)}, "is no replay buffer"),
+        (
+            np.savez,
+            {"pos": 5, "full": False, **wide},
+            r"\(6, 4, 2\).*must have \(6, 4, 1\)",
+        ),
+        (np.savez, {"pos": -1, "full": False, **arrays}, "pos is -1, must be in"),
+        (
+            np.savez_compressed,
+            {**arrays, "bomb": np.zeros(10**8, np.uint8)},
+            "it has 7 arrays, must",
+        ),
+        (np.savez_compressed, {"pos": 5, "full": False, **arrays}, "is packed, must be stored"),
+    ):
+        save(path, **given)
+        with pytest.raises(ValueError, match=reason):
+            replay_buffers.load_replay_buffer(buffer, path)
+    assert not (tmp_path / "boom").exists()
 
 
 @pytest.fixture
 def hangups_count():
-    """Where the tests are run by nohup, too."""
     before = {number: signal.signal(number, signal.SIG_DFL) for number in HANGUP}
+    before[signal.SIGINT] = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, *HANGUP])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, *HANGUP])
 def test_a_signal_saves_where_training_is(
     number, tmp_path, returns, monkeypatch, capsys, hangups_count
 ):
@@ -281,7 +243,6 @@ def started(monkeypatch):
 
 
 def test_config_file_says_algorithm_environment_and_seed(tmp_path, started):
-    """Flags win."""
     path = tmp_path / "my.yml"
     path.write_text(yaml.safe_dump(small_config("JansenCrank-v0") | {"seed": 7}))
     folder = train.main(["--config", str(path), "--log-folder", str(tmp_path)])
@@ -301,7 +262,6 @@ def test_config_file_says_algorithm_environment_and_seed(tmp_path, started):
     [["--env-kwargs", "{friction: -1}"], ["--config", "CONFIG"], ["--env-kwargs", "{no_such: 1}"]],
 )
 def test_failed_start_leaves_no_folder(wrong, tmp_path, started):
-    """Neither bad arguments of the environment nor a bad configuration."""
     settings = small_config(env=".." if "CONFIG" in wrong else "JansenWalker-v0")
     (tmp_path / "my.yml").write_text(yaml.safe_dump(settings))
     wrong = [str(tmp_path / "my.yml") if word == "CONFIG" else word for word in wrong]
@@ -311,7 +271,6 @@ def test_failed_start_leaves_no_folder(wrong, tmp_path, started):
 
 
 def test_failed_resume_changes_nothing(tmp_path, started):
-    """A checkpoint that is none, or of another network."""
     checkpoint = tmp_path / "checkpoints" / "model_9_steps.zip"
     models.save_model(training.prepare(small_config()), checkpoint, {}, {})
     settings = small_config() | {"policy_kwargs": {"net_arch": [8]}}
@@ -326,7 +285,6 @@ def test_failed_resume_changes_nothing(tmp_path, started):
 
 
 def test_run_folders_of_two_starts_at_once(tmp_path, monkeypatch):
-    """The number that the other one takes in between is passed over."""
     first = runs.new_run_folder(tmp_path, "ppo", "JansenWalker-v0")
     monkeypatch.setattr(runs, "get_latest_run_id", lambda *given: 0)  # before the other's start
     second = runs.new_run_folder(tmp_path, "ppo", "JansenWalker-v0")
@@ -334,7 +292,6 @@ def test_run_folders_of_two_starts_at_once(tmp_path, monkeypatch):
 
 
 def test_training_that_diverges_says_so(tmp_path, returns):
-    """In one line, not by pages of torch's."""
     settings = small_config()
     settings["hyperparameters"] |= {"learning_rate": 1e30}
     with pytest.raises(SystemExit, match=r"training diverged at \d+ steps: .* lower learning_rate"):
@@ -342,7 +299,6 @@ def test_training_that_diverges_says_so(tmp_path, returns):
 
 
 def test_a_log_folder_that_cannot_be_written_is_named(tmp_path, returns):
-    """In one line."""
     (tmp_path / "file").touch()
     with pytest.raises(SystemExit, match="--log-folder cannot be written to"):
         train.main(["-n", "64", "--n-envs", "4", "--log-folder", str(tmp_path / "file")])

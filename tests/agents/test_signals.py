@@ -1,18 +1,14 @@
 """Signals and readers that go away, in processes of their own."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
-from agents.training import callbacks, runs
-from agents.training.model_files import read_model
+from agents.training import callbacks
 from agents.training.process import HANGUP
 
 ROOT = Path(__file__).parents[2]
@@ -32,7 +28,6 @@ def test_nohup_is_respected():
 
 @pytest.mark.parametrize("buffered", ["", "1"])
 def test_a_reader_that_goes_away_does_not_end_the_run(buffered, tmp_path):
-    """``train.py | head -1``: trained to its end, scored, exit status 0."""
     command = [
         sys.executable, "train.py", "--log-folder", str(tmp_path), "-n", "8", "--n-envs", "1",
         "--env", "JansenCrank-v0", "--config", str(tmp_path / "short.yml"), "--eval-freq", "0",
@@ -51,31 +46,7 @@ def test_a_reader_that_goes_away_does_not_end_the_run(buffered, tmp_path):
     assert (tmp_path / "ppo" / "JansenCrank-v0_1" / "scores.json").is_file()
 
 
-def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path):
-    """In a process of its own: exit status 130, no traceback."""
-    process = subprocess.Popen(
-        [sys.executable, "train.py", "--log-folder", str(tmp_path), "--n-envs", "2",
-         "--config", "tests/small_ppo.yml", "--save-freq", "100", "--eval-freq", "0",
-         "--tensorboard-log", "", "--no-progress"],
-        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    )  # fmt: skip
-    folder = tmp_path / "ppo" / "JansenWalker-v0_1"
-    end = time.monotonic() + 300.0
-    while not (folder / "checkpoints" / "model_256_steps.zip").exists():
-        assert process.poll() is None and time.monotonic() < end
-        time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert "Traceback" not in err and "stopping after this rollout" in err
-    saved = runs.last_state(folder)
-    assert f"stopped, saved as {saved}; python train.py --resume {folder} goes on" in out
-    assert read_model(saved)[1] % 256 == 0
-
-
 def test_second_signal_ends_at_once():
-    """Its own handler is gone after the first."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a background
     try:
         _send_one_signal()

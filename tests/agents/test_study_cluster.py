@@ -1,7 +1,5 @@
 """Studies on Ray: as local processes run them, also where a node is killed half way."""
 
-from __future__ import annotations
-
 import os
 import secrets
 import signal
@@ -49,7 +47,6 @@ def whole(tmp_path_factory):
 
 @pytest.fixture
 def cluster():
-    """Two nodes, one core each."""
     nodes = Cluster(initialize_head=True, head_node_args=NODE)
     nodes.add_node(**NODE)
     nodes.wait_for_nodes()
@@ -125,7 +122,6 @@ def test_an_address_without_a_cluster_is_refused(tmp_path, capsys):
 
 
 def test_a_cluster_that_asks_for_no_token_is_refused(tmp_path, monkeypatch):
-    """In one line that says how to begin it."""
     monkeypatch.setenv("RAY_AUTH_MODE", "disabled")
     nodes = Cluster(initialize_head=True, head_node_args=NODE)
     try:

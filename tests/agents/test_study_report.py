@@ -1,10 +1,8 @@
 """A study's scores by command: means over seeds, and worst seeds."""
 
-from __future__ import annotations
-
 import pytest
 
-from agents.studies.study_report import command_rows, command_table, over_seeds
+from agents.studies.study_report import command_table, over_seeds
 from jansen_env.scoring.benchmarks import WALKER
 
 
@@ -28,7 +26,6 @@ def rows():
 
 
 def test_mean_and_worst_over_seeds(rows):
-    """By hand; None where a seed has no value."""
     found = over_seeds(WALKER, rows)
     assert found["command"] == [0.1, 0.3]
     slip = found["columns"]["slip per metre after 2 s (m/m)"]
@@ -40,14 +37,3 @@ def test_mean_and_worst_over_seeds(rows):
     table = command_table(found)
     assert "| 0.2 (0.4) " in table and "| - " in table
     assert over_seeds(WALKER, []) == {}
-
-
-def test_raw_scores_are_listed(rows):
-    """A row for each run and command, and for the baselines of each group once."""
-    lines = command_rows([*rows, {"group": "unfinished"}, {**rows[0], "group": "ice"}])
-    assert len(lines) == (3 + 2) * 2 + 3 * 2
-    (own,) = [line for line in lines if (line["seed"], line["command"]) == (8, 0.3)]
-    assert (own["group"], own["policy"], own["steady_slip_per_metre"]) == ("g", "run", 0.2)
-    pids = [line for line in lines if (line["policy"], line["command"]) == ("pid", 0.3)]
-    assert [(line["group"], line["seed"]) for line in pids] == [("g", ""), ("ice", "")]
-    assert pids[0]["rms_torque"] == 6.0

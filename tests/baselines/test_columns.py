@@ -1,9 +1,5 @@
 """An observation that is added, anywhere, moves none that a baseline or policy reads."""
 
-from __future__ import annotations
-
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -46,7 +42,6 @@ def acts(policy, seen):
 
 
 def test_baselines_and_policies_find_their_columns(world):
-    """With another number at the front, in the middle and at the end."""
     env, seen, add = world
     env_id = env.spec.id
     names = [
@@ -73,12 +68,3 @@ def test_the_search_finds_its_columns(world):
     for column in (0, 9, len(seen[0])):
         more = add(column)
         assert np.array_equal(profiles(numbers, env).predict(more)[0], expected), column
-
-
-def test_a_missing_name_is_refused():
-    """With those there are."""
-    env = SimpleNamespace(observed=(ADDED,))
-    env.unwrapped = env
-    assert columns(env, "crank_torque") == [0]
-    with pytest.raises(ValueError, match=r"name is 'lag', must be one of \['crank_torque'\]"):
-        columns(env, "lag")

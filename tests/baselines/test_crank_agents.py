@@ -1,7 +1,5 @@
 """Baselines of JansenCrank-v0, what it is scored by, and that learning beats the paper's PID."""
 
-from __future__ import annotations
-
 import json
 
 import gymnasium as gym
@@ -23,7 +21,6 @@ PAPER_START = {"crank_angle": np.pi, "crank_speed": 0.0, "speed_command": 1.0}
 
 @pytest.fixture(scope="module")
 def env():
-    """As ``gym.make`` gives it."""
     return gym.make(ENV)
 
 
@@ -40,12 +37,10 @@ def follow(env, policy, seconds=10.0, **options):
 
 
 def rms(values):
-    """Root of the mean square."""
     return np.sqrt(np.mean(np.square(values)))
 
 
 def test_the_papers_pid_does_what_the_paper_does(env):
-    """Its gains from its start for its 10 s; pinned to the last digit."""
     error, torque, _ = follow(env, BASELINES["pid"](env.unwrapped))
     assert rms(error) == pytest.approx(0.1154, abs=1e-4)
     assert rms(torque) == pytest.approx(1.676, abs=1e-3)
@@ -56,7 +51,6 @@ def test_the_papers_pid_does_what_the_paper_does(env):
 
 
 def test_inverse_dynamics_needs_no_feedback_once_it_follows(env):
-    """After the start the error is next to nothing, at a torque below the PID's."""
     error, torque, _ = follow(env, BASELINES["inverse"](env.unwrapped))
     assert rms(error) == pytest.approx(0.0476, abs=1e-4)
     assert rms(torque) == pytest.approx(1.675, abs=1e-3)

@@ -1,7 +1,5 @@
 """The crank-speed profile: interpolation, symmetry, how it walks, and the search for it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy.stats
@@ -22,7 +20,6 @@ COS_CRANK, _, CRANK_SPEED, COMMAND, LAG = COLUMNS
 
 
 def seen(commands, rng=None):
-    """Observations (n, 20) of walking robots."""
     rng = rng or np.random.default_rng(0)
     observation = rng.normal(size=(len(commands), 20))
     angle = rng.uniform(0.0, 2.0 * np.pi, len(commands))
@@ -52,7 +49,6 @@ def test_interpolation():
 
 
 def test_a_standing_robot_gets_no_torque():
-    """At the command 0 the crank is braked, whichever way it turns."""
     observation = seen(np.zeros(50))
     torque = load_profile().torque(observation, COLUMNS)
     assert np.all(torque * observation[:, CRANK_SPEED] < 0.0)
@@ -61,7 +57,6 @@ def test_a_standing_robot_gets_no_torque():
 
 
 def test_the_mirror_image_gets_the_mirrored_torque():
-    """Crank angle pi - psi; crank speed, command and lag reversed."""
     observation = seen(np.linspace(0.01, 0.9, 60))
     mirrored = observation.copy()
     mirrored[:, [COS_CRANK, CRANK_SPEED, COMMAND, LAG]] *= -1.0
@@ -72,7 +67,6 @@ def test_the_mirror_image_gets_the_mirrored_torque():
 
 
 def test_torque_is_the_documented_formula():
-    """For one robot, term by term."""
     numbers = np.array([1.2, 5.0, 2.0, 0.8, 0.3, -0.2, 0.1, 0.4])
     angle, speed, lag = 0.7, 0.9, 0.12
     observation = np.zeros((1, 20))
@@ -117,7 +111,6 @@ def test_it_walks_with_less_slip_than_the_pid():
 
 
 def test_the_search_improves_a_bad_start():
-    """With a few candidates, on episodes that it has not seen."""
     start = np.array([0.4, 3.0, 1.0, 0.0, 0.3, 0.3])
     sweep = Sweep(generations=4, episodes=2, step_size=1.0, candidates=6)
     found = improve({0.1: start}, 0.1, sweep, np.random.default_rng(0))
@@ -166,7 +159,6 @@ def test_triangular_quantiles():
 
 
 def test_an_interrupted_search_leaves_no_part_of_the_grid(monkeypatch):
-    """What is saved has all commands: first after the first sweep."""
     sweep, saved = Sweep(generations=1, episodes=2, step_size=0.5, candidates=4), []
 
     def improve(found, command, sweep, rng, progress, env_id):
@@ -182,7 +174,6 @@ def test_an_interrupted_search_leaves_no_part_of_the_grid(monkeypatch):
 
 
 def test_tuning_writes_what_can_be_loaded(tmp_path, monkeypatch, capsys):
-    """Only what is asked for; an unknown baseline is refused."""
     short = (Sweep(generations=1, episodes=2, step_size=0.5, candidates=4),)
     monkeypatch.setattr(profile_search, "SWEEPS", short)
     monkeypatch.setattr(profile_search, "COMMANDS", (0.1,))

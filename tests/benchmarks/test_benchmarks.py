@@ -1,10 +1,7 @@
 """The benchmarks: turns, ratios, verdicts, and that each runs to its end and writes its tables."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from benchmarks import (
@@ -22,7 +19,6 @@ from benchmarks.walks import Walked
 
 
 def test_contestants_take_turns():
-    """A warm-up that does not count, then the order turns every round."""
     called = []
     plays = {name: lambda name=name: called.append(name) or len(called) for name in "ab"}
     assert measure.take_turns(plays, 2) == {"a": [3, 6], "b": [4, 5]}
@@ -57,16 +53,6 @@ def test_verdicts():
     assert verdict([run(1.0, fell=True)] * 3, [run(1.0, fell=True)] * 2) == "falls on both"
 
 
-def test_errors_of_walks():
-    """Start by start against the finest, changes relative to its mean with standard errors."""
-    exact = convergence.Walk(*np.array([[1.0, 2.0, 0.5, 10.0, 1e-6, 1e-4, 0.0]] * 3).T)
-    found = exact._replace(early=np.array([1.001, 1.002, 0.997]), distance=[2.0, 2.2, 2.4])
-    error, changes = convergence.compare(found, exact)
-    assert error == pytest.approx([0.001, 0.002, 0.003])
-    assert changes["distance"] == pytest.approx((0.1, 0.1 / np.sqrt(3.0)))
-    assert changes["slip"] == (0.0, 0.0)
-
-
 def test_another_tree_is_measured():
     """A process of its own answers with rates, one robot or several; a broken tree is reported."""
     here = probe.Tree(Path(__file__).parents[2])
@@ -79,7 +65,6 @@ def test_another_tree_is_measured():
 
 @pytest.mark.parametrize("arguments", (["--rounds", "0"], ["--only", "x"], ["--out", "FILE"]))
 def test_what_cannot_be_measured_is_refused(arguments, tmp_path, capsys):
-    """No rounds, an unknown part, a file for a folder."""
     (tmp_path / "FILE").touch()
     with pytest.raises(SystemExit):
         speed.main([str(tmp_path / a) if a == "FILE" else a for a in arguments])
@@ -101,7 +86,6 @@ def test_what_cannot_be_measured_is_refused(arguments, tmp_path, capsys):
     ],
 )
 def test_a_benchmark_runs(main, needs, arguments, written, tmp_path):
-    """The short form writes its tables; the two plants agree."""
     for module in needs:
         pytest.importorskip(module)
     main(["--quick", "--out", str(tmp_path), *arguments])
@@ -112,7 +96,6 @@ def test_a_benchmark_runs(main, needs, arguments, written, tmp_path):
 
 @pytest.mark.slow
 def test_starting_is_measured(tmp_path):
-    """A first process compiles, which takes longer than a later one."""
     tree = probe.Tree(Path(__file__).parents[2])
     assert sum(tree.first()) > 2.0 * sum(tree.later())
     tree.close()
@@ -126,7 +109,6 @@ def scored(error, slip, cost, falls, torque, share=1.0, returned=0.0):
 
 
 def test_ranks_by_return_and_by_table():
-    """Mean ranks by hand; who walks nowhere comes last, however cheaply."""
     rows = {
         "good": scored(0.01, 0.1, 1.0, 0.0, 5.0, returned=9.0),
         "rough": scored(0.02, 0.2, 3.0, 0.0, 9.0, returned=5.0),
@@ -143,8 +125,6 @@ def test_ranks_by_return_and_by_table():
 
 
 def test_ranking_runs(tmp_path, capsys):
-    """One command: all controllers and the shipped policy are ranked, standing last, a profile
-    before bang-bang."""
     ranking.main(["--quick", "--out", str(tmp_path)])
     lines = (tmp_path / "ranking.md").read_text().splitlines()[2:]
     order = [line.split("|")[1].strip() for line in lines if line.startswith("|")]
@@ -155,7 +135,6 @@ def test_ranking_runs(tmp_path, capsys):
 
 
 def test_profile_scores_run(tmp_path, capsys):
-    """One command: both policies are scored, and a turn of the crank is drawn."""
     profile_scores.main(["--quick", "--out", str(tmp_path)])
     lines = (tmp_path / "scores.md").read_text().splitlines()
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if "0 of 2" in line]

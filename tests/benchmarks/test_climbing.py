@@ -1,7 +1,5 @@
 """What can be climbed: the benchmark's grounds and tables, and walks over steep faces."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import gymnasium as gym
@@ -13,13 +11,12 @@ from benchmarks.climbing import Walked
 from benchmarks.profile_scores import load
 from jansen_env import Terrain
 from jansen_env.plants.make import PLANTS
-from jansen_env.terrain.generators import HIGHEST, LEVELS, at_level
+from jansen_env.terrain.generators import LEVELS, at_level
 
 DOCS = Path(__file__).parents[2] / "docs" / "terrain"
 
 
 def test_the_documented_levels_are_those_of_the_code():
-    """docs/terrain/levels.md is LEVELS, number by number."""
     table = climbing.level_table()
     assert table in (DOCS / "levels.md").read_text(encoding="utf-8")
     row = next(line for line in table.splitlines() if '"stairs"`, `rise`' in line)
@@ -28,21 +25,7 @@ def test_the_documented_levels_are_those_of_the_code():
     assert len(table.splitlines()) == 2 + sum(map(len, LEVELS.values()))
 
 
-def test_sizes_are_the_levels_and_beyond():
-    for obstacle in climbing.OBSTACLES[1:]:
-        grown = climbing.sizes(obstacle)
-        name, key = obstacle.split()[0], climbing.parameter(obstacle)
-        sign = -1.0 if obstacle.endswith("down") else 1.0
-        of_levels = [sign * at_level(name, level)[key] for level in range(HIGHEST + 1)]
-        assert grown[: HIGHEST + 1] == pytest.approx(of_levels)
-        assert (
-            len(grown) == HIGHEST + 1 + climbing.BEYOND
-            and len(np.unique(np.diff(grown).round(9))) == 1
-        )
-
-
 def test_limits_of_shares():
-    """Best speed by the mean; the last size before the share falls below a half."""
     ok = np.zeros((12, 2, 4), bool)
     ok[:5, 1] = True
     ok[5, 1, :2] = ok[8, 1] = True
@@ -60,7 +43,6 @@ def test_limits_of_shares():
 
 @pytest.mark.slow
 def test_climbing_runs(tmp_path):
-    """One command: tables and the terrains' figure."""
     climbing.main(["--quick", "--out", str(tmp_path)])
     text = (tmp_path / "climbing.md").read_text()
     assert "| one step, height (m) |" in text and "profile" in text

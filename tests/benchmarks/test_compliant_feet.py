@@ -1,7 +1,5 @@
 """The benchmark of feet that give: the mass they feel, their pads, and that it runs to its end."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What holds for every registered environment: checkers, the same seed, one like many, pages."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 
@@ -39,7 +37,6 @@ def test_gymnasiums_checker_warns_of_unbounded_observations_alone(env_id, monkey
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_stable_baselines_checker_has_nothing_to_say(env_id):
-    """No warning at all."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_for_sb3(gym.make(env_id).unwrapped)
@@ -62,8 +59,6 @@ def test_many_are_what_each_is_alone(env_id, mode):
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_the_same_seed_gives_the_same_episode(env_id):
-    """Twice in one environment, and in another one; the next seed another."""
-
     def episode(env, seed):
         seen = [env.reset(seed=seed)[0]]
         rng = np.random.default_rng(0)
@@ -78,18 +73,8 @@ def test_the_same_seed_gives_the_same_episode(env_id):
     np.testing.assert_array_equal(episode(other, 3), first)
 
 
-@pytest.mark.parametrize("env_id", IDS)
-def test_each_has_a_page_and_a_line(env_id):
-    """In the documentation, and in the README's table."""
-    page = (ROOT / "docs" / "environments" / f"{env_id}.md").read_text(encoding="utf-8")
-    assert f"<!-- environment {env_id} -->" in page
-    assert f"environments/{env_id}" in (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
-    assert f"| [`{env_id}`]" in (ROOT / "README.md").read_text(encoding="utf-8")
-
-
 @pytest.mark.parametrize("env_id", WALKERS)
 def test_the_documented_defaults_are_those_of_the_class(env_id):
-    """Tables of ranges in the docstring against what is drawn."""
     env = gym.make(env_id).unwrapped
     doc = type(env).__doc__
     low, high = env.task.speed_command[0]

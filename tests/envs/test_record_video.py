@@ -1,7 +1,5 @@
 """Gymnasium's and Stable-Baselines3's recorders through all APIs: the film is what was rendered."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import imageio.v3 as iio
 import numpy as np

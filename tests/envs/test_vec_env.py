@@ -1,12 +1,9 @@
 """Robots that move together as a Stable-Baselines3 ``VecEnv``: like single ones that take turns."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest
-from stable_baselines3 import PPO
-from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv
 
 from jansen_env import Payload, Terrain
 from jansen_env.sb3 import BatchVecEnv, can_be_batched, make_vec_env
@@ -98,7 +95,6 @@ def test_attributes_methods_and_options():
 
 
 def test_what_is_refused():
-    """A step before the first reset, no variants, and a command that is none."""
     with pytest.raises(gym.error.ResetNeeded):
         make_vec_env(ENV, 2).step(np.zeros((2, 1)))
     for variants, named in (((), "variants"), ([{"speed_command": [1, 2, 3]}], "speed_command")):
@@ -107,7 +103,6 @@ def test_what_is_refused():
 
 
 def test_options_may_differ():
-    """Some robots with, some without; a bad one does not outlive its reset."""
     venv = make_vec_env(ENV, 2)
     venv.set_options([{"speed_command": 0.4}, {}])
     assert venv.reset()[0, 9] == np.float32(0.4)
@@ -118,7 +113,6 @@ def test_options_may_differ():
 
 
 def test_ground_from_points():
-    """As in a configuration file, for all or for some."""
     points = [[-1.0, 0.0], [0.2, 0.05], [1.0, 0.0]]
     venv = make_vec_env(ENV, 2, {"terrain": points})
     assert venv.get_attr("terrain") == [Terrain(points)] * 2
@@ -127,7 +121,6 @@ def test_ground_from_points():
 
 
 def test_what_cannot_move_together_takes_turns():
-    """Another plant, joint forces, other tasks and variants of other arguments."""
     assert can_be_batched(ENV, {"friction": 0.5}, [{"payload": 1.0}, {}])
     assert not can_be_batched(ENV, {"plant": "rigid_body"})
     assert not can_be_batched(ENV, {"track_joint_forces": True})
@@ -135,17 +128,3 @@ def test_what_cannot_move_together_takes_turns():
     assert can_be_batched("JansenCrank-v0", {"reset_noise_scale": 1.0})
     assert not can_be_batched("JansenCrank-v0", {"track_joint_forces": True})
     assert isinstance(make_vec_env("JansenCrank-v0", 2, {"track_joint_forces": True}), DummyVecEnv)
-
-
-def test_it_trains_and_wraps():
-    """PPO inside VecNormalize: the same weights from the same seed."""
-    weights = []
-    for _ in range(2):
-        venv = VecNormalize(make_vec_env(ENV, 4, {"max_episode_steps": 20}))
-        model = PPO("MlpPolicy", venv, n_steps=32, batch_size=64, n_epochs=2, seed=1, device="cpu")
-        model.learn(256)
-        weights.append(
-            np.concatenate([p.detach().numpy().ravel() for p in model.policy.parameters()])
-        )
-        venv.close()
-    assert np.array_equal(*weights)

@@ -1,7 +1,5 @@
 """What errata of the paper come to: every number, from two sides where there are two."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -10,28 +8,8 @@ from jansen_env.paper import errata, fixed_model, toes
 from jansen_env.robot import JOINT_PAIRS, paper_robot
 
 
-def test_inertia_of_table_1():
-    """16 to 341 times m r^2, r to the farthest pin; the crank's k 30 times that of slender links.
-
-    A slender rod has a third of m r^2, a plate less than all of it: what the bound is worth.
-    """
-    inertia, crank, _, _ = errata.errata()
-    assert inertia.numbers == pytest.approx(
-        {"gyration": 1.0, "low": 15.67, "high": 340.8}, rel=1e-3
-    )
-    slender = paper_robot().with_slender_inertias()
-    share = [b.inertia / (b.mass * errata.farthest_pin(b) ** 2) for b in slender.bodies]
-    assert max(share) == pytest.approx(1.0 / 3.0) and min(share) > 0.1
-    assert crank.numbers == pytest.approx(
-        {"low": 0.6664, "high": 0.8179, "slender_low": 0.02062, "slender_high": 0.02444}, rel=1e-3
-    )
-
-
 def test_dropped_velocity_terms():
-    """0.091 N m at 1 rad/s: with a fixed base all of (12)'s velocity terms, which are k' / 2.
-
-    Without them the crank's kinetic energy k psi_dot^2 / 2 would not be kept.
-    """
+    """0.091 N m at 1 rad/s: with a fixed base all of (12)'s velocity terms, which are k' / 2."""
     most = errata.dropped_velocity_terms().numbers["most"]
     assert most == pytest.approx(0.0909, abs=5e-4)
     angle = toes.turn(errata.ANGLES)

@@ -1,7 +1,5 @@
 """A client of the page's server."""
 
-from __future__ import annotations
-
 import http.client
 import json
 from concurrent.futures import ThreadPoolExecutor
@@ -35,7 +33,6 @@ def talk(host, **options):
 
 
 def next_of(connection, kind):
-    """The next message of a kind."""
     while True:
         message = json.loads(connection.recv(timeout=10))
         if message["kind"] == kind:
@@ -51,7 +48,6 @@ def until(connection, fits):
 
 
 def opening(host):
-    """The request that opens a socket."""
     return (
         f"GET /socket HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nUpgrade: websocket\r\n"
         "Connection: Upgrade\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"

@@ -1,7 +1,5 @@
 """The page to walk a robot by hand, in a real Chromium against a real server."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess
@@ -56,7 +54,6 @@ def reads(page, name, pattern):
 
 
 def pixels(page):
-    """What the canvas shows."""
     return page.locator("#picture").screenshot()
 
 
@@ -244,7 +241,6 @@ def test_on_a_phone_in_the_dark_by_touch(open_window):
 
 
 def test_everything_has_a_name(window):
-    """Each control can be found by what it is called."""
     names = window.page.evaluate(
         """() => [...document.querySelectorAll("button, select, input, canvas")].map((one) =>
           one.getAttribute("aria-label") || one.labels?.[0]?.textContent || one.textContent)"""

@@ -1,7 +1,5 @@
 """The page's server: who may reach it, and how much it takes."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import select
@@ -112,33 +110,26 @@ def test_a_page_steers_the_robot(served):
 
 
 def close_code(connection):
-    """Why a server closes."""
     with pytest.raises(ConnectionClosed) as closed:
         while True:
             connection.recv(timeout=10)
     return closed.value.rcvd.code
 
 
-def test_large_messages_close_the_socket(served):
+@pytest.mark.parametrize(
+    ("messages", "code"),
+    [
+        ([json.dumps({"do": "x" * 2000})], 1009),
+        (['{"do": "steer", "value": 0.0}'] * round(1.5 * BURST), 1008),
+        ([b"binary"] * MOST_ERRORS + ["{}"], 1008),
+    ],
+    ids=["large", "many", "wrong"],
+)
+def test_too_much_closes_the_socket(served, messages, code):
     with talk(served[1]) as one:
-        one.send(json.dumps({"do": "x" * 2000}))
-        assert close_code(one) == 1009
-
-
-def test_many_messages_close_the_socket(served):
-    with talk(served[1]) as one:
-        for _ in range(round(1.5 * BURST)):
-            one.send('{"do": "steer", "value": 0.0}')
-        assert close_code(one) == 1008
-
-
-def test_many_errors_close_the_socket(served):
-    with talk(served[1]) as one:
-        for _ in range(MOST_ERRORS):
-            one.send(b"binary")
-            assert "binary, must be text" in next_of(one, "error")["message"]
-        one.send("{}")
-        assert close_code(one) == 1008
+        for message in messages:
+            one.send(message)
+        assert close_code(one) == code
 
 
 def test_there_are_only_so_many_sockets(served):
@@ -167,8 +158,6 @@ def test_there_are_only_so_many_connections(served):
 
 
 def test_messages_that_are_much_work_do_not_stop_the_others(monkeypatch):
-    """However fast they come: states go on, and they are too many in the end."""
-
     class Flood:
         def __init__(self):
             self.count, self.closed = 0, None
@@ -254,7 +243,6 @@ def test_the_end_does_not_wait_for_idle_connections(monkeypatch):
 
 
 def test_who_asks_and_never_reads_is_cut_off(served):
-    """Answers to pings are not kept without end."""
     ping = b"\x89\xfd" + bytes(4) + bytes(125)
     with socket.create_connection(served[1].split(":"), timeout=10) as one:
         one.sendall(opening(served[1]))

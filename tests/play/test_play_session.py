@@ -1,7 +1,5 @@
 """A robot in somebody's hands: what drives it, what is changed, how time passes, and the score."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -118,7 +116,6 @@ def test_sliders_change_the_environment(session, name, value):
 
 @pytest.mark.parametrize("robot", ["paper", "holy"])
 def test_the_torque_shown_has_the_inputs_sign(robot):
-    """Whichever way the crank turns to walk forwards."""
     session = Session(robot=robot)
     session.steer(0.5)
     walk(session, 0.5)

@@ -1,7 +1,5 @@
 """Scores of the policies that come with the package, again."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -49,9 +47,6 @@ def by_episode(scores):
 @pytest.mark.processor
 @pytest.mark.parametrize(("env_id", "name"), SHIPPED)
 def test_scores_are_those_shipped(env_id, name):
-    """On the same starts, whatever the processor: nearly the same number, or, where contacts make
-    episodes chaotic, no more different than chance has it. After a change of robot, environment or
-    metrics ``python -m agents.pack FILE.json --episodes N`` scores a file again."""
     policy = pretrained.load(env_id, name)
     shipped = policy.description["scores"]
     again = pack.scores_of(policy, shipped["episodes_per_command"], shipped["seed"])
@@ -68,7 +63,6 @@ def test_scores_are_those_shipped(env_id, name):
 
 @pytest.mark.parametrize("env_id", [CRANK, "JansenWalker-v0"])
 def test_scores_of_another_policy_differ(env_id):
-    """By more than the tolerances above: weights that change by a tenth show."""
     policy = pretrained.load(env_id)
     shipped = policy.description["scores"]
     tensors = {name: tensor.copy() for name, tensor in policy.tensors.items()}

@@ -1,7 +1,5 @@
 """``JansenGoal-v0`` is scored like the others; its commands are goals."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
@@ -26,7 +24,6 @@ def test_goals_are_scored(tmp_path, capsys):
 
 
 def test_goals_are_watched(tmp_path, capsys):
-    """In films and on pages; one beyond the range is refused."""
     arguments = ["--env", "JansenGoal-v0", "--policy", "pid", "--steps", "5", "--command"]
     enjoy.main([*arguments, "0.4", "--video", str(tmp_path / "a.gif")])
     assert "command 0.4 m: return" in capsys.readouterr().out

@@ -1,7 +1,5 @@
 """Statistics over runs, against values worked out by hand and what must hold for any scores."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -26,17 +24,7 @@ def test_interquartile_mean_is_that_of_the_middle_half():
     )
 
 
-def test_interval_of_the_mean_is_near_the_normal_one():
-    """The percentile bootstrap's width: 2 x 1.96 standard errors, of the n in the denominator."""
-    scores = np.random.default_rng(3).normal(size=200)
-    value, low, high = over_runs.with_interval(np.mean, scores)
-    error = scores.std() / math.sqrt(len(scores))
-    assert value == scores.mean()
-    assert (high - low) / (2 * 1.96 * error) == pytest.approx(1.0, abs=0.05)
-
-
 def test_interval_of_the_mean_is_students():
-    """By hand: 1, 2, 6 have the mean 3 and s = sqrt(7); t(2) = 4.3027 at 97.5 %."""
     half = 4.302652729911275 * math.sqrt(7.0 / 3.0)
     assert over_runs.mean_with_interval([1.0, 2.0, 6.0]) == pytest.approx((3, 3 - half, 3 + half))
 
@@ -79,7 +67,6 @@ def test_coverage_is_what_is_said_of_it():
 
 
 def test_improvement_over_a_mark_is_a_proportion_with_its_exact_interval():
-    """At either end a count as far off as k has a probability of 2.5 %."""
     value, low, high = over_runs.improvement_over(2.0, TEN)
     assert value == 0.8
     assert binom.sf(7, 10, low) == pytest.approx(0.025)
@@ -90,7 +77,6 @@ def test_improvement_over_a_mark_is_a_proportion_with_its_exact_interval():
 
 
 def test_probability_of_improvement_counts_pairs():
-    """Three of x above both of y's, one tie: (2 + 2 + 1.5 + 0) / 8."""
     value, low, high = over_runs.probability_of_improvement([5.0, 6.0, 3.0, 0.0], [3.0, 1.0])
     assert value == (2 + 2 + 1.5 + 0) / 8
     assert low < value < high

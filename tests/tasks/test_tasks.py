@@ -1,7 +1,5 @@
 """A task that derives from another one: nothing is copied, nothing moves."""
 
-from __future__ import annotations
-
 import inspect
 from dataclasses import dataclass
 
@@ -18,14 +16,10 @@ WORLD = {"robot": "built", "height_scan": (0.2, 0.5, 3), "delay": 0.01, "frictio
 
 @dataclass(frozen=True)
 class Bonus:
-    """An argument of its own."""
-
     torque_bonus: float = 0.5
 
 
 class Derived(WalkerTask):
-    """Observes the torque, too."""
-
     RECORDS = {**WalkerTask.RECORDS, "bonus": Bonus}  # noqa: RUF012
     DEFAULTS = {"speed_command": 0.2}  # noqa: RUF012
 
@@ -43,26 +37,18 @@ class Derived(WalkerTask):
 
 
 class Plain(WalkerTask):
-    """The same without."""
-
     DEFAULTS = Derived.DEFAULTS
 
 
 class DerivedEnv(SingleEnv[Derived]):
-    """One robot."""
-
     TASK = Derived
 
 
 class DerivedVectorEnv(TaskVectorEnv[Derived]):
-    """Many."""
-
     TASK = Derived
 
 
 class PlainEnv(SingleEnv[Plain]):
-    """One robot that does not observe it."""
-
     TASK = Plain
 
 
@@ -77,10 +63,7 @@ def test_arguments_are_those_of_the_world_and_its_own():
 
 @pytest.mark.parametrize("noise", [None, {}])
 def test_what_is_added_moves_nothing(noise):
-    """All other columns, by name, and rewards and information are those without it, bit for bit.
-
-    With noise but for lag and means, whose speeds have a second error drawn by the columns' number.
-    """
+    """All other columns, by name, and rewards and information are those without it, bit for bit."""
     env, plain = (kind(**WORLD, noise=noise) for kind in (DerivedEnv, PlainEnv))
     many = DerivedVectorEnv(2, **WORLD, noise=noise)
     seen, before = env.reset(seed=4)[0], plain.reset(seed=4)[0]

@@ -1,7 +1,5 @@
 """JansenWalker-v0 as a Gymnasium environment: contract, observation, state, falls, rendering."""
 
-from __future__ import annotations
-
 import copy
 import math
 import pickle
@@ -37,7 +35,6 @@ def roll(env, steps, seed=0):
 
 
 def test_observation_is_the_documented_table(env):
-    """Each entry recomputed from info and state."""
     env.reset(seed=1, options={"speed_command": 0.4})
     for _ in range(20):
         obs, *_, info = env.step(np.array([0.2], np.float32))
@@ -63,7 +60,6 @@ def test_observations_move_and_share_no_memory(env):
 
 
 def test_loads_at_rest_carry_the_weight(env):
-    """At reset the toes carry the weight, but for the 1 % of a crank set free."""
     for seed in range(10):
         obs, info = env.reset(seed=seed)
         assert obs[10:14].sum() == pytest.approx(1.0, abs=1e-2)
@@ -138,25 +134,7 @@ def test_positive_actions_walk_forward(robot):
     assert ends[0] == pytest.approx(-ends[1], rel=0.1)  # chaos in detail, not in the mean
 
 
-def test_falls_end_the_episode():
-    """Full torque throws the robot over: terminated; off on request."""
-    for ends in (True, False):
-        env = JansenWalkerEnv(terminate_when_fallen=ends, torque_limit=60.0)
-        env.reset(seed=0, options={"crank_angle": 1.0})
-        flags = []
-        for _ in range(150):
-            _, _, terminated, _, info = env.step(np.array([1.0], np.float32))
-            flags.append(info["fallen"])
-            if terminated:
-                break
-        assert any(flags) and flags[-1]
-        assert terminated is ends
-        assert np.isfinite(env.plant.state).all()
-
-
 def test_what_a_fall_is():
-    """A pitch beyond the limit, a joint on the ground, both, or neither."""
-
     def over(**arguments):
         env = JansenWalkerEnv(torque_limit=60.0, **arguments)
         env.reset(seed=0, options={"crank_angle": 1.0})
@@ -176,15 +154,6 @@ def test_what_a_fall_is():
     assert 0.3 < leaning[2] < 0.8 and leaning[0] <= touching[0]
     neither = over(fall_pitch=1e3, fall_contact=False)
     assert neither[0] == 150 and neither[1]
-
-
-def test_bad_actions_are_refused(env):
-    """NaN, infinite or of another shape."""
-    raw = env.unwrapped
-    raw.reset(seed=0)
-    for action in (np.array([np.nan]), np.array([np.inf]), np.zeros(2), 0.5, np.zeros((1, 1))):
-        with pytest.raises(ValueError, match="action is"):
-            raw.step(action)
 
 
 @pytest.mark.parametrize("plant", ["projection", "rigid_body"])
@@ -214,13 +183,11 @@ def test_a_simulation_that_diverges_ends_the_episode(plant):
     ],
 )  # fmt: skip
 def test_bad_arguments_are_named(argument, value):
-    """The message names the argument."""
     with pytest.raises(ValueError, match=argument.split("_")[0]):
         JansenWalkerEnv(**{argument: value})
 
 
 def test_reset_options():
-    """Command and crank angle are fixed; others are refused by name."""
     env = JansenWalkerEnv()
     obs, info = env.reset(seed=0, options={"speed_command": 0.3, "crank_angle": 1.0})
     assert info["speed_command"] == 0.3 and obs[9] == np.float32(0.3)
@@ -244,21 +211,6 @@ def test_every_design_walks_without_harm(robot):
             env.reset()
 
 
-def test_pictures():
-    """rgb_array gives fresh, different pictures of the promised shape, on rough ground too."""
-    terrain = jansen_env.Terrain.rough(np.random.default_rng(0), height=0.03)
-    env = JansenWalkerEnv(terrain=terrain, render_mode="rgb_array", payload=0.5)
-    env.reset(seed=0)
-    before = env.render()
-    for _ in range(20):
-        env.step(np.array([0.5], np.float32))
-    after = env.render()
-    assert before.shape == after.shape == (540, 960, 3) and before.dtype == np.uint8
-    assert (before != after).any()
-    env.close()
-    env.close()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "terrain", "low", "high"),
@@ -266,11 +218,7 @@ def test_pictures():
     [("paper", "flat", 0.0, 0.18), ("paper", "rough", 0.0, 0.15), ("holy", "rough", 0.47, 0.73)],
 )
 def test_a_fall_is_a_fall(robot, terrain, low, high):
-    """Whichever criterion strikes first, the paper's robot hardly ever gets up, of 60 falls.
-
-    After each fall the crank rests for 2 s and then turns at 3 rad/s for 6 s; it counts as up when
-    it spends 1 s within 0.5 rad of level and off its bumpers.
-    """
+    """Whichever criterion strikes first, the paper's robot hardly ever gets up, of 60 falls."""
     ground = jansen_env.Terrain.rough(np.random.default_rng(0), height=0.03)
     env = JansenWalkerEnv(
         robot=robot, terrain=ground if terrain == "rough" else terrain, terminate_when_fallen=False
@@ -325,7 +273,6 @@ def test_it_can_be_played(env_id):
 
 
 def test_parameters_can_be_changed():
-    """The next steps and episodes are those of an environment made with them."""
     env = JansenWalkerEnv()
     env.set_parameters(friction=0.3, restitution=0.2, payload=1.5, speed_command=0.4)
     other = JansenWalkerEnv(friction=0.3, restitution=0.2, payload=1.5, speed_command=0.4)
@@ -339,7 +286,6 @@ def test_parameters_can_be_changed():
 
 
 def test_unknown_arguments_are_named():
-    """With what is allowed, at either environment."""
     for make in (JansenWalkerEnv, JansenWalkerVectorEnv):
         with pytest.raises(TypeError, match=r"keyword argument 'frction', must be in .*'friction'"):
             make(frction=0.3)

@@ -1,7 +1,5 @@
 """The walking task's reward: its factors, the moving target, and commands that change."""
 
-from __future__ import annotations
-
 import math
 
 import gymnasium as gym
@@ -111,7 +109,6 @@ def test_the_target_waits():
 
 
 def test_weights_are_exponents():
-    """Of the five factors that have one; 0 leaves a factor out."""
     names = ("slip", "energy", "effort", "smoothness", "posture")
     infos = []
     for weight in (1.0, 2.0, 0.0):
@@ -126,7 +123,6 @@ def test_weights_are_exponents():
 
 
 def test_a_mirrored_command_earns_the_same():
-    """The paper's machine is its own mirror image: so are its rewards."""
     runs = []
     for sign in (1.0, -1.0):
         env, rng = JansenWalkerEnv(reset_noise_scale=0.0), np.random.default_rng(1)

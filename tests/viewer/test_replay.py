@@ -1,11 +1,7 @@
 """``python -m agents.replay``: what it writes, and what it refuses."""
 
-from __future__ import annotations
-
 import json
 import re
-
-import pytest
 
 from agents.replay import main
 from jansen_env.viewer.recording import Recording
@@ -36,26 +32,3 @@ def test_saved_ones_are_shown_again(tmp_path):
     data = data_of(tmp_path / "b.html")
     assert [one["label"] for one in data["recordings"]] == ["pid (1)", "pid (2)"]
     assert data["recordings"][0]["arrays"] == data_of(out)["recordings"][0]["arrays"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ([], "are given 0 times"),
-        (["--policy", "pid"] * 3, "are given 3 times"),
-        (["--policy", "pid", "--policy", "pid-paper"], "is given 2 times"),
-        (["--policy", "nobody"], "policy is 'nobody', must be one of"),
-        (["--policy", "pid", "--command", "9"], "9.0"),
-        (["--policy", "pid", "--out", "walk.htm"], "must end in .html"),
-        (["--policy", "pid", "--steps", "20001"], "must be at most 20000"),
-        (["--policy", "pid", "--env-kwargs", "{speed_command: 1}"], "must be in --command"),
-        (["--policy", "pid", "--env-kwargs", "{friktion: 1}"], "'friktion' is no argument"),
-        (["--recording", "nowhere.npz"], "nowhere.npz is no recording"),
-    ],
-)
-def test_refused(arguments, message, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(SystemExit):
-        main(arguments)
-    assert message in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())

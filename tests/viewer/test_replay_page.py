@@ -1,7 +1,5 @@
 """The replay page in a real browser: it plays, is right, and can be used by everybody."""
 
-from __future__ import annotations
-
 import re
 
 import gymnasium as gym
@@ -55,7 +53,6 @@ def time_of(page):
 
 
 def numbers(page, i=0):
-    """What the table says: by name."""
     cells = page.locator(f"td[data-recording='{i}']")
     values = cells.evaluate_all("all => all.map(one => [one.dataset.name, one.textContent])")
     return {name: float(text) if text != "\u2013" else None for name, text in values}
@@ -87,14 +84,12 @@ def check(page, recordings, k):
 
 
 def settled(page):
-    """Wait until what was asked for is drawn."""
     page.evaluate(
         "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
     )
 
 
 def test_it_plays(opened):
-    """By itself, to the end; and again from the start."""
     page = opened().page
     picture = page.locator("#stage canvas")
     page.wait_for_function("() => parseFloat(document.querySelector('#time').value) > 0.3")
@@ -116,7 +111,6 @@ def test_it_plays(opened):
 
 
 def test_a_pause_of_the_browser_is_none_of_the_walk(opened):
-    """As of a hidden tab, which gets no frames: the replay goes on where it was."""
     passed = opened().page.evaluate(f"""async () => {{
         const time = () => parseFloat(document.querySelector("#time").value);
         {FRAME} {FRAME}
@@ -269,11 +263,9 @@ def test_a_phone_is_wide_enough(opened, count):
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_colours_are_the_readers(opened, scheme):
-    """Also when they change while the page is open."""
     page = opened(**STILL, color_scheme=scheme).page
 
     def darkness():
-        """Whether page and sky are dark."""
         settled(page)
         body = page.evaluate("getComputedStyle(document.body).backgroundColor")
         shown = iio.imread(page.locator("#stage canvas").screenshot())

@@ -1,7 +1,5 @@
 """What pages are made of: a scene's numbers, arrays that are exact enough, text that stays text."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json
@@ -23,7 +21,6 @@ LIMIT = 400_000  # bytes of a page
 
 @pytest.fixture(scope="module")
 def recording():
-    """500 steps."""
     env = Recorder(gym.make("JansenWalker-v0"), "<b>me</b>")
     env.reset(seed=0)
     for k in range(500):
@@ -46,7 +43,6 @@ def unpacked(array):
      ("JansenWalkerHardcore-v0", {})],
 )  # fmt: skip
 def test_scene_and_state(env_id, arguments):
-    """JSON as it is; where the joints are, and forces that carry the weight."""
     env = gym.make(env_id, **arguments)
     env.reset(seed=0)
     for _ in range(5):
@@ -78,13 +74,11 @@ def test_scene_and_state(env_id, arguments):
 
 
 def test_pages_are_small(recording):
-    """400 kB for 500 steps, of two recordings too."""
     assert len(page(recording).encode()) < LIMIT / 1.5
     assert len(page(recording, replace(recording, label="other")).encode()) < LIMIT
 
 
 def test_arrays_are_exact_enough(recording):
-    """Points to 0.02 mm, forces to 1 / 65535 of their range, the rest as float32."""
     packed = recordings_of(page(recording))[0]["arrays"]
     arrays = {name: unpacked(array) for name, array in packed.items()}
     pose = arrays["pose"].reshape(-1, 4)
@@ -133,7 +127,6 @@ def test_sums_are_those_of_each_step():
 
 
 def test_nothing_else_may_run(recording):
-    """One script and one style, named by their hashes; no address anywhere."""
     text = page(recording)
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1]
     assert policy.startswith("default-src 'none';") and "unsafe" not in policy

@@ -1,0 +1,67 @@
+"""Commands refuse arguments in one line, before they run or write anything."""
+
+import pytest
+
+from agents import enjoy, evaluate, replay, study
+
+REFUSED = {
+    (evaluate, "--policy", "constant", "--out", "out"): [
+        (["--env-kwargs", "{max_episode_steps: -1}"], "max_episode_steps"),
+        (["--env-kwargs", "{fricton: 1}"], "fricton"),
+        (["--env-kwargs", "{friction: 1, friction: 2}"], "friction"),
+        (["--env-kwargs", "{speed_command: 0.3}"], "speed_command"),
+        (["--env-kwargs", "{render_mode: human}"], "render_mode is 'human', must be"),
+        (["--policy", "dog"], "dog"),
+        (["--policy", "constant"], "constant"),
+        (["--episodes", "0"], "0"),
+        (["--episodes", "many"], "many"),
+        (["--seed", "-1"], "-1"),
+        (["--commands", "9"], "is 9.0, must be between"),
+        (["--video-command", "9"], "is 9.0, must be between"),
+        (["--out", "/dev/null/out"], "Not a directory"),
+    ],
+    (enjoy, "--env", "JansenCrank-v0"): [
+        (["--policy", "nobody"], "must be one of ['pid', 'constant', 'inverse', 'pretrained']"),
+        (["--policy", "pretrained:none"], "policy is 'none', must be one of"),
+        (["--command", "99"], "is 99.0, must be between"),
+        (["--env-kwargs", "{speed_command: 2}"], "speed_command in --env-kwargs has no effect"),
+        (["--env-kwargs", "{render_mode: human}"], "render_mode is 'human', must be"),
+        (["--env-kwargs", "{robot: none}"], "robot is 'none', must be a Robot or one of"),
+        (["--policy", "pid", "--policy", "pid"], "policy 'pid' is given 2 times, must be once"),
+        (["--video", "a.avi"], "a.avi ends in '.avi', must end in one of ['.gif', '.mp4']"),
+        (["--video", "/dev/null/a.gif"], "/dev/null/a.gif"),
+    ],
+    (replay,): [
+        ([], "are given 0 times"),
+        (["--policy", "pid"] * 3, "are given 3 times"),
+        (["--policy", "pid", "--policy", "pid-paper"], "is given 2 times"),
+        (["--policy", "nobody"], "policy is 'nobody', must be one of"),
+        (["--policy", "pid", "--command", "9"], "9.0"),
+        (["--policy", "pid", "--out", "walk.htm"], "must end in .html"),
+        (["--policy", "pid", "--steps", "20001"], "must be at most 20000"),
+        (["--policy", "pid", "--env-kwargs", "{speed_command: 1}"], "must be in --command"),
+        (["--policy", "pid", "--env-kwargs", "{friktion: 1}"], "'friktion' is no argument"),
+        (["--recording", "nowhere.npz"], "nowhere.npz is no recording"),
+    ],
+    (study,): [
+        (["plan.yml", "--seeds", "3"], "not allowed beside it: seeds"),
+        (["--local", "--address", "auto"], "exclude each other"),
+        (["no.yml"], "no.yml cannot be read"),
+        (["--report", "nowhere"], "nowhere/study.yml cannot be read"),
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ("command", "given", "message"),
+    [(command, *row) for command, rows in REFUSED.items() for row in rows],
+    ids=lambda value: value[0].__name__ if isinstance(value, tuple) else str(value),
+)
+def test_arguments_are_refused(command, given, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    module, *before = command
+    with pytest.raises(SystemExit) as error:
+        module.main([*before, *given])
+    assert error.value.code == 2
+    assert message in capsys.readouterr().err.splitlines()[-1]
+    assert not list(tmp_path.iterdir())

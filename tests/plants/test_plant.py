@@ -163,12 +163,10 @@ def test_bad_arguments_and_states(make, arguments, state, message):
 
 
 def test_bad_steps_of_the_pinned_plant():
-    for torque, duration, message in (
-        (1.0, 0.0, "duration is 0"),
-        (math.nan, 0.1, "torque is nan, must be a finite number"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            pinned().step(torque, duration)
+    with pytest.raises(ValueError, match="duration is 0"):
+        pinned().step(1.0, 0.0)
+    with pytest.raises(ValueError, match="torque is nan, must be a finite number"):
+        pinned().step(math.nan, 0.1)
     with pytest.raises(FloatingPointError, match=f"under a torque of {1e9}"):
         pinned().step(1e9, 0.1)
 

@@ -35,7 +35,6 @@ def test_past_the_top_any_level(rng):
     levels = [curriculum.next_level(4, 5.0, 5.0, rng) for _ in range(500)]
     counts = np.bincount(levels, minlength=5)
     assert len(counts) == 5 and counts.min() > 60
-    # Who comes from above goes to one of those levels too.
     assert {curriculum.next_level(9, 0.0, 5.0, rng) for _ in range(100)} == {0, 1, 2, 3, 4}
 
 

@@ -133,9 +133,7 @@ VELOCITIES = [(0.0, -1.0, 0.0, 0.0), (0.3, -1.0, 0.6, 0.0), (-0.5, -0.7, -0.4, 2
 def test_smooth_impact_is_the_least_impulse(toes, restitution, locked, measured):
     """mu = 0: v+ is the nearest to v in M with J v+ >= -e J v: strictly convex, so unique."""
     worst, newton, most, unbooked = 0.0, 0.0, -math.inf, 0.0
-    for v in np.array(VELOCITIES):
-        if locked:
-            v = v * [1.0, 1.0, 1.0, 0.0]
+    for v in np.array(VELOCITIES) * [1.0, 1.0, 1.0, not locked]:
         plant, pose, after, gained, missing = strike(level(toes), v, 0.0, restitution, locked)
         most, unbooked = max(most, gained), max(unbooked, abs(missing))
         normal, _ = jacobians(plant.robot, pose)
@@ -156,9 +154,7 @@ def test_smooth_impact_is_the_least_impulse(toes, restitution, locked, measured)
 def test_rough_impact_is_coulombs(toes, mu, locked, measured):
     """e = 0: v+ is what trying all modes (open, stick, slide) of all toes finds, and only that."""
     worst, most, unbooked = 0.0, -math.inf, 0.0
-    for v in np.array(VELOCITIES):
-        if locked:
-            v = v * [1.0, 1.0, 1.0, 0.0]
+    for v in np.array(VELOCITIES) * [1.0, 1.0, 1.0, not locked]:
         plant, pose, after, gained, missing = strike(level(toes), v, mu, 0.0, locked)
         most, unbooked = max(most, gained), max(unbooked, abs(missing))
         found = coulomb(inverse_mass(plant, pose), *jacobians(plant.robot, pose), v, mu)

@@ -164,7 +164,7 @@ def stage(function: Callable[..., Any] | None = None, *, inline: bool = True) ->
     """
     if function is None:
         return lambda f: stage(f, inline=inline)
-    return _njit(forceinline=inline, no_cpython_wrapper=True, **_OPTIONS, _nrt=False)(function)
+    return _njit(forceinline=inline, **_OPTIONS, _nrt=False)(function)
 
 
 def macro(function: Callable[..., Any]) -> Any:
@@ -172,7 +172,7 @@ def macro(function: Callable[..., Any]) -> Any:
 
     That spares the machine code in between, but its types are inferred again at every place.
     """
-    return _njit(inline="always", no_cpython_wrapper=True, **_OPTIONS, _nrt=False)(function)
+    return _njit(inline="always", **_OPTIONS, _nrt=False)(function)
 
 
 class Kernel(NamedTuple):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Iterable, Mapping, Set
+from dataclasses import fields
 from decimal import Decimal
 from numbers import Integral, Real
 from typing import Any
@@ -106,3 +107,16 @@ def one_or_two(name: str, value: Any) -> tuple[float, float]:
     if len(both) != 2:
         raise ValueError(f"{name} is {shown(value)}, must be a number or two")
     return non_negative(name, both[0]), non_negative(name, both[1])
+
+
+def load_record(kind: type, name: str, value: Any) -> Any:
+    """A dataclass of a type, also of a dictionary of its arguments; None for none."""
+    if value is None or isinstance(value, kind):
+        return value
+    known = sorted(one.name for one in fields(kind))
+    if not isinstance(value, Mapping):
+        allowed = f"None, a {kind.__name__} or a dictionary with some of {known}"
+        raise ValueError(f"{name} is {shown(value)}, must be {allowed}")
+    if unknown := [key for key in value if key not in known]:
+        raise ValueError(f"{name} has {shown(unknown)}, must be of {known}")
+    return kind(**value)

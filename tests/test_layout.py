@@ -1,6 +1,7 @@
 """Where things stand: imports go one way, modules have names of their own, numba in engine/."""
 
 import ast
+import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
@@ -100,3 +101,9 @@ def test_numba_stays_in_its_folder():
         assert uses == (path == ROOT / "jansen_env" / "engine" / "jit.py")
         if path.parent.name == "engine" and path.stem not in ("__init__", "jit", "records"):
             assert "jansen_env.engine.jit" in imported(path), path
+
+
+def test_importing_the_package_does_not_import_numba():
+    """Which takes three times as long as all the rest."""
+    code = "import sys, jansen_env; sys.exit('numba' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -57,19 +57,6 @@ def optional(check: Check) -> Check:
     return lambda name, value: None if value is None else check(name, value)
 
 
-def load_record(kind: type, name: str, value: Any) -> Any:
-    """A dataclass of a type, also of a dictionary of its arguments; None for none."""
-    if value is None or isinstance(value, kind):
-        return value
-    known = sorted(one.name for one in fields(kind))
-    if not isinstance(value, Mapping):
-        allowed = f"None, a {kind.__name__} or a dictionary with some of {known}"
-        raise ValueError(f"{name} is {shown(value)}, must be {allowed}")
-    if unknown := [key for key in value if key not in known]:
-        raise ValueError(f"{name} has {shown(unknown)}, must be of {known}")
-    return kind(**value)
-
-
 def number_range(name: str, value: Any, least: float, most: float) -> tuple[float, float]:
     """A number or a pair between ``least`` and ``most`` as (low, high)."""
     pair: tuple[Any, ...] = (value, value)

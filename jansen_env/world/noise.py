@@ -6,17 +6,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from string import digits
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import one_or_two
-from jansen_env.engine.jit import Kernel, prepare
-from jansen_env.engine.sensors import add_noise, draw_errors
-from jansen_env.world.argument_checks import Array, Ints, load_record
-from jansen_env.world.entries import Observed
+from jansen_env.checks import load_record, one_or_two
 
+Array = NDArray[np.float64]
 Deviation: TypeAlias = float | tuple[float, float]
 """Standard deviation of each step's noise, or that and the one of the episode's bias."""
 
@@ -31,14 +28,6 @@ COLUMNS = {
     "height_scan": ("height_scan_",),
 }
 """Observations of each sensor: names, without their numbers."""
-
-ANGLES = (
-    ("cos_crank_angle", "cos_crank_angle", "sin_crank_angle"),
-    ("sin_pitch", "cos_pitch", "sin_pitch"),
-)
-"""Entries at which the error of an angle stands, with those of its cosine and sine."""
-SPEEDS = ("crank_axis_x_velocity", "crank_speed")
-"""Entries whose sensors odometry goes by."""
 
 _EVEN = math.sqrt(1.0 / 3.0)  # standard deviation of what is drawn evenly from -1 to 1
 
@@ -104,61 +93,3 @@ class Noise:
                 if name.rstrip(digits) in columns:
                     found[i] = getattr(self, sensor)
         return found
-
-
-class NoisySensors:
-    """Noise in the observations of n robots.
-
-    Args:
-        num_envs: n. noise: of the sensors. observed: the columns, whose names tell the sensor.
-
-    Attributes:
-        level: (n,) factor of the noise. truth: (n, d) observations without noise.
-        mean_error: (n, 2), see :func:`jansen_env.engine.sensors.draw_errors`.
-    """
-
-    def __init__(self, num_envs: int, noise: Noise, observed: Sequence[Observed]) -> None:
-        self.level = np.ones(num_envs)
-        self.truth = np.zeros((num_envs, len(observed)), np.float32)
-        names = [entry.name for entry in observed]
-        self._deviation = noise.deviations(names)
-        limits = np.array([(entry.low, entry.high) for entry in observed], np.float32)
-        self._low, self._high = limits.T.copy()
-        self._known = np.full(num_envs, -1)
-        self._bias, self._error = np.zeros((2, *self.truth.shape))
-        self.mean_error = np.zeros((num_envs, 2))
-        self._angles = np.full((len(names), 2), -1)
-        for first, *pair in ANGLES:
-            if {first, *pair} <= {*names}:
-                self._angles[names.index(first)] = [names.index(name) for name in pair]
-        self._speeds = np.array([names.index(one) if one in names else -1 for one in SPEEDS])
-        self.measure(np.zeros((num_envs, 0)), ())
-        one, counts = np.arange(1), np.zeros(num_envs, np.int64)
-        prepare(
-            Kernel("errors", draw_errors, self._arguments_of_errors(one, counts, counts)),
-            Kernel("noise", add_noise, self._arguments_of_noise(one, self.truth)),
-        )
-
-    def measure(self, measured: Array, columns: Sequence[int]) -> None:
-        """Observe ``columns`` (m,) as in ``measured`` (n, m), which may change."""
-        self._measured, self._columns = measured, np.array(columns, np.int64)
-
-    def _arguments_of_errors(self, rows: Ints, elapsed: Ints, seeds: Ints) -> tuple[Any, ...]:
-        return (
-            rows, elapsed, seeds, self.level, self._deviation, self._speeds, self._known,
-            self._bias, self._error, self.mean_error,
-        )  # fmt: skip
-
-    def _arguments_of_noise(self, rows: Ints, out: Any) -> tuple[Any, ...]:
-        return (
-            rows, self._error, self._angles, self._measured, self._columns, self._low, self._high,
-            self.truth, out,
-        )  # fmt: skip
-
-    def draw(self, rows: Ints, elapsed: Ints, seeds: Ints) -> None:
-        """Draw the errors of robots' (k,) readings and mean speeds, see :class:`Pushes`."""
-        draw_errors(*self._arguments_of_errors(rows, elapsed, seeds))
-
-    def add(self, rows: Ints, out: NDArray[np.float32]) -> None:
-        """Add the errors drawn last to observations ``out`` (n, d) of robots (k,)."""
-        add_noise(*self._arguments_of_noise(rows, out))

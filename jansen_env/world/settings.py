@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from jansen_env import checks
-from jansen_env.checks import instance, non_negative, positive, shown, within
+from jansen_env.checks import instance, load_record, non_negative, positive, shown, within
 from jansen_env.parameters import LONGEST_DELAY
 from jansen_env.plants.make import plant_time_step
 from jansen_env.robot import ROBOTS, Compliance, Payload, Robot
@@ -22,7 +22,7 @@ from jansen_env.terrain import Terrain, make_terrain
 from jansen_env.terrain.curriculum import Curriculum
 from jansen_env.terrain.generators import HIGHEST, Generator, make_generator
 from jansen_env.world import argument_checks as arguments
-from jansen_env.world.argument_checks import Array, Filled, load_record, optional, per_robot, single
+from jansen_env.world.argument_checks import Array, Filled, optional, per_robot, single
 from jansen_env.world.noise import Noise
 from jansen_env.world.push import Push
 from jansen_env.world.randomization import load_randomization

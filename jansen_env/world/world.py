@@ -21,10 +21,10 @@ from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.world import settings, single_robots
 from jansen_env.world.actuated import ActuatedRobots, Draw
 from jansen_env.world.argument_checks import Array, Bools, Filled, Ints, option
+from jansen_env.world.disturbances import NoisySensors, Pushes
 from jansen_env.world.entries import Observed, list_entries
 from jansen_env.world.episode_parameters import EpisodeParameters, Plan
-from jansen_env.world.noise import NoisySensors
-from jansen_env.world.push import Pushes, check_schedule
+from jansen_env.world.push import check_schedule
 from jansen_env.world.randomization import Uniform
 
 

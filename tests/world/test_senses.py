@@ -11,10 +11,11 @@ from gymnasium.utils.env_checker import check_env
 from side_by_side import DISTURBED, ROUGH, WORLD, together
 
 from jansen_env import Noise
+from jansen_env.checks import load_record
 from jansen_env.engine import walk_reward
 from jansen_env.tasks.walking import WalkerTask
-from jansen_env.world.argument_checks import load_record
-from jansen_env.world.noise import COLUMNS, NoisySensors
+from jansen_env.world.disturbances import NoisySensors
+from jansen_env.world.noise import COLUMNS
 
 SCAN = DISTURBED["height_scan"]
 ALL = {**WORLD, **DISTURBED}

@@ -1,4 +1,4 @@
-"""What the built robot is made of, what its pins and bars carry, what its motors can walk.
+"""Parts of the built robot, loads of its pins and bars, speeds of its motors.
 
     python -m benchmarks.built_robot [--out docs/built_robot] [--plant rigid_body] [--quick]
 

@@ -1,4 +1,4 @@
-"""What the machine can climb: success by obstacle, its size, speed and controller.
+"""Limits of climbing: success by obstacle, its size, speed and controller.
 
     python -m benchmarks.climbing [--episodes 24] [--policy RUN] [--quick]
 
@@ -166,7 +166,7 @@ def walkable_table(results: dict[str, Found]) -> str:
 
 
 def level_table() -> str:
-    """What the levels mean, as Markdown."""
+    """Return sizes of the levels as Markdown."""
     rows = []
     for name, parameters in LEVELS.items():
         for key, (low, high) in parameters.items():
@@ -180,7 +180,7 @@ def level_table() -> str:
 
 
 def toe_lift(robot: Robot) -> float:
-    """How high a toe comes over the lowest one while the crank turns, the chassis level, m."""
+    """Return the height of a toe over the lowest one over a turn, the chassis level, m."""
     psi = np.linspace(0.0, 2.0 * np.pi, 1440)
     toes = [joint_positions(robot, leg.side, psi + leg.phase)[:, T, 1] for leg in robot.legs]
     return float((np.max(toes, axis=0) - np.min(toes, axis=0)).max())

@@ -47,7 +47,7 @@ ROUNDS, COST_TIME = 5, 4.0  # of the costs; s of the walk whose control steps ar
 
 @dataclass(frozen=True)
 class Setting:
-    """How a walk is computed; times in s."""
+    """Settings of a walk; times in s."""
 
     friction: float
     spacing: float = 0.0  # m, of rough ground; 0 is level ground
@@ -102,7 +102,7 @@ def walk(setting: Setting, number: int, starts: int, duration: float) -> Walk:
 
 
 def penetration(plant: ProjectionPlant) -> float:
-    """How deep the deepest toe is in the ground, m; negative if all are above it."""
+    """Depth of the deepest toe in the ground, m; negative if all are above it."""
     centre, line = plant.toe_positions(), plant.terrain.polyline
     along, seen = np.diff(line, axis=0), centre[:, None] - line[:-1]
     share = (seen * along).sum(axis=-1) / (along**2).sum(axis=-1)

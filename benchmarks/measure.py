@@ -54,7 +54,7 @@ def spread(values: Sequence[float], form: str = ",.0f") -> tuple[str, str, str]:
 def take_turns(
     plays: Mapping[K, Callable[[], T]], rounds: int, warm_up: bool = True
 ) -> dict[K, list[T]]:
-    """What each contestant's play returned in each round, in reverse order every other round."""
+    """Return results of each contestant's plays by round, in reverse order every other round."""
     found: dict[K, list[T]] = {name: [] for name in plays}
     for play in plays.values() if warm_up else ():
         play()

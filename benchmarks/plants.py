@@ -121,7 +121,7 @@ class Comparison(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """How they compare: "agree" within :data:`ALLOWED`.
+        """Return the verdict: "agree" within :data:`ALLOWED`.
 
         "chaotic": starts 1 mrad apart come apart by more on the projection plant alone. "other
         gait": a walk like the rigid-body plant's is found there from another crank angle.

@@ -148,7 +148,7 @@ class Tree:
         self._folder.cleanup()
 
     def _answer(self, code: str, *arguments: object) -> Any:
-        """What ``code`` prints last, as JSON, in a new process with these ``sys.argv[1:]``."""
+        """Return the JSON that ``code`` prints last, in a process with these ``sys.argv[1:]``."""
         done = subprocess.run(
             [sys.executable, "-c", code, *map(str, arguments)], cwd=self.path,
             env={**os.environ, **self._variables()}, capture_output=True, text=True, check=False,

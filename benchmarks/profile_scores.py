@@ -114,7 +114,7 @@ class Turn(NamedTuple):
 
 
 def turn(policy: Policy, command: float, walks: int = WALKS) -> Turn:
-    """What happens at each crank angle, on that many starts."""
+    """Return means at each crank angle over that many starts."""
     envs: Any = gym.make_vec(
         ENV, num_envs=walks, autoreset_mode=AutoresetMode.DISABLED, terminate_when_fallen=False,
         info_keys=("crank_angle", "crank_speed", "contact_force", "slip", "x_position"),

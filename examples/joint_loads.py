@@ -1,4 +1,4 @@
-"""What the links of a walking robot carry on their joints; writes joint_loads.png.
+"""Loads on the joints of a walking robot; writes joint_loads.png.
 
 python examples/joint_loads.py [STEPS]   (250 steps of 20 ms by default)
 """

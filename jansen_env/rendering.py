@@ -52,7 +52,7 @@ CIRCLE = direction(np.linspace(0.0, 2.0 * math.pi, 32))
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """What one picture shows; toes in the order of ``robot.legs``."""
+    """Content of one picture; toes in the order of ``robot.legs``."""
 
     q: Array  # (4,) crank axis x and y (m), chassis pitch theta and crank angle psi (rad)
     contact_force: Array  # (toes, 2) N, tangential and normal force on each toe

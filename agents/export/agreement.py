@@ -1,4 +1,4 @@
-"""Whether an exported policy acts as the one in PyTorch does, observation by observation."""
+"""Agreement of an exported policy with the one in PyTorch, observation by observation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What happens while a model trains: checkpoints, evaluations, observation statistics, signals."""
+"""Callbacks of a training run: checkpoints, evaluations, observation statistics, signals."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ STATE = "state.json"  # of training, see agents.training.training_state
 
 NAMES = ("collections OrderedDict", "torch._utils _rebuild_tensor_v2", "torch FloatStorage",
          "torch DoubleStorage", "torch LongStorage")  # fmt: skip
-"""What the pickle of a state dict names."""
+"""Names in the pickle of a state dict."""
 
 
 def read_model(path: str | Path, members: Collection[str] = MEMBERS) -> tuple[dict[str, Any], int]:

@@ -19,14 +19,14 @@ Controller: TypeAlias = Callable[[Array, Any, Bools], tuple[Array, Any]]
 next."""
 
 Reference: TypeAlias = Callable[[Array, Any, Bools], tuple[Array, Array, Any]]
-"""Where the crank should be: like a controller, but to the error of the crank's angle (n,), rad, of
+"""Reference of the crank: like a controller, but to the error of the crank's angle (n,), rad, of
 its speed (n,), rad/s, and the memory."""
 
 PAPER_PID = PID()
 
 
 class Policy(Protocol):
-    """What is scored: anything with Stable-Baselines3's ``predict``, its defaults included."""
+    """Policy that can be scored: has Stable-Baselines3's ``predict``, its defaults included."""
 
     def predict(
         self,

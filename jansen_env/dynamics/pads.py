@@ -1,4 +1,4 @@
-"""Where a robot can touch the ground: a round pad at every toe and at other joints."""
+"""Pads with which a robot touches the ground: round, at every toe and at other joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a control step adds up: work, losses, slip and impulses."""
+"""Sums over a control step: work, losses, slip and impulses."""
 
 from __future__ import annotations
 

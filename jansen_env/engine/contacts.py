@@ -83,7 +83,7 @@ def _turned(turn, x, y):
 
 @macro
 def farthest_way(h, velocity, params):
-    """How far, at most, any pad gets in a step, m; of the centre of mass's velocity."""
+    """Return the farthest that any pad gets in a step, m, at the centre of mass's velocity."""
     way = abs(velocity.x) + abs(velocity.y)
     way += params.pitch_arm * abs(velocity.pitch) + params.crank_arm * abs(velocity.crank)
     return (1.0 + 1e-6) * h * way
@@ -125,7 +125,7 @@ def _fill_rows(h, count, plane, turn, arm, velocity, inertia, radius, work):
 
 @macro
 def _travel(pose, middle, params):
-    """How far, at most, any pad has come since ``pose`` was new, m; takes the robot's pose there.
+    """Return the farthest that any pad has come since ``pose``, m, and update ``pose``.
 
     Conservative advancement: a pad that was farther from its plane cannot touch it yet.
     """

@@ -50,7 +50,7 @@ def _user_cache() -> Path | None:
 
 
 def _cache_folder() -> str:
-    """Where machine code is kept; "" where no folder is fit for it.
+    """Return the folder of machine code; "" where none is fit for it.
 
     The first that can be written to of NUMBA_CACHE_DIR, the package and the user's caches, and in
     there a folder named after the sources. Whoever writes there has code run, as numba unpickles

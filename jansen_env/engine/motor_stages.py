@@ -7,7 +7,7 @@ from jansen_env.engine.jit import stage
 
 @stage
 def limited_torque(asked, lost, share, params):
-    """What a motor gives of a torque asked for, N m.
+    """Return the torque that a motor gives of one asked for, N m.
 
     Args:
         lost: what its speed takes of the stall torque, N m. share: of the torque-speed line that
@@ -21,6 +21,6 @@ def limited_torque(asked, lost, share, params):
 
 @stage
 def drawn_power(torque, speed, params):
-    """What a motor draws, W; nothing is fed back."""
+    """Return the power that a motor draws, W; nothing is fed back."""
     inner = torque * (params.driving if torque * speed >= 0.0 else params.driven)
     return max(inner * (speed + params.winding * inner), 0.0)

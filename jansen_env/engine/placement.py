@@ -100,7 +100,7 @@ def clearance(toes, centre, surface, begin, end, x, radius, pitch):
 
 @macro
 def _tip(toes, centre, surface, begin, end, x, radius, pitch):
-    """How much higher the front toes clear the ground than the rear ones, m; +-inf for one side."""
+    """Return clearance of the front toes less that of the rear ones, m; +-inf for one side."""
     _, front, rear = clearance(toes, centre, surface, begin, end, x, radius, pitch)
     if front < math.inf and rear < math.inf:
         return front - rear

@@ -71,7 +71,7 @@ PARAMS = row_dtype(
         ("pad_damping", "f8", 2),  # N s/m
     ]
 )
-"""What may differ between robots of one design."""
+"""Numbers that may differ between robots of one design."""
 
 STATUS = row_dtype(
     [
@@ -96,7 +96,7 @@ STATUS = row_dtype(
         ("home_last", "i8"),
     ]
 )
-"""Where a robot stands between collision detection and time steps."""
+"""Pose and contacts of a robot between collision detection and time steps."""
 
 ACCUMULATORS = row_dtype(
     [
@@ -143,7 +143,7 @@ WORLD = row_dtype(
         ("capacity", "i8"),  # planes kept of a robot
     ]
 )
-"""What the robots of a batch have in common."""
+"""Data that the robots of a batch have in common."""
 
 PLANE = row_dtype(
     [
@@ -175,7 +175,7 @@ class Model(NamedTuple):
 
 
 class Ground(NamedTuple):
-    """What collision detection goes by."""
+    """Input of collision detection."""
 
     surface: Array  # (vertices, 2) m, of all terrains
     depths: Array  # m, by pitch: how far below the axis a pad that is no toe may feel the ground
@@ -191,7 +191,7 @@ class Velocity(NamedTuple):
 
 
 class Push(NamedTuple):
-    """What acts on the chassis in a time step, as a generalised force; x, y per mass, m/s^2."""
+    """Load on the chassis in a time step, as a generalised force; x, y per mass, m/s^2."""
 
     x: float
     y: float

@@ -27,7 +27,7 @@ AS_ASKED, WITHOUT_BOUNCE, LENIENT, SEARCH, LENIENT_SEARCH, WITHOUT_CURVATURE = r
 
 
 class Trial(NamedTuple):
-    """What the contacts are asked for, and how the search for it stands."""
+    """Velocities asked of the contacts, and the state of their search."""
 
     stage: int
     bounce: float  # coefficient of restitution
@@ -89,7 +89,7 @@ def solve_velocities(
 
 @macro
 def _next_trial(trial, asked, creates, excess):
-    """What to ask for after an answer that ``creates`` energy, in ``excess`` of other forces."""
+    """Choose velocities after an answer that ``creates`` energy, in ``excess`` of others."""
     stage, bounce, curved, least, most, tries, _ = trial
     lenient = stage in (LENIENT, LENIENT_SEARCH)
     over = False
@@ -174,7 +174,7 @@ def _solve_step(
 
 @macro
 def motor_torque(h, asked, n, from_contacts, pitch_force, crank_force, inertia, params):
-    """What the motor gives of a torque at the step's mean crank speed: implicit.
+    """Return the motor's torque at the step's mean crank speed: implicit.
 
     Of contacts it knows how much crank speed they gave in the last pass, ``from_contacts``: they
     only make the crank feel heavier, so this stays stable however steep the motor's line.

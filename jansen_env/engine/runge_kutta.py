@@ -29,7 +29,7 @@ STOP_ROUNDS = 4  # secant steps towards the moment of one
 
 
 class Crank(NamedTuple):
-    """What turns, and memory for it."""
+    """Data of the turning crank, and memory for it."""
 
     body: Array  # the robot's tables, see :mod:`jansen_env.engine.tables`
     bearings: Array

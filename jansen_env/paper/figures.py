@@ -247,7 +247,7 @@ def heave(r: Results) -> Figure:
 
 
 def slip(r: Results) -> Figure:
-    """How fast two standing toes part; slip of walks by friction and crank speed."""
+    """Draw the speed at which two standing toes part; slip by friction and crank speed."""
     figure, (left, middle, right) = _figure(11.5, 3.6, 1, 3)
     support = r.support
     left.axhline(0.0, color=INK, lw=0.8)

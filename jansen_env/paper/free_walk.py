@@ -1,4 +1,4 @@
-"""What the fixed model cannot show: the same machine on the ground, its crank kept at a speed."""
+"""Walks of the paper's machine on the ground, its crank kept at a speed: beyond the fixed model."""
 
 from __future__ import annotations
 
@@ -164,7 +164,7 @@ class Loads:
 
     @property
     def place(self) -> str:
-        """Where the largest bearing force is."""
+        """Index of the largest bearing force."""
         return corner_name(int(self.bearing.argmax()))
 
     def on(self, body: int) -> float:

@@ -41,7 +41,7 @@ def levels_table(levels: list[Level]) -> str:
 
 
 def errata_table(errata: list[Erratum]) -> str:
-    """What errata come to, in Markdown."""
+    """Return effects of the errata as Markdown."""
     return _table(("erratum", "comes to"), [(e.name, e.found) for e in errata])
 
 

@@ -92,7 +92,7 @@ def compute(workers: int = 2) -> Results:
 
 
 def _finished(job: Any) -> Any:
-    """What a job returned, or each of a list or dictionary of jobs."""
+    """Return the result of a job, or of each in a list or dictionary of jobs."""
     if isinstance(job, dict):
         return {key: one.result() for key, one in job.items()}
     return [one.result() for one in job] if isinstance(job, list) else job.result()

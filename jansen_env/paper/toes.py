@@ -1,4 +1,4 @@
-"""What the toes do: symmetry, heave with any number of legs, why two standing toes must slip."""
+"""Motion of the toes: symmetry, heave with any number of legs, why two standing toes must slip."""
 
 from __future__ import annotations
 

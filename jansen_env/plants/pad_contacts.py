@@ -100,7 +100,7 @@ class PadContacts:
         return loss, landed
 
     def _off_rim(self, pad: Array, x: float, y: float) -> float:
-        """How far a point is from the rim of a pad, m: two pads may be on one body."""
+        """Return the distance of a point from the rim of a pad, m: two pads may be on one body."""
         return abs(math.hypot(x - pad[0], y - pad[1]) - self._radius)
 
     def landing_soon(self, now: Snapshot) -> bool:

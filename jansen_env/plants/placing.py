@@ -98,7 +98,7 @@ def farthest_pad(tables: Tables) -> float:
 
 
 def non_toe_depths(tables: Tables, toes: int, margin: float) -> Array:
-    """How far below the axis a pad that is no toe feels the ground, m, by pitch; and the most."""
+    """Return the reach of pads that are no toes below the axis, m, by pitch; and the most."""
     rows = np.unique(tables.layout.table[toes:])
     x, y = tables.pads[rows][:, :, :2, 0].reshape(-1, 2).T
     farthest = float(np.hypot(x, y).max())

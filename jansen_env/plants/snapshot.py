@@ -1,4 +1,4 @@
-"""Where the bodies of the rigid-body plant are at an instant, and what its step adds up."""
+"""Pose of the rigid-body plant's bodies at an instant, and sums over its step."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SUMS = (
 
 
 class Snapshot(NamedTuple):
-    """Where everything is."""
+    """Pose of all bodies at an instant."""
 
     motion: Array  # (bodies, 6)
     pads: Array  # (pads, 2) centres, m

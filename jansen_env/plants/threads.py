@@ -18,7 +18,7 @@ Share = Callable[[int, int, Any], tuple[bool, bool]]
 
 
 class Threads:
-    """As many threads as pay for some robots.
+    """Number of threads that pays for some robots.
 
     Args:
         robots: how many. memory: makes the memory of one thread.

@@ -220,7 +220,7 @@ def scene_message(session: Session) -> dict[str, Any]:
 
 
 def state_message(session: Session) -> dict[str, Any]:
-    """Where the robot is, and the score."""
+    """Pose of the robot, and the score."""
     return {
         "kind": "state",
         "state": state_of_frame(session.scene()["robot"], session.frame()),

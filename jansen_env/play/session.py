@@ -140,7 +140,7 @@ class Session:
         return ""
 
     def values(self) -> dict[str, float]:
-        """Where the sliders stand, by the names of :data:`SLIDERS`."""
+        """Values of the sliders by the names of :data:`SLIDERS`."""
         present = self.env.get_state()["parameters"]
         return {name: float(present[name]) for name in SLIDERS}
 

@@ -1,4 +1,4 @@
-"""Where the joints are, from the crank angle: the linkage closed by intersecting circles.
+"""Positions of the joints from the crank angle: the linkage closed by intersecting circles.
 
 Everything is in the chassis frame: crank axis O at the origin, +x the walking direction. A back
 leg is the mirror image of a fore leg: x -> -x and crank angle psi -> pi - psi.
@@ -136,7 +136,7 @@ def check_closure(robot: Robot, samples: int = 720) -> None:
 
 
 def advance_per_turn(robot: Robot, samples: int = 720) -> float:
-    """How far a robot walks while its crank turns once counter-clockwise, m; negative: towards -x.
+    """Advance in one counter-clockwise turn of the crank, m; negative: towards -x.
 
     As if it stood level on its lowest toe: good for the sign and the order of magnitude.
     Raises LinkageError: the linkage does not close.

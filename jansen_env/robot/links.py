@@ -203,7 +203,7 @@ class Payload:
 
 @dataclass(frozen=True)
 class Compliance:
-    """How a pad gives: spring and damper along the ground's normal, and a bristle along the ground.
+    """Compliance of a pad: spring and damper along the ground's normal, a bristle along the ground.
 
     A rigid pad's impact ends at once, by the ground's restitution; for a compliant one that must
     be 0.

@@ -26,7 +26,7 @@ COST = "mechanical cost of transport"
 
 @dataclass(frozen=True)
 class Benchmark:
-    """How policies are scored on an environment."""
+    """Rules by which policies are scored on an environment."""
 
     commands: tuple[float, ...]  # the grid on which policies are scored
     command_unit: str

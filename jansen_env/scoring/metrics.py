@@ -29,7 +29,7 @@ MIN_DISTANCE = 1e-3  # m, below which a ratio per metre is not formed
 
 
 class Aggregate(NamedTuple):
-    """What is kept of an episode: values (n,) of each step's ``infos``, and how they are reduced.
+    """Sum over an episode: values (n,) of each step's ``infos``, and their reduction.
 
     To the "sum" over its steps or the "steady" ones (after :data:`SETTLING`), the "peak" of the
     absolute value, the "rms", the "last" value, the last "early" one (within :data:`SETTLING`), or

@@ -48,7 +48,7 @@ class GoalTask(Task):
 
     @property
     def own_entries(self) -> Sequence[Observed]:
-        """How far ahead the goal is."""
+        """Distance to the goal along x."""
         return [Observed("goal_distance", "m", -np.inf, np.inf)]
 
     def draw(self, row: int, rng: np.random.Generator, options: dict[str, Any]) -> float:

@@ -99,7 +99,7 @@ class NamedGenerator:
         return maker(**values, start=start)
 
     def __str__(self) -> str:
-        """As it is written: ``"stairs:rise=0.02"``."""
+        """Specification as text: ``"stairs:rise=0.02"``."""
         given = ",".join(f"{key}={value:g}" for key, value in self.given)
         return f"{self.name}:{given}" if given else self.name
 

@@ -36,7 +36,7 @@ def level_ends(start: float, reach: float) -> tuple[float, float]:
 
 
 def periods(start: float, reach: float, period: float) -> int:
-    """How many periods have room; one at least. Raises ValueError beyond MOST_POINTS."""
+    """Return the number of periods that have room, at least one; ValueError beyond MOST_POINTS."""
     count = (reach - start) / period
     if count > MOST_POINTS:
         raise ValueError(

@@ -288,7 +288,7 @@ def _read_array(name: str, data: bytes) -> NDArray[Any]:
 
 
 def _read_description(text: bytes) -> dict[str, Any]:
-    """What beside arrays :class:`Recording` is made of."""
+    """Parts of :class:`Recording` beside its arrays."""
     if len(text) > MAX_TEXT:
         raise ValueError(f"its description has more than {MAX_TEXT} bytes")
     try:

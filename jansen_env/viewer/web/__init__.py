@@ -1,4 +1,4 @@
-"""What browsers show of a robot: its geometry in numbers, and the scripts that draw it.
+"""Robots in browsers: their geometry in numbers, and the scripts that draw it.
 
 Joints are computed here, in Python; the scripts draw and know no physics.
 """

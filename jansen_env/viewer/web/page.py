@@ -107,7 +107,7 @@ def _script() -> str:
 
 
 def _hash_of(text: str) -> str:
-    """What a content security policy names an inline style or script by."""
+    """Hash by which a content security policy names an inline style or script."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
@@ -125,7 +125,7 @@ def _labels(recordings: tuple[Recording, ...]) -> list[str]:
 
 
 def _subtitle(recordings: tuple[Recording, ...]) -> str:
-    """What was done, each different way once."""
+    """Events of a recording, each kind once."""
     told = []
     for one in recordings:
         unit, commands = one.scene["speedUnit"], np.unique(one.command)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
-from contextlib import closing
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +81,24 @@ def _refill(model: OffPolicyAlgorithm, folder: Path) -> None:
           f"{model.learning_starts}")  # fmt: skip
 
 
+@contextmanager
+def _failures_explained(model: BaseAlgorithm, go_on: str) -> Iterator[None]:
+    """Turn a full disk and a policy that is NaN into a SystemExit that says so."""
+    try:
+        yield
+    except OSError as error:
+        raise SystemExit(
+            f"training stopped at {model.num_timesteps} steps: {error}; {go_on}"
+        ) from error
+    except ValueError as error:
+        if "to satisfy the constraint" not in str(error):  # torch's, of a policy that is NaN
+            raise
+        raise SystemExit(
+            f"training diverged at {model.num_timesteps} steps: the policy's actions are no "
+            "longer finite; a lower learning_rate may help"
+        ) from error
+
+
 def train(
     model: BaseAlgorithm,
     config: dict[str, Any],
@@ -123,27 +141,15 @@ def train(
     if progress:
         callbacks.append(ProgressBarCallback())
     go_on = f"python train.py --resume {shlex.quote(str(folder))} goes on from the last checkpoint"
-    try:
-        with closing(venv):
-            if (remaining := steps - model.num_timesteps) > 0:
-                with stop:
-                    model.learn(remaining, callback=callbacks, reset_num_timesteps=False,
-                                tb_log_name=folder.name)  # fmt: skip
-                if saver.ended:
-                    print(f"stopped, saved as {saver.last}; {go_on}")
-                    raise SystemExit(128 + stop.signal)
-                saver.evaluate()
-            saver.save(folder / FINAL)
-    except OSError as error:  # such as a full disk
-        raise SystemExit(
-            f"training stopped at {model.num_timesteps} steps: {error}; {go_on}"
-        ) from error
-    except ValueError as error:
-        if "to satisfy the constraint" not in str(error):  # torch's, of a policy that is NaN
-            raise
-        raise SystemExit(
-            f"training diverged at {model.num_timesteps} steps: the policy's actions are no "
-            "longer finite; a lower learning_rate may help"
-        ) from error
+    with _failures_explained(model, go_on), closing(venv):
+        if (remaining := steps - model.num_timesteps) > 0:
+            with stop:
+                model.learn(remaining, callback=callbacks, reset_num_timesteps=False,
+                            tb_log_name=folder.name)  # fmt: skip
+            if saver.ended:
+                print(f"stopped, saved as {saver.last}; {go_on}")
+                raise SystemExit(128 + stop.signal)
+            saver.evaluate()
+        saver.save(folder / FINAL)
     if stop.signal:  # in the last rollout
         raise SystemExit(128 + stop.signal)

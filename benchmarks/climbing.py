@@ -220,7 +220,7 @@ def main(arguments: list[str] | None = None) -> None:
     shown = ", ".join(f"{speed:g}" for speed in speeds)
     measure.report(
         found.out / "climbing.md",
-        "# What the machine can climb",
+        "# Limits of climbing",
         f"`{command}`: {count} walks of 10 s of each policy over each size at {shown} m/s, "
         f"friction {FRICTION:g}; a success does not fall and gets {ENOUGH:g} of the commanded "
         "distance. All meet the same grounds. The sizes are those of the levels 0 to 9 and two "

@@ -123,7 +123,7 @@ def own_folder(folder: Path) -> Path:
                 raise ValueError(f"{place} belongs to user {status.st_uid}, must be ours or root's")
             sticky = place != real and status.st_mode & stat.S_ISVTX
             if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not sticky:
-                # What lies in the folder itself may be theirs already.
+                # Files in the folder itself may be theirs already.
                 way = "remove it" if place == real else "'chmod go-w' would end that"
                 raise ValueError(f"others can write to {place} ({way})")
         with contextlib.suppress(OSError):  # some file systems know no modes

@@ -1,8 +1,8 @@
 """Take a policy along: ``python -m agents.export RUN --to onnx --to c`` writes it for onnxruntime
 and as C99 source for a microcontroller, with a model card beside it.
 
-What is written has been compared with the policy in PyTorch on 10,000 observations; where an action
-differs by more than 1e-6 nothing is written.
+Exports are compared with the policy in PyTorch on 10,000 observations first. If an action differs
+by more than 1e-6, nothing is written.
 """
 
 from __future__ import annotations

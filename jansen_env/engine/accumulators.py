@@ -72,8 +72,8 @@ def accumulate_step(
 def accumulate_contacts(h, count, velocity, after, contacts, planes, total, statistics):
     """Add a time step's slip, impulses and contact losses; keep the modes with the planes.
 
-    A contact's work is impulse times mean velocity, which is exact for the step. What friction
-    takes while sliding is slip loss, all else (touchdown, tangential stops) impact loss. A toe that
+    A contact's work is impulse times mean velocity, which is exact for the step. Work of friction
+    while sliding is slip loss, all else (touchdown, tangential stops) impact loss. A toe that
     touches down in the step slides from its middle on, with its new velocity alone.
     """
     J, P, mode = contacts.J, contacts.problem.P, contacts.problem.mode

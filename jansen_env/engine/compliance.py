@@ -14,7 +14,7 @@ velocities before and after it (tangentially the bristle's bend in place of g),
 
 With P = -B (u_1 + offset) a compliant contact is a rigid one with 1 / B more on W's diagonal and
 ``offset`` in the free velocity: the complementarity problem, its solver and its guesses stay as
-they are. What it calls velocity is then the one at which the pad slides, or takes off. A touchdown
+they are. Its velocity is then the one at which the pad slides, or takes off. A touchdown
 counts only the way below the ground: never more energy comes back than went in.
 
 Near an edge of the ground, a pad that is deep in it may be far below a plane that is just found.

@@ -13,7 +13,7 @@ TRACKING_WIDTH = 0.8  # rad, tracking error at which half of the tracking reward
 
 # The reward's terms, and likewise their weights.
 REWARD = row_dtype(floats("tracking", "torque"))
-# What the information has of a robot that is held; its units are listed with the environment.
+# Information on a robot that is held; its units are listed with the environment.
 HELD_INFORMATION = row_dtype(
     [*floats("crank_angle", "crank_speed", "crank_torque"), ("diverged", bool)]
 )

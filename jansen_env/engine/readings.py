@@ -8,7 +8,7 @@ from jansen_env.engine.collision import height_at
 from jansen_env.engine.jit import compiled
 from jansen_env.engine.records import floats, row_dtype
 
-# What the information has of a robot in its world; units are listed with the environments.
+# Information on a robot in its world; units are listed with the environments.
 STATE = ("x_position", "x_velocity", "pitch", "crank_angle", "crank_speed", "crank_torque")
 INFORMATION = row_dtype([*floats(*STATE, "joint_gap"), ("diverged", bool)])
 ENERGIES = row_dtype(

@@ -1,9 +1,9 @@
-"""The rows that cross the boundary from Python, as structured dtypes, and what stages hand on.
+"""Rows that cross the boundary from Python, as structured dtypes, and tuples that stages share.
 
-What belongs to a robot, whatever its number of legs, is one row; arrays of contact sizes are no
+A robot's data of fixed size is one row, whatever its number of legs. Arrays of contact sizes are no
 part of rows, or every leg count would be compiled anew. Tuples of arrays cost microseconds at the
 boundary and nothing behind it: there they carry what belongs together. Of rows numba looks up the
-type in 0.13 us, of plain numbers in 0.03: into what is called all the time they go as their bytes.
+type in 0.13 us, of plain numbers in 0.03: frequent calls get them as bytes.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ def floats(*names: str) -> list[tuple[str, type]]:
 PARAMS = row_dtype(
     [
         ("mass", "f8"),  # kg, load included
-        # What the links' masses and inertias, their inertias on top, and the joints' viscous
-        # friction are multiplied with.
+        # Factors of the links' masses and inertias, of their inertias on top, and of the joints'
+        # viscous friction.
         ("mass_scale", "f8"),
         ("inertia_scale", "f8"),
         ("damping_scale", "f8"),

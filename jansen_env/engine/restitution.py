@@ -20,7 +20,7 @@ PASSES = 2  # evaluations of the speed-dependent terms in a step
 BOUNCE_TRIES = 11  # of smaller coefficients of restitution, where it would create energy
 ROUNDING = 1e-9  # share of the energy that an impact brings by which it may seem to gain
 
-# What a step's contacts are asked for in turn, until they create no energy: the terrain's
+# Requests to a step's contacts, in turn, until they create no energy: the terrain's
 # restitution; none; as much again, if without it energy comes from other forces; the largest that
 # creates none, judged strictly or with these forces; neither bounce nor the path's curvature.
 AS_ASKED, WITHOUT_BOUNCE, LENIENT, SEARCH, LENIENT_SEARCH, WITHOUT_CURVATURE = range(6)

@@ -1,8 +1,8 @@
 """A compiled robot as the kernels see it: its tables, how they are read, and what a state means.
 
 The tables are those of :class:`jansen_env.dynamics.reduced.Tables`, the functions innermost, as
-a kernel reads all of them at one angle. What may differ between robots of one design is its
-:data:`jansen_env.engine.records.PARAMS`.
+a kernel reads all of them at one angle. Numbers that may differ between robots of one
+design are its :data:`jansen_env.engine.records.PARAMS`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The walking task of n robots: commands, rewards and their means, on top of the readings.
 
 The reward is a product of factors, each 1 where a step is as asked for, so that none can be bought
-with another. What they mean is documented in :class:`jansen_env.envs.walker.JansenWalkerEnv`.
+with another. They are documented in :class:`jansen_env.envs.walker.JansenWalkerEnv`.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ WEIGHTED = floats("slip", "energy", "effort", "smoothness", "posture")
 REWARD = row_dtype([*floats("tracking", "progress"), *WEIGHTED])
 # The weights, and the definition of a fall: by pitch (rad), and whether by a joint on the ground.
 SETTINGS = row_dtype([*WEIGHTED, ("fall_pitch", float), ("fall_contact", bool)])
-# What is kept from step to step: exact in the information, and as measured behind noisy sensors.
+# Accounts from step to step: exact in the information, and as measured behind noisy sensors.
 ACCOUNTS = row_dtype([*floats("lag"), *MEANS])
-# What the information has beside that of the world.
+# Information beside that of the world.
 INFORMATION = row_dtype([*floats("speed_command", "lag"), *MEANS, ("fallen", bool)])
-# A robot's row: what is kept of its episode, and what its last step was worth.
+# A robot's row: accounts of its episode, and the reward of its last step.
 ROW = row_dtype(
     [
         ("next_command", float),  # m/s, from the next step on

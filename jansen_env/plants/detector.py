@@ -71,7 +71,7 @@ class ContactDetector:
         status["margin"] = SPECULATIVE_MARGIN
         status["first_plane"] = status["end_plane"] = capacity * np.arange(n)
         status["first_vertex"], status["end_vertex"] = bounds[terrain], bounds[terrain + 1]
-        # What of the surface is each robot's alone: nothing yet, others may be on its ground.
+        # No part of the surface is a robot's alone yet: others may be on its ground.
         self._own, self._used = np.zeros((n, 2), np.int64), len(self.surface)
         status["cell_x"], status["cell_y"] = self._cells.T
         for name in ("known_x", "known_y", "home_x", "home_y"):

@@ -5,7 +5,7 @@ as they are, the others as scales of the robot's own numbers (1: as it is), so t
 builds on the one before. Coulomb friction of bearings stays: it is data of the machine, by loads
 measured.
 
-What stands in neither table of effects below is honoured by no plant, and refused.
+A parameter in neither table of effects below is honoured by no plant, and refused.
 """
 
 from __future__ import annotations

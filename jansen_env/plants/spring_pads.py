@@ -143,7 +143,7 @@ class SpringPads:
         before, down = self._rate[pad].tolist()
         drift, bristle = 0.5 * (slide + float(self._slide[pad])), 0.5 * (rate + before)
         kt = float(self._give.tangential_stiffness or 0.0)
-        # What the springs alone would have pushed is stored or given back; the rest is lost.
+        # Work of the springs alone is stored or given back; the rest is lost.
         elastic = -self._give.stiffness * float(self._gap[pad])
         sums.impact_loss -= h * (normal - elastic) * 0.5 * (across + down)
         sums.impact_loss -= h * (tangential + kt * float(self.bristle[pad])) * bristle

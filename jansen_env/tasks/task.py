@@ -103,7 +103,7 @@ class Task(ABC):
         world = self.world
         return InfoBuilder(world.rows, self.rows, world.arrays, world.step_arrays, world.parameters)
 
-    # What a task defines.
+    # Defined by each task.
 
     def take(self, records: dict[str, Any]) -> None:
         """Keep the task's own records, by the names of :attr:`RECORDS`."""
@@ -148,7 +148,7 @@ class Task(ABC):
         """Return the arguments of the engine's ``describe`` but the first."""
         return self.world.describe_arguments()
 
-    # What environments ask.
+    # Asked by environments.
 
     def reset(
         self,

@@ -95,7 +95,7 @@ class Recording:
         energies: (e,) names of the energies. observed: (d,) names and units of the observation; ()
             where a wrapper has made something else of it.
         robot: fields of the :class:`jansen_env.robot.Robot` by name; parameters: of the episode.
-        env_id, env_kwargs, options, seed: how it was made. What is no JSON is there as text.
+        env_id, env_kwargs, options, seed: how it was made; values that are no JSON as text.
         label: how it is called, by a policy's name for one.
         terminated, truncated: how the last step ended.
 

@@ -109,7 +109,7 @@ def test_killed_driver_and_end_by_signal_lose_nothing(whole, tmp_path):
     again.send_signal(signal.SIGTERM)  # taken as Ctrl-C
     assert again.wait(180) == 130, output(again)
     states = {read_status(run.folder).get("state") for run in runs}
-    assert "stopped" in states and not states & {"training", "failed"}
+    assert states <= {"stopped", "finished", None} and states != {"finished"}  # some are to do
     perform_here(FOUR, tmp_path / "small")
     assert_same_results(whole, tmp_path / "small")
 

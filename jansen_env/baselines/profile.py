@@ -27,7 +27,7 @@ NUMBERS = ("n0", "kp", "tau0", "g")
 """The first numbers of a profile, in rad/s, N m s/rad, N m, 1/m; then a_1 .. a_K, b_1 .. b_K."""
 READ = ("cos_crank_angle", "sin_crank_angle", "crank_speed", "speed_command", "lag")
 """The observations that a profile reads; their columns come from
-:func:`jansen_env.baselines.columns.columns`."""
+:func:`jansen_env.baselines.policy.columns`."""
 
 
 def number_names(harmonics: int) -> tuple[str, ...]:

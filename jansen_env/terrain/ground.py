@@ -217,9 +217,10 @@ def make_terrain(
     friction: float | None = None,
     restitution: float | None = None,
 ) -> Terrain:
-    """Return a terrain from a user's argument, see :data:`ALLOWED`; ValueError for anything else.
+    """Return a terrain from a user's argument.
 
-    ``friction`` and ``restitution`` replace the terrain's own where given.
+    ``friction`` and ``restitution`` replace the terrain's own where given. Raises ValueError for
+    anything but :data:`jansen_env.terrain.ground.ALLOWED`.
     """
     if isinstance(terrain, Terrain):
         made = terrain

@@ -148,7 +148,7 @@ class ActuatedRobots:
         }
 
     def checked_state(self, row: int, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return a state, ready for :meth:`restore`; ValueError: an entry is out of range."""
+        """Return a state, ready for ``restore``; ValueError: an entry is out of range."""
         longest, asked = self.asked.shape[1], np.array(state["asked"], dtype=float)
         if asked.shape != (longest,) or not np.isfinite(asked).all():
             raise ValueError(f"state['asked'] is {asked}, must be {longest} finite numbers")

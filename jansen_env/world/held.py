@@ -143,7 +143,7 @@ class HeldRobots(ActuatedRobots):
         return {**super().get_state(row), "steps": int(self.rows[row]["steps"])}
 
     def checked_state(self, row: int, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return a state ready for :meth:`restore`, see ``World``."""
+        """Return a state ready for ``restore``, see ``World``."""
         return {
             **super().checked_state(row, state),
             "plant": check_crank_state(state["plant"]),

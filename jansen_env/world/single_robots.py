@@ -79,7 +79,7 @@ def get_attr(world: World, name: str) -> list[Any] | None:
 
     Names: ``robot``, ``state``, ``delay`` (s, of this episode), ``terrain``, ``terrain_level``,
     ``payload``, ``motor``, ``torque_limit``, ``pad_compliance``, ``weight``,
-    ``reset_noise_scale`` and :data:`KEPT`.
+    ``reset_noise_scale`` and :data:`jansen_env.world.single_robots.KEPT`.
     """
     if name == "terrain":
         return list(world.plant.terrains)

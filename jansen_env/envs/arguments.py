@@ -5,6 +5,7 @@ All functions raise ValueError for anything else than they describe.
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Mapping, Sequence
 from numbers import Integral
@@ -21,6 +22,16 @@ from jansen_env.world.argument_checks import Array, entries_of
 RENDER_MODES = ["human", "rgb_array"]
 MOST_ROBOTS = 1_000_000  # of a vector environment: gigabytes
 MOST_EPISODE_STEPS = 2**53  # the largest number up to which floats count one by one
+
+
+def known_arguments(environment: type, given: Mapping[str, Any]) -> None:
+    """Raise TypeError for arguments that an environment does not have."""
+    allowed = sorted(inspect.signature(environment).parameters)
+    if unknown := sorted({*given} - {*allowed}):
+        raise TypeError(
+            f"{environment.__name__} got an unexpected keyword argument {unknown[0]!r}, must be in "
+            f"{allowed}"
+        )
 
 
 def broadcast_limits(count: int, limit: Any) -> Array:

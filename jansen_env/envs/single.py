@@ -46,6 +46,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
 
     def __init__(self, *, render_mode: str | None = None, **task_arguments: Any) -> None:
         self.render_mode = arguments.render_mode(render_mode)
+        arguments.known_arguments(type(self), task_arguments)
         own = {
             name: Each([value]) if name in self.TASK.PER_ROBOT else value
             for name, value in task_arguments.items()

@@ -66,7 +66,10 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
     def of(cls, single: type[SingleEnv[Any]]) -> type[TaskVectorEnv[Any]]:
         """Return the vector environment of a single one's task: what ``gym.make_vec`` makes."""
         name = single.__name__.replace("Env", "VectorEnv")
-        doc = f":class:`{single.__name__}` for many robots at once: what ``gym.make_vec`` makes."
+        doc = (
+            f":class:`{single.__name__}` for many robots at once: what ``gym.make_vec`` makes.\n\n"
+            f"Arguments of its own, and errors: :class:`{cls.__module__}.{cls.__name__}`."
+        )
         own = {"TASK": single.TASK, "__doc__": doc, "__module__": single.__module__}
         return type(name, (cls,), own)
 
@@ -82,6 +85,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         **task_arguments: Any,
     ) -> None:
         self._renderers = arguments.Renderers()
+        arguments.known_arguments(type(self), task_arguments)
         self.num_envs = n = positive_integer("num_envs", num_envs, arguments.MOST_ROBOTS)
         threads = None if threads is None else positive_integer("threads", threads)
         self.render_mode = arguments.render_mode(render_mode, self.metadata["render_modes"])
@@ -292,8 +296,10 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
 
     def render(self) -> tuple[Any, ...] | None:
         """Return a picture (H, W, 3) of each robot; None without a ``render_mode``."""
-        pictures = tuple(self._renderers.draw(self, i) for i in range(self.num_envs))
-        return None if self.render_mode is None else pictures
+        pictures = [self._renderers.draw(self, 0)]
+        if self.render_mode is None:
+            return None
+        return (*pictures, *(self._renderers.draw(self, i) for i in range(1, self.num_envs)))
 
     def close_extras(self, **kwargs: Any) -> None:
         """Let go of pictures and threads."""

@@ -371,11 +371,11 @@ class RigidBodyBatch:
 
     def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
         """Raise ValueError: they are not known."""
-        raise ValueError("joint forces are not known on this plant")
+        raise ValueError("for joint forces plant is 'rigid_body', must be 'projection'")
 
     def peak_loads(self) -> PeakLoads:
         """Raise ValueError: they are not known."""
-        raise ValueError("joint loads are not known on this plant")
+        raise ValueError("for joint loads plant is 'rigid_body', must be 'projection'")
 
     def close(self) -> None:
         """Nothing is held."""

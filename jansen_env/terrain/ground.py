@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -35,7 +36,6 @@ def heights_of(line: Array, x: ArrayLike) -> Array:
 def _maker(points: Callable[..., Array]) -> classmethod[Terrain, ..., Terrain]:
     """A constructor with the arguments of a function that returns points, and a terrain's own."""
 
-    @functools.wraps(points)
     def make(
         cls: type[Terrain],
         *args: Any,
@@ -45,6 +45,13 @@ def _maker(points: Callable[..., Array]) -> classmethod[Terrain, ..., Terrain]:
     ) -> Terrain:
         return cls.of(points(*args, **named), friction, restitution)
 
+    # For help(): the arguments of both.
+    own = inspect.signature(make)
+    first, _, *more, _ = own.parameters.values()
+    all_of_them = [first, *inspect.signature(points).parameters.values(), *more]
+    make.__signature__ = own.replace(parameters=all_of_them)  # type: ignore[attr-defined]
+    make.__name__, make.__doc__ = points.__name__, points.__doc__
+    make.__qualname__ = f"Terrain.{points.__name__}"
     return classmethod(make)
 
 

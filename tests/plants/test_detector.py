@@ -288,3 +288,49 @@ def test_the_rigid_body_plant_says_where_its_ground_ends():
     plant.state = state
     with pytest.raises(FloatingPointError, match="the ground of the rigid-body plant ends"):
         plant.step(0.0, 0.02)
+
+
+def test_nothing_is_kept_between_detections():
+    """Detection elsewhere in between, or of the first pad alone, changes no bit of the next one."""
+    detector = make([HILLS], 12)
+    places = np.array([[-1.0, 0.02], [0.3, 0.18], [2.0, 0.6]])
+    seen = []
+    for centres in (places, places + 5.0, places[:1], places):
+        find_candidates(detector, centres[:1])
+        planes, pad = found(detector, centres)
+        seen.append((len(pad), planes.tobytes(), pad.tobytes()))
+    assert [number for number, *_ in seen] == [4, 0, 2, 4]
+    assert seen[3] == seen[0]
+
+
+def test_robots_in_one_space_see_what_each_sees_alone(rng):
+    """30 robots, on three terrains, bit for bit."""
+    grounds = [jagged(rng), HILLS, Terrain.slope(-0.3)]
+    terrains = [grounds[i % 3] for i in range(30)]
+    detector = make(terrains, 40, 1.0)
+    axes = np.column_stack([rng.uniform(-1.0, 5.0, 30), np.full(30, 0.5)])
+    find_candidates(detector, axes)
+    for robot, terrain in enumerate(terrains):
+        x = axes[robot, 0] + rng.uniform(-0.5, 0.5, 4)
+        centres = np.column_stack([x, terrain.height(x) + rng.uniform(0.0, 0.06, 4)])
+        planes, pad = found(detector, centres, robot)
+        alone, alone_pad, _ = detect(terrain, centres, capacity=40)
+        assert np.array_equal(planes, alone) and np.array_equal(pad, alone_pad)
+
+
+def test_a_pad_that_sank_in_is_pushed_up():
+    """With its centre below the surface the normal still points out of the ground."""
+    planes, _, gaps = detect(
+        Terrain.slope(0.2), above(Terrain.slope(0.2), [0.5], math.tan(0.2), -0.03)
+    )
+    assert gaps == pytest.approx([-0.03], abs=1e-12)
+    assert planes[0, 1] > 0.0
+
+
+@pytest.mark.parametrize("width", [0.4, 0.1, 0.02])
+def test_a_bump_is_felt_where_it_is(width):
+    """However narrow: 3 cm high, the gap of a pad over its top is exact."""
+    bump = Terrain(((-1.0, 0.0), (0.0, 0.0), (0.5 * width, 0.03), (width, 0.0), (1.0, 0.0)))
+    centre = [0.5 * width, 0.03 + RADIUS + 1e-3]
+    _, _, gaps = detect(bump, [centre])
+    assert gaps.min() == pytest.approx(1e-3, abs=1e-12)

@@ -27,7 +27,7 @@ KINDS = tuple(suffix.removeprefix(".") for suffix in FRAME_TIME)  # of video
 SHIPPED = "pretrained:"  # before the name of a policy that comes with the package
 
 Scores = dict[str, dict[str, Any]]
-"""Of each policy what :func:`evaluate` gives; of a run its own comes last."""
+"""Summary of :func:`evaluate` by policy; a run's own policy comes last."""
 
 
 def load_named(name: str, env: Any) -> Policy:
@@ -139,7 +139,7 @@ def score_run(folder: Path, config: dict[str, Any], episodes: int) -> Scores:
 
 
 def outcome(folder: Path, env_id: str, scores: Scores) -> str:
-    """Return what :func:`score_run` found, in words and a Markdown table."""
+    """Return scores of :func:`score_run` as a Markdown table and a sentence."""
     from agents.training.runs import read_evaluations
 
     benchmark = find_benchmark(env_id)

@@ -33,7 +33,7 @@ Loaded: TypeAlias = Sequence[tuple[dict[str, Policy], dict[str, Any]]]
 """Policies by name, and the environment's arguments; see :func:`agents.evaluate.load_all`."""
 
 Scores: TypeAlias = dict[str, dict[str, dict[str, dict[str, Any]]]]
-"""By sweep, condition and policy :func:`jansen_env.scoring.metrics.pooled`."""
+"""Result of :func:`jansen_env.scoring.metrics.pooled` by sweep, condition and policy."""
 
 
 def feet(robot: Robot, stiffness: float) -> Compliance:

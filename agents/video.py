@@ -27,8 +27,10 @@ Picture = NDArray[np.uint8]
 
 
 class Progress(NamedTuple):
-    """Of an episode the steps taken, the return so far, and whether it has ended early; of a walker
-    also how far it has come, and its toes have slid together, m."""
+    """Steps and return of an episode so far, and whether it ended early.
+
+    Of a walker also the distance walked and the slip of all toes together, m.
+    """
 
     steps: int
     returned: float

@@ -27,7 +27,7 @@ class Part(NamedTuple):
 
     @property
     def mass(self) -> float:
-        """Of all of them, kg."""
+        """Mass of all of them, kg."""
         return self.number * self.each
 
 

@@ -70,14 +70,14 @@ def ground(obstacle: str, size: float, seed: int) -> Terrain:
 
 
 class Walked(NamedTuple):
-    """Of walks, arrays of one shape: whether they stayed up, and whether they succeeded."""
+    """Outcomes of walks, arrays of one shape: stayed up, succeeded."""
 
     up: Bools
     succeeded: Bools
 
 
 Found: TypeAlias = dict[str, Walked]
-"""By policy: (sizes, speeds, episodes)."""
+"""Outcomes (sizes, speeds, episodes) by policy."""
 
 
 def walk(policy: Policy, cases: Sequence[tuple[Terrain, float, int]]) -> Walked:
@@ -148,7 +148,7 @@ def limit_table(results: dict[str, Found], speeds: Sequence[float]) -> str:
 
 
 def walkable_table(results: dict[str, Found]) -> str:
-    """By level the shares of success of the best policy and speed, and of any, as Markdown."""
+    """Return success by level, of the best policy and speed and of any, as Markdown."""
     by_kind: dict[str, list[Array]] = {name: [] for name in LEVELS}
     rows = []
     for obstacle, found in results.items():

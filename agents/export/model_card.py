@@ -86,7 +86,7 @@ def card(policy: PretrainedPolicy, files: dict[str, bytes], told: dict[str, Any]
 
 
 def facts(env: Any) -> dict[str, Any]:
-    """Return what the card says of an unwrapped environment's robot and sensors.
+    """Return facts on an unwrapped environment's robot and sensors for the card.
 
     walks: whether it is a walker. clockwise: whether a positive action turns the crank so.
     toes: of each one the side of its leg and how far, in degrees, its crank pin is ahead of the

@@ -46,12 +46,12 @@ def has_ray() -> bool:
 def run_locally(requests: Sequence[RunRequest], workers: int, watch: Watch) -> dict[str, RunResult]:
     """Execute runs in so many local processes side by side, and return the result of each by name.
 
-    After Ctrl-C running ones have saved checkpoints.
+    On Ctrl-C, runs in training save checkpoints before this returns.
     """
     context = multiprocessing.get_context("spawn")  # a process with threads must not be forked
 
     def execute(request: RunRequest) -> RunResult:
-        """Execute a run in a process of its own, and again where that was lost."""
+        """Execute a run in a new process; retry if the process dies."""
         for _ in range(RETRIES + 1):
             if stop.signal:
                 return STOPPED

@@ -80,11 +80,11 @@ LIMITS: dict[str, tuple[float, float]] = {
     "ent_coef": (0, HUGE), "vf_coef": (0, HUGE), "clip_mean": (0, HUGE),
     "log_std_init": (-HUGE, HUGE), "target_entropy": (-HUGE, HUGE),
 }  # fmt: skip
-"""Of the arguments of Stable-Baselines3 that are numbers; of others from TINY to HUGE."""
+"""Ranges of Stable-Baselines3's numbers; those not named range from TINY to HUGE."""
 SET_HERE = ("seed", "_init_setup_model", "optimize_memory_usage", "normalize_images")
 OWN = {"activation": Rule(words=("tanh", "relu", "elu")), "normalize": Rule((bool,)),
        "harmonics": Rule((int,), 0, 32)}  # fmt: skip
-"""Of ``policy_kwargs``, beside those of the policy's class."""
+"""Rules of ``policy_kwargs``, beside those of the policy's class."""
 
 
 def _rules(function: Callable[..., Any], *without: str) -> dict[str, Rule]:
@@ -235,7 +235,7 @@ def _check_layers(value: Any, networks: list[str]) -> None:
 
 
 def check_keys(part: str, values: dict[str, Any], table: dict[str, Rule]) -> None:
-    """Check each value by the table's rule of its name; a ValueError says what is allowed."""
+    """Check each value against the rule for its key; raise ValueError with the values allowed."""
     for name, value in values.items():
         if name not in table:
             where = f" of {part}" if part else ""

@@ -61,7 +61,7 @@ def read_model(path: str | Path, members: Collection[str] = MEMBERS) -> tuple[di
 
 
 def read_notes(path: str | Path) -> dict[str, Any]:
-    """Return what :func:`agents.training.models.save_model` has noted; {} where it has not."""
+    """Return the notes of :func:`agents.training.models.save_model`; {} if there are none."""
     return _read_json(path, NOTES, MAX_TEXT, needed=False)
 
 

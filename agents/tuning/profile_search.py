@@ -55,12 +55,12 @@ SWEEPS = (Sweep(30, 12, 0.5), Sweep(25, 16, 0.3), Sweep(12, 24, 0.15))
 
 
 def encode(numbers: Array) -> Array:
-    """Return what is searched: the logarithms of n0 and kp, the others as they are."""
+    """Return the search variables (4 + 2 K,): log(n0), log(kp) and the other numbers unchanged."""
     return np.concatenate([np.log(numbers[:2]), numbers[2:]])
 
 
 def decode(searched: Any) -> Array:
-    """Return numbers (..., 4 + 2 K) from what :func:`encode` makes of them."""
+    """Return numbers (..., 4 + 2 K) from search variables of :func:`encode`."""
     values = np.asarray(searched, float)
     return np.concatenate([np.exp(values[..., :2]), values[..., 2:]], axis=-1)
 
@@ -81,7 +81,7 @@ def make_search(start: Array, sweep: Sweep, rng: np.random.Generator) -> Any:
 
 
 def worth(run: Episodes, env: Any) -> Array:
-    """Return what is maximised, of each episode; drift is the steady speed's error, m/s."""
+    """Return the objective of each episode (n,): return less costs of falls and speed error."""
     drift = find_benchmark(env.spec.id).metrics["steady_speed_error"].function(run, env)
     return run["returns"] - FALL * run["fell"] - DRIFT * drift
 

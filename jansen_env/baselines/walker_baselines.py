@@ -88,7 +88,7 @@ def searched_profile(env: Any) -> Policy:
 
 
 def measured(name: str, robot: Robot) -> dict[str, Any]:
-    """Return what was measured of "pid" or "constant" on a robot's design."""
+    """Return the numbers measured for "pid" or "constant" on a robot's design."""
     found = json.loads(DATA.read_text(encoding="utf-8"))
     entry: dict[str, Any] = found[tuned_for(robot, found)][name]
     return entry

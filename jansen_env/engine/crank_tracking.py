@@ -61,7 +61,7 @@ def finish_step(active, states, sums, period, weights, rows, own, reward, termin
 
 @compiled
 def describe(which, states, period, rows, own, out):
-    """Of robots ``which`` (k,) observations into ``out`` (n, 5), and information into both rows.
+    """Write observations of robots ``which`` (k,) to ``out`` (n, 5), and information to both rows.
 
     Args:
         states: (n, 6). period: s, of a step.

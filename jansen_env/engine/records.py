@@ -182,7 +182,7 @@ class Ground(NamedTuple):
 
 
 class Velocity(NamedTuple):
-    """Of the generalised coordinates; x, y that of the centre of mass. m/s, rad/s."""
+    """Generalised velocity; x, y that of the centre of mass. m/s, rad/s."""
 
     x: float
     y: float

@@ -135,7 +135,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
     def get_state(self) -> dict[str, Any]:
         """Return all that the future depends on; :meth:`set_state` continues bit for bit.
 
-        On the plant ``"rigid_body"`` nearly: there the joints are closed and the solver starts anew.
+        With ``plant="rigid_body"`` only nearly: setting a state closes gaps and restarts the solver.
         """
         return {**self.task.get_state(0), "generator": self.np_random.bit_generator.state}
 

@@ -186,7 +186,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
 
     @property
     def weight(self) -> float:
-        """Of robot and payload, N."""
+        """Weight of robot and payload, N."""
         return float(self.task.world.weight[0])
 
     @property

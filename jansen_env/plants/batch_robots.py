@@ -30,7 +30,7 @@ Ints = NDArray[np.int64]
 NOT_THE_ROBOT = "gravity_x", "gravity_y", "steepest"
 """Numbers of a row that are not the robot's own."""
 OF_A_DESIGN = ("payload", "motor", "pad_compliance")
-"""In what robots of a batch may differ."""
+"""Fields in which robots of a batch may differ."""
 
 
 class BatchRobots:

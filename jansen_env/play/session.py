@@ -36,7 +36,7 @@ SLIDERS = {
     "tilt": Slider("slope", "rad", -0.25, 0.25),
     "motor_strength": Slider("motor strength", "", 0.1, 1.5),
 }
-"""By their names in ``env.unwrapped.set_parameters``."""
+"""Sliders by their names in ``env.unwrapped.set_parameters``."""
 
 ENVIRONMENTS = (
     "JansenWalkerBuilt-v0", "JansenWalkerRough-v0", "JansenWalkerHardcore-v0", "JansenWalker-v0",
@@ -145,7 +145,7 @@ class Session:
         return {name: float(present[name]) for name in SLIDERS}
 
     def score(self) -> Score:
-        """Of the walk since the last start; after a fall, of the walk until then."""
+        """Score of the walk since the last start; after a fall, of the walk until then."""
         return self._final or self._tally.score()
 
     # Actions of the user. Each raises ValueError where it is refused, and then changes nothing.

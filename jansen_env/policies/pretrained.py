@@ -94,7 +94,7 @@ class PretrainedPolicy:
         self.squash: str = _known(SQUASH, "squash", network.get("squash"))
 
     def _read_features(self, blocks: list[Any]) -> list[Features]:
-        """Return what the network sees: functions of observations (n, d)."""
+        """Return the network's inputs as functions of observations (n, d)."""
         found: list[Features] = []
         size = len(self.observed)
         for block in blocks:

@@ -13,7 +13,7 @@ from tabulate import tabulate
 
 Array = NDArray[np.float64]
 Episodes: TypeAlias = dict[str, NDArray[Any]]
-"""Of n episodes, each (n,): "command", "returns", "duration" (s) and the aggregates."""
+"""Values (n,) of n episodes: "command", "returns", "duration" (s) and the aggregates."""
 
 Interval: TypeAlias = tuple[float, float, float]
 """Value, lower and upper end of its 95 % interval; NaN for ends that are not known."""

@@ -220,7 +220,7 @@ class Task(ABC):
         """Apply changes."""
 
     def get_attr(self, name: str) -> list[Any] | None:
-        """Return what robots have of their own by that name, for each; None for anything else."""
+        """Return an attribute of each robot; None for a name that is no robot's."""
         return self.world.get_attr(name)
 
     def get_state(self, row: int) -> dict[str, Any]:
@@ -321,7 +321,7 @@ class CommandedTask(Task):
             self.speed_command[row] = checked["speed_command"]
 
     def get_attr(self, name: str) -> list[Any] | None:
-        """Return what each robot has of its own, see :attr:`SETTABLE` and the world's."""
+        """Return an attribute of each robot: those of :attr:`SETTABLE` and the world's."""
         if name not in self.SETTABLE:
             return super().get_attr(name)
         if name == "command":

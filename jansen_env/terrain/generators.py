@@ -31,7 +31,7 @@ LEVELS: dict[str, dict[str, tuple[float, float]]] = {
     "stumps": {"height": (0.02, 0.11), "width": (0.2, 0.2), "spacing": (1.0, 1.0)},
     "ramps": {"angle": (0.045, 0.36), "length": (0.8, 0.8)},
 }
-"""Of each generator its parameters' values at level 0 and level 9, evenly in between; m and rad."""
+"""Parameters of each generator at level 0 and level 9, evenly spaced between; m and rad."""
 
 
 _UP_OR_DOWN = {"slope": "angle", "stairs": "rise"}  # whose sign is drawn, if they are not given

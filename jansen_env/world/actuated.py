@@ -101,7 +101,7 @@ class ActuatedRobots:
         """Let go of threads."""
 
     def kernels(self) -> list[Kernel]:
-        """Return what is compiled of it, but for the plant."""
+        """Return the kernels to compile, but for the plant's."""
         actions, active = np.zeros((self.num_envs, 1)), np.ones(self.num_envs, bool)
         return [Kernel("actions", take_actions, (actions, active, *self._delayed()))]
 

@@ -75,7 +75,7 @@ def apply(world: World, row: int, checked: dict[str, Any]) -> None:
 
 
 def get_attr(world: World, name: str) -> list[Any] | None:
-    """Return what each robot has of its own by that name; None for another name.
+    """Return an attribute of each robot; None for a name that is none of these.
 
     Names: ``robot``, ``state``, ``delay`` (s, of this episode), ``terrain``, ``terrain_level``,
     ``payload``, ``motor``, ``torque_limit``, ``pad_compliance``, ``weight``,

@@ -113,7 +113,7 @@ class Comparison(NamedTuple):
 
     @property
     def spread(self) -> float:
-        """Spread of distances, (largest - smallest) / median, of the ensemble; infinite after a fall."""
+        """Ensemble's spread of distances: (largest - smallest) / median; infinite after a fall."""
         if any(run.fell for run in self.ensemble):
             return math.inf
         median = max(abs(self.projection("distance")), 1e-9)

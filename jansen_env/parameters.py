@@ -132,6 +132,12 @@ def nominal(robot: Robot, terrain: Terrain, row_type: np.dtype[Any] = ROBOT_PARA
     return np.array([values], row_type)[0]
 
 
+def take_load(row: np.void, robot: Robot) -> None:
+    """Put the payload of another robot into a row of either type."""
+    load = robot.payload
+    row["payload"], (row["payload_x"], row["payload_y"]) = load.mass, load.position
+
+
 def robot_parameters(episodes: NDArray[np.void]) -> NDArray[np.void]:
     """Return the numbers (k,) for plants out of rows (k,) of :data:`EPISODE`, a copy."""
     return episodes[list(OF_ROBOTS)].astype(ROBOT_PARAMETERS)  # by name: OF_ROBOTS is its order

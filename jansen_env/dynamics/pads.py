@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from jansen_env.robot import Robot, Side
 from jansen_env.robot.kinematics import B, C, D, E, P, T
 
-Array = NDArray[np.float64]
-
 PAD_JOINTS = (T, C, E, D, B, P)
 """Joints that can touch the ground: the toe; and knee, ankle, hip corners and pivot (non-toe
 contact)."""
@@ -25,8 +23,6 @@ class Pads:
 
     leg: NDArray[np.int64]  #: (n,) index of the leg
     joint: NDArray[np.int64]  #: (n,) index into :data:`PAD_JOINTS`
-    table: NDArray[np.int64]  #: (n,) row of :attr:`jansen_env.dynamics.reduced.Tables.pads`
-    phase: Array  #: (n,) crank phase, rad
     toes: int  #: how many of them are toes
 
 
@@ -40,6 +36,4 @@ def pad_layout(robot: Robot) -> Pads:
             rows.append((i, len(PAD_JOINTS) - 1))
             seen.add(leg.side)
     leg_index, joint = np.array(rows, dtype=np.int64).T
-    side = np.array([int(robot.legs[i].side == "back") for i in leg_index], dtype=np.int64)
-    phase = np.array([robot.legs[i].phase for i in leg_index])
-    return Pads(leg_index, joint, side * len(PAD_JOINTS) + joint, phase, len(robot.legs))
+    return Pads(leg_index, joint, len(robot.legs))

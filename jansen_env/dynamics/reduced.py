@@ -1,15 +1,17 @@
 """Robot -> periodic tables: the projected equations as functions of the crank angle alone.
 
 The mechanism has one internal degree of freedom, the crank angle psi, so all that the projected
-equations need is periodic in psi. :func:`compile_robot` runs the dense projection over one turn of
-one fore and one back leg, takes Fourier series (they converge geometrically), sums them over the
-legs with their phases, and cuts them into short Taylor polynomials that the engine reads.
+equations need is periodic in psi. :func:`compile_robot` closes the linkage over one turn of a fore
+leg, takes Fourier series (they converge geometrically), sums them over the legs with their phases
+and sides, and cuts them into short polynomials that the engine reads.
 
 Chassis frame, crank axis at the origin, r_i(psi) centre of mass and a_i(psi) angle of body i,
 ' = d/dpsi, sums over all bodies of all legs:
 
     c = sum m r        I = sum (m |r|^2 + J)      b = sum (m r x r' + J a')
     k = sum (m |r'|^2 + J a'^2)                   f = sum over joint pairs of C (a_j' - a_i')^2
+
+r' and a' are the last column of the projection's D (the paper, before (5)), with the frame at rest.
 
 With q = (x, y, theta, psi), R = R(theta), S = 90 degrees counter-clockwise, m the total mass:
 
@@ -22,27 +24,29 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS, Pads, pad_layout
-from jansen_env.dynamics.projection import DOF, constraint_matrix, orthogonal_complement
 from jansen_env.gravity import GRAVITY
-from jansen_env.robot import BEARINGS, BODIES_PER_LEG, JOINT_PAIRS, RIGID, Leg, Payload, Robot, Side
+from jansen_env.robot import BEARINGS, BODIES_PER_LEG, JOINT_PAIRS, RIGID, Leg, Payload, Robot
 from jansen_env.robot.kinematics import check_closure, coordinates, joint_positions
 from jansen_env.robot.motor import IDEAL
 
 Array = NDArray[np.float64]
-Series = NDArray[np.complex128]  # one-sided Fourier coefficients, harmonics along the first axis
+Series = NDArray[np.complex128]  # one-sided Fourier coefficients (functions, HARMONICS)
 
-SAMPLES = 512  # crank angles at which the dense projection is run
-HARMONICS = 128  # kept; the paper's linkage needs about 40 for 1e-14
+SAMPLES = 256  # crank angles at which the linkage is closed
+HARMONICS = SAMPLES // 2  # the paper's linkage needs about 40 for 1e-14
 TAIL_TOLERANCE = 1e-10  # largest coefficient allowed in the last eighth, relative to the largest
-INTERVALS = 512  # Taylor polynomials a turn
+INTERVALS = 256  # polynomials a turn: as few as keep the built-in robots' slopes to 1e-10
 ORDER = 8  # coefficients of each (the engine's polynomials are written out for eight)
+BEARING_SAMPLES = 512  # of the bearings' friction, which has kinks
 
-BODY_FUNCTIONS = ("c_x", "c_y", "I", "b", "k", "f")
+# The last two are what the links' own inertias J are of b and k; of I that is constant.
+BODY_FUNCTIONS = ("c_x", "c_y", "I", "b", "k", "f", "own_b", "own_k")
 PAD_FUNCTIONS = ("p_x", "p_y", "a")
 
 
@@ -51,18 +55,18 @@ class Tables:
     """A compiled robot."""
 
     robot: Robot
-    #: (INTERVALS, 6, ORDER) Taylor coefficients of :data:`BODY_FUNCTIONS` about the middle of each
-    #: interval, without the payload; and what of it is by the links' own inertias: the terms in J.
+    #: (INTERVALS, ORDER, 8) coefficients of :data:`BODY_FUNCTIONS` as polynomials in the distance
+    #: from the middle of each interval, rad; without the payload.
     body: Array
-    own: Array
-    #: (12, INTERVALS, 3, ORDER) those of :data:`PAD_FUNCTIONS`; row ``side * 6 + joint`` with side
-    #: 0 fore, 1 back, for a leg of phase 0.
+    own_inertia: float  #: kg m^2, what the links' own inertias J are of I
+    #: (6, INTERVALS, ORDER, 3) those of :data:`PAD_FUNCTIONS` of a fore leg of phase 0; of a back
+    #: leg x and a are mirrored, at pi - psi. The angle a is known up to a constant.
     pads: Array
     layout: Pads
-    #: (SAMPLES,) Coulomb friction torque of all bearings on the crank, N m, at crank angles evenly
-    #: over a turn: sum of tau_i |a_j' - a_i'|.
+    #: (BEARING_SAMPLES,) Coulomb friction torque of all bearings on the crank, N m, at crank angles
+    #: evenly over a turn: sum of tau_i |a_j' - a_i'|.
     bearings: Array
-    tail: float  #: largest Fourier coefficient cut off, relative to the largest kept
+    tail: float  #: largest Fourier coefficient of the last eighth, relative to the largest
 
 
 def compile_robot(robot: Robot) -> Tables:
@@ -81,124 +85,123 @@ def compile_robot(robot: Robot) -> Tables:
 
 @functools.lru_cache(maxsize=32)
 def _compile(robot: Robot) -> Tables:
-    check_closure(robot)
-    linkage = replace(robot, legs=(Leg("fore"),))  # the legs do not change what one of them does
-    sides: tuple[Side, Side] = ("fore", "back")
-    series = {side: _series(linkage, side) for side in sides}
-    tail = max(_tail(part) for body, _, pads in series.values() for part in (body, pads))
+    psi = 2.0 * math.pi / SAMPLES * np.arange(SAMPLES)
+    joints = joint_positions(robot, "fore", psi)
+    x = coordinates(robot, "fore", psi, joints).reshape(SAMPLES, BODIES_PER_LEG, 3)
+    angles = np.unwrap(x[..., 0], axis=0)
+    turns = np.round((angles[-1] - angles[0]) / (2.0 * math.pi))  # of each body, in one of psi
+    motion = np.column_stack([angles - np.outer(psi, turns), x[..., 1], x[..., 2]])
+    series = _series(motion)
+    slope = _sampled(1j * np.arange(HARMONICS) * series, SAMPLES)
+    slope[:, :BODIES_PER_LEG] += turns
+    sums = _series(_leg_sums(robot, x[..., 1:], slope))
+    pads = _series(_pad_motion(joints, angles))
+    tail = max(map(_tail, (series, sums, pads)))
     if tail > TAIL_TOLERANCE:
+        check_closure(robot)
         raise ValueError(
             f"robot's tables have not converged: harmonics beyond {HARMONICS * 7 // 8} still reach "
             f"{tail:.1e} of the largest, allowed is {TAIL_TOLERANCE:.0e}; its linkage passes too "
             "near a singular position"
         )
-    body, own = (
-        _taylor(np.sum([_advance(series[leg.side][k], leg.phase) for leg in robot.legs], axis=0))
-        for k in range(2)
-    )
-    pads = np.stack(
-        [_taylor(series[side][2][:, joint]) for side in sides for joint in range(len(PAD_JOINTS))]
-    )
-    bearings = _bearing_friction(robot)
-    for table in (body, own, pads, bearings):
+    body = _polynomials(np.sum([_of_leg(sums, leg, mirrored=1) for leg in robot.legs], axis=0))
+    shape = INTERVALS, ORDER, len(PAD_JOINTS), len(PAD_FUNCTIONS)
+    joints = _polynomials(pads).reshape(shape).transpose(2, 0, 1, 3)
+    tables = body, np.ascontiguousarray(joints), _bearing_friction(robot, slope)
+    for table in tables:
         table.setflags(write=False)
-    return Tables(robot, body, own, pads, pad_layout(robot), bearings, tail)
+    own_inertia = len(robot.legs) * sum(one.inertia for one in robot.bodies)
+    return Tables(robot, body, own_inertia, tables[1], pad_layout(robot), tables[2], tail)
 
 
-@functools.lru_cache(maxsize=32)
-def _series(robot: Robot, side: Side) -> tuple[Series, ...]:
-    """Fourier series of a leg's share of the body sums, their part in J, and its pads' motion."""
-    psi = 2.0 * math.pi * np.arange(SAMPLES) / SAMPLES
-    sampled = *_leg_sums(robot, side, psi), _pad_motion(robot, side, psi)
-    return tuple(np.fft.rfft(values, axis=0) / SAMPLES for values in sampled)
+def _series(values: Array) -> Series:
+    """Series of functions at :data:`SAMPLES` angles (SAMPLES, functions)."""
+    return np.fft.rfft(values.T)[:, :HARMONICS] / SAMPLES
 
 
-def _bearing_friction(robot: Robot) -> Array:
-    """(SAMPLES,) see :class:`Tables`."""
-    total = np.zeros(SAMPLES)
-    if not any(robot.bearing_friction):
-        return total
-    psi = 2.0 * math.pi * np.arange(SAMPLES) / SAMPLES
-    first, second = np.array(BEARINGS).T - 1
-    for leg in robot.legs:
-        rates = _slope(robot, leg.side, psi + leg.phase)[1][:, 0::3]
-        total += np.abs(rates[:, second] - rates[:, first]) @ np.array(robot.bearing_friction)
-    return total
-
-
-def _slope(robot: Robot, side: Side, psi: Array) -> tuple[Array, Array]:
-    """(n, 24) coordinates of a leg, and their change per crank angle with the frame at rest."""
-    x = coordinates(robot, side, psi)
-    return x, orthogonal_complement(constraint_matrix(robot, side, x), DOF)[..., 3]
-
-
-def _leg_sums(robot: Robot, side: Side, psi: Array) -> tuple[Array, Array]:
-    """(n, 6) the leg's share of :data:`BODY_FUNCTIONS`, and of their part in J."""
-    mass = np.array([body.mass for body in robot.bodies])
-    inertia = np.array([body.inertia for body in robot.bodies])
-    first, second = np.array(JOINT_PAIRS).T - 1
-    x, slope = _slope(robot, side, psi)
-    r, dr = (v.reshape(-1, BODIES_PER_LEG, 3)[..., 1:] for v in (x, slope))
-    da = slope[:, 0::3]
-    joint_rate = np.take(da, second, axis=1) - np.take(da, first, axis=1)
-
-    def total(weight: ArrayLike, value: Array) -> Array:  # over bodies or joints: (n, m) to (n,)
-        return (np.asarray(weight) @ value[..., None])[..., 0]
-
-    c = mass @ r
-    own = np.zeros((len(psi), len(BODY_FUNCTIONS)))
-    own[:, 2], own[:, 3], own[:, 4] = inertia.sum(), total(inertia, da), total(inertia, da**2)
-    I = total(mass, (r**2).sum(axis=-1)) + own[:, 2]  # noqa: E741 - the sum's symbol
-    b = total(mass, r[..., 0] * dr[..., 1] - r[..., 1] * dr[..., 0]) + own[:, 3]
-    k = total(mass, (dr**2).sum(axis=-1)) + own[:, 4]
-    f = total(robot.damping, joint_rate**2)
-    return np.column_stack([c, I, b, k, f]), own
-
-
-def _pad_motion(robot: Robot, side: Side, psi: Array) -> Array:
-    """(n, 6, 3) p_x, p_y of each pad joint and the (unwrapped) angle of the body it is on."""
-    joints = joint_positions(robot, side, psi)
-    angles = coordinates(robot, side, psi)[:, 0::3]
-    motion = np.empty((len(psi), len(PAD_JOINTS), len(PAD_FUNCTIONS)))
-    for k, (joint, body) in enumerate(zip(PAD_JOINTS, PAD_BODIES, strict=True)):
-        motion[:, k, :2] = joints[:, joint]
-        motion[:, k, 2] = np.unwrap(angles[:, body - 1])
-    return motion
+def _sampled(series: Series, count: int) -> Array:
+    """(count, functions) of series (functions, HARMONICS)."""
+    return np.fft.irfft(series * count, count).T
 
 
 def _tail(series: Series) -> float:
     """Largest coefficient among the last harmonics, relative to the largest of its function."""
-    size = np.abs(series).reshape(series.shape[0], -1)
-    last = size[HARMONICS * 7 // 8 :].max(axis=0)
-    return float((last / np.maximum(size.max(axis=0), 1e-12)).max())
+    size = np.abs(series)
+    last = size[:, HARMONICS * 7 // 8 :].max(axis=1)
+    return float((last / np.maximum(size.max(axis=1), 1e-12)).max())
 
 
-def _advance(series: Series, phase: float) -> Series:
-    """Series of g(psi + phase) from that of g(psi)."""
-    turn = np.exp(1j * np.arange(series.shape[0]) * phase)
-    return series * turn.reshape((-1,) + (1,) * (series.ndim - 1))
+def _leg_sums(robot: Robot, r: Array, slope: Array) -> Array:
+    """(n, 8) a fore leg's share of :data:`BODY_FUNCTIONS`.
+
+    ``r``: (n, bodies, 2) centres of mass. ``slope``: (n, 3 bodies) of angles, x and y.
+    """
+    mass = np.array([body.mass for body in robot.bodies])
+    inertia = np.array([body.inertia for body in robot.bodies])
+    x, y = r[..., 0], r[..., 1]
+    da, dx, dy = np.split(slope, 3, axis=1)
+    own_b, own_k = da @ inertia, da**2 @ inertia
+    return np.column_stack([
+        x @ mass, y @ mass, (x**2 + y**2) @ mass + inertia.sum(), (x * dy - y * dx) @ mass + own_b,
+        (dx**2 + dy**2) @ mass + own_k, _relative(da, JOINT_PAIRS) ** 2 @ np.array(robot.damping),
+        own_b, own_k,
+    ])  # fmt: skip
 
 
-def _taylor(series: Series) -> Array:
-    """(INTERVALS, functions, ORDER) Taylor coefficients about the middle of every interval."""
+def _relative(rates: Array, pairs: tuple[tuple[int, int], ...]) -> Array:
+    """(n, pairs) a_j' - a_i' of pairs of bodies from a' (n, bodies)."""
+    first, second = np.array(pairs).T - 1
+    return rates[:, second] - rates[:, first]
+
+
+def _pad_motion(joints: Array, angles: NDArray[Any]) -> Array:
+    """(n, 6 * 3) :data:`PAD_FUNCTIONS` of each pad joint of a fore leg."""
+    parts = [
+        np.column_stack([joints[:, joint], angles[:, body - 1]])
+        for joint, body in zip(PAD_JOINTS, PAD_BODIES, strict=True)
+    ]
+    return np.concatenate(parts, axis=1)
+
+
+def _of_leg(series: Series, leg: Leg, mirrored: int = 0) -> Series:
+    """Series of a leg, from those of a fore leg of phase 0: g(psi + phase), or g(pi - psi - phase).
+
+    The first ``mirrored`` functions of a back leg change their sign.
+    """
     n = np.arange(HARMONICS)
-    series = series[:HARMONICS].copy()
-    series[1:] *= 2.0  # one-sided series of a real function
-    table = np.empty((INTERVALS, series.shape[1], ORDER))
-    for order in range(ORDER):
-        derivative = _waves() @ (series * ((1j * n) ** order)[:, None])
-        table[:, :, order] = derivative.real.reshape(INTERVALS, -1) / math.factorial(order)
-    return table
+    if leg.side == "back":
+        series = np.conj(series) * np.where(n % 2, -1.0, 1.0)
+        series[:mirrored] *= -1.0
+    return series * np.exp(1j * n * leg.phase)
+
+
+def _bearing_friction(robot: Robot, slope: Array) -> Array:
+    """(BEARING_SAMPLES,) see :class:`Tables`; ``slope``: as of :func:`_leg_sums`."""
+    total = np.zeros(BEARING_SAMPLES)
+    if any(robot.bearing_friction):
+        rates = _series(_relative(slope, BEARINGS))
+        for leg in robot.legs:
+            turning = np.abs(_sampled(_of_leg(rates, leg), BEARING_SAMPLES))
+            total += turning @ np.array(robot.bearing_friction)
+    return total
+
+
+def _polynomials(series: Series) -> Array:
+    """(INTERVALS, ORDER, functions) of a series: through its values at Chebyshev's nodes."""
+    turn, coefficients = _nodes()
+    values = np.fft.irfft(series[:, None] * turn * INTERVALS, INTERVALS)
+    # One small product a function: BLAS would share a large one out to threads, which is slower.
+    return np.ascontiguousarray((coefficients @ values).transpose(2, 1, 0))
 
 
 @functools.cache
-def _waves() -> Series:
-    """exp(i n psi) of all harmonics in the middle of every interval (8, INTERVALS / 8, HARMONICS).
-
-    So small that BLAS does not share products out to threads, which is slower.
-    """
-    middle = 2.0 * math.pi * (np.arange(INTERVALS) + 0.5) / INTERVALS
-    return np.exp(1j * np.outer(middle, np.arange(HARMONICS))).reshape(8, -1, HARMONICS)
+def _nodes() -> tuple[Series, Array]:
+    """exp(i n psi) of the first interval's nodes (ORDER, HARMONICS), and values to coefficients."""
+    half = math.pi / INTERVALS
+    node = np.cos(math.pi * (np.arange(ORDER) + 0.5) / ORDER)  # -1 to 1
+    turn = np.exp(1j * np.outer(half * (1.0 + node), np.arange(HARMONICS)))
+    power = np.arange(ORDER)
+    return turn, np.linalg.inv(node[:, None] ** power) / half ** power[:, None]
 
 
 @dataclass(frozen=True)
@@ -245,9 +248,9 @@ def _evaluate(table: Array, psi: Array) -> tuple[Array, Array, Array]:
     second = n[2:] * n[1:-1] * power[..., :-2]
     rows = table[row]
     return (
-        (rows @ power[..., None])[..., 0],
-        (rows[..., 1:] @ first[..., None])[..., 0],
-        (rows[..., 2:] @ second[..., None])[..., 0],
+        (power[..., None, :] @ rows)[..., 0, :],
+        (first[..., None, :] @ rows[..., 1:, :])[..., 0, :],
+        (second[..., None, :] @ rows[..., 2:, :])[..., 0, :],
     )
 
 

@@ -37,8 +37,7 @@ def detect(state, robot, model, ground, world, planes):
     begin_planes(status)
     cos, sin = np.cos(state[2]), np.sin(state[2])
     for j in range(near):
-        pad = model.layout[j]
-        px, py = pad_place(model.pads, pad.table, state[3] + pad.phase)
+        px, py = pad_place(model.pads, model.layout[j], state[3])
         x, y = state[0] + cos * px - sin * py, state[1] + sin * px + cos * py
         list_planes(x, y, j, status, ground.surface, world, planes)
     sort_planes(status.first_plane, status.end_plane, planes)
@@ -127,7 +126,7 @@ def move_robots(rows, states, robots, placed):
 
 
 @compiled
-def keep_candidates(rows, ids, points, known_ids, row_of, robots, surface, reach):
+def keep_candidates(rows, ids, points, known_ids, row_of, robots, surface, circles):
     """Keep the candidates of some robots, from what pymunk's circles touch.
 
     pymunk leaves out segments that only their ends bring near, and has nothing beyond the ends of
@@ -136,7 +135,7 @@ def keep_candidates(rows, ids, points, known_ids, row_of, robots, surface, reach
     Args:
         rows: (k,) of the robots. ids: (n,) pymunk's bodies. points: (2 n,) m, where each touches.
         known_ids: (robots,) bodies, sorted. row_of: (robots,) the robot of each.
-        robots: (robots,) ROBOT. surface: (vertices, 2) m. reach: radius of the circles, m.
+        robots: (robots,) ROBOT. surface: (vertices, 2) m. circles: (robots,) radii, m.
     """
     for r in rows:
         status = robots[r].status
@@ -153,7 +152,7 @@ def keep_candidates(rows, ids, points, known_ids, row_of, robots, surface, reach
         status = robots[r].status
         status.renewed = False
         start, end = status.first_vertex, status.end_vertex
-        left, right = status.known_x - reach, status.known_x + reach
+        left, right = status.known_x - circles[r], status.known_x + circles[r]
         if left < surface[start, 0]:
             status.first_segment, status.last_segment = start, max(start, status.last_segment)
         elif right > surface[end - 1, 0]:
@@ -199,7 +198,7 @@ def pad_centres(state, pads, layout, out):
     """Centres (pads, 2) of a robot's pads, m, into ``out``; arguments: as of a Model."""
     cos, sin = np.cos(state[2]), np.sin(state[2])
     for j in range(len(layout)):
-        px, py = pad_place(pads, layout[j].table, state[3] + layout[j].phase)
+        px, py = pad_place(pads, layout[j], state[3])
         out[j, 0] = state[0] + cos * px - sin * py
         out[j, 1] = state[1] + sin * px + cos * py
 
@@ -225,7 +224,7 @@ def begin_planes(status):
 def list_planes(x, y, pad, status, surface, world, planes):
     """List the planes of a pad at (x, y)."""
     start, end = status.first_vertex, status.end_vertex
-    near = world.pad_radius + status.margin
+    near = status.pad_radius + status.margin
     no_plane = True
     if status.last_segment >= status.first_segment:
         low, high = status.first_segment, status.last_segment + 2
@@ -245,7 +244,7 @@ def list_planes(x, y, pad, status, surface, world, planes):
             _list_near_side(x, y, pad, first, last, nearest, near, status, surface, world, planes)
     if not (no_plane and y < height_at(surface, start, end, x)):
         return
-    found, nx, ny, offset = _way_out(surface, start, end, x, y, world.reach)
+    found, nx, ny, offset = _way_out(surface, start, end, x, y, status.pad_radius + WAY_OUT)
     if found:
         _list(pad, status, nx, ny, offset, nx * x + ny * y - offset, world.capacity, planes)
     else:

@@ -50,7 +50,7 @@ def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
             continue
         plane = planes[k]
         pad = model.layout[plane.pad]
-        row, t = read_pad(model.pads, pad.table, psi + pad.phase, place)
+        row, t = read_pad(model.pads, pad, psi, place)
         ox, oy = _turned(
             turn, place[VALUE, PAD_X] - inertia.s[0], place[VALUE, PAD_Y] - inertia.s[1]
         )
@@ -60,7 +60,7 @@ def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
         mode, plane.mode = plane.mode, STICK  # the guess for a contact that closes
         if distance > reach:
             continue
-        read_pad_motion(model.pads, pad.table, row, t, place)
+        read_pad_motion(model.pads, pad, row, t, place)
         _fill_rows(h, count, plane, turn, (ox, oy), velocity, inertia, params.pad_radius, work)
         half = 0.5 * h * rate(contacts.J, 2 * count, velocity)
         if params.compliant and distance - half > 0.0 and distance + 2.0 * half > 0.0:
@@ -156,9 +156,8 @@ def outruns(margin, h, state, params, model, work):
     sx, sy = centre_of_mass(model.body, params, psi)
     old_sx, old_sy = centre_of_mass(model.body, params, found[3])
     for j in range(len(layout)):
-        table, phase = layout[j].table, layout[j].phase
-        px, py = pad_place(model.pads, table, psi + phase)
-        old_px, old_py = pad_place(model.pads, table, found[3] + phase)
+        px, py = pad_place(model.pads, layout[j], psi)
+        old_px, old_py = pad_place(model.pads, layout[j], found[3])
         px, py, old_px, old_py = px - sx, py - sy, old_px - old_sx, old_py - old_sy
         far_x = x + cos * px - sin * py - found[0] - old_cos * old_px + old_sin * old_py
         far_y = y + sin * px + cos * py - found[1] - old_sin * old_px - old_cos * old_py

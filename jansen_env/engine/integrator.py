@@ -121,9 +121,10 @@ def advance(
         trace: (steps, numbers) :func:`trace_dtype` of the first robot; without rows for none.
         jacobians ... ints: memory of :func:`work_space`.
         states: (robots, 8) crank-axis states, changed in place.
-        body, pads, bearings: of a :class:`jansen_env.engine.records.Model`. surface, depths: of a
-            :class:`jansen_env.engine.records.Ground`. Rows, as their bytes: layout: (pads,) PAD;
-            world: (1,) WORLD; robots: (robots,) ROBOT; planes: (planes,) PLANE, of all robots;
+        body, pads, bearings: (designs, ...) of a :class:`jansen_env.engine.records.Model`.
+        surface, depths: of a :class:`jansen_env.engine.records.Ground`, depths (designs, ...).
+        Rows, as their bytes: layout: (designs, pads) PAD; world: (1,) WORLD; robots: (robots,)
+            ROBOT; planes: (planes,) PLANE, of all robots;
             statistics: (robots, pads) CONTACT_STATISTICS. ``steps_left`` is counted down. A robot
             unknown to the broad phase where it is stops there; one faster than :data:`DIVERGED`,
             not finite or too deep in the ground stops for good, with -1.
@@ -133,15 +134,17 @@ def advance(
     """
     robots, planes = robots.view(ROBOT), planes.view(PLANE)
     statistics, world_row = statistics.view(CONTACT_STATISTICS), world.view(WORLD)[0]
-    model = Model(body, pads, layout.view(PAD), bearings)
-    ground = Ground(surface, depths)
+    layouts = layout.view(PAD)
     work = _work(jacobians, matrices, vectors, readings, spare, ints)
     unknown = diverged = False
     for k in range(first, last):
         r = rows[k]
         robot, state = robots[r], states[r]
+        design = robot.params.design
+        model = Model(body[design], pads[design], layouts[design], bearings[design])
+        ground = Ground(surface, depths[design])
         if fresh:
-            begin(robot, state, statistics[r], body, work.sums)
+            begin(robot, state, statistics[r], model.body, work.sums)
             robot.status.steps_left = steps
         if robot.status.steps_left <= 0:
             continue
@@ -154,16 +157,16 @@ def advance(
             if robot.status.too_deep:
                 robot.status.steps_left = -1
                 break
-            to_centroid(body, robot.params, state, 1.0, work.sums)
+            to_centroid(model.body, robot.params, state, 1.0, work.sums)
             _advance_robot(
                 world_row, asked, state, robot, model, planes, statistics[r], work, traced
             )
-            to_centroid(body, robot.params, state, -1.0, work.sums)
+            to_centroid(model.body, robot.params, state, -1.0, work.sums)
         if robot.status.steps_left < 0:
             diverged = True
         elif robot.status.steps_left == 0:
             elapsed = steps * world_row.time_step
-            end(robot, state, statistics[r], elapsed, slip[r], force[r], body, work.sums)
+            end(robot, state, statistics[r], elapsed, slip[r], force[r], model.body, work.sums)
     return unknown, diverged
 
 

@@ -30,10 +30,10 @@ def lower(rows, x, angles, pitches, states, body, pads, layout, robots, surface,
     count = world.view(WORLD)[0].toes
     for k in range(len(rows)):
         state, params, status = states[rows[k]], robots[rows[k]].params, robots[rows[k]].status
+        design = params.design
         for j in range(count):
-            pad = layout[j]
-            toes[j, 0], toes[j, 1] = pad_place(pads, pad.table, angles[k] + pad.phase)
-        toes[count, 0], toes[count, 1] = centre_of_mass(body, params, angles[k])
+            toes[j, 0], toes[j, 1] = pad_place(pads[design], layout[design, j], angles[k])
+        toes[count, 0], toes[count, 1] = centre_of_mass(body[design], params, angles[k])
         common = (
             toes[:count], toes[count], surface, status.first_vertex, status.end_vertex, x[k],
             params.pad_radius,
@@ -52,9 +52,9 @@ def settle(rows, sags, states, pads, layout, robots, surface, world, centres, pl
     """
     for k in range(len(rows)):
         r = rows[k]
-        state, status = states[r], robots[r].status
+        state, status, design = states[r], robots[r].status, robots[r].params.design
         for _ in range(ROUNDS):
-            pad_centres(state, pads, layout, centres)
+            pad_centres(state, pads[design], layout[design], centres)
             planes_near(r, centres, robots, surface, world, planes)
             least = math.inf
             for i in range(status.first_plane, status.end_plane):

@@ -32,7 +32,9 @@ def floats(*names: str) -> list[tuple[str, type]]:
 
 PARAMS = row_dtype(
     [
+        ("design", "i8"),  # row of the designs' tables
         ("mass", "f8"),  # kg, load included
+        ("own_inertia", "f8"),  # kg m^2, of the links about their centres, in the pitch's
         # Factors of the links' masses and inertias, of their inertias on top, and of the joints'
         # viscous friction.
         ("mass_scale", "f8"),
@@ -71,13 +73,14 @@ PARAMS = row_dtype(
         ("pad_damping", "f8", 2),  # N s/m
     ]
 )
-"""Numbers that may differ between robots of one design."""
+"""Numbers that may differ between the robots of a batch."""
 
 STATUS = row_dtype(
     [
         ("steps_left", "i8"),  # time steps of this control step to come; -1: it has diverged
         ("step", "i8"),  # time steps taken of it
         ("margin", "f8"),  # m from its pads within which planes are listed, the speculative margin
+        ("pad_radius", "f8"),  # m
         ("first_plane", "i8"),
         ("end_plane", "i8"),  # ordered by pad, then nearest first
         ("first_vertex", "i8"),  # of its terrain
@@ -130,16 +133,17 @@ the sum of squares; inf where unknown), and bend of its bristle.
 UNKNOWN_DEFLECTION = np.inf, 0.0
 """Deflection of a pad whose past is unknown: compressed as the ground presses it, and not bent."""
 
-PAD = row_dtype([("table", "i8"), ("phase", "f8")])
-"""A pad of the design: row of the pads' tables, and crank phase, rad."""
+PAD = row_dtype([("table", "i8"), ("phase", "f8"), ("mirror", "f8")])
+"""A pad of a design: row of the pads' tables, read at mirror psi + phase (rad), x times mirror.
+
+``mirror`` is 1 on fore legs and -1 on back legs.
+"""
 
 WORLD = row_dtype(
     [
         ("time_step", "f8"),  # s
         ("stride", "i8"),  # time steps between two looks for the ground
         ("toes", "i8"),  # the first so many pads are toes
-        ("pad_radius", "f8"),  # m
-        ("reach", "f8"),  # m, from which the deepest pad comes out of the ground
         ("capacity", "i8"),  # planes kept of a robot
     ]
 )
@@ -166,9 +170,12 @@ def as_bytes(rows: NDArray[np.void]) -> NDArray[np.uint8]:
 
 
 class Model(NamedTuple):
-    """The kernels' view of a compiled robot: see :class:`jansen_env.dynamics.reduced.Tables`."""
+    """The kernels' view of a compiled robot: see :class:`jansen_env.dynamics.reduced.Tables`.
 
-    body: Array  # (2, intervals, order, 6) c_x, c_y, I, b, k, f, and what the links' J make of it
+    That of several designs has them along a first axis more.
+    """
+
+    body: Array  # (intervals, order, 8) c_x, c_y, I, b, k, f, and what the links' J are of b and k
     pads: Array  # (tables, intervals, order, 3) p_x, p_y, a
     layout: NDArray[np.void]  # (pads,) PAD
     bearings: Array  # (samples,) Coulomb friction of all bearings on the crank, N m, over a turn

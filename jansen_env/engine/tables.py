@@ -1,11 +1,12 @@
 """A compiled robot as the kernels see it: its tables, how they are read, and what a state means.
 
-The tables are those of :class:`jansen_env.dynamics.reduced.Tables`, the functions innermost, as
-a kernel reads all of them at one angle. Numbers that may differ between robots of one
-design are its :data:`jansen_env.engine.records.PARAMS`.
+The tables are those of :class:`jansen_env.dynamics.reduced.Tables`. All other numbers of a robot
+are its :data:`jansen_env.engine.records.PARAMS`.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,33 +19,35 @@ from jansen_env.robot import Compliance, Robot
 # Rows of what :func:`read_body` and :func:`read_pad` fill: value, first and second derivative.
 VALUE, FIRST, SECOND = range(3)
 # Columns of the same: functions of the body's sums, and of a pad.
-C_X, C_Y, INERTIA, COUPLING, CRANK, DAMPING = range(6)
+C_X, C_Y, INERTIA, COUPLING, CRANK, DAMPING, OWN_COUPLING, OWN_CRANK = range(8)
 PAD_X, PAD_Y, PAD_ANGLE = range(3)
 BOUND = 1.1  # what lies between the angles of the tables is less than so much larger
 
 
 def kernel_model(tables: Tables) -> Model:
-    """The kernels' view of a compiled robot."""
-    layout = np.zeros(len(tables.layout.table), PAD)
-    layout["table"], layout["phase"] = tables.layout.table, tables.layout.phase
-    return Model(
-        np.stack([table.swapaxes(-1, -2) for table in (tables.body, tables.own)]),
-        np.ascontiguousarray(tables.pads.swapaxes(-1, -2)),
-        layout,
-        tables.bearings,
-    )
+    """The kernels' view of one design, along a first axis of length 1."""
+    layout = np.zeros(len(tables.layout.joint), PAD)
+    legs = [tables.robot.legs[i] for i in tables.layout.leg]
+    layout["table"] = tables.layout.joint
+    layout["phase"] = [one.phase if one.side == "fore" else math.pi - one.phase for one in legs]
+    layout["mirror"] = [1.0 if one.side == "fore" else -1.0 for one in legs]
+    views = tables.body, tables.pads, layout, tables.bearings
+    return Model(*(np.array([table]) for table in views))
 
 
 def parameters(tables: Tables, gravity: tuple[float, float]) -> NDArray[np.void]:
-    """(1,) PARAMS of a robot with these tables, its crank free, on level slippery ground."""
+    """(1,) PARAMS of a robot with these tables, its crank free, on level slippery ground.
+
+    How far its pads get is not known yet, see :func:`set_arms`.
+    """
     robot, load = tables.robot, tables.robot.payload
     row = np.zeros(1, PARAMS)
     row["mass"], row["load_mass"], row["load_inertia"] = robot.mass, load.mass, load.inertia
+    row["own_inertia"] = tables.own_inertia
     row["mass_scale"] = row["inertia_scale"] = row["damping_scale"] = 1.0
     row["load_x"], row["load_y"] = load.position
     row["gravity_x"], row["gravity_y"] = gravity
     row["pad_radius"] = robot.pad_radius
-    set_arms(row, *farthest(tables))
     set_motor(row, robot)
     set_compliance(row, robot.pad_compliance)
     return row
@@ -52,17 +55,18 @@ def parameters(tables: Tables, gravity: tuple[float, float]) -> NDArray[np.void]
 
 def farthest(tables: Tables) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(2,) largest |c| and |c'|, kg m, of a robot without its load; (2,) of its pads' p, m."""
-    used = np.unique(tables.layout.table)
-    centre = np.hypot(*tables.body[:, :2, :2].swapaxes(0, 1)).max(axis=0)
-    pad = np.hypot(*tables.pads[used][:, :, :2, :2].transpose(2, 0, 1, 3)).max(axis=(0, 1))
-    return centre, pad
+    centre, pads = tables.body[:, :2], tables.pads[:, :, :2]
+    return (
+        np.hypot(centre[..., 0], centre[..., 1]).max(axis=0),
+        np.hypot(pads[..., 0], pads[..., 1]).max(axis=(0, 1)),
+    )
 
 
 def set_arms(rows: NDArray[np.void], centre: NDArray[np.float64], pad: NDArray[np.float64]) -> None:
-    """Put how far pads get into PARAMS (k,) whose masses are known; of :func:`farthest`."""
+    """Put how far pads get into PARAMS (k,) whose masses are known; (..., 2) :func:`farthest`."""
     scale, mass = rows["mass_scale"], rows["mass"]
     for k, name in enumerate(("pitch_arm", "crank_arm")):
-        rows[name] = BOUND * (scale * centre[k] / mass + pad[k])
+        rows[name] = BOUND * (scale * centre[..., k] / mass + pad[..., k])
     rows["pitch_arm"] += rows["load_mass"] * np.hypot(rows["load_x"], rows["load_y"]) / mass
 
 
@@ -134,7 +138,7 @@ def _second(table, row, f, t):
 
 @stage(inline=False)
 def read_body(body, psi, out):
-    """Values, first and (of c alone) second derivatives of a table at an angle, into (3, 6)."""
+    """Values, first and (of c alone) second derivatives of the sums at an angle, into (3, 6)."""
     row, t = locate(body.shape[0], psi)
     for f in range(6):
         out[VALUE, f] = _value(body, row, f, t)
@@ -146,13 +150,15 @@ def read_body(body, psi, out):
 @stage
 def read_sums(body, params, psi, out):
     """The body's sums at a crank angle, into (3, 6), as a robot's scales have them."""
-    read_body(body[0], psi, out)
+    read_body(body, psi, out)
     if params.inertia_scale != 1.0:
-        row, t = locate(body.shape[1], psi)
+        row, t = locate(body.shape[0], psi)
         more = params.inertia_scale - 1.0
-        for f in (INERTIA, COUPLING, CRANK):
-            out[VALUE, f] += more * _value(body[1], row, f, t)
-            out[FIRST, f] += more * _first(body[1], row, f, t)
+        out[VALUE, INERTIA] += more * params.own_inertia
+        for f in (COUPLING, CRANK):
+            own = f + OWN_COUPLING - COUPLING
+            out[VALUE, f] += more * _value(body, row, own, t)
+            out[FIRST, f] += more * _first(body, row, own, t)
     if params.mass_scale != 1.0:
         for f in (C_X, C_Y, INERTIA, COUPLING, CRANK):
             out[VALUE, f] *= params.mass_scale
@@ -164,27 +170,32 @@ def read_sums(body, params, psi, out):
 
 
 @stage
-def read_pad(pads, table, psi, out):
-    """Place (chassis frame, m) and angle of a pad into out[VALUE]; (row, t) for the motion."""
-    row, t = locate(pads.shape[1], psi)
-    for f in range(3):
-        out[VALUE, f] = _value(pads[table], row, f, t)
+def read_pad(pads, pad, psi, out):
+    """Place of a pad (chassis frame, m) into out[VALUE]; returns (row, t) for its motion."""
+    row, t = locate(pads.shape[1], pad.mirror * psi + pad.phase)
+    for f in (PAD_X, PAD_Y):
+        out[VALUE, f] = _value(pads[pad.table], row, f, t)
+    out[VALUE, PAD_X] *= pad.mirror
     return row, t
 
 
 @stage
-def read_pad_motion(pads, table, row, t, out):
-    """First and second derivatives of what :func:`read_pad` read, into out[FIRST], out[SECOND]."""
+def read_pad_motion(pads, pad, row, t, out):
+    """Derivatives of a pad's place and angle where it was read, into out[FIRST], out[SECOND]."""
     for f in range(3):
-        out[FIRST, f] = _first(pads[table], row, f, t)
-        out[SECOND, f] = _second(pads[table], row, f, t)
+        out[FIRST, f] = _first(pads[pad.table], row, f, t)
+        out[SECOND, f] = _second(pads[pad.table], row, f, t)
+    out[FIRST, PAD_Y] *= pad.mirror
+    out[SECOND, PAD_X] *= pad.mirror
+    out[SECOND, PAD_ANGLE] *= pad.mirror
 
 
 @stage(inline=False)
-def pad_place(pads, table, angle):
+def pad_place(pads, pad, psi):
     """(x, y) of a pad in the chassis frame at a crank angle, m."""
-    row, t = locate(pads.shape[1], angle)
-    return _first_two(pads[table], row, t)
+    row, t = locate(pads.shape[1], pad.mirror * psi + pad.phase)
+    x, y = _first_two(pads[pad.table], row, t)
+    return pad.mirror * x, y
 
 
 @stage
@@ -201,9 +212,9 @@ def bearing_friction(bearings, psi):
 @stage
 def centre_of_mass(body, params, psi):
     """(x, y) of the centre of mass in the chassis frame at a crank angle, m, load included."""
-    row, t = locate(body.shape[1], psi)
+    row, t = locate(body.shape[0], psi)
     load, m = params.load_mass, params.mass
-    x, y = _first_two(body[0], row, t)
+    x, y = _first_two(body, row, t)
     x, y = params.mass_scale * x, params.mass_scale * y
     return (x + load * params.load_x) / m, (y + load * params.load_y) / m
 
@@ -250,4 +261,4 @@ def mechanical_energy(body, params, state, sums):
 @compiled
 def energy(r, states, robots, body, sums):
     """:func:`mechanical_energy` of robot ``r``; ``sums`` (3, 6) is work space."""
-    return mechanical_energy(body, robots[r].params, states[r], sums)
+    return mechanical_energy(body[robots[r].params.design], robots[r].params, states[r], sums)

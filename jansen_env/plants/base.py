@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -135,6 +135,15 @@ class BatchedPlant(Protocol):
         """
         ...
 
+    def set_robots(self, rows: NDArray[np.int64], robots: Sequence[Robot]) -> None:
+        """Exchange robots (k,), with their payloads; they must be placed again.
+
+        Raises:
+            ValueError: other legs, restitution with compliant pads, or pads too stiff for the time
+                step; LinkageError: a robot cannot turn its crank. Nothing has changed then.
+        """
+        ...
+
     def place(self, rows: NDArray[np.int64], crank_angles: Array) -> None:
         """Place robots (k,) at rest; slip, forces and sums are those of their next time step."""
         ...
@@ -187,6 +196,16 @@ class BatchedPlant(Protocol):
     def close(self) -> None:
         """Let go of threads."""
         ...
+
+
+def check_legs(robot: Robot, other: Robot) -> None:
+    """Raise ValueError unless a robot has as many legs on each side as another one."""
+    mine, others = ([leg.side for leg in one.legs] for one in (robot, other))
+    if mine != others:
+        raise ValueError(
+            f"robots have legs {mine} and {others}, must have the same: a batch has one number of "
+            "feet"
+        )
 
 
 def check_time_step(value: Any) -> float:

@@ -1,4 +1,4 @@
-"""Robots of one design that move at once: one search for contacts, then all their time steps."""
+"""Robots that move at once: one search for contacts, then all their time steps."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 from jansen_env.checks import positive
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import integrator
-from jansen_env.engine.collision import SPECULATIVE_MARGIN, WAY_OUT
 from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.engine.records import UNKNOWN_DEFLECTION, WORLD, as_bytes
 from jansen_env.engine.tables import energy
 from jansen_env.gravity import GRAVITY, Gravity
 from jansen_env.parameters import CHANGES
 from jansen_env.plants.base import check_pushes, check_time_step, divergence
+from jansen_env.plants.design_tables import farthest_pad
 from jansen_env.plants.detector import ContactDetector
-from jansen_env.plants.placing import PlacedRobots, farthest_pad, non_toe_depths
+from jansen_env.plants.placing import PlacedRobots
 from jansen_env.plants.threads import Threads
 from jansen_env.plants.trace import (
     PeakLoads,
@@ -49,15 +49,14 @@ class Batch(PlacedRobots):
     are those of :class:`jansen_env.plants.base.BatchedPlant`.
 
     Args:
-        robots: of one design; payloads, motors and the pads' compliance may differ. terrains: the
-            ground of each.
+        robots: with as many legs on each side; all else may differ. terrains: the ground of each.
         time_step: of the integration, s.
         gravity: m/s^2 downwards, or a vector (x, y).
         detection_interval: time between two looks for the ground, s.
         threads: see :class:`jansen_env.plants.threads.Threads`.
 
     Attributes:
-        tables: of each robot, payload included. model: of :mod:`jansen_env.engine.tables`.
+        tables: of each robot, payload included. designs: the kernels' arrays of them.
         params: (n,) PARAMS of :mod:`jansen_env.engine.records`, in force; nominal_params: (n,) the
             same without :meth:`set_parameters`. accumulators: (n,) ACCUMULATORS and
             contact_statistics: (n, pads) CONTACT_STATISTICS, sums over the last :meth:`step`.
@@ -67,7 +66,7 @@ class Batch(PlacedRobots):
             not known. It says what touches down next, and nothing else.
 
     Raises:
-        ValueError: an argument out of range, or robots of several designs; LinkageError: the robot
+        ValueError: an argument out of range, or robots with other legs; LinkageError: a robot
             cannot turn its crank.
     """
 
@@ -93,15 +92,15 @@ class Batch(PlacedRobots):
         self.deflection: Array = self.contact_statistics["deflection"]
         self.time_step = check_time_step(time_step)
         self.detection_interval = positive("detection_interval", detection_interval)
-        n, pads = len(self.robots), len(self.model.layout)
-        capacity, radius = PLANES_PER_PAD * pads, robots[0].pad_radius
+        n, pads = len(self.robots), self.pads
+        capacity = PLANES_PER_PAD * pads
         stride = max(1, round(detection_interval / time_step))
         world = np.zeros(1, WORLD)
-        world[0] = self.time_step, stride, self.toes, radius, radius + WAY_OUT, capacity
+        world[0] = self.time_step, stride, self.toes, capacity
         self._world = as_bytes(world)
-        tables = self.tables[0]
-        self._depths = non_toe_depths(tables, self.toes, radius + SPECULATIVE_MARGIN)
-        self.detector = ContactDetector(self.rows, terrains, world, farthest_pad(tables))
+        extents = {id(tables): farthest_pad(tables) for tables in self.tables}
+        extent = np.array([extents[id(tables)] for tables in self.tables])
+        self.detector = ContactDetector(self.rows, terrains, world, extent)
         self.states = np.zeros((n, 8))
         self._centres = np.zeros((max(pads, self.toes + 1), 2))
         self.slip, self.contact_force = np.zeros((n, self.toes)), np.zeros((n, self.toes, 2))
@@ -123,10 +122,10 @@ class Batch(PlacedRobots):
 
     def _arguments_of_all(self) -> tuple[Any, ...]:
         """Arguments that threads share in a step."""
-        model, detector = self.model, self.detector
+        model, detector = self.designs.model, self.detector
         return (
             self.states, model.body, model.pads, as_bytes(model.layout), model.bearings,
-            detector.surface, self._depths, self._world, as_bytes(self.rows),
+            detector.surface, self.designs.depths, self._world, as_bytes(self.rows),
             as_bytes(detector.planes), as_bytes(self.contact_statistics), self.slip,
             self.contact_force,
         )  # fmt: skip
@@ -154,6 +153,12 @@ class Batch(PlacedRobots):
         self.detector.set_terrain(row, terrain)
         if self.detector.surface is not surface:
             self._shared = self._arguments_of_all()
+
+    def set_robots(self, rows: Ints, robots: Sequence[Robot]) -> None:
+        super().set_robots(rows, robots)
+        for row in rows.tolist():
+            self.detector.set_extent(row, farthest_pad(self.tables[row]))
+        self._shared = self._arguments_of_all()
 
     def place(self, rows: Ints, crank_angles: Array) -> None:
         """Place robots (k,) at rest at x = 0, see :meth:`place_at`; then :meth:`lookahead`."""
@@ -204,7 +209,7 @@ class Batch(PlacedRobots):
 
     def energy(self, row: int) -> float:
         """Kinetic plus potential energy of a robot, J (potential 0 with its mass at y = 0)."""
-        arguments = row, self.states, self.rows, self.model.body, self._sums
+        arguments = row, self.states, self.rows, self.designs.model.body, self._sums
         if not getattr(energy, "overloads", True):  # compiled when it is first asked for
             prepare(Kernel("energy", energy, arguments))
         return float(energy(*arguments))

@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 
 from jansen_env.dynamics.reduced import Tables, compile_robot
 from jansen_env.engine.records import CONTACT_STATISTICS, ROBOT, UNKNOWN_DEFLECTION
-from jansen_env.engine.tables import farthest, kernel_model, parameters, set_compliance, set_motor
+from jansen_env.engine.tables import farthest, parameters, set_compliance, set_motor
 from jansen_env.gravity import Gravity, gravity_vector
-from jansen_env.parameters import ROBOT_PARAMETERS, nominal
+from jansen_env.parameters import ROBOT_PARAMETERS, nominal, take_load
+from jansen_env.plants.base import check_legs
+from jansen_env.plants.design_tables import DesignTables
 from jansen_env.plants.robot_parameters import (
     HONOURED_BY_KERNELS,
     apply_to_kernels,
     check_restitution,
     check_values,
-    tables_of,
+    machine_of,
 )
 from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.robot.motor import Motor
@@ -27,14 +29,12 @@ from jansen_env.terrain import Terrain
 
 Ints = NDArray[np.int64]
 
-NOT_THE_ROBOT = "gravity_x", "gravity_y", "steepest"
+NOT_THE_ROBOT = "gravity_x", "gravity_y", "steepest", "design"
 """Numbers of a row that are not the robot's own."""
-OF_A_DESIGN = ("payload", "motor", "pad_compliance")
-"""Fields in which robots of a batch may differ."""
 
 
 class BatchRobots:
-    """Robots of one design, their parameters and those of their terrains.
+    """Robots, their parameters and those of their terrains.
 
     Args, attributes, errors: see :class:`jansen_env.plants.batch.Batch`.
     """
@@ -52,28 +52,27 @@ class BatchRobots:
             )
         different = {id(robot): robot for robot in robots}.values()
         for robot in different:
-            own = {name: getattr(robots[0], name) for name in OF_A_DESIGN}
-            if replace(robot, **own) != robots[0]:
-                raise ValueError(
-                    f"robots are of several designs, must differ in {', '.join(OF_A_DESIGN)} only"
-                )
+            check_legs(robot, robots[0])
         compiled = {id(robot): compile_robot(robot) for robot in different}
         self.tables = [compiled[id(robot)] for robot in robots]
-        self.model = kernel_model(self.tables[0])
+        self.designs = DesignTables(self.tables)
         n, vector = len(robots), gravity_vector(gravity)
         rows = {key: parameters(tables, vector) for key, tables in compiled.items()}
+        reach = {key: farthest(tables) for key, tables in compiled.items()}
         self.rows = np.zeros(n, ROBOT)
         self.params = self.rows["params"]
         self.nominal_params = np.concatenate([rows[id(robot)] for robot in robots])
         self.nominal_params["steepest"] = [terrain.steepest for terrain in terrains]
+        self.nominal_params["design"] = self.designs.number
         values = [nominal(*pair) for pair in zip(robots, terrains, strict=True)]
         self.nominal = np.array(values, ROBOT_PARAMETERS)
         self.parameters = self.nominal.copy()
-        self._links = robots[0].links_mass, *farthest(self.tables[0])
-        self._tables_in_force: dict[int, Tables] = {}
+        self._links_mass = np.array([robot.links_mass for robot in robots])
+        self._farthest = np.array([reach[id(robot)] for robot in robots])
         self._apply(np.arange(n))
         check_restitution(self.nominal_params["compliant"], self.nominal["restitution"])
-        self.contact_statistics = np.zeros((n, len(self.model.layout)), CONTACT_STATISTICS)
+        self.pads = len(self.tables[0].layout.joint)
+        self.contact_statistics = np.zeros((n, self.pads), CONTACT_STATISTICS)
         self.contact_statistics["deflection"] = UNKNOWN_DEFLECTION
         self.any_gives = not all(robot.pad_compliance.rigid for robot in robots)
 
@@ -87,18 +86,48 @@ class BatchRobots:
     def _apply(self, rows: Ints) -> None:
         """Make the kernels' rows of robots those of their :attr:`parameters`."""
         params = self.nominal_params[rows]  # a copy
-        apply_to_kernels(params, self.parameters[rows], *self._links)
+        centre, pad = self._farthest[rows].swapaxes(0, 1)
+        apply_to_kernels(params, self.parameters[rows], self._links_mass[rows], centre, pad)
         params["prescribed_speed"] = self.params["prescribed_speed"][rows]
         self.params[rows] = params
-        self._tables_in_force.clear()
+        self.rows["status"]["pad_radius"][rows] = params["pad_radius"]
 
     def tables_in_force(self, row: int) -> Tables:
         """Return the tables of a robot under its parameters."""
         if self.parameters[row] == self.nominal[row]:
             return self.tables[row]
-        if row not in self._tables_in_force:
-            self._tables_in_force[row] = tables_of(self.tables[row], self.parameters[row])
-        return self._tables_in_force[row]
+        return compile_robot(machine_of(self.robots[row], self.parameters[row]))
+
+    def set_robots(self, rows: Ints, robots: Sequence[Robot]) -> None:
+        """Exchange robots (k,), as the protocol has it."""
+        compliant = np.array([not robot.pad_compliance.rigid for robot in robots])
+        check_restitution(compliant, self.nominal["restitution"][rows])
+        for robot in robots:
+            check_legs(robot, self.robots[0])
+        compiled = [compile_robot(robot) for robot in robots]
+        for row, tables in zip(rows.tolist(), compiled, strict=True):
+            self._exchange(row, tables)
+        self._apply(rows)
+
+    def _exchange(self, row: int, tables: Tables) -> None:
+        """Let a robot be another one."""
+        robot = tables.robot
+        self.robots[row], self.tables[row] = robot, tables
+        self.designs.set(row, tables)
+        self._take_numbers(row)
+        self.nominal_params["design"][row] = self.designs.number[row]
+        self._links_mass[row], self._farthest[row] = robot.links_mass, farthest(tables)
+        take_load(self.nominal[row], robot)
+        self.parameters[row] = self.nominal[row]
+        self.contact_statistics["deflection"][row] = UNKNOWN_DEFLECTION
+        self.any_gives = self.any_gives or not robot.pad_compliance.rigid
+
+    def _take_numbers(self, row: int) -> None:
+        """Let the kernels' row of a robot have the numbers of its tables."""
+        kept = self.nominal_params[row].copy()
+        self.nominal_params[row] = parameters(self.tables[row], (0.0, 0.0))[0]
+        for name in NOT_THE_ROBOT:
+            self.nominal_params[name][row] = kept[name]
 
     def set_terrain(self, row: int, terrain: Terrain) -> None:
         """Note a robot's new ground, with its friction and restitution."""
@@ -140,10 +169,7 @@ class BatchRobots:
     def _set_payload(self, row: int, payload: Payload) -> None:
         robot = self.robots[row] = replace(self.robots[row], payload=payload)
         self.tables[row] = compile_robot(robot)
-        kept = self.nominal_params[row].copy()
-        self.nominal_params[row] = parameters(self.tables[row], (0.0, 0.0))[0]
-        for name in NOT_THE_ROBOT:
-            self.nominal_params[name][row] = kept[name]
+        self._take_numbers(row)
         x, y = payload.position
         self._set_own(row, payload=payload.mass, payload_x=x, payload_y=y)
 

@@ -50,7 +50,7 @@ class ContactDetector:
     Args:
         robots: (n,) :data:`jansen_env.engine.records.ROBOT`, whose ``status`` is kept here.
         terrains: of each robot. world: (1,) :data:`jansen_env.engine.records.WORLD`.
-        extent: how far from the crank axis a pad's centre may be, m.
+        extent: (n,) how far from the crank axis a pad's centre may be, m.
 
     Attributes:
         surface: (vertices, 2) m, of all terrains.
@@ -60,12 +60,12 @@ class ContactDetector:
     """
 
     def __init__(
-        self, robots: Rows, terrains: Sequence[Terrain], world: Rows, extent: float
+        self, robots: Rows, terrains: Sequence[Terrain], world: Rows, extent: Array
     ) -> None:
         n, capacity = len(robots), int(world["capacity"][0])
         self._robots, self._world = robots, as_bytes(world)
         self.surface, bounds, terrain = _surfaces(terrains)
-        self._circle = extent + float(world["pad_radius"][0]) + SPECULATIVE_MARGIN + SKIN
+        self._circles = extent + robots["status"]["pad_radius"] + SPECULATIVE_MARGIN + SKIN
         self._cells = _cells(self.surface, n)
         status = robots["status"]
         status["margin"] = SPECULATIVE_MARGIN
@@ -120,9 +120,20 @@ class ContactDetector:
                 self.surface = larger
         self.surface[first : first + len(line)] = line
         status["first_vertex"], status["end_vertex"] = first, first + len(line)
-        for name in ("known_x", "known_y", "home_x", "home_y"):
-            status[name] = np.inf
+        self._forget(row)
         self._exchange(row, *_stretches(line))
+
+    def set_extent(self, row: int, extent: float) -> None:
+        """Give a robot's circle the radius of another robot, see the class."""
+        radius = self._robots["status"]["pad_radius"][row]
+        self._circles[row] = extent + radius + SPECULATIVE_MARGIN + SKIN
+        self._shapes[row].unsafe_set_radius(float(self._circles[row]))
+        self._forget(row)
+
+    def _forget(self, row: int) -> None:
+        """Let a robot be unknown to the broad phase."""
+        for name in ("known_x", "known_y", "home_x", "home_y"):
+            self._robots["status"][name][row] = np.inf
 
     def _exchange(self, row: int, ends: Array, radii: Array) -> None:
         """Let pymunk have these stretches in a robot's cell: the same segments, moved."""
@@ -142,14 +153,15 @@ class ContactDetector:
 
     def _add_robots(self, count: int) -> None:
         """A circle for each robot."""
-        bodies = []
+        bodies, self._shapes = [], []
         for i in range(count):
             body = pymunk.Body(1.0, math.inf)
             body.position = FAR * (i + 1), FAR * (i + 1)  # on one spot each would know each
-            circle = pymunk.Circle(body, self._circle)
+            circle = pymunk.Circle(body, float(self._circles[i]))
             circle.filter = NO_ROBOTS
             self._space.add(body, circle)
             bodies.append(body)
+            self._shapes.append(circle)
         found = pymunk.batch.Buffer()
         pymunk.batch.get_space_bodies(self._space, pymunk.batch.BodyFields.BODY_ID, found)
         order = list(memoryview(found.int_buf()).cast("P"))
@@ -202,7 +214,7 @@ class ContactDetector:
         status = self._robots[row]["status"]
         status["known_x"], status["known_y"] = x, y = state[:2].tolist()
         place = float(x + status["cell_x"]), float(y + status["cell_y"])
-        found = self._space.point_query(place, self._circle, NO_ROBOTS)
+        found = self._space.point_query(place, float(self._circles[row]), NO_ROBOTS)
         points = np.array([(hit.point.x, hit.point.y) for hit in found]).reshape(-1)
         ids = np.full(len(found), self._ids[self._place_of[row]])
         _, _, *others = self._candidates()
@@ -212,7 +224,7 @@ class ContactDetector:
         """Arguments of :func:`jansen_env.engine.collision.keep_candidates`, but for the rows."""
         got = self._got
         ids, points = np.frombuffer(got.int_buf(), np.int64), np.frombuffer(got.float_buf())
-        return ids, points, self._ids, self._row_of, self._robots, self.surface, self._circle
+        return ids, points, self._ids, self._row_of, self._robots, self.surface, self._circles
 
     def kernels(self, states: Array) -> list[Kernel]:
         """For :func:`jansen_env.engine.jit.prepare`; states: (n, 8)."""

@@ -46,7 +46,7 @@ class FixedBaseBatch:
         self.gravity = non_negative("gravity", gravity)
         tables = compile_robot(robot)
         model = kernel_model(tables)
-        self._body, self._bearings = model.body[0], model.bearings
+        self._body, self._bearings = model.body[0], model.bearings[0]
         self._params = parameters(tables, (0.0, -self.gravity))
         self.rows = np.zeros((count, runge_kutta.STATE))
         self.states = self.rows[:, : runge_kutta.LOSS]

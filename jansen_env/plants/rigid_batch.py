@@ -14,7 +14,7 @@ gets ten times the iterations. It is some hundred times slower than the projecti
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,15 +26,16 @@ from jansen_env.dynamics.pads import pad_layout
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.engine.records import ROBOT, UNKNOWN_DEFLECTION
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.parameters import ROBOT_PARAMETERS, nominal
+from jansen_env.parameters import ROBOT_PARAMETERS, nominal, take_load
 from jansen_env.plants import bodies as links
-from jansen_env.plants.base import check_pushes, check_time_step, divergence
+from jansen_env.plants.base import check_legs, check_pushes, check_time_step, divergence
 from jansen_env.plants.bodies import CHASSIS, SHAFT
 from jansen_env.plants.body_space import BodySpace
 from jansen_env.plants.geared_rotor import GearedRotor
 from jansen_env.plants.initial_pose import prepare_placement, resting_pose, static_deflection
 from jansen_env.plants.robot_parameters import (
     HONOURED_BY_MACHINES,
+    check_restitution,
     check_values,
     machine_of,
     terrain_of,
@@ -137,6 +138,24 @@ class RigidBodyBatch:
         self._change(terrain, values)
         for name in ("friction", "restitution"):
             self.nominal[name] = values[name]
+
+    def set_robots(self, rows: Ints, robots: Sequence[Robot]) -> None:
+        robot = robots[0]
+        check_legs(robot, self.robots[0])
+        check_closure(robot)
+        compliant = np.array([not robot.pad_compliance.rigid])
+        check_restitution(compliant, self.nominal["restitution"])
+        before = self.robots[0], self.nominal.copy(), self.parameters.copy()
+        self.robots[0] = robot
+        take_load(self.nominal[0], robot)
+        self.parameters[:] = self.nominal
+        try:
+            self._apply_parameters()
+        except ValueError:
+            self.robots[0], self.nominal[:], self.parameters[:] = before
+            self._apply_parameters()
+            raise
+        self._build(np.zeros(8))
 
     def _change(self, terrain: Terrain, values: np.void) -> None:
         """Go on from the same state as another robot on another ground."""

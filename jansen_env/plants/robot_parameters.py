@@ -17,7 +17,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.dynamics.reduced import Tables
 from jansen_env.engine.tables import set_arms
 from jansen_env.parameters import PARAMETERS
 from jansen_env.robot import BODIES, Compliance, Robot
@@ -119,17 +118,8 @@ def tilted(gravity: tuple[float, float], tilt: float) -> tuple[float, float]:
     return cos * x + sin * y, cos * y - sin * x
 
 
-def tables_of(tables: Tables, row: np.void) -> Tables:
-    """Return the tables of :func:`machine_of`, from those of the robot as it is."""
-    body = tables.body + (row["inertia_scale"] - 1.0) * tables.own
-    body[:, :5] *= row["mass_scale"]
-    body[:, 5] *= row["damping_scale"]
-    own = row["mass_scale"] * row["inertia_scale"] * tables.own
-    return replace(tables, robot=machine_of(tables.robot, row), body=body, own=own)
-
-
 def apply_to_kernels(
-    params: Rows, values: Rows, links_mass: float, centre: Array, pad: Array
+    params: Rows, values: Rows, links_mass: Array, centre: Array, pad: Array
 ) -> None:
     """Make the kernels' rows of robots as they are those under parameters.
 

@@ -96,16 +96,16 @@ def _corner_angle(d: float, l: float, alpha: float) -> float:  # noqa: E741
     return -math.atan2(edge[1], edge[0])
 
 
-def coordinates(robot: Robot, side: Side, psi: ArrayLike) -> Array:
+def coordinates(robot: Robot, side: Side, psi: ArrayLike, joints: Array | None = None) -> Array:
     """Generalised coordinates (1) of a leg with the chassis at rest in its own frame.
 
-    Args and errors as for :func:`joint_positions`.
+    Args and errors as for :func:`joint_positions`; joints: what that gives, where it is known.
 
     Returns:
         (..., 24): theta_1, x_1, y_1, ..., theta_8, x_8, y_8 in rad and m. theta_2 is ``psi``,
         not wrapped; the other angles lie in (-pi, pi].
     """
-    j = joint_positions(robot, side, psi)
+    j = joint_positions(robot, side, psi) if joints is None else joints
 
     def heading(start: int, end: int) -> Array:
         step = j[..., end, :] - j[..., start, :]
@@ -141,9 +141,12 @@ def advance_per_turn(robot: Robot, samples: int = 720) -> float:
     As if it stood level on its lowest toe: good for the sign and the order of magnitude.
     Raises LinkageError: the linkage does not close.
     """
-    psi = np.linspace(0.0, 2.0 * math.pi, samples + 1)
-    legs = [joint_positions(robot, leg.side, psi + leg.phase)[:, T] for leg in robot.legs]
-    toes = np.stack(legs, axis=1)
+    psi = np.linspace(0.0, 2.0 * math.pi, samples + 1)[:, None]
+    phase = np.array([leg.phase for leg in robot.legs])
+    back = np.array([leg.side == "back" for leg in robot.legs])
+    angle = psi + phase  # of a back leg as its mirror image's
+    toes = joint_positions(robot, "fore", np.where(back, math.pi - angle, angle))[..., T, :]
+    toes = np.where(back[:, None], toes * (-1.0, 1.0), toes)
     lowest = np.argmin(toes[1:, :, 1] + toes[:-1, :, 1], axis=1)
     steps = np.diff(toes[..., 0], axis=0)
     return float(-steps[np.arange(samples), lowest].sum())

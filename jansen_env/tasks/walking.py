@@ -123,7 +123,7 @@ class WalkerTask(CommandedTask):
 
     def begin(self, rows: Ints, drawn: Sequence[Any]) -> None:
         """Start with commands, m/s; lag and means are 0."""
-        self.rows["mean_path"][rows] = abs(self.world.advance_per_turn) / STEPS_PER_TURN
+        self.rows["mean_path"][rows] = abs(self.world.advance_per_turn[rows]) / STEPS_PER_TURN
         super().begin(rows, drawn)
         self.rows["next_command"][rows] = drawn
         self.covered[rows] = 0.0

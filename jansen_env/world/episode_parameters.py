@@ -66,7 +66,7 @@ class EpisodeParameters:
         given = {"friction": ground.friction, "restitution": ground.restitution}
         self._own = {k: np.array([one is not None for one in v]) for k, v in given.items()}
         self.randomizations, self.levels = list(randomizations), ground.terrain_level
-        self._has, self._links_mass = dict(has), robots[0].links_mass  # of one design
+        self._has = dict(has)
         pairs = zip(robots, plant.terrains, strict=True)
         self.nominal = np.array([parameters.nominal(*pair, EPISODE) for pair in pairs], EPISODE)
         self.values = self.nominal.copy()
@@ -101,6 +101,17 @@ class EpisodeParameters:
             self.nominal[name][row] = self.values[name][row] = value
             if name in self._own:
                 self._own[name][row] = True
+
+    def take_robots(self, rows: Ints) -> None:
+        """Take the payloads of robots that have been exchanged.
+
+        Raises:
+            ValueError: one is randomised in vain, or beyond what its feet can carry.
+        """
+        for row in rows.tolist():
+            parameters.take_load(self.nominal[row], self._plant.robots[row])
+            self.check_names(row, [*self.randomizations[row]], "randomize")
+            self._check_feet(row, self._heaviest(row, {}))
 
     def checked_level(self, row: int, level: Any) -> int:
         """Return a terrain level of a robot; ValueError: out of range, or its ground has none."""
@@ -145,7 +156,8 @@ class EpisodeParameters:
         if pads.rigid:
             return
         check_restitution(np.array([True]), values["restitution"][None])
-        mass = float(values["mass_scale"] * self._links_mass + values["payload"])
+        links = self._plant.robots[row].links_mass
+        mass = float(values["mass_scale"] * links + values["payload"])
         stiffness = float(values["foot_stiffness_scale"]) * pads.stiffness
         resting_depth(mass, stiffness, GRAVITY * math.cos(values["tilt"]))
 

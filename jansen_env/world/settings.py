@@ -44,7 +44,12 @@ def _by_name(kind: type, known: Mapping[str, Any], name: str, value: Any) -> Any
 def load_robot(name: str, value: Any) -> Robot:
     """A robot by itself or by the name of a design."""
     robot = _by_name(Robot, ROBOTS, name, value)
-    return robot if isinstance(robot, Robot) else robot()
+    return robot if isinstance(robot, Robot) else _built_in(value)
+
+
+@cache
+def _built_in(name: str) -> Robot:
+    return ROBOTS[name]()
 
 
 load_motor = partial(_by_name, Motor, MOTORS)
@@ -101,7 +106,7 @@ def scanned_places(name: str, scan: Any) -> Array:
 class Machine:
     """The robot. A torque limit of None is the motor's, other Nones are the robot's own."""
 
-    robot: Robot | str = single("paper", load_robot)
+    robot: Robot | str | Any = per_robot("paper", load_robot)
     payload: Payload | float | Any = per_robot(None, optional(load_payload))
     motor: Motor | str | Any = per_robot(None, optional(load_motor))
     torque_limit: float | Any = per_robot(None, optional(positive))
@@ -170,10 +175,16 @@ def equip(
 
 
 def make_robots(machine: Filled) -> list[Robot]:
-    """Return robots of one design, each with its payload, motor ...; equal ones are one."""
-    make = cache(partial(equip, machine.robot))
+    """Return robots, each with its payload, motor ...; those made of the same parts are one."""
+    made: dict[Any, Robot] = {}
     parts = machine.payload, machine.motor, machine.pad_compliance, machine.torque_limit
-    return [make(*chosen) for chosen in zip(*parts, strict=True)]
+    robots = []
+    for robot, *chosen in zip(machine.robot, *parts, strict=True):
+        key = (id(robot), *chosen)
+        if key not in made:
+            made[key] = equip(robot, *chosen)
+        robots.append(made[key])
+    return robots
 
 
 def make_terrains(ground: Filled) -> tuple[list[Terrain], list[Generator | None]]:

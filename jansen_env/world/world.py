@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,11 @@ from jansen_env.checks import entries
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import readings
 from jansen_env.gravity import GRAVITY
-from jansen_env.parameters import CHANGED_BY, LONGEST_DELAY, PARAMETERS
+from jansen_env.parameters import CHANGED_BY, LONGEST_DELAY, PARAMETERS, robot_parameters
 from jansen_env.plants.base import BatchedPlant
 from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.make import make_batch, plant_time_step
+from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.world import settings, single_robots
 from jansen_env.world.actuated import ActuatedRobots, Draw
@@ -46,7 +48,7 @@ class World(ActuatedRobots):
     """
 
     RECORDS = settings.RECORDS
-    OPTIONS = ("crank_angle", "pushes", *PARAMETERS)
+    OPTIONS = ("crank_angle", "pushes", "robot", *PARAMETERS)
     SETTABLE = (*CHANGED_BY, "motor", "pad_compliance")
 
     def __init__(
@@ -84,11 +86,10 @@ class World(ActuatedRobots):
         self._noise, push = sensing.noise, sensing.push
         self.pushes = Pushes(n, push, self.steps, self.time_step)
         self.sensors: NoisySensors | None = None
-        self.advance_per_turn = advance_per_turn(self.robots[0])  # the same of all robots
-        self.rows["direction"] = math.copysign(1.0, self.advance_per_turn)
+        self.advance_per_turn, self._links_mass = np.zeros(n), np.zeros(n)
+        self._know_robots(np.arange(n))
         self.full_torque *= self.rows["direction"]
         self.rows["weight"] = [robot.mass * GRAVITY for robot in self.robots]
-        self._links_mass = np.array([robot.links_mass for robot in self.robots])
         self.loads = np.zeros((n, self.plant.toes))
         self.elapsed, self.seeds = np.zeros(n, np.int64), np.zeros(n, np.int64)
         self.track_joint_forces = control.track_joint_forces
@@ -101,6 +102,14 @@ class World(ActuatedRobots):
             self.plant, self.robots, ground, generators, randomness.randomize, has, by_default
         )
         self._share_arrays()
+
+    def _know_robots(self, rows: Ints) -> None:
+        """Note numbers of robots that their lengths and masses give."""
+        own = {id(robot): robot for robot in map(self.robots.__getitem__, rows.tolist())}
+        advance = {key: advance_per_turn(robot) for key, robot in own.items()}
+        self.advance_per_turn[rows] = [advance[id(self.robots[row])] for row in rows.tolist()]
+        self._links_mass[rows] = [self.robots[row].links_mass for row in rows.tolist()]
+        self.rows["direction"] = np.copysign(1.0, self.advance_per_turn)
 
     def _share_arrays(self) -> None:
         """Let information show the arrays of others."""
@@ -150,6 +159,49 @@ class World(ActuatedRobots):
         Raises:
             ValueError: an option out of range; nothing has changed then.
         """
+        asked = {
+            row: settings.load_robot("options['robot']", own["robot"])
+            for row, own in zip(rows.tolist(), options, strict=True)
+            if "robot" in own
+        }
+        with self._exchanged(asked):
+            return self._reset(rows, generators, options, draw)
+
+    @contextmanager
+    def _exchanged(self, robots: Mapping[int, Robot]) -> Iterator[None]:
+        """Exchange robots by their rows; after an error all is as it was."""
+        new = {row: robot for row, robot in robots.items() if robot != self.robots[row]}
+        rows, before = np.array([*new], np.int64), [self.robots[row] for row in new]
+        states = [(self.plant.states[row].copy(), self.plant.deflection[row].copy()) for row in new]
+        try:
+            self._exchange(rows, [*new.values()])
+            yield
+        except Exception:
+            self._exchange(rows, before)
+            self.plant.set_parameters(rows, robot_parameters(self.episodes.values[rows]))
+            for row, state in zip(new, states, strict=True):
+                self.plant.set_state(row, *state)
+            raise
+
+    def _exchange(self, rows: Ints, robots: Sequence[Robot]) -> None:
+        if len(rows) == 0:
+            return
+        for robot in robots:
+            static_deflection(robot, GRAVITY)  # or its feet are too soft
+        self.plant.set_robots(rows, robots)
+        for row, robot in zip(rows.tolist(), robots, strict=True):
+            self.robots[row] = robot
+        self._know_robots(rows)
+        self.episodes.take_robots(rows)
+
+    def _reset(
+        self,
+        rows: Ints,
+        generators: Sequence[np.random.Generator],
+        options: Sequence[dict[str, Any]],
+        draw: Draw,
+    ) -> list[Any]:
+        """:meth:`reset` with the robots as they are."""
         each = list(zip(rows.tolist(), generators, options, strict=True))
         drawn = [self._draw(*one, draw) for one in each]
         seeds = [rng.integers(2**63) for rng in generators]

@@ -43,6 +43,7 @@ HARMONICS = SAMPLES // 2  # the paper's linkage needs about 40 for 1e-14
 TAIL_TOLERANCE = 1e-10  # largest coefficient allowed in the last eighth, relative to the largest
 INTERVALS = 256  # polynomials a turn: as few as keep the built-in robots' slopes to 1e-10
 ORDER = 8  # coefficients of each (the engine's polynomials are written out for eight)
+TERMS = 12  # of the Taylor polynomials from which they are made
 BEARING_SAMPLES = 512  # of the bearings' friction, which has kinks
 
 # The last two are what the links' own inertias J are of b and k; of I that is constant.
@@ -187,21 +188,27 @@ def _bearing_friction(robot: Robot, slope: Array) -> Array:
 
 
 def _polynomials(series: Series) -> Array:
-    """(INTERVALS, ORDER, functions) of a series: through its values at Chebyshev's nodes."""
-    turn, coefficients = _nodes()
-    values = np.fft.irfft(series[:, None] * turn * INTERVALS, INTERVALS)
+    """(INTERVALS, ORDER, functions) of a series: its Taylor polynomials, economised.
+
+    Those of order TERMS are replaced by those of ORDER that agree at Chebyshev's nodes.
+    """
+    derivatives, economise = _expansion()
+    taylor = np.fft.irfft(series[:, None] * derivatives, INTERVALS)
     # One small product a function: BLAS would share a large one out to threads, which is slower.
-    return np.ascontiguousarray((coefficients @ values).transpose(2, 1, 0))
+    return np.ascontiguousarray((economise @ taylor).transpose(2, 1, 0))
 
 
 @functools.cache
-def _nodes() -> tuple[Series, Array]:
-    """exp(i n psi) of the first interval's nodes (ORDER, HARMONICS), and values to coefficients."""
-    half = math.pi / INTERVALS
-    node = np.cos(math.pi * (np.arange(ORDER) + 0.5) / ORDER)  # -1 to 1
-    turn = np.exp(1j * np.outer(half * (1.0 + node), np.arange(HARMONICS)))
-    power = np.arange(ORDER)
-    return turn, np.linalg.inv(node[:, None] ** power) / half ** power[:, None]
+def _expansion() -> tuple[Series, Array]:
+    """Taylor coefficients of exp(i n psi) (TERMS, HARMONICS) at pi / INTERVALS, for irfft; and the
+    matrix (ORDER, TERMS) from such coefficients to economised ones."""
+    half, n, power = math.pi / INTERVALS, np.arange(HARMONICS), np.arange(TERMS)[:, None]
+    factorial = np.array([[math.factorial(k)] for k in range(TERMS)])
+    derivatives = INTERVALS * np.exp(1j * n * half) * (1j * n) ** power / factorial
+    nodes = np.cos(math.pi * (np.arange(ORDER) + 0.5) / ORDER)[:, None] ** power.T
+    fitted = np.linalg.solve(nodes[:, :ORDER], nodes[:, ORDER:])
+    fitted *= half ** (power.T[:, ORDER:] - power[:ORDER])
+    return derivatives, np.hstack([np.eye(ORDER), fitted])
 
 
 @dataclass(frozen=True)

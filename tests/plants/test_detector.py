@@ -7,7 +7,7 @@ import pymunk
 import pytest
 
 from jansen_env import Robot, Terrain, paper_robot
-from jansen_env.engine.collision import SKIN, SPECULATIVE_MARGIN, WAY_OUT
+from jansen_env.engine.collision import SKIN, SPECULATIVE_MARGIN
 from jansen_env.engine.records import ROBOT, WORLD
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.detector import ContactDetector
@@ -22,8 +22,10 @@ HILLS = Terrain(((-2.0, 0.5), (-1.0, 0.0), (0.0, 0.2), (1.0, 0.1), (2.0, 0.6)))
 def make(terrains, capacity, extent=1e6):
     """A detector for robots on these terrains, whose axes are at the origin."""
     world = np.zeros(1, WORLD)
-    world["pad_radius"], world["reach"], world["capacity"] = RADIUS, RADIUS + WAY_OUT, capacity
-    detector = ContactDetector(np.zeros(len(terrains), ROBOT), terrains, world, extent)
+    world["capacity"] = capacity
+    robots = np.zeros(len(terrains), ROBOT)
+    robots["status"]["pad_radius"] = RADIUS
+    detector = ContactDetector(robots, terrains, world, np.full(len(terrains), extent))
     find_candidates(detector, np.zeros((len(terrains), 2)))
     return detector
 

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from jansen_env import ROBOTS, Motor, Payload, Robot, Terrain
-from jansen_env.dynamics import reduced as rd
 from jansen_env.parameters import ROBOT_PARAMETERS, effective, nominal
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.rigid_body import RigidBodyPlant
-from jansen_env.plants.robot_parameters import machine_of, tables_of, terrain_of, tilted
+from jansen_env.plants.robot_parameters import machine_of, terrain_of, tilted
 from jansen_env.robot import Compliance
 from jansen_env.robot.motor import AK80_6
 
@@ -102,22 +101,6 @@ def test_a_row_that_changes_nothing_changes_no_bit(design):
         assert a.tobytes() == b.tobytes()
 
 
-@pytest.mark.parametrize("design", DESIGNS)
-def test_tables_of_varied_robots(design):
-    """Scaled tables are those of the changed machine: 1e-12, second derivatives 1e-10."""
-    robot = DESIGNS[design]
-    row = changed_row(robot, *CHANGES)
-    scaled = tables_of(rd.compile_robot(robot), row)
-    built = rd.compile_robot(machine_of(robot, row))
-    psi = np.linspace(-4.0, 4.0, 1000)
-    for name, expected in vars(rd.body_sums(built, psi)).items():
-        found = getattr(rd.body_sums(scaled, psi), name)
-        assert np.abs(found - expected).max() < (1e-10 if name == "ddc" else 1e-12), name
-    assert np.abs(scaled.own - built.own)[..., 0].max() < 1e-13
-    assert scaled.robot == built.robot
-    assert (scaled.pads == built.pads).all() and (scaled.bearings == built.bearings).all()
-
-
 def test_the_rigid_body_plant_is_varied_alike():
     """Set down and driven, states of both plants 0.06 s on; and back to as it was, to the bit."""
     ends = {}
@@ -155,7 +138,7 @@ def test_setters_change_what_the_robot_is():
     assert batch.parameters[1] == row
     assert batch.nominal[1] == nominal(robot, replace(GROUND, friction=0.9))
     built = Batch([machine_of(robot, row)], [GROUND], gravity=tilted((0.0, -5.0), row["tilt"]))
-    scales = {"friction", "mass_scale", "inertia_scale", "damping_scale"}
+    scales = {"friction", "mass_scale", "inertia_scale", "own_inertia", "damping_scale"}
     for name in set(batch.params.dtype.names) - scales:
         assert batch.params[name][1] == pytest.approx(built.params[name][0], rel=1e-12), name
     assert batch.params["gravity_y"][0] == -9.81 and batch.parameters[0] == batch.nominal[0]

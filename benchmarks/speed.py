@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import measure, walks
+from benchmarks.designs import designs
 from benchmarks.probe import OURS, STAGES, Many, Single, Tree, robots
 from jansen_env import ROBOTS, Robot, paper_robot
 from jansen_env.cores import available_cores
@@ -289,7 +290,10 @@ def ppo(rounds: int, quick: bool) -> str:
     )
 
 
-PARTS = {"one": one, "many": many, "size": size, "worlds": worlds, "start": start, "ppo": ppo}
+PARTS = {
+    "one": one, "many": many, "size": size, "worlds": worlds, "designs": designs, "start": start,
+    "ppo": ppo,
+}  # fmt: skip
 
 
 def against(other: Path, rounds: int, quick: bool) -> str:

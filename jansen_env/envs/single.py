@@ -29,7 +29,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
 
     Attributes:
         task: the task of this one robot. dt, control_dt: s for which an action is held.
-        torque_limit: N m. observed: name, unit and limits of each number of the observation.
+        observed: name, unit and limits of each number of the observation.
     """
 
     metadata: dict[str, Any] = {"render_modes": arguments.RENDER_MODES, "render_fps": 50}
@@ -55,7 +55,6 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         self.observation_space: Any = self.task.observation_space
         self.action_space: Any = self.task.action_space
         self.control_dt = self.dt = self.task.control_dt
-        self.torque_limit = self.robot.motor.torque_limit
         self.observed: tuple[Observed, ...] = self.task.observed
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.dt))}
         self._begun, self._renderers = False, arguments.Renderers()
@@ -64,6 +63,11 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
     def robot(self) -> Robot:
         """The robot."""
         return self.task.world.robots[0]
+
+    @property
+    def torque_limit(self) -> float:
+        """Torque of action 1, N m."""
+        return self.robot.motor.torque_limit
 
     @property
     def window_closed(self) -> bool:

@@ -45,7 +45,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
 
     Attributes:
         task: the task of all robots. dt, control_dt: s for which an action is held.
-        torque_limit: N m. observed: name, unit and limits of each number of an observation.
+        observed: name, unit and limits of each number of an observation.
 
     Raises:
         ValueError: an argument out of range, or not one for each robot.
@@ -94,7 +94,6 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         self.task = task = self.TASK(n, threads, **task_arguments)
         self.info_keys = arguments.info_keys(info_keys, task.information.keys)
         self.control_dt = self.dt = task.control_dt
-        self.torque_limit: float = task.world.robots[0].motor.torque_limit
         self.observed: tuple[Observed, ...] = task.observed
         self.metadata = {
             **self.metadata,
@@ -110,6 +109,11 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         self._begun = np.zeros(n, bool)
         self._generators: list[np.random.Generator | None] = [None] * n
         self._seeds = [-1] * n
+
+    @property
+    def torque_limit(self) -> float:
+        """Torque of action 1 of the first robot, N m."""
+        return float(self.task.world.robots[0].motor.torque_limit)
 
     def reset(
         self,

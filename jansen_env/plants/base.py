@@ -139,8 +139,8 @@ class BatchedPlant(Protocol):
         """Exchange robots (k,), with their payloads; they must be placed again.
 
         Raises:
-            ValueError: other legs, restitution with compliant pads, or pads too stiff for the time
-                step; LinkageError: a robot cannot turn its crank. Nothing has changed then.
+            ValueError: legs on other sides, restitution with compliant pads, or pads too stiff for
+                the time step; LinkageError: a robot cannot turn its crank. Nothing has changed.
         """
         ...
 
@@ -199,13 +199,10 @@ class BatchedPlant(Protocol):
 
 
 def check_legs(robot: Robot, other: Robot) -> None:
-    """Raise ValueError unless a robot has as many legs on each side as another one."""
+    """Raise ValueError unless a robot's legs are on the same sides as another's, in this order."""
     mine, others = ([leg.side for leg in one.legs] for one in (robot, other))
     if mine != others:
-        raise ValueError(
-            f"robots have legs {mine} and {others}, must have the same: a batch has one number of "
-            "feet"
-        )
+        raise ValueError(f"a robot's legs are on the sides {mine}, must be on {others}")
 
 
 def check_time_step(value: Any) -> float:

@@ -49,7 +49,7 @@ class Batch(PlacedRobots):
     are those of :class:`jansen_env.plants.base.BatchedPlant`.
 
     Args:
-        robots: with as many legs on each side; all else may differ. terrains: the ground of each.
+        robots: with legs on the same sides; all else may differ. terrains: the ground of each.
         time_step: of the integration, s.
         gravity: m/s^2 downwards, or a vector (x, y).
         detection_interval: time between two looks for the ground, s.
@@ -66,7 +66,7 @@ class Batch(PlacedRobots):
             not known. It says what touches down next, and nothing else.
 
     Raises:
-        ValueError: an argument out of range, or robots with other legs; LinkageError: a robot
+        ValueError: an argument out of range, or legs on other sides; LinkageError: a robot
             cannot turn its crank.
     """
 

@@ -43,7 +43,7 @@ def make_batch(
     time_step: float | None = None,
     threads: int | None = None,
 ) -> BatchedPlant:
-    """Return robots of one design on their terrains, moved by a plant of :data:`PLANTS`.
+    """Return robots on their terrains, moved by a plant of :data:`PLANTS`.
 
     Raises:
         ValueError: another name, an argument out of range, or several robots of a plant that moves

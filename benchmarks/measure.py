@@ -13,6 +13,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple, TypeVar
 
+import numpy as np
 from tabulate import tabulate
 
 import jansen_env
@@ -43,6 +44,12 @@ def ratio(ours: Sequence[float], theirs: Sequence[float]) -> Ratio:
     """Ours over theirs; entry k of both was measured in round k."""
     by_round = [a / b for a, b in zip(ours, theirs, strict=True)]
     return Ratio(median(ours) / median(theirs), min(by_round), max(by_round))
+
+
+def exponent(costs: Mapping[int, Sequence[float]]) -> float:
+    """Return the exponent by which a cost grows with a size: the slope of both logarithms."""
+    sizes, middle = np.log([*costs]), np.log([median(found) for found in costs.values()])
+    return float(np.polyfit(sizes, middle, 1)[0])
 
 
 def spread(values: Sequence[float], form: str = ",.0f") -> tuple[str, str, str]:

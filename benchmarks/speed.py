@@ -74,7 +74,7 @@ def one(rounds: int, quick: bool) -> str:
 
 def many(rounds: int, quick: bool) -> str:
     """``gym.make_vec`` beside a single peer and, where there is envpool, many."""
-    counts = (1, 4) if quick else (1, 4, 16, 64, 256, 1024, 4096)
+    counts = (1, 2, 3, 4) if quick else (1, 4, 16, 64, 256, 1024, 4096, 16_384)
     compared, steps = (4, 100) if quick else (256, 60_000)
     players: dict[tuple[str, int], Single | Many] = {("flat", n): robots(n, steps) for n in counts}
     rough = walks.rough_ground(SEGMENTS)
@@ -99,8 +99,12 @@ def many(rounds: int, quick: bool) -> str:
     slower = measure.ratio(rates["motor, bearings, feet", compared], rates["flat", compared])
     ratios.append((f"{compared} with motor, bearings, feet / {compared} robots", slower))
     head = ("environments", "at once", "steps/s", "lowest", "highest")
-    return f"## Many environments\n\n{measure.table(head, rows)}\n\n" + measure.table(
-        ("ratio", "steps/s (by round)"), ratios
+    cost = {n: [1.0 / rate for rate in rates["flat", n]] for n in counts}
+    return (
+        f"## Many environments\n\n{measure.table(head, rows)}\n\n"
+        + measure.table(("ratio", "steps/s (by round)"), ratios)
+        + f"\n\nExponent of a robot's step by their number, from {counts[-4]} on: "
+        f"{measure.exponent({n: cost[n] for n in counts[-4:]}):.3f}."
     )
 
 
@@ -140,7 +144,10 @@ def size(rounds: int, quick: bool) -> str:
         ]
         parts.append(measure.table((name, "us", "lowest", "highest", "resets"), rows))
         growth = measure.ratio(cost[max(cost)], cost[min(cost)])
-        parts.append(f"{max(cost)} {name} cost {growth} times as much as {min(cost)}.")
+        parts.append(
+            f"{max(cost)} {name} cost {growth} times as much as {min(cost)}; exponent "
+            f"{measure.exponent(cost):.3f}."
+        )
 
     resting = {dt: Single(OURS, steps, lambda _: np.zeros(1, np.float32), control_dt=dt)
                for dt in (0.02, 0.1)}  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -159,18 +159,43 @@ class World(ActuatedRobots):
         Raises:
             ValueError: an option out of range; nothing has changed then.
         """
-        asked = {
+        with self._exchanged(rows, options):
+            each = list(zip(rows.tolist(), generators, options, strict=True))
+            drawn = [self._draw(*one, draw) for one in each]
+            seeds = [rng.integers(2**63) for rng in generators]
+            plans = [
+                self.episodes.plan(*one, start[2], *self._progress(one[0]))
+                for one, start in zip(each, drawn, strict=True)
+            ]
+            given = [own.get("pushes") for own in options]
+            schedules = [
+                check_schedule("options['pushes']", () if one is None else one) for one in given
+            ]
+            self.seeds[rows] = seeds
+            self.apply_parameters(rows, plans)
+        plant = self.plant
+        plant.place(rows, np.array([start[0] for start in drawn]))
+        self.loads[rows] = plant.contact_force[rows, :, 1] / self.weight[rows, None]
+        states = plant.states[rows]
+        states[:, 7] = [start[1] for start in drawn]
+        for row, state in zip(rows.tolist(), states, strict=True):
+            plant.set_state(row, state)
+        self.begin_delay(rows, self.episodes.values["delay"][rows])
+        self.clear_episode(rows)
+        for row, pushes, one in zip(rows.tolist(), schedules, given, strict=True):
+            self.pushes.schedule(row, pushes, random=one is None)
+        self.truncated[rows] = False
+        return [start[3] for start in drawn]
+
+    @contextmanager
+    def _exchanged(self, rows: Ints, options: Sequence[dict[str, Any]]) -> Iterator[None]:
+        """Exchange robots that ``options`` name; after an error all is as it was."""
+        new = {
             row: settings.load_robot("options['robot']", own["robot"])
             for row, own in zip(rows.tolist(), options, strict=True)
             if "robot" in own
         }
-        with self._exchanged(asked):
-            return self._reset(rows, generators, options, draw)
-
-    @contextmanager
-    def _exchanged(self, robots: Mapping[int, Robot]) -> Iterator[None]:
-        """Exchange robots by their rows; after an error all is as it was."""
-        new = {row: robot for row, robot in robots.items() if robot != self.robots[row]}
+        new = {row: robot for row, robot in new.items() if robot != self.robots[row]}
         rows, before = np.array([*new], np.int64), [self.robots[row] for row in new]
         states = [(self.plant.states[row].copy(), self.plant.deflection[row].copy()) for row in new]
         try:
@@ -193,41 +218,6 @@ class World(ActuatedRobots):
             self.robots[row] = robot
         self._know_robots(rows)
         self.episodes.take_robots(rows)
-
-    def _reset(
-        self,
-        rows: Ints,
-        generators: Sequence[np.random.Generator],
-        options: Sequence[dict[str, Any]],
-        draw: Draw,
-    ) -> list[Any]:
-        """:meth:`reset` with the robots as they are."""
-        each = list(zip(rows.tolist(), generators, options, strict=True))
-        drawn = [self._draw(*one, draw) for one in each]
-        seeds = [rng.integers(2**63) for rng in generators]
-        plans = [
-            self.episodes.plan(*one, start[2], *self._progress(one[0]))
-            for one, start in zip(each, drawn, strict=True)
-        ]
-        given = [own.get("pushes") for own in options]
-        schedules = [
-            check_schedule("options['pushes']", () if one is None else one) for one in given
-        ]
-        self.seeds[rows] = seeds
-        self.apply_parameters(rows, plans)
-        plant = self.plant
-        plant.place(rows, np.array([start[0] for start in drawn]))
-        self.loads[rows] = plant.contact_force[rows, :, 1] / self.weight[rows, None]
-        states = plant.states[rows]
-        states[:, 7] = [start[1] for start in drawn]
-        for row, state in zip(rows.tolist(), states, strict=True):
-            plant.set_state(row, state)
-        self.begin_delay(rows, self.episodes.values["delay"][rows])
-        self.clear_episode(rows)
-        for row, pushes, one in zip(rows.tolist(), schedules, given, strict=True):
-            self.pushes.schedule(row, pushes, random=one is None)
-        self.truncated[rows] = False
-        return [start[3] for start in drawn]
 
     def _draw(
         self, row: int, rng: np.random.Generator, options: dict[str, Any], draw: Draw

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import measure, walks
-from benchmarks.designs import designs
+from benchmarks.varied_robots import designs
 from benchmarks.probe import OURS, STAGES, Many, Single, Tree, robots
 from jansen_env import ROBOTS, Robot, paper_robot
 from jansen_env.cores import available_cores

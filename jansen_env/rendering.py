@@ -90,30 +90,29 @@ class Renderer:
         speed_range: float = 1.0,
         speed_unit: str = "m/s",
     ) -> None:
-        self.robot, self.mode, self.fps = robot, mode, fps
+        self.mode, self.fps = mode, fps
         self.speed_range, self.speed_unit = speed_range, speed_unit
-        self._terrain = terrain_points
+        self.show(robot, terrain_points)
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
         try:
             import pygame
         except ImportError as error:
             raise ImportError("rendering needs pygame: pip install pygame-ce") from error
         self._pg: Any = pygame
-        turn = joint_positions(robot, "fore", np.linspace(-math.pi, math.pi, 180))
-        self._reach = reach = float(np.hypot(turn[..., 0], turn[..., 1]).max())
-        self._scale = min(HEIGHT / (1.66 * reach), WIDTH / (2.3 * reach))  # canvas pixels per m
-        phases = [leg.phase % (2.0 * math.pi) for leg in robot.legs]
-        layers = sorted(set(phases))  # 0, the first leg's, is the nearest
-        self._depth = [layers.index(phase) / max(1, len(layers) - 1) for phase in phases]
-        self._weight = robot.mass * GRAVITY
         self._canvas: Any = None
         self._screen: Any = None
         self.dismissed = False  # the user closed the window
         self._labels: dict[tuple[str, int, Color], Any] = {}
 
     def show(self, robot: Robot, terrain_points: Array | None, **_: Any) -> None:
-        """Draw this robot, of the same design, and this ground from now on."""
+        """Draw this robot and this ground from now on."""
         self.robot, self._terrain = robot, terrain_points
+        turn = joint_positions(robot, "fore", np.linspace(-math.pi, math.pi, 180))
+        self._reach = reach = float(np.hypot(turn[..., 0], turn[..., 1]).max())
+        self._scale = min(HEIGHT / (1.66 * reach), WIDTH / (2.3 * reach))  # canvas pixels per m
+        phases = [leg.phase % (2.0 * math.pi) for leg in robot.legs]
+        layers = sorted(set(phases))  # 0, the first leg's, is the nearest
+        self._depth = [layers.index(phase) / max(1, len(layers) - 1) for phase in phases]
         self._weight = robot.mass * GRAVITY
 
     def draw(self, frame: Frame) -> Picture | None:

@@ -41,7 +41,7 @@ Series = NDArray[np.complex128]  # one-sided Fourier coefficients (functions, HA
 SAMPLES = 256  # crank angles at which the linkage is closed
 HARMONICS = SAMPLES // 2  # the paper's linkage needs about 40 for 1e-14
 TAIL_TOLERANCE = 1e-10  # largest coefficient allowed in the last eighth, relative to the largest
-INTERVALS = 256  # polynomials a turn: as few as keep the built-in robots' slopes to 1e-10
+INTERVALS = 384  # polynomials a turn: slopes of the holy numbers to 1e-10 of the largest
 ORDER = 8  # coefficients of each (the engine's polynomials are written out for eight)
 TERMS = 12  # of the Taylor polynomials from which they are made
 BEARING_SAMPLES = 512  # of the bearings' friction, which has kinks
@@ -59,7 +59,6 @@ class Tables:
     #: (INTERVALS, ORDER, 8) coefficients of :data:`BODY_FUNCTIONS` as polynomials in the distance
     #: from the middle of each interval, rad; without the payload.
     body: Array
-    own_inertia: float  #: kg m^2, what the links' own inertias J are of I
     #: (6, INTERVALS, ORDER, 3) those of :data:`PAD_FUNCTIONS` of a fore leg of phase 0; of a back
     #: leg x and a are mirrored, at pi - psi. The angle a is known up to a constant.
     pads: Array
@@ -77,11 +76,12 @@ def compile_robot(robot: Robot) -> Tables:
         LinkageError: the linkage does not close all the way round.
         ValueError: the tables have not converged (the linkage passes too near a singularity).
     """
-    # Load, motor and pads are no part of the tables.
-    bare = _compile(
-        replace(robot, payload=Payload(), pad_radius=1.0, motor=IDEAL, pad_compliance=RIGID)
-    )
-    return replace(bare, robot=robot)
+    return replace(_compile(design_of(robot)), robot=robot)
+
+
+def design_of(robot: Robot) -> Robot:
+    """Return what the tables of a robot are of: no load, ideal motor, rigid pads of 1 m."""
+    return replace(robot, payload=Payload(), pad_radius=1.0, motor=IDEAL, pad_compliance=RIGID)
 
 
 @functools.lru_cache(maxsize=32)
@@ -111,8 +111,7 @@ def _compile(robot: Robot) -> Tables:
     tables = body, np.ascontiguousarray(joints), _bearing_friction(robot, slope)
     for table in tables:
         table.setflags(write=False)
-    own_inertia = len(robot.legs) * sum(one.inertia for one in robot.bodies)
-    return Tables(robot, body, own_inertia, tables[1], pad_layout(robot), tables[2], tail)
+    return Tables(robot, body, tables[1], pad_layout(robot), tables[2], tail)
 
 
 def _series(values: Array) -> Series:

@@ -65,7 +65,7 @@ def _others_near(state, status, ground):
     """Whether a pad that is no toe may be near the ground."""
     depths = ground.depths
     pitches, farthest = len(depths) - 1, depths[-1]
-    extra = status.margin - SPECULATIVE_MARGIN
+    extra = status.pad_radius + status.margin - SPECULATIVE_MARGIN
     depth = depths[locate(pitches, state[2])[0]] + extra
     left, right = state[0] - farthest - extra, state[0] + farthest + extra
     return _rises_above(ground.surface, status, left, right, state[1] - depth)

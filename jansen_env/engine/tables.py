@@ -35,15 +35,15 @@ def kernel_model(tables: Tables) -> Model:
     return Model(*(np.array([table]) for table in views))
 
 
-def parameters(tables: Tables, gravity: tuple[float, float]) -> NDArray[np.void]:
-    """(1,) PARAMS of a robot with these tables, its crank free, on level slippery ground.
+def parameters(robot: Robot, gravity: tuple[float, float]) -> NDArray[np.void]:
+    """(1,) PARAMS of a robot, its crank free, on level slippery ground.
 
     How far its pads get is not known yet, see :func:`set_arms`.
     """
-    robot, load = tables.robot, tables.robot.payload
+    load = robot.payload
     row = np.zeros(1, PARAMS)
     row["mass"], row["load_mass"], row["load_inertia"] = robot.mass, load.mass, load.inertia
-    row["own_inertia"] = tables.own_inertia
+    row["own_inertia"] = len(robot.legs) * sum(body.inertia for body in robot.bodies)
     row["mass_scale"] = row["inertia_scale"] = row["damping_scale"] = 1.0
     row["load_x"], row["load_y"] = load.position
     row["gravity_x"], row["gravity_y"] = gravity

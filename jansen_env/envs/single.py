@@ -137,7 +137,8 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         return self.task.frame(0)
 
     def get_state(self) -> dict[str, Any]:
-        """Return all that the future depends on; :meth:`set_state` continues bit for bit.
+        """Return all that the future of this robot depends on; :meth:`set_state` continues bit for
+        bit.
 
         With ``plant="rigid_body"`` only nearly: setting a state closes gaps and restarts the solver.
         """

@@ -18,7 +18,6 @@ from jansen_env.engine.tables import energy
 from jansen_env.gravity import GRAVITY, Gravity
 from jansen_env.parameters import CHANGES
 from jansen_env.plants.base import check_pushes, check_time_step, divergence
-from jansen_env.plants.design_tables import farthest_pad
 from jansen_env.plants.detector import ContactDetector
 from jansen_env.plants.placing import PlacedRobots
 from jansen_env.plants.threads import Threads
@@ -56,7 +55,7 @@ class Batch(PlacedRobots):
         threads: see :class:`jansen_env.plants.threads.Threads`.
 
     Attributes:
-        tables: of each robot, payload included. designs: the kernels' arrays of them.
+        designs: the kernels' tables of the robots.
         params: (n,) PARAMS of :mod:`jansen_env.engine.records`, in force; nominal_params: (n,) the
             same without :meth:`set_parameters`. accumulators: (n,) ACCUMULATORS and
             contact_statistics: (n, pads) CONTACT_STATISTICS, sums over the last :meth:`step`.
@@ -87,7 +86,7 @@ class Batch(PlacedRobots):
     ) -> None:
         self._arguments = (time_step, gravity, detection_interval, threads)
         super().__init__(robots, terrains, gravity)
-        self.toes = self.tables[0].layout.toes
+        self.toes = len(robots[0].legs)
         self.accumulators = self.rows["accumulators"]
         self.deflection: Array = self.contact_statistics["deflection"]
         self.time_step = check_time_step(time_step)
@@ -98,8 +97,7 @@ class Batch(PlacedRobots):
         world = np.zeros(1, WORLD)
         world[0] = self.time_step, stride, self.toes, capacity
         self._world = as_bytes(world)
-        extents = {id(tables): farthest_pad(tables) for tables in self.tables}
-        extent = np.array([extents[id(tables)] for tables in self.tables])
+        extent = self.designs.extent[self.designs.number]
         self.detector = ContactDetector(self.rows, terrains, world, extent)
         self.states = np.zeros((n, 8))
         self._centres = np.zeros((max(pads, self.toes + 1), 2))
@@ -157,7 +155,7 @@ class Batch(PlacedRobots):
     def set_robots(self, rows: Ints, robots: Sequence[Robot]) -> None:
         super().set_robots(rows, robots)
         for row in rows.tolist():
-            self.detector.set_extent(row, farthest_pad(self.tables[row]))
+            self.detector.set_extent(row, float(self.designs.extent[self.designs.number[row]]))
         self._shared = self._arguments_of_all()
 
     def place(self, rows: Ints, crank_angles: Array) -> None:
@@ -366,6 +364,8 @@ class Batch(PlacedRobots):
         self.terrains[:] = saved["terrains"]
         for name in CHANGING:
             getattr(self, name)[:] = saved[name]
+        for params in (self.params, self.nominal_params):
+            params["design"] = self.designs.number  # which are numbered anew
         self.tracing, self.in_contact = saved["tracing"], saved["in_contact"]
         self.any_diverged = bool(self.diverged.any())
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from jansen_env.dynamics.reduced import Tables, compile_robot
 from jansen_env.engine.records import CONTACT_STATISTICS, ROBOT, UNKNOWN_DEFLECTION
-from jansen_env.engine.tables import farthest, parameters, set_compliance, set_motor
+from jansen_env.engine.tables import parameters, set_compliance, set_motor
 from jansen_env.gravity import Gravity, gravity_vector
 from jansen_env.parameters import ROBOT_PARAMETERS, nominal, take_load
 from jansen_env.plants.base import check_legs
@@ -53,12 +53,9 @@ class BatchRobots:
         different = {id(robot): robot for robot in robots}.values()
         for robot in different:
             check_legs(robot, robots[0])
-        compiled = {id(robot): compile_robot(robot) for robot in different}
-        self.tables = [compiled[id(robot)] for robot in robots]
-        self.designs = DesignTables(self.tables)
+        self.designs = DesignTables(robots)
         n, vector = len(robots), gravity_vector(gravity)
-        rows = {key: parameters(tables, vector) for key, tables in compiled.items()}
-        reach = {key: farthest(tables) for key, tables in compiled.items()}
+        rows = {id(robot): parameters(robot, vector) for robot in different}
         self.rows = np.zeros(n, ROBOT)
         self.params = self.rows["params"]
         self.nominal_params = np.concatenate([rows[id(robot)] for robot in robots])
@@ -68,10 +65,9 @@ class BatchRobots:
         self.nominal = np.array(values, ROBOT_PARAMETERS)
         self.parameters = self.nominal.copy()
         self._links_mass = np.array([robot.links_mass for robot in robots])
-        self._farthest = np.array([reach[id(robot)] for robot in robots])
         self._apply(np.arange(n))
         check_restitution(self.nominal_params["compliant"], self.nominal["restitution"])
-        self.pads = len(self.tables[0].layout.joint)
+        self.pads = len(self.designs.model.layout[0])
         self.contact_statistics = np.zeros((n, self.pads), CONTACT_STATISTICS)
         self.contact_statistics["deflection"] = UNKNOWN_DEFLECTION
         self.any_gives = not all(robot.pad_compliance.rigid for robot in robots)
@@ -86,7 +82,7 @@ class BatchRobots:
     def _apply(self, rows: Ints) -> None:
         """Make the kernels' rows of robots those of their :attr:`parameters`."""
         params = self.nominal_params[rows]  # a copy
-        centre, pad = self._farthest[rows].swapaxes(0, 1)
+        centre, pad = self.designs.farthest[self.designs.number[rows]].swapaxes(0, 1)
         apply_to_kernels(params, self.parameters[rows], self._links_mass[rows], centre, pad)
         params["prescribed_speed"] = self.params["prescribed_speed"][rows]
         self.params[rows] = params
@@ -94,8 +90,6 @@ class BatchRobots:
 
     def tables_in_force(self, row: int) -> Tables:
         """Return the tables of a robot under its parameters."""
-        if self.parameters[row] == self.nominal[row]:
-            return self.tables[row]
         return compile_robot(machine_of(self.robots[row], self.parameters[row]))
 
     def set_robots(self, rows: Ints, robots: Sequence[Robot]) -> None:
@@ -104,28 +98,21 @@ class BatchRobots:
         check_restitution(compliant, self.nominal["restitution"][rows])
         for robot in robots:
             check_legs(robot, self.robots[0])
-        compiled = [compile_robot(robot) for robot in robots]
-        for row, tables in zip(rows.tolist(), compiled, strict=True):
-            self._exchange(row, tables)
+        self.designs.set(rows, robots)
+        self.nominal_params["design"][rows] = self.designs.number[rows]
+        for row, robot in zip(rows.tolist(), robots, strict=True):
+            self.robots[row], self._links_mass[row] = robot, robot.links_mass
+            self._take_numbers(row)
+            take_load(self.nominal[row], robot)
+            self.any_gives = self.any_gives or not robot.pad_compliance.rigid
+        self.parameters[rows] = self.nominal[rows]
         self._apply(rows)
-
-    def _exchange(self, row: int, tables: Tables) -> None:
-        """Let a robot be another one."""
-        robot = tables.robot
-        self.robots[row], self.tables[row] = robot, tables
-        self.designs.set(row, tables)
-        self._take_numbers(row)
-        self.nominal_params["design"][row] = self.designs.number[row]
-        self._links_mass[row], self._farthest[row] = robot.links_mass, farthest(tables)
-        take_load(self.nominal[row], robot)
-        self.parameters[row] = self.nominal[row]
-        self.contact_statistics["deflection"][row] = UNKNOWN_DEFLECTION
-        self.any_gives = self.any_gives or not robot.pad_compliance.rigid
+        self.contact_statistics["deflection"][rows] = UNKNOWN_DEFLECTION
 
     def _take_numbers(self, row: int) -> None:
-        """Let the kernels' row of a robot have the numbers of its tables."""
+        """Let the kernels' row of a robot have its own numbers."""
         kept = self.nominal_params[row].copy()
-        self.nominal_params[row] = parameters(self.tables[row], (0.0, 0.0))[0]
+        self.nominal_params[row] = parameters(self.robots[row], (0.0, 0.0))[0]
         for name in NOT_THE_ROBOT:
             self.nominal_params[name][row] = kept[name]
 
@@ -167,15 +154,13 @@ class BatchRobots:
         self._apply(np.array([row]))
 
     def _set_payload(self, row: int, payload: Payload) -> None:
-        robot = self.robots[row] = replace(self.robots[row], payload=payload)
-        self.tables[row] = compile_robot(robot)
+        self.robots[row] = replace(self.robots[row], payload=payload)
         self._take_numbers(row)
         x, y = payload.position
         self._set_own(row, payload=payload.mass, payload_x=x, payload_y=y)
 
     def _set_motor(self, row: int, motor: Motor) -> None:
         robot = self.robots[row] = replace(self.robots[row], motor=motor)
-        self.tables[row] = compile_robot(robot)
         set_motor(self.nominal_params[row : row + 1], robot)
         self._apply(np.array([row]))
 
@@ -183,7 +168,6 @@ class BatchRobots:
         check_restitution(np.array([not pads.rigid]), self.params["restitution"][row : row + 1])
         self.contact_statistics["deflection"][row] = UNKNOWN_DEFLECTION
         self.any_gives = self.any_gives or not pads.rigid
-        robot = self.robots[row] = replace(self.robots[row], pad_compliance=pads)
-        self.tables[row] = compile_robot(robot)
+        self.robots[row] = replace(self.robots[row], pad_compliance=pads)
         set_compliance(self.nominal_params[row : row + 1], pads)
         self._apply(np.array([row]))

@@ -8,12 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.dynamics.reduced import Tables
+from jansen_env.dynamics.reduced import Tables, compile_robot, design_of
 from jansen_env.engine.collision import SPECULATIVE_MARGIN
 from jansen_env.engine.records import Model
-from jansen_env.engine.tables import kernel_model
+from jansen_env.engine.tables import farthest, kernel_model
+from jansen_env.robot import Robot
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 PITCHES = 256  # at which it is known how deep the pads that are no toes reach
 SPARSE = 2  # intervals of a table between two angles at which such pads are looked at
@@ -24,56 +26,72 @@ class DesignTables:
     """The kernels' arrays of designs. A robot's design is a row of each.
 
     Args:
-        tables: of each robot, with the same pads.
+        robots: all of them, with the same pads.
 
     Attributes:
         number: (robots,) row of each robot. model: of all designs, along the first axis.
-        depths: (designs, PITCHES + 1) of :func:`non_toe_depths`.
+        depths: (designs, PITCHES + 1) of :func:`non_toe_depths`. extent: (designs,) m, how far from
+            the crank axis a pad's centre can be. farthest: (designs, 2, 2) of
+            :func:`jansen_env.engine.tables.farthest`.
+
+    Raises:
+        ValueError: tables that have not converged; LinkageError: a robot cannot turn its crank.
     """
 
-    def __init__(self, tables: Sequence[Tables]) -> None:
-        self.number = np.zeros(len(tables), np.int64)
-        self.model, self.depths = kernel_model(tables[0]), non_toe_depths(tables[0])[None]
-        self._users = np.array([len(tables)])
-        self._kept: dict[int, Tables] = {0: tables[0]}  # by their rows
-        self._rows = {id(tables[0].body): 0}
-        for robot, own in enumerate(tables):
-            self.set(robot, own)
+    def __init__(self, robots: Sequence[Robot]) -> None:
+        tables = compile_robot(robots[0])
+        self.number, self._users = np.zeros(len(robots), np.int64), np.array([len(robots)])
+        self.model = kernel_model(tables)
+        self.depths, self.extent = np.zeros((1, PITCHES + 1)), np.zeros(1)
+        self.farthest = np.zeros((1, 2, 2))
+        self._designs: list[Robot | None] = [None]
+        self._rows: dict[Robot, int] = {}
+        self._put(0, design_of(robots[0]), tables)
+        self.set(np.arange(len(robots)), robots)
 
-    def set(self, robot: int, tables: Tables) -> None:
-        """Give a robot a design; where there is no room, all arrays are new ones."""
-        self._users[self.number[robot]] -= 1
-        row = self._rows.get(id(tables.body))
-        if row is None:
-            row = self._free_row()
-            if row in self._kept:
-                del self._rows[id(self._kept[row].body)]
-            self._rows[id(tables.body)], self._kept[row] = row, tables
-            for every, own in zip(self.model, kernel_model(tables), strict=True):
-                every[row] = own[0]
-            self.depths[row] = non_toe_depths(tables)
-        self.number[robot] = row
-        self._users[row] += 1
+    def set(self, rows: Ints, robots: Sequence[Robot]) -> None:
+        """Give robots (k,) their designs; where there is no room, all arrays are new ones.
+
+        Raises:
+            As for the class; nothing has changed then.
+        """
+        designs = {id(robot): design_of(robot) for robot in {id(r): r for r in robots}.values()}
+        unknown = {design for design in designs.values() if design not in self._rows}
+        new = {design: compile_robot(design) for design in unknown}
+        for robot, machine in zip(rows.tolist(), robots, strict=True):
+            self._users[self.number[robot]] -= 1
+            design = designs[id(machine)]
+            if design not in self._rows:
+                self._put(self._free_row(), design, new.get(design) or compile_robot(design))
+            self.number[robot] = row = self._rows[design]
+            self._users[row] += 1
 
     def _free_row(self) -> int:
         """Return a row that no robot has."""
         if self._users.all():
             self.model = Model(*(np.concatenate([one, one]) for one in self.model))
-            self.depths = np.concatenate([self.depths, self.depths])
+            for name in ("depths", "extent", "farthest"):
+                setattr(self, name, np.concatenate([getattr(self, name)] * 2))
+            self._designs += [None] * len(self._users)
             self._users = np.append(self._users, np.zeros_like(self._users))
         return int(np.argmin(self._users))
 
-
-def farthest_pad(tables: Tables) -> float:
-    """Return how far from the crank axis a pad's centre can be, m."""
-    x, y = tables.pads[:, :, 0, 0], tables.pads[:, :, 0, 1]
-    return BETWEEN * float(np.hypot(x, y).max())
+    def _put(self, row: int, design: Robot, tables: Tables) -> None:
+        """Let a row have a design in place of the one that no robot has."""
+        if (old := self._designs[row]) is not None:
+            del self._rows[old]
+        self._designs[row], self._rows[design] = design, row
+        for every, own in zip(self.model, kernel_model(tables), strict=True):
+            every[row] = own[0]
+        self.depths[row], self.farthest[row] = non_toe_depths(tables), farthest(tables)
+        places = tables.pads[:, :, 0, :2]
+        self.extent[row] = BETWEEN * np.hypot(places[..., 0], places[..., 1]).max()
 
 
 def non_toe_depths(tables: Tables) -> Array:
     """Return the reach of pads that are no toes below the axis, m, by pitch; and the most.
 
-    With what counts as near: their radius and the speculative margin.
+    Of their centres, with the speculative margin.
     """
     joints = np.unique(tables.layout.joint[tables.layout.toes :])
     places = BETWEEN * tables.pads[joints, ::SPARSE, 0, :2].reshape(-1, 2)
@@ -84,5 +102,4 @@ def non_toe_depths(tables: Tables) -> Array:
     down = -np.stack([np.sin(pitch), np.cos(pitch)], axis=1).reshape(-1, 8, 2)  # small products
     depth = (down @ places.T).max(axis=2).ravel()
     next_entry = farthest * math.pi / PITCHES
-    near = tables.robot.pad_radius + SPECULATIVE_MARGIN
-    return np.append(depth + next_entry, farthest) + near
+    return np.append(depth + next_entry, farthest) + SPECULATIVE_MARGIN

@@ -47,7 +47,7 @@ class FixedBaseBatch:
         tables = compile_robot(robot)
         model = kernel_model(tables)
         self._body, self._bearings = model.body[0], model.bearings[0]
-        self._params = parameters(tables, (0.0, -self.gravity))
+        self._params = parameters(robot, (0.0, -self.gravity))
         self.rows = np.zeros((count, runge_kutta.STATE))
         self.states = self.rows[:, : runge_kutta.LOSS]
         self.sums = np.zeros((count, 5))

@@ -145,7 +145,7 @@ class RigidBodyBatch:
         check_closure(robot)
         compliant = np.array([not robot.pad_compliance.rigid])
         check_restitution(compliant, self.nominal["restitution"])
-        before = self.robots[0], self.nominal.copy(), self.parameters.copy()
+        before, memory = (self.robots[0], self.nominal.copy(), self.parameters.copy()), self._memory
         self.robots[0] = robot
         take_load(self.nominal[0], robot)
         self.parameters[:] = self.nominal
@@ -154,6 +154,7 @@ class RigidBodyBatch:
         except ValueError:
             self.robots[0], self.nominal[:], self.parameters[:] = before
             self._apply_parameters()
+            self._memory = memory
             raise
         self._build(np.zeros(8))
 

@@ -15,9 +15,11 @@ from jansen_env.baselines import crank_baselines, walker_baselines
 from jansen_env.baselines.goal_pid import GoalPid
 from jansen_env.baselines.policy import Policy
 from jansen_env.checks import positive_integer
+from jansen_env.dynamics.projection import leg_sides
 from jansen_env.scoring.metrics import SETTLING, Aggregate, Array, Episodes, Metric
 from jansen_env.tasks.crank import LOST
 from jansen_env.tasks.goal import FARTHEST
+from jansen_env.world.settings import load_robot
 
 ENOUGH = 0.8  # of the commanded distance
 LATER, FIRST = f"after {SETTLING:g} s", f"in the first {SETTLING:g} s"
@@ -240,8 +242,10 @@ def can_be_batched(
 ) -> bool:
     """Whether one batch can hold environments with these arguments."""
     task = vector_env(env_id).TASK
+    robots = {variant.get("robot", env_kwargs.get("robot", "paper")) for variant in variants}
     return (
-        all(env_kwargs.get(name, value) == value for name, value in task.SINGLE_ONLY.items())
+        len({leg_sides(load_robot("robot", robot)) for robot in robots}) == 1
+        and all(env_kwargs.get(name, value) == value for name, value in task.SINGLE_ONLY.items())
         and env_kwargs.get("render_mode") in (None, "rgb_array")
         and all(set(variant) <= {*task.PER_ROBOT, "max_episode_steps"} for variant in variants)
     )

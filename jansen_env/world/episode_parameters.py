@@ -65,7 +65,8 @@ class EpisodeParameters:
         self._plant, self._generators, self.curriculum = plant, generators, ground.curriculum
         given = {"friction": ground.friction, "restitution": ground.restitution}
         self._own = {k: np.array([one is not None for one in v]) for k, v in given.items()}
-        self.randomizations, self.levels = list(randomizations), ground.terrain_level
+        self._given, self.levels = list(randomizations), ground.terrain_level
+        self._by_default = "randomize" in by_default
         self._has = dict(has)
         pairs = zip(robots, plant.terrains, strict=True)
         self.nominal = np.array([parameters.nominal(*pair, EPISODE) for pair in pairs], EPISODE)
@@ -81,12 +82,9 @@ class EpisodeParameters:
         has_levels = np.array([generator is not None for generator in self._generators])
         if "terrain_level" in by_default:
             levels[~has_levels] = 0.0
-        for row in range(len(levels)):
-            if "randomize" in by_default:
-                useful, drawn = self._useful(row), self.randomizations[row].items()
-                self.randomizations[row] = {k: one for k, one in drawn if k in useful}
-            self.check_names(row, [*self.randomizations[row]], "randomize")
-            self._check_feet(row, self._heaviest(row, {}))
+        self.randomizations = [self._draws(*each) for each in enumerate(self._plant.robots)]
+        for row, robot in enumerate(self._plant.robots):
+            self._check_feet(robot, _heaviest(self.nominal[row], self.randomizations[row]))
         if bad := np.flatnonzero(levels.any(axis=1) & ~has_levels).tolist():
             raise ValueError(
                 f"terrain_level is {shown(levels[bad[0]].tolist())}, must be 0 on a ground that is "
@@ -102,30 +100,35 @@ class EpisodeParameters:
             if name in self._own:
                 self._own[name][row] = True
 
-    def take_robots(self, rows: Ints) -> None:
-        """Take the payloads of robots that have been exchanged.
+    def _draws(self, row: int, robot: Robot) -> Randomization:
+        """Return what is randomised of a robot; ValueError: a parameter that would do nothing."""
+        given = self._given[row]
+        if self._by_default:
+            useful = self._useful(row, robot)
+            return {name: one for name, one in given.items() if name in useful}
+        self.check_names(row, [*given], "randomize", robot)
+        return given
 
-        Raises:
-            ValueError: one is randomised in vain, or beyond what its feet can carry.
-        """
-        for row in rows.tolist():
-            parameters.take_load(self.nominal[row], self._plant.robots[row])
-            self.check_names(row, [*self.randomizations[row]], "randomize")
-            self._check_feet(row, self._heaviest(row, {}))
+    def take_robot(self, row: int, robot: Robot) -> None:
+        """Take the payload and the draws of a robot that comes in place of another."""
+        parameters.take_load(self.nominal[row], robot)
+        self.randomizations[row] = self._draws(row, robot)
 
     def checked_level(self, row: int, level: Any) -> int:
         """Return a terrain level of a robot; ValueError: out of range, or its ground has none."""
         self.check_names(row, ["terrain_level"], "set_parameters")
         return round(check("terrain_level", "terrain_level", level))
 
-    def _useful(self, row: int) -> set[str]:
-        useful = {*parameters.effective(self._plant.robots[row])} & {*self._plant.honours}
+    def _useful(self, row: int, robot: Robot) -> set[str]:
+        useful = {*parameters.effective(robot)} & {*self._plant.honours}
         has = {**self._has, "delay": True, "terrain_level": self._generators[row] is not None}
         return useful | {name for name, present in has.items() if present}
 
-    def check_names(self, row: int, names: Sequence[str], label: str) -> None:
-        """Raises ValueError where a parameter would do nothing for a robot."""
-        useful = self._useful(row)
+    def check_names(
+        self, row: int, names: Sequence[str], label: str, robot: Robot | None = None
+    ) -> None:
+        """Raises ValueError where a parameter would do nothing for a robot, or another one."""
+        useful = self._useful(row, robot or self._plant.robots[row])
         for name in names:
             if name not in useful:
                 unknown = name in OF_ROBOTS and name not in self._plant.honours
@@ -147,41 +150,30 @@ class EpisodeParameters:
         present = self.values[row].copy()
         for name, value in numbers.items():
             present[name] = value
-        for values in (present, self._heaviest(row, numbers)):  # of this episode, and others
-            self._check_feet(row, values, pads)
+        heaviest = _heaviest(self.nominal[row], self.randomizations[row], numbers)
+        for values in (present, heaviest):  # of this episode, and others
+            self._check_feet(replace(self._plant.robots[row], pad_compliance=pads), values)
 
-    def _check_feet(self, row: int, values: Any, pads: Compliance | None = None) -> None:
-        """Raises ValueError where a robot's feet cannot bear a row of EPISODE; pads: others."""
-        pads = pads or self._plant.robots[row].pad_compliance
+    def _check_feet(self, robot: Robot, values: Any) -> None:
+        """Raises ValueError where a robot's feet cannot bear a row of EPISODE."""
+        pads = robot.pad_compliance
         if pads.rigid:
             return
         check_restitution(np.array([True]), values["restitution"][None])
-        links = self._plant.robots[row].links_mass
-        mass = float(values["mass_scale"] * links + values["payload"])
+        mass = float(values["mass_scale"] * robot.links_mass + values["payload"])
         stiffness = float(values["foot_stiffness_scale"]) * pads.stiffness
         resting_depth(mass, stiffness, GRAVITY * math.cos(values["tilt"]))
 
-    def _heaviest(self, row: int, changes: Mapping[str, float]) -> Any:
-        """Return the numbers of a robot's episodes that its feet can bear least, if known."""
-        values = self.nominal[row].copy()
-        for name, value in changes.items():
-            values[name] = value
-        for name, drawn in self.randomizations[row].items():
-            if isinstance(drawn, Uniform):
-                level = min(max(0.0, drawn.low), drawn.high)
-                least = {"foot_stiffness_scale": drawn.low, "tilt": level}
-                values[name] = least.get(name, drawn.high)
-        return values
-
     def plan(
         self, row: int, rng: np.random.Generator, options: Mapping[str, Any], delay: float,
-        walked: float, command: float,
+        walked: float, command: float, robot: Robot | None = None,
     ) -> Plan:  # fmt: skip
         """Return a robot's next episode; nothing changes yet but the generator's state.
 
         Args:
             options: of the reset, with numbers that are to be fixed. delay: s, as drawn.
             walked, command: progress in its last episode, m, and mean command, m/s; 0 at first.
+            robot: that comes in its place; None for none.
 
         Raises:
             ValueError: an option out of range or without effect, or no such ground.
@@ -189,6 +181,10 @@ class EpisodeParameters:
         randomization, generator = self.randomizations[row], self._generators[row]
         values = self.nominal[row : row + 1].copy()
         one = values[0]
+        if robot is not None:
+            parameters.take_load(one, robot)
+            randomization = self._draws(row, robot)
+            self._check_feet(robot, _heaviest(one, randomization))
         one["delay"] = delay
         if not options and not self.varies and not self._changed[row]:
             return Plan(values, None)
@@ -197,7 +193,7 @@ class EpisodeParameters:
             label = f"a sample of randomize[{name!r}]"
             one[name] = check(label, name, distribution.sample(rng))
         given = [name for name in PARAMETERS if name in options]
-        self.check_names(row, given, "options")
+        self.check_names(row, given, "options", robot)
         for name in given:
             one[name] = check(f"options[{name!r}]", name, options[name])
         terrain = None
@@ -208,7 +204,7 @@ class EpisodeParameters:
                     one[name] = getattr(terrain, name)
             if terrain.restitution != one["restitution"]:  # which compliant pads may exclude
                 terrain = replace(terrain, restitution=float(one["restitution"]))
-        self._check_feet(row, one)
+        self._check_feet(robot or self._plant.robots[row], one)
         return Plan(values, terrain)
 
     def _next_level(
@@ -275,10 +271,25 @@ class EpisodeParameters:
         values = np.zeros(1, EPISODE)
         for name in PARAMETERS:
             values[name] = check(f"state['parameters'][{name!r}]", name, given[name])
-        self._check_feet(row, values[0])
+        self._check_feet(self._plant.robots[row], values[0])
         level = check("state['level']", "terrain_level", state["level"])
         terrain = None
         if self._generators[row] is not None:
             friction, restitution = state["ground"]
             terrain = Terrain(tuple(map(tuple, state["terrain"])), friction, restitution)
         return Plan(values, terrain), int(level)
+
+
+def _heaviest(
+    nominal: np.void, randomization: Randomization, changes: Mapping[str, float] | None = None
+) -> Any:
+    """Return the numbers of a robot's episodes that its feet can bear least, if known."""
+    values = nominal.copy()
+    for name, value in (changes or {}).items():
+        values[name] = value
+    for name, drawn in randomization.items():
+        if isinstance(drawn, Uniform):
+            level = min(max(0.0, drawn.low), drawn.high)
+            least = {"foot_stiffness_scale": drawn.low, "tilt": level}
+            values[name] = least.get(name, drawn.high)
+    return values

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from jansen_env.checks import entries
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import readings
 from jansen_env.gravity import GRAVITY
-from jansen_env.parameters import CHANGED_BY, LONGEST_DELAY, PARAMETERS, robot_parameters
+from jansen_env.parameters import CHANGED_BY, LONGEST_DELAY, PARAMETERS
 from jansen_env.plants.base import BatchedPlant
 from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.make import make_batch, plant_time_step
@@ -159,20 +158,21 @@ class World(ActuatedRobots):
         Raises:
             ValueError: an option out of range; nothing has changed then.
         """
-        with self._exchanged(rows, options):
-            each = list(zip(rows.tolist(), generators, options, strict=True))
-            drawn = [self._draw(*one, draw) for one in each]
-            seeds = [rng.integers(2**63) for rng in generators]
-            plans = [
-                self.episodes.plan(*one, start[2], *self._progress(one[0]))
-                for one, start in zip(each, drawn, strict=True)
-            ]
-            given = [own.get("pushes") for own in options]
-            schedules = [
-                check_schedule("options['pushes']", () if one is None else one) for one in given
-            ]
-            self.seeds[rows] = seeds
-            self.apply_parameters(rows, plans)
+        each = list(zip(rows.tolist(), generators, options, strict=True))
+        robots = {row: self._another(row, own["robot"]) for row, _, own in each if "robot" in own}
+        drawn = [self._draw(*one, draw) for one in each]
+        seeds = [rng.integers(2**63) for rng in generators]
+        plans = [
+            self.episodes.plan(*one, start[2], *self._progress(one[0]), robots.get(one[0]))
+            for one, start in zip(each, drawn, strict=True)
+        ]
+        given = [own.get("pushes") for own in options]
+        schedules = [
+            check_schedule("options['pushes']", () if one is None else one) for one in given
+        ]
+        self._exchange({row: one for row, one in robots.items() if one is not None})
+        self.seeds[rows] = seeds
+        self.apply_parameters(rows, plans)
         plant = self.plant
         plant.place(rows, np.array([start[0] for start in drawn]))
         self.loads[rows] = plant.contact_force[rows, :, 1] / self.weight[rows, None]
@@ -187,37 +187,24 @@ class World(ActuatedRobots):
         self.truncated[rows] = False
         return [start[3] for start in drawn]
 
-    @contextmanager
-    def _exchanged(self, rows: Ints, options: Sequence[dict[str, Any]]) -> Iterator[None]:
-        """Exchange robots that ``options`` name; after an error all is as it was."""
-        new = {
-            row: settings.load_robot("options['robot']", own["robot"])
-            for row, own in zip(rows.tolist(), options, strict=True)
-            if "robot" in own
-        }
-        new = {row: robot for row, robot in new.items() if robot != self.robots[row]}
-        rows, before = np.array([*new], np.int64), [self.robots[row] for row in new]
-        states = [(self.plant.states[row].copy(), self.plant.deflection[row].copy()) for row in new]
-        try:
-            self._exchange(rows, [*new.values()])
-            yield
-        except Exception:
-            self._exchange(rows, before)
-            self.plant.set_parameters(rows, robot_parameters(self.episodes.values[rows]))
-            for row, state in zip(new, states, strict=True):
-                self.plant.set_state(row, *state)
-            raise
+    def _another(self, row: int, value: Any) -> Robot | None:
+        """Return the robot of a reset's option; None for the one that is there."""
+        robot = settings.load_robot("options['robot']", value)
+        if robot == self.robots[row]:
+            return None
+        static_deflection(robot, GRAVITY)  # or its feet are too soft
+        return robot
 
-    def _exchange(self, rows: Ints, robots: Sequence[Robot]) -> None:
-        if len(rows) == 0:
+    def _exchange(self, robots: Mapping[int, Robot]) -> None:
+        """Put robots in the place of others, by their rows."""
+        if not robots:
             return
-        for robot in robots:
-            static_deflection(robot, GRAVITY)  # or its feet are too soft
-        self.plant.set_robots(rows, robots)
-        for row, robot in zip(rows.tolist(), robots, strict=True):
+        rows = np.array([*robots])
+        self.plant.set_robots(rows, [*robots.values()])
+        for row, robot in robots.items():
             self.robots[row] = robot
+            self.episodes.take_robot(row, robot)
         self._know_robots(rows)
-        self.episodes.take_robots(rows)
 
     def _draw(
         self, row: int, rng: np.random.Generator, options: dict[str, Any], draw: Draw

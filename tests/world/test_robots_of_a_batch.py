@@ -1,6 +1,6 @@
 """Robots of different lengths in one batch, and robots that a reset exchanges."""
 
-import pickle
+from copy import deepcopy
 from dataclasses import replace
 
 import gymnasium as gym
@@ -11,6 +11,7 @@ from jansen_env import Bar, LinkageError, Payload, built_robot, holy_numbers_rob
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.plants.design_tables import DesignTables
 from jansen_env.robot import Leg
+from jansen_env.scoring.benchmarks import can_be_batched
 
 STEPS = 40
 LONGER = replace(built_robot(), coupler=Bar(0.2405, 0.11, 0.001), payload=Payload(0.5))
@@ -42,8 +43,9 @@ def test_each_moves_as_it_would_alone(terrain):
     walk(other, (n, 1), 3)
     started = made.reset(seed=[5] * n)[0], other.reset(seed=[5] * n, options={"robot": ROBOTS})[0]
     walked = walk(made, (n, 1)), walk(other, (n, 1))
-    again = pickle.loads(pickle.dumps(other.task.world.plant))
-    assert again.robots == ROBOTS and (again.designs.number == [0, 1, 2, 3, 4, 1]).all()
+    mixed = other.reset(seed=[5] * n, options={"robot": ROBOTS[::-1]})  # designs in other rows
+    copy = deepcopy(other)
+    assert (walk(copy, (n, 1)) == walk(other, (n, 1))).all() and mixed[0].shape == started[1].shape
     for k, robot in enumerate(ROBOTS):
         first, states = alone(robot, **arguments)
         for start, many in zip(started, walked, strict=True):
@@ -92,18 +94,66 @@ def test_after_a_refusal_all_goes_on_as_before(robot, error, match):
 
 def test_equal_designs_share_their_tables():
     """Rows that no robot has any more are used again; the arrays grow when there are none."""
-    lengths = [replace(paper_robot(), coupler=Bar(0.239 + 1e-4 * k)) for k in range(4)]
-    tables = [compile_robot(robot) for robot in lengths]
-    designs = DesignTables([tables[0]] * 3)
+    a, b, c, d = (replace(paper_robot(), coupler=Bar(0.239 + 1e-4 * k)) for k in range(4))
+    designs = DesignTables([a] * 3)
     assert len(designs.depths) == 1
-    designs.set(1, tables[1])
-    assert designs.number.tolist() == [0, 1, 0] and len(designs.depths) == 2
-    designs.set(1, tables[2])  # in place of what nobody has
-    designs.set(2, tables[2])
+    designs.set(np.array([1, 2]), [b, replace(b, pad_radius=0.02, payload=Payload(1.0))])
     assert designs.number.tolist() == [0, 1, 1] and len(designs.depths) == 2
-    designs.set(0, tables[3])
-    designs.set(2, tables[0])
+    designs.set(np.array([0, 1, 2]), [c, c, a])  # a's row is given away before it is asked for
+    designs.set(np.array([1]), [d])
     assert len(designs.depths) == 4 and len(set(designs.number.tolist())) == 3
-    for row, own in zip(designs.number, (tables[3], tables[2], tables[0]), strict=True):
-        assert (designs.model.body[row] == own.body).all()
-        assert (designs.model.pads[row] == own.pads).all()
+    with pytest.raises(LinkageError):
+        designs.set(np.array([0, 1]), [a, replace(paper_robot(), crank=Bar(0.2))])
+    for row, robot in zip(designs.number, (c, d, a), strict=True):
+        assert (designs.model.body[row] == compile_robot(robot).body).all()
+        assert (designs.model.pads[row] == compile_robot(robot).pads).all()
+
+
+def test_pads_of_several_sizes_are_felt_alike():
+    """Robots that lie on the ground, on joints that are no toes, whose pads alone differ."""
+    robots = [replace(paper_robot(), pad_radius=radius) for radius in (0.005, 0.15)]
+    arguments = {"fall_pitch": 9.0, "fall_contact": False, "terminate_when_fallen": False}
+
+    def lie(envs, n):
+        envs.reset(seed=[4] * n)
+        for row in range(n):
+            state = envs.get_state(row)
+            state["plant"][1:4] += 0.5, 2.4, 0.3
+            envs.set_state(row, state)
+        return walk(envs, (n, 1), 80)
+
+    many = lie(gym.make_vec("JansenWalker-v0", 2, robot=robots, **arguments).unwrapped, 2)
+    for k, robot in enumerate(robots):
+        one = lie(gym.make_vec("JansenWalker-v0", 1, robot=[robot], **arguments).unwrapped, 1)
+        assert (many[:, k] == one[:, 0]).all(), k
+
+
+def test_draws_by_default_are_those_of_the_robot():
+    """What is randomised where nobody asks: of the robot that is there, not of the first one."""
+    for first, then in (("built", "paper"), ("paper", "built")):
+        env, fresh = (
+            gym.make("JansenWalkerHardcore-v0", robot=one).unwrapped for one in (first, then)
+        )
+        env.reset(seed=0)
+        ours, theirs = env.reset(seed=1, options={"robot": then}), fresh.reset(seed=1)
+        assert (ours[0] == theirs[0]).all() and ours[1]["parameters"] == theirs[1]["parameters"]
+        assert (walk(env) == walk(fresh)).all()
+
+
+def test_pictures_show_the_robot_that_is_there():
+    env, fresh = (
+        gym.make("JansenWalker-v0", robot=one, render_mode="rgb_array") for one in ("paper", LATER)
+    )
+    env.reset(seed=0)
+    env.render()
+    env.reset(seed=1, options={"robot": LATER})
+    fresh.reset(seed=1)
+    assert (env.render() == fresh.render()).all()
+
+
+def test_legs_on_other_sides_are_simulated_apart():
+    """As Stable-Baselines3's environments, which robots of one batch cannot be."""
+    legs = tuple(Leg(side, phase) for phase in (0.0, 3.0) for side in ("fore", "back"))
+    variants = [{"robot": "paper"}, {"robot": replace(paper_robot(), legs=legs)}]
+    assert not can_be_batched("JansenWalker-v0", {}, variants)
+    assert can_be_batched("JansenWalker-v0", {}, [{"robot": "built"}, {}])

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks import measure, walks
-from benchmarks.varied_robots import designs
 from benchmarks.probe import OURS, STAGES, Many, Single, Tree, robots
+from benchmarks.varied_robots import designs
 from jansen_env import ROBOTS, Robot, paper_robot
 from jansen_env.cores import available_cores
 from jansen_env.terrain.generators import make_generator

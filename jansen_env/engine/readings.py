@@ -31,14 +31,14 @@ ROW = row_dtype(
 )
 
 
-@compiled
+@compiled(nogil=True)
 def finish_step(
-    active, period, states, slip, force, robots, rows, loads, surface, scan, places, out
+    which, period, states, slip, force, robots, rows, loads, surface, scan, places, out
 ):
     """Account for the step of ``period`` seconds that led to ``states`` (n, 8), and read them.
 
     Args:
-        active: (n,) whether a robot has taken it.
+        which: (k,) robots that have taken it.
         slip: (n, toes) m. force: (n, toes, 2) N. robots: (n,) ROBOT of the plant.
         rows: (n,) of :data:`ROW`. loads: (n, toes) normal forces / weight.
         surface: (vertices, 2) m, of all terrains.
@@ -46,10 +46,9 @@ def finish_step(
         places: (10 + toes + count,) column of each reading in ``out`` (n, d), -1 for none: the
             order is that of :func:`read`.
     """
-    for r in range(len(states)):
-        if active[r]:
-            take_step(r, period, states, slip, force, robots, rows, loads)
-            read(r, states, robots, rows, loads, surface, scan, places, out)
+    for r in which:
+        take_step(r, period, states, slip, force, robots, rows, loads)
+        read(r, states, robots, rows, loads, surface, scan, places, out)
 
 
 @compiled

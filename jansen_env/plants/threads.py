@@ -7,14 +7,17 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from jansen_env.checks import positive_integer
 from jansen_env.cores import available_cores
 
 ROBOTS_PER_THREAD = 16  # at least, or starting a thread takes longer than it saves
-FEWEST_AT_A_TIME = 4  # robots, moved by a thread before it takes the next ones
+FIRST = 16  # robots that are moved while the other threads start
 
-Share = Callable[[int, int, Any], tuple[bool, bool]]
-"""Moves the robots from one index to another with a thread's memory; returns two flags."""
+Move = Callable[[int, NDArray[np.int64], int, Any], tuple[bool, bool]]
+"""Moves robots: a thread's number, all shares, the most robots, and memory; returns two flags."""
 
 
 class Threads:
@@ -27,9 +30,8 @@ class Threads:
     """
 
     def __init__(self, robots: int, threads: int | None, memory: Callable[[], Any]) -> None:
-        self._robots = robots
         self._count = count_threads(robots, threads)
-        self._shares = _shares(robots, self._count)
+        self._robots, self._shares = robots, _shares(robots, self._count)
         self._memory = [memory() for _ in range(self._count)]
         self._pool: tuple[int, ThreadPoolExecutor] | None = None
 
@@ -39,33 +41,28 @@ class Threads:
         return self._memory[0]
 
     def move(
-        self, robots: int, share: Share, meanwhile: Callable[[], None] | None
+        self, robots: int, move: Move, meanwhile: Callable[[], None] | None
     ) -> tuple[bool, bool]:
         """Share so many robots out, and call ``meanwhile``; whether any share set each flag."""
-        threads = max(1, min(self._count, robots // ROBOTS_PER_THREAD))
-        shares = iter(self._shares if robots == self._robots else _shares(robots, threads))
+        shares = self._shares.copy() if robots == self._robots else _shares(robots, self._count)
 
-        def work(after_one: Callable[[], None] | None = None) -> tuple[bool, bool]:
-            one = other = False
-            for first, last in shares:  # each thread takes the next one
-                # Not a thread's own: what ``after_one`` places moves on the same threads meanwhile.
-                memory = self._memory.pop()
-                try:
-                    found = share(first, last, memory)
-                finally:
-                    self._memory.append(memory)
-                one, other = one or found[0], other or found[1]
-                if after_one is not None:
-                    after_one()
-                    after_one = None
-            if after_one is not None:
-                after_one()
-            return one, other
+        def work(thread: int, most: int = robots) -> tuple[bool, bool]:
+            # Not a thread's own: what ``meanwhile`` places moves on the same threads.
+            memory = self._memory.pop()
+            try:
+                return move(thread, shares, most, memory)
+            finally:
+                self._memory.append(memory)
 
-        waiting = [self._executor().submit(work) for _ in range(threads - 1)]
+        if len(shares) == 1 and meanwhile is None:
+            return work(0)
+        waiting = [self._executor().submit(work, thread) for thread in range(1, len(shares))]
+        outcomes = []
         try:
-            # Not before the first robots: Python's lock would keep the other threads from starting.
-            outcomes = [work(meanwhile)]
+            if meanwhile is not None:  # Python's lock would keep the other threads from starting
+                outcomes.append(work(0, FIRST))
+                meanwhile()
+            outcomes.append(work(0))
         finally:  # whatever happens here, nothing goes on in the background
             outcomes_of_others = [future.result() for future in waiting]
         outcomes += outcomes_of_others
@@ -93,11 +90,11 @@ def count_threads(robots: int, threads: int | None) -> int:
     return max(1, min(available, robots // ROBOTS_PER_THREAD))
 
 
-def _shares(robots: int, threads: int) -> list[tuple[int, int]]:
-    """Return the ranges of robots that threads take: ever fewer, so that all end together."""
-    shares, first = [], 0
-    while first < robots:
-        size = max(FEWEST_AT_A_TIME, (robots - first) // (2 * threads)) if threads > 1 else robots
-        shares.append((first, min(first + size, robots)))
-        first += size
-    return shares
+def _shares(robots: int, most: int) -> NDArray[np.int64]:
+    """Return the first and the end of the robots of each of ``most`` threads at most, (threads, 2).
+
+    A thread takes its own first, in each step the same: they are in its core's cache.
+    """
+    threads = max(1, min(most, robots // ROBOTS_PER_THREAD))
+    bounds = np.arange(threads + 1) * robots // threads
+    return np.stack([bounds[:-1], bounds[1:]], axis=1)

@@ -34,12 +34,12 @@ class InfoBuilder:
         parameters: NDArray[Any] | None = None,
     ) -> None:
         self._world, self._task, self._arrays = world, task, dict(arrays)
-        groups: dict[str, Any] = {"energy": world["energy"]}
+        self._parameters, energy = parameters, world["energy"]
+        self._groups: dict[str, Any] = {"energy": (energy, energy.dtype.names)}
         if parameters is not None:
-            groups["parameters"] = parameters
-        self._groups = {name: (rows, rows.dtype.names) for name, rows in groups.items()}
+            self._groups["parameters"] = (parameters, parameters.dtype.names)
         names: Any = world.dtype.names
-        self._of_world = names.index("info")
+        self._of_world, self._at_energy = names.index("info"), names.index("energy")
         names = task.dtype.names
         self._of_task, self._at_reward = names.index("info"), names.index("reward")
         infos: Any = (world["info"], task["info"])
@@ -47,22 +47,26 @@ class InfoBuilder:
         self._names = tuple(of_any)
         rewards: Any = task["reward"]
         self._terms = {f"reward/{term}": rewards[term] for term in rewards.dtype.names}
+        self._names_of_step = (*self._names, *self._terms)
         self._step_arrays, self._of_any = dict(step_arrays), {**of_any, **arrays}
         self.keys = (*self._of_any, *self._groups, *self._terms, *step_arrays)
 
     def single(self, row: int, stepped: bool) -> dict[str, Any]:
         """Return that of one robot, in Python's own types; ``stepped``: of a step, not a reset."""
-        world, task = self._world[row].item(), self._task[row].item()
-        numbers = world[self._of_world] + task[self._of_task]
-        info = dict(zip(self._names, numbers, strict=True))
-        for name, (rows, names) in self._groups.items():
-            info[name] = dict(zip(names, rows[row].item(), strict=True))
+        world, task = self._world.item(row), self._task.item(row)  # quicker than row by row
+        names, numbers = self._names, world[self._of_world] + task[self._of_task]
+        if stepped:
+            names, numbers = self._names_of_step, numbers + task[self._at_reward]
+        info = dict(zip(names, numbers, strict=True))
+        info["energy"] = dict(zip(self._groups["energy"][1], world[self._at_energy], strict=True))
+        if self._parameters is not None:
+            values = self._parameters.item(row)
+            info["parameters"] = dict(zip(self._groups["parameters"][1], values, strict=True))
         for name, array in self._arrays.items():
             info[name] = array[row].copy()
         if stepped:
-            info.update(zip(self._terms, task[self._at_reward], strict=True))
             for name, array in self._step_arrays.items():
-                info[name] = array[row].item()
+                info[name] = array.item(row)
         return info
 
     def batched(

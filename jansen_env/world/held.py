@@ -116,12 +116,17 @@ class HeldRobots(ActuatedRobots):
         self.rows["steps"][rows] = steps
 
     def step(
-        self, actions: Any, active: Bools, meanwhile: Callable[[], None] | None = None
+        self,
+        actions: Any,
+        active: Bools,
+        finish: Callable[[Ints], None],
+        meanwhile: Callable[[], None] | None = None,
     ) -> None:
         """Hold torques for ``control_dt`` seconds, see ``World``."""
         plant = self.plant
         self._take_actions(actions, active)
         plant.step(self.torque, self.steps, self.earlier, self.switch)
+        finish(active.nonzero()[0])
         if meanwhile is not None:
             meanwhile()
         if plant.any_diverged or self._any_truncated:

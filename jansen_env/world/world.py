@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -217,11 +218,16 @@ class World(ActuatedRobots):
         self.elapsed[rows] = 0
 
     def step(
-        self, actions: Any, active: Bools, meanwhile: Callable[[], None] | None = None
+        self,
+        actions: Any,
+        active: Bools,
+        finish: Callable[[Ints], None],
+        meanwhile: Callable[[], None] | None = None,
     ) -> None:
         """Hold actions (n, 1) of the ``active`` robots (n,) for ``control_dt`` seconds.
 
-        ``meanwhile`` is called while they move, to :meth:`reset` others.
+        ``finish`` is called with robots (k,) that have moved, on the threads that moved them;
+        ``meanwhile`` while others move, to :meth:`reset` robots that are not active.
 
         Raises:
             ValueError: the actions are not one finite number for each active robot.
@@ -230,17 +236,25 @@ class World(ActuatedRobots):
         self._take_actions(actions, active)
         pushes = self.pushes.of_step(active, self.elapsed, self.seeds)
         self.elapsed += active
-        rows = None if active.all() else np.flatnonzero(active)
-        plant.step(self.torque, self.steps, self.earlier, self.switch, rows, meanwhile, pushes)
+        self._moved = active.nonzero()[0]
         if self.sensors is not None:
-            self._moved = np.flatnonzero(active)
-            self.sensors.draw(self._moved, self.elapsed, self.seeds)
+            finish = partial(self._sense, finish)
+        plant.step(
+            self.torque, self.steps, self.earlier, self.switch, self._moved, meanwhile, pushes,
+            finish,
+        )  # fmt: skip
         if plant.joints_open:
             self.rows["info"]["joint_gap"] = plant.joint_gap
         if plant.any_diverged or self._any_truncated:
             self._truncate(plant.diverged & active)
         if self.track_joint_forces:
             self._joint_loads[:] = (0.0, 0.0) if plant.any_diverged else plant.peak_loads()
+
+    def _sense(self, finish: Callable[[Ints], None], rows: Ints) -> None:
+        """Draw the errors of robots' readings, which ``finish`` takes."""
+        assert self.sensors is not None
+        self.sensors.draw(rows, self.elapsed, self.seeds)
+        finish(rows)
 
     def step_arguments(self) -> tuple[Any, ...]:
         """Return the arguments of :func:`jansen_env.engine.readings.finish_step` but the first."""

@@ -113,8 +113,9 @@ def advance(
     """Advance robots by a control step, finding the ground as they go: a thread's, then others'.
 
     Args:
-        thread: number of the one that calls. shares: (threads, 2) the next of ``rows`` in each
-            thread's share, and its end. most: robots to advance, no more.
+        thread: number of the one that calls. shares: (threads + 1, 2) the next of ``rows`` in each
+            thread's share, and its end; the last one is for thread 0, when nothing else is left.
+        most: robots to advance, no more.
         rows: (k,) of the robots. fresh: whether a control step of ``steps`` time steps begins, with
             new sums; if not, it goes on with the time steps that are left.
         torque: (robots,) crank torque asked for, N m. earlier: (robots,) the one before, which
@@ -141,8 +142,9 @@ def advance(
     ground = Ground(surface, depths)
     work = _work(jacobians, matrices, vectors, readings, spare, ints)
     count, unknown, diverged = 0, False, False
-    for offset in range(len(shares)):
-        share = shares[(thread + offset) % len(shares)]
+    known = len(shares) if thread == 0 else len(shares) - 1
+    for offset in range(known):
+        share = shares[(thread + offset) % known]
         while count < most:
             k = take(share)
             if k >= share[1]:

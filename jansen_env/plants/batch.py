@@ -179,7 +179,8 @@ class Batch(PlacedRobots):
         self._lower(rows, crank_angles, x, pitch)
         self.deflection[rows] = UNKNOWN_DEFLECTION
         self.diverged[rows] = False
-        self.in_contact = None if 0 in rows else self.in_contact
+        if self.in_contact is not None and 0 in rows:
+            self.in_contact = None
 
     def lookahead(
         self, torque: float = 0.0, rows: Ints | None = None, pushes: Array | None = None
@@ -250,7 +251,8 @@ class Batch(PlacedRobots):
             if meanwhile is not None:
                 meanwhile()
             return
-        before = self.states.copy(), self.deflection.copy() if self.any_gives else None
+        states = self.states.take(rows, axis=0)  # quicker than an index
+        before = states, self.deflection[rows] if self.any_gives else None
         if self.any_diverged:
             self.diverged[rows] = False
             self.any_diverged = bool(self.diverged.any())
@@ -293,17 +295,15 @@ class Batch(PlacedRobots):
         self.in_contact = pads_in_contact(trace)[-1]
 
     def _refuse(self, rows: Ints, before: tuple[Array, Array | None]) -> Ints:
-        """Leave the robots that have diverged as they were ``before``, and return them.
-
-        ``before``: states and deflections of all robots.
-        """
-        lost = rows[self.rows["status"]["steps_left"][rows] < 0]
+        """Return the robots that have diverged, left as they were ``before``: state, deflection."""
+        gone = self.rows["status"]["steps_left"][rows] < 0
+        lost = rows[gone]
         if len(lost) == 0:
             return lost
         self.diverged[lost] = self.any_diverged = True
-        self.states[lost] = before[0][lost]
+        self.states[lost] = before[0][gone]
         if before[1] is not None:
-            self.deflection[lost] = before[1][lost]
+            self.deflection[lost] = before[1][gone]
         self.accumulators[lost] = 0.0
         self.slip[lost] = self.contact_force[lost] = 0.0
         for name in ("slip", "impulse"):

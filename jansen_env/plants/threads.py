@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from jansen_env.cores import available_cores
 
 ROBOTS_PER_THREAD = 16  # at least, or starting a thread takes longer than it saves
 FIRST = 16  # robots that are moved while the other threads start
+LAST = 4  # robots that the calling thread moves while the others come to an end
 
 Move = Callable[[int, NDArray[np.int64], int, Any], tuple[bool, bool]]
 """Moves robots: a thread's number, all shares, the most robots, and memory; returns two flags."""
@@ -45,6 +47,8 @@ class Threads:
     ) -> tuple[bool, bool]:
         """Share so many robots out, and call ``meanwhile``; whether any share set each flag."""
         shares = self._shares.copy() if robots == self._robots else _shares(robots, self._count)
+        if self._count == 1 and meanwhile is None:
+            return move(0, shares, robots, self._memory[0])
 
         def work(thread: int, most: int = robots) -> tuple[bool, bool]:
             # Not a thread's own: what ``meanwhile`` places moves on the same threads.
@@ -54,9 +58,7 @@ class Threads:
             finally:
                 self._memory.append(memory)
 
-        if len(shares) == 1 and meanwhile is None:
-            return work(0)
-        waiting = [self._executor().submit(work, thread) for thread in range(1, len(shares))]
+        waiting = [self._executor().submit(work, thread) for thread in range(1, len(shares) - 1)]
         outcomes = []
         try:
             if meanwhile is not None:  # Python's lock would keep the other threads from starting
@@ -91,10 +93,13 @@ def count_threads(robots: int, threads: int | None) -> int:
 
 
 def _shares(robots: int, most: int) -> NDArray[np.int64]:
-    """Return the first and the end of the robots of each of ``most`` threads at most, (threads, 2).
+    """Return the first and the end of the robots of each of ``most`` threads at most, and the last.
 
-    A thread takes its own first, in each step the same: they are in its core's cache.
+    A thread takes its own first, in each step the same: they are in its core's cache. It takes no
+    sleep to wait for a thread that has ended, which costs as much as ten robots: the last robots
+    are for the calling thread.
     """
     threads = max(1, min(most, robots // ROBOTS_PER_THREAD))
-    bounds = np.arange(threads + 1) * robots // threads
-    return np.stack([bounds[:-1], bounds[1:]], axis=1)
+    shared = robots - LAST if threads > 1 else robots
+    bounds = [*(shared * thread // threads for thread in range(threads + 1)), robots]
+    return np.array([*pairwise(bounds)])

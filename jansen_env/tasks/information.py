@@ -33,15 +33,12 @@ class InfoBuilder:
         step_arrays: Mapping[str, NDArray[Any]],
         parameters: NDArray[Any] | None = None,
     ) -> None:
-        self._world, self._task, self._arrays = world, task, dict(arrays)
-        self._parameters, energy = parameters, world["energy"]
+        self._world, self._task = world[["info", "energy"]], task[["info", "reward"]]
+        self._arrays, self._parameters = dict(arrays), parameters
+        energy = world["energy"]
         self._groups: dict[str, Any] = {"energy": (energy, energy.dtype.names)}
         if parameters is not None:
             self._groups["parameters"] = (parameters, parameters.dtype.names)
-        names: Any = world.dtype.names
-        self._of_world, self._at_energy = names.index("info"), names.index("energy")
-        names = task.dtype.names
-        self._of_task, self._at_reward = names.index("info"), names.index("reward")
         infos: Any = (world["info"], task["info"])
         of_any = {name: info[name] for info in infos for name in info.dtype.names}
         self._names = tuple(of_any)
@@ -53,12 +50,13 @@ class InfoBuilder:
 
     def single(self, row: int, stepped: bool) -> dict[str, Any]:
         """Return that of one robot, in Python's own types; ``stepped``: of a step, not a reset."""
-        world, task = self._world.item(row), self._task.item(row)  # quicker than row by row
-        names, numbers = self._names, world[self._of_world] + task[self._of_task]
+        world: Any = self._world.item(row)
+        task: Any = self._task.item(row)
+        names, numbers = self._names, world[0] + task[0]
         if stepped:
-            names, numbers = self._names_of_step, numbers + task[self._at_reward]
+            names, numbers = self._names_of_step, numbers + task[1]
         info = dict(zip(names, numbers, strict=True))
-        info["energy"] = dict(zip(self._groups["energy"][1], world[self._at_energy], strict=True))
+        info["energy"] = dict(zip(self._groups["energy"][1], world[1], strict=True))
         if self._parameters is not None:
             values = self._parameters.item(row)
             info["parameters"] = dict(zip(self._groups["parameters"][1], values, strict=True))

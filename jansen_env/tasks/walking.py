@@ -11,6 +11,7 @@ import numpy as np
 
 from jansen_env.checks import finite, non_negative, positive, shown
 from jansen_env.engine import walk_reward
+from jansen_env.engine.records import as_bytes
 from jansen_env.tasks.task import CommandedTask, Task
 from jansen_env.world.argument_checks import Bools, Ints, flag, per_robot, range_per_robot, single
 from jansen_env.world.entries import Observed
@@ -119,6 +120,7 @@ class WalkerTask(CommandedTask):
             numbers = self._measured.view(float).reshape(self.num_envs, -1)
             sensors.measure(numbers, [self.columns[name] for name in ACCOUNTS])
             self._error = sensors.mean_error
+        self._bytes = tuple(map(as_bytes, (self._settings, self.rows, self._measured)))
 
     def begin(self, rows: Ints, drawn: Sequence[Any]) -> None:
         """Start with commands, m/s; lag and means are 0."""
@@ -141,7 +143,7 @@ class WalkerTask(CommandedTask):
         """Account for the step of robots (k,) in one kernel, on the thread that moved them."""
         if self.world.episodes.curriculum is not None:
             self._cover(rows)
-        super().finish_step(rows)
+        walk_reward.finish_step(rows, *self.step_arguments())
 
     def complete_step(self, active: Bools) -> None:
         """Let a task that derives from this one observe the ``active`` robots (n,)."""
@@ -150,12 +152,12 @@ class WalkerTask(CommandedTask):
 
     def step_arguments(self) -> tuple[Any, ...]:
         return (
-            self._settings, self.rows, self.reward, self.terminated, self._error, self._measured,
-            self._places, *self.world.step_arguments(),
+            *self._bytes, self.reward, self.terminated, self._error, self._places,
+            *self.world.step_arguments(),
         )  # fmt: skip
 
     def describe_arguments(self) -> tuple[Any, ...]:
-        return self.rows, self._places, *self.world.describe_arguments()
+        return self._bytes[1], self._places, *self.world.describe_arguments()
 
     def _draw_commands(self, active: Bools) -> None:
         """Draw the commands that hold after this step, where it is time for others."""

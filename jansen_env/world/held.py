@@ -113,7 +113,7 @@ class HeldRobots(ActuatedRobots):
     def _clear_episode(self, rows: Ints, action: float = 0.0, steps: int = 0) -> None:
         self.rows[rows] = np.zeros((), crank_tracking.HELD_ROW)
         self.rows["action"][rows] = self.rows["action_before"][rows] = action
-        self.rows["steps"][rows] = steps
+        self.rows["steps"][rows] = self.elapsed[rows] = steps
 
     def step(
         self,

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+import weakref
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from itertools import pairwise
+from queue import SimpleQueue
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -35,7 +38,7 @@ class Threads:
         self._count = count_threads(robots, threads)
         self._robots, self._shares = robots, _shares(robots, self._count)
         self._memory = [memory() for _ in range(self._count)]
-        self._pool: tuple[int, ThreadPoolExecutor] | None = None
+        self._pool: tuple[int, SimpleQueue[Any]] | None = None
 
     @property
     def memory(self) -> Any:
@@ -50,37 +53,55 @@ class Threads:
         if self._count == 1 and meanwhile is None:
             return move(0, shares, robots, self._memory[0])
 
-        def work(thread: int, most: int = robots) -> tuple[bool, bool]:
+        outcomes: SimpleQueue[Any] = SimpleQueue()
+
+        def work(thread: int, most: int = robots) -> None:
             # Not a thread's own: what ``meanwhile`` places moves on the same threads.
             memory = self._memory.pop()
             try:
-                return move(thread, shares, most, memory)
+                outcomes.put(move(thread, shares, most, memory))
+            except BaseException as error:  # raised below, in the calling thread
+                outcomes.put(error)
             finally:
                 self._memory.append(memory)
 
-        waiting = [self._executor().submit(work, thread) for thread in range(1, len(shares) - 1)]
-        outcomes = []
+        works = len(shares) - 1 if meanwhile is None else len(shares)
+        for thread in range(1, len(shares) - 1):
+            self._queue().put(partial(work, thread))
         try:
             if meanwhile is not None:  # Python's lock would keep the other threads from starting
-                outcomes.append(work(0, FIRST))
+                work(0, FIRST)
                 meanwhile()
-            outcomes.append(work(0))
         finally:  # whatever happens here, nothing goes on in the background
-            outcomes_of_others = [future.result() for future in waiting]
-        outcomes += outcomes_of_others
-        return any(one for one, _ in outcomes), any(other for _, other in outcomes)
+            work(0)
+            found = [outcomes.get() for _ in range(works)]
+        for outcome in found:
+            if isinstance(outcome, BaseException):
+                raise outcome
+        return any(one for one, _ in found), any(other for _, other in found)
 
     def close(self) -> None:
         """End the threads; a later :meth:`move` starts new ones."""
         if self._pool is not None and self._pool[0] == os.getpid():
-            self._pool[1].shutdown()
+            self._pool[1].put(None)
         self._pool = None
 
-    def _executor(self) -> ThreadPoolExecutor:
-        """Return the threads of this process: a forked one starts its own."""
+    def _queue(self) -> SimpleQueue[Any]:
+        """Return what the threads of this process take work from: a forked one starts its own."""
         if self._pool is None or self._pool[0] != os.getpid():
-            self._pool = os.getpid(), ThreadPoolExecutor(self._count - 1, "jansen")
+            self._pool = os.getpid(), SimpleQueue()
+            weakref.finalize(self, self._pool[1].put, None)
+            for _ in range(self._count - 1):
+                Thread(target=_serve, args=(self._pool[1],), name="jansen", daemon=True).start()
         return self._pool[1]
+
+
+def _serve(queue: SimpleQueue[Any]) -> None:
+    """Do work until there is None, which is left for the other threads."""
+    while (work := queue.get()) is not None:
+        work()
+        del work  # or who waits here would keep the robots
+    queue.put(None)
 
 
 def count_threads(robots: int, threads: int | None) -> int:
@@ -95,9 +116,9 @@ def count_threads(robots: int, threads: int | None) -> int:
 def _shares(robots: int, most: int) -> NDArray[np.int64]:
     """Return the first and the end of the robots of each of ``most`` threads at most, and the last.
 
-    A thread takes its own first, in each step the same: they are in its core's cache. It takes no
-    sleep to wait for a thread that has ended, which costs as much as ten robots: the last robots
-    are for the calling thread.
+    A thread takes its own robots first, the same ones in each step: they are in its core's cache.
+    Falling asleep until a thread ends takes as long as moving ten robots, so the calling thread
+    keeps the last robots and ends after the others.
     """
     threads = max(1, min(most, robots // ROBOTS_PER_THREAD))
     shared = robots - LAST if threads > 1 else robots

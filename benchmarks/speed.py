@@ -9,6 +9,7 @@ Writes ``speed.md``, or ``against.md`` with this tree beside the checkout TREE o
 from __future__ import annotations
 
 import importlib.util
+import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -39,6 +40,22 @@ ENVIRONMENTS, ROLLOUTS = 64, 5  # of PPO, side by side; of a round, each with it
 SETTING: dict[str, Any] = {"n_steps": 64, "batch_size": 1024, "n_epochs": 6}
 LAYERS = (64, 64)
 NEVER = 10**9  # updates between two lines of a log
+MEMORY = """
+import resource, sys
+import gymnasium, numpy
+import jansen_env
+
+def most_used(count):
+    venv = gymnasium.make_vec(sys.argv[1], num_envs=count)
+    venv.reset(seed=0)
+    venv.step(numpy.zeros((count, 1), numpy.float32))
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1.024
+
+few, more = 16, int(sys.argv[2])
+before = most_used(few)
+print((most_used(few + more) - before) / more)
+"""
+"""Prints the memory, kB, of each of so many more robots of an environment."""
 
 
 def one(rounds: int, quick: bool) -> str:
@@ -99,13 +116,24 @@ def many(rounds: int, quick: bool) -> str:
     slower = measure.ratio(rates["motor, bearings, feet", compared], rates["flat", compared])
     ratios.append((f"{compared} with motor, bearings, feet / {compared} robots", slower))
     head = ("environments", "at once", "steps/s", "lowest", "highest")
-    cost = {n: [1.0 / rate for rate in rates["flat", n]] for n in counts}
-    return (
-        f"## Many environments\n\n{measure.table(head, rows)}\n\n"
-        + measure.table(("ratio", "steps/s (by round)"), ratios)
-        + f"\n\nExponent of a robot's step by their number, from {counts[-4]} on: "
-        f"{measure.exponent({n: cost[n] for n in counts[-4:]}):.3f}."
+    cost = {n: [1.0 / rate for rate in rates["flat", n]] for n in counts[-4:]}
+    parts = [measure.table(head, rows), measure.table(("ratio", "steps/s (by round)"), ratios)]
+    parts.append(
+        f"Exponent of a robot's step by their number, from {counts[-4]} on: "
+        f"{measure.exponent(cost):.3f}."
     )
+    parts.append(measure.table(("a robot of", "memory, kB"), memory(compared if quick else 4096)))
+    return "## Many environments\n\n" + "\n\n".join(parts)
+
+
+def memory(robots: int) -> list[tuple[str, str]]:
+    """Return names of environments, and the memory of one of so many robots, kB."""
+    rows = []
+    for env_id in (OURS, "JansenWalkerRough-v0", HARDCORE):
+        code = [sys.executable, "-c", MEMORY, env_id, str(robots)]
+        done = subprocess.run(code, capture_output=True, text=True, check=True)
+        rows.append((env_id, f"{float(done.stdout):.0f}"))
+    return rows
 
 
 def real_robot() -> Robot:

@@ -115,6 +115,8 @@ EPISODE: np.dtype[Any] = np.dtype([(row.name, "f8") for row in TABLE])
 """The numbers of one episode."""
 OF_ROBOTS = tuple(row.name for row in TABLE if row.honoured_by == "plant")
 """Names of those of them that plants honour."""
+OF_ROBOTS_COLUMNS = [place for place, row in enumerate(TABLE) if row.honoured_by == "plant"]
+"""Where these stand in :data:`EPISODE`."""
 ROBOT_PARAMETERS: np.dtype[Any] = np.dtype([(name, "f8") for name in OF_ROBOTS])
 """The numbers that plants honour."""
 CHANGES = tuple(
@@ -140,7 +142,13 @@ def take_load(row: np.void, robot: Robot) -> None:
 
 def robot_parameters(episodes: NDArray[np.void]) -> NDArray[np.void]:
     """Return the numbers (k,) for plants out of rows (k,) of :data:`EPISODE`, a copy."""
-    return episodes[list(OF_ROBOTS)].astype(ROBOT_PARAMETERS)  # by name: OF_ROBOTS is its order
+    numbers = np.take(plain(episodes), OF_ROBOTS_COLUMNS, axis=1)
+    return numbers.view(ROBOT_PARAMETERS)[:, 0]
+
+
+def plain(rows: NDArray[np.void]) -> NDArray[np.float64]:
+    """Return rows (k,) of numbers as (k, fields), a view: NumPy takes long to copy fields."""
+    return rows.view(float).reshape(len(rows), -1)
 
 
 def effective(robot: Robot) -> tuple[str, ...]:

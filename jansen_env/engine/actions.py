@@ -8,10 +8,13 @@ from jansen_env.engine.jit import compiled
 
 
 @compiled
-def take_actions(actions, active, full_torque, rows, asked, delay, torque, earlier, switch):
+def take_actions(
+    actions, active, elapsed, full_torque, rows, asked, delay, torque, earlier, switch
+):
     """Keep actions (n, 1), clipped to -1 .. 1, in ``rows``; 0 of robots not ``active`` (n,).
 
     Args:
+        elapsed: (n,) control steps since the reset; counted on where ``active``.
         full_torque: (n,) N m, the torque of action 1, with its sign.
         asked: (n, steps) N m, the torques asked for, latest first; moved on by one.
         delay: (n, 2) how many control steps a torque comes late, and time steps on top of these.
@@ -26,6 +29,7 @@ def take_actions(actions, active, full_torque, rows, asked, delay, torque, earli
             return r
     for r in range(len(actions)):
         action = actions[r, 0] if active[r] else 0.0
+        elapsed[r] += active[r]
         rows[r].action_before = rows[r].action
         rows[r].action = min(1.0, max(-1.0, action))
         for k in range(asked.shape[1] - 1, 0, -1):

@@ -34,18 +34,16 @@ ROW = row_dtype([("info", INFORMATION), ("reward", REWARD)])
 
 
 @compiled
-def finish_step(active, states, sums, period, weights, rows, own, reward, terminated, out):
+def finish_step(which, states, sums, period, weights, rows, own, reward, terminated, out):
     """Reward the step of ``period`` seconds that led to ``states`` (n, 6), and describe it.
 
     Args:
-        active: (n,) whether a robot has taken it.
+        which: (k,) robots that have taken it.
         sums: (n, 5) see :func:`jansen_env.engine.runge_kutta.turn_each`.
         weights: (1,) of :data:`REWARD`. rows: (n,) of :data:`HELD_ROW`, own: (n,) of :data:`ROW`.
         reward, terminated: (n,). out: (n, 5) observations.
     """
-    for r in range(len(states)):
-        if not active[r]:
-            continue
+    for r in which:
         rows[r].steps += 1.0
         energy, work, loss, change = rows[r].energy, sums[r, 0], sums[r, 1], sums[r, 2]
         energy.motor_work, energy.joint_loss, energy.electrical_work = work, loss, sums[r, 3]

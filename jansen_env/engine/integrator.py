@@ -32,7 +32,7 @@ from jansen_env.engine.compliance import (
 )
 from jansen_env.engine.contact_solver import OPEN, index_size, spare_space
 from jansen_env.engine.contacts import TRAVEL, assemble, correct_penetration, find_contacts, outruns
-from jansen_env.engine.jit import compiled, macro, stage
+from jansen_env.engine.jit import compiled, macro, stage, take
 from jansen_env.engine.records import (
     CONTACT_STATISTICS,
     PAD,
@@ -106,20 +106,24 @@ POSE, VELOCITY_BEFORE, VELOCITY_AFTER, TORQUE, DRY_TORQUE, IMPULSES = (
 
 @compiled(nogil=True)
 def advance(
-    first, last, rows, fresh, steps, torque, earlier, switch, pushes, trace, jacobians, matrices,
-    vectors, readings, spare, ints, states, body, pads, layout, bearings, surface, depths, world,
-    robots, planes, statistics, slip, force,
+    thread, shares, most, rows, fresh, steps, torque, earlier, switch, pushes, trace, jacobians,
+    matrices, vectors, readings, spare, ints, moved, states, body, pads, layout, bearings, surface,
+    depths, world, robots, planes, statistics, slip, force,
 ):  # fmt: skip
-    """Advance the robots ``rows[first:last]`` by a control step, finding the ground as they go.
+    """Advance robots by a control step, finding the ground as they go: a thread's, then others'.
 
     Args:
+        thread: number of the one that calls. shares: (threads + 1, 2) the next of ``rows`` in each
+            thread's share, and its end; the last one is for thread 0, when nothing else is left.
+        most: robots to advance, no more.
         rows: (k,) of the robots. fresh: whether a control step of ``steps`` time steps begins, with
             new sums; if not, it goes on with the time steps that are left.
         torque: (robots,) crank torque asked for, N m. earlier: (robots,) the one before, which
             still holds in the first ``switch`` (robots,) time steps.
         pushes: (robots, steps, 2) N s on the chassis at the crank axis; without rows for none.
         trace: (steps, numbers) :func:`trace_dtype` of the first robot; without rows for none.
-        jacobians ... ints: memory of :func:`work_space`.
+        jacobians ... ints: memory of :func:`work_space`. moved: (robots,) out: those that have
+            taken all their steps.
         states: (robots, 8) crank-axis states, changed in place.
         body, pads, bearings: (designs, ...) of a :class:`jansen_env.engine.records.Model`.
         surface, depths: of a :class:`jansen_env.engine.records.Ground`, depths (designs, ...).
@@ -130,44 +134,53 @@ def advance(
             not finite or too deep in the ground stops for good, with -1.
         slip, force: out: (robots, toes) m, (robots, toes, 2) N, as CONTACT_STATISTICS has them.
 
-    Returns: whether a robot needs the broad phase, and whether one has diverged.
+    Returns: how many are in ``moved``, whether a robot needs the broad phase, and whether one has
+    diverged.
     """
     robots, planes = robots.view(ROBOT), planes.view(PLANE)
     statistics, world_row = statistics.view(CONTACT_STATISTICS), world.view(WORLD)[0]
     layouts = layout.view(PAD)
     work = _work(jacobians, matrices, vectors, readings, spare, ints)
-    unknown = diverged = False
-    for k in range(first, last):
-        r = rows[k]
-        robot, state = robots[r], states[r]
-        design = robot.params.design
-        model = Model(body[design], pads[design], layouts[design], bearings[design])
-        ground = Ground(surface, depths[design])
-        if fresh:
-            begin(robot, state, statistics[r], model.body, work.sums)
-            robot.status.steps_left = steps
-        if robot.status.steps_left <= 0:
-            continue
-        asked = torque[r], earlier[r], switch[r], pushes[r : r + 1]
-        traced = trace if r == 0 else trace[:0]
-        while robot.status.steps_left > 0:
-            if not detect(state, robot, model, ground, world_row, planes):
-                unknown = True
+    count, unknown, diverged = 0, False, False
+    known = len(shares) if thread == 0 else len(shares) - 1
+    for offset in range(known):
+        share = shares[(thread + offset) % known]
+        while count < most:
+            k = take(share)
+            if k >= share[1]:
                 break
-            if robot.status.too_deep:
-                robot.status.steps_left = -1
-                break
-            to_centroid(model.body, robot.params, state, 1.0, work.sums)
-            _advance_robot(
-                world_row, asked, state, robot, model, planes, statistics[r], work, traced
-            )
-            to_centroid(model.body, robot.params, state, -1.0, work.sums)
-        if robot.status.steps_left < 0:
-            diverged = True
-        elif robot.status.steps_left == 0:
-            elapsed = steps * world_row.time_step
-            end(robot, state, statistics[r], elapsed, slip[r], force[r], model.body, work.sums)
-    return unknown, diverged
+            r = rows[k]
+            robot, state = robots[r], states[r]
+            design = robot.params.design
+            model = Model(body[design], pads[design], layouts[design], bearings[design])
+            ground = Ground(surface, depths[design])
+            if fresh:
+                begin(robot, state, statistics[r], model.body, work.sums)
+                robot.status.steps_left = steps
+            if robot.status.steps_left <= 0:
+                continue
+            asked = torque[r], earlier[r], switch[r], pushes[r : r + 1]
+            traced = trace if r == 0 else trace[:0]
+            while robot.status.steps_left > 0:
+                if not detect(state, robot, model, ground, world_row, planes):
+                    unknown = True
+                    break
+                if robot.status.too_deep:
+                    robot.status.steps_left = -1
+                    break
+                to_centroid(model.body, robot.params, state, 1.0, work.sums)
+                _advance_robot(
+                    world_row, asked, state, robot, model, planes, statistics[r], work, traced
+                )
+                to_centroid(model.body, robot.params, state, -1.0, work.sums)
+            if robot.status.steps_left < 0:
+                diverged = True
+            elif robot.status.steps_left == 0:
+                elapsed = steps * world_row.time_step
+                end(robot, state, statistics[r], elapsed, slip[r], force[r], model.body, work.sums)
+                moved[count] = r
+                count += 1
+    return count, unknown, diverged
 
 
 @macro

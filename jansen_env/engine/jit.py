@@ -20,10 +20,12 @@ from typing import Any, NamedTuple
 
 import numba
 import numba.core.caching
+import numba.extending
 
 from jansen_env.files import own_folder, remove_unused, writable
 
 _config: Any = numba.config
+_intrinsic: Any = numba.extending.intrinsic
 _njit: Any = numba.njit  # _nrt and what spares wrappers are no documented options
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
 _FunctionCache: Any = numba.core.caching.FunctionCache
@@ -173,6 +175,25 @@ def macro(function: Callable[..., Any]) -> Any:
     That spares the machine code in between, but its types are inferred again at every place.
     """
     return _njit(inline="always", **_OPTIONS, _nrt=False)(function)
+
+
+def _take(place: Any) -> Any:
+    place[0] += 1
+    return place[0] - 1
+
+
+@_intrinsic
+def _take_atomically(_: Any, place: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array = context.make_array(place)(context, builder, arguments[0])
+        one = context.get_constant(numba.int64, 1)
+        return builder.atomic_rmw("add", array.data, one, "monotonic")
+
+    return numba.int64(place), generate
+
+
+take = _take if DISABLED else _take_atomically
+"""Return ``place[0]``, of (1 or more,) int64, and add 1 to it: no other thread gets the same."""
 
 
 class Kernel(NamedTuple):

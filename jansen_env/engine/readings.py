@@ -6,7 +6,7 @@ import math
 
 from jansen_env.engine.collision import height_at
 from jansen_env.engine.jit import compiled
-from jansen_env.engine.records import floats, row_dtype
+from jansen_env.engine.records import ROBOT, floats, row_dtype
 
 # Information on a robot in its world; units are listed with the environments.
 STATE = ("x_position", "x_velocity", "pitch", "crank_angle", "crank_speed", "crank_torque")
@@ -31,30 +31,31 @@ ROW = row_dtype(
 )
 
 
-@compiled
+@compiled(nogil=True)
 def finish_step(
-    active, period, states, slip, force, robots, rows, loads, surface, scan, places, out
+    which, period, states, slip, force, robots, rows, loads, surface, scan, places, out
 ):
     """Account for the step of ``period`` seconds that led to ``states`` (n, 8), and read them.
 
     Args:
-        active: (n,) whether a robot has taken it.
-        slip: (n, toes) m. force: (n, toes, 2) N. robots: (n,) ROBOT of the plant.
-        rows: (n,) of :data:`ROW`. loads: (n, toes) normal forces / weight.
+        which: (k,) robots that have taken it.
+        slip: (n, toes) m. force: (n, toes, 2) N. As their bytes: robots: (n,) ROBOT of the plant,
+            rows: (n,) of :data:`ROW`. loads: (n, toes) normal forces / weight.
         surface: (vertices, 2) m, of all terrains.
         scan: (count,) m, places from the crank axis at which the ground is looked at.
         places: (10 + toes + count,) column of each reading in ``out`` (n, d), -1 for none: the
             order is that of :func:`read`.
     """
-    for r in range(len(states)):
-        if active[r]:
-            take_step(r, period, states, slip, force, robots, rows, loads)
-            read(r, states, robots, rows, loads, surface, scan, places, out)
+    robots, rows = robots.view(ROBOT), rows.view(ROW)
+    for r in which:
+        take_step(r, period, states, slip, force, robots, rows, loads)
+        read(r, states, robots, rows, loads, surface, scan, places, out)
 
 
 @compiled
 def describe(which, states, robots, rows, loads, surface, scan, places, out):
     """Read the present state of robots ``which`` (k,); arguments: see :func:`finish_step`."""
+    robots, rows = robots.view(ROBOT), rows.view(ROW)
     for r in which:
         read(r, states, robots, rows, loads, surface, scan, places, out)
 

@@ -12,7 +12,7 @@ STREAM = 0  # of an episode's random numbers; that of pushes is another
 BIAS = 0  # of the stream's keys; the others are those of the steps
 
 
-@compiled
+@compiled(nogil=True)
 def draw_errors(which, elapsed, seeds, level, deviation, speeds, known, bias, error, mean_error):
     """Draw the errors of some robots' readings in this step, always the same for one step.
 

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 
+from jansen_env.engine import readings
 from jansen_env.engine.jit import compiled
 from jansen_env.engine.readings import put, read, take_step
-from jansen_env.engine.records import floats, row_dtype
+from jansen_env.engine.records import ROBOT, floats, row_dtype
 
 FALLEN_PITCH = 1.2  # rad
 
@@ -34,8 +35,11 @@ MEANS = floats("mean_speed", "mean_slip", "mean_power", "rms_torque")
 # The reward's factors; all but the first two have an exponent, their weight.
 WEIGHTED = floats("slip", "energy", "effort", "smoothness", "posture")
 REWARD = row_dtype([*floats("tracking", "progress"), *WEIGHTED])
-# The weights, and the definition of a fall: by pitch (rad), and whether by a joint on the ground.
-SETTINGS = row_dtype([*WEIGHTED, ("fall_pitch", float), ("fall_contact", bool)])
+# The weights, and the definition of a fall: by pitch (rad), and whether by a joint on the ground;
+# and whether it ends the episode.
+SETTINGS = row_dtype(
+    [*WEIGHTED, ("fall_pitch", float), ("fall_contact", bool), ("ends_episode", bool)]
+)
 # Accounts from step to step: exact in the information, and as measured behind noisy sensors.
 ACCOUNTS = row_dtype([*floats("lag"), *MEANS])
 # Information beside that of the world.
@@ -51,23 +55,24 @@ ROW = row_dtype(
 )
 
 
-@compiled
+@compiled(nogil=True)
 def finish_step(
-    active, settings, own, reward, error, measured, own_places,
+    which, settings, own, measured, reward, terminated, error, own_places,
     period, states, slip, force, robots, rows, loads, surface, scan, places, out,
 ):  # fmt: skip
     """Reward the step that led to ``states`` (n, 8), and :func:`describe` it.
 
     Args:
-        settings: (1,) of :data:`SETTINGS`. own: (n,) of :data:`ROW`. reward: (n,).
-        error: (n, 2) of the measured mean speeds: m/s in x; rad/s of the crank, counted as the
-            action is. measured: (n,) of :data:`ACCOUNTS`. Without noise (0, 2) and (0,).
+        reward, terminated: (n,). error: (n, 2) of the measured mean speeds: m/s in x; rad/s of the
+            crank, counted as the action is. As their bytes: settings: (1,) of :data:`SETTINGS`,
+            own: (n,) of :data:`ROW`, measured: (n,) of :data:`ACCOUNTS`. Without noise error and
+            measured have no rows.
         own_places: (6,) columns in ``out`` of the command, the lag and the means.
-        active, period ... out: see :func:`jansen_env.engine.readings.finish_step`.
+        which, period ... out: see :func:`jansen_env.engine.readings.finish_step`.
     """
-    for r in range(len(states)):
-        if not active[r]:
-            continue
+    settings, own, measured = settings.view(SETTINGS), own.view(ROW), measured.view(ACCOUNTS)
+    robots, rows = robots.view(ROBOT), rows.view(readings.ROW)
+    for r in which:
         slipped = take_step(r, period, states, slip, force, robots, rows, loads)
         row, mine, total, state = rows[r], own[r], robots[r].accumulators, states[r]
         torque = row.info.crank_torque
@@ -80,6 +85,7 @@ def finish_step(
         falls = settings[0].fall_contact and total.non_toe_impulse > 0.0
         falls = falls or abs(state[2]) > settings[0].fall_pitch
         mine.info.fallen = mine.info.fallen or falls
+        terminated[r] = mine.info.fallen and settings[0].ends_episode
         compute_reward(state[2], settings[0], row, mine)
         term = mine.reward
         reward[r] = term.tracking * term.progress * term.slip * term.energy
@@ -158,6 +164,7 @@ def describe(which, own, own_places, states, robots, rows, loads, surface, scan,
 
     Args: see :func:`finish_step`.
     """
+    own, robots, rows = own.view(ROW), robots.view(ROBOT), rows.view(readings.ROW)
     for r in which:
         read(r, states, robots, rows, loads, surface, scan, places, out)
         observe(r, own[r].info, own_places, out)

@@ -105,9 +105,9 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
             self.render()
         return (
             task.observation[0].copy(),
-            float(task.reward[0]),
-            bool(task.terminated[0]),
-            bool(task.truncated[0]),
+            task.reward.item(0),
+            task.terminated.item(0),
+            task.truncated.item(0),
             task.information.single(0, stepped=True),
         )
 

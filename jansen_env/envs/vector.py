@@ -168,13 +168,13 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             gymnasium.error.ResetNeeded: before the first :meth:`reset`, and with
                 ``AutoresetMode.DISABLED`` while an episode is over.
         """
-        over = self._done.copy()
+        stepped = ~self._done
         terminated, truncated = self.advance(actions)
         rewards = self.task.reward.copy()
         if self.autoreset_mode == AutoresetMode.SAME_STEP and self._done.any():
             infos = self._restart_in_step(terminated | truncated)
         else:
-            infos = self._infos(np.ones(self.num_envs, bool), ~over)
+            infos = self._infos(np.ones(self.num_envs, bool), stepped)
         return self.task.observation.copy(), rewards, terminated, truncated, infos
 
     def advance(self, actions: NDArray[np.float32]) -> tuple[Bools, Bools]:
@@ -182,11 +182,10 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         if (waiting := self._awaiting_reset()).any():
             late = np.flatnonzero(waiting).tolist()
             raise gym.error.ResetNeeded(f"robots {late} must be reset before the next step()")
-        task, over = self.task, self._done.copy()
+        task, active, over = self.task, ~self._done, self._done.nonzero()[0]
         # NEXT_STEP: those whose episode is over only start again.
-        meanwhile = partial(self.restart, np.flatnonzero(over)) if over.any() else None
-        task.step(actions, ~over, meanwhile)
-        self._elapsed += ~over
+        task.step(actions, active, partial(self.restart, over) if len(over) > 0 else None)
+        self._elapsed += active
         terminated = task.terminated.copy()
         truncated = task.truncated | (self._elapsed >= self.max_episode_steps)
         self._done = terminated | truncated

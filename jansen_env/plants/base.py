@@ -157,6 +157,7 @@ class BatchedPlant(Protocol):
         rows: NDArray[np.int64] | None = None,
         meanwhile: Callable[[], None] | None = None,
         pushes: Array | None = None,
+        finish: Callable[[NDArray[np.int64]], None] | None = None,
     ) -> None:
         """Hold crank torques (n,), N m, for some time steps, as far as the motors go.
 
@@ -165,6 +166,7 @@ class BatchedPlant(Protocol):
             rows: (k,) of the robots that move; None for all. meanwhile: may place the others.
             pushes: (n, steps, 2) N s, the impulse on each chassis at the crank axis in each time
                 step, world x and y; None for none.
+            finish: called with robots (k,) that have moved, each once, on the thread that did it.
 
         Raises:
             ValueError: pushes of another shape.

@@ -109,11 +109,14 @@ class Batch(PlacedRobots):
         self._at_once = np.zeros(n), np.zeros(n, np.int64)  # no torque from before
         self._no_pushes = np.zeros((0, 0, 2))
         self._no_trace: NDArray[Any] = np.zeros(0, integrator.trace_dtype(pads))
+        self._untraced = _plain(self._no_trace)
         self.trace = self._no_trace
         self.touchdowns = np.zeros(0, bool)
         self.in_contact: NDArray[np.bool_] | None = None
         self._every = np.arange(n)
-        self._threads = Threads(n, threads, lambda: integrator.work_space(capacity))
+        self._threads = Threads(
+            n, threads, lambda: (*integrator.work_space(capacity), np.zeros(n, np.int64))
+        )
         self._sums = np.empty((3, 6))
         self._shared = self._arguments_of_all()
         prepare(*self._kernels())
@@ -132,8 +135,8 @@ class Batch(PlacedRobots):
         """Kernels of a batch."""
         number = np.zeros(1)
         step = (
-            0, 0, np.arange(1), True, 0, number, *self._at_once, self._no_pushes,
-            _plain(self._no_trace), *self._threads.memory, *self._shared,
+            0, np.zeros((1, 2), np.int64), 0, np.arange(1), True, 0, number, *self._at_once,
+            self._no_pushes, self._untraced, *self._threads.memory, *self._shared,
         )  # fmt: skip
         return [
             *self.detector.kernels(self.states),
@@ -179,7 +182,8 @@ class Batch(PlacedRobots):
         self._lower(rows, crank_angles, x, pitch)
         self.deflection[rows] = UNKNOWN_DEFLECTION
         self.diverged[rows] = False
-        self.in_contact = None if 0 in rows else self.in_contact
+        if self.in_contact is not None and 0 in rows:
+            self.in_contact = None
 
     def lookahead(
         self, torque: float = 0.0, rows: Ints | None = None, pushes: Array | None = None
@@ -221,6 +225,7 @@ class Batch(PlacedRobots):
         rows: Ints | None = None,
         meanwhile: Callable[[], None] | None = None,
         pushes: Array | None = None,
+        finish: Callable[[Ints], None] | None = None,
     ) -> None:
         """Hold crank torques, see :meth:`jansen_env.plants.base.BatchedPlant.step`.
 
@@ -234,7 +239,7 @@ class Batch(PlacedRobots):
         else:
             pushes = check_pushes(pushes, len(self.states), steps)
         asked = torque, *(self._at_once if earlier is None else (earlier, switch)), pushes
-        self._run(self._every if rows is None else rows, asked, steps, meanwhile)
+        self._run(self._every if rows is None else rows, asked, steps, meanwhile, finish)
 
     def _run(
         self,
@@ -242,29 +247,42 @@ class Batch(PlacedRobots):
         asked: tuple[Any, ...],
         steps: int,
         meanwhile: Callable[[], None] | None = None,
+        finish: Callable[[Ints], None] | None = None,
     ) -> None:
         """:meth:`step` of some robots; ``asked``: torque, earlier, switch and pushes."""
         if len(rows) == 0:  # others are placed, no more
             if meanwhile is not None:
                 meanwhile()
             return
-        before = self.states[rows], self.deflection[rows] if self.any_gives else None
+        states = self.states.take(rows, axis=0)  # quicker than an index
+        before = states, self.deflection[rows] if self.any_gives else None
         if self.any_diverged:
             self.diverged[rows] = False
             self.any_diverged = bool(self.diverged.any())
-        trace: NDArray[Any] = self._no_trace
+        trace, plain, fresh = self._no_trace, self._untraced, True
         if self.tracing:
             trace = np.empty(steps, trace.dtype)
-        fresh, plain = True, _plain(trace)
+            plain = _plain(trace)
+
+        def move(thread: int, shares: Ints, most: int, memory: Any) -> tuple[bool, bool]:
+            count, unknown, diverged = integrator.advance(
+                thread, shares, most, rows, fresh, steps, *asked, plain, *memory, *self._shared
+            )
+            if finish is not None and count > 0:
+                finish(memory[-1][:count])
+            return unknown, diverged
+
         while True:  # robots that leave their skin need the broad phase before they go on
-            unknown, diverged = self._advance(rows, fresh, steps, asked, plain, meanwhile)
+            unknown, diverged = self._threads.move(len(rows), move, meanwhile)
             if not unknown:
                 break
             meanwhile = None
             self.detector.find_candidates(rows, self.states)
             fresh = False
         if diverged or not fresh:
-            self._refuse(rows, before)
+            lost = self._refuse(rows, before)
+            if finish is not None and len(lost) > 0:
+                finish(lost)
         self._keep_trace(trace)
 
     def _keep_trace(self, trace: NDArray[np.void]) -> None:
@@ -279,12 +297,12 @@ class Batch(PlacedRobots):
         self.touchdowns = find_touchdowns(trace, self.in_contact)
         self.in_contact = pads_in_contact(trace)[-1]
 
-    def _refuse(self, rows: Ints, before: tuple[Array, Array | None]) -> None:
-        """Leave the robots that have diverged as they were before: state and deflection."""
+    def _refuse(self, rows: Ints, before: tuple[Array, Array | None]) -> Ints:
+        """Return the robots that have diverged, left as they were ``before``: state, deflection."""
         gone = self.rows["status"]["steps_left"][rows] < 0
-        if not gone.any():
-            return
         lost = rows[gone]
+        if len(lost) == 0:
+            return lost
         self.diverged[lost] = self.any_diverged = True
         self.states[lost] = before[0][gone]
         if before[1] is not None:
@@ -293,25 +311,7 @@ class Batch(PlacedRobots):
         self.slip[lost] = self.contact_force[lost] = 0.0
         for name in ("slip", "impulse"):
             self.contact_statistics[name][lost] = 0.0
-
-    def _advance(
-        self,
-        rows: Ints,
-        fresh: bool,
-        steps: int,
-        asked: tuple[Any, ...],
-        trace: Array,
-        meanwhile: Callable[[], None] | None,
-    ) -> tuple[bool, bool]:
-        """:func:`jansen_env.engine.integrator.advance` of robots, on as many threads as pay."""
-
-        def share(first: int, last: int, memory: Any) -> tuple[bool, bool]:
-            found: tuple[bool, bool] = integrator.advance(
-                first, last, rows, fresh, steps, *asked, trace, *memory, *self._shared
-            )
-            return found
-
-        return self._threads.move(len(rows), share, meanwhile)
+        return lost
 
     def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
         pushes = None if push is None else check_pushes(push)[None, None]

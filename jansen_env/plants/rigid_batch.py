@@ -249,14 +249,16 @@ class RigidBodyBatch:
         rows: Ints | None = None,
         meanwhile: Callable[[], None] | None = None,
         pushes: Array | None = None,
+        finish: Callable[[Ints], None] | None = None,
     ) -> None:
         """Hold a crank torque (1,), N m; ``meanwhile`` is called afterwards, or alone."""
         if rows is None or len(rows) > 0:
-            before, first = 0.0, 0
-            if earlier is not None and switch is not None:
-                before, first = float(earlier[0]), int(switch[0])
+            before = 0.0 if earlier is None else float(earlier[0])
+            first = 0 if switch is None else int(switch[0])
             impulses = np.zeros((1, steps, 2)) if pushes is None else check_pushes(pushes, 1, steps)
             self._run(float(torque[0]), before, first, impulses[0])
+            if finish is not None:
+                finish(np.arange(1))
         if meanwhile is not None:
             meanwhile()
 
@@ -306,12 +308,10 @@ class RigidBodyBatch:
     ) -> tuple[Snapshot, float]:
         """Take a time step under a torque and a push (2,), N s; also returns the motor's torque."""
         h, motor, rotor, springs = self.time_step, self._machine.motor, self._rotor, self._springs
-        spin, held = now.motion[:, SPIN], self._held
-        loads = self._space.loads
+        spin, held, loads = now.motion[:, SPIN], self._held, self._space.loads
         torque = float(motor.torque(asked, spin[SHAFT] - spin[CHASSIS]))
         loads[:, 2] = -self._friction @ spin
-        loads[CHASSIS, 2] -= torque
-        loads[SHAFT, 2] += torque
+        loads[[CHASSIS, SHAFT], 2] += -torque, torque
         if rotor is not None:
             loads[[CHASSIS, SHAFT], 2] += rotor.on_bodies
         loads[:, :2] = 0.0

@@ -18,12 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.engine.tables import set_arms
-from jansen_env.parameters import PARAMETERS
+from jansen_env.parameters import OF_ROBOTS, PARAMETERS, plain
 from jansen_env.robot import BODIES, Compliance, Robot
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.void]
+
+LIMITS = np.array([(PARAMETERS[name].least, PARAMETERS[name].most) for name in OF_ROBOTS]).T
+"""The least and the most of each parameter."""
 
 
 def _scaled_links(robot: Robot, mass: float, inertia: float) -> Robot:
@@ -154,18 +157,22 @@ def check_values(
         ValueError: a number out of its limits, another than the nominal one of a parameter that
             the plant does not honour, or restitution where pads give.
     """
-    for name in values.dtype.names or ():
-        column, row = values[name], PARAMETERS[name]
-        wrong = ~((column >= row.least) & (column <= row.most))
-        if wrong.any():
-            raise ValueError(
-                f"{name} is {column[wrong][0]}, must be between {row.least:g} and {row.most:g}"
-            )
-        if name not in honours and (other := column != nominal[name]).any():
-            raise ValueError(
-                f"{name} is {column[other][0]}, must be {nominal[name][other][0]:g}: this plant "
-                f"honours {sorted(honours)} only"
-            )
+    numbers, own = plain(values), plain(nominal)
+    wrong = ~((numbers >= LIMITS[0]) & (numbers <= LIMITS[1]))
+    if wrong.any():
+        k, i = np.argwhere(wrong)[0]
+        row = PARAMETERS[OF_ROBOTS[i]]
+        raise ValueError(
+            f"{row.name} is {numbers[k, i]}, must be between {row.least:g} and {row.most:g}"
+        )
+    fixed = [name not in honours for name in OF_ROBOTS]
+    other = (numbers != own) & fixed
+    if other.any():
+        k, i = np.argwhere(other)[0]
+        raise ValueError(
+            f"{OF_ROBOTS[i]} is {numbers[k, i]}, must be {own[k, i]:g}: this plant honours "
+            f"{sorted(honours)} only"
+        )
     check_restitution(compliant, values["restitution"])
 
 

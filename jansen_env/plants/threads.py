@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import os
+import weakref
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from itertools import pairwise
+from queue import SimpleQueue
+from threading import Thread
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from jansen_env.checks import positive_integer
 from jansen_env.cores import available_cores
 
 ROBOTS_PER_THREAD = 16  # at least, or starting a thread takes longer than it saves
-FEWEST_AT_A_TIME = 4  # robots, moved by a thread before it takes the next ones
+FIRST = 16  # robots that are moved while the other threads start
+LAST = 4  # robots that the calling thread moves while the others come to an end
 
-Share = Callable[[int, int, Any], tuple[bool, bool]]
-"""Moves the robots from one index to another with a thread's memory; returns two flags."""
+Move = Callable[[int, NDArray[np.int64], int, Any], tuple[bool, bool]]
+"""Moves robots: a thread's number, all shares, the most robots, and memory; returns two flags."""
 
 
 class Threads:
@@ -27,11 +35,10 @@ class Threads:
     """
 
     def __init__(self, robots: int, threads: int | None, memory: Callable[[], Any]) -> None:
-        self._robots = robots
         self._count = count_threads(robots, threads)
-        self._shares = _shares(robots, self._count)
+        self._robots, self._shares = robots, _shares(robots, self._count)
         self._memory = [memory() for _ in range(self._count)]
-        self._pool: tuple[int, ThreadPoolExecutor] | None = None
+        self._pool: tuple[int, SimpleQueue[Any]] | None = None
 
     @property
     def memory(self) -> Any:
@@ -39,49 +46,62 @@ class Threads:
         return self._memory[0]
 
     def move(
-        self, robots: int, share: Share, meanwhile: Callable[[], None] | None
+        self, robots: int, move: Move, meanwhile: Callable[[], None] | None
     ) -> tuple[bool, bool]:
         """Share so many robots out, and call ``meanwhile``; whether any share set each flag."""
-        threads = max(1, min(self._count, robots // ROBOTS_PER_THREAD))
-        shares = iter(self._shares if robots == self._robots else _shares(robots, threads))
+        shares = self._shares.copy() if robots == self._robots else _shares(robots, self._count)
+        if self._count == 1 and meanwhile is None:
+            return move(0, shares, robots, self._memory[0])
 
-        def work(after_one: Callable[[], None] | None = None) -> tuple[bool, bool]:
-            one = other = False
-            for first, last in shares:  # each thread takes the next one
-                # Not a thread's own: what ``after_one`` places moves on the same threads meanwhile.
-                memory = self._memory.pop()
-                try:
-                    found = share(first, last, memory)
-                finally:
-                    self._memory.append(memory)
-                one, other = one or found[0], other or found[1]
-                if after_one is not None:
-                    after_one()
-                    after_one = None
-            if after_one is not None:
-                after_one()
-            return one, other
+        outcomes: SimpleQueue[Any] = SimpleQueue()
 
-        waiting = [self._executor().submit(work) for _ in range(threads - 1)]
+        def work(thread: int, most: int = robots) -> None:
+            # Not a thread's own: what ``meanwhile`` places moves on the same threads.
+            memory = self._memory.pop()
+            try:
+                outcomes.put(move(thread, shares, most, memory))
+            except BaseException as error:  # raised below, in the calling thread
+                outcomes.put(error)
+            finally:
+                self._memory.append(memory)
+
+        works = len(shares) - 1 if meanwhile is None else len(shares)
+        for thread in range(1, len(shares) - 1):
+            self._queue().put(partial(work, thread))
         try:
-            # Not before the first robots: Python's lock would keep the other threads from starting.
-            outcomes = [work(meanwhile)]
+            if meanwhile is not None:  # Python's lock would keep the other threads from starting
+                work(0, FIRST)
+                meanwhile()
         finally:  # whatever happens here, nothing goes on in the background
-            outcomes_of_others = [future.result() for future in waiting]
-        outcomes += outcomes_of_others
-        return any(one for one, _ in outcomes), any(other for _, other in outcomes)
+            work(0)
+            found = [outcomes.get() for _ in range(works)]
+        for outcome in found:
+            if isinstance(outcome, BaseException):
+                raise outcome
+        return any(one for one, _ in found), any(other for _, other in found)
 
     def close(self) -> None:
         """End the threads; a later :meth:`move` starts new ones."""
         if self._pool is not None and self._pool[0] == os.getpid():
-            self._pool[1].shutdown()
+            self._pool[1].put(None)
         self._pool = None
 
-    def _executor(self) -> ThreadPoolExecutor:
-        """Return the threads of this process: a forked one starts its own."""
+    def _queue(self) -> SimpleQueue[Any]:
+        """Return what the threads of this process take work from: a forked one starts its own."""
         if self._pool is None or self._pool[0] != os.getpid():
-            self._pool = os.getpid(), ThreadPoolExecutor(self._count - 1, "jansen")
+            self._pool = os.getpid(), SimpleQueue()
+            weakref.finalize(self, self._pool[1].put, None)
+            for _ in range(self._count - 1):
+                Thread(target=_serve, args=(self._pool[1],), name="jansen", daemon=True).start()
         return self._pool[1]
+
+
+def _serve(queue: SimpleQueue[Any]) -> None:
+    """Do work until there is None, which is left for the other threads."""
+    while (work := queue.get()) is not None:
+        work()
+        del work  # or who waits here would keep the robots
+    queue.put(None)
 
 
 def count_threads(robots: int, threads: int | None) -> int:
@@ -93,11 +113,14 @@ def count_threads(robots: int, threads: int | None) -> int:
     return max(1, min(available, robots // ROBOTS_PER_THREAD))
 
 
-def _shares(robots: int, threads: int) -> list[tuple[int, int]]:
-    """Return the ranges of robots that threads take: ever fewer, so that all end together."""
-    shares, first = [], 0
-    while first < robots:
-        size = max(FEWEST_AT_A_TIME, (robots - first) // (2 * threads)) if threads > 1 else robots
-        shares.append((first, min(first + size, robots)))
-        first += size
-    return shares
+def _shares(robots: int, most: int) -> NDArray[np.int64]:
+    """Return the first and the end of the robots of each of ``most`` threads at most, and the last.
+
+    A thread takes its own robots first, the same ones in each step: they are in its core's cache.
+    Falling asleep until a thread ends takes as long as moving ten robots, so the calling thread
+    keeps the last robots and ends after the others.
+    """
+    threads = max(1, min(most, robots // ROBOTS_PER_THREAD))
+    shared = robots - LAST if threads > 1 else robots
+    bounds = [*(shared * thread // threads for thread in range(threads + 1)), robots]
+    return np.array([*pairwise(bounds)])

@@ -33,36 +33,38 @@ class InfoBuilder:
         step_arrays: Mapping[str, NDArray[Any]],
         parameters: NDArray[Any] | None = None,
     ) -> None:
-        self._world, self._task, self._arrays = world, task, dict(arrays)
-        groups: dict[str, Any] = {"energy": world["energy"]}
+        self._world, self._task = world[["info", "energy"]], task[["info", "reward"]]
+        self._arrays, self._parameters = dict(arrays), parameters
+        energy = world["energy"]
+        self._groups: dict[str, Any] = {"energy": (energy, energy.dtype.names)}
         if parameters is not None:
-            groups["parameters"] = parameters
-        self._groups = {name: (rows, rows.dtype.names) for name, rows in groups.items()}
-        names: Any = world.dtype.names
-        self._of_world = names.index("info")
-        names = task.dtype.names
-        self._of_task, self._at_reward = names.index("info"), names.index("reward")
+            self._groups["parameters"] = (parameters, parameters.dtype.names)
         infos: Any = (world["info"], task["info"])
         of_any = {name: info[name] for info in infos for name in info.dtype.names}
         self._names = tuple(of_any)
         rewards: Any = task["reward"]
         self._terms = {f"reward/{term}": rewards[term] for term in rewards.dtype.names}
+        self._names_of_step = (*self._names, *self._terms)
         self._step_arrays, self._of_any = dict(step_arrays), {**of_any, **arrays}
         self.keys = (*self._of_any, *self._groups, *self._terms, *step_arrays)
 
     def single(self, row: int, stepped: bool) -> dict[str, Any]:
         """Return that of one robot, in Python's own types; ``stepped``: of a step, not a reset."""
-        world, task = self._world[row].item(), self._task[row].item()
-        numbers = world[self._of_world] + task[self._of_task]
-        info = dict(zip(self._names, numbers, strict=True))
-        for name, (rows, names) in self._groups.items():
-            info[name] = dict(zip(names, rows[row].item(), strict=True))
+        world: Any = self._world.item(row)
+        task: Any = self._task.item(row)
+        names, numbers = self._names, world[0] + task[0]
+        if stepped:
+            names, numbers = self._names_of_step, numbers + task[1]
+        info = dict(zip(names, numbers, strict=True))
+        info["energy"] = dict(zip(self._groups["energy"][1], world[1], strict=True))
+        if self._parameters is not None:
+            values = self._parameters.item(row)
+            info["parameters"] = dict(zip(self._groups["parameters"][1], values, strict=True))
         for name, array in self._arrays.items():
             info[name] = array[row].copy()
         if stepped:
-            info.update(zip(self._terms, task[self._at_reward], strict=True))
             for name, array in self._step_arrays.items():
-                info[name] = array[row].item()
+                info[name] = array.item(row)
         return info
 
     def batched(

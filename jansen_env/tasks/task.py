@@ -92,11 +92,11 @@ class Task(ABC):
         self.world.connect(self.observed, self.observation, self.progress)
         self.connect()
         self.information = self._make_info()
-        one, every, engine = np.arange(1), np.ones(num_envs, bool), self.ENGINE
+        one, engine = np.arange(1), self.ENGINE
         prepare(
             *self.world.kernels(),
             Kernel("observation", engine.describe, (one, *self.describe_arguments())),
-            Kernel("reward", engine.finish_step, (every, *self.step_arguments())),
+            Kernel("reward", engine.finish_step, (one, *self.step_arguments())),
         )
 
     def _make_info(self) -> InfoBuilder:
@@ -179,14 +179,17 @@ class Task(ABC):
         self, actions: Any, active: Bools, meanwhile: Callable[[], None] | None = None
     ) -> None:
         """Hold actions (n, 1) of the ``active`` robots (n,), see ``World.step``."""
-        self.world.step(actions, active, meanwhile)
-        self.finish_step(active)
+        self.world.step(actions, active, self.finish_step, meanwhile)
+        self.complete_step(active)
         self.world.disturb()
 
-    def finish_step(self, active: Bools) -> None:
+    def finish_step(self, rows: Ints) -> None:
+        """Account for the step of robots (k,) in one kernel, on the thread that moved them."""
+        self.ENGINE.finish_step(rows, *self.step_arguments())
+
+    def complete_step(self, active: Bools) -> None:
         """Score the step of the ``active`` robots (n,), and observe them."""
         rows = np.flatnonzero(active)
-        self.ENGINE.finish_step(active, *self.step_arguments())
         self.score(rows)
         self.observe(rows)
 
@@ -294,11 +297,10 @@ class CommandedTask(Task):
     speed_command: Array
 
     def score(self, rows: Ints) -> None:
-        """Do nothing: :meth:`finish_step` scores."""
+        """Do nothing: the kernel of :meth:`finish_step` scores."""
 
-    def finish_step(self, active: Bools) -> None:
-        """Score the step of the ``active`` robots (n,), and observe them, in one kernel."""
-        self.ENGINE.finish_step(active, *self.step_arguments())
+    def complete_step(self, active: Bools) -> None:
+        """Do nothing: that kernel observes, too."""
 
     def draw(self, row: int, rng: np.random.Generator, options: dict[str, Any]) -> float:
         """Draw a robot's command."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from typing import Any, ClassVar
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from jansen_env.checks import finite, non_negative, positive, shown
 from jansen_env.engine import walk_reward
+from jansen_env.engine.records import as_bytes
 from jansen_env.tasks.task import CommandedTask, Task
 from jansen_env.world.argument_checks import Bools, Ints, flag, per_robot, range_per_robot, single
 from jansen_env.world.entries import Observed
@@ -77,9 +78,8 @@ class WalkerTask(CommandedTask):
         intervals = np.array(commands.command_interval)
         self._command_steps = np.maximum(1.0, np.rint(intervals / self.control_dt))
         self._commands_change = bool(np.isfinite(intervals).any())
-        self.terminate_when_fallen = end.terminate_when_fallen
         self._settings = np.zeros(1, walk_reward.SETTINGS)
-        self._settings[0] = (*astuple(weights), end.fall_pitch, end.fall_contact)
+        self._settings[0] = (*astuple(weights), *astuple(end))
         self.covered = np.zeros((self.num_envs, 2))
         self._measured = np.zeros(0, walk_reward.ACCOUNTS)
         self._observes = type(self).observe is not Task.observe
@@ -120,6 +120,7 @@ class WalkerTask(CommandedTask):
             numbers = self._measured.view(float).reshape(self.num_envs, -1)
             sensors.measure(numbers, [self.columns[name] for name in ACCOUNTS])
             self._error = sensors.mean_error
+        self._bytes = tuple(map(as_bytes, (self._settings, self.rows, self._measured)))
 
     def begin(self, rows: Ints, drawn: Sequence[Any]) -> None:
         """Start with commands, m/s; lag and means are 0."""
@@ -130,41 +131,48 @@ class WalkerTask(CommandedTask):
         if len(self._measured) > 0:
             self._measured[rows] = np.zeros((), walk_reward.ACCOUNTS)
 
-    def finish_step(self, active: Bools) -> None:
-        """Score the step of the ``active`` robots (n,), and observe them, in one kernel."""
+    def step(
+        self, actions: Any, active: Bools, meanwhile: Callable[[], None] | None = None
+    ) -> None:
+        """Hold actions (n, 1) of the ``active`` robots (n,), see ``World.step``."""
         if self._commands_change:
             self._draw_commands(active)
+        super().step(actions, active, meanwhile)
+
+    def finish_step(self, rows: Ints) -> None:
+        """Account for the step of robots (k,) in one kernel, on the thread that moved them."""
         if self.world.episodes.curriculum is not None:
-            self._cover(active)
-        walk_reward.finish_step(active, *self.step_arguments())
-        if self._observes:  # a task that derives from this one
+            self._cover(rows)
+        walk_reward.finish_step(rows, *self.step_arguments())
+
+    def complete_step(self, active: Bools) -> None:
+        """Let a task that derives from this one observe the ``active`` robots (n,)."""
+        if self._observes:
             self.observe(np.flatnonzero(active))
-        if self.terminate_when_fallen:
-            self.terminated[:] = self.rows["info"]["fallen"]
 
     def step_arguments(self) -> tuple[Any, ...]:
         return (
-            self._settings, self.rows, self.reward, self._error, self._measured, self._places,
+            *self._bytes, self.reward, self.terminated, self._error, self._places,
             *self.world.step_arguments(),
         )  # fmt: skip
 
     def describe_arguments(self) -> tuple[Any, ...]:
-        return self.rows, self._places, *self.world.describe_arguments()
+        return self._bytes[1], self._places, *self.world.describe_arguments()
 
     def _draw_commands(self, active: Bools) -> None:
-        """Draw the commands of the steps to come, where it is time for others."""
-        elapsed = self.world.elapsed
+        """Draw the commands that hold after this step, where it is time for others."""
+        elapsed = self.world.elapsed + 1
         for row in np.flatnonzero(active & (elapsed % self._command_steps == 0)).tolist():
             # By the time, so that a state to go on from needs no more than the seed.
             rng = np.random.default_rng((self.world.seeds[row], elapsed[row]))
             self.rows[row]["next_command"] = rng.uniform(*self.speed_command[row])
 
-    def _cover(self, active: Bools) -> None:
-        """Add the step of the ``active`` robots (n,) to :attr:`covered`."""
-        commands = np.where(active, self.rows["info"]["speed_command"], 0.0)
-        path = self.world.plant.states[:, 0] - self.world.rows["x_before"]
-        self.covered[:, 0] += np.sign(commands) * path
-        self.covered[:, 1] += np.abs(commands) * self.control_dt
+    def _cover(self, rows: Ints) -> None:
+        """Add the step of robots (k,) to :attr:`covered`."""
+        commands = self.rows["info"]["speed_command"][rows]
+        path = self.world.plant.states[rows, 0] - self.world.rows["x_before"][rows]
+        self.covered[rows, 0] += np.sign(commands) * path
+        self.covered[rows, 1] += np.abs(commands) * self.control_dt
 
     def progress(self, row: int) -> tuple[float, float]:
         """Return how far a robot got towards its commands, m, and their mean size, m/s."""

@@ -36,6 +36,7 @@ class ActuatedRobots:
         rows: (n,) with fields ``action``, ``action_before``, ``info`` and ``energy``.
         arrays, step_arrays, parameters: see :class:`jansen_env.tasks.information.InfoBuilder`.
         full_torque: (n,) N m, the torque of action 1, with its sign.
+        elapsed: (n,) control steps since the reset.
         torque: (n,) that the last step ended with, N m; earlier: (n,) that of its first ``switch``
             (n,) time steps. asked: (n, steps) N m, torques asked for, latest first. delay: (n, 2)
             control steps and time steps by which they come late.
@@ -74,7 +75,12 @@ class ActuatedRobots:
         self.asked, self.delay = np.zeros((n, longest + 2)), np.zeros((n, 2), np.int64)
         self.earlier, self.switch = np.zeros(n), np.zeros(n, np.int64)
         self.rows, self.torque = np.zeros(n, row), np.zeros(n)
+        self.elapsed = np.zeros(n, np.int64)
         self.full_torque = np.array([robot.motor.torque_limit for robot in self.robots])
+        self._delayed = (
+            self.elapsed, self.full_torque, self.rows, self.asked, self.delay, self.torque,
+            self.earlier, self.switch,
+        )  # fmt: skip
         self.truncated, self._any_truncated = np.zeros(n, bool), False
         self.arrays: dict[str, NDArray[Any]] = {}
         self.step_arrays: dict[str, NDArray[Any]] = {}
@@ -103,19 +109,13 @@ class ActuatedRobots:
     def kernels(self) -> list[Kernel]:
         """Return the kernels to compile, but for the plant's."""
         actions, active = np.zeros((self.num_envs, 1)), np.ones(self.num_envs, bool)
-        return [Kernel("actions", take_actions, (actions, active, *self._delayed()))]
-
-    def _delayed(self) -> tuple[Any, ...]:
-        return (
-            self.full_torque, self.rows, self.asked, self.delay, self.torque, self.earlier,
-            self.switch,
-        )  # fmt: skip
+        return [Kernel("actions", take_actions, (actions, active, *self._delayed))]
 
     def begin_delay(self, rows: Ints, delays: Array, asked: Array | None = None) -> None:
         """Begin episodes with ``delays`` (k,) s, and earlier torques ``asked`` (k, steps) N m."""
         steps = np.rint(delays / self.time_step).astype(np.int64)
         whole, rest = np.divmod(steps, self.steps)
-        self.delay[rows] = np.stack([whole, rest], axis=-1)
+        self.delay[rows, 0], self.delay[rows, 1] = whole, rest
         self.asked[rows] = 0.0 if asked is None else asked
         self.torque[rows], self.earlier[rows] = self.asked[rows, whole], self.asked[rows, whole + 1]
         self.switch[rows] = rest
@@ -173,7 +173,7 @@ class ActuatedRobots:
             raise ValueError(f"actions are {shown(actions)}, {allowed}") from None
         if values.shape != (count, 1):
             raise ValueError(f"actions have shape {values.shape}, must have ({count}, 1)")
-        bad = take_actions(values, active, *self._delayed())
+        bad = take_actions(values, active, *self._delayed)
         if bad >= 0:
             raise ValueError(f"actions[{bad}] is {values[bad, 0]}, must be finite")
 

@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 from jansen_env import parameters
 from jansen_env.checks import shown
 from jansen_env.gravity import GRAVITY
-from jansen_env.parameters import EPISODE, OF_ROBOTS, PARAMETERS, check, robot_parameters
+from jansen_env.parameters import (
+    EPISODE,
+    OF_ROBOTS,
+    OF_ROBOTS_COLUMNS,
+    PARAMETERS,
+    check,
+    plain,
+    robot_parameters,
+)
 from jansen_env.plants.base import BatchedPlant
 from jansen_env.plants.initial_pose import resting_depth
 from jansen_env.plants.robot_parameters import check_restitution
@@ -128,7 +136,7 @@ class EpisodeParameters:
         self, row: int, names: Sequence[str], label: str, robot: Robot | None = None
     ) -> None:
         """Raises ValueError where a parameter would do nothing for a robot, or another one."""
-        useful = self._useful(row, robot or self._plant.robots[row])
+        useful = self._useful(row, robot or self._plant.robots[row]) if names else ()
         for name in names:
             if name not in useful:
                 unknown = name in OF_ROBOTS and name not in self._plant.honours
@@ -179,7 +187,7 @@ class EpisodeParameters:
             ValueError: an option out of range or without effect, or no such ground.
         """
         randomization, generator = self.randomizations[row], self._generators[row]
-        values = self.nominal[row : row + 1].copy()
+        values = plain(self.nominal)[row].copy().view(EPISODE)
         one = values[0]
         if robot is not None:
             parameters.take_load(one, robot)
@@ -228,9 +236,11 @@ class EpisodeParameters:
         before = {row: self._plant.terrains[row] for row in grounds}
         for row, terrain in grounds.items():
             self._plant.set_terrain(row, terrain)
-        values = np.concatenate([plan.values for plan in plans])
+        numbers = np.concatenate([plain(plan.values) for plan in plans])
+        values = numbers.view(EPISODE)[:, 0]
+        other = numbers != plain(self.nominal)[rows]
         changed = np.array([plan.terrain is not None for plan in plans])
-        changed |= robot_parameters(values) != robot_parameters(self.nominal[rows])
+        changed |= other[:, OF_ROBOTS_COLUMNS].any(axis=1)
         due = changed | self._changed[rows]
         if due.any():
             try:
@@ -240,7 +250,7 @@ class EpisodeParameters:
                     self._plant.set_terrain(row, terrain)
                 self._plant.set_parameters(rows, robot_parameters(self.values[rows]))
                 raise
-        self.values[rows], self._changed[rows] = values, changed
+        plain(self.values)[rows], self._changed[rows] = numbers, changed
         if self.curriculum is not None:
             self.level[rows] = values["terrain_level"].astype(np.int64)
 

@@ -113,15 +113,20 @@ class HeldRobots(ActuatedRobots):
     def _clear_episode(self, rows: Ints, action: float = 0.0, steps: int = 0) -> None:
         self.rows[rows] = np.zeros((), crank_tracking.HELD_ROW)
         self.rows["action"][rows] = self.rows["action_before"][rows] = action
-        self.rows["steps"][rows] = steps
+        self.rows["steps"][rows] = self.elapsed[rows] = steps
 
     def step(
-        self, actions: Any, active: Bools, meanwhile: Callable[[], None] | None = None
+        self,
+        actions: Any,
+        active: Bools,
+        finish: Callable[[Ints], None],
+        meanwhile: Callable[[], None] | None = None,
     ) -> None:
         """Hold torques for ``control_dt`` seconds, see ``World``."""
         plant = self.plant
         self._take_actions(actions, active)
         plant.step(self.torque, self.steps, self.earlier, self.switch)
+        finish(active.nonzero()[0])
         if meanwhile is not None:
             meanwhile()
         if plant.any_diverged or self._any_truncated:

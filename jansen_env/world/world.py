@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from jansen_env.checks import entries
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import readings
+from jansen_env.engine.records import as_bytes
 from jansen_env.gravity import GRAVITY
 from jansen_env.parameters import CHANGED_BY, LONGEST_DELAY, PARAMETERS
 from jansen_env.plants.base import BatchedPlant
@@ -28,6 +30,8 @@ from jansen_env.world.episode_parameters import EpisodeParameters, Plan
 from jansen_env.world.push import check_schedule
 from jansen_env.world.randomization import Uniform
 
+NO_PUSHES = np.zeros((0, 3))
+
 
 class World(ActuatedRobots):
     """n robots in their surroundings.
@@ -39,7 +43,7 @@ class World(ActuatedRobots):
 
     Attributes:
         plant: moves the robots. episodes: their parameters and terrains.
-        loads: (n, toes) normal forces / weight. elapsed: (n,) control steps since the reset.
+        loads: (n, toes) normal forces / weight.
         seeds: (n,) of what episodes draw after their start. sensors: None without noise.
 
     Raises:
@@ -90,7 +94,7 @@ class World(ActuatedRobots):
         self.full_torque *= self.rows["direction"]
         self.rows["weight"] = [robot.mass * GRAVITY for robot in self.robots]
         self.loads = np.zeros((n, self.plant.toes))
-        self.elapsed, self.seeds = np.zeros(n, np.int64), np.zeros(n, np.int64)
+        self.seeds = np.zeros(n, np.int64)
         self.track_joint_forces = control.track_joint_forces
         if self.track_joint_forces and not self.plant.knows_joint_forces:
             raise ValueError("track_joint_forces is True, must be False with plant='rigid_body'")
@@ -113,6 +117,7 @@ class World(ActuatedRobots):
     def _share_arrays(self) -> None:
         """Let information show the arrays of others."""
         self.parameters = self.episodes.values if self.episodes.varies else None
+        self._rows = as_bytes(self.plant.rows), as_bytes(self.rows)
         self.arrays = {"slip": self.plant.slip, "contact_force": self.plant.contact_force}
         if self.sensors is not None:
             self.arrays["true_observation"] = self.sensors.truth
@@ -168,7 +173,7 @@ class World(ActuatedRobots):
         ]
         given = [own.get("pushes") for own in options]
         schedules = [
-            check_schedule("options['pushes']", () if one is None else one) for one in given
+            NO_PUSHES if one is None else check_schedule("options['pushes']", one) for one in given
         ]
         self._exchange({row: one for row, one in robots.items() if one is not None})
         self.seeds[rows] = seeds
@@ -224,15 +229,15 @@ class World(ActuatedRobots):
 
     def update_scales(self, rows: Ints) -> None:
         """Update weights, full torques, and strengths of pushes and noise."""
-        values = self.episodes.values[rows]
-        self.rows["weight"][rows] = GRAVITY * (
-            values["mass_scale"] * self._links_mass[rows] + values["payload"]
-        )
+        values = self.episodes.values
+        masses = values["mass_scale"][rows] * self._links_mass[rows] + values["payload"][rows]
+        self.rows["weight"][rows] = GRAVITY * masses
         limits = np.array([self.robots[row].motor.torque_limit for row in rows.tolist()])
-        self.full_torque[rows] = self.rows["direction"][rows] * limits * values["motor_strength"]
-        self.pushes.strength[rows] = values["push_strength"]
+        limits = self.rows["direction"][rows] * limits
+        self.full_torque[rows] = limits * values["motor_strength"][rows]
+        self.pushes.strength[rows] = values["push_strength"][rows]
         if self.sensors is not None:
-            self.sensors.level[rows] = values["noise_level"]
+            self.sensors.level[rows] = values["noise_level"][rows]
 
     def clear_episode(self, rows: Ints, action: float = 0.0) -> None:
         """Clear the data of robots' last episodes."""
@@ -246,24 +251,30 @@ class World(ActuatedRobots):
         self.elapsed[rows] = 0
 
     def step(
-        self, actions: Any, active: Bools, meanwhile: Callable[[], None] | None = None
+        self,
+        actions: Any,
+        active: Bools,
+        finish: Callable[[Ints], None],
+        meanwhile: Callable[[], None] | None = None,
     ) -> None:
         """Hold actions (n, 1) of the ``active`` robots (n,) for ``control_dt`` seconds.
 
-        ``meanwhile`` is called while they move, to :meth:`reset` others.
+        ``finish`` is called with robots (k,) that have moved, on the threads that moved them;
+        ``meanwhile`` while others move, to :meth:`reset` robots that are not active.
 
         Raises:
             ValueError: the actions are not one finite number for each active robot.
         """
         plant = self.plant
-        self._take_actions(actions, active)
         pushes = self.pushes.of_step(active, self.elapsed, self.seeds)
-        self.elapsed += active
-        rows = None if active.all() else np.flatnonzero(active)
-        plant.step(self.torque, self.steps, self.earlier, self.switch, rows, meanwhile, pushes)
+        self._take_actions(actions, active)
+        self._moved = active.nonzero()[0]
         if self.sensors is not None:
-            self._moved = np.flatnonzero(active)
-            self.sensors.draw(self._moved, self.elapsed, self.seeds)
+            finish = partial(self._sense, finish)
+        plant.step(
+            self.torque, self.steps, self.earlier, self.switch, self._moved, meanwhile, pushes,
+            finish,
+        )  # fmt: skip
         if plant.joints_open:
             self.rows["info"]["joint_gap"] = plant.joint_gap
         if plant.any_diverged or self._any_truncated:
@@ -271,11 +282,17 @@ class World(ActuatedRobots):
         if self.track_joint_forces:
             self._joint_loads[:] = (0.0, 0.0) if plant.any_diverged else plant.peak_loads()
 
+    def _sense(self, finish: Callable[[Ints], None], rows: Ints) -> None:
+        """Draw the errors of robots' readings, which ``finish`` takes."""
+        assert self.sensors is not None
+        self.sensors.draw(rows, self.elapsed, self.seeds)
+        finish(rows)
+
     def step_arguments(self) -> tuple[Any, ...]:
         """Return the arguments of :func:`jansen_env.engine.readings.finish_step` but the first."""
         plant = self.plant
         return (
-            self.control_dt, plant.states, plant.slip, plant.contact_force, plant.rows, self.rows,
+            self.control_dt, plant.states, plant.slip, plant.contact_force, *self._rows,
             self.loads, plant.surface, self._scan, self._places, self._observation,
         )  # fmt: skip
 

@@ -116,7 +116,7 @@ def many(rounds: int, quick: bool) -> str:
     ratios.append((f"{compared} with motor, bearings, feet / {compared} robots", slower))
     head = ("environments", "at once", "steps/s", "lowest", "highest")
     parts = [measure.table(head, rows), measure.table(("ratio", "steps/s (by round)"), ratios)]
-    parts.append(measure.table(("a robot of", "memory, kB"), memory(compared if quick else 4096)))
+    parts.append(measure.table(("a robot of", "memory, kB"), memory(256 if quick else 4096)))
     return "## Many environments\n\n" + "\n\n".join(parts)
 
 

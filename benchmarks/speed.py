@@ -122,7 +122,7 @@ def many(rounds: int, quick: bool) -> str:
         f"Exponent of a robot's step by their number, from {counts[-4]} on: "
         f"{measure.exponent(cost):.3f}."
     )
-    parts.append(measure.table(("a robot of", "memory, kB"), memory(compared if quick else 4096)))
+    parts.append(measure.table(("a robot of", "memory, kB"), memory(256 if quick else 4096)))
     return "## Many environments\n\n" + "\n\n".join(parts)
 
 

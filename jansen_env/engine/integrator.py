@@ -47,6 +47,7 @@ from jansen_env.engine.records import (
     Push,
     Velocity,
     Work,
+    as_rows,
 )
 from jansen_env.engine.restitution import solve_velocities
 from jansen_env.engine.tables import (
@@ -131,11 +132,11 @@ def advance(
 
     Returns: whether a robot needs the broad phase, and whether one has diverged.
     """
-    robots, planes = robots.view(ROBOT), planes.view(PLANE)
-    statistics, world_row = statistics.view(CONTACT_STATISTICS), world.view(WORLD)[0]
-    model = Model(body, pads, layout.view(PAD), bearings)
+    robots, planes = as_rows(robots, ROBOT), as_rows(planes, PLANE)
+    statistics, world_row = as_rows(statistics, CONTACT_STATISTICS), as_rows(world, WORLD)[0]
+    model = Model(body, pads, as_rows(layout, PAD), bearings)
     ground = Ground(surface, depths)
-    work = _work(jacobians, matrices, vectors, readings, spare, ints)
+    work = split(jacobians, matrices, vectors, readings, spare, ints)
     unknown = diverged = False
     for k in range(first, last):
         r = rows[k]
@@ -168,7 +169,7 @@ def advance(
 
 
 @macro
-def _work(jacobians, matrices, vectors, readings, spare, ints):
+def split(jacobians, matrices, vectors, readings, spare, ints):
     """The arrays in the memory of :func:`work_space`."""
     n = vectors.shape[1] // 2
     problem = Problem(

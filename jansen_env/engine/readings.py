@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from jansen_env.engine.collision import height_at
-from jansen_env.engine.jit import compiled
+from jansen_env.engine.jit import compiled, stage
 from jansen_env.engine.records import floats, row_dtype
 
 # Information on a robot in its world; units are listed with the environments.
@@ -59,7 +59,7 @@ def describe(which, states, robots, rows, loads, surface, scan, places, out):
         read(r, states, robots, rows, loads, surface, scan, places, out)
 
 
-@compiled
+@stage
 def take_step(r, period, states, slip, force, robots, rows, loads):
     """Account for a robot's step; returns the path that all its toes slid, m."""
     row, x = rows[r], states[r, 0]
@@ -73,7 +73,7 @@ def take_step(r, period, states, slip, force, robots, rows, loads):
     return slipped
 
 
-@compiled
+@stage
 def read(r, states, robots, rows, loads, surface, scan, places, out):
     """Put a robot's readings into the columns of its observation, and into its information."""
     status, state, row, toes = robots[r].status, states[r], rows[r], loads.shape[1]
@@ -98,14 +98,14 @@ def read(r, states, robots, rows, loads, surface, scan, places, out):
     inform(state, robots[r].accumulators, row)
 
 
-@compiled
+@stage
 def put(out, r, place, value):
     """Put a number into a column of a robot's observation, unless that is -1."""
     if place >= 0:
         out[r, place] = value
 
 
-@compiled
+@stage
 def inform(state, total, row):
     """Information on a robot's state and on its last step's energies."""
     info, energy = row.info, row.energy

@@ -28,10 +28,10 @@ def kernel_model(tables: Tables) -> Model:
     layout = np.zeros(len(tables.layout.table), PAD)
     layout["table"], layout["phase"] = tables.layout.table, tables.layout.phase
     return Model(
-        np.stack([table.swapaxes(-1, -2) for table in (tables.body, tables.own)]),
+        np.array([table.swapaxes(-1, -2) for table in (tables.body, tables.own)], order="C"),
         np.ascontiguousarray(tables.pads.swapaxes(-1, -2)),
         layout,
-        tables.bearings,
+        tables.bearings.copy(),
     )
 
 
@@ -225,7 +225,7 @@ def to_centroid(body, params, state, sign, sums):
     state[5] += sign * (w * rx + n * (sin * dx + cos * dy))
 
 
-@stage(inline=False)
+@stage(inline=False, cached=True)
 def mechanical_energy(body, params, state, sums):
     """Kinetic plus potential energy of a crank-axis state, J; potential is 0 at y = 0."""
     read_sums(body, params, state[3], sums)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from jansen_env.engine.jit import compiled
+from jansen_env.engine.jit import compiled, stage
 from jansen_env.engine.readings import put, read, take_step
 from jansen_env.engine.records import floats, row_dtype
 
@@ -89,7 +89,7 @@ def finish_step(
         observe(r, mine.info, own_places, out)
 
 
-@compiled
+@stage
 def keep_accounts(velocity, slip_speed, power, torque, period, row, kept):
     """Update the lag, and exponential means over a quarter turn at the commanded speed.
 
@@ -109,13 +109,13 @@ def keep_accounts(velocity, slip_speed, power, torque, period, row, kept):
     kept.rms_torque = math.sqrt(square + share * (torque**2 - square))
 
 
-@compiled
+@stage
 def mean_time(command, path):
     """The time constant of means, s: what ``path`` (m) takes at the commanded speed (m/s)."""
     return min(LONGEST_MEAN, max(SHORTEST_MEAN, path / max(abs(command), 1e-9)))
 
 
-@compiled
+@stage
 def compute_reward(pitch, settings, row, own):
     """The reward's factors of a robot, into its row; pitch: rad, settings: of :data:`SETTINGS`."""
     info, term = own.info, own.reward
@@ -131,13 +131,13 @@ def compute_reward(pitch, settings, row, own):
     term.posture = factor((pitch / HALF_PITCH) ** 2, settings.posture)
 
 
-@compiled
+@stage
 def tracking_score(lag):
     """1 on the target, with a slope everywhere; lag: m."""
     return FLOOR + (1.0 - FLOOR) / (1.0 + (lag / HALF_LAG) ** 2)
 
 
-@compiled
+@stage
 def progress_score(mean_speed, command):
     """1 at a mean speed of once to twice the command (m/s), less in proportion on both sides."""
     if command == 0.0:
@@ -146,7 +146,7 @@ def progress_score(mean_speed, command):
     return min(1.0, max(0.0, ratio)) if ratio < CATCHING_UP else CATCHING_UP / ratio
 
 
-@compiled
+@stage
 def factor(cost, weight):
     """1 / (1 + cost), to the power of ``weight``."""
     return 1.0 / (1.0 + cost) if weight == 1.0 else (1.0 + cost) ** -weight
@@ -163,7 +163,7 @@ def describe(which, own, own_places, states, robots, rows, loads, surface, scan,
         observe(r, own[r].info, own_places, out)
 
 
-@compiled
+@stage
 def observe(r, info, places, out):
     """Put command, lag and means into the columns of a robot's observation."""
     put(out, r, places[0], info.speed_command)

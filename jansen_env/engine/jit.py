@@ -252,6 +252,11 @@ def _kept(task: Task) -> bool:
     return bool(FOLDER) and any(Path(FOLDER).rglob(f"{name}-*.nbc"))
 
 
+def failed_to_keep() -> bool:
+    """Whether machine code could not be saved in this process."""
+    return "saving" in _told
+
+
 def _tell(subject: str, message: str, *values: str) -> None:
     """Warn, once in a process."""
     if subject not in _told:

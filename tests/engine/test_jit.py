@@ -14,6 +14,7 @@ import pytest
 from numba import float64, njit, typeof
 
 from jansen_env import Terrain, paper_robot
+from jansen_env.compile import main as compile_ahead
 from jansen_env.engine import jit, second_process
 from jansen_env.engine.jit import Kernel, compiled, prepare
 from jansen_env.engine.parts import parts
@@ -118,6 +119,28 @@ def test_no_second_process(where, monkeypatch):
         monkeypatch.setattr(sys, "executable", "/usr/bin/blender")
     monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: pytest.fail("a process was started"))
     assert second_process._start([]) is None
+
+
+@pytest.mark.slow
+def test_everything_is_compiled_ahead(tmp_path):
+    """By ``python -m jansen_env.compile``: nothing is left to say, and every part was found."""
+    tmp_path.chmod(0o700)
+    command = [sys.executable, "-W", "ignore", "-m", "jansen_env.compile"]
+    there = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    for again in (False, True):
+        ended = subprocess.run(command, env=there, capture_output=True, text=True, timeout=600)
+        assert ended.returncode == 0, ended.stderr
+        assert ("compiles" in ended.stdout) != again
+        assert f"MB in {tmp_path.resolve()}" in ended.stdout
+
+
+def test_nothing_is_compiled_ahead_where_it_cannot_be_kept(monkeypatch):
+    """The command ends with one line, and an exit status that is not 0."""
+    monkeypatch.setattr(jit, "FOLDER", "")
+    with pytest.raises(SystemExit, match="NUMBA_CACHE_DIR can name one"):
+        compile_ahead(["JansenCrank-v0"])
+    with pytest.raises(SystemExit, match="2"):
+        compile_ahead(["JansenWalk-v0"])
 
 
 def test_nothing_is_compiled_after_make():

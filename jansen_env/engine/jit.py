@@ -101,8 +101,21 @@ class _Cache(_FunctionCache):  # type: ignore[misc]
     """Numba's cache of a function: what cannot be read is compiled again, and no error is raised.
 
     A file may be damaged, or be for other types where two processes wrote at once; the disk may be
-    full, the folder gone.
+    full, the folder gone. When sources were written does not matter: the folder is named after what
+    is in them, so that copies of both go together, as in layers of containers.
     """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self._cache_file._source_stamp = None
+
+    def holds(self, types: tuple[Any, ...], codegen: Any) -> bool:
+        """Whether there is machine code for arguments of these types."""
+        file = self._cache_file
+        with contextlib.suppress(Exception):  # as above
+            name = file._load_index().get(self._index_key(types, codegen))
+            return name is not None and os.path.exists(file._data_path(name))
+        return False
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
@@ -246,10 +259,9 @@ def _task(kernel: Kernel) -> Task:
 
 
 def _kept(task: Task) -> bool:
-    """Whether there is machine code of a function on the disk."""
-    code = task.function.py_func.__code__
-    name = f"{Path(code.co_filename).stem}.{code.co_name}"
-    return bool(FOLDER) and any(Path(FOLDER).rglob(f"{name}-*.nbc"))
+    """Whether the machine code is on the disk."""
+    cache = task.function._cache
+    return isinstance(cache, _Cache) and cache.holds(task.types, task.function.targetctx.codegen())
 
 
 def failed_to_keep() -> bool:

@@ -53,7 +53,8 @@ def compile_all(
     every = [*theirs, *last]
 
     def left(tasks: Sequence[Task]) -> list[Task]:
-        return [one for one in tasks if one not in done and not kept(one)]
+        done.extend(one for one in tasks if one not in done and kept(one))
+        return [one for one in tasks if one not in done]
 
     def work(wanted: Sequence[Task], meanwhile: Sequence[Task] = ()) -> None:
         patience = time.monotonic() + PATIENCE

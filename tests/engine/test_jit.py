@@ -377,6 +377,17 @@ def test_machine_code_is_read_again(monkeypatch, tmp_path):
             assert hits() == 0 and hits() == 1, (pattern, damage)
 
 
+def test_machine_code_goes_with_copies_of_the_sources(tmp_path):
+    """Whose times are others, as after an installation and in layers of containers."""
+    tmp_path.chmod(0o700)
+    shutil.copytree(PACKAGE, tmp_path / "jansen_env", ignore=shutil.ignore_patterns("__pycache__"))
+    place = {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    assert "compiles 1 of 1: candidates" in python(RECALL, **place)[1]
+    for path in (tmp_path / "jansen_env").rglob("*.py"):
+        os.utime(path, (0, 0))
+    assert python(RECALL, **place)[1] == ""
+
+
 def test_machine_code_for_other_types_is_not_run(monkeypatch, tmp_path):
     """Two processes that write at once may leave an index that names the other's file."""
     monkeypatch.setattr(jit, "FOLDER", str(tmp_path))

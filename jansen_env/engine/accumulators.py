@@ -42,7 +42,7 @@ def end(robot, state, statistics, elapsed, slip, force, body, sums):
     total.energy_change = energy - total.initial_energy
 
 
-@stage
+@stage(cached=True)
 def accumulate_step(
     h, torque, asked, dry, push, velocity, outcome, inertia, count, params, contacts, total
 ):
@@ -68,7 +68,7 @@ def accumulate_step(
         total.contact_gain = max(total.contact_gain, gain)
 
 
-@stage
+@stage(cached=True)
 def accumulate_contacts(h, count, velocity, after, contacts, planes, total, statistics):
     """Add a time step's slip, impulses and contact losses; keep the modes with the planes.
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from jansen_env.engine.contact_solver import STICK
 from jansen_env.engine.jit import compiled, macro, stage
-from jansen_env.engine.records import WORLD
+from jansen_env.engine.records import WORLD, as_rows
 from jansen_env.engine.tables import locate, pad_place
 
 SPECULATIVE_MARGIN = 0.05  # m within which a plane counts, or as far as a pad gets in a time step
@@ -22,7 +22,7 @@ FACE = 1e-6  # rad, how far a contact's normal may be off a segment's to be take
 SAME = 1e-9  # difference of two planes' numbers below which they are one
 
 
-@stage(inline=False)
+@stage(inline=False, cached=True)
 def detect(state, robot, model, ground, world, planes):
     """Find the planes near a robot's pads; False where the broad phase must be asked before.
 
@@ -206,7 +206,7 @@ def pad_centres(state, pads, layout, out):
 @compiled
 def planes_near(r, centres, robots, surface, world, planes):
     """Find the planes near points (pads, 2), m, that are taken for the pads of robot ``r``."""
-    status, world_row = robots[r].status, world.view(WORLD)[0]
+    status, world_row = robots[r].status, as_rows(world, WORLD)[0]
     begin_planes(status)
     for j in range(len(centres)):
         list_planes(centres[j, 0], centres[j, 1], j, status, surface, world_row, planes)
@@ -220,7 +220,7 @@ def begin_planes(status):
     status.too_deep = False
 
 
-@stage(inline=False)
+@stage(inline=False, cached=True)
 def list_planes(x, y, pad, status, surface, world, planes):
     """List the planes of a pad at (x, y)."""
     start, end = status.first_vertex, status.end_vertex

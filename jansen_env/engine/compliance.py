@@ -47,7 +47,7 @@ def _start_length(h, middle, ahead, old):
     return min(middle - (h - ahead) * old, 0.0)
 
 
-@stage(inline=False)
+@stage(inline=False, cached=True)
 def limit_springs(h, count, velocity, params, planes, contacts, statistics):
     """Limit the springs on planes just found to the energy that the pad's springs held before.
 
@@ -75,7 +75,7 @@ def limit_springs(h, count, velocity, params, planes, contacts, statistics):
         first = last
 
 
-@stage(inline=False)
+@stage(inline=False, cached=True)
 def add_compliance(h, count, velocity, params, planes, contacts):
     """Put springs and dampers into W's diagonal and into ``offset``, the path's curvature there."""
     W, offset = contacts.problem.W, contacts.offset
@@ -124,7 +124,7 @@ def keep_deflection(status, planes, statistics):
         deflection[TANGENTIAL] = planes[k].deflection
 
 
-@stage(inline=False)
+@stage(inline=False, cached=True)
 def accumulate_compliant(
     h, renewed, count, velocity, after, params, contacts, planes, robot, statistics
 ):

@@ -26,7 +26,7 @@ PUSH_OUT_SPEED = 1.0  # m/s, the fastest that a pad is taken out of the ground
 TRAVEL = 4  # where, after the last pose, a robot's travel is
 
 
-@stage
+@stage(cached=True)
 def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
     """The pads that touch at the middle of a step: rows of J, curvature of their paths.
 
@@ -137,7 +137,7 @@ def _travel(pose, middle, params):
     return pose[TRAVEL]
 
 
-@stage
+@stage(cached=True)
 def outruns(margin, h, state, params, model, work):
     """Whether the next step's middle has a pad more than ``margin`` from where planes were found.
 
@@ -166,7 +166,7 @@ def outruns(margin, h, state, params, model, work):
     return False
 
 
-@stage
+@stage(cached=True)
 def assemble(count, params, inertia, planes, contacts):
     """J M^-1 and the Delassus matrix J M^-1 J^T, regularised; returns whether pads are wedged.
 
@@ -235,7 +235,7 @@ def _wedged(count, plane, planes, friction):
     return False
 
 
-@stage
+@stage(cached=True)
 def correct_penetration(h, count, state, velocity, contacts):
     """Push penetrating pads out, moving positions only; returns the centre of mass's way (x, y).
 

@@ -47,6 +47,7 @@ from jansen_env.engine.records import (
     Push,
     Velocity,
     Work,
+    as_rows,
 )
 from jansen_env.engine.restitution import solve_velocities
 from jansen_env.engine.tables import (
@@ -137,10 +138,10 @@ def advance(
     Returns: how many are in ``moved``, whether a robot needs the broad phase, and whether one has
     diverged.
     """
-    robots, planes = robots.view(ROBOT), planes.view(PLANE)
-    statistics, world_row = statistics.view(CONTACT_STATISTICS), world.view(WORLD)[0]
-    layouts = layout.view(PAD)
-    work = _work(jacobians, matrices, vectors, readings, spare, ints)
+    robots, planes = as_rows(robots, ROBOT), as_rows(planes, PLANE)
+    statistics, world_row = as_rows(statistics, CONTACT_STATISTICS), as_rows(world, WORLD)[0]
+    layouts = as_rows(layout, PAD)
+    work = split(jacobians, matrices, vectors, readings, spare, ints)
     count, unknown, diverged = 0, False, False
     known = len(shares) if thread == 0 else len(shares) - 1
     for offset in range(known):
@@ -184,7 +185,7 @@ def advance(
 
 
 @macro
-def _work(jacobians, matrices, vectors, readings, spare, ints):
+def split(jacobians, matrices, vectors, readings, spare, ints):
     """The arrays in the memory of :func:`work_space`."""
     n = vectors.shape[1] // 2
     problem = Problem(

@@ -8,13 +8,13 @@ named after the contents of all files beside this one, so all that is compiled s
 from __future__ import annotations
 
 import contextlib
-import gc
 import hashlib
 import logging
 import os
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +22,8 @@ import numba
 import numba.core.caching
 import numba.extending
 
+from jansen_env.engine.compiler import KernelCompiler, StageCompiler, StageFile, compiling
+from jansen_env.engine.second_process import Task, compile_all
 from jansen_env.files import own_folder, remove_unused, writable
 
 _config: Any = numba.config
@@ -31,7 +33,6 @@ _OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
 _FunctionCache: Any = numba.core.caching.FunctionCache
 _log = logging.getLogger("jansen_env")
 
-OPTIMISATION = 1  # level of LLVM: up to 3 it takes longer, and its code is no faster
 UNUSED = 30 * 24 * 3600.0  # s after which the folder of other sources is removed
 _DIGEST = 16  # hexadecimal digits of it in a folder's name
 
@@ -94,7 +95,7 @@ _refused: list[str] = []  # folders that are not fit for machine code, with the 
 FOLDER = _cache_folder()
 DISABLED = bool(_config.DISABLE_JIT)  # numba is told to compile nothing
 NOT_KEPT = "and cannot keep it: there is no folder for it, NUMBA_CACHE_DIR can name one"
-_preparing = threading.RLock()
+_waiting = threading.local()
 _told: set[str] = set()  # what has been said in this process
 
 
@@ -102,8 +103,21 @@ class _Cache(_FunctionCache):  # type: ignore[misc]
     """Numba's cache of a function: what cannot be read is compiled again, and no error is raised.
 
     A file may be damaged, or be for other types where two processes wrote at once; the disk may be
-    full, the folder gone.
+    full, the folder gone. When sources were written does not matter: the folder is named after what
+    is in them, so that copies of both go together, as in layers of containers.
     """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self._cache_file._source_stamp = None
+
+    def holds(self, types: tuple[Any, ...], codegen: Any) -> bool:
+        """Whether there is machine code for arguments of these types."""
+        file = self._cache_file
+        with contextlib.suppress(Exception):  # as above
+            name = file._load_index().get(self._index_key(types, codegen))
+            return name is not None and os.path.exists(file._data_path(name))
+        return False
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
@@ -125,18 +139,24 @@ class _Cache(_FunctionCache):  # type: ignore[misc]
             )
 
 
-def _cache(function: Callable[..., Any]) -> _Cache | None:
-    """A function's cache in :data:`FOLDER`; None where numba does not find it fit."""
+class _StageCache(_Cache):
+    """The same of a stage."""
+
+    _impl_class = StageFile
+
+
+def _cached(made: Any, kind: type[_Cache] = _Cache) -> Any:
+    """Give a compiled function a cache in :data:`FOLDER`, where numba finds it fit."""
+    if not FOLDER or _config.DISABLE_JIT:
+        return made
     before = _config.CACHE_DIR
     _config.CACHE_DIR = FOLDER
-    try:
-        cache = _Cache(function)
-    except (RuntimeError, OSError):
-        return None
-    finally:
-        _config.CACHE_DIR = before
-    # Elsewhere old machine code would not be noticed.
-    return cache if Path(cache.cache_path).is_relative_to(FOLDER) else None
+    with contextlib.suppress(RuntimeError, OSError):
+        cache = kind(made.py_func)
+        if Path(cache.cache_path).is_relative_to(FOLDER):  # elsewhere old code is not noticed
+            made._cache = cache  # as numba's cache=True does with its own
+    _config.CACHE_DIR = before
+    return made
 
 
 def compiled(
@@ -150,23 +170,24 @@ def compiled(
     """
     if function is None:
         return lambda f: compiled(f, allocates=allocates, **options)
-    made = _njit(**_OPTIONS, _nrt=allocates, **options)(function)
-    if FOLDER and not _config.DISABLE_JIT:
-        cache = _cache(function)
-        if cache is not None:
-            made._cache = cache  # as numba's cache=True does with its own
-    return made
+    options |= {"pipeline_class": KernelCompiler, "_nrt": allocates}
+    return _cached(_njit(**_OPTIONS, **options)(function))
 
 
-def stage(function: Callable[..., Any] | None = None, *, inline: bool = True) -> Any:
+def stage(
+    function: Callable[..., Any] | None = None, *, inline: bool = True, cached: bool = False
+) -> Any:
     """Decorator: part of compiled functions, not to be called from Python.
 
     Args:
         inline: whether it is put into their machine code wherever it is called.
+        cached: whether it is kept on the disk, because it is compiled before what it is part of.
     """
     if function is None:
-        return lambda f: stage(f, inline=inline)
-    return _njit(forceinline=inline, **_OPTIONS, _nrt=False)(function)
+        return lambda f: stage(f, inline=inline, cached=cached)
+    options = {"pipeline_class": StageCompiler, "forceinline": inline, "_nrt": False}
+    made = _njit(**_OPTIONS, **options)(function)
+    return _cached(made, _StageCache) if cached else made
 
 
 def macro(function: Callable[..., Any]) -> Any:
@@ -197,11 +218,29 @@ take = _take if DISABLED else _take_atomically
 
 
 class Kernel(NamedTuple):
-    """A compiled function that Python calls: what it does, and arguments like those it gets."""
+    """A compiled function that Python calls: what it does, and arguments like those it gets.
+
+    ``parts``: returns stages of it that are compiled before it, first what takes longest.
+    """
 
     subject: str
     function: Any
     arguments: Sequence[Any]
+    parts: Callable[[], Sequence[Kernel]] | None = None
+
+
+@contextlib.contextmanager
+def together() -> Iterator[None]:
+    """Prepare at its end, all at once, what is prepared inside."""
+    if hasattr(_waiting, "kernels"):
+        yield
+        return
+    _waiting.kernels = kernels = list[Kernel]()
+    try:
+        yield
+    finally:
+        del _waiting.kernels
+    prepare(*kernels)
 
 
 def prepare(*kernels: Kernel) -> None:
@@ -209,36 +248,46 @@ def prepare(*kernels: Kernel) -> None:
 
     What is not there is compiled, and it is said how far that is.
     """
-    if _config.DISABLE_JIT:
-        return
-    with _preparing:  # what is set meanwhile is set for the whole process
-        collects, level = gc.isenabled(), _config.OPT
-        gc.disable()  # it takes a tenth of the time and finds next to nothing
-        _config.OPT = type(level)(min(level, OPTIMISATION))
-        try:
+    if hasattr(_waiting, "kernels"):
+        _waiting.kernels += kernels
+    elif not _config.DISABLE_JIT:
+        with compiling():
             _prepare(kernels)
-        finally:
-            _config.OPT = level
-            if collects:
-                gc.enable()
 
 
 def _prepare(kernels: Sequence[Kernel]) -> None:
-    for number, (subject, function, arguments) in enumerate(kernels, start=1):
-        types = tuple(map(numba.typeof, arguments))
-        if types in function.overloads:
+    tasks = [_task(kernel) for kernel in kernels]
+    parts, others, last = list[Task](), list[Task](), list[Task]()
+    for kernel, task in zip(kernels, tasks, strict=True):
+        if task.types in task.function.overloads or _kept(task):
             continue
-        name = f"{Path(function.py_func.__code__.co_filename).stem}.{function.py_func.__name__}"
-        if not (FOLDER and any(Path(FOLDER).rglob(f"{name}-*.nbc"))):
-            for line in _refused:
-                _tell(line, "%s", line)
-            _tell(
-                "compiling",
-                "jansen_env compiles its time step for this machine, %s",
-                f"and keeps it in {FOLDER}" if FOLDER else NOT_KEPT,
-            )
-            _log.warning("jansen_env compiles %d of %d: %s", number, len(kernels), subject)
-        function.compile(types)
+        (others if kernel.parts is None else last).append(task)
+        if kernel.parts is not None and FOLDER:
+            parts += map(_task, kernel.parts())
+    if others or last:
+        for line in _refused:
+            _tell(line, "%s", line)
+        place = f"and keeps it in {FOLDER}" if FOLDER else NOT_KEPT
+        _tell("compiling", "jansen_env compiles its time step for this machine, %s", place)
+        say = partial(_log.warning, "jansen_env compiles %d of %d: %s")
+        compile_all(parts, others, last, _kept, say)
+    for task in tasks:
+        task.function.compile(task.types)
+
+
+def _task(kernel: Kernel) -> Task:
+    return Task(kernel.subject, kernel.function, tuple(map(numba.typeof, kernel.arguments)))
+
+
+def _kept(task: Task) -> bool:
+    """Whether the machine code is on the disk."""
+    cache = task.function._cache
+    return isinstance(cache, _Cache) and cache.holds(task.types, task.function.targetctx.codegen())
+
+
+def failed_to_keep() -> bool:
+    """Whether machine code could not be saved in this process."""
+    return "saving" in _told
 
 
 def _tell(subject: str, message: str, *values: str) -> None:

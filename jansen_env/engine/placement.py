@@ -6,7 +6,7 @@ import math
 
 from jansen_env.engine.collision import height_at, pad_centres, planes_near
 from jansen_env.engine.jit import compiled, macro
-from jansen_env.engine.records import WORLD
+from jansen_env.engine.records import WORLD, as_rows
 from jansen_env.engine.tables import centre_of_mass, pad_place
 
 GRADIENT_STEP = 1e-4  # m, to either side of where a slope is measured
@@ -27,7 +27,7 @@ def lower(rows, x, angles, pitches, states, body, pads, layout, robots, surface,
         pitches: (k,) rad, or NaN for :func:`level_pitch`. states: (robots, 8), out.
         world: (1,) WORLD, as bytes. toes: (toes + 1, 2), work space.
     """
-    count = world.view(WORLD)[0].toes
+    count = as_rows(world, WORLD)[0].toes
     for k in range(len(rows)):
         state, params, status = states[rows[k]], robots[rows[k]].params, robots[rows[k]].status
         design = params.design

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 
-from jansen_env.engine.jit import compiled
+from jansen_env.engine.jit import compiled, stage
 from jansen_env.engine.random import number, uniform
 from jansen_env.engine.records import row_dtype
 
@@ -59,7 +59,7 @@ def fill_pushes(active, elapsed, seeds, strength, settings, random, schedule, sc
     return any_pushed
 
 
-@compiled
+@stage
 def _push(start, x, y, begin, push, out):
     """Add one push to a robot's time steps (steps, 2) from ``begin``; whether it is felt."""
     steps, step = len(out), push.time_step
@@ -74,7 +74,7 @@ def _push(start, x, y, begin, push, out):
     return True
 
 
-@compiled
+@stage
 def _share(time, duration):
     """The share of its impulse that a push has given a time after its start, s."""
     return 0.5 - 0.5 * math.cos(math.pi * min(1.0, max(0.0, time / duration)))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from jansen_env.engine.collision import height_at
-from jansen_env.engine.jit import compiled
-from jansen_env.engine.records import ROBOT, floats, row_dtype
+from jansen_env.engine.jit import compiled, stage
+from jansen_env.engine.records import ROBOT, as_rows, floats, row_dtype
 
 # Information on a robot in its world; units are listed with the environments.
 STATE = ("x_position", "x_velocity", "pitch", "crank_angle", "crank_speed", "crank_torque")
@@ -46,7 +46,7 @@ def finish_step(
         places: (10 + toes + count,) column of each reading in ``out`` (n, d), -1 for none: the
             order is that of :func:`read`.
     """
-    robots, rows = robots.view(ROBOT), rows.view(ROW)
+    robots, rows = as_rows(robots, ROBOT), as_rows(rows, ROW)
     for r in which:
         take_step(r, period, states, slip, force, robots, rows, loads)
         read(r, states, robots, rows, loads, surface, scan, places, out)
@@ -55,12 +55,12 @@ def finish_step(
 @compiled
 def describe(which, states, robots, rows, loads, surface, scan, places, out):
     """Read the present state of robots ``which`` (k,); arguments: see :func:`finish_step`."""
-    robots, rows = robots.view(ROBOT), rows.view(ROW)
+    robots, rows = as_rows(robots, ROBOT), as_rows(rows, ROW)
     for r in which:
         read(r, states, robots, rows, loads, surface, scan, places, out)
 
 
-@compiled
+@stage
 def take_step(r, period, states, slip, force, robots, rows, loads):
     """Account for a robot's step; returns the path that all its toes slid, m."""
     row, x = rows[r], states[r, 0]
@@ -74,7 +74,7 @@ def take_step(r, period, states, slip, force, robots, rows, loads):
     return slipped
 
 
-@compiled
+@stage
 def read(r, states, robots, rows, loads, surface, scan, places, out):
     """Put a robot's readings into the columns of its observation, and into its information."""
     status, state, row, toes = robots[r].status, states[r], rows[r], loads.shape[1]
@@ -99,14 +99,14 @@ def read(r, states, robots, rows, loads, surface, scan, places, out):
     inform(state, robots[r].accumulators, row)
 
 
-@compiled
+@stage
 def put(out, r, place, value):
     """Put a number into a column of a robot's observation, unless that is -1."""
     if place >= 0:
         out[r, place] = value
 
 
-@compiled
+@stage
 def inform(state, total, row):
     """Information on a robot's state and on its last step's energies."""
     info, energy = row.info, row.energy

@@ -11,6 +11,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba.core import cgutils, types
+from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
 
 from jansen_env.engine.jit import DISABLED
@@ -167,6 +170,33 @@ PLANE = row_dtype(
 def as_bytes(rows: NDArray[np.void]) -> NDArray[np.uint8]:
     """The same memory as bytes, along the last axis."""
     return rows.view(np.uint8)
+
+
+def _as_rows(data: Any, dtype: Any) -> Any:
+    return data.view(dtype)
+
+
+@intrinsic
+def _view(_: Any, data: Any, dtype: Any) -> Any:
+    """:func:`as_rows` compiled: numba's own ``view`` takes twenty times as long to compile."""
+    rows = types.Array(dtype.dtype, data.ndim, "C")
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        given = context.make_array(data)(context, builder, arguments[0])
+        made = context.make_array(rows)(context, builder)
+        size = context.get_constant(types.intp, rows.dtype.size)
+        *shape, length = cgutils.unpack_tuple(builder, given.shape)
+        *strides, _ = cgutils.unpack_tuple(builder, given.strides)
+        place = builder.bitcast(given.data, made.data.type)
+        shape, strides = [*shape, builder.sdiv(length, size)], [*strides, size]
+        populate_array(made, place, shape, strides, size, None)
+        return made._getvalue()
+
+    return rows(data, dtype), generate
+
+
+as_rows: Any = _as_rows if DISABLED else _view
+"""Inside kernels: the inverse of :func:`as_bytes`."""
 
 
 class Model(NamedTuple):

@@ -49,7 +49,7 @@ class Outcome(NamedTuple):
     may_gain: bool  # whether it was not made sure that the contacts create no energy
 
 
-@stage
+@stage(cached=True)
 def solve_velocities(
     h, torque, friction, push, velocity, inertia, params, count, impact, wedged, contacts
 ):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from jansen_env.engine.jit import compiled
+from jansen_env.engine.jit import compiled, stage
 from jansen_env.engine.random import normal, number
 from jansen_env.engine.readings import put
 
@@ -73,7 +73,7 @@ def add_noise(which, error, angles, measured, columns, low, high, truth, out):
                 out[r, i] = _within(float(out[r, i]) + error[r, i], low[i], high[i])
 
 
-@compiled
+@stage
 def _turn(out, cos, sin, angle, low, high):
     """Turn the angle whose cosine and sine are at two places of an observation."""
     x, y = float(out[cos]), float(out[sin])
@@ -82,7 +82,7 @@ def _turn(out, cos, sin, angle, low, high):
     out[sin] = _within(y * c + x * s, low[sin], high[sin])
 
 
-@compiled
+@stage
 def _within(value, low, high):
     """``value``, but no less than ``low`` and no more than ``high``."""
     return min(float(high), max(float(low), value))

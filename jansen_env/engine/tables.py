@@ -236,7 +236,7 @@ def to_centroid(body, params, state, sign, sums):
     state[5] += sign * (w * rx + n * (sin * dx + cos * dy))
 
 
-@stage(inline=False)
+@stage(inline=False, cached=True)
 def mechanical_energy(body, params, state, sums):
     """Kinetic plus potential energy of a crank-axis state, J; potential is 0 at y = 0."""
     read_sums(body, params, state[3], sums)

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 from jansen_env.engine import readings
-from jansen_env.engine.jit import compiled
+from jansen_env.engine.jit import compiled, stage
 from jansen_env.engine.readings import put, read, take_step
-from jansen_env.engine.records import ROBOT, floats, row_dtype
+from jansen_env.engine.records import ROBOT, as_rows, floats, row_dtype
 
 FALLEN_PITCH = 1.2  # rad
 
@@ -70,8 +70,12 @@ def finish_step(
         own_places: (6,) columns in ``out`` of the command, the lag and the means.
         which, period ... out: see :func:`jansen_env.engine.readings.finish_step`.
     """
-    settings, own, measured = settings.view(SETTINGS), own.view(ROW), measured.view(ACCOUNTS)
-    robots, rows = robots.view(ROBOT), rows.view(readings.ROW)
+    settings, own, measured = (
+        as_rows(settings, SETTINGS),
+        as_rows(own, ROW),
+        as_rows(measured, ACCOUNTS),
+    )
+    robots, rows = as_rows(robots, ROBOT), as_rows(rows, readings.ROW)
     for r in which:
         slipped = take_step(r, period, states, slip, force, robots, rows, loads)
         row, mine, total, state = rows[r], own[r], robots[r].accumulators, states[r]
@@ -95,7 +99,7 @@ def finish_step(
         observe(r, mine.info, own_places, out)
 
 
-@compiled
+@stage
 def keep_accounts(velocity, slip_speed, power, torque, period, row, kept):
     """Update the lag, and exponential means over a quarter turn at the commanded speed.
 
@@ -115,13 +119,13 @@ def keep_accounts(velocity, slip_speed, power, torque, period, row, kept):
     kept.rms_torque = math.sqrt(square + share * (torque**2 - square))
 
 
-@compiled
+@stage
 def mean_time(command, path):
     """The time constant of means, s: what ``path`` (m) takes at the commanded speed (m/s)."""
     return min(LONGEST_MEAN, max(SHORTEST_MEAN, path / max(abs(command), 1e-9)))
 
 
-@compiled
+@stage
 def compute_reward(pitch, settings, row, own):
     """The reward's factors of a robot, into its row; pitch: rad, settings: of :data:`SETTINGS`."""
     info, term = own.info, own.reward
@@ -137,13 +141,13 @@ def compute_reward(pitch, settings, row, own):
     term.posture = factor((pitch / HALF_PITCH) ** 2, settings.posture)
 
 
-@compiled
+@stage
 def tracking_score(lag):
     """1 on the target, with a slope everywhere; lag: m."""
     return FLOOR + (1.0 - FLOOR) / (1.0 + (lag / HALF_LAG) ** 2)
 
 
-@compiled
+@stage
 def progress_score(mean_speed, command):
     """1 at a mean speed of once to twice the command (m/s), less in proportion on both sides."""
     if command == 0.0:
@@ -152,7 +156,7 @@ def progress_score(mean_speed, command):
     return min(1.0, max(0.0, ratio)) if ratio < CATCHING_UP else CATCHING_UP / ratio
 
 
-@compiled
+@stage
 def factor(cost, weight):
     """1 / (1 + cost), to the power of ``weight``."""
     return 1.0 / (1.0 + cost) if weight == 1.0 else (1.0 + cost) ** -weight
@@ -164,13 +168,13 @@ def describe(which, own, own_places, states, robots, rows, loads, surface, scan,
 
     Args: see :func:`finish_step`.
     """
-    own, robots, rows = own.view(ROW), robots.view(ROBOT), rows.view(readings.ROW)
+    own, robots, rows = as_rows(own, ROW), as_rows(robots, ROBOT), as_rows(rows, readings.ROW)
     for r in which:
         read(r, states, robots, rows, loads, surface, scan, places, out)
         observe(r, own[r].info, own_places, out)
 
 
-@compiled
+@stage
 def observe(r, info, places, out):
     """Put command, lag and means into the columns of a robot's observation."""
     put(out, r, places[0], info.speed_command)

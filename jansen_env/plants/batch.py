@@ -13,6 +13,7 @@ from jansen_env.checks import positive
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import integrator
 from jansen_env.engine.jit import Kernel, prepare
+from jansen_env.engine.parts import parts
 from jansen_env.engine.records import UNKNOWN_DEFLECTION, WORLD, as_bytes
 from jansen_env.engine.tables import energy
 from jansen_env.gravity import GRAVITY, Gravity
@@ -141,7 +142,7 @@ class Batch(PlacedRobots):
         return [
             *self.detector.kernels(self.states),
             *self._placing_kernels(),
-            Kernel("control step", integrator.advance, step),
+            Kernel("control step", integrator.advance, step, parts),
         ]
 
     @property

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import within
 from jansen_env.engine import readings
-from jansen_env.engine.jit import Kernel, prepare
+from jansen_env.engine.jit import Kernel, prepare, together
 from jansen_env.rendering import Frame
 from jansen_env.tasks.information import InfoBuilder
 from jansen_env.world import argument_checks as arguments
@@ -71,6 +71,7 @@ class Task(ABC):
         cls.PER_ROBOT = tuple(arguments.marked(records, "per_robot"))
         cls.SINGLE_ONLY = arguments.marked(records, "single_only")
 
+    @together()
     def __init__(self, num_envs: int = 1, threads: int | None = None, **keywords: Any) -> None:
         kinds = {**self.WORLD.RECORDS, **self.RECORDS}
         records = arguments.fill(kinds, {**self.DEFAULTS, **keywords}, num_envs)

@@ -11,10 +11,14 @@ import time
 from pathlib import Path
 
 import pytest
+from numba import float64, njit, typeof
 
 from jansen_env import Terrain, paper_robot
-from jansen_env.engine import jit
+from jansen_env.compile import main as compile_ahead
+from jansen_env.engine import jit, second_process
 from jansen_env.engine.jit import Kernel, compiled, prepare
+from jansen_env.engine.parts import parts
+from jansen_env.engine.second_process import Task, compile_all
 from jansen_env.plants.fixed_base import FixedBasePlant
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.tasks.walking import WalkerTask
@@ -57,6 +61,10 @@ def predecessor(x):
     return x - 1
 
 
+def magnitude(x):
+    return abs(x)
+
+
 def test_preparing_says_how_far_it_is(silent, monkeypatch, tmp_path, caplog):
     """Where machine code is kept, once, and what is compiled; nothing where all is on disk."""
     monkeypatch.setattr(jit, "FOLDER", str(tmp_path))
@@ -79,6 +87,60 @@ def test_preparing_says_how_far_it_is(silent, monkeypatch, tmp_path, caplog):
         assert len(messages()) == 2
         monkeypatch.setattr(jit, "_told", set())
         assert "cannot keep it" in messages()[0]
+
+
+def test_parts_have_the_types_that_the_time_step_gives_them():
+    """Or they would be compiled twice, and not side by side."""
+    ProjectionPlant(paper_robot(), Terrain.flat())
+    for part in parts():
+        kept = part.function._cache._cache_file._load_index()
+        assert {key[0] for key in kept} == {tuple(map(typeof, part.arguments))}, part.subject
+
+
+@pytest.mark.parametrize("code", ["raise SystemExit(1)", "import time; time.sleep(60)"])
+def test_without_the_second_process_all_is_compiled_here(code, monkeypatch):
+    """It fails, or does nothing; what only it would do is waited for, and then done here."""
+    monkeypatch.setattr(second_process, "_CODE", code)
+    monkeypatch.setattr(second_process, "PATIENCE", 0.5)
+    monkeypatch.setattr(second_process, "available_cores", lambda: 2)
+    one, other, last = (Task("", njit(f), (float64,)) for f in (successor, predecessor, magnitude))
+    said = []
+    compile_all([one], [other], [last], lambda task: False, lambda *line: said.append(line[:2]))
+    assert all(task.function.overloads for task in (one, other, last))
+    assert said == [(1, 3), (2, 3), (3, 3)]
+
+
+@pytest.mark.parametrize("where", ["one core", "a frozen program", "Python in a program"])
+def test_no_second_process(where, monkeypatch):
+    """There is none where it has no core, or would be another program than Python."""
+    monkeypatch.setattr(second_process, "available_cores", lambda: 1 if where == "one core" else 2)
+    monkeypatch.setattr(sys, "frozen", where == "a frozen program", raising=False)
+    if where == "Python in a program":
+        monkeypatch.setattr(sys, "executable", "/usr/bin/blender")
+    monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: pytest.fail("a process was started"))
+    assert second_process._start([]) is None
+
+
+@pytest.mark.slow
+def test_everything_is_compiled_ahead(tmp_path):
+    """By ``python -m jansen_env.compile``: nothing is left to say, and every part was found."""
+    tmp_path.chmod(0o700)
+    command = [sys.executable, "-W", "ignore", "-m", "jansen_env.compile"]
+    there = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    for again in (False, True):
+        ended = subprocess.run(command, env=there, capture_output=True, text=True, timeout=600)
+        assert ended.returncode == 0, ended.stderr
+        assert ("compiles" in ended.stdout) != again
+        assert f"MB in {tmp_path.resolve()}" in ended.stdout
+
+
+def test_nothing_is_compiled_ahead_where_it_cannot_be_kept(monkeypatch):
+    """The command ends with one line, and an exit status that is not 0."""
+    monkeypatch.setattr(jit, "FOLDER", "")
+    with pytest.raises(SystemExit, match="NUMBA_CACHE_DIR can name one"):
+        compile_ahead(["JansenCrank-v0"])
+    with pytest.raises(SystemExit, match="2"):
+        compile_ahead(["JansenWalk-v0"])
 
 
 def test_nothing_is_compiled_after_make():
@@ -144,11 +206,14 @@ def test_the_first_folder_that_can_be_written_to(places):
     assert len(names) == 1 and NAME.fullmatch(names.pop())
 
 
-SCORE = """
+RECALL = """
+import numpy as np
+from jansen_env.engine.collision import recall
 from jansen_env.engine.jit import FOLDER, Kernel, prepare
-from jansen_env.engine.walk_reward import progress_score
-for _ in range(2): prepare(Kernel('score', progress_score, (0.3, 0.3)))
-print(progress_score(0.3, 0.3), FOLDER)
+from jansen_env.engine.records import ROBOT
+none = np.arange(0), np.zeros((0, 8)), np.zeros(0, ROBOT)
+for _ in range(2): prepare(Kernel("candidates", recall, none))
+print(recall(*none), FOLDER)
 """
 
 
@@ -179,9 +244,9 @@ def test_machine_code_that_others_may_have_planted_is_not_run(tmp_path):
     shared = tmp_path / "shared"
 
     def run():
-        found, said = python(SCORE, PYTHONPATH=str(tmp_path), NUMBA_CACHE_DIR=str(shared))
-        score, folder = found.split()
-        assert score == "1.0"
+        found, said = python(RECALL, PYTHONPATH=str(tmp_path), NUMBA_CACHE_DIR=str(shared))
+        recalled, folder = found.split()
+        assert recalled == "False"
         return Path(folder), said
 
     folder, said = run()
@@ -312,6 +377,17 @@ def test_machine_code_is_read_again(monkeypatch, tmp_path):
             assert hits() == 0 and hits() == 1, (pattern, damage)
 
 
+def test_machine_code_goes_with_copies_of_the_sources(tmp_path):
+    """Whose times are others, as after an installation and in layers of containers."""
+    tmp_path.chmod(0o700)
+    shutil.copytree(PACKAGE, tmp_path / "jansen_env", ignore=shutil.ignore_patterns("__pycache__"))
+    place = {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    assert "compiles 1 of 1: candidates" in python(RECALL, **place)[1]
+    for path in (tmp_path / "jansen_env").rglob("*.py"):
+        os.utime(path, (0, 0))
+    assert python(RECALL, **place)[1] == ""
+
+
 def test_machine_code_for_other_types_is_not_run(monkeypatch, tmp_path):
     """Two processes that write at once may leave an index that names the other's file."""
     monkeypatch.setattr(jit, "FOLDER", str(tmp_path))
@@ -347,8 +423,8 @@ def test_the_package_runs_where_nothing_can_be_written(tmp_path):
     block(tmp_path / "jansen_env" / "__pycache__")
     nowhere = str(tmp_path / "jansen_env" / "__pycache__" / "cache")
     names = ("HOME", "LOCALAPPDATA", "NUMBA_CACHE_DIR", "USERPROFILE", "XDG_CACHE_HOME")
-    found, said = python(SCORE, PYTHONPATH=str(tmp_path), **dict.fromkeys(names, nowhere))
-    assert found == "1.0 \n"
+    found, said = python(RECALL, PYTHONPATH=str(tmp_path), **dict.fromkeys(names, nowhere))
+    assert found == "False \n"
     assert said.count("cannot keep it") == 1
 
 

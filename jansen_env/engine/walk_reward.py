@@ -57,21 +57,20 @@ ROW = row_dtype(
 
 @compiled(nogil=True)
 def finish_step(
-    which, settings, own, measured, reward, terminated, error, own_places,
+    which, settings, own, reward, terminated, error, measured, own_places,
     period, states, slip, force, robots, rows, loads, surface, scan, places, out,
 ):  # fmt: skip
     """Reward the step that led to ``states`` (n, 8), and :func:`describe` it.
 
     Args:
+        settings: (1,) of :data:`SETTINGS`. own: (n,) of :data:`ROW`, as bytes.
         reward, terminated: (n,). error: (n, 2) of the measured mean speeds: m/s in x; rad/s of the
-            crank, counted as the action is. As their bytes: settings: (1,) of :data:`SETTINGS`,
-            own: (n,) of :data:`ROW`, measured: (n,) of :data:`ACCOUNTS`. Without noise error and
-            measured have no rows.
+            crank, counted as the action is. measured: (n,) of :data:`ACCOUNTS`. Without noise
+            these two have no rows.
         own_places: (6,) columns in ``out`` of the command, the lag and the means.
         which, period ... out: see :func:`jansen_env.engine.readings.finish_step`.
     """
-    settings, own, measured = settings.view(SETTINGS), own.view(ROW), measured.view(ACCOUNTS)
-    robots, rows = robots.view(ROBOT), rows.view(readings.ROW)
+    own, robots, rows = own.view(ROW), robots.view(ROBOT), rows.view(readings.ROW)
     for r in which:
         slipped = take_step(r, period, states, slip, force, robots, rows, loads)
         row, mine, total, state = rows[r], own[r], robots[r].accumulators, states[r]
@@ -162,9 +161,8 @@ def factor(cost, weight):
 def describe(which, own, own_places, states, robots, rows, loads, surface, scan, places, out):
     """Observations into ``out`` (n, d), information into ``rows``, of robots ``which`` (k,).
 
-    Args: see :func:`finish_step`.
+    Args: see :func:`finish_step`; no rows as bytes.
     """
-    own, robots, rows = own.view(ROW), robots.view(ROBOT), rows.view(readings.ROW)
     for r in which:
         read(r, states, robots, rows, loads, surface, scan, places, out)
         observe(r, own[r].info, own_places, out)

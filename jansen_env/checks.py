@@ -25,6 +25,8 @@ def shown(value: Any) -> str:
 
 def finite(name: str, value: Any) -> float:
     """Return ``value`` as a float. Raises ValueError unless it is a finite number."""
+    if type(value) is float and math.isfinite(value):
+        return value  # nearly always, and ten times as quick
     number = math.nan
     if not isinstance(value, bool) and isinstance(value, (Real, Decimal)):
         with contextlib.suppress(OverflowError, ValueError):  # beyond a float's range

@@ -124,7 +124,7 @@ def keep_deflection(status, planes, statistics):
         deflection[TANGENTIAL] = planes[k].deflection
 
 
-@stage(inline=False, cached=True)
+@stage(cached=True)
 def accumulate_compliant(
     h, renewed, count, velocity, after, params, contacts, planes, robot, statistics
 ):

@@ -204,7 +204,7 @@ def _update_modes(count, problem, one_only):
             return
 
 
-@stage(inline=False)
+@stage
 def _solve_from_guess(count, problem, tolerance):
     """Solve, check and update the modes; leaves the solution, or the least wrong try, in P."""
     for attempt in range(MODE_ROUNDS):
@@ -217,6 +217,12 @@ def _solve_from_guess(count, problem, tolerance):
     for i in range(2 * count):
         problem.P[i] = 0.0
     return residual(count, problem)
+
+
+@stage(inline=False)
+def _solve_again(count, problem, tolerance):
+    """:func:`_solve_from_guess`, once in the machine code of what is rarely needed."""
+    return _solve_from_guess(count, problem, tolerance)
 
 
 @compiled(inline="always")
@@ -250,7 +256,7 @@ def search(count, problem, tolerance, error):
         for i in range(2 * count):
             kept[i] = problem.P[i]
         _modes_of(count, problem)
-        polished = _solve_from_guess(count, problem, tolerance)
+        polished = _solve_again(count, problem, tolerance)
         if polished <= tolerance:
             return polished
         if last < polished:
@@ -312,7 +318,7 @@ def _proximal_point(count, problem, tolerance, error):
     for _ in range(PROXIMAL_ROUNDS):
         for i in range(n):
             W[i, i], v_free[i] = diagonal[i] + rho, free[i] - rho * P[i]
-        _solve_from_guess(count, problem, tolerance)
+        _solve_again(count, problem, tolerance)
         for i in range(n):
             W[i, i], v_free[i] = diagonal[i], free[i]
         last = _check(count, problem)

@@ -191,7 +191,7 @@ def assemble(count, params, inertia, planes, contacts):
     return wedged
 
 
-@stage(inline=False)
+@stage
 def add_dry_friction(h, count, torque, inertia, contacts):
     """Coulomb friction on the crank as one more contact, exact at standstill.
 

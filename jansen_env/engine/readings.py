@@ -54,8 +54,10 @@ def finish_step(
 
 @compiled
 def describe(which, states, robots, rows, loads, surface, scan, places, out):
-    """Read the present state of robots ``which`` (k,); arguments: see :func:`finish_step`."""
-    robots, rows = as_rows(robots, ROBOT), as_rows(rows, ROW)
+    """Read the present state of robots ``which`` (k,).
+
+    Args: see :func:`finish_step`; no rows as bytes.
+    """
     for r in which:
         read(r, states, robots, rows, loads, surface, scan, places, out)
 

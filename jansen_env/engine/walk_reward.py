@@ -57,25 +57,21 @@ ROW = row_dtype(
 
 @compiled(nogil=True)
 def finish_step(
-    which, settings, own, measured, reward, terminated, error, own_places,
+    which, settings, own, reward, terminated, error, measured, own_places,
     period, states, slip, force, robots, rows, loads, surface, scan, places, out,
 ):  # fmt: skip
     """Reward the step that led to ``states`` (n, 8), and :func:`describe` it.
 
     Args:
+        settings: (1,) of :data:`SETTINGS`. own: (n,) of :data:`ROW`, as bytes.
         reward, terminated: (n,). error: (n, 2) of the measured mean speeds: m/s in x; rad/s of the
-            crank, counted as the action is. As their bytes: settings: (1,) of :data:`SETTINGS`,
-            own: (n,) of :data:`ROW`, measured: (n,) of :data:`ACCOUNTS`. Without noise error and
-            measured have no rows.
+            crank, counted as the action is. measured: (n,) of :data:`ACCOUNTS`. Without noise
+            these two have no rows.
         own_places: (6,) columns in ``out`` of the command, the lag and the means.
         which, period ... out: see :func:`jansen_env.engine.readings.finish_step`.
     """
-    settings, own, measured = (
-        as_rows(settings, SETTINGS),
-        as_rows(own, ROW),
-        as_rows(measured, ACCOUNTS),
-    )
-    robots, rows = as_rows(robots, ROBOT), as_rows(rows, readings.ROW)
+    own, robots = as_rows(own, ROW), as_rows(robots, ROBOT)
+    rows = as_rows(rows, readings.ROW)
     for r in which:
         slipped = take_step(r, period, states, slip, force, robots, rows, loads)
         row, mine, total, state = rows[r], own[r], robots[r].accumulators, states[r]
@@ -166,9 +162,8 @@ def factor(cost, weight):
 def describe(which, own, own_places, states, robots, rows, loads, surface, scan, places, out):
     """Observations into ``out`` (n, d), information into ``rows``, of robots ``which`` (k,).
 
-    Args: see :func:`finish_step`.
+    Args: see :func:`finish_step`; no rows as bytes.
     """
-    own, robots, rows = as_rows(own, ROW), as_rows(robots, ROBOT), as_rows(rows, readings.ROW)
     for r in which:
         read(r, states, robots, rows, loads, surface, scan, places, out)
         observe(r, own[r].info, own_places, out)

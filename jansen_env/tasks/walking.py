@@ -120,7 +120,7 @@ class WalkerTask(CommandedTask):
             numbers = self._measured.view(float).reshape(self.num_envs, -1)
             sensors.measure(numbers, [self.columns[name] for name in ACCOUNTS])
             self._error = sensors.mean_error
-        self._bytes = tuple(map(as_bytes, (self._settings, self.rows, self._measured)))
+        self._bytes = as_bytes(self.rows)
 
     def begin(self, rows: Ints, drawn: Sequence[Any]) -> None:
         """Start with commands, m/s; lag and means are 0."""
@@ -152,12 +152,12 @@ class WalkerTask(CommandedTask):
 
     def step_arguments(self) -> tuple[Any, ...]:
         return (
-            *self._bytes, self.reward, self.terminated, self._error, self._places,
-            *self.world.step_arguments(),
+            self._settings, self._bytes, self.reward, self.terminated, self._error, self._measured,
+            self._places, *self.world.step_arguments(),
         )  # fmt: skip
 
     def describe_arguments(self) -> tuple[Any, ...]:
-        return self._bytes[1], self._places, *self.world.describe_arguments()
+        return self.rows, self._places, *self.world.describe_arguments()
 
     def _draw_commands(self, active: Bools) -> None:
         """Draw the commands that hold after this step, where it is time for others."""

@@ -298,7 +298,7 @@ class World(ActuatedRobots):
 
     def describe_arguments(self) -> tuple[Any, ...]:
         """Return the arguments of :func:`jansen_env.engine.readings.describe` but the first."""
-        return self.plant.states, *self.step_arguments()[4:]
+        return self.plant.states, self.plant.rows, self.rows, *self.step_arguments()[6:]
 
     def disturb(self, rows: Ints | None = None) -> None:
         """Add noise to observations after a step, or of some robots between two steps."""

@@ -41,19 +41,19 @@ SETTING: dict[str, Any] = {"n_steps": 64, "batch_size": 1024, "n_epochs": 6}
 LAYERS = (64, 64)
 NEVER = 10**9  # updates between two lines of a log
 MEMORY = """
-import resource, sys
-import gymnasium, numpy
+import sys
+import gymnasium, numpy, psutil
 import jansen_env
 
-def most_used(count):
+def used(count):
     venv = gymnasium.make_vec(sys.argv[1], num_envs=count)
     venv.reset(seed=0)
     venv.step(numpy.zeros((count, 1), numpy.float32))
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1.024
+    return psutil.Process().memory_info().rss / 1000.0
 
 few, more = 16, int(sys.argv[2])
-before = most_used(few)
-print((most_used(few + more) - before) / more)
+before = used(few)
+print((used(few + more) - before) / more)
 """
 """Prints the memory, kB, of each of so many more robots of an environment."""
 

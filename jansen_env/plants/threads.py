@@ -38,26 +38,29 @@ class Threads:
         self._count = count_threads(robots, threads)
         self._robots, self._shares = robots, _shares(robots, self._count)
         self._memory = [memory() for _ in range(self._count)]
+        self._others_move = False
         self._pool: tuple[int, SimpleQueue[Any]] | None = None
 
     @property
     def memory(self) -> Any:
-        """Memory of one thread."""
+        """Memory for the calling thread: the others never take all."""
         return self._memory[0]
 
     def move(
         self, robots: int, move: Move, meanwhile: Callable[[], None] | None
     ) -> tuple[bool, bool]:
         """Share so many robots out, and call ``meanwhile``; whether any share set each flag."""
-        shares = self._shares.copy() if robots == self._robots else _shares(robots, self._count)
-        if self._count == 1 and meanwhile is None:
-            return move(0, shares, robots, self._memory[0])
+        # What ``meanwhile`` moves would wait for the other threads to end.
+        count = 1 if self._others_move else self._count
+        whole = robots == self._robots and count == self._count
+        shares = self._shares.copy() if whole else _shares(robots, count)
+        if count == 1 and meanwhile is None:
+            return move(0, shares, robots, self.memory)
 
         outcomes: SimpleQueue[Any] = SimpleQueue()
 
         def work(thread: int, most: int = robots) -> None:
-            # Not a thread's own: what ``meanwhile`` places moves on the same threads.
-            memory = self._memory.pop()
+            memory = self._memory.pop()  # not a thread's own: any that is free
             try:
                 outcomes.put(move(thread, shares, most, memory))
             except BaseException as error:  # raised below, in the calling thread
@@ -71,8 +74,10 @@ class Threads:
         try:
             if meanwhile is not None:  # Python's lock would keep the other threads from starting
                 work(0, FIRST)
+                self._others_move = True
                 meanwhile()
         finally:  # whatever happens here, nothing goes on in the background
+            self._others_move = False
             work(0)
             found = [outcomes.get() for _ in range(works)]
         for outcome in found:

@@ -40,6 +40,19 @@ def test_robots_move_whatever_happens_meanwhile():
     assert {(0, ROBOTS), (1, ROBOTS)} < ended
 
 
+def test_what_moves_meanwhile_does_not_wait_for_the_others():
+    threads, done = Threads(ROBOTS, 2, object), threading.Event()
+
+    def move(thread, shares, most, memory):
+        return thread == 1 and not done.wait(10.0), False
+
+    def meanwhile():
+        threads.move(ROBOTS - 1, move, None)
+        done.set()
+
+    assert threads.move(ROBOTS, move, meanwhile) == (False, False)
+
+
 def test_threads_end_with_their_robots():
     before = {*threading.enumerate()}
     threads = Threads(ROBOTS, 3, object)

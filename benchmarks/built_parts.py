@@ -35,14 +35,14 @@ def bill_of_materials(robot: Robot) -> list[Part]:
     """All parts of the built robot; their masses add up to the robot's."""
     legs, parts, ends = len(robot.legs), [], 0
     for name in ("frame", "crank", "upper_rod", "rocker", "lower_rod", "coupler"):
-        link, width = getattr(robot, name), built.FRAME_WIDTH if name == "frame" else built.WIDTH
+        link, width = robot.body(name), built.FRAME_WIDTH if name == "frame" else built.WIDTH
         thickness = built.bar_thickness(name)
         size = f"{1e3 * width:g} x {1e3 * thickness:g} mm, {1e3 * link.length:.1f} mm"
         bare = built.flat_bar(link.length, width, 0.0, thickness).mass
         parts.append(Part(name, MATERIALS["flat bar"], f"{size} between pins", legs, bare, "A"))
         ends += 2 * legs
     for name in ("upper_triangle", "foot"):
-        sides = getattr(robot, name).sides
+        sides = robot.body(name).sides
         pins = " / ".join(f"{1e3 * side:.1f}" for side in sides)
         size = f"{1e3 * built.PLATE_THICKNESS:g} mm, pins' triangle {pins} mm"
         bare = built.triangular_plate(sides, 0.0).mass

@@ -21,11 +21,11 @@ from benchmarks.built_parts import parts_table
 from benchmarks.measure import table
 from benchmarks.walks import SETTLE, Walked, whole_half_turns
 from jansen_env import MOTORS, Robot, Terrain, built_robot
-from jansen_env.dynamics.joint_forces import CORNERS, PINS, JointForces
+from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.plants.make import PLANTS, Plant, make_plant
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.trace import trace_forces
-from jansen_env.robot import BEARINGS, BODIES, BODIES_PER_LEG
+from jansen_env.robot import JANSEN
 from jansen_env.robot import buildable as built
 from jansen_env.robot.kinematics import coordinates
 
@@ -60,7 +60,7 @@ def walk(
 class Loads(NamedTuple):
     """The loads of a walk until its end or fall, N and N m."""
 
-    mean: Array  # force in each of PINS, of all legs
+    mean: Array  # force in each of JANSEN.pins, of all legs
     largest: Array  # the same
     rods: Array  # largest compression of each of RODS
     normal: Array  # largest on a foot
@@ -83,7 +83,7 @@ def loads_of_walk(robot: Robot, speed: float, duration: float, start: float) -> 
     contact = np.abs(traced["impulses"][:, : plant.toes]) / FINE_STEP
     turned = turning(robot, traced["pose"][:, 3])
     constant = (turned @ np.array(robot.bearing_friction)).sum(axis=1)
-    load = size[..., [pin_of(pair) for pair in BEARINGS]]
+    load = size[..., [pin_of(pair) for pair in JANSEN.bearings]]
     loaded = built.dry_torque(1.0) * (turned * load).sum(axis=(1, 2))
     return Loads(
         size.mean(axis=(0, 1)), size.max(axis=(0, 1)),
@@ -141,7 +141,7 @@ def over_starts(values: Array, form: str, worst: Callable[[Array], float] = np.m
 
 def buckling_load(robot: Robot, name: str) -> float:
     """Return the load at which a rod buckles, N."""
-    return built.buckling_load(getattr(robot, name).length, thickness=built.bar_thickness(name))
+    return built.buckling_load(robot.body(name).length, thickness=built.bar_thickness(name))
 
 
 def safety(robot: Robot, found: Loads) -> Array:
@@ -181,7 +181,7 @@ def pin_table(loads: dict[float, Loads]) -> str:
     rows = [
         (str(pin), *(f"{found.mean[:, i].mean():.0f} / {over_starts(found.largest[:, i], '.0f')}"
                      for found in loads.values()))
-        for i, pin in enumerate(PINS)
+        for i, pin in enumerate(JANSEN.pins)
     ]  # fmt: skip
     return table(heading(("pin",), loads), rows)
 
@@ -198,8 +198,8 @@ def rod_table(robot: Robot, loads: dict[float, Loads]) -> str:
 
 def largest_compression(forces: JointForces, name: str) -> float:
     """The largest push along a rod, N: the mean of its ends'."""
-    body = BODIES.index(name) + 1
-    ends = [k for k, (b, _) in enumerate(CORNERS) if b == body]
+    body = JANSEN.names.index(name) + 1
+    ends = [k for k, (b, _) in enumerate(JANSEN.corners) if b == body]
     axial = forces.link_loads()[..., ends, 0].mean(axis=-1)
     return float(max(0.0, -axial.min()))
 
@@ -209,19 +209,19 @@ def turning(robot: Robot, angles: Array) -> Array:
     step, rates = 1e-6, []
     for leg in robot.legs:
         ahead, behind = (
-            coordinates(robot, leg.side, angles + leg.phase + way).reshape(-1, BODIES_PER_LEG, 3)
+            coordinates(robot, leg.side, angles + leg.phase + way).reshape(len(angles), -1, 3)
             for way in (step, -step)
         )
         change = (ahead - behind)[..., 0]
         rates.append(((change + math.pi) % (2.0 * math.pi) - math.pi) / (2.0 * step))
     slope = np.stack(rates, axis=1)
-    first, second = np.array(BEARINGS).T - 1
+    first, second = np.array(JANSEN.bearings).T - 1
     return np.asarray(np.abs(slope[..., second] - slope[..., first]))
 
 
 def pin_of(pair: tuple[int, int]) -> int:
-    """Which of :data:`PINS` joins a pair of bodies."""
-    return next(k for k, pin in enumerate(PINS) if {pin.body, pin.other} == set(pair))
+    """Which of :data:`JANSEN.pins` joins a pair of bodies."""
+    return next(k for k, pin in enumerate(JANSEN.pins) if {pin.body, pin.other} == set(pair))
 
 
 def friction_table(loads: dict[float, Loads]) -> str:

@@ -1,11 +1,12 @@
 """Do the two plants agree?
 
-    python -m benchmarks.plants [--machines] [--out logs/plants] [--jobs 2] [--quick]
+    python -m benchmarks.plants [--machines | --linkages] [--out logs/plants] [--jobs 2] [--quick]
 
 Both plants side by side, with the time step halved on both: walks at many crank speeds and
 frictions, on slopes, with loads; and a steady walk as pymunk's solver iterates longer. Writes
 ``plants.md``. With ``--machines`` walks with compliant feet, dry bearings, a rotor, a motor's line
-and the robot that could be built: ``machines.md``.
+and the robot that could be built: ``machines.md``. With ``--linkages`` walks of the other linkages:
+``linkages.md``.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ from benchmarks.measure import table
 from benchmarks.walks import Walked, walk, whole_half_turns
 from jansen_env import ROBOTS, Compliance, Motor, Terrain, paper_robot
 from jansen_env.plants.make import PLANTS, Plant
-from jansen_env.robot import BEARINGS, Payload
+from jansen_env.robot import JANSEN, Payload
+from jansen_env.robot.zoo import ZOO
 
 SPEEDS = (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)  # of the crank, rad/s
 FRICTIONS = (0.1, 0.3, 0.6, 1.0)
@@ -38,11 +40,13 @@ LINE = Motor(stall_torque=20.0, no_load_speed=8.0, torque_limit=12.0, friction=0
 MACHINES = {
     "paper": paper_robot(),
     "feet that give": replace(paper_robot(), pad_compliance=FEET),
-    "dry bearings": replace(paper_robot(), bearing_friction=(0.03,) * len(BEARINGS)),
+    "dry bearings": replace(paper_robot(), bearing_friction=(0.03,) * len(JANSEN.bearings)),
     "rotor": replace(SLENDER, motor=ROTOR),
     "motor's line": replace(SLENDER, motor=LINE, pad_compliance=FEET),
     "built": ROBOTS["built"](),
 }
+LINKAGES = {name: make() for name, make in ZOO.items()}
+LINKAGE_SPEEDS, LINKAGE_FRICTIONS = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0), (0.2, 0.5, 0.8)
 MACHINE_SPEEDS = (1.0, 4.0)  # of the crank, rad/s
 MACHINE_DURATION = 3.0  # s
 OTHER_STARTS = tuple(math.pi * k / 12.0 for k in range(12))  # rad; half a turn on, all is the same
@@ -84,7 +88,8 @@ class Walk:
 
     def plant(self, name: str, halvings: int = 0, **arguments: Any) -> Plant:
         """Return a plant by name, its own time step halved so many times."""
-        robot = replace(MACHINES[self.machine], payload=Payload(self.payload))
+        robot = {**MACHINES, **LINKAGES}[self.machine]
+        robot = replace(robot, payload=Payload(self.payload))
         terrain = Terrain.slope(self.slope, friction=self.friction)
         kind, time_step = PLANTS[name]
         made: Plant = kind(robot, terrain, time_step / 2**halvings, **arguments)
@@ -203,6 +208,18 @@ def machine_walks(quick: bool) -> list[Walk]:
     ]
 
 
+def linkage_walks(quick: bool) -> list[Walk]:
+    """21 walks of each of :data:`LINKAGES`."""
+    if quick:
+        return [Walk(1.0, machine=name, duration=1.0) for name in LINKAGES]
+    return [
+        Walk(speed, friction, machine=name, duration=MACHINE_DURATION)
+        for name in LINKAGES
+        for friction in LINKAGE_FRICTIONS
+        for speed in LINKAGE_SPEEDS
+    ]
+
+
 def paper_walks(quick: bool) -> list[Walk]:
     """Walks of the paper's robot over crank speeds, frictions, slopes and loads."""
     if quick:
@@ -215,7 +232,9 @@ def paper_walks(quick: bool) -> list[Walk]:
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
     parser = measure.options(__doc__, "logs/plants", jobs=2)
-    parser.add_argument("--machines", action="store_true", help="other machines instead")
+    others = parser.add_mutually_exclusive_group()
+    others.add_argument("--machines", action="store_true", help="other machines instead")
+    others.add_argument("--linkages", action="store_true", help="other linkages instead")
     found = measure.chosen(parser, arguments)
     head = measure.machine()
     if found.machines:
@@ -225,6 +244,14 @@ def main(arguments: list[str] | None = None) -> None:
             f"`python -m benchmarks.plants --machines`. {head}",
             "The machines are `MACHINES` in `benchmarks/plants.py`.",
             *compare_all(machine_walks(found.quick), found.jobs),
+        )
+        return
+    if found.linkages:
+        measure.report(
+            found.out / "linkages.md",
+            "# Two plants, other linkages",
+            f"`python -m benchmarks.plants --linkages`. {head}",
+            *compare_all(linkage_walks(found.quick), found.jobs),
         )
         return
     steady = Walk(6.0, 0.3, duration=0.5 if found.quick else 3.0)

@@ -56,14 +56,15 @@ def varied_robots(count: int, rng: np.random.Generator) -> list[Robot]:
     robot, robots = ROBOTS["built"](), list[Robot]()
     while len(robots) < count:
         bars = {
-            name: replace(getattr(robot, name), length=getattr(robot, name).length * scale)
+            name: replace(robot.body(name), length=robot.body(name).length * scale)
             for name, scale in zip(
                 BARS, rng.uniform(1 - VARIED, 1 + VARIED, len(BARS)), strict=True
             )
         }
         with suppress(ValueError):
-            reduced.compile_robot(replace(robot, **bars))
-            robots.append(replace(robot, **bars))
+            varied = robot.with_bodies(**bars)
+            reduced.compile_robot(varied)
+            robots.append(varied)
     return robots
 
 

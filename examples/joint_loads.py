@@ -9,7 +9,8 @@ import gymnasium as gym
 import matplotlib.pyplot as plt
 import numpy as np
 
-from jansen_env.dynamics.joint_forces import CORNERS, corner_name
+from jansen_env.dynamics.joint_forces import corner_name
+from jansen_env.robot import JANSEN
 
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 250
 
@@ -27,11 +28,12 @@ worst = np.argsort(loads.max(axis=(0, 1)))[::-1][:3]
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
 for corner in worst:
-    left.plot(time, loads[:, 0, corner], label=corner_name(corner))
+    left.plot(time, loads[:, 0, corner], label=corner_name(JANSEN, corner))
 left.plot(time, largest, "k:", label="largest of all legs, links and time steps")
 left.set(xlabel="time (s)", ylabel="force (N)", title=env.unwrapped.robot.leg_names[0])
 left.legend()
-right.barh([corner_name(i) for i in range(len(CORNERS) - 1)], np.percentile(loads, 95, (0, 1)))
+names = [corner_name(JANSEN, i) for i in range(len(JANSEN.holes))]
+right.barh(names, np.percentile(loads, 95, (0, 1)))
 right.set(xlabel="95th percentile of the force (N)", title="all legs")
 figure.savefig("joint_loads.png", dpi=120)
 print(f"largest: {max(largest):.0f} N; the robot weighs {9.81 * env.unwrapped.robot.mass:.0f} N")

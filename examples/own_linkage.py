@@ -1,40 +1,36 @@
-"""Four designs turn their cranks at the same speed; prints distance and heave.
+"""A linkage that nobody has built: four bars and a long foot. Prints distance and heave.
 
 python examples/own_linkage.py [STEPS]   (500 steps of 20 ms by default)
 """
 
 import sys
-from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
 
-from jansen_env import Bar, LinkageError, Robot, holy_numbers_robot, paper_robot
+from jansen_env import LinkageError, phased_legs, robot_from_joints
 
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 500
+bodies = {
+    "frame": {"O": (0.0, 0.0), "P": (0.34, 0.31)},
+    "crank": {"O": (0.0, 0.0), "A": (0.21, 0.0)},
+    "rocker": {"P": (0.0, 0.0), "B": (0.38, 0.0)},
+    "foot": {"A": (0.0, 0.0), "B": (0.37, 0.0), "T": (0.38, -0.52)},
+}
+dyads = [("B", "A", "P", -1)]  # B is on the right of the way from A to P
 
-
-def walk(robot: Robot) -> tuple[float, float]:
-    """Distance and heave, m."""
-    env = gym.make("JansenWalker-v0", robot=robot, friction=0.5, max_episode_steps=steps)
+for phases in (2, 3):  # crank pins, with a fore and a back leg each
+    robot = robot_from_joints(bodies, dyads, "T", phased_legs(phases))
+    env = gym.make("JansenWalker-v0", robot=robot, max_episode_steps=steps)
     (observation, info), heights = env.reset(seed=0), []
     for _ in range(steps):
-        observation, *_, info = env.step([1.6 - observation[2]])  # the crank at some 1.5 rad/s
+        observation, *_, info = env.step([2.5 - observation[2]])  # the crank at some 2 rad/s
         heights.append(observation[8])
-    return info["x_position"], float(np.ptp(heights))
+    print(f"{2 * phases} legs: {info['x_position']:.2f} m, heave {np.ptp(heights):.3f} m")
 
-
-paper = paper_robot()
-designs = {
-    "the paper's": paper,
-    "six legs": paper_robot(phases=3),
-    "longer coupler": replace(paper, coupler=Bar(1.03 * paper.coupler.length)),
-    "Jansen's own numbers": holy_numbers_robot(),  # walks the other way
-}
-for name, robot in designs.items():
-    print("{:22}{:6.2f} m, heave {:.3f} m".format(name, *walk(robot)))
-
+bodies["rocker"]["B"] = (0.15, 0.0)
 try:
-    gym.make("JansenWalker-v0", robot=replace(paper, upper_rod=Bar(0.5)))
+    robot = robot_from_joints(bodies, dyads, "T", phased_legs(2))
+    gym.make("JansenWalker-v0", robot=robot)
 except LinkageError as error:
-    print(f"a rod too long: {error}")
+    print(f"a rocker too short: {error}")

@@ -14,6 +14,7 @@ from jansen_env.robot import (
     holy_numbers_robot,
     paper_robot,
     phased_legs,
+    robot_from_joints,
 )
 from jansen_env.robot.kinematics import LinkageError
 from jansen_env.robot.motor import MOTORS, Motor
@@ -27,7 +28,7 @@ __version__ = "0.1.0"
 __all__ = [
     "MOTORS", "ROBOTS", "Bar", "Compliance", "Curriculum", "Leg", "LinkageError", "Motor", "Noise",
     "Payload", "Push", "Robot", "Terrain", "Triangle", "built_robot", "holy_numbers_robot",
-    "paper_robot", "phased_legs",
+    "paper_robot", "phased_legs", "robot_from_joints",
 ]  # fmt: skip
 
 for _name, _entry, _steps in (

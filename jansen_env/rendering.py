@@ -16,20 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.gravity import GRAVITY
 from jansen_env.robot import Robot
-from jansen_env.robot.kinematics import (
-    SKELETON,
-    A,
-    Array,
-    B,
-    C,
-    D,
-    E,
-    O,
-    P,
-    T,
-    direction,
-    joint_positions,
-)
+from jansen_env.robot.kinematics import Array, direction, joint_positions
 from jansen_env.terrain import heights_of
 
 Picture = NDArray[np.uint8]
@@ -52,7 +39,7 @@ CIRCLE = direction(np.linspace(0.0, 2.0 * math.pi, 32))
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Content of one picture; toes in the order of ``robot.legs``."""
+    """Content of one picture; toes in the order of ``robot.toes``."""
 
     q: Array  # (4,) crank axis x and y (m), chassis pitch theta and crank angle psi (rad)
     contact_force: Array  # (toes, 2) N, tangential and normal force on each toe
@@ -181,21 +168,22 @@ class Renderer:
             self._pixels(joint_positions(self.robot, leg.side, q[3] + leg.phase) @ turn + q[:2])
             for leg in self.robot.legs
         ]
-        order = sorted(range(len(legs)), key=lambda toe: -self._depth[toe])
-        far = [toe for toe in order if self._depth[toe] > 0.0]
-        for toe in far:
-            self._paint_leg(legs[toe], self._depth[toe])
+        order = sorted(range(len(legs)), key=lambda leg: -self._depth[leg])
+        far = [leg for leg in order if self._depth[leg] > 0.0]
+        for leg in far:
+            self._paint_leg(legs[leg], self._depth[leg])
         self._paint_chassis(legs, turn, q)
-        for toe in order[len(far) :]:
-            self._paint_leg(legs[toe], 0.0)
+        for leg in order[len(far) :]:
+            self._paint_leg(legs[leg], 0.0)
         pad = max(self.robot.pad_radius * self._scale / UNIT, 4.5)
-        for toe in order:
-            tangent = np.asarray(frame.contact_tangent[toe], dtype=float)
-            along, across = (float(f) / self._weight for f in frame.contact_force[toe])
+        toes = sorted(enumerate(self.robot.toes), key=lambda toe: -self._depth[toe[1][0]])
+        for k, (leg, joint) in toes:
+            tangent = np.asarray(frame.contact_tangent[k], dtype=float)
+            along, across = (float(f) / self._weight for f in frame.contact_force[k])
             force = along * tangent + across * np.array([-tangent[1], tangent[0]])
-            self._arrow(self._pixels(frame.contact_point[toe]), force * np.array([1.0, -1.0]))
+            self._arrow(self._pixels(frame.contact_point[k]), force * np.array([1.0, -1.0]))
             touching = GRIP if across > 1e-6 else None
-            self._toe(legs[toe][T], pad, SLIP if frame.slipping[toe] else touching)
+            self._toe(legs[leg][joint], pad, SLIP if frame.slipping[k] else touching)
         self._paint_gauges(frame)
         if self._terrain is not None:
             self._paint_legend()
@@ -221,13 +209,17 @@ class Renderer:
     def _paint_leg(self, joints: Array, depth: float) -> None:
         fade = 0.58 * math.sqrt(depth)
         ink, fill, crank = (_mix(color, SKY, fade) for color in (INK, LINK, CRANK))
-        for corners in ([P, B, D], [C, E, T]):
-            self._blend(joints[corners], fill, 60 if depth else 95)
-        for start, end in SKELETON:
-            if O not in (start, end):  # the frame is the chassis, the crank has its own colour
-                self._line(joints[start], joints[end], 5.0 - depth, ink)
-        self._line(joints[O], joints[A], 8.0 - 2.0 * depth, crank)
-        for joint in joints[:T]:
+        linkage = self.robot.linkage
+        _, cranks, *others = linkage.edges  # the frame is the chassis
+        for edges in others:
+            if len(edges) > 2:
+                self._blend(joints[[start for start, _ in edges]], fill, 60 if depth else 95)
+        for start, end in (edge for edges in others for edge in edges):
+            self._line(joints[start], joints[end], 5.0 - depth, ink)
+        for start, end in cranks:
+            self._line(joints[start], joints[end], 8.0 - 2.0 * depth, crank)
+        ends = [joint for _, joint in self.robot.toes]
+        for joint in np.delete(joints, ends, axis=0):
             self._disc(joint, 4.2 - 0.6 * depth, ink)
             self._disc(joint, 2.3 - 0.4 * depth, WHITE)
 
@@ -238,13 +230,14 @@ class Renderer:
             box = half * np.array([[-1.0, -0.6], [1.0, -0.6], [1.0, 0.6], [-1.0, 0.6]])
             corners = self._pixels((box + load.position) @ turn + q[:2])
             x, y = center = corners.mean(axis=0)
-            self._line(legs[0][O], center, 6.0, MUTED)
+            self._line(legs[0][self.robot.linkage.axis], center, 6.0, MUTED)
             self._pg.draw.polygon(self._canvas, _mix(MUTED, WHITE, 0.6), corners)
             self._pg.draw.polygon(self._canvas, MUTED, corners, round(2.5 * UNIT))
             self._text(f"{load.mass:.3g} kg", x, y, 15, INK, 0.5)
         for width, color in ((9.0, INK), (5.0, _mix(INK, LINK, 0.55))):
             for joints in legs:
-                self._line(joints[P], joints[O], width, color)
+                for start, end in self.robot.linkage.edges[0]:
+                    self._line(joints[start], joints[end], width, color)
 
     def _paint_gauges(self, frame: Frame) -> None:
         u = UNIT

@@ -13,7 +13,7 @@ from motions import ODD
 from numpy.typing import NDArray
 
 from jansen_env.dynamics.reduced import Tables, compile_robot
-from jansen_env.robot import BEARINGS, ROBOTS, Robot, paper_robot
+from jansen_env.robot import ROBOTS, Robot, paper_robot
 from jansen_env.robot.motor import IDEAL
 
 DESIGNS = {**{name: make() for name, make in ROBOTS.items()}, "phases3": paper_robot(3), "odd": ODD}
@@ -45,7 +45,7 @@ def robot(request: pytest.FixtureRequest) -> Robot:
 @pytest.fixture
 def linkage(robot: Robot) -> Robot:
     """Each design with an ideal motor and no dry friction: what the paper's equations know."""
-    return replace(robot, motor=IDEAL, bearing_friction=(0.0,) * len(BEARINGS))
+    return replace(robot, motor=IDEAL, bearing_friction=(0.0,) * len(robot.linkage.bearings))
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from jansen_env.dynamics import reduced as rd
 from jansen_env.plants.fixed_base import FixedBasePlant
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot import RIGID
-from jansen_env.robot.kinematics import T, coordinates, joint_positions
+from jansen_env.robot.kinematics import coordinates, joint_positions
 
 HOLD = 0.02  # s, for which a torque is held
 FLIGHT = np.array([0.3, 50.0, 0.4, 2.0, 0.5, 1.0, 1.0, 5.0])
@@ -80,10 +80,11 @@ def toes_of(robot, q):
     """(toes, 3) x, y of the pads' centres and the angles of the foot links, from the linkage."""
     rows = []
     for leg in robot.legs:
-        place = joint_positions(robot, leg.side, q[3] + leg.phase)[T] @ [1.0, 1.0j]
-        centre = q[0] + 1j * q[1] + np.exp(1j * q[2]) * place
-        angle = q[2] + coordinates(robot, leg.side, q[3] + leg.phase)[21]
-        rows.append((centre.real, centre.imag, angle))
+        joints = joint_positions(robot, leg.side, q[3] + leg.phase) @ [1.0, 1.0j]
+        x = coordinates(robot, leg.side, q[3] + leg.phase)
+        for toe, body in robot.linkage.all_pads[: len(robot.linkage.toes)]:
+            centre = q[0] + 1j * q[1] + np.exp(1j * q[2]) * joints[toe]
+            rows.append((centre.real, centre.imag, q[2] + x[3 * body]))
     return np.array(rows)
 
 

@@ -21,7 +21,7 @@ from jansen_env.engine.walk_reward import FURTHEST_TARGET, LONGEST_MEAN, SHORTES
 from jansen_env.policies.environment import arguments_of
 from jansen_env.policies.network import Normalized
 from jansen_env.policies.pretrained import PretrainedPolicy, checksum
-from jansen_env.robot.kinematics import advance_per_turn
+from jansen_env.robot.kinematics import advance_per_turn, toe_positions
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.metrics import INTERVALS, score_table
 from jansen_env.scoring.rollout import make_env
@@ -89,17 +89,18 @@ def facts(env: Any) -> dict[str, Any]:
     """Return facts on an unwrapped environment's robot and sensors for the card.
 
     walks: whether it is a walker. clockwise: whether a positive action turns the crank so.
-    toes: of each one the side of its leg and how far, in degrees, its crank pin is ahead of the
-    first one's. path: m, what a quarter turn of the crank advances. noisy: whether sensors are.
+    toes: of each one the side on which it walks and how far, in degrees, its crank pin is ahead of
+    the first one's. path: m, what a quarter turn of the crank advances. noisy: whether sensors are.
     """
     advance = advance_per_turn(env.robot)
     walks = "lag" in [entry.name for entry in env.observed]
-    sign, sides = math.copysign(1.0, advance), {"fore": "-x", "back": "+x"}
+    sign, turn = math.copysign(1.0, advance), 2.0 * math.pi * np.arange(360) / 360
     ahead = [round(math.degrees(sign * leg.phase) % 360.0, 3) for leg in env.robot.legs]
-    legs = zip(env.robot.legs, ahead, strict=True)
+    sides = ["-x" if x < 0.0 else "+x" for x in toe_positions(env.robot, turn)[..., 0].mean(axis=0)]
+    toes = zip(sides, (ahead[leg] for leg, _ in env.robot.toes), strict=True)
     return {
         "walks": walks, "clockwise": walks and sign < 0.0, "path": abs(advance) / 4.0,
-        "toes": [f"{sides[leg.side]}, {angle:g} degrees" for leg, angle in legs] if walks else [],
+        "toes": [f"{side}, {angle:g} degrees" for side, angle in toes] if walks else [],
         "furthest": FURTHEST_TARGET, "shortest": SHORTEST_MEAN, "longest": LONGEST_MEAN,
         "noisy": env.spec.kwargs.get("noise", arguments_of(env.spec.id).get("noise")) is not None,
     }  # fmt: skip

@@ -24,7 +24,7 @@ from jansen_env.baselines.policy import (
     columns,
     pid_policy,
 )
-from jansen_env.robot import BODIES, ROBOTS, Robot
+from jansen_env.robot import ROBOTS, Robot
 
 DATA = Path(__file__).parent / "data" / "baselines.json"
 
@@ -76,7 +76,7 @@ def tuned_for(robot: Robot, tuned: Iterable[str]) -> str:
     """Return the design among ``tuned`` that has a robot's links; "paper" where none has."""
     for name in tuned:
         design = ROBOTS[name]()
-        if all(getattr(design, body) == getattr(robot, body) for body in BODIES):
+        if (design.linkage, design.bodies) == (robot.linkage, robot.bodies):
             return name
     return "paper"
 

@@ -2,12 +2,13 @@
 
 The paper's (4) adds C^T lambda to each body. Every pair of rows of C is one pin (Phi_hf, Phi_hb),
 so its two multipliers are the force in that pin, x and y in the world frame. The rows of x_2, y_2
-and of bodies 3 to 8 hold twenty equations for the twenty multipliers of a leg,
+and of the bodies after it hold as many equations as a leg has multipliers (Jansen's: twenty),
 
     C_2^T lambda = (M x_ddot - h - contact forces) without the rows of theta_1, x_1, y_1, theta_2,
 
 and what those four rows still miss is what the leg gets from the rest of the machine: the chassis
-holds its frame, the shaft turns its crank. Works for any number of instants at once.
+holds its frame, the shaft turns its crank. Works for any number of instants at once, and for any
+linkage: shapes with 24 and 20 are those of Jansen's leg.
 
 Dry bearings are torques between two bodies each, tau_i while the bearing turns. At a standstill
 they are less; then the crank's dry friction torque is shared out to bearings and gear in proportion
@@ -16,13 +17,13 @@ to tau_i |a_j' - a_i'|, and the gear's to 1, which is what each can hold.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS, pad_layout
+from jansen_env.dynamics.pads import pad_layout
 from jansen_env.dynamics.projection import (
     DOF,
     constraint_matrix,
@@ -36,45 +37,27 @@ from jansen_env.dynamics.projection import (
     times,
 )
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.robot import BEARINGS, BODIES_PER_LEG, Robot
-from jansen_env.robot.kinematics import JOINTS, world_joints
+from jansen_env.robot import Linkage, Robot
+from jansen_env.robot.kinematics import world_joints
 
 Array = NDArray[np.float64]
 
 
-class Pin(NamedTuple):
-    """A pin: the joint it sits in, and the force it carries is that on ``body`` from ``other``."""
-
-    joint: str
-    body: int
-    other: int
-
-    def __str__(self) -> str:
-        return f"{self.joint}{self.other}{self.body}"
-
-
-PINS = (
-    Pin("O", 2, 1), Pin("A", 3, 2), Pin("B", 4, 3), Pin("P", 4, 1), Pin("P", 5, 1),
-    Pin("C", 6, 5), Pin("A", 6, 2), Pin("D", 7, 4), Pin("C", 8, 5), Pin("E", 8, 7),
-)  # fmt: skip
-"""The ten pins of a leg, in the order of the paper's constraints. Named joint, other body, body."""
-
-CORNERS = (
-    (1, "P"), (1, "O"), (2, "O"), (2, "A"), (3, "A"), (3, "B"), (4, "P"), (4, "B"), (4, "D"),
-    (5, "C"), (5, "P"), (6, "C"), (6, "A"), (7, "D"), (7, "E"), (8, "C"), (8, "E"), (8, "T"),
-)  # fmt: skip
-"""(body, joint) of every end of a bar and corner of a triangle; T is the toe."""
-
-PIN_SIGNS = np.array([
-    [(pin.joint == joint) * (float(pin.body == body) - float(pin.other == body)) for pin in PINS]
-    for body, joint in CORNERS
-])  # fmt: skip
-"""(18, 10) what each corner's link gets of each pin's force: 1, -1 or 0 of it."""
+@functools.lru_cache(maxsize=16)
+def pin_signs(linkage: Linkage) -> Array:
+    """(corners, pins) what each corner's link gets of each pin's force: 1, -1 or 0 of it."""
+    signs = np.array([
+        [(pin.joint == joint) * (float(pin.body == body) - float(pin.other == body))
+         for pin in linkage.pins]
+        for body, joint in linkage.corners
+    ])  # fmt: skip
+    signs.setflags(write=False)
+    return signs
 
 
-def corner_name(index: int) -> str:
-    """Such as ``"link 1 at P"``, for one of :data:`CORNERS`."""
-    body, joint = CORNERS[index]
+def corner_name(linkage: Linkage, index: int) -> str:
+    """Such as ``"link 1 at P"``, for one of ``linkage.holes``."""
+    body, joint = linkage.holes[index]
     return f"link {body} at {joint}"
 
 
@@ -83,31 +66,33 @@ class JointForces:
     """Forces in the joints of all legs at one instant or several (...), world frame, N and N m."""
 
     robot: Robot
-    pin: Array  #: (..., legs, 10, 2) force in each of :data:`PINS`
+    pin: Array  #: (..., legs, pins, 2) force in each of ``linkage.pins``
     #: (..., legs, 3) force x, y and moment about the crank axis with which the chassis holds the
     #: leg's frame; with a fixed base it passes on to the support.
     frame: Array
     shaft: Array  #: (..., legs) torque with which the shaft turns the leg's crank
     gear: Array  #: (...) what the motor's torque loses to rotor's inertia and gear's friction
     rotor: Array  #: (...) torque that spins the rotor up, J phi_ddot
-    toe: Array  #: (..., legs, 2) contact force on each toe
-    #: (..., legs, 8, 3) moment (about its centre of mass) and force x, y with which all constraints
-    #: together act on each body, M x_ddot - h of (4); weight, contacts, joint friction and motor
-    #: (on the first leg) are forces applied.
+    toe: Array  #: (..., toes, 2) contact force on each toe
+    #: (..., legs, bodies, 3) moment (about its centre of mass) and force x, y with which all
+    #: constraints together act on each body, M x_ddot - h of (4); weight, contacts, joint friction
+    #: and motor (on the first leg) are forces applied.
     body: Array
-    joints: Array  #: (..., legs, 8, 2) joint positions, m
-    centres: Array  #: (..., legs, 8, 2) centres of mass, m
+    joints: Array  #: (..., legs, joints, 2) joint positions, m
+    centres: Array  #: (..., legs, bodies, 2) centres of mass, m
     q_ddot: Array  #: (..., 4) accelerations of (x, y, theta, psi)
 
     @property
     def magnitude(self) -> Array:
-        """(..., legs, 10) size of each pin's force, N, between the pairs that the paper pins."""
+        """(..., legs, pins) size of each pin's force, N, between the pairs that the paper pins."""
         return np.hypot(self.pin[..., 0], self.pin[..., 1])
 
     @property
     def bearing(self) -> Array:
-        """(..., legs, 17) force on the hole of each link at its joints (all corners but T), N."""
-        force = self.corner_forces()[..., :-1, :]
+        """(..., legs, holes) force on each of ``linkage.holes``, N."""
+        linkage = self.robot.linkage
+        held = [linkage.corners.index(hole) for hole in linkage.holes]
+        force = (pin_signs(linkage) @ self.pin)[..., held, :]
         return np.hypot(force[..., 0], force[..., 1])
 
     @property
@@ -126,27 +111,40 @@ class JointForces:
         """The largest bearing force (N), its leg and place, such as ``("rf", "link 1 at P")``."""
         size = self.bearing
         *_, leg, corner = np.unravel_index(np.argmax(size), size.shape)
-        return float(size.max()), self.robot.leg_names[leg], corner_name(int(corner))
+        return (
+            float(size.max()),
+            self.robot.leg_names[leg],
+            corner_name(self.robot.linkage, int(corner)),
+        )
 
     def corner_forces(self) -> Array:
-        """(..., legs, 18, 2) force on each of :data:`CORNERS`, world frame, N, of links and ground.
+        """(..., legs, corners, 2) force of links and ground on each of ``linkage.corners``, N.
 
-        Non-toe contact is not in it.
+        In the world frame. Non-toe contact is not in it.
         """
-        corner = PIN_SIGNS @ self.pin
-        corner[..., -1, :] = self.toe
+        linkage = self.robot.linkage
+        corner = pin_signs(linkage) @ self.pin
+        layout = pad_layout(self.robot)
+        for k in range(layout.toes):
+            joint, body = linkage.all_pads[layout.joint[k]]
+            place = linkage.corners.index((body + 1, linkage.joints[joint]))
+            corner[..., layout.leg[k], place, :] += self.toe[..., k, :]
         return corner
 
     def link_loads(self) -> Array:
-        """(..., legs, 18, 2) axial and shear load at each of :data:`CORNERS`, N.
+        """(..., legs, corners, 2) axial and shear load at each of ``linkage.corners``, N.
 
         Axial is along the line from the link's centre of mass to the corner, tension positive (for
-        a bar: along the bar); shear is 90 degrees counter-clockwise from it.
+        a bar: along the bar); shear is 90 degrees counter-clockwise from it. For a corner at the
+        centre of mass the line is the x axis.
         """
-        bodies = np.array([body - 1 for body, _ in CORNERS])
-        joints = np.array([JOINTS.index(joint) for _, joint in CORNERS])
+        linkage = self.robot.linkage
+        bodies = np.array([body - 1 for body, _ in linkage.corners])
+        joints = np.array([linkage.joints.index(joint) for _, joint in linkage.corners])
         along = self.joints[..., joints, :] - self.centres[..., bodies, :]
-        along = along / np.linalg.norm(along, axis=-1, keepdims=True)
+        length = np.linalg.norm(along, axis=-1, keepdims=True)
+        at_centre = length < 1e-9
+        along = np.where(at_centre, (1.0, 0.0), along / np.where(at_centre, 1.0, length))
         force = self.corner_forces()
         axial = (force * along).sum(axis=-1)
         shear = force[..., 1] * along[..., 0] - force[..., 0] * along[..., 1]
@@ -199,10 +197,10 @@ def joint_forces(
     rotor = robot.motor.rotor_inertia * (q_ddot[..., 2] + ratio * q_ddot[..., 3])
     missing = M * (times(D_q, q_ddot[..., None, :]) + bias) - h - f
     multipliers, rest = _solve_pins(robot, X, missing)
-    centres = X.reshape(*X.shape[:-1], BODIES_PER_LEG, 3)[..., 1:]
+    centres = X.reshape(*X.shape[:-1], -1, 3)[..., 1:]
     return JointForces(
         robot=robot,
-        pin=multipliers.reshape(*X.shape[:-1], len(PINS), 2),
+        pin=multipliers.reshape(*X.shape[:-1], -1, 2),
         frame=_frame_load(rest, centres[..., 0, :] - q[..., None, :2]),
         shaft=rest[..., 3],
         gear=ratio * rotor - gear,
@@ -243,11 +241,11 @@ def _motion(robot: Robot, X: Array, q: Array, q_dot: Array) -> tuple[Array, Arra
 
 
 def _body_loads(missing: Array, motor: Array, rotor: Array) -> Array:
-    """Moments and forces of all constraints on each body (..., legs, 8, 3), without the motor's."""
+    """Moments and forces (..., legs, bodies, 3) of all constraints but the motor on each body."""
     body = missing.copy()
     body[..., 0, 0] += motor + rotor  # the paper's h: -tau on the first frame, +tau on its crank
     body[..., 0, 3] -= motor
-    return body.reshape(*missing.shape[:-1], BODIES_PER_LEG, 3)
+    return body.reshape(*missing.shape[:-1], -1, 3)
 
 
 def _solve_pins(robot: Robot, X: Array, missing: Array) -> tuple[Array, Array]:
@@ -267,8 +265,8 @@ def _frame_load(rest: Array, arm: Array) -> Array:
 def _contact_forces(
     robot: Robot, X: Array, joints: Array, contact: Array | None
 ) -> tuple[Array, Array]:
-    """Contact forces in the legs' coordinates (..., legs, 24), and on the toes (..., legs, 2)."""
-    f, toe = np.zeros(X.shape), np.zeros((*X.shape[:-1], 2))
+    """Contact forces in the legs' coordinates (..., legs, 24), and on the toes (..., toes, 2)."""
+    f, toe = np.zeros(X.shape), np.zeros((*X.shape[:-2], len(robot.toes), 2))
     if contact is None:
         return f, toe
     contact = np.asarray(contact, dtype=float)
@@ -282,14 +280,14 @@ def _contact_forces(
             f"contact is for {contact.shape[-2]} pads, the robot has {len(layout.leg)}"
         )
     for k in range(contact.shape[-2]):
-        leg, joint = layout.leg[k], PAD_JOINTS[layout.joint[k]]
-        column = 3 * (PAD_BODIES[layout.joint[k]] - 1)
+        leg, (joint, body) = layout.leg[k], robot.linkage.all_pads[layout.joint[k]]
+        column = 3 * body
         force, moment = contact[..., k, :2], contact[..., k, 2]
         arm = joints[..., leg, joint, :] - X[..., leg, column + 1 : column + 3]
         f[..., leg, column] += moment + arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]
         f[..., leg, column + 1 : column + 3] += force
         if k < layout.toes:
-            toe[..., leg, :] += force
+            toe[..., k, :] += force
     return f, toe
 
 
@@ -298,14 +296,17 @@ def _dry_friction(
 ) -> tuple[Array, Array]:
     """Dry bearings in the legs' coordinates (..., legs, 24), and the gear's share (...), N m."""
     h, most = np.zeros(D_q.shape[:-1]), np.full(speed.shape, robot.motor.friction)
-    turning = [D_q[..., 3 * (j - 1), 3] - D_q[..., 3 * (i - 1), 3] for i, j in BEARINGS]
+    turning = [
+        D_q[..., 3 * (j - 1), 3] - D_q[..., 3 * (i - 1), 3] for i, j in robot.linkage.bearings
+    ]
     for rate, size in zip(turning, robot.bearing_friction, strict=True):
         most = most + size * np.abs(rate).sum(axis=-1)
     if dry is None:
         share = -np.sign(speed)
     else:
         share = np.divide(dry, most, out=np.zeros(speed.shape), where=most > 0.0)
-    for (i, j), rate, size in zip(BEARINGS, turning, robot.bearing_friction, strict=True):
+    pairs = robot.linkage.bearings
+    for (i, j), rate, size in zip(pairs, turning, robot.bearing_friction, strict=True):
         moment = share[..., None] * size * np.sign(rate)
         h[..., 3 * (j - 1)] += moment
         h[..., 3 * (i - 1)] -= moment

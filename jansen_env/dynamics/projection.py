@@ -5,7 +5,8 @@ paper's; where its print cannot be meant, the reading is the one of ``docs/paper
 coordinates (1), three a body: theta_i, x_i, y_i. Subscripts: f forepaw, b backpaw; the backpaw's
 equations differ from the forepaw's in the sign of alpha_4, gamma_4 and alpha_8 alone.
 
-Shapes: x, x_dot (24,); Phi (20,); C (20, 24); D (24, 4), all with any number of leading axes (legs,
+Shapes, of Jansen's leg (another linkage has three coordinates a body and two constraints a pin):
+x, x_dot (24,); Phi (20,); C (20, 24); D (24, 4), all with any number of leading axes (legs,
 instants); n legs stacked: X (..., 24 n).
 """
 
@@ -19,14 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.robot import BODIES_PER_LEG, JOINT_PAIRS, Robot, Side
+from jansen_env.robot import Robot, Side
 from jansen_env.robot.kinematics import coordinates, direction
+from jansen_env.robot.linkage import FRAME, INDEPENDENT
 
 Array = NDArray[np.float64]
 
-COORDINATES = 3 * BODIES_PER_LEG  # a leg's coordinates, (1)
-CONSTRAINTS = 20  # a leg's holonomic constraints
-DOF = COORDINATES - CONSTRAINTS  # theta_1, x_1, y_1, theta_2: the tangent speed of (5)
+DOF = INDEPENDENT  # theta_1, x_1, y_1, theta_2: the tangent speed of (5)
 PINNING_ROWS = [1, 2, 0]  # of the first leg: axis x, axis y, theta_1, in the paper's order
 
 
@@ -49,23 +49,22 @@ class Closure:
 
 
 def leg_closures(robot: Robot, side: Side) -> tuple[Closure, ...]:
-    """The ten vector equations of Phi_hf (forepaw) or Phi_hb (backpaw), in the paper's order."""
-    s = 1.0 if side == "fore" else -1.0
-    b1, b2, b3, t4, b5, b6, b7, t8 = robot.bodies
-    d1, d2, d3, d5, d6, d7 = (bar.half for bar in (b1, b2, b3, b5, b6, b7))  # type: ignore[union-attr]
-    l2, l5, l6, l7 = d2, d5, d6, d7  # bars: the centre of mass is half way
-    t4, t8 = robot.upper_triangle, robot.foot
-    return (
-        Closure(2, 1, (Term(1, -d1), Term(2, -d2))),
-        Closure(3, 2, (Term(2, -l2), Term(3, -d3))),
-        Closure(4, 3, (Term(3, -d3), Term(4, -t4.l, s * t4.alpha))),
-        Closure(4, 1, (Term(1, d1), Term(4, -t4.d))),
-        Closure(5, 1, (Term(1, d1), Term(5, d5))),
-        Closure(6, 5, (Term(5, l5), Term(6, -l6))),
-        Closure(6, 2, (Term(2, -l2), Term(6, d6))),
-        Closure(7, 4, (Term(4, t4.h, -s * t4.gamma), Term(7, -d7))),
-        Closure(8, 5, (Term(5, l5), Term(8, t8.d))),
-        Closure(8, 7, (Term(7, -l7), Term(8, t8.l, s * t8.alpha))),
+    """The vector equations of Phi_hf (forepaw) or Phi_hb (backpaw), one a pin, in its order.
+
+    A pin is where its joint is by either body: x_body + c (cos, sin)(theta_body + o), see
+    :data:`jansen_env.robot.links.Corners`.
+    """
+    mirror = 1.0 if side == "fore" else -1.0
+
+    def corner(joint: str, body: int, sign: float) -> Term:
+        reach, offset = robot.bodies[body - 1].corners[
+            robot.linkage.bodies[body - 1][1].index(joint)
+        ]
+        return Term(body, sign * reach, mirror * offset)
+
+    return tuple(
+        Closure(body, other, (corner(joint, other, -1.0), corner(joint, body, 1.0)))
+        for joint, body, other in robot.linkage.pins
     )
 
 
@@ -89,8 +88,9 @@ def _rows(robot: Robot, side: Sides) -> _Rows:
         legs = [_rows(robot, one) for one in side]
         return legs[0]._replace(offset=np.stack([leg.offset for leg in legs]))
     terms = []
-    translations = np.zeros((CONSTRAINTS, COORDINATES))
-    for i, closure in enumerate(leg_closures(robot, side)):
+    closures = leg_closures(robot, side)
+    translations = np.zeros((2 * len(closures), 3 * len(robot.bodies)))
+    for i, closure in enumerate(closures):
         for axis in (0, 1):
             translations[2 * i + axis, 3 * (closure.plus - 1) + 1 + axis] = 1.0
             translations[2 * i + axis, 3 * (closure.minus - 1) + 1 + axis] = -1.0
@@ -103,7 +103,7 @@ def constraints(robot: Robot, side: Sides, x: Array) -> Array:
     """Phi_hf or Phi_hb (..., 20), m: the holonomic constraints before (3), of x (..., 24)."""
     rows = _rows(robot, side)
     angle = x[..., rows.column] + rows.offset
-    turning = np.zeros((len(rows.row), CONSTRAINTS // 2))
+    turning = np.zeros((len(rows.row), len(rows.translations) // 2))
     turning[np.arange(len(rows.row)), rows.row // 2] = rows.coefficient
     phi = x @ rows.translations.T
     phi[..., 0::2] += np.cos(angle) @ turning
@@ -115,7 +115,7 @@ def constraint_matrix(robot: Robot, side: Sides, x: Array) -> Array:
     """C = dPhi/dx (..., 20, 24), eq. (3); printed with d x_dot, which C x_dot = 0 rules out."""
     rows = _rows(robot, side)
     angle = x[..., rows.column] + rows.offset
-    C = np.empty((*x.shape[:-1], CONSTRAINTS, COORDINATES))
+    C = np.empty((*x.shape[:-1], *rows.translations.shape))
     C[...] = rows.translations
     C[..., rows.row, rows.column] = -rows.coefficient * np.sin(angle)
     C[..., rows.row + 1, rows.column] = rows.coefficient * np.cos(angle)
@@ -126,7 +126,7 @@ def constraint_matrix_rate(robot: Robot, side: Sides, x: Array, x_dot: Array) ->
     """C_dot (..., 20, 24): the time derivative of :func:`constraint_matrix` along x_dot."""
     rows = _rows(robot, side)
     angle, rate = x[..., rows.column] + rows.offset, x_dot[..., rows.column]
-    C_dot = np.zeros((*x.shape[:-1], CONSTRAINTS, COORDINATES))
+    C_dot = np.zeros((*x.shape[:-1], *rows.translations.shape))
     C_dot[..., rows.row, rows.column] = -rows.coefficient * np.cos(angle) * rate
     C_dot[..., rows.row + 1, rows.column] = -rows.coefficient * np.sin(angle) * rate
     return C_dot
@@ -154,7 +154,7 @@ def times(A: Array, v: Array) -> Array:
 
 
 def masses(robot: Robot) -> Array:
-    """The diagonal of M_f: J_1, m_1, m_1, ..., J_8, m_8, m_8 (24,), eq. (2)."""
+    """The diagonal of M_f: J_1, m_1, m_1, ... (24,), eq. (2)."""
     return np.array([v for body in robot.bodies for v in (body.inertia, body.mass, body.mass)])
 
 
@@ -168,7 +168,7 @@ def forces(robot: Robot, x_dot: Array, torque: float | Array, gravity: Gravity =
         h[..., axis::3] = [body.mass * pull for body in robot.bodies]
     h[..., 0] -= torque
     h[..., 3] += torque
-    for (i, j), coefficient in zip(JOINT_PAIRS, robot.damping, strict=True):
+    for (i, j), coefficient in zip(robot.linkage.damped, robot.damping, strict=True):
         moment = coefficient * (x_dot[..., 3 * (j - 1)] - x_dot[..., 3 * (i - 1)])
         h[..., 3 * (i - 1)] += moment
         h[..., 3 * (j - 1)] -= moment
@@ -189,7 +189,8 @@ def system_constraints(robot: Robot, Q: Array, fixed_base: bool = True) -> Array
     q = _by_leg(Q)
     g = q.copy()
     g[..., 0] -= [frame_angle(robot, leg.side) for leg in robot.legs]
-    g[..., 1:3] += robot.frame.half * direction(q[..., 0])
+    reach, turn = axis_on_frame(robot)
+    g[..., 1:3] += reach * direction(q[..., 0] + turn)
     g[..., 3] -= [leg.phase for leg in robot.legs]
     ties = (g[..., 1:, :] - g[..., :1, :]).reshape(*Q.shape[:-1], -1)
     return np.concatenate([g[..., 0, PINNING_ROWS], ties], axis=-1) if fixed_base else ties
@@ -200,7 +201,8 @@ def system_constraint_matrix(robot: Robot, Q: Array, fixed_base: bool = True) ->
     q = _by_leg(Q)
     G = np.zeros((*q.shape, DOF))  # dg/dq of each leg
     G[...] = np.eye(DOF)
-    G[..., 1:3, 0] = robot.frame.half * direction(q[..., 0] + 0.5 * np.pi)
+    reach, turn = axis_on_frame(robot)
+    G[..., 1:3, 0] = reach * direction(q[..., 0] + turn + 0.5 * np.pi)
     return _system_rows(G, fixed_base)
 
 
@@ -210,7 +212,8 @@ def system_constraint_matrix_rate(
     """C_dot of the system, shaped like :func:`system_constraint_matrix`."""
     q, q_dot = _by_leg(Q), _by_leg(Q_dot)
     G_dot = np.zeros((*q.shape, DOF))
-    G_dot[..., 1:3, 0] = robot.frame.half * direction(q[..., 0] + np.pi) * q_dot[..., :1]
+    reach, turn = axis_on_frame(robot)
+    G_dot[..., 1:3, 0] = reach * direction(q[..., 0] + turn + np.pi) * q_dot[..., :1]
     return _system_rows(G_dot, fixed_base)
 
 
@@ -237,13 +240,20 @@ def frame_angle(robot: Robot, side: Side) -> float:
     return robot.frame_angle if side == "fore" else np.pi - robot.frame_angle
 
 
+def axis_on_frame(robot: Robot) -> tuple[float, Array]:
+    """Where the crank axis is on each leg's frame: c, and o (legs,), of its corner there."""
+    linkage = robot.linkage
+    reach, offset = robot.frame.corners[linkage.members[FRAME - 1].index(linkage.axis)]
+    return reach, np.array([offset if leg.side == "fore" else -offset for leg in robot.legs])
+
+
 def system_coordinates(robot: Robot, q: Array) -> Array:
     """x of every leg (..., legs, 24) from q (..., 4) = (x, y, theta, psi), rad and m.
 
     x, y is the crank axis, theta the chassis pitch, psi the crank angle relative to the chassis.
     """
     q = np.asarray(q, dtype=float)
-    x = np.empty((*q.shape[:-1], len(robot.legs), BODIES_PER_LEG, 3))
+    x = np.empty((*q.shape[:-1], len(robot.legs), len(robot.bodies), 3))
     sides: tuple[Side, Side] = ("fore", "back")
     for side in sides:
         legs = [i for i, leg in enumerate(robot.legs) if leg.side == side]
@@ -256,7 +266,7 @@ def system_coordinates(robot: Robot, q: Array) -> Array:
     x[..., 0] += turn
     x[..., 1] = q[..., 0, None, None] + cos * local_x - sin * local_y
     x[..., 2] = q[..., 1, None, None] + sin * local_x + cos * local_y
-    return x.reshape(*x.shape[:-2], COORDINATES)
+    return x.reshape(*x.shape[:-2], 3 * len(robot.bodies))
 
 
 @dataclass(frozen=True)
@@ -356,8 +366,9 @@ def tangent_matrix(robot: Robot, q: Array) -> Array:
     angle = q[..., None, 2] + np.array([frame_angle(robot, side) for side in leg_sides(robot)])
     T = np.zeros((*angle.shape, DOF, 4))
     T[..., 0, 2] = T[..., 1, 0] = T[..., 2, 1] = T[..., 3, 2] = T[..., 3, 3] = 1.0
-    T[..., 1, 2] = robot.frame.half * np.sin(angle)
-    T[..., 2, 2] = -robot.frame.half * np.cos(angle)
+    reach, turn = axis_on_frame(robot)
+    T[..., 1, 2] = reach * np.sin(angle + turn)
+    T[..., 2, 2] = -reach * np.cos(angle + turn)
     return T
 
 
@@ -365,6 +376,7 @@ def tangent_bias(robot: Robot, q: Array, q_dot: Array) -> Array:
     """T_dot q_dot (..., legs, 4) of :func:`tangent_matrix`."""
     angle = q[..., None, 2] + np.array([frame_angle(robot, side) for side in leg_sides(robot)])
     bias = np.zeros((*angle.shape, DOF))
-    spin = robot.frame.half * q_dot[..., None, 2] ** 2
-    bias[..., 1], bias[..., 2] = spin * np.cos(angle), spin * np.sin(angle)
+    reach, turn = axis_on_frame(robot)
+    spin = reach * q_dot[..., None, 2] ** 2
+    bias[..., 1], bias[..., 2] = spin * np.cos(angle + turn), spin * np.sin(angle + turn)
     return bias

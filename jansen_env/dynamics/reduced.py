@@ -29,10 +29,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS, Pads, pad_layout
+from jansen_env.dynamics.pads import Pads, pad_layout
 from jansen_env.gravity import GRAVITY
-from jansen_env.robot import BEARINGS, BODIES_PER_LEG, JOINT_PAIRS, RIGID, Leg, Payload, Robot
-from jansen_env.robot.kinematics import check_closure, coordinates, joint_positions
+from jansen_env.robot import RIGID, Leg, Payload, Robot
+from jansen_env.robot.kinematics import coordinates, joint_positions, nearest_dead_point
 from jansen_env.robot.motor import IDEAL
 
 Array = NDArray[np.float64]
@@ -59,8 +59,8 @@ class Tables:
     #: (INTERVALS, ORDER, 8) coefficients of :data:`BODY_FUNCTIONS` as polynomials in the distance
     #: from the middle of each interval, rad; without the payload.
     body: Array
-    #: (6, INTERVALS, ORDER, 3) those of :data:`PAD_FUNCTIONS` of a fore leg of phase 0; of a back
-    #: leg x and a are mirrored, at pi - psi. The angle a is known up to a constant.
+    #: (pads of a leg, INTERVALS, ORDER, 3) :data:`PAD_FUNCTIONS` of a fore leg of phase 0; of a
+    #: back leg x and a are mirrored, at pi - psi. The angle a is known up to a constant.
     pads: Array
     layout: Pads
     #: (BEARING_SAMPLES,) Coulomb friction torque of all bearings on the crank, N m, at crank angles
@@ -88,26 +88,29 @@ def design_of(robot: Robot) -> Robot:
 def _compile(robot: Robot) -> Tables:
     psi = 2.0 * math.pi / SAMPLES * np.arange(SAMPLES)
     joints = joint_positions(robot, "fore", psi)
-    x = coordinates(robot, "fore", psi, joints).reshape(SAMPLES, BODIES_PER_LEG, 3)
+    x = coordinates(robot, "fore", psi, joints).reshape(SAMPLES, -1, 3)
     angles = np.unwrap(x[..., 0], axis=0)
     turns = np.round((angles[-1] - angles[0]) / (2.0 * math.pi))  # of each body, in one of psi
-    motion = np.column_stack([angles - np.outer(psi, turns), x[..., 1], x[..., 2]])
+    angles = angles - np.outer(psi, turns)  # a series has what is periodic
+    motion = np.column_stack([angles, x[..., 1], x[..., 2]])
     series = _series(motion)
     slope = _sampled(1j * np.arange(HARMONICS) * series, SAMPLES)
-    slope[:, :BODIES_PER_LEG] += turns
+    slope[:, : len(turns)] += turns
     sums = _series(_leg_sums(robot, x[..., 1:], slope))
-    pads = _series(_pad_motion(joints, angles))
+    pads = _series(_pad_motion(robot, joints, angles))
     tail = max(map(_tail, (series, sums, pads)))
-    if tail > TAIL_TOLERANCE:
-        check_closure(robot)
+    if not tail <= TAIL_TOLERANCE:
+        sine, joint, angle = nearest_dead_point(robot)
         raise ValueError(
             f"robot's tables have not converged: harmonics beyond {HARMONICS * 7 // 8} still reach "
             f"{tail:.1e} of the largest, allowed is {TAIL_TOLERANCE:.0e}; its linkage passes too "
-            "near a singular position"
+            f"near a dead point: at crank angle {angle:.3f} rad the links that meet in {joint} are "
+            f"within {math.asin(min(sine, 1.0)):.3f} rad of one line"
         )
     body = _polynomials(np.sum([_of_leg(sums, leg, mirrored=1) for leg in robot.legs], axis=0))
-    shape = INTERVALS, ORDER, len(PAD_JOINTS), len(PAD_FUNCTIONS)
+    shape = INTERVALS, ORDER, len(robot.linkage.all_pads), len(PAD_FUNCTIONS)
     joints = _polynomials(pads).reshape(shape).transpose(2, 0, 1, 3)
+    joints[:, :, 1, -1] += turns[[body for _, body in robot.linkage.all_pads], None]
     tables = body, np.ascontiguousarray(joints), _bearing_friction(robot, slope)
     for table in tables:
         table.setflags(write=False)
@@ -125,10 +128,13 @@ def _sampled(series: Series, count: int) -> Array:
 
 
 def _tail(series: Series) -> float:
-    """Largest coefficient among the last harmonics, relative to the largest of its function."""
+    """Largest coefficient among the last harmonics, relative to the largest of its function.
+
+    Or to a thousandth of the largest of all: a body that does not turn has nothing but rounding.
+    """
     size = np.abs(series)
-    last = size[:, HARMONICS * 7 // 8 :].max(axis=1)
-    return float((last / np.maximum(size.max(axis=1), 1e-12)).max())
+    largest, last = size.max(axis=1), size[:, HARMONICS * 7 // 8 :].max(axis=1)
+    return float((last / np.maximum(largest, 1e-3 * largest.max())).max())
 
 
 def _leg_sums(robot: Robot, r: Array, slope: Array) -> Array:
@@ -143,8 +149,8 @@ def _leg_sums(robot: Robot, r: Array, slope: Array) -> Array:
     own_b, own_k = da @ inertia, da**2 @ inertia
     return np.column_stack([
         x @ mass, y @ mass, (x**2 + y**2) @ mass + inertia.sum(), (x * dy - y * dx) @ mass + own_b,
-        (dx**2 + dy**2) @ mass + own_k, _relative(da, JOINT_PAIRS) ** 2 @ np.array(robot.damping),
-        own_b, own_k,
+        (dx**2 + dy**2) @ mass + own_k,
+        _relative(da, robot.linkage.damped) ** 2 @ np.array(robot.damping), own_b, own_k,
     ])  # fmt: skip
 
 
@@ -154,11 +160,11 @@ def _relative(rates: Array, pairs: tuple[tuple[int, int], ...]) -> Array:
     return rates[:, second] - rates[:, first]
 
 
-def _pad_motion(joints: Array, angles: NDArray[Any]) -> Array:
-    """(n, 6 * 3) :data:`PAD_FUNCTIONS` of each pad joint of a fore leg."""
+def _pad_motion(robot: Robot, joints: Array, angles: NDArray[Any]) -> Array:
+    """(n, pads * 3) :data:`PAD_FUNCTIONS` of each pad joint of a fore leg."""
     parts = [
-        np.column_stack([joints[:, joint], angles[:, body - 1]])
-        for joint, body in zip(PAD_JOINTS, PAD_BODIES, strict=True)
+        np.column_stack([joints[:, joint], angles[:, body]])
+        for joint, body in robot.linkage.all_pads
     ]
     return np.concatenate(parts, axis=1)
 
@@ -179,7 +185,7 @@ def _bearing_friction(robot: Robot, slope: Array) -> Array:
     """(BEARING_SAMPLES,) see :class:`Tables`; ``slope``: as of :func:`_leg_sums`."""
     total = np.zeros(BEARING_SAMPLES)
     if any(robot.bearing_friction):
-        rates = _series(_relative(slope, BEARINGS))
+        rates = _series(_relative(slope, robot.linkage.bearings))
         for leg in robot.legs:
             turning = np.abs(_sampled(_of_leg(rates, leg), BEARING_SAMPLES))
             total += turning @ np.array(robot.bearing_friction)

@@ -103,7 +103,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     any of the parameters for one episode; the others are what they would have been.
 
     ``reset(options={"robot": ...})`` exchanges the robot for good, with its motor, pads and payload,
-    for one whose legs are on the same sides; of many robots the option is one for all or one for
+    for one of the same linkage with legs on the same sides; of many robots the option is one for all or one for
     each. Nothing is compiled to machine code for it: 3 ms a robot of other lengths.
 
     A command may be negative (walk towards -x) or 0 (stand). It stays for the episode, but for

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.dynamics.projection import (
-    COORDINATES,
     DOF,
     constraint_matrix,
     leg_sides,
@@ -70,7 +69,7 @@ def leg_degrees_of_freedom(_: Results) -> Claim:
     C = constraint_matrix(robot, leg_sides(robot), system_coordinates(robot, q))
     values = np.linalg.svd(C, compute_uv=False)
     rank = (values > SINGULAR).sum(axis=-1)
-    left = COORDINATES - int(rank.min())
+    left = C.shape[-1] - int(rank.min())
     return Claim(
         "leg_degrees_of_freedom", "2.1, before (5)",
         "24 coordinates less 20 constraints: 4 degrees of freedom a leg",

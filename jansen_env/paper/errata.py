@@ -11,7 +11,7 @@ from jansen_env.dynamics.projection import DOF, leg_motion, leg_sides, masses, s
 from jansen_env.dynamics.reduced import body_sums, compile_robot
 from jansen_env.paper.fixed_model import crank_only
 from jansen_env.paper.toes import turn
-from jansen_env.robot import BODIES, JOINT_PAIRS, Bar, Triangle, paper_robot
+from jansen_env.robot import JANSEN, Link, paper_robot
 
 Array = NDArray[np.float64]
 
@@ -35,9 +35,9 @@ def errata() -> list[Erratum]:
     return [inertia_of_links(), inertia_at_crank(), dropped_velocity_terms(), frame_pairs()]
 
 
-def farthest_pin(body: Bar | Triangle) -> float:
+def farthest_pin(body: Link) -> float:
     """From a link's centre of mass to its farthest pin (the foot's: the toe), m."""
-    return body.half if isinstance(body, Bar) else max(body.d, body.l, body.h)
+    return max(abs(reach) for reach, _ in body.corners)
 
 
 def inertia_of_links() -> Erratum:
@@ -48,11 +48,11 @@ def inertia_of_links() -> Erratum:
     bodies = paper_robot().bodies
     gyration = max((body.inertia / body.mass) ** 0.5 for body in bodies)
     excess = [body.inertia / (body.mass * farthest_pin(body) ** 2) for body in bodies]
-    low, high = min(excess), max(excess)
+    low, high, names = min(excess), max(excess), JANSEN.names
     return Erratum(
         "Table 1's inertia",
-        f"a radius of gyration of {gyration:.0f} m; {low:.0f} ({BODIES[excess.index(low)]}) to "
-        f"{high:.0f} ({BODIES[excess.index(high)]}) times m r^2, r from a link's centre of mass to "
+        f"a radius of gyration of {gyration:.0f} m; {low:.0f} ({names[excess.index(low)]}) to "
+        f"{high:.0f} ({names[excess.index(high)]}) times m r^2, r from a link's centre of mass to "
         "its farthest pin",
         {"gyration": gyration, "low": low, "high": high},
     )
@@ -93,7 +93,7 @@ def frame_pairs() -> Erratum:
     rate = _turning()[0][..., 0::3]
 
     def loss(*pairs: tuple[int, int]) -> float:
-        first, second = np.array([*JOINT_PAIRS, *pairs]).T - 1
+        first, second = np.array([*JANSEN.damped, *pairs]).T - 1
         power = VISCOUS * (rate[..., first] - rate[..., second]) ** 2
         return float(power.sum(axis=(-1, -2)).mean())
 

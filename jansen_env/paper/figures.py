@@ -14,15 +14,14 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from jansen_env.dynamics.inverse import crank_torque
-from jansen_env.dynamics.joint_forces import CORNERS
 from jansen_env.files import write_whole
 from jansen_env.gravity import GRAVITY
 from jansen_env.paper import toes
 from jansen_env.paper.fixed_model import SETTLED
 from jansen_env.paper.interpretations import PRINTED_LEVEL, pid_run
 from jansen_env.paper.results import FRICTIONS, SLOW, Results
-from jansen_env.robot import paper_robot
-from jansen_env.robot.kinematics import SKELETON, O, P, T, world_joints
+from jansen_env.robot import JANSEN, paper_robot
+from jansen_env.robot.kinematics import O, P, T, world_joints
 
 Array = NDArray[np.float64]
 
@@ -200,7 +199,7 @@ def mechanism(_: Results) -> Figure:
             name = robot.leg_names[i]
             front = name.startswith("r")
             color = LEG_COLORS[name] if front else "#cbd5e1"
-            for a, b in SKELETON:
+            for a, b in JANSEN.skeleton:
                 width = 3.0 if (a, b) in ((P, O), (O, P)) else 1.6 if front else 1.0
                 axes.plot(*joints[i, [a, b]].T, color=INK if (a, b) == (P, O) else color, lw=width,
                           solid_capstyle="round")  # fmt: skip
@@ -282,7 +281,7 @@ def slip(r: Results) -> Figure:
 def joint_forces(r: Results) -> Figure:
     """The largest force of every link on each of its joints, on a fixed base and walking."""
     figure, axes = _figure(11.5, 3.8)
-    names = [f"{body} at {joint}" for body, joint in CORNERS[:-1]]
+    names = [f"{body} at {joint}" for body, joint in JANSEN.corners[:-1]]
     shown = {(1.0, 0.3): "#c4b5fd", (1.0, 0.8): "#7c3aed", (3.5, 0.8): "#c2410c"}
     sets = [("fixed base, 1 rad/s", r.fixed_loads, "#94a3b8")]
     sets += [

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.dynamics.joint_forces import CORNERS, JointForces, corner_name
+from jansen_env.dynamics.joint_forces import JointForces, corner_name
 from jansen_env.engine.walk_reward import FALLEN_PITCH
 from jansen_env.plants.base import StepResult
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.trace import pads_in_contact, trace_forces
-from jansen_env.robot import Robot
+from jansen_env.robot import JANSEN, Robot
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
@@ -160,16 +160,16 @@ class Loads:
 
     moment: Array  # (8,) N m, of all constraints on each body, M x_ddot - h
     force: Array  # (8,) N, likewise
-    bearing: Array  # (17,) N, of each link on each of its joints, in the order of CORNERS
+    bearing: Array  # (17,) N, of each link on each of its joints, in the order of JANSEN.holes
 
     @property
     def place(self) -> str:
         """Index of the largest bearing force."""
-        return corner_name(int(self.bearing.argmax()))
+        return corner_name(JANSEN, int(self.bearing.argmax()))
 
     def on(self, body: int) -> float:
         """The largest bearing force of a link, N."""
-        return max(f for f, (b, _) in zip(self.bearing, CORNERS, strict=False) if b == body)
+        return max(f for f, (b, _) in zip(self.bearing, JANSEN.holes, strict=True) if b == body)
 
 
 def largest_loads(forces: JointForces) -> Loads:

@@ -17,7 +17,7 @@ from jansen_env.dynamics.projection import system_coordinates
 from jansen_env.paper import fixed_model as fixed
 from jansen_env.paper.fixed_model import crank_only
 from jansen_env.paper.toes import turn
-from jansen_env.robot import JOINT_PAIRS, Bar, Leg, Robot, Triangle, holy_numbers_robot, paper_robot
+from jansen_env.robot import JANSEN, Bar, Leg, Robot, Triangle, holy_numbers_robot, paper_robot
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ def torque_levels() -> list[Level]:
     """The interpretations, ours first."""
     paper = paper_robot()
     # L4, L10, L5 as printed, where the centroid data gives a triangle 1.0101 times as large.
-    small = replace(paper, upper_triangle=Triangle.from_sides(0.23529, 0.32338, 0.25134))
+    small = paper.with_bodies(upper_triangle=Triangle.from_sides(0.23529, 0.32338, 0.25134))
     printed_angle = replace(paper, frame_angle=math.atan2(0.32436, 0.04632))
     return [
         _level("as read here", paper),
@@ -67,10 +67,10 @@ def other_lengths() -> dict[str, Robot]:
     """The paper's machine with the lengths that its print leaves open taken the other way."""
     paper = paper_robot()
     return {
-        "L6 and L11 swapped": replace(
-            paper, rocker=Bar(paper.coupler.length), coupler=Bar(paper.rocker.length)
+        "L6 and L11 swapped": paper.with_bodies(
+            rocker=paper.body("coupler"), coupler=paper.body("rocker")
         ),
-        "frame of hypot(l0, h0) = 0.32765 m": replace(paper, frame=Bar(0.32765)),
+        "frame of hypot(l0, h0) = 0.32765 m": paper.with_bodies(frame=Bar(0.32765)),
     }
 
 
@@ -95,7 +95,7 @@ def _loss(robot: Robot) -> float:
     h = 1e-5
     before, after = (system_coordinates(robot, crank_only(turn(ANGLES) + s)) for s in (-h, h))
     rate = np.angle(np.exp(1j * (after - before)[..., 0::3])) / (2.0 * h)
-    first, second = np.array(JOINT_PAIRS).T - 1
+    first, second = np.array(JANSEN.damped).T - 1
     power = (rate[..., first] - rate[..., second]) ** 2 @ np.array(robot.damping)
     return float(power.sum(axis=-1).mean())
 

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from jansen_env.dynamics.projection import constraints
 from jansen_env.dynamics.reduced import body_sums, compile_robot
 from jansen_env.plants.initial_pose import resting_pose
-from jansen_env.robot import Robot, paper_robot
-from jansen_env.robot.kinematics import JOINTS, coordinates, world_joints
+from jansen_env.robot import JANSEN, Robot, paper_robot
+from jansen_env.robot.kinematics import coordinates, world_joints
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
 
-TOE = JOINTS.index("T")
+TOE = JANSEN.joints.index("T")
 FOOT = 8  # the body whose pad is the toe
 PHASES = tuple(range(1, 13))  # 2 to 24 legs
 STEP = 1e-5  # rad, of central differences of closed forms: good to 1e-10

@@ -201,7 +201,12 @@ class BatchedPlant(Protocol):
 
 
 def check_legs(robot: Robot, other: Robot) -> None:
-    """Raise ValueError unless a robot's legs are on the same sides as another's, in this order."""
+    """Raise ValueError unless a robot's legs are another's linkage, on its sides in its order."""
+    if robot.linkage != other.linkage:
+        raise ValueError(
+            f"a robot's linkage has the bodies {robot.linkage.names}, must be that with "
+            f"{other.linkage.names}"
+        )
     mine, others = ([leg.side for leg in one.legs] for one in (robot, other))
     if mine != others:
         raise ValueError(f"a robot's legs are on the sides {mine}, must be on {others}")

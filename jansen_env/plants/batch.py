@@ -87,7 +87,7 @@ class Batch(PlacedRobots):
     ) -> None:
         self._arguments = (time_step, gravity, detection_interval, threads)
         super().__init__(robots, terrains, gravity)
-        self.toes = len(robots[0].legs)
+        self.toes = len(robots[0].toes)
         self.accumulators = self.rows["accumulators"]
         self.deflection: Array = self.contact_statistics["deflection"]
         self.time_step = check_time_step(time_step)

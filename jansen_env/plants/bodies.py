@@ -15,30 +15,33 @@ import numpy as np
 import pymunk
 from numpy.typing import NDArray
 
-from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS, Pads, pad_layout
-from jansen_env.robot import BEARINGS, BODIES_PER_LEG, JOINT_PAIRS, Robot
-from jansen_env.robot.kinematics import JOINTS, coordinates, joint_positions, world_joints
+from jansen_env.dynamics.pads import Pads, pad_layout
+from jansen_env.robot import Robot
+from jansen_env.robot.kinematics import coordinates, joint_positions, world_joints
+from jansen_env.robot.linkage import CRANK
 
 Array = NDArray[np.float64]
 
-CHASSIS, SHAFT = 0, 1  # places of the bodies that all legs share; then six a leg
-LINKS = ((3, "A", 2), (4, "B", 3), (4, "P", 1), (5, "P", 1), (6, "C", 5), (6, "A", 2), (7, "D", 4),
-         (8, "C", 5), (8, "E", 7))  # fmt: skip
-"""A leg's pins but the crank's own: (body, joint, other body)."""
+CHASSIS, SHAFT = 0, 1  # places of the bodies that all legs share; then those of each leg
 GAP_LEFT = 0.5  # share of a joint's gap left after one second; the rest is pulled together
 TURN = 24  # crank angles at which a robot's lightest spots are looked for
 
 
-def place_of(leg: int, body: int) -> int:
-    """Index of body 1 .. 8 of a leg: frames are the chassis, cranks the shaft."""
-    return body - 1 if body <= 2 else 2 + 6 * leg + body - 3
+def place_of(robot: Robot, leg: int, body: int) -> int:
+    """Index of body 1, 2, ... of a leg: frames are the chassis, cranks the shaft."""
+    return body - 1 + (body > CRANK) * leg * (len(robot.bodies) - CRANK)
+
+
+def count_bodies(robot: Robot) -> int:
+    """How many there are."""
+    return place_of(robot, len(robot.legs), CRANK + 1)
 
 
 @functools.lru_cache(maxsize=8 * TURN)
 def _local_bodies(robot: Robot, crank_angle: float) -> Array:
-    """(legs, 8, 3) angle, x, y of every link in the chassis frame."""
+    """(legs, bodies, 3) angle, x, y of every link in the chassis frame."""
     legs = [coordinates(robot, leg.side, crank_angle + leg.phase) for leg in robot.legs]
-    bodies = np.array(legs).reshape(-1, BODIES_PER_LEG, 3)
+    bodies = np.array(legs).reshape(len(legs), -1, 3)
     bodies.setflags(write=False)
     return bodies
 
@@ -71,7 +74,7 @@ def poses(robot: Robot, q: Array) -> Array:
     home, links = _local_bodies(robot, 0.0), _local_bodies(robot, psi)
     cos, sin = math.cos(psi), math.sin(psi)
     (_, _, chassis), (_, _, shaft) = _lumps(robot)
-    result = np.empty((2 + 6 * len(robot.legs), 3))
+    result = np.empty((count_bodies(robot), 3))
     result[CHASSIS] = 0.0, *chassis
     result[SHAFT] = psi, cos * shaft[0] - sin * shaft[1], sin * shaft[0] + cos * shaft[1]
     result[2:] = links[:, 2:].reshape(-1, 3)
@@ -93,17 +96,21 @@ def rates(robot: Robot, q: Array, v: Array) -> Array:
     return change / (2.0 * step)
 
 
+def viscous_pairs(robot: Robot) -> dict[tuple[int, int], float]:
+    """Viscous friction between pairs of bodies, N m s/rad: joints and motor, without zeros."""
+    coefficients: dict[tuple[int, int], float] = defaultdict(float)
+    for leg in range(len(robot.legs)):
+        for (i, j), coefficient in zip(robot.linkage.damped, robot.damping, strict=True):
+            coefficients[place_of(robot, leg, i), place_of(robot, leg, j)] += coefficient
+    coefficients[CHASSIS, SHAFT] += robot.motor.viscous_friction
+    return {pair: coefficient for pair, coefficient in coefficients.items() if coefficient > 0.0}
+
+
 def joint_friction(robot: Robot) -> Array:
     """(bodies, bodies) K: the viscous torques of joints and motor on the bodies are -K times
     their spins."""
-    size = 2 + 6 * len(robot.legs)
-    pairs = [
-        (place_of(leg, i), place_of(leg, j), coefficient)
-        for leg in range(len(robot.legs))
-        for (i, j), coefficient in zip(JOINT_PAIRS, robot.damping, strict=True)
-    ]
-    K = np.zeros((size, size))
-    for a, b, coefficient in (*pairs, (CHASSIS, SHAFT, robot.motor.viscous_friction)):
+    K = np.zeros((count_bodies(robot), count_bodies(robot)))
+    for (a, b), coefficient in viscous_pairs(robot).items():
         K[a, a] += coefficient
         K[b, b] += coefficient
         K[a, b] -= coefficient
@@ -115,8 +122,8 @@ def dry_pairs(robot: Robot) -> dict[tuple[int, int], float]:
     """Coulomb friction torque between pairs of bodies, N m: bearings and gear, without zeros."""
     torques: dict[tuple[int, int], float] = defaultdict(float)
     for leg in range(len(robot.legs)):
-        for (i, j), torque in zip(BEARINGS, robot.bearing_friction, strict=True):
-            torques[place_of(leg, i), place_of(leg, j)] += torque
+        for (i, j), torque in zip(robot.linkage.bearings, robot.bearing_friction, strict=True):
+            torques[place_of(robot, leg, i), place_of(robot, leg, j)] += torque
     torques[CHASSIS, SHAFT] += robot.motor.friction
     return {pair: torque for pair, torque in torques.items() if torque > 0.0}
 
@@ -143,7 +150,7 @@ class TurnMotion(NamedTuple):
 def turn_motions(robot: Robot) -> Iterator[TurnMotion]:
     """The robot at :data:`TURN` crank angles."""
     (mass, inertia), layout = inertias(robot).T, pad_layout(robot)
-    joints = [PAD_JOINTS[k] for k in layout.joint]
+    joints = [robot.linkage.all_pads[k][0] for k in layout.joint]
     for psi in 2.0 * math.pi * np.arange(TURN) / TURN:
         q = np.array([0.0, 0.0, 0.0, psi])
         moved = np.array([rates(robot, q, unit) for unit in np.eye(4)])
@@ -166,26 +173,27 @@ def make_pins(robot: Robot, bodies: list[pymunk.Body]) -> list[pymunk.PivotJoint
     pins = [pymunk.PivotJoint(bodies[CHASSIS], bodies[SHAFT], (0.0, 0.0))]
     for i, leg in enumerate(robot.legs):
         joints = joint_positions(robot, leg.side, leg.phase)
-        for body, joint, other in LINKS:
-            ends = bodies[place_of(i, other)], bodies[place_of(i, body)]
-            pins.append(pymunk.PivotJoint(*ends, tuple(joints[JOINTS.index(joint)])))
-    for pin in pins:
-        pin.error_bias = GAP_LEFT
+        for pin in robot.linkage.moving_pins:
+            held, turning = (bodies[place_of(robot, i, body)] for body in (pin.other, pin.body))
+            place = tuple(joints[robot.linkage.joints.index(pin.joint)])
+            pins.append(pymunk.PivotJoint(held, turning, place))
+    for one in pins:
+        one.error_bias = GAP_LEFT
     return pins
 
 
-def pad_bodies(layout: Pads) -> list[int]:
+def pad_bodies(robot: Robot, layout: Pads) -> list[int]:
     """Index of the body that each pad is part of."""
     pairs = zip(layout.leg.tolist(), layout.joint.tolist(), strict=True)
-    return [place_of(leg, PAD_BODIES[joint]) for leg, joint in pairs]
+    return [place_of(robot, leg, robot.linkage.all_pads[k][1] + 1) for leg, k in pairs]
 
 
 def make_pads(robot: Robot, layout: Pads, bodies: list[pymunk.Body]) -> list[pymunk.Circle]:
     """Round pads in the order of the layout; made while the bodies are at home."""
     pads = []
-    for i, k, owner in zip(layout.leg, layout.joint, pad_bodies(layout), strict=True):
+    for i, k, owner in zip(layout.leg, layout.joint, pad_bodies(robot, layout), strict=True):
         leg, body = robot.legs[i], bodies[owner]
-        place = joint_positions(robot, leg.side, leg.phase)[PAD_JOINTS[k]]
+        place = joint_positions(robot, leg.side, leg.phase)[robot.linkage.all_pads[k][0]]
         circle = pymunk.Circle(body, robot.pad_radius, tuple(place - np.array(body.position)))
         circle.friction = circle.elasticity = 1.0  # pymunk multiplies them with the ground's
         circle.filter = pymunk.ShapeFilter(group=1)  # legs never touch one another

@@ -48,7 +48,7 @@ class BodySpace:
         space.collision_persistence = 1  # arbiters that touch, and no older ones
         terrain.add_to(space)
         layout = pad_layout(robot)
-        self.owners = links.pad_bodies(layout)
+        self.owners = links.pad_bodies(robot, layout)
         self.home, self.inertias = links.poses(robot, np.zeros(4)), links.inertias(robot)
         self.bodies = [pymunk.Body(m, inertia) for m, inertia in self.inertias]
         if fixed_base:

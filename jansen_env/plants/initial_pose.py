@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.checks import finite
+from jansen_env.dynamics.pads import pad_layout
 from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.engine.placement import clearance, level_pitch
 from jansen_env.robot import Robot
-from jansen_env.robot.kinematics import T, joint_positions
+from jansen_env.robot.kinematics import positions_of, toe_positions
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
@@ -21,7 +20,7 @@ DEEPEST = 0.02  # m, of static deflection
 
 def prepare_placement(robot: Robot, terrain: Terrain) -> None:
     """Compile what :func:`resting_pose` needs."""
-    toes, centre, surface = np.zeros((len(robot.legs), 2)), np.zeros(2), terrain.polyline.copy()
+    toes, centre, surface = np.zeros((len(robot.toes), 2)), np.zeros(2), terrain.polyline.copy()
     common = toes, centre, surface, 0, len(surface), 0.0, robot.pad_radius
     prepare(
         Kernel("clearance", clearance, (*common, 0.0)), Kernel("level pitch", level_pitch, common)
@@ -53,9 +52,9 @@ def resting_depth(mass: float, stiffness: float, gravity: float) -> float:
 def resting_pose(
     robot: Robot, centre: Array, terrain: Terrain, x: float, crank_angle: float, pitch: float | None
 ) -> tuple[float, float]:
-    """Height and pitch (y, theta) of the chassis at which the lowest toe has no gap.
+    """Height and pitch (y, theta) of the chassis at which the lowest pad has no gap.
 
-    Toes are taken as discs on their local slope.
+    Pads are taken as discs on their local slope.
 
     Args:
         centre: (2,) centre of mass in the chassis frame, m. x: crank axis, m. crank_angle: rad.
@@ -67,15 +66,14 @@ def resting_pose(
     """
     x, crank_angle = finite("x", x), finite("crank_angle", crank_angle)
     pitch = None if pitch is None else finite("pitch", pitch)
-    # A back leg mirrors a fore leg whose crank is mirrored.
-    back = np.array([leg.side == "back" for leg in robot.legs])
-    angles = crank_angle + np.array([leg.phase for leg in robot.legs])
-    toes = joint_positions(robot, "fore", np.where(back, math.pi - angles, angles))[:, T].copy()
-    toes[back, 0] *= -1.0
+    toes = toe_positions(robot, crank_angle)
     # A copy, as numba compiles arrays that cannot be written to once more.
     surface = terrain.polyline.copy()
     common = toes, centre, surface, 0, len(surface), x, robot.pad_radius
     if pitch is None:
         pitch = level_pitch(*common)
-    height, _, _ = clearance(*common, pitch)
+    layout = pad_layout(robot)
+    known = [robot.linkage.all_pads[k][0] for k in layout.joint]
+    pads = positions_of(robot, crank_angle, [*zip(layout.leg.tolist(), known, strict=True)])
+    height, _, _ = clearance(pads, *common[1:], pitch)
     return float(-height), float(pitch)

@@ -96,13 +96,13 @@ class RigidBodyBatch:
         self.iterations = positive_integer("iterations", iterations)
         self.touchdown_iterations = positive_integer("touchdown_iterations", touchdown_iterations)
         self.fixed_base = bool(fixed_base)
-        self.toes = toes = len(robot.legs)
+        self.toes = toes = len(robot.toes)
         self.slip, self.contact_force = np.zeros((1, toes)), np.zeros((1, toes, 2))
         self.rows, self.joint_gap = np.zeros(1, ROBOT), np.zeros(1)
         self.accumulators = self.rows["accumulators"]
         self.diverged, self.any_diverged = np.zeros(1, bool), False
         self.lookahead_steps = max(1, round(LOOKAHEAD / self.time_step))
-        self._owners = links.pad_bodies(pad_layout(robot))
+        self._owners = links.pad_bodies(robot, pad_layout(robot))
         self.gravity = gravity_vector(gravity)
         prepare_placement(robot, terrain)
         self._apply_parameters()

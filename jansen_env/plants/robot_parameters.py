@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from jansen_env.engine.tables import set_arms
 from jansen_env.parameters import OF_ROBOTS, PARAMETERS, plain
-from jansen_env.robot import BODIES, Compliance, Robot
+from jansen_env.robot import Compliance, Robot
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
@@ -30,11 +30,11 @@ LIMITS = np.array([(PARAMETERS[name].least, PARAMETERS[name].most) for name in O
 
 
 def _scaled_links(robot: Robot, mass: float, inertia: float) -> Robot:
-    links = {
-        name: replace(link, mass=mass * link.mass, inertia=inertia * link.inertia)
-        for name, link in zip(BODIES, robot.bodies, strict=True)
-    }
-    return replace(robot, **links)  # type: ignore[arg-type]
+    links = (
+        replace(link, mass=mass * link.mass, inertia=inertia * link.inertia)
+        for link in robot.bodies
+    )
+    return replace(robot, bodies=tuple(links))
 
 
 def _scaled_pads(robot: Robot, stiffness: float, damping: float) -> Robot:

@@ -7,24 +7,24 @@ from jansen_env.robot.designs import (
     holy_numbers_robot,
     paper_robot,
 )
+from jansen_env.robot.linkage import JANSEN, Dyad, Linkage, Pin
 from jansen_env.robot.links import (
-    BEARINGS,
-    BODIES,
-    BODIES_PER_LEG,
-    JOINT_PAIRS,
     RIGID,
     Bar,
     Compliance,
     Leg,
+    Link,
     Payload,
+    Plate,
     Side,
     Triangle,
     phased_legs,
 )
 from jansen_env.robot.robot import Robot
+from jansen_env.robot.zoo import robot_from_joints
 
 __all__ = [
-    "BEARINGS", "BEARING_LOADS", "BODIES", "BODIES_PER_LEG", "JOINT_PAIRS", "RIGID", "ROBOTS",
-    "Bar", "Compliance", "Leg", "Payload", "Robot", "Side", "Triangle", "built_robot",
-    "holy_numbers_robot", "paper_robot", "phased_legs",
+    "BEARING_LOADS", "JANSEN", "RIGID", "ROBOTS", "Bar", "Compliance", "Dyad", "Leg", "Link",
+    "Linkage", "Payload", "Pin", "Plate", "Robot", "Side", "Triangle", "built_robot",
+    "holy_numbers_robot", "paper_robot", "phased_legs", "robot_from_joints",
 ]  # fmt: skip

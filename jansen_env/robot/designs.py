@@ -7,17 +7,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from jansen_env.robot import buildable as built
-from jansen_env.robot.links import (
-    BODIES,
-    CRANK_RADIUS,
-    JOINT_PAIRS,
-    Bar,
-    Compliance,
-    Triangle,
-    phased_legs,
-)
+from jansen_env.robot.linkage import JANSEN
+from jansen_env.robot.links import CRANK_RADIUS, Bar, Compliance, Triangle, phased_legs
 from jansen_env.robot.motor import MOTORS
 from jansen_env.robot.robot import Robot
+from jansen_env.robot.zoo import ZOO
 
 
 def paper_robot(phases: int = 2) -> Robot:
@@ -32,21 +26,19 @@ def holy_numbers_robot(phases: int = 2) -> Robot:
     g 36.7, h 65.7, i 49, j 50, k 61.9, l 7.8, m 15.
     """
     s = CRANK_RADIUS / 15.0
-    return Robot(
+    return Robot(frame_angle=math.atan2(7.8, 38.0), legs=phased_legs(phases)).with_bodies(
         frame=Bar(s * math.hypot(38.0, 7.8)),
-        frame_angle=math.atan2(7.8, 38.0),
         upper_rod=Bar(s * 50.0),
         upper_triangle=Triangle.from_sides(s * 41.5, s * 55.8, s * 40.1),
         rocker=Bar(s * 39.3),
         lower_rod=Bar(s * 61.9),
         coupler=Bar(s * 39.4),
-        foot=Triangle.from_sides(s * 36.7, s * 65.7, s * 49.0),
-        legs=phased_legs(phases),
+        foot=Triangle.from_sides(s * 36.7, s * 65.7, s * 49.0, outward=True),
     )
 
 
 BEARING_LOADS = (17.0, 13.0, 11.0, 14.0, 23.0, 14.0, 11.0, 20.0, 11.0, 10.0)
-"""N, mean load of each of :data:`BEARINGS` of the built robot in walks at 2 rad/s."""
+"""N, mean load of each of the bearings of the built robot in walks at 2 rad/s."""
 
 
 def built_robot(phases: int = 2) -> Robot:
@@ -56,23 +48,22 @@ def built_robot(phases: int = 2) -> Robot:
     load), feet of rubber: see :mod:`jansen_env.robot.buildable`.
     """
     robot, parts = paper_robot(phases), {}
-    for name in BODIES:
-        link = getattr(robot, name)
+    for name, link in zip(robot.linkage.names, robot.bodies, strict=True):
         if isinstance(link, Triangle):
             third = built.FOOT_MASS if name == "foot" else None
             mass, inertia = built.triangular_plate(link.sides, third_mass=third)
         elif name == "frame":
             each = built.PIN_SHARE + built.AXIS_MASS / len(robot.legs)
-            mass, inertia = built.flat_bar(link.length, built.FRAME_WIDTH, each)
+            mass, inertia = built.flat_bar(link.distance(0, 1), built.FRAME_WIDTH, each)
         else:
-            thickness = built.bar_thickness(name)
-            mass, inertia = built.flat_bar(link.length, built.WIDTH, thickness=thickness)
+            length, thickness = link.distance(0, 1), built.bar_thickness(name)
+            mass, inertia = built.flat_bar(length, built.WIDTH, thickness=thickness)
         parts[name] = replace(link, mass=mass, inertia=inertia)
-    robot = replace(robot, **parts)
+    robot = robot.with_bodies(**parts)
     normal, tangential = built.FOOT_STIFFNESS
     return replace(
         robot,
-        damping=(0.0,) * len(JOINT_PAIRS),
+        damping=(0.0,) * len(JANSEN.damped),
         pad_radius=built.FOOT_RADIUS,
         motor=MOTORS["ak80_6"],
         bearing_friction=tuple(round(built.dry_torque(load), 4) for load in BEARING_LOADS),
@@ -89,5 +80,6 @@ ROBOTS: dict[str, Callable[..., Robot]] = {
     "holy": holy_numbers_robot,
     "holy_slender": lambda phases=2: holy_numbers_robot(phases).with_slender_inertias(),
     "built": built_robot,
+    **ZOO,
 }
-"""Built-in designs by name; each takes the number of crank phases (legs = 2 x phases)."""
+"""Built-in designs by name; each takes the number of crank pins, with two toes on each."""

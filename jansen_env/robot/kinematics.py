@@ -7,22 +7,19 @@ leg is the mirror image of a fore leg: x -> -x and crank angle psi -> pi - psi.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.robot import BODIES_PER_LEG, Robot, Side
+from jansen_env.robot.linkage import CRANK, FRAME, JANSEN
+from jansen_env.robot.links import Bar, Link, Side
+from jansen_env.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
-JOINTS = ("P", "O", "A", "B", "C", "D", "E", "T")
-"""Order of the joints returned by :func:`joint_positions`; T is the toe's centre."""
-P, O, A, B, C, D, E, T = range(8)  # noqa: E741 - the joints' names
-
-SKELETON = (
-    (P, O), (O, A), (A, B), (P, B), (B, D), (D, P), (C, P), (C, A), (D, E), (C, E), (E, T), (T, C),
-)  # fmt: skip
-"""Pairs of joints joined by a straight edge of some body, for drawing."""
+P, O, A, B, C, D, E, T = range(len(JANSEN.joints))  # noqa: E741 - the joints' names
+"""Indices of the joints of Jansen's leg; T is the toe's centre."""
 
 
 class LinkageError(ValueError):
@@ -42,7 +39,7 @@ def _third_corner(
     distance = np.hypot(span[..., 0], span[..., 1])
     along = (distance**2 + from_p**2 - from_q**2) / (2.0 * distance)
     across2 = from_p**2 - along**2
-    if np.any(across2 <= 0.0):
+    if not np.all(across2 > 0.0):
         worst = np.unravel_index(np.argmin(across2), across2.shape)
         raise LinkageError(
             f"joint {name} does not close at crank angle {float(psi[worst]):.4f} rad: its two "
@@ -57,11 +54,11 @@ def joint_positions(robot: Robot, side: Side, psi: ArrayLike) -> Array:
     """Joint positions of a leg whose own crank stands at ``psi``.
 
     Args:
-        robot: its link lengths are used, its legs are not.
+        robot: its links are used, its legs are not.
         psi: crank angle relative to the chassis, rad, any shape (...).
 
     Returns:
-        (..., 8, 2): joints in the order of :data:`JOINTS`, m, chassis frame.
+        (..., joints, 2): joints in the order of ``robot.linkage.joints``, m, chassis frame.
 
     Raises:
         LinkageError: the linkage does not close; names the joint and the crank angle.
@@ -70,30 +67,55 @@ def joint_positions(robot: Robot, side: Side, psi: ArrayLike) -> Array:
     if side == "back":
         mirrored = joint_positions(robot, "fore", math.pi - angle)
         return mirrored * np.array([-1.0, 1.0])
-    frame, foot, upper = robot.frame, robot.foot, robot.upper_triangle
-    axis = np.zeros((*angle.shape, 2))
-    pivot = axis - frame.length * direction(np.full(angle.shape, robot.frame_angle))
-    pin = robot.crank.length * direction(angle)
-    pb, _bd, _dp = upper.sides
-    ce, _et, _tc = foot.sides
-    top = _third_corner("B", angle, pin, pivot, robot.upper_rod.length, pb, -1.0)
-    # Triangle 4 from the directions of its corners: P at th4 + pi, B at th4 + alpha4 + pi.
-    edge = np.arctan2(top[..., 1] - pivot[..., 1], top[..., 0] - pivot[..., 0])
-    th4 = edge + _corner_angle(upper.d, upper.l, upper.alpha)
-    centroid4 = pivot + upper.d * direction(th4)
-    left = centroid4 - upper.h * direction(th4 - upper.gamma)
-    knee = _third_corner("C", angle, pin, pivot, robot.lower_rod.length, robot.rocker.length, 1.0)
-    ankle = _third_corner("E", angle, left, knee, robot.coupler.length, ce, -1.0)
-    edge = np.arctan2(ankle[..., 1] - knee[..., 1], ankle[..., 0] - knee[..., 0])
-    th8 = edge + math.pi + _corner_angle(foot.d, foot.l, foot.alpha)
-    toe = knee - foot.d * direction(th8) + foot.h * direction(th8 - foot.gamma)
-    return np.stack([pivot, axis, pin, top, knee, left, ankle, toe], axis=-2)
+    linkage = robot.linkage
+    found = {linkage.joints[linkage.axis]: np.zeros((*angle.shape, 2))}
+    _add_joints(found, robot, FRAME - 1, np.full(angle.shape, robot.frame_angle))
+    _add_joints(found, robot, CRANK - 1, angle)
+    for dyad in linkage.dyads:
+        first, second = (linkage.body_between(dyad.joint, one) for one in (dyad.start, dyad.end))
+        found[dyad.joint] = _third_corner(
+            dyad.joint, angle, found[dyad.start], found[dyad.end],
+            _between(robot, first, dyad.start, dyad.joint),
+            _between(robot, second, dyad.end, dyad.joint), dyad.branch,
+        )  # fmt: skip
+        for body in (first, second):
+            joints = linkage.bodies[body][1]
+            if len(joints) > 2:
+                i, j = [k for k, one in enumerate(joints) if one in found][:2]
+                edge = found[joints[j]] - found[joints[i]]
+                half_turn, turn = _edge_to_angle(robot.bodies[body], i, j)
+                heading = np.arctan2(edge[..., 1], edge[..., 0]) + half_turn + turn
+                _add_joints(found, robot, body, heading)
+    return np.stack([found[joint] for joint in linkage.joints], axis=-2)
 
 
-def _corner_angle(d: float, l: float, alpha: float) -> float:  # noqa: E741
-    """Turn from the edge first -> second corner to the line first corner -> centroid, rad."""
-    edge = d * np.array([1.0, 0.0]) - l * np.array([math.cos(alpha), math.sin(alpha)])
-    return -math.atan2(edge[1], edge[0])
+def _add_joints(found: dict[str, Array], robot: Robot, body: int, heading: Array) -> None:
+    """Add all joints of a body whose angle is known, and one of its joints."""
+    joints, corners = robot.linkage.bodies[body][1], robot.bodies[body].corners
+    first = next(k for k, joint in enumerate(joints) if joint in found)
+    reach, offset = corners[first]
+    centre = found[joints[first]] - reach * direction(heading + offset)
+    for joint, (reach, offset) in zip(joints, corners, strict=True):
+        if joint not in found:
+            found[joint] = centre + reach * direction(heading + offset)
+
+
+def _between(robot: Robot, body: int, one: str, other: str) -> float:
+    """Distance between two joints of a body, m."""
+    joints = robot.linkage.bodies[body][1]
+    return robot.bodies[body].distance(joints.index(one), joints.index(other))
+
+
+def _edge_to_angle(link: Link, i: int, j: int) -> tuple[float, float]:
+    """Turn from the edge between two joints of a link to its angle: half a turn or none, and more.
+
+    For a link whose angle points to the first of them the edge is taken the other way round.
+    """
+    (r, a), (s, b) = link.corners[i], link.corners[j]
+    way = -1.0 if r > 0.0 else 1.0
+    x = way * (s * math.cos(b) - r * math.cos(a))
+    y = way * (s * math.sin(b) - r * math.sin(a))
+    return (math.pi if r > 0.0 else 0.0), -math.atan2(y, x)
 
 
 def coordinates(robot: Robot, side: Side, psi: ArrayLike, joints: Array | None = None) -> Array:
@@ -102,37 +124,55 @@ def coordinates(robot: Robot, side: Side, psi: ArrayLike, joints: Array | None =
     Args and errors as for :func:`joint_positions`; joints: what that gives, where it is known.
 
     Returns:
-        (..., 24): theta_1, x_1, y_1, ..., theta_8, x_8, y_8 in rad and m. theta_2 is ``psi``,
-        not wrapped; the other angles lie in (-pi, pi].
+        (..., 3 bodies): theta_1, x_1, y_1, ... in rad and m. theta_2 is ``psi``, not wrapped; the
+        other angles lie in (-pi, pi].
     """
-    j = joint_positions(robot, side, psi) if joints is None else joints
-
-    def heading(start: int, end: int) -> Array:
-        step = j[..., end, :] - j[..., start, :]
-        return np.arctan2(step[..., 1], step[..., 0])
-
-    def centre(*corners: int) -> Array:
-        return j[..., list(corners), :].mean(axis=-2)
-
+    place = joint_positions(robot, side, psi) if joints is None else joints
     mirror = 1.0 if side == "fore" else -1.0
-    upper, foot = robot.upper_triangle, robot.foot
-    th4 = heading(P, B) + mirror * _corner_angle(upper.d, upper.l, upper.alpha)
-    th8 = heading(C, E) + math.pi + mirror * _corner_angle(foot.d, foot.l, foot.alpha)
-    angles = [heading(P, O), heading(O, A), heading(A, B), th4,
-              heading(C, P), heading(C, A), heading(D, E), th8]  # fmt: skip
-    centres = [centre(P, O), centre(O, A), centre(A, B), j[..., P, :] + upper.d * direction(th4),
-               centre(C, P), centre(C, A), centre(D, E),
-               j[..., C, :] - foot.d * direction(th8)]  # fmt: skip
-    x = np.empty((*j.shape[:-2], BODIES_PER_LEG, 3))
-    x[..., 0] = np.angle(np.exp(1j * np.stack(angles, axis=-1)))
-    x[..., 1, 0] = psi
-    x[..., 1:] = np.stack(centres, axis=-2)
-    return x.reshape(*j.shape[:-2], 3 * BODIES_PER_LEG)
+    x = np.empty((*place.shape[:-2], len(robot.bodies), 3))
+    for body, link in enumerate(robot.bodies):
+        i, j, *_ = robot.linkage.members[body]
+        edge = place[..., j, :] - place[..., i, :]
+        heading = np.arctan2(edge[..., 1], edge[..., 0])
+        if isinstance(link, Bar):
+            x[..., body, 1:] = place[..., [i, j], :].mean(axis=-2)
+        else:
+            half_turn, turn = _edge_to_angle(link, 0, 1)
+            heading = heading + half_turn + mirror * turn
+            reach, offset = link.corners[0]
+            centre = place[..., i, :] - reach * direction(heading + mirror * offset)
+            x[..., body, 1:] = centre
+        x[..., body, 0] = heading
+    x[..., 0] = np.angle(np.exp(1j * x[..., 0]))
+    x[..., CRANK - 1, 0] = psi
+    return x.reshape(*place.shape[:-2], 3 * len(robot.bodies))
 
 
 def check_closure(robot: Robot, samples: int = 720) -> None:
     """Raise LinkageError for a design that cannot turn a full revolution: says where."""
     joint_positions(robot, "fore", np.linspace(-math.pi, math.pi, samples, endpoint=False))
+
+
+def nearest_dead_point(robot: Robot, samples: int = 720) -> tuple[float, str, float]:
+    """Where two links that meet in a joint come nearest to one line: a dead point of the crank.
+
+    Returns:
+        Sine of the angle between the links there; the joint; the leg's crank angle, rad.
+
+    Raises:
+        LinkageError: the linkage does not close.
+    """
+    psi = np.linspace(-math.pi, math.pi, samples, endpoint=False)
+    place = joint_positions(robot, "fore", psi)
+    found = []
+    for dyad in robot.linkage.dyads:
+        joint, start, end = (place[:, robot.linkage.joints.index(name)] for name in dyad[:3])
+        u, v = joint - start, joint - end
+        sine = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+        sine /= np.hypot(*u.T) * np.hypot(*v.T)
+        k = int(sine.argmin())
+        found.append((float(sine[k]), dyad.joint, float(psi[k])))
+    return min(found)
 
 
 def advance_per_turn(robot: Robot, samples: int = 720) -> float:
@@ -141,19 +181,34 @@ def advance_per_turn(robot: Robot, samples: int = 720) -> float:
     As if it stood level on its lowest toe: good for the sign and the order of magnitude.
     Raises LinkageError: the linkage does not close.
     """
-    psi = np.linspace(0.0, 2.0 * math.pi, samples + 1)[:, None]
-    phase = np.array([leg.phase for leg in robot.legs])
-    back = np.array([leg.side == "back" for leg in robot.legs])
-    angle = psi + phase  # of a back leg as its mirror image's
-    toes = joint_positions(robot, "fore", np.where(back, math.pi - angle, angle))[..., T, :]
-    toes = np.where(back[:, None], toes * (-1.0, 1.0), toes)
+    toes = toe_positions(robot, np.linspace(0.0, 2.0 * math.pi, samples + 1))
     lowest = np.argmin(toes[1:, :, 1] + toes[:-1, :, 1], axis=1)
     steps = np.diff(toes[..., 0], axis=0)
     return float(-steps[np.arange(samples), lowest].sum())
 
 
+def toe_positions(robot: Robot, psi: ArrayLike) -> Array:
+    """Positions of all toes (..., toes, 2) at crank angles (...), m, chassis frame.
+
+    Raises LinkageError: the linkage does not close.
+    """
+    return positions_of(robot, psi, robot.toes)
+
+
+def positions_of(robot: Robot, psi: ArrayLike, chosen: Sequence[tuple[int, int]]) -> Array:
+    """:func:`toe_positions` of other joints, (leg, joint) each as indices."""
+    back = np.array([leg.side == "back" for leg in robot.legs])
+    angle = np.asarray(psi, dtype=float)[..., None] + np.array([leg.phase for leg in robot.legs])
+    # A back leg mirrors a fore leg whose crank is mirrored.
+    joints = joint_positions(robot, "fore", np.where(back, math.pi - angle, angle))
+    leg, joint = np.array(chosen).T
+    places = joints[..., leg, joint, :]
+    places[..., back[leg], 0] *= -1.0
+    return places
+
+
 def world_joints(robot: Robot, q: ArrayLike) -> Array:
-    """Joint positions of all legs (..., legs, 8, 2), m, in the order of :data:`JOINTS`.
+    """Joint positions of all legs (..., legs, joints, 2), m, in the order of the linkage.
 
     Args:
         q: (..., 4) crank axis x, y (m), chassis pitch theta and crank angle psi (rad).

@@ -1,9 +1,10 @@
 """Parts of a machine: links, legs, payload, pads. Data only, checked when it is made.
 
-Body numbers are the paper's (*Dynamic Analysis and Modeling of Jansen Mechanism*, section 2.1):
+Numbers of the bodies of Jansen's leg are the paper's (*Dynamic Analysis and Modeling of Jansen
+Mechanism*, section 2.1):
 
 ==== =================================== ==============================
-body what it joins                       field of :class:`Robot`
+body what it joins                       name
 ==== =================================== ==============================
 1    fixed pivot P -> crank axis O       ``frame``, at ``frame_angle``
 2    crank O -> crank pin A              ``crank``
@@ -20,14 +21,18 @@ Numbers are SI: metres, kilograms, radians, counter-clockwise positive.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
+
+import numpy as np
 
 from jansen_env.checks import (
     entries,
     finite,
+    instance,
     non_negative,
     positive,
     positive_integer,
@@ -37,21 +42,9 @@ from jansen_env.checks import (
 
 Side = Literal["fore", "back"]
 
-BODIES = ("frame", "crank", "upper_rod", "upper_triangle", "rocker", "lower_rod", "coupler", "foot")
-"""Bodies 1 to 8, by the names of :class:`Robot`'s fields."""
-BODIES_PER_LEG = len(BODIES)
 CRANK_RADIUS = 0.10834  # m, the paper's L2; every built-in design turns this crank
 MOST_PHASES = 100  # of crank pins
 STIFFEST = 1e20  # N/m and N s/m, of a compliant pad: beyond, it is rigid
-JOINT_PAIRS = (
-    (1, 2), (2, 3), (3, 4), (3, 6), (4, 5), (5, 6), (5, 8), (4, 7), (6, 8), (7, 8),
-)  # fmt: skip
-"""Pairs of bodies with viscous friction between them, as in the paper's h_f."""
-BEARINGS = (
-    (1, 2), (2, 3), (2, 6), (3, 4), (1, 4), (1, 5), (5, 6), (5, 8), (4, 7), (7, 8),
-)  # fmt: skip
-"""Pairs of bodies that turn on one another where the pins O, A, B, P, C, D and E are: the first one
-holds the pin. The frame's at P are among them, which the paper's list leaves out."""
 
 
 def set_checked(part: Any, check: Callable[[str, Any], float], *names: str) -> None:
@@ -83,6 +76,15 @@ class Bar:
         """From either pin to the centre of mass, m (the paper's d_i and l_i)."""
         return 0.5 * self.length
 
+    @property
+    def corners(self) -> Corners:
+        """Its two ends, see :data:`Corners`."""
+        return (-self.half, 0.0), (self.half, 0.0)
+
+    def distance(self, one: int, other: int) -> float:
+        """Between two different joints, m."""
+        return self.length
+
     def slender(self) -> Bar:
         """The same bar with the inertia of a slender rod, m L^2 / 12."""
         return replace(self, inertia=self.mass * self.length**2 / 12.0)
@@ -92,14 +94,13 @@ class Bar:
 class Triangle:
     """A rigid triangle, given as the paper gives it: its corners seen from the centroid.
 
-    The body's angle is the direction from its first corner to the centroid (triangle 4) or from
-    the centroid to its first corner (triangle 8).
-
     Args:
         d, l, h: centroid to the first, second and third corner, m (d4, l4, h4 or d8, l8, h8).
         alpha, gamma: angles at the centroid from the first corner to the second, and to the third
             on the other side, rad.
         mass: kg. inertia: about the centroid, kg m^2.
+        outward: the body's angle is the direction from the centroid to the first corner (triangle
+            8), not from the first corner to the centroid (triangle 4).
     """
 
     d: float
@@ -109,9 +110,11 @@ class Triangle:
     gamma: float
     mass: float = 0.1
     inertia: float = 0.1
+    outward: bool = False
 
     def __post_init__(self) -> None:
         set_checked(self, positive, "d", "l", "h", "alpha", "gamma", "mass")
+        instance("Triangle.outward", self.outward, bool)
         set_checked(self, non_negative, "inertia")
         if self.alpha + self.gamma >= 2.0 * math.pi:
             raise ValueError(
@@ -120,7 +123,7 @@ class Triangle:
 
     @classmethod
     def from_sides(
-        cls, first_second: float, second_third: float, third_first: float, **inertial: float
+        cls, first_second: float, second_third: float, third_first: float, **inertial: Any
     ) -> Triangle:
         """Build a triangle from its three side lengths (m), with the centroid's law of cosines.
 
@@ -154,9 +157,97 @@ class Triangle:
             opposite(self.h, self.d, self.gamma),
         )
 
+    @property
+    def corners(self) -> Corners:
+        """See :data:`Corners`."""
+        s = 1.0 if self.outward else -1.0
+        return (s * self.d, 0.0), (s * self.l, self.alpha), (s * self.h, -self.gamma)
+
+    def distance(self, one: int, other: int) -> float:
+        """Between two different corners, m."""
+        return self.sides[(0, 2, 1)[one + other - 1]]
+
     def slender(self) -> Triangle:
         """The same triangle with a uniform plate's inertia, m (a^2 + b^2 + c^2) / 36."""
         return replace(self, inertia=self.mass * sum(s * s for s in self.sides) / 36.0)
+
+
+@dataclass(frozen=True)
+class Plate:
+    """A rigid link of any shape with two joints or more.
+
+    Args:
+        points: (x, y) of each joint in axes that turn with the link, its centre of mass at the
+            origin, m. The body's angle is that of these axes.
+        mass, inertia: kg, and about the centre of mass, kg m^2.
+
+    Raises:
+        ValueError: fewer than two points, two in one place, or a number out of range.
+    """
+
+    points: tuple[tuple[float, float], ...]
+    mass: float = 0.1
+    inertia: float = 0.1
+
+    def __post_init__(self) -> None:
+        set_checked(self, positive, "mass")
+        set_checked(self, non_negative, "inertia")
+        given = entries("Plate.points", self.points, "a point (x, y) for each joint")
+        points = []
+        for point in given:
+            pair = entries("Plate.points", point, "a point (x, y) for each joint")
+            if len(pair) != 2:
+                raise ValueError(f"Plate.points has {shown(point)}, must have points (x, y)")
+            points.append((finite("Plate.points", pair[0]), finite("Plate.points", pair[1])))
+        if len({*points}) != len(points) or len(points) < 2:
+            raise ValueError(f"Plate.points is {points}, must be two different points or more")
+        object.__setattr__(self, "points", tuple(points))
+
+    @classmethod
+    def uniform(cls, points: Sequence[tuple[float, float]], mass: float = 0.1) -> Plate:
+        """A uniform plate over the largest triangle of its joints, or a rod if they are in line.
+
+        Args:
+            points: (x, y) of each joint in any axes, m. mass: kg.
+
+        Raises:
+            ValueError: as for the class.
+        """
+        place = np.array(cls(tuple(points), mass).points)
+
+        def doubled_area(corners: tuple[int, ...]) -> float:
+            (a, b), (c, d) = place[corners[1:], :] - place[corners[0]]
+            return float(abs(a * d - b * c))
+
+        triangles = [*itertools.combinations(range(len(place)), 3)]
+        largest = max(triangles, key=doubled_area, default=())
+        span = place - place[0]
+        if largest and doubled_area(largest) > 1e-9 * float((span**2).sum()):
+            corners, share = place[list(largest)], 12.0
+        else:
+            along = span @ span[(span**2).sum(axis=1).argmax()]
+            corners, share = place[[along.argmin(), along.argmax()]], 6.0
+        centre = corners.mean(axis=0)
+        inertia = mass * float(((corners - centre) ** 2).sum()) / share
+        return cls(tuple((x, y) for x, y in (place - centre).tolist()), mass, inertia)
+
+    @property
+    def corners(self) -> Corners:
+        """See :data:`Corners`."""
+        return tuple((math.hypot(x, y), math.atan2(y, x)) for x, y in self.points)
+
+    def distance(self, one: int, other: int) -> float:
+        """Between two different joints, m."""
+        return math.dist(self.points[one], self.points[other])
+
+    def slender(self) -> Plate:
+        """The same plate with its mass spread as :meth:`uniform` spreads it."""
+        return Plate.uniform(self.points, self.mass)
+
+
+Link = Bar | Triangle | Plate
+Corners = tuple[tuple[float, float], ...]
+"""(c, o) of each joint of a link: it is at the centre of mass + c (cos, sin)(theta + o), m, rad."""
 
 
 @dataclass(frozen=True)
@@ -164,7 +255,8 @@ class Leg:
     """One leg: which way it faces, and the angle of its crank ahead of the first crank.
 
     Args:
-        side: ``"fore"`` is the paper's forepaw (its frame reaches to -x), ``"back"`` its mirror.
+        side: ``"fore"`` is the leg as its linkage has it (the paper's frame reaches to -x),
+            ``"back"`` its mirror image.
         phase: crank angle of this leg minus the robot's crank angle, rad.
     """
 

@@ -1,20 +1,21 @@
-"""The robot: every leg the same linkage, all cranks on one shaft."""
+"""A robot: every leg the same linkage, all cranks on one shaft."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from jansen_env.checks import entries, finite, instance, non_negative, positive, shown
+from jansen_env.robot.linkage import CRANK, FRAME, JANSEN, Linkage
 from jansen_env.robot.links import (
-    BEARINGS,
-    BODIES,
     CRANK_RADIUS,
-    JOINT_PAIRS,
     RIGID,
     Bar,
     Compliance,
     Leg,
+    Link,
     Payload,
     Triangle,
     phased_legs,
@@ -22,24 +23,33 @@ from jansen_env.robot.links import (
 )
 from jansen_env.robot.motor import IDEAL, Motor
 
-# Triangle 4's constraint equations use the printed centroid data, 1.0101 times (L4, L10, L5).
-_PAPER_TRIANGLE_4 = Triangle(d=0.122562, l=0.170599, h=0.178215, alpha=1.87097, gamma=1.98742)
-_PAPER_TRIANGLE_8 = Triangle(d=0.147877, l=0.205316, h=0.252632, alpha=1.57408, gamma=2.19281)
+PAPER_BODIES = (
+    Bar(0.32436),
+    Bar(CRANK_RADIUS),
+    Bar(0.34885),
+    # The constraint equations use the printed centroid data, 1.0101 times (L4, L10, L5).
+    Triangle(d=0.122562, l=0.170599, h=0.178215, alpha=1.87097, gamma=1.98742),
+    Bar(0.23508),
+    Bar(0.38322),
+    Bar(0.23934),
+    Triangle(d=0.147877, l=0.205316, h=0.252632, alpha=1.57408, gamma=2.19281, outward=True),
+)
+"""Bodies 1 to 8, with the masses and inertias of Table 1."""
 
 
 @dataclass(frozen=True)
 class Robot:
-    """A Jansen walker: every leg the same linkage, all cranks on one shaft. Default: the paper's.
+    """A walker: every leg the same linkage, all cranks on one shaft. Default: the paper's.
 
     Args:
-        frame, frame_angle: P to O, its length and its angle in the chassis frame (fore legs).
-        crank, upper_rod, upper_triangle, rocker, lower_rod, coupler, foot: the other bodies.
-        damping: viscous coefficient of each pair in :data:`JOINT_PAIRS`, N m s / rad.
+        linkage: the topology of a leg. bodies: its links, in the order of ``linkage.bodies``.
+        frame_angle: angle of the frame in the chassis frame (fore legs).
+        damping: viscous coefficient of each of ``linkage.damped``, N m s / rad.
         legs: at least one; the first one's crank defines the crank angle, so its phase is 0.
         pad_radius: radius of the round pads at toes and outer joints, m.
         payload: extra rigid load on the chassis.
         motor: what turns the crank; pad_compliance: how the pads give.
-        bearing_friction: Coulomb friction torque of each pair in :data:`BEARINGS`, N m.
+        bearing_friction: Coulomb friction torque of each of ``linkage.bearings``, N m.
 
     Raises:
         ValueError: an argument of another kind or out of range.
@@ -47,34 +57,27 @@ class Robot:
             when a robot is compiled).
     """
 
-    frame: Bar = Bar(0.32436)
+    linkage: Linkage = JANSEN
+    bodies: tuple[Link, ...] = PAPER_BODIES
     frame_angle: float = math.atan2(0.04632, 0.32436)
-    crank: Bar = Bar(CRANK_RADIUS)
-    upper_rod: Bar = Bar(0.34885)
-    upper_triangle: Triangle = _PAPER_TRIANGLE_4
-    rocker: Bar = Bar(0.23508)
-    lower_rod: Bar = Bar(0.38322)
-    coupler: Bar = Bar(0.23934)
-    foot: Triangle = _PAPER_TRIANGLE_8
-    damping: tuple[float, ...] = (0.1,) * len(JOINT_PAIRS)
+    damping: tuple[float, ...] = (0.1,) * len(JANSEN.damped)
     legs: tuple[Leg, ...] = field(default_factory=lambda: phased_legs(2))
     pad_radius: float = 0.01
     payload: Payload = Payload()
     motor: Motor = IDEAL
     pad_compliance: Compliance = RIGID
-    bearing_friction: tuple[float, ...] = (0.0,) * len(BEARINGS)
+    bearing_friction: tuple[float, ...] = (0.0,) * len(JANSEN.bearings)
 
     def __post_init__(self) -> None:
-        for name in BODIES:
-            kind = Triangle if name in ("upper_triangle", "foot") else Bar
-            instance(f"Robot.{name}", getattr(self, name), kind)
+        instance("Robot.linkage", self.linkage, Linkage)
+        self._set_bodies()
         instance("Robot.payload", self.payload, Payload)
         instance("Robot.motor", self.motor, Motor)
         instance("Robot.pad_compliance", self.pad_compliance, Compliance)
         set_checked(self, finite, "frame_angle")
         set_checked(self, positive, "pad_radius")
-        self._set_pairs("damping", "joint pairs", JOINT_PAIRS)
-        self._set_pairs("bearing_friction", "bearings", BEARINGS)
+        self._set_pairs("damping", "joint pairs", self.linkage.damped)
+        self._set_pairs("bearing_friction", "bearings", self.linkage.bearings)
         object.__setattr__(self, "legs", entries("Robot.legs", self.legs, "at least one Leg"))
         if not self.legs:
             raise ValueError("Robot.legs is empty, must have at least one Leg")
@@ -88,6 +91,24 @@ class Robot:
                 "defines the crank angle"
             )
 
+    def _set_bodies(self) -> None:
+        """Check that each body is a link with as many joints as its linkage says."""
+        named = self.linkage.bodies
+        bodies = entries("Robot.bodies", self.bodies, f"a link for each of {self.linkage.names}")
+        if len(bodies) != len(named):
+            raise ValueError(
+                f"Robot.bodies has {len(bodies)} links, must have one for each of "
+                f"{self.linkage.names}"
+            )
+        for (name, joints), body in zip(named, bodies, strict=True):
+            if not isinstance(body, Link) or len(body.corners) != len(joints):
+                kinds = {2: "a Bar", 3: "a Triangle"}.get(len(joints), "a Plate")
+                raise ValueError(
+                    f"Robot.bodies: {name} is {shown(body)}, must be {kinds} or a Plate with "
+                    f"joints {joints}"
+                )
+        object.__setattr__(self, "bodies", tuple(bodies))
+
     def _set_pairs(self, name: str, label: str, pairs: tuple[tuple[int, int], ...]) -> None:
         """Check a field with one number for each of some pairs of bodies."""
         each = f"one number for each of the {len(pairs)} {label} {pairs}"
@@ -97,10 +118,38 @@ class Robot:
         checked = tuple(non_negative(f"Robot.{name}", value) for value in values)
         object.__setattr__(self, name, checked)
 
+    def body(self, name: str) -> Any:
+        """The link with a name of ``linkage.names``. Raises ValueError: another name."""
+        self._check_names((name,))
+        return self.bodies[self.linkage.names.index(name)]
+
+    def with_bodies(self, **links: Link) -> Robot:
+        """The same robot with other links, by their names. Raises ValueError: another name."""
+        self._check_names(links)
+        pairs = zip(self.linkage.names, self.bodies, strict=True)
+        return replace(self, bodies=tuple(links.get(name, body) for name, body in pairs))
+
+    def _check_names(self, names: Iterable[str]) -> None:
+        for name in names:
+            if name not in self.linkage.names:
+                raise ValueError(f"body is {shown(name)}, must be one of {self.linkage.names}")
+
     @property
-    def bodies(self) -> tuple[Bar | Triangle, ...]:
-        """Bodies 1 to 8 of a leg."""
-        return tuple(getattr(self, name) for name in BODIES)
+    def frame(self) -> Link:
+        """What all legs of a side hang on."""
+        return self.bodies[FRAME - 1]
+
+    @property
+    def crank(self) -> Link:
+        """What turns on the axis."""
+        return self.bodies[CRANK - 1]
+
+    @property
+    def toes(self) -> tuple[tuple[int, int], ...]:
+        """(leg, joint) of each toe as indices, leg by leg."""
+        count = len(self.linkage.toes)
+        joints = [joint for joint, _ in self.linkage.all_pads[:count]]
+        return tuple((leg, joint) for leg in range(len(self.legs)) for joint in joints)
 
     @property
     def links_mass(self) -> float:
@@ -126,4 +175,4 @@ class Robot:
 
     def with_slender_inertias(self) -> Robot:
         """The same robot with rods of inertia m L^2 / 12 and triangles as uniform plates."""
-        return replace(self, **{name: getattr(self, name).slender() for name in BODIES})
+        return replace(self, bodies=tuple(body.slender() for body in self.bodies))

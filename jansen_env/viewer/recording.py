@@ -18,12 +18,11 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from jansen_env.checks import finite, instance, shown, within
+from jansen_env.checks import finite, instance, shown, whole_number, within
 from jansen_env.files import open_regular, write_bytes
-from jansen_env.robot.kinematics import JOINTS, SKELETON
-from jansen_env.viewer.web.geometry import SLIP, TRIANGLES
+from jansen_env.viewer.web.geometry import SLIP
 
-FORMAT = "jansen_env recording 1"
+FORMAT = "jansen_env recording 2"
 MOST_STEPS = 20_000  # of a recording
 LARGEST = 1e12  # of any number in it
 SHORTEST = 1e-9  # s, of a step: what comes of it, power for one, is a float32 in a page
@@ -42,6 +41,8 @@ LIMITS = {
     "frames": (2, MOST_STEPS + 1),
     "steps": (1, MOST_STEPS),
     "legs": (1, 256),
+    "toes": (1, 1024),
+    "joints": (3, 64),
     "states": (1, 64),
     "observed": (0, 100_000),
     "energies": (1, 64),
@@ -53,18 +54,18 @@ SHAPES: dict[str, tuple[str, tuple[str | int, ...]]] = {
     "time": ("<f8", ("frames",)),
     "state": ("<f8", ("frames", "states")),
     "pose": ("<f8", ("frames", 4)),
-    "joints": ("<f4", ("frames", "legs", len(JOINTS), 2)),
+    "joints": ("<f4", ("frames", "legs", "joints", 2)),
     "command": ("<f8", ("frames",)),
     "speed": ("<f8", ("frames",)),
     "torque": ("<f8", ("frames",)),
     "weight": ("<f8", ("frames",)),
-    "contact": ("|i1", ("frames", "legs")),
-    "contact_point": ("<f8", ("frames", "legs", 2)),
-    "contact_force": ("<f8", ("frames", "legs", 2)),
+    "contact": ("|i1", ("frames", "toes")),
+    "contact_point": ("<f8", ("frames", "toes", 2)),
+    "contact_force": ("<f8", ("frames", "toes", 2)),
     "observation": ("<f4", ("frames", "observed")),
     "action": ("<f4", ("steps", "actions")),
     "reward": ("<f8", ("steps",)),
-    "slip": ("<f8", ("steps", "legs")),
+    "slip": ("<f8", ("steps", "toes")),
     "energy": ("<f8", ("steps", "energies")),
     "terrain": ("<f8", ("vertices", 2)),
 }
@@ -81,15 +82,14 @@ class Recording:
     Args:
         time: (n + 1,) s. state: (n + 1, k) of the plant: x, y, theta, psi and their rates, or psi
             and its rate where the frame is held. pose: (n + 1, 4) x, y, theta, psi, m and rad.
-        joints: (n + 1, legs, 8, 2) m, world frame, joints in the order of
-            :data:`jansen_env.robot.kinematics.JOINTS`.
+        joints: (n + 1, legs, joints, 2) m, world frame, in the order of ``scene["joints"]``.
         command: (n + 1,) of the step that begins there, and speed: (n + 1,) in
             ``scene["speedUnit"]``. torque: (n + 1,) N m.
         weight: (n + 1,) N, of the robot, positive.
-        contact: (n + 1, legs) 0 in the air, 1 grip, 2 slip. contact_point: (n + 1, legs, 2) m;
-            contact_force: (n + 1, legs, 2) mean force of the ground on each toe, N, world frame.
+        contact: (n + 1, toes) 0 in the air, 1 grip, 2 slip. contact_point: (n + 1, toes, 2) m;
+            contact_force: (n + 1, toes, 2) mean force of the ground on each toe, N, world frame.
         observation: (n + 1, d) and action: (n, a), flattened, as the policy has them; reward: (n,).
-        slip: (n, legs) m slid by each toe while loaded. energy: (n, e) J, see ``energies``.
+        slip: (n, toes) m slid by each toe while loaded. energy: (n, e) J, see ``energies``.
         terrain: (v, 2) vertices of the ground, m; v = 0 where there is none.
         scene: see :func:`jansen_env.viewer.web.geometry.scene_of`, without its terrain.
         energies: (e,) names of the energies. observed: (d,) names and units of the observation; ()
@@ -151,7 +151,7 @@ class Recording:
             raise ValueError("contact has other numbers than 0, 1 and 2")
         if len(self.terrain) == 1 or (np.diff(self.terrain[:, 0]) <= 0.0).any():
             raise ValueError("terrain must have x that increases, and none or two and more points")
-        _check_scene(self.scene, sizes["legs"])
+        _check_scene(self.scene, sizes)
         far, reach = np.abs(self.pose[:, :2]).max(), self.scene["reach"]
         if far > FARTHEST * reach:
             raise ValueError(
@@ -340,20 +340,16 @@ def _check_array(
         raise ValueError(f"{name} has {value}, must have finite numbers up to {LARGEST:g}")
 
 
-def _check_scene(scene: Any, legs: int) -> None:
+def _check_scene(scene: Any, sizes: dict[str, int]) -> None:
     """Check what is drawn."""
     instance("scene", scene, dict)
-    known = {"joints": list(JOINTS), "skeleton": [*map(list, SKELETON)], "triangles": TRIANGLES}
     names = {"legs", "payload", "padRadius", "reach", "weight", "torqueLimit", "speedUnit",
-             "speedRange", "controlDt", *known}  # fmt: skip
+             "speedRange", "controlDt", "joints", "toes", "frame", "crank", "skeleton",
+             "plates"}  # fmt: skip
     if {*scene} != names:
         raise ValueError(f"scene has {shown(sorted(scene))}, must have {sorted(names)}")
-    for name, value in known.items():
-        if scene[name] != value:
-            raise ValueError(f"scene[{name!r}] is {shown(scene[name])}, must be {value}")
+    _check_drawing(scene, sizes)
     instance("scene['legs']", scene["legs"], list)
-    if len(scene["legs"]) != legs:
-        raise ValueError(f"scene has {len(scene['legs'])} legs, must have {legs}")
     for leg in scene["legs"]:
         if not isinstance(leg, dict) or {*leg} != {"side", "depth"}:
             raise ValueError(f"a leg is {shown(leg)}, must have side and depth")
@@ -369,6 +365,26 @@ def _check_scene(scene: Any, legs: int) -> None:
             raise ValueError(f"payload is {shown(load)}, must have mass, x and y, or be None")
         for name, value in load.items():
             within(f"payload's {name}", value, -LARGEST, LARGEST)
+
+
+def _check_drawing(scene: dict[str, Any], sizes: dict[str, int]) -> None:
+    """Check what :func:`jansen_env.viewer.web.geometry.drawing_of` gives."""
+    for name in ("legs", "toes", "joints"):
+        instance(f"scene[{name!r}]", scene[name], list)
+        if len(scene[name]) != sizes[name]:
+            raise ValueError(f"scene has {len(scene[name])} {name}, must have {sizes[name]}")
+    for name in scene["joints"]:
+        _check_text("a joint's name", name)
+    joints = sizes["joints"]
+    for name in ("toes", "frame", "crank", "skeleton", "plates"):
+        groups_of = instance(f"scene[{name!r}]", scene[name], list)
+        least, most = (3, joints) if name == "plates" else (2, 2)
+        for numbers in groups_of:
+            if not isinstance(numbers, list) or not least <= len(numbers) <= most:
+                raise ValueError(f"scene[{name!r}] has {shown(numbers)}, must be joints")
+            for k, number in enumerate(numbers):
+                of = "legs" if (name, k) == ("toes", 0) else "joints"
+                whole_number(f"scene[{name!r}]", number, sizes[of] - 1)
 
 
 def _check_text(name: str, value: Any) -> None:

@@ -169,7 +169,7 @@ class HeldRobots(ActuatedRobots):
     def frame(self, row: int, command: float | None) -> Frame:
         """Return the picture data of a robot as it stands."""
         angle, speed = self.plant.states[row].tolist()
-        none = np.zeros((len(self.robots[row].legs), 2))
+        none = np.zeros((len(self.robots[row].toes), 2))
         return Frame(
             q=np.array([0.0, 0.0, 0.0, angle]), contact_point=none, contact_tangent=none,
             contact_force=none, slipping=none[:, 0] > 0.0, command=command, speed=speed,

@@ -12,11 +12,11 @@ import pytest
 
 from jansen_env import ROBOTS, Bar, Payload
 from jansen_env.dynamics import projection as pr
-from jansen_env.dynamics.joint_forces import CORNERS, PINS, joint_forces
-from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS, pad_layout
+from jansen_env.dynamics.joint_forces import joint_forces
+from jansen_env.dynamics.pads import pad_layout
 from jansen_env.gravity import GRAVITY
-from jansen_env.robot import BEARINGS, JOINT_PAIRS
-from jansen_env.robot.kinematics import JOINTS, T, coordinates, joint_positions
+from jansen_env.robot import JANSEN
+from jansen_env.robot.kinematics import coordinates, joint_positions
 
 G = GRAVITY
 LOAD = Payload(mass=1.7, inertia=0.3, position=(0.2, 0.4))
@@ -31,9 +31,10 @@ def laden(robot):
 
 
 def periodic(robot, side, psi):
-    """(3, 24) of a leg at psi: value and first two d/dpsi of 8 angles, 8 centres, 8 joints."""
+    """(3, n) of a leg at psi: value and first two d/dpsi of angles, centres and joints."""
     turn = 2.0 * math.pi * np.arange(SAMPLES) / SAMPLES
-    x = coordinates(robot, side, turn).reshape(SAMPLES, 8, 3)
+    bodies = len(robot.bodies)
+    x = coordinates(robot, side, turn).reshape(SAMPLES, bodies, 3)
     angle = np.unwrap(x[..., 0], axis=0)
     angle[:, 1] -= turn  # the crank's goes round
     joints = joint_positions(robot, side, turn)
@@ -41,7 +42,7 @@ def periodic(robot, side, psi):
     n = np.fft.fftfreq(SAMPLES, 1.0 / SAMPLES)[:, None]
     waves = np.fft.fft(f, axis=0) / SAMPLES * np.exp(1j * n * psi)
     found = np.array([(waves * (1j * n) ** order).sum(axis=0) for order in range(3)])
-    found[:, :8] = found[:, :8].real
+    found[:, :bodies] = found[:, :bodies].real
     found[:2, 1] += psi, 1.0
     return found
 
@@ -52,30 +53,28 @@ class Moving:
     def __init__(self, robot, q, v, a):
         legs = [periodic(robot, leg.side, q[3] + leg.phase) for leg in robot.legs]
         f, df, ddf = np.moveaxis(legs, 1, 0)
+        bodies = len(robot.bodies)
         axis, turn, w, n = q[0] + 1j * q[1], np.exp(1j * q[2]), v[2], v[3]
-        self.spin = w + n * df[:, :8].real
-        self.spin_rate = a[2] + a[3] * df[:, :8].real + n * n * ddf[:, :8].real
-        place, slope, curve = f[:, 8:], df[:, 8:], ddf[:, 8:]
+        self.spin = w + n * df[:, :bodies].real
+        self.spin_rate = a[2] + a[3] * df[:, :bodies].real + n * n * ddf[:, :bodies].real
+        place, slope, curve = f[:, bodies:], df[:, bodies:], ddf[:, bodies:]
         relative = (1j * a[2] - w * w) * place + (2j * w * n + a[3]) * slope + n * n * curve
         world, acceleration = axis + turn * place, a[0] + 1j * a[1] + turn * relative
-        self.centre, self.joint = np.split(world, 2, axis=1)
-        self.acceleration = acceleration[:, :8]
-        self.joint_slope, self.angle_slope = turn * slope[:, 8:], df[:, :8].real  # d/dpsi
+        self.centre, self.joint = np.split(world, [bodies], axis=1)
+        self.acceleration = acceleration[:, :bodies]
+        self.joint_slope, self.angle_slope = turn * slope[:, bodies:], df[:, :bodies].real
         self.axis = axis
 
 
 def pads(robot):
     """Leg, joint and body (from 0) of each pad, toes first."""
-    layout = pad_layout(robot)
-    return [
-        (leg, PAD_JOINTS[kind], PAD_BODIES[kind] - 1)
-        for leg, kind in zip(layout.leg, layout.joint, strict=True)
-    ]
+    layout, known = pad_layout(robot), robot.linkage.all_pads
+    return [(leg, *known[kind]) for leg, kind in zip(layout.leg, layout.joint, strict=True)]
 
 
 def misses(forces, moving, contact):
     """(legs, 8) force and moment left over of m a = sum F and J alpha = sum M of every body."""
-    robot = forces.robot
+    robot, linkage = forces.robot, forces.robot.linkage
     mass = np.array([body.mass for body in robot.bodies])
     inertia = np.array([body.inertia for body in robot.bodies])
     force = mass * (moving.acceleration + 1j * G)  # wanted: all but the weight
@@ -87,22 +86,22 @@ def misses(forces, moving, contact):
         moment[:, body] -= (arm.conjugate() * given).imag
 
     corner = forces.corner_forces() @ [1.0, 1.0j]
-    for k, (body, joint) in enumerate(CORNERS):
-        act(body - 1, moving.joint[:, JOINTS.index(joint)], corner[:, k])
+    for k, (body, joint) in enumerate(linkage.corners):
+        act(body - 1, moving.joint[:, linkage.joints.index(joint)], corner[:, k])
     for k, (leg, joint, body) in enumerate(pads(robot)):
         moment[leg, body] -= contact[k, 2]
-        if joint != T:  # the toe's force is in the corner's
+        if k >= len(robot.toes):  # a toe's force is in the corner's
             push = np.zeros(len(robot.legs), complex)
             push[leg] = complex(*contact[k, :2])
             act(body, moving.joint[:, joint], push)
     act(0, moving.axis, forces.frame[:, :2] @ [1.0, 1.0j])
     moment[:, 0] -= forces.frame[:, 2]
     moment[:, 1] -= forces.shaft
-    for (i, j), viscous in zip(JOINT_PAIRS, robot.damping, strict=True):
+    for (i, j), viscous in zip(linkage.damped, robot.damping, strict=True):
         given = viscous * (moving.spin[:, j - 1] - moving.spin[:, i - 1])
         moment[:, i - 1] -= given
         moment[:, j - 1] += given
-    for (i, j), dry in zip(BEARINGS, robot.bearing_friction, strict=True):
+    for (i, j), dry in zip(linkage.bearings, robot.bearing_friction, strict=True):
         given = dry * np.sign(moving.spin[:, j - 1] - moving.spin[:, i - 1])
         moment[:, i - 1] -= given
         moment[:, j - 1] += given
@@ -123,7 +122,7 @@ def test_newton_and_euler_hold_for_every_body(laden, random_state, rng, fixed_ba
     for _ in range(3):
         q, v, torque, contact = draw(laden, random_state, rng, fixed_base)
         forces = joint_forces(laden, q, v, torque, contact, fixed_base=fixed_base)
-        assert (forces.toe == contact[: len(laden.legs), :2]).all()
+        assert (forces.toe == contact[: len(laden.toes), :2]).all()
         moving = Moving(laden, q, v, forces.q_ddot)
         assert misses(forces, moving, contact).max() <= 1e-11 * forces.magnitude.max()
         assert np.abs(forces.joints @ [1.0, 1.0j] - moving.joint).max() <= 1e-12
@@ -191,7 +190,9 @@ def test_at_a_standstill_bearings_and_gear_share_what_they_hold(fixed_base):
     q, rest, torque = np.array([0.1, 0.2, 0.3, 1.2]), np.zeros(4), 0.4
     free = joint_forces(robot, q, rest, torque, fixed_base=fixed_base)
     sliding = joint_forces(robot, q, 1e-12 * np.eye(4)[3], torque, fixed_base=fixed_base)
-    slope = Moving(robot, q, np.eye(4)[3], np.zeros(4)).angle_slope[:, np.array(BEARINGS) - 1]
+    slope = Moving(robot, q, np.eye(4)[3], np.zeros(4)).angle_slope[
+        :, np.array(JANSEN.bearings) - 1
+    ]
     turning = slope[..., 1] - slope[..., 0]
     most = (np.abs(turning) @ robot.bearing_friction).sum() + robot.motor.friction
     held = joint_forces(robot, q, rest, torque, dry=-0.5 * most, fixed_base=fixed_base)
@@ -202,37 +203,44 @@ def test_at_a_standstill_bearings_and_gear_share_what_they_hold(fixed_base):
     assert np.abs(free.pin - sliding.pin).max() > 0.1
 
 
-BARS = {2: "crank", 3: "upper_rod", 5: "rocker", 6: "lower_rod", 7: "coupler"}
+def bars(robot, first):
+    """Name, link and the corners at both ends of each bar from a body number on."""
+    for body, (name, link) in enumerate(
+        zip(robot.linkage.names, robot.bodies, strict=True), start=1
+    ):
+        if body >= first and isinstance(link, Bar):
+            yield name, link, [k for k, (k_, _) in enumerate(robot.linkage.corners) if k_ == body]
 
 
-@pytest.mark.parametrize("body, name", BARS.items(), ids=BARS.values())
-def test_virtual_work_of_a_longer_bar(robot, rng, body, name):
+def test_virtual_work_of_a_longer_bar(robot, rng):
     """At rest, crank held: a bar's mean axial load is -dV/dL, V the potential energy of its leg."""
-    link, psi, h = getattr(robot, name), rng.uniform(-3.0, 3.0), 1e-4
-    forces = joint_forces(robot, np.array([0.0, 0.0, 0.0, psi]), np.zeros(4), fixed_base=True,
-                          q_ddot=np.zeros(4))  # fmt: skip
-    ends = [k for k, (other, _) in enumerate(CORNERS) if other == body]
-    weight = G * np.array([part.mass for part in robot.bodies])
-    for loads, leg in zip(forces.link_loads()[:, ends, 0], robot.legs, strict=True):
+    weight, h = G * np.array([part.mass for part in robot.bodies]), 1e-4
+    for name, link, ends in bars(robot, first=2):
+        psi = rng.uniform(-3.0, 3.0)
+        forces = joint_forces(robot, np.array([0.0, 0.0, 0.0, psi]), np.zeros(4), fixed_base=True,
+                              q_ddot=np.zeros(4))  # fmt: skip
+        for loads, leg in zip(forces.link_loads()[:, ends, 0], robot.legs, strict=True):
 
-        def potential(change, leg=leg):
-            longer = replace(robot, **{name: replace(link, length=link.length + change)})
-            return coordinates(longer, leg.side, psi + leg.phase)[2::3] @ weight
+            def potential(change, leg=leg, psi=psi, name=name, link=link):
+                longer = robot.with_bodies(**{name: replace(link, length=link.length + change)})
+                return coordinates(longer, leg.side, psi + leg.phase)[2::3] @ weight
 
-        near, far = (potential(s) - potential(-s) for s in (h, 2.0 * h))
-        assert loads.mean() == pytest.approx(-(8.0 * near - far) / (12.0 * h), abs=1e-8)
+            near, far = (potential(s) - potential(-s) for s in (h, 2.0 * h))
+            assert loads.mean() == pytest.approx(-(8.0 * near - far) / (12.0 * h), abs=1e-7)
 
 
 def test_loads_of_a_massless_bar_are_tension_or_compression(robot, random_state, rng):
     """Both ends pulled alike, no shear, at any motion: 1e-12 kg leave 1e-9 of the largest force."""
-    names = ("upper_rod", "rocker", "lower_rod", "coupler")
-    light = {name: Bar(getattr(robot, name).length, 1e-12, 0.0) for name in names}
-    robot = replace(robot, damping=(0.0,) * 10, bearing_friction=(0.0,) * 10, **light)
+    light = {name: Bar(link.length, 1e-12, 0.0) for name, link, _ in bars(robot, first=3)}
+    pins = len(robot.damping)
+    robot = replace(robot, damping=(0.0,) * pins, bearing_friction=(0.0,) * pins)
+    robot = robot.with_bodies(**light)
     q, v, torque, contact = draw(robot, random_state, rng, False)
-    forces = joint_forces(robot, q, v, torque, contact[: len(robot.legs)])
+    forces = joint_forces(robot, q, v, torque, contact[: len(robot.toes)])
     loads, scale = forces.link_loads(), forces.magnitude.max()
-    for body in (3, 5, 6, 7):
-        ends = [k for k, (other, _) in enumerate(CORNERS) if other == body]
+    for *_, ends in bars(robot, first=3):
+        if any(robot.linkage.corners[end][1] in robot.linkage.toes for end in ends):
+            continue  # the ground pushes on it
         (one, other), shear = loads[:, ends, 0].T, loads[:, ends, 1]
         assert np.abs(one - other).max() <= 1e-9 * scale
         assert np.abs(shear).max() <= 1e-9 * scale
@@ -260,12 +268,16 @@ def test_many_instants_are_each_one(laden, random_state, rng):
 def test_bearing_does_not_depend_on_how_links_are_paired(laden, random_state, rng):
     """Every corner but the toe; at joints of two links both bear as much, at three they add up."""
     q, v, torque, contact = draw(laden, random_state, rng, False)
-    forces = joint_forces(laden, q, v, torque, contact[: len(laden.legs)])
+    forces = joint_forces(laden, q, v, torque, contact[: len(laden.toes)])
     corner, bearing = forces.corner_forces(), forces.bearing
-    assert bearing.shape == (len(laden.legs), 17)
-    assert bearing == pytest.approx(np.hypot(corner[:, :17, 0], corner[:, :17, 1]), abs=1e-12)
-    for joint in "OABPCDE":
-        at = [k for k, (_, name) in enumerate(CORNERS) if name == joint]
+    linkage = laden.linkage
+    held = [k for k, (_, joint) in enumerate(linkage.corners) if joint not in linkage.toes]
+    free = [k for k, (_, joint) in enumerate(linkage.holes) if joint not in linkage.toes]
+    assert bearing.shape == (len(laden.legs), len(linkage.holes))
+    size = np.hypot(corner[:, held, 0], corner[:, held, 1])
+    assert bearing[:, free] == pytest.approx(size, abs=1e-12)
+    for joint in {*linkage.joints} - {*linkage.toes}:
+        at = [k for k, (_, name) in enumerate(linkage.corners) if name == joint]
         scale = np.abs(corner).max()
         assert np.abs(corner[:, at].sum(axis=1)).max() <= 1e-12 * scale  # action and reaction
 
@@ -274,14 +286,16 @@ def test_bearing_does_not_depend_on_how_links_are_paired(laden, random_state, rn
 def test_pins_are_the_papers_constraints(robot, side):
     """Each pair of rows is x_body - x_other + ..., closed at the joint the pin is named after."""
     x = coordinates(robot, side, 0.7)
-    joints, (angle, place) = joint_positions(robot, side, 0.7), (x[0::3], x.reshape(8, 3)[:, 1:])
-    for pin, closure in zip(PINS, pr.leg_closures(robot, side), strict=True):
+    joints, (angle, place) = joint_positions(robot, side, 0.7), (x[0::3], x.reshape(-1, 3)[:, 1:])
+    linkage = robot.linkage
+    for pin, closure in zip(linkage.pins, pr.leg_closures(robot, side), strict=True):
         assert (pin.body, pin.other) == (closure.plus, closure.minus)
-        assert {(pin.body, pin.joint), (pin.other, pin.joint)} <= set(CORNERS)
+        assert {(pin.body, pin.joint), (pin.other, pin.joint)} <= set(linkage.corners)
         corner = place[pin.other - 1].copy()  # its arm is minus the other body's own terms
         for term in closure.terms:
             if term.body == pin.other:
                 turned = angle[term.body - 1] + term.offset
                 corner -= term.coefficient * np.array([math.cos(turned), math.sin(turned)])
-        assert corner == pytest.approx(joints[JOINTS.index(pin.joint)], abs=1e-12)
-    assert str(PINS[1]) == "A23" and len({str(pin) for pin in PINS}) == 10
+        assert corner == pytest.approx(joints[linkage.joints.index(pin.joint)], abs=1e-12)
+    assert len({str(pin) for pin in linkage.pins}) == len(linkage.pins)
+    assert str(JANSEN.pins[1]) == "A23"

@@ -9,7 +9,6 @@ import pytest
 from jansen_env import Bar, LinkageError, Payload, Robot, paper_robot
 from jansen_env.dynamics import projection as pr
 from jansen_env.dynamics import reduced as rd
-from jansen_env.dynamics.pads import PAD_BODIES, PAD_JOINTS
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.engine.tables import kernel_model
 from jansen_env.robot.kinematics import coordinates, joint_positions
@@ -94,22 +93,26 @@ def test_pads_follow_their_joints(robot, tables, rng):
         row = int(angle / width)
         t = angle - (row + 0.5) * width
         x, y, turn = (np.polynomial.Polynomial(c) for c in tables.pads[pads["table"][k], row].T)
-        place = joint_positions(robot, leg.side, psi + leg.phase)[PAD_JOINTS[layout.joint[k]]]
+        joint, body = robot.linkage.all_pads[layout.joint[k]]
+        place = joint_positions(robot, leg.side, psi + leg.phase)[joint]
         assert [pads["mirror"][k] * x(t), y(t)] == pytest.approx(place, abs=1e-12)
         leg_x = coordinates(robot, leg.side, psi + leg.phase)
-        body = 3 * (PAD_BODIES[layout.joint[k]] - 1)
         D = pr.orthogonal_complement(pr.constraint_matrix(robot, leg.side, leg_x), 4)
-        assert turn.deriv()(t) == pytest.approx(D[body, 3], abs=1e-9)
+        assert turn.deriv()(t) == pytest.approx(D[3 * body, 3], abs=1e-9)
         if leg.side == "fore":
-            assert np.exp(1j * turn(t)) == pytest.approx(np.exp(1j * leg_x[body]), abs=1e-12)
+            assert np.exp(1j * turn(t)) == pytest.approx(np.exp(1j * leg_x[3 * body]), abs=1e-12)
 
 
 def test_pads_are_all_toes_then_bumpers(robot, tables):
     """Toes in the order of legs; each leg's knee, ankle and hip corners; a pivot for each side."""
-    layout, legs = tables.layout, len(robot.legs)
-    assert layout.toes == legs and (layout.leg[:legs] == np.arange(legs)).all()
-    assert (layout.joint[:legs] == 0).all() and (layout.joint[legs:] > 0).all()
-    assert len(layout.leg) == legs + 4 * legs + len({leg.side for leg in robot.legs})
+    layout, linkage, sides = tables.layout, robot.linkage, {leg.side for leg in robot.legs}
+    toes, each = len(robot.toes), len(linkage.toes)
+    pads = [(leg, linkage.all_pads[k][0]) for leg, k in zip(layout.leg, layout.joint, strict=True)]
+    assert layout.toes == toes and (*pads[:toes],) == robot.toes
+    assert (layout.joint[:toes] < each).all() and (layout.joint[toes:] >= each).all()
+    frames = sum(body == 1 for _, body in linkage.pads)
+    others = (len(linkage.pads) - frames) * len(robot.legs) + frames * len(sides)
+    assert len(layout.leg) == toes + others
     assert len(set(zip(layout.leg, layout.joint, strict=True))) == len(layout.leg)
 
 
@@ -121,10 +124,10 @@ def test_built_in_tables_have_converged(tables):
 def test_a_linkage_near_a_singular_position_is_refused():
     """A crank of 0.16 m still turns, but its tables would be wrong; 0.2 m does not turn."""
     with pytest.raises(ValueError, match="tables have not converged") as error:
-        compile_robot(replace(Robot(), crank=Bar(0.16)))
+        compile_robot(Robot().with_bodies(crank=Bar(0.16)))
     assert not isinstance(error.value, LinkageError)
     with pytest.raises(LinkageError, match="does not close at crank angle"):
-        compile_robot(replace(Robot(), crank=Bar(0.2)))
+        compile_robot(Robot().with_bodies(crank=Bar(0.2)))
 
 
 def test_equal_robots_are_compiled_once():

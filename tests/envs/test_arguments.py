@@ -14,6 +14,7 @@ import jansen_env
 from jansen_env import Bar, Leg, Payload, Robot, Terrain, Triangle
 from jansen_env.envs.crank_env import JansenCrankEnv
 from jansen_env.envs.walker import JansenWalkerEnv, JansenWalkerVectorEnv
+from jansen_env.robot import JANSEN, Linkage, Plate
 from jansen_env.terrain.curriculum import Curriculum
 from jansen_env.world import argument_checks as arguments
 
@@ -46,6 +47,8 @@ MAKERS = {
     "from_sides": (
         Triangle.from_sides, {"first_second": 3.0, "second_third": 4.0, "third_first": 5.0}
     ),
+    "Plate": (Plate, {"points": ((0.0, 0.0), (1.0, 0.0))}),
+    "Linkage": (Linkage, {"bodies": JANSEN.bodies, "dyads": JANSEN.dyads, "toes": "T"}),
     "Leg": (Leg, {"side": "fore"}),
     "Payload": (Payload, {}),
     "Robot": (Robot, {}),
@@ -81,6 +84,8 @@ TAKEN = {
     ("crank", "time_step"): set(), ("walkers", "track_joint_forces"): set(),
     ("walkers", "max_episode_steps"): {"None"}, ("walkers", "info_keys"): {"None", "empty"},
     ("walkers", "threads"): {"None", "beyond a float", "beyond printing"},
+    ("Triangle", "outward"): {"flag"},
+    **{("Linkage", name): {"empty"} for name in ("pins", "damped", "bearings", "pads")},
 }  # fmt: skip
 """Of the environments' arguments: those of WRONG that are right."""
 
@@ -97,7 +102,7 @@ def test_wrong_values_are_refused_by_name(maker, argument):
     """ValueError with the argument's name and a message of a sane length, for all but a few."""
     make, needed = MAKERS[maker]
     taken = TAKEN.get((maker, argument), TAKEN.get(("*", argument), set()))
-    taken = taken if maker in ("walker", "crank", "walkers") else set()
+    taken = taken if maker in ("walker", "crank", "walkers", "Triangle", "Linkage") else set()
     for what, value in WRONG.items():
         if what in taken:
             make(**{**needed, argument: value})

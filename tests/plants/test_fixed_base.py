@@ -49,7 +49,7 @@ def test_accelerations_are_the_dense_projections(linkage, random_state, rng):
 
 def test_a_heavy_load_pins_the_walker_as_well(linkage):
     """The free plant under 10^9 kg, weightless: 1e-6 rad in 1 s, its own error of order h^2."""
-    heavy = replace(linkage, payload=Payload(1e9, 1e9), damping=paper_robot().damping)
+    heavy = replace(linkage, payload=Payload(1e9, 1e9), damping=(0.1,) * len(linkage.damping))
     pinned = started(heavy, gravity=0.0)
     pinned.step(1.5, 1.0)
     miss = []
@@ -88,7 +88,7 @@ def test_fourth_order_in_the_time_step():
 
 def test_energy_balance(linkage, rng):
     """Motor work = joint loss + energy change: 1e-6 of the loss over 10 s of changing torque."""
-    plant = started(replace(linkage, damping=paper_robot().damping))
+    plant = started(replace(linkage, damping=(0.1,) * len(linkage.damping)))
     start, change, miss, loss = plant.energy(), 0.0, 0.0, 0.0
     for _ in range(100):
         angle, torque = plant.state[0], rng.uniform(-1.0, 4.0)
@@ -98,7 +98,7 @@ def test_energy_balance(linkage, rng):
         change, miss = change + result.energy_change, miss + abs(result.energy_residual)
         loss += result.joint_loss
     assert change == pytest.approx(plant.energy() - start, abs=1e-9)
-    assert loss > 10.0 and miss <= 1e-6 * loss
+    assert loss > 5.0 and miss <= 1e-6 * loss
 
 
 def test_states_copies_and_pickles():

@@ -136,7 +136,7 @@ def pinned(robot=None, **arguments):
     return FixedBasePlant(robot or Robot(), **arguments)
 
 
-TOO_LONG = Robot(crank=Bar(0.2))
+TOO_LONG = Robot().with_bodies(crank=Bar(0.2))
 REFUSED = [
     *((make, {name: value}, None, f"{name} is {value}")
       for make in (projection, rigid_body, pinned)

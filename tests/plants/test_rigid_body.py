@@ -95,8 +95,11 @@ def test_it_stands_and_starts_like_the_projection_plant(name, phases):
         plant.reset(crank_angle=0.7)
     if phases > 1:  # two legs cannot stand
         weight = robot.mass * 9.81
-        share = 0.01 if robot.pad_compliance.rigid else 0.1
-        assert plants[0].lookahead().contact_force[:, 1].sum() == pytest.approx(weight, rel=share)
+        share = 0.02 if robot.pad_compliance.rigid else 0.1  # the crank is free to give way
+        carried = [plant.lookahead().contact_force[:, 1].sum() for plant in plants]
+        assert carried[0] == pytest.approx(weight, rel=share)
+        if robot.pad_compliance.rigid:
+            assert carried[0] == pytest.approx(carried[1], rel=0.005)
     torque = 1.0 if name == "built" else 3.0
     results = [plant.step(torque, 0.2) for plant in plants]
     one, other = (plant.state for plant in plants)

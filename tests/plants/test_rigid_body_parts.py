@@ -12,7 +12,7 @@ from jansen_env import ROBOTS, Motor, Terrain
 from jansen_env.dynamics.joint_forces import joint_forces
 from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.rigid_body import RigidBodyPlant
-from jansen_env.robot import BEARINGS, BODIES_PER_LEG, Compliance
+from jansen_env.robot import JANSEN, Compliance
 from jansen_env.robot.kinematics import coordinates
 
 FLYING = np.array([0.3, 5.0, 0.2, 1.1, 0.4, 1.0, -0.7, 2.0])
@@ -105,10 +105,10 @@ def test_dry_friction_holds_at_a_standstill(angle):
     for leg in robot.legs:
         psi = angle + leg.phase
         slope = np.diff([coordinates(robot, leg.side, psi + s) for s in (-step, step)], axis=0)[0]
-        slope = slope.reshape(BODIES_PER_LEG, 3)[:, 0] / (2.0 * step)
+        slope = slope.reshape(len(JANSEN.bodies), 3)[:, 0] / (2.0 * step)
         holds += sum(
             tau * abs(slope[j - 1] - slope[i - 1])
-            for (i, j), tau in zip(BEARINGS, robot.bearing_friction, strict=True)
+            for (i, j), tau in zip(JANSEN.bearings, robot.bearing_friction, strict=True)
         )
     rest = np.array([0.0, 5.0, 0.0, angle, 0.0, 0.0, 0.0, 0.0])
     plant.state = rest

@@ -77,7 +77,7 @@ def test_a_plate_is_a_triangle_with_a_hole(third):
 
 def test_the_foots_plate_keeps_a_rim():
     """The hole that a foot draws to its corner stays within the outline, 8 mm from each side."""
-    sides = built_robot().foot.sides
+    sides = built_robot().body("foot").sides
     a, b, c = sides
     half = 0.5 * sum(sides)
     area = math.sqrt(half * (half - a) * (half - b) * (half - c))
@@ -150,7 +150,7 @@ def test_bearings_have_the_friction_of_their_mean_load(loads):
     """The loads that the code has are those of a walk, within 1.5 N; mu r F, in tenths of mN m."""
     robot = built_robot()
     size = loads.mean.mean(axis=0)
-    found = [size[measured.pin_of(pair)] for pair in measured.BEARINGS]
+    found = [size[measured.pin_of(pair)] for pair in measured.JANSEN.bearings]
     np.testing.assert_allclose(BEARING_LOADS, found, atol=1.5)
     for torque, load in zip(robot.bearing_friction, BEARING_LOADS, strict=True):
         assert torque == pytest.approx(0.11 * 3e-3 * load, abs=5.1e-5)

@@ -19,11 +19,11 @@ from jansen_env import (
     paper_robot,
     phased_legs,
 )
-from jansen_env.robot import JOINT_PAIRS, ROBOTS
+from jansen_env.robot import JANSEN, ROBOTS
 from jansen_env.robot.kinematics import check_closure
 from jansen_env.terrain import make_terrain
 
-TRIANGLE = Robot().foot
+TRIANGLE = Robot().body("foot")
 
 REFUSED = {
     "length 0": (lambda: Bar(0.0), "Bar.length is 0.0"),
@@ -51,8 +51,11 @@ REFUSED = {
     "damping": (lambda: Robot(damping=(0.1,) * 9), "Robot.damping has 9 values"),
     "damping sign": (lambda: Robot(damping=(-0.1,) * 10), "Robot.damping is -0.1"),
     "damping number": (lambda: Robot(damping=0.1), r"Robot.damping is 0.1, must be one number"),
-    "body": (lambda: Robot(rocker=0.25), "Robot.rocker is 0.25, must be a Bar"),
-    "triangle body": (lambda: Robot(foot=Bar(0.25)), r"Robot.foot is Bar\(.*must be a Triangle"),
+    "body": (lambda: Robot().with_bodies(rocker=0.25), "rocker is 0.25, must be a Bar or a Plate"),
+    "triangle body": (
+        lambda: Robot().with_bodies(foot=Bar(0.25)),
+        r"foot is Bar\(.*must be a Triangle or a Plate",
+    ),
     "bearings": (lambda: Robot(bearing_friction=(0.1,)), "bearing_friction has 1 values"),
     "motor": (lambda: Robot(motor="strong"), "Robot.motor is 'strong', must be a Motor"),
     "pads": (lambda: Robot(pad_compliance=1e4), "Robot.pad_compliance is 10000.0"),
@@ -104,7 +107,7 @@ def test_bad_values_are_refused_by_name_and_value(make, message):
 def test_a_crank_that_cannot_turn_is_refused(change, joint, angle):
     """The error names the joint and the worst crank angle of a 0.5 degree search."""
     with pytest.raises(LinkageError, match=f"joint {joint} does not close at crank angle") as error:
-        check_closure(replace(Robot(), **change))
+        check_closure(Robot().with_bodies(**change))
     if angle is not None:
         named = float(str(error.value).split("crank angle ")[1].split(" rad")[0])
         assert abs(named - angle) <= 2.0 * math.pi / 720
@@ -112,7 +115,7 @@ def test_a_crank_that_cannot_turn_is_refused(change, joint, angle):
 
 def test_triangle_8_is_made_from_its_sides():
     """Sides (L7, L12, L8) give the paper's printed centroid data, to their last digit, 1e-5."""
-    made, printed = Triangle.from_sides(0.25342, 0.43599, 0.35948), Robot().foot
+    made, printed = Triangle.from_sides(0.25342, 0.43599, 0.35948), Robot().body("foot")
     for name in ("d", "l", "h", "alpha", "gamma"):
         assert getattr(made, name) == pytest.approx(getattr(printed, name), abs=1e-5), name
     assert printed.sides == pytest.approx((0.25342, 0.43599, 0.35948), abs=2e-6)
@@ -123,10 +126,10 @@ def test_triangle_4_is_a_little_larger_than_its_sides():
     factor = math.hypot(0.32436, 0.04632) / 0.32436
     assert factor == pytest.approx(1.0101, abs=5e-5)
     enlarged = factor * np.array([0.23529, 0.32338, 0.25134])
-    assert Robot().upper_triangle.sides == pytest.approx(enlarged, rel=1e-5)
+    assert Robot().body("upper_triangle").sides == pytest.approx(enlarged, rel=1e-5)
 
 
-@pytest.mark.parametrize("triangle", [Robot().foot, Triangle.from_sides(0.3, 0.4, 0.5)])
+@pytest.mark.parametrize("triangle", [Robot().body("foot"), Triangle.from_sides(0.3, 0.4, 0.5)])
 def test_triangle_sides_and_centroid_belong_together(triangle):
     """sides undoes from_sides; the three corners' mean is the centroid (6 digits as printed)."""
     assert Triangle.from_sides(*triangle.sides).sides == pytest.approx(triangle.sides, abs=1e-12)
@@ -138,7 +141,7 @@ def test_the_paper_robot_is_the_papers():
     """Table 1: masses 0.1 kg, inertias 0.1 kg m^2, friction 0.1 at ten pairs; 32 bodies, 3.2 kg."""
     robot = Robot()
     assert {(body.mass, body.inertia) for body in robot.bodies} == {(0.1, 0.1)}
-    assert len(JOINT_PAIRS) == 10 and set(robot.damping) == {0.1}
+    assert len(JANSEN.damped) == 10 and set(robot.damping) == {0.1}
     assert robot.mass == pytest.approx(3.2, abs=1e-12)
     assert replace(robot, payload=Payload(1.5)).mass == pytest.approx(4.7, abs=1e-12)
 
@@ -157,11 +160,11 @@ def test_holy_numbers_are_jansens():
     """The published lengths, in units of 1/15 of the crank: exact but for rounding, 1e-12."""
     robot = ROBOTS["holy"]()
     unit = robot.crank.length / 15.0
-    rods = (robot.upper_rod, robot.rocker, robot.lower_rod, robot.coupler)
+    rods = [robot.body(name) for name in ("upper_rod", "rocker", "lower_rod", "coupler")]
     assert [rod.length / unit for rod in rods] == pytest.approx([50, 39.3, 61.9, 39.4], rel=1e-12)
     frame = robot.frame.length / unit * np.exp(1j * robot.frame_angle)
     assert (frame.real, frame.imag) == pytest.approx((38.0, 7.8), rel=1e-12)
-    triangles = np.array([*robot.upper_triangle.sides, *robot.foot.sides]) / unit
+    triangles = np.array([*robot.body("upper_triangle").sides, *robot.body("foot").sides]) / unit
     assert triangles == pytest.approx([41.5, 55.8, 40.1, 36.7, 65.7, 49.0], rel=1e-12)
 
 

@@ -201,7 +201,7 @@ def test_every_design_walks_without_harm(robot):
     """100 random steps on a slope with a payload; contacts are solved to 1e-9 N s."""
     env = JansenWalkerEnv(robot=robot, terrain="slope:0.05", payload=1.0)
     obs, _ = env.reset(seed=0)
-    assert env.observation_space.shape == obs.shape == (16 + len(env.robot.legs),)
+    assert env.observation_space.shape == obs.shape == (16 + len(env.robot.toes),)
     rng = np.random.default_rng(0)
     for _ in range(100):
         obs, _, terminated, _, _ = env.step(rng.uniform(-1, 1, 1).astype(np.float32))

@@ -11,7 +11,7 @@ from motions import HOLD, audit, governor, momenta, placed, shift
 from jansen_env import ROBOTS, Motor, Payload, Robot, Terrain
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.batch import Batch
-from jansen_env.robot import BEARINGS, Compliance
+from jansen_env.robot import JANSEN, Compliance
 
 MOTOR = Motor(14.0, 7.0, 10.0, 40.0, 1e-4, 0.15, 0.02, 0.8)
 PADS = Compliance(3e4, 60.0, 2e4, 40.0)
@@ -23,7 +23,7 @@ def full(name, pads=PADS):
     """A design with everything on."""
     return replace(
         ROBOTS[name](), motor=MOTOR, pad_compliance=pads, payload=Payload(1.0, 0.02, (0.05, 0.1)),
-        bearing_friction=(0.01,) * len(BEARINGS),
+        bearing_friction=(0.01,) * len(JANSEN.bearings),
     )  # fmt: skip
 
 
@@ -132,7 +132,7 @@ NOTHING = {
     "gear without rotor": dict(motor=Motor(gear_ratio=5.0)),
     "torque limit alone": dict(motor=Motor(torque_limit=3.0)),
     "efficiency alone": dict(motor=Motor(efficiency=0.5)),
-    "no bearing friction": dict(bearing_friction=(0.0,) * len(BEARINGS)),
+    "no bearing friction": dict(bearing_friction=(0.0,) * len(JANSEN.bearings)),
     "pads of infinite stiffness": dict(pad_compliance=Compliance(math.inf, 0.0)),
     "a line out of reach": dict(motor=Motor(stall_torque=1e300, torque_limit=1e300)),
 }

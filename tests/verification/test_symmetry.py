@@ -16,7 +16,6 @@ from jansen_env import ROBOTS, Leg, Payload, Robot, Terrain, paper_robot
 from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.projected import ProjectionPlant
-from jansen_env.robot import BODIES
 
 TOUCHING = 1e-9  # m, by which the small robot is in the ground
 ODD_LADEN = replace(ODD, payload=Payload(2.0, 0.1, (0.1, 0.2)))
@@ -65,7 +64,7 @@ def scaled(robot):
     load = robot.payload
     return replace(
         robot,
-        **{name: body(getattr(robot, name)) for name in BODIES},
+        bodies=tuple(body(link) for link in robot.bodies),
         damping=tuple(F * S**1.5 * c for c in robot.damping),
         pad_radius=S * robot.pad_radius,
         payload=Payload(

@@ -14,7 +14,7 @@ from jansen_env.robot import Leg
 from jansen_env.scoring.benchmarks import can_be_batched
 
 STEPS = 40
-LONGER = replace(built_robot(), coupler=Bar(0.2405, 0.11, 0.001), payload=Payload(0.5))
+LONGER = replace(built_robot().with_bodies(coupler=Bar(0.2405, 0.11, 0.001)), payload=Payload(0.5))
 LATER = replace(
     paper_robot(), legs=(Leg("fore"), Leg("fore", 3.0), Leg("back", 0.3), Leg("back", 3.5))
 )
@@ -70,9 +70,10 @@ def test_a_reset_exchanges_the_robot_for_good(plant):
 @pytest.mark.parametrize(
     ("robot", "error", "match"),
     [
-        (replace(paper_robot(), crank=Bar(0.2)), LinkageError, "does not close"),
+        (paper_robot().with_bodies(crank=Bar(0.2)), LinkageError, "does not close"),
         (paper_robot(3), ValueError, "must be on"),
-        ("klann", ValueError, r"options\['robot'\] is 'klann', must be a Robot or one of"),
+        ("hopper", ValueError, r"options\['robot'\] is 'hopper', must be a Robot or one of"),
+        ("klann", ValueError, "a robot's linkage has the bodies"),
         (paper_robot(), ValueError, "friction"),  # with another option that is refused
     ],
 )
@@ -94,7 +95,7 @@ def test_after_a_refusal_all_goes_on_as_before(robot, error, match):
 
 def test_equal_designs_share_their_tables():
     """Rows that no robot has any more are used again; the arrays grow when there are none."""
-    a, b, c, d = (replace(paper_robot(), coupler=Bar(0.239 + 1e-4 * k)) for k in range(4))
+    a, b, c, d = (paper_robot().with_bodies(coupler=Bar(0.239 + 1e-4 * k)) for k in range(4))
     designs = DesignTables([a] * 3)
     assert len(designs.depths) == 1
     designs.set(np.array([1, 2]), [b, replace(b, pad_radius=0.02, payload=Payload(1.0))])
@@ -103,7 +104,7 @@ def test_equal_designs_share_their_tables():
     designs.set(np.array([1]), [d])
     assert len(designs.depths) == 4 and len(set(designs.number.tolist())) == 3
     with pytest.raises(LinkageError):
-        designs.set(np.array([0, 1]), [a, replace(paper_robot(), crank=Bar(0.2))])
+        designs.set(np.array([0, 1]), [a, paper_robot().with_bodies(crank=Bar(0.2))])
     for row, robot in zip(designs.number, (c, d, a), strict=True):
         assert (designs.model.body[row] == compile_robot(robot).body).all()
         assert (designs.model.pads[row] == compile_robot(robot).pads).all()

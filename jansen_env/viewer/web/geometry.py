@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from jansen_env.gravity import GRAVITY
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
-from jansen_env.robot.kinematics import JOINTS, SKELETON, joint_positions, world_joints
+from jansen_env.robot.kinematics import joint_positions, world_joints
+from jansen_env.robot.linkage import CRANK, FRAME, Linkage
 
 Array = NDArray[np.float64]
 
 AIR, GRIP, SLIP = 0, 1, 2  # a toe is lifted, holds, slides while it is loaded
-TRIANGLES = [[JOINTS.index(name) for name in plate] for plate in ("PBD", "CET")]  # the plates
 TOUCHING = 1e-6  # of the robot's weight: the normal force from which a toe is on the ground
 
 
@@ -27,12 +27,12 @@ def scene_of(env: Any) -> dict[str, Any]:
     """Scene of one robot's environment, of any task: what does not change while it moves.
 
     Returns:
-        ``legs``: for each its ``side`` and ``depth`` (0 the nearest, 1 the farthest); ``joints``:
-        their names; ``skeleton``: pairs of joints with a straight edge between them;
-        ``triangles``: corners of the two plates; ``padRadius`` m; ``reach`` m, of the farthest
-        joint from the crank axis; ``weight`` N; ``payload``: ``mass`` kg and ``x``, ``y`` m in the
-        chassis frame, or None; ``terrain``: (n, 2) m, or None where the frame is held in the air;
-        ``torqueLimit`` N m; ``speedUnit`` and ``speedRange`` of the speed gauge; ``controlDt`` s.
+        :func:`drawing_of` its linkage, and ``legs``: for each its ``side`` and ``depth`` (0 the
+        nearest, 1 the farthest); ``toes``: leg and joint of each; ``padRadius`` m; ``reach`` m, of
+        the farthest joint from the crank axis; ``weight`` N; ``payload``: ``mass`` kg and ``x``,
+        ``y`` m in the chassis frame, or None; ``terrain``: (n, 2) m, or None where the frame is
+        held in the air; ``torqueLimit`` N m; ``speedUnit`` and ``speedRange`` of the speed gauge;
+        ``controlDt`` s.
     """
     inner = env.unwrapped
     scene, frame = inner.scene(), inner.frame()
@@ -45,9 +45,8 @@ def scene_of(env: Any) -> dict[str, Any]:
     sides = [leg.side for leg in robot.legs]
     return {
         "legs": [{"side": side, "depth": depth} for side, depth in zip(sides, depths, strict=True)],
-        "joints": list(JOINTS),
-        "skeleton": [list(edge) for edge in SKELETON],
-        "triangles": TRIANGLES,
+        "toes": [list(toe) for toe in robot.toes],
+        **drawing_of(robot.linkage),
         "padRadius": float(robot.pad_radius),
         "reach": float(np.hypot(turn[..., 0], turn[..., 1]).max()),
         "weight": float(getattr(inner, "weight", robot.mass * GRAVITY)),
@@ -62,6 +61,23 @@ def scene_of(env: Any) -> dict[str, Any]:
     }
 
 
+def drawing_of(linkage: Linkage) -> dict[str, Any]:
+    """How a leg is drawn: edges as pairs of joints, joints as indices.
+
+    Returns:
+        ``joints``: their names; ``frame``: its edges; ``crank``: its edges, the first from
+        the axis on;
+        ``skeleton``: edges of the other bodies; ``plates``: corners of those with more than two.
+    """
+    return {
+        "joints": list(linkage.joints),
+        "frame": [list(edge) for edge in linkage.edges[FRAME - 1]],
+        "crank": [list(edge) for edge in linkage.edges[CRANK - 1]],
+        "skeleton": [list(edge) for edges in linkage.edges[CRANK:] for edge in edges],
+        "plates": [list(joints) for joints in linkage.members[CRANK:] if len(joints) > 2],
+    }
+
+
 def state_of(env: Any) -> dict[str, Any]:
     """:func:`state_of_frame` of one robot's environment, of any task, after its first reset."""
     inner = env.unwrapped
@@ -73,7 +89,7 @@ def state_of_frame(robot: Robot, frame: Frame) -> dict[str, Any]:
 
     Returns:
         ``t`` s; ``x``, ``y`` m of the crank axis, ``pitch`` and ``crank`` rad; ``joints``: (legs,
-        8, 2) m, world frame; ``toes``: for each ``contact`` (:data:`AIR`, :data:`GRIP` or
+        joints, 2) m, world frame; ``toes``: for each ``contact`` (:data:`AIR`, :data:`GRIP` or
         :data:`SLIP`), ``point`` (2,) m where it touches and ``force`` (2,) N on it, world frame;
         ``command`` and ``speed`` in the scene's unit, ``torque`` N m.
     """

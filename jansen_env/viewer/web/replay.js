@@ -181,8 +181,8 @@ function fixed(value, digits) {
 function trails(track) {
   if (!shown.paths) return [];
   const paint = [css(theme.muted, 0.5), css(theme.grip, 0.9), css(theme.slip, 0.9)];
-  return track.scene.legs.flatMap((_, leg) =>
-    pathOf(track, leg, clock.time, TRAIL).map(({ contact, points }) => ({
+  return track.scene.toes.flatMap((_, toe) =>
+    pathOf(track, toe, clock.time, TRAIL).map(({ contact, points }) => ({
       points,
       color: paint[contact],
     })),

@@ -166,12 +166,13 @@ export function drawRobot(ctx, size, scene, state, view, options = {}) {
   for (const i of order) if (scene.legs[i].depth > 0) drawLeg(brush, legs[i], scene.legs[i].depth);
   drawChassis(brush, legs, state);
   for (const i of order) if (scene.legs[i].depth === 0) drawLeg(brush, legs[i], 0);
-  const toe = scene.joints.indexOf("T");
-  for (const i of order) {
-    const { contact, point, force } = state.toes[i];
-    if (options.forces !== false) drawForce(brush, at(point), force);
-    drawToe(brush, legs[i][toe], contact);
-  }
+  for (const i of order)
+    scene.toes.forEach(([leg, joint], toe) => {
+      if (leg !== i) return;
+      const { contact, point, force } = state.toes[toe];
+      if (options.forces !== false) drawForce(brush, at(point), force);
+      drawToe(brush, legs[leg][joint], contact);
+    });
 }
 
 /** A theme in which a robot is but a shade of a colour. */
@@ -212,30 +213,27 @@ function drawLeg({ ctx, theme, zoom, scene }, joints, depth) {
   const [ink, fill, crank] = [theme.ink, theme.link, theme.crank].map((color) =>
     mix(color, theme.sky, fade),
   );
-  const [o, a, toe] = ["O", "A", "T"].map((name) => scene.joints.indexOf(name));
   ctx.fillStyle = css(fill, depth ? 0.24 : 0.37);
-  for (const corners of scene.triangles)
+  for (const corners of scene.plates)
     polygon(
       ctx,
       corners.map((corner) => joints[corner]),
     );
   ctx.strokeStyle = css(ink);
   ctx.lineWidth = zoom * (5 - depth);
-  for (const [start, end] of scene.skeleton) {
-    // The frame is the chassis, the crank has its own colour.
-    if (start !== o && end !== o) line(ctx, joints[start], joints[end]);
-  }
+  for (const [start, end] of scene.skeleton) line(ctx, joints[start], joints[end]);
   ctx.strokeStyle = css(crank);
   ctx.lineWidth = zoom * (8 - 2 * depth);
-  line(ctx, joints[o], joints[a]);
-  for (const joint of joints.slice(0, toe)) {
+  for (const [start, end] of scene.crank) line(ctx, joints[start], joints[end]);
+  const toes = scene.toes.map(([_, joint]) => joint);
+  for (const joint of joints.filter((_, i) => !toes.includes(i))) {
     disc(ctx, joint, zoom * (4.2 - 0.6 * depth), css(ink));
     disc(ctx, joint, zoom * (2.3 - 0.4 * depth), css(theme.paper));
   }
 }
 
 function drawChassis({ ctx, theme, zoom, at, scene }, legs, { x, y, pitch }) {
-  const [p, o] = ["P", "O"].map((name) => scene.joints.indexOf(name));
+  const [[o]] = scene.crank; // the axis
   const load = scene.payload;
   if (load) {
     const half = Math.min(Math.max(0.085 * Math.cbrt(load.mass), 0.06), 0.17); // m
@@ -267,7 +265,8 @@ function drawChassis({ ctx, theme, zoom, at, scene }, legs, { x, y, pitch }) {
   ]) {
     ctx.strokeStyle = css(color);
     ctx.lineWidth = width * zoom;
-    for (const joints of legs) line(ctx, joints[p], joints[o]);
+    for (const joints of legs)
+      for (const [start, end] of scene.frame) line(ctx, joints[start], joints[end]);
   }
 }
 

@@ -62,10 +62,13 @@ export function stateAt(track, time) {
     for (let i = 0; i < count; i++)
       own.push(point(joints, 2 * count * legs, 2 * (count * leg + i)));
     state.joints.push(own);
-    const force = 2 * (k * legs + leg);
+  }
+  const toes = track.scene.toes.length;
+  for (let toe = 0; toe < toes; toe++) {
+    const force = 2 * (k * toes + toe);
     state.toes.push({
-      contact: contact[k * legs + leg],
-      point: point(contactPoint, 2 * legs, 2 * leg),
+      contact: contact[k * toes + toe],
+      point: point(contactPoint, 2 * toes, 2 * toe),
       force: [contactForce[force], contactForce[force + 1]],
     });
   }
@@ -76,20 +79,20 @@ export function stateAt(track, time) {
  * Where a toe has been in the `seconds` before a time: [{contact, points}], world frame, m, one for
  * each stretch in which it did the same.
  */
-export function pathOf(track, leg, time, seconds) {
+export function pathOf(track, toe, time, seconds) {
   const { pose, joints, contact, legs, scene } = track;
-  const toe = scene.joints.indexOf("T");
+  const [leg, joint] = scene.toes[toe];
   const count = scene.joints.length;
   const last = stepAt(track, time);
   const pieces = [];
   for (let k = stepAt(track, time - seconds); k < last; k++) {
-    const i = 2 * (count * (k * legs + leg) + toe);
+    const i = 2 * (count * (k * legs + leg) + joint);
     const point = [pose[4 * k] + joints[i], pose[4 * k + 1] + joints[i + 1]];
-    const now = contact[(k + 1) * legs + leg]; // of the step from here on
+    const now = contact[(k + 1) * scene.toes.length + toe]; // of the step from here on
     pieces.at(-1)?.points.push(point);
     if (pieces.at(-1)?.contact !== now) pieces.push({ contact: now, points: [point] });
   }
-  pieces.at(-1)?.points.push(stateAt(track, time).joints[leg][toe]);
+  pieces.at(-1)?.points.push(stateAt(track, time).joints[leg][joint]);
   return pieces;
 }
 

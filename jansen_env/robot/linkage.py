@@ -1,0 +1,289 @@
+"""Linkages as data: the bodies of a leg, the joints they share, and the order in which it closes.
+
+Nothing here has a length. The lengths, masses and inertias of the bodies are the robot's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+from jansen_env.checks import entries, instance, shown
+
+FRAME, CRANK = 1, 2  # numbers of the bodies that all legs share
+INDEPENDENT = 4  # coordinates: the frame's three and the crank's angle
+
+
+class Pin(NamedTuple):
+    """A pin: the joint it sits in, and the force it carries is that on ``body`` from ``other``."""
+
+    joint: str
+    body: int
+    other: int
+
+    def __str__(self) -> str:
+        return f"{self.joint}{self.other}{self.body}"
+
+
+class Dyad(NamedTuple):
+    """A joint where two bodies meet, each of which has a joint that is known already.
+
+    It lies on the left (``branch`` 1) or on the right (-1) of the way from ``start`` to ``end``.
+    """
+
+    joint: str
+    start: str
+    end: str
+    branch: int
+
+
+@dataclass(frozen=True)
+class Linkage:
+    """The topology of a leg that one crank moves. A joint is a letter.
+
+    Args:
+        bodies: name and joints of each; the frame with all fixed pivots first, the crank second,
+            which begins with its axis.
+        dyads: in the order in which joints are found; (joint, start, end, branch), see
+            :class:`Dyad`.
+        toes: joints that walk, one or more.
+        joints: all of them in the order of arrays; empty for that of the bodies.
+        pins: all of them in the order of constraints; empty for that of the bodies.
+        damped: pairs of bodies with viscous friction between them; empty for those of the pins.
+        bearings: pairs of bodies with dry friction, the one that holds the pin first; likewise.
+        pads: (joint, body) of other joints that can touch the ground, and the body each is rounded
+            on; empty for all but the crank's: on the frame, or on the last body that has it.
+
+    Raises:
+        ValueError: joints that are not found, or a leg with other than one degree of freedom.
+    """
+
+    bodies: tuple[tuple[str, str], ...]
+    dyads: tuple[Dyad, ...]
+    toes: str
+    joints: str = ""
+    pins: tuple[Pin, ...] = ()
+    damped: tuple[tuple[int, int], ...] = ()
+    bearings: tuple[tuple[int, int], ...] = ()
+    pads: tuple[tuple[str, int], ...] = ()
+
+    def __post_init__(self) -> None:
+        def default(name: str, value: object) -> None:
+            if not getattr(self, name):
+                object.__setattr__(self, name, value)
+
+        self._set_rows("bodies", "(name, joints)", (str, str))
+        self._set_rows("dyads", "(joint, start, end, branch)", (str, str, str, int), Dyad)
+        self._set_rows("pins", "(joint, body, other)", (str, int, int), Pin)
+        for name in ("damped", "bearings"):
+            self._set_rows(name, "(body, body)", (int, int))
+        self._set_rows("pads", "(joint, body)", (str, int))
+        self._check_names()
+        default("joints", "".join(dict.fromkeys("".join(joints for _, joints in self.bodies))))
+        self._check_closing()
+        default("pins", self._pins())
+        self._check_pins()
+        default("damped", tuple((pin.other, pin.body) for pin in self.pins))
+        default("bearings", tuple((pin.other, pin.body) for pin in self.pins))
+        others = [
+            (joint, FRAME if joint in self.bodies[FRAME - 1][1] else k)
+            for joint, k in self._last_bodies.items()
+            if joint not in self.toes + self.bodies[CRANK - 1][1]
+        ]
+        default("pads", tuple(sorted(others, key=lambda pad: pad[1] == FRAME)))
+        freedom = 3 * len(self.bodies) - 2 * len(self.pins)
+        if freedom != INDEPENDENT:
+            raise ValueError(
+                f"Linkage has {len(self.bodies)} bodies and {len(self.pins)} pins, which leave "
+                f"{freedom - 3} degrees of freedom, must be 1"
+            )
+
+    def _set_rows(
+        self, name: str, allowed: str, kinds: tuple[type, ...], make: Any = lambda *row: row
+    ) -> None:
+        """Make a field a tuple of rows whose entries are of some types."""
+        rows = []
+        for row in entries(f"Linkage.{name}", getattr(self, name), f"rows {allowed}"):
+            cells = entries(f"Linkage.{name}", row, f"rows {allowed}")
+            if tuple(map(type, cells)) != kinds:
+                raise ValueError(f"Linkage.{name} has {shown(row)}, must have rows {allowed}")
+            rows.append(make(*cells))
+        object.__setattr__(self, name, tuple(rows))
+
+    def _check_names(self) -> None:
+        """Check that names are names, and numbers those of bodies."""
+        if len(self.bodies) < 2:
+            raise ValueError(f"Linkage.bodies has {len(self.bodies)} bodies, must have two or more")
+        known = {*"".join(joints for _, joints in self.bodies)}
+        if len({*self.names}) != len(self.names) or not all(map(str.isidentifier, self.names)):
+            raise ValueError(
+                f"Linkage.bodies has names {shown(self.names)}, must be words, all different"
+            )
+        for name, joints in self.bodies:
+            if len(joints) < 2 or len({*joints}) != len(joints) or not joints.isalpha():
+                raise ValueError(
+                    f"Linkage's {name} has joints {shown(joints)}, must be two or more letters, "
+                    "all different"
+                )
+        for name in ("toes", "joints"):
+            instance(f"Linkage.{name}", getattr(self, name), str)
+        if not self.toes or not {*self.toes} <= known or len({*self.toes}) != len(self.toes):
+            raise ValueError(
+                f"Linkage.toes is {shown(self.toes)}, must be of {sorted(known)}, each once"
+            )
+        if not self.dyads:
+            raise ValueError("Linkage.dyads is empty, must have one or more")
+        pads = [joint for joint, _ in self.pads]
+        if len({*pads, *self.toes}) < len(pads) + len(self.toes):
+            raise ValueError(f"Linkage.pads is {shown(self.pads)}, must be no toes, each once")
+        if self.joints and sorted(self.joints) != sorted(known):
+            raise ValueError(f"Linkage.joints is {shown(self.joints)}, must be {sorted(known)}")
+        held = [(pin.joint, body) for pin in self.pins for body in pin[1:]] + [*self.pads]
+        for joint, body in held:
+            if not 1 <= body <= len(self.bodies) or joint not in self.bodies[body - 1][1]:
+                raise ValueError(f"Linkage has {joint} on body {body}, which has no such joint")
+        for pair in (*self.damped, *self.bearings):
+            if pair[0] == pair[1] or not all(1 <= body <= len(self.bodies) for body in pair):
+                raise ValueError(
+                    f"Linkage has a pair of bodies {pair}, must be two from 1 to {len(self.bodies)}"
+                )
+
+    def _check_closing(self) -> None:
+        """Check that the dyads find every joint."""
+        (_, frame), (_, crank) = self.bodies[:2]
+        if crank[0] not in frame:
+            raise ValueError(
+                f"Linkage's crank has joints {crank!r}, must begin with one of {frame!r}"
+            )
+        known = {*frame, *crank}
+        for dyad in self.dyads:
+            for end in (dyad.start, dyad.end):
+                if end not in known:
+                    raise ValueError(f"Linkage's {dyad} starts at {end}, which is not known yet")
+            if dyad.joint in known:
+                raise ValueError(f"Linkage's {dyad} finds {dyad.joint}, which is known already")
+            bodies = {self.body_between(dyad.joint, end) for end in dyad[1:3]}
+            if len({*dyad[:3]}) < 3 or len(bodies) < 2:
+                raise ValueError(f"Linkage's {dyad} must have three joints, and join two bodies")
+            if dyad.branch not in (1, -1):
+                raise ValueError(f"Linkage's {dyad} has branch {dyad.branch}, must be 1 or -1")
+            for body in bodies:
+                known.update(self.bodies[body][1])
+        if known != {*self.joints}:
+            lost = sorted({*self.joints} ^ known)
+            raise ValueError(f"Linkage's joints {lost} are not found by its dyads {self.dyads}")
+
+    def _check_pins(self) -> None:
+        """Check that the pins hold all bodies together at each joint, once."""
+        pairs = [(pin.joint, frozenset(pin[1:])) for pin in self.pins]
+        held = {joint: set[int]() for joint in self.joints}
+        for joint, pair in pairs:
+            held[joint] |= pair
+        meeting = [{k for k, (_, joints) in enumerate(self.bodies, start=1) if joint in joints}
+                   for joint in self.joints]  # fmt: skip
+        wanted = [bodies if len(bodies) > 1 else set() for bodies in meeting]
+        twice = len({*pairs}) < len(pairs) or any(len(pair) < 2 for _, pair in pairs)
+        if (
+            twice
+            or [*held.values()] != wanted
+            or len(pairs) != sum(map(len, wanted)) - sum(map(bool, wanted))
+        ):
+            raise ValueError(
+                f"Linkage.pins is {shown(self.pins)}, must hold all bodies together at each joint, "
+                f"such as {shown(self._pins())}"
+            )
+
+    def _pins(self) -> tuple[Pin, ...]:
+        """A pin for each body at each joint but for the first body there."""
+        first: dict[str, int] = {}
+        pins = []
+        for k, (_, joints) in enumerate(self.bodies, start=1):
+            pins += [Pin(joint, k, first[joint]) for joint in joints if joint in first]
+            first.update({joint: k for joint in joints if joint not in first})
+        return tuple(pins)
+
+    def body_between(self, a: str, b: str) -> int:
+        """Index of the body that has two joints. Raises ValueError: there is none."""
+        for index, (_, joints) in enumerate(self.bodies):
+            if a in joints and b in joints:
+                return index
+        raise ValueError(f"Linkage has no body with joints {a} and {b}")
+
+    @property
+    def moving_pins(self) -> tuple[Pin, ...]:
+        """All but the crank's own, which all legs share."""
+        return tuple(pin for pin in self.pins if {pin.body, pin.other} != {FRAME, CRANK})
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the bodies."""
+        return tuple(name for name, _ in self.bodies)
+
+    @cached_property
+    def members(self) -> tuple[tuple[int, ...], ...]:
+        """Joints of each body, as indices into :attr:`joints`."""
+        return tuple(tuple(map(self.joints.index, joints)) for _, joints in self.bodies)
+
+    @property
+    def axis(self) -> int:
+        """Index of the crank's axis among the joints."""
+        return self.members[CRANK - 1][0]
+
+    @cached_property
+    def _last_bodies(self) -> dict[str, int]:
+        """The last body at each joint."""
+        return {joint: k for k, (_, joints) in enumerate(self.bodies, start=1) for joint in joints}
+
+    @cached_property
+    def all_pads(self) -> tuple[tuple[int, int], ...]:
+        """(joint, body) of every pad as indices, toes first."""
+        pads = (*((toe, self._last_bodies[toe]) for toe in self.toes), *self.pads)
+        return tuple((self.joints.index(joint), k - 1) for joint, k in pads)
+
+    @cached_property
+    def corners(self) -> tuple[tuple[int, str], ...]:
+        """(body, joint) of every end of a bar and corner of a plate."""
+        return tuple((k, joint) for k, (_, joints) in enumerate(self.bodies, start=1)
+                     for joint in joints)  # fmt: skip
+
+    @cached_property
+    def holes(self) -> tuple[tuple[int, str], ...]:
+        """Those of :attr:`corners` that have a pin."""
+        pinned = {pin.joint for pin in self.pins}
+        return tuple(corner for corner in self.corners if corner[1] in pinned)
+
+    @cached_property
+    def edges(self) -> tuple[tuple[tuple[int, int], ...], ...]:
+        """Straight edges of each body, as pairs of joints, for drawing."""
+        return tuple(
+            tuple(pairwise(joints if len(joints) == 2 else (*joints, joints[0])))
+            for joints in self.members
+        )
+
+    @property
+    def skeleton(self) -> tuple[tuple[int, int], ...]:
+        """Edges of all bodies."""
+        return tuple(edge for edges in self.edges for edge in edges)
+
+
+JANSEN = Linkage(
+    joints="POABCDET",
+    bodies=(
+        ("frame", "PO"), ("crank", "OA"), ("upper_rod", "AB"), ("upper_triangle", "PBD"),
+        ("rocker", "CP"), ("lower_rod", "CA"), ("coupler", "DE"), ("foot", "CET"),
+    ),
+    dyads=(Dyad("B", "A", "P", -1), Dyad("C", "A", "P", 1), Dyad("E", "D", "C", -1)),
+    toes="T",
+    # In the paper's order of Phi_hf.
+    pins=(
+        Pin("O", 2, 1), Pin("A", 3, 2), Pin("B", 4, 3), Pin("P", 4, 1), Pin("P", 5, 1),
+        Pin("C", 6, 5), Pin("A", 6, 2), Pin("D", 7, 4), Pin("C", 8, 5), Pin("E", 8, 7),
+    ),
+    # The paper's h_f, which leaves the frame's at P out.
+    damped=((1, 2), (2, 3), (3, 4), (3, 6), (4, 5), (5, 6), (5, 8), (4, 7), (6, 8), (7, 8)),
+    bearings=((1, 2), (2, 3), (2, 6), (3, 4), (1, 4), (1, 5), (5, 6), (5, 8), (4, 7), (7, 8)),
+    pads=(("C", 8), ("E", 8), ("D", 4), ("B", 4), ("P", 1)),
+)  # fmt: skip
+"""Theo Jansen's leg, with the names, numbers and order of the paper (section 2.1)."""

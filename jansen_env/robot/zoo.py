@@ -1,0 +1,218 @@
+"""Other one-crank legs, as their authors published them, made as tall and heavy as the paper's.
+
+A leg is written as it is drawn: the joints of each body with their places in axes of the body's
+own, in the unit of the source. Links are slender rods and uniform plates, all equally heavy.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import ItemsView, Sequence
+from typing import Any
+
+import numpy as np
+
+from jansen_env.checks import entries, instance, positive, shown, within
+from jansen_env.robot.kinematics import toe_positions
+from jansen_env.robot.linkage import Dyad, Linkage
+from jansen_env.robot.links import Bar, Leg, Link, Plate, phased_legs
+from jansen_env.robot.robot import Robot
+
+Place = tuple[float, float]
+Body = dict[str, Place]
+"""Joints of a body and their places."""
+
+LARGEST = 1e6  # m, of a place
+DAMPING = 0.1  # N m s/rad, of every pin, as in Table 1
+
+
+def robot_from_joints(
+    bodies: dict[str, Body],
+    dyads: Sequence[tuple[str, str, str, int]],
+    toes: str,
+    legs: Sequence[Leg],
+    *,
+    mass: float = 3.2,
+    height: float | None = None,
+) -> Robot:
+    """A robot of any one-crank leg, its links slender rods and uniform plates of equal mass.
+
+    Args:
+        bodies: joints of each body, a letter each, and their places, m: of the frame in the axes of
+            the chassis, the crank's axis at the origin; of the crank, which begins with that axis,
+            and of the others in any axes of their own, along which their angles are counted; that
+            of a body with two joints is counted along it.
+        dyads: (joint, start, end, branch) in the order in which joints are found, see
+            :class:`jansen_env.robot.Dyad`. toes: joints that walk.
+        legs: their sides and crank phases.
+        mass: of the robot, kg. height: all lengths are scaled so that the crank's axis stands as
+            high, m; None for the lengths as they are.
+
+    Raises:
+        ValueError: joints that do not make a leg with one degree of freedom.
+        LinkageError: with ``height``, a linkage that does not close.
+    """
+    named = tuple((name, _joints(name, body)) for name, body in _items("bodies", bodies))
+    linkage = Linkage(named, dyads, toes)  # type: ignore[arg-type] # it makes dyads of them
+    legs = entries("legs", legs, "at least one Leg")
+    each = positive("mass", mass) / max(1, len(legs) * len(bodies))
+    pins = len(linkage.pins)
+    frame, *others = (list(joints.values()) for joints in bodies.values())
+
+    def of_scale(scale: float) -> Robot:
+        links = [_link(places, scale, each) for places in others]
+        chassis = Plate.uniform([(scale * x, scale * y) for x, y in frame], each)
+        return Robot(
+            linkage=linkage, bodies=(chassis, *links), frame_angle=0.0, legs=legs,
+            damping=(DAMPING,) * pins, bearing_friction=(0.0,) * pins,
+        )  # fmt: skip
+
+    own = of_scale(1.0)
+    if height is None:
+        return own
+    stands = standing_height(own)
+    if stands <= 0.0:
+        raise ValueError(f"height is {height}, must be None: the toes are {-stands:g} m above O")
+    return of_scale(positive("height", height) / stands)
+
+
+def _items(name: str, value: Any) -> ItemsView[Any, Any]:
+    items: ItemsView[Any, Any] = instance(name, value, dict).items()
+    return items
+
+
+def _joints(name: Any, body: Any) -> str:
+    """Joints of a body whose places are numbers. Raises ValueError: they are not."""
+    where = f"bodies[{name!r}]"
+    for joint, place in _items(where, body):
+        if not isinstance(joint, str) or len(joint) != 1:
+            raise ValueError(f"{where} has a joint {shown(joint)}, must be a letter")
+        pair = entries(f"{where}[{joint!r}]", place, "a place (x, y)")
+        if len(pair) != 2:
+            raise ValueError(f"{where}[{joint!r}] is {shown(place)}, must be a place (x, y)")
+        for number in pair:
+            within(f"{where}[{joint!r}]", number, -LARGEST, LARGEST)
+    return "".join(body)
+
+
+def _as_the_paper(
+    bodies: dict[str, Body], dyads: list[Dyad], toes: str, legs: tuple[Leg, ...]
+) -> Robot:
+    """A robot as high and heavy as the paper's of four legs."""
+    paper = Robot()
+    return robot_from_joints(
+        bodies, dyads, toes, legs, mass=paper.mass, height=standing_height(paper)
+    )
+
+
+def _link(places: list[Place], scale: float, mass: float) -> Link:
+    if len(places) == 2:
+        return Bar(scale * math.dist(*places), mass).slender()
+    return Plate.uniform([(scale * x, scale * y) for x, y in places], mass)
+
+
+def standing_height(robot: Robot, samples: int = 360) -> float:
+    """Mean height of the crank axis above the lowest toe over a turn, kept level, m."""
+    psi = 2.0 * math.pi / samples * np.arange(samples)
+    return -float(toe_positions(robot, psi)[..., 1].min(axis=-1).mean())
+
+
+def klann_robot(phases: int = 2) -> Robot:
+    """Joe Klann's leg, of six bodies.
+
+    Source: J. Klann, US patent 6,260,862 (2001), coordinates of its example leg; T is its foot 33,
+    with the crank axis 15, crank pin 29, pivots 11 and 9, elbow 27, knee 35 and hip 37.
+    """
+    bodies = {
+        "frame": {"O": (0.0, 0.0), "B": (-0.590, -0.176), "C": (-0.233, 0.616)},
+        "crank": {"O": (0.0, 0.0), "A": (0.268, 0.0)},
+        "rod": {"A": (0.0, 0.0), "D": (-0.590, 0.0), "E": (-1.099, 0.116)},
+        "lower_rocker": {"B": (1.009, 0.574), "D": (0.741, 0.750)},
+        "upper_rocker": {"C": (1.366, 1.366), "F": (0.866, 1.5)},
+        "foot": {"E": (0.0, 0.0), "F": (0.634, 0.634), "T": (-0.232, -0.866)},
+    }
+    dyads = [Dyad("D", "A", "B", -1), Dyad("F", "E", "C", 1)]
+    return _as_the_paper(bodies, dyads, "T", phased_legs(phases))
+
+
+def chebyshev_robot(phases: int = 2) -> Robot:
+    """Pafnuty Chebyshev's lambda linkage, whose foot is carried parallel.
+
+    Source of crank, coupler, rocker and frame, 1 : 5 : 2.5 : 2: Chebyshev's plantigrade machine
+    (1878). The straight part of the path is its side towards the frame, so the linkage stands
+    upright and its point F moves a foot below. The second rocker G-H, the tie B-H and the link H-J
+    that keep the foot parallel, and its depth of 7, are this project's.
+    """
+    bodies = {
+        "frame": {"O": (0.0, 0.0), "Q": (2.0, 0.0), "G": (4.0, 0.0)},
+        "crank": {"O": (0.0, 0.0), "A": (1.0, 0.0)},
+        "coupler": {"A": (0.0, 0.0), "B": (2.5, 0.0), "F": (5.0, 0.0)},
+        "rocker": {"Q": (0.0, 0.0), "B": (2.5, 0.0)},
+        "second_rocker": {"G": (0.0, 0.0), "H": (2.5, 0.0)},
+        "tie": {"B": (0.0, 0.0), "H": (2.0, 0.0)},
+        "link": {"H": (0.0, 0.0), "J": (2.5, 0.0)},
+        "foot": {"F": (0.0, 0.0), "J": (2.0, 0.0), "T": (0.0, -7.0)},
+    }
+    dyads = [Dyad("B", "A", "Q", 1), Dyad("H", "B", "G", 1), Dyad("J", "F", "H", 1)]
+    return _as_the_paper(bodies, dyads, "T", phased_legs(phases))
+
+
+def trotbot_robot(phases: int = 2) -> Robot:
+    """Wade Vagle's TrotBot, of eight bodies, without the links of heel and toe.
+
+    Source: diywalkers.com, TrotBot's plans and the linkage simulator of their author, in LEGO
+    units. Its rear legs stand on an axis of their own there; here they are on the same one.
+    """
+    bodies = {
+        "frame": {"O": (0.0, 0.0), "P": (-7.0, 6.0)},
+        "crank": {"O": (0.0, 0.0), "A": (4.0, 0.0)},
+        "rider": {"A": (0.0, 0.0), "B": (6.0, 0.0), "C": _third(6.0, 3.0, 7.55)},
+        "rocker": {"P": (0.0, 0.0), "B": (8.0, 0.0), "D": (-2.0, 0.0)},
+        "hanger": {"D": (0.0, 0.0), "E": (6.0, 0.0), "F": (8.0, 0.0)},
+        "rod": {"A": (0.0, 0.0), "E": (11.0, 0.0)},
+        "shin": {"F": (0.0, 0.0), "T": (8.0, 0.0)},
+        "foot": {"C": (0.0, 0.0), "T": (9.0, 0.0)},
+    }
+    dyads = [Dyad("B", "A", "P", -1), Dyad("E", "D", "A", -1), Dyad("T", "F", "C", -1)]
+    return _as_the_paper(bodies, dyads, "T", phased_legs(phases))
+
+
+def strider_robot(phases: int = 2) -> Robot:
+    """Wade Vagle's Strider: ten bodies, two toes, its own mirror image; a unit on each crank pin.
+
+    Source: diywalkers.com, Strider's plans and the linkage simulator of their author, in LEGO
+    units, without toe extensions. The rod of either side carries the other side's foot.
+    """
+    bodies = {
+        "frame": {"O": (0.0, 0.0), "P": (-11.0, 8.0), "Q": (11.0, 8.0)},
+        "crank": {"O": (0.0, 0.0), "A": (4.0, 0.0)},
+        "left_rocker": {"P": (0.0, 0.0), "B": (5.0, 0.0)},
+        "right_rocker": {"Q": (0.0, 0.0), "C": (5.0, 0.0)},
+        "left_rod": {"A": (0.0, 0.0), "B": (-14.0, 0.0), "E": (6.0, 1.0)},
+        "right_rod": {"A": (0.0, 0.0), "C": (14.0, 0.0), "D": (-6.0, 1.0)},
+        "left_shin": {"B": (0.0, 0.0), "T": (13.0, 0.0)},
+        "right_shin": {"C": (0.0, 0.0), "U": (13.0, 0.0)},
+        "left_foot": {"D": (0.0, 0.0), "T": (10.0, 0.0)},
+        "right_foot": {"E": (0.0, 0.0), "U": (10.0, 0.0)},
+    }
+    dyads = [
+        Dyad("B", "P", "A", -1), Dyad("C", "Q", "A", 1), Dyad("T", "B", "D", -1),
+        Dyad("U", "C", "E", 1),
+    ]  # fmt: skip
+    units = tuple(leg for leg in phased_legs(phases) if leg.side == "fore")
+    return _as_the_paper(bodies, dyads, "TU", units)
+
+
+def _third(first_second: float, first: float, second: float) -> Place:
+    """The corner on the left of a line along x, by its distances from the line's two ends."""
+    x = (first_second**2 + first**2 - second**2) / (2.0 * first_second)
+    return x, math.sqrt(first**2 - x**2)
+
+
+ZOO = {
+    "klann": klann_robot,
+    "chebyshev": chebyshev_robot,
+    "trotbot": trotbot_robot,
+    "strider": strider_robot,
+}
+"""Other linkages by name; each takes the number of crank pins, with two toes on each of them."""

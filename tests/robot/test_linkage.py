@@ -1,0 +1,172 @@
+"""Linkages as data: what is refused, and what the built-in ones must be."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jansen_env import LinkageError, Terrain, paper_robot, phased_legs, robot_from_joints
+from jansen_env.dynamics import projection as pr
+from jansen_env.dynamics.reduced import compile_robot, mass_matrix
+from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.rigid_body import RigidBodyPlant
+from jansen_env.robot import JANSEN, ROBOTS, Linkage
+from jansen_env.robot.kinematics import joint_positions, nearest_dead_point, toe_positions
+from jansen_env.robot.zoo import ZOO, standing_height
+
+FOUR_BAR = {
+    "frame": {"O": (0.0, 0.0), "P": (0.4, 0.1)},
+    "crank": {"O": (0.0, 0.0), "A": (0.1, 0.0)},
+    "rocker": {"P": (0.0, 0.0), "B": (0.35, 0.0)},
+    "foot": {"A": (0.0, 0.0), "B": (0.45, 0.0), "T": (0.25, -0.6)},
+}
+DYADS = [("B", "A", "P", -1)]
+
+
+def four_bar(dyads=DYADS, toes="T", **bodies):
+    return robot_from_joints({**FOUR_BAR, **bodies}, dyads, toes, phased_legs(2))
+
+
+def upside_down(**given):
+    feet = {"A": (0.0, 0.0), "B": (0.45, 0.0), "T": (0.25, 0.9)}
+    return robot_from_joints({**FOUR_BAR, "foot": feet}, DYADS, "T", phased_legs(2), **given)
+
+
+@pytest.mark.parametrize(
+    "make, message",
+    [
+        (lambda: four_bar(dyads=[]), "Linkage.dyads is empty"),
+        (lambda: four_bar(tie={"P": (0.0, 0.0), "S": (1.0, 0.0)}), r"joints \['S'\] are not found"),
+        (lambda: four_bar(dyads=[("B", "A", "T", -1)]), "starts at T, which is not known yet"),
+        (lambda: four_bar(dyads=[*DYADS, ("T", "A", "B", 1)]), "finds T, which is known already"),
+        (lambda: four_bar(dyads=[("B", "A", "P", 0)]), "branch 0, must be 1 or -1"),
+        (lambda: four_bar(dyads=[("B", "A", "O", 1)]), "no body with joints B and O"),
+        (lambda: four_bar(toes="X"), "Linkage.toes is 'X', must be of"),
+        (lambda: four_bar(crank={"A": (0.0, 0.0), "O": (0.1, 0.0)}), "must begin with one of 'OP'"),
+        (lambda: four_bar(tie={"P": (0.0, 0.0), "T": (0.5, 0.0)}), "0 degrees of freedom, must be"),
+        (lambda: four_bar(rocker={"P": (0.0, 0.0)}), "joints 'P', must be two or more letters"),
+        (lambda: four_bar(rocker="PB"), r"bodies\['rocker'\] is 'PB', must be a dict"),
+        (lambda: four_bar(dyads=[("B", "A", "A", -1)]), "must have three joints, and join two"),
+        (lambda: four_bar(rocker={"P": (0.0, 0.0), "1": (0.3, 0.0)}), "two or more letters"),
+        (lambda: four_bar(rocker={"P": (0.0, 0.0), "B": (0.3,)}), r"\['B'\] is \(0.3,\), must be"),
+        (lambda: four_bar(rocker={"P": (0.0, 0.0), "B": (0.3, math.nan)}), r"\['B'\] is nan"),
+        (lambda: four_bar(rocker={"P": (0.0, 0.0), 3: (0.3, 0.0)}), "has a joint 3, must be a let"),
+        (lambda: robot_from_joints(FOUR_BAR, DYADS, "T", []), "Robot.legs is empty"),
+        (lambda: robot_from_joints(FOUR_BAR, None, "T", phased_legs(1)), "Linkage.dyads is None"),
+        (lambda: upside_down(height=0.5), "height is 0.5, must be None: the toes are"),
+        (lambda: replace(JANSEN, toes="E"), "must be no toes, each once"),
+        (lambda: replace(JANSEN, pins=JANSEN.pins[1:]), "must hold all bodies together at each"),
+        (lambda: replace(JANSEN, damped=((1, 1),)), r"pair of bodies \(1, 1\), must be two from 1"),
+        (lambda: replace(JANSEN, pads=(("X", 8),)), "X on body 8, which has no such joint"),
+        (lambda: replace(JANSEN, damped=((1, 9),)), r"\(1, 9\), must be two from 1 to 8"),
+        (lambda: replace(JANSEN, joints="ABC"), "Linkage.joints is 'ABC', must be"),
+        (lambda: Linkage((("frame", "OP"),), (), "P"), "has 1 bodies, must have two or more"),
+        (lambda: paper_robot().with_bodies(knee=None), "body is 'knee', must be one of"),
+        (lambda: paper_robot().body("knee"), "body is 'knee', must be one of"),
+    ],
+)  # fmt: skip
+def test_what_is_no_leg_is_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_a_leg_that_cannot_turn_is_refused_with_joint_and_angle():
+    with pytest.raises(LinkageError, match=r"joint B does not close at crank angle -?\d"):
+        compile_robot(four_bar(rocker={"P": (0.0, 0.0), "B": (0.05, 0.0)}))
+
+
+def test_a_dead_point_is_named_with_joint_and_angle():
+    """A rocker that just reaches: the links that meet in B are all but in line at one angle."""
+    near = four_bar(rocker={"P": (0.0, 0.0), "B": (0.138, 0.0)})
+    sine, joint, angle = nearest_dead_point(near)
+    assert sine < 0.1 and joint == "B"
+    with pytest.raises(ValueError, match=f"crank angle {angle:.3f} rad the links that meet in B"):
+        compile_robot(near)
+
+
+@pytest.mark.parametrize("name", ZOO)
+def test_the_zoo_is_as_high_and_heavy_as_the_paper(name):
+    robot, paper = ZOO[name](), paper_robot()
+    assert robot.mass == pytest.approx(paper.mass, rel=1e-12)
+    assert standing_height(robot) == pytest.approx(standing_height(paper), rel=1e-12)
+    assert len(robot.toes) == len(paper.toes)
+    assert nearest_dead_point(robot)[0] > 0.35
+
+
+def test_klanns_joints_are_the_patents():
+    """US 6,260,862: crank at half a turn, joints 27, 35, 37, 33 relative to the crank axis 15."""
+    robot = ZOO["klann"]()
+    unit = robot.crank.distance(0, 1) / 0.268
+    found = joint_positions(robot, "fore", math.pi) / unit
+    patent = {"D": (0.741, 0.750), "E": (0.232, 0.866), "F": (0.866, 1.5), "T": (0.0, 0.0)}
+    for joint, place in patent.items():
+        expected = np.subtract(place, (1.599, 0.750))
+        assert found[robot.linkage.joints.index(joint)] == pytest.approx(expected, abs=1e-12)
+
+
+def test_chebyshevs_feet_walk_on_a_line():
+    """Over the half turn about its middle a toe leaves the level by 0.2 % of its stride."""
+    robot = ZOO["chebyshev"](1)
+    x, y = toe_positions(robot, np.linspace(0.5 * math.pi, 1.5 * math.pi, 181))[:, 0].T
+    assert np.ptp(y) < 0.003 * np.ptp(x)
+
+
+def test_striders_halves_are_mirror_images():
+    """Its second toe at psi is the first one at pi - psi, mirrored."""
+    robot = ZOO["strider"]()
+    psi = np.linspace(0.0, 6.0, 50)
+    left, right = (toe_positions(robot, at)[:, k] for k, at in ((0, math.pi - psi), (1, psi)))
+    assert np.abs(left * (-1.0, 1.0) - right).max() < 1e-12
+
+
+def test_a_pad_on_a_body_that_turns_all_the_way_round():
+    """A drag link: its rocker goes round with the crank; the tables agree with the projection."""
+    robot = robot_from_joints(
+        {
+            "frame": {"O": (0.0, 0.0), "P": (0.08, 0.0)},
+            "crank": {"O": (0.0, 0.0), "A": (0.3, 0.0)},
+            "coupler": {"A": (0.0, 0.0), "B": (0.25, 0.0)},
+            "rocker": {"P": (0.0, 0.0), "B": (0.2, 0.0), "T": (0.1, -0.3)},
+        },
+        [("B", "A", "P", 1)], "T", phased_legs(1),
+    )  # fmt: skip
+    tables = compile_robot(robot)
+    q, v = np.array([0.1, 0.5, 0.2, 5.9]), np.array([0.3, -0.2, 0.4, 2.0])
+    T = pr.tangent_matrix(robot, q)[0]
+    mass = T.T @ pr.project(robot, q, v).mass @ T
+    assert np.abs(mass_matrix(tables, q) - mass).max() < 1e-11
+    slope = tables.pads[0, :, 1, 2]  # how fast the foot turns with the crank
+    assert slope.mean() == pytest.approx(1.0, abs=1e-2) and slope.min() > 0.0
+
+
+def test_pins_in_any_order_are_the_same_machine():
+    """On the rigid-body plant, too: 0.2 s under torque end at the same place."""
+    robot = four_bar()
+    turned = replace(robot, linkage=replace(robot.linkage, pins=robot.linkage.pins[::-1]))
+    ends = []
+    for one in (robot, turned):
+        plant = RigidBodyPlant(one, Terrain.flat(friction=0.5))
+        plant.reset(crank_angle=0.4)
+        plant.step(1.0, 0.2)
+        ends.append(plant.state)
+    assert ends[0] == pytest.approx(ends[1], abs=1e-3)
+
+
+def test_a_joint_below_all_toes_is_set_on_the_ground():
+    """By both plants: no pad begins below the floor."""
+    deep = {"A": (0.0, 0.0), "B": (0.45, 0.0), "T": (0.25, -0.4), "S": (0.25, -0.6)}
+    robot = four_bar(foot=deep)
+    for plant in (RigidBodyPlant(robot, Terrain.flat()), ProjectionPlant(robot, Terrain.flat())):
+        plant.reset(crank_angle=0.3)
+        lowest = plant.batch.pad_centres(0)[:, 1].min()
+        assert lowest == pytest.approx(robot.pad_radius, abs=1e-4)
+
+
+def test_names_of_the_paper_are_kept():
+    assert JANSEN.skeleton[:4] == ((0, 1), (1, 2), (2, 3), (0, 3))
+    assert [str(pin) for pin in JANSEN.pins][:3] == ["O12", "A23", "B34"]
+    assert JANSEN.holes == JANSEN.corners[:-1]
+    assert {robot().linkage.names for name, robot in ROBOTS.items() if name not in ZOO} == {
+        JANSEN.names
+    }

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -56,31 +57,37 @@ def policy_of(name: str, setting: Setting, env: Any, gains: tuple[float, ...] = 
 
 
 def measure(
-    name: str, settings: Array, episodes: int, env_id: str = ENV, gains: tuple[float, ...] = PAPER
-) -> dict[str, Any]:
+    name: str, settings: Array, episodes: int, env_id: str = ENV,
+    gains: tuple[float, ...] = PAPER, **env_kwargs: Any,
+) -> dict[str, Any]:  # fmt: skip
     """Measure walking speeds, m/s, of each crank speed ("pid") or torque ("constant")."""
-    env = make_env(env_id, {}).unwrapped
+    env = make_env(env_id, env_kwargs).unwrapped
     each = np.repeat(settings, episodes)
     commands, seeds = np.full(len(each), 0.3), FIRST_SEED + np.arange(len(each)) % episodes
     policy = policy_of(name, lambda _: each, env, gains)
-    run = run_episodes(policy, env_id, {}, commands, seeds, at_once=len(each))
+    run = run_episodes(policy, env_id, env_kwargs, commands, seeds, at_once=len(each))
     speeds = (run["distance"] / HORIZON).reshape(-1, episodes)
     return {"settings": settings.tolist(), "speeds": speeds.round(4).tolist()}
 
 
-def measure_pid(episodes: int, env_id: str) -> dict[str, Any]:
-    """Measure the PID with the paper's gains on the paper's robot, elsewhere with those of
-    :data:`GAINS` whose mean return over the benchmark's commands is best, on other starts."""
-    env, commands = make_env(env_id, {}).unwrapped, np.repeat(BENCHMARKS[env_id].commands, episodes)
+def measure_pid(
+    episodes: int, env_id: str, gains: Sequence[tuple[float, ...]] = (),
+    settings: Array = CRANK_SPEEDS, **env_kwargs: Any,
+) -> dict[str, Any]:  # fmt: skip
+    """Measure the PID at crank speeds (rad/s) with the paper's gains on the paper's robot,
+    elsewhere with those of some, default :data:`GAINS`, whose mean return over the benchmark's
+    commands is best, on other starts."""
+    env = make_env(env_id, env_kwargs).unwrapped
+    commands = np.repeat(BENCHMARKS[env_id].commands, episodes)
     seeds = FIRST_SEED + episodes + np.arange(len(commands)) % episodes
     best, found = -np.inf, {}
-    for gains in (PAPER,) if env_id == ENV else tqdm(GAINS, desc="gains", unit="PID"):
-        tried = measure("pid", CRANK_SPEEDS, episodes, env_id, gains)
+    for own in tqdm(gains or ((PAPER,) if env_id == ENV else GAINS), desc="gains", unit="PID"):
+        tried = measure("pid", settings, episodes, env_id, own, **env_kwargs)
         setting = nearest_setting(np.array(tried["settings"]), np.array(tried["speeds"]))
-        policy = policy_of("pid", setting, env, gains)
-        worth = run_episodes(policy, env_id, {}, commands, seeds)["returns"].mean()
+        policy = policy_of("pid", setting, env, own)
+        worth = run_episodes(policy, env_id, env_kwargs, commands, seeds)["returns"].mean()
         if worth > best:
-            best, found = worth, {"gains": list(gains), **tried}
+            best, found = worth, {"gains": list(own), **tried}
     return found
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -20,8 +20,8 @@ from benchmarks.profile_scores import chosen_with_policies
 from jansen_env import Terrain
 from jansen_env.baselines.policy import Array, Bools, Policy
 from jansen_env.plants.projected import ProjectionPlant
-from jansen_env.robot import Robot, paper_robot
-from jansen_env.robot.kinematics import SKELETON, T, joint_positions, world_joints
+from jansen_env.robot import JANSEN, Robot, paper_robot
+from jansen_env.robot.kinematics import T, joint_positions, world_joints
 from jansen_env.scoring.benchmarks import ENOUGH, succeeded
 from jansen_env.scoring.rollout import make_env, run_episodes
 from jansen_env.terrain import shapes
@@ -58,13 +58,13 @@ def sizes(obstacle: str) -> Array:
     return -found if obstacle.endswith("down") else found
 
 
-def ground(obstacle: str, size: float, seed: int) -> Terrain:
-    """Return an obstacle of a size; place and draws differ by seed."""
+def ground(obstacle: str, size: float, seed: int, start: float = shapes.START) -> Terrain:
+    """Return an obstacle of a size; place and draws differ by seed; start: m, of a single step."""
     rng = np.random.default_rng([FIRST_SEED, seed])
     if obstacle != "one step":
         given = ((parameter(obstacle), size),)
         return NamedGenerator(obstacle.split()[0], given)(rng, 0)
-    edge = shapes.START + rng.uniform(0.1, 0.5)
+    edge = start + rng.uniform(0.1, 0.5)
     step = shapes.treads(np.array([edge]), np.array([size]))
     return Terrain.of(np.concatenate([[[-1.0, 0.0]], step, [[step[-1, 0] + 1.0, size]]]))
 
@@ -80,12 +80,12 @@ Found: TypeAlias = dict[str, Walked]
 """Outcomes (sizes, speeds, episodes) by policy."""
 
 
-def walk(policy: Policy, cases: Sequence[tuple[Terrain, float, int]]) -> Walked:
-    """One walk of each case (terrain, speed command, seed), (n,)."""
+def walk(policy: Policy, cases: Sequence[tuple[Terrain, float, int]], **more: Any) -> Walked:
+    """One walk of each case (terrain, speed command, seed), (n,); ``more``: arguments."""
     parts = []
     for begin in range(0, len(cases), AT_ONCE):
         terrains, speeds, seeds = zip(*cases[begin : begin + AT_ONCE], strict=True)
-        kwargs = {"friction": FRICTION, "terrain": list(terrains)}
+        kwargs = {"friction": FRICTION, "terrain": list(terrains), **more}
         run = run_episodes(policy, ENV, kwargs, np.array(speeds), np.array(seeds))
         won = succeeded(run, make_env(ENV, {})).astype(bool)
         parts.append(Walked(~run["fell"].astype(bool), won))
@@ -199,7 +199,7 @@ def draw_generators(path: Path, levels: Sequence[int] = (0, 4, HIGHEST)) -> None
             plant = ProjectionPlant(robot, terrain)
             plant.reset(crank_angle=1.0)
             for joints in world_joints(robot, plant.state[:4]):
-                for a, b in SKELETON:
+                for a, b in JANSEN.skeleton:
                     axis.plot(*joints[[a, b]].T, color="C0", lw=0.8)
             axis.set(
                 aspect="equal", xlim=(-1.0, 4.0), ylim=(-0.4, 1.25), title=f"{name}, level {level}"

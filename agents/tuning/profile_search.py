@@ -96,7 +96,7 @@ def triangular(share: Array, left: float, middle: float, right: float) -> Array:
 
 def improve(
     found: dict[float, Array], command: float, sweep: Sweep, rng: np.random.Generator,
-    progress: Progress = lambda *_: None, env_id: str = ENV,
+    progress: Progress = lambda *_: None, env_id: str = ENV, **env_kwargs: Any,
 ) -> Array:  # fmt: skip
     """Return better numbers for a command of the grid; ``found`` are numbers by command, of which
     the others are held."""
@@ -107,7 +107,7 @@ def improve(
     held[place] = 0.0
     rest = Profile(np.array(knots), held)
     search = make_search(found[command], sweep, rng)
-    env = make_env(env_id, {})
+    env = make_env(env_id, env_kwargs)
     for _ in range(sweep.generations):
         # Commands and starts are stratified, each in an order of its own.
         orders = np.array([rng.permutation(n), rng.permutation(n)])
@@ -119,7 +119,7 @@ def improve(
         policy = profiles(numbers.reshape(m * n, -1), env)
         starts = commands, rng.integers(2**31) + np.arange(n), np.linspace(*FRICTION, n), angles
         command_of, seeds, friction, angle = (np.tile(each, m) for each in starts)
-        run = run_episodes(policy, env_id, {}, command_of, seeds, at_once=m * n,
+        run = run_episodes(policy, env_id, env_kwargs, command_of, seeds, at_once=m * n,
                            options={"friction": friction, "crank_angle": angle})  # fmt: skip
         search.tell(asked, -worth(run, env).reshape(m, n).mean(axis=1))
         progress(command, run)

@@ -1,0 +1,106 @@
+"""Numbers that others have published of these linkages, by their own definitions.
+
+Sources and verdicts: docs/published.md. Jansen's are in units of his "holy numbers".
+"""
+
+import math
+
+import numpy as np
+import pytest
+
+from jansen_env import holy_numbers_robot, robot_from_joints
+from jansen_env.robot import Leg
+from jansen_env.robot.kinematics import toe_positions
+
+pytestmark = pytest.mark.processor
+
+
+def holy_path(samples):
+    robot = holy_numbers_robot(1)
+    psi = 2.0 * math.pi / samples * np.arange(samples)
+    return toe_positions(robot, psi)[:, 0] / robot.crank.length * 15.0
+
+
+def longest_run(on):
+    """Indices of the longest cyclic run that is True."""
+    n = len(on)
+    runs = [(0, 0)]
+    for start in np.flatnonzero(on & ~np.roll(on, 1)):
+        length = next(k for k in range(1, n + 1) if not on[(start + k) % n])
+        runs.append((length, start))
+    length, start = max(runs)
+    return (start + np.arange(length)) % n
+
+
+def test_strandbeest_evolutions_gait_of_jansens_leg():
+    """180 samples; on the ground: up to 1.5 % of the path's width above its lowest point."""
+    x, y = holy_path(180).T
+    width = np.ptp(x)
+    stance = longest_run(y <= y.min() + 0.015 * width)
+    found = width, np.ptp(y), np.ptp(x[stance]), len(stance) / 180
+    published = 67.89875413151022, 22.45683436986971, 57.08132601641949, 0.43333333333333335
+    assert found == pytest.approx(published, rel=1e-12)
+
+
+def test_strandbeest_evolutions_stroke_has_not_converged():
+    """57.08 is a value of 180 samples: with 72,000 the same definition gives 57.67."""
+    x, y = holy_path(72_000).T
+    stance = longest_run(y <= y.min() + 0.015 * np.ptp(x))
+    assert np.ptp(x[stance]) == pytest.approx(57.66957, abs=1e-5)
+
+
+def test_strandbeest_evolutions_quasi_static_torque():
+    """12 massless legs bear 50 kg and a drag of 5 % of it; legs within one unit of the lowest walk.
+
+    Its body-height term has the opposite sign; with the right one the peak is 14.07.
+    """
+    legs, unit, mass, h, samples = 12, 0.02, 50.0, 1e-4, 240
+    robot = holy_numbers_robot(1)
+    psi = 2.0 * math.pi * np.arange(samples) / samples
+    phase = 2.0 * math.pi * np.arange(legs) / legs
+
+    def feet(ahead):
+        at = toe_positions(robot, psi[:, None] + phase + ahead)[..., 0, :]
+        return at / robot.crank.length * 15.0
+
+    now, after, before = feet(0.0), feet(h), feet(-h)
+    low = now[..., 1].min(axis=1)
+    walks = now[..., 1] <= low[:, None] + 1.0
+    back = (after[..., 0] - before[..., 0]) / (2.0 * h)  # the crank turns clockwise
+    advance = unit * (back * walks).sum(axis=1) / walks.sum(axis=1)
+    rise = unit * (after[..., 1].min(axis=1) - before[..., 1].min(axis=1)) / (2.0 * h)
+    weight = mass * 9.81
+    as_coded, corrected = (0.05 * weight * advance + sign * weight * rise for sign in (-1.0, 1.0))
+    assert advance.sum() * 2.0 * math.pi / samples == pytest.approx(2.667747, abs=1e-6)
+    assert [as_coded.mean(), as_coded.max()] == pytest.approx([10.423653, 14.711717], abs=1e-6)
+    assert [corrected.mean(), corrected.max()] == pytest.approx([10.402249, 14.072458], abs=1e-6)
+
+
+def test_legsynths_gait_of_jansens_leg():
+    """1440 samples; on the ground: the lowest 1 % of the path's height."""
+    x, y = holy_path(1440).T
+    ground = y.min() + 0.01 * np.ptp(y)
+    stance = longest_run(y <= ground)
+    step = np.ptp(x[stance])
+    assert step == pytest.approx(43.408629, abs=1e-6)
+    assert y.max() - ground == pytest.approx(22.232376, abs=1e-6)
+    assert y[stance].std() / step == pytest.approx(0.00111946, abs=1e-8)
+    assert len(stance) / 1440 == pytest.approx(0.311806, abs=1e-6)
+
+
+def test_leggedsnakes_boxes_of_foot_paths():
+    """48 samples; of Jansen's leg, and of a lambda linkage whose foot is its rocker's pin."""
+    assert np.ptp(holy_path(48), axis=0) == pytest.approx([67.83, 22.18], abs=6e-3)
+    lambda_linkage = robot_from_joints(
+        {
+            "frame": {"O": (0.0, 0.0), "Q": (3.0, 0.0)},
+            "crank": {"O": (0.0, 0.0), "A": (0.75, 0.0)},
+            "coupler": {"A": (0.0, 0.0), "B": (3.75, 0.0)},
+            "rocker": {"Q": (0.0, 0.0), "B": (3.75, 0.0)},
+        },
+        [("B", "A", "Q", -1)], "B", [Leg("fore")],
+    )  # fmt: skip
+    path = toe_positions(lambda_linkage, 2.0 * math.pi / 48 * np.arange(48))[:, 0]
+    assert np.ptp(path, axis=0) == pytest.approx([1.87, 0.79], abs=6e-3)
+    radius = np.hypot(*(path - (3.0, 0.0)).T)
+    assert radius == pytest.approx(3.75, abs=1e-12)

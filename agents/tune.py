@@ -72,17 +72,18 @@ def measure(
 
 def measure_pid(
     episodes: int, env_id: str, gains: Sequence[tuple[float, ...]] = (),
-    settings: Array = CRANK_SPEEDS, **env_kwargs: Any,
+    settings: Array | None = None, **env_kwargs: Any,
 ) -> dict[str, Any]:  # fmt: skip
-    """Measure the PID at crank speeds (rad/s) with the paper's gains on the paper's robot,
-    elsewhere with those of some, default :data:`GAINS`, whose mean return over the benchmark's
-    commands is best, on other starts."""
+    """Measure the PID at crank speeds (rad/s), default :data:`CRANK_SPEEDS`, with the paper's gains
+    on the paper's robot, elsewhere with those of some, default :data:`GAINS`, whose mean return
+    over the benchmark's commands is best, on other starts."""
     env = make_env(env_id, env_kwargs).unwrapped
     commands = np.repeat(BENCHMARKS[env_id].commands, episodes)
     seeds = FIRST_SEED + episodes + np.arange(len(commands)) % episodes
     best, found = -np.inf, {}
     for own in tqdm(gains or ((PAPER,) if env_id == ENV else GAINS), desc="gains", unit="PID"):
-        tried = measure("pid", settings, episodes, env_id, own, **env_kwargs)
+        speeds = CRANK_SPEEDS if settings is None else settings
+        tried = measure("pid", speeds, episodes, env_id, own, **env_kwargs)
         setting = nearest_setting(np.array(tried["settings"]), np.array(tried["speeds"]))
         policy = policy_of("pid", setting, env, own)
         worth = run_episodes(policy, env_id, env_kwargs, commands, seeds)["returns"].mean()

@@ -110,7 +110,7 @@ def test_bristles_and_springs_give_back_what_they_took(measured):
 
 
 @pytest.mark.parametrize("time_step", [1e-3, 1e-2])
-@pytest.mark.parametrize("name", ["paper_slender", "holy", "built"])
+@pytest.mark.parametrize("name", ["paper_slender", "holy", "built", "klann", "strider"])
 def test_random_walks_in_grooves(name, time_step, measured):
     """Nothing diverges, friction never drives; springs to 1 TN/m give back what counted as lost."""
     rng, count = np.random.default_rng(7), 48

@@ -12,6 +12,7 @@ from jansen_env import ROBOTS, Motor, Payload, Robot, Terrain
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.batch import Batch
 from jansen_env.robot import JANSEN, Compliance
+from jansen_env.robot.zoo import ZOO
 
 MOTOR = Motor(14.0, 7.0, 10.0, 40.0, 1e-4, 0.15, 0.02, 0.8)
 PADS = Compliance(3e4, 60.0, 2e4, 40.0)
@@ -21,9 +22,10 @@ GROUNDS = {"level": Terrain.flat(0.6), "slope": Terrain.slope(0.1, friction=0.6)
 
 def full(name, pads=PADS):
     """A design with everything on."""
+    robot = ROBOTS[name]()
     return replace(
-        ROBOTS[name](), motor=MOTOR, pad_compliance=pads, payload=Payload(1.0, 0.02, (0.05, 0.1)),
-        bearing_friction=(0.01,) * len(JANSEN.bearings),
+        robot, motor=MOTOR, pad_compliance=pads, payload=Payload(1.0, 0.02, (0.05, 0.1)),
+        bearing_friction=(0.01,) * len(robot.linkage.bearings),
     )  # fmt: skip
 
 
@@ -33,7 +35,7 @@ def walking(plant):
 
 
 @pytest.mark.parametrize("ground", GROUNDS)
-@pytest.mark.parametrize("name", ["paper", "holy_slender"])
+@pytest.mark.parametrize("name", ["paper", "holy_slender", *ZOO])
 def test_energy_audit(name, ground, measured):
     """Motor work = joint, slip and impact loss + change of energy, elastic included."""
     shares = []
@@ -44,12 +46,13 @@ def test_energy_audit(name, ground, measured):
         law = residual / (plant.robot.mass * GRAVITY * step)
         measured("everything on: contact law violated, of m g dt", law, 1e-14)
     missed, fine = shares
-    measured(f"everything on, {ground}: energy unaccounted for at 1 ms", missed, 5e-7)
-    measured(f"everything on, {ground}: the same at 0.25 ms", fine, 5e-8)
+    most = 5e-6 if name in ZOO else 5e-7  # toes that are three times as fast
+    measured(f"everything on, {ground}: energy unaccounted for at 1 ms", missed, most)
+    measured(f"everything on, {ground}: the same at 0.25 ms", fine, 0.1 * most)
     measured("everything on: order lost of 2", 2.0 - math.log(missed / fine, 4.0), 0.3)
 
 
-@pytest.mark.parametrize("name", ["paper", "holy_slender"])
+@pytest.mark.parametrize("name", ["paper", "holy_slender", *ZOO])
 def test_the_ground_accounts_for_all_momentum(name, rng, measured):
     """By the trace: contact impulses + m g t = change of momentum; all within Coulomb's cone."""
     plant = placed(full(name), Terrain.flat(0.6), tracing=True)

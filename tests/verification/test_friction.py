@@ -13,7 +13,7 @@ from motions import momenta, placed, shift
 from jansen_env import Leg, Payload, Robot, Terrain
 from jansen_env.dynamics import reduced as rd
 from jansen_env.gravity import GRAVITY
-from jansen_env.robot import holy_numbers_robot, paper_robot
+from jansen_env.robot import ROBOTS, holy_numbers_robot, paper_robot
 
 STEP = 1e-3  # s
 SLIDING = 1e-11  # m/s: a hundred times what the solver's compliance lets a sticking toe creep
@@ -23,6 +23,8 @@ MACHINES = {  # robot, crank angle, the largest mu asked of it
     "paper loaded": (Robot(payload=LOAD), 0.0, 0.8),
     "holy": (holy_numbers_robot(), 3.0, 0.4),
     "two legs": (Robot(legs=(Leg("fore"), Leg("back"))), 4.7, 0.8),
+    "klann": (ROBOTS["klann"](), 0.3, 0.4),
+    "strider": (ROBOTS["strider"](), 0.3, 0.4),
     "six legs": (paper_robot(3), 1.57, 0.6),
     "twelve legs": (paper_robot(6), 0.52, 0.6),
 }

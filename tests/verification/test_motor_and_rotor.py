@@ -13,6 +13,7 @@ from jansen_env.plants.batch import Batch
 from jansen_env.plants.fixed_base import FixedBasePlant
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot import ROBOTS
+from jansen_env.robot.zoo import ZOO
 
 LINE = Motor(stall_torque=12.0, no_load_speed=6.0, torque_limit=9.0)
 
@@ -219,7 +220,7 @@ def test_a_delayed_action_is_the_earlier_one_for_a_while(name, measured):
         batch.close()
 
 
-@pytest.mark.parametrize("name", ["paper", "holy_slender"])
+@pytest.mark.parametrize("name", ["paper", "holy_slender", "klann", "strider"])
 def test_energy_audit_of_a_walk_with_motor_and_rotor(name, measured):
     """Motor work = losses + change of energy, the rotor's included; less with the time step."""
     missed = []
@@ -231,5 +232,6 @@ def test_energy_audit_of_a_walk_with_motor_and_rotor(name, measured):
         plant = placed(robot, Terrain.flat(0.5), time_step=step)
         lost, turned, _ = audit(plant, lambda plant: governor(plant, most=9.0), 4.0)
         missed.append(lost / turned)
-    measured(f"walk with motor and rotor, {name}: energy unaccounted for", missed[0], 1e-6)
-    measured(f"walk with motor and rotor, {name}: at a quarter of the step", missed[1], 1e-7)
+    most, fine = (1e-5, 2e-6) if name in ZOO else (1e-6, 1e-7)  # toes three times as fast
+    measured(f"walk with motor and rotor, {name}: energy unaccounted for", missed[0], most)
+    measured(f"walk with motor and rotor, {name}: at a quarter of the step", missed[1], fine)

@@ -16,6 +16,7 @@ from jansen_env import ROBOTS, Leg, Payload, Robot, Terrain, paper_robot
 from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.robot import Bar, Plate
 
 TOUCHING = 1e-9  # m, by which the small robot is in the ground
 ODD_LADEN = replace(ODD, payload=Payload(2.0, 0.1, (0.1, 0.2)))
@@ -25,6 +26,8 @@ WALKS = {
     "paper uphill": (Robot(), Terrain.slope(0.1)),
     "paper bouncing": (Robot(), Terrain.flat(restitution=0.5)),
     "holy rough": (ROBOTS["holy"](), ROUGH),
+    "klann flat": (ROBOTS["klann"](), Terrain.flat()),
+    "strider uphill": (ROBOTS["strider"](), Terrain.slope(0.1)),
     "odd downhill": (ODD_LADEN, Terrain.slope(-0.1)),
     "odd rough": (ODD_LADEN, ROUGH),
 }
@@ -57,7 +60,10 @@ def scaled(robot):
     """The robot S times as long and F times as heavy."""
 
     def body(old):
-        lengths = ("length",) if hasattr(old, "length") else ("d", "l", "h")
+        if isinstance(old, Plate):
+            points = tuple((S * x, S * y) for x, y in old.points)
+            return Plate(points, F * old.mass, F * S**2 * old.inertia)
+        lengths = ("length",) if isinstance(old, Bar) else ("d", "l", "h")
         new = {name: S * getattr(old, name) for name in lengths}
         return replace(old, mass=F * old.mass, inertia=F * S**2 * old.inertia, **new)
 
@@ -171,6 +177,7 @@ SLOPES = {  # robot, crank angle, friction, torque
     "paper": (Robot(), 0.3, 0.8, 6.0),
     "holy slipping": (ROBOTS["holy"](), 2.0, 0.2, 6.0),
     "six legs": (paper_robot(3), 1.0, 0.8, -8.0),
+    "trotbot": (ROBOTS["trotbot"](), 1.0, 0.5, 6.0),
 }
 
 

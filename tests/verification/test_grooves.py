@@ -71,9 +71,10 @@ def check(name: str, seeds: range, episodes: int, measured) -> None:
     gain, unaccounted, force, residual = worst.T
     measured(f"{where}: energy added, wedging or bouncing", gain[strict].max(), 1e-12, "J")
     measured(f"{where}: energy added, rolling", gain.max(), 2e-4, "J")
-    most = 0.6 if name in ZOO else 0.1  # whose cranks are longer, and toes faster
+    # The zoo's cranks are longer, so toes are faster, and wedged ones nearer to a toggle.
+    most, hardest = (0.6, 3e5) if name in ZOO else (0.1, 1e5)
     measured(f"{where}: energy unaccounted for in 20 ms", unaccounted.max(), most, "J")
-    measured(f"{where}: mean force on a pad over 20 ms", force.max(), 1e5, "N")
+    measured(f"{where}: mean force on a pad over 20 ms", force.max(), hardest, "N")
     measured(f"{where}: contact law violated", residual.max(), 1e-8, "N s")
 
 

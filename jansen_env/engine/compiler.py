@@ -70,7 +70,8 @@ class _StageEntry(LoweringPass):
 
     def run_pass(self, state: Any) -> bool:
         lowered = state["cr"]._replace(cfunc=_entry(state.func_id.func_name))
-        state.targetctx.insert_user_function(lowered.cfunc, lowered.fndesc, [state.library])
+        linked = [state["library"]]
+        state.targetctx.insert_user_function(lowered.cfunc, lowered.fndesc, linked)
         state["cr"] = lowered
         return True
 
@@ -84,7 +85,8 @@ class StageCompiler(KernelCompiler):
     """Compiles what only compiled functions call."""
 
     def compile_extra(self, func: Callable[..., Any]) -> Any:
-        self.state.library = StageLibrary(self.state.targetctx.codegen(), func.__qualname__)
+        stage = StageLibrary(self.state.targetctx.codegen(), func.__qualname__)
+        self.state["library"] = stage
         return super().compile_extra(func)
 
     def define_pipelines(self) -> list[Any]:
@@ -100,8 +102,9 @@ class StageFile(CompileResultCacheImpl):
 
     def reduce(self, cres: Any) -> Any:
         cres.fndesc.typemap = cres.fndesc.calltypes = None  # large, and of no use to others
-        code = cres.library._get_module_for_linking().as_bitcode()
-        return cres.library.name, code, cres.fndesc, cres.signature
+        stage = cres._asdict()["library"]
+        code = stage._get_module_for_linking().as_bitcode()
+        return stage.name, code, cres.fndesc, cres.signature
 
     def rebuild(self, target_context: Any, payload: Any) -> Any:
         name, code, fndesc, signature = payload

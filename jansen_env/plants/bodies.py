@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import math
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -98,12 +98,8 @@ def rates(robot: Robot, q: Array, v: Array) -> Array:
 
 def viscous_pairs(robot: Robot) -> dict[tuple[int, int], float]:
     """Viscous friction between pairs of bodies, N m s/rad: joints and motor, without zeros."""
-    coefficients: dict[tuple[int, int], float] = defaultdict(float)
-    for leg in range(len(robot.legs)):
-        for (i, j), coefficient in zip(robot.linkage.damped, robot.damping, strict=True):
-            coefficients[place_of(robot, leg, i), place_of(robot, leg, j)] += coefficient
-    coefficients[CHASSIS, SHAFT] += robot.motor.viscous_friction
-    return {pair: coefficient for pair, coefficient in coefficients.items() if coefficient > 0.0}
+    each = zip(robot.linkage.damped, robot.damping, strict=True)
+    return _summed(robot, each, robot.motor.viscous_friction)
 
 
 def joint_friction(robot: Robot) -> Array:
@@ -120,12 +116,21 @@ def joint_friction(robot: Robot) -> Array:
 
 def dry_pairs(robot: Robot) -> dict[tuple[int, int], float]:
     """Coulomb friction torque between pairs of bodies, N m: bearings and gear, without zeros."""
-    torques: dict[tuple[int, int], float] = defaultdict(float)
+    each = zip(robot.linkage.bearings, robot.bearing_friction, strict=True)
+    return _summed(robot, each, robot.motor.friction)
+
+
+def _summed(
+    robot: Robot, of_a_leg: Iterable[tuple[tuple[int, int], float]], motor: float
+) -> dict[tuple[int, int], float]:
+    """What each leg has between its bodies, and the motor, between the bodies that legs share."""
+    total: dict[tuple[int, int], float] = defaultdict(float)
+    pairs = [*of_a_leg]
     for leg in range(len(robot.legs)):
-        for (i, j), torque in zip(robot.linkage.bearings, robot.bearing_friction, strict=True):
-            torques[place_of(robot, leg, i), place_of(robot, leg, j)] += torque
-    torques[CHASSIS, SHAFT] += robot.motor.friction
-    return {pair: torque for pair, torque in torques.items() if torque > 0.0}
+        for (i, j), value in pairs:
+            total[place_of(robot, leg, i), place_of(robot, leg, j)] += value
+    total[CHASSIS, SHAFT] += motor
+    return {pair: value for pair, value in total.items() if value > 0.0}
 
 
 def make_dry_joints(robot: Robot, bodies: list[pymunk.Body]) -> list[pymunk.SimpleMotor]:

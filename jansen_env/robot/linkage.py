@@ -1,4 +1,4 @@
-"""Linkages as data: the bodies of a leg, the joints they share, and the order in which it closes.
+"""Linkages as data: the bodies of a leg, the joints that they share, and how they are found.
 
 Nothing here has a length. The lengths, masses and inertias of the bodies are the robot's.
 """
@@ -57,7 +57,8 @@ class Linkage:
             on; empty for all but the crank's: on the frame, or on the last body that has it.
 
     Raises:
-        ValueError: joints that are not found, or a leg with other than one degree of freedom.
+        ValueError: a row of another kind, joints that the dyads do not find, pins that do not hold
+            all bodies together, or a leg with other than one degree of freedom.
     """
 
     bodies: tuple[tuple[str, str], ...]
@@ -177,19 +178,13 @@ class Linkage:
 
     def _check_pins(self) -> None:
         """Check that the pins hold all bodies together at each joint, once."""
-        pairs = [(pin.joint, frozenset(pin[1:])) for pin in self.pins]
-        held = {joint: set[int]() for joint in self.joints}
-        for joint, pair in pairs:
-            held[joint] |= pair
-        meeting = [{k for k, (_, joints) in enumerate(self.bodies, start=1) if joint in joints}
-                   for joint in self.joints]  # fmt: skip
-        wanted = [bodies if len(bodies) > 1 else set() for bodies in meeting]
-        twice = len({*pairs}) < len(pairs) or any(len(pair) < 2 for _, pair in pairs)
-        if (
-            twice
-            or [*held.values()] != wanted
-            or len(pairs) != sum(map(len, wanted)) - sum(map(bool, wanted))
-        ):
+
+        def meeting(pins: tuple[Pin, ...]) -> tuple[list[str], set[tuple[str, int]]]:
+            bodies = {(pin.joint, body) for pin in pins for body in pin[1:]}
+            return sorted(pin.joint for pin in pins), bodies
+
+        pairs = {(pin.joint, frozenset(pin[1:])) for pin in self.pins if pin.body != pin.other}
+        if len(pairs) < len(self.pins) or meeting(self.pins) != meeting(self._pins()):
             raise ValueError(
                 f"Linkage.pins is {shown(self.pins)}, must hold all bodies together at each joint, "
                 f"such as {shown(self._pins())}"

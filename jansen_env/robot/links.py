@@ -78,7 +78,7 @@ class Bar:
 
     @property
     def corners(self) -> Corners:
-        """Its two ends, as (c, o): it is at the centre of mass + c (cos, sin)(theta + o)."""
+        """(c, o) of both ends, m and rad: the end is at the centre + c (cos, sin)(theta + o)."""
         return (-self.half, 0.0), (self.half, 0.0)
 
     def distance(self, one: int, other: int) -> float:
@@ -159,7 +159,7 @@ class Triangle:
 
     @property
     def corners(self) -> Corners:
-        """Places of its joints, as of a bar's."""
+        """(c, o) of each joint, m and rad: it is at the centre + c (cos, sin)(theta + o)."""
         s = 1.0 if self.outward else -1.0
         return (s * self.d, 0.0), (s * self.l, self.alpha), (s * self.h, -self.gamma)
 
@@ -233,7 +233,7 @@ class Plate:
 
     @property
     def corners(self) -> Corners:
-        """Places of its joints, as of a bar's."""
+        """(c, o) of each joint, m and rad: it is at the centre + c (cos, sin)(theta + o)."""
         return tuple((math.hypot(x, y), math.atan2(y, x)) for x, y in self.points)
 
     def distance(self, one: int, other: int) -> float:

@@ -136,12 +136,12 @@ class Robot:
 
     @property
     def frame(self) -> Link:
-        """What all legs of a side hang on."""
+        """Body 1 of a leg, which is part of the chassis."""
         return self.bodies[FRAME - 1]
 
     @property
     def crank(self) -> Link:
-        """What turns on the axis."""
+        """Body 2 of a leg, which the motor turns."""
         return self.bodies[CRANK - 1]
 
     @property

@@ -1,12 +1,16 @@
 """The comparison of walking linkages: equal conditions, the saved controllers, the program."""
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmarks import linkages
+from jansen_env.dynamics.reduced import body_sums, compile_robot
+from jansen_env.gravity import GRAVITY
+from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.zoo import standing_height
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -19,6 +23,18 @@ def test_linkages_are_equally_tall_and_heavy_with_four_toes_and_one_motor():
     assert {(len(robot.toes), robot.motor, robot.pad_radius) for robot in robots} == {
         (4, robots[0].motor, 0.01)
     }
+
+
+def test_pins_alone_cost_as_the_page_says():
+    """Mean viscous friction on the crank at the speed that level feet without slip ask for."""
+    costs = []
+    for name in linkages.LINKAGES:
+        robot = linkages.as_tall(name)
+        psi = 2.0 * math.pi / 360 * np.arange(360)
+        friction = body_sums(compile_robot(robot), psi).f.mean()  # N m s/rad
+        crank = 2.0 * math.pi / advance_per_turn(robot)  # rad a metre
+        costs.append(friction * crank**2 / (robot.mass * GRAVITY))
+    assert costs == pytest.approx([4.5, 2.9, 0.79, 0.66, 0.76, 0.61], rel=0.02)
 
 
 def test_a_shipped_profile_walks_as_the_table_says():

@@ -1,4 +1,4 @@
-"""Linkages as data: what is refused, and what the built-in ones must be."""
+"""Linkages: which data are refused, and properties of the built-in ones."""
 
 import math
 from dataclasses import replace

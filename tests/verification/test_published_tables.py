@@ -11,6 +11,7 @@ import pytest
 from jansen_env import holy_numbers_robot, robot_from_joints
 from jansen_env.robot import Leg
 from jansen_env.robot.kinematics import toe_positions
+from jansen_env.robot.zoo import klann_robot
 
 pytestmark = pytest.mark.processor
 
@@ -72,6 +73,11 @@ def test_strandbeest_evolutions_quasi_static_torque():
     weight = mass * 9.81
     as_coded, corrected = (0.05 * weight * advance + sign * weight * rise for sign in (-1.0, 1.0))
     assert advance.sum() * 2.0 * math.pi / samples == pytest.approx(2.667747, abs=1e-6)
+    strides = [
+        unit * ((back * near).sum(axis=1) / near.sum(axis=1)).mean() * 2.0 * math.pi
+        for near in (now[..., 1] <= low[:, None] + band for band in (0.1, 2.0))
+    ]  # by how near to the lowest a foot counts as standing
+    assert strides == pytest.approx([2.81, 2.50], abs=6e-3)
     assert [as_coded.mean(), as_coded.max()] == pytest.approx([10.423653, 14.711717], abs=1e-6)
     assert [corrected.mean(), corrected.max()] == pytest.approx([10.402249, 14.072458], abs=1e-6)
 
@@ -86,6 +92,14 @@ def test_legsynths_gait_of_jansens_leg():
     assert y.max() - ground == pytest.approx(22.232376, abs=1e-6)
     assert y[stance].std() / step == pytest.approx(0.00111946, abs=1e-8)
     assert len(stance) / 1440 == pytest.approx(0.311806, abs=1e-6)
+
+
+def test_klanns_path_in_the_patents_assembly():
+    """Three times the patent's lengths, 48 samples; leggedsnake's assembly gives 3.40 x 1.59."""
+    robot = klann_robot(1)
+    path = toe_positions(robot, 2.0 * math.pi / 48 * np.arange(48))[:, 0]
+    unit = robot.crank.distance(0, 1) / 0.268
+    assert 3.0 / unit * np.ptp(path, axis=0) == pytest.approx([3.02, 1.58], abs=6e-3)
 
 
 def test_leggedsnakes_boxes_of_foot_paths():

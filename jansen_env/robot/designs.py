@@ -8,7 +8,15 @@ from dataclasses import replace
 
 from jansen_env.robot import buildable as built
 from jansen_env.robot.linkage import JANSEN
-from jansen_env.robot.links import CRANK_RADIUS, Bar, Compliance, Triangle, phased_legs
+from jansen_env.robot.links import (
+    CRANK_RADIUS,
+    Bar,
+    Compliance,
+    Link,
+    Plate,
+    Triangle,
+    phased_legs,
+)
 from jansen_env.robot.motor import MOTORS
 from jansen_env.robot.robot import Robot
 from jansen_env.robot.zoo import ZOO
@@ -47,19 +55,7 @@ def built_robot(phases: int = 2) -> Robot:
     Flat bars and windowed plates, pins in dry plain bearings (Coulomb friction alone, by their mean
     load), feet of rubber: see :mod:`jansen_env.robot.buildable`.
     """
-    robot, parts = paper_robot(phases), {}
-    for name, link in zip(robot.linkage.names, robot.bodies, strict=True):
-        if isinstance(link, Triangle):
-            third = built.FOOT_MASS if name == "foot" else None
-            mass, inertia = built.triangular_plate(link.sides, third_mass=third)
-        elif name == "frame":
-            each = built.PIN_SHARE + built.AXIS_MASS / len(robot.legs)
-            mass, inertia = built.flat_bar(link.distance(0, 1), built.FRAME_WIDTH, each)
-        else:
-            length, thickness = link.distance(0, 1), built.bar_thickness(name)
-            mass, inertia = built.flat_bar(length, built.WIDTH, thickness=thickness)
-        parts[name] = replace(link, mass=mass, inertia=inertia)
-    robot = robot.with_bodies(**parts)
+    robot = with_built_parts(paper_robot(phases))
     normal, tangential = built.FOOT_STIFFNESS
     return replace(
         robot,
@@ -72,6 +68,33 @@ def built_robot(phases: int = 2) -> Robot:
             tangential, round(built.foot_damping(tangential, robot.mass), 1),
         ),
     )  # fmt: skip
+
+
+def with_built_parts(robot: Robot) -> Robot:
+    """The same robot with the masses and inertias of aluminium bars and plates, by its lengths.
+
+    Plates are triangular, with the foot's rubber on the third joint of the body ``foot``; the frame
+    carries motor, crankshaft, battery and cross-members.
+    """
+    parts: dict[str, Link] = {}
+    for name, link in zip(robot.linkage.names, robot.bodies, strict=True):
+        if isinstance(link, Triangle):
+            third = built.FOOT_MASS if name == "foot" else None
+            mass, inertia = built.triangular_plate(link.sides, third_mass=third)
+        elif name == "frame":
+            each = built.PIN_SHARE + built.AXIS_MASS / len(robot.legs)
+            mass, inertia = built.flat_bar(link.distance(0, 1), built.FRAME_WIDTH, each)
+        else:
+            length, thickness = link.distance(0, 1), built.bar_thickness(name)
+            mass, inertia = built.flat_bar(length, built.WIDTH, thickness=thickness)
+        parts[name] = replace(link, mass=mass, inertia=inertia)
+    return robot.with_bodies(**parts)
+
+
+def is_of_built_parts(robot: Robot) -> bool:
+    """Whether a robot's masses and inertias are those that :func:`with_built_parts` gives it."""
+    known = not any(isinstance(link, Plate) for link in robot.bodies)
+    return known and with_built_parts(robot).bodies == robot.bodies
 
 
 ROBOTS: dict[str, Callable[..., Robot]] = {

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from jansen_env.parameters import LONGEST_DELAY
 from jansen_env.plants.make import plant_time_step
 from jansen_env.robot import ROBOTS, Compliance, Payload, Robot
 from jansen_env.robot.motor import MOTORS, Motor
+from jansen_env.robot.robot_file import read_robot
 from jansen_env.terrain import Terrain, make_terrain
 from jansen_env.terrain.curriculum import Curriculum
 from jansen_env.terrain.generators import HIGHEST, Generator, make_generator
@@ -42,7 +44,9 @@ def _by_name(kind: type, known: Mapping[str, Any], name: str, value: Any) -> Any
 
 
 def load_robot(name: str, value: Any) -> Robot:
-    """A robot by itself or by the name of a design."""
+    """A robot by itself, by the name of a design, or by the path of its file."""
+    if isinstance(value, (str, Path)) and str(value).endswith(".json"):
+        return read_robot(value)
     robot = _by_name(Robot, ROBOTS, name, value)
     return robot if isinstance(robot, Robot) else _built_in(value)
 

@@ -1,0 +1,123 @@
+"""Lengths of a robot by name, and the same robot with others.
+
+Names are those of the bodies: ``upper_rod`` for a bar's length; ``foot_CE`` for a side of a
+triangle, by its joints; of a plate ``foot_FJ`` between its first two joints, and ``foot_T_along``
+and ``foot_T_across``, where another joint lies from the first, along that line and to its left.
+``frame_angle`` is that of a frame that is a bar, rad; all others are in m.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import pairwise
+
+from jansen_env.checks import finite, positive, shown
+from jansen_env.robot.designs import is_of_built_parts, with_built_parts
+from jansen_env.robot.links import Bar, Link, Plate, Triangle
+from jansen_env.robot.robot import Robot
+
+Point = tuple[float, float]
+LONGEST = 1e3  # m, of a length
+
+
+def lengths(robot: Robot) -> dict[str, float]:
+    """Return all lengths of a robot by name, m; ``frame_angle`` in rad."""
+    found: dict[str, float] = {}
+    for (name, joints), link in zip(robot.linkage.bodies, robot.bodies, strict=True):
+        found.update(zip(_names(name, joints, link), _values(link), strict=True))
+    if isinstance(robot.frame, Bar):
+        found["frame_angle"] = robot.frame_angle
+    return found
+
+
+def with_lengths(robot: Robot, changed: Mapping[str, float]) -> Robot:
+    """Return the same robot with some other lengths, m, in the same material.
+
+    A robot of the built robot's parts gets such parts of the new lengths. Of any other a link is as
+    heavy per metre of its sides as before, and its mass is spread in the same way. Whether the
+    linkage closes is found when the robot is compiled.
+
+    Args:
+        changed: by the names of :func:`lengths`.
+
+    Raises:
+        ValueError: another name, a length out of range, or three that form no triangle.
+    """
+    known = lengths(robot)
+    if unknown := [name for name in changed if name not in known]:
+        raise ValueError(f"lengths has {shown(unknown[0])}, must be of {[*known]}")
+    new = {**known}
+    for name, value in changed.items():
+        signed = name == "frame_angle" or name.endswith(("_along", "_across"))
+        new[name] = (finite if signed else positive)(f"lengths[{name!r}]", value)
+        if abs(new[name]) > LONGEST:
+            raise ValueError(f"lengths[{name!r}] is {new[name]}, must be within {LONGEST:g}")
+    links = {}
+    for (name, joints), link in zip(robot.linkage.bodies, robot.bodies, strict=True):
+        names = _names(name, joints, link)
+        if any(new[one] != known[one] for one in names):
+            links[name] = _of_lengths(name, link, [new[one] for one in names])
+    angle = new.get("frame_angle", robot.frame_angle)
+    resized = replace(robot.with_bodies(**links), frame_angle=angle)
+    return with_built_parts(resized) if links and is_of_built_parts(robot) else resized
+
+
+def _names(name: str, joints: str, link: Link) -> list[str]:
+    """Names of the lengths of a link."""
+    if isinstance(link, Bar):
+        return [name]
+    if isinstance(link, Triangle):
+        return [f"{name}_{a}{b}" for a, b in pairwise(joints + joints[0])]
+    others = [f"{name}_{joint}_{way}" for joint in joints[2:] for way in ("along", "across")]
+    return [f"{name}_{joints[:2]}", *others]
+
+
+def _values(link: Link) -> list[float]:
+    """Return the lengths of a link, m."""
+    if isinstance(link, Bar):
+        return [link.length]
+    if isinstance(link, Triangle):
+        return [*link.sides]
+    (x, y), (u, v), *others = link.points
+    span = math.dist((x, y), (u, v))
+    cos, sin = (u - x) / span, (v - y) / span
+    values = [span]
+    for a, b in others:
+        values += [cos * (a - x) + sin * (b - y), cos * (b - y) - sin * (a - x)]
+    return values
+
+
+def _of_lengths(name: str, link: Link, values: list[float]) -> Link:
+    """The same link with other lengths: as much mass a metre, spread as before."""
+    fresh: Link
+    try:
+        if isinstance(link, Bar):
+            fresh = Bar(values[0])
+        elif isinstance(link, Triangle):
+            fresh = Triangle.from_sides(*values, outward=link.outward)
+        else:
+            others = zip(values[1::2], values[2::2], strict=True)
+            (x, y), (u, v) = link.points[:2]
+            way = complex(u - x, v - y) / math.dist((x, y), (u, v))  # of its first two joints
+            places = [way * complex(*each) for each in ((0.0, 0.0), (values[0], 0.0), *others)]
+            fresh = Plate.uniform([(place.real, place.imag) for place in places])
+    except ValueError as error:
+        raise ValueError(f"lengths of {name}: {error}") from error
+    mass = link.mass * _size(fresh) / _size(link)
+    spread = _spread(fresh) / _spread(link)
+    return replace(fresh, mass=mass, inertia=link.inertia * mass / link.mass * spread)
+
+
+def _size(link: Link) -> float:
+    """The sum of a link's sides, m."""
+    count = len(link.corners)
+    sides = sum(link.distance(k, k + 1) for k in range(count - 1))
+    return sides + (link.distance(0, count - 1) if count > 2 else 0.0)
+
+
+def _spread(link: Link) -> float:
+    """Inertia over mass of a rod or uniform plate about the same joints, m^2."""
+    points = [(c * math.cos(o), c * math.sin(o)) for c, o in link.corners]
+    return Plate.uniform(points, 1.0).inertia

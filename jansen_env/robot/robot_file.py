@@ -1,0 +1,96 @@
+"""Robot files: all fields of a :class:`jansen_env.Robot` as JSON, checked whole when read."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+from jansen_env.checks import shown
+from jansen_env.files import open_regular, write_json
+from jansen_env.robot.linkage import Linkage
+from jansen_env.robot.links import Bar, Compliance, Leg, Payload, Plate, Triangle
+from jansen_env.robot.motor import Motor
+from jansen_env.robot.robot import Robot
+
+FORMAT = "jansen_env robot 1"
+MAX_BYTES = 2**20  # of a file
+PARTS: dict[str, type] = {
+    kind.__name__: kind
+    for kind in (Robot, Linkage, Bar, Triangle, Plate, Leg, Payload, Motor, Compliance)
+}
+"""What a file may hold, by the name under ``"is"``."""
+
+
+def robot_to_json(robot: Robot) -> dict[str, Any]:
+    """Return a robot as JSON knows it: each part a mapping of its fields, with its kind as "is".
+
+    A field that is infinite is left out.
+    """
+    return {"format": FORMAT, **_plain(robot)}
+
+
+def robot_from_json(found: Any) -> Robot:
+    """Return the robot of :func:`robot_to_json`.
+
+    Raises:
+        ValueError: it is none; one line says what is wrong.
+    """
+    if not isinstance(found, Mapping) or found.get("format") != FORMAT:
+        raise ValueError(f"a robot file is {shown(found)}, must be of format {FORMAT!r}")
+    robot = _made({name: value for name, value in found.items() if name != "format"})
+    if not isinstance(robot, Robot):
+        raise ValueError(f"a robot file is of a {shown(found.get('is'))}, must be of a Robot")
+    return robot
+
+
+def write_robot(path: str | Path, robot: Robot) -> Path:
+    """Write a robot file atomically. Raises OSError: it cannot be written."""
+    return write_json(path, robot_to_json(robot))
+
+
+def read_robot(path: str | Path) -> Robot:
+    """Read a robot file.
+
+    Raises:
+        ValueError: it cannot be read, or is no robot; names the file.
+    """
+    try:
+        with open_regular(path) as file:
+            text = file.read(MAX_BYTES + 1)
+        if len(text) > MAX_BYTES:
+            raise ValueError(f"it has more than {MAX_BYTES} bytes")
+        return robot_from_json(json.loads(text))
+    except OSError as error:
+        raise ValueError(f"{path} cannot be read: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path} is no robot file: {error}") from error
+
+
+def _plain(value: Any) -> Any:
+    if is_dataclass(value):
+        each = {one.name: getattr(value, one.name) for one in fields(value)}
+        kept = {name: _plain(part) for name, part in each.items() if part != math.inf}
+        return {"is": type(value).__name__, **kept}
+    return [_plain(one) for one in value] if isinstance(value, tuple) else value
+
+
+def _made(value: Any) -> Any:
+    if isinstance(value, list):
+        return tuple(_made(one) for one in value)
+    if not isinstance(value, Mapping):
+        return value
+    kind = value.get("is")
+    if not isinstance(kind, str) or kind not in PARTS:
+        raise ValueError(f"a part is a {shown(kind)}, must be of {[*PARTS]}")
+    known = [one.name for one in fields(PARTS[kind])]
+    given = {name: _made(part) for name, part in value.items() if name != "is"}
+    if unknown := [name for name in given if name not in known]:
+        raise ValueError(f"a {kind} has {shown(unknown[0])}, must be of {known}")
+    try:
+        return PARTS[kind](**given)
+    except TypeError as error:
+        raise ValueError(f"a {kind} lacks fields: {error}") from error

@@ -1,0 +1,143 @@
+"""Lengths by name, robots with others, and robot files."""
+
+import json
+import math
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from jansen_env import ROBOTS, Robot
+from jansen_env.robot import Bar, Payload, Plate
+from jansen_env.robot.kinematics import joint_positions
+from jansen_env.robot.lengths import lengths, with_lengths
+from jansen_env.robot.robot_file import read_robot, robot_from_json, robot_to_json, write_robot
+
+DESIGNS = [name for name in ROBOTS if not name.endswith("_slender")]
+ANGLES = np.linspace(0.0, 6.0, 7)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_lengths_are_distances_between_joints(name):
+    """Of every name with two joints, at any crank angle."""
+    robot = ROBOTS[name]()
+    linkage, found = robot.linkage, lengths(robot)
+    place = joint_positions(robot, "fore", ANGLES)
+    for (body, joints), link in zip(linkage.bodies, robot.bodies, strict=True):
+        bar = [(body, joints)] if isinstance(link, Bar) else []
+        named = bar + [(key, key[-2:]) for key in found if key.startswith(f"{body}_")]
+        for key, (a, b) in [pair for pair in named if pair[1].isupper()]:
+            between = place[:, linkage.joints.index(a)] - place[:, linkage.joints.index(b)]
+            assert np.hypot(*between.T) == pytest.approx(found[key], rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_design_twice_as_large_has_the_same_angles(name):
+    """All lengths doubled: joints twice as far; and back again, masses and inertias, too."""
+    robot = ROBOTS[name]()
+    before = lengths(robot)
+    twice = {key: value * (1.0 if key == "frame_angle" else 2.0) for key, value in before.items()}
+    large = with_lengths(robot, twice)
+    assert lengths(large) == pytest.approx(twice, abs=1e-12)
+    place = [joint_positions(one, "fore", ANGLES) for one in (robot, large)]
+    assert place[1] == pytest.approx(2.0 * place[0], abs=1e-9)
+    again = with_lengths(large, before)
+    for old, new in zip(robot.bodies, again.bodies, strict=True):
+        assert (new.mass, new.inertia) == pytest.approx((old.mass, old.inertia), rel=1e-3)
+
+
+def test_nothing_changed_is_the_same_robot():
+    """The links themselves, not only their numbers."""
+    for make in ROBOTS.values():
+        robot = make()
+        assert with_lengths(robot, lengths(robot)) == robot
+
+
+def test_a_longer_rod_is_heavier_in_its_own_material():
+    """A rod: m per metre, and m L^2 / 12; a part of the built robot: its flat bar's numbers."""
+    slender = with_lengths(ROBOTS["paper_slender"](), {"rocker": 0.47016})
+    rod = slender.body("rocker")
+    assert (rod.mass, rod.inertia) == pytest.approx((0.2, 0.2 * 0.47016**2 / 12.0))
+    built = with_lengths(ROBOTS["built"](), {"rocker": 0.3, "foot_CE": 0.3})
+    bar = built.body("rocker")
+    assert bar.mass == pytest.approx(2700.0 * 5e-3 * (15e-3 * 0.3 + math.pi * 7.5e-3**2) + 16e-3)
+    assert with_lengths(built, lengths(ROBOTS["built"]())).mass == pytest.approx(
+        ROBOTS["built"]().mass, rel=1e-4
+    )
+
+
+def test_a_plate_in_line_stays_in_line():
+    """Chebyshev's coupler, of three joints in line."""
+    robot = ROBOTS["chebyshev"]()
+    longer = with_lengths(robot, {"coupler_F_along": 0.9})
+    assert isinstance(longer.body("coupler"), Plate)
+    assert np.ptp([y for _, y in longer.body("coupler").points]) < 1e-12
+
+
+@pytest.mark.parametrize(
+    "changed, message",
+    [
+        ({"shin": 1.0}, r"lengths has 'shin', must be of \['frame'"),
+        ({"rocker": -1.0}, r"lengths\['rocker'\]"),
+        ({"rocker": math.nan}, r"lengths\['rocker'\]"),
+        ({"rocker": 1e9}, r"lengths\['rocker'\] is 1000000000.0, must be within 1000"),
+        ({"foot_CE": 5.0}, "lengths of foot: .* form no triangle"),
+    ],
+)
+def test_impossible_lengths_are_refused(changed, message):
+    """In one line that names them."""
+    with pytest.raises(ValueError, match=message) as error:
+        with_lengths(Robot(), changed)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_robot_file_gives_the_same_robot(name, tmp_path):
+    """To the last bit, and strict JSON."""
+    robot = replace(ROBOTS[name](), payload=Payload(0.3, 0.01, (0.1, 0.2)))
+    path = write_robot(tmp_path / "own.json", robot)
+    assert read_robot(path) == robot
+    json.loads(path.read_text(), parse_constant=pytest.fail)
+
+
+def test_an_environment_takes_a_robot_file(tmp_path):
+    """By its path, of an episode as of the robot itself."""
+    robot = with_lengths(ROBOTS["built"](), {"rocker": 0.24})
+    path = write_robot(tmp_path / "own.json", robot)
+    with gym.make("JansenWalkerBuilt-v0", robot=str(path)) as env:
+        assert env.unwrapped.plant.robot == robot
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("[1", "is no robot file"),
+        ("[1]", r"is \[1\], must be of format"),
+        ('{"format": "jansen_env robot 1"}', "a part is a None, must be of"),
+        ('{"format": "jansen_env robot 1", "is": "Bar", "length": 1}', "is of a 'Bar', must be"),
+        ('{"format": "jansen_env robot 1", "is": "Robot", "wheels": 4}', "has 'wheels', must be"),
+        ('{"format": "jansen_env robot 1", "is": "Robot", "frame_angle": NaN}', "frame_angle"),
+        ('{"format": "jansen_env robot 1", "is": "Robot", "payload": {"is": "os"}}', "'os'"),
+        ('{"format": "jansen_env robot 1", "is": "Robot", "legs": [{"is": "Leg"}]}', "side"),
+        ("[" * 100_000, "is no robot file"),
+    ],
+)
+def test_a_file_that_is_no_robot_is_refused(text, message, tmp_path):
+    """In one line that names the file."""
+    path = tmp_path / "bad.json"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=message) as error:
+        read_robot(path)
+    assert str(path) in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_missing_and_a_huge_file_are_refused(tmp_path):
+    """Before they are parsed."""
+    with pytest.raises(ValueError, match=r"cannot be read: No such file"):
+        read_robot(tmp_path / "none.json")
+    (tmp_path / "huge.json").write_bytes(b" " * 2**21)
+    with pytest.raises(ValueError, match="more than 1048576 bytes"):
+        read_robot(tmp_path / "huge.json")
+    with pytest.raises(ValueError, match="must be of format"):
+        robot_from_json(robot_to_json(Robot())["bodies"])

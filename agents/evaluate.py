@@ -15,6 +15,7 @@ from agents.command_line import parse_policies, policy_parser, positive_int
 from agents.plots import plot_scores
 from agents.video import FRAME_TIME, record_video
 from jansen_env.baselines.policy import Policy
+from jansen_env.baselines.profile import load_profile
 from jansen_env.files import write_json
 from jansen_env.policies import pretrained
 from jansen_env.scoring.benchmarks import WALKERS, find_benchmark
@@ -25,20 +26,24 @@ FIRST_SEED = 40_000  # of scored episodes; training, tuning and selection use ot
 ALIASES = {"pid-paper": "pid", "pretrained": f"pretrained:{pretrained.DEFAULT}"}
 KINDS = tuple(suffix.removeprefix(".") for suffix in FRAME_TIME)  # of video
 SHIPPED = "pretrained:"  # before the name of a policy that comes with the package
+SEARCHED = "profile:"  # before the file of a profile that a search has found
 
 Scores = dict[str, dict[str, Any]]
 """Summary of :func:`evaluate` by policy; a run's own policy comes last."""
 
 
 def load_named(name: str, env: Any) -> Policy:
-    """Load a policy for ``env``: a baseline, ``"pretrained"`` or ``"pretrained:NAME"``, or that of
-    a run's folder or of the file of a model or policy; a ValueError where it does not fit."""
+    """Load a policy for ``env``: a baseline, ``"pretrained"`` or ``"pretrained:NAME"``, a searched
+    profile ``"profile:FILE"``, or that of a run's folder or of the file of a model or policy; a
+    ValueError where it does not fit."""
     env_id, own, path = env.spec.id, ALIASES.get(name, name), Path(name)
     baselines = find_benchmark(env_id).baselines
     if own in baselines:
         return baselines[own](env.unwrapped)
     if own.startswith(SHIPPED):
         path = pretrained.shipped(env_id, own.removeprefix(SHIPPED))
+    elif own.startswith(SEARCHED):
+        return load_profile(own.removeprefix(SEARCHED), "found").policy(env.unwrapped)
     elif not path.exists():
         raise ValueError(
             f"policy is {name!r}, must be one of {[*baselines, 'pretrained']}, a run's folder, a "

@@ -1,17 +1,24 @@
-"""YAML read as plain data by PyYAML's safe loader, without aliases or repeated keys, bounded."""
+"""YAML read as plain data by PyYAML's safe loader, without aliases or repeated keys, bounded; and
+rules for its values."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Hashable
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from types import NoneType
+from typing import Any, NamedTuple
 
 import yaml
 
+from jansen_env.checks import shown
 from jansen_env.files import open_regular
 
 MAX_BYTES = 65_536  # of a file, some 30 times a training configuration
+TINY, HUGE = 1e-30, 1e30
+IN_WORDS = {bool: "true or false", NoneType: "null", dict: "a mapping, such as {}",
+            list: "a list", str: "text"}  # fmt: skip
 
 
 class _Loader(yaml.SafeLoader):
@@ -60,3 +67,45 @@ def read_yaml(path: str | Path) -> Any:
         raise ValueError(f"{path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is no UTF-8 text: {error.reason} at {error.start}") from error
+
+
+class Rule(NamedTuple):
+    """Allowed values: of some types, numbers within limits, words, or a prefix and a number."""
+
+    types: tuple[Any, ...] = ()
+    low: float = -HUGE
+    high: float = HUGE
+    words: tuple[str, ...] = ()
+    prefix: str = ""
+
+    def check(self, name: str, value: Any) -> None:
+        """Raise a ValueError that says what is allowed unless ``value`` is."""
+        number, low = value, self.low
+        if self.prefix and isinstance(value, str) and value.startswith(self.prefix):
+            with suppress(ValueError):
+                number, low = float(value.removeprefix(self.prefix)), max(low, TINY)
+        if type(number) in (int, float):
+            known = float in self.types or type(number) in self.types
+            allowed = known and low <= number <= self.high
+        else:
+            allowed = type(value) in self.types or value in self.words
+        if not allowed:
+            raise ValueError(f"{name} is {shown(value)}, must be {self}")
+
+    def __str__(self) -> str:
+        parts = [text for kind, text in IN_WORDS.items() if kind in self.types]
+        if {int, float} & {*self.types}:
+            whole = "" if float in self.types else "whole "
+            parts.insert(0, f"a {whole}number from {self.low} to {self.high}")
+        parts += [f"'{self.prefix}NUMBER'"] * (self.prefix != "")
+        parts += [f"one of {sorted(self.words)}"] * (self.words != ())
+        return ", or ".join(parts)
+
+
+def check_keys(part: str, values: dict[str, Any], table: dict[str, Rule]) -> None:
+    """Check each value against the rule for its key; raise ValueError with the values allowed."""
+    for name, value in values.items():
+        if name not in table:
+            where = f" of {part}" if part else ""
+            raise ValueError(f"{name!r} is no key{where}, must be in {sorted(table)}")
+        table[name].check(f"{part}.{name}" if part else name, value)

@@ -27,7 +27,7 @@ from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.trace import trace_forces
 from jansen_env.robot import JANSEN
 from jansen_env.robot import buildable as built
-from jansen_env.robot.kinematics import coordinates
+from jansen_env.robot.kinematics import turning
 
 Array = NDArray[np.float64]
 
@@ -81,7 +81,7 @@ def loads_of_walk(robot: Robot, speed: float, duration: float, start: float) -> 
     forces = trace_forces(plant.tables, traced, FINE_STEP)
     size = forces.magnitude
     contact = np.abs(traced["impulses"][:, : plant.toes]) / FINE_STEP
-    turned = turning(robot, traced["pose"][:, 3])
+    turned = turning(robot, traced["pose"][:, 3], JANSEN.bearings)
     constant = (turned @ np.array(robot.bearing_friction)).sum(axis=1)
     load = size[..., [pin_of(pair) for pair in JANSEN.bearings]]
     loaded = built.dry_torque(1.0) * (turned * load).sum(axis=(1, 2))
@@ -202,21 +202,6 @@ def largest_compression(forces: JointForces, name: str) -> float:
     ends = [k for k, (b, _) in enumerate(JANSEN.corners) if b == body]
     axial = forces.link_loads()[..., ends, 0].mean(axis=-1)
     return float(max(0.0, -axial.min()))
-
-
-def turning(robot: Robot, angles: Array) -> Array:
-    """(n, legs, bearings) how fast each bearing turns per crank speed, at crank angles (n,)."""
-    step, rates = 1e-6, []
-    for leg in robot.legs:
-        ahead, behind = (
-            coordinates(robot, leg.side, angles + leg.phase + way).reshape(len(angles), -1, 3)
-            for way in (step, -step)
-        )
-        change = (ahead - behind)[..., 0]
-        rates.append(((change + math.pi) % (2.0 * math.pi) - math.pi) / (2.0 * step))
-    slope = np.stack(rates, axis=1)
-    first, second = np.array(JANSEN.bearings).T - 1
-    return np.asarray(np.abs(slope[..., second] - slope[..., first]))
 
 
 def pin_of(pair: tuple[int, int]) -> int:

@@ -16,9 +16,9 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from multiprocessing.connection import wait as wait_for
-from typing import Any
+from typing import Any, Protocol
 
-from agents.studies.run import RunRequest, RunResult, execute_run
+from agents.studies.run import RunResult, execute_run
 from agents.training.callbacks import StopOnSignal
 from agents.training.process import HANGUP
 from jansen_env.cores import available_cores
@@ -43,14 +43,31 @@ def has_ray() -> bool:
     return find_spec("ray") is not None
 
 
-def run_locally(requests: Sequence[RunRequest], workers: int, watch: Watch) -> dict[str, RunResult]:
+class Request(Protocol):
+    """Protocol of what a process is told: it is pickled."""
+
+    @property
+    def name(self) -> str:
+        """Of the run."""
+        ...
+
+    @property
+    def cores(self) -> int:
+        """How many the run uses."""
+        ...
+
+
+def run_locally(
+    requests: Sequence[Request], workers: int, watch: Watch,
+    execute_one: Callable[[Any], RunResult] = execute_run,
+) -> dict[str, RunResult]:  # fmt: skip
     """Execute runs in so many local processes side by side, and return the result of each by name.
 
     On Ctrl-C, runs in training save checkpoints before this returns.
     """
     context = multiprocessing.get_context("spawn")  # a process with threads must not be forked
 
-    def execute(request: RunRequest) -> RunResult:
+    def execute(request: Request) -> RunResult:
         """Execute a run in a new process; retry if the process dies."""
         for _ in range(RETRIES + 1):
             if stop.signal:
@@ -59,11 +76,11 @@ def run_locally(requests: Sequence[RunRequest], workers: int, watch: Watch) -> d
                 ProcessPoolExecutor(1, context, initializer=_begin_worker) as pool,
                 suppress(BrokenProcessPool),
             ):
-                return pool.submit(execute_run, request).result()
+                return pool.submit(execute_one, request).result()
         return LOST
 
     with StopOnSignal() as stop, ThreadPoolExecutor(workers) as threads:
-        futures = {threads.submit(execute, request): request.run.name for request in requests}
+        futures = {threads.submit(execute, request): request.name for request in requests}
         while wait(futures, TICK).not_done and not stop.signal:
             watch({name: f.result() for f, name in futures.items() if f.done()})
         if stop.signal:
@@ -89,8 +106,9 @@ def _begin_worker() -> None:
 
 
 def run_on_ray(
-    requests: Sequence[RunRequest], address: str | None, watch: Watch
-) -> dict[str, RunResult]:
+    requests: Sequence[Request], address: str | None, watch: Watch,
+    execute_one: Callable[[Any], RunResult] = execute_run,
+) -> dict[str, RunResult]:  # fmt: skip
     """Execute runs as tasks of Ray, which begins those lost with a process or node again, else as
     :func:`run_locally`; without an address on a new cluster of this machine's cores.
 
@@ -99,11 +117,11 @@ def run_on_ray(
     """
     results: dict[str, RunResult] = {}
     with _cluster(address) as ray, StopOnSignal() as stop:
-        task = ray.remote(execute_run)
+        task = ray.remote(execute_one)
         names = {
             task.options(
-                num_cpus=request.cores, max_retries=RETRIES, name=request.run.name
-            ).remote(request): request.run.name
+                num_cpus=request.cores, max_retries=RETRIES, name=request.name
+            ).remote(request): request.name
             for request in requests
         }  # fmt: skip
         while names and not stop.signal:

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import yaml
 
 from agents.command_line import MAX_STEPS
-from agents.plain_yaml import MAX_BYTES, read_yaml
-from agents.training.config import KEYS, TO_RESUME, Rule, check_config, check_keys, new_config
+from agents.plain_yaml import MAX_BYTES, Rule, check_keys, read_yaml
+from agents.training.config import KEYS, TO_RESUME, check_config, new_config
 from jansen_env.checks import shown
 from jansen_env.files import write_text
 from jansen_env.scoring.benchmarks import DEFAULT

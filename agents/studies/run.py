@@ -34,6 +34,11 @@ class RunRequest(NamedTuple):
     command: str
     token: str
 
+    @property
+    def name(self) -> str:
+        """Of the run."""
+        return self.run.name
+
 
 class RunResult(NamedTuple):
     """End of a run: "finished", "failed", "stopped" (by a signal) or "lost" (its process)."""

@@ -4,59 +4,22 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Collection
-from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from types import NoneType
-from typing import Any, NamedTuple, get_args, get_origin
+from typing import Any, get_args, get_origin
 
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from agents.command_line import MAX_STEPS
-from agents.plain_yaml import read_yaml
+from agents.plain_yaml import HUGE, TINY, Rule, check_keys, read_yaml
 from jansen_env.checks import shown
 from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT, check_env_kwargs
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
 CONFIGS = Path(__file__).parents[1] / "configs"
 MAX_UNITS, MAX_LAYERS = 1024, 8  # of a network
-TINY, HUGE = 1e-30, 1e30
-IN_WORDS = {bool: "true or false", NoneType: "null", dict: "a mapping, such as {}",
-            list: "a list", str: "text"}  # fmt: skip
-
-
-class Rule(NamedTuple):
-    """Allowed values: of some types, numbers within limits, words, or a prefix and a number."""
-
-    types: tuple[Any, ...] = ()
-    low: float = -HUGE
-    high: float = HUGE
-    words: tuple[str, ...] = ()
-    prefix: str = ""
-
-    def check(self, name: str, value: Any) -> None:
-        """Raise a ValueError that says what is allowed unless ``value`` is."""
-        number, low = value, self.low
-        if self.prefix and isinstance(value, str) and value.startswith(self.prefix):
-            with suppress(ValueError):
-                number, low = float(value.removeprefix(self.prefix)), max(low, TINY)
-        if type(number) in (int, float):
-            known = float in self.types or type(number) in self.types
-            allowed = known and low <= number <= self.high
-        else:
-            allowed = type(value) in self.types or value in self.words
-        if not allowed:
-            raise ValueError(f"{name} is {shown(value)}, must be {self}")
-
-    def __str__(self) -> str:
-        parts = [text for kind, text in IN_WORDS.items() if kind in self.types]
-        if {int, float} & {*self.types}:
-            whole = "" if float in self.types else "whole "
-            parts.insert(0, f"a {whole}number from {self.low} to {self.high}")
-        parts += [f"'{self.prefix}NUMBER'"] * (self.prefix != "")
-        parts += [f"one of {sorted(self.words)}"] * (self.words != ())
-        return ", or ".join(parts)
 
 
 KEYS = {
@@ -232,15 +195,6 @@ def _check_layers(value: Any, networks: list[str]) -> None:
                 f"policy_kwargs.net_arch is {shown(value)}, must be a list of up to {MAX_LAYERS} "
                 f"layers of 1 to {MAX_UNITS} units, or a mapping of {networks} to such lists"
             )
-
-
-def check_keys(part: str, values: dict[str, Any], table: dict[str, Rule]) -> None:
-    """Check each value against the rule for its key; raise ValueError with the values allowed."""
-    for name, value in values.items():
-        if name not in table:
-            where = f" of {part}" if part else ""
-            raise ValueError(f"{name!r} is no key{where}, must be in {sorted(table)}")
-        table[name].check(f"{part}.{name}" if part else name, value)
 
 
 def find_config(model: str | Path) -> Path:

@@ -20,9 +20,11 @@ from typing import Any
 import numpy as np
 
 from jansen_env.baselines.policy import Array, TorquePolicy, columns
+from jansen_env.files import open_regular
 
 DATA = Path(__file__).parent / "data" / "profile.json"
 
+MAX_BYTES = 2**20  # of a file
 NUMBERS = ("n0", "kp", "tau0", "g")
 """The first numbers of a profile, in rad/s, N m s/rad, N m, 1/m; then a_1 .. a_K, b_1 .. b_K."""
 READ = ("cos_crank_angle", "sin_crank_angle", "crank_speed", "speed_command", "lag")
@@ -116,6 +118,16 @@ class Profile:
 
 
 def load_profile(path: str | Path = DATA, robot: str = "paper") -> Profile:
-    """The profile found for a design, in a file of the search; default: the shipped one."""
-    found = json.loads(Path(path).read_text(encoding="utf-8"))[robot]
-    return Profile(np.array(found["commands"]), np.array(found["numbers"]))
+    """The profile found for a design, in a file of a search; default: the shipped one.
+
+    Raises:
+        ValueError: the file cannot be read, or has no such profile.
+    """
+    try:
+        with open_regular(path) as file:
+            found = json.loads(file.read(MAX_BYTES))[robot]
+        return Profile(np.array(found["commands"]), np.array(found["numbers"]))
+    except OSError as error:
+        raise ValueError(f"{path} cannot be read: {error.strerror}") from error
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        raise ValueError(f"{path} has no profile of {robot!r}: {error}") from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,25 +57,32 @@ class DesignTables:
             As for the class; nothing has changed then.
         """
         designs = {id(robot): design_of(robot) for robot in {id(r): r for r in robots}.values()}
-        unknown = {design for design in designs.values() if design not in self._rows}
-        new = {design: compile_robot(design) for design in unknown}
-        for robot, machine in zip(rows.tolist(), robots, strict=True):
-            self._users[self.number[robot]] -= 1
-            design = designs[id(machine)]
-            if design not in self._rows:
-                self._put(self._free_row(), design, new.get(design) or compile_robot(design))
-            self.number[robot] = row = self._rows[design]
-            self._users[row] += 1
+        each = [designs[id(robot)] for robot in robots]
+        new = {one: compile_robot(one) for one in designs.values() if one not in self._rows}
+        np.subtract.at(self._users, self.number[rows], 1)
+        np.add.at(self._users, [self._rows[one] for one in each if one in self._rows], 1)
+        free = np.flatnonzero(self._users == 0)
+        if len(free) < len(new):
+            self._grow(len(new) - len(free))
+            free = np.flatnonzero(self._users == 0)
+        for row, (design, tables) in zip(free.tolist(), new.items(), strict=False):
+            self._put(row, design, tables)
+            self._users[row] = each.count(design)
+        self.number[rows] = [self._rows[one] for one in each]
 
-    def _free_row(self) -> int:
-        """Return a row that no robot has."""
-        if self._users.all():
-            self.model = Model(*(np.concatenate([one, one]) for one in self.model))
-            for name in ("depths", "extent", "farthest"):
-                setattr(self, name, np.concatenate([getattr(self, name)] * 2))
-            self._designs += [None] * len(self._users)
-            self._users = np.append(self._users, np.zeros_like(self._users))
-        return int(np.argmin(self._users))
+    def _grow(self, count: int) -> None:
+        """Make room for so many more designs."""
+
+        def longer(old: NDArray[Any]) -> NDArray[Any]:
+            # Zeros cost nothing until they are written to.
+            grown = np.zeros((len(old) + count, *old.shape[1:]), old.dtype)
+            grown[: len(old)] = old
+            return grown
+
+        self.model = Model(*map(longer, self.model))
+        for name in ("depths", "extent", "farthest", "_users"):
+            setattr(self, name, longer(getattr(self, name)))
+        self._designs += [None] * count
 
     def _put(self, row: int, design: Robot, tables: Tables) -> None:
         """Let a row have a design in place of the one that no robot has."""

@@ -22,6 +22,9 @@ P, O, A, B, C, D, E, T = range(len(JANSEN.joints))  # noqa: E741 - the joints' n
 """Indices of the joints of Jansen's leg; T is the toe's centre."""
 
 
+TINY_TURN = 1e-6  # rad, of the crank, for slopes
+
+
 class LinkageError(ValueError):
     """A design that cannot turn a full revolution."""
 
@@ -146,6 +149,27 @@ def coordinates(robot: Robot, side: Side, psi: ArrayLike, joints: Array | None =
     x[..., 0] = np.angle(np.exp(1j * x[..., 0]))
     x[..., CRANK - 1, 0] = psi
     return x.reshape(*place.shape[:-2], 3 * len(robot.bodies))
+
+
+def turning(robot: Robot, angles: ArrayLike, pairs: Sequence[tuple[int, int]]) -> Array:
+    """How fast pairs of bodies turn against each other per crank speed (..., legs, pairs), >= 0.
+
+    Args:
+        angles: of the robot's crank (...), rad. pairs: numbers of two bodies each, from 1.
+
+    Raises LinkageError: the linkage does not close.
+    """
+    angle, rates = np.asarray(angles, float), []
+    for leg in robot.legs:
+        ahead, behind = (
+            coordinates(robot, leg.side, angle + leg.phase + way)[..., ::3]
+            for way in (TINY_TURN, -TINY_TURN)
+        )
+        change = (ahead - behind + math.pi) % (2.0 * math.pi) - math.pi
+        rates.append(change / (2.0 * TINY_TURN))
+    slope = np.stack(rates, axis=-2)
+    first, second = np.array(pairs).T - 1
+    return np.asarray(np.abs(slope[..., second] - slope[..., first]))
 
 
 def check_closure(robot: Robot, samples: int = 720) -> None:

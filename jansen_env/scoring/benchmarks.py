@@ -78,8 +78,12 @@ def _per_step(name: str) -> Callable[[Episodes, Any], Array]:
 
 
 def _per_weight(name: str) -> Callable[[Episodes, Any], Array]:
-    """Work / weight, m."""
-    return lambda run, env: np.asarray(run[name] / env.unwrapped.task.world.weight[0])
+    """Work / weight, m; of the episodes' own robots where they have a "weight", N."""
+
+    def per_weight(run: Episodes, env: Any) -> Array:
+        return np.asarray(run[name] / run.get("weight", env.unwrapped.task.world.weight[0]))
+
+    return per_weight
 
 
 def _start_work(run: Episodes, env: Any) -> Array:

@@ -74,6 +74,7 @@ def run_episodes(
     seeds: NDArray[np.int64],
     at_once: int = 256,
     options: dict[str, NDArray[Any]] | None = None,
+    envs: Any = None,
 ) -> Episodes:
     """Run one episode for each pair of command and seed, up to ``at_once`` side by side.
 
@@ -82,7 +83,8 @@ def run_episodes(
 
     Args:
         commands: (n,), in the benchmark's unit. seeds: (n,) of each episode's reset.
-        options: more of them for each reset, (n,) by name.
+        options: more of them for each reset, (n,) by name. envs: of :func:`make_envs` with
+            ``at_once`` robots, used and left open, where n is a multiple of that.
 
     Raises:
         ValueError: no benchmark is known for ``env_id``.
@@ -91,10 +93,11 @@ def run_episodes(
     every: dict[str, NDArray[Any]] = {benchmark.option: commands, **(options or {})}
     for begin in range(0, len(commands), at_once):
         part = slice(begin, begin + at_once)
-        envs = make_envs(env_id, env_kwargs, len(commands[part]))
+        own = envs or make_envs(env_id, env_kwargs, len(commands[part]))
         of_part = {name: values[part] for name, values in every.items()}
-        parts.append(_run_side_by_side(policy, envs, benchmark, of_part, seeds[part]))
-        envs.close()
+        parts.append(_run_side_by_side(policy, own, benchmark, of_part, seeds[part]))
+        if envs is None:
+            own.close()
     run = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     for name, aggregate in benchmark.aggregates.items():
         if aggregate.reduction == "rms":

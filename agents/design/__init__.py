@@ -1,0 +1,1 @@
+"""The search for walking linkages; ``python -m agents.design`` begins one."""

@@ -1,0 +1,181 @@
+"""Search for a walking linkage: ``python -m agents.design cost_at_0.3``.
+
+The plan is a YAML file, or the name of one that is shipped. Given again after it was stopped or
+killed, the same command goes on where it was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import yaml
+from tqdm import tqdm
+
+from agents.command_line import mapping, positive_int
+from agents.design.design_plan import PLANS, Plan, make_plan, read_plan
+from agents.design.design_report import REPORT, write_report
+from agents.design.search import JOURNAL, Measured, objectives_of, read_journal, run_search
+from agents.design.trust import trust_report
+from agents.plain_yaml import read_yaml
+from agents.studies.run import RunResult
+from jansen_env.baselines.policy import Policy
+from jansen_env.cores import available_cores
+from jansen_env.files import write_text
+from jansen_env.scoring.rollout import make_env
+
+PLAN = "plan.yml"
+
+
+class SearchRequest(NamedTuple):
+    """One seed's search in a process of its own."""
+
+    name: str
+    plan: Plan
+    seed: int
+    folder: Path
+    cores: int
+
+
+def execute_search(request: SearchRequest) -> RunResult:
+    """Run a seed's search; errors are the result."""
+    try:
+        run_search(request.plan, request.seed, request.folder, load_policy(request.plan))
+    except (OSError, ValueError) as error:
+        return RunResult("failed", str(error))
+    return RunResult("finished")
+
+
+def load_policy(plan: Plan) -> Policy | None:
+    """Return the policy that turns all cranks, None for profiles. Raises ValueError: no policy."""
+    if plan.policy is None:
+        return None
+    from agents.evaluate import load_named
+
+    return load_named(plan.policy, make_env(plan.env, plan.env_kwargs))
+
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
+    """Parse the command line."""
+    shipped = ", ".join(sorted(path.stem for path in PLANS.glob("*.yml")))
+    parser = argparse.ArgumentParser(prog="python -m agents.design", description=__doc__)
+    add = parser.add_argument
+    add("plan", nargs="?", metavar="PLAN", help=f"a file, or one of: {shipped}")
+    add("--name", help="of the search; default: the plan's")
+    add("--log-folder", default="logs/design", metavar="DIR", help="it goes to DIR/NAME")
+    add("--seeds", type=positive_int, help="searches with seeds from 0; default: the plan's")
+    add("--generations", type=positive_int, help="in place of the plan's")
+    add("--speed", type=float, help="m/s, in place of the plan's")
+    add("--limits", type=mapping, metavar="YAML",
+        help="beside the plan's, or in their place, e.g. '{lift: [0.1, null]}'")  # fmt: skip
+    add("--workers", type=positive_int, help="searches at once; default: as the cores allow")
+    add("--local", action="store_true", help="processes of this machine, though Ray is installed")
+    add("--address", help="of the Ray cluster to join, or 'auto'; default: one of this machine's")
+    add("--report", metavar="FOLDER", help="of a search: only write its report again")
+    add("--trust", metavar="FOLDER",
+        help="of a search: rank 100 of its designs again, elsewhere")  # fmt: skip
+    args = parser.parse_args(arguments)
+    args.error = parser.error
+    if (args.plan is None) == (args.report is None and args.trust is None):
+        parser.error("a PLAN, --report FOLDER or --trust FOLDER is needed, and one of them alone")
+    return args
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Search, and report; returns the exit status."""
+    args = parse(arguments)
+    try:
+        if args.report or args.trust:
+            folder = Path(args.report or args.trust)
+            plan = make_plan(read_yaml(folder / PLAN))
+            write = write_report if args.report else trust_report
+            print(write(plan, folder, load_policy(plan)))
+            return 0
+        plan = read_plan(args.plan)
+        asked = {name: getattr(args, name) for name in ("seeds", "generations", "speed")}
+        changes = {name: value for name, value in asked.items() if value is not None}
+        limits = {**plan.limits, **(args.limits or {})}
+        plan = make_plan({**plan._asdict(), **changes, "limits": limits})
+        folder = Path(args.log_folder) / (args.name or Path(args.plan).stem)
+        enter(folder, plan)
+        failed = search_all(plan, folder, args)
+        print(f"\n{write_report(plan, folder, load_policy(plan))}\n{folder / REPORT}")
+    except (OSError, ValueError) as error:
+        args.error(" ".join(str(error).split()))
+    except KeyboardInterrupt:
+        print(f"stopped; the same command goes on: python -m agents.design "
+              f"{shlex.join(sys.argv[1:] if arguments is None else arguments)}")  # fmt: skip
+        return 130
+    return int(failed)
+
+
+def enter(folder: Path, plan: Plan) -> None:
+    """Make a search's folder, or check that it is this one's; fewer generations were less of it.
+
+    Raises:
+        ValueError: it holds another search; says what differs.
+    """
+    path = folder / PLAN
+    if path.is_file():
+        there = make_plan(read_yaml(path))
+        other = [name for name in Plan._fields if getattr(there, name) != getattr(plan, name)]
+        if differ := [name for name in other if name not in ("generations", "seeds")]:
+            raise ValueError(f"{folder} holds another search: {differ} differ; take another name")
+    write_text(path, yaml.safe_dump(plan._asdict(), sort_keys=False))
+
+
+def search_all(plan: Plan, folder: Path, args: argparse.Namespace) -> bool:
+    """Run all seeds, here or on Ray; returns whether one has failed."""
+    if plan.seeds == 1:
+        run_search(plan, 0, folder / "seed_0", load_policy(plan), Shown(plan))
+        return False
+    from agents.studies.backends import has_ray, run_locally, run_on_ray
+
+    requests = [
+        SearchRequest(f"seed_{seed}", plan, seed, (folder / f"seed_{seed}").resolve(), 1)
+        for seed in range(plan.seeds)
+    ]
+    watch = partial(show_all, plan, folder, tqdm(total=plan.seeds * plan.generations))
+    if args.local or not has_ray():
+        workers = min(args.workers or available_cores(), len(requests))
+        results = run_locally(requests, workers, watch, execute_search)
+    else:
+        results = run_on_ray(requests, args.address, watch, execute_search)
+    for name, result in results.items():
+        if result.state != "finished":
+            print(f"{name}: {result.state} {result.error}")
+    if any(result.state == "stopped" for result in results.values()):
+        raise KeyboardInterrupt
+    return any(result.state != "finished" for result in results.values())
+
+
+class Shown:
+    """A bar of the generations, with the best so far."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan, self._best = plan, np.inf
+        self._bar = tqdm(total=plan.generations, unit="generation")
+
+    def __call__(self, number: int, measured: Measured, violation: Any) -> None:
+        """Take a generation."""
+        value = objectives_of(self._plan, measured)[:, 0]
+        fine = value[(violation == 0.0) & np.isfinite(value)]
+        self._best = min(self._best, fine.min(initial=np.inf))
+        best = f"{abs(self._best):.4g}" if np.isfinite(self._best) else "none yet"
+        self._bar.n = number + 1
+        self._bar.set_postfix({"keep all limits": len(fine), "best": best})
+
+
+def show_all(plan: Plan, folder: Path, bar: Any, results: dict[str, RunResult]) -> None:
+    """Show how far all seeds are."""
+    bar.n = sum(len(read_journal(path)) for path in folder.glob(f"seed_*/{JOURNAL}"))
+    bar.refresh()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

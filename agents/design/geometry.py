@@ -1,0 +1,89 @@
+"""Measures of a design that need no walk: closure, size, mass, the toes' paths, gaps of links."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from jansen_env.baselines.policy import Array
+from jansen_env.dynamics.reduced import compile_robot
+from jansen_env.gravity import GRAVITY
+from jansen_env.plants.initial_pose import static_deflection
+from jansen_env.robot import Robot
+from jansen_env.robot.kinematics import (
+    joint_positions,
+    nearest_dead_point,
+    toe_positions,
+)
+from jansen_env.robot.lengths import lengths
+
+SAMPLES = 180  # crank angles of a turn
+NEAR = 0.03  # of the height of a toe's path: what lies below counts as its stance
+
+
+def geometry_measures(robot: Robot) -> dict[str, float]:
+    """Return the geometry's measures by name, see :data:`agents.design.measures.MEASURES`.
+
+    NaN for most, and a closure of -1, where it cannot turn or stand.
+    """
+    try:
+        closure = nearest_dead_point(robot, SAMPLES)[0]
+        compile_robot(robot)
+        static_deflection(robot, GRAVITY)
+    except ValueError:  # it does not close, all but does not, or is too heavy for its feet
+        return dict.fromkeys(("closure", "height", "width", "mass", "lift", "stance"), math.nan) | {
+            "closure": -1.0, "mass": robot.mass, "longest": _longest(robot),
+        }  # fmt: skip
+    angles = np.linspace(0.0, 2.0 * math.pi, SAMPLES, endpoint=False)
+    place = joint_positions(robot, "fore", angles)
+    y = toe_positions(robot, angles)[..., 1]
+    low, high = y.min(axis=0), y.max(axis=0)
+    return {
+        "closure": closure,
+        "height": float(-y.min(axis=1).mean()),
+        "width": float(2.0 * np.abs(place[..., 0]).max()),
+        "mass": robot.mass,
+        "longest": _longest(robot),
+        "lift": float((high - low).min()),
+        "stance": float((y < low + NEAR * (high - low)).mean()),
+    }
+
+
+def _longest(robot: Robot) -> float:
+    return max(abs(value) for name, value in lengths(robot).items() if name != "frame_angle")
+
+
+def clearance(robot: Robot, planes: Sequence[tuple[int, int]], width: float) -> float:
+    """Least gap between links of a leg that lie in one plane, over a turn, m; below 0: they meet.
+
+    Args:
+        planes: pairs of bodies, as indices. width: of a link about the lines between its joints, m.
+    """
+    angles = np.linspace(0.0, 2.0 * math.pi, SAMPLES // 2, endpoint=False)
+    place, edges = joint_positions(robot, "fore", angles), robot.linkage.edges
+    gaps = [
+        _segments_apart(place[:, list(one)], place[:, list(other)]).min()
+        for a, b in planes for one in edges[a] for other in edges[b]
+    ]  # fmt: skip
+    return float(min(gaps, default=math.inf)) - width
+
+
+def _segments_apart(one: Array, other: Array) -> Array:
+    """Distances (n,) between segments (n, 2, 2), m; 0 where they cross."""
+
+    def side(a: Array, b: Array, c: Array) -> Array:
+        u, v = b - a, c - a
+        return np.asarray(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+
+    def to_segment(points: Array, segment: Array) -> Array:
+        a, span = segment[:, 0], segment[:, 1] - segment[:, 0]
+        share = ((points - a) * span).sum(axis=1) / (span * span).sum(axis=1)
+        return np.hypot(*(points - a - np.clip(share, 0.0, 1.0)[:, None] * span).T)
+
+    a, b, c, d = one[:, 0], one[:, 1], other[:, 0], other[:, 1]
+    cross = (side(a, b, c) * side(a, b, d) < 0.0) & (side(c, d, a) * side(c, d, b) < 0.0)
+    ends = [to_segment(p, other) for p in (a, b)] + [to_segment(p, one) for p in (c, d)]
+    return np.where(cross, 0.0, functools.reduce(np.minimum, ends))

@@ -1,0 +1,235 @@
+"""What a search measures of its candidates: on the ground, in the pins, on steps, of the shape."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Sequence
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+
+from agents.design.geometry import geometry_measures
+from agents.design.variables import Candidate
+from agents.tuning.profile_search import profiles
+from jansen_env.baselines.policy import Array, Policy
+from jansen_env.dynamics.projection import leg_sides
+from jansen_env.dynamics.reduced import compile_robot
+from jansen_env.gravity import GRAVITY
+from jansen_env.plants.trace import trace_forces
+from jansen_env.robot import Bar, Robot
+from jansen_env.robot import buildable as built
+from jansen_env.robot.kinematics import turning
+from jansen_env.robot.lengths import lengths, with_lengths
+from jansen_env.scoring.benchmarks import ENOUGH, WALKER
+from jansen_env.scoring.metrics import SETTLING, point_estimates
+from jansen_env.scoring.rollout import make_env, make_envs, run_episodes
+from jansen_env.terrain import Terrain, shapes
+
+SEED = 130_000  # of resets, apart from all others
+STEPS = tuple(np.round(np.arange(0.02, 0.161, 0.02), 3).tolist())  # m, heights that are climbed
+STEP_AT = 1.0  # m, where the step is
+COPIES, TOLERANCE = 8, 5e-4  # of a candidate whose lengths are off by up to so much, m
+TRACED = 4  # every so many time steps pin forces are worked out
+
+
+class Measure(NamedTuple):
+    """What is measured: the group that gives it, its unit and description."""
+
+    group: str
+    unit: str
+    label: str
+
+
+WALK = {name: Measure("walk", one.unit, one.label) for name, one in WALKER.metrics.items()}
+MEASURES: dict[str, Measure] = WALK | {
+    "closure": Measure("shape", "1", "sine of two links' angle, nearest a dead point"),
+    "height": Measure("shape", "m", "of the crank axis above the lowest toe"),
+    "width": Measure("shape", "m", "of the machine"),
+    "longest": Measure("shape", "m", "longest side of a link"),
+    "mass": Measure("shape", "kg", "of the machine"),
+    "lift": Measure("shape", "m", "height of a toe's path"),
+    "stance": Measure("shape", "fraction", "of a turn, with the toe near its lowest"),
+    "wear": Measure("loads", "J/m", "load times sliding in all pins per metre"),
+    "pin_force": Measure("loads", "N", "largest force in a pin"),
+    "rod_safety": Measure("loads", "1", "least buckling load over load of a bar"),
+    "climb": Measure("climb", "m", "height of a step that is climbed"),
+    "worst_copy": Measure(
+        "copies", "1", f"largest cost of transport of {COPIES} copies built to {1e3 * TOLERANCE} mm"
+    ),
+}  # fmt: skip
+"""By name. Walks are scored as everywhere (:data:`jansen_env.scoring.benchmarks.WALKER`)."""
+GROUPS = ("shape", "walk", "copies", "climb", "loads")
+"""In the order in which they are measured: the cheapest first."""
+
+
+class Walker:
+    """Walks candidates on an environment, at one commanded speed.
+
+    Args:
+        env_id, env_kwargs: of a walker. speed: m/s. starts: crank angles to start from, evenly over
+            half a turn: after that the legs have swapped. count: of candidates at once.
+        policy: that turns the crank in place of the candidates' profiles.
+    """
+
+    def __init__(
+        self, env_id: str, env_kwargs: dict[str, Any], speed: float, starts: int, count: int,
+        policy: Policy | None = None,
+    ) -> None:  # fmt: skip
+        self.env_id, self.env_kwargs, self.speed = env_id, env_kwargs, speed
+        self.starts, self.count, self.policy = starts, count, policy
+        self.angles = math.pi * (np.arange(starts) + 0.5) / starts
+        self._env: Any = make_env(env_id, env_kwargs)
+        self._envs: dict[Any, Any] = {}
+
+    def measure(self, group: str, candidates: Sequence[Candidate]) -> dict[str, Array]:
+        """Return a group's measures (n,) of candidates by name; NaN for what is not known."""
+        rows = {
+            "shape": lambda: [geometry_measures(one.robot) for one in candidates],
+            "walk": lambda: self.walk(candidates),
+            "copies": lambda: self._copies(candidates),
+            "climb": lambda: self._climb(candidates),
+            "loads": lambda: [self._loads(one) for one in candidates],
+        }[group]()
+        return {name: np.array([row[name] for row in rows], float) for name in rows[0]}
+
+    def walk(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
+        """Score every candidate's walks from all starts."""
+        runs = self._run(candidates, self.angles, {})
+        return [
+            {name: math.nan if value is None else value
+             for name, value in point_estimates(WALKER.metrics, run, self._env).items()}
+            for run in runs
+        ]  # fmt: skip
+
+    def _run(
+        self, candidates: Sequence[Candidate], angles: Array, kwargs: dict[str, Any]
+    ) -> list[dict[str, Any]]:
+        """Return each candidate's episodes, one from each crank angle."""
+        runs: list[Any] = [None] * len(candidates)
+        kinds: dict[Any, list[int]] = {}
+        for k, one in enumerate(candidates):
+            kinds.setdefault(leg_sides(one.robot), []).append(k)
+        for sides, members in kinds.items():
+            for begin in range(0, len(members), self.count):
+                part = members[begin : begin + self.count]
+                found = self._batch([candidates[k] for k in part], sides, angles, kwargs)
+                for k, run in zip(part, found, strict=True):
+                    runs[k] = run
+        return runs
+
+    def _batch(
+        self, candidates: list[Candidate], sides: Any, angles: Array, kwargs: dict[str, Any]
+    ) -> list[dict[str, Any]]:
+        """:meth:`_run` of up to ``count`` candidates with the same legs."""
+        n, each = self.count * len(angles), len(angles)
+        # Rows beyond the candidates walk the last of them again: a batch has a fixed size.
+        padded = [*candidates, *[candidates[-1]] * (self.count - len(candidates))]
+        robots = np.empty(n, object)
+        robots[:] = [one.robot for one in padded for _ in angles]
+        key = sides, each, repr(kwargs)
+        arguments = {**self.env_kwargs, "robot": padded[0].robot, **kwargs}
+        if key not in self._envs:
+            self._envs[key] = make_envs(self.env_id, arguments, n)
+        numbers = np.repeat([one.numbers for one in padded], each, axis=0)
+        policy = self.policy or profiles(numbers, self._env)
+        options = {"robot": robots, "crank_angle": np.tile(angles, self.count)}
+        run = run_episodes(
+            policy, self.env_id, arguments, np.full(n, self.speed), SEED + np.arange(n) % each,
+            at_once=n, options=options, envs=self._envs[key],
+        )  # fmt: skip
+        run["weight"] = np.array([GRAVITY * robot.mass for robot in robots])
+        return [
+            {name: values[k * each : (k + 1) * each] for name, values in run.items()}
+            for k in range(len(candidates))
+        ]
+
+    def _copies(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
+        """Score copies whose lengths are off, from one start each."""
+        rng, copies = np.random.default_rng(SEED), []
+        names = [name for name in lengths(candidates[0].robot) if name != "frame_angle"]
+        errors = rng.uniform(-TOLERANCE, TOLERANCE, (COPIES, len(names)))
+        for one in candidates:
+            own = lengths(one.robot)
+            for error in errors:
+                off = {name: own[name] + e for name, e in zip(names, error.tolist(), strict=True)}
+                copies.append(one._replace(robot=with_lengths(one.robot, off)))
+        costs = []
+        for run in self._run(copies, self.angles[:1], {}):
+            cost = point_estimates(WALKER.metrics, run, self._env)["steady_cost_of_transport"]
+            costs.append(math.inf if cost is None or run["fell"].any() else cost)
+        worst = np.array(costs).reshape(-1, COPIES).max(axis=1)
+        return [{"worst_copy": value} for value in worst.tolist()]
+
+    def _climb(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
+        """Sum over :data:`STEPS`: their differences, times the share of the way that is made."""
+        heights = np.array(STEPS)
+        grounds = [_step(height) for height in STEPS]
+        angles = np.resize(self.angles, len(STEPS))
+        runs = self._run(candidates, angles, {"terrain": grounds * self.count})
+        horizon = self._env.spec.max_episode_steps * self._env.unwrapped.control_dt
+        way = ENOUGH * self.speed * horizon
+        return [
+            {"climb": float(np.diff(heights, prepend=0.0)
+                            @ np.where(run["fell"], 0.0, np.clip(run["distance"] / way, 0.0, 1.0)))}
+            for run in runs
+        ]  # fmt: skip
+
+    def _loads(self, candidate: Candidate) -> dict[str, float]:
+        """Pin forces of a walk after :data:`SETTLING` s: wear, the largest, buckling."""
+        kwargs = {**self.env_kwargs, "robot": candidate.robot, "speed_command": self.speed}
+        env: Any = gym.make(self.env_id, **kwargs)
+        policy = self.policy or profiles(candidate.numbers[None], env)
+        plant, state, over = env.unwrapped.plant, None, False
+        traces: list[Any] = []
+        plant.tracing = True
+        seen, _ = env.reset(seed=SEED, options={"crank_angle": float(self.angles[0])})
+        begin = round(SETTLING / env.unwrapped.control_dt)
+        while not over:
+            action, state = policy.predict(seen, state, np.array(not traces), True)
+            seen, _, fallen, late, _ = env.step(action)
+            traces.append(plant.trace.copy())
+            over = fallen or late
+        env.close()
+        if len(traces) <= begin + 1:
+            return {"wear": math.nan, "pin_force": math.nan, "rod_safety": math.nan}
+        trace = np.concatenate(traces[begin:])
+        walked = abs(trace["pose"][-1, 0] - trace["pose"][0, 0])
+        return _loads_of(candidate.robot, trace[::TRACED], plant.time_step, walked)
+
+
+def _step(height: float) -> Any:
+    """Flat ground with one step up."""
+    tread = shapes.treads(np.array([STEP_AT]), np.array([height]))
+    return Terrain.of(np.concatenate([[[-1.0, 0.0]], tread, [[tread[-1, 0] + 1.0, height]]]))
+
+
+def _loads_of(robot: Robot, trace: Any, time_step: float, walked: float) -> dict[str, float]:
+    """Wear by Archard: force times sliding at the bush's radius, summed over pins, per metre."""
+    forces = trace_forces(compile_robot(robot), trace, time_step)
+    angles, speed = trace["pose"][:, 3], np.abs(trace["velocity_after"][:, 3])
+    pairs = [(pin.other, pin.body) for pin in robot.linkage.pins]
+    rate = speed[:, None, None] * turning(robot, angles, pairs)  # rad/s
+    work = (forces.magnitude * rate).sum() * built.PIN_RADIUS * time_step * TRACED
+    axial = forces.link_loads()[..., 0]
+    safety = math.inf
+    for body, link in enumerate(robot.bodies, start=1):
+        if isinstance(link, Bar) and body > 2:
+            ends = [k for k, (b, _) in enumerate(robot.linkage.corners) if b == body]
+            push = float(max(0.0, -axial[..., ends].mean(axis=-1).min()))
+            name = robot.linkage.names[body - 1]
+            most = built.buckling_load(link.length, thickness=built.bar_thickness(name))
+            safety = min(safety, most / max(push, 1e-9))
+    return {
+        "wear": float(work) / max(walked, 1e-3), "pin_force": float(forces.magnitude.max()),
+        "rod_safety": safety,
+    }  # fmt: skip
+
+
+def groups_of(names: Collection[str]) -> list[str]:
+    """Return the groups that give some measures, in the order of :data:`GROUPS`."""
+    needed = {MEASURES[name].group for name in names}
+    return [group for group in GROUPS if group in needed]
+
+
+Evaluate = Callable[[str, Sequence[Candidate]], dict[str, Array]]

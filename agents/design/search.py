@@ -1,0 +1,216 @@
+"""A search: generations asked for, measured and told, each a line of a journal in its folder.
+
+The journal is the whole state: a search that was killed asks again, tells what it had measured,
+and goes on where it was, bit for bit.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.design.design_plan import Plan
+from agents.design.measures import Walker, groups_of
+from agents.design.optimisers import Cma, MapElites, Nsga2, Optimiser
+from agents.design.variables import Candidate, Space
+from jansen_env.baselines.policy import Array, Policy
+from jansen_env.checks import shown
+from jansen_env.files import open_regular, write_bytes
+
+JOURNAL = "journal.jsonl"
+
+Measured = dict[str, Array]
+Progress = Callable[[int, Measured, Array], None]
+"""Gets the number of a generation, its measures and violations."""
+
+
+class Searched(NamedTuple):
+    """All that a search has measured: variables (n, d) from 0 to 1, measures (n,), violations (n,)
+    of its limits, 0 where all are kept."""
+
+    unit: Array
+    measured: Measured
+    violation: Array
+
+    def objectives(self, plan: Plan) -> Array:
+        """(n, k), to be small."""
+        return objectives_of(plan, self.measured)
+
+    def best(self, plan: Plan) -> int:
+        """Return the index of the best of those that keep all limits, else of the nearest to it."""
+        value = np.nan_to_num(self.objectives(plan)[:, 0], nan=np.inf)
+        return int(np.lexsort((value, self.violation))[0])
+
+    def front(self, plan: Plan) -> list[int]:
+        """Return indices of those that keep all limits and that no other is better than in all."""
+        found = self.objectives(plan)
+        fine = np.flatnonzero((self.violation == 0.0) & np.isfinite(found).all(axis=1))
+        own = found[fine]
+
+        def beaten(k: int) -> bool:
+            better = (own <= found[k]).all(axis=1) & (own < found[k]).any(axis=1)
+            return bool(better.any())
+
+        kept = [k for k in fine.tolist() if not beaten(k)]
+        return sorted(kept, key=lambda k: float(found[k, 0]))
+
+
+def objectives_of(plan: Plan, measured: Measured) -> Array:
+    """(n, k) the plan's objectives, to be small."""
+    ways = [(name, 1.0 if way == "min" else -1.0) for name, way in plan.objectives.items()]
+    return np.stack([sign * measured[name] for name, sign in ways], axis=1)
+
+
+def make_walker(plan: Plan, policy: Policy | None = None, **changes: Any) -> Walker:
+    """Return what measures a plan's candidates; ``changes``: of its environment's arguments."""
+    kwargs = {**plan.env_kwargs, **changes}
+    return Walker(plan.env, kwargs, plan.speed, plan.starts, plan.population, policy)
+
+
+def make_optimiser(plan: Plan, start: Array, seed: int) -> Optimiser:
+    """Return a plan's method at its beginning."""
+    if plan.method == "cma":
+        return Cma(start, plan.population, seed)
+    if plan.method == "nsga2":
+        return Nsga2(start, plan.population, seed, len(plan.objectives))
+    low, high, cells = zip(*plan.map.values(), strict=True)
+    ranges = [*zip(low, high, strict=True)]
+    return MapElites(start, plan.population, seed, [*map(int, cells)], ranges)
+
+
+def measure(
+    plan: Plan, walker: Walker, candidates: Sequence[Candidate | None]
+) -> tuple[Measured, Array]:
+    """Return measures (n,) by name, and violations (n,) of the limits.
+
+    What breaks a limit is not measured further: NaN. None is a candidate whose lengths form no
+    triangle; it breaks all limits, as one does whose linkage cannot turn.
+    """
+    n, wanted = len(candidates), plan.measured
+    measured = {name: np.full(n, np.nan) for name in [*wanted, "closure"]}
+    able = np.array([one is not None for one in candidates])
+    for group in groups_of(["closure", *wanted]):
+        rows = np.flatnonzero(able)
+        if not len(rows):
+            break
+        found = walker.measure(group, [one for k in rows.tolist() if (one := candidates[k])])
+        for name in {*found} & {*measured}:
+            measured[name][rows] = found[name]
+        able &= (broken(plan, measured, found) == 0.0) & (measured["closure"] > 0.0)
+    violation = broken(plan, measured, wanted) + (~(measured["closure"] > 0.0)).astype(float)
+    return measured, violation
+
+
+def broken(plan: Plan, measured: Measured, names: Any) -> Array:
+    """(n,) by how much of each bound the limits on some measures are broken, in all; 1 if NaN."""
+    total = np.zeros(len(measured["closure"]))
+    for name, (least, most) in plan.limits.items():
+        if name in names:
+            value, excess = measured[name], np.zeros(len(total))
+            for bound, sign in ((least, -1.0), (most, 1.0)):
+                if bound is not None:
+                    beyond = sign * (value - bound) / (abs(bound) or 1.0)
+                    excess = np.maximum(excess, np.where(np.isnan(value), 1.0, beyond))
+            total += excess
+    return total
+
+
+def run_search(
+    plan: Plan, seed: int, folder: Path, policy: Policy | None = None,
+    progress: Progress = lambda *_: None,
+) -> Searched:  # fmt: skip
+    """Search, from where the folder's journal ends; returns all that was measured.
+
+    Raises:
+        ValueError: the journal is damaged, or of another search.
+    """
+    space, walker = plan.space(), make_walker(plan, policy)
+    optimiser = make_optimiser(plan, space.start, seed)
+    told = read_journal(folder / JOURNAL)
+    parts = []
+    for number in range(plan.generations):
+        unit = optimiser.ask()
+        if number < len(told):
+            if not np.array_equal(unit, told[number].unit):
+                raise ValueError(
+                    f"{folder / JOURNAL}, line {number + 1}, is not what this search asks for; the "
+                    "plan, seed or versions of the libraries are others: take another name"
+                )
+            part = told[number]
+        else:
+            part = Searched(unit, *measure(plan, walker, candidates(space, unit)))
+            _append(folder / JOURNAL, part)
+            progress(number, part.measured, part.violation)
+        places = np.stack([part.measured[name] for name in plan.map], 1) if plan.map else part.unit
+        optimiser.tell(part.objectives(plan), part.violation, places)
+        parts.append(part)
+    return joined(parts)
+
+
+def joined(parts: Sequence[Searched]) -> Searched:
+    """Return generations as one."""
+    units, measured, violations = zip(*parts, strict=True)
+    names = measured[0]
+    every = {name: np.concatenate([one[name] for one in measured]) for name in names}
+    return Searched(np.concatenate(units), every, np.concatenate(violations))
+
+
+def candidates(space: Space, unit: Array) -> list[Candidate | None]:
+    """Return what rows (n, d) stand for; None for lengths that form no triangle."""
+
+    def one(row: Array) -> Candidate | None:
+        try:
+            return space.candidate(row)
+        except ValueError:
+            return None
+
+    return [one(row) for row in unit]
+
+
+def _append(path: Path, part: Searched) -> None:
+    """Add a generation to a journal, and see it on the disk."""
+    row = {
+        "unit": part.unit.tolist(), "violation": part.violation.tolist(),
+        "measured": {name: values.tolist() for name, values in part.measured.items()},
+    }  # fmt: skip
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(row) + "\n")
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def read_journal(path: Path) -> list[Searched]:
+    """Return a journal's generations; a last line that was not written to its end is removed.
+
+    Raises:
+        ValueError: it is damaged; says in which line.
+    """
+    if not path.exists():
+        return []
+    with open_regular(path) as file:
+        data = file.read()
+    whole, _, torn = data.rpartition(b"\n")
+    if torn:
+        write_bytes(path, whole + b"\n" if whole else b"")
+    found = []
+    for number, line in enumerate(whole.splitlines(), start=1):
+        try:
+            row = json.loads(line)
+            measured = {name: np.array(values, float) for name, values in row["measured"].items()}
+            part = Searched(
+                np.array(row["unit"], float), measured, np.array(row["violation"], float)
+            )
+            if part.unit.ndim != 2 or any(
+                len(each) != len(part.unit) for each in (part.violation, *measured.values())
+            ):
+                raise ValueError("its rows differ in length")
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise ValueError(f"{path}, line {number}, is damaged: {shown(str(error))}") from error
+        found.append(part)
+    return found

@@ -1,0 +1,169 @@
+"""What a search may change: lengths, crank phases, legs, motor, a crank-speed profile's numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.plain_yaml import Rule
+from jansen_env.baselines.policy import Array
+from jansen_env.baselines.profile import load_profile
+from jansen_env.baselines.walker_baselines import tuned_for
+from jansen_env.checks import shown
+from jansen_env.robot import ROBOTS, Robot
+from jansen_env.robot.lengths import lengths, with_lengths
+from jansen_env.robot.motor import MOTORS
+from jansen_env.world.settings import load_robot
+
+KINDS: dict[str, Rule] = {
+    "lengths": Rule((float, dict), 1e-4, 0.9), "phases": Rule((float,), 1e-4, math.pi),
+    "pins": Rule((list,)), "motors": Rule((list,)), "harmonics": Rule((int,), 0, 8),
+}  # fmt: skip
+TUNED = "built", "paper"
+"""Designs whose profiles a search may begin with, the nearer kind of machine first."""
+# Ranges of a profile's numbers about where it begins: factors, N m, and of the harmonics.
+SPEED_RANGE, GAIN_RANGE, BIAS_RANGE, FEEDBACKS, SHAPE_RANGE = 2.5, (1.0, 30.0), 4.0, (0.0, 4.0), 0.8
+
+
+class Variable(NamedTuple):
+    """A number from ``low`` to ``high``; the search begins at ``start``."""
+
+    name: str
+    low: float
+    high: float
+    start: float
+
+
+class Candidate(NamedTuple):
+    """A robot, and numbers (4 + 2 K,) of the profile that turns its crank; none: a policy does."""
+
+    robot: Robot
+    numbers: Array
+
+
+class Space:
+    """The variables of a search, each from 0 to 1, and the candidates they stand for.
+
+    Args:
+        robot: name or file of the design to begin with. speed: m/s, of the profile.
+        wanted: by the names of :data:`KINDS`: "lengths": share by which each may change, or shares
+            by name; "phases": rad by which each leg's crank but the first may; "pins": numbers of
+            crank pins; "motors": names; "harmonics": K of the profile, without which it is no
+            variable.
+
+    Raises:
+        ValueError: an unknown name, or a value that is not allowed.
+    """
+
+    def __init__(self, robot: str, speed: float, wanted: Mapping[str, Any]) -> None:
+        for name, value in wanted.items():
+            if name not in KINDS:
+                raise ValueError(f"variables has {shown(name)}, must be of {[*KINDS]}")
+            KINDS[name].check(f"variables.{name}", value)
+        self._name, self.base = robot, load_robot("robot", robot)
+        self._wanted = wanted
+        self._choices = {name: _choices(name, wanted[name], robot)
+                         for name in ("pins", "motors") if name in wanted}  # fmt: skip
+        numbers = load_profile(robot=tuned_for(self.base, TUNED)).at(np.array([speed]))[0]
+        self._profile = _profile_variables(
+            numbers, int(wanted.get("harmonics", len(numbers) // 2 - 2))
+        )
+        self._lengths = _length_variables(self.base, wanted.get("lengths", {}))
+        if "pins" in wanted and "phases" in wanted:
+            raise ValueError("variables has pins and phases, must have one of them")
+        reach = float(wanted.get("phases", 0.0))
+        legs = range(1, len(self.base.legs) if reach else 0)
+        self._phases = [Variable(f"phase_{k}", -reach, reach, 0.0) for k in legs]
+        picks = [Variable(name, 0.0, 1.0, 0.5) for name in self._choices]
+        tuned = self._profile if "harmonics" in wanted else []
+        self.variables = [*self._lengths, *self._phases, *picks, *tuned]
+        if not self.variables:
+            raise ValueError(f"variables is {shown(wanted)}, must have some of {[*KINDS]}")
+        low, high, start = np.array([one[1:] for one in self.variables]).T
+        self._low, self._high = low, high
+        self.start: Array = (start - low) / (high - low)
+
+    def values(self, unit: Array) -> dict[str, float]:
+        """Return the variables' values by name, of numbers (d,) from 0 to 1."""
+        values = self._low + np.clip(unit, 0.0, 1.0) * (self._high - self._low)
+        return dict(zip((one.name for one in self.variables), values.tolist(), strict=True))
+
+    def candidate(self, unit: Array) -> Candidate:
+        """Return what numbers (d,) from 0 to 1 stand for.
+
+        Raises:
+            ValueError: lengths that form no triangle.
+        """
+        values = self.values(unit)
+        robot = self.base
+        if "pins" in values:
+            robot = ROBOTS[self._name](_pick(self._choices["pins"], values["pins"]))
+        robot = with_lengths(robot, {one.name: values[one.name] for one in self._lengths})
+        if self._phases:
+            turned = [replace(leg, phase=leg.phase + values[f"phase_{k}"] if k else leg.phase)
+                      for k, leg in enumerate(robot.legs)]  # fmt: skip
+            robot = replace(robot, legs=tuple(turned))
+        if "motors" in values:
+            robot = replace(robot, motor=MOTORS[_pick(self._choices["motors"], values["motors"])])
+        found = np.array([values.get(one.name, one.start) for one in self._profile])
+        found[:2] = np.exp(found[:2])
+        return Candidate(robot, found)
+
+
+def _pick(choices: Sequence[Any], value: float) -> Any:
+    return choices[min(int(value * len(choices)), len(choices) - 1)]
+
+
+def _choices(name: str, given: list[Any], robot: str) -> list[Any]:
+    """Check a list of crank pins or motors."""
+    allowed: Callable[[Any], bool]
+    if name == "pins":
+        if robot not in ROBOTS:
+            raise ValueError(f"variables.pins needs a built-in robot, not {shown(robot)}")
+        allowed, what = (lambda one: type(one) is int and 1 <= one <= 12), "whole, from 1 to 12"
+    else:
+        allowed, what = (lambda one: isinstance(one, str) and one in MOTORS), f"of {[*MOTORS]}"
+    if not given or not all(map(allowed, given)):
+        raise ValueError(f"variables.{name} is {shown(given)}, must be a list of some {what}")
+    return given
+
+
+def _length_variables(robot: Robot, shares: float | dict[str, float]) -> list[Variable]:
+    """Lengths within a share of those that a robot has."""
+    known = lengths(robot)
+    if not isinstance(shares, dict):
+        shares = {name: shares for name, length in known.items() if abs(length) > 1e-9}
+    found = []
+    for name, share in shares.items():
+        if name not in known:
+            raise ValueError(f"variables.lengths has {shown(name)}, must be of {[*known]}")
+        Rule((float,), 1e-4, 0.9).check(f"variables.lengths.{name}", share)
+        ends = sorted(known[name] * (1.0 + way * share) for way in (-1.0, 1.0))
+        if ends[0] == ends[1]:
+            raise ValueError(f"variables.lengths.{name} would be a share of 0 m, must be of more")
+        found.append(Variable(name, ends[0], ends[1], known[name]))
+    return found
+
+
+def _profile_variables(numbers: Array, harmonics: int) -> list[Variable]:
+    """A profile's numbers, the first two as logarithms."""
+    speed, gain = np.log(numbers[:2]).tolist()
+    bias, feedback = numbers[2:4].tolist()
+    least, most = np.log(GAIN_RANGE).tolist()
+    around = math.log(SPEED_RANGE)
+    found = [
+        Variable("log_n0", speed - around, speed + around, speed),
+        Variable("log_kp", least, most, min(max(gain, least), most)),
+        Variable("tau0", bias - BIAS_RANGE, bias + BIAS_RANGE, bias),
+        Variable("g", FEEDBACKS[0], FEEDBACKS[1], min(max(feedback, FEEDBACKS[0]), FEEDBACKS[1])),
+    ]
+    for letter, own in zip("ab", np.split(numbers[4:], 2), strict=True):
+        for k in range(harmonics):
+            middle = float(own[k]) if k < len(own) else 0.0
+            reach = SHAPE_RANGE / math.sqrt(k + 1)
+            found.append(Variable(f"{letter}{k + 1}", middle - reach, middle + reach, middle))
+    return found

@@ -1,0 +1,331 @@
+"""The search for linkages: plans, variables, measures, methods, journals, reports."""
+
+import json
+import math
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import yaml
+
+from agents.design import __main__ as command
+from agents.design import design_report, search, trust
+from agents.design.design_plan import PLANS, make_plan, read_plan
+from agents.design.geometry import clearance, geometry_measures
+from agents.design.measures import MEASURES, SEED, STEPS, Walker
+from agents.design.optimisers import Cma, MapElites, Nsga2
+from agents.design.variables import Candidate, Space
+from agents.evaluate import load_named
+from agents.tuning.profile_search import profiles
+from jansen_env import ROBOTS
+from jansen_env.robot import Bar
+from jansen_env.robot.lengths import lengths, with_lengths
+from jansen_env.robot.robot_file import read_robot
+from jansen_env.scoring.rollout import make_env
+
+SHORT = {"max_episode_steps": 150}
+SMALL = {
+    "speed": 0.3, "generations": 3, "population": 4, "starts": 1, "env_kwargs": SHORT,
+    "variables": {"lengths": 0.02, "harmonics": 1},
+    "objectives": {"steady_cost_of_transport": "min"}, "limits": {"falls": [None, 0]},
+}  # fmt: skip
+METHODS = {
+    "cma": {},
+    "nsga2": {"objectives": {"steady_cost_of_transport": "min", "lift": "max"}},
+    "map_elites": {"map": {"lift": [0.0, 0.2, 5], "mass": [4.0, 6.0, 5]}},
+}
+
+
+def plan_of(method="cma", **more):
+    """A small search."""
+    return make_plan({**SMALL, "method": method, **METHODS[method], **more})
+
+
+@pytest.fixture(scope="module")
+def walker():
+    """Walks up to four candidates for 3 s."""
+    return Walker("JansenWalkerBuilt-v0", SHORT, 0.3, 2, 4)
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in PLANS.glob("*.yml")))
+def test_shipped_plans_are_complete(name):
+    """And begin at the robot they name."""
+    plan = read_plan(name)
+    assert plan.space().variables
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        ({"method": "luck"}, "method is 'luck', must be"),
+        ({"speed": "fast"}, "speed is 'fast'"),
+        ({"sped": 1}, "'sped' is no key"),
+        ({"generations": None}, "generations is None"),
+        ({"variables": {}}, "variables is {}"),
+        ({"variables": {"wheels": 1}}, "variables has 'wheels'"),
+        ({"variables": {"lengths": 2.0}}, "variables.lengths is 2.0"),
+        ({"variables": {"lengths": {"shin": 0.1}}}, "variables.lengths has 'shin', must be of"),
+        ({"variables": {"lengths": {"rocker": 0}}}, "variables.lengths.rocker is 0"),
+        ({"variables": {"motors": ["diesel"]}}, r"variables.motors is \['diesel'\]"),
+        ({"variables": {"pins": [0]}}, r"variables.pins is \[0\]"),
+        ({"variables": {"pins": [2], "phases": 0.1}}, "has pins and phases"),
+        ({"robot": "centipede"}, "robot is 'centipede'"),
+        ({"robot": "none.json"}, "none.json cannot be read"),
+        ({"env": "CartPole-v1"}, "env is 'CartPole-v1'"),
+        ({"env_kwargs": {"colour": 1}}, "'colour' is no argument"),
+        ({"env_kwargs": {"robot": "paper"}}, "env_kwargs has 'robot', which the search sets"),
+        ({"objectives": {"beauty": "max"}}, "objectives has 'beauty', must be of"),
+        ({"objectives": {"mass": "small"}}, "objectives.mass is 'small'"),
+        ({"objectives": {"mass": "min", "lift": "max"}}, "objectives has 2 entries, cma must"),
+        ({"limits": {"mass": 3}}, r"limits.mass is 3, must be \[least, most\]"),
+        ({"limits": {"mass": [2, 1]}}, r"limits.mass is \[2, 1\]"),
+        ({"limits": {"mass": [None, math.inf]}}, "limits.mass is"),
+        ({"map": {"mass": [0, 1, 5]}}, "map has 1 entries"),
+        ({"policy": "pretrained"}, "variables has 'harmonics', of which a policy makes no use"),
+    ],
+)
+def test_a_plan_with_a_fault_is_refused(changes, message):
+    """In one line that names the entry."""
+    with pytest.raises(ValueError, match=message) as error:
+        make_plan({**SMALL, "method": "cma", **changes})
+    assert "\n" not in str(error.value)
+    with pytest.raises(ValueError, match="the plan lacks 'speed'"):
+        make_plan({name: value for name, value in SMALL.items() if name != "speed"})
+
+
+def test_the_start_is_the_design_itself():
+    """Its lengths, motor and profile; the ends of the range are the share."""
+    space = Space("built", 0.3, {"lengths": 0.2, "harmonics": 2, "motors": ["ak80_6", "mx_106"]})
+    robot = space.candidate(space.start).robot
+    assert lengths(robot) == pytest.approx(lengths(ROBOTS["built"]()), rel=1e-12)
+    assert robot.mass == pytest.approx(ROBOTS["built"]().mass, rel=1e-4)
+    low, high = (space.candidate(np.full(len(space.start), end)).robot for end in (0.0, 1.0))
+    for name, value in lengths(ROBOTS["built"]()).items():
+        assert lengths(low)[name] == pytest.approx(0.8 * value)
+        assert lengths(high)[name] == pytest.approx(1.2 * value)
+    assert low.motor != high.motor
+
+
+def test_crank_pins_and_phases_are_variables():
+    """Pins make other legs, phases turn cranks; the first leg's stays."""
+    space = Space("built", 0.3, {"pins": [2, 3]})
+    assert [len(space.candidate(np.array([u])).robot.legs) for u in (0.1, 0.9)] == [4, 6]
+    space = Space("built", 0.3, {"phases": 0.4})
+    turned = space.candidate(np.ones(3)).robot
+    known = [leg.phase for leg in ROBOTS["built"]().legs]
+    assert [leg.phase for leg in turned.legs] == pytest.approx(
+        [known[0], *(phase + 0.4 for phase in known[1:])]
+    )
+
+
+def test_the_shape_of_the_built_robot():
+    """Against its kinematics' own numbers; what does not close has a closure of -1."""
+    found = geometry_measures(ROBOTS["built"]())
+    assert found["height"] == pytest.approx(0.612, abs=1e-3)
+    assert found["mass"] == ROBOTS["built"]().mass and found["longest"] == pytest.approx(
+        0.436, abs=1e-3
+    )
+    broken = geometry_measures(with_lengths(ROBOTS["built"](), {"rocker": 0.05}))
+    assert broken["closure"] == -1.0 and math.isnan(broken["lift"])
+    heavy = replace(ROBOTS["built"](), bodies=tuple(
+        replace(link, mass=500.0) for link in ROBOTS["built"]().bodies))  # fmt: skip
+    assert geometry_measures(heavy)["closure"] == -1.0
+
+
+def test_links_in_one_plane_keep_apart_or_cross():
+    """Crank and rocker of the paper's leg never meet; upper rod and frame cross."""
+    paper, names = ROBOTS["paper"](), ROBOTS["paper"]().linkage.names
+    frame, crank, rocker, rod = map(names.index, ("frame", "crank", "rocker", "upper_rod"))
+    assert clearance(paper, [(crank, rocker)], 0.01) == pytest.approx(0.206, abs=2e-3)
+    assert clearance(paper, [(crank, rocker), (frame, rod)], 0.01) == pytest.approx(-0.01)
+
+
+def test_walks_are_scored_as_everywhere(walker):
+    """Of two candidates: the numbers of the same walks by themselves, and of each in any place."""
+    space = Space("built", 0.3, {"lengths": 0.1})
+    rng = np.random.default_rng(2)
+    two = [space.candidate(space.start + 0.1 * rng.standard_normal(13)) for _ in range(2)]
+    both, alone = walker.measure("walk", two), walker.measure("walk", two[1:])
+    for name, values in both.items():
+        assert values[1] == pytest.approx(alone[name][0], rel=1e-12, nan_ok=True)
+    env = make_env("JansenWalkerBuilt-v0", {**SHORT, "robot": two[1].robot, "speed_command": 0.3})
+    work = way = 0.0
+    policy = profiles(two[1].numbers[None], env)
+    for k, angle in enumerate(walker.angles):
+        seen, _ = env.reset(seed=SEED + k, options={"crank_angle": float(angle)})
+        over = False
+        while not over:
+            action, _ = policy.predict(seen, None, np.zeros(1, bool), True)
+            seen, _, fallen, late, info = env.step(action)
+            work += abs(info["energy"]["motor_work"])
+            over = fallen or late
+        way += info["x_position"]
+    cost = work / (env.unwrapped.task.world.weight[0] * way)
+    assert both["cost_of_transport"][1] == pytest.approx(cost, rel=1e-6)
+
+
+def test_wear_grows_with_what_slides(walker):
+    """Twice the weight on the same lengths: about twice the load times sliding."""
+    start = Space("built", 0.3, {"lengths": 0.1})
+    one = start.candidate(start.start)
+    more = [replace(link, mass=1.5 * link.mass) for link in one.robot.bodies]
+    heavy = replace(one.robot, bodies=tuple(more))
+    found = walker.measure("loads", [one, Candidate(heavy, one.numbers)])
+    assert 1.2 < found["wear"][1] / found["wear"][0] < 2.0
+    assert found["pin_force"].min() > 100.0 and found["rod_safety"].max() < 20.0
+
+
+def test_climbing_counts_heights(walker):
+    """Between none and all of them."""
+    start = Space("built", 0.3, {"lengths": 0.1})
+    climbed = walker.measure("climb", [start.candidate(start.start)])["climb"]
+    assert 0.0 <= climbed[0] <= STEPS[-1]
+
+
+def test_copies_are_as_bad_as_the_worst(walker):
+    """No better than what they copy, but for noise."""
+    start = Space("built", 0.3, {"lengths": 0.1})
+    one = [start.candidate(start.start)]
+    cost = walker.measure("walk", one)["steady_cost_of_transport"][0]
+    assert walker.measure("copies", one)["worst_copy"][0] > 0.9 * cost
+
+
+@pytest.mark.parametrize("make", [
+    lambda start: Cma(start, 12, 3),
+    lambda start: Nsga2(start, 12, 3, 2),
+    lambda start: MapElites(start, 12, 3, [4, 4], [(0.0, 1.0)] * 2),
+])  # fmt: skip
+def test_methods_improve_and_repeat(make):
+    """On a bowl within a limit: nearer than at first; the same answers, the same questions."""
+
+    def play():
+        method, asked = make(np.full(3, 0.2)), []
+        for _ in range(25):
+            unit = method.ask()
+            assert unit.shape == (12, 3) and unit.min() >= 0.0 and unit.max() <= 1.0
+            value = ((unit - 0.6) ** 2).sum(axis=1)
+            objectives = np.stack([value, -value], axis=1)[:, : 2 if "Nsga2" in repr(method) else 1]
+            method.tell(objectives, np.maximum(unit[:, 0] - 0.65, 0.0), unit[:, :2])
+            asked.append((unit, value))
+        return asked
+
+    first, again = play(), play()
+    assert all(np.array_equal(a[0], b[0]) for a, b in zip(first, again, strict=True))
+    assert min(value.min() for _, value in first[-5:]) < 0.3 * first[0][1].min()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_killed_search_goes_on_bit_for_bit(method, tmp_path):
+    """Cut in the midst of a line of its journal: the end is that of a search that was not."""
+    plan = plan_of(method)
+    whole = search.run_search(plan, 0, tmp_path / "a")
+    search.run_search(plan._replace(generations=2), 0, tmp_path / "b")
+    journal = tmp_path / "b" / search.JOURNAL
+    journal.write_bytes(journal.read_bytes()[:-20])
+    seen = []
+    again = search.run_search(plan, 0, tmp_path / "b", progress=lambda k, *_: seen.append(k))
+    assert seen == [1, 2]
+    assert journal.read_bytes() == (tmp_path / "a" / search.JOURNAL).read_bytes()
+    assert np.array_equal(again.unit, whole.unit) and len(whole.unit) == 12
+
+
+def test_limits_rank_what_breaks_them():
+    """By how much of the bound; what is not measured counts 1."""
+    plan = plan_of(limits={"mass": [None, 5.0], "falls": [None, 0], "lift": [0.1, None]})
+    measured = {
+        "closure": np.ones(3), "mass": np.array([4.0, 6.0, 4.0]),
+        "falls": np.array([0.0, 0.5, np.nan]), "lift": np.array([0.2, 0.05, 0.1]),
+    }  # fmt: skip
+    assert search.broken(plan, measured, plan.measured) == pytest.approx(
+        [0.0, 0.2 + 0.5 + 0.5, 1.0]
+    )
+
+
+def test_what_cannot_turn_is_not_walked(walker):
+    """It breaks all limits on walks; lengths without a triangle, too."""
+    plan = plan_of()
+    broken = with_lengths(ROBOTS["built"](), {"rocker": 0.05})
+    measured, violation = search.measure(plan, walker, [Candidate(broken, np.ones(4)), None])
+    assert np.isnan(measured["falls"]).all() and (violation >= 2.0).all()
+    assert set(measured) <= set(MEASURES)
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        (lambda line: line.replace('"unit"', '"units"'), "line 1, is damaged"),
+        (lambda line: "[]", "line 1, is damaged"),
+        (lambda line: line.replace("0.", "1.", 1), "line 1, is not what this search asks for"),
+    ],
+)
+def test_a_damaged_journal_is_refused(change, message, tmp_path):
+    """With the line."""
+    plan = plan_of(generations=1)
+    search.run_search(plan, 0, tmp_path)
+    journal = tmp_path / search.JOURNAL
+    journal.write_text(change(journal.read_text().strip()) + "\n")
+    with pytest.raises(ValueError, match=message):
+        search.run_search(plan, 0, tmp_path)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_command_searches_and_reports(method, tmp_path, capsys):
+    """A robot file and a profile that walk as the report says, pictures, the same again."""
+    path = tmp_path / "own.yml"
+    path.write_text(yaml.safe_dump({**SMALL, "method": method, **METHODS[method]}))
+    arguments = [str(path), "--log-folder", str(tmp_path / "logs"), "--generations", "2"]
+    assert command.main(arguments) == 0
+    assert "steady_cost_of_transport" in capsys.readouterr().out
+    folder = tmp_path / "logs" / "own"
+    for name in ("report.md", "designs.png", "search.png", "plan.yml"):
+        assert (folder / name).stat().st_size > 100
+    report = (folder / "report.md").read_text()
+    assert command.main(arguments) == 0 and (folder / "report.md").read_text() == report
+    robot = read_robot(folder / "seed_0" / design_report.ROBOT)
+    assert isinstance(robot.body("rocker"), Bar)
+    with gym.make("JansenWalkerBuilt-v0", robot=robot) as env:
+        policy = load_named(f"profile:{folder / 'seed_0' / design_report.PROFILE}", env)
+        seen, _ = env.reset(seed=0)
+        assert policy.predict(seen, None, np.zeros(1, bool), True)[0].shape == (1,)
+    with pytest.raises(SystemExit):
+        command.main([*arguments, "--speed", "0.4"])
+    assert "holds another search: ['speed'] differ" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("places", [{"half the time step": {"time_step": 5e-4}}, pytest.param(
+    trust.ELSEWHERE, marks=pytest.mark.slow)], ids=["one", "all"])  # fmt: skip
+def test_ranks_are_checked_elsewhere(places, tmp_path, monkeypatch):
+    """A report of rank correlations at other time steps, on the other plant, from other starts."""
+    monkeypatch.setattr(trust, "ELSEWHERE", places)
+    plan = plan_of(generations=2)
+    search.run_search(plan, 0, tmp_path / "seed_0")
+    text = trust.trust_report(plan, tmp_path)
+    assert all(place in text for place in (*places, "start 8", "rank correlation"))
+    with pytest.raises(ValueError, match="has 0 designs that walk"):
+        trust.trust_report(plan, tmp_path / "seed_1")
+
+
+@pytest.mark.parametrize("arguments, message", [
+    ([], "is needed"),
+    (["cost", "--report", "x"], "one of them alone"),
+    (["no_such_plan"], "no_such_plan cannot be read"),
+    (["--report", "nowhere"], "nowhere/plan.yml cannot be read"),
+])  # fmt: skip
+def test_bad_arguments_get_one_line(arguments, message, capsys):
+    """And no traceback."""
+    with pytest.raises(SystemExit):
+        command.main(arguments)
+    assert message in capsys.readouterr().err.splitlines()[-1]
+
+
+@pytest.mark.slow
+def test_seeds_run_in_processes(tmp_path):
+    """Two at once; each as it is alone."""
+    path = tmp_path / "own.yml"
+    path.write_text(yaml.safe_dump({**SMALL, "method": "cma", "seeds": 2, "generations": 1}))
+    assert command.main([str(path), "--log-folder", str(tmp_path), "--local"]) == 0
+    alone = tmp_path / "alone"
+    search.run_search(plan_of(generations=1), 1, alone)
+    journal = tmp_path / "own" / "seed_1" / search.JOURNAL
+    assert json.loads(journal.read_text()) == json.loads((alone / search.JOURNAL).read_text())

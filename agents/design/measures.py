@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
-from agents.design.geometry import geometry_measures
+from agents.design.shape import geometry_measures
 from agents.design.variables import Candidate
 from agents.tuning.profile_search import profiles
 from jansen_env.baselines.policy import Array, Policy

@@ -7,6 +7,7 @@ so a search goes on where it was by being told again what it was told.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib.util import find_spec
 from typing import Any, Protocol
 
 import cma
@@ -17,6 +18,16 @@ from jansen_env.baselines.policy import Array
 SPREAD = 0.15  # standard deviation of the first generation about the start
 MUTATION, LINE = 0.06, 0.2  # of MAP-Elites: of one parent, and along the line between two
 INFEASIBLE, THRESHOLD = -1e12, -1e9  # objectives that no map takes, and the least that it does
+
+
+def check_installed(method: str) -> None:
+    """Raise a ValueError where the library of a method is missing."""
+    library = {"nsga2": "pymoo", "map_elites": "ribs"}.get(method)
+    if library and find_spec(library) is None:
+        raise ValueError(
+            f"{method} needs {library}, which the extra 'design' installs: "
+            'python -m pip install "jansen-env[design]", or in a checkout -e ".[design]"'
+        )
 
 
 class Optimiser(Protocol):

@@ -16,7 +16,7 @@ import numpy as np
 
 from agents.design.design_plan import Plan
 from agents.design.measures import Walker, groups_of
-from agents.design.optimisers import Cma, MapElites, Nsga2, Optimiser
+from agents.design.optimisers import Cma, MapElites, Nsga2, Optimiser, check_installed
 from agents.design.variables import Candidate, Space
 from jansen_env.baselines.policy import Array, Policy
 from jansen_env.checks import shown
@@ -73,7 +73,8 @@ def make_walker(plan: Plan, policy: Policy | None = None, **changes: Any) -> Wal
 
 
 def make_optimiser(plan: Plan, start: Array, seed: int) -> Optimiser:
-    """Return a plan's method at its beginning."""
+    """Return a plan's method at its beginning. Raises ValueError: its library is missing."""
+    check_installed(plan.method)
     if plan.method == "cma":
         return Cma(start, plan.population, seed)
     if plan.method == "nsga2":

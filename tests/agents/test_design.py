@@ -12,9 +12,9 @@ import yaml
 from agents.design import __main__ as command
 from agents.design import design_report, search, trust
 from agents.design.design_plan import PLANS, make_plan, read_plan
-from agents.design.geometry import clearance, geometry_measures
 from agents.design.measures import MEASURES, SEED, STEPS, Walker
 from agents.design.optimisers import Cma, MapElites, Nsga2
+from agents.design.shape import clearance, geometry_measures
 from agents.design.variables import Candidate, Space
 from agents.evaluate import load_named
 from agents.tuning.profile_search import profiles

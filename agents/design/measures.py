@@ -21,6 +21,7 @@ from jansen_env.robot import Bar, Robot
 from jansen_env.robot import buildable as built
 from jansen_env.robot.kinematics import turning
 from jansen_env.robot.lengths import lengths, with_lengths
+from jansen_env.robot.linkage import CRANK
 from jansen_env.scoring.benchmarks import ENOUGH, WALKER
 from jansen_env.scoring.metrics import SETTLING, point_estimates
 from jansen_env.scoring.rollout import make_env, make_envs, run_episodes
@@ -30,7 +31,8 @@ SEED = 130_000  # of resets, apart from all others
 STEPS = tuple(np.round(np.arange(0.02, 0.161, 0.02), 3).tolist())  # m, heights that are climbed
 STEP_AT = 1.0  # m, where the step is
 COPIES, TOLERANCE = 8, 5e-4  # of a candidate whose lengths are off by up to so much, m
-TRACED = 4  # every so many time steps pin forces are worked out
+TRACED, PEAKS = 16, 64  # pin forces are worked out every so many time steps, and in the so many
+# in which the ground pushes most
 
 
 class Measure(NamedTuple):
@@ -194,8 +196,7 @@ class Walker:
         if len(traces) <= begin + 1:
             return {"wear": math.nan, "pin_force": math.nan, "rod_safety": math.nan}
         trace = np.concatenate(traces[begin:])
-        walked = abs(trace["pose"][-1, 0] - trace["pose"][0, 0])
-        return _loads_of(candidate.robot, trace[::TRACED], plant.time_step, walked)
+        return _loads_of(candidate.robot, trace, plant.time_step)
 
 
 def _step(height: float) -> Any:
@@ -204,24 +205,27 @@ def _step(height: float) -> Any:
     return Terrain.of(np.concatenate([[[-1.0, 0.0]], tread, [[tread[-1, 0] + 1.0, height]]]))
 
 
-def _loads_of(robot: Robot, trace: Any, time_step: float, walked: float) -> dict[str, float]:
+def _loads_of(robot: Robot, trace: Any, time_step: float) -> dict[str, float]:
     """Wear by Archard: force times sliding at the bush's radius, summed over pins, per metre."""
-    forces = trace_forces(compile_robot(robot), trace, time_step)
-    angles, speed = trace["pose"][:, 3], np.abs(trace["velocity_after"][:, 3])
+    pushed = np.abs(trace["impulses"]).sum(axis=(1, 2))
+    every, hardest = trace[::TRACED], trace[np.argsort(pushed)[-PEAKS:]]
+    tables = compile_robot(robot)
+    force = trace_forces(tables, every, time_step).magnitude
     pairs = [(pin.other, pin.body) for pin in robot.linkage.pins]
-    rate = speed[:, None, None] * turning(robot, angles, pairs)  # rad/s
-    work = (forces.magnitude * rate).sum() * built.PIN_RADIUS * time_step * TRACED
-    axial = forces.link_loads()[..., 0]
-    safety = math.inf
-    for body, link in enumerate(robot.bodies, start=1):
-        if isinstance(link, Bar) and body > 2:
+    rate = turning(robot, every["pose"][:, 3], pairs)  # rad of each pin per rad of the crank
+    rate *= np.abs(every["velocity_after"][:, 3, None, None])
+    work = float((force * rate).sum()) * built.PIN_RADIUS * time_step * TRACED
+    walked = abs(float(trace["pose"][-1, 0] - trace["pose"][0, 0]))
+    peak = trace_forces(tables, hardest, time_step)
+    axial, safety = peak.link_loads()[..., 0], math.inf
+    for body, (name, link) in enumerate(zip(robot.linkage.names, robot.bodies, strict=True), 1):
+        if isinstance(link, Bar) and body > CRANK:
             ends = [k for k, (b, _) in enumerate(robot.linkage.corners) if b == body]
-            push = float(max(0.0, -axial[..., ends].mean(axis=-1).min()))
-            name = robot.linkage.names[body - 1]
+            push = max(1e-9, -float(axial[..., ends].mean(axis=-1).min()))
             most = built.buckling_load(link.length, thickness=built.bar_thickness(name))
-            safety = min(safety, most / max(push, 1e-9))
+            safety = min(safety, most / push)
     return {
-        "wear": float(work) / max(walked, 1e-3), "pin_force": float(forces.magnitude.max()),
+        "wear": work / max(walked, 1e-3), "pin_force": float(peak.magnitude.max()),
         "rod_safety": safety,
     }  # fmt: skip
 

@@ -84,7 +84,7 @@ def design_of(robot: Robot) -> Robot:
     return replace(robot, payload=Payload(), pad_radius=1.0, motor=IDEAL, pad_compliance=RIGID)
 
 
-@functools.lru_cache(maxsize=32)
+@functools.lru_cache(maxsize=128)  # 0.64 MB each
 def _compile(robot: Robot) -> Tables:
     psi = 2.0 * math.pi / SAMPLES * np.arange(SAMPLES)
     joints = joint_positions(robot, "fore", psi)

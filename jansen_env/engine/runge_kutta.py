@@ -136,10 +136,13 @@ def turn(steps, switch, h, torque, earlier, state, body, bearings, params):
 
 
 @compiled(allocates=True)
-def turn_each(steps, switch, h, torques, earlier, states, body, bearings, params, sums, diverged):
+def turn_each(
+    steps, switch, h, torques, earlier, states, designs, bodies, friction, params, sums, diverged
+):
     """:func:`turn` for n robots with states (n, 6), torques (n,), earlier (n,) and switch (n,).
 
     Args:
+        designs: (n,) rows of ``bodies`` and ``friction``, all of a Model. params: (n,) PARAMS.
         sums: (n, 5) work of the motor, loss of the joints, change of mechanical energy, electrical
             work, J, and the motor's mean torque, N m; out.
         diverged: (n,) whether a crank became faster than :data:`DIVERGED`: it stays as it was; out.
@@ -148,18 +151,19 @@ def turn_each(steps, switch, h, torques, earlier, states, body, bearings, params
     """
     any_diverged = False
     for r in range(len(states)):
-        state = states[r]
+        state, body, bearings = states[r], bodies[designs[r]], friction[designs[r]]
         angle, speed = state[ANGLE], state[SPEED]
-        kinetic, potential = fixed_base_energy(body, params, angle, speed)
+        own = params[r : r + 1]
+        kinetic, potential = fixed_base_energy(body, own, angle, speed)
         before = kinetic + potential
         state[LOSS:] = 0.0
-        turn(steps, switch[r], h, torques[r], earlier[r], state, body, bearings, params)
+        turn(steps, switch[r], h, torques[r], earlier[r], state, body, bearings, own)
         diverged[r] = not abs(state[SPEED]) < DIVERGED
         if diverged[r]:
             state[ANGLE], state[SPEED] = angle, speed
             state[LOSS:] = 0.0
             any_diverged = True
-        kinetic, potential = fixed_base_energy(body, params, state[ANGLE], state[SPEED])
+        kinetic, potential = fixed_base_energy(body, own, state[ANGLE], state[SPEED])
         sums[r, 0] = torques[r] * (state[ANGLE] - angle) - state[WORK_LACKING]
         sums[r, 1], sums[r, 2] = state[LOSS], kinetic + potential - before
         sums[r, 3] = state[ELECTRICAL]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,25 +10,26 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import finite, non_negative, positive
 from jansen_env.dynamics.joint_forces import JointForces, joint_forces
-from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.engine import runge_kutta
 from jansen_env.engine.jit import Kernel, prepare
-from jansen_env.engine.tables import kernel_model, parameters
+from jansen_env.engine.tables import parameters
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import check_time_step
+from jansen_env.plants.design_tables import DesignTables
 from jansen_env.robot import Robot
 
 Array = NDArray[np.float64]
 
 
 class FixedBaseBatch:
-    """``count`` equal robots with their chassis held level in the air, each with its own crank.
+    """``count`` robots with their chassis held level in the air, each with its own crank.
 
     Args:
         robot: whose cranks turn. count: how many. time_step: of the integration (Runge-Kutta,
             order 4), s. gravity: m/s^2.
 
     Attributes:
+        robots: equal at first, see :meth:`set_robots`.
         states: (n, 2) crank angle (rad, not wrapped) and crank speed (rad/s); can be written to.
         rows: (n, 6) these, and sums, see :mod:`jansen_env.engine.runge_kutta`.
         sums: (n, 5) motor_work, joint_loss, energy_change, electrical_work, J, and torque, the
@@ -41,13 +43,11 @@ class FixedBaseBatch:
     def __init__(
         self, robot: Robot, count: int = 1, time_step: float = 1e-3, gravity: float = GRAVITY
     ) -> None:
-        self.robot = robot
+        self.robots = [robot] * count
         self.time_step = check_time_step(time_step)
         self.gravity = non_negative("gravity", gravity)
-        tables = compile_robot(robot)
-        model = kernel_model(tables)
-        self._body, self._bearings = model.body[0], model.bearings[0]
-        self._params = parameters(robot, (0.0, -self.gravity))
+        self.designs = DesignTables(self.robots)
+        self._params = np.repeat(parameters(robot, (0.0, -self.gravity)), count)
         self.rows = np.zeros((count, runge_kutta.STATE))
         self.states = self.rows[:, : runge_kutta.LOSS]
         self.sums = np.zeros((count, 5))
@@ -58,14 +58,28 @@ class FixedBaseBatch:
         self.diverged, self.any_diverged = np.zeros(count, bool), False
         turn = self._arguments_of_turn(np.zeros(count), 0, *self._at_once)
         prepare(
-            Kernel("energy", runge_kutta.fixed_base_energy, (self._body, self._params, 0.0, 0.0)),
+            Kernel("energy", runge_kutta.fixed_base_energy, self._arguments_of_energy(0)),
             Kernel("crank", runge_kutta.turn_each, turn),
         )
 
+    def set_robots(self, rows: NDArray[np.int64], robots: Sequence[Robot]) -> None:
+        """Exchange robots (k,), for such of the same linkage.
+
+        Raises:
+            ValueError, LinkageError: as for the class; nothing has changed then.
+        """
+        self.designs.set(rows, robots)
+        for row, robot in zip(rows.tolist(), robots, strict=True):
+            self.robots[row] = robot
+            self._params[row : row + 1] = parameters(robot, (0.0, -self.gravity))
+
     def energy(self, row: int) -> float:
         """Kinetic plus potential energy of a robot, J (0 potential: mass centre at the axis)."""
-        state = self.states[row].tolist()
-        return float(sum(runge_kutta.fixed_base_energy(self._body, self._params, *state)))
+        return float(sum(runge_kutta.fixed_base_energy(*self._arguments_of_energy(row))))
+
+    def _arguments_of_energy(self, row: int) -> tuple[Any, ...]:
+        body = self.designs.model.body[self.designs.number[row]]
+        return body, self._params[row : row + 1], *self.states[row].tolist()
 
     def step(
         self,
@@ -85,25 +99,32 @@ class FixedBaseBatch:
     def _arguments_of_turn(
         self, torque: Array, steps: int, earlier: Any, switch: Any
     ) -> tuple[Any, ...]:
+        model = self.designs.model
         return (
-            steps, switch, self.time_step, torque, earlier, self.rows, self._body, self._bearings,
-            self._params, self.sums, self.diverged,
+            steps, switch, self.time_step, torque, earlier, self.rows, self.designs.number,
+            model.body, model.bearings, self._params, self.sums, self.diverged,
         )  # fmt: skip
 
     def joint_forces(self, row: int, torque: float = 0.0) -> JointForces:
         """Forces in every joint of a robot at its present state under a crank torque (N m)."""
         angle, speed = self.states[row]
         q, q_dot = np.array([0.0, 0.0, 0.0, angle]), np.array([0.0, 0.0, 0.0, speed])
-        return joint_forces(self.robot, q, q_dot, torque, fixed_base=True, gravity=self.gravity)
+        return joint_forces(
+            self.robots[row], q, q_dot, torque, fixed_base=True, gravity=self.gravity
+        )
 
     def __getstate__(self) -> dict[str, Any]:
         """The arguments and the states: everything else is made again from them."""
-        arguments = (self.robot, len(self.states), self.time_step, self.gravity)
+        arguments = (self.robots[0], len(self.states), self.time_step, self.gravity)
         results = (self.sums.copy(), self.diverged.copy())
-        return {"arguments": arguments, "states": self.states.copy(), "results": results}
+        return {
+            "arguments": arguments, "robots": self.robots, "states": self.states.copy(),
+            "results": results,
+        }  # fmt: skip
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
         self.__init__(*saved["arguments"])  # type: ignore[misc]
+        self.set_robots(np.arange(len(self.states)), saved["robots"])
         self.states[:] = saved["states"]
         self.sums[:], self.diverged[:] = saved["results"]
         self.any_diverged = bool(self.diverged.any())
@@ -137,8 +158,13 @@ class FixedBasePlant:
         return plant
 
     def _take(self, batch: FixedBaseBatch) -> None:
-        self.batch, self.robot = batch, batch.robot
+        self.batch = batch
         self.time_step, self.gravity = batch.time_step, batch.gravity
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self.batch.robots[0]
 
     @property
     def state(self) -> Array:

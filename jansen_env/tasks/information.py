@@ -19,7 +19,7 @@ class InfoBuilder:
             a dictionary of its own. task: (n,) rows: ``info`` has more numbers and flags,
             ``reward`` the reward's terms, which only a step has.
         arrays: (n, ...) more of it. step_arrays: (n,) more numbers that only a step has.
-        parameters: (n,) structured rows that become a dictionary of that name; None for none.
+        groups: (n,) structured rows that become dictionaries, by name.
 
     Attributes:
         keys: all that a step's information has.
@@ -31,14 +31,12 @@ class InfoBuilder:
         task: NDArray[Any],
         arrays: Mapping[str, NDArray[Any]],
         step_arrays: Mapping[str, NDArray[Any]],
-        parameters: NDArray[Any] | None = None,
+        groups: Mapping[str, NDArray[Any]],
     ) -> None:
         self._world, self._task = world[["info", "energy"]], task[["info", "reward"]]
-        self._arrays, self._parameters = dict(arrays), parameters
-        energy = world["energy"]
-        self._groups: dict[str, Any] = {"energy": (energy, energy.dtype.names)}
-        if parameters is not None:
-            self._groups["parameters"] = (parameters, parameters.dtype.names)
+        self._arrays, self._more = dict(arrays), dict(groups)
+        every = {"energy": world["energy"], **groups}
+        self._groups = {name: (rows, rows.dtype.names or ()) for name, rows in every.items()}
         infos: Any = (world["info"], task["info"])
         of_any = {name: info[name] for info in infos for name in info.dtype.names}
         self._names = tuple(of_any)
@@ -57,9 +55,8 @@ class InfoBuilder:
             names, numbers = self._names_of_step, numbers + task[1]
         info = dict(zip(names, numbers, strict=True))
         info["energy"] = dict(zip(self._groups["energy"][1], world[1], strict=True))
-        if self._parameters is not None:
-            values = self._parameters.item(row)
-            info["parameters"] = dict(zip(self._groups["parameters"][1], values, strict=True))
+        for group, rows in self._more.items():
+            info[group] = dict(zip(self._groups[group][1], rows.item(row), strict=True))
         for name, array in self._arrays.items():
             info[name] = array[row].copy()
         if stepped:

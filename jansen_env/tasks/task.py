@@ -84,7 +84,7 @@ class Task(ABC):
         self.rows = np.zeros(num_envs, self.ROW)
         self.reward, self.terminated = np.zeros(num_envs), np.zeros(num_envs, bool)
         self.take(records)
-        self.observed = tuple(self.entries)
+        self.observed = (*self.entries, *self.world.lengths.entries)
         self.columns = {entry.name: place for place, entry in enumerate(self.observed)}
         low, high = np.array([(one.low, one.high) for one in self.observed], np.float32).T
         self.observation_space = spaces.Box(low, high, dtype=np.float32)
@@ -102,7 +102,7 @@ class Task(ABC):
 
     def _make_info(self) -> InfoBuilder:
         world = self.world
-        return InfoBuilder(world.rows, self.rows, world.arrays, world.step_arrays, world.parameters)
+        return InfoBuilder(world.rows, self.rows, world.arrays, world.step_arrays, world.groups)
 
     # Defined by each task.
 

@@ -18,6 +18,7 @@ from jansen_env.robot.motor import Motor
 from jansen_env.world import argument_checks as arguments
 from jansen_env.world.argument_checks import Array, Bools, Ints
 from jansen_env.world.entries import Observed
+from jansen_env.world.episode_lengths import Build, EpisodeLengths
 from jansen_env.world.settings import equip, load_motor, load_robot
 
 Draw = Callable[[int, np.random.Generator, dict[str, Any]], Any]
@@ -34,7 +35,8 @@ class ActuatedRobots:
         OPTIONS: of a reset. SETTABLE: of a change. entries: numbers for observations.
         robots: before randomisation. control_dt: s for which an action is held.
         rows: (n,) with fields ``action``, ``action_before``, ``info`` and ``energy``.
-        arrays, step_arrays, parameters: see :class:`jansen_env.tasks.information.InfoBuilder`.
+        lengths: of the present episodes.
+        arrays, step_arrays, groups: see :class:`jansen_env.tasks.information.InfoBuilder`.
         full_torque: (n,) N m, the torque of action 1, with its sign.
         elapsed: (n,) control steps since the reset.
         torque: (n,) that the last step ended with, N m; earlier: (n,) that of its first ``switch``
@@ -49,7 +51,7 @@ class ActuatedRobots:
     entries: list[Observed]
     plant: Any
     rows: NDArray[Any]
-    parameters: NDArray[Any] | None = None
+    lengths: EpisodeLengths
 
     def __init__(
         self,
@@ -82,6 +84,7 @@ class ActuatedRobots:
             self.earlier, self.switch,
         )  # fmt: skip
         self.truncated, self._any_truncated = np.zeros(n, bool), False
+        self.groups: dict[str, NDArray[Any]] = {}
         self.arrays: dict[str, NDArray[Any]] = {}
         self.step_arrays: dict[str, NDArray[Any]] = {}
 
@@ -138,9 +141,24 @@ class ActuatedRobots:
         whole, rest = self.delay[row].tolist()
         return float(whole * self.control_dt + rest * self.time_step)
 
+    def _exchange(self, builds: Mapping[int, Build]) -> Ints:
+        """Put robots in the place of others, by their rows; return the rows of other designs.
+
+        Raises:
+            ValueError: a robot that the plant refuses; nothing has changed then.
+        """
+        others = {row: one.robot for row, one in builds.items() if one.robot != self.robots[row]}
+        if others:
+            self.plant.set_robots(np.array([*others]), [*others.values()])
+        for row, robot in others.items():
+            self.robots[row] = robot
+        self.lengths.take(builds)
+        return np.array([*others], np.int64)
+
     def get_state(self, row: int) -> dict[str, Any]:
         """Return all that a robot's future depends on but the task and random numbers."""
         return {
+            **self.lengths.state(row),
             "plant": self.plant.states[row].copy(),
             "delay": self.delay_of(row),
             "asked": self.asked[row].copy(),
@@ -154,7 +172,9 @@ class ActuatedRobots:
             raise ValueError(f"state['asked'] is {asked}, must be {longest} finite numbers")
         delay = within("state['delay']", state["delay"], 0.0, self._longest_delay)
         action = within("state['action']", state["action"], -1.0, 1.0)
-        return {"delay": delay, "asked": asked, "action": action}
+        build = self.lengths.plan(row, state.get("lengths", {}), None)
+        builds = {} if build is None else {row: build}
+        return {"delay": delay, "asked": asked, "action": action, "builds": builds}
 
     def get_attr(self, name: str) -> list[Any] | None:
         """Return ``delay`` (s, of this episode), ``robot`` or ``state`` of each robot."""

@@ -273,15 +273,15 @@ class EpisodeParameters:
             state["ground"] = (terrain.friction, terrain.restitution)
         return state
 
-    def planned(self, row: int, state: Mapping[str, Any]) -> tuple[Plan, int]:
-        """Return the episode of a :meth:`state`, and the level; ValueError: out of range."""
+    def planned(self, row: int, state: Mapping[str, Any], robot: Robot) -> tuple[Plan, int]:
+        """Return a ``robot``'s episode of a :meth:`state`, and the level; ValueError: no range."""
         given = state["parameters"]
         if not isinstance(given, Mapping) or {*given} != {*PARAMETERS}:
             raise ValueError(f"state['parameters'] is {shown(given)}, must have {[*PARAMETERS]}")
         values = np.zeros(1, EPISODE)
         for name in PARAMETERS:
             values[name] = check(f"state['parameters'][{name!r}]", name, given[name])
-        self._check_feet(self._plant.robots[row], values[0])
+        self._check_feet(robot, values[0])
         level = check("state['level']", "terrain_level", state["level"])
         terrain = None
         if self._generators[row] is not None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jansen_env.checks import non_negative, whole_number
 from jansen_env.engine import crank_tracking
@@ -19,6 +21,8 @@ from jansen_env.world import argument_checks as arguments
 from jansen_env.world.actuated import ActuatedRobots, Draw
 from jansen_env.world.argument_checks import Bools, Filled, Ints, option, single
 from jansen_env.world.entries import Observed
+from jansen_env.world.episode_lengths import Build, EpisodeLengths
+from jansen_env.world.randomization import load_randomization
 
 TORQUE_LIMIT = 5.0  # N m, of an ideal motor
 START_ANGLE, FURTHEST = crank_tracking.START_ANGLE, crank_tracking.LOST
@@ -36,13 +40,17 @@ class HeldMachine:
     time_step: float = 0.001
     reset_noise_scale: float | Any = arguments.per_robot(0.1, non_negative)
     track_joint_forces: bool = single(False, arguments.flag, only=True)
+    randomize: Mapping[str, Any] | Any = arguments.per_robot(
+        None, partial(load_randomization, parameters=())
+    )
+    observe_lengths: bool = single(False, arguments.flag)
 
 
 class HeldRobots(ActuatedRobots):
     """n equal robots with their chassis held, see :class:`jansen_env.world.world.World`."""
 
     RECORDS = {"machine": HeldMachine}
-    OPTIONS = ("crank_angle", "crank_speed", "delay")
+    OPTIONS = ("crank_angle", "crank_speed", "delay", "lengths")
     SETTABLE = ("delay",)
 
     def __init__(
@@ -59,6 +67,9 @@ class HeldRobots(ActuatedRobots):
         )  # fmt: skip
         self.reset_noise_scale = machine.reset_noise_scale
         self.plant = FixedBaseBatch(robot, num_envs, self.time_step)
+        self.lengths = EpisodeLengths(self.robots, machine.randomize, machine.observe_lengths)
+        if self.lengths.values is not None:
+            self.groups["lengths"] = self.lengths.values
         self.entries = [
             Observed("cos_crank_angle", "1", -1.0, 1.0),
             Observed("sin_crank_angle", "1", -1.0, 1.0),
@@ -77,8 +88,11 @@ class HeldRobots(ActuatedRobots):
             chosen = replace(chosen, motor=replace(IDEAL, torque_limit=TORQUE_LIMIT))
         return chosen
 
-    def connect(self, *given: Any) -> None:
-        """Take nothing: the crank task reads the robots itself."""
+    def connect(
+        self, observed: Sequence[Observed], observation: NDArray[np.float32], *_: Any
+    ) -> None:
+        """Take the array of observations (n, d), and its columns."""
+        self.lengths.connect(observed, observation)
 
     def reset(
         self,
@@ -88,13 +102,22 @@ class HeldRobots(ActuatedRobots):
         draw: Draw,
     ) -> list[Any]:
         """Start episodes of some robots, see ``World``."""
-        each = zip(rows.tolist(), generators, options, strict=True)
+        each = list(zip(rows.tolist(), generators, options, strict=True))
         drawn = [self._draw(*one, draw) for one in each]
+        found = {row: self._next_build(row, rng, own) for row, rng, own in each}
+        self._exchange({row: build for row, build in found.items() if build is not None})
         self.plant.states[rows] = [start[:2] for start in drawn]
         self.begin_delay(rows, np.array([start[2] for start in drawn]))
         self._clear_episode(rows)
         self.truncated[rows] = False
         return [start[3] for start in drawn]
+
+    def _next_build(
+        self, row: int, rng: np.random.Generator, options: Mapping[str, Any]
+    ) -> Build | None:
+        """Return a reset's robot with its lengths; None for the one that is there."""
+        seed = int(rng.integers(2**63)) if self.lengths.factors[row] else None
+        return self.lengths.plan(row, options.get("lengths", {}), seed)
 
     def _draw(
         self, row: int, rng: np.random.Generator, options: dict[str, Any], draw: Draw
@@ -158,6 +181,7 @@ class HeldRobots(ActuatedRobots):
     def restore(self, row: int, state: dict[str, Any]) -> None:
         """Go on from a state of :meth:`checked_state`."""
         one = np.array([row])
+        self._exchange(state["builds"])
         self.plant.states[row] = state["plant"]
         self.begin_delay(one, np.array([state["delay"]]), state["asked"])
         self._clear_episode(one, state["action"], state["steps"])

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
-from jansen_env.checks import entries, shown
-from jansen_env.parameters import PARAMETERS, check
+from jansen_env.checks import entries, shown, within
+from jansen_env.parameters import PARAMETERS, SCALE, check
+from jansen_env.world.argument_checks import number_range
 
 
 class Distribution(Protocol):
@@ -36,12 +37,19 @@ class Uniform(NamedTuple):
 Randomization: TypeAlias = dict[str, Distribution]
 """Distributions of parameters by name, in the order of :data:`jansen_env.parameters.TABLE`."""
 
+EVERY = "*"  # stands for all lengths
+WIDEST = 0.9  # by which a length may be shorter
 
-def load_randomization(name: str, value: Any) -> Randomization:
-    """Return the distributions of ``randomize``.
+
+def load_randomization(
+    name: str, value: Any, parameters: Iterable[str] = PARAMETERS
+) -> dict[str, Any]:
+    """Return the distributions of ``randomize``: a :data:`Randomization`, and "lengths".
 
     ``value``: by name a number, (low, high) for a uniform draw (of whole numbers where the
-    parameter is one), or a :class:`Distribution`; None for none.
+    parameter is one), or a :class:`Distribution`; None for none. Of "lengths", which get
+    distributions of factors by length, a number s is for (1 - s, 1 + s), and what is no mapping
+    for every length (:data:`EVERY`).
 
     Raises:
         ValueError: a name or a range that there is not.
@@ -49,9 +57,24 @@ def load_randomization(name: str, value: Any) -> Randomization:
     given = {} if value is None else value
     if not isinstance(given, Mapping):
         raise ValueError(f"{name} is {shown(given)}, must map of {[*PARAMETERS]} to ranges")
-    if unknown := sorted(map(str, {*given} - {*PARAMETERS})):
-        raise ValueError(f"{name} has {unknown}, must be of {[*PARAMETERS]}")
-    return {one: _distribution(one, given[one]) for one in PARAMETERS if one in given}
+    if unknown := sorted(map(str, {*given} - {*parameters, "lengths"})):
+        raise ValueError(f"{name} has {unknown}, must be of {[*parameters, 'lengths']}")
+    found: dict[str, Any] = {k: _distribution(k, given[k]) for k in parameters if k in given}
+    if "lengths" in given:
+        every = given["lengths"]
+        each = every if isinstance(every, Mapping) else {EVERY: every}
+        found["lengths"] = {str(name): _factor(str(name), one) for name, one in each.items()}
+    return found
+
+
+def _factor(name: str, value: Any) -> Distribution:
+    if callable(getattr(value, "sample", None)):
+        return value
+    label = "randomize['lengths']" + ("" if name == EVERY else f"[{name!r}]")
+    if isinstance(value, (tuple, list, np.ndarray)):
+        return Uniform(*number_range(label, value, *SCALE))
+    spread = within(label, value, 0.0, WIDEST)
+    return Uniform(1.0 - spread, 1.0 + spread)
 
 
 def _distribution(name: str, value: Any) -> Distribution:

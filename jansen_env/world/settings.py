@@ -154,6 +154,7 @@ class Sensing:
     height_scan: tuple[float, float, int] | Any | None = single(None, scanned_places)
     noise: Noise | Mapping[str, Any] | None = single(None, partial(load_record, Noise))
     push: Push | Mapping[str, Any] | None = single(None, partial(load_record, Push))
+    observe_lengths: bool = single(False, arguments.flag)
 
 
 RECORDS = {

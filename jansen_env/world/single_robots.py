@@ -70,6 +70,7 @@ def apply(world: World, row: int, checked: dict[str, Any]) -> None:
         return
     world.plant.change(row, physical)
     world.robots[row] = world.plant.robots[row]
+    world.lengths.equip(row, world.robots[row])
     world.episodes.take(row, _numbers(checked))
     world.update_scales(np.array([row]))
 
@@ -120,8 +121,10 @@ def checked_state(world: World, row: int, state: Mapping[str, Any]) -> dict[str,
             f"state['loads'] is {loads}, must be {len(world.loads[row])} finite numbers"
         )
     pads = len(pad_layout(world.robots[0]).leg)
+    own = ActuatedRobots.checked_state(world, row, state)
+    robot = own["builds"][row].robot if own["builds"] else world.robots[row]
     return {
-        **ActuatedRobots.checked_state(world, row, state),
+        **own,
         "plant": check_state(state["plant"]),
         "loads": loads,
         "in_contact": check_in_contact(state["in_contact"], pads),
@@ -130,7 +133,7 @@ def checked_state(world: World, row: int, state: Mapping[str, Any]) -> dict[str,
         "seed": whole_number("state['command_seed']", state["command_seed"], MOST_STEPS),
         "pushes": check_schedule("state['pushes']", state["pushes"]),
         "random_pushes": bool(state["random_pushes"]),
-        "plan": world.episodes.planned(row, state),
+        "plan": world.episodes.planned(row, state, robot),
     }
 
 
@@ -138,6 +141,7 @@ def restore(world: World, row: int, state: dict[str, Any]) -> None:
     """Let a robot go on from a state of :func:`checked_state`."""
     plant, one = world.plant, np.array([row])
     plan, level = state["plan"]
+    world._exchange(state["builds"])
     world.apply_parameters(one, [plan])
     world.episodes.level[row] = level
     plant.set_state(row, state["plant"], state["deflection"])

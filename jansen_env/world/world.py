@@ -19,13 +19,13 @@ from jansen_env.parameters import CHANGED_BY, LONGEST_DELAY, PARAMETERS
 from jansen_env.plants.base import BatchedPlant
 from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.make import make_batch, plant_time_step
-from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.world import settings, single_robots
 from jansen_env.world.actuated import ActuatedRobots, Draw
 from jansen_env.world.argument_checks import Array, Bools, Filled, Ints, option
 from jansen_env.world.disturbances import NoisySensors, Pushes
 from jansen_env.world.entries import Observed, list_entries
+from jansen_env.world.episode_lengths import Build, EpisodeLengths
 from jansen_env.world.episode_parameters import EpisodeParameters, Plan
 from jansen_env.world.push import check_schedule
 from jansen_env.world.randomization import Uniform
@@ -51,7 +51,7 @@ class World(ActuatedRobots):
     """
 
     RECORDS = settings.RECORDS
-    OPTIONS = ("crank_angle", "pushes", "robot", *PARAMETERS)
+    OPTIONS = ("crank_angle", "pushes", "robot", "lengths", *PARAMETERS)
     SETTABLE = (*CHANGED_BY, "motor", "pad_compliance")
 
     def __init__(
@@ -70,8 +70,8 @@ class World(ActuatedRobots):
             static_deflection(robot, GRAVITY)  # or its feet are too soft
         terrains, generators = settings.make_terrains(ground)
         time_step = plant_time_step(control.plant, control.time_step)
-        drawn = [one["delay"] for one in randomness.randomize if "delay" in one]
-        most = [one.high if isinstance(one, Uniform) else LONGEST_DELAY for one in drawn]
+        delays = [one["delay"] for one in randomness.randomize if "delay" in one]
+        most = [one.high if isinstance(one, Uniform) else LONGEST_DELAY for one in delays]
         super().__init__(
             robots,
             readings.ROW,
@@ -101,9 +101,11 @@ class World(ActuatedRobots):
         self.plant.tracing = self.track_joint_forces
         self._joint_loads = np.zeros(2)
         has = {"noise_level": self._noise is not None, "push_strength": push is not None}
+        drawn = [{k: v for k, v in one.items() if k != "lengths"} for one in randomness.randomize]
         self.episodes = EpisodeParameters(
-            self.plant, self.robots, ground, generators, randomness.randomize, has, by_default
+            self.plant, self.robots, ground, generators, drawn, has, by_default
         )
+        self.lengths = EpisodeLengths(self.robots, randomness.randomize, sensing.observe_lengths)
         self._share_arrays()
 
     def _know_robots(self, rows: Ints) -> None:
@@ -112,11 +114,13 @@ class World(ActuatedRobots):
         advance = {key: advance_per_turn(robot) for key, robot in own.items()}
         self.advance_per_turn[rows] = [advance[id(self.robots[row])] for row in rows.tolist()]
         self._links_mass[rows] = [self.robots[row].links_mass for row in rows.tolist()]
-        self.rows["direction"] = np.copysign(1.0, self.advance_per_turn)
+        self.rows["direction"][rows] = np.copysign(1.0, self.advance_per_turn[rows])
 
     def _share_arrays(self) -> None:
         """Let information show the arrays of others."""
-        self.parameters = self.episodes.values if self.episodes.varies else None
+        self.groups = {"parameters": self.episodes.values} if self.episodes.varies else {}
+        if self.lengths.values is not None:
+            self.groups["lengths"] = self.lengths.values
         self._rows = as_bytes(self.plant.rows), as_bytes(self.rows)
         self.arrays = {"slip": self.plant.slip, "contact_force": self.plant.contact_force}
         if self.sensors is not None:
@@ -136,6 +140,7 @@ class World(ActuatedRobots):
         own = [entry.name for entry in self.entries]
         self._places = np.array([names.index(name) if name in names else -1 for name in own])
         self._observation, self._progress = observation, progress
+        self.lengths.connect(observed, observation)
         if self._noise is not None:
             self.sensors = NoisySensors(self.num_envs, self._noise, observed)
             self._share_arrays()
@@ -164,9 +169,16 @@ class World(ActuatedRobots):
             ValueError: an option out of range; nothing has changed then.
         """
         each = list(zip(rows.tolist(), generators, options, strict=True))
-        robots = {row: self._another(row, own["robot"]) for row, _, own in each if "robot" in own}
         drawn = [self._draw(*one, draw) for one in each]
-        seeds = [rng.integers(2**63) for rng in generators]
+        seeds = [int(rng.integers(2**63)) for rng in generators]
+        found = {
+            row: self._another(row, own, seed)
+            for (row, _, own), seed in zip(each, seeds, strict=True)
+        }
+        builds = {row: build for row, build in found.items() if build is not None}
+        robots = {
+            row: build.robot for row, build in builds.items() if build.robot != self.robots[row]
+        }
         plans = [
             self.episodes.plan(*one, start[2], *self._progress(one[0]), robots.get(one[0]))
             for one, start in zip(each, drawn, strict=True)
@@ -175,7 +187,7 @@ class World(ActuatedRobots):
         schedules = [
             NO_PUSHES if one is None else check_schedule("options['pushes']", one) for one in given
         ]
-        self._exchange({row: one for row, one in robots.items() if one is not None})
+        self._exchange(builds)
         self.seeds[rows] = seeds
         self.apply_parameters(rows, plans)
         plant = self.plant
@@ -192,24 +204,24 @@ class World(ActuatedRobots):
         self.truncated[rows] = False
         return [start[3] for start in drawn]
 
-    def _another(self, row: int, value: Any) -> Robot | None:
-        """Return the robot of a reset's option; None for the one that is there."""
-        robot = settings.load_robot("options['robot']", value)
-        if robot == self.robots[row]:
-            return None
-        static_deflection(robot, GRAVITY)  # or its feet are too soft
-        return robot
+    def _another(self, row: int, options: Mapping[str, Any], seed: int) -> Build | None:
+        """Return a reset's robot, with its lengths; None for the one that is there."""
+        robot = None
+        if "robot" in options:
+            robot = settings.load_robot("options['robot']", options["robot"])
+        build = self.lengths.plan(row, options.get("lengths", {}), seed, robot)
+        if build is not None:
+            static_deflection(build.robot, GRAVITY)  # or its feet are too soft
+        return build
 
-    def _exchange(self, robots: Mapping[int, Robot]) -> None:
+    def _exchange(self, builds: Mapping[int, Build]) -> Ints:
         """Put robots in the place of others, by their rows."""
-        if not robots:
-            return
-        rows = np.array([*robots])
-        self.plant.set_robots(rows, [*robots.values()])
-        for row, robot in robots.items():
-            self.robots[row] = robot
-            self.episodes.take_robot(row, robot)
-        self._know_robots(rows)
+        rows = super()._exchange(builds)
+        for row in rows.tolist():
+            self.episodes.take_robot(row, self.robots[row])
+        if len(rows) > 0:
+            self._know_robots(rows)
+        return rows
 
     def _draw(
         self, row: int, rng: np.random.Generator, options: dict[str, Any], draw: Draw

@@ -1,0 +1,171 @@
+"""Lengths of n robots that hold for an episode: given at a reset, drawn, observed, saved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.checks import instance, shown
+from jansen_env.dynamics.reduced import compile_robot
+from jansen_env.robot import Robot
+from jansen_env.robot.kinematics import nearest_dead_point
+from jansen_env.robot.lengths import lengths, with_lengths
+from jansen_env.world.entries import Observed
+from jansen_env.world.randomization import EVERY, Distribution
+
+MARGIN = 0.12  # least sine of the angle between two links that meet in a drawn robot
+ATTEMPTS = 200  # draws of a robot's lengths: of 10 % each, six in ten will do
+
+
+class Build(NamedTuple):
+    """A robot of an episode to come: itself, and with those lengths that are not its own, m."""
+
+    nominal: Robot
+    changed: dict[str, float]
+    robot: Robot
+
+
+class EpisodeLengths:
+    """Lengths of n robots in their present episodes.
+
+    Args:
+        robots: with their own lengths. randomizations: of each; "lengths" counts.
+        observed: whether observations show the lengths.
+
+    Attributes:
+        nominal: robots with their own lengths. changed: of each, lengths of this episode that are
+            not its own, m. factors: of each, distributions of factors by length.
+        entries: numbers for observations. values: (n,) all lengths of this episode, m, by name;
+            None where they are neither drawn nor observed.
+
+    Raises:
+        ValueError: a name of a length that a robot does not have.
+    """
+
+    def __init__(
+        self, robots: Sequence[Robot], randomizations: Sequence[Mapping[str, Any]], observed: bool
+    ) -> None:
+        self.nominal = list(robots)
+        self.changed: list[dict[str, float]] = [{} for _ in robots]
+        self.entries: list[Observed] = []
+        self.values: NDArray[Any] | None = None
+        self._columns, self._observation = np.zeros(0, np.int64), np.zeros((0, 0), np.float32)
+        given = [one.get("lengths", {}) for one in randomizations]
+        self.factors: list[dict[str, Distribution]] = given
+        if not observed and not any(given):
+            return
+        names = [*lengths(robots[0])]
+        self.values = np.zeros(len(robots), [(name, "f8") for name in names])
+        self.factors = [_by_name(one, names) for one in given]
+        if observed:
+            self.entries = [Observed(f"length_{name}", "1", -np.inf, np.inf) for name in names]
+        self._note(range(len(robots)))
+
+    def connect(self, observed: Sequence[Observed], observation: NDArray[np.float32]) -> None:
+        """Take the array of observations (n, d) and its columns."""
+        names = [entry.name for entry in observed]
+        self._columns = np.array([names.index(entry.name) for entry in self.entries], np.int64)
+        self._observation = observation
+        self._note(range(len(self.nominal)))
+
+    def plan(
+        self, row: int, given: Any, seed: int | None, robot: Robot | None = None
+    ) -> Build | None:
+        """Return a robot's next episode's; None where all stays as it is by itself.
+
+        Args:
+            given: lengths of that episode, m, by name. seed: of drawn ones, None for none.
+            robot: that comes in its place; None for none.
+
+        Raises:
+            ValueError: an unknown name, a length out of range, or draws that nothing can turn.
+        """
+        drawn = {} if seed is None else self.factors[row]
+        instance("lengths", given, Mapping)
+        if robot is None and not (given or drawn or self.changed[row]):
+            return None
+        nominal = robot or self.nominal[row]
+        self._check_names(nominal)
+        if {*drawn} <= {*given}:
+            return _build(nominal, given)
+        # Commands that change in an episode are drawn by its seed and a step, from 1 on.
+        return _draw(nominal, given, drawn, np.random.default_rng((seed or 0, 0)))
+
+    def _check_names(self, robot: Robot) -> None:
+        """Raise ValueError where a robot has not the lengths that are shown."""
+        if self.values is not None and (found := (*lengths(robot),)) != self.values.dtype.names:
+            raise ValueError(
+                f"a robot's lengths are {[*found]}, must be {[*(self.values.dtype.names or ())]} "
+                "where lengths are drawn or observed"
+            )
+
+    def take(self, builds: Mapping[int, Build]) -> None:
+        """Begin episodes with planned robots, by their rows."""
+        for row, build in builds.items():
+            self.nominal[row], self.changed[row] = build.nominal, build.changed
+        self._note(builds)
+
+    def _note(self, rows: Iterable[int]) -> None:
+        """Put the lengths of robots into information and observations."""
+        if self.values is None:
+            return
+        for row in rows:
+            own = lengths(self.nominal[row])
+            now = {**own, **self.changed[row]}
+            self.values[row] = tuple(now.values())
+            if len(self._columns) > 0:  # of a length of 0, such as an offset, the change itself
+                shares = [(now[name] - own[name]) / (own[name] or 1.0) for name in own]
+                self._observation[row, self._columns] = shares
+
+    def equip(self, row: int, robot: Robot) -> None:
+        """Let a robot, with its own lengths too, have the payload, motor and feet of another."""
+        parts = {name: getattr(robot, name) for name in ("payload", "motor", "pad_compliance")}
+        self.nominal[row] = replace(self.nominal[row], **parts) if self.changed[row] else robot
+
+    def state(self, row: int) -> dict[str, Any]:
+        """Return the entry of a robot's state; none where it has its own lengths."""
+        return {"lengths": dict(self.changed[row])} if self.changed[row] else {}
+
+
+def _by_name(factors: dict[str, Distribution], names: Sequence[str]) -> dict[str, Distribution]:
+    """Return distributions of factors by lengths' names, in their order."""
+    every = dict.fromkeys(names, factors[EVERY]) if EVERY in factors else factors
+    if unknown := [name for name in every if name not in names]:
+        raise ValueError(f"randomize['lengths'] has {shown(unknown[0])}, must be of {[*names]}")
+    return {name: every[name] for name in names if name in every}
+
+
+def _build(nominal: Robot, given: Mapping[str, float]) -> Build:
+    """Return a robot with given lengths, m."""
+    robot, own = with_lengths(nominal, given), lengths(nominal)
+    changed = {name: float(value) for name, value in given.items() if value != own[name]}
+    return Build(nominal, changed, robot)
+
+
+def _draw(
+    nominal: Robot,
+    given: Mapping[str, float],
+    factors: Mapping[str, Distribution],
+    rng: np.random.Generator,
+) -> Build:
+    """Draw the lengths that are not given until the robot can turn, well off any dead point."""
+    own, reason = lengths(nominal), ""
+    for _ in range(ATTEMPTS):
+        drawn = {name: own[name] * one.sample(rng) for name, one in factors.items()}
+        try:
+            build = _build(nominal, {**drawn, **given})
+            sine, joint, angle = nearest_dead_point(build.robot)
+            if sine >= MARGIN:
+                compile_robot(build.robot)
+                return build
+            reason = f"links that meet in {joint} come near one line at crank angle {angle:.3f} rad"
+        except ValueError as error:
+            reason = str(error)
+    raise ValueError(
+        f"randomize['lengths'] gave no robot that turns its crank in {ATTEMPTS} draws; of the last "
+        f"one {reason}"
+    )

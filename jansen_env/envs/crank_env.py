@@ -33,6 +33,7 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
     | 2 | crank speed | -Inf | Inf | rad/s |
     | 3 | tracking error, reference less crank angle | -Inf | Inf | rad |
     | 4 | commanded crank speed w | -10 | 10 | rad/s |
+    | 5 .. | with ``observe_lengths``: as of ``JansenWalker-v0`` | -Inf | Inf | 1 |
 
     ## Rewards
     The sum of two terms, each in ``info``:
@@ -48,7 +49,8 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
     ## Starting State
     Crank angle pi and crank speed 0, each with an error uniform in +- ``reset_noise_scale``; command
     uniform in ``speed_command``. ``reset(options={"speed_command": 2.0, "crank_angle": 3.0,
-    "crank_speed": 0.0})`` fixes any of them; the reference starts at pi in any case.
+    "crank_speed": 0.0})`` fixes any of them; the reference starts at pi in any case. Lengths are given or
+    drawn as of ``JansenWalker-v0``.
 
     ## Episode End
     Terminated when the tracking error exceeds pi. Truncated after 1,000 steps (10 s) when made with
@@ -74,6 +76,8 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
     | ``time_step`` | 0.001 | s, of the integration, 1e-9 to 1 |
     | ``tracking_weight``, ``torque_weight`` | 1, 1 | see Rewards |
     | ``reset_noise_scale`` | 0.1 | rad and rad/s, of the start |
+    | ``randomize`` | None | ``{"lengths": 0.1}``, as of ``JansenWalker-v0`` |
+    | ``observe_lengths`` | False | whether observations end with the lengths of the episode |
     | ``track_joint_forces`` | False | adds the largest one to ``info``; a step then takes 1 ms more |
     | ``render_mode`` | None | ``"human"`` or ``"rgb_array"`` |
 

@@ -53,6 +53,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | 14 + n | mean motor power, without its sign | 0 | Inf | W |
     | 15 + n | RMS torque | 0 | Inf | N m |
     | 16 + n .. | with ``height_scan``: height of the crank axis over the ground at each place | -Inf | Inf | m |
+    | last | with ``observe_lengths``: each length / the robot's own, less 1 (``docs/worlds.md``) | -Inf | Inf | 1 |
 
     n is the number of toes (4: rf, lf, rb, lb). At reset the loads are those at rest. The crank's
     angle and speed are counted as the action is: positive speed walks towards +x. (In ``info`` they
@@ -105,6 +106,12 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     ``reset(options={"robot": ...})`` exchanges the robot for good, with its motor, pads and payload,
     for one of the same linkage with legs on the same sides; of many robots the option is one for all or one for
     each. Nothing is compiled to machine code for it: 3 ms a robot of other lengths.
+
+    ``reset(options={"lengths": {"crank": 0.1, "foot_CE": 0.26}})`` gives the robot other lengths for one
+    episode, m, by the names of :func:`jansen_env.robot.lengths.lengths`; masses and inertias follow. The
+    next reset without has the robot's own again. Of many robots the option is one for all or a list. With
+    ``randomize={"lengths": 0.1}`` each length is multiplied by a factor of its own, uniform in 0.9 to 1.1,
+    until the linkage closes off any dead point; an option then fixes those that it names.
 
     A command may be negative (walk towards -x) or 0 (stand). It stays for the episode, but for
     ``command_interval`` and ``set_parameters(command=...)``.
@@ -162,6 +169,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | ``track_joint_forces`` | False | adds them to ``info``; a step then takes some 10 ms more |
     | ``height_scan`` | None | (behind, ahead, count), m: places at which the ground is looked at |
     | ``noise`` | None | a :class:`jansen_env.Noise` of the sensors, or a dictionary of its arguments |
+    | ``observe_lengths`` | False | whether observations end with the lengths of the episode |
     | ``push`` | None | a :class:`jansen_env.Push`: random pushes on the chassis; or a dictionary of its arguments |
     | ``render_mode`` | None | ``"human"`` or ``"rgb_array"`` |
 

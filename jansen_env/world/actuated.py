@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -141,6 +141,22 @@ class ActuatedRobots:
         whole, rest = self.delay[row].tolist()
         return float(whole * self.control_dt + rest * self.time_step)
 
+    def _plan_robots(
+        self, each: Iterable[tuple[int, Any, Mapping[str, Any]]], seeds: Sequence[int | None]
+    ) -> dict[int, Build]:
+        """Return robots of resets that are others, or get other lengths, by their rows.
+
+        Args:
+            each: row, generator, and options of a reset. seeds: of what is drawn.
+        """
+        builds = {}
+        for (row, _, own), seed in zip(each, seeds, strict=True):
+            robot = load_robot("options['robot']", own["robot"]) if "robot" in own else None
+            build = self.lengths.plan(row, own.get("lengths", {}), seed, robot)
+            if build is not None:
+                builds[row] = build
+        return builds
+
     def _exchange(self, builds: Mapping[int, Build]) -> Ints:
         """Put robots in the place of others, by their rows; return the rows of other designs.
 
@@ -157,8 +173,9 @@ class ActuatedRobots:
 
     def get_state(self, row: int) -> dict[str, Any]:
         """Return all that a robot's future depends on but the task and random numbers."""
+        changed = self.lengths.changed[row]
         return {
-            **self.lengths.state(row),
+            **({"lengths": dict(changed)} if changed else {}),
             "plant": self.plant.states[row].copy(),
             "delay": self.delay_of(row),
             "asked": self.asked[row].copy(),

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import instance, shown
 from jansen_env.dynamics.reduced import compile_robot
+from jansen_env.gravity import GRAVITY
+from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import nearest_dead_point
 from jansen_env.robot.lengths import lengths, with_lengths
@@ -89,19 +91,14 @@ class EpisodeLengths:
         if robot is None and not (given or drawn or self.changed[row]):
             return None
         nominal = robot or self.nominal[row]
-        self._check_names(nominal)
-        if {*drawn} <= {*given}:
-            return _build(nominal, given)
-        # Commands that change in an episode are drawn by its seed and a step, from 1 on.
-        return _draw(nominal, given, drawn, np.random.default_rng((seed or 0, 0)))
-
-    def _check_names(self, robot: Robot) -> None:
-        """Raise ValueError where a robot has not the lengths that are shown."""
-        if self.values is not None and (found := (*lengths(robot),)) != self.values.dtype.names:
-            raise ValueError(
-                f"a robot's lengths are {[*found]}, must be {[*(self.values.dtype.names or ())]} "
-                "where lengths are drawn or observed"
-            )
+        if self.values is not None and (*lengths(nominal),) != (names := self.values.dtype.names):
+            raise ValueError(f"lengths of a robot are {[*lengths(nominal)]}, must be {names}")
+        if not {*drawn} <= {*given}:
+            # Commands that change in an episode are drawn by its seed and a step, from 1 on.
+            return _draw(nominal, given, drawn, np.random.default_rng((seed or 0, 0)))
+        build = _build(nominal, given)
+        static_deflection(build.robot, GRAVITY)  # or its feet are too soft
+        return build
 
     def take(self, builds: Mapping[int, Build]) -> None:
         """Begin episodes with planned robots, by their rows."""
@@ -125,10 +122,6 @@ class EpisodeLengths:
         """Let a robot, with its own lengths too, have the payload, motor and feet of another."""
         parts = {name: getattr(robot, name) for name in ("payload", "motor", "pad_compliance")}
         self.nominal[row] = replace(self.nominal[row], **parts) if self.changed[row] else robot
-
-    def state(self, row: int) -> dict[str, Any]:
-        """Return the entry of a robot's state; none where it has its own lengths."""
-        return {"lengths": dict(self.changed[row])} if self.changed[row] else {}
 
 
 def _by_name(factors: dict[str, Distribution], names: Sequence[str]) -> dict[str, Distribution]:
@@ -160,6 +153,7 @@ def _draw(
             build = _build(nominal, {**drawn, **given})
             sine, joint, angle = nearest_dead_point(build.robot)
             if sine >= MARGIN:
+                static_deflection(build.robot, GRAVITY)
                 compile_robot(build.robot)
                 return build
             reason = f"links that meet in {joint} come near one line at crank angle {angle:.3f} rad"

@@ -29,6 +29,7 @@ from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
 from jansen_env.terrain.generators import Generator
 from jansen_env.world.argument_checks import Filled
+from jansen_env.world.episode_lengths import Build
 from jansen_env.world.randomization import Randomization, Uniform
 
 Ints = NDArray[np.int64]
@@ -174,14 +175,14 @@ class EpisodeParameters:
 
     def plan(
         self, row: int, rng: np.random.Generator, options: Mapping[str, Any], delay: float,
-        walked: float, command: float, robot: Robot | None = None,
+        walked: float, command: float, build: Build | None = None,
     ) -> Plan:  # fmt: skip
         """Return a robot's next episode; nothing changes yet but the generator's state.
 
         Args:
             options: of the reset, with numbers that are to be fixed. delay: s, as drawn.
             walked, command: progress in its last episode, m, and mean command, m/s; 0 at first.
-            robot: that comes in its place; None for none.
+            build: that comes in its place; None for none.
 
         Raises:
             ValueError: an option out of range or without effect, or no such ground.
@@ -189,6 +190,7 @@ class EpisodeParameters:
         randomization, generator = self.randomizations[row], self._generators[row]
         values = plain(self.nominal)[row].copy().view(EPISODE)
         one = values[0]
+        robot = None if build is None else build.robot
         if robot is not None:
             parameters.take_load(one, robot)
             randomization = self._draws(row, robot)

@@ -21,7 +21,7 @@ from jansen_env.world import argument_checks as arguments
 from jansen_env.world.actuated import ActuatedRobots, Draw
 from jansen_env.world.argument_checks import Bools, Filled, Ints, option, single
 from jansen_env.world.entries import Observed
-from jansen_env.world.episode_lengths import Build, EpisodeLengths
+from jansen_env.world.episode_lengths import EpisodeLengths
 from jansen_env.world.randomization import load_randomization
 
 TORQUE_LIMIT = 5.0  # N m, of an ideal motor
@@ -104,20 +104,14 @@ class HeldRobots(ActuatedRobots):
         """Start episodes of some robots, see ``World``."""
         each = list(zip(rows.tolist(), generators, options, strict=True))
         drawn = [self._draw(*one, draw) for one in each]
-        found = {row: self._next_build(row, rng, own) for row, rng, own in each}
-        self._exchange({row: build for row, build in found.items() if build is not None})
+        factors = self.lengths.factors
+        seeds = [int(rng.integers(2**63)) if factors[row] else None for row, rng, _ in each]
+        self._exchange(self._plan_robots(each, seeds))
         self.plant.states[rows] = [start[:2] for start in drawn]
         self.begin_delay(rows, np.array([start[2] for start in drawn]))
         self._clear_episode(rows)
         self.truncated[rows] = False
         return [start[3] for start in drawn]
-
-    def _next_build(
-        self, row: int, rng: np.random.Generator, options: Mapping[str, Any]
-    ) -> Build | None:
-        """Return a reset's robot with its lengths; None for the one that is there."""
-        seed = int(rng.integers(2**63)) if self.lengths.factors[row] else None
-        return self.lengths.plan(row, options.get("lengths", {}), seed)
 
     def _draw(
         self, row: int, rng: np.random.Generator, options: dict[str, Any], draw: Draw

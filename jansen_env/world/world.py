@@ -171,16 +171,9 @@ class World(ActuatedRobots):
         each = list(zip(rows.tolist(), generators, options, strict=True))
         drawn = [self._draw(*one, draw) for one in each]
         seeds = [int(rng.integers(2**63)) for rng in generators]
-        found = {
-            row: self._another(row, own, seed)
-            for (row, _, own), seed in zip(each, seeds, strict=True)
-        }
-        builds = {row: build for row, build in found.items() if build is not None}
-        robots = {
-            row: build.robot for row, build in builds.items() if build.robot != self.robots[row]
-        }
+        builds = self._plan_robots(each, seeds)
         plans = [
-            self.episodes.plan(*one, start[2], *self._progress(one[0]), robots.get(one[0]))
+            self.episodes.plan(*one, start[2], *self._progress(one[0]), builds.get(one[0]))
             for one, start in zip(each, drawn, strict=True)
         ]
         given = [own.get("pushes") for own in options]
@@ -203,16 +196,6 @@ class World(ActuatedRobots):
             self.pushes.schedule(row, pushes, random=one is None)
         self.truncated[rows] = False
         return [start[3] for start in drawn]
-
-    def _another(self, row: int, options: Mapping[str, Any], seed: int) -> Build | None:
-        """Return a reset's robot, with its lengths; None for the one that is there."""
-        robot = None
-        if "robot" in options:
-            robot = settings.load_robot("options['robot']", options["robot"])
-        build = self.lengths.plan(row, options.get("lengths", {}), seed, robot)
-        if build is not None:
-            static_deflection(build.robot, GRAVITY)  # or its feet are too soft
-        return build
 
     def _exchange(self, builds: Mapping[int, Build]) -> Ints:
         """Put robots in the place of others, by their rows."""

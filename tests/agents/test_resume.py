@@ -24,6 +24,9 @@ CASES = {
     ),
     "all that is drawn": small_run(env_id="JansenWalkerHardcore-v0"),
     "crank": small_run(env_id="JansenCrank-v0"),
+    "lengths": small_run(
+        env_kwargs={"randomize": {"lengths": 0.1}, "observe_lengths": True, "max_episode_steps": 9}
+    ),
     "single environments": small_run(
         timesteps=96,
         n_envs=2,

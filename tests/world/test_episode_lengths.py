@@ -1,0 +1,312 @@
+"""Lengths of an episode: given, drawn, observed and saved, in every environment."""
+
+import json
+import pickle
+import warnings
+from copy import deepcopy
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+from side_by_side import compare
+
+from agents.training.training_state import _plain
+from jansen_env import LinkageError, Payload, built_robot, paper_robot
+from jansen_env.robot.kinematics import nearest_dead_point
+from jansen_env.robot.lengths import lengths, with_lengths
+from jansen_env.sb3 import make_vec_env
+from jansen_env.viewer.recorder import Recorder
+from jansen_env.world import episode_lengths
+
+IDS = ("JansenWalker-v0", "JansenWalkerHardcore-v0", "JansenGoal-v0", "JansenCrank-v0")
+PLANTS = [*((name, {}, 40) for name in IDS), ("JansenWalker-v0", {"plant": "rigid_body"}, 2)]
+every = pytest.mark.parametrize(("env_id", "kwargs", "steps"), PLANTS)
+WANTED = {"crank": 0.1, "foot_CE": 0.26, "frame_angle": 0.13}
+DRAWN = {"randomize": {"lengths": 0.1}}
+NOT_CLOSING = {"crank": 0.2}
+
+
+def made(env_id, **kwargs):
+    return gym.make(env_id, **kwargs).unwrapped
+
+
+def walk(env, steps=40, shape=(1,)):
+    """(steps, ...) observations under one torque."""
+    return np.array([env.step(np.full(shape, 0.3, np.float32))[0] for _ in range(steps)])
+
+
+@every
+def test_given_lengths_are_those_of_a_robot_made_so_for_one_episode(env_id, kwargs, steps):
+    env, own = made(env_id, **kwargs), made(env_id, **kwargs)
+    other = made(env_id, robot=with_lengths(env.robot, WANTED), **kwargs)
+    seen = env.reset(seed=3, options={"lengths": WANTED})[0], other.reset(seed=3)[0]
+    assert (seen[0] == seen[1]).all() and (walk(env, steps) == walk(other, steps)).all()
+    assert env.robot == other.robot
+    own.reset(seed=3)
+    assert (env.reset()[0] == own.reset()[0]).all()
+    assert (walk(env, steps) == walk(own, steps)).all() and env.robot == own.robot
+
+
+@every
+def test_a_state_holds_the_lengths(env_id, kwargs, steps):
+    """Through JSON, into another environment; and back to the robot's own without."""
+    env, other = (made(env_id, observe_lengths=True, **DRAWN, **kwargs) for _ in range(2))
+    plain = made(env_id, observe_lengths=True, randomize={}, **kwargs)
+    first, info = env.reset(seed=1)
+    walk(env, steps)
+    state = json.loads(json.dumps(_plain(env.get_state())))
+    assert state["lengths"] == info["lengths"] == lengths_by_info(env)
+    other.reset(seed=2)
+    if env_id == "JansenWalker-v0" and steps < 9:  # whose solver a state restarts
+        env.set_state(state)
+    assert (other.set_state(state)[-13:] == first[-13:]).all() and env.robot == other.robot
+    assert (walk(env, steps) == walk(other, steps)).all()
+    assert (env.reset()[0] == other.reset()[0]).all() and env.robot == other.robot
+    plain.reset(seed=5)
+    nominal = plain.get_state()
+    assert "lengths" not in nominal
+    plain.set_state(state)
+    assert plain.robot == made(env_id, robot=plain.robot, **kwargs).robot != built_robot()
+    assert (plain.set_state(nominal)[-13:] == 0.0).all()
+    assert "lengths" not in plain.get_state()
+
+
+def lengths_by_info(env):
+    return dict(env.task.information.single(0, False)["lengths"])
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_draws_are_the_seeds_and_leave_the_others_as_they_are(env_id):
+    env, same = made(env_id, **DRAWN), made(env_id, **DRAWN)
+    without = made(env_id, randomize={})
+    infos = [one.reset(seed=4)[1] for one in (env, same, without)]
+    assert infos[0]["lengths"] == infos[1]["lengths"] and (walk(env) == walk(same)).all()
+    assert "lengths" not in infos[2] and env.robot != without.robot
+    for name in ("speed_command", "crank_angle", "goal", "parameters"):
+        assert infos[0].get(name) == infos[2].get(name)
+    robots = []
+    for _ in range(5):
+        env.reset()
+        same.reset()
+        assert env.robot == same.robot
+        robots.append(env.robot)
+        own = lengths(without.robot)
+        factors = [value / own[name] for name, value in lengths(env.robot).items()]
+        assert 0.9 <= min(factors) < 0.98 and 1.02 < max(factors) <= 1.1
+        assert nearest_dead_point(env.robot)[0] >= episode_lengths.MARGIN
+    assert len({*robots}) == 5
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+@pytest.mark.parametrize("env_id", IDS)
+def test_many_are_what_each_is_alone(env_id, mode):
+    """All that is returned, bit for bit, through ends of episodes."""
+    kwargs = {"max_episode_steps": 20, "observe_lengths": True}
+    kwargs["randomize"] = {"lengths": {"coupler": (0.95, 1.1), "upper_rod": 0.03}}
+    together = gym.make_vec(env_id, 5, autoreset_mode=mode, **kwargs)
+    alone = gym.vector.SyncVectorEnv([lambda: gym.make(env_id, **kwargs)] * 5, autoreset_mode=mode)
+    assert compare(together, alone, 45, scale=0.6) >= 10
+    copies = deepcopy(together.unwrapped), pickle.loads(pickle.dumps(together.unwrapped))
+    after = walk(together, 20, (5, 1))
+    for copy in copies:
+        assert (walk(copy, 20, (5, 1)) == after).all()
+    assert len({*together.unwrapped.get_attr("robot")}) == 5
+
+
+def test_robots_are_exchanged_while_other_threads_move_theirs():
+    envs = [
+        gym.make_vec("JansenWalkerBuilt-v0", 40, threads=threads, max_episode_steps=12, **DRAWN)
+        for threads in (1, 3)
+    ]
+    for one in envs:
+        one.reset(seed=0)
+        for row in range(40):  # so that each step ends some episodes
+            one.unwrapped._elapsed[row] = row % 12
+    seen = [walk(one, 40, (40, 1)) for one in envs]
+    assert (seen[0] == seen[1]).all() and len({*envs[0].unwrapped.get_attr("robot")}) == 40
+
+
+def test_a_batch_takes_one_set_of_lengths_or_one_for_each():
+    envs = gym.make_vec("JansenWalker-v0", 3, robot="built").unwrapped
+    own = built_robot()
+    envs.reset(seed=0, options={"lengths": WANTED})
+    assert envs.get_attr("robot") == (with_lengths(own, WANTED),) * 3
+    each = [{}, {"rocker": 0.24}, WANTED]
+    envs.reset(options={"lengths": each})
+    assert envs.get_attr("robot") == tuple(with_lengths(own, one) for one in each)
+    mask = np.array([True, False, False])
+    envs.reset(options={"lengths": WANTED, "reset_mask": mask, "robot": "paper"})
+    robots = envs.get_attr("robot")
+    assert robots[0] == with_lengths(paper_robot(), WANTED) and robots[1] != own
+    envs.reset()
+    assert envs.get_attr("robot") == (paper_robot(), own, own)
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "message"),
+    [
+        (NOT_CLOSING, LinkageError, r"^joint . does not close at crank angle -?\d\.\d+ rad: .*$"),
+        ({"tail": 0.1}, ValueError, r"^lengths has 'tail', must be of \['frame', 'crank', .*$"),
+        ({"crank": -0.1}, ValueError, r"^lengths\['crank'\] is -0.1, must be above 0$"),
+        ({"foot_CE": 0.9}, ValueError, r"^lengths of foot: .*$"),
+        (0.1, ValueError, r"^lengths is 0.1, must be a Mapping$"),
+    ],
+)
+@pytest.mark.parametrize("env_id", ["JansenWalkerBuilt-v0", "JansenCrank-v0"])
+def test_what_is_refused_changes_nothing(env_id, given, error, message):
+    pair = [gym.make_vec(env_id, 2).unwrapped for _ in range(2)]
+    for envs in pair:
+        envs.reset(seed=3, options={"lengths": WANTED})
+        walk(envs, 5, (2, 1))
+    before = pair[0].get_attr("robot")
+    with pytest.raises(error, match=message):
+        pair[0].reset(options={"lengths": [{"rocker": 0.24}, given]})
+    state = pair[0].get_state(0)
+    with pytest.raises(error, match=message):
+        pair[0].set_state(0, {**state, "lengths": given})
+    assert pair[0].get_attr("robot") == before
+    assert (walk(pair[0], 10, (2, 1)) == walk(pair[1], 10, (2, 1))).all()
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_observed_are_factors_less_one_at_the_end(env_id):
+    env, without = made(env_id, observe_lengths=True), made(env_id)
+    names = [one.name for one in env.observed]
+    own = lengths(env.robot)
+    assert env.observed[:-13] == without.observed
+    assert names[-13:] == [f"length_{name}" for name in own]
+    observation, info = env.reset(seed=0, options={"lengths": WANTED})
+    assert info["lengths"] == {**own, **WANTED}
+    factors = [{**own, **WANTED}[name] / own[name] - 1.0 for name in own]
+    np.testing.assert_allclose(observation[-13:], factors, atol=1e-7)
+    without.reset(seed=0, options={"lengths": WANTED})
+    seen = walk(env)
+    others, noisy = walk(without), "Hardcore" in env_id
+    assert (seen[:, -13:] == observation[-13:]).all()
+    assert noisy or (seen[:, :-13] == others).all()
+    assert (env.task.world.plant.states == without.task.world.plant.states).all()
+    if noisy:
+        assert (env.step([0.1])[4]["true_observation"][-13:] == observation[-13:]).all()
+    assert (env.reset()[0][-13:] == 0.0).all()
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_checkers_have_nothing_to_say(env_id):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        check_env(made(env_id, observe_lengths=True, **DRAWN))
+    assert all("infinity" in str(one.message) for one in caught)
+
+
+@pytest.mark.parametrize(
+    ("value", "low", "high"),
+    [(0.05, 0.95, 1.05), ((0.9, 1.0), 0.9, 1.0), ({"coupler": 0.04}, 0.96, 1.04)],
+)
+def test_ranges(value, low, high):
+    env = made("JansenWalker-v0", randomize={"lengths": value, "friction": (0.5, 1.0)})
+    own = lengths(env.robot)
+    names = [*value] if isinstance(value, dict) else [*own]
+    for seed in range(8):
+        _, info = env.reset(seed=seed)
+        factors = {name: one / own[name] for name, one in info["lengths"].items()}
+        assert all(low <= factors[name] <= high for name in names)
+        assert all(factors[name] == 1.0 for name in own if name not in names)
+        assert 0.5 <= info["parameters"]["friction"] <= 1.0
+
+
+def test_an_option_fixes_what_it_names_and_info_can_be_given_back():
+    env, other = made("JansenWalkerBuilt-v0", **DRAWN), made("JansenWalkerBuilt-v0")
+    drawn = env.reset(seed=6)[1]["lengths"]
+    fixed = env.reset(seed=6, options={"lengths": {"coupler": 0.24}})[1]["lengths"]
+    assert fixed == {**drawn, "coupler": 0.24}
+    for again in (env, other):
+        again.reset(seed=6, options={"lengths": drawn})
+        assert lengths(again.robot) == lengths(with_lengths(built_robot(), drawn))
+    assert (walk(env) == walk(other)).all()
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("long", r"randomize\['lengths'\] is 'long', must be a finite number"),
+        (-0.1, r"randomize\['lengths'\] is -0.1, must be between 0.0 and 0.9"),
+        ((1.1, 0.9), r"randomize\['lengths'\] is \(1.1, 0.9\), must be \(low, high\)"),
+        ({"tail": 0.1}, r"randomize\['lengths'\] has 'tail', must be of \['frame', "),
+        ({"crank": (0.0, 1.0)}, r"randomize\['lengths'\]\['crank'\] is 0.0, must be between"),
+    ],
+)
+def test_ranges_that_are_refused(value, message):
+    for env_id in ("JansenWalker-v0", "JansenCrank-v0"):
+        with pytest.raises(ValueError, match=f"^{message}.*$"):
+            gym.make(env_id, randomize={"lengths": value})
+
+
+def test_draws_that_never_turn_end_with_the_reason():
+    env = made("JansenWalker-v0", randomize={"lengths": {"crank": (1.9, 2.0)}})
+    with pytest.raises(ValueError, match=r"^randomize\['lengths'\] gave no robot .* joint . does"):
+        env.reset(seed=0)
+    near = made("JansenWalker-v0", robot="holy", randomize={"lengths": {"frame": (1.0, 1.0)}})
+    near.reset(seed=0)
+
+
+def test_what_changes_in_an_episode_stays_with_the_robot():
+    """Payload and motor, not lengths; as of a robot that has always had them."""
+    env = made("JansenWalkerBuilt-v0")
+    env.reset(seed=0, options={"lengths": WANTED})
+    env.set_parameters(payload=1.5, motor=replace(env.robot.motor, torque_limit=9.0))
+    assert env.robot.body("crank").length == 0.1
+    env.reset(seed=1)
+    loaded = replace(built_robot(), payload=Payload(1.5))
+    loaded = replace(loaded, motor=replace(loaded.motor, torque_limit=9.0))
+    other = made("JansenWalkerBuilt-v0", robot=loaded)
+    other.reset(seed=1)
+    assert env.robot == loaded and (walk(env) == walk(other)).all()
+
+
+def test_robots_of_other_links_are_refused_where_lengths_are_shown():
+    env = made("JansenWalker-v0", observe_lengths=True, robot="klann")
+    assert env.observed[-1].name == "length_foot_T_across"
+    chebyshev = made("JansenWalker-v0", robot="chebyshev", observe_lengths=True, **DRAWN)
+    observation, info = chebyshev.reset(seed=0)
+    assert info["lengths"]["frame_G_across"] == 0.0 and np.isfinite(observation).all()
+
+
+def test_stable_baselines_draws_anew_and_goes_on_from_states():
+    env_kwargs = {**DRAWN, "observe_lengths": True, "max_episode_steps": 15}
+    venv, other = (make_vec_env("JansenWalkerBuilt-v0", 4, env_kwargs) for _ in range(2))
+    venv.seed(3)
+    venv.reset()
+    actions = np.full((4, 1), 0.3, np.float32)
+    first = venv.get_attr("robot")
+    for _ in range(20):
+        venv.step(actions)
+    assert not {*first} & {*venv.get_attr("robot")}
+    other.reset()
+    other.set_states(json.loads(json.dumps([_plain(one) for one in venv.get_states()])))
+    for _ in range(20):
+        ours, theirs = venv.step(actions), other.step(actions)
+        assert (ours[0] == theirs[0]).all() and (ours[1] == theirs[1]).all()
+
+
+def test_recordings_have_the_robot_of_the_episode():
+    env = Recorder(gym.make("JansenWalkerBuilt-v0", **DRAWN))
+    for seed in (1, 2):
+        _, info = env.reset(seed=seed)
+        env.step(np.zeros(1, np.float32))
+        bodies = env.recording.robot["bodies"]
+        assert bodies[1]["length"] == pytest.approx(info["lengths"]["crank"], rel=1e-12)
+
+
+def test_pictures_show_the_robot_of_the_episode():
+    env = gym.make("JansenWalker-v0", render_mode="rgb_array")
+    fresh = gym.make(
+        "JansenWalker-v0", render_mode="rgb_array", robot=with_lengths(paper_robot(), WANTED)
+    )
+    env.reset(seed=1)
+    env.render()
+    env.reset(seed=1, options={"lengths": WANTED})
+    fresh.reset(seed=1)
+    assert (env.render() == fresh.render()).all()

@@ -107,26 +107,20 @@ class FixedBaseBatch:
 
     def joint_forces(self, row: int, torque: float = 0.0) -> JointForces:
         """Forces in every joint of a robot at its present state under a crank torque (N m)."""
-        angle, speed = self.states[row]
+        robot, (angle, speed) = self.robots[row], self.states[row]
         q, q_dot = np.array([0.0, 0.0, 0.0, angle]), np.array([0.0, 0.0, 0.0, speed])
-        return joint_forces(
-            self.robots[row], q, q_dot, torque, fixed_base=True, gravity=self.gravity
-        )
+        return joint_forces(robot, q, q_dot, torque, fixed_base=True, gravity=self.gravity)
 
     def __getstate__(self) -> dict[str, Any]:
         """The arguments and the states: everything else is made again from them."""
         arguments = (self.robots[0], len(self.states), self.time_step, self.gravity)
-        results = (self.sums.copy(), self.diverged.copy())
-        return {
-            "arguments": arguments, "robots": self.robots, "states": self.states.copy(),
-            "results": results,
-        }  # fmt: skip
+        results = (self.robots, self.states.copy(), self.sums.copy(), self.diverged.copy())
+        return {"arguments": arguments, "results": results}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
         self.__init__(*saved["arguments"])  # type: ignore[misc]
-        self.set_robots(np.arange(len(self.states)), saved["robots"])
-        self.states[:] = saved["states"]
-        self.sums[:], self.diverged[:] = saved["results"]
+        robots, self.states[:], self.sums[:], self.diverged[:] = saved["results"]
+        self.set_robots(np.arange(len(robots)), robots)
         self.any_diverged = bool(self.diverged.any())
 
 

@@ -144,11 +144,7 @@ class ActuatedRobots:
     def _plan_robots(
         self, each: Iterable[tuple[int, Any, Mapping[str, Any]]], seeds: Sequence[int | None]
     ) -> dict[int, Build]:
-        """Return robots of resets that are others, or get other lengths, by their rows.
-
-        Args:
-            each: row, generator, and options of a reset. seeds: of what is drawn.
-        """
+        """Return the robots of resets, each (row, generator, options), where they do not stay."""
         builds = {}
         for (row, _, own), seed in zip(each, seeds, strict=True):
             robot = load_robot("options['robot']", own["robot"]) if "robot" in own else None

@@ -134,16 +134,13 @@ def _by_name(factors: dict[str, Distribution], names: Sequence[str]) -> dict[str
 
 def _build(nominal: Robot, given: Mapping[str, float]) -> Build:
     """Return a robot with given lengths, m."""
-    robot, own = with_lengths(nominal, given), lengths(nominal)
+    robot, own = with_lengths(nominal, given) if given else nominal, lengths(nominal)
     changed = {name: float(value) for name, value in given.items() if value != own[name]}
     return Build(nominal, changed, robot)
 
 
 def _draw(
-    nominal: Robot,
-    given: Mapping[str, float],
-    factors: Mapping[str, Distribution],
-    rng: np.random.Generator,
+    nominal: Robot, given: Mapping[str, float], factors: Mapping[str, Distribution], rng: Any
 ) -> Build:
     """Draw the lengths that are not given until the robot can turn, well off any dead point."""
     own, reason = lengths(nominal), ""

@@ -47,9 +47,8 @@ def load_randomization(
     """Return the distributions of ``randomize``: a :data:`Randomization`, and "lengths".
 
     ``value``: by name a number, (low, high) for a uniform draw (of whole numbers where the
-    parameter is one), or a :class:`Distribution`; None for none. Of "lengths", which get
-    distributions of factors by length, a number s is for (1 - s, 1 + s), and what is no mapping
-    for every length (:data:`EVERY`).
+    parameter is one), or a :class:`Distribution`; None for none. "lengths" are factors by length,
+    or of all; a number s stands for (1 - s, 1 + s).
 
     Raises:
         ValueError: a name or a range that there is not.

@@ -33,7 +33,7 @@ class ActuatedRobots:
     Attributes:
         RECORDS: its keyword arguments, see :mod:`jansen_env.world.argument_checks`.
         OPTIONS: of a reset. SETTABLE: of a change. entries: numbers for observations.
-        robots: before randomisation. control_dt: s for which an action is held.
+        robots: of these episodes, before parameters. control_dt: s for which an action is held.
         rows: (n,) with fields ``action``, ``action_before``, ``info`` and ``energy``.
         lengths: of the present episodes.
         arrays, step_arrays, groups: see :class:`jansen_env.tasks.information.InfoBuilder`.
@@ -153,7 +153,7 @@ class ActuatedRobots:
                 builds[row] = build
         return builds
 
-    def _exchange(self, builds: Mapping[int, Build]) -> Ints:
+    def exchange(self, builds: Mapping[int, Build]) -> Ints:
         """Put robots in the place of others, by their rows; return the rows of other designs.
 
         Raises:

@@ -47,7 +47,7 @@ class HeldMachine:
 
 
 class HeldRobots(ActuatedRobots):
-    """n equal robots with their chassis held, see :class:`jansen_env.world.world.World`."""
+    """n robots, equal but for lengths, chassis held: see :class:`jansen_env.world.world.World`."""
 
     RECORDS = {"machine": HeldMachine}
     OPTIONS = ("crank_angle", "crank_speed", "delay", "lengths")
@@ -106,7 +106,7 @@ class HeldRobots(ActuatedRobots):
         drawn = [self._draw(*one, draw) for one in each]
         factors = self.lengths.factors
         seeds = [int(rng.integers(2**63)) if factors[row] else None for row, rng, _ in each]
-        self._exchange(self._plan_robots(each, seeds))
+        self.exchange(self._plan_robots(each, seeds))
         self.plant.states[rows] = [start[:2] for start in drawn]
         self.begin_delay(rows, np.array([start[2] for start in drawn]))
         self._clear_episode(rows)
@@ -175,7 +175,7 @@ class HeldRobots(ActuatedRobots):
     def restore(self, row: int, state: dict[str, Any]) -> None:
         """Go on from a state of :meth:`checked_state`."""
         one = np.array([row])
-        self._exchange(state["builds"])
+        self.exchange(state["builds"])
         self.plant.states[row] = state["plant"]
         self.begin_delay(one, np.array([state["delay"]]), state["asked"])
         self._clear_episode(one, state["action"], state["steps"])

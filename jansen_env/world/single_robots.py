@@ -141,7 +141,7 @@ def restore(world: World, row: int, state: dict[str, Any]) -> None:
     """Let a robot go on from a state of :func:`checked_state`."""
     plant, one = world.plant, np.array([row])
     plan, level = state["plan"]
-    world._exchange(state["builds"])
+    world.exchange(state["builds"])
     world.apply_parameters(one, [plan])
     world.episodes.level[row] = level
     plant.set_state(row, state["plant"], state["deflection"])

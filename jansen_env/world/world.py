@@ -180,7 +180,7 @@ class World(ActuatedRobots):
         schedules = [
             NO_PUSHES if one is None else check_schedule("options['pushes']", one) for one in given
         ]
-        self._exchange(builds)
+        self.exchange(builds)
         self.seeds[rows] = seeds
         self.apply_parameters(rows, plans)
         plant = self.plant
@@ -197,9 +197,9 @@ class World(ActuatedRobots):
         self.truncated[rows] = False
         return [start[3] for start in drawn]
 
-    def _exchange(self, builds: Mapping[int, Build]) -> Ints:
+    def exchange(self, builds: Mapping[int, Build]) -> Ints:
         """Put robots in the place of others, by their rows."""
-        rows = super()._exchange(builds)
+        rows = super().exchange(builds)
         for row in rows.tolist():
             self.episodes.take_robot(row, self.robots[row])
         if len(rows) > 0:

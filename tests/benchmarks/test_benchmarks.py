@@ -7,6 +7,7 @@ import pytest
 from benchmarks import (
     built_robot,
     convergence,
+    held_out,
     measure,
     plants,
     probe,
@@ -83,6 +84,7 @@ def test_what_cannot_be_measured_is_refused(arguments, tmp_path, capsys):
         (plants.main, (), [], "plants"),
         (plants.main, (), ["--machines"], "machines"),
         (built_robot.main, (), ["--plant", "rigid_body"], "motors_rigid_body"),
+        (held_out.main, (), ["--policy", "pid", "--starts", "1"], "held_out"),
     ],
 )
 def test_a_benchmark_runs(main, needs, arguments, written, tmp_path):

@@ -57,7 +57,7 @@ def load_policy(plan: Plan) -> Policy | None:
         return None
     from agents.evaluate import load_named
 
-    return load_named(plan.policy, make_env(plan.env, plan.env_kwargs))
+    return load_named(plan.policy, make_env(plan.env, {**plan.env_kwargs, "robot": plan.robot}))
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:

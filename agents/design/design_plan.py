@@ -103,8 +103,10 @@ def make_plan(found: Any) -> Plan:
     for name, cells in plan.map.items():
         _check_measure("map", name)
         _check_cells(f"map.{name}", cells)
-    if plan.policy is not None and "harmonics" in plan.variables:
-        raise ValueError("variables has 'harmonics', of which a policy makes no use")
+    if plan.policy is not None and [*plan.variables] != ["lengths"]:
+        raise ValueError(
+            f"variables has {[*plan.variables]}, must have lengths alone beside a policy"
+        )
     plan.space()
     return plan
 

@@ -69,8 +69,9 @@ class Walker:
     """Walks candidates on an environment, at one commanded speed.
 
     Args:
-        env_id, env_kwargs: of a walker. speed: m/s. starts: crank angles to start from, evenly over
-            half a turn: after that the legs have swapped. count: of candidates at once.
+        env_id, env_kwargs: of a walker, with its "robot". speed: m/s.
+        starts: crank angles to start from, evenly over half a turn: after that the legs have
+            swapped. count: of candidates at once.
         policy: that turns the crank in place of the candidates' profiles.
     """
 
@@ -130,12 +131,20 @@ class Walker:
         robots = np.empty(n, object)
         robots[:] = [one.robot for one in padded for _ in angles]
         key = sides, each, repr(kwargs)
-        arguments = {**self.env_kwargs, "robot": padded[0].robot, **kwargs}
+        arguments = {**self.env_kwargs, **kwargs}
+        if self.policy is None:
+            arguments["robot"] = padded[0].robot
         if key not in self._envs:
             self._envs[key] = make_envs(self.env_id, arguments, n)
         numbers = np.repeat([one.numbers for one in padded], each, axis=0)
         policy = self.policy or profiles(numbers, self._env)
-        options = {"robot": robots, "crank_angle": np.tile(angles, self.count)}
+        options: dict[str, Any] = {"crank_angle": np.tile(angles, self.count)}
+        if self.policy is None:
+            options["robot"] = robots
+        else:  # which may observe how far lengths are from the environment's robot
+            each_one = np.empty(n, object)
+            each_one[:] = [lengths(robot) for robot in robots]
+            options["lengths"] = each_one
         run = run_episodes(
             policy, self.env_id, arguments, np.full(n, self.speed), SEED + np.arange(n) % each,
             at_once=n, options=options, envs=self._envs[key],
@@ -179,13 +188,18 @@ class Walker:
 
     def _loads(self, candidate: Candidate) -> dict[str, float]:
         """Pin forces of a walk after :data:`SETTLING` s: wear, the largest, buckling."""
-        kwargs = {**self.env_kwargs, "robot": candidate.robot, "speed_command": self.speed}
+        kwargs = {**self.env_kwargs, "speed_command": self.speed}
+        options: dict[str, Any] = {"crank_angle": float(self.angles[0])}
+        if self.policy is None:
+            kwargs["robot"] = candidate.robot
+        else:
+            options["lengths"] = lengths(candidate.robot)
         env: Any = gym.make(self.env_id, **kwargs)
         policy = self.policy or profiles(candidate.numbers[None], env)
         plant, state, over = env.unwrapped.plant, None, False
         traces: list[Any] = []
         plant.tracing = True
-        seen, _ = env.reset(seed=SEED, options={"crank_angle": float(self.angles[0])})
+        seen, _ = env.reset(seed=SEED, options=options)
         begin = round(SETTLING / env.unwrapped.control_dt)
         while not over:
             action, state = policy.predict(seen, state, np.array(not traces), True)

@@ -68,7 +68,7 @@ def objectives_of(plan: Plan, measured: Measured) -> Array:
 
 def make_walker(plan: Plan, policy: Policy | None = None, **changes: Any) -> Walker:
     """Return what measures a plan's candidates; ``changes``: of its environment's arguments."""
-    kwargs = {**plan.env_kwargs, **changes}
+    kwargs = {"robot": plan.robot, **plan.env_kwargs, **changes}
     return Walker(plan.env, kwargs, plan.speed, plan.starts, plan.population, policy)
 
 

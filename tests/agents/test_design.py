@@ -45,7 +45,7 @@ def plan_of(method="cma", **more):
 @pytest.fixture(scope="module")
 def walker():
     """Walks up to four candidates for 3 s."""
-    return Walker("JansenWalkerBuilt-v0", SHORT, 0.3, 2, 4)
+    return Walker("JansenWalkerBuilt-v0", {**SHORT, "robot": "built"}, 0.3, 2, 4)
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in PLANS.glob("*.yml")))
@@ -82,7 +82,7 @@ def test_shipped_plans_are_complete(name):
         ({"limits": {"mass": [2, 1]}}, r"limits.mass is \[2, 1\]"),
         ({"limits": {"mass": [None, math.inf]}}, "limits.mass is"),
         ({"map": {"mass": [0, 1, 5]}}, "map has 1 entries"),
-        ({"policy": "pretrained"}, "variables has 'harmonics', of which a policy makes no use"),
+        ({"policy": "pretrained"}, "variables has .*, must have lengths alone beside a policy"),
     ],
 )
 def test_a_plan_with_a_fault_is_refused(changes, message):
@@ -228,6 +228,17 @@ def test_a_killed_search_goes_on_bit_for_bit(method, tmp_path):
     assert seen == [1, 2]
     assert journal.read_bytes() == (tmp_path / "a" / search.JOURNAL).read_bytes()
     assert np.array_equal(again.unit, whole.unit) and len(whole.unit) == 12
+
+
+def test_a_policy_turns_the_crank(tmp_path):
+    """In place of profiles; it sees lengths as the episode's."""
+    path = tmp_path / "own.yml"
+    own = {**SMALL, "variables": {"lengths": 0.02}, "policy": "pretrained", "generations": 1}
+    path.write_text(yaml.safe_dump(own))
+    assert command.main([str(path), "--log-folder", str(tmp_path)]) == 0
+    assert not (tmp_path / "own" / "seed_0" / design_report.PROFILE).exists()
+    found = search.joined(search.read_journal(tmp_path / "own" / "seed_0" / search.JOURNAL))
+    assert found.measured["falls"][0] == 0.0 and len(found.unit) == 4
 
 
 def test_limits_rank_what_breaks_them():

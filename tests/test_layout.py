@@ -23,7 +23,7 @@ ORDER = (
     ["envs"],
     ["baselines", "policies"],
     ["scoring"],
-    ["compile", "export_mjcf", "sb3", "viewer", "paper"],
+    ["compile", "drawings", "export_mjcf", "sb3", "viewer", "paper"],
     ["play"],
     ["agents.command_line", "agents.plain_yaml", "agents.plots", "agents.video"],
     ["agents.training", "agents.tuning", "agents.robustness"],

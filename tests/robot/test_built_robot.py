@@ -10,6 +10,7 @@ import pytest
 from benchmarks import built_parts
 from benchmarks import built_robot as measured
 from jansen_env import MOTORS, Terrain, built_robot
+from jansen_env.drawings.materials import bill_of_materials
 from jansen_env.plants.make import make_plant
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.trace import trace_forces
@@ -94,7 +95,7 @@ def test_the_foots_plate_keeps_a_rim():
 @pytest.mark.parametrize("phases", [1, 2, 3])
 def test_the_list_of_parts_adds_up_to_the_robot(phases):
     robot = built_robot(phases)
-    parts = built_parts.bill_of_materials(robot)
+    parts = bill_of_materials(robot)
     assert sum(part.mass for part in parts) == pytest.approx(robot.mass, rel=1e-12)
     assert all(part.number > 0 and part.each > 0.0 for part in parts)
     documented = built_parts.parts_table(robot) in PAGE.read_text(encoding="utf-8")

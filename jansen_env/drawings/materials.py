@@ -1,0 +1,161 @@
+"""Bill of materials: links, pins, feet, crankshaft, motor, with the masses of the built robot."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections import Counter
+from collections.abc import Sequence
+from itertools import combinations, pairwise
+from typing import NamedTuple
+
+from jansen_env.drawings.outlines import HUB, PIN, SHAFT, link_part
+from jansen_env.drawings.shaft_order import GAP, HUB_LENGTH, SPACER, TUBE, Placed, units
+from jansen_env.robot import Robot, Triangle
+from jansen_env.robot import buildable as built
+from jansen_env.robot.linkage import CRANK, FRAME
+
+BAR, SHEET = "EN AW-6060 T66 flat bar", "EN AW-6060 T66 sheet, laser cut"
+SHAFT_END = 10.0  # mm, of the shaft beyond the machine's frames
+TOLERANCE = 0.5  # mm, that washers make up
+COLUMNS = ("name", "material", "stock size", "thickness mm", "number", "each g", "note")
+
+
+class Part(NamedTuple):
+    """A line of the bill of materials.
+
+    Attributes:
+        each: kg. price: class: A below 10 EUR, B 10 to 100 EUR, C above (for all of them).
+        thickness: mm, 0 for what is not flat.
+    """
+
+    name: str
+    material: str
+    dimensions: str
+    number: int
+    each: float
+    price: str = ""
+    thickness: float = 0.0
+    note: str = ""
+
+    @property
+    def mass(self) -> float:
+        """Mass of all of them, kg."""
+        return self.number * self.each
+
+
+def counts(robot: Robot) -> dict[str, int]:
+    """Number of each flat part: on each crank pin two cranks as its webs, and two frames."""
+    legs, names = len(robot.legs), robot.linkage.names
+    number = dict.fromkeys(names, legs)
+    for body in (FRAME, CRANK):
+        number[names[body - 1]] = max(legs, 2 * len(units(robot)))
+    return number | {"foot-shoe": legs * len(robot.linkage.toes), "motor-plate": 1}
+
+
+def bill_of_materials(robot: Robot) -> list[Part]:
+    """All parts of a robot as it would be built; those of the built robot add up to its mass.
+
+    Raises ValueError: a link that cannot be made.
+    """
+    legs, toes = len(robot.legs), len(robot.legs) * len(robot.linkage.toes)
+    bars, plates = [], []
+    for body, (name, link) in enumerate(zip(robot.linkage.names, robot.bodies, strict=True), 1):
+        part = link_part(robot, body)
+        number, thick, note = (
+            counts(robot)[name],
+            part.thickness,
+            f"{1e3 * part.mass:.1f} g as drawn",
+        )
+        if len(part.outline.corners) == 2:
+            length = max(abs(p - q) for p, q in combinations(part.joints.values(), 2))
+            width = built.FRAME_WIDTH if body == FRAME else built.WIDTH
+            size = f"{1e3 * width:g} x {thick:g} mm, {length:.1f} mm between pins"
+            each = built.flat_bar(1e-3 * length, width, 0.0, 1e-3 * thick).mass
+            bars.append(Part(name, BAR, size, number, each, "A", thick, note))
+        elif isinstance(link, Triangle):
+            sides = " / ".join(f"{1e3 * side:.1f}" for side in link.sides)
+            size = f"{thick:g} mm, pins' triangle {sides} mm"
+            each = built.triangular_plate(link.sides, 0.0).mass
+            plates.append(Part(name, SHEET, size, number, each, "B", thick, note))
+        else:
+            box = part.lying().outline.box[1]
+            size = f"{thick:g} mm, {box.real:.0f} x {box.imag:.0f} mm"
+            plates.append(Part(name, SHEET, size, number, part.mass, "B", thick, note))
+    pin = "shoulder screw, nut, washers, spacer; iglidur J200 bush, 6 mm"
+    tread = f"natural rubber, {built.RUBBER_HARDNESS:g} Shore A, bonded to its shoe"
+    round_ = (
+        f"half-round, radius {1e3 * built.FOOT_RADIUS:g} mm, {1e3 * built.FOOT_WIDTH:g} mm wide"
+    )
+    ends = legs * len(robot.linkage.holes)
+    pivots = len({leg.side for leg in robot.legs}) * (len(robot.linkage.bodies[0][1]) - 1)
+    return [
+        *bars,
+        *plates,
+        Part("pin and bush, a link's share", pin, "half a joint", ends, built.PIN_SHARE, "B"),
+        Part("foot's tread", tread, round_, toes, built.TREAD_MASS, "B"),
+        Part("foot's shoe", "EN AW-6060 sheet, two M4 screws", "40 x 30 x 3 mm", toes,
+             built.SHOE_MASS, "A", 3.0),
+        Part("crankshaft, at O", "steel C45; hubs of EN AW-6060", "12 x 160 mm; 4 hubs 25 x 10 mm",
+             1, built.CRANKSHAFT_MASS, "B"),
+        Part("motor plate, at O", "EN AW-6060 sheet", "100 x 100 x 4 mm, hole 60 mm", 1,
+             built.MOTOR_PLATE_MASS, "A", 4.0),
+        Part("cross-member, at P", "EN AW-6060 T66 tube", "20 x 2 mm, 200 mm", pivots,
+             built.CROSS_MEMBER_MASS, "A"),
+        Part("gearmotor, at O", "T-Motor AK80-6", "98 x 38.5 mm", 1, built.MOTOR_MASS, "C"),
+        Part("battery, controller, cables", "LiPo 6S", "in two halves, at P", 1,
+             built.BATTERY_MASS, "C"),
+    ]  # fmt: skip
+
+
+def hardware(robot: Robot, placed: Sequence[Placed]) -> list[Part]:
+    """Pins, axles, spacers and pieces of the shaft, as long as the layers make them.
+
+    Their masses are in the shares of :func:`bill_of_materials`.
+    """
+    axis, crank_pin, *_ = [*robot.linkage.bodies[CRANK - 1][1]]
+    end = placed[-1].z + placed[-1].part.thickness
+    stacks: dict[tuple[str, object], list[tuple[float, float]]] = {}
+    for one in placed:
+        for joint in one.part.joints:
+            where: object = one.unit if joint == crank_pin else (one.unit, one.leg)
+            if joint in one.through:
+                where = robot.legs[one.leg].side
+            stacks.setdefault((joint, where), []).append((one.z, one.z + one.part.thickness))
+    found: Counter[tuple[str, str, str, str]] = Counter()
+    for (joint, where), faces in stacks.items():
+        if joint == axis or len(faces) < 2:
+            continue
+        faces.sort()
+        axle = isinstance(where, str)
+        low, high = (0.0, end) if axle else (faces[0][0], faces[-1][1])
+        name, radius, owner = ("axle", TUBE, "cross-member") if axle else ("pin", SPACER, "link's")
+        tube = f"{2 * radius:g} x {2 if axle else 1.9:g}"
+        found[f"{name}, at {joint}", "steel", f"{2 * PIN:g} x {high - low:.1f} mm", owner] += 1
+        ends = [(low, low), *faces, (high, high)]
+        for (_, top), (bottom, _) in pairwise(ends):
+            if bottom - top > GAP + TOLERANCE:
+                size = f"{tube} x {bottom - top:.1f} mm"
+                found[f"spacer, at {joint}", "EN AW-6060 tube", size, owner] += 1
+    webs = [(one.z, one.z + one.part.thickness) for one in placed if one.body == CRANK]
+    tops = [-SHAFT_END, *(bottom for bottom, _ in webs[1::2])]
+    bottoms = [*(top for _, top in webs[::2]), end + SHAFT_END]
+    for top, bottom in zip(tops, bottoms, strict=True):
+        size = f"{2 * SHAFT:g} x {bottom - top:.1f} mm"
+        found["shaft, at O", "steel C45", size, "crankshaft"] += 1
+    size = f"{2 * HUB:g} x {HUB_LENGTH:g} mm, spigot {2 * PIN:g} mm, two screws M3"
+    found["hub, at O", "EN AW-6060", size, "crankshaft"] += len(webs)
+    return [Part(name, material, size, number, 0.0, note=f"counted in the {owner} mass")
+            for (name, material, size, owner), number in found.items()]  # fmt: skip
+
+
+def to_csv(parts: Sequence[Part]) -> str:
+    """The bill of materials as CSV; parts that are counted in others have no mass."""
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(COLUMNS)
+    for one in parts:
+        thick, mass = (f"{value:.6g}" if value else "" for value in (one.thickness, 1e3 * one.each))
+        size = one.dimensions
+        rows.writerow((one.name, one.material, size, thick, one.number, mass, one.note))
+    return text.getvalue()

@@ -1,0 +1,286 @@
+"""Order of the parts along the shaft, in which nothing that moves meets anything else.
+
+A crank pin carries a unit: a fore and a back leg, or one leg. From end to end a unit is a frame, a
+hub, a web (the crank), links, and again web, hub and frame. The shaft ends at either web, because
+links sweep over its axis between them; the crank pin joins the webs. Every link lies in a layer. A
+unit of two legs is its own image when it is turned about the vertical, so both legs are alike.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.drawings.outlines import HUB, CutPart, feet_of, link_part
+from jansen_env.robot import Robot
+from jansen_env.robot import buildable as built
+from jansen_env.robot.kinematics import joint_positions
+from jansen_env.robot.linkage import CRANK, FRAME
+
+Points = NDArray[np.complex128]
+
+CLEARANCE = 1.0  # mm, between parts of a layer
+GAP, UNIT_GAP = 1.0, 6.0  # mm, between layers (a washer), and between units (heads of pins)
+HUB_LENGTH = 10.0  # mm
+SPACER, TUBE = 5.0, 10.0  # mm, radii of spacers and heads of pins, and of cross-members
+TREAD_LAYERS = 3  # that half the width of a tread takes beside its link
+SAMPLES = 720  # of a turn
+WEB = 2  # layers from a unit's end to a web
+MOST_LAYERS = 24
+
+
+class CollisionError(ValueError):
+    """The links of a unit collide in any order."""
+
+
+class Placed(NamedTuple):
+    """A part in its place on the shaft.
+
+    Attributes:
+        unit, leg: indices. body: number from 1 on. layer: from the unit's first frame on.
+        z: mm, of its lower face from the machine's first one. through: its joints that are on an
+            axle through the whole machine.
+    """
+
+    unit: int
+    leg: int
+    body: int
+    layer: int
+    z: float
+    part: CutPart
+    through: str
+
+
+class Thing(NamedTuple):
+    """A body, or a disc about a joint: a pin with its head and nut, a tread, the shaft with a hub.
+
+    Attributes:
+        joints: its own. places: (SAMPLES, corners) mm. on: bodies, by their places in a list of
+            things, whose layers a disc goes through, and ``beyond`` more on either side.
+    """
+
+    leg: int
+    joints: str
+    places: Points
+    radius: float
+    on: tuple[int, ...] = ()
+    beyond: int = 1
+
+
+def units(robot: Robot) -> list[tuple[int, ...]]:
+    """Legs on each crank pin, one of either side at most."""
+    found: list[tuple[int, ...]] = []
+    for i, leg in enumerate(robot.legs):
+        for k, (other, *more) in enumerate(found):
+            turn = math.remainder(leg.phase - robot.legs[other].phase, 2.0 * math.pi)
+            if not more and abs(turn) < 1e-9 and robot.legs[other].side != leg.side:
+                found[k] = (other, i)
+                break
+        else:
+            found.append((i,))
+    return found
+
+
+def carried(part: CutPart, points: Sequence[complex], joints: Points, side: str) -> Points:
+    """Places of points of a part (..., points), from those of its joints (..., joints), mm.
+
+    A back leg's part is seen from behind.
+    """
+    own, on = np.array([*part.joints.values()]), np.array(points)
+    if side == "back":
+        own, on = own.conj(), on.conj()
+    turn = (joints[..., 1] - joints[..., 0]) / (own[1] - own[0])
+    found: Points = joints[..., :1] + turn[..., None] * (on - own[0])
+    return found
+
+
+def gap(one: Points, other: Points) -> NDArray[np.float64]:
+    """Least distances between convex polygons (..., corners), 0 where they meet."""
+    least = np.full(one.shape[:-1], np.inf)
+    signs = []
+    for a, b in ((one, other), (other, one)):
+        p = b[..., None, :]
+        way, z = np.roll(p, -1, axis=-1) - p, a[..., :, None] - p
+        along = (z * way.conj()).real / np.maximum(abs(way) ** 2, 1e-12)
+        least = np.minimum(least, abs(z - np.clip(along, 0.0, 1.0) * way).min(axis=(-2, -1)))
+        left = np.sign((way.conj() * z).imag)  # of each side of b, by corners of a
+        within = abs(left.sum(axis=-1)) == max(3, b.shape[-1])
+        least = np.where(within.any(axis=-1), 0.0, least)
+        signs.append(left * np.roll(left, -1, axis=-2) < 0.0)
+    crossing = signs[0] & signs[1].swapaxes(-1, -2)
+    return np.where(crossing.any(axis=(-2, -1)), 0.0, least)
+
+
+def _meet(one: Thing, other: Thing) -> bool:
+    return bool(gap(one.places, other.places).min() < one.radius + other.radius + CLEARANCE)
+
+
+def _things(robot: Robot, legs: Sequence[int]) -> list[Thing]:
+    """Bodies of the legs, leg by leg, then all discs but those of axles that nothing meets."""
+    linkage, psi = robot.linkage, 2.0 * math.pi / SAMPLES * np.arange(SAMPLES)
+    shared = linkage.bodies[CRANK - 1][1][:2]  # of all legs: the crank's axis and pin
+    bodies: list[Thing] = []
+    discs: list[Thing] = []
+    for leg in legs:
+        side = robot.legs[leg].side
+        at = joint_positions(robot, side, psi) @ np.array([1e3, 1e3j])
+        first, toes = len(bodies), []
+        for body, members in enumerate(linkage.members, 1):
+            part = link_part(robot, body)
+            places = carried(part, part.outline.corners, at[:, members], side)
+            bodies.append(Thing(leg, linkage.bodies[body - 1][1], places, part.outline.radius))
+            toes += [(toe, first + body - 1) for toe in feet_of(robot, body)]
+        own = bodies[first:]
+        for k, joint in enumerate(linkage.joints):
+            on = tuple(first + i for i, body in enumerate(own) if joint in body.joints)
+            disc = Thing(leg, joint, at[:, [k]], SPACER, on)
+            if joint in shared:
+                if leg == legs[0]:
+                    discs.append(disc._replace(radius=HUB if joint == shared[0] else SPACER, on=()))
+            elif joint not in linkage.bodies[0][1] or _swept(robot, disc, own):
+                discs += [disc] if len(on) > 1 else []
+            for toe, body in toes:
+                if toe == joint:
+                    radius = 1e3 * built.FOOT_RADIUS
+                    discs.append(disc._replace(radius=radius, on=(body,), beyond=TREAD_LAYERS))
+    return bodies + discs
+
+
+def _swept(robot: Robot, pivot: Thing, bodies: Sequence[Thing]) -> bool:
+    """Whether bodies of a leg sweep over the tube about a fixed pivot of either side."""
+    tube = pivot._replace(radius=TUBE)
+    image = tube._replace(places=-tube.places.conj())
+    both = len({leg.side for leg in robot.legs}) == 2
+    return any(
+        (pivot.joints not in body.joints and _meet(tube, body)) or (both and _meet(image, body))
+        for body in bodies
+    )
+
+
+class Unit:
+    """Legs on one crank pin: what meets what in a turn, and the layers in which nothing meets."""
+
+    def __init__(self, robot: Robot, legs: Sequence[int]) -> None:
+        self.linkage, self.count = robot.linkage, len(robot.bodies)
+        self.axis, self.pin, *_ = [*self.linkage.bodies[CRANK - 1][1]]
+        self.things = _things(robot, legs)
+        self.bodies = self.count * len(legs)
+
+        def joined(i: int, k: int) -> bool:
+            """Whether a disc is about a joint of a body, or two are about one joint."""
+            one, other = self.things[i], self.things[k]
+            shared = {*one.joints} & {*other.joints}
+            return (
+                k >= self.bodies
+                and bool(shared)
+                and (one.leg == other.leg or bool(shared & {self.axis, self.pin}))
+            )
+
+        self.pairs = [
+            (i, k) for i, k in combinations(range(len(self.things)), 2)
+            if not joined(i, k) and _meet(self.things[i], self.things[k])
+        ]  # fmt: skip
+
+    def order(self) -> list[int]:
+        """Layers of each body as bits, as few as possible, then with the shortest pins.
+
+        Raises CollisionError: there is no such order; says why.
+        """
+        discs = [k for k in range(self.bodies, len(self.things)) if not self.things[k].on]
+        for body, name in enumerate(self.linkage.names):
+            if body >= CRANK and all((body, disc) in self.pairs for disc in discs):
+                raise CollisionError(f"{name} sweeps over the shaft and over the crank pin")
+        for count in range(2 * WEB + 3, MOST_LAYERS):
+            best: list[int] = []
+            self._search(count, self._start(count), math.inf, best)
+            if best:
+                return best
+        raise CollisionError(f"links on a crank pin collide in {MOST_LAYERS} layers")
+
+    def _start(self, count: int) -> list[int]:
+        """Layers of frames and webs: of the first leg at one end, of the last at the other."""
+        layers, last = [0] * self.bodies, self.bodies - self.count
+        for body, edge in ((FRAME - 1, 0), (CRANK - 1, WEB)):
+            layers[body] |= 1 << edge
+            layers[last + body] |= 1 << count - 1 - edge
+        return layers
+
+    def _search(self, count: int, layers: list[int], least: float, best: list[int]) -> float:
+        """Place the bodies without a layer; ``best`` becomes the order with the shortest pins."""
+        left = [body for body in range(self.count) if not layers[body]]
+        if not left:
+            best[:] = layers
+            return self._length(count, layers)
+        body = min(left, key=lambda one: self.pin not in self.things[one].joints)
+        edge = WEB + 1 if self.pin in self.things[body].joints else 1
+        for layer in range(edge, count - edge):
+            tried = [*layers]
+            tried[body] = 1 << layer
+            if self.bodies > self.count:
+                tried[self.count + body] = 1 << count - 1 - layer
+            if self._length(count, tried) < least:
+                least = min(least, self._search(count, tried, least, best))
+        return least
+
+    def _length(self, count: int, layers: list[int]) -> float:
+        """Layers that all discs go through; infinite if things meet. Bodies may have no layer."""
+        if any(layers[i] & layers[k] for i, k in self.pairs if k < self.bodies):
+            return math.inf
+        spans = [self._span(count, layers, one) for one in self.things[self.bodies :]]
+        taken = layers + spans
+        if min(spans) < 0 or any(taken[i] & taken[k] for i, k in self.pairs):
+            return math.inf
+        return sum(span.bit_count() for span in spans)
+
+    def _span(self, count: int, layers: list[int], disc: Thing) -> int:
+        """Layers of a disc as bits, negative if it reaches out of the unit."""
+        every = (1 << count) - 1
+        if disc.joints == self.pin:
+            return every >> WEB - 1 & every << WEB - 1
+        if disc.joints == self.axis:
+            return every & ~(every >> WEB + 1 & every << WEB + 1)
+        on = [(layers[body] & -layers[body]).bit_length() for body in disc.on if layers[body]]
+        if not on:
+            return 0
+        low, high = min(on) - 1 - disc.beyond, max(on) + disc.beyond
+        if disc.joints in self.linkage.bodies[0][1]:
+            low, high = max(low, 0), min(high, count)
+        return (1 << high) - (1 << low) if low >= 0 and high <= count else -1
+
+
+def layers(robot: Robot) -> list[Placed]:
+    """Every part of every leg in its place along the shaft, unit by unit.
+
+    Raises:
+        CollisionError: links collide in any order. ValueError: a part cannot be made.
+        LinkageError: a leg does not close.
+    """
+    known: dict[tuple[str, ...], tuple[list[tuple[int, int]], set[str]]] = {}
+    parts = [link_part(robot, body) for body in range(1, len(robot.bodies) + 1)]
+    placed, start = [], 0.0
+    for number, legs in enumerate(units(robot)):
+        sides = tuple(robot.legs[leg].side for leg in legs)
+        if sides not in known:
+            unit = Unit(robot, legs)
+            found = [(layer, k) for k, bits in enumerate(unit.order())
+                     for layer in range(bits.bit_length()) if bits >> layer & 1]  # fmt: skip
+            short = {one.joints for one in unit.things[unit.bodies :]}
+            known[sides] = sorted(found), {*robot.linkage.bodies[0][1]} - short
+        found, through = known[sides]
+        heights = [0.0] * (1 + found[-1][0])
+        heights[WEB - 1] = heights[-WEB] = HUB_LENGTH
+        for layer, k in found:
+            heights[layer] = max(heights[layer], parts[k % len(parts)].thickness)
+        for layer, k in found:
+            leg, body = divmod(k, len(parts))
+            z = start + sum(heights[:layer]) + GAP * layer
+            z += 0.5 * (heights[layer] - parts[body].thickness)
+            axles = "".join(joint for joint in parts[body].joints if joint in through)
+            placed.append(Placed(number, legs[leg], body + 1, layer, z, parts[body], axles))
+        start += sum(heights) + GAP * (len(heights) - 1) + UNIT_GAP
+    return placed

@@ -1,0 +1,289 @@
+"""Drawings: lengths as they are read back, sheets, layers that do not collide, what is refused."""
+
+import csv
+import io
+import itertools
+from dataclasses import replace
+from xml.etree import ElementTree as ET
+
+import ezdxf
+import numpy as np
+import pytest
+from conftest import DESIGNS
+
+from jansen_env import Bar, built_robot
+from jansen_env.drawings import __main__ as command
+from jansen_env.drawings.assembly import HEAD
+from jansen_env.drawings.materials import bill_of_materials, counts, hardware, to_csv
+from jansen_env.drawings.outlines import HUB, WALL, Round, cut_parts, sides
+from jansen_env.drawings.part_files import MARGIN, nest, to_dxf, to_svg
+from jansen_env.drawings.shaft_order import SPACER, CollisionError, carried, gap, layers, units
+from jansen_env.robot import Leg
+from jansen_env.robot.kinematics import joint_positions
+from jansen_env.robot.linkage import CRANK
+from jansen_env.robot.robot_file import write_robot
+
+DIFFERENT = [name for name in DESIGNS if not name.endswith("slender")]
+OTHER_LINKS = [name for name in DIFFERENT if name not in ("paper", "phases3", "odd")]
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def points_of(drawing):
+    """Centres of holes and of crosses."""
+    circles = [complex(*one.dxf.center.vec2) for one in drawing.modelspace().query("CIRCLE")]
+    marks = drawing.modelspace().query('LWPOLYLINE[layer=="MARK"]')
+    middles = [sum(complex(x, y) for x, y in one.get_points("xy")) / 2 for one in marks]
+    return circles, middles
+
+
+@pytest.mark.parametrize("name", OTHER_LINKS)
+def test_the_drawing_read_back_has_the_lengths_of_the_links(name):
+    """Holes lie as far from one another as joints, a toe's cross too; within 0.01 mm."""
+    robot = DESIGNS[name]
+    for (link, joints), part in zip(robot.linkage.bodies, cut_parts(robot), strict=False):
+        circles, crosses = points_of(ezdxf.read(io.StringIO(to_dxf([part]))))
+        wanted = {
+            pair: 1e3 * robot.body(link).distance(*pair)
+            for pair in itertools.combinations(range(len(joints)), 2)
+        }
+        found = itertools.permutations(circles + crosses[::2], len(joints))
+        assert any(
+            all(abs(abs(z[j] - z[i]) - length) < 0.01 for (i, j), length in wanted.items())
+            for z in found
+        ), link
+        root = ET.fromstring(to_svg([part]))
+        size = part.outline.box[1]
+        assert root.get("width") == f"{size.real:.3f}mm"
+        assert root.get("viewBox") == f"0 0 {size.real:.3f} {size.imag:.3f}"
+        drawn = [complex(float(one.get("cx")), size.imag - float(one.get("cy")))
+                 for one in root.iter(f"{SVG}circle")]  # fmt: skip
+        np.testing.assert_allclose(drawn, circles, atol=1e-3)
+        assert {one.get("id") for one in root} == {"CUT", "ENGRAVE", "MARK"}
+
+
+@pytest.mark.parametrize("name", OTHER_LINKS)
+def test_holes_and_names_have_material_around_them(name):
+    """Each hole is within the outline and outside windows and other holes by a wall."""
+    robot = DESIGNS[name]
+    for part in cut_parts(robot)[: len(robot.bodies)]:
+        corners = np.array(part.outline.corners)
+        for hole in part.holes:
+            z = np.array(hole.corners)
+            assert gap(corners, z) + hole.radius + WALL <= part.outline.radius + 1e-9
+            for other in (*part.windows, *(one for one in part.holes if one is not hole)):
+                room = gap(np.array(other.corners), z) - other.radius - hole.radius
+                assert room > WALL - 1e-9, part.name
+        drawing = ezdxf.read(io.StringIO(to_dxf([part]))).modelspace()
+        points = [z for one in drawing.query('LWPOLYLINE[layer=="ENGRAVE"]')
+                  for z in one.get_points("xy")]  # fmt: skip
+        letters = np.array(points) @ [[1], [1j]]
+        assert len(letters) > 10
+        assert (
+            gap(np.broadcast_to(corners, (len(letters), len(corners))), letters)
+            < part.outline.radius - 1.0
+        ).all()
+        for one in (*part.windows, *part.holes):
+            assert (gap(np.array([one.corners]), letters) > one.radius).all()
+
+
+@pytest.mark.parametrize("name", ["paper", "holy", "built"])
+def test_parts_weigh_what_the_model_says(name):
+    """Holes, hub screws and round corners, which the model leaves out, are 4 % at most."""
+    robot, parts = DESIGNS[name], {}
+    for part in cut_parts(robot):
+        parts[part.name] = part.mass
+    for part in bill_of_materials(robot)[: len(robot.bodies)]:
+        assert parts[part.name] == pytest.approx(part.each, rel=0.04), part.name
+
+
+def test_shapes_have_the_area_and_box_of_what_is_drawn():
+    shape = Round((0j, 40 + 0j, 10 + 30j), 7.0)
+    points = []
+    for (z, bulge), (w, _) in sides(shape.path):
+        share = np.linspace(0.0, 1.0, 2000)
+        if bulge:
+            centre = (z + w) / 2 + 1j * (w - z) * (1 - bulge**2) / (4 * bulge)
+            points += [*(centre + (z - centre) * np.exp(4j * np.arctan(bulge) * share))]
+        points += [z, w]
+    z = np.array(points)
+    area = 0.5 * (z.conj() * np.roll(z, -1)).imag.sum()
+    assert area == pytest.approx(shape.area, rel=1e-5)
+    low, high = shape.box
+    assert (z.real.min(), z.imag.max()) == pytest.approx((low.real, high.imag), abs=1e-4)
+
+
+@pytest.mark.parametrize("name", DIFFERENT)
+@pytest.mark.parametrize("sheet", [2000 + 1000j, 1600 + 600j])
+def test_sheets_hold_all_parts_and_none_overlaps_another(name, sheet):
+    robot = DESIGNS[name]
+    number = counts(robot)
+    parts = [part for part in cut_parts(robot) for _ in range(number[part.name])]
+    sheets = nest(parts, sheet)
+    laid = [part.name for one in sheets for part in one]
+    assert sorted(laid) == sorted(part.name for part in parts)
+    for one in sheets:
+        for part in one:
+            low, high = part.outline.box
+            assert min(low.real, low.imag) > MARGIN - 1e-6
+            assert min((sheet - high).real, (sheet - high).imag) > MARGIN - 1e-6
+        for a, b in itertools.combinations(one, 2):
+            apart = gap(np.array(a.outline.corners), np.array(b.outline.corners))
+            assert apart > a.outline.radius + b.outline.radius + MARGIN - 1e-6
+
+
+def test_distances_between_polygons(rng):
+    """Those of many points in them, which are never nearer and at last as near."""
+    for count, more in itertools.product((1, 2, 3), repeat=2):
+        one, other = (
+            rng.normal(size=(300, n)) + 1j * rng.normal(size=(300, n)) + shift
+            for n, shift in ((count, 0.0), (more, 1.5))
+        )
+        shares = [rng.dirichlet(np.full(n, 0.4), 60).T for n in (count, more)]
+        inside = [z @ share for z, share in zip((one, other), shares, strict=True)]
+        nearest = abs(inside[0][:, :, None] - inside[1][:, None, :]).min(axis=(1, 2))
+        found = gap(one, other)
+        assert (found <= nearest + 1e-12).all()
+        assert (nearest - found).max() < 0.8 and (nearest - found).mean() < 0.1
+
+
+def meets(part, places, side, z, radius):
+    """Whether a disc about (samples,) places comes nearer to a part than its radius."""
+    corners = carried(part, part.outline.corners, places, side)
+    return bool((gap(corners, z[:, None]) < radius + part.outline.radius).any())
+
+
+@pytest.mark.parametrize("name", [name for name in DIFFERENT if name != "chebyshev"])
+def test_nothing_on_the_shaft_meets_anything_else(name):
+    """Every half degree: parts that share some z lie apart, and no pin is where a part passes."""
+    robot = DESIGNS[name]
+    placed = layers(robot)
+    assert {(one.leg, one.body) for one in placed} == {
+        (leg, body) for leg in range(len(robot.legs)) for body in range(1, len(robot.bodies) + 1)
+    }
+    psi = np.radians(np.arange(0.0, 360.0, 0.5))
+    axis, pin = robot.linkage.bodies[CRANK - 1][1][:2]
+    at = [joint_positions(robot, leg.side, psi + leg.phase) @ [1e3, 1e3j] for leg in robot.legs]
+    indices = {joint: k for k, joint in enumerate(robot.linkage.joints)}
+    pinned = {one.joint for one in robot.linkage.pins}
+
+    def places(one):
+        return at[one.leg][:, [indices[joint] for joint in one.part.joints]]
+
+    def corners(one):
+        return carried(one.part, one.part.outline.corners, places(one), robot.legs[one.leg].side)
+
+    faces = [(one.z, one.z + one.part.thickness) for one in placed]
+    for (one, (low, high)), (other, (bottom, top)) in itertools.combinations(
+        zip(placed, faces, strict=True), 2
+    ):
+        if bottom < high and low < top:
+            apart = gap(corners(one), corners(other)).min()
+            assert apart > one.part.outline.radius + other.part.outline.radius + 0.5
+    discs = []
+    for unit, legs in enumerate(units(robot)):
+        for leg, joint in itertools.product(legs, pinned - {axis}):
+            on = [face for one, face in zip(placed, faces, strict=True)
+                  if one.unit == unit and joint in one.part.joints
+                  and (one.leg == leg or joint == pin)]  # fmt: skip
+            ends = min(on)[0] - HEAD, max(face[1] for face in on) + HEAD
+            discs.append((leg, joint, ends, at[leg][:, indices[joint]], SPACER))
+        webs = [face for one, face in zip(placed, faces, strict=True)
+                if one.unit == unit and one.body == CRANK]  # fmt: skip
+        own = [face for one, face in zip(placed, faces, strict=True) if one.unit == unit]
+        for ends in ((own[0][0], webs[0][1]), (webs[1][0], own[-1][1])):
+            discs.append((legs[0], axis, ends, at[legs[0]][:, indices[axis]], HUB))
+    for leg, joint, (low, high), z, radius in discs:
+        for one, (bottom, top) in zip(placed, faces, strict=True):
+            shared = joint in one.part.joints and (leg == one.leg or joint in (axis, pin))
+            if bottom < high and low < top and not shared:
+                side = robot.legs[one.leg].side
+                assert not meets(one.part, places(one), side, z, radius), (joint, one.part.name)
+
+
+def test_a_link_that_sweeps_over_shaft_and_crank_pin_is_named():
+    with pytest.raises(
+        CollisionError, match=r"^foot sweeps over the shaft and over the crank pin$"
+    ):
+        layers(DESIGNS["chebyshev"])
+
+
+def test_legs_of_any_phases_have_webs_of_their_own():
+    robot = replace(built_robot(), legs=(Leg("fore"), Leg("back", 0.3), Leg("fore", 2.0)))
+    assert units(robot) == [(0,), (1,), (2,)]
+    placed = layers(robot)
+    webs = [one for one in placed if one.body == CRANK]
+    assert len(webs) == counts(robot)["crank"] == 6
+    shafts = [part for part in hardware(robot, placed) if part.name == "shaft, at O"]
+    assert sum(part.number for part in shafts) == 4
+
+
+@pytest.mark.parametrize("phases", [1, 2, 3])
+def test_the_table_of_materials_adds_up_to_the_robot(phases):
+    robot = built_robot(phases)
+    text = to_csv(bill_of_materials(robot) + hardware(robot, layers(robot)))
+    rows = [*csv.DictReader(io.StringIO(text))]
+    mass = sum(int(row["number"]) * float(row["each g"] or 0.0) for row in rows)
+    assert mass == pytest.approx(1e3 * robot.mass, rel=1e-5)
+    names = " ".join(row["name"] for row in rows)
+    for word in ("crankshaft", "spacer", "cross-member", "pin", "tread", "motor plate", "battery"):
+        assert word in names
+    pins = [row for row in rows if row["name"] == "pin, at B"]
+    assert [int(row["number"]) for row in pins] == [2 * phases]
+
+
+def test_files_are_the_same_every_time(tmp_path, capsys):
+    for folder in ("one", "two"):
+        command.main(["built", "--out", str(tmp_path / folder), "--sheet", "1000x500"])
+    assert "37 parts to cut, 5.21 kg" in capsys.readouterr().out
+    first = {path.relative_to(tmp_path / "one"): path for path in (tmp_path / "one").rglob("*.*")}
+    assert {str(path) for path in first} >= {
+        "assembly.svg", "materials.csv", "parts/foot.dxf", "parts/foot.svg", "sheets/4mm_1.dxf",
+        "sheets/6mm_1.svg",
+    }  # fmt: skip
+    for path, file in first.items():
+        assert file.read_bytes() == (tmp_path / "two" / path).read_bytes(), path
+    drawing = ezdxf.readfile(tmp_path / "one" / "sheets" / "6mm_1.dxf")
+    assert drawing.units == ezdxf.units.MM
+    assert not ezdxf.audit.Auditor(drawing).run()
+    root = ET.parse(tmp_path / "one" / "sheets" / "6mm_1.svg").getroot()
+    assert (root.get("width"), root.get("height")) == ("1000.000mm", "500.000mm")
+    assert ET.parse(tmp_path / "one" / "assembly.svg").getroot().tag == f"{SVG}svg"
+
+
+def test_a_robot_file_is_drawn_under_its_own_name(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    robot = DESIGNS["chebyshev"]
+    write_robot("mine.json", replace(robot, legs=robot.legs[:1]))
+    command.main(["mine.json"])
+    assert "no assembly: foot sweeps over" in capsys.readouterr().out
+    assert (tmp_path / "mine" / "parts" / "tie.dxf").exists()
+    assert not (tmp_path / "mine" / "assembly.svg").exists()
+
+
+def test_parts_too_small_for_their_pins_are_refused():
+    robot = built_robot().with_bodies(crank=Bar(0.01))
+    with pytest.raises(ValueError, match="crank has holes of 6 and 3"):
+        cut_parts(robot)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["nobody"], "ROBOT is 'nobody', must be a Robot or one of"),
+        (["none.json"], "none.json cannot be read: No such file or directory"),
+        (["other.json"], "other.json is no robot file"),
+        (["built", "--sheet", "400x300"], "--sheet is 400x300, must hold foot of 453x226 mm"),
+        (["built", "--sheet", "wide"], "--sheet: is wide, must be WIDTHxHEIGHT in mm"),
+        (["built", "--sheet", "0x100"], "--sheet: is 0x100, must be WIDTHxHEIGHT in mm"),
+        (["built", "--sheet", "nanx1"], "--sheet: is nanx1, must be WIDTHxHEIGHT in mm"),
+        (["built", "--out", "other.json"], "--out is other.json, must be a folder"),
+    ],
+)
+def test_wrong_arguments_are_refused_in_a_line(arguments, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "other.json").write_text("[]", encoding="utf-8")
+    with pytest.raises(SystemExit) as exited:
+        command.main(arguments)
+    assert exited.value.code == 2
+    assert said in capsys.readouterr().err.splitlines()[-1]
+    assert [path.name for path in tmp_path.iterdir()] == ["other.json"]

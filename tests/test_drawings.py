@@ -13,11 +13,20 @@ from conftest import DESIGNS
 
 from jansen_env import Bar, built_robot
 from jansen_env.drawings import __main__ as command
+from jansen_env.drawings import shaft_order
 from jansen_env.drawings.assembly import HEAD
 from jansen_env.drawings.materials import bill_of_materials, counts, hardware, to_csv
-from jansen_env.drawings.outlines import HUB, WALL, Round, cut_parts, sides
+from jansen_env.drawings.outlines import HUB, WALL, Round, cut_parts, feet_of, sides
 from jansen_env.drawings.part_files import MARGIN, nest, to_dxf, to_svg
-from jansen_env.drawings.shaft_order import SPACER, CollisionError, carried, gap, layers, units
+from jansen_env.drawings.shaft_order import (
+    SPACER,
+    TUBE,
+    CollisionError,
+    carried,
+    gap,
+    layers,
+    units,
+)
 from jansen_env.robot import Leg
 from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK
@@ -146,12 +155,6 @@ def test_distances_between_polygons(rng):
         assert (nearest - found).max() < 0.8 and (nearest - found).mean() < 0.1
 
 
-def meets(part, places, side, z, radius):
-    """Whether a disc about (samples,) places comes nearer to a part than its radius."""
-    corners = carried(part, part.outline.corners, places, side)
-    return bool((gap(corners, z[:, None]) < radius + part.outline.radius).any())
-
-
 @pytest.mark.parametrize("name", [name for name in DIFFERENT if name != "chebyshev"])
 def test_nothing_on_the_shaft_meets_anything_else(name):
     """Every half degree: parts that share some z lie apart, and no pin is where a part passes."""
@@ -179,25 +182,34 @@ def test_nothing_on_the_shaft_meets_anything_else(name):
         if bottom < high and low < top:
             apart = gap(corners(one), corners(other)).min()
             assert apart > one.part.outline.radius + other.part.outline.radius + 0.5
-    discs = []
+    end, discs = placed[-1].z + placed[-1].part.thickness, []
     for unit, legs in enumerate(units(robot)):
+        own = [(one, face) for one, face in zip(placed, faces, strict=True) if one.unit == unit]
+        webs = [face for one, face in own if one.body == CRANK]
+        for ends in ((own[0][1][0], webs[0][1]), (webs[1][0], own[-1][1][1])):
+            discs.append((legs[0], axis, ends, HUB))
         for leg, joint in itertools.product(legs, pinned - {axis}):
-            on = [face for one, face in zip(placed, faces, strict=True)
-                  if one.unit == unit and joint in one.part.joints
-                  and (one.leg == leg or joint == pin)]  # fmt: skip
-            ends = min(on)[0] - HEAD, max(face[1] for face in on) + HEAD
-            discs.append((leg, joint, ends, at[leg][:, indices[joint]], SPACER))
-        webs = [face for one, face in zip(placed, faces, strict=True)
-                if one.unit == unit and one.body == CRANK]  # fmt: skip
-        own = [face for one, face in zip(placed, faces, strict=True) if one.unit == unit]
-        for ends in ((own[0][0], webs[0][1]), (webs[1][0], own[-1][1])):
-            discs.append((legs[0], axis, ends, at[legs[0]][:, indices[axis]], HUB))
-    for leg, joint, (low, high), z, radius in discs:
+            on = [face for one, face in own
+                  if joint in one.part.joints and (one.leg == leg or joint == pin)]  # fmt: skip
+            discs.append((leg, joint, (min(on)[0] - HEAD, max(on)[1] + HEAD), SPACER))
+        for one, (low, high) in own:
+            tread = (low + high - 30.0) / 2, (low + high + 30.0) / 2
+            discs += [(one.leg, toe, tread, 20.0) for toe in feet_of(robot, one.body)]
+            discs += [(one.leg, joint, (0.0, end), TUBE) for joint in one.through]
+    for leg, joint, (low, high), radius in discs:
+        z, side = at[leg][:, [indices[joint]]], robot.legs[leg].side
         for one, (bottom, top) in zip(placed, faces, strict=True):
-            shared = joint in one.part.joints and (leg == one.leg or joint in (axis, pin))
+            alike = robot.legs[one.leg].side == side if radius == TUBE else one.leg == leg
+            shared = joint in one.part.joints and (alike or joint in (axis, pin))
             if bottom < high and low < top and not shared:
-                side = robot.legs[one.leg].side
-                assert not meets(one.part, places(one), side, z, radius), (joint, one.part.name)
+                apart = gap(corners(one), z).min() - one.part.outline.radius
+                assert apart > radius, (joint, one.part.name)
+
+
+def test_a_search_that_finds_no_order_ends(monkeypatch):
+    monkeypatch.setattr(shaft_order, "MOST_TRIES", 20)
+    with pytest.raises(CollisionError, match=r"^20 orders of the links collide$"):
+        layers(DESIGNS["built"])
 
 
 def test_a_link_that_sweeps_over_shaft_and_crank_pin_is_named():

@@ -49,6 +49,7 @@ def drawings(robot: Robot, title: str, sheet: complex) -> tuple[dict[str, str], 
             files[f"{name}.dxf"], files[f"{name}.svg"] = to_dxf(lying, sheet), to_svg(lying, sheet)
     mass = sum(part.mass for part in bill)
     said = f"{sum(number.values())} parts to cut, {mass:.2f} kg with all others"
+    said += f"; the robot is of {robot.mass:.2f} kg"
     try:
         placed = layers(robot)
     except CollisionError as error:

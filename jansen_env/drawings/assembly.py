@@ -112,8 +112,8 @@ def _draw_order(axes: Any, robot: Robot, unit: Sequence[Placed], colors: Sequenc
     for row, sides in pins.items():
         ends = min(sides) - HEAD, max(sides) + HEAD
         axes.plot(ends, (row, row), "black", linewidth=2.5, zorder=0)
-    first, last = (one.z for one in unit if one.body == CRANK)
-    for shaft in ((-SHAFT_END, first), (last, end + SHAFT_END)):
+    first, last = (one for one in unit if one.body == CRANK)
+    for shaft in ((-SHAFT_END, first.z), (last.z + last.part.thickness, end + SHAFT_END)):
         axes.plot(shaft, (0, 0), "dimgray", linewidth=7, solid_capstyle="butt", zorder=0)
     axes.set_yticks([*rows.values()], [joint for _, joint in rows])
     axes.set_xlabel(

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from itertools import combinations, pairwise
 from typing import NamedTuple
 
-from jansen_env.drawings.outlines import HUB, PIN, SHAFT, link_part
+from jansen_env.drawings.outlines import BUSH, HUB, PIN, SHAFT, link_part
 from jansen_env.drawings.shaft_order import GAP, HUB_LENGTH, SPACER, TUBE, Placed, units
 from jansen_env.robot import Robot, Triangle
 from jansen_env.robot import buildable as built
@@ -62,11 +62,8 @@ def bill_of_materials(robot: Robot) -> list[Part]:
     bars, plates = [], []
     for body, (name, link) in enumerate(zip(robot.linkage.names, robot.bodies, strict=True), 1):
         part = link_part(robot, body)
-        number, thick, note = (
-            counts(robot)[name],
-            part.thickness,
-            f"{1e3 * part.mass:.1f} g as drawn",
-        )
+        number, thick = counts(robot)[name], part.thickness
+        note = f"{1e3 * part.mass:.1f} g as drawn"
         if len(part.outline.corners) == 2:
             length = max(abs(p - q) for p, q in combinations(part.joints.values(), 2))
             width = built.FRAME_WIDTH if body == FRAME else built.WIDTH
@@ -138,13 +135,15 @@ def hardware(robot: Robot, placed: Sequence[Placed]) -> list[Part]:
                 size = f"{tube} x {bottom - top:.1f} mm"
                 found[f"spacer, at {joint}", "EN AW-6060 tube", size, owner] += 1
     webs = [(one.z, one.z + one.part.thickness) for one in placed if one.body == CRANK]
-    tops = [-SHAFT_END, *(bottom for bottom, _ in webs[1::2])]
-    bottoms = [*(top for _, top in webs[::2]), end + SHAFT_END]
+    tops = [-SHAFT_END, *(top for _, top in webs[1::2])]
+    bottoms = [*(bottom for bottom, _ in webs[::2]), end + SHAFT_END]
     for top, bottom in zip(tops, bottoms, strict=True):
         size = f"{2 * SHAFT:g} x {bottom - top:.1f} mm"
         found["shaft, at O", "steel C45", size, "crankshaft"] += 1
-    size = f"{2 * HUB:g} x {HUB_LENGTH:g} mm, spigot {2 * PIN:g} mm, two screws M3"
+    size = f"{2 * HUB:g} x {HUB_LENGTH:g} mm, bore {2 * SHAFT:g}, spigot {2 * PIN:g}, two screws M3"
     found["hub, at O", "EN AW-6060", size, "crankshaft"] += len(webs)
+    size = f"{2 * SHAFT:g} x {2 * (SHAFT + BUSH - PIN):g} mm"
+    found["bush, at O", "iglidur J200", size, "crankshaft"] += len(webs)  # one in each frame
     return [Part(name, material, size, number, 0.0, note=f"counted in the {owner} mass")
             for (name, material, size, owner), number in found.items()]  # fmt: skip
 

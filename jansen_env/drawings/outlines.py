@@ -23,7 +23,6 @@ SHOE_SCREW, SHOE_THICKNESS = 2.25, 3.0  # radius for M4
 MOTOR_PLATE, MOTOR_HOLE = 100.0, 30.0  # side, radius
 WALL = 1.5  # least material between two holes; twice as much to a window
 FILLET = 4.0  # radius of a window's corners
-TEXT = 5.0  # height of letters
 STRAIGHT = 1e-6  # height over length of a link whose joints are in line
 
 
@@ -66,7 +65,7 @@ class CutPart(NamedTuple):
     """A flat part.
 
     Attributes:
-        thickness: mm. text: middle, and direction (a unit), of the engraved name.
+        thickness: mm. text: the name is engraved half way between these.
     """
 
     name: str
@@ -84,7 +83,7 @@ class CutPart(NamedTuple):
             windows=tuple(one.moved(turn, shift) for one in self.windows),
             holes=tuple(one.moved(turn, shift) for one in self.holes),
             joints={name: turn * z + shift for name, z in self.joints.items()},
-            text=(turn * self.text[0] + shift, turn * self.text[1]),
+            text=(turn * self.text[0] + shift, turn * self.text[1] + shift),
         )
 
     def lying(self) -> CutPart:
@@ -177,9 +176,8 @@ def link_part(robot: Robot, body: int) -> CutPart:
     spots = sorted(corners, key=lambda z: (z / (outer[1] - outer[0])).real)
     lines = sides(outer) if len(outer) > 2 else [*pairwise(spots)]
     p, q = max(lines, key=lambda line: (not {*line} & {*feet}, abs(line[1] - line[0])))
-    text = 0.5 * (p + q), (q - p) / abs(q - p)
     outline = Round(tuple(outer), margin)
-    return CutPart(name, 1e3 * thickness, outline, windows, tuple(holes), at, text)
+    return CutPart(name, 1e3 * thickness, outline, windows, tuple(holes), at, (p, q))
 
 
 def _pin_holes(robot: Robot, body: int, at: dict[str, complex]) -> list[Round]:
@@ -196,8 +194,8 @@ def _pin_holes(robot: Robot, body: int, at: dict[str, complex]) -> list[Round]:
 
 def _shoe_holes(toe: complex, corners: list[complex]) -> list[Round]:
     """Two holes on the lines from a toe to its neighbours, behind one another if these are near."""
-    k = corners.index(toe)
-    ways = [z - toe for z in (corners[k - 1], corners[(k + 1) % len(corners)])]
+    near = [q if p == toe else p for p, q in sides(corners) if toe in (p, q)]
+    ways = [z - toe for z in near or corners[:2]]
     apart = abs(cmath.phase(ways[0] / ways[1])) > math.pi / 6.0
     reaches = (15.0, 15.0) if apart else (14.0, 28.0)
     found = [toe + reach * way / abs(way) for reach, way in zip(reaches, ways, strict=True)]
@@ -261,4 +259,4 @@ def _rectangle(
 ) -> CutPart:
     outline = Round((0j, complex(size.real), size, complex(0.0, size.imag)), 0.0)
     round_ = tuple(Round((z,), radius) for z, radius in holes)
-    return CutPart(name, thickness, outline, (), round_, {}, (complex(size.real / 2, TEXT), 1 + 0j))
+    return CutPart(name, thickness, outline, (), round_, {}, (5j, complex(size.real, 5.0)))

@@ -13,7 +13,7 @@ MARGIN = 5.0  # mm, between parts, and to the edge of a sheet
 CROSS = 3.0  # mm, half a line of a mark
 COLORS = {"CUT": (1, "#d00000"), "ENGRAVE": (5, "#0000d0"), "MARK": (3, "#00a000")}
 """Colours of the layers: AutoCAD's number, and SVG's."""
-LETTERS = 5.0  # mm, height of a font's square
+LETTERS, ROOM = 5.0, 0.7  # mm, height of a font's square; of the length that a name may take
 
 Line = tuple[str, list[tuple[complex, float]], float]
 """Layer; corners, each with the bulge of the edge that follows; radius of a circle, or 0."""
@@ -80,7 +80,9 @@ def _engraving(part: CutPart) -> list[list[complex]]:
         [complex(x, y) for x, y in np.array(letter)[:-1].tolist()] for letter in drawn.to_polygons()
     ]
     low, high = Round(tuple(z for letter in letters for z in letter), 0.0).box
-    middle, way = part.text
+    start, end = part.text
+    scale = min(1.0, ROOM * abs(end - start) / (high - low).real) / abs(end - start)
+    way, middle = scale * (end - start), (start + end) / 2.0
     return [[middle + way * (z - (low + high) / 2.0) for z in letter] for letter in letters]
 
 

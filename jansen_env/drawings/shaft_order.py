@@ -31,7 +31,7 @@ SPACER, TUBE = 5.0, 10.0  # mm, radii of spacers and heads of pins, and of cross
 TREAD_LAYERS = 3  # that half the width of a tread takes beside its link
 SAMPLES = 720  # of a turn
 WEB = 2  # layers from a unit's end to a web
-MOST_LAYERS = 24
+MOST_LAYERS, MOST_TRIES = 24, 400_000  # of the search; it takes half a minute at most
 
 
 class CollisionError(ValueError):
@@ -169,22 +169,17 @@ class Unit:
         self.linkage, self.count = robot.linkage, len(robot.bodies)
         self.axis, self.pin, *_ = [*self.linkage.bodies[CRANK - 1][1]]
         self.things = _things(robot, legs)
-        self.bodies = self.count * len(legs)
+        self.bodies, self.tries = self.count * len(legs), MOST_TRIES
 
-        def joined(i: int, k: int) -> bool:
-            """Whether a disc is about a joint of a body, or two are about one joint."""
-            one, other = self.things[i], self.things[k]
+        def joined(one: Thing, other: Thing) -> bool:
             shared = {*one.joints} & {*other.joints}
-            return (
-                k >= self.bodies
-                and bool(shared)
-                and (one.leg == other.leg or bool(shared & {self.axis, self.pin}))
-            )
+            return bool(shared if one.leg == other.leg else shared & {self.axis, self.pin})
 
         self.pairs = [
-            (i, k) for i, k in combinations(range(len(self.things)), 2)
-            if not joined(i, k) and _meet(self.things[i], self.things[k])
-        ]  # fmt: skip
+            (i, k)
+            for (i, one), (k, other) in combinations(enumerate(self.things), 2)
+            if (k < self.bodies or not joined(one, other)) and _meet(one, other)
+        ]  # a disc is meant to be where its bodies are
 
     def order(self) -> list[int]:
         """Layers of each body as bits, as few as possible, then with the shortest pins.
@@ -195,20 +190,16 @@ class Unit:
         for body, name in enumerate(self.linkage.names):
             if body >= CRANK and all((body, disc) in self.pairs for disc in discs):
                 raise CollisionError(f"{name} sweeps over the shaft and over the crank pin")
+        best: list[int] = []
         for count in range(2 * WEB + 3, MOST_LAYERS):
-            best: list[int] = []
-            self._search(count, self._start(count), math.inf, best)
+            layers, last = [0] * self.bodies, self.bodies - self.count
+            for body, edge in ((FRAME - 1, 0), (CRANK - 1, WEB)):
+                layers[body] |= 1 << edge  # of the first leg at one end, of the last at the other
+                layers[last + body] |= 1 << count - 1 - edge
+            self._search(count, layers, math.inf, best)
             if best:
                 return best
-        raise CollisionError(f"links on a crank pin collide in {MOST_LAYERS} layers")
-
-    def _start(self, count: int) -> list[int]:
-        """Layers of frames and webs: of the first leg at one end, of the last at the other."""
-        layers, last = [0] * self.bodies, self.bodies - self.count
-        for body, edge in ((FRAME - 1, 0), (CRANK - 1, WEB)):
-            layers[body] |= 1 << edge
-            layers[last + body] |= 1 << count - 1 - edge
-        return layers
+        raise CollisionError(f"{MOST_TRIES - max(self.tries, 0)} orders of the links collide")
 
     def _search(self, count: int, layers: list[int], least: float, best: list[int]) -> float:
         """Place the bodies without a layer; ``best`` becomes the order with the shortest pins."""
@@ -229,7 +220,8 @@ class Unit:
 
     def _length(self, count: int, layers: list[int]) -> float:
         """Layers that all discs go through; infinite if things meet. Bodies may have no layer."""
-        if any(layers[i] & layers[k] for i, k in self.pairs if k < self.bodies):
+        self.tries -= 1
+        if self.tries < 0 or any(layers[i] & layers[k] for i, k in self.pairs if k < self.bodies):
             return math.inf
         spans = [self._span(count, layers, one) for one in self.things[self.bodies :]]
         taken = layers + spans

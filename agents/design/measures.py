@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
-from agents.design.shape import geometry_measures
+from agents.design.shape import Part, clearance, geometry_measures, shared_planes
 from agents.design.variables import Candidate
 from agents.tuning.profile_search import profiles
 from jansen_env.baselines.policy import Array, Policy
@@ -26,6 +26,7 @@ from jansen_env.scoring.benchmarks import ENOUGH, WALKER
 from jansen_env.scoring.metrics import SETTLING, point_estimates
 from jansen_env.scoring.rollout import make_env, make_envs, run_episodes
 from jansen_env.terrain import Terrain, shapes
+from jansen_env.world.settings import load_robot
 
 SEED = 130_000  # of resets, apart from all others
 STEPS = tuple(np.round(np.arange(0.02, 0.161, 0.02), 3).tolist())  # m, heights that are climbed
@@ -52,6 +53,7 @@ MEASURES: dict[str, Measure] = WALK | {
     "mass": Measure("shape", "kg", "of the machine"),
     "lift": Measure("shape", "m", "height of a toe's path"),
     "stance": Measure("shape", "fraction", "of a turn, with the toe near its lowest"),
+    "clearance": Measure("planes", "m", "between links in one plane of the drawings"),
     "wear": Measure("loads", "J/m", "load times sliding in all pins per metre"),
     "pin_force": Measure("loads", "N", "largest force in a pin"),
     "rod_safety": Measure("loads", "1", "least buckling load over load of a bar"),
@@ -61,7 +63,7 @@ MEASURES: dict[str, Measure] = WALK | {
     ),
 }  # fmt: skip
 """By name. Walks are scored as everywhere (:data:`jansen_env.scoring.benchmarks.WALKER`)."""
-GROUPS = ("shape", "walk", "copies", "climb", "loads")
+GROUPS = ("shape", "planes", "walk", "copies", "climb", "loads")
 """In the order in which they are measured: the cheapest first."""
 
 
@@ -84,17 +86,25 @@ class Walker:
         self.angles = math.pi * (np.arange(starts) + 0.5) / starts
         self._env: Any = make_env(env_id, env_kwargs)
         self._envs: dict[Any, Any] = {}
+        self._shared: list[tuple[Part, Part]] | None = None
 
     def measure(self, group: str, candidates: Sequence[Candidate]) -> dict[str, Array]:
         """Return a group's measures (n,) of candidates by name; NaN for what is not known."""
         rows = {
             "shape": lambda: [geometry_measures(one.robot) for one in candidates],
+            "planes": lambda: self._planes(candidates),
             "walk": lambda: self.walk(candidates),
             "copies": lambda: self._copies(candidates),
             "climb": lambda: self._climb(candidates),
             "loads": lambda: [self._loads(one) for one in candidates],
         }[group]()
         return {name: np.array([row[name] for row in rows], float) for name in rows[0]}
+
+    def _planes(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
+        """Gaps in the order along the shaft of the robot that the search began with."""
+        if self._shared is None:
+            self._shared = shared_planes(load_robot("robot", self.env_kwargs["robot"]))
+        return [{"clearance": clearance(one.robot, self._shared)} for one in candidates]
 
     def walk(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
         """Score every candidate's walks from all starts."""

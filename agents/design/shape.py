@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from jansen_env.baselines.policy import Array
+from jansen_env.drawings.shaft_order import layers
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.robot import Robot
+from jansen_env.robot import buildable as built
 from jansen_env.robot.kinematics import (
     joint_positions,
     nearest_dead_point,
@@ -56,19 +59,36 @@ def _longest(robot: Robot) -> float:
     return max(abs(value) for name, value in lengths(robot).items() if name != "frame_angle")
 
 
-def clearance(robot: Robot, planes: Sequence[tuple[int, int]], width: float) -> float:
-    """Least gap between links of a leg that lie in one plane, over a turn, m; below 0: they meet.
+Part = tuple[int, int]
+"""A leg and a body, as indices."""
 
-    Args:
-        planes: pairs of bodies, as indices. width: of a link about the lines between its joints, m.
+
+def shared_planes(robot: Robot) -> list[tuple[Part, Part]]:
+    """Return the links that lie in one layer of a unit of legs, as the workshop drawings have it.
+
+    Raises:
+        ValueError: its links collide in any order.
     """
-    angles = np.linspace(0.0, 2.0 * math.pi, SAMPLES // 2, endpoint=False)
-    place, edges = joint_positions(robot, "fore", angles), robot.linkage.edges
-    gaps = [
-        _segments_apart(place[:, list(one)], place[:, list(other)]).min()
-        for a, b in planes for one in edges[a] for other in edges[b]
+    first = [one for one in layers(robot) if one.unit == 0]
+    return [
+        ((a.leg, a.body - 1), (b.leg, b.body - 1))
+        for a, b in itertools.combinations(first, 2) if a.layer == b.layer
     ]  # fmt: skip
-    return float(min(gaps, default=math.inf)) - width
+
+
+def clearance(robot: Robot, planes: Sequence[tuple[Part, Part]]) -> float:
+    """Least gap between links that lie in one plane, over a turn, m; below 0: they meet."""
+    turn = np.linspace(0.0, 2.0 * math.pi, SAMPLES // 2, endpoint=False)
+    legs = {leg for pair in planes for leg, _ in pair}
+    place = {
+        k: joint_positions(robot, robot.legs[k].side, turn + robot.legs[k].phase) for k in legs
+    }
+    edges = robot.linkage.edges
+    gaps = [
+        _segments_apart(place[i][:, list(one)], place[k][:, list(other)]).min()
+        for (i, a), (k, b) in planes for one in edges[a] for other in edges[b]
+    ]  # fmt: skip
+    return float(min(gaps, default=math.inf)) - built.WIDTH
 
 
 def _segments_apart(one: Array, other: Array) -> Array:

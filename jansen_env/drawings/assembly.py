@@ -81,31 +81,16 @@ def _draw_order(axes: Any, robot: Robot, unit: Sequence[Placed], colors: Sequenc
     pinned = {one.joint for one in robot.linkage.pins} - {axis}
     end = unit[-1].z + unit[-1].part.thickness
     pins: dict[int, list[float]] = {}
-    beside: dict[
-        int, list[set[int]]
-    ] = {}  # rows of the parts of a layer: they share its width here
-    spots = []
     for one in unit:
         at = {joint: rows[one.leg, joint] for joint in one.part.joints}
         for joint in pinned & {*at}:
             faces = (0.0, end) if joint in one.through else (one.z, one.z + one.part.thickness)
             pins.setdefault(at[joint], []).extend(faces)
-        span, before = (
-            {*range(min(at.values()), max(at.values()) + 1)},
-            beside.setdefault(one.layer, []),
-        )
-        spots.append((one, at, sum(bool(span & other) for other in before)))
-        before.append(span)
-    for one, at, column in spots:
-        width = one.part.thickness / max(
-            1 + other[2] for other in spots if other[0].layer == one.layer
-        )
-        x, low, high = (
-            one.z + width * (column + 0.5),
-            min(at.values()) - 0.3,
-            max(at.values()) + 0.3,
-        )
-        axes.bar(x, high - low, width, low, color=colors[one.body - 1], edgecolor="black")
+        # Parts of a leg in one layer share its width here.
+        mates = [other for other in unit if (other.leg, other.layer) == (one.leg, one.layer)]
+        width = one.part.thickness / len(mates)
+        x, low, high = one.z + width * (mates.index(one) + 0.5), min(at.values()), max(at.values())
+        axes.bar(x, high - low + 0.6, width, low - 0.3, color=colors[one.body - 1], edgecolor="k")
         axes.scatter([x] * len(at), [*at.values()], 22, "black", zorder=3)
         axes.text(x, (low + high) / 2, one.part.name.replace("_", " "), rotation=90, zorder=4,
                   ha="center", va="center", color="white", fontweight="bold")  # fmt: skip
@@ -116,9 +101,7 @@ def _draw_order(axes: Any, robot: Robot, unit: Sequence[Placed], colors: Sequenc
     for shaft in ((-SHAFT_END, first.z), (last.z + last.part.thickness, end + SHAFT_END)):
         axes.plot(shaft, (0, 0), "dimgray", linewidth=7, solid_capstyle="butt", zorder=0)
     axes.set_yticks([*rows.values()], [joint for _, joint in rows])
-    axes.set_xlabel(
-        "mm along the shaft; dots are joints of a part, lines are pins with their heads"
-    )
+    axes.set_xlabel("mm along the shaft; dots are joints of a part, lines pins with their heads")
     if min(rows.values()) < 0:
         axes.set_ylabel("joints of the back leg (below) and of the fore leg (above)")
     axes.set_ylim(min(rows.values()) - 0.6, max(rows.values()) + 0.6)

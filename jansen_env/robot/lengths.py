@@ -3,7 +3,7 @@
 Names are those of the bodies: ``upper_rod`` for a bar's length; ``foot_CE`` for a side of a
 triangle, by its joints; of a plate ``foot_FJ`` between its first two joints, and ``foot_T_along``
 and ``foot_T_across``, where another joint lies from the first, along that line and to its left.
-``frame_angle`` is that of a frame that is a bar, rad; all others are in m.
+``frame_angle`` turns the frame in the chassis, rad; all others are in m.
 """
 
 from __future__ import annotations
@@ -27,8 +27,7 @@ def lengths(robot: Robot) -> dict[str, float]:
     found: dict[str, float] = {}
     for (name, joints), link in zip(robot.linkage.bodies, robot.bodies, strict=True):
         found.update(zip(_names(name, joints, link), _values(link), strict=True))
-    if isinstance(robot.frame, Bar):
-        found["frame_angle"] = robot.frame_angle
+    found["frame_angle"] = robot.frame_angle
     return found
 
 
@@ -59,8 +58,7 @@ def with_lengths(robot: Robot, changed: Mapping[str, float]) -> Robot:
         names = _names(name, joints, link)
         if any(new[one] != known[one] for one in names):
             links[name] = _of_lengths(name, link, [new[one] for one in names])
-    angle = new.get("frame_angle", robot.frame_angle)
-    resized = replace(robot.with_bodies(**links), frame_angle=angle)
+    resized = replace(robot.with_bodies(**links), frame_angle=new["frame_angle"])
     return with_built_parts(resized) if links and is_of_built_parts(robot) else resized
 
 

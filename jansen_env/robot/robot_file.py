@@ -1,4 +1,8 @@
-"""Robot files: all fields of a :class:`jansen_env.Robot` as JSON, checked whole when read."""
+"""Robot files: all fields of a :class:`jansen_env.Robot` as JSON, checked whole when read.
+
+Or a built-in design with other lengths, as the bench writes it: ``"design": "paper", "lengths":
+{"rocker": 0.24}`` beside the format, see :func:`jansen_env.robot.lengths.with_lengths`.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +15,8 @@ from typing import Any
 
 from jansen_env.checks import shown
 from jansen_env.files import open_regular, write_json
+from jansen_env.robot.designs import ROBOTS
+from jansen_env.robot.lengths import with_lengths
 from jansen_env.robot.linkage import Linkage
 from jansen_env.robot.links import Bar, Compliance, Leg, Payload, Plate, Triangle
 from jansen_env.robot.motor import Motor
@@ -34,17 +40,27 @@ def robot_to_json(robot: Robot) -> dict[str, Any]:
 
 
 def robot_from_json(found: Any) -> Robot:
-    """Return the robot of :func:`robot_to_json`.
+    """Return the robot of :func:`robot_to_json`, or of a design with other lengths.
 
     Raises:
         ValueError: it is none; one line says what is wrong.
     """
     if not isinstance(found, Mapping) or found.get("format") != FORMAT:
         raise ValueError(f"a robot file is {shown(found)}, must be of format {FORMAT!r}")
-    robot = _made({name: value for name, value in found.items() if name != "format"})
+    given = {name: value for name, value in found.items() if name != "format"}
+    robot = _resized(given) if "design" in given else _made(given)
     if not isinstance(robot, Robot):
         raise ValueError(f"a robot file is of a {shown(found.get('is'))}, must be of a Robot")
     return robot
+
+
+def _resized(found: Mapping[str, Any]) -> Robot:
+    """Return a built-in design with other lengths."""
+    if {*found} != {"design", "lengths"} or not isinstance(changed := found["lengths"], Mapping):
+        raise ValueError(f"a robot file has {shown([*found])}, must have 'design' and 'lengths'")
+    if not isinstance(design := found["design"], str) or design not in ROBOTS:
+        raise ValueError(f"design is {shown(design)}, must be one of {[*ROBOTS]}")
+    return with_lengths(ROBOTS[design](), changed)
 
 
 def write_robot(path: str | Path, robot: Robot) -> Path:

@@ -101,6 +101,22 @@ def test_a_robot_file_gives_the_same_robot(name, tmp_path):
     json.loads(path.read_text(), parse_constant=pytest.fail)
 
 
+def test_a_robot_file_may_be_a_design_with_other_lengths(tmp_path):
+    """As the bench writes it."""
+    path = tmp_path / "own.json"
+    content = {"format": "jansen_env robot 1", "design": "built", "lengths": {"rocker": 0.24}}
+    path.write_text(json.dumps(content))
+    assert read_robot(path) == with_lengths(ROBOTS["built"](), {"rocker": 0.24})
+    for wrong, message in (
+        ({"design": "wheel"}, "design is 'wheel', must be one of"),
+        ({"lengths": [1]}, "must have 'design' and 'lengths'"),
+        ({"legs": 4}, "must have 'design' and 'lengths'"),
+        ({"lengths": {"rocker": None}}, "rocker"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            robot_from_json({**content, **wrong})
+
+
 def test_an_environment_takes_a_robot_file(tmp_path):
     """By its path, of an episode as of the robot itself."""
     robot = with_lengths(ROBOTS["built"](), {"rocker": 0.24})

@@ -6,9 +6,11 @@ import argparse
 import asyncio
 from importlib.util import find_spec
 
-from jansen_env.play.session import BY_HAND, ENVIRONMENTS, ROBOTS, TERRAINS, Session
+from jansen_env.play.choices import BY_HAND, ENVIRONMENTS, ROBOTS, TERRAINS
+from jansen_env.play.session import Session
 from jansen_env.policies import pretrained
 from jansen_env.terrain.generators import HIGHEST
+from jansen_env.viewer.web.bench import write_bench
 
 PORT = 8765
 
@@ -28,6 +30,8 @@ def parser() -> argparse.ArgumentParser:
     add("--seed", type=int, default=0, help="another number, another start and ground")
     add("--port", type=int, default=PORT,
         help=f"of the page; default: {PORT}, 0 for any that is free")  # fmt: skip
+    add("--bench-file", metavar="PATH",
+        help="write the bench, the page to design on, as one HTML file, and end")  # fmt: skip
     add("--web", action="store_true", help=argparse.SUPPRESS)  # once beside a window
     return found
 
@@ -38,6 +42,12 @@ def main(arguments: list[str] | None = None) -> None:
     args = command_line.parse_args(arguments)
     if not 0 <= args.port < 2**16:
         command_line.error(f"--port is {args.port}, must be from 0 to {2**16 - 1}")
+    if args.bench_file:
+        try:
+            print(write_bench(args.bench_file))
+        except OSError as error:
+            command_line.error(f"--bench-file is {args.bench_file}: {error.strerror}")
+        return
     if find_spec("websockets") is None:
         raise SystemExit(
             "this needs websockets, which the extra 'play' installs: "

@@ -15,6 +15,7 @@ from typing import Any
 from jansen_env.checks import finite, instance, shown
 
 LONGEST_TEXT = 40  # characters of a text in a message
+MOST_LENGTHS = 32  # in a message
 
 
 def _text(name: str, value: Any) -> None:
@@ -32,16 +33,26 @@ def _choice(name: str, value: Any) -> None:
         _text(name, value)
 
 
+def _lengths(name: str, value: Any) -> None:
+    if not isinstance(value, dict) or len(value) > MOST_LENGTHS:
+        raise ValueError(f"{name} is {shown(value)}, must have at most {MOST_LENGTHS} lengths")
+    for key, length in value.items():
+        _text("a name", key)
+        finite(key, length)
+
+
 FIELDS: dict[str, dict[str, Callable[[str, Any], Any]]] = {
     "steer": {"value": finite},
     "hold": {"direction": _key},
     "set": {"name": _text, "value": finite},
     "choose": {"name": _text, "value": _choice},
+    "build": {"robot": _text, "lengths": _lengths},
     "push": {"x": finite, "y": finite},
     "pause": {"value": partial(instance, kind=bool)},
     "slow": {"value": finite},
     "reset": {},
     "another": {},
+    "replay": {},
 }
 """Arguments of each action, and their checks."""
 

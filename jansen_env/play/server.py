@@ -26,20 +26,27 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.protocol import State
 
+from jansen_env.play.choices import BY_HAND, SLIDERS
 from jansen_env.play.messages import parse
-from jansen_env.play.session import BY_HAND, LARGEST_PUSH, PACES, SLIDERS, Session
+from jansen_env.play.session import LARGEST_PUSH, PACES, Session
+from jansen_env.viewer.web import bench
 from jansen_env.viewer.web.geometry import scene_of, state_of_frame
+from jansen_env.viewer.web.page import page as replay_page
 
 ADDRESS = "127.0.0.1"
 SOCKET = "/socket"
+BENCH = "/bench"
 FILES = {
     "/": ("play.html", "text/html"),
+    BENCH: ("bench.html", "text/html"),
     "/theme.css": ("theme.css", "text/css"),
     "/play.css": ("play.css", "text/css"),
     "/play.js": ("play.js", "text/javascript"),
     "/scene.js": ("scene.js", "text/javascript"),
+    "/bench.css": ("bench.css", "text/css"),
+    **{f"/{name}.js": (f"{name}.js", "text/javascript") for name in bench.SCRIPTS},
 }
-"""File of ``jansen_env/viewer/web`` and its type, by path."""
+"""File of ``jansen_env/viewer/web`` and its type, by path; the bench has its designs put in."""
 HEADERS = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
@@ -76,6 +83,7 @@ class Page:
             path: (files("jansen_env.viewer.web").joinpath(name).read_text("utf-8"), kind)
             for path, (name, kind) in FILES.items()
         }
+        self._files[BENCH] = bench.served_bench_page(), FILES[BENCH][1]
         self._sockets = 0
         self._choosing = asyncio.Lock()  # one choice at a time
         self._fresh = asyncio.Event()  # set at the next state
@@ -145,22 +153,31 @@ class Page:
                     return await connection.close(VIOLATION, "too many errors")
                 await connection.send(json.dumps({"kind": "error", "message": str(error)}))
             else:
-                await self._do(action, arguments)
+                if (reply := await self._do(action, arguments)) is not None:
+                    await connection.send(json.dumps(reply))
             before = monotonic()  # the work for a message, such as another robot's, earns nothing
             await asyncio.sleep(0.0)  # others have their turn, however many messages there are
 
-    async def _do(self, action: str, arguments: dict[str, Any]) -> None:
-        """Do what a message asks for; all but this page and other choices go on meanwhile."""
-        if action != "choose":
+    async def _do(self, action: str, arguments: dict[str, Any]) -> dict[str, Any] | None:
+        """Do what a message asks for, and return the answer to it alone, if there is one.
+
+        All but this page and other choices go on meanwhile.
+        """
+        if action not in ("choose", "build", "replay"):
             self.session.attempt(action, **arguments)
-            return
+            return None
         async with self._choosing:
             try:
+                if action == "replay":
+                    recording = self.session.recording()
+                    text = await asyncio.to_thread(replay_page, recording)
+                    return {"kind": "replay", "page": text}
                 env = await asyncio.to_thread(self.session.make, **arguments)
+                getattr(self.session, action)(**arguments, env=env)
             except ValueError as error:
                 self.session.say(str(error))
-            else:
-                self.session.attempt(action, **arguments, env=env)
+                return {"kind": "error", "message": str(error)} if action == "build" else None
+        return {"kind": "built"} if action == "build" else None
 
     async def _send_states(self, connection: ServerConnection) -> None:
         """Send each state that there is when the one before has gone out."""
@@ -208,6 +225,7 @@ def scene_message(session: Session) -> dict[str, Any]:
             for name, slider in SLIDERS.items()
         ],
         "choices": session.choices,
+        "lengths": session.lengths,
         "options": session.options,
         "environment": session.env_id,
         "byHand": BY_HAND,

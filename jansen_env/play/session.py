@@ -3,50 +3,38 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
-import jansen_env
+from jansen_env.baselines.policy import Policy
 from jansen_env.checks import finite, instance, shown, whole_number, within
+from jansen_env.play.choices import (
+    BY_HAND,
+    ENVIRONMENTS,
+    FLAT,
+    ROBOTS,
+    SLIDERS,
+    STEADY,
+    TERRAINS,
+    controls_of,
+    make_env,
+    one_of,
+    policy_of,
+)  # fmt: skip
 from jansen_env.play.score import Score, Tally
-from jansen_env.policies import pretrained
 from jansen_env.policies.environment import arguments_of
 from jansen_env.rendering import Frame
 from jansen_env.robot.kinematics import advance_per_turn
-from jansen_env.terrain.generators import GENERATORS, HIGHEST
+from jansen_env.terrain.generators import HIGHEST
+from jansen_env.viewer.recording import Recording
 
-
-class Slider(NamedTuple):
-    """A number that may be changed while the robot walks, and its limits."""
-
-    label: str
-    unit: str
-    low: float
-    high: float
-
-
-SLIDERS = {
-    "friction": Slider("friction", "", 0.0, 1.2),
-    "payload": Slider("payload", "kg", 0.0, 6.0),
-    "restitution": Slider("restitution", "", 0.0, 0.9),
-    "tilt": Slider("slope", "rad", -0.25, 0.25),
-    "motor_strength": Slider("motor strength", "", 0.1, 1.5),
-}
-"""Sliders by their names in ``env.unwrapped.set_parameters``."""
-
-ENVIRONMENTS = (
-    "JansenWalkerBuilt-v0", "JansenWalkerRough-v0", "JansenWalkerHardcore-v0", "JansenWalker-v0",
-)  # fmt: skip
-FLAT = "flat"
-TERRAINS = (FLAT, *GENERATORS)
-ROBOTS = tuple(sorted(jansen_env.ROBOTS))
 PACES = (1.0, 0.5, 0.25, 0.1)  # of the robot's time in the user's
-BY_HAND = "torque"  # in place of a policy's name
 LARGEST_PUSH = 10.0  # N s
+LONGEST_REPLAY = 60.0  # s
 LONGEST_GAP = 0.25  # s: after a longer pause of the program the robot's time has stood still
 MESSAGE_TIME = 6.0  # s for which a message is shown
 TORQUE_RATE, RELEASE_RATE = 3.0, 8.0  # 1/s, of the torque while a key is held, and after it
@@ -61,8 +49,9 @@ class Session:
     Args:
         env_id: one of :data:`ENVIRONMENTS`. robot: one of :data:`ROBOTS`, None for the
             environment's own. terrain: one of :data:`TERRAINS`, None for the environment's own.
-        level: of terrains that have levels, 0 to 9. control: :data:`BY_HAND`, or the name of a
-            policy that the package has for the environment. seed: of the start and the ground.
+        level: of terrains that have levels, 0 to 9. control: :data:`BY_HAND`, :data:`STEADY`, or
+            the name of a policy that the package has for the environment. seed: of start and
+            ground.
 
     Attributes:
         input: -1 to 1: the action, or the policy's command as a share of :attr:`top_speed`, m/s.
@@ -83,8 +72,8 @@ class Session:
         control: str = BY_HAND,
         seed: int = 0,
     ) -> None:
-        _one_of(ENVIRONMENTS, "env", env_id)
-        self.env_id, self.controls = env_id, (BY_HAND, *pretrained.names(env_id))
+        one_of(ENVIRONMENTS, "env", env_id)
+        self.env_id, self.controls = env_id, controls_of(env_id)
         self.seed = whole_number("seed", seed)
         self.settings: dict[str, float] = {}
         self.input, self.paused, self.pace = 0.0, False, PACES[0]
@@ -94,13 +83,14 @@ class Session:
         self._env: Any = None
         self._final: Score | None = None  # from a fall on
         own = arguments_of(env_id)
-        self._choices = {
+        self._choices: dict[str, Any] = {
             "robot": own["robot"] if robot is None else robot,
             "terrain": own["terrain"] if terrain is None else terrain,
             "control": control,
+            "lengths": {},
         }
         chosen = self._chosen("level", level)
-        self._begin_with(self._made(chosen), chosen)
+        self._begin_with(make_env(self.env_id, chosen), chosen)
 
     @property
     def env(self) -> Any:
@@ -110,7 +100,12 @@ class Session:
     @property
     def choices(self) -> dict[str, Any]:
         """Present "robot", "terrain", "level" and "control"."""
-        return dict(self._choices)
+        return {name: self._choices[name] for name in self.options}
+
+    @property
+    def lengths(self) -> dict[str, float]:
+        """Lengths that are not the robot's own, as :meth:`build` has them."""
+        return dict(self._choices["lengths"])
 
     @property
     def options(self) -> dict[str, tuple[Any, ...]]:
@@ -180,7 +175,7 @@ class Session:
 
     def set(self, name: str, value: float) -> None:
         """Move a slider."""
-        _one_of(SLIDERS, "slider", name)
+        one_of(SLIDERS, "slider", name)
         slider = SLIDERS[name]
         number = within(slider.label, value, slider.low, slider.high)
         self.env.set_parameters(**{name: number})
@@ -194,17 +189,27 @@ class Session:
         """
         chosen = self._chosen(name, value)
         if name == "control":
-            self._take_control(self._policy_of(value, self._env), value)
+            self._take_control(policy_of(self.env_id, value, self._env), value)
         else:
-            self._begin_with(self._made(chosen) if env is None else env, chosen)
+            self._begin_with(make_env(self.env_id, chosen) if env is None else env, chosen)
 
-    def make(self, name: str, value: Any) -> Any:
-        """Return the environment for a choice, None for a control; changes nothing.
+    def build(self, robot: str, lengths: Mapping[str, float], env: Any = None) -> None:
+        """Walk a robot with other lengths (:func:`jansen_env.robot.lengths.with_lengths`).
 
-        It takes a tenth of a second, and may run in another thread than the session does.
+        Its crank turns at a constant speed. ``env``: as for :meth:`choose`.
         """
-        chosen = self._chosen(name, value)
-        return None if name == "control" else self._made(chosen)
+        chosen = {**self._resized(robot, lengths), "control": STEADY}
+        self._begin_with(make_env(self.env_id, chosen) if env is None else env, chosen)
+        self.pause(False)
+
+    def make(self, name: str = "robot", value: Any = None, **built: Any) -> Any:
+        """Return the environment for a choice or a robot to build, None for a control.
+
+        It changes nothing, takes a tenth of a second, and may run in another thread than the
+        session does.
+        """
+        chosen = self._resized(**built) if built else self._chosen(name, value)
+        return None if name == "control" else make_env(self.env_id, chosen)
 
     def push(self, x: float, y: float) -> None:
         """Push the chassis by an impulse, N s in x and y, no larger than :data:`LARGEST_PUSH`."""
@@ -267,35 +272,40 @@ class Session:
         """The robot and its ground: arguments of :class:`jansen_env.rendering.Renderer`."""
         return dict(self.env.scene())
 
+    def recording(self) -> Recording:
+        """The walk since the last start, at most :data:`LONGEST_REPLAY` s of it.
+
+        Raises ValueError: it has not begun.
+        """
+        try:
+            return self._env.recording
+        except gym.error.ResetNeeded as error:
+            raise ValueError("there is no walk yet: go on, and ask again") from error
+
     def close(self) -> None:
         """Let go of the environment."""
         self._env.close()
 
     def _chosen(self, name: str, value: Any) -> dict[str, Any]:
         """The choices with another one."""
-        _one_of(self.options, "choice", name)
+        one_of(self.options, "choice", name)
         chosen = {**self._choices, name: value}
+        if name == "robot":
+            chosen["lengths"] = {}
         if name == "level" and chosen["terrain"] == FLAT and value != 0:
             raise ValueError(f"level is {shown(value)}, must be 0 on flat ground")
         return chosen
 
-    def _made(self, choices: dict[str, Any]) -> Any:
-        """The environment of these choices."""
-        for name in ("robot", "terrain"):
-            _one_of(self.options[name], name, choices[name])
-        level = whole_number("level", choices["level"], HIGHEST)
-        return gym.make(
-            self.env_id, max_episode_steps=-1, disable_env_checker=True, robot=choices["robot"],
-            terrain=choices["terrain"], terrain_level=0 if choices["terrain"] == FLAT else level,
-            randomize=None, terminate_when_fallen=False,
-        )  # fmt: skip
+    def _resized(self, robot: Any, lengths: Mapping[str, float]) -> dict[str, Any]:
+        """The choices with a robot of other lengths."""
+        return {**self._chosen("robot", robot), "lengths": dict(lengths)}
 
     def _begin_with(self, env: Any, choices: dict[str, Any]) -> None:
         """Start the environment of these choices, with the settings there are."""
         try:
             if self.settings:
                 env.unwrapped.set_parameters(**self.settings)
-            policy = self._policy_of(choices["control"], env)
+            policy = policy_of(self.env_id, choices["control"], env)
         except ValueError:
             env.close()
             raise
@@ -306,12 +316,7 @@ class Session:
         self._direction = math.copysign(1.0, advance_per_turn(env.unwrapped.robot))
         self._start()
 
-    def _policy_of(self, control: Any, env: Any) -> pretrained.PretrainedPolicy | None:
-        """The policy of this name for an environment; None for the torque by hand."""
-        _one_of(self.controls, "control", control)
-        return None if control == BY_HAND else pretrained.load(self.env_id, control).on(env)
-
-    def _take_control(self, policy: pretrained.PretrainedPolicy | None, name: str) -> None:
+    def _take_control(self, policy: Policy | None, name: str) -> None:
         """Let a policy walk, or None: the hand."""
         if self._choices["control"] != name or self._env is None:
             self.input = 0.0 if policy is None else FIRST_COMMAND
@@ -319,7 +324,7 @@ class Session:
         self._policy, self._memory, self._fresh = policy, None, True
         self._choices["control"] = name
         if policy is not None:  # the fastest command that it was trained for
-            arguments = {**arguments_of(self.env_id), **policy.env_kwargs}
+            arguments = {**arguments_of(self.env_id), **getattr(policy, "env_kwargs", {})}
             self.top_speed = float(np.max(np.abs(arguments["speed_command"])))
         self.version += 1
 
@@ -368,16 +373,12 @@ class Session:
                 self._observation, self._memory, self._fresh
             )
             self._fresh = False
-        self._observation, _, _, self.stuck, info = self._env.step(action)
+        # Of a longer walk the rest is not recorded.
+        env = self._env if self._frames[1].time < LONGEST_REPLAY else self._env.env
+        self._observation, _, _, self.stuck, info = env.step(action)
         self._frames = self._frames[1], self._snapshot()
         if self._final is None:
             self._tally.add(info, self.env.weight, self.command)
         if (info["fallen"] or self.stuck) and self._final is None:
             self._final = self._tally.score()
             self.fallen = bool(info["fallen"])
-
-
-def _one_of(allowed: Collection[str], name: str, value: Any) -> None:
-    """Raises ValueError unless ``value`` is among ``allowed``."""
-    if not isinstance(value, str) or value not in allowed:
-        raise ValueError(f"{name} is {shown(value)}, must be one of {list(allowed)}")

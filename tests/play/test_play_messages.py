@@ -29,7 +29,13 @@ WRONG = [
     '{"do": "set", "name": ["friction"], "value": 1}', '{"do": "choose", "name": "level"}',
     '{"do": "choose", "name": "level", "value": 1.5}', '{"do": "pause", "value": 1}',
     '{"do": "choose", "name": "robot", "value": "' + 41 * "x" + '"}', "\ufeff{}", "\x00",
-    '{"do": "push", "x": {}, "y": 0}', b"{}", b"\xff\xfe",
+    '{"do": "push", "x": {}, "y": 0}', b"{}", b"\xff\xfe", '{"do": "build", "robot": "paper"}',
+    '{"do": "build", "robot": "paper", "lengths": []}', '{"do": "replay", "value": 1}',
+    '{"do": "build", "robot": "paper", "lengths": {"rocker": "1"}}',
+    '{"do": "build", "robot": 3, "lengths": {}}',
+    '{"do": "build", "robot": "paper", "lengths": {"rocker": NaN}}',
+    '{"do": "build", "robot": "paper", "lengths": {"' + 41 * "x" + '": 1}}',
+    json.dumps({"do": "build", "robot": "paper", "lengths": dict.fromkeys(map(str, range(33)), 1)}),
 ]  # fmt: skip
 
 

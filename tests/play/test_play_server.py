@@ -17,6 +17,7 @@ from websockets.sync.client import connect
 from jansen_env.play import __main__ as program
 from jansen_env.play import server
 from jansen_env.play.server import (
+    BENCH,
     BURST,
     FILES,
     HEADERS,
@@ -26,6 +27,7 @@ from jansen_env.play.server import (
     Page,
 )
 from jansen_env.play.session import SLIDERS, Session
+from jansen_env.viewer.web.bench import served_bench_page
 
 
 @pytest.mark.parametrize("path", FILES)
@@ -33,7 +35,10 @@ def test_files_are_served_with_a_policy(served, path):
     status, headers, body = ask(served[1], path)
     name, kind = FILES[path]
     assert status == 200 and headers["Content-Type"] == f"{kind}; charset=utf-8"
-    assert body == files("jansen_env.viewer.web").joinpath(name).read_bytes()
+    if path == BENCH:
+        assert body.decode() == served_bench_page()
+    else:
+        assert body == files("jansen_env.viewer.web").joinpath(name).read_bytes()
     policy = headers["Content-Security-Policy"]
     assert "default-src 'none'; script-src 'self'; " in policy and "unsafe" not in policy
     assert f"connect-src ws://{served[1]} ws://localhost:" in policy
@@ -224,6 +229,25 @@ def test_the_robot_walks_on_while_another_one_is_made(monkeypatch):
         assert session.input == 0.5 and "level is 12" in session.message
 
     apart(asyncio.run, run())
+
+
+def test_a_robot_is_built_for_the_page_that_asks(served):
+    """It walks for all; what is refused is answered in one line."""
+    with talk(served[1]) as asking, talk(served[1]) as other:
+        wanted = {"do": "build", "robot": "klann", "lengths": {"rod_AD": 0.47}}
+        asking.send(json.dumps(wanted))
+        assert next_of(asking, "built") == {"kind": "built"}
+        until(other, lambda state: state["score"]["distance"] > 0.01)
+        asking.send(json.dumps({**wanted, "lengths": {"rod_AD": 0.1}}))
+        message = next_of(asking, "error")["message"]
+        assert message.startswith("joint D does not close at crank angle ") and "\n" not in message
+        until(other, lambda state: state["message"] == message)
+        asking.send(json.dumps({"do": "replay"}))
+        assert next_of(asking, "replay")["page"].startswith("<!doctype html>")
+        asking.send(json.dumps({"do": "choose", "name": "robot", "value": "built"}))
+        asking.send(json.dumps({"do": "choose", "name": "control", "value": "torque"}))
+        while next_of(other, "scene")["choices"]["control"] != "torque":
+            pass
 
 
 def test_the_end_does_not_wait_for_idle_connections(monkeypatch):

@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 
 import jansen_env
+from jansen_env.play.choices import STEADY
 from jansen_env.play.session import LARGEST_PUSH, PACES, SLIDERS, Session
 from jansen_env.policies import pretrained
+from jansen_env.robot.lengths import lengths
 from jansen_env.scoring.benchmarks import WALKER
 from jansen_env.scoring.metrics import point_estimates
 from jansen_env.scoring.rollout import run_episodes
@@ -141,6 +143,44 @@ def test_ground_and_robot_by_name():
     assert session.choices == {
         "robot": "holy", "terrain": "stairs", "level": 7, "control": "torque"
     }  # fmt: skip
+
+
+def test_a_robot_of_other_lengths_walks_and_is_recorded():
+    """At a constant speed of its crank, on other terrain as well, until another robot is chosen."""
+    session = Session()
+    session.pause(True)
+    session.build("klann", {"rod_AD": 0.47})
+    walk(session, 4.0)
+    assert session.score().distance == pytest.approx(4.0 * session.command, rel=0.2)
+    assert len(session.recording().time) == 4.0 / DT + 1
+    session.choose("terrain", "waves")
+    assert session.lengths == {"rod_AD": 0.47}
+    assert session.make("level", 2).unwrapped.robot == session.env.robot
+    robot, before = session.env.robot, session.choices
+    assert lengths(robot)["rod_AD"] == 0.47 and session.choices["control"] == STEADY
+    for changed, message in (
+        ({"rod_AD": 0.1}, "joint D does not close at crank angle"),
+        ({"rod_AD": -0.1}, "must be above 0"),
+        ({"wheel": 1.0}, "lengths has 'wheel', must be of"),
+    ):
+        assert not session.attempt("build", robot="klann", lengths=changed)
+        assert message in session.message and session.env.robot is robot
+    assert session.choices == before
+    session.choose("robot", "holy")
+    assert session.lengths == {} and session.env.robot == jansen_env.holy_numbers_robot()
+
+
+def test_of_a_long_walk_the_first_minute_is_recorded(monkeypatch):
+    """It goes on meanwhile; a new start is recorded from its beginning."""
+    monkeypatch.setattr("jansen_env.play.session.LONGEST_REPLAY", 0.5)
+    session = Session(control=STEADY)
+    walk(session, 1.0)
+    assert len(session.recording().time) == 0.5 / DT + 1 and session.score().time == 1.0
+    session.reset()
+    with pytest.raises(ValueError, match="no walk yet"):
+        session.recording()
+    walk(session, 0.2)
+    assert len(session.recording().time) == 0.2 / DT + 1
 
 
 def test_what_cannot_be_is_refused_and_changes_nothing(session):

@@ -11,7 +11,9 @@ import hashlib
 import html
 import json
 import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -54,20 +56,44 @@ def page(*recordings: Recording) -> str:
             {"label": label, **_packed(one)} for label, one in zip(labels, recordings, strict=True)
         ],
     }
-    style, script = _read("theme.css") + _read("replay.css"), _script()
+    parts = {"<title>Replay</title>": f"<title>{html.escape(title)}</title>"}
+    return page_of("replay.html", ("theme.css", "replay.css"), SCRIPTS, data, parts)
+
+
+def page_of(
+    template: str,
+    styles: Sequence[str],
+    scripts: Sequence[str],
+    data: Any,
+    parts: Mapping[str, str] = MappingProxyType({}),
+) -> str:
+    """A page as one file, which may run and ask for nothing else: styles, scripts and JSON put in.
+
+    Args:
+        template, styles, scripts: names of files in this folder, scripts without ``.js``, each
+            after what it imports. parts: other texts of the template and what replaces them.
+    """
+    style, script = "".join(map(_read, styles)), _script(scripts)
     policy = (
         f"default-src 'none'; img-src data:; style-src {_hash_of(style)}; "
         f"script-src {_hash_of(script)}; base-uri 'none'; form-action 'none'"
     )
-    parts = {
+    own = {
         "default-src 'none'": policy,
-        "<title>Replay</title>": f"<title>{html.escape(title)}</title>",
         "<!-- style -->": f"<style>{style}</style>",
-        "<!-- data -->": f'<script type="application/json" id="data">{_json(data)}</script>',
         "<!-- script -->": f"<script>{script}</script>",
     }
-    pattern = "|".join(map(re.escape, parts))
-    return re.sub(pattern, lambda found: parts[found[0]], _read("replay.html"))
+    return filled(template, {**own, **parts}, data)
+
+
+def filled(template: str, parts: Mapping[str, str], data: Any) -> str:
+    """A file of this folder with texts replaced, all at once, and data put in as JSON."""
+    all_parts = {
+        "<!-- data -->": f'<script type="application/json" id="data">{_json(data)}</script>',
+        **parts,
+    }
+    pattern = "|".join(map(re.escape, all_parts))
+    return re.sub(pattern, lambda found: all_parts[found[0]], _read(template))
 
 
 def write_page(path: str | Path, *recordings: Recording) -> Path:
@@ -87,16 +113,16 @@ def _read(name: str) -> str:
     return (FOLDER / name).read_text(encoding="utf-8")
 
 
-def _script() -> str:
-    """All scripts as one: each module a function that returns its exports."""
+def _script(names: Sequence[str]) -> str:
+    """Scripts as one: each module a function that returns its exports."""
     modules = []
-    for name in SCRIPTS:
+    for name in names:
         source = _read(f"{name}.js")
         exported = re.findall(r"^export (?:function|const) (\w+)", source, re.MULTILINE)
         source = re.sub(r"^export (?=function|const)", "", source, flags=re.MULTILINE)
         source = re.sub(
-            r'^import \{([^}]*)\} from "\./(\w+)\.js";', r"const {\1} = \2_js;", source,
-            flags=re.MULTILINE,
+            r'^import (?:\* as )?(\w+|\{[^}]*\}) from "\./(\w+)\.js";', r"const \1 = \2_js;",
+            source, flags=re.MULTILINE,
         )  # fmt: skip
         if found := re.search(r"^(?:import|export)\b.*|</script|<!--", source, re.MULTILINE):
             raise ValueError(f"{name}.js has {found[0]!r}, which cannot be put into a page")

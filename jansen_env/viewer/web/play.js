@@ -4,6 +4,7 @@
 // ({kind: "state", ...}, 50 a second) and errors; messages to it are those of
 // jansen_env/play/messages.py. No physics in here.
 
+import { download, linkOf } from "./bench_design.js";
 import { drawScene, followingView, THEMES } from "./scene.js";
 
 const RECONNECT = [0.5, 1, 2, 4, 8]; // s until the next attempt, the last one again and again
@@ -61,6 +62,8 @@ function receive(message) {
   } else if (message.kind === "scene") {
     scene = message;
     showPanel();
+  } else if (message.kind === "replay") {
+    download("walk.html", "text/html", message.page);
   } else {
     console.warn(message.message);
   }
@@ -76,6 +79,7 @@ function showPanel() {
     showValue(name);
   }
   for (const [name, value] of Object.entries(scene.choices)) $(name).value = value;
+  $("bench").href = `/bench#${linkOf({ base: scene.choices.robot, changes: scene.lengths })}`;
   $("level").disabled = scene.choices.terrain === "flat";
   $("pace").value = scene.pace;
   $("pause").setAttribute("aria-pressed", scene.paused);
@@ -370,6 +374,7 @@ $("reset").addEventListener("click", KEYS.r);
 $("another").addEventListener("click", KEYS.n);
 $("pause").addEventListener("click", () => scene && KEYS.p());
 $("show-help").addEventListener("click", toggleHelp);
+$("replay").addEventListener("click", () => send({ do: "replay" }));
 for (const button of document.querySelectorAll("#panel button"))
   button.addEventListener("pointerup", letGo);
 $("panel").addEventListener("submit", (event) => event.preventDefault());

@@ -1,0 +1,409 @@
+// The bench: change the lengths of a walker, and see its toes' paths and their numbers at once.
+//
+// Everything is worked out in here but the walk, which the server's physics does. The data in the
+// page are bench.py's: {served: whether there is a server, base: the first design, designs}.
+
+import * as design from "./bench_design.js";
+import * as picture from "./bench_picture.js";
+import { angleOf, assemble, lengthsOf, measure, openingOf, place, turnOf } from "./linkage.js";
+
+const CRANK_SPEED = 2; // rad/s, of the animation
+const STEP = 0.001; // m, of an arrow key
+const STICKY = 7; // pixels, by which the crank's pin may leave its circle before it gets longer
+const TOUCH = 22; // pixels around a joint
+const FLIPPED = 0.002; // m, by which a joint may miss the pointer, or it would snap to the other side
+
+const {
+  served,
+  base: firstBase,
+  designs,
+} = JSON.parse(document.getElementById("data").textContent);
+const $ = (id) => document.getElementById(id);
+const svg = $("picture");
+const plain = (name) => name.replaceAll("_", " ");
+const mm = (value) => `${(1000 * value).toFixed(1)} mm`;
+const degrees = (angle) => `${((Math.round((angle * 180) / Math.PI) % 360) + 360) % 360}°`;
+const share = (value) => `${(100 * value).toFixed(1)} %`;
+const deadAngle = ({ dead }) => (Math.asin(dead.sine) * 180) / Math.PI;
+const deadPlace = ({ dead }) =>
+  `${dead.joint} at ${degrees(dead.psi)}, sine ${dead.sine.toFixed(3)}`;
+
+/** Numbers that are shown: name, what it is, its value by `measure`, how it is written, and more. */
+// biome-ignore format: a table
+const NUMBERS = [
+  ["lift", "The most that a toe comes above the ground", (n) => n.lift, mm],
+  ["stance", "Share of the turn in which a toe is on the ground, to 1 % of the standing height; green on its path", (n) => n.stance, share],
+  ["advance", "Way in a turn of the crank", (n) => Math.abs(n.advance), mm],
+  ["heave", "By how much the crank's axis rises and falls", (n) => n.heave, mm],
+  ["height", "Mean height of the crank's axis above the ground", (n) => n.standing, mm],
+  ["dead point", "Smallest angle between two links that meet in a joint, where they jam at 0°; the joint, the crank's angle there (violet), and its sine", deadAngle, (v) => `${v.toFixed(1)}°`, deadPlace],
+];
+
+const past = []; // designs, to undo and redo
+let now = -1; // which of them is the present one
+let draft = null; // the present design while something is dragged
+let view = {}; // of the present design: see bench_picture.js
+let kept = null; // the view that is A
+let psi = angleOf(0);
+let running = false;
+let last = 0; // ms, of the frame before
+let grabbed = null; // {joint, offset, from: view} while a joint is dragged
+let asked = false; // for a frame
+let note = ""; // of the page itself
+
+const present = () => draft ?? past[now];
+
+// What is shown.
+
+/** What is known of a design, as bench_picture.js has it, and the design itself. */
+function worked(worker) {
+  const own = designs[worker.base];
+  const lengths = { ...own.lengths, ...worker.changes };
+  const linkage = assemble(own, lengths);
+  const turn = turnOf(linkage);
+  const opening = openingOf(turn);
+  return {
+    of: worker,
+    lengths,
+    linkage,
+    turn,
+    opening,
+    numbers: opening ? null : measure(own, turn),
+  };
+}
+
+function rework() {
+  view = { ...view, ...worked(present()) };
+  showNumbers();
+  showLengths();
+  showMessage();
+  $("undo").disabled = now === 0;
+  $("redo").disabled = now === past.length - 1;
+  $("original").disabled = Object.keys(present().changes).length === 0;
+  $("back").disabled = !kept || design.linkOf(kept.of) === design.linkOf(present());
+  $("walk").disabled = $("dead").disabled = !view.numbers;
+  touch();
+}
+
+/** Keep a design as the present one; without one, show that which is. */
+function settle(other) {
+  draft = null;
+  note = "";
+  if (other && (now < 0 || design.linkOf(other) !== design.linkOf(past[now])))
+    past.splice(++now, past.length, other);
+  $("base").value = present().base;
+  build();
+  rework();
+  view.box = picture.boxOf(view.linkage, view.turn);
+  svg.setAttribute("viewBox", Object.values(view.box).join(" "));
+  history.replaceState(null, "", `#${design.linkOf(present())}`);
+}
+
+function touch() {
+  if (!asked) requestAnimationFrame(frame);
+  asked = true;
+}
+
+function frame(time) {
+  asked = false;
+  if (running) {
+    const way = Math.sign(view.numbers?.advance ?? 1); // forwards
+    psi += way * CRANK_SPEED * Math.min((time - last) / 1000, 0.1);
+    touch();
+  }
+  last = time;
+  const { width, height } = view.box;
+  Object.assign(view, { psi, pixel: Math.max(width / svg.clientWidth, height / svg.clientHeight) });
+  const ghost = kept && picture.toePaths(kept.linkage.design, kept.turn);
+  $("drawing").innerHTML = picture.pictureOf(view, $("others").checked, ghost ?? []);
+  const { at } = place(view.linkage, psi);
+  for (const handle of $("handles").children) {
+    const [x, y] = at[handle.dataset.joint] ?? [Number.NaN];
+    handle.toggleAttribute("hidden", Number.isNaN(x));
+    const where = `translate(${1000 * x} ${-1000 * y}) scale(${view.pixel})`;
+    if (!Number.isNaN(x)) handle.setAttribute("transform", where);
+  }
+  if (!$("angle").matches(":active")) $("angle").value = Number.parseInt(degrees(psi), 10);
+  $("angle-value").textContent = degrees(psi);
+}
+
+function showNumbers() {
+  NUMBERS.forEach(([, , value, text, more], k) => {
+    const [, first, second, third] = $("numbers").children[k].children;
+    const [own, other] = [view.numbers, kept?.numbers].map((n) => n && value(n));
+    first.textContent = view.numbers ? text(own) : "–";
+    second.textContent = view.numbers && more ? more(view.numbers) : "";
+    const change = view.numbers
+      ? `, ${own < other ? "−" : "+"}${Number.parseFloat(text(Math.abs(own - other)))}`
+      : "";
+    third.textContent = kept?.numbers ? `A ${text(other)}${change}` : "";
+  });
+}
+
+/** Where a linkage does not close, in one sentence; "" if it does. */
+function faultOf({ linkage, opening }) {
+  if (linkage.fault) return `The three sides of ${plain(linkage.fault)} form no triangle.`;
+  if (!opening) return "";
+  const { joint, whole, from, to, first, second, span } = opening;
+  const where = whole
+    ? "at any crank angle"
+    : `from ${degrees(from)} to ${degrees(to)} of the crank`;
+  return `Joint ${joint} does not close ${where}: links of ${mm(first)} and ${mm(second)} cannot span ${mm(span)}.`;
+}
+
+function showMessage() {
+  const text = note || faultOf(view);
+  $("message").classList.toggle("calm", Boolean(view.numbers));
+  if ($("message").textContent !== text) $("message").textContent = text;
+}
+
+function say(text) {
+  note = text;
+  showMessage();
+}
+
+// Sliders, and handles of the joints.
+
+/** Have sliders, fields and handles of the present built-in design. */
+function build() {
+  const { base } = present();
+  if ($("lengths").dataset.base === base) return;
+  $("lengths").dataset.base = base;
+  const { lengths, joints, bodies } = designs[base];
+  const rows = Object.keys(lengths).map((name) => {
+    const [low, high] = design.rangeOf(designs[base], name);
+    const unit = design.unitOf(name);
+    return `<div class="length" data-name="${name}"><label for="length-${name}">${plain(name)}</label>
+      <input type="range" id="length-${name}" min="${low}" max="${high}" step="0.1">
+      <input type="number" step="0.1" aria-label="${plain(name)}, ${unit}"><span>${unit}</span></div>`;
+  });
+  $("lengths").innerHTML = rows.join("");
+  const [axis] = bodies[1][1];
+  const movable = [...joints].filter((joint) => joint !== axis);
+  const handle = (joint) => `<g class="handle" data-joint="${joint}" tabindex="0" role="button"
+    aria-label="joint ${joint}: arrow keys move it"><circle r="${TOUCH}"/><text x="10" y="-9">${joint}</text></g>`;
+  $("handles").innerHTML = movable.map(handle).join("");
+}
+
+function showLengths() {
+  for (const row of $("lengths").children) {
+    const { name } = row.dataset;
+    const [, slider, field] = row.children;
+    const value = design.shown(name, view.lengths[name]);
+    row.classList.toggle("changed", name in present().changes);
+    if (!slider.matches(":active")) slider.value = value;
+    if (!draft || document.activeElement !== field) field.value = value;
+  }
+}
+
+/** Lengths, m and rad, that are tried until they are settled. */
+function attempt(lengths, from = present()) {
+  draft = design.withLengths(designs, from, lengths);
+  rework();
+}
+
+$("lengths").addEventListener("input", ({ target }) => {
+  const { name } = target.parentElement.dataset;
+  if (design.refusal(name, target.valueAsNumber)) return;
+  attempt({ [name]: design.lengthOf(name, target.valueAsNumber) });
+});
+$("lengths").addEventListener("change", ({ target }) => {
+  const wrong = design.refusal(target.parentElement.dataset.name, target.valueAsNumber);
+  settle(draft);
+  if (wrong) say(plain(wrong));
+});
+
+/**
+ * Move a joint of `from`, a view, to a place: a pivot with the frame, the crank's pin with the crank's
+ * length and angle, any other with the lengths that meet there while the other joints stay.
+ */
+function move(joint, to, from) {
+  const { bodies, design: own } = from.linkage;
+  const { at } = place(from.linkage, from.psi);
+  const moved = { ...at, [joint]: to };
+  const lengthsWith = (k) =>
+    lengthsOf(
+      own,
+      k,
+      bodies[k].joints.map((one) => moved[one]),
+    );
+  const holding = [...bodies.keys()].filter(
+    (k) => bodies[k].joints.every((one) => moved[one]) && bodies[k].joints.includes(joint),
+  );
+  if (holding.includes(1)) {
+    psi = Math.atan2(to[1], to[0]);
+    const away = Math.abs(Math.hypot(...to) - Math.hypot(...at[joint]));
+    return attempt(1000 * away < STICKY * view.pixel ? {} : lengthsWith(1), from.of);
+  }
+  if (holding.includes(0)) return attempt(lengthsWith(0), from.of);
+  const lengths = Object.assign({}, ...holding.map(lengthsWith));
+  const [x, y] = place(assemble(own, { ...from.lengths, ...lengths }), from.psi).at[joint] ?? [];
+  if (Math.hypot(x - to[0], y - to[1]) < FLIPPED) attempt(lengths, from.of);
+}
+
+function pointOf({ clientX, clientY }) {
+  const { x, y } = new DOMPoint(clientX, clientY).matrixTransform(svg.getScreenCTM().inverse());
+  return [x / 1000, -y / 1000];
+}
+
+svg.addEventListener("pointerdown", (event) => {
+  const { at } = place(view.linkage, psi);
+  const [x, y] = pointOf(event);
+  const away = ({ dataset }) =>
+    Math.hypot(...(at[dataset.joint] ?? [1e9, 0]).map((v, k) => v - [x, y][k]));
+  const [handle] = [...$("handles").children].sort((a, b) => away(a) - away(b));
+  if (event.button !== 0 || grabbed || 1000 * away(handle) > TOUCH * view.pixel) return;
+  event.preventDefault();
+  run(false);
+  svg.setPointerCapture(event.pointerId);
+  handle.focus({ preventScroll: true });
+  const { joint } = handle.dataset;
+  grabbed = { joint, offset: [at[joint][0] - x, at[joint][1] - y], from: { ...view, psi } };
+});
+svg.addEventListener("pointermove", (event) => {
+  if (!grabbed) return;
+  const [x, y] = pointOf(event);
+  move(grabbed.joint, [x + grabbed.offset[0], y + grabbed.offset[1]], grabbed.from);
+});
+for (const end of ["pointerup", "pointercancel"])
+  svg.addEventListener(end, () => {
+    if (grabbed) settle(draft);
+    grabbed = null;
+  });
+
+// The crank, buttons and keys.
+
+function run(on) {
+  running = on;
+  $("run").setAttribute("aria-pressed", on);
+  last = performance.now();
+  touch();
+}
+
+function turnTo(angle) {
+  psi = angle;
+  run(false);
+}
+
+function step(way) {
+  now = Math.min(Math.max(now + way, 0), past.length - 1);
+  settle();
+}
+
+function keep() {
+  kept = { ...view };
+  rework();
+}
+
+function copyLink() {
+  const copied = navigator.clipboard?.writeText(location.href) ?? Promise.reject();
+  copied.then(
+    () => say("The link is copied."),
+    () => say(location.href),
+  );
+}
+
+function saveDrawing() {
+  const { numbers } = view;
+  const each = numbers && NUMBERS.map(([name, , value, text]) => `${name} ${text(value(numbers))}`);
+  const lines = [
+    `${plain(present().base)}, mm, 1 : 1`,
+    design.linkOf(present()),
+    each?.join(", ") ?? "",
+  ];
+  design.download(
+    `${present().base}.svg`,
+    "image/svg+xml",
+    picture.drawingOf({ ...view, psi }, lines),
+  );
+}
+
+/** Have the server's robot made with these lengths, and go where it walks. */
+function walk() {
+  if (!view.numbers || !served) return;
+  const { base, changes } = present();
+  const socket = new WebSocket(`ws://${location.host}/socket`);
+  const message = JSON.stringify({ do: "build", robot: base, lengths: changes });
+  socket.addEventListener("open", () => socket.send(message));
+  socket.addEventListener("error", () => say("No connection to the program."));
+  socket.addEventListener("message", ({ data }) => {
+    const answer = JSON.parse(data);
+    if (answer.kind === "built") location.href = "/";
+    if (answer.kind === "error") say(answer.message);
+    if (answer.kind === "error" || answer.kind === "built") socket.close();
+  });
+}
+
+const BUTTONS = {
+  walk,
+  keep,
+  undo: () => step(-1),
+  redo: () => step(1),
+  original: () => settle({ base: present().base, changes: {} }),
+  back: () => settle(kept.of),
+  link: copyLink,
+  file: () =>
+    design.download(`${present().base}.json`, "application/json", design.robotFile(present())),
+  drawn: saveDrawing,
+  run: () => run(!running),
+  dead: () => turnTo(view.numbers.dead.psi),
+};
+for (const [id, act] of Object.entries(BUTTONS)) $(id).addEventListener("click", act);
+
+const KEYS = { " ": () => run(!running), a: keep, w: walk };
+const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+
+function nudge(joint, arrow, size) {
+  const [x, y] = place(view.linkage, psi).at[joint];
+  run(false);
+  move(joint, [x + size * arrow[0], y + size * arrow[1]], { ...view, psi, pixel: 0 });
+  settle(draft);
+}
+
+addEventListener("keydown", (event) => {
+  const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+  const { dataset, type } = event.target;
+  const commands = event.ctrlKey || event.metaKey;
+  const own = /^(INPUT|SELECT|BUTTON|SUMMARY|A)$/.test(event.target.tagName);
+  if (commands && /^[zy]$/.test(key) && type !== "number")
+    step(key === "y" || event.shiftKey ? 1 : -1);
+  else if (dataset.joint && ARROWS[key])
+    nudge(dataset.joint, ARROWS[key], event.shiftKey ? 10 * STEP : STEP);
+  else if (KEYS[key] && !commands && !event.altKey && !own) KEYS[key]();
+  else return;
+  event.preventDefault();
+});
+
+$("base").addEventListener("change", () => settle({ base: $("base").value, changes: {} }));
+$("angle").addEventListener("input", () => turnTo((Number($("angle").value) * Math.PI) / 180));
+$("others").addEventListener("change", touch);
+$("panel").addEventListener("submit", (event) => event.preventDefault());
+addEventListener("resize", touch);
+addEventListener("hashchange", open);
+
+/** Open the design that the page's link holds. */
+function open() {
+  try {
+    settle(design.designOf(designs, location.hash.slice(1) || firstBase));
+  } catch (error) {
+    settle(past[now] ?? { base: firstBase, changes: {} });
+    say(error.message);
+  }
+}
+
+const style = new CSSStyleSheet();
+style.replaceSync(picture.STYLE);
+document.adoptedStyleSheets = [style];
+$("walk").hidden = $("play-link").hidden = !served;
+$("base").innerHTML = Object.keys(designs)
+  .map((name) => `<option value="${name}">${plain(name)}</option>`)
+  .join("");
+$("numbers").innerHTML = NUMBERS.map(
+  ([name, meaning]) =>
+    `<div title="${meaning}"><dt>${name}</dt><dd></dd><dd class="more"></dd><dd class="kept"></dd></div>`,
+).join("");
+$("terms").innerHTML = NUMBERS.map(
+  ([name, meaning]) => `<dt>${name}</dt><dd>${meaning}.</dd>`,
+).join("");
+open();
+run(!matchMedia("(prefers-reduced-motion: reduce)").matches);

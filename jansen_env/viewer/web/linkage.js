@@ -1,0 +1,207 @@
+// Closes a one-crank linkage for any crank angle, and measures its toes' paths.
+//
+// The closure is that of jansen_env/robot/kinematics.py, the lengths' names are those of
+// jansen_env/robot/lengths.py; a test compares both with this file. Chassis frame: crank axis at the
+// origin, +x the walking direction. Metres and radians.
+//
+// A design comes from bench.py: {joints, bodies: [[name, joints] ...], kinds: of each body "Bar",
+// "Triangle" or "Plate", dyads: [[joint, start, end, branch] ...], toes, legs: [[side, phase] ...],
+// turn: angle of the frame's first edge in the frame's own axes, lengths: {name: value}}.
+
+export const SAMPLES = 720; // crank angles of a turn; the legs' phases are multiples of their step
+const STANDING = 2; // every other sample is one of zoo.py: standing_height
+export const NEAR = 0.01; // of the standing height: so far above the ground a toe is in stance
+
+const sub = ([a, b], [c, d]) => [a - c, b - d];
+const add = ([a, b], [c, d]) => [a + c, b + d];
+const times = ([a, b], [c, d]) => [a * c - b * d, a * d + b * c]; // of complex numbers
+const unit = (angle) => [Math.cos(angle), Math.sin(angle)];
+
+/** Names of a body's lengths. */
+export function lengthNames(design, body) {
+  const [name, joints] = design.bodies[body];
+  if (design.kinds[body] === "Bar") return [name];
+  if (design.kinds[body] === "Triangle")
+    return [0, 1, 2].map((k) => `${name}_${joints[k]}${joints[(k + 1) % 3]}`);
+  const others = [...joints.slice(2)].flatMap((j) => [`${name}_${j}_along`, `${name}_${j}_across`]);
+  return [`${name}_${joints.slice(0, 2)}`, ...others];
+}
+
+/** Lengths of a body by name from its joints' places; of the frame its angle, too. */
+export function lengthsOf(design, body, places) {
+  const edge = sub(places[1], places[0]);
+  const span = Math.hypot(...edge);
+  let values = [span];
+  if (design.kinds[body] === "Triangle") {
+    values = [0, 1, 2].map((k) => Math.hypot(...sub(places[(k + 1) % 3], places[k])));
+  } else if (design.kinds[body] === "Plate") {
+    const along = [edge[0] / span, -edge[1] / span];
+    for (const one of places.slice(2)) values.push(...times(sub(one, places[0]), along));
+  }
+  const found = Object.fromEntries(lengthNames(design, body).map((name, k) => [name, values[k]]));
+  if (body === 0) found.frame_angle = Math.atan2(edge[1], edge[0]) - design.turn;
+  return found;
+}
+
+/** Joints of a body in axes of its own: the first at the origin, the second on the x axis. */
+function shapeOf(design, body, lengths) {
+  const [a, ...rest] = lengthNames(design, body).map((name) => lengths[name]);
+  if (design.kinds[body] === "Bar") return [[0, 0], [a, 0]]; // biome-ignore format: a table
+  if (design.kinds[body] === "Triangle") {
+    const [b, c] = rest;
+    const x = (a * a + c * c - b * b) / (2 * a);
+    return [[0, 0], [a, 0], [x, Math.sqrt(c * c - x * x)]]; // biome-ignore format: a table
+  }
+  const others = [];
+  for (let k = 0; k < rest.length; k += 2) others.push([rest[k], rest[k + 1]]);
+  return [[0, 0], [a, 0], ...others];
+}
+
+/** A linkage of some lengths, ready for `place`; `fault`: a body whose sides form no triangle. */
+export function assemble(design, lengths) {
+  const bodies = design.bodies.map(([name, joints], body) => {
+    const points = shapeOf(design, body, lengths);
+    return { name, joints: [...joints], points: new Map(points.map((p, k) => [joints[k], p])) };
+  });
+  const between = (one, other) => {
+    const body = bodies.find(({ points }) => points.has(one) && points.has(other));
+    return { body, span: Math.hypot(...sub(body.points.get(one), body.points.get(other))) };
+  };
+  const dyads = design.dyads.map(([joint, start, end, branch]) => {
+    const [first, second] = [between(joint, start), between(joint, end)];
+    const plates = [first.body, second.body].filter((body) => body.joints.length > 2);
+    return { joint, start, end, branch, first: first.span, second: second.span, plates };
+  });
+  const fault = bodies.find(({ points }) => [...points.values()].flat().some(Number.isNaN));
+  return { design, bodies, dyads, heading: lengths.frame_angle + design.turn, fault: fault?.name };
+}
+
+/**
+ * Places of the joints of a fore leg whose crank stands at `psi`: {at: {joint: [x, y]}, open}.
+ * `open`: the dyad that does not close, with the `span` that its links cannot reach, or null.
+ */
+export function place(linkage, psi) {
+  const { bodies, dyads, heading } = linkage;
+  const at = { [bodies[1].joints[0]]: [0, 0] };
+  addJoints(at, bodies[0], unit(heading));
+  addJoints(at, bodies[1], unit(psi));
+  for (const dyad of dyads) {
+    const { joint, start, end, branch, first, second, plates } = dyad;
+    const [dx, dy] = sub(at[end], at[start]);
+    const span = Math.hypot(dx, dy);
+    const along = (span ** 2 + first ** 2 - second ** 2) / (2 * span);
+    const across2 = first ** 2 - along ** 2;
+    if (!(across2 > 0)) return { at, open: { ...dyad, span, psi } };
+    const leg = [along / span, (branch * Math.sqrt(across2)) / span];
+    at[joint] = add(at[start], times([dx, dy], leg));
+    for (const body of plates) {
+      const [i, j] = body.joints.filter((one) => one in at);
+      const [u, v] = sub(body.points.get(j), body.points.get(i));
+      const turned = times(sub(at[j], at[i]), [u, -v]);
+      const length = Math.hypot(...turned);
+      addJoints(at, body, [turned[0] / length, turned[1] / length]);
+    }
+  }
+  return { at, open: null };
+}
+
+/** Add the joints of a body whose direction is known, and one of its joints. */
+function addJoints(at, { joints, points }, direction) {
+  const known = joints.find((joint) => joint in at);
+  for (const joint of joints) {
+    if (joint in at) continue;
+    at[joint] = add(at[known], times(sub(points.get(joint), points.get(known)), direction));
+  }
+}
+
+/** Places of a leg of the robot at crank angle `psi`; a back leg is mirrored. */
+export function placeLeg(linkage, [side, phase], psi) {
+  if (side === "fore") return place(linkage, psi + phase);
+  const { at, open } = place(linkage, Math.PI - psi - phase);
+  for (const joint of Object.keys(at)) at[joint] = [-at[joint][0], at[joint][1]];
+  return { at, open };
+}
+
+/** Crank angle of a sample. */
+export function angleOf(k) {
+  return -Math.PI + (2 * Math.PI * k) / SAMPLES;
+}
+
+/** A fore leg over a turn. */
+export function turnOf(linkage) {
+  return Array.from({ length: SAMPLES }, (_, k) => place(linkage, angleOf(k)));
+}
+
+/** The samples at which a turn does not close: {joint, ..., worst's span, from, to}, or null. */
+export function openingOf(turn) {
+  const open = turn.map((one) => one.open);
+  if (!open.some(Boolean)) return null;
+  const lack = ({ span, first, second }) =>
+    Math.max(span - first - second, Math.abs(first - second) - span);
+  const worst = open.filter(Boolean).reduce((a, b) => (lack(b) > lack(a) ? b : a));
+  const at = open.indexOf(worst);
+  const past = (k) => (k + SAMPLES) % SAMPLES;
+  let [from, to] = [at, at];
+  while (open[past(from - 1)] && at - from < SAMPLES) from -= 1;
+  while (open[past(to + 1)] && to - at < SAMPLES) to += 1;
+  return { ...worst, whole: to - from >= SAMPLES, from: angleOf(from), to: angleOf(to) };
+}
+
+/**
+ * Numbers of a robot that is kept level and stands on its lowest toe, over a turn that closes.
+ *
+ * {standing: mean height of the crank axis; heave: range of this height; lift: the most that a toe
+ * comes above the lowest one; advance: in a counter-clockwise turn; stance: share of the turn in
+ * which a toe is on the ground, mean of all toes; grounded: for each toe of the first leg, whether
+ * it is at each sample; dead: {sine, joint, psi} where two links come nearest to one line}.
+ */
+export function measure(design, turn) {
+  const toes = pathsOf(design, turn);
+  const lowest = turn.map((_, k) => Math.min(...toes.map((toe) => toe[k][1])));
+  const highest = turn.map((_, k) => Math.max(...toes.map((toe) => toe[k][1])));
+  const sampled = lowest.filter((_, k) => k % STANDING === 0);
+  const standing = -sampled.reduce((sum, y) => sum + y, 0) / sampled.length;
+  const grounded = toes.map((toe) => toe.map(([, y], k) => y - lowest[k] <= NEAR * standing));
+  let advance = 0;
+  for (let k = 0; k < SAMPLES; k++) {
+    const next = (k + 1) % SAMPLES;
+    const height = (toe) => toe[k][1] + toe[next][1];
+    const foot = toes.reduce((a, b) => (height(b) < height(a) ? b : a));
+    advance -= foot[next][0] - foot[k][0];
+  }
+  return {
+    standing,
+    heave: Math.max(...lowest) - Math.min(...lowest),
+    lift: Math.max(...highest.map((y, k) => y - lowest[k])),
+    advance,
+    stance: grounded.flat().filter(Boolean).length / (SAMPLES * toes.length),
+    grounded: grounded.slice(0, design.toes.length),
+    dead: deadPoint(design, turn),
+  };
+}
+
+/** Paths of all toes, leg by leg: at each sample [x, y]. */
+function pathsOf({ legs, toes }, turn) {
+  return legs.flatMap(([side, phase]) => {
+    const ahead = Math.round((phase / (2 * Math.PI)) * SAMPLES);
+    const fore = side === "fore";
+    const sample = (k) => ((fore ? k + ahead : 1.5 * SAMPLES - k - ahead) + 2 * SAMPLES) % SAMPLES;
+    return [...toes].map((toe) =>
+      turn.map((_, k) => {
+        const [x, y] = turn[sample(k)].at[toe];
+        return [fore ? x : -x, y];
+      }),
+    );
+  });
+}
+
+function deadPoint(design, turn) {
+  let found = { sine: Number.POSITIVE_INFINITY };
+  for (const [joint, start, end] of design.dyads)
+    turn.forEach(({ at }, k) => {
+      const [[a, b], [c, d]] = [sub(at[joint], at[start]), sub(at[joint], at[end])];
+      const sine = Math.abs(a * d - b * c) / (Math.hypot(a, b) * Math.hypot(c, d));
+      if (sine < found.sine) found = { sine, joint, psi: angleOf(k) };
+    });
+  return found;
+}

@@ -1,0 +1,324 @@
+"""The bench in a real Chromium: against a real server, and as one file without any."""
+
+import json
+import math
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+pytest.importorskip("websockets", reason="the extra 'play' is not installed")
+
+from jansen_env.robot import ROBOTS
+from jansen_env.robot.kinematics import (
+    advance_per_turn,
+    joint_positions,
+    nearest_dead_point,
+    toe_positions,
+)
+from jansen_env.robot.lengths import lengths, with_lengths
+from jansen_env.robot.robot_file import read_robot
+from jansen_env.robot.zoo import standing_height
+from jansen_env.viewer.web.bench import bench_page, design_of, write_bench
+
+WAIT = 10_000  # ms
+STILL = {"viewport": {"width": 1400, "height": 900}, "reduced_motion": "reduce"}
+SAMPLES = 720
+NEAR = 0.01  # of the standing height
+CHANGED = {"rocker": 0.24, "foot_CE": 0.26, "frame_angle": 0.2, "crank": 0.1}
+
+
+@pytest.fixture
+def window(open_window, served):
+    """The bench of a running program."""
+    found = open_window(**STILL)
+    found.page.goto(f"http://{served[1]}/bench#paper")
+    found.host = served[1]
+    return found
+
+
+@pytest.fixture
+def alone(open_window, tmp_path):
+    """A function to the window of the bench's file, with a link's fragment."""
+
+    def opened(fragment="paper", **options):
+        path = write_bench(tmp_path / "bench.html")
+        found = open_window(**{**STILL, **options}, offline=True, accept_downloads=True)
+        found.page.goto(f"{path.as_uri()}#{fragment}")
+        return found
+
+    return opened
+
+
+def number(page, name):
+    """A number of the page, without its unit."""
+    text = page.locator(f"#numbers div:has(dt:text-is('{name}')) dd").first.text_content()
+    return float(text.split(" ")[0].rstrip("°"))
+
+
+def fragment(page):
+    return page.evaluate("location.hash.slice(1)")
+
+
+def reads(page, name, pattern, timeout=WAIT):
+    """Wait until an element's text matches a pattern."""
+    from playwright.sync_api import expect
+
+    expect(page.locator(f"#{name}")).to_have_text(re.compile(pattern), timeout=timeout)
+
+
+def says(page, pattern):
+    reads(page, "message", pattern)
+
+
+def handle(page, joint):
+    """A joint, and where it is on the page."""
+    found = page.locator(f'.handle[data-joint="{joint}"]')
+    box = found.locator("circle").bounding_box()
+    return found, box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+
+
+def drag(page, joint, right, down):
+    _, x, y = handle(page, joint)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 0.5 * right, y + 0.5 * down)
+    page.mouse.move(x + right, y + down)
+    page.mouse.up()
+
+
+def numbers_of(robot):
+    """What the page's `measure` gives, by the package's own functions."""
+    psi = -math.pi + 2.0 * math.pi / SAMPLES * np.arange(SAMPLES)
+    heights = toe_positions(robot, psi)[..., 1]
+    lowest = heights.min(axis=1)
+    standing = standing_height(robot)
+    return {
+        "standing": standing,
+        "heave": np.ptp(lowest),
+        "lift": (heights.max(axis=1) - lowest).max(),
+        "advance": advance_per_turn(robot),
+        "stance": (heights - lowest[:, None] <= NEAR * standing).mean(),
+    }
+
+
+def changed_at_random(robot, rng):
+    """The robot with lengths that differ by 1 % or so."""
+    own = lengths(robot)
+    return with_lengths(robot, {name: v * rng.uniform(0.99, 1.01) for name, v in own.items()})
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_pages_numbers_are_the_packages(window, name):
+    """Joints and numbers of every design, and of one with all lengths changed, to 1e-9."""
+    for robot in (ROBOTS[name](), changed_at_random(ROBOTS[name](), np.random.default_rng(0))):
+        angles = np.linspace(-7.0, 7.0, 50)
+        places, numbers, again = window.page.evaluate(
+            """async ([design, angles]) => {
+              const { assemble, lengthsOf, measure, place, turnOf } = await import("/linkage.js");
+              const linkage = assemble(design, design.lengths);
+              const placed = (psi) => [...design.joints].map((j) => place(linkage, psi).at[j]);
+              const { at } = place(linkage, 1);
+              const again = Object.assign({}, ...linkage.bodies.map(({ joints }, k) =>
+                lengthsOf(design, k, joints.map((joint) => at[joint]))));
+              return [angles.map(placed), measure(design, turnOf(linkage)), again];
+            }""",
+            [design_of(robot), angles.tolist()],
+        )
+        np.testing.assert_allclose(places, joint_positions(robot, "fore", angles), atol=1e-9)
+        expected = numbers_of(robot)
+        assert {key: numbers[key] for key in expected} == pytest.approx(expected, abs=1e-9)
+        assert again == pytest.approx(lengths(robot), abs=1e-9)
+        sine, _, _ = nearest_dead_point(robot)
+        assert numbers["dead"]["sine"] == pytest.approx(sine, abs=1e-9)
+        if name not in ("klann", "strider"):  # which have two alike
+            assert [numbers["dead"]["joint"], pytest.approx(numbers["dead"]["psi"])] == list(
+                nearest_dead_point(robot)[1:]
+            )
+
+
+def test_a_joint_is_dragged_and_the_path_follows(window):
+    """Only the lengths that meet in it change; undone and done again by keys."""
+    page = window.page
+    before = page.locator("#drawing .path").get_attribute("d"), number(page, "lift")
+    drag(page, "C", 6, -4)
+    assert page.locator("#drawing .path").get_attribute("d") != before[0]
+    assert number(page, "lift") != before[1]
+    names = {part.split("=")[0] for part in fragment(page).split("&")[1:]}
+    assert names == {"rocker", "lower_rod", "foot_CE", "foot_TC"}
+    moved = fragment(page)
+    page.keyboard.press("Control+z")
+    assert fragment(page) == "paper" and number(page, "lift") == before[1]
+    page.keyboard.press("Control+Shift+z")
+    assert fragment(page) == moved
+    page.locator("#undo").click()
+    assert page.locator("#undo").is_disabled() and fragment(page) == "paper"
+
+
+def test_pivots_and_the_crank_pin_are_dragged(window):
+    """The pivot changes the frame alone; the pin turns the crank, and makes it longer if pulled."""
+    page = window.page
+    drag(page, "P", 5, 10)
+    names = {part.split("=")[0] for part in fragment(page).split("&")[1:]}
+    assert names == {"frame", "frame_angle"}
+    page.locator("#original").click()
+    drag(page, "A", 3, 30)
+    assert fragment(page) == "paper" and page.locator("#angle-value").text_content() != "180°"
+    drag(page, "A", -30, 0)
+    assert fragment(page).startswith("paper&crank=")
+
+
+def test_what_does_not_close_is_said_and_drawn(window):
+    """Where, and by which links; there is no walk then."""
+    page = window.page
+    page.locator("#length-rocker + input").fill("150")
+    page.keyboard.press("Tab")
+    says(page, r"^Joint C does not close from \d+° to \d+° of the crank: links of \d+\.\d mm")
+    assert page.locator("#drawing .gap").count() >= 1 and page.locator("#walk").is_disabled()
+    with pytest.raises(ValueError, match="joint C does not close"):
+        joint_positions(with_lengths(ROBOTS["paper"](), {"rocker": 0.15}), "fore", [*range(7)])
+    page.locator("#length-foot_CE + input").fill("900")
+    page.keyboard.press("Tab")
+    says(page, "^The three sides of foot form no triangle.$")
+    page.locator("#length-foot_CE + input").fill("-1")
+    page.keyboard.press("Tab")
+    says(page, "^foot CE must be from 0.01 to 10000 mm.$")
+
+
+def test_everything_by_keys(window):
+    """Joints by arrows, a slider, the crank, A, and the difference from it."""
+    page = window.page
+    page.keyboard.press("a")
+    handle(page, "E")[0].focus()
+    page.keyboard.press("ArrowUp")
+    page.keyboard.press("Shift+ArrowLeft")
+    names = {part.split("=")[0] for part in fragment(page).split("&")[1:]}
+    assert names == {"coupler", "foot_CE", "foot_ET"}
+    page.locator("#length-rocker").focus()
+    page.keyboard.press("ArrowRight")
+    assert "rocker=23" in fragment(page)
+    assert re.match(
+        r"^A 88\.4 mm, [+\u2212]\d", page.locator("#numbers .kept").first.text_content()
+    )
+    assert page.locator("#drawing .kept").count() == 1
+    page.keyboard.press("Escape")
+    page.locator("body").click(position={"x": 3, "y": 3})
+    angle = page.locator("#angle-value").text_content()
+    page.keyboard.press(" ")
+    reads(page, "angle-value", f"^(?!{angle})")
+    page.keyboard.press(" ")
+    page.locator("#back").click()
+    assert fragment(page) == "paper"
+    nameless = page.evaluate(
+        """() => [...document.querySelectorAll("button, select, input, a, .handle")]
+          .filter((one) => !one.ariaLabel && !one.labels?.length && !one.textContent.trim())
+          .length"""
+    )
+    assert nameless == 0
+
+
+def test_a_link_holds_the_design(alone):
+    """Exactly; one that is wrong is refused in one line."""
+    page = alone("klann&rod_AD=470&foot_T_across=-220.55&frame_angle=-3.25").page
+    assert fragment(page) == "klann&rod_AD=470&foot_T_across=-220.55&frame_angle=-3.25"
+    assert page.locator("#base").input_value() == "klann"
+    for wrong, text in {
+        "wheel": "no robot of this page",
+        "paper&wheels=4": '"wheels=4", which is no length of paper',
+        "paper&rocker=1e3": "rocker=1e3",
+        "paper&rocker=-5": "rocker must be from 0.01 to 10000 mm",
+        "paper&rocker=99999": "rocker must be from",
+        "paper&rocker=<img>": "is no length of paper",
+        "paper" + 900 * "&x=1": "is no length of paper",
+        "%": "no robot",
+    }.items():
+        page.evaluate("location.hash = ''")
+        page.evaluate("text => { location.hash = text; }", wrong)
+        says(page, re.escape(text))
+        assert "=" not in fragment(page) or fragment(page).startswith("klann")
+
+
+def test_files_are_taken_away(alone, tmp_path):
+    """A robot file that Python reads, and a drawing with all lengths."""
+    page = alone("built&rocker=240.5&foot_CE=250&frame_angle=9").page
+    with page.expect_download() as robot:
+        page.locator("#file").click()
+    robot.value.save_as(tmp_path / "robot.json")
+    changed = {"rocker": 0.2405, "foot_CE": 0.25, "frame_angle": math.radians(9.0)}
+    expected = with_lengths(ROBOTS["built"](), changed)
+    assert lengths(read_robot(tmp_path / "robot.json")) == pytest.approx(lengths(expected))
+    with page.expect_download() as drawing:
+        page.locator("#drawn").click()
+    drawing.value.save_as(tmp_path / "drawing.svg")
+    text = (tmp_path / "drawing.svg").read_text()
+    assert text.startswith("<svg ") and ">240.50</text>" in text and ">383.22</text>" in text
+
+
+def test_the_file_needs_nothing(alone):
+    """No network, no server, nothing but itself; and it cannot walk."""
+    found = alone("strider")
+    assert number(found.page, "advance") == pytest.approx(1714.6)
+    assert not found.page.locator("#walk").is_visible()
+    assert len(found.requests) == 1 and found.requests[0].startswith("file://")
+    text = bench_page()
+    assert "unsafe" not in text and not re.search(r"\bsrc=|@import|url\(|\bfetch\(|eval\(", text)
+
+
+def test_it_walks_with_the_new_lengths(window):
+    """The play page shows them walking, and leads back to them; a replay is a file."""
+    page, heard = window.page, {}
+
+    def keep(frame):
+        message = json.loads(frame)
+        heard[message["kind"]] = message
+
+    page.on("websocket", lambda socket: socket.on("framereceived", keep))
+    page.goto(f"http://{window.host}/bench#klann&rod_AD=470")
+    page.reload()
+    page.locator("#walk").click()
+    page.wait_for_url(f"http://{window.host}/", timeout=WAIT)
+    reads(page, "distance", r"^(0\.[3-9]|[1-9])", 2 * WAIT)
+    assert heard["scene"]["lengths"] == {"rod_AD": 0.47}
+    assert heard["scene"]["choices"]["robot"] == "klann"
+    with page.expect_download() as replay:
+        page.locator("#replay").click()
+    assert "Content-Security-Policy" in replay.value.path().read_text()
+    page.locator("#bench").click()
+    page.wait_for_url(f"http://{window.host}/bench#klann&rod_AD=470", timeout=WAIT)
+
+
+def test_on_a_phone_by_touch(alone):
+    """Nothing is wider than the screen, and everything large enough for a finger."""
+    phone = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
+    page = alone("paper", **phone, color_scheme="dark").page
+    assert page.evaluate("document.documentElement.scrollWidth") == 360
+    small = page.evaluate(
+        """() => [...document.querySelectorAll("button, select, input, .check")]
+          .filter((one) => one.type !== "checkbox")
+          .filter((one) => one.offsetParent && one.getBoundingClientRect().height < 43.9)
+          .map((one) => one.outerHTML)"""
+    )
+    assert small == []
+    found, x, y = handle(page, "T")
+    assert found.locator("circle").bounding_box()["width"] == pytest.approx(44, abs=1)
+    point = {"bubbles": True, "pointerId": 1, "clientX": x, "clientY": y, "button": 0}
+    page.evaluate("Element.prototype.setPointerCapture = () => {}")
+    found.dispatch_event("pointerdown", point)
+    page.locator("#picture").dispatch_event("pointermove", {**point, "clientX": x + 4})
+    page.locator("#picture").dispatch_event("pointerup", point)
+    assert {part.split("=")[0] for part in fragment(page).split("&")[1:]} == {"foot_ET", "foot_TC"}
+
+
+def test_the_command_writes_the_file(tmp_path):
+    """With one line about a folder that cannot be written."""
+    command = [sys.executable, "-m", "jansen_env.play", "--bench-file"]
+    path = tmp_path / "bench.html"
+    subprocess.run([*command, path], check=True, capture_output=True)
+    assert path.read_text() == bench_page()
+    (tmp_path / "file").touch()
+    result = subprocess.run(
+        [*command, tmp_path / "file" / "x.html"], capture_output=True, text=True
+    )
+    assert result.returncode == 2 and "--bench-file is" in result.stderr.splitlines()[-1]

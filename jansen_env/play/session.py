@@ -38,7 +38,7 @@ LONGEST_REPLAY = 60.0  # s
 LONGEST_GAP = 0.25  # s: after a longer pause of the program the robot's time has stood still
 MESSAGE_TIME = 6.0  # s for which a message is shown
 TORQUE_RATE, RELEASE_RATE = 3.0, 8.0  # 1/s, of the torque while a key is held, and after it
-FIRST_COMMAND = 0.25  # of the top speed, when a policy takes over
+FIRST_COMMAND, STEADY_COMMAND = 0.25, 0.5  # of the top speed, when a policy or the PID takes over
 COMMAND_RATE = 0.5  # 1/s, of a policy's command while a key is held
 ARRAYS = ("q", "contact_force", "contact_point", "contact_tangent", "slipping")  # of a frame
 
@@ -319,7 +319,8 @@ class Session:
     def _take_control(self, policy: Policy | None, name: str) -> None:
         """Let a policy walk, or None: the hand."""
         if self._choices["control"] != name or self._env is None:
-            self.input = 0.0 if policy is None else FIRST_COMMAND
+            first = STEADY_COMMAND if name == STEADY else FIRST_COMMAND
+            self.input = 0.0 if policy is None else first
             self._held, self._returns = 0, False
         self._policy, self._memory, self._fresh = policy, None, True
         self._choices["control"] = name

@@ -278,7 +278,8 @@ def test_it_walks_with_the_new_lengths(window):
     page.goto(f"http://{window.host}/bench#klann&rod_AD=470")
     page.reload()
     page.locator("#walk").click()
-    page.wait_for_url(f"http://{window.host}/", timeout=WAIT)
+    page.wait_for_url(f"http://{window.host}/#walk", timeout=WAIT)
+    assert not page.locator("#help").is_visible()
     reads(page, "distance", r"^(0\.[3-9]|[1-9])", 2 * WAIT)
     assert heard["scene"]["lengths"] == {"rod_AD": 0.47}
     assert heard["scene"]["choices"]["robot"] == "klann"

@@ -13,12 +13,8 @@ const STICKY = 7; // pixels, by which the crank's pin may leave its circle befor
 const TOUCH = 22; // pixels around a joint
 const FLIPPED = 0.002; // m, by which a joint may miss the pointer, or it would snap to the other side
 
-const {
-  served,
-  base: firstBase,
-  designs,
-} = JSON.parse(document.getElementById("data").textContent);
 const $ = (id) => document.getElementById(id);
+const { served, base: first, designs } = JSON.parse($("data").textContent);
 const svg = $("picture");
 const plain = (name) => name.replaceAll("_", " ");
 const mm = (value) => `${(1000 * value).toFixed(1)} mm`;
@@ -43,7 +39,7 @@ const past = []; // designs, to undo and redo
 let now = -1; // which of them is the present one
 let draft = null; // the present design while something is dragged
 let view = {}; // of the present design: see bench_picture.js
-let kept = null; // the view that is A
+let kept = null; // the view that is A, with its `paths`
 let psi = angleOf(0);
 let running = false;
 let last = 0; // ms, of the frame before
@@ -55,33 +51,24 @@ const present = () => draft ?? past[now];
 
 // What is shown.
 
-/** What is known of a design, as bench_picture.js has it, and the design itself. */
-function worked(worker) {
-  const own = designs[worker.base];
-  const lengths = { ...own.lengths, ...worker.changes };
+/** Work out the present design, as bench_picture.js has it, and show it. */
+function rework() {
+  const of = present();
+  const own = designs[of.base];
+  const lengths = { ...own.lengths, ...of.changes };
   const linkage = assemble(own, lengths);
   const turn = turnOf(linkage);
   const opening = openingOf(turn);
-  return {
-    of: worker,
-    lengths,
-    linkage,
-    turn,
-    opening,
-    numbers: opening ? null : measure(own, turn),
-  };
-}
-
-function rework() {
-  view = { ...view, ...worked(present()) };
+  const numbers = opening ? null : measure(own, turn);
+  view = { ...view, of, lengths, linkage, turn, opening, numbers };
   showNumbers();
   showLengths();
   showMessage();
   $("undo").disabled = now === 0;
   $("redo").disabled = now === past.length - 1;
-  $("original").disabled = Object.keys(present().changes).length === 0;
-  $("back").disabled = !kept || design.linkOf(kept.of) === design.linkOf(present());
-  $("walk").disabled = $("dead").disabled = !view.numbers;
+  $("original").disabled = Object.keys(of.changes).length === 0;
+  $("back").disabled = !kept || design.linkOf(kept.of) === design.linkOf(of);
+  for (const id of ["walk", "dead", "drawn"]) $(id).disabled = !numbers;
   touch();
 }
 
@@ -114,14 +101,11 @@ function frame(time) {
   last = time;
   const { width, height } = view.box;
   Object.assign(view, { psi, pixel: Math.max(width / svg.clientWidth, height / svg.clientHeight) });
-  const ghost = kept && picture.toePaths(kept.linkage.design, kept.turn);
-  $("drawing").innerHTML = picture.pictureOf(view, $("others").checked, ghost ?? []);
+  $("drawing").innerHTML = picture.pictureOf(view, $("others").checked, kept?.paths);
   const { at } = place(view.linkage, psi);
   for (const handle of $("handles").children) {
-    const [x, y] = at[handle.dataset.joint] ?? [Number.NaN];
-    handle.toggleAttribute("hidden", Number.isNaN(x));
-    const where = `translate(${1000 * x} ${-1000 * y}) scale(${view.pixel})`;
-    if (!Number.isNaN(x)) handle.setAttribute("transform", where);
+    const [x, y] = at[handle.dataset.joint] ?? [1e9, 0]; // out of sight
+    handle.setAttribute("transform", `translate(${1000 * x} ${-1000 * y}) scale(${view.pixel})`);
   }
   if (!$("angle").matches(":active")) $("angle").value = Number.parseInt(degrees(psi), 10);
   $("angle-value").textContent = degrees(psi);
@@ -129,14 +113,14 @@ function frame(time) {
 
 function showNumbers() {
   NUMBERS.forEach(([, , value, text, more], k) => {
-    const [, first, second, third] = $("numbers").children[k].children;
+    const [, main, detail, compared] = $("numbers").children[k].children;
     const [own, other] = [view.numbers, kept?.numbers].map((n) => n && value(n));
-    first.textContent = view.numbers ? text(own) : "–";
-    second.textContent = view.numbers && more ? more(view.numbers) : "";
+    main.textContent = view.numbers ? text(own) : "–";
+    detail.textContent = view.numbers && more ? more(view.numbers) : "";
     const change = view.numbers
-      ? `, ${own < other ? "−" : "+"}${Number.parseFloat(text(Math.abs(own - other)))}`
+      ? `, ${own < other ? "−" : "+"}${text(Math.abs(own - other)).split(/[ °]/)[0]}`
       : "";
-    third.textContent = kept?.numbers ? `A ${text(other)}${change}` : "";
+    compared.textContent = kept?.numbers ? `A ${text(other)}${change}` : "";
   });
 }
 
@@ -144,11 +128,10 @@ function showNumbers() {
 function faultOf({ linkage, opening }) {
   if (linkage.fault) return `The three sides of ${plain(linkage.fault)} form no triangle.`;
   if (!opening) return "";
-  const { joint, whole, from, to, first, second, span } = opening;
-  const where = whole
-    ? "at any crank angle"
-    : `from ${degrees(from)} to ${degrees(to)} of the crank`;
-  return `Joint ${joint} does not close ${where}: links of ${mm(first)} and ${mm(second)} cannot span ${mm(span)}.`;
+  const { joint, whole, from, to, span } = opening;
+  const where = whole ? "at any angle" : `from ${degrees(from)} to ${degrees(to)}`;
+  const links = `${mm(opening.first)} and ${mm(opening.second)}`;
+  return `Joint ${joint} does not close ${where} of the crank: links of ${links} cannot span ${mm(span)}.`;
 }
 
 function showMessage() {
@@ -221,24 +204,20 @@ function move(joint, to, from) {
   const { bodies, design: own } = from.linkage;
   const { at } = place(from.linkage, from.psi);
   const moved = { ...at, [joint]: to };
-  const lengthsWith = (k) =>
-    lengthsOf(
-      own,
-      k,
-      bodies[k].joints.map((one) => moved[one]),
-    );
-  const holding = [...bodies.keys()].filter(
-    (k) => bodies[k].joints.every((one) => moved[one]) && bodies[k].joints.includes(joint),
-  );
-  if (holding.includes(1)) {
+  const placesOf = (k) => bodies[k].joints.map((one) => moved[one]);
+  const all = [...bodies.keys()].filter((k) => bodies[k].joints.includes(joint));
+  const holding = all[0] < 2 ? all.slice(0, 1) : all; // of frame and crank nothing but these
+  if (!holding.flatMap(placesOf).every(Boolean)) return; // a joint that is nowhere
+  const lengths = Object.assign({}, ...holding.map((k) => lengthsOf(own, k, placesOf(k))));
+  if (all[0] === 1) {
     psi = Math.atan2(to[1], to[0]);
     const away = Math.abs(Math.hypot(...to) - Math.hypot(...at[joint]));
-    return attempt(1000 * away < STICKY * view.pixel ? {} : lengthsWith(1), from.of);
+    if (1000 * away < STICKY * from.pixel) return attempt({}, from.of);
+  } else if (all[0] > 1) {
+    const [x, y] = place(assemble(own, { ...from.lengths, ...lengths }), from.psi).at[joint] ?? [];
+    if (!(Math.hypot(x - to[0], y - to[1]) < FLIPPED)) return;
   }
-  if (holding.includes(0)) return attempt(lengthsWith(0), from.of);
-  const lengths = Object.assign({}, ...holding.map(lengthsWith));
-  const [x, y] = place(assemble(own, { ...from.lengths, ...lengths }), from.psi).at[joint] ?? [];
-  if (Math.hypot(x - to[0], y - to[1]) < FLIPPED) attempt(lengths, from.of);
+  attempt(lengths, from.of);
 }
 
 function pointOf({ clientX, clientY }) {
@@ -291,7 +270,7 @@ function step(way) {
 }
 
 function keep() {
-  kept = { ...view };
+  kept = { ...view, paths: picture.toePaths(view.linkage.design, view.turn) };
   rework();
 }
 
@@ -304,18 +283,15 @@ function copyLink() {
 }
 
 function saveDrawing() {
-  const { numbers } = view;
-  const each = numbers && NUMBERS.map(([name, , value, text]) => `${name} ${text(value(numbers))}`);
-  const lines = [
-    `${plain(present().base)}, mm, 1 : 1`,
-    design.linkOf(present()),
-    each?.join(", ") ?? "",
-  ];
-  design.download(
-    `${present().base}.svg`,
-    "image/svg+xml",
-    picture.drawingOf({ ...view, psi }, lines),
-  );
+  const { base } = present();
+  const each = NUMBERS.map(([name, , value, text]) => `${name} ${text(value(view.numbers))}`);
+  const lines = [`${plain(base)}, mm, 1 : 1`, design.linkOf(present()), each.join(", ")];
+  design.download(`${base}.svg`, "image/svg+xml", picture.drawingOf(view, lines));
+}
+
+function saveRobot() {
+  const text = design.robotFile(present());
+  design.download(`${present().base}.json`, "application/json", text);
 }
 
 /** Have the server's robot made with these lengths, and go where it walks. */
@@ -328,7 +304,7 @@ function walk() {
   socket.addEventListener("error", () => say("No connection to the program."));
   socket.addEventListener("message", ({ data }) => {
     const answer = JSON.parse(data);
-    if (answer.kind === "built") location.href = "/";
+    if (answer.kind === "built") location.href = "/#walk";
     if (answer.kind === "error") say(answer.message);
     if (answer.kind === "error" || answer.kind === "built") socket.close();
   });
@@ -342,8 +318,7 @@ const BUTTONS = {
   original: () => settle({ base: present().base, changes: {} }),
   back: () => settle(kept.of),
   link: copyLink,
-  file: () =>
-    design.download(`${present().base}.json`, "application/json", design.robotFile(present())),
+  file: saveRobot,
   drawn: saveDrawing,
   run: () => run(!running),
   dead: () => turnTo(view.numbers.dead.psi),
@@ -360,18 +335,25 @@ function nudge(joint, arrow, size) {
   settle(draft);
 }
 
+/** Whether a key is the focused element's own: letters of a list, the space bar of a button. */
+function taken(key, { tagName, type }) {
+  if (key === " " && /^(INPUT|BUTTON|SUMMARY)$/.test(tagName)) return true;
+  return tagName === "SELECT" || type === "number";
+}
+
+function actionOf(key, { target, shiftKey, ctrlKey, metaKey }) {
+  const { joint } = target.dataset;
+  if (ctrlKey || metaKey) return { z: () => step(shiftKey ? 1 : -1), y: () => step(1) }[key];
+  if (!joint || !ARROWS[key]) return KEYS[key];
+  return () => nudge(joint, ARROWS[key], shiftKey ? 10 * STEP : STEP);
+}
+
 addEventListener("keydown", (event) => {
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-  const { dataset, type } = event.target;
-  const commands = event.ctrlKey || event.metaKey;
-  const own = /^(INPUT|SELECT|BUTTON|SUMMARY|A)$/.test(event.target.tagName);
-  if (commands && /^[zy]$/.test(key) && type !== "number")
-    step(key === "y" || event.shiftKey ? 1 : -1);
-  else if (dataset.joint && ARROWS[key])
-    nudge(dataset.joint, ARROWS[key], event.shiftKey ? 10 * STEP : STEP);
-  else if (KEYS[key] && !commands && !event.altKey && !own) KEYS[key]();
-  else return;
+  const act = taken(key, event.target) || event.altKey ? null : actionOf(key, event);
+  if (!act) return;
   event.preventDefault();
+  act();
 });
 
 $("base").addEventListener("change", () => settle({ base: $("base").value, changes: {} }));
@@ -384,9 +366,9 @@ addEventListener("hashchange", open);
 /** Open the design that the page's link holds. */
 function open() {
   try {
-    settle(design.designOf(designs, location.hash.slice(1) || firstBase));
+    settle(design.designOf(designs, location.hash.slice(1) || first));
   } catch (error) {
-    settle(past[now] ?? { base: firstBase, changes: {} });
+    settle(past[now] ?? { base: first, changes: {} });
     say(error.message);
   }
 }

@@ -9,8 +9,7 @@
 // turn: angle of the frame's first edge in the frame's own axes, lengths: {name: value}}.
 
 export const SAMPLES = 720; // crank angles of a turn; the legs' phases are multiples of their step
-const STANDING = 2; // every other sample is one of zoo.py: standing_height
-export const NEAR = 0.01; // of the standing height: so far above the ground a toe is in stance
+const NEAR = 0.01; // of the standing height: so far above the ground a toe is in stance
 
 const sub = ([a, b], [c, d]) => [a - c, b - d];
 const add = ([a, b], [c, d]) => [a + c, b + d];
@@ -18,7 +17,7 @@ const times = ([a, b], [c, d]) => [a * c - b * d, a * d + b * c]; // of complex 
 const unit = (angle) => [Math.cos(angle), Math.sin(angle)];
 
 /** Names of a body's lengths. */
-export function lengthNames(design, body) {
+function lengthNames(design, body) {
   const [name, joints] = design.bodies[body];
   if (design.kinds[body] === "Bar") return [name];
   if (design.kinds[body] === "Triangle")
@@ -46,15 +45,13 @@ export function lengthsOf(design, body, places) {
 /** Joints of a body in axes of its own: the first at the origin, the second on the x axis. */
 function shapeOf(design, body, lengths) {
   const [a, ...rest] = lengthNames(design, body).map((name) => lengths[name]);
-  if (design.kinds[body] === "Bar") return [[0, 0], [a, 0]]; // biome-ignore format: a table
+  const points = [[0, 0], [a, 0]]; // biome-ignore format: pairs
   if (design.kinds[body] === "Triangle") {
     const [b, c] = rest;
     const x = (a * a + c * c - b * b) / (2 * a);
-    return [[0, 0], [a, 0], [x, Math.sqrt(c * c - x * x)]]; // biome-ignore format: a table
-  }
-  const others = [];
-  for (let k = 0; k < rest.length; k += 2) others.push([rest[k], rest[k + 1]]);
-  return [[0, 0], [a, 0], ...others];
+    points.push([x, Math.sqrt(c * c - x * x)]);
+  } else for (let k = 0; k < rest.length; k += 2) points.push([rest[k], rest[k + 1]]);
+  return points;
 }
 
 /** A linkage of some lengths, ready for `place`; `fault`: a body whose sides form no triangle. */
@@ -72,8 +69,8 @@ export function assemble(design, lengths) {
     const plates = [first.body, second.body].filter((body) => body.joints.length > 2);
     return { joint, start, end, branch, first: first.span, second: second.span, plates };
   });
-  const fault = bodies.find(({ points }) => [...points.values()].flat().some(Number.isNaN));
-  return { design, bodies, dyads, heading: lengths.frame_angle + design.turn, fault: fault?.name };
+  const fault = bodies.find(({ points }) => [...points.values()].flat().some(Number.isNaN))?.name;
+  return { design, bodies, dyads, heading: lengths.frame_angle + design.turn, fault };
 }
 
 /**
@@ -97,9 +94,8 @@ export function place(linkage, psi) {
     for (const body of plates) {
       const [i, j] = body.joints.filter((one) => one in at);
       const [u, v] = sub(body.points.get(j), body.points.get(i));
-      const turned = times(sub(at[j], at[i]), [u, -v]);
-      const length = Math.hypot(...turned);
-      addJoints(at, body, [turned[0] / length, turned[1] / length]);
+      const length2 = u * u + v * v;
+      addJoints(at, body, times(sub(at[j], at[i]), [u / length2, -v / length2]));
     }
   }
   return { at, open: null };
@@ -123,28 +119,25 @@ export function placeLeg(linkage, [side, phase], psi) {
 }
 
 /** Crank angle of a sample. */
-export function angleOf(k) {
-  return -Math.PI + (2 * Math.PI * k) / SAMPLES;
-}
+export const angleOf = (k) => -Math.PI + (2 * Math.PI * k) / SAMPLES;
 
-/** A fore leg over a turn. */
-export function turnOf(linkage) {
-  return Array.from({ length: SAMPLES }, (_, k) => place(linkage, angleOf(k)));
-}
+/** A fore leg at all samples of a turn. */
+export const turnOf = (linkage) =>
+  Array.from({ length: SAMPLES }, (_, k) => place(linkage, angleOf(k)));
 
-/** The samples at which a turn does not close: {joint, ..., worst's span, from, to}, or null. */
+/** Where a turn does not close: its worst opening, and angles `from` and `to` around it, or null. */
 export function openingOf(turn) {
+  const lack = ({ span, first, second }) =>
+    Math.abs(span ** 2 - first ** 2 - second ** 2) / (first * second);
   const open = turn.map((one) => one.open);
   if (!open.some(Boolean)) return null;
-  const lack = ({ span, first, second }) =>
-    Math.max(span - first - second, Math.abs(first - second) - span);
   const worst = open.filter(Boolean).reduce((a, b) => (lack(b) > lack(a) ? b : a));
-  const at = open.indexOf(worst);
-  const past = (k) => (k + SAMPLES) % SAMPLES;
-  let [from, to] = [at, at];
-  while (open[past(from - 1)] && at - from < SAMPLES) from -= 1;
-  while (open[past(to + 1)] && to - at < SAMPLES) to += 1;
-  return { ...worst, whole: to - from >= SAMPLES, from: angleOf(from), to: angleOf(to) };
+  const reach = (way) => {
+    let k = open.indexOf(worst);
+    for (let n = 0; n < SAMPLES && open[(k + way + SAMPLES) % SAMPLES]; n++) k += way;
+    return angleOf(k);
+  };
+  return { ...worst, whole: open.every(Boolean), from: reach(-1), to: reach(1) };
 }
 
 /**
@@ -159,7 +152,7 @@ export function measure(design, turn) {
   const toes = pathsOf(design, turn);
   const lowest = turn.map((_, k) => Math.min(...toes.map((toe) => toe[k][1])));
   const highest = turn.map((_, k) => Math.max(...toes.map((toe) => toe[k][1])));
-  const sampled = lowest.filter((_, k) => k % STANDING === 0);
+  const sampled = lowest.filter((_, k) => k % 2 === 0); // those of zoo.py: standing_height
   const standing = -sampled.reduce((sum, y) => sum + y, 0) / sampled.length;
   const grounded = toes.map((toe) => toe.map(([, y], k) => y - lowest[k] <= NEAR * standing));
   let advance = 0;

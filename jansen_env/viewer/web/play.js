@@ -379,6 +379,6 @@ for (const button of document.querySelectorAll("#panel button"))
   button.addEventListener("pointerup", letGo);
 $("panel").addEventListener("submit", (event) => event.preventDefault());
 
-$("help").show();
+if (location.hash !== "#walk") $("help").show(); // with which the bench leads here
 connect();
 requestAnimationFrame(draw);

@@ -45,6 +45,7 @@ TERRAINS = (FLAT, *GENERATORS)
 ROBOTS = tuple(sorted(DESIGNS))
 BY_HAND = "torque"  # in place of a policy's name
 STEADY = "constant speed"  # of the crank, by the PID (13)
+SHORTEST_TURN = 0.05  # m, by which the crank's speed is found for a command
 
 
 def controls_of(env_id: str) -> tuple[str, ...]:
@@ -77,7 +78,7 @@ def policy_of(env_id: str, control: Any, env: Any) -> Policy | None:
     """
     one_of(controls_of(env_id), "control", control)
     if control == STEADY:
-        way = abs(advance_per_turn(env.unwrapped.robot))
+        way = max(abs(advance_per_turn(env.unwrapped.robot)), SHORTEST_TURN)
         return walking_pid(lambda speed: 2.0 * math.pi / way * speed, env.unwrapped)
     return None if control == BY_HAND else pretrained.load(env_id, control).on(env)
 

@@ -172,12 +172,17 @@ class Page:
                     recording = self.session.recording()
                     text = await asyncio.to_thread(replay_page, recording)
                     return {"kind": "replay", "page": text}
+                if action == "build":
+                    arguments = {"name": "robot", "value": arguments.pop("robot"), **arguments}
                 env = await asyncio.to_thread(self.session.make, **arguments)
-                getattr(self.session, action)(**arguments, env=env)
+                self.session.choose(**arguments, env=env)
+                if action == "build":
+                    self.session.pause(False)
+                    return {"kind": "built"}
             except ValueError as error:
                 self.session.say(str(error))
                 return {"kind": "error", "message": str(error)} if action == "build" else None
-        return {"kind": "built"} if action == "build" else None
+        return None
 
     async def _send_states(self, connection: ServerConnection) -> None:
         """Send each state that there is when the one before has gone out."""

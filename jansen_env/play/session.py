@@ -104,7 +104,7 @@ class Session:
 
     @property
     def lengths(self) -> dict[str, float]:
-        """Lengths that are not the robot's own, as :meth:`build` has them."""
+        """Lengths that are not the robot's own."""
         return dict(self._choices["lengths"])
 
     @property
@@ -182,33 +182,27 @@ class Session:
         self.settings[name] = number
         self.version += 1
 
-    def choose(self, name: str, value: Any, env: Any = None) -> None:
+    def choose(
+        self, name: str, value: Any, lengths: Mapping[str, float] | None = None, env: Any = None
+    ) -> None:
         """Choose a robot, a terrain, a level or a control; all but a control start again.
 
-        ``env``: of :meth:`make` for this choice; None: it is made here.
+        ``lengths``: of a robot that is to walk with others than its own, its crank at a constant
+        speed; see :func:`jansen_env.robot.lengths.with_lengths`. ``env``: of :meth:`make` for this
+        choice; None: it is made here.
         """
-        chosen = self._chosen(name, value)
+        chosen = self._chosen(name, value, lengths)
         if name == "control":
             self._take_control(policy_of(self.env_id, value, self._env), value)
         else:
             self._begin_with(make_env(self.env_id, chosen) if env is None else env, chosen)
 
-    def build(self, robot: str, lengths: Mapping[str, float], env: Any = None) -> None:
-        """Walk a robot with other lengths (:func:`jansen_env.robot.lengths.with_lengths`).
+    def make(self, name: str, value: Any, lengths: Mapping[str, float] | None = None) -> Any:
+        """Return the environment for a choice, None for a control; changes nothing.
 
-        Its crank turns at a constant speed. ``env``: as for :meth:`choose`.
+        It takes a tenth of a second, and may run in another thread than the session does.
         """
-        chosen = {**self._resized(robot, lengths), "control": STEADY}
-        self._begin_with(make_env(self.env_id, chosen) if env is None else env, chosen)
-        self.pause(False)
-
-    def make(self, name: str = "robot", value: Any = None, **built: Any) -> Any:
-        """Return the environment for a choice or a robot to build, None for a control.
-
-        It changes nothing, takes a tenth of a second, and may run in another thread than the
-        session does.
-        """
-        chosen = self._resized(**built) if built else self._chosen(name, value)
+        chosen = self._chosen(name, value, lengths)
         return None if name == "control" else make_env(self.env_id, chosen)
 
     def push(self, x: float, y: float) -> None:
@@ -286,19 +280,19 @@ class Session:
         """Let go of the environment."""
         self._env.close()
 
-    def _chosen(self, name: str, value: Any) -> dict[str, Any]:
+    def _chosen(
+        self, name: str, value: Any, lengths: Mapping[str, float] | None = None
+    ) -> dict[str, Any]:
         """The choices with another one."""
         one_of(self.options, "choice", name)
         chosen = {**self._choices, name: value}
         if name == "robot":
-            chosen["lengths"] = {}
+            chosen["lengths"] = dict(lengths or {})
+            if lengths is not None:
+                chosen["control"] = STEADY
         if name == "level" and chosen["terrain"] == FLAT and value != 0:
             raise ValueError(f"level is {shown(value)}, must be 0 on flat ground")
         return chosen
-
-    def _resized(self, robot: Any, lengths: Mapping[str, float]) -> dict[str, Any]:
-        """The choices with a robot of other lengths."""
-        return {**self._chosen("robot", robot), "lengths": dict(lengths)}
 
     def _begin_with(self, env: Any, choices: dict[str, Any]) -> None:
         """Start the environment of these choices, with the settings there are."""

@@ -47,12 +47,14 @@ class Measure(NamedTuple):
 WALK = {name: Measure("walk", one.unit, one.label) for name, one in WALKER.metrics.items()}
 MEASURES: dict[str, Measure] = WALK | {
     "closure": Measure("shape", "1", "sine of two links' angle, nearest a dead point"),
-    "height": Measure("shape", "m", "of the crank axis above the lowest toe"),
+    "height": Measure("shape", "m", "of the crank axis above the lowest toe, mean"),
     "width": Measure("shape", "m", "of the machine"),
     "longest": Measure("shape", "m", "longest side of a link"),
     "mass": Measure("shape", "kg", "of the machine"),
-    "lift": Measure("shape", "m", "height of a toe's path"),
-    "stance": Measure("shape", "fraction", "of a turn, with the toe near its lowest"),
+    "lift": Measure("shape", "m", "most that a toe comes above the lowest one"),
+    "heave": Measure("shape", "m", "range of the crank axis's height, level and slow"),
+    "stance": Measure("shape", "fraction", "of a turn with a toe near the ground, mean of all"),
+    "advance": Measure("shape", "m", "in a turn of the crank, level and slow"),
     "clearance": Measure("planes", "m", "between links in one plane of the drawings"),
     "wear": Measure("loads", "J/m", "load times sliding in all pins per metre"),
     "pin_force": Measure("loads", "N", "largest force in a pin"),

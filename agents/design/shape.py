@@ -17,14 +17,16 @@ from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.robot import Robot
 from jansen_env.robot import buildable as built
 from jansen_env.robot.kinematics import (
+    advance_per_turn,
     joint_positions,
     nearest_dead_point,
     toe_positions,
 )
 from jansen_env.robot.lengths import lengths
 
+OF_PATHS = "height", "width", "lift", "heave", "stance", "advance"
 SAMPLES = 180  # crank angles of a turn
-NEAR = 0.03  # of the height of a toe's path: what lies below counts as its stance
+NEAR = 0.01  # of the standing height: a toe so far above the lowest one counts as on the ground
 
 
 def geometry_measures(robot: Robot) -> dict[str, float]:
@@ -32,27 +34,23 @@ def geometry_measures(robot: Robot) -> dict[str, float]:
 
     NaN for most, and a closure of -1, where it cannot turn or stand.
     """
+    known = {"mass": robot.mass, "longest": _longest(robot)}
     try:
         closure = nearest_dead_point(robot, SAMPLES)[0]
         compile_robot(robot)
         static_deflection(robot, GRAVITY)
     except ValueError:  # it does not close, all but does not, or is too heavy for its feet
-        return dict.fromkeys(("closure", "height", "width", "mass", "lift", "stance"), math.nan) | {
-            "closure": -1.0, "mass": robot.mass, "longest": _longest(robot),
-        }  # fmt: skip
+        return known | {"closure": -1.0, **dict.fromkeys(OF_PATHS, math.nan)}
     angles = np.linspace(0.0, 2.0 * math.pi, SAMPLES, endpoint=False)
     place = joint_positions(robot, "fore", angles)
-    y = toe_positions(robot, angles)[..., 1]
-    low, high = y.min(axis=0), y.max(axis=0)
-    return {
-        "closure": closure,
-        "height": float(-y.min(axis=1).mean()),
-        "width": float(2.0 * np.abs(place[..., 0]).max()),
-        "mass": robot.mass,
-        "longest": _longest(robot),
-        "lift": float((high - low).min()),
-        "stance": float((y < low + NEAR * (high - low)).mean()),
-    }
+    heights = toe_positions(robot, angles)[..., 1]
+    lowest = heights.min(axis=1)  # on which it stands, level
+    above, height = heights - lowest[:, None], -float(lowest.mean())
+    paths = (
+        height, 2.0 * np.abs(place[..., 0]).max(), above.max(), np.ptp(lowest),
+        (above <= NEAR * height).mean(), abs(advance_per_turn(robot, SAMPLES)),
+    )  # fmt: skip
+    return known | {"closure": closure, **dict(zip(OF_PATHS, map(float, paths), strict=True))}
 
 
 def _longest(robot: Robot) -> float:

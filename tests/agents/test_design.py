@@ -22,6 +22,7 @@ from jansen_env import ROBOTS
 from jansen_env.robot import Bar
 from jansen_env.robot.lengths import lengths, with_lengths
 from jansen_env.robot.robot_file import read_robot
+from jansen_env.robot.zoo import standing_height
 from jansen_env.scoring.rollout import make_env
 
 SHORT = {"max_episode_steps": 150}
@@ -122,7 +123,8 @@ def test_crank_pins_and_phases_are_variables():
 def test_the_shape_of_the_built_robot():
     """Against its kinematics' own numbers; what does not close has a closure of -1."""
     found = geometry_measures(ROBOTS["built"]())
-    assert found["height"] == pytest.approx(0.612, abs=1e-3)
+    assert found["height"] == pytest.approx(standing_height(ROBOTS["built"]()), abs=1e-4)
+    assert found["lift"] == pytest.approx(0.0884, abs=1e-4)
     assert found["mass"] == ROBOTS["built"]().mass and found["longest"] == pytest.approx(
         0.436, abs=1e-3
     )

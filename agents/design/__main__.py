@@ -11,7 +11,7 @@ import shlex
 import sys
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -23,11 +23,13 @@ from agents.design.design_report import REPORT, write_report
 from agents.design.search import JOURNAL, Measured, objectives_of, read_journal, run_search
 from agents.design.trust import trust_report
 from agents.plain_yaml import read_yaml
-from agents.studies.run import RunResult
 from jansen_env.baselines.policy import Policy
 from jansen_env.cores import available_cores
 from jansen_env.files import write_text
 from jansen_env.scoring.rollout import make_env
+
+if TYPE_CHECKING:
+    from agents.studies.run import RunResult  # torch comes with it, which takes seconds to import
 
 PLAN = "plan.yml"
 
@@ -44,6 +46,8 @@ class SearchRequest(NamedTuple):
 
 def execute_search(request: SearchRequest) -> RunResult:
     """Run a seed's search; errors are the result."""
+    from agents.studies.run import RunResult
+
     try:
         run_search(request.plan, request.seed, request.folder, load_policy(request.plan))
     except (OSError, ValueError) as error:
@@ -71,6 +75,9 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--seeds", type=positive_int, help="searches with seeds from 0; default: the plan's")
     add("--generations", type=positive_int, help="in place of the plan's")
     add("--speed", type=float, help="m/s, in place of the plan's")
+    add("--variables", type=mapping, metavar="YAML",
+        help="in place of the plan's, e.g. '{harmonics: 4}': the robot keeps its lengths"
+        )  # fmt: skip
     add("--limits", type=mapping, metavar="YAML",
         help="beside the plan's, or in their place, e.g. '{lift: [0.1, null]}'")  # fmt: skip
     add("--workers", type=positive_int, help="searches at once; default: as the cores allow")
@@ -97,7 +104,9 @@ def main(arguments: list[str] | None = None) -> int:
             print(write(plan, folder, load_policy(plan)))
             return 0
         plan = read_plan(args.plan)
-        asked = {name: getattr(args, name) for name in ("seeds", "generations", "speed")}
+        asked = {
+            name: getattr(args, name) for name in ("seeds", "generations", "speed", "variables")
+        }
         changes = {name: value for name, value in asked.items() if value is not None}
         limits = {**plan.limits, **(args.limits or {})}
         plan = make_plan({**plan._asdict(), **changes, "limits": limits})

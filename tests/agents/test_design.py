@@ -294,6 +294,7 @@ def test_the_command_searches_and_reports(method, tmp_path, capsys):
     path = tmp_path / "own.yml"
     path.write_text(yaml.safe_dump({**SMALL, "method": method, **METHODS[method]}))
     arguments = [str(path), "--log-folder", str(tmp_path / "logs"), "--generations", "2"]
+    arguments += ["--variables", "{lengths: 0.01, harmonics: 1}"]
     assert command.main(arguments) == 0
     assert "steady_cost_of_transport" in capsys.readouterr().out
     folder = tmp_path / "logs" / "own"

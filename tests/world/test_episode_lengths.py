@@ -268,7 +268,8 @@ def test_what_changes_in_an_episode_stays_with_the_robot():
 
 def test_robots_of_other_links_are_refused_where_lengths_are_shown():
     env = made("JansenWalker-v0", observe_lengths=True, robot="klann")
-    assert env.observed[-1].name == "length_foot_T_across"
+    names = [one.name for one in env.observed[-2:]]
+    assert names == ["length_foot_T_across", "length_frame_angle"]
     chebyshev = made("JansenWalker-v0", robot="chebyshev", observe_lengths=True, **DRAWN)
     observation, info = chebyshev.reset(seed=0)
     assert info["lengths"]["frame_G_across"] == 0.0 and np.isfinite(observation).all()

@@ -7,6 +7,7 @@ killed, the same command goes on where it was.
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
 import sys
 from functools import partial
@@ -48,6 +49,7 @@ def execute_search(request: SearchRequest) -> RunResult:
     """Run a seed's search; errors are the result."""
     from agents.studies.run import RunResult
 
+    os.environ["NUMBA_NUM_THREADS"] = str(request.cores)
     try:
         run_search(request.plan, request.seed, request.folder, load_policy(request.plan))
     except (OSError, ValueError) as error:

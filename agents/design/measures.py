@@ -52,6 +52,7 @@ MEASURES: dict[str, Measure] = WALK | {
     "longest": Measure("shape", "m", "longest side of a link"),
     "mass": Measure("shape", "kg", "of the machine"),
     "lift": Measure("shape", "m", "most that a toe comes above the lowest one"),
+    "opening": Measure("shape", "m", "of a toe's path in its middle: what it steps over"),
     "heave": Measure("shape", "m", "range of the crank axis's height, level and slow"),
     "stance": Measure("shape", "fraction", "of a turn with a toe near the ground, mean of all"),
     "advance": Measure("shape", "m", "in a turn of the crank, level and slow"),

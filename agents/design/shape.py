@@ -24,7 +24,7 @@ from jansen_env.robot.kinematics import (
 )
 from jansen_env.robot.lengths import lengths
 
-OF_PATHS = "height", "width", "lift", "heave", "stance", "advance"
+OF_PATHS = "height", "width", "lift", "opening", "heave", "stance", "advance"
 SAMPLES = 180  # crank angles of a turn
 NEAR = 0.01  # of the standing height: a toe so far above the lowest one counts as on the ground
 
@@ -43,14 +43,25 @@ def geometry_measures(robot: Robot) -> dict[str, float]:
         return known | {"closure": -1.0, **dict.fromkeys(OF_PATHS, math.nan)}
     angles = np.linspace(0.0, 2.0 * math.pi, SAMPLES, endpoint=False)
     place = joint_positions(robot, "fore", angles)
-    heights = toe_positions(robot, angles)[..., 1]
+    toes = toe_positions(robot, angles)
+    heights = toes[..., 1]
     lowest = heights.min(axis=1)  # on which it stands, level
     above, height = heights - lowest[:, None], -float(lowest.mean())
     paths = (
-        height, 2.0 * np.abs(place[..., 0]).max(), above.max(), np.ptp(lowest),
+        height, 2.0 * np.abs(place[..., 0]).max(), above.max(),
+        min(map(_opening, toes.swapaxes(0, 1))), np.ptp(lowest),
         (above <= NEAR * height).mean(), abs(advance_per_turn(robot, SAMPLES)),
     )  # fmt: skip
     return known | {"closure": closure, **dict(zip(OF_PATHS, map(float, paths), strict=True))}
+
+
+def _opening(path: Array) -> float:
+    """How far apart (m) a toe's way out and back (n, 2) are, at the middle of its way along."""
+    x = path[:, 0] - 0.5 * (path[:, 0].min() + path[:, 0].max())
+    after = np.roll(path[:, 1], -1), np.roll(x, -1)
+    crossing = x * after[1] <= 0.0
+    share = (x / np.where(crossing, x - after[1], 1.0))[crossing]
+    return float(np.ptp((1.0 - share) * path[:, 1][crossing] + share * after[0][crossing]))
 
 
 def _longest(robot: Robot) -> float:

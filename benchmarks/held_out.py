@@ -8,6 +8,8 @@ A body is the built robot with lengths that a seed has drawn within 10 %; each p
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import gymnasium as gym
 import numpy as np
 
@@ -43,7 +45,8 @@ def main(arguments: list[str] | None = None) -> None:
         total, slip, work, falls, way = (run[k].reshape(-1, each).sum(axis=1) for k in kept)
         found = np.array([total / each, slip / way, work / way / weights, falls / each])
         lines = [*enumerate(found.T), ("median", np.median(found, 1)), ("mean", found.mean(1))]
-        rows += [(name, body, *(f"{one:.3g}" for one in own)) for body, own in lines]
+        short = Path(name).stem
+        rows += [(short, body, *(f"{one:.3g}" for one in own)) for body, own in lines]
     title = f"# {len(bodies)} bodies, {each} walks of each by each policy"
     measure.report(args.out / "held_out.md", title, measure.table(COLUMNS, rows))
 

@@ -53,13 +53,14 @@ def with_lengths(robot: Robot, changed: Mapping[str, float]) -> Robot:
         new[name] = (finite if signed else positive)(f"lengths[{name!r}]", value)
         if abs(new[name]) > LONGEST:
             raise ValueError(f"lengths[{name!r}] is {new[name]}, must be within {LONGEST:g}")
-    links = {}
+    links, built = {}, is_of_built_parts(robot)
     for (name, joints), link in zip(robot.linkage.bodies, robot.bodies, strict=True):
         names = _names(name, joints, link)
         if any(new[one] != known[one] for one in names):
-            links[name] = _of_lengths(name, link, [new[one] for one in names])
+            fresh = _of_lengths(name, link, [new[one] for one in names])
+            links[name] = fresh if built else _as_dense(link, fresh)
     resized = replace(robot.with_bodies(**links), frame_angle=new["frame_angle"])
-    return with_built_parts(resized) if links and is_of_built_parts(robot) else resized
+    return with_built_parts(resized) if links and built else resized
 
 
 def _names(name: str, joints: str, link: Link) -> list[str]:
@@ -88,21 +89,23 @@ def _values(link: Link) -> list[float]:
 
 
 def _of_lengths(name: str, link: Link, values: list[float]) -> Link:
-    """The same link with other lengths: as much mass a metre, spread as before."""
-    fresh: Link
+    """A link of the same kind with other lengths."""
     try:
         if isinstance(link, Bar):
-            fresh = Bar(values[0])
-        elif isinstance(link, Triangle):
-            fresh = Triangle.from_sides(*values, outward=link.outward)
-        else:
-            others = zip(values[1::2], values[2::2], strict=True)
-            (x, y), (u, v) = link.points[:2]
-            way = complex(u - x, v - y) / math.dist((x, y), (u, v))  # of its first two joints
-            places = [way * complex(*each) for each in ((0.0, 0.0), (values[0], 0.0), *others)]
-            fresh = Plate.uniform([(place.real, place.imag) for place in places])
+            return Bar(values[0])
+        if isinstance(link, Triangle):
+            return Triangle.from_sides(*values, outward=link.outward)
+        others = zip(values[1::2], values[2::2], strict=True)
+        (x, y), (u, v) = link.points[:2]
+        way = complex(u - x, v - y) / math.dist((x, y), (u, v))  # of its first two joints
+        places = [way * complex(*each) for each in ((0.0, 0.0), (values[0], 0.0), *others)]
+        return Plate.uniform([(place.real, place.imag) for place in places])
     except ValueError as error:
         raise ValueError(f"lengths of {name}: {error}") from error
+
+
+def _as_dense(link: Link, fresh: Link) -> Link:
+    """A link with as much mass a metre as another, spread as there."""
     mass = link.mass * _size(fresh) / _size(link)
     spread = _spread(fresh) / _spread(link)
     return replace(fresh, mass=mass, inertia=link.inertia * mass / link.mass * spread)

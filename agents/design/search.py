@@ -108,16 +108,19 @@ def measure(
 
 
 def broken(plan: Plan, measured: Measured, names: Any) -> Array:
-    """(n,) by how much of each bound the limits on some measures are broken, in all; 1 if NaN."""
+    """(n,) how far the limits on some measures are broken, in all.
+
+    x / (1 + x) for each of them, x in shares of the bound: below 1, so that what got far enough to
+    be measured is nearer than what did not, which counts 1.
+    """
     total = np.zeros(len(measured["closure"]))
     for name, (least, most) in plan.limits.items():
         if name in names:
             value, excess = measured[name], np.zeros(len(total))
             for bound, sign in ((least, -1.0), (most, 1.0)):
                 if bound is not None:
-                    beyond = sign * (value - bound) / (abs(bound) or 1.0)
-                    excess = np.maximum(excess, np.where(np.isnan(value), 1.0, beyond))
-            total += excess
+                    excess = np.fmax(excess, sign * (value - bound) / (abs(bound) or 1.0))
+            total += np.where(np.isnan(value), 1.0, excess / (1.0 + excess))
     return total
 
 

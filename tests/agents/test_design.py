@@ -250,7 +250,7 @@ def test_a_policy_turns_the_crank(tmp_path):
 
 
 def test_limits_rank_what_breaks_them():
-    """By how much of the bound; what is not measured counts 1."""
+    """By how much of the bound, always less than what is not measured."""
     plan = plan_of(limits={"mass": [None, 5.0], "falls": [None, 0], "lift": [0.1, None]})
     measured = {
         "closure": np.ones(3), "mass": np.array([4.0, 6.0, 4.0]),

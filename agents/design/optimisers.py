@@ -15,7 +15,7 @@ import numpy as np
 
 from jansen_env.baselines.policy import Array
 
-SPREAD = 0.15  # standard deviation of the first generation about the start
+SPREAD = 0.08  # standard deviation of the first generation about the start
 MUTATION, LINE = 0.06, 0.2  # of MAP-Elites: of one parent, and along the line between two
 INFEASIBLE, THRESHOLD = -1e12, -1e9  # objectives that no map takes, and the least that it does
 

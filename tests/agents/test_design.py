@@ -257,7 +257,7 @@ def test_limits_rank_what_breaks_them():
         "falls": np.array([0.0, 0.5, np.nan]), "lift": np.array([0.2, 0.05, 0.1]),
     }  # fmt: skip
     assert search.broken(plan, measured, plan.measured) == pytest.approx(
-        [0.0, 0.2 + 0.5 + 0.5, 1.0]
+        [0.0, 0.2 / 1.2 + 2.0 * 0.5 / 1.5, 1.0]
     )
 
 

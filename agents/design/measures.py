@@ -46,6 +46,7 @@ class Measure(NamedTuple):
 
 WALK = {name: Measure("walk", one.unit, one.label) for name, one in WALKER.metrics.items()}
 MEASURES: dict[str, Measure] = WALK | {
+    "upright": Measure("walk", "fraction", "of the time limit without a fall"),
     "closure": Measure("shape", "1", "sine of two links' angle, nearest a dead point"),
     "height": Measure("shape", "m", "of the crank axis above the lowest toe, mean"),
     "width": Measure("shape", "m", "of the machine"),
@@ -111,12 +112,12 @@ class Walker:
 
     def walk(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
         """Score every candidate's walks from all starts."""
-        runs = self._run(candidates, self.angles, {})
-        return [
-            {name: math.nan if value is None else value
-             for name, value in point_estimates(WALKER.metrics, run, self._env).items()}
-            for run in runs
-        ]  # fmt: skip
+        limit, rows = self._env.spec.max_episode_steps * self._env.unwrapped.control_dt, []
+        for run in self._run(candidates, self.angles, {}):
+            found = point_estimates(WALKER.metrics, run, self._env)
+            row = {name: math.nan if value is None else value for name, value in found.items()}
+            rows.append({**row, "upright": float(run["duration"].mean() / limit)})
+        return rows
 
     def _run(
         self, candidates: Sequence[Candidate], angles: Array, kwargs: dict[str, Any]

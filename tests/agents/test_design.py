@@ -213,7 +213,8 @@ def test_methods_improve_and_repeat(make):
             unit = method.ask()
             assert unit.shape == (12, 3) and unit.min() >= 0.0 and unit.max() <= 1.0
             value = ((unit - 0.6) ** 2).sum(axis=1)
-            objectives = np.stack([value, -value], axis=1)[:, : 2 if "Nsga2" in repr(method) else 1]
+            other = ((unit - 0.5) ** 2).sum(axis=1)
+            objectives = np.stack([value, other], axis=1)[:, : 2 if "Nsga2" in repr(method) else 1]
             method.tell(objectives, np.maximum(unit[:, 0] - 0.65, 0.0), unit[:, :2])
             asked.append((unit, value))
         return asked

@@ -1,4 +1,4 @@
-"""Search for a walking linkage: ``python -m agents.design cost_at_0.3``.
+"""Search for a walking linkage: ``python -m agents.design cost``.
 
 The plan is a YAML file, or the name of one that is shipped. Given again after it was stopped or
 killed, the same command goes on where it was.
@@ -20,13 +20,14 @@ from tqdm import tqdm
 
 from agents.command_line import mapping, positive_int
 from agents.design.design_plan import PLANS, Plan, make_plan, read_plan
-from agents.design.design_report import REPORT, write_report
-from agents.design.search import JOURNAL, Measured, objectives_of, read_journal, run_search
+from agents.design.design_report import REPORT, ROBOT, write_report
+from agents.design.search import JOURNAL, Measured, objectives_of, run_search
 from agents.design.trust import trust_report
 from agents.plain_yaml import read_yaml
 from jansen_env.baselines.policy import Policy
 from jansen_env.cores import available_cores
 from jansen_env.files import write_text
+from jansen_env.robot.robot_file import read_robot, write_robot
 from jansen_env.scoring.rollout import make_env
 
 if TYPE_CHECKING:
@@ -119,24 +120,29 @@ def main(arguments: list[str] | None = None) -> int:
     except (OSError, ValueError) as error:
         args.error(" ".join(str(error).split()))
     except KeyboardInterrupt:
-        print(f"stopped; the same command goes on: python -m agents.design "
+        print(f"\nstopped; the same command goes on: python -m agents.design "
               f"{shlex.join(sys.argv[1:] if arguments is None else arguments)}")  # fmt: skip
         return 130
     return int(failed)
 
 
 def enter(folder: Path, plan: Plan) -> None:
-    """Make a search's folder, or check that it is this one's; fewer generations were less of it.
+    """Make a search's folder, or check that it is this one's, but for generations and seeds.
 
     Raises:
         ValueError: it holds another search; says what differs.
     """
-    path = folder / PLAN
+    path, begin = folder / PLAN, folder / ROBOT
+    robot = plan.space().base
     if path.is_file():
         there = make_plan(read_yaml(path))
         other = [name for name in Plan._fields if getattr(there, name) != getattr(plan, name)]
-        if differ := [name for name in other if name not in ("generations", "seeds")]:
+        differ = [name for name in other if name not in ("generations", "seeds")]
+        if begin.exists() and read_robot(begin) != robot and "robot" not in differ:
+            differ.append("robot")  # a file that has changed
+        if differ:
             raise ValueError(f"{folder} holds another search: {differ} differ; take another name")
+    write_robot(begin, robot)
     write_text(path, yaml.safe_dump(plan._asdict(), sort_keys=False))
 
 
@@ -174,17 +180,17 @@ class Shown:
 
     def __call__(self, number: int, measured: Measured, violation: Any) -> None:
         """Take a generation."""
-        value = objectives_of(self._plan, measured)[:, 0]
-        fine = value[(violation == 0.0) & np.isfinite(value)]
+        fine = objectives_of(self._plan, measured)[violation == 0.0, 0]
         self._best = min(self._best, fine.min(initial=np.inf))
-        best = f"{abs(self._best):.4g}" if np.isfinite(self._best) else "none yet"
+        way = 1.0 if next(iter(self._plan.objectives.values())) == "min" else -1.0
+        best = f"{way * self._best:.4g}" if np.isfinite(self._best) else "none yet"
         self._bar.n = number + 1
         self._bar.set_postfix({"keep all limits": len(fine), "best": best})
 
 
 def show_all(plan: Plan, folder: Path, bar: Any, results: dict[str, RunResult]) -> None:
     """Show how far all seeds are."""
-    bar.n = sum(len(read_journal(path)) for path in folder.glob(f"seed_*/{JOURNAL}"))
+    bar.n = sum(path.read_bytes().count(b"\n") for path in folder.glob(f"seed_*/{JOURNAL}"))
     bar.refresh()
 
 

@@ -82,6 +82,7 @@ def make_plan(found: Any) -> Plan:
     if missing := [name for name in KEYS if name not in found]:
         raise ValueError(f"the plan lacks {missing[0]!r}")
     plan = Plan(**found)
+    plan = plan._replace(limits={k: v for k, v in plan.limits.items() if v is not None})
     check_env_kwargs(plan.env, plan.env_kwargs)
     for name in ("robot", "speed_command", "terrain"):
         if name in plan.env_kwargs:
@@ -103,6 +104,9 @@ def make_plan(found: Any) -> Plan:
     for name, cells in plan.map.items():
         _check_measure("map", name)
         _check_cells(f"map.{name}", cells)
+    traced = [name for name in plan.measured if MEASURES[name].group == "loads"]
+    if traced and plan.env_kwargs.get("plant", "projection") != "projection":
+        raise ValueError(f"{traced[0]} is measured on the plant 'projection' alone")
     if plan.policy is not None and [*plan.variables] != ["lengths"]:
         raise ValueError(
             f"variables has {[*plan.variables]}, must have lengths alone beside a policy"

@@ -14,10 +14,20 @@ from tabulate import tabulate
 
 from agents.design.design_plan import Plan
 from agents.design.measures import MEASURES, Walker
-from agents.design.search import JOURNAL, Searched, joined, make_walker, measure, read_journal
+from agents.design.search import (
+    JOURNAL,
+    Searched,
+    joined,
+    make_walker,
+    measure,
+    objectives_of,
+    read_journal,
+)
+from agents.design.shape import geometry_measures
 from agents.design.variables import Candidate
 from agents.plots import save
 from jansen_env.baselines.policy import Policy
+from jansen_env.drawings.shaft_order import layers
 from jansen_env.files import write_json, write_text
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import toe_positions, world_joints
@@ -25,8 +35,7 @@ from jansen_env.robot.robot_file import write_robot
 
 ROBOT, PROFILE, REPORT = "robot.json", "profile.json", "report.md"
 FRESH = 16  # crank angles, others than those of the search
-CHECKS: dict[str, dict[str, Any]] = {"other starts": {}, "half the time step": {"time_step": 5e-4}}
-"""Where what was found is walked again: arguments of the environment."""
+MOST_OF_FRONT = 20  # designs of a front or map that are written
 
 
 class Found(NamedTuple):
@@ -58,68 +67,61 @@ def read_found(plan: Plan, folder: Path) -> list[Found]:
 
 def write_report(plan: Plan, folder: Path, policy: Policy | None = None) -> str:
     """Write robot files, profiles, pictures and the report of a search; returns the report."""
-    found = read_found(plan, folder)
-    space = plan.space()
+    found, space = read_found(plan, folder), plan.space()
+    designs = {"start": space.candidate(space.start)}
     for one in found:
+        designs[one.name] = one.candidate
         write_found(folder / one.name, plan, one.candidate)
-    checked = {name: fresh_walker(plan, policy, check) for name, check in CHECKS.items()}
-    start = space.candidate(space.start)
-    rows = [_row(plan, "start", start, make_walker(plan, policy), checked)]
-    rows += [_row(plan, one.name, one.candidate, None, checked, one) for one in found]
-    names = [*plan.objectives, *(name for name in plan.limits if name not in plan.objectives)]
-    head = ["", *(f"{name} ({MEASURES[name].unit})" for name in names), "limits kept",
-            *(f"{next(iter(plan.objectives))}, {name}" for name in checked)]  # fmt: skip
-    sizes = tabulate(_lengths_table(plan, found), ["", "start", *(one.name for one in found)],
-                     tablefmt="github")  # fmt: skip
+        if plan.method != "cma":
+            front = one.searched.front(plan)
+            for number, k in enumerate(front[:: max(1, len(front) // MOST_OF_FRONT)]):
+                candidate = space.candidate(one.searched.unit[k])
+                write_found(folder / one.name / f"front_{number}", plan, candidate)
+    names, step = plan.measured, float(plan.env_kwargs.get("time_step", 1e-3))
+    places = {
+        "search": make_walker(plan, policy), "other starts": fresh_walker(plan, policy),
+        "half the time step": fresh_walker(plan, policy, time_step=0.5 * step),
+    }  # fmt: skip
+    rows = []
+    for name, candidate in designs.items():
+        for place, walker in places.items():
+            measured, violation = measure(plan, walker, [candidate])
+            cells = [f"{float(measured[key][0]):.3g}" for key in names]
+            kept = "yes" if violation[0] == 0.0 else "no"
+            rows.append([name if place == "search" else "", place, *cells, kept])
+        rows[-1].append("yes" if assembles(candidate.robot) else "no")
+    head = ["", "where", *(f"{key} ({MEASURES[key].unit})" for key in names), "limits kept",
+            "can be assembled"]  # fmt: skip
+    values = [space.values(space.start)]
+    values += [space.values(one.searched.unit[one.best]) for one in found]
+    lengths = [[name, *(f"{each[name]:.4g}" for each in values)] for name in values[0]]
     count = sum(len(one.searched.violation) for one in found)
     text = (
-        f"# {folder.name}\n\n{plan.method}, {plan.generations} generations of {plan.population}, "
-        f"{plan.starts} walks each at {plan.speed:g} m/s; {count} candidates in all.\n\n"
-        f"{tabulate(rows, head, tablefmt='github')}\n\n{sizes}\n\n"
+        f"# {folder.name}\n\n{plan.method}, {plan.starts} walks at {plan.speed:g} m/s each of "
+        f"{count} candidates, {plan.population} a generation.\n\n"
+        f"{tabulate(rows, head, tablefmt='github')}\n\n"
+        f"{tabulate(lengths, ['', *designs], tablefmt='github')}\n\n"
         "![designs](designs.png)\n\n![search](search.png)\n"
     )
-    draw_designs({"start": start.robot, **{one.name: one.candidate.robot for one in found}},
-                 folder / "designs.png")  # fmt: skip
+    draw_designs({name: one.robot for name, one in designs.items()}, folder / "designs.png")
     draw_search(plan, found, folder / "search.png")
     write_text(folder / REPORT, text)
     return text
 
 
-def fresh_walker(plan: Plan, policy: Policy | None, kwargs: dict[str, Any]) -> Walker:
+def fresh_walker(plan: Plan, policy: Policy | None, **changes: Any) -> Walker:
     """Return what walks one candidate at a time, from other starts than the search."""
-    walker = make_walker(plan._replace(starts=FRESH, population=1), policy, **kwargs)
+    walker = make_walker(plan._replace(starts=FRESH, population=1), policy, **changes)
     walker.angles = np.random.default_rng(0).uniform(0.0, 2.0 * np.pi, FRESH)
     return walker
 
 
-def _row(
-    plan: Plan, name: str, candidate: Candidate, walker: Walker | None,
-    checked: dict[str, Walker], found: Found | None = None,
-) -> list[str]:  # fmt: skip
-    """A line of the report: as the search saw it, and the first objective elsewhere."""
-    if found is None:
-        assert walker is not None
-        measured, violation = measure(plan, walker, [candidate])
-        own, broken = {key: float(values[0]) for key, values in measured.items()}, violation[0]
-    else:
-        every = found.searched.measured.items()
-        own = {key: float(values[found.best]) for key, values in every}
-        broken = found.searched.violation[found.best]
-    names = [*plan.objectives, *(key for key in plan.limits if key not in plan.objectives)]
-    first = next(iter(plan.objectives))
-    elsewhere = [
-        f"{one.measure(MEASURES[first].group, [candidate])[first][0]:.3g}"
-        for one in checked.values()
-    ]
-    return [name, *(f"{own[key]:.3g}" for key in names), "no" if broken else "yes", *elsewhere]
-
-
-def _lengths_table(plan: Plan, found: list[Found]) -> list[list[str]]:
-    """The variables of the start and of each seed's best."""
-    space = plan.space()
-    each = [space.values(space.start)]
-    each += [space.values(one.searched.unit[one.best]) for one in found]
-    return [[name, *(f"{values[name]:.4g}" for values in each)] for name in each[0]]
+def assembles(robot: Robot) -> bool:
+    """Whether the workshop drawings find an order of the links in which nothing collides."""
+    try:
+        return bool(layers(robot))
+    except ValueError:
+        return False
 
 
 def write_found(folder: Path, plan: Plan, candidate: Candidate) -> None:
@@ -139,13 +141,15 @@ def draw_designs(robots: dict[str, Robot], path: Path) -> None:
         sharey=True, squeeze=False,
     )  # fmt: skip
     for axis, (name, robot) in zip(axes.flat, robots.items(), strict=False):
+        axis.set(title=name, aspect="equal")
+        if not geometry_measures(robot)["closure"] > 0.0:
+            continue
         for k, joints in enumerate(world_joints(robot, np.array([0.0, 0.0, 0.0, 0.6]))):
             for a, b in robot.linkage.skeleton:
                 axis.plot(*joints[[a, b]].T, color="C0", lw=1.8, alpha=0.2 if k else 1.0)
         for toe in toe_positions(robot, np.linspace(0.0, 6.3, 400)).swapaxes(0, 1):
             axis.plot(*toe.T, color="C3", lw=1.2)
         axis.plot(0.0, 0.0, "ko", ms=4)
-        axis.set(title=name, aspect="equal")
     for axis in axes.flat[len(robots) :]:
         axis.remove()
     figure.supxlabel("m")
@@ -156,24 +160,24 @@ def draw_search(plan: Plan, found: list[Found], path: Path) -> None:
     """Draw the best so far, the front, or the map, as the method has it."""
     figure, axis = plt.subplots(figsize=(7.0, 4.6), layout="constrained")
     names = [*plan.objectives]
+    sign = np.array([1.0 if way == "min" else -1.0 for way in plan.objectives.values()])
     for one in found:
-        objectives = one.searched.objectives(plan)
+        objectives = objectives_of(plan, one.searched.measured)
         if plan.method == "nsga2":
-            sign = [1.0 if way == "min" else -1.0 for way in plan.objectives.values()]
             front = objectives[one.searched.front(plan)][:, :2] * sign[:2]
             axis.plot(*front.T, "o-", ms=4, lw=1.0, label=one.name)
         elif plan.method == "map_elites":
             places = [one.searched.measured[name] for name in plan.map]
             kept = one.searched.violation == 0.0
             order = np.flatnonzero(kept)[np.argsort(-objectives[kept, 0])]
-            shown = axis.scatter(places[0][order], places[1][order], c=np.abs(objectives[order, 0]),
-                                 s=8, cmap="viridis_r")  # fmt: skip
+            value, (x, y) = sign[0] * objectives[order, 0], (place[order] for place in places)
+            shown = axis.scatter(x, y, c=value, s=8, cmap="viridis_r")
             if one is found[0]:
                 figure.colorbar(shown, label=names[0])
         else:
             value = np.where(one.searched.violation == 0.0, objectives[:, 0], np.inf)
             best = np.minimum.accumulate(value.reshape(-1, plan.population).min(axis=1))
-            axis.plot(np.where(np.isfinite(best), np.abs(best), np.nan), label=one.name)
+            axis.plot(np.where(np.isfinite(best), sign[0] * best, np.nan), label=one.name)
     labels = {"nsga2": names[:2], "map_elites": [*plan.map]}.get(
         plan.method, ["generation", names[0]]
     )

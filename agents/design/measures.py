@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -31,9 +32,10 @@ from jansen_env.world.settings import load_robot
 SEED = 130_000  # of resets, apart from all others
 STEPS = tuple(np.round(np.arange(0.02, 0.161, 0.02), 3).tolist())  # m, heights that are climbed
 STEP_AT = 1.0  # m, where the step is
+LEAST_BEYOND = 0.5  # m, to walk after it
 COPIES, TOLERANCE = 8, 5e-4  # of a candidate whose lengths are off by up to so much, m
-TRACED, PEAKS = 16, 64  # pin forces are worked out every so many time steps, and in the so many
-# in which the ground pushes most
+TRACED = 8  # time steps from one to the next in which pin forces are worked out
+PEAKS = 64  # time steps in which the ground pushes most, for the largest forces
 
 
 class Measure(NamedTuple):
@@ -56,7 +58,7 @@ MEASURES: dict[str, Measure] = WALK | {
     "opening": Measure("shape", "m", "of a toe's path in its middle: what it steps over"),
     "heave": Measure("shape", "m", "range of the crank axis's height, level and slow"),
     "stance": Measure("shape", "fraction", "of a turn with a toe near the ground, mean of all"),
-    "advance": Measure("shape", "m", "in a turn of the crank, level and slow"),
+    "advance": Measure("shape", "m", "way in a turn of the crank, level and slow, either way"),
     "clearance": Measure("planes", "m", "between links in one plane of the drawings"),
     "wear": Measure("loads", "J/m", "load times sliding in all pins per metre"),
     "pin_force": Measure("loads", "N", "largest force in a pin"),
@@ -113,16 +115,16 @@ class Walker:
     def walk(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
         """Score every candidate's walks from all starts."""
         limit, rows = self._env.spec.max_episode_steps * self._env.unwrapped.control_dt, []
-        for run in self._run(candidates, self.angles, {}):
+        for run in self._run(candidates, self.angles):
             found = point_estimates(WALKER.metrics, run, self._env)
             row = {name: math.nan if value is None else value for name, value in found.items()}
             rows.append({**row, "upright": float(run["duration"].mean() / limit)})
         return rows
 
     def _run(
-        self, candidates: Sequence[Candidate], angles: Array, kwargs: dict[str, Any]
+        self, candidates: Sequence[Candidate], angles: Array, grounds: Sequence[Terrain] = ()
     ) -> list[dict[str, Any]]:
-        """Return each candidate's episodes, one from each crank angle."""
+        """Return each candidate's episodes, one from each crank angle, on its ground or level."""
         runs: list[Any] = [None] * len(candidates)
         kinds: dict[Any, list[int]] = {}
         for k, one in enumerate(candidates):
@@ -130,29 +132,32 @@ class Walker:
         for sides, members in kinds.items():
             for begin in range(0, len(members), self.count):
                 part = members[begin : begin + self.count]
-                found = self._batch([candidates[k] for k in part], sides, angles, kwargs)
+                found = self._batch([candidates[k] for k in part], sides, angles, grounds)
                 for k, run in zip(part, found, strict=True):
                     runs[k] = run
         return runs
 
     def _batch(
-        self, candidates: list[Candidate], sides: Any, angles: Array, kwargs: dict[str, Any]
+        self, candidates: list[Candidate], sides: Any, angles: Array, grounds: Sequence[Terrain]
     ) -> list[dict[str, Any]]:
         """:meth:`_run` of up to ``count`` candidates with the same legs."""
-        n, each = self.count * len(angles), len(angles)
-        # Rows beyond the candidates walk the last of them again: a batch has a fixed size.
-        padded = [*candidates, *[candidates[-1]] * (self.count - len(candidates))]
+        # Batches have few sizes, and are kept: rows to spare walk the last candidate again.
+        count = min(self.count, 1 << (len(candidates) - 1).bit_length())
+        n, each = count * len(angles), len(angles)
+        padded = [*candidates, *[candidates[-1]] * (count - len(candidates))]
         robots = np.empty(n, object)
         robots[:] = [one.robot for one in padded for _ in angles]
-        key = sides, each, repr(kwargs)
-        arguments = {**self.env_kwargs, **kwargs}
+        key = sides, n, each, bool(grounds)
+        arguments = dict(self.env_kwargs)
+        if grounds:
+            arguments["terrain"] = [*grounds] * count
         if self.policy is None:
             arguments["robot"] = padded[0].robot
         if key not in self._envs:
             self._envs[key] = make_envs(self.env_id, arguments, n)
         numbers = np.repeat([one.numbers for one in padded], each, axis=0)
         policy = self.policy or profiles(numbers, self._env)
-        options: dict[str, Any] = {"crank_angle": np.tile(angles, self.count)}
+        options: dict[str, Any] = {"crank_angle": np.tile(angles, count)}
         if self.policy is None:
             options["robot"] = robots
         else:  # which may observe how far lengths are from the environment's robot
@@ -170,35 +175,45 @@ class Walker:
         ]
 
     def _copies(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
-        """Score copies whose lengths are off, from one start each."""
-        rng, copies = np.random.default_rng(SEED), []
+        """Score copies whose lengths are off, from one start each; infinite: one does not walk."""
+        rng, copies, places = np.random.default_rng(SEED), [], []
         names = [name for name in lengths(candidates[0].robot) if name != "frame_angle"]
         errors = rng.uniform(-TOLERANCE, TOLERANCE, (COPIES, len(names)))
-        for one in candidates:
+        costs = np.full((len(candidates), COPIES), np.inf)
+        for k, one in enumerate(candidates):
             own = lengths(one.robot)
-            for error in errors:
-                off = {name: own[name] + e for name, e in zip(names, error.tolist(), strict=True)}
-                copies.append(one._replace(robot=with_lengths(one.robot, off)))
-        costs = []
-        for run in self._run(copies, self.angles[:1], {}):
+            for i, error in enumerate(errors.tolist()):
+                off = {name: own[name] + e for name, e in zip(names, error, strict=True)}
+                with suppress(ValueError):  # three lengths that form no triangle
+                    robot = with_lengths(one.robot, off)
+                    if geometry_measures(robot)["closure"] > 0.0:
+                        copies.append(one._replace(robot=robot))
+                        places.append((k, i))
+        for place, run in zip(places, self._run(copies, self.angles[:1]), strict=True):
             cost = point_estimates(WALKER.metrics, run, self._env)["steady_cost_of_transport"]
-            costs.append(math.inf if cost is None or run["fell"].any() else cost)
-        worst = np.array(costs).reshape(-1, COPIES).max(axis=1)
-        return [{"worst_copy": value} for value in worst.tolist()]
+            if cost is not None and not run["fell"].any():
+                costs[place] = cost
+        return [{"worst_copy": value} for value in costs.max(axis=1).tolist()]
 
     def _climb(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
-        """Sum over :data:`STEPS`: their differences, times the share of the way that is made."""
-        heights = np.array(STEPS)
-        grounds = [_step(height) for height in STEPS]
-        angles = np.resize(self.angles, len(STEPS))
-        runs = self._run(candidates, angles, {"terrain": grounds * self.count})
-        horizon = self._env.spec.max_episode_steps * self._env.unwrapped.control_dt
-        way = ENOUGH * self.speed * horizon
-        return [
-            {"climb": float(np.diff(heights, prepend=0.0)
-                            @ np.where(run["fell"], 0.0, np.clip(run["distance"] / way, 0.0, 1.0)))}
-            for run in runs
-        ]  # fmt: skip
+        """Sum over :data:`STEPS`: their differences, times the share of the way beyond the step
+        that is made, 0 after a fall, mean of all starts."""
+        limit = self._env.spec.max_episode_steps * self._env.unwrapped.control_dt
+        beyond = ENOUGH * self.speed * limit - STEP_AT
+        if beyond < LEAST_BEYOND:
+            raise ValueError(
+                f"climb at speed {self.speed} and a time limit of {limit:g} s ends {beyond:g} m "
+                f"behind the step, must be {LEAST_BEYOND} or more"
+            )
+        heights, found = np.array(STEPS), []
+        grounds = [_step(height) for height in STEPS for _ in self.angles]
+        for run in self._run(candidates, np.tile(self.angles, len(STEPS)), grounds):
+            made = np.clip((run["distance"] - STEP_AT) / beyond, 0.0, 1.0) * ~run["fell"].astype(
+                bool
+            )
+            share = made.reshape(len(STEPS), -1).mean(axis=1)
+            found.append({"climb": float(np.diff(heights, prepend=0.0) @ share)})
+        return found
 
     def _loads(self, candidate: Candidate) -> dict[str, float]:
         """Pin forces of a walk after :data:`SETTLING` s: wear, the largest, buckling."""
@@ -224,7 +239,8 @@ class Walker:
         if len(traces) <= begin + 1:
             return {"wear": math.nan, "pin_force": math.nan, "rod_safety": math.nan}
         trace = np.concatenate(traces[begin:])
-        return _loads_of(candidate.robot, trace, plant.time_step)
+        least = 0.5 * self.speed * plant.time_step * len(trace)  # or it does not walk
+        return _loads_of(candidate.robot, trace, plant.time_step, least)
 
 
 def _step(height: float) -> Any:
@@ -233,8 +249,9 @@ def _step(height: float) -> Any:
     return Terrain.of(np.concatenate([[[-1.0, 0.0]], tread, [[tread[-1, 0] + 1.0, height]]]))
 
 
-def _loads_of(robot: Robot, trace: Any, time_step: float) -> dict[str, float]:
-    """Wear by Archard: force times sliding at the bush's radius, summed over pins, per metre."""
+def _loads_of(robot: Robot, trace: Any, time_step: float, least: float) -> dict[str, float]:
+    """Wear by Archard: force times sliding at the bush's radius, summed over pins, per metre; NaN
+    where it walks less than ``least`` m."""
     pushed = np.abs(trace["impulses"]).sum(axis=(1, 2))
     every, hardest = trace[::TRACED], trace[np.argsort(pushed)[-PEAKS:]]
     tables = compile_robot(robot)
@@ -243,7 +260,7 @@ def _loads_of(robot: Robot, trace: Any, time_step: float) -> dict[str, float]:
     rate = turning(robot, every["pose"][:, 3], pairs)  # rad of each pin per rad of the crank
     rate *= np.abs(every["velocity_after"][:, 3, None, None])
     work = float((force * rate).sum()) * built.PIN_RADIUS * time_step * TRACED
-    walked = abs(float(trace["pose"][-1, 0] - trace["pose"][0, 0]))
+    walked = float(trace["pose"][-1, 0] - trace["pose"][0, 0])
     peak = trace_forces(tables, hardest, time_step)
     axial, safety = peak.link_loads()[..., 0], math.inf
     for body, (name, link) in enumerate(zip(robot.linkage.names, robot.bodies, strict=True), 1):
@@ -253,15 +270,13 @@ def _loads_of(robot: Robot, trace: Any, time_step: float) -> dict[str, float]:
             most = built.buckling_load(link.length, thickness=built.bar_thickness(name))
             safety = min(safety, most / push)
     return {
-        "wear": work / max(walked, 1e-3), "pin_force": float(peak.magnitude.max()),
+        "wear": work / walked if walked > least else math.nan,
+        "pin_force": float(peak.magnitude.max()),
         "rod_safety": safety,
-    }  # fmt: skip
+    }
 
 
 def groups_of(names: Collection[str]) -> list[str]:
     """Return the groups that give some measures, in the order of :data:`GROUPS`."""
     needed = {MEASURES[name].group for name in names}
     return [group for group in GROUPS if group in needed]
-
-
-Evaluate = Callable[[str, Sequence[Candidate]], dict[str, Array]]

@@ -15,8 +15,8 @@ import numpy as np
 
 from jansen_env.baselines.policy import Array
 
-SPREAD = 0.08  # standard deviation of the first generation about the start
-MUTATION, LINE = 0.06, 0.2  # of MAP-Elites: of one parent, and along the line between two
+SPREAD = 0.03  # standard deviation of the first generation about the start
+MUTATION, LINE = 0.03, 0.2  # of MAP-Elites: of one parent, and along the line between two
 INFEASIBLE, THRESHOLD = -1e12, -1e9  # objectives that no map takes, and the least that it does
 
 
@@ -50,9 +50,12 @@ class Cma:
         rng = np.random.default_rng(seed)
         options = {
             "bounds": [0.0, 1.0], "popsize": population, "seed": np.nan, "verbose": -9,
+            "CMA_elitist": True,  # or it loses a start that keeps narrow limits
             "randn": lambda *shape: rng.standard_normal(shape),
         }  # fmt: skip
-        self._search = cma.CMAEvolutionStrategy(np.clip(start, 0.02, 0.98), SPREAD, options)
+        inside = np.clip(start, 0.02, 0.98)
+        self._search = cma.CMAEvolutionStrategy(inside, SPREAD, options)
+        self._search.inject([inside], force=True)
         self._asked: list[Any] = []
 
     def ask(self) -> Array:
@@ -63,9 +66,7 @@ class Cma:
     def tell(self, objectives: Array, violation: Array, places: Array) -> None:
         """See :class:`Optimiser`."""
         rank = np.empty(len(violation))
-        rank[np.lexsort((np.nan_to_num(objectives[:, 0], nan=np.inf), violation))] = np.arange(
-            len(violation)
-        )
+        rank[np.lexsort((objectives[:, 0], violation))] = np.arange(len(violation))
         self._search.tell(self._asked, rank.tolist())
 
 
@@ -92,9 +93,8 @@ class Nsga2:
         from pymoo.core.evaluator import Evaluator
         from pymoo.problems.static import StaticProblem
 
-        found = StaticProblem(
-            self._problem, F=np.nan_to_num(objectives, nan=1e9), G=violation[:, None]
-        )
+        values = np.nan_to_num(objectives)  # unknown ones break a limit, and do not count
+        found = StaticProblem(self._problem, F=values, G=violation[:, None])
         Evaluator().eval(found, self._asked)
         self._search.tell(infills=self._asked)
 
@@ -117,8 +117,7 @@ class MapElites:
         )  # fmt: skip
         emitter = IsoLineEmitter(
             archive, iso_sigma=MUTATION, line_sigma=LINE, bounds=[(0.0, 1.0)] * len(start),
-            initial_solutions=first_generation(start, population, seed), batch_size=population,
-            seed=seed,
+            x0=start, batch_size=population, seed=seed,
         )  # fmt: skip
         self._search = Scheduler(archive, [emitter])
 
@@ -128,8 +127,7 @@ class MapElites:
 
     def tell(self, objectives: Array, violation: Array, places: Array) -> None:
         """See :class:`Optimiser`."""
-        bad = (violation > 0.0) | ~np.isfinite(objectives[:, 0])
-        worth = np.where(bad, INFEASIBLE, -np.nan_to_num(objectives[:, 0]))
+        worth = np.where(violation > 0.0, INFEASIBLE, -np.nan_to_num(objectives[:, 0]))
         self._search.tell(worth, np.nan_to_num(places))
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from filelock import FileLock, Timeout
 
 from agents.design.design_plan import Plan
 from agents.design.measures import Walker, groups_of
@@ -20,7 +21,7 @@ from agents.design.optimisers import Cma, MapElites, Nsga2, Optimiser, check_ins
 from agents.design.variables import Candidate, Space
 from jansen_env.baselines.policy import Array, Policy
 from jansen_env.checks import shown
-from jansen_env.files import open_regular, write_bytes
+from jansen_env.files import open_regular
 
 JOURNAL = "journal.jsonl"
 
@@ -37,19 +38,13 @@ class Searched(NamedTuple):
     measured: Measured
     violation: Array
 
-    def objectives(self, plan: Plan) -> Array:
-        """(n, k), to be small."""
-        return objectives_of(plan, self.measured)
-
     def best(self, plan: Plan) -> int:
         """Return the index of the best of those that keep all limits, else of the nearest to it."""
-        value = np.nan_to_num(self.objectives(plan)[:, 0], nan=np.inf)
-        return int(np.lexsort((value, self.violation))[0])
+        return int(np.lexsort((objectives_of(plan, self.measured)[:, 0], self.violation))[0])
 
     def front(self, plan: Plan) -> list[int]:
         """Return indices of those that keep all limits and that no other is better than in all."""
-        found = self.objectives(plan)
-        fine = np.flatnonzero((self.violation == 0.0) & np.isfinite(found).all(axis=1))
+        found, fine = objectives_of(plan, self.measured), np.flatnonzero(self.violation == 0.0)
         own = found[fine]
 
         def beaten(k: int) -> bool:
@@ -89,8 +84,9 @@ def measure(
 ) -> tuple[Measured, Array]:
     """Return measures (n,) by name, and violations (n,) of the limits.
 
-    What breaks a limit is not measured further: NaN. None is a candidate whose lengths form no
-    triangle; it breaks all limits, as one does whose linkage cannot turn.
+    What breaks a limit is not measured further: NaN. An objective that is not known counts as a
+    limit broken. None is a candidate whose lengths form no triangle; it breaks all limits, as one
+    does whose linkage cannot turn.
     """
     n, wanted = len(candidates), plan.measured
     measured = {name: np.full(n, np.nan) for name in [*wanted, "closure"]}
@@ -103,15 +99,15 @@ def measure(
         for name in {*found} & {*measured}:
             measured[name][rows] = found[name]
         able &= (broken(plan, measured, found) == 0.0) & (measured["closure"] > 0.0)
-    violation = broken(plan, measured, wanted) + (~(measured["closure"] > 0.0)).astype(float)
-    return measured, violation
+    lost = ~(measured["closure"] > 0.0) | ~np.isfinite(objectives_of(plan, measured)).all(axis=1)
+    return measured, broken(plan, measured, wanted) + lost
 
 
 def broken(plan: Plan, measured: Measured, names: Any) -> Array:
     """(n,) how far the limits on some measures are broken, in all.
 
-    x / (1 + x) for each of them, x in shares of the bound: below 1, so that what got far enough to
-    be measured is nearer than what did not, which counts 1.
+    1 - 1 / (1 + x) for each of them, x in shares of the bound: below 1, so that what got far enough
+    to be measured is nearer than what did not, which counts 1.
     """
     total = np.zeros(len(measured["closure"]))
     for name, (least, most) in plan.limits.items():
@@ -120,7 +116,7 @@ def broken(plan: Plan, measured: Measured, names: Any) -> Array:
             for bound, sign in ((least, -1.0), (most, 1.0)):
                 if bound is not None:
                     excess = np.fmax(excess, sign * (value - bound) / (abs(bound) or 1.0))
-            total += np.where(np.isnan(value), 1.0, excess / (1.0 + excess))
+            total += np.where(np.isnan(value), 1.0, 1.0 - 1.0 / (1.0 + excess))
     return total
 
 
@@ -131,11 +127,24 @@ def run_search(
     """Search, from where the folder's journal ends; returns all that was measured.
 
     Raises:
-        ValueError: the journal is damaged, or of another search.
+        ValueError: the journal is damaged, of another search, or another process writes it.
     """
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        with FileLock(folder / ".lock", timeout=0):
+            return _search(plan, seed, folder, policy, progress)
+    except Timeout as error:
+        raise ValueError(f"{folder} is in use by another process") from error
+
+
+def _search(
+    plan: Plan, seed: int, folder: Path, policy: Policy | None, progress: Progress
+) -> Searched:
+    """:func:`run_search` in a folder of its own."""
     space, walker = plan.space(), make_walker(plan, policy)
     optimiser = make_optimiser(plan, space.start, seed)
     told = read_journal(folder / JOURNAL)
+    cut_torn_line(folder / JOURNAL)
     parts = []
     for number in range(plan.generations):
         unit = optimiser.ask()
@@ -149,9 +158,9 @@ def run_search(
         else:
             part = Searched(unit, *measure(plan, walker, candidates(space, unit)))
             _append(folder / JOURNAL, part)
-            progress(number, part.measured, part.violation)
+        progress(number, part.measured, part.violation)
         places = np.stack([part.measured[name] for name in plan.map], 1) if plan.map else part.unit
-        optimiser.tell(part.objectives(plan), part.violation, places)
+        optimiser.tell(objectives_of(plan, part.measured), part.violation, places)
         parts.append(part)
     return joined(parts)
 
@@ -176,13 +185,20 @@ def candidates(space: Space, unit: Array) -> list[Candidate | None]:
     return [one(row) for row in unit]
 
 
+def cut_torn_line(path: Path) -> None:
+    """Remove a journal's last line if a process died before its end."""
+    if path.exists():
+        with open_regular(path) as file:
+            data = file.read()
+        os.truncate(path, data.rfind(b"\n") + 1)
+
+
 def _append(path: Path, part: Searched) -> None:
     """Add a generation to a journal, and see it on the disk."""
     row = {
         "unit": part.unit.tolist(), "violation": part.violation.tolist(),
         "measured": {name: values.tolist() for name, values in part.measured.items()},
     }  # fmt: skip
-    path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("a", encoding="utf-8") as file:
         file.write(json.dumps(row) + "\n")
         file.flush()
@@ -190,7 +206,7 @@ def _append(path: Path, part: Searched) -> None:
 
 
 def read_journal(path: Path) -> list[Searched]:
-    """Return a journal's generations; a last line that was not written to its end is removed.
+    """Return a journal's generations, without a last line that is not written to its end.
 
     Raises:
         ValueError: it is damaged; says in which line.
@@ -199,11 +215,8 @@ def read_journal(path: Path) -> list[Searched]:
         return []
     with open_regular(path) as file:
         data = file.read()
-    whole, _, torn = data.rpartition(b"\n")
-    if torn:
-        write_bytes(path, whole + b"\n" if whole else b"")
     found = []
-    for number, line in enumerate(whole.splitlines(), start=1):
+    for number, line in enumerate(data.split(b"\n")[:-1], start=1):
         try:
             row = json.loads(line)
             measured = {name: np.array(values, float) for name, values in row["measured"].items()}

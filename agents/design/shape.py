@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 from collections.abc import Sequence
@@ -10,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jansen_env.baselines.policy import Array
-from jansen_env.drawings.shaft_order import layers
+from jansen_env.drawings.shaft_order import gap, layers
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.initial_pose import static_deflection
@@ -25,6 +24,7 @@ from jansen_env.robot.kinematics import (
 from jansen_env.robot.lengths import lengths
 
 OF_PATHS = "height", "width", "lift", "opening", "heave", "stance", "advance"
+PLANE = np.array([1.0, 1.0j])  # a point as a complex number
 SAMPLES = 180  # crank angles of a turn
 NEAR = 0.01  # of the standing height: a toe so far above the lowest one counts as on the ground
 
@@ -88,31 +88,12 @@ def shared_planes(robot: Robot) -> list[tuple[Part, Part]]:
 def clearance(robot: Robot, planes: Sequence[tuple[Part, Part]]) -> float:
     """Least gap between links that lie in one plane, over a turn, m; below 0: they meet."""
     turn = np.linspace(0.0, 2.0 * math.pi, SAMPLES // 2, endpoint=False)
-    legs = {leg for pair in planes for leg, _ in pair}
     place = {
-        k: joint_positions(robot, robot.legs[k].side, turn + robot.legs[k].phase) for k in legs
+        k: joint_positions(robot, robot.legs[k].side, turn + robot.legs[k].phase) @ PLANE
+        for k in {leg for pair in planes for leg, _ in pair}
     }
-    edges = robot.linkage.edges
+    members = robot.linkage.members
     gaps = [
-        _segments_apart(place[i][:, list(one)], place[k][:, list(other)]).min()
-        for (i, a), (k, b) in planes for one in edges[a] for other in edges[b]
-    ]  # fmt: skip
+        gap(place[i][:, members[a]], place[k][:, members[b]]).min() for (i, a), (k, b) in planes
+    ]
     return float(min(gaps, default=math.inf)) - built.WIDTH
-
-
-def _segments_apart(one: Array, other: Array) -> Array:
-    """Distances (n,) between segments (n, 2, 2), m; 0 where they cross."""
-
-    def side(a: Array, b: Array, c: Array) -> Array:
-        u, v = b - a, c - a
-        return np.asarray(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
-
-    def to_segment(points: Array, segment: Array) -> Array:
-        a, span = segment[:, 0], segment[:, 1] - segment[:, 0]
-        share = ((points - a) * span).sum(axis=1) / (span * span).sum(axis=1)
-        return np.hypot(*(points - a - np.clip(share, 0.0, 1.0)[:, None] * span).T)
-
-    a, b, c, d = one[:, 0], one[:, 1], other[:, 0], other[:, 1]
-    cross = (side(a, b, c) * side(a, b, d) < 0.0) & (side(c, d, a) * side(c, d, b) < 0.0)
-    ends = [to_segment(p, other) for p in (a, b)] + [to_segment(p, one) for p in (c, d)]
-    return np.where(cross, 0.0, functools.reduce(np.minimum, ends))

@@ -14,6 +14,7 @@ from jansen_env.baselines.policy import Array
 from jansen_env.baselines.profile import load_profile
 from jansen_env.baselines.walker_baselines import tuned_for
 from jansen_env.checks import shown
+from jansen_env.drawings.shaft_order import units
 from jansen_env.robot import ROBOTS, Robot
 from jansen_env.robot.lengths import lengths, with_lengths
 from jansen_env.robot.motor import MOTORS
@@ -76,8 +77,9 @@ class Space:
         if "pins" in wanted and "phases" in wanted:
             raise ValueError("variables has pins and phases, must have one of them")
         reach = float(wanted.get("phases", 0.0))
-        legs = range(1, len(self.base.legs) if reach else 0)
-        self._phases = [Variable(f"phase_{k}", -reach, reach, 0.0) for k in legs]
+        self._units = units(self.base)[1:] if reach else []
+        self._phases = [Variable(f"phase_{k}", -reach, reach, 0.0)
+                        for k, _ in enumerate(self._units, start=1)]  # fmt: skip
         picks = [Variable(name, 0.0, 1.0, 0.5) for name in self._choices]
         tuned = self._profile if "harmonics" in wanted else []
         self.variables = [*self._lengths, *self._phases, *picks, *tuned]
@@ -104,8 +106,10 @@ class Space:
             robot = ROBOTS[self._name](_pick(self._choices["pins"], values["pins"]))
         robot = with_lengths(robot, {one.name: values[one.name] for one in self._lengths})
         if self._phases:
-            turned = [replace(leg, phase=leg.phase + values[f"phase_{k}"] if k else leg.phase)
-                      for k, leg in enumerate(robot.legs)]  # fmt: skip
+            turned = [*robot.legs]
+            for one, own in zip(self._phases, self._units, strict=True):
+                for leg in own:
+                    turned[leg] = replace(turned[leg], phase=turned[leg].phase + values[one.name])
             robot = replace(robot, legs=tuple(turned))
         if "motors" in values:
             robot = replace(robot, motor=MOTORS[_pick(self._choices["motors"], values["motors"])])

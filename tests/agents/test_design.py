@@ -21,7 +21,7 @@ from agents.tuning.profile_search import profiles
 from jansen_env import ROBOTS
 from jansen_env.robot import Bar
 from jansen_env.robot.lengths import lengths, with_lengths
-from jansen_env.robot.robot_file import read_robot
+from jansen_env.robot.robot_file import read_robot, write_robot
 from jansen_env.robot.zoo import standing_height
 from jansen_env.scoring.rollout import make_env
 
@@ -113,11 +113,9 @@ def test_crank_pins_and_phases_are_variables():
     space = Space("built", 0.3, {"pins": [2, 3]})
     assert [len(space.candidate(np.array([u])).robot.legs) for u in (0.1, 0.9)] == [4, 6]
     space = Space("built", 0.3, {"phases": 0.4})
-    turned = space.candidate(np.ones(3)).robot
-    known = [leg.phase for leg in ROBOTS["built"]().legs]
-    assert [leg.phase for leg in turned.legs] == pytest.approx(
-        [known[0], *(phase + 0.4 for phase in known[1:])]
-    )
+    assert len(space.variables) == 1
+    turned = space.candidate(np.ones(1)).robot
+    assert [leg.phase for leg in turned.legs] == pytest.approx([0.0, np.pi + 0.4] * 2)
 
 
 def test_the_shape_of_the_built_robot():
@@ -185,10 +183,13 @@ def test_wear_grows_with_what_slides(walker):
 
 
 def test_climbing_counts_heights(walker):
-    """Between none and all of them."""
-    start = Space("built", 0.3, {"lengths": 0.1})
-    climbed = walker.measure("climb", [start.candidate(start.start)])["climb"]
-    assert 0.0 <= climbed[0] <= STEPS[-1]
+    """A step that falls short of nothing; the slow and short walk is refused."""
+    start = Space("built", 0.4, {"lengths": 0.1})
+    whole = Walker("JansenWalkerBuilt-v0", {"robot": "built"}, 0.4, 1, 1)
+    climbed = whole.measure("climb", [start.candidate(start.start)])["climb"]
+    assert STEPS[0] < climbed[0] < STEPS[-1]
+    with pytest.raises(ValueError, match=r"climb at speed .* and a time limit of 3 s ends"):
+        walker.measure("climb", [start.candidate(start.start)])
 
 
 def test_copies_are_as_bad_as_the_worst(walker):
@@ -229,12 +230,12 @@ def test_a_killed_search_goes_on_bit_for_bit(method, tmp_path):
     """Cut in the midst of a line of its journal: the end is that of a search that was not."""
     plan = plan_of(method)
     whole = search.run_search(plan, 0, tmp_path / "a")
-    search.run_search(plan._replace(generations=2), 0, tmp_path / "b")
+    part = search.run_search(plan._replace(generations=2), 0, tmp_path / "b")
     journal = tmp_path / "b" / search.JOURNAL
     journal.write_bytes(journal.read_bytes()[:-20])
-    seen = []
-    again = search.run_search(plan, 0, tmp_path / "b", progress=lambda k, *_: seen.append(k))
-    assert seen == [1, 2]
+    told = search.read_journal(journal)
+    assert len(told) == 1 and np.array_equal(told[0].unit, part.unit[:4])
+    again = search.run_search(plan, 0, tmp_path / "b")
     assert journal.read_bytes() == (tmp_path / "a" / search.JOURNAL).read_bytes()
     assert np.array_equal(again.unit, whole.unit) and len(whole.unit) == 12
 
@@ -323,7 +324,7 @@ def test_ranks_are_checked_elsewhere(places, tmp_path, monkeypatch):
     search.run_search(plan, 0, tmp_path / "seed_0")
     text = trust.trust_report(plan, tmp_path)
     assert all(place in text for place in (*places, "start 8", "rank correlation"))
-    with pytest.raises(ValueError, match="has 0 designs that walk"):
+    with pytest.raises(ValueError, match="has 0 designs in its limits"):
         trust.trust_report(plan, tmp_path / "seed_1")
 
 
@@ -350,3 +351,24 @@ def test_seeds_run_in_processes(tmp_path):
     search.run_search(plan_of(generations=1), 1, alone)
     journal = tmp_path / "own" / "seed_1" / search.JOURNAL
     assert json.loads(journal.read_text()) == json.loads((alone / search.JOURNAL).read_text())
+
+
+def test_a_folder_has_one_search(tmp_path, capsys):
+    """Not two at once, and not another robot under the same name."""
+    with search.FileLock(tmp_path / ".lock"), pytest.raises(ValueError, match="is in use by"):
+        search.run_search(plan_of(generations=1), 0, tmp_path)
+    robot = write_robot(tmp_path / "own.json", ROBOTS["built"]())
+    plan = plan_of(generations=1, robot=str(robot))
+    command.enter(tmp_path / "search", plan)
+    write_robot(robot, with_lengths(ROBOTS["built"](), {"rocker": 0.24}))
+    with pytest.raises(ValueError, match=r"holds another search: \['robot'\] differ"):
+        command.enter(tmp_path / "search", plan)
+
+
+def test_a_copy_that_cannot_turn_is_the_worst(walker):
+    """All but a dead point: infinite, and no error."""
+    tight = with_lengths(ROBOTS["built"](), {"rocker": 0.171})
+    assert 0.0 < geometry_measures(tight)["closure"] < 0.2
+    start = Space("built", 0.3, {"lengths": 0.1})
+    one = Candidate(tight, start.candidate(start.start).numbers)
+    assert walker.measure("copies", [one])["worst_copy"][0] == np.inf

@@ -8,6 +8,8 @@ from benchmarks import (
     built_robot,
     convergence,
     held_out,
+    durable_leg,
+    leg_mass,
     measure,
     plants,
     probe,
@@ -85,6 +87,8 @@ def test_what_cannot_be_measured_is_refused(arguments, tmp_path, capsys):
         (plants.main, (), ["--machines"], "machines"),
         (built_robot.main, (), ["--plant", "rigid_body"], "motors_rigid_body"),
         (held_out.main, (), ["--policy", "pid", "--starts", "1"], "held_out"),
+        (durable_leg.main, ("pymoo",), [], "durable_leg"),
+        (leg_mass.main, ("mujoco",), [], "leg_mass"),
     ],
 )
 def test_a_benchmark_runs(main, needs, arguments, written, tmp_path):

@@ -115,10 +115,13 @@ def account(
                       np.minimum(work, 0.0), energy["joint_loss"], energy["slip_loss"],
                       energy["impact_loss"]])  # fmt: skip
     envs.close()
+    first = [f"{speed:g}", f"{legs:.2f}", f"{robot.mass:.1f}", f"{1.0 - stood.mean():.0%}"]
+    if not stood.any():
+        return [*first, *["-"] * (len(HEAD) - len(first))]
     torque, turn, *energies = np.array(parts)[SETTLING:, :, stood].swapaxes(0, 1)
     turns = abs(float(turn.sum())) / (2.0 * math.pi)
-    return [f"{speed:g}", f"{legs:.2f}", f"{robot.mass:.1f}", f"{1.0 - stood.mean():.0%}",
-            f"{np.sqrt(np.square(torque).mean()):.2f}", f"{np.abs(torque).max(axis=0).mean():.1f}",
+    return [*first, f"{np.sqrt(np.square(torque).mean()):.2f}",
+            f"{np.abs(torque).max(axis=0).mean():.1f}",
             *(f"{one.sum() / turns:.2f}" for one in energies)]  # fmt: skip
 
 

@@ -7,8 +7,8 @@ import pytest
 from benchmarks import (
     built_robot,
     convergence,
-    held_out,
     durable_leg,
+    held_out,
     leg_mass,
     measure,
     plants,

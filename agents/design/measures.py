@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
+from agents.design.held_leg import held_leg_measures
 from agents.design.shape import Part, clearance, geometry_measures, shared_planes
 from agents.design.variables import Candidate
 from agents.tuning.profile_search import profiles
@@ -46,8 +47,14 @@ class Measure(NamedTuple):
     label: str
 
 
+HELD = {
+    "leg_step": "m", "leg_clearance": "m", "leg_duty": "fraction", "leg_flatness": "1",
+    "leg_ripple": "1", "leg_wear": "N m", "leg_wear_of_mean": "N m", "leg_pin_load": "N",
+}  # fmt: skip
+"""Units of :func:`agents.design.held_leg.held_leg_measures`."""
 WALK = {name: Measure("walk", one.unit, one.label) for name, one in WALKER.metrics.items()}
 MEASURES: dict[str, Measure] = WALK | {
+    **{name: Measure("held", unit, "of one held leg") for name, unit in HELD.items()},
     "upright": Measure("walk", "fraction", "of the time limit without a fall"),
     "closure": Measure("shape", "1", "sine of two links' angle, nearest a dead point"),
     "height": Measure("shape", "m", "of the crank axis above the lowest toe, mean"),
@@ -69,7 +76,7 @@ MEASURES: dict[str, Measure] = WALK | {
     ),
 }  # fmt: skip
 """By name. Walks are scored as everywhere (:data:`jansen_env.scoring.benchmarks.WALKER`)."""
-GROUPS = ("shape", "planes", "walk", "copies", "climb", "loads")
+GROUPS = ("shape", "held", "planes", "walk", "copies", "climb", "loads")
 """In the order in which they are measured: the cheapest first."""
 
 
@@ -98,6 +105,7 @@ class Walker:
         """Return a group's measures (n,) of candidates by name; NaN for what is not known."""
         rows = {
             "shape": lambda: [geometry_measures(one.robot) for one in candidates],
+            "held": lambda: [held_leg_measures(one.robot) for one in candidates],
             "planes": lambda: self._planes(candidates),
             "walk": lambda: self.walk(candidates),
             "copies": lambda: self._copies(candidates),

@@ -12,7 +12,7 @@ import yaml
 from agents.design import __main__ as command
 from agents.design import design_report, search, trust
 from agents.design.design_plan import PLANS, make_plan, read_plan
-from agents.design.measures import MEASURES, SEED, STEPS, Walker
+from agents.design.measures import HELD, MEASURES, SEED, STEPS, Walker
 from agents.design.optimisers import Cma, MapElites, Nsga2
 from agents.design.shape import clearance, geometry_measures
 from agents.design.variables import Candidate, Space
@@ -169,6 +169,14 @@ def test_walks_are_scored_as_everywhere(walker):
         way += info["x_position"]
     cost = work / (env.unwrapped.task.world.weight[0] * way)
     assert both["cost_of_transport"][1] == pytest.approx(cost, rel=1e-6)
+
+
+def test_a_held_leg_is_measured_too(walker):
+    """As :mod:`agents.design.held_leg` has it; what does not close has no numbers."""
+    broken = with_lengths(ROBOTS["built"](), {"rocker": 0.05})
+    two = [Candidate(robot, np.ones(4)) for robot in (ROBOTS["built"](), broken)]
+    found = walker.measure("held", two)
+    assert {*found} == {*HELD} and found["leg_wear"][0] > 0.0 and np.isnan(found["leg_wear"][1])
 
 
 def test_wear_grows_with_what_slides(walker):

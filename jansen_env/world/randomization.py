@@ -42,13 +42,13 @@ WIDEST = 0.9  # by which a length may be shorter
 
 
 def load_randomization(
-    name: str, value: Any, parameters: Iterable[str] = PARAMETERS
+    name: str, value: Any, parameters: Iterable[str] | None = None
 ) -> dict[str, Any]:
     """Return the distributions of ``randomize``: a :data:`Randomization`, and "lengths".
 
     ``value``: by name a number, (low, high) for a uniform draw (of whole numbers where the
     parameter is one), or a :class:`Distribution`; None for none. "lengths" are factors by length,
-    or of all; a number s stands for (1 - s, 1 + s).
+    or of all; a number s stands for (1 - s, 1 + s). ``parameters``: that there are; None for all.
 
     Raises:
         ValueError: a name or a range that there is not.
@@ -56,6 +56,7 @@ def load_randomization(
     given = {} if value is None else value
     if not isinstance(given, Mapping):
         raise ValueError(f"{name} is {shown(given)}, must map of {[*PARAMETERS]} to ranges")
+    parameters = [*(PARAMETERS if parameters is None else parameters)]
     if unknown := sorted(map(str, {*given} - {*parameters, "lengths"})):
         raise ValueError(f"{name} has {unknown}, must be of {[*parameters, 'lengths']}")
     found: dict[str, Any] = {k: _distribution(k, given[k]) for k in parameters if k in given}

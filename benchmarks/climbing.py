@@ -1,9 +1,9 @@
 """Limits of climbing: success by obstacle, its size, speed and controller.
 
-    python -m benchmarks.climbing [--episodes 24] [--policy RUN] [--quick]
+    python -m benchmarks.climbing [--episodes 24] [--env ID] [--policy RUN] [--quick]
 
 All controllers and speeds meet the same grounds: where one of them succeeds, the machine can.
-Writes ``climbing.md``, ``levels.md`` and ``generators.png``.
+Writes ``climbing.md``, and for the paper's robot ``levels.md`` and ``generators.png``.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ FRICTION = 0.8
 EPISODES = 24  # of each case
 AT_ONCE = 256  # robots
 FIRST_SEED = 90_000  # apart from all others
+ENVS = (ENV, "JansenWalkerBuilt-v0", "JansenWalkerRough-v0")  # the last with a look ahead
 HALF = 0.5  # of the walks: up to which size the machine is said to climb
 BEYOND = 2  # sizes beyond the highest level
 UNITS = {"angle": "rad"}  # the others are in m
@@ -80,21 +81,24 @@ Found: TypeAlias = dict[str, Walked]
 """Outcomes (sizes, speeds, episodes) by policy."""
 
 
-def walk(policy: Policy, cases: Sequence[tuple[Terrain, float, int]], **more: Any) -> Walked:
+def walk(
+    policy: Policy, cases: Sequence[tuple[Terrain, float, int]], env_id: str = ENV, **more: Any
+) -> Walked:
     """One walk of each case (terrain, speed command, seed), (n,); ``more``: arguments."""
     parts = []
     for begin in range(0, len(cases), AT_ONCE):
         terrains, speeds, seeds = zip(*cases[begin : begin + AT_ONCE], strict=True)
-        kwargs = {"friction": FRICTION, "terrain": list(terrains), **more}
-        run = run_episodes(policy, ENV, kwargs, np.array(speeds), np.array(seeds))
-        won = succeeded(run, make_env(ENV, {})).astype(bool)
+        kwargs = {"friction": FRICTION, "terrain": list(terrains), "randomize": {}, **more}
+        run = run_episodes(policy, env_id, kwargs, np.array(speeds), np.array(seeds))
+        won = succeeded(run, make_env(env_id, {})).astype(bool)
         parts.append(Walked(~run["fell"].astype(bool), won))
     return Walked(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def climb(
-    policies: dict[str, Policy], obstacle: str, speeds: Sequence[float], episodes: int
-) -> Found:
+    policies: dict[str, Policy], obstacle: str, speeds: Sequence[float], episodes: int,
+    env_id: str = ENV,
+) -> Found:  # fmt: skip
     """Walks over all sizes of an obstacle; episode k has the same ground at all speeds."""
     grown = sizes(obstacle)
     cases = [
@@ -105,7 +109,7 @@ def climb(
     ]
     shape = len(grown), len(speeds), episodes
     return {
-        name: Walked(*(values.reshape(shape) for values in walk(policy, cases)))
+        name: Walked(*(values.reshape(shape) for values in walk(policy, cases, env_id)))
         for name, policy in policies.items()
     }
 
@@ -210,13 +214,14 @@ def draw_generators(path: Path, levels: Sequence[int] = (0, 4, HIGHEST)) -> None
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    found, policies = chosen_with_policies(__doc__, "docs/terrain", EPISODES, arguments)
+    found, policies = chosen_with_policies(__doc__, "docs/terrain", EPISODES, arguments, ENVS)
     count, speeds = (2, SPEEDS[-1:]) if found.quick else (found.episodes, SPEEDS)
     results = {
-        obstacle: climb(policies, obstacle, speeds, count)
+        obstacle: climb(policies, obstacle, speeds, count, found.env)
         for obstacle in (OBSTACLES[:1] if found.quick else OBSTACLES)
     }
-    command = f"python -m benchmarks.climbing --episodes {count}"
+    more = "".join(f" --policy {name}" for name in found.policy)
+    command = f"python -m benchmarks.climbing --env {found.env} --episodes {count}{more}"
     shown = ", ".join(f"{speed:g}" for speed in speeds)
     measure.report(
         found.out / "climbing.md",
@@ -235,9 +240,10 @@ def main(arguments: list[str] | None = None) -> None:
         f"Kinematics: with a level chassis a toe comes {1e3 * toe_lift(paper_robot()):.0f} mm over "
         "the lowest one. Beyond that, a toe that meets a face has to be pulled up it.",
     )
+    if found.env != ENV:
+        return
     measure.report(found.out / "levels.md", "# Levels", "`python -m benchmarks.climbing`: values "
                    "of `jansen_env.terrain.generators.LEVELS`.", level_table())  # fmt: skip
-
     draw_generators(found.out / "generators.png")
 
 

@@ -8,6 +8,7 @@ The figure shows crank speed, loaded toes and slip over the crank's angle. Write
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -47,24 +48,26 @@ BINS = 90  # of a turn
 LOADED = 0.02  # of the weight, from which a toe is drawn as standing
 
 
-def load(names: list[str]) -> dict[str, Policy]:
+def load(names: list[str], env_id: str = ENV) -> dict[str, Policy]:
     """Policies by label; see :func:`agents.evaluate.load_named`."""
-    env = make_env(ENV, {})
+    env = make_env(env_id, {})
     policies = {label(name): load_named(name, env) for name in names}
     env.close()
     return policies
 
 
 def chosen_with_policies(
-    doc: str | None, out: str, episodes: int, arguments: list[str] | None
-) -> tuple[Any, dict[str, Policy]]:
+    doc: str | None, out: str, episodes: int, arguments: list[str] | None,
+    envs: Sequence[str] = (ENV,),
+) -> tuple[Any, dict[str, Policy]]:  # fmt: skip
     """The command line, with ``--policy``, and the policies beside the PID and the profile."""
     parser = measure.options(doc, out, episodes=episodes)
     parser.add_argument("--policy", action="append", default=[], metavar="NAME",
                         help="also a run's folder or model")  # fmt: skip
+    parser.add_argument("--env", choices=envs, default=ENV, help=f"environment; default: {ENV}")
     found = measure.chosen(parser, arguments)
     try:
-        return found, load(["pid", "profile", *found.policy])
+        return found, load(["pid", "profile", *found.policy], found.env)
     except ValueError as error:
         parser.error(str(error))
 

@@ -11,19 +11,14 @@ import gymnasium as gym
 import numpy as np
 
 from agents.design.held_leg import held_leg_measures
+from agents.design.pins import loads_of_walk
 from agents.design.shape import Part, clearance, geometry_measures, shared_planes
 from agents.design.variables import Candidate
 from agents.tuning.profile_search import profiles
 from jansen_env.baselines.policy import Array, Policy
 from jansen_env.dynamics.projection import leg_sides
-from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.trace import trace_forces
-from jansen_env.robot import Bar, Robot
-from jansen_env.robot import buildable as built
-from jansen_env.robot.kinematics import turning
 from jansen_env.robot.lengths import lengths, with_lengths
-from jansen_env.robot.linkage import CRANK
 from jansen_env.scoring.benchmarks import ENOUGH, WALKER
 from jansen_env.scoring.metrics import SETTLING, point_estimates
 from jansen_env.scoring.rollout import make_env, make_envs, run_episodes
@@ -35,8 +30,6 @@ STEPS = tuple(np.round(np.arange(0.02, 0.161, 0.02), 3).tolist())  # m, heights 
 STEP_AT = 1.0  # m, where the step is
 LEAST_BEYOND = 0.5  # m, to walk after it
 COPIES, TOLERANCE = 8, 5e-4  # of a candidate whose lengths are off by up to so much, m
-TRACED = 8  # time steps from one to the next in which pin forces are worked out
-PEAKS = 64  # time steps in which the ground pushes most, for the largest forces
 
 
 class Measure(NamedTuple):
@@ -248,40 +241,13 @@ class Walker:
             return {"wear": math.nan, "pin_force": math.nan, "rod_safety": math.nan}
         trace = np.concatenate(traces[begin:])
         least = 0.5 * self.speed * plant.time_step * len(trace)  # or it does not walk
-        return _loads_of(candidate.robot, trace, plant.time_step, least)
+        return loads_of_walk(candidate.robot, trace, plant.time_step, least)
 
 
 def _step(height: float) -> Any:
     """Flat ground with one step up."""
     tread = shapes.treads(np.array([STEP_AT]), np.array([height]))
     return Terrain.of(np.concatenate([[[-1.0, 0.0]], tread, [[tread[-1, 0] + 1.0, height]]]))
-
-
-def _loads_of(robot: Robot, trace: Any, time_step: float, least: float) -> dict[str, float]:
-    """Wear by Archard: force times sliding at the bush's radius, summed over pins, per metre; NaN
-    where it walks less than ``least`` m."""
-    pushed = np.abs(trace["impulses"]).sum(axis=(1, 2))
-    every, hardest = trace[::TRACED], trace[np.argsort(pushed)[-PEAKS:]]
-    tables = compile_robot(robot)
-    force = trace_forces(tables, every, time_step).magnitude
-    pairs = [(pin.other, pin.body) for pin in robot.linkage.pins]
-    rate = turning(robot, every["pose"][:, 3], pairs)  # rad of each pin per rad of the crank
-    rate *= np.abs(every["velocity_after"][:, 3, None, None])
-    work = float((force * rate).sum()) * built.PIN_RADIUS * time_step * TRACED
-    walked = float(trace["pose"][-1, 0] - trace["pose"][0, 0])
-    peak = trace_forces(tables, hardest, time_step)
-    axial, safety = peak.link_loads()[..., 0], math.inf
-    for body, (name, link) in enumerate(zip(robot.linkage.names, robot.bodies, strict=True), 1):
-        if isinstance(link, Bar) and body > CRANK:
-            ends = [k for k, (b, _) in enumerate(robot.linkage.corners) if b == body]
-            push = max(1e-9, -float(axial[..., ends].mean(axis=-1).min()))
-            most = built.buckling_load(link.length, thickness=built.bar_thickness(name))
-            safety = min(safety, most / push)
-    return {
-        "wear": work / walked if walked > least else math.nan,
-        "pin_force": float(peak.magnitude.max()),
-        "rod_safety": safety,
-    }
 
 
 def groups_of(names: Collection[str]) -> list[str]:

@@ -76,7 +76,9 @@ def model_file(name: str) -> Path | None:
 
 
 def label(name: str) -> str:
-    """Return a policy's name in tables; a model has that of its run's folder."""
+    """Return a policy's name in tables; a model or profile has that of its folder."""
+    if name.startswith(SEARCHED):
+        return "/".join(Path(name.removeprefix(SEARCHED)).resolve().parts[-3:-1])
     file = model_file(name)
     if file is None:
         return name

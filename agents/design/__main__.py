@@ -7,12 +7,11 @@ killed, the same command goes on where it was.
 from __future__ import annotations
 
 import argparse
-import os
 import shlex
 import sys
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
@@ -22,49 +21,17 @@ from agents.command_line import mapping, positive_int
 from agents.design.design_plan import PLANS, Plan, make_plan, read_plan
 from agents.design.design_report import REPORT, ROBOT, write_report
 from agents.design.search import JOURNAL, Measured, objectives_of, run_search
+from agents.design.seeds import SearchRequest, execute_search, load_policy
 from agents.design.trust import trust_report
 from agents.plain_yaml import read_yaml
-from jansen_env.baselines.policy import Policy
 from jansen_env.cores import available_cores
 from jansen_env.files import write_text
 from jansen_env.robot.robot_file import read_robot, write_robot
-from jansen_env.scoring.rollout import make_env
 
 if TYPE_CHECKING:
-    from agents.studies.run import RunResult  # torch comes with it, which takes seconds to import
-
-PLAN = "plan.yml"
-
-
-class SearchRequest(NamedTuple):
-    """One seed's search in a process of its own."""
-
-    name: str
-    plan: Plan
-    seed: int
-    folder: Path
-    cores: int
-
-
-def execute_search(request: SearchRequest) -> RunResult:
-    """Run a seed's search; errors are the result."""
     from agents.studies.run import RunResult
 
-    os.environ["NUMBA_NUM_THREADS"] = str(request.cores)
-    try:
-        run_search(request.plan, request.seed, request.folder, load_policy(request.plan))
-    except (OSError, ValueError) as error:
-        return RunResult("failed", str(error))
-    return RunResult("finished")
-
-
-def load_policy(plan: Plan) -> Policy | None:
-    """Return the policy that turns all cranks, None for profiles. Raises ValueError: no policy."""
-    if plan.policy is None:
-        return None
-    from agents.evaluate import load_named
-
-    return load_named(plan.policy, make_env(plan.env, {**plan.env_kwargs, "robot": plan.robot}))
+PLAN = "plan.yml"
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:

@@ -2,6 +2,8 @@
 
 import json
 import math
+import subprocess
+import sys
 from dataclasses import replace
 
 import gymnasium as gym
@@ -351,10 +353,11 @@ def test_bad_arguments_get_one_line(arguments, message, capsys):
 
 @pytest.mark.slow
 def test_seeds_run_in_processes(tmp_path):
-    """Two at once; each as it is alone."""
+    """Two, by the command itself; each as it is alone."""
     path = tmp_path / "own.yml"
     path.write_text(yaml.safe_dump({**SMALL, "method": "cma", "seeds": 2, "generations": 1}))
-    assert command.main([str(path), "--log-folder", str(tmp_path), "--local"]) == 0
+    arguments = [str(path), "--log-folder", str(tmp_path), "--local"]
+    subprocess.run([sys.executable, "-m", "agents.design", *arguments], check=True)
     alone = tmp_path / "alone"
     search.run_search(plan_of(generations=1), 1, alone)
     journal = tmp_path / "own" / "seed_1" / search.JOURNAL

@@ -33,7 +33,7 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
     | 2 | crank speed | -Inf | Inf | rad/s |
     | 3 | tracking error, reference less crank angle | -Inf | Inf | rad |
     | 4 | commanded crank speed w | -10 | 10 | rad/s |
-    | 5 .. | with ``observe_lengths``: as of ``JansenWalker-v0`` | -Inf | Inf | 1 |
+    | last | with ``observe_lengths``: as of ``JansenWalker-v0`` | -Inf | Inf | 1 |
 
     ## Rewards
     The sum of two terms, each in ``info``:

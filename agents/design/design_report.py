@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,6 +33,7 @@ from jansen_env.drawings.shaft_order import layers
 from jansen_env.files import write_json, write_text
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import toe_positions, world_joints
+from jansen_env.robot.lengths import lengths
 from jansen_env.robot.robot_file import write_robot
 
 ROBOT, PROFILE, REPORT = "robot.json", "profile.json", "report.md"
@@ -94,19 +97,47 @@ def write_report(plan: Plan, folder: Path, policy: Policy | None = None) -> str:
             "can be assembled"]  # fmt: skip
     values = [space.values(space.start)]
     values += [space.values(one.searched.unit[one.best]) for one in found]
-    lengths = [[name, *(f"{each[name]:.4g}" for each in values)] for name in values[0]]
+    table = [[name, *(f"{each[name]:.4g}" for each in values)] for name in values[0]]
     count = sum(len(one.searched.violation) for one in found)
     text = (
         f"# {folder.name}\n\n{plan.method}, {plan.starts} walks at {plan.speed:g} m/s each of "
         f"{count} candidates, {plan.population} a generation.\n\n"
         f"{tabulate(rows, head, tablefmt='github')}\n\n"
-        f"{tabulate(lengths, ['', *designs], tablefmt='github')}\n\n"
+        f"{tabulate(table, ['', *designs], tablefmt='github')}\n\n"
         "![designs](designs.png)\n\n![search](search.png)\n"
     )
+    robots = [one.robot for one in designs.values()]
+    if len(found) > 1 and all(geometry_measures(one)["closure"] > 0.0 for one in robots):
+        text += f"\n{agreement(robots)}\n"
     draw_designs({name: one.robot for name, one in designs.items()}, folder / "designs.png")
     draw_search(plan, found, folder / "search.png")
     write_text(folder / REPORT, text)
     return text
+
+
+def agreement(robots: Sequence[Robot]) -> str:
+    """How far designs agree, the first of which is the start: paths of the first toe by the mean
+    distance of their points, over their width, and lengths by their mean difference."""
+    psi = np.linspace(0.0, 2.0 * np.pi, 180, endpoint=False)
+    toes = [toe_positions(one, psi)[:, 0] @ (1.0, 1.0j) for one in robots]
+    paths = [toe - toe.mean() for toe in toes]
+    sizes = np.array([[*lengths(one).values()] for one in robots])
+
+    def apart(i: int, k: int) -> tuple[float, float]:
+        gap = np.abs(paths[i][:, None] - paths[k])
+        mean = 0.5 * (gap.min(axis=0).mean() + gap.min(axis=1).mean())
+        width = 0.5 * (np.ptp(paths[i].real) + np.ptp(paths[k].real))
+        return mean / width, float(np.mean(np.abs(sizes[i] - sizes[k]) / np.abs(sizes[0])))
+
+    def mean(pairs: Iterable[tuple[int, int]]) -> str:
+        path, length = 100.0 * np.mean([apart(*pair) for pair in pairs], axis=0)
+        return f"paths {path:.1f} % of their width, lengths {length:.1f} %"
+
+    between = itertools.combinations(range(1, len(robots)), 2)
+    return (
+        f"Apart from each other in the mean: {mean(between)}; from the start: "
+        f"{mean((0, k) for k in range(1, len(robots)))}."
+    )
 
 
 def fresh_walker(plan: Plan, policy: Policy | None, **changes: Any) -> Walker:

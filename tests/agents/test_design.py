@@ -358,10 +358,20 @@ def test_seeds_run_in_processes(tmp_path):
     path.write_text(yaml.safe_dump({**SMALL, "method": "cma", "seeds": 2, "generations": 1}))
     arguments = [str(path), "--log-folder", str(tmp_path), "--local"]
     subprocess.run([sys.executable, "-m", "agents.design", *arguments], check=True)
+    assert "Apart from each other" in (tmp_path / "own" / "report.md").read_text()
     alone = tmp_path / "alone"
     search.run_search(plan_of(generations=1), 1, alone)
     journal = tmp_path / "own" / "seed_1" / search.JOURNAL
     assert json.loads(journal.read_text()) == json.loads((alone / search.JOURNAL).read_text())
+
+
+def test_designs_agree_with_themselves():
+    """Twice the same: nothing apart; a crank a tenth longer: a thirteenth of a tenth."""
+    built = ROBOTS["built"]()
+    longer = with_lengths(built, {"crank": 1.1 * lengths(built)["crank"]})
+    text = design_report.agreement([built, longer, longer])
+    assert "each other in the mean: paths 0.0 % of their width, lengths 0.0 %" in text
+    assert "lengths 0.8 %." in text
 
 
 def test_a_folder_has_one_search(tmp_path, capsys):

@@ -16,7 +16,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from multiprocessing.connection import wait as wait_for
-from typing import Any, Protocol
+from typing import Any
 
 from agents.studies.run import RunResult, execute_run
 from agents.training.callbacks import StopOnSignal
@@ -43,31 +43,19 @@ def has_ray() -> bool:
     return find_spec("ray") is not None
 
 
-class Request(Protocol):
-    """Protocol of what a process is told: it is pickled."""
-
-    @property
-    def name(self) -> str:
-        """Of the run."""
-        ...
-
-    @property
-    def cores(self) -> int:
-        """How many the run uses."""
-        ...
-
-
 def run_locally(
-    requests: Sequence[Request], workers: int, watch: Watch,
+    requests: Sequence[Any], workers: int, watch: Watch,
     execute_one: Callable[[Any], RunResult] = execute_run,
 ) -> dict[str, RunResult]:  # fmt: skip
     """Execute runs in so many local processes side by side, and return the result of each by name.
+
+    A request has a ``name`` and ``cores``, and is what ``execute_one`` takes.
 
     On Ctrl-C, runs in training save checkpoints before this returns.
     """
     context = multiprocessing.get_context("spawn")  # a process with threads must not be forked
 
-    def execute(request: Request) -> RunResult:
+    def execute(request: Any) -> RunResult:
         """Execute a run in a new process; retry if the process dies."""
         for _ in range(RETRIES + 1):
             if stop.signal:
@@ -106,7 +94,7 @@ def _begin_worker() -> None:
 
 
 def run_on_ray(
-    requests: Sequence[Request], address: str | None, watch: Watch,
+    requests: Sequence[Any], address: str | None, watch: Watch,
     execute_one: Callable[[Any], RunResult] = execute_run,
 ) -> dict[str, RunResult]:  # fmt: skip
     """Execute runs as tasks of Ray, which begins those lost with a process or node again, else as

@@ -15,6 +15,7 @@ import numpy as np
 
 from jansen_env.baselines.policy import Array
 
+SPREAD = 0.03  # standard deviation of the first generation: farther from the start few close
 MUTATION, LINE = 0.03, 0.2  # of MAP-Elites: of one parent, and along the line between two
 INFEASIBLE, THRESHOLD = -1e12, -1e9  # objectives that no map takes, and the least that it does
 
@@ -45,15 +46,15 @@ class Optimiser(Protocol):
 class Cma:
     """CMA-ES (Hansen 2016) for the first objective; what breaks limits ranks behind, by how far."""
 
-    def __init__(self, start: Array, spread: Array, population: int, seed: int) -> None:
+    def __init__(self, start: Array, population: int, seed: int) -> None:
         rng = np.random.default_rng(seed)
         options = {
             "bounds": [0.0, 1.0], "popsize": population, "seed": np.nan, "verbose": -9,
-            "CMA_stds": spread, "CMA_elitist": True,  # or it loses a start that keeps narrow limits
+            "CMA_elitist": True,  # or it loses a start that keeps narrow limits
             "randn": lambda *shape: rng.standard_normal(shape),
         }  # fmt: skip
         inside = np.clip(start, 0.02, 0.98)
-        self._search = cma.CMAEvolutionStrategy(inside, 1.0, options)
+        self._search = cma.CMAEvolutionStrategy(inside, SPREAD, options)
         self._search.inject([inside], force=True)
         self._asked: list[Any] = []
 
@@ -72,13 +73,11 @@ class Cma:
 class Nsga2:
     """NSGA-II (Deb et al. 2002) for several objectives."""
 
-    def __init__(
-        self, start: Array, spread: Array, population: int, seed: int, objectives: int
-    ) -> None:
+    def __init__(self, start: Array, population: int, seed: int, objectives: int) -> None:
         from pymoo.algorithms.moo.nsga2 import NSGA2
         from pymoo.core.problem import Problem
 
-        first = first_generation(start, spread, population, seed)
+        first = first_generation(start, population, seed)
         self._problem = Problem(n_var=len(start), n_obj=objectives, n_ieq_constr=1, xl=0.0, xu=1.0)
         self._search = NSGA2(pop_size=population, sampling=first)
         self._search.setup(self._problem, termination=("n_gen", 10**9), seed=seed, verbose=False)
@@ -132,8 +131,8 @@ class MapElites:
         self._search.tell(worth, np.nan_to_num(places))
 
 
-def first_generation(start: Array, spread: Array, population: int, seed: int) -> Array:
+def first_generation(start: Array, population: int, seed: int) -> Array:
     """The start, and others about it (population, d)."""
-    off = spread * np.random.default_rng(seed).standard_normal((population, len(start)))
+    off = SPREAD * np.random.default_rng(seed).standard_normal((population, len(start)))
     off[0] = 0.0
     return np.clip(start + off, 0.0, 1.0)

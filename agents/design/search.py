@@ -67,16 +67,16 @@ def make_walker(plan: Plan, policy: Policy | None = None, **changes: Any) -> Wal
     return Walker(plan.env, kwargs, plan.speed, plan.starts, plan.population, policy)
 
 
-def make_optimiser(plan: Plan, space: Space, seed: int) -> Optimiser:
+def make_optimiser(plan: Plan, start: Array, seed: int) -> Optimiser:
     """Return a plan's method at its beginning. Raises ValueError: its library is missing."""
     check_installed(plan.method)
     if plan.method == "cma":
-        return Cma(space.start, space.spread, plan.population, seed)
+        return Cma(start, plan.population, seed)
     if plan.method == "nsga2":
-        return Nsga2(space.start, space.spread, plan.population, seed, len(plan.objectives))
+        return Nsga2(start, plan.population, seed, len(plan.objectives))
     low, high, cells = zip(*plan.map.values(), strict=True)
     ranges = [*zip(low, high, strict=True)]
-    return MapElites(space.start, plan.population, seed, [*map(int, cells)], ranges)
+    return MapElites(start, plan.population, seed, [*map(int, cells)], ranges)
 
 
 def measure(
@@ -142,7 +142,7 @@ def _search(
 ) -> Searched:
     """:func:`run_search` in a folder of its own."""
     space, walker = plan.space(), make_walker(plan, policy)
-    optimiser = make_optimiser(plan, space, seed)
+    optimiser = make_optimiser(plan, space.start, seed)
     told = read_journal(folder / JOURNAL)
     cut_torn_line(folder / JOURNAL)
     parts = []

@@ -29,18 +29,14 @@ TUNED = "built", "paper"
 # Ranges of a profile's numbers about where it begins: factors, N m, and of the harmonics.
 SPEED_RANGE, GAIN_RANGE, BIAS_RANGE, FEEDBACKS, SHAPE_RANGE = 2.5, (1.0, 30.0), 4.0, (0.0, 4.0), 0.8
 
-SPREAD, SPREAD_OF_LENGTHS = 0.1, 0.03  # of a range: a tenth more of all lengths, and few close
-
 
 class Variable(NamedTuple):
-    """A number from ``low`` to ``high``; the search begins at ``start``, with a standard deviation
-    of ``spread`` times the range."""
+    """A number from ``low`` to ``high``; the search begins at ``start``."""
 
     name: str
     low: float
     high: float
     start: float
-    spread: float = SPREAD
 
 
 class Candidate(NamedTuple):
@@ -89,8 +85,8 @@ class Space:
         self.variables = [*self._lengths, *self._phases, *picks, *tuned]
         if not self.variables:
             raise ValueError(f"variables is {shown(wanted)}, must have some of {[*KINDS]}")
-        low, high, start, spread = np.array([one[1:] for one in self.variables]).T
-        self._low, self._high, self.spread = low, high, spread
+        low, high, start = np.array([one[1:] for one in self.variables]).T
+        self._low, self._high = low, high
         self.start: Array = (start - low) / (high - low)
 
     def values(self, unit: Array) -> dict[str, float]:
@@ -153,7 +149,7 @@ def _length_variables(robot: Robot, shares: float | dict[str, float]) -> list[Va
         ends = sorted(known[name] * (1.0 + way * share) for way in (-1.0, 1.0))
         if ends[0] == ends[1]:
             raise ValueError(f"variables.lengths.{name} would be a share of 0 m, must be of more")
-        found.append(Variable(name, ends[0], ends[1], known[name], SPREAD_OF_LENGTHS))
+        found.append(Variable(name, ends[0], ends[1], known[name]))
     return found
 
 

@@ -211,8 +211,8 @@ def test_copies_are_as_bad_as_the_worst(walker):
 
 
 @pytest.mark.parametrize("make", [
-    lambda start: Cma(start, np.full(3, 0.1), 12, 3),
-    lambda start: Nsga2(start, np.full(3, 0.1), 12, 3, 2),
+    lambda start: Cma(start, 12, 3),
+    lambda start: Nsga2(start, 12, 3, 2),
     lambda start: MapElites(start, 12, 3, [4, 4], [(0.0, 1.0)] * 2),
 ])  # fmt: skip
 def test_methods_improve_and_repeat(make):

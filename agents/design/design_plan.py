@@ -17,6 +17,7 @@ METHODS = ("cma", "nsga2", "map_elites")
 PLANS = Path(__file__).parent / "plans"
 KEYS: dict[str, Rule] = {
     "env": Rule(words=tuple(WALKERS)), "env_kwargs": Rule((dict,)), "robot": Rule((str,)),
+    "profile": Rule((str, NoneType)),
     "speed": Rule((float,), 0.01, 2.0), "policy": Rule((str, NoneType)),
     "method": Rule(words=METHODS), "generations": Rule((int,), 1, 100_000),
     "population": Rule((int,), 4, 4096), "starts": Rule((int,), 1, 64),
@@ -24,7 +25,7 @@ KEYS: dict[str, Rule] = {
     "map": Rule((dict,)), "seeds": Rule((int,), 1, 1000),
 }  # fmt: skip
 DEFAULTS: dict[str, Any] = {
-    "env": "JansenWalkerBuilt-v0", "env_kwargs": {}, "robot": "built", "policy": None,
+    "env": "JansenWalkerBuilt-v0", "env_kwargs": {}, "robot": "built", "profile": None, "policy": None,
     "method": "cma", "population": 32, "starts": 2, "limits": {}, "map": {}, "seeds": 1,
 }  # fmt: skip
 MOST_CELLS = 200  # of a map, each way
@@ -36,6 +37,7 @@ class Plan(NamedTuple):
     env: str
     env_kwargs: dict[str, Any]
     robot: str
+    profile: str | None
     speed: float
     policy: str | None
     method: str
@@ -55,7 +57,7 @@ class Plan(NamedTuple):
 
     def space(self) -> Space:
         """Return the variables."""
-        return Space(self.robot, self.speed, self.variables)
+        return Space(self.robot, self.speed, self.variables, self.profile)
 
 
 def read_plan(path: str | Path) -> Plan:

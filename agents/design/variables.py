@@ -51,6 +51,7 @@ class Space:
 
     Args:
         robot: name or file of the design to begin with. speed: m/s, of the profile.
+        profile: file of a search's to begin with; None for that of the robot's design.
         wanted: by the names of :data:`KINDS`: "lengths": share by which each may change, or shares
             by name; "phases": rad by which each leg's crank but the first may; "pins": numbers of
             crank pins; "motors": names; "harmonics": K of the profile, without which it is no
@@ -60,7 +61,9 @@ class Space:
         ValueError: an unknown name, or a value that is not allowed.
     """
 
-    def __init__(self, robot: str, speed: float, wanted: Mapping[str, Any]) -> None:
+    def __init__(
+        self, robot: str, speed: float, wanted: Mapping[str, Any], profile: str | None = None
+    ) -> None:
         for name, value in wanted.items():
             if name not in KINDS:
                 raise ValueError(f"variables has {shown(name)}, must be of {[*KINDS]}")
@@ -69,7 +72,10 @@ class Space:
         self._wanted = wanted
         self._choices = {name: _choices(name, wanted[name], robot)
                          for name in ("pins", "motors") if name in wanted}  # fmt: skip
-        numbers = load_profile(robot=tuned_for(self.base, TUNED)).at(np.array([speed]))[0]
+        own = load_profile(robot=tuned_for(self.base, TUNED))
+        if profile is not None:
+            own = load_profile(profile, "found")
+        numbers = own.at(np.array([speed]))[0]
         self._profile = _profile_variables(
             numbers, int(wanted.get("harmonics", len(numbers) // 2 - 2))
         )

@@ -52,8 +52,9 @@ def walker():
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in PLANS.glob("*.yml")))
-def test_shipped_plans_are_complete(name):
+def test_shipped_plans_are_complete(name, monkeypatch):
     """And begin at the robot they name."""
+    monkeypatch.chdir(PLANS.parents[2])
     plan = read_plan(name)
     assert plan.space().variables
 
@@ -75,6 +76,7 @@ def test_shipped_plans_are_complete(name):
         ({"variables": {"pins": [2], "phases": 0.1}}, "has pins and phases"),
         ({"robot": "centipede"}, "robot is 'centipede'"),
         ({"robot": "none.json"}, "none.json cannot be read"),
+        ({"profile": "none.json"}, "none.json cannot be read"),
         ({"env": "CartPole-v1"}, "env is 'CartPole-v1'"),
         ({"env_kwargs": {"colour": 1}}, "'colour' is no argument"),
         ({"env_kwargs": {"robot": "paper"}}, "env_kwargs has 'robot', which the search sets"),

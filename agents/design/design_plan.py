@@ -25,8 +25,8 @@ KEYS: dict[str, Rule] = {
     "map": Rule((dict,)), "seeds": Rule((int,), 1, 1000),
 }  # fmt: skip
 DEFAULTS: dict[str, Any] = {
-    "env": "JansenWalkerBuilt-v0", "env_kwargs": {}, "robot": "built", "profile": None, "policy": None,
-    "method": "cma", "population": 32, "starts": 2, "limits": {}, "map": {}, "seeds": 1,
+    "env": "JansenWalkerBuilt-v0", "env_kwargs": {}, "robot": "built", "profile": None,
+    "policy": None, "method": "cma", "population": 32, "starts": 2, "limits": {}, "map": {}, "seeds": 1,
 }  # fmt: skip
 MOST_CELLS = 200  # of a map, each way
 

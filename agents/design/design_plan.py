@@ -26,7 +26,8 @@ KEYS: dict[str, Rule] = {
 }  # fmt: skip
 DEFAULTS: dict[str, Any] = {
     "env": "JansenWalkerBuilt-v0", "env_kwargs": {}, "robot": "built", "profile": None,
-    "policy": None, "method": "cma", "population": 32, "starts": 2, "limits": {}, "map": {}, "seeds": 1,
+    "policy": None, "method": "cma", "population": 32, "starts": 2,
+    "limits": {}, "map": {}, "seeds": 1,
 }  # fmt: skip
 MOST_CELLS = 200  # of a map, each way
 

@@ -14,10 +14,10 @@ from conftest import DESIGNS
 from jansen_env import Bar, built_robot
 from jansen_env.drawings import __main__ as command
 from jansen_env.drawings import shaft_order
+from jansen_env.drawings.__main__ import MARGIN, nest, to_dxf, to_svg
 from jansen_env.drawings.assembly import HEAD
 from jansen_env.drawings.materials import bill_of_materials, counts, hardware, to_csv
 from jansen_env.drawings.outlines import HUB, WALL, Round, cut_parts, feet_of, sides
-from jansen_env.drawings.part_files import MARGIN, nest, to_dxf, to_svg
 from jansen_env.drawings.shaft_order import (
     SPACER,
     TUBE,

@@ -8,21 +8,133 @@ ROBOT is the name of a design or the path of a robot file. See ``docs/drawings.m
 from __future__ import annotations
 
 import argparse
+import io
 import math
+import re
+from collections.abc import Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
+
 from jansen_env.drawings.assembly import assembly_svg
 from jansen_env.drawings.materials import bill_of_materials, counts, hardware, to_csv
-from jansen_env.drawings.outlines import cut_parts
-from jansen_env.drawings.part_files import nest, to_dxf, to_svg
+from jansen_env.drawings.outlines import CutPart, Round, cut_parts, rectangle, sides
 from jansen_env.drawings.shaft_order import CollisionError, layers, units
 from jansen_env.files import writable, write_text
 from jansen_env.robot import ROBOTS, Robot
 from jansen_env.world.settings import load_robot
 
 SHEET = "2000x1000"  # mm, a common stock size
-LARGEST = 1e5  # mm, of a sheet
+MARGIN = 5.0  # mm, between parts, and to the edge of a sheet
+CROSS = 3.0  # mm, half a line of a mark
+COLORS = {"CUT": (1, "#d00000"), "ENGRAVE": (5, "#0000d0"), "MARK": (3, "#00a000")}
+"""Colours of the layers: AutoCAD's number, and SVG's."""
+LETTERS, ROOM = 5.0, 0.7  # mm, height of a font's square; of the length that a name may take
+
+
+def nest(parts: Sequence[CutPart], sheet: complex) -> list[list[CutPart]]:
+    """Lay parts on sheets (width and height, mm) in rows, the highest first, where they fit first.
+
+    Raises ValueError: a part is larger than a sheet; names it.
+    """
+    sheets: list[list[CutPart]] = []
+    rows: list[tuple[list[CutPart], complex]] = []  # sheet, corner where the next part goes
+    top = math.inf  # of the last row
+    for part in sorted(parts, key=lambda part: -part.outline.box[1].imag):
+        size = part.outline.box[1] + complex(MARGIN, MARGIN)
+        if size.real + MARGIN > sheet.real or size.imag + MARGIN > sheet.imag:
+            raise ValueError(
+                f"--sheet is {sheet.real:g}x{sheet.imag:g}, must hold {part.name} of "
+                f"{size.real - MARGIN:.0f}x{size.imag - MARGIN:.0f} mm with {MARGIN:g} mm about it"
+            )
+        k = next((k for k, (_, at) in enumerate(rows) if (at + size).real <= sheet.real), len(rows))
+        if k == len(rows):
+            if top + size.imag > sheet.imag:
+                sheets.append([])
+                top = MARGIN
+            rows.append((sheets[-1], complex(MARGIN, top)))
+            top += size.imag
+        row, at = rows[k]
+        row.append(part.moved(1 + 0j, at))
+        rows[k] = row, at + size.real
+    return sheets
+
+
+def lines(parts: Sequence[CutPart], sheet: complex | None) -> Iterator[tuple[str, Round]]:
+    """All that is drawn of parts, and the edge of a sheet, each with its layer."""
+    if sheet:
+        yield "MARK", rectangle(sheet)
+    for part in parts:
+        for shape in (part.outline, *part.windows, *part.holes):
+            yield "CUT", shape
+        for letter in _engraving(part):
+            yield "ENGRAVE", letter
+        for z in part.joints.values():
+            if all(abs(z - hole.corners[0]) > CROSS for hole in part.holes):
+                yield from (("MARK", Round((z - way, z + way))) for way in (CROSS, CROSS * 1j))
+
+
+def _engraving(part: CutPart) -> list[Round]:
+    """Outlines of the letters of a part's name, in a font that comes with matplotlib."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import TextPath
+
+    drawn = TextPath((0.0, 0.0), part.name, size=LETTERS, prop=FontProperties("DejaVu Sans"))
+    outlines = (np.array(one)[:-1] @ [1, 1j] for one in drawn.to_polygons())
+    letters = [Round(tuple(one.tolist())) for one in outlines]
+    low, high = Round(tuple(z for letter in letters for z in letter.corners)).box
+    start, end = part.text
+    way = (end - start) * min(1.0 / abs(end - start), ROOM / (high - low).real)
+    return [letter.moved(way, (start + end - way * (low + high)) / 2.0) for letter in letters]
+
+
+def to_dxf(parts: Sequence[CutPart], sheet: complex | None = None) -> str:
+    """Parts, and the edge of a sheet, as DXF R2010 in mm; the same text every time."""
+    import ezdxf
+
+    fixed = ezdxf.options.write_fixed_meta_data_for_testing
+    ezdxf.options.write_fixed_meta_data_for_testing = True  # dates and identifiers
+    try:
+        drawing = ezdxf.new("R2010", units=ezdxf.units.MM)
+        for name, (color, _) in COLORS.items():
+            drawing.layers.add(name, color=color)
+        for layer, shape in lines(parts, sheet):
+            look, z = {"layer": layer}, shape.corners[0]
+            if len(shape.corners) == 1:
+                drawing.modelspace().add_circle((z.real, z.imag), shape.radius, look)
+            else:
+                corners = [(z.real, z.imag, bulge) for z, bulge in shape.path]
+                closed = len(corners) > 2
+                drawing.modelspace().add_lwpolyline(corners, "xyb", close=closed, dxfattribs=look)
+        text = io.StringIO()
+        drawing.write(text)
+        return text.getvalue()
+    finally:
+        ezdxf.options.write_fixed_meta_data_for_testing = fixed
+
+
+def to_svg(parts: Sequence[CutPart], sheet: complex | None = None) -> str:
+    """Parts, and the edge of a sheet, as SVG in mm, y downwards; a group for each layer."""
+    size = sheet or max((part.outline.box[1] for part in parts), key=abs)
+    width, height = f"{size.real:.3f}", f"{size.imag:.3f}"
+    groups = {name: [f'<g id="{name}" stroke="{color}">'] for name, (_, color) in COLORS.items()}
+    for layer, shape in lines(parts, sheet):
+        z, radius = shape.corners[0], f"{shape.radius:.4f}"
+        if len(shape.corners) == 1:
+            text = f'circle cx="{z.real:.4f}" cy="{size.imag - z.imag:.4f}" r="{radius}"'
+        else:
+            path = [(f"{z.real:.4f} {size.imag - z.imag:.4f}", bulge) for z, bulge in shape.path]
+            words = [f"A{radius} {radius} 0 0 0 {end}" if bulge else f"L{end}"
+                     for (_, bulge), (end, _) in sides(path)]  # fmt: skip
+            text = f'path d="M{path[0][0]} {" ".join(words)}"'
+        groups[layer].append(f"<{text}/>")
+    head = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}mm" height="{height}mm" '
+        f'viewBox="0 0 {width} {height}" fill="none" stroke-width="0.2">'
+    )
+    drawn = [word for group in groups.values() for word in (*group, "</g>")]
+    return "\n".join([head, *drawn, "</svg>", ""])
 
 
 def drawings(robot: Robot, title: str, sheet: complex) -> tuple[dict[str, str], str]:
@@ -37,26 +149,25 @@ def drawings(robot: Robot, title: str, sheet: complex) -> tuple[dict[str, str], 
         ValueError: a part is larger than the sheet, or cannot be made; names it.
         LinkageError: a leg does not close.
     """
-    parts, number, bill, files = cut_parts(robot), counts(robot), bill_of_materials(robot), {}
-    for part in parts:
-        files[f"parts/{part.name}.dxf"] = to_dxf([part])
-        files[f"parts/{part.name}.svg"] = to_svg([part])
+    parts, number, bill = cut_parts(robot), counts(robot), bill_of_materials(robot)
+    drawn: dict[str, tuple[list[CutPart], complex | None]] = {
+        f"parts/{part.name}": ([part], None) for part in parts
+    }
     for thickness in sorted({part.thickness for part in parts}):
         same = [part for part in parts if part.thickness == thickness]
-        laid = nest([part for part in same for _ in range(number[part.name])], sheet)
-        for k, lying in enumerate(laid, 1):
-            name = f"sheets/{thickness:g}mm_{k}"
-            files[f"{name}.dxf"], files[f"{name}.svg"] = to_dxf(lying, sheet), to_svg(lying, sheet)
-    mass = sum(part.mass for part in bill)
-    said = f"{sum(number.values())} parts to cut, {mass:.2f} kg with all others"
-    said += f"; the robot is of {robot.mass:.2f} kg"
+        sheets = nest([part for part in same for _ in range(number[part.name])], sheet)
+        drawn |= {f"sheets/{thickness:g}mm_{k}": (laid, sheet) for k, laid in enumerate(sheets, 1)}
+    files = {f"{name}.dxf": to_dxf(*what) for name, what in drawn.items()}
+    files |= {f"{name}.svg": to_svg(*what) for name, what in drawn.items()}
+    said = f"{sum(number.values())} parts to cut, {sum(part.mass for part in bill):.2f} kg with "
+    said += f"all others; the robot is of {robot.mass:.2f} kg"
     try:
         placed = layers(robot)
     except CollisionError as error:
         said += f"; no assembly: {error}"
     else:
-        width = placed[-1].z + placed[-1].part.thickness
-        title += f": the first of {len(units(robot))} crank pins with its legs; {width:.0f} mm wide"
+        title += f": the first of {len(units(robot))} crank pins with its legs; "
+        title += f"{placed[-1].top:.0f} mm wide"
         files["assembly.svg"] = assembly_svg(robot, placed, title)
         bill += hardware(robot, placed)
     files["materials.csv"] = to_csv(bill)
@@ -65,12 +176,9 @@ def drawings(robot: Robot, title: str, sheet: complex) -> tuple[dict[str, str], 
 
 def _sheet(text: str) -> complex:
     """Size of a sheet, mm."""
-    width, _, height = text.partition("x")
-    try:
-        size = complex(float(width), float(height))
-    except ValueError:
-        size = complex(math.nan, math.nan)
-    if not (0.0 < size.real <= LARGEST and 0.0 < size.imag <= LARGEST):
+    found = re.fullmatch(r"(\d{1,5}(?:\.\d+)?)x(\d{1,5}(?:\.\d+)?)", text)
+    size = complex(*map(float, found.groups())) if found else 0j
+    if not size.real * size.imag:
         raise argparse.ArgumentTypeError(f"is {text}, must be WIDTHxHEIGHT in mm, such as {SHEET}")
     return size
 

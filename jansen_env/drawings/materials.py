@@ -24,9 +24,8 @@ COLUMNS = ("name", "material", "stock size", "thickness mm", "number", "each g",
 class Part(NamedTuple):
     """A line of the bill of materials.
 
-    Attributes:
-        each: kg. price: class: A below 10 EUR, B 10 to 100 EUR, C above (for all of them).
-        thickness: mm, 0 for what is not flat.
+    ``each`` is in kg, ``thickness`` in mm, 0 for what is not flat; ``price`` is a class for all of
+    them: A below 10 EUR, B 10 to 100 EUR, C above.
     """
 
     name: str
@@ -58,39 +57,35 @@ def bill_of_materials(robot: Robot) -> list[Part]:
 
     Raises ValueError: a link that cannot be made.
     """
-    legs, toes = len(robot.legs), len(robot.legs) * len(robot.linkage.toes)
-    bars, plates = [], []
+    legs, toes, links = len(robot.legs), len(robot.legs) * len(robot.linkage.toes), []
     for body, (name, link) in enumerate(zip(robot.linkage.names, robot.bodies, strict=True), 1):
         part = link_part(robot, body)
-        number, thick = counts(robot)[name], part.thickness
-        note = f"{1e3 * part.mass:.1f} g as drawn"
+        thick, material, price = part.thickness, SHEET, "B"
         if len(part.outline.corners) == 2:
             length = max(abs(p - q) for p, q in combinations(part.joints.values(), 2))
-            width = built.FRAME_WIDTH if body == FRAME else built.WIDTH
+            width, material, price = 2e-3 * part.outline.radius, BAR, "A"
             size = f"{1e3 * width:g} x {thick:g} mm, {length:.1f} mm between pins"
             each = built.flat_bar(1e-3 * length, width, 0.0, 1e-3 * thick).mass
-            bars.append(Part(name, BAR, size, number, each, "A", thick, note))
         elif isinstance(link, Triangle):
             sides = " / ".join(f"{1e3 * side:.1f}" for side in link.sides)
             size = f"{thick:g} mm, pins' triangle {sides} mm"
             each = built.triangular_plate(link.sides, 0.0).mass
-            plates.append(Part(name, SHEET, size, number, each, "B", thick, note))
         else:
             box = part.lying().outline.box[1]
-            size = f"{thick:g} mm, {box.real:.0f} x {box.imag:.0f} mm"
-            plates.append(Part(name, SHEET, size, number, part.mass, "B", thick, note))
+            size, each = f"{thick:g} mm, {box.real:.0f} x {box.imag:.0f} mm", part.mass
+        note = f"{1e3 * part.mass:.1f} g as drawn"
+        links.append(Part(name, material, size, counts(robot)[name], each, price, thick, note))
+    links.sort(key=lambda part: part.price)
     pin = "shoulder screw, nut, washers, spacer; iglidur J200 bush, 6 mm"
     tread = f"natural rubber, {built.RUBBER_HARDNESS:g} Shore A, bonded to its shoe"
-    round_ = (
-        f"half-round, radius {1e3 * built.FOOT_RADIUS:g} mm, {1e3 * built.FOOT_WIDTH:g} mm wide"
-    )
+    radius, wide = 1e3 * built.FOOT_RADIUS, 1e3 * built.FOOT_WIDTH
     ends = legs * len(robot.linkage.holes)
     pivots = len({leg.side for leg in robot.legs}) * (len(robot.linkage.bodies[0][1]) - 1)
     return [
-        *bars,
-        *plates,
+        *links,
         Part("pin and bush, a link's share", pin, "half a joint", ends, built.PIN_SHARE, "B"),
-        Part("foot's tread", tread, round_, toes, built.TREAD_MASS, "B"),
+        Part("foot's tread", tread, f"half-round, radius {radius:g} mm, {wide:g} mm wide", toes,
+             built.TREAD_MASS, "B"),
         Part("foot's shoe", "EN AW-6060 sheet, two M4 screws", "40 x 30 x 3 mm", toes,
              built.SHOE_MASS, "A", 3.0),
         Part("crankshaft, at O", "steel C45; hubs of EN AW-6060", "12 x 160 mm; 4 hubs 25 x 10 mm",
@@ -111,32 +106,32 @@ def hardware(robot: Robot, placed: Sequence[Placed]) -> list[Part]:
     Their masses are in the shares of :func:`bill_of_materials`.
     """
     axis, crank_pin, *_ = [*robot.linkage.bodies[CRANK - 1][1]]
-    end = placed[-1].z + placed[-1].part.thickness
+    end, found = placed[-1].top, Counter[tuple[str, str, str, str]]()
     stacks: dict[tuple[str, object], list[tuple[float, float]]] = {}
     for one in placed:
         for joint in one.part.joints:
             where: object = one.unit if joint == crank_pin else (one.unit, one.leg)
-            if joint in one.through:
+            if axle := joint in one.through:
                 where = robot.legs[one.leg].side
-            stacks.setdefault((joint, where), []).append((one.z, one.z + one.part.thickness))
-    found: Counter[tuple[str, str, str, str]] = Counter()
+            faces = stacks.setdefault((joint, where), [(0.0, 0.0), (end, end)] if axle else [])
+            faces.append((one.z, one.top))
     for (joint, where), faces in stacks.items():
-        if joint == axis or len(faces) < 2:
+        if joint == axis:
             continue
         faces.sort()
-        axle = isinstance(where, str)
-        low, high = (0.0, end) if axle else (faces[0][0], faces[-1][1])
-        name, radius, owner = ("axle", TUBE, "cross-member") if axle else ("pin", SPACER, "link's")
-        tube = f"{2 * radius:g} x {2 if axle else 1.9:g}"
-        found[f"{name}, at {joint}", "steel", f"{2 * PIN:g} x {high - low:.1f} mm", owner] += 1
-        ends = [(low, low), *faces, (high, high)]
-        for (_, top), (bottom, _) in pairwise(ends):
+        name, radius, wall, owner = "pin", SPACER, 1.9, "link's"
+        if isinstance(where, str):
+            name, radius, wall, owner = "axle", TUBE, 2.0, "cross-member"
+        if len(faces) > 1:  # a toe has no pin
+            size = f"{2 * PIN:g} x {faces[-1][1] - faces[0][0]:.1f} mm"
+            found[f"{name}, at {joint}", "steel", size, owner] += 1
+        for (_, top), (bottom, _) in pairwise(faces):
             if bottom - top > GAP + TOLERANCE:
-                size = f"{tube} x {bottom - top:.1f} mm"
+                size = f"{2 * radius:g} x {wall:g} x {bottom - top:.1f} mm"
                 found[f"spacer, at {joint}", "EN AW-6060 tube", size, owner] += 1
-    webs = [(one.z, one.z + one.part.thickness) for one in placed if one.body == CRANK]
-    tops = [-SHAFT_END, *(top for _, top in webs[1::2])]
-    bottoms = [*(bottom for bottom, _ in webs[::2]), end + SHAFT_END]
+    webs = [one for one in placed if one.body == CRANK]
+    tops = [-SHAFT_END, *(one.top for one in webs[1::2])]
+    bottoms = [*(one.z for one in webs[::2]), end + SHAFT_END]
     for top, bottom in zip(tops, bottoms, strict=True):
         size = f"{2 * SHAFT:g} x {bottom - top:.1f} mm"
         found["shaft, at O", "steel C45", size, "crankshaft"] += 1

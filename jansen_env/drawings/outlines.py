@@ -10,11 +10,17 @@ import cmath
 import math
 from collections.abc import Iterable, Sequence
 from itertools import combinations, pairwise
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from jansen_env.robot import Robot
 from jansen_env.robot import buildable as built
 from jansen_env.robot.linkage import CRANK, FRAME
+
+Points = NDArray[np.complex128]
+T = TypeVar("T")
 
 PIN, BUSH = 1e3 * built.PIN_RADIUS, 1e3 * built.PIN_RADIUS + 1.0  # radii of holes
 SHAFT, HUB, HUB_SCREW = 6.0, 12.5, 1.6  # radii; screws M3
@@ -30,7 +36,7 @@ class Round(NamedTuple):
     """A convex polygon, its corners counter-clockwise, made larger by a radius all round."""
 
     corners: tuple[complex, ...]
-    radius: float
+    radius: float = 0.0
 
     @property
     def box(self) -> tuple[complex, complex]:
@@ -40,20 +46,26 @@ class Round(NamedTuple):
         return complex(min(xs), min(ys)) - out, complex(max(xs), max(ys)) + out
 
     @property
+    def around(self) -> float:
+        """Length of the polygon's sides, mm."""
+        return sum(abs(q - p) for p, q in sides(self.corners))
+
+    @property
     def area(self) -> float:
         """mm^2."""
         inner = sum(0.5 * (p.conjugate() * q).imag for p, q in sides(self.corners))
-        around = sum(abs(q - p) for p, q in sides(self.corners))
-        return inner + around * self.radius + math.pi * self.radius**2
+        return inner + self.around * self.radius + math.pi * self.radius**2
 
     @property
     def path(self) -> list[tuple[complex, float]]:
         """Its corners, each with the bulge of the edge that follows, as in DXF; not of a circle."""
-        found, corners = [], self.corners
-        for (a, b), (_, c) in zip(sides(corners), sides(corners[1:] + corners[:1]), strict=True):
+        if not self.radius:
+            return [(z, 0.0) for z in self.corners]
+        found = []
+        for (a, b), (_, c) in sides(sides(self.corners)):
             start, end = (-1j * self.radius * (q - p) / abs(q - p) for p, q in ((a, b), (b, c)))
             bulge = math.tan(abs(cmath.phase((c - b) / (b - a))) / 4.0)
-            found += [(b + start, bulge), (b + end, 0.0)] if self.radius else [(b, 0.0)]
+            found += [(b + start, bulge), (b + end, 0.0)]
         return found
 
     def moved(self, turn: complex, shift: complex) -> Round:
@@ -62,11 +74,7 @@ class Round(NamedTuple):
 
 
 class CutPart(NamedTuple):
-    """A flat part.
-
-    Attributes:
-        thickness: mm. text: the name is engraved half way between these.
-    """
+    """A flat part; thickness in mm; the name is engraved half way between the ends of ``text``."""
 
     name: str
     thickness: float
@@ -100,41 +108,42 @@ class CutPart(NamedTuple):
         return 1e-9 * built.DENSITY * self.thickness * area
 
 
-def sides(corners: Sequence[complex]) -> list[tuple[complex, complex]]:
+def sides(corners: Sequence[T]) -> list[tuple[T, T]]:
     """Start and end of each side of a polygon."""
     return [*zip(corners, [*corners[1:], *corners[:1]], strict=True)]
 
 
-def hull(points: Iterable[complex]) -> list[complex]:
+def hull(points: Iterable[complex]) -> tuple[complex, ...]:
     """Corners of the convex hull, counter-clockwise; both ends of points in line."""
-    ordered = sorted(points, key=lambda z: (z.real, z.imag))
-    found: list[complex] = []
+    ordered, found = sorted(points, key=lambda z: (z.real, z.imag)), []
     for row in (ordered, ordered[::-1]):
         kept: list[complex] = []
         for z in row:
-            while len(kept) > 1 and _height(z, kept[-2], kept[-1]) < STRAIGHT * abs(z - kept[-2]):
+            while len(kept) > 1:
+                way, last = z - kept[-2], kept[-1] - kept[-2]
+                if (last.conjugate() * way).imag >= STRAIGHT * abs(last) * abs(way):
+                    break
                 kept.pop()
             kept.append(z)
         found += kept[:-1]
-    return found
+    return tuple(found)
 
 
-def _height(z: complex, p: complex, q: complex) -> float:
-    """How far a point is to the left of the line from p to q."""
-    return ((q - p).conjugate() * (z - p)).imag / abs(q - p)
-
-
-def _inset(corners: Sequence[complex], by: float) -> list[complex]:
-    """A convex polygon made smaller by a distance all round; empty if that leaves none."""
-    kept = [*corners]
-    for p, q in sides(corners):
-        cut = []
-        for z, w in sides(kept):
-            h, k = _height(z, p, q) - by, _height(w, p, q) - by
-            cut += [z] if h >= 0.0 else []
-            cut += [z + (w - z) * h / (h - k)] if h * k < 0.0 else []
-        kept = cut
-    return kept
+def gap(one: Points, other: Points) -> NDArray[np.float64]:
+    """Least distances between convex polygons (..., corners), 0 where they meet."""
+    least = np.full(one.shape[:-1], np.inf)
+    signs = []
+    for a, b in ((one, other), (other, one)):
+        p = b[..., None, :]
+        way, z = np.roll(p, -1, axis=-1) - p, a[..., :, None] - p
+        along = (z * way.conj()).real / np.maximum(abs(way) ** 2, 1e-12)
+        least = np.minimum(least, abs(z - np.clip(along, 0.0, 1.0) * way).min(axis=(-2, -1)))
+        left = np.sign((way.conj() * z).imag)  # of each side of b, by corners of a
+        within = abs(left.sum(axis=-1)) == max(3, b.shape[-1])
+        least = np.where(within.any(axis=-1), 0.0, least)
+        signs.append(left * np.roll(left, -1, axis=-2) < 0.0)
+    crossing = signs[0] & signs[1].swapaxes(-1, -2)
+    return np.where(crossing.any(axis=(-2, -1)), 0.0, least)
 
 
 def link_part(robot: Robot, body: int) -> CutPart:
@@ -145,17 +154,16 @@ def link_part(robot: Robot, body: int) -> CutPart:
     name, joints = robot.linkage.bodies[body - 1]
     corners = [cmath.rect(1e3 * reach, turn) for reach, turn in robot.bodies[body - 1].corners]
     at = dict(zip(joints, corners, strict=True))
-    outer = hull(corners)
+    flat = Round(hull(corners))
     holes = _pin_holes(robot, body, at)
-    margin = 500.0 * (built.FRAME_WIDTH if body == FRAME else built.WIDTH)
     feet = [at[toe] for toe in feet_of(robot, body)]
     for toe in feet:
-        holes += _shoe_holes(toe, outer)
+        holes += _shoe_holes(toe, flat.corners)
     if body == CRANK:  # room for the hub's second screw
         axis = at[joints[0]]
         screw = HUB_SCREWS * (at[joints[1]] - axis) / abs(at[joints[1]] - axis)
         holes += [Round((axis + way * screw,), HUB_SCREW) for way in (1, -1)]
-        outer = hull([*corners, axis - screw])
+        flat = Round(hull([*corners, axis - screw]))
     for one, other in combinations(holes, 2):
         apart = abs(other.corners[0] - one.corners[0])
         if apart < one.radius + other.radius + WALL:
@@ -163,36 +171,30 @@ def link_part(robot: Robot, body: int) -> CutPart:
                 f"{name} has holes of {2 * one.radius:g} and {2 * other.radius:g} mm at "
                 f"{apart:.1f} mm from one another, must have {WALL:g} mm between them"
             )
-    windows: tuple[Round, ...] = ()
+    margin = 500.0 * (built.FRAME_WIDTH if body == FRAME else built.WIDTH)
     thickness = built.bar_thickness(name)
-    if len(outer) > 2:
-        flat = Round(tuple(outer), 0.0)
-        inradius = 2.0 * flat.area / sum(abs(q - p) for p, q in sides(outer))
-        margin = max(margin, (built.OUTLINE - 1.0) * inradius)
+    if len(flat.corners) > 2:
         thickness = built.PLATE_THICKNESS
-        if len(outer) == len(at):
-            shift = _window_shift(flat, feet[0]) if len(feet) == 1 and len(at) == 3 else 0j
-            windows = _windows(outer, margin, holes, shift)
-    spots = sorted(corners, key=lambda z: (z / (outer[1] - outer[0])).real)
-    lines = sides(outer) if len(outer) > 2 else [*pairwise(spots)]
-    p, q = max(lines, key=lambda line: (not {*line} & {*feet}, abs(line[1] - line[0])))
-    outline = Round(tuple(outer), margin)
-    return CutPart(name, 1e3 * thickness, outline, windows, tuple(holes), at, (p, q))
+        margin = max(margin, (built.OUTLINE - 1.0) * 2.0 * flat.area / flat.around)
+    windows = _windows(flat, margin, holes, feet)
+    spots = sorted(corners, key=lambda z: (z / (flat.corners[1] - flat.corners[0])).real)
+    lines = sides(flat.corners) if len(flat.corners) > 2 else [*pairwise(spots)]
+    text = max(lines, key=lambda line: (not {*line} & {*feet}, abs(line[1] - line[0])))
+    outline = Round(flat.corners, margin)
+    return CutPart(name, 1e3 * thickness, outline, windows, tuple(holes), at, text)
 
 
 def _pin_holes(robot: Robot, body: int, at: dict[str, complex]) -> list[Round]:
     """Holes of the joints: for a pin in the body that holds it, for a bush in the others."""
     holders = {pin.joint: pin.other for pin in reversed(robot.linkage.pins)}
     radii = {joint: PIN if holders[joint] == body else BUSH for joint in at if joint in holders}
-    axis = robot.linkage.bodies[CRANK - 1][1][0]
-    if body == FRAME:
-        radii[axis] = SHAFT + BUSH - PIN
-    elif body == CRANK:
-        radii[axis] = PIN  # for the hub's spigot
+    if body in (FRAME, CRANK):  # for the shaft's bush, and for the hub's spigot
+        axis = robot.linkage.bodies[CRANK - 1][1][0]
+        radii[axis] = PIN if body == CRANK else SHAFT + BUSH - PIN
     return [Round((at[joint],), radius) for joint, radius in radii.items()]
 
 
-def _shoe_holes(toe: complex, corners: list[complex]) -> list[Round]:
+def _shoe_holes(toe: complex, corners: Sequence[complex]) -> list[Round]:
     """Two holes on the lines from a toe to its neighbours, behind one another if these are near."""
     near = [q if p == toe else p for p, q in sides(corners) if toe in (p, q)]
     ways = [z - toe for z in near or corners[:2]]
@@ -202,34 +204,26 @@ def _shoe_holes(toe: complex, corners: list[complex]) -> list[Round]:
     return [Round((z,), SHOE_SCREW) for z in found]
 
 
-def _window_shift(triangle: Round, toe: complex) -> complex:
-    """How far a foot draws the window to its toe, as ``buildable.triangular_plate`` has it."""
-    areal = 1e-6 * built.PLATE_THICKNESS * built.DENSITY
-    hole = areal * triangle.area * built.WINDOW**2
-    return (toe - sum(triangle.corners) / 3.0) * (built.FOOT_MASS - built.PIN_SHARE) / hole
-
-
 def _windows(
-    corners: list[complex], margin: float, holes: list[Round], shift: complex
+    plate: Round, margin: float, holes: Sequence[Round], feet: Sequence[complex]
 ) -> tuple[Round, ...]:
-    """The largest window that leaves a margin, and walls about all holes; none if it is small."""
-    by = margin + FILLET
-    while _inset(corners, by + FILLET):
-        window = Round(tuple(z + shift for z in _inset(corners, by)), FILLET)
-        if all(_outside(one.corners[0], window) > one.radius + 2.0 * WALL for one in holes):
-            return (window,)
-        by += 1.0
+    """A triangle's largest window that leaves walls about all holes, if any, as the model has it.
+
+    A foot draws it to its toe.
+    """
+    if len(plate.corners) != 3:
+        return ()
+    corners, inradius = np.array(plate.corners), 2.0 * plate.area / plate.around
+    middle = (abs(np.roll(corners, -1) - np.roll(corners, 1)) @ corners) / plate.around  # incentre
+    shift = 0j
+    if len(feet) == 1:  # see ``buildable.triangular_plate``
+        hole = 1e-6 * built.PLATE_THICKNESS * built.DENSITY * plate.area * built.WINDOW**2
+        shift = (feet[0] - corners.mean()) * (built.FOOT_MASS - built.PIN_SHARE) / hole
+    for rim in np.arange(margin + FILLET, inradius - FILLET):
+        z = middle + shift + (1.0 - rim / inradius) * (corners - middle)
+        if all(gap(np.array(one.corners), z) > FILLET + one.radius + 2.0 * WALL for one in holes):
+            return (Round(tuple(z.tolist()), FILLET),)
     return ()
-
-
-def _outside(z: complex, window: Round) -> float:
-    """Distance of a point from a window, 0 or less within."""
-    lines = sides(window.corners)
-    if max(-_height(z, p, q) for p, q in lines) <= 0.0:
-        return 0.0
-    shares = [min(max(((z - p) / (q - p)).real, 0.0), 1.0) for p, q in lines]
-    nearest = (p + t * (q - p) for t, (p, q) in zip(shares, lines, strict=True))
-    return min(abs(z - one) for one in nearest) - window.radius
 
 
 def feet_of(robot: Robot, body: int) -> list[str]:
@@ -238,25 +232,24 @@ def feet_of(robot: Robot, body: int) -> list[str]:
     return [robot.linkage.joints[joint] for joint, one in toes if one == body - 1]
 
 
+def rectangle(size: complex) -> Round:
+    """From the origin on."""
+    return Round((0j, complex(size.real), size, complex(0.0, size.imag)))
+
+
 def cut_parts(robot: Robot) -> list[CutPart]:
     """Every flat part, lying: the links', a foot's shoe, the motor's plate.
 
     Raises ValueError: a part cannot be made; names it.
     """
+    parts = [link_part(robot, body).lying() for body in range(1, len(robot.bodies) + 1)]
     shoe = complex(2e3 * built.FOOT_RADIUS, 1e3 * built.FOOT_WIDTH)
-    screws = [(complex(x, 0.5 * shoe.imag), SHOE_SCREW) for x in (8.0, shoe.real - 8.0)]
-    plate = complex(MOTOR_PLATE, MOTOR_PLATE)
-    parts = [
-        *(link_part(robot, body) for body in range(1, len(robot.bodies) + 1)),
-        _rectangle("foot-shoe", SHOE_THICKNESS, shoe, screws),
-        _rectangle("motor-plate", 1e3 * built.PLATE_THICKNESS, plate, [(plate / 2, MOTOR_HOLE)]),
-    ]
-    return [part.lying() for part in parts]
-
-
-def _rectangle(
-    name: str, thickness: float, size: complex, holes: list[tuple[complex, float]]
-) -> CutPart:
-    outline = Round((0j, complex(size.real), size, complex(0.0, size.imag)), 0.0)
-    round_ = tuple(Round((z,), radius) for z, radius in holes)
-    return CutPart(name, thickness, outline, (), round_, {}, (5j, complex(size.real, 5.0)))
+    plate, middle = complex(MOTOR_PLATE, MOTOR_PLATE), 0.5j * shoe.imag
+    screws = Round((middle + 8.0,), SHOE_SCREW), Round((middle + shoe.real - 8.0,), SHOE_SCREW)
+    for name, thickness, size, holes in (
+        ("foot-shoe", SHOE_THICKNESS, shoe, screws),
+        ("motor-plate", 1e3 * built.PLATE_THICKNESS, plate, (Round((plate / 2,), MOTOR_HOLE),)),
+    ):
+        text = 5j, size.real + 5j
+        parts.append(CutPart(name, thickness, rectangle(size), (), holes, {}, text))
+    return parts

@@ -14,15 +14,15 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jansen_env.drawings.outlines import HUB, CutPart, feet_of, link_part
+from jansen_env.drawings.outlines import HUB, CutPart, Points, feet_of, link_part
+from jansen_env.drawings.outlines import gap as gap
 from jansen_env.robot import Robot
 from jansen_env.robot import buildable as built
 from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK, FRAME
 
-Points = NDArray[np.complex128]
+Found = tuple[float, list[int]]  # the length of all discs in layers, the layers of bodies as bits
 
 CLEARANCE = 1.0  # mm, between parts of a layer
 GAP, UNIT_GAP = 1.0, 6.0  # mm, between layers (a washer), and between units (heads of pins)
@@ -39,12 +39,10 @@ class CollisionError(ValueError):
 
 
 class Placed(NamedTuple):
-    """A part in its place on the shaft.
+    """A part on the shaft: its unit, its leg, its body from 1 on, its layer in the unit.
 
-    Attributes:
-        unit, leg: indices. body: number from 1 on. layer: from the unit's first frame on.
-        z: mm, of its lower face from the machine's first one. through: its joints that are on an
-            axle through the whole machine.
+    Its lower face is ``z`` mm from the machine's first one; axles through the whole machine bear
+    its joints ``through``.
     """
 
     unit: int
@@ -55,13 +53,17 @@ class Placed(NamedTuple):
     part: CutPart
     through: str
 
+    @property
+    def top(self) -> float:
+        """Its upper face, mm."""
+        return self.z + self.part.thickness
+
 
 class Thing(NamedTuple):
     """A body, or a disc about a joint: a pin with its head and nut, a tread, the shaft with a hub.
 
-    Attributes:
-        joints: its own. places: (SAMPLES, corners) mm. on: bodies, by their places in a list of
-            things, whose layers a disc goes through, and ``beyond`` more on either side.
+    ``places`` are (SAMPLES, corners) mm. A disc takes the layers of the things numbered in ``on``,
+    those between them, and ``beyond`` more on either side.
     """
 
     leg: int
@@ -99,23 +101,6 @@ def carried(part: CutPart, points: Sequence[complex], joints: Points, side: str)
     return found
 
 
-def gap(one: Points, other: Points) -> NDArray[np.float64]:
-    """Least distances between convex polygons (..., corners), 0 where they meet."""
-    least = np.full(one.shape[:-1], np.inf)
-    signs = []
-    for a, b in ((one, other), (other, one)):
-        p = b[..., None, :]
-        way, z = np.roll(p, -1, axis=-1) - p, a[..., :, None] - p
-        along = (z * way.conj()).real / np.maximum(abs(way) ** 2, 1e-12)
-        least = np.minimum(least, abs(z - np.clip(along, 0.0, 1.0) * way).min(axis=(-2, -1)))
-        left = np.sign((way.conj() * z).imag)  # of each side of b, by corners of a
-        within = abs(left.sum(axis=-1)) == max(3, b.shape[-1])
-        least = np.where(within.any(axis=-1), 0.0, least)
-        signs.append(left * np.roll(left, -1, axis=-2) < 0.0)
-    crossing = signs[0] & signs[1].swapaxes(-1, -2)
-    return np.where(crossing.any(axis=(-2, -1)), 0.0, least)
-
-
 def _meet(one: Thing, other: Thing) -> bool:
     return bool(gap(one.places, other.places).min() < one.radius + other.radius + CLEARANCE)
 
@@ -123,43 +108,37 @@ def _meet(one: Thing, other: Thing) -> bool:
 def _things(robot: Robot, legs: Sequence[int]) -> list[Thing]:
     """Bodies of the legs, leg by leg, then all discs but those of axles that nothing meets."""
     linkage, psi = robot.linkage, 2.0 * math.pi / SAMPLES * np.arange(SAMPLES)
-    shared = linkage.bodies[CRANK - 1][1][:2]  # of all legs: the crank's axis and pin
+    axis, pin, *_ = [*linkage.bodies[CRANK - 1][1]]  # of all legs
     bodies: list[Thing] = []
     discs: list[Thing] = []
     for leg in legs:
-        side = robot.legs[leg].side
+        side, first = robot.legs[leg].side, len(bodies)
         at = joint_positions(robot, side, psi) @ np.array([1e3, 1e3j])
-        first, toes = len(bodies), []
         for body, members in enumerate(linkage.members, 1):
             part = link_part(robot, body)
             places = carried(part, part.outline.corners, at[:, members], side)
+            for toe in feet_of(robot, body):
+                radius, tread = 1e3 * built.FOOT_RADIUS, at[:, [linkage.joints.index(toe)]]
+                discs.append(Thing(leg, toe, tread, radius, (len(bodies),), TREAD_LAYERS))
             bodies.append(Thing(leg, linkage.bodies[body - 1][1], places, part.outline.radius))
-            toes += [(toe, first + body - 1) for toe in feet_of(robot, body)]
         own = bodies[first:]
         for k, joint in enumerate(linkage.joints):
             on = tuple(first + i for i, body in enumerate(own) if joint in body.joints)
             disc = Thing(leg, joint, at[:, [k]], SPACER, on)
-            if joint in shared:
-                if leg == legs[0]:
-                    discs.append(disc._replace(radius=HUB if joint == shared[0] else SPACER, on=()))
-            elif joint not in linkage.bodies[0][1] or _swept(robot, disc, own):
-                discs += [disc] if len(on) > 1 else []
-            for toe, body in toes:
-                if toe == joint:
-                    radius = 1e3 * built.FOOT_RADIUS
-                    discs.append(disc._replace(radius=radius, on=(body,), beyond=TREAD_LAYERS))
+            if joint in (axis, pin):
+                shared = disc._replace(radius=HUB if joint == axis else SPACER, on=())
+                discs += [shared] if leg == legs[0] else []
+            elif len(on) > 1 and (joint not in linkage.bodies[0][1] or _swept(robot, disc, own)):
+                discs.append(disc)
     return bodies + discs
 
 
 def _swept(robot: Robot, pivot: Thing, bodies: Sequence[Thing]) -> bool:
     """Whether bodies of a leg sweep over the tube about a fixed pivot of either side."""
     tube = pivot._replace(radius=TUBE)
-    image = tube._replace(places=-tube.places.conj())
-    both = len({leg.side for leg in robot.legs}) == 2
-    return any(
-        (pivot.joints not in body.joints and _meet(tube, body)) or (both and _meet(image, body))
-        for body in bodies
-    )
+    tubes = [tube, tube._replace(places=-tube.places.conj())]
+    del tubes[len({leg.side for leg in robot.legs}) :]
+    return any(_meet(one, body) for body in bodies for one in tubes[pivot.joints in body.joints :])
 
 
 class Unit:
@@ -168,8 +147,8 @@ class Unit:
     def __init__(self, robot: Robot, legs: Sequence[int]) -> None:
         self.linkage, self.count = robot.linkage, len(robot.bodies)
         self.axis, self.pin, *_ = [*self.linkage.bodies[CRANK - 1][1]]
-        self.things = _things(robot, legs)
-        self.bodies, self.tries = self.count * len(legs), MOST_TRIES
+        self.things, self.bodies = _things(robot, legs), self.count * len(legs)
+        self.tries = MOST_TRIES
 
         def joined(one: Thing, other: Thing) -> bool:
             shared = {*one.joints} & {*other.joints}
@@ -190,23 +169,22 @@ class Unit:
         for body, name in enumerate(self.linkage.names):
             if body >= CRANK and all((body, disc) in self.pairs for disc in discs):
                 raise CollisionError(f"{name} sweeps over the shaft and over the crank pin")
-        best: list[int] = []
         for count in range(2 * WEB + 3, MOST_LAYERS):
             layers, last = [0] * self.bodies, self.bodies - self.count
             for body, edge in ((FRAME - 1, 0), (CRANK - 1, WEB)):
                 layers[body] |= 1 << edge  # of the first leg at one end, of the last at the other
                 layers[last + body] |= 1 << count - 1 - edge
-            self._search(count, layers, math.inf, best)
-            if best:
+            length, best = self._search(count, layers, (math.inf, []))
+            if length < math.inf:
                 return best
         raise CollisionError(f"{MOST_TRIES - max(self.tries, 0)} orders of the links collide")
 
-    def _search(self, count: int, layers: list[int], least: float, best: list[int]) -> float:
-        """Place the bodies without a layer; ``best`` becomes the order with the shortest pins."""
+    def _search(self, count: int, layers: list[int], best: Found) -> Found:
+        """Place the bodies without a layer so that the length is less than that of the best."""
+        length = self._length(count, layers)
         left = [body for body in range(self.count) if not layers[body]]
-        if not left:
-            best[:] = layers
-            return self._length(count, layers)
+        if length >= best[0] or not left:
+            return min(best, (length, layers), key=lambda one: one[0])
         body = min(left, key=lambda one: self.pin not in self.things[one].joints)
         edge = WEB + 1 if self.pin in self.things[body].joints else 1
         for layer in range(edge, count - edge):
@@ -214,9 +192,8 @@ class Unit:
             tried[body] = 1 << layer
             if self.bodies > self.count:
                 tried[self.count + body] = 1 << count - 1 - layer
-            if self._length(count, tried) < least:
-                least = min(least, self._search(count, tried, least, best))
-        return least
+            best = self._search(count, tried, best)
+        return best
 
     def _length(self, count: int, layers: list[int]) -> float:
         """Layers that all discs go through; infinite if things meet. Bodies may have no layer."""
@@ -259,10 +236,11 @@ def layers(robot: Robot) -> list[Placed]:
         sides = tuple(robot.legs[leg].side for leg in legs)
         if sides not in known:
             unit = Unit(robot, legs)
-            found = [(layer, k) for k, bits in enumerate(unit.order())
-                     for layer in range(bits.bit_length()) if bits >> layer & 1]  # fmt: skip
+            order = unit.order()
+            found = [(layer, k) for layer in range(MOST_LAYERS)
+                     for k, bits in enumerate(order) if bits >> layer & 1]  # fmt: skip
             short = {one.joints for one in unit.things[unit.bodies :]}
-            known[sides] = sorted(found), {*robot.linkage.bodies[0][1]} - short
+            known[sides] = found, {*robot.linkage.bodies[0][1]} - short
         found, through = known[sides]
         heights = [0.0] * (1 + found[-1][0])
         heights[WEB - 1] = heights[-WEB] = HUB_LENGTH

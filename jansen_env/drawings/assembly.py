@@ -63,7 +63,7 @@ def _draw_order(axes: Any, robot: Robot, unit: Sequence[Placed]) -> None:
     end, pins = unit[-1].top, defaultdict[int, list[float]](list)
     for one in unit:
         at = {joint: rows[one.leg, joint] for joint in one.part.joints}
-        for joint in pinned & {*at}:
+        for joint in (joint for joint in at if joint in pinned):
             pins[at[joint]] += (0.0, end) if joint in one.through else (one.z, one.top)
         # Parts of a leg in one layer share its width here.
         mates = [other for other in unit if (other.leg, other.layer) == (one.leg, one.layer)]

@@ -26,7 +26,7 @@ from jansen_env.terrain import Terrain, shapes
 from jansen_env.world.settings import load_robot
 
 SEED = 130_000  # of resets, apart from all others
-STEPS = tuple(np.round(np.arange(0.02, 0.161, 0.02), 3).tolist())  # m, heights that are climbed
+STEPS = tuple(np.round(np.arange(0.04, 0.321, 0.04), 3).tolist())  # m, heights that are climbed
 STEP_AT = 1.0  # m, where the step is
 LEAST_BEYOND = 0.5  # m, to walk after it
 COPIES, TOLERANCE = 8, 5e-4  # of a candidate whose lengths are off by up to so much, m

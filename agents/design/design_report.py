@@ -165,7 +165,7 @@ def write_found(folder: Path, plan: Plan, candidate: Candidate) -> None:
 
 def draw_designs(robots: dict[str, Robot], path: Path) -> None:
     """Draw each robot with the paths of its toes, all legs but the first pale."""
-    columns = min(len(robots), 4)
+    columns = min(len(robots), 5)
     rows = -(-len(robots) // columns)
     figure, axes = plt.subplots(
         rows, columns, figsize=(3.6 * columns, 3.0 * rows), layout="constrained", sharex=True,

@@ -9,15 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from browser import browser, open_window  # noqa: F401 - fixtures: once for all modules
-from motions import ODD
+from known_designs import DESIGNS
 from numpy.typing import NDArray
 
 from jansen_env.dynamics.reduced import Tables, compile_robot
-from jansen_env.robot import ROBOTS, Robot, paper_robot
+from jansen_env.robot import Robot
 from jansen_env.robot.motor import IDEAL
-
-DESIGNS = {**{name: make() for name, make in ROBOTS.items()}, "phases3": paper_robot(3), "odd": ODD}
-"""Every built-in design, six legs on three phases, and a first leg that faces back."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -12,7 +12,7 @@ from xml.etree import ElementTree as ET
 import ezdxf
 import numpy as np
 import pytest
-from conftest import DESIGNS
+from known_designs import DESIGNS
 
 from jansen_env import Bar, built_robot
 from jansen_env.drawings import __main__ as command

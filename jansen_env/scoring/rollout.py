@@ -93,7 +93,7 @@ def run_episodes(
     every: dict[str, NDArray[Any]] = {benchmark.option: commands, **(options or {})}
     for begin in range(0, len(commands), at_once):
         part = slice(begin, begin + at_once)
-        own = envs or make_envs(env_id, env_kwargs, len(commands[part]))
+        own = make_envs(env_id, env_kwargs, len(commands[part])) if envs is None else envs
         of_part = {name: values[part] for name, values in every.items()}
         parts.append(_run_side_by_side(policy, own, benchmark, of_part, seeds[part]))
         if envs is None:
@@ -139,12 +139,11 @@ def _reset(
     envs: Any, options: dict[str, NDArray[Any]], seeds: NDArray[np.int64]
 ) -> NDArray[np.float32]:
     """Start the episodes; returns their first observations (n, d)."""
-    if isinstance(envs, gym.vector.SyncVectorEnv):  # which has one set of options for all
-        rows = zip(*(values.tolist() for values in options.values()), strict=True)
-        each = zip(envs.envs, seeds.tolist(), rows, strict=True)
-        return np.stack([
-            env.reset(seed=seed, options=dict(zip(options, row, strict=True)))[0]
-            for env, seed, row in each
-        ])  # fmt: skip
-    observations: NDArray[np.float32] = envs.reset(seed=seeds.tolist(), options=options)[0]
+    if not isinstance(envs, gym.vector.SyncVectorEnv):
+        return envs.reset(seed=seeds.tolist(), options=options)[0]
+    # It has one set of options for all: the first time for everyone, then one after another.
+    for k in range(len(seeds)):
+        named = {} if k == 0 else {"reset_mask": np.arange(len(seeds)) == k}
+        own = {name: values[k] for name, values in options.items()}
+        observations, _ = envs.reset(seed=seeds.tolist(), options={**own, **named})
     return observations

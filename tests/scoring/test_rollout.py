@@ -1,0 +1,22 @@
+"""Episodes side by side are what they are in new environments."""
+
+import numpy as np
+import pytest
+
+from jansen_env.baselines.policy import TorquePolicy
+from jansen_env.scoring.rollout import make_envs, run_episodes
+
+ENV, COMMANDS, SEEDS = "JansenWalkerBuilt-v0", np.array([0.2, 0.4]), np.array([3, 4])
+
+
+@pytest.mark.parametrize("plant", ["projection", "rigid_body"])
+def test_used_environments_give_the_episodes_of_new_ones(plant):
+    kwargs = {"plant": plant, "max_episode_steps": 5}
+    policy = TorquePolicy(lambda seen, *_: (np.full(len(seen), 1.0), None), 2.0)
+    options = {"crank_angle": np.array([0.3, 1.9])}
+    once = run_episodes(policy, ENV, kwargs, COMMANDS, SEEDS, 2, options)
+    envs = make_envs(ENV, kwargs, 2)
+    for _ in range(2):
+        again = run_episodes(policy, ENV, kwargs, COMMANDS, SEEDS, 2, options, envs)
+        assert all((again[name] == once[name]).all() for name in once)
+    assert once["distance"].all()

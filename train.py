@@ -21,9 +21,8 @@ from typing import Any
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 
-from agents.command_line import add_run_flags, non_negative_int
-from agents.evaluate import outcome, score_run
-from agents.training.config import ALGORITHMS, TO_RESUME, load_config, new_config
+from agents.command_line import add_run_flags
+from agents.training.config import new_config
 from agents.training.process import outlive_readers
 from agents.training.runs import (
     FINAL,
@@ -34,7 +33,10 @@ from agents.training.runs import (
     read_evaluations,
     record_run,
 )
+from agents.training.scores import outcome, score_run
 from agents.training.train_model import prepare, train
+from jansen_env.commands.flags import non_negative_int
+from jansen_env.sb3.run_config import ALGORITHMS, TO_RESUME, load_config
 from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT, find_benchmark
 
 

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from tabulate import tabulate
 
-from agents.command_line import non_negative_int, parse_policies, policy_parser, positive_int
-from agents.evaluate import load_all
-from agents.robustness import Scores, plot, table
 from jansen_env.baselines.policy import Policy
+from jansen_env.commands.flags import non_negative_int, parse_policies, policy_parser, positive_int
+from jansen_env.commands.named_policies import load_all
+from jansen_env.commands.robustness import Scores, plot, table
 from jansen_env.files import write_json, write_text
 from jansen_env.scoring.benchmarks import ENOUGH, WORLD, succeeded
 from jansen_env.scoring.metrics import INTERVALS, pooled, proportion_with_interval
@@ -75,7 +75,9 @@ def success_table(levels: dict[str, dict[str, dict[str, Any]]]) -> str:
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
-    parser = policy_parser(__doc__, "JansenWalkerRough-v0", required=True, plants=True)
+    parser = policy_parser(
+        "python -m agents.levels", __doc__, "JansenWalkerRough-v0", required=True, plants=True
+    )
     add = parser.add_argument
     add("--levels", type=non_negative_int, nargs="+", default=list(range(HIGHEST + 1)), metavar="L",
         help=f"terrain levels, 0 to {HIGHEST}; default: all")  # fmt: skip

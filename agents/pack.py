@@ -19,15 +19,16 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, Flatten
 from torch import nn
 
 import jansen_env
-from agents.command_line import non_negative_int, positive_int
-from agents.evaluate import evaluate, model_file
-from agents.training.config import TO_RESUME, find_config, load_config
-from agents.training.model_files import read_model
-from agents.training.models import load_policy
-from agents.training.normalizer import CLIP, MIN_DEVIATION, NormalizedObservation
+from jansen_env.commands.flags import non_negative_int, positive_int
+from jansen_env.commands.named_policies import model_file
 from jansen_env.files import write_bytes, write_json
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import PretrainedPolicy
+from jansen_env.sb3.model_files import read_model
+from jansen_env.sb3.normalizer import CLIP, MIN_DEVIATION, NormalizedObservation
+from jansen_env.sb3.run_config import TO_RESUME, find_config, load_config
+from jansen_env.sb3.trained import load_policy
+from jansen_env.scoring.evaluation import evaluate
 from jansen_env.scoring.rollout import make_env
 
 ACTIVATIONS = {nn.Tanh: "tanh", nn.ReLU: "relu", nn.ELU: "elu"}
@@ -104,7 +105,7 @@ def pack(
 
     Args:
         run: folder or file. name: of the policy; None for that of its algorithm.
-        episodes, seed: of the scores, as of :func:`agents.evaluate.evaluate`.
+        episodes, seed: of the scores, as of :func:`jansen_env.scoring.evaluation.evaluate`.
 
     Raises:
         ValueError: there is no such model, or it has a part that cannot be packed.
@@ -180,7 +181,7 @@ def in_float64(policy: Any) -> Any:
 
 
 def scores_of(policy: PretrainedPolicy, episodes: int, seed: int = 0) -> dict[str, Any]:
-    """Return the scores of :func:`agents.evaluate.evaluate`, and how to have them again."""
+    """Return the scores of :func:`jansen_env.evaluate`, and how to have them again."""
     scores = evaluate(
         {"pretrained": policy}, policy.env_id, policy.env_kwargs, episodes=episodes, seed=seed
     )["pretrained"]

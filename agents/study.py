@@ -21,17 +21,18 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from agents.command_line import add_run_flags, positive_int
-from agents.plain_yaml import read_yaml
+from agents.command_line import add_run_flags
 from agents.studies.backends import Watch, has_ray, run_locally, run_on_ray
 from agents.studies.plan import STUDY, Run, Study, enter, make_study, read_study
 from agents.studies.run import STATUS, TOKEN, RunRequest, RunResult, is_finished, run_state
 from agents.studies.study_report import write_report
-from agents.training.config import ALGORITHMS
 from agents.training.runs import read_evaluations
 from agents.training.train_model import prepare
+from jansen_env.commands.flags import positive_int
 from jansen_env.cores import available_cores
 from jansen_env.files import write_text
+from jansen_env.plain_yaml import read_yaml
+from jansen_env.sb3.run_config import ALGORITHMS
 from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT
 
 FLAGS = tuple(STUDY)[:-1]  # those that describe a study, named as in its file, without variants

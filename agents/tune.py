@@ -17,7 +17,6 @@ import numpy as np
 from tqdm import tqdm
 
 import jansen_env
-from agents.command_line import non_negative_int, positive_int
 from agents.tuning import profile_search
 from jansen_env.baselines import profile
 from jansen_env.baselines.pid import PID
@@ -31,6 +30,7 @@ from jansen_env.baselines.walker_baselines import (
     tuned_for,
     walking_pid,
 )
+from jansen_env.commands.flags import non_negative_int, positive_int
 from jansen_env.files import write_json
 from jansen_env.robot import ROBOTS
 from jansen_env.scoring.benchmarks import BENCHMARKS

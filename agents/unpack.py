@@ -9,13 +9,13 @@ import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from agents.pack import COPY
-from agents.training.config import TO_RESUME, check_config
-from agents.training.models import untrained_policy
 from agents.training.train_model import prepare
 from jansen_env.baselines.policy import Policy
 from jansen_env.checks import shown
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import PretrainedPolicy
+from jansen_env.sb3.run_config import TO_RESUME, check_config
+from jansen_env.sb3.trained import untrained_policy
 
 
 def load_sb3(env_id: str, name: str = pretrained.DEFAULT) -> BaseAlgorithm:

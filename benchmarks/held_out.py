@@ -3,7 +3,7 @@
     python -m benchmarks.held_out --policy pretrained --policy RUN.json [--starts 3]
 
 A body is the built robot with lengths that a seed has drawn within 10 %; each policy, named as for
-``python -m agents.evaluate``, walks it at all speeds of the benchmark. Writes ``held_out.md``.
+``jansen-env evaluate``, walks it at all speeds of the benchmark. Writes ``held_out.md``.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 
-from agents.evaluate import load_named
 from benchmarks import measure
 from jansen_env import built_robot
+from jansen_env.commands.named_policies import load_named
 from jansen_env.gravity import GRAVITY
 from jansen_env.robot.lengths import with_lengths
 from jansen_env.scoring.benchmarks import WALKER

@@ -17,10 +17,10 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from scipy.stats import binomtest
 
-from agents.evaluate import label, load_named
 from agents.tuning.profile_search import ENV
 from benchmarks import measure
 from jansen_env.baselines.policy import Array, Policy
+from jansen_env.commands.named_policies import label, load_named
 from jansen_env.scoring.benchmarks import WALKER
 from jansen_env.scoring.metrics import SETTLING, Episodes, point_estimates
 from jansen_env.scoring.rollout import make_env, run_episodes
@@ -49,7 +49,7 @@ LOADED = 0.02  # of the weight, from which a toe is drawn as standing
 
 
 def load(names: list[str], env_id: str = ENV) -> dict[str, Policy]:
-    """Policies by label; see :func:`agents.evaluate.load_named`."""
+    """Policies by label; see :func:`jansen_env.commands.named_policies.load_named`."""
     env = make_env(env_id, {})
     policies = {label(name): load_named(name, env) for name in names}
     env.close()

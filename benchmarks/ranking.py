@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from scipy.stats import rankdata, spearmanr
 
-from agents.evaluate import load_named
 from benchmarks import measure
 from jansen_env.baselines.pid import PID
 from jansen_env.baselines.policy import Array, Policy, TorquePolicy, columns
 from jansen_env.baselines.walker_baselines import BASELINES, measured_setting, walking_pid
+from jansen_env.commands.named_policies import load_named
 from jansen_env.robot import Robot
 from jansen_env.scoring.benchmarks import WALKER
 from jansen_env.scoring.metrics import Episodes, point_estimates

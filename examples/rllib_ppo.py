@@ -23,8 +23,8 @@ import torch
 from ray.rllib.algorithms.ppo import PPOConfig
 from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 
-from agents.evaluate import evaluate
 from jansen_env.scoring.benchmarks import find_benchmark
+from jansen_env.scoring.evaluation import evaluate
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 add = parser.add_argument

@@ -9,10 +9,10 @@ from pathlib import Path
 import gymnasium as gym
 
 from agents.training.config import new_config
-from agents.training.models import load_policy
 from agents.training.runs import record_run
 from agents.training.train_model import prepare, train
-from agents.video import save_video
+from jansen_env.commands.film import save_video
+from jansen_env.sb3.trained import load_policy
 
 ENV = "JansenWalkerBuilt-v0"
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000

@@ -1,5 +1,7 @@
 """jansen_env: the Theo Jansen walking linkage as a Gymnasium environment."""
 
+from typing import TYPE_CHECKING, Any
+
 from gymnasium.envs.registration import register
 
 from jansen_env.robot import (
@@ -23,12 +25,15 @@ from jansen_env.terrain.curriculum import Curriculum
 from jansen_env.world.noise import Noise
 from jansen_env.world.push import Push
 
+if TYPE_CHECKING:
+    from jansen_env.scoring.evaluation import evaluate
+
 __version__ = "0.1.0"
 
 __all__ = [
     "MOTORS", "ROBOTS", "Bar", "Compliance", "Curriculum", "Leg", "LinkageError", "Motor", "Noise",
-    "Payload", "Push", "Robot", "Terrain", "Triangle", "built_robot", "holy_numbers_robot",
-    "paper_robot", "phased_legs", "robot_from_joints",
+    "Payload", "Push", "Robot", "Terrain", "Triangle", "built_robot", "evaluate",
+    "holy_numbers_robot", "paper_robot", "phased_legs", "robot_from_joints",
 ]  # fmt: skip
 
 for _name, _entry, _steps in (
@@ -45,3 +50,12 @@ for _name, _entry, _steps in (
         vector_entry_point=f"jansen_env.envs.{_entry}VectorEnv",
         max_episode_steps=_steps,
     )
+
+
+def __getattr__(name: str) -> Any:
+    """Import on demand: :func:`jansen_env.scoring.evaluation.evaluate`."""
+    if name == "evaluate":
+        from jansen_env.scoring.evaluation import evaluate
+
+        return evaluate
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,6 +1,6 @@
 """Export any robot to MuJoCo (MJCF).
 
-    python -m jansen_env.export_mjcf klann --out klann.xml
+    jansen-env mjcf klann --out klann.xml
 
 The plane of motion is MuJoCo's x-z plane, angles are counter-clockwise as seen from -y. A tree of
 hinges begins at the chassis; each of the other pins closes a loop by ``equality/connect``. What is
@@ -9,10 +9,8 @@ approximate: ``docs/mjcf.md``.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
@@ -20,11 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.dynamics.pads import pad_layout
-from jansen_env.files import write_text
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants import bodies as links
 from jansen_env.plants.bodies import CHASSIS, SHAFT, place_of
-from jansen_env.robot import ROBOTS, Robot
+from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK
 from jansen_env.terrain import Terrain
@@ -247,21 +244,3 @@ def _set_springs(root: ET.Element, robot: Robot) -> None:
         pad = next(one for one in root.iter("geom") if one.get("name") == name)
         pad.set("solref", _text((-give.stiffness * per_mass, -give.damping * per_mass)))
         pad.set("solimp", _text(SPRING))
-
-
-def main(arguments: list[str] | None = None) -> None:
-    """Command line."""
-    about = (__doc__ or "").partition("\n")[0]
-    parser = argparse.ArgumentParser(prog="python -m jansen_env.export_mjcf", description=about)
-    parser.add_argument("robot", choices=ROBOTS, metavar="ROBOT", help=", ".join(ROBOTS))
-    parser.add_argument("--out", type=Path, metavar="FILE", help="(standard output)")
-    found = parser.parse_args(arguments)
-    text = to_mjcf(ROBOTS[found.robot](), Terrain.flat())
-    if found.out is None:
-        print(text, end="")
-    else:
-        write_text(found.out, text)
-
-
-if __name__ == "__main__":
-    main()

@@ -9,7 +9,7 @@ from typing import Any
 from browser import ARGUMENTS, chromium
 from PIL import Image
 
-from agents.replay import main as record
+from jansen_env.commands.replay import main as record
 from jansen_env.files import write_whole
 
 COLOURS = 256  # of a picture

@@ -6,7 +6,7 @@ import torch
 
 from agents.training import config, runs
 from agents.training import train_model as training
-from agents.training.model_files import read_model
+from jansen_env.sb3.model_files import read_model
 
 CRANK = "JansenCrank-v0"
 STEPS, SAVED = 576, 6  # of a whole run; checkpoints in it

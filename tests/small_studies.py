@@ -13,7 +13,7 @@ from small_runs import same
 from agents.studies import plan as study_plan
 from agents.studies import run as study_run
 from agents.studies.plan import make_study
-from agents.training.model_files import read_model
+from jansen_env.sb3.model_files import read_model
 
 ROOT = Path(__file__).parents[1]
 SMALL = {

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from jansen_env.__main__ import main as jansen_env
+
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("*/README.md"), *ROOT.glob("docs/**/*.md")])
 IDS = [str(page.relative_to(ROOT)) for page in PAGES]
@@ -33,16 +35,20 @@ def test_python_blocks_run(page: Path, tmp_path: Path, monkeypatch: pytest.Monke
 
 
 def commands() -> dict[tuple[str, ...], set[str]]:
-    """What the pages run of this project, ``("-m", module)`` or ``(script,)``, with its options."""
+    """What the pages run of this project, ``("-m", module)``, ``(script,)`` or ``("jansen-env",
+    command)``, with its options."""
     found: dict[tuple[str, ...], set[str]] = {}
     for page in PAGES:
         for _, block in blocks(page, "(?:bash|console)"):
             for line in re.split(r"\n|&&|;", block.replace("\\\n", " ")):
                 words = shlex.split(line, comments=True)
-                if "python" not in words:
+                if "jansen-env" in words:
+                    words = words[words.index("jansen-env") :]
+                elif "python" in words:
+                    words = words[words.index("python") + 1 :]
+                else:
                     continue
-                words = words[words.index("python") + 1 :]
-                program = tuple(words[: 2 if words[0] == "-m" else 1])
+                program = tuple(words[: 1 if words[0].endswith(".py") else 2])
                 options = {word.split("=")[0] for word in words if re.match("--?[a-z]", word)}
                 found.setdefault(program, set()).update(options - {"-m"})
     return {p: options for p, options in found.items() if p[-1] not in ("pip", "pytest")}
@@ -56,7 +62,9 @@ def test_commands_have_the_options_that_pages_use(
     monkeypatch.syspath_prepend(ROOT)
     monkeypatch.setattr(sys, "argv", [program[-1], "--help"])
     with pytest.raises(SystemExit) as exited:
-        if program[0] == "-m":
+        if program[0] == "jansen-env":
+            jansen_env([program[1], "--help"])
+        elif program[0] == "-m":
             runpy.run_module(program[1], run_name="__main__")
         else:
             runpy.run_path(str(ROOT / program[0]), run_name="__main__")

@@ -15,9 +15,8 @@ import pytest
 from known_designs import DESIGNS
 
 from jansen_env import Bar, built_robot
-from jansen_env.drawings import __main__ as command
+from jansen_env.commands import drawings as command
 from jansen_env.drawings import shaft_order
-from jansen_env.drawings.__main__ import MARGIN, nest, to_dxf, to_svg
 from jansen_env.drawings.assembly import HEAD
 from jansen_env.drawings.materials import bill_of_materials, counts, hardware, to_csv
 from jansen_env.drawings.outlines import HUB, WALL, Round, cut_parts, feet_of, sides
@@ -30,6 +29,7 @@ from jansen_env.drawings.shaft_order import (
     layers,
     units,
 )
+from jansen_env.drawings.sheets import MARGIN, nest, to_dxf, to_svg
 from jansen_env.robot import Leg
 from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK
@@ -252,7 +252,7 @@ def test_files_are_the_same_every_time(tmp_path, capsys):
     command.main([*arguments, str(tmp_path / "one")])
     assert "37 parts to cut, 5.21 kg" in capsys.readouterr().out
     for seed in ("1", "2"):
-        again = [sys.executable, "-m", "jansen_env.drawings", *arguments, str(tmp_path / "two")]
+        again = [sys.executable, "-m", "jansen_env", "drawings", *arguments, str(tmp_path / "two")]
         subprocess.run(again, check=True, env=os.environ | {"PYTHONHASHSEED": seed})
         for file in (tmp_path / "one").rglob("*.*"):
             other = tmp_path / "two" / file.relative_to(tmp_path / "one")

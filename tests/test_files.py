@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from agents import plain_yaml
-from agents.training import model_files, replay_buffers
-from jansen_env import files
+from agents.training import replay_buffers
+from jansen_env import files, plain_yaml
 from jansen_env.files import PART, write_json, write_text, write_whole
 from jansen_env.policies import pretrained
+from jansen_env.sb3 import model_files
 from jansen_env.viewer.recording import Recording
 
 

@@ -12,7 +12,7 @@ from agents import NEEDED
 
 ROOT = Path(__file__).parents[1]
 ORDER = (
-    ["checks", "cores", "files"],
+    ["checks", "cores", "files", "plain_yaml"],
     ["gravity", "robot", "terrain"],
     ["parameters", "rendering"],
     ["dynamics"],
@@ -23,11 +23,12 @@ ORDER = (
     ["envs"],
     ["baselines", "policies"],
     ["scoring"],
-    ["compile", "drawings", "export_mjcf", "sb3", "viewer", "paper"],
+    ["drawings", "export_mjcf", "sb3", "viewer", "paper"],
     ["play"],
-    ["agents.command_line", "agents.plain_yaml", "agents.plots", "agents.video"],
-    ["agents.training", "agents.tuning", "agents.robustness"],
-    ["agents.evaluate", "agents.pack", "agents.unpack"],
+    ["commands"],
+    ["__main__"],
+    ["agents.command_line", "agents.training", "agents.tuning"],
+    ["agents.pack", "agents.unpack"],
     ["agents.export", "agents.studies"],
     ["agents"],  # the other commands
     ["benchmarks", "examples", "train"],

@@ -17,15 +17,15 @@ import numpy as np
 import yaml
 from tqdm import tqdm
 
-from agents.command_line import mapping, positive_int
 from agents.design.design_plan import PLANS, Plan, make_plan, read_plan
 from agents.design.design_report import REPORT, ROBOT, write_report
 from agents.design.search import JOURNAL, Measured, objectives_of, run_search
 from agents.design.seeds import SearchRequest, execute_search, load_policy
 from agents.design.trust import trust_report
-from agents.plain_yaml import read_yaml
+from jansen_env.commands.flags import mapping, positive_int
 from jansen_env.cores import available_cores
 from jansen_env.files import write_text
+from jansen_env.plain_yaml import read_yaml
 from jansen_env.robot.robot_file import read_robot, write_robot
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 from agents.design.measures import MEASURES
 from agents.design.variables import Space
-from agents.plain_yaml import Rule, check_keys, read_yaml
 from jansen_env.checks import shown
+from jansen_env.plain_yaml import Rule, check_keys, read_yaml
 from jansen_env.scoring.benchmarks import WALKERS, check_env_kwargs
 
 METHODS = ("cma", "nsga2", "map_elites")

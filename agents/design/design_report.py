@@ -27,8 +27,8 @@ from agents.design.search import (
 )
 from agents.design.shape import geometry_measures
 from agents.design.variables import Candidate
-from agents.plots import save
 from jansen_env.baselines.policy import Policy
+from jansen_env.commands.plots import save
 from jansen_env.drawings.shaft_order import layers
 from jansen_env.files import write_json, write_text
 from jansen_env.robot import Robot

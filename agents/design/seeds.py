@@ -41,6 +41,6 @@ def load_policy(plan: Plan) -> Policy | None:
     """Return the policy that turns all cranks, None for profiles. Raises ValueError: no policy."""
     if plan.policy is None:
         return None
-    from agents.evaluate import load_named
+    from jansen_env.commands.named_policies import load_named
 
     return load_named(plan.policy, make_env(plan.env, {**plan.env_kwargs, "robot": plan.robot}))

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.plain_yaml import Rule
 from jansen_env.baselines.policy import Array
 from jansen_env.baselines.profile import load_profile
 from jansen_env.baselines.walker_baselines import tuned_for
 from jansen_env.checks import shown
 from jansen_env.drawings.shaft_order import units
+from jansen_env.plain_yaml import Rule
 from jansen_env.robot import ROBOTS, Robot
 from jansen_env.robot.lengths import lengths, with_lengths
 from jansen_env.robot.motor import MOTORS

@@ -17,16 +17,17 @@ from typing import Any
 
 import torch
 
-from agents.command_line import non_negative_int, positive_int
-from agents.evaluate import ALIASES, SHIPPED, evaluate
 from agents.export import agreement, c_source, onnx_model
 from agents.export.model_card import card
 from agents.pack import TOLERANCE, from_run, in_float64
 from agents.unpack import to_policy
+from jansen_env.commands.flags import non_negative_int, positive_int
+from jansen_env.commands.named_policies import ALIASES, SHIPPED
 from jansen_env.files import write_bytes
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import PretrainedPolicy
 from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT, find_benchmark
+from jansen_env.scoring.evaluation import evaluate
 from jansen_env.scoring.rollout import make_env
 
 KINDS = ("onnx", "c")
@@ -60,7 +61,7 @@ def export(
             ``"pretrained:NAME"``. env_id: of the last two; None for the default.
         kinds: of :data:`KINDS`. out: the folder.
         name: of the files, and of functions in C; None for one such as jansen_walker_v0_ppo.
-        episodes, seed: of the scores, as of :func:`agents.evaluate.evaluate`.
+        episodes, seed: of the scores, as of :func:`jansen_env.scoring.evaluation.evaluate`.
         command: what the card is to say of how it was written.
 
     Returns:

@@ -118,7 +118,7 @@ def _observation(policy: PretrainedPolicy) -> list[tuple[Any, ...]]:
 
 def _evaluation(policy: PretrainedPolicy, told: dict[str, Any]) -> str:
     """Return the command that scores alike."""
-    words = ["python", "-m", "agents.evaluate", "--env", policy.env_id]
+    words = ["jansen-env", "evaluate", "--env", policy.env_id]
     if policy.env_kwargs:
         words += ["--env-kwargs", json.dumps(policy.env_kwargs)]
     for name in (told["run"], *(name for name in told["scores"] if name != told["name"])):

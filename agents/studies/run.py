@@ -121,7 +121,7 @@ def _check_shared(folder: Path, token: str) -> None:
 def _train_and_score(request: RunRequest) -> None:
     import torch
 
-    from agents.evaluate import score_run
+    from agents.training.scores import score_run
     from agents.training.train_model import prepare, train
 
     torch.set_num_threads(1)  # whatever the cores: the run that a seed gives depends on the number

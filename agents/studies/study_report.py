@@ -15,7 +15,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 from tabulate import tabulate
 
-from agents.plots import save
 from agents.studies.plan import Run, Study
 from agents.studies.run import SCORES, read_status, run_state
 from agents.studies.seed_statistics import (
@@ -27,6 +26,7 @@ from agents.studies.seed_statistics import (
     resampled,
 )
 from agents.training.runs import read_evaluations
+from jansen_env.commands.plots import save
 from jansen_env.files import write_json, write_text
 from jansen_env.scoring.benchmarks import Benchmark, find_benchmark
 from jansen_env.scoring.metrics import tabled

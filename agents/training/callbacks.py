@@ -19,12 +19,12 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 from agents.training.models import save_model
-from agents.training.normalizer import NormalizedObservation
 from agents.training.process import HANGUP, SIGNALS
 from agents.training.replay_buffers import save_replay_buffer
 from agents.training.runs import BEST, best_score, read_evaluations, replay_path
 from agents.training.training_state import read_state
 from jansen_env.files import write_json
+from jansen_env.sb3.normalizer import NormalizedObservation
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.metrics import point_estimates
 from jansen_env.scoring.rollout import make_env, run_episodes

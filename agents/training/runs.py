@@ -17,10 +17,10 @@ import yaml
 from filelock import FileLock, Timeout
 from stable_baselines3.common.utils import get_latest_run_id
 
-from agents.training.model_files import parse_json, read_model, read_notes, read_training_state
 from agents.training.replay_buffers import check_replay_file
 from jansen_env.checks import finite, instance
 from jansen_env.files import PART, write_bytes, write_text
+from jansen_env.sb3.model_files import parse_json, read_model, read_notes, read_training_state
 
 FINAL, BEST = "final_model.zip", "best_model.zip"
 

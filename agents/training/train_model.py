@@ -15,13 +15,14 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor
 
 from agents.training.callbacks import NormalizerUpdate, Saver, StopOnSignal
-from agents.training.config import find_config, training_envs
-from agents.training.model_files import read_model, read_training_state
+from agents.training.config import training_envs
 from agents.training.models import build_model, restore
 from agents.training.replay_buffers import load_replay_buffer
 from agents.training.runs import FINAL, replay_path
 from agents.training.training_state import GeneratorsRestored, restore_state
 from jansen_env.sb3 import make_vec_env
+from jansen_env.sb3.model_files import read_model, read_training_state
+from jansen_env.sb3.run_config import find_config
 
 EVALUATIONS = 16  # of a run, if nothing else is said
 

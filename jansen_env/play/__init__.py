@@ -1,1 +1,1 @@
-"""Walk a robot by hand on a page: ``python -m jansen_env.play``."""
+"""Walk a robot by hand on a page: ``jansen-env play``."""

@@ -9,8 +9,7 @@ import pytest
 from scipy.stats import kstest
 
 import jansen_env  # noqa: F401
-from agents import evaluate, tune
-from agents.evaluate import load_named
+from agents import tune
 from jansen_env.baselines.pid import PID
 from jansen_env.baselines.walker_baselines import (
     BASELINES,
@@ -20,6 +19,8 @@ from jansen_env.baselines.walker_baselines import (
     nearest_setting,
     walking_pid,
 )
+from jansen_env.commands import evaluate
+from jansen_env.commands.named_policies import load_named
 from jansen_env.plants.make import PLANTS
 from jansen_env.scoring import metrics
 from jansen_env.scoring.benchmarks import WALKER

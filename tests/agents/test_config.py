@@ -8,9 +8,10 @@ import pytest
 import yaml
 
 import train
-from agents import command_line, evaluate
-from agents.plain_yaml import MAX_BYTES, parse_yaml, read_yaml
+from agents import command_line
 from agents.training import config, runs
+from jansen_env.commands import named_policies
+from jansen_env.plain_yaml import MAX_BYTES, parse_yaml, read_yaml
 from jansen_env.scoring.benchmarks import can_be_batched
 from jansen_env.scoring.rollout import make_env
 
@@ -182,7 +183,7 @@ def test_training_refuses_before_it_runs(text, tmp_path):
     assert not (tmp_path / "logs").exists()
 
 
-@pytest.mark.parametrize("script", ["agents.evaluate", "agents.tune", "train"])
+@pytest.mark.parametrize("script", ["agents.study", "agents.tune", "train"])
 def test_a_missing_extra_is_named(script):
     code = f"import sys, runpy; sys.modules['torch'] = sys.modules['yaml'] = None; {script=}"
     done = subprocess.run(
@@ -215,8 +216,8 @@ def test_policies_keep_labels_of_their_own(tmp_path, monkeypatch):
         folder.mkdir(parents=True)
         (folder / "best_model.zip").touch()
     first, second = (f"{root}/ppo/JansenWalker-v0_1" for root in ("a", "b"))
-    assert evaluate.labels([first, "pid"]) == ["ppo/JansenWalker-v0_1", "pid"]
-    assert evaluate.labels([first, second]) == [first, second]
+    assert named_policies.labels([first, "pid"]) == ["ppo/JansenWalker-v0_1", "pid"]
+    assert named_policies.labels([first, second]) == [first, second]
     for twice in (
         ["pid", "pid"],
         [first, f"./{first}"],
@@ -224,7 +225,7 @@ def test_policies_keep_labels_of_their_own(tmp_path, monkeypatch):
         ["pid", "pid-paper"],
     ):
         with pytest.raises(ValueError, match="is given 2 times"):
-            evaluate.labels(twice)
+            named_policies.labels(twice)
 
 
 def test_what_the_command_line_says_holds_for_all_variants():

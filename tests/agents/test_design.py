@@ -18,9 +18,9 @@ from agents.design.measures import HELD, MEASURES, SEED, STEPS, Walker
 from agents.design.optimisers import Cma, MapElites, Nsga2
 from agents.design.shape import clearance, geometry_measures
 from agents.design.variables import Candidate, Space
-from agents.evaluate import load_named
 from agents.tuning.profile_search import profiles
 from jansen_env import ROBOTS
+from jansen_env.commands.named_policies import load_named
 from jansen_env.robot import Bar
 from jansen_env.robot.lengths import lengths, with_lengths
 from jansen_env.robot.robot_file import read_robot, write_robot

@@ -4,7 +4,8 @@ import imageio.v3 as iio
 import numpy as np
 import pytest
 
-from agents import enjoy, video
+from jansen_env.commands import enjoy
+from jansen_env.commands import film as video
 from jansen_env.scoring.rollout import make_env
 
 CRANK = "JansenCrank-v0"
@@ -111,6 +112,6 @@ def test_long_videos_take_little_memory(tmp_path, monkeypatch):
         def append_data(self, frame):
             written.append(frame)
 
-    monkeypatch.setattr(video.imageio, "get_writer", lambda *_, **__: Writer())
+    monkeypatch.setattr("imageio.v2.get_writer", lambda *_, **__: Writer())
     video.save_video(frames(), tmp_path / "a.mp4", 0.02)
     assert len(written) == 20

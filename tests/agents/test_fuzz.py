@@ -9,9 +9,10 @@ import zipfile
 import pytest
 from small_runs import go_on, small_run
 
-from agents.training import config, model_files, models, replay_buffers, runs
+from agents.training import config, models, replay_buffers, runs
 from agents.training import train_model as training
 from agents.training.training_state import restore_state
+from jansen_env.sb3 import model_files
 
 EACH = [100, pytest.param(400, marks=pytest.mark.slow)]  # mutants of a kind of file
 MEMORY = 2**29  # bytes beyond what the process has: files here are smaller than 1 MB

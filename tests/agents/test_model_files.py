@@ -16,8 +16,10 @@ from small_runs import small_run
 from stable_baselines3 import PPO
 
 import train
-from agents.training import model_files, models, runs
+from agents.training import models, runs
 from agents.training.train_model import prepare
+from jansen_env import sb3
+from jansen_env.sb3 import model_files
 from jansen_env.scoring.rollout import make_env
 
 ENV = "JansenCrank-v0"
@@ -65,7 +67,7 @@ def spoil(folder, change):
     return path
 
 
-def refused(path, reason, load=models.load_policy):
+def refused(path, reason, load=sb3.load_policy):
     """Loading is refused in one line that names the file."""
     with pytest.raises(ValueError, match=reason) as error:
         load(path)
@@ -112,7 +114,7 @@ def test_names_in_a_run_folder_import_nothing(folder, monkeypatch):
         {"hyperparameters": {"rollout_buffer_class": "payload.Buffer"}},
     ):
         configure(folder, **values)
-        refused(folder, "must be", lambda path: models.load_policy(path))
+        refused(folder, "must be", lambda path: sb3.load_policy(path))
         with pytest.raises(SystemExit, match=r"config\.yml: .* must be"):
             train.main(["--resume", str(folder), "--no-progress"])
     assert "payload" not in sys.modules
@@ -138,7 +140,7 @@ def test_a_model_trained_elsewhere(tmp_path):
     model.save(tmp_path / "mine.zip")
     refused(tmp_path / "mine.zip", r"no config\.yml beside .*'algo', 'env', 'policy'")
     (tmp_path / "config.yml").write_text(f"algo: ppo\nenv: {ENV}\npolicy: MlpPolicy\n")
-    ours = models.load_policy(tmp_path / "mine.zip")
+    ours = sb3.load_policy(tmp_path / "mine.zip")
     seen = np.stack([env.reset(seed=s)[0] for s in range(5)])
     actions = [p.predict(seen, deterministic=True)[0] for p in (ours, model)]
     assert np.array_equal(*actions)
@@ -161,7 +163,7 @@ def test_a_model_trained_elsewhere(tmp_path):
 def test_models_that_do_not_fit_their_configuration(values, reason, folder):
     configure(folder, **values)
     with pytest.raises(ValueError, match=reason) as error:
-        models.load_policy(folder)
+        sb3.load_policy(folder)
     assert str(folder / "config.yml") in str(error.value) and "\n" not in str(error.value)
 
 
@@ -268,7 +270,7 @@ def test_members_that_are_not_needed_stay_unread(folder):
     with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("other.pth", b"\0" * 2 * model_files.MAX_BYTES)
         archive.writestr("pytorch_variables.pth.bak", b"?")
-    models.load_policy(path)
+    sb3.load_policy(path)
     assert "other" not in model_files.read_model(path)[0]
 
 

@@ -2,7 +2,8 @@
 
 import pytest
 
-from agents import enjoy, evaluate, replay, study
+from agents import study
+from jansen_env.commands import enjoy, evaluate, replay
 
 REFUSED = {
     (evaluate, "--policy", "constant", "--out", "out"): [

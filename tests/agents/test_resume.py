@@ -11,8 +11,8 @@ from small_runs import go_on, outcome, same, small_run
 
 from agents.training import callbacks, models
 from agents.training import train_model as training
-from agents.training.model_files import read_training_state
 from agents.training.training_state import read_state
+from jansen_env.sb3.model_files import read_training_state
 
 DRIVER = Path(__file__).parents[1] / "kill_runs.py"
 CASES = {

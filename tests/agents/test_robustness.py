@@ -5,9 +5,9 @@ import math
 
 import pytest
 
-from agents import evaluate, robustness
-from agents.evaluate import load_named
 from jansen_env import built_robot, paper_robot
+from jansen_env.commands import evaluate, robustness
+from jansen_env.commands.named_policies import load_named
 from jansen_env.robot import RIGID
 from jansen_env.scoring.rollout import make_env
 

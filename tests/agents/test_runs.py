@@ -14,8 +14,8 @@ from stable_baselines3 import PPO
 import train
 from agents.training import callbacks, config, models, replay_buffers, runs
 from agents.training import train_model as training
-from agents.training.model_files import read_model
 from agents.training.process import HANGUP, SIGNALS
+from jansen_env.sb3.model_files import read_model
 
 KEPT = 64  # steps of the checkpoint that a killed run is resumed from
 STEPS = 128

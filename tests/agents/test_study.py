@@ -24,12 +24,12 @@ from small_studies import (
 )
 
 from agents import study
-from agents.plain_yaml import read_yaml
 from agents.studies import plan as study_plan
 from agents.studies import run as study_run
 from agents.studies import study_report
 from agents.studies.plan import make_study
 from agents.training.runs import locked
+from jansen_env.plain_yaml import read_yaml
 from jansen_env.scoring.benchmarks import BENCHMARKS
 
 

@@ -11,8 +11,9 @@ import pytest
 import yaml
 
 import train
-from agents.training import callbacks, config, models
+from agents.training import callbacks, config
 from agents.training import train_model as training
+from jansen_env import sb3
 
 SMALL_PPO = Path(__file__).parents[1] / "small_ppo.yml"
 SMALL = ["--config", str(SMALL_PPO), "-n", "1024", "--n-envs", "4", "--eval-episodes", "1",
@@ -61,7 +62,7 @@ def test_policy_files_never_run_code(run, tmp_path):
             for name in old.namelist():
                 if name != "data":
                     new.writestr(name, old.read(name))
-    models.load_policy(folder)
+    sb3.load_policy(folder)
     assert not (tmp_path / "boom").exists()
 
 

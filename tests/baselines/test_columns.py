@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from agents.evaluate import load_named
 from agents.tuning.profile_search import profiles
 from jansen_env.baselines.policy import columns
 from jansen_env.baselines.profile import READ, load_profile
+from jansen_env.commands.named_policies import load_named
 from jansen_env.policies import pretrained
 from jansen_env.scoring.benchmarks import BENCHMARKS, find_benchmark
 from jansen_env.scoring.rollout import make_env

@@ -8,9 +8,9 @@ import pytest
 from stable_baselines3 import PPO
 
 import train
-from agents.evaluate import load_named
 from jansen_env.baselines.crank_baselines import BASELINES, inverse_dynamics
 from jansen_env.baselines.pid import PID
+from jansen_env.commands.named_policies import load_named
 from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.scoring import benchmarks as tasks
 from jansen_env.scoring.rollout import run_episodes

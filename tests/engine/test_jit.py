@@ -14,7 +14,7 @@ import pytest
 from numba import float64, njit, typeof
 
 from jansen_env import Terrain, paper_robot
-from jansen_env.compile import main as compile_ahead
+from jansen_env.commands.compile import main as compile_ahead
 from jansen_env.engine import jit, second_process
 from jansen_env.engine.jit import Kernel, compiled, prepare
 from jansen_env.engine.parts import parts
@@ -123,9 +123,9 @@ def test_no_second_process(where, monkeypatch):
 
 @pytest.mark.slow
 def test_everything_is_compiled_ahead(tmp_path):
-    """By ``python -m jansen_env.compile``: nothing is left to say, and every part was found."""
+    """By ``jansen-env compile``: nothing is left to say, and every part was found."""
     tmp_path.chmod(0o700)
-    command = [sys.executable, "-W", "ignore", "-m", "jansen_env.compile"]
+    command = [sys.executable, "-W", "ignore", "-m", "jansen_env", "compile"]
     there = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     for again in (False, True):
         ended = subprocess.run(command, env=there, capture_output=True, text=True, timeout=600)

@@ -6,7 +6,8 @@ import pytest
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from jansen_env import Payload, Terrain
-from jansen_env.sb3 import BatchVecEnv, can_be_batched, make_vec_env
+from jansen_env.sb3 import BatchVecEnv, make_vec_env
+from jansen_env.scoring.benchmarks import can_be_batched
 from jansen_env.scoring.rollout import make_env
 
 ENV = "JansenWalker-v0"

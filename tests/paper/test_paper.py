@@ -5,14 +5,13 @@ Numbers of walks come from chaotic motions: where one is held, the reason says h
 
 import json
 import math
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from jansen_env.paper import __main__ as command
+from jansen_env.commands import paper as command
 from jansen_env.paper import claims, errata, fixed_model, free_walk, interpretations, report, toes
 from jansen_env.paper.results import FRICTIONS, LOADS, Results, compute
 from jansen_env.robot import holy_numbers_robot, paper_robot
@@ -273,13 +272,3 @@ def test_command(results, monkeypatch, tmp_path, capsys):
     pictures = sorted(folder.glob("*.png"))
     assert len(pictures) == 11 and all(p.stat().st_size > 20_000 for p in pictures)
     assert {p.suffix for p in folder.iterdir()} == {".md", ".json", ".png"}
-
-
-def test_command_says_what_to_install(monkeypatch, tmp_path):
-    monkeypatch.setattr(command, "compute", lambda workers: pytest.fail("computes first"))
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    monkeypatch.delitem(sys.modules, "jansen_env.paper.figures", raising=False)
-    monkeypatch.delattr("jansen_env.paper.figures", raising=False)
-    with pytest.raises(SystemExit, match=r'pip install -c constraints\.txt -e "\.\[paper\]"'):
-        command.main(["--out", str(tmp_path / "new")])
-    assert not (tmp_path / "new").exists()

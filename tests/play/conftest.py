@@ -8,11 +8,11 @@ import pytest
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory):
-    """``python -m jansen_env.play``: process, host and port, and the file of its errors."""
+    """``jansen-env play``: process, host and port, and the file of its errors."""
     errors = tmp_path_factory.mktemp("served") / "stderr"
     with errors.open("wb") as stderr:
         process = subprocess.Popen(
-            [sys.executable, "-m", "jansen_env.play", "--port", "0"],
+            [sys.executable, "-m", "jansen_env", "play", "--port", "0"],
             stdout=subprocess.PIPE, stderr=stderr, text=True,
         )  # fmt: skip
         address = process.stdout.readline().strip()

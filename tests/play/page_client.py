@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-pytest.importorskip("websockets", reason="the extra 'play' is not installed")
+pytest.importorskip("websockets", reason="the extra 'tools' is not installed")
 
 from websockets.sync.client import connect
 

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-pytest.importorskip("websockets", reason="the extra 'play' is not installed")
+pytest.importorskip("websockets", reason="the extra 'tools' is not installed")
 
 from jansen_env.robot import ROBOTS
 from jansen_env.robot.kinematics import (
@@ -314,7 +314,7 @@ def test_on_a_phone_by_touch(alone):
 
 def test_the_command_writes_the_file(tmp_path):
     """With one line about a folder that cannot be written."""
-    command = [sys.executable, "-m", "jansen_env.play", "--bench-file"]
+    command = [sys.executable, "-m", "jansen_env", "play", "--bench-file"]
     path = tmp_path / "bench.html"
     subprocess.run([*command, path], check=True, capture_output=True)
     assert path.read_text() == bench_page()

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-pytest.importorskip("websockets", reason="the extra 'play' is not installed")
+pytest.importorskip("websockets", reason="the extra 'tools' is not installed")
 
 
 WAIT = 10_000  # ms
@@ -15,7 +15,7 @@ WAIT = 10_000  # ms
 
 def start(port="0"):
     process = subprocess.Popen(
-        [sys.executable, "-m", "jansen_env.play", "--port", port, "--env",
+        [sys.executable, "-m", "jansen_env", "play", "--port", port, "--env",
          "JansenWalker-v0"],  # whose rigid feet can bounce
         stdout=subprocess.PIPE, text=True,
     )  # fmt: skip

@@ -14,7 +14,7 @@ from page_client import apart, ask, next_of, opening, talk, until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from jansen_env.play import __main__ as program
+from jansen_env.commands import play as program
 from jansen_env.play import server
 from jansen_env.play.server import (
     BENCH,
@@ -296,9 +296,3 @@ def test_a_port_that_is_taken(served, capsys):
     with pytest.raises(SystemExit):
         apart(program.main, ["--port", port])
     assert f"--port is {port}, must be one that can be used" in capsys.readouterr().err
-
-
-def test_an_extra_that_is_missing(monkeypatch):
-    monkeypatch.setattr(program, "find_spec", lambda name: None)
-    with pytest.raises(SystemExit, match="which the extra 'play' installs"):
-        program.main([])

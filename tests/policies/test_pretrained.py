@@ -13,12 +13,12 @@ import torch
 from safetensors.numpy import load, save
 from small_runs import NETWORKS, made_run
 
-from agents import evaluate, pack, unpack
-from agents.training import models
-from agents.training.model_files import read_model
-from jansen_env import paper_robot
+from agents import pack, unpack
+from jansen_env import paper_robot, sb3
+from jansen_env.commands import evaluate, named_policies
 from jansen_env.policies import pretrained
 from jansen_env.policies.environment import check_action
+from jansen_env.sb3.model_files import read_model
 from jansen_env.scoring.benchmarks import BENCHMARKS
 from jansen_env.scoring.rollout import make_env, make_envs
 
@@ -122,7 +122,7 @@ def test_packing_keeps_the_policy(network, tmp_path):
     run = made_run(tmp_path / "run", *NETWORKS[network])
     path = pack.pack(run, None, tmp_path / "out", episodes=1)
     assert path == tmp_path / "out" / CRANK / f"{NETWORKS[network][0]}.json"
-    policy, model = pretrained.load_file(path), models.load_policy(run)
+    policy, model = pretrained.load_file(path), sb3.load_policy(run)
     seen = np.random.default_rng(0).normal(size=(50, 5)).astype(np.float32)
     actions, expected = policy.predict(seen)[0], model.predict(seen, deterministic=True)[0]
     assert np.abs(actions - expected).max() < 1e-5
@@ -146,7 +146,7 @@ def test_a_model_from_a_policy_goes_on_learning(made, tmp_path):
 
 def test_what_cannot_be_packed_is_refused(made, tmp_path, capsys):
     run = shutil.copytree(made[0], tmp_path / "run")
-    model = models.load_policy(run)
+    model = sb3.load_policy(run)
     model.action_net = torch.nn.Sequential(model.action_net, torch.nn.BatchNorm1d(1))
     with pytest.raises(ValueError, match=r"action_net.1 is a BatchNorm1d, which cannot be packed"):
         pack.describe_network(model)
@@ -282,13 +282,13 @@ def test_evaluation_takes_shipped_and_packed_policies(made, tmp_path, capsys, mo
     """By name and by path, side by side with a baseline; what does not fit is refused."""
     monkeypatch.chdir(tmp_path)
     given = ["--policy", "pretrained", "--policy", str(made[1]), "--policy", "pid"]
-    ((policies, env_kwargs),) = evaluate.load_all(evaluate.parse(["--env", CRANK, *given]))
+    ((policies, env_kwargs),) = named_policies.load_all(evaluate.parse(["--env", CRANK, *given]))
     scores = evaluate.evaluate(policies, CRANK, env_kwargs, episodes=1)
     assert [*scores][::2] == ["pretrained", "pid"] and [*scores][1].endswith(f"{CRANK} mine")
     returns = [score["overall"]["return"][0] for score in scores.values()]
     assert returns[0] > returns[2] > returns[1]
     env = make_env(CRANK, {})
-    named = evaluate.load_named("pretrained:ppo", env).description
+    named = named_policies.load_named("pretrained:ppo", env).description
     assert named == pretrained.load(CRANK).description
     for policy, reason in (
         (str(made[1]), "observes tracking_error, must be one of ['cos_crank_angle', "),
@@ -300,4 +300,4 @@ def test_evaluation_takes_shipped_and_packed_policies(made, tmp_path, capsys, mo
         assert reason in capsys.readouterr().err
     six_toes = make_env("JansenWalker-v0", {"robot": paper_robot(3)})
     with pytest.raises(ValueError, match="this environment shows toe_load_4, which the policy"):
-        evaluate.load_named("pretrained", six_toes)
+        named_policies.load_named("pretrained", six_toes)

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from agents import enjoy, evaluate, replay
+from jansen_env.commands import enjoy, evaluate, replay
 
 
 def test_goals_are_scored(tmp_path, capsys):

@@ -1,9 +1,9 @@
-"""``python -m agents.replay``: what it writes, and what it refuses."""
+"""``jansen-env replay``: what it writes, and what it refuses."""
 
 import json
 import re
 
-from agents.replay import main
+from jansen_env.commands.replay import main
 from jansen_env.viewer.recording import Recording
 
 

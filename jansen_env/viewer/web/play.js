@@ -1,4 +1,4 @@
-// The page of `python -m jansen_env.play`: shows a session and passes on what its user does.
+// The page of `jansen-env play`: shows a session and passes on what its user does.
 //
 // The server sends scenes ({kind: "scene", ...}: what is drawn and what may be chosen), states
 // ({kind: "state", ...}, 50 a second) and errors; messages to it are those of

@@ -7,10 +7,8 @@ from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import imageio.v2 as imageio
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
 
 from jansen_env.baselines.policy import Policy
 from jansen_env.files import write_whole
@@ -65,6 +63,8 @@ def film(
 
 
 def _titled(frame: Picture, title: str, moment: Progress) -> Picture:
+    from PIL import Image, ImageDraw, ImageFont
+
     image = Image.fromarray(frame)
     draw, (x, y) = ImageDraw.Draw(image), (TITLE_PLACE[0], frame.shape[0] - TITLE_PLACE[1])
     font, text = ImageFont.load_default(TITLE_SIZE), ""
@@ -124,6 +124,8 @@ def save_video(frames: Iterable[Picture], path: str | Path, frame_time: float) -
 
 
 def _write_mp4(frames: Iterable[Picture], name: str, frame_time: float) -> None:
+    import imageio.v2 as imageio
+
     options: dict[str, Any] = {"format": "FFMPEG", "fps": 1.0 / frame_time, "macro_block_size": 2}
     writer: Any
     with imageio.get_writer(name, **options) as writer:
@@ -132,6 +134,8 @@ def _write_mp4(frames: Iterable[Picture], name: str, frame_time: float) -> None:
 
 
 def _write_gif(frames: Iterable[Picture], name: str, frame_time: float) -> None:
+    from PIL import Image
+
     small = (
         Image.fromarray(frame).resize(
             (GIF_WIDTH, round(GIF_WIDTH * frame.shape[0] / frame.shape[1])),

@@ -32,7 +32,7 @@ MAX_DEPTH = 10  # levels of them
 MAX_STEPS = 10**12  # of a model's training
 MEMBERS = ("policy", "policy.optimizer", "actor.optimizer", "critic.optimizer",
            "ent_coef_optimizer", "pytorch_variables")  # fmt: skip
-"""All that is needed to go on with any of :data:`agents.training.models.ALGORITHMS`."""
+"""All that is needed to go on with any of :data:`jansen_env.sb3.run_config.ALGORITHMS`."""
 
 NOTES = "notes.json"  # what belongs to a model and Stable-Baselines3 does not know
 STATE = "state.json"  # of training, see agents.training.training_state

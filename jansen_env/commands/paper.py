@@ -1,4 +1,4 @@
-"""Reproduce the paper: ``python -m jansen_env.paper --out DIR``."""
+"""Reproduce the paper: ``jansen-env paper --out DIR``."""
 
 from __future__ import annotations
 
@@ -9,27 +9,22 @@ from pathlib import Path
 from typing import Any
 
 from jansen_env.files import writable, write_json, write_text
+from jansen_env.paper.claims import check_claims
+from jansen_env.paper.errata import errata
+from jansen_env.paper.figures import draw
+from jansen_env.paper.report import as_markdown
 from jansen_env.paper.results import compute
-
-INSTALL = 'python -m pip install -c constraints.txt -e ".[paper]"'
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Compute, check, draw, write: claims.md, claims.json and the figures."""
-    parser = argparse.ArgumentParser(prog="python -m jansen_env.paper", description=__doc__)
+    parser = argparse.ArgumentParser(prog="jansen-env paper", description=__doc__)
     parser.add_argument("--out", type=Path, required=True, metavar="DIR",
                         help="folder for tables and figures")  # fmt: skip
     parser.add_argument("--workers", type=int, default=2, help="processes; default: 2")
     args = parser.parse_args(arguments)
     if args.workers < 1:
         parser.error(f"--workers is {args.workers}, must be 1 or more")
-    try:
-        from jansen_env.paper.claims import check_claims
-        from jansen_env.paper.errata import errata
-        from jansen_env.paper.figures import draw
-        from jansen_env.paper.report import as_markdown
-    except ImportError as error:
-        raise SystemExit(f"{error}; install what the paper needs with\n{INSTALL}") from error
     start, out = time.perf_counter(), args.out
     if not writable(out):  # before the work, not after it
         parser.error(f"--out is {out}, must be a folder that can be written to")
@@ -47,7 +42,3 @@ def main(arguments: list[str] | None = None) -> None:
     figures = draw(results, out)
     print(f"written: {out}/claims.md, {out}/claims.json and {len(figures)} figures "
           f"in {time.perf_counter() - start:.0f} s")  # fmt: skip
-
-
-if __name__ == "__main__":
-    main()

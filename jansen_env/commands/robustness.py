@@ -1,4 +1,4 @@
-"""Scores over friction and foot stiffness: ``python -m agents.evaluate --robustness``.
+"""Scores over friction and foot stiffness: ``jansen-env evaluate --robustness``.
 
 All policies have the same starts and the same commands, drawn from the environment's range, under
 every condition. Policies and baselines are those of the environment as it is: none is tuned again.
@@ -15,8 +15,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from matplotlib.figure import Figure
 
-from agents.plots import draw_curve, finish_panel, legend_above, save
 from jansen_env.baselines.policy import Policy
+from jansen_env.commands.plots import draw_curve, finish_panel, legend_above, save
 from jansen_env.files import write_json
 from jansen_env.robot import RIGID, Compliance, Robot, built_robot
 from jansen_env.scoring.benchmarks import find_benchmark
@@ -30,7 +30,7 @@ METRICS = ("return", "steady_slip_per_metre", "steady_speed_error", "falls")
 FEWER = {"rigid_body": 10}  # by plant: a 10 s episode takes it some 15 s
 
 Loaded: TypeAlias = Sequence[tuple[dict[str, Policy], dict[str, Any]]]
-"""Policies by name, and the environment's arguments; see :func:`agents.evaluate.load_all`."""
+"""Policies by name, and the environment's arguments: of :func:`.named_policies.load_all`."""
 
 Scores: TypeAlias = dict[str, dict[str, dict[str, dict[str, Any]]]]
 """Result of :func:`jansen_env.scoring.metrics.pooled` by sweep, condition and policy."""

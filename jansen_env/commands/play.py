@@ -1,10 +1,9 @@
-"""Walk a robot by hand, on a page of this machine: ``python -m jansen_env.play``."""
+"""Walk a robot by hand, on a page of this machine: ``jansen-env play``."""
 
 from __future__ import annotations
 
 import argparse
 import asyncio
-from importlib.util import find_spec
 
 from jansen_env.play.choices import BY_HAND, ENVIRONMENTS, ROBOTS, TERRAINS
 from jansen_env.play.session import Session
@@ -18,7 +17,7 @@ PORT = 8765
 def parser() -> argparse.ArgumentParser:
     """The command line."""
     policies = sorted({name for env_id in ENVIRONMENTS for name in pretrained.names(env_id)})
-    found = argparse.ArgumentParser(prog="python -m jansen_env.play", description=__doc__)
+    found = argparse.ArgumentParser(prog="jansen-env play", description=__doc__)
     add = found.add_argument
     add("--env", default=ENVIRONMENTS[0], choices=ENVIRONMENTS,
         help=f"environment id; default: {ENVIRONMENTS[0]}")  # fmt: skip
@@ -48,11 +47,6 @@ def main(arguments: list[str] | None = None) -> None:
         except OSError as error:
             command_line.error(f"--bench-file is {args.bench_file}: {error.strerror}")
         return
-    if find_spec("websockets") is None:
-        raise SystemExit(
-            "this needs websockets, which the extra 'play' installs: "
-            'python -m pip install "jansen-env[play]", or in a checkout -e ".[play]"'
-        )
     try:
         session = Session(
             args.env, args.robot, args.terrain, args.level, args.policy or BY_HAND, args.seed
@@ -68,10 +62,3 @@ def main(arguments: list[str] | None = None) -> None:
         asyncio.run(serve(session, args.port, tell))
     except OSError as error:
         command_line.error(f"--port is {args.port}, must be one that can be used: {error.strerror}")
-
-
-if __name__ == "__main__":
-    try:
-        main()
-    except KeyboardInterrupt:
-        raise SystemExit(130) from None

@@ -1,7 +1,7 @@
 """Compile all that environments need, for containers and continuous integration.
 
 What ``gym.make`` would compile is kept in NUMBA_CACHE_DIR, beside the package or in the user's
-cache folder, whichever can be written first: ``python -m jansen_env.compile``.
+cache folder, whichever can be written first: ``jansen-env compile``.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ OPTIONS = ("noise", "push")  # arguments that bring kernels of their own
 def main(arguments: list[str] | None = None) -> None:
     """Make environments. Raises SystemExit: nothing can be compiled or kept."""
     known = [name for name, spec in gym.registry.items() if _is_ours(spec)]
-    parser = argparse.ArgumentParser(prog="python -m jansen_env.compile", description=__doc__)
+    parser = argparse.ArgumentParser(prog="jansen-env compile", description=__doc__)
     parser.add_argument("ids", nargs="*", metavar="ID", help=f"default: {' '.join(known)}")
     ids = parser.parse_args(arguments).ids or known
     for name in ids:
@@ -50,7 +50,3 @@ def main(arguments: list[str] | None = None) -> None:
 
 def _is_ours(spec: gym.envs.registration.EnvSpec) -> bool:
     return str(spec.entry_point).startswith("jansen_env.")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,4 +1,4 @@
-"""Record walks, and write a web page that replays them: ``python -m agents.replay``."""
+"""Record walks, and write a web page that replays them: ``jansen-env replay``."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import re
 from contextlib import closing
 from pathlib import Path
 
-from agents.command_line import parse_policies, policy_parser, positive_int
-from agents.evaluate import labels, load_named
-from agents.video import play
+from jansen_env.commands.film import play
+from jansen_env.commands.flags import parse_policies, policy_parser, positive_int
+from jansen_env.commands.named_policies import labels, load_named
 from jansen_env.files import write_text
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import make_env
@@ -20,7 +20,7 @@ from jansen_env.viewer.web.page import MOST_RECORDINGS, page
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
-    parser = policy_parser(__doc__)
+    parser = policy_parser("jansen-env replay", __doc__)
     add = parser.add_argument
     add("--recording", action="append", default=[], metavar="FILE",
         help="a saved .npz to show, in place of a policy or beside one")  # fmt: skip
@@ -70,7 +70,3 @@ def main(arguments: list[str] | None = None) -> None:
         args.error(str(error))
     for path in written:
         print(f"written: {path} ({path.stat().st_size / 1000:.0f} kB)")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,4 +1,4 @@
-"""Show a policy in a window, or film it without a display: ``python -m agents.enjoy``."""
+"""Show a policy in a window, or film it without a display: ``jansen-env enjoy``."""
 
 from __future__ import annotations
 
@@ -13,10 +13,18 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from agents.command_line import parse_policies, policy_parser, positive_int
-from agents.evaluate import label, load_all
-from agents.video import Progress, check_suffix, film, play, save_video, stack, steps_per_frame
 from jansen_env.baselines.policy import Policy
+from jansen_env.commands.film import (
+    Progress,
+    check_suffix,
+    film,
+    play,
+    save_video,
+    stack,
+    steps_per_frame,
+)
+from jansen_env.commands.flags import parse_policies, policy_parser, positive_int
+from jansen_env.commands.named_policies import label, load_all
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import make_env
 
@@ -90,7 +98,9 @@ def record(policies: dict[str, Policy], args: argparse.Namespace, path: Path) ->
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
-    parser = policy_parser(f"{__doc__} Policies are filmed one above the other.")
+    parser = policy_parser(
+        "jansen-env enjoy", f"{__doc__} Policies are filmed one above the other."
+    )
     add = parser.add_argument
     add("--command", type=float, nargs="+", metavar="V",
         help="speed or goal of each episode in turn; default: the grid's middle")  # fmt: skip
@@ -131,10 +141,3 @@ def main(arguments: list[str] | None = None) -> None:
         record(policies, args, path)
     except OSError as error:
         args.error(str(error))
-
-
-if __name__ == "__main__":
-    try:
-        main()
-    except KeyboardInterrupt:
-        raise SystemExit(130) from None

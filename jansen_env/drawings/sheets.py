@@ -1,19 +1,10 @@
-"""Write drawings of a robot's parts, sheets to cut, its assembly and its bill of materials.
-
-    python -m jansen_env.drawings built --out built
-
-ROBOT is the name of a design or the path of a robot file. See ``docs/drawings.md``.
-"""
+"""Parts laid on sheets, as DXF and SVG, and all files of a robot's drawings."""
 
 from __future__ import annotations
 
-import argparse
 import io
 import math
-import re
 from collections.abc import Iterator, Sequence
-from importlib.util import find_spec
-from pathlib import Path
 
 import numpy as np
 
@@ -21,11 +12,8 @@ from jansen_env.drawings.assembly import assembly_svg
 from jansen_env.drawings.materials import bill_of_materials, counts, hardware, to_csv
 from jansen_env.drawings.outlines import CutPart, Round, cut_parts, rectangle, sides
 from jansen_env.drawings.shaft_order import CollisionError, layers, units
-from jansen_env.files import writable, write_text
-from jansen_env.robot import ROBOTS, Robot
-from jansen_env.world.settings import load_robot
+from jansen_env.robot import Robot
 
-SHEET = "2000x1000"  # mm, a common stock size
 MARGIN = 5.0  # mm, between parts, and to the edge of a sheet
 CROSS = 3.0  # mm, half a line of a mark
 COLORS = {"CUT": (1, "#d00000"), "ENGRAVE": (5, "#0000d0"), "MARK": (3, "#00a000")}
@@ -172,48 +160,3 @@ def drawings(robot: Robot, title: str, sheet: complex) -> tuple[dict[str, str], 
         bill += hardware(robot, placed)
     files["materials.csv"] = to_csv(bill)
     return files, said
-
-
-def _sheet(text: str) -> complex:
-    """Size of a sheet, mm."""
-    found = re.fullmatch(r"(\d{1,5}(?:\.\d+)?)x(\d{1,5}(?:\.\d+)?)", text)
-    size = complex(*map(float, found.groups())) if found else 0j
-    if not size.real * size.imag:
-        raise argparse.ArgumentTypeError(f"is {text}, must be WIDTHxHEIGHT in mm, such as {SHEET}")
-    return size
-
-
-def main(arguments: list[str] | None = None) -> None:
-    """Command line."""
-    about = (__doc__ or "").partition("\n")[0]
-    parser = argparse.ArgumentParser(prog="python -m jansen_env.drawings", description=about)
-    known = f"{', '.join(ROBOTS)}; or a robot file"
-    parser.add_argument("robot", metavar="ROBOT", help=known)
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help="(the robot's name)")
-    parser.add_argument(
-        "--sheet", type=_sheet, default=SHEET, metavar="WIDTHxHEIGHT", help="mm (%(default)s)"
-    )
-    found = parser.parse_args(arguments)
-    if missing := [name for name in ("ezdxf", "matplotlib") if find_spec(name) is None]:
-        raise SystemExit(
-            f"this needs {' and '.join(missing)}, which the extra 'drawings' installs: "
-            'python -m pip install "jansen-env[drawings]", or in a checkout -e ".[drawings]"'
-        )
-    name = Path(found.robot).stem
-    out = Path(name) if found.out is None else found.out
-    try:
-        files, said = drawings(load_robot("ROBOT", found.robot), name, found.sheet)
-    except ValueError as error:
-        parser.error(str(error))
-    if not writable(out):
-        parser.error(f"--out is {out}, must be a folder that can be written to")
-    try:
-        for file, text in files.items():
-            write_text(out / file, text)
-    except OSError as error:
-        parser.error(f"{error.filename} cannot be written: {error.strerror}")
-    print(f"{out}: {said}")
-
-
-if __name__ == "__main__":
-    main()

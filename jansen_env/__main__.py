@@ -1,0 +1,50 @@
+"""The console script ``jansen-env``: what a user does with robots and policies that exist."""
+
+from __future__ import annotations
+
+import argparse
+from importlib import import_module
+
+from jansen_env import __version__
+
+COMMANDS = {
+    "enjoy": "watch policies, in a window or as a film",
+    "evaluate": "score policies side by side",
+    "replay": "write a web page that replays walks",
+    "play": "walk a robot by hand and design its lengths, on a page in a browser",
+    "drawings": "draw a robot's parts, to be cut",
+    "paper": "run the paper's simulation, draw its figures, test its claims",
+    "mjcf": "export a robot to MuJoCo",
+    "compile": "compile all that environments need, for containers",
+}
+"""What each module of :mod:`jansen_env.commands` with a ``main`` does."""
+TRAINED = ("stable_baselines3", "torch")  # what models of Stable-Baselines3 need, and nothing else
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run a command. Raises SystemExit: a wrong argument, or a package is missing."""
+    table = "\n".join(f"  {name:<10} {does}" for name, does in COMMANDS.items())
+    parser = argparse.ArgumentParser(
+        "jansen-env", epilog=f"commands:\n{table}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    add = parser.add_argument
+    add("--version", action="version", version=__version__)
+    add("command", choices=COMMANDS, metavar="COMMAND", help="of those below")
+    add("arguments", nargs=argparse.REMAINDER, metavar="...", help="see jansen-env COMMAND --help")
+    found = parser.parse_args(arguments)
+    try:
+        import_module(f"jansen_env.commands.{found.command}").main(found.arguments)
+    except ModuleNotFoundError as error:
+        missing = (error.name or "").partition(".")[0]
+        if missing in ("", "jansen_env"):
+            raise
+        wanted = "stable-baselines3" if missing in TRAINED else '"jansen-env[tools]"'
+        text = f"jansen-env {found.command} needs {missing}: python -m pip install {wanted}"
+        raise SystemExit(text) from error
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None
+
+
+if __name__ == "__main__":
+    main()

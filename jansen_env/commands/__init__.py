@@ -1,0 +1,1 @@
+"""Commands of the console script ``jansen-env``, a module each."""

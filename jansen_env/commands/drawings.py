@@ -1,0 +1,55 @@
+"""Write drawings of a robot's parts, sheets to cut, its assembly and its bill of materials.
+
+    jansen-env drawings built --out built
+
+ROBOT is the name of a design or the path of a robot file. See ``docs/drawings.md``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+
+from jansen_env.drawings.sheets import drawings
+from jansen_env.files import writable, write_text
+from jansen_env.robot import ROBOTS
+from jansen_env.world.settings import load_robot
+
+SHEET = "2000x1000"  # mm, a common stock size
+
+
+def _sheet(text: str) -> complex:
+    """Size of a sheet, mm."""
+    found = re.fullmatch(r"(\d{1,5}(?:\.\d+)?)x(\d{1,5}(?:\.\d+)?)", text)
+    size = complex(*map(float, found.groups())) if found else 0j
+    if not size.real * size.imag:
+        raise argparse.ArgumentTypeError(f"is {text}, must be WIDTHxHEIGHT in mm, such as {SHEET}")
+    return size
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Command line."""
+    about = (__doc__ or "").partition("\n")[0]
+    parser = argparse.ArgumentParser(prog="jansen-env drawings", description=about)
+    known = f"{', '.join(ROBOTS)}; or a robot file"
+    parser.add_argument("robot", metavar="ROBOT", help=known)
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help="(the robot's name)")
+    parser.add_argument(
+        "--sheet", type=_sheet, default=SHEET, metavar="WIDTHxHEIGHT", help="mm (%(default)s)"
+    )
+    found = parser.parse_args(arguments)
+    name = Path(found.robot).stem
+    out = Path(name) if found.out is None else found.out
+    try:
+        files, said = drawings(load_robot("ROBOT", found.robot), name, found.sheet)
+    except ValueError as error:
+        parser.error(str(error))
+    if not writable(out):
+        parser.error(f"--out is {out}, must be a folder that can be written to")
+    try:
+        for file, text in files.items():
+            write_text(out / file, text)
+    except OSError as error:
+        parser.error(f"{error.filename} cannot be written: {error.strerror}")
+    print(f"{out}: {said}")

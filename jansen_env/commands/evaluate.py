@@ -1,0 +1,89 @@
+"""Score policies side by side: ``jansen-env evaluate --policy pid --policy constant``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from jansen_env.commands import robustness
+from jansen_env.commands.film import FRAME_TIME, record_video
+from jansen_env.commands.flags import parse_policies, policy_parser, positive_int
+from jansen_env.commands.named_policies import load_all
+from jansen_env.commands.plots import plot_scores
+from jansen_env.files import write_json
+from jansen_env.scoring.benchmarks import WALKERS, find_benchmark
+from jansen_env.scoring.evaluation import Scores, evaluate
+from jansen_env.scoring.metrics import INTERVALS, score_table
+
+KINDS = tuple(suffix.removeprefix(".") for suffix in FRAME_TIME)  # of video
+
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
+    """Parse the command line; incompatible options are refused."""
+    parser = policy_parser("jansen-env evaluate", __doc__, required=True, plants=True)
+    add = parser.add_argument
+    add("--commands", type=float, nargs="+", metavar="V",
+        help="speeds or goals; default: the benchmark's grid")  # fmt: skip
+    add("--episodes", type=positive_int, default=10,
+        help="episodes per command, or with --robustness per condition; default: 10")  # fmt: skip
+    add("--random-commands", type=positive_int, metavar="N",
+        help="also N episodes with commands drawn from the environment's range")  # fmt: skip
+    add("--robustness", action="store_true",
+        help="scores over friction and foot stiffness with random commands, in place of those by "
+        "command; a tenth of the episodes on 'rigid_body'")  # fmt: skip
+    add("--out", default="logs/evaluation", metavar="DIR",
+        help="folder of scores.json and scores.png, or of those of --robustness")  # fmt: skip
+    add("--video", nargs="*", choices=KINDS, metavar="KIND",
+        help="also videos of each policy, gif or mp4; default: both")  # fmt: skip
+    add("--video-command", type=float, metavar="V",
+        help="speed or goal of the videos; default: the grid's middle")  # fmt: skip
+    args = parse_policies(parser, arguments, "--commands")
+    if args.plant and args.env not in WALKERS:
+        parser.error(f"--plant is {args.plant}, but {args.env} has one plant only")
+    if args.robustness and args.env not in WALKERS:
+        parser.error(f"--robustness needs one of {WALKERS}, but --env is {args.env}")
+    if args.robustness and (args.commands or args.random_commands or args.video is not None):
+        parser.error("--robustness goes without --commands, --random-commands and --video")
+    benchmark = find_benchmark(args.env)
+    args.commands = args.commands or list(benchmark.commands)
+    if args.video_command is None:
+        args.video_command = benchmark.middle
+    return args
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Score, draw, print; nothing is written before all arguments are checked."""
+    args = parse(arguments)
+    benchmark, out = find_benchmark(args.env), Path(args.out)
+    try:
+        loaded = load_all(args, (*args.commands, args.video_command))
+        out.mkdir(parents=True, exist_ok=True)
+        if args.robustness:
+            print(robustness.report(loaded, args.env, args.episodes, args.seed, out))
+            return
+    except (OSError, ValueError) as error:
+        args.error(str(error))
+    scores: Scores = {}
+    drawn: Scores = {}
+    for policies, env_kwargs in loaded:
+        scores |= evaluate(policies, args.env, env_kwargs, args.commands, args.episodes, args.seed)
+        if count := args.random_commands:
+            drawn |= evaluate(policies, args.env, env_kwargs, None, count, args.seed, drawn=True)
+    both = {name: {**own, "drawn": drawn[name]} for name, own in scores.items() if drawn}
+    write_json(out / "scores.json", both or scores)
+    plot_scores(benchmark, scores, out / "scores.png")
+    print(score_table(benchmark.metrics, scores))
+    if drawn:
+        print(f"\n{count} episodes with commands drawn from the environment's range:\n")
+        print(score_table(benchmark.metrics, drawn))
+    print(f"\n{args.episodes} episodes at each of {args.commands} {benchmark.command_unit}, "
+          f"seed {args.seed}; {INTERVALS}. "
+          f"Written: {out}/scores.json, {out}/scores.png")  # fmt: skip
+    if args.video is None:
+        return
+    for policies, env_kwargs in loaded:
+        for name, policy in policies.items():
+            for kind in args.video or KINDS:
+                path = out / f"{name.replace('/', '_').replace(' ', '_')}.{kind}"
+                record_video(policy, args.env, env_kwargs, args.video_command, args.seed, path)
+                print(f"written: {path}")

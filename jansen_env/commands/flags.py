@@ -1,0 +1,79 @@
+"""Flags that commands share."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from functools import partial
+from typing import Any
+
+from jansen_env.plants.make import PLANTS
+from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT, find_benchmark
+
+MAX_STEPS = 10**10  # environment steps of one run: months of training
+
+
+def mapping(text: str) -> dict[str, Any]:
+    """Parse a YAML mapping such as ``{friction: 0.5}``."""
+    from jansen_env.plain_yaml import parse_yaml
+
+    try:
+        value = parse_yaml(text, repr(text))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    if not isinstance(value, dict):
+        raise argparse.ArgumentTypeError(f"{text!r} is no YAML mapping such as '{{friction: 0.5}}'")
+    return value
+
+
+def positive_int(text: str, low: int = 1) -> int:
+    """Parse a whole number from ``low`` to :data:`MAX_STEPS`, also written ``1e5``."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (low <= value <= MAX_STEPS and value.is_integer()):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not allowed, must be a whole number from {low} to {MAX_STEPS}"
+        )
+    return int(value)
+
+
+non_negative_int = partial(positive_int, low=0)
+
+
+def policy_parser(
+    prog: str,
+    description: str | None,
+    env_id: str = DEFAULT,
+    required: bool = False,
+    plants: bool = False,
+) -> argparse.ArgumentParser:
+    """Return a parser with the flags of policies and their environment."""
+    named = "; ".join(f"{one}: {', '.join(own.baselines)}" for one, own in BENCHMARKS.items())
+    parser = argparse.ArgumentParser(prog, description=description)
+    add = parser.add_argument
+    add("--policy", action="append", default=[], required=required, metavar="NAME",
+        help=f"a baseline ({named}), 'pretrained', a run's folder, or a file of a model or policy; "
+        "repeat to compare")  # fmt: skip
+    add("--env", default=env_id, choices=sorted(BENCHMARKS),
+        help="environment id; default: %(default)s")  # fmt: skip
+    add("--env-kwargs", default={}, type=mapping, metavar="YAML",
+        help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
+    add("--seed", type=non_negative_int, default=0, help="seed of the starts; default: 0")
+    if plants:
+        add("--plant", action="append", default=[], choices=sorted(PLANTS),
+            help="plant of the walkers; repeat to compare; default: the environment's"
+            )  # fmt: skip
+    return parser
+
+
+def parse_policies(
+    parser: argparse.ArgumentParser, arguments: list[str] | None, flag: str
+) -> argparse.Namespace:
+    """Parse a command line of :func:`policy_parser`, whose commands are given by ``flag``."""
+    args = parser.parse_args(arguments)
+    if (option := find_benchmark(args.env).option) in args.env_kwargs:
+        parser.error(f"{option} in --env-kwargs has no effect here, must be in {flag}")
+    args.error = parser.error
+    return args

@@ -1,0 +1,6 @@
+"""Stable-Baselines3: environments for it, and policies that it trained. Imported on demand."""
+
+from jansen_env.sb3.trained import load_policy
+from jansen_env.sb3.vec_env import BatchVecEnv, make_vec_env
+
+__all__ = ["BatchVecEnv", "load_policy", "make_vec_env"]

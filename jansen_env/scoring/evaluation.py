@@ -1,0 +1,56 @@
+"""Scores of policies on the same episodes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from jansen_env.baselines.policy import Policy
+from jansen_env.scoring.benchmarks import DEFAULT, find_benchmark
+from jansen_env.scoring.metrics import pooled, summarise
+from jansen_env.scoring.rollout import draw_episodes, make_env, run_episodes
+
+FIRST_SEED = 40_000  # of scored episodes; training, tuning and selection use others
+
+Scores = dict[str, dict[str, Any]]
+"""Summary of :func:`evaluate` by policy."""
+
+
+def evaluate(
+    policies: Mapping[str, Policy], env_id: str = DEFAULT,
+    env_kwargs: dict[str, Any] | None = None,
+    commands: Sequence[float] | None = None, episodes: int = 10, seed: int = 0,
+    drawn: bool = False,
+) -> Scores:  # fmt: skip
+    """Score policies, by name, on the same episodes, each with a different start.
+
+    Args:
+        policies: anything with ``predict``, as a model of Stable-Baselines3 has it.
+        env_id, env_kwargs: environment, and its arguments.
+        commands: speeds or goals; None for the benchmark's own grid. drawn: whether they are drawn
+            from the environment's whole range instead.
+        episodes: per command, or of ``drawn`` ones in all. seed: of commands and starts.
+
+    Returns:
+        For each policy :func:`jansen_env.scoring.metrics.summarise`, or with ``drawn``
+        :func:`jansen_env.scoring.metrics.pooled`, and its episodes under ``"raw"``.
+
+    Raises:
+        ValueError: an argument of the environment, or a command, is not allowed.
+    """
+    env_kwargs = env_kwargs or {}
+    benchmark, env, scores = find_benchmark(env_id), make_env(env_id, env_kwargs), {}
+    if drawn:
+        command, seeds = draw_episodes(env, episodes, seed)
+    else:
+        command = np.repeat(benchmark.commands if commands is None else commands, episodes)
+        seeds = FIRST_SEED + seed * len(command) + np.arange(len(command))
+    summary = pooled if drawn else summarise
+    for name, policy in policies.items():
+        run = run_episodes(policy, env_id, env_kwargs, command, seeds)
+        raw = {key: values.tolist() for key, values in run.items()}
+        scores[name] = {**summary(benchmark.metrics, run, env, seed), "raw": raw}
+    env.close()
+    return scores

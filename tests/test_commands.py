@@ -1,0 +1,68 @@
+"""The console script finds its commands, and none ends in a traceback for want of a package."""
+
+import subprocess
+import sys
+
+import pytest
+
+from jansen_env import __version__
+from jansen_env.__main__ import COMMANDS, main
+
+OPTIONAL = ("PIL", "cma", "ezdxf", "filelock", "imageio", "matplotlib", "rich", "scipy",
+            "stable_baselines3", "tabulate", "torch", "websockets", "yaml")  # fmt: skip
+WITHOUT = f"import sys; sys.modules.update(dict.fromkeys({OPTIONAL}))"
+RUN = f"{WITHOUT}; from jansen_env.__main__ import main; main(sys.argv[1:])"
+
+
+def run(*arguments, code=RUN, **kwargs):
+    command = [sys.executable, "-W", "error", "-c", code, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, **kwargs)
+
+
+def test_version_and_help(capsys):
+    for flag in ("--version", "--help"):
+        with pytest.raises(SystemExit) as ended:
+            main([flag])
+        assert ended.value.code == 0
+    version, *shown = capsys.readouterr().out.splitlines()
+    assert version == __version__
+    assert [line.split()[0] for line in shown[-len(COMMANDS) :]] == [*COMMANDS]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_each_command_tells_its_arguments(command, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main([command, "--help"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.startswith(f"usage: jansen-env {command} ")
+
+
+def test_a_wrong_command_is_refused(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["enjoi"])
+    assert ended.value.code == 2 and "invalid choice: 'enjoi'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", [["evaluate", "--policy", "pid"], ["paper", "--out", "x"],
+                                     ["play", "--port", "0"], ["drawings", "built"],
+                                     ["enjoy", "--video", "x.gif"]], ids=" ".join)  # fmt: skip
+def test_a_missing_package_is_named(command, tmp_path):
+    done = run(*command, cwd=tmp_path)
+    assert done.returncode == 1 and not list(tmp_path.iterdir())
+    (last,) = done.stderr.splitlines()[-1:]
+    assert last.startswith(f"jansen-env {command[0]} needs ")
+    assert last.endswith(': python -m pip install "jansen-env[tools]"')
+
+
+def test_what_needs_no_other_package(tmp_path):
+    """A replay of the policy that comes with the package, and MuJoCo's file."""
+    done = run("replay", "--policy", "pretrained", "--steps", "20", "--out", "x.html", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "x.html").stat().st_size > 50_000
+    assert run("mjcf", "built", "--out", "x.xml", cwd=tmp_path).returncode == 0
+
+
+def test_a_model_asks_for_its_library(tmp_path):
+    (tmp_path / "model.zip").write_bytes(b"")
+    done = run("replay", "--policy", "model.zip", cwd=tmp_path)
+    assert done.stderr.splitlines()[-1].endswith("python -m pip install stable-baselines3")

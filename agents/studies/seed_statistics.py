@@ -13,9 +13,9 @@ from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import DegenerateDataWarning, bootstrap, t, trim_mean
+from scipy.stats import DegenerateDataWarning, beta, bootstrap, t, trim_mean
 
-from jansen_env.scoring.metrics import CONFIDENCE, Interval, proportion_with_interval
+from jansen_env.scoring.metrics import ENDS, TAIL, Interval, proportion_with_interval
 
 Array = NDArray[np.float64]
 Method = Literal["percentile", "BCa"]
@@ -32,8 +32,28 @@ def mean_with_interval(scores: ArrayLike) -> Interval:
     values = np.asarray(scores, float)
     if len(values) < 2:
         return (float(values[0]), *UNKNOWN[1:]) if len(values) else UNKNOWN
-    half = t.ppf(0.5 + 0.5 * CONFIDENCE, len(values) - 1) * values.std(ddof=1) / len(values) ** 0.5
+    half = t.ppf(1.0 - TAIL, len(values) - 1) * values.std(ddof=1) / len(values) ** 0.5
     return float(values.mean()), float(values.mean() - half), float(values.mean() + half)
+
+
+def share_with_interval(shares: ArrayLike, episodes: int) -> Interval:
+    """Return the mean of shares (n,), each of so many episodes, with its interval over runs.
+
+    That of Korn and Graubard (1998): Clopper and Pearson's of as many episodes as the spread of the
+    runs is worth, all of them at most. So it has a width where no run, or each, has a fall.
+    """
+    values = np.asarray(shares, float)
+    mean, low, high = mean_with_interval(values)
+    if math.isnan(low):
+        return mean, low, high
+    count = worth = len(values) * episodes
+    if high > low:
+        narrower = t.ppf(1.0 - TAIL, count - 1) / t.ppf(1.0 - TAIL, len(values) - 1)
+        variance = values.var(ddof=1) / len(values)
+        worth = min(count, mean * (1.0 - mean) / variance * narrower**2)
+    k = mean * worth
+    low, high = beta.ppf((TAIL, 1.0 - TAIL), (k, k + 1.0), (worth - k + 1.0, worth - k))
+    return mean, float(np.nan_to_num(low, nan=0.0)), float(np.nan_to_num(high, nan=1.0))
 
 
 def interquartile_mean(scores: ArrayLike, axis: int = 0) -> Any:
@@ -62,11 +82,10 @@ def resampled(
         simplefilter("ignore", DegenerateDataWarning)  # of runs that are all alike
         found = bootstrap(
             arrays, statistic, vectorized=True, axis=-1, n_resamples=resamples, method=method,
-            confidence_level=CONFIDENCE, rng=0,
+            confidence_level=1.0 - 2.0 * TAIL, rng=0,
             batch=1 + AT_ONCE // math.prod(a.size for a in arrays),
         )  # fmt: skip
-    tail = 50.0 * (1.0 - CONFIDENCE)
-    plain = np.percentile(found.bootstrap_distribution, [tail, 100.0 - tail], axis=-1)
+    plain = np.percentile(found.bootstrap_distribution, ENDS, axis=-1)
     low, high = np.where(np.isnan(found.confidence_interval), plain, found.confidence_interval)
     return low, high
 

@@ -24,6 +24,7 @@ from agents.studies.seed_statistics import (
     mean_with_interval,
     probability_of_improvement,
     resampled,
+    share_with_interval,
 )
 from agents.training.runs import read_evaluations
 from jansen_env.commands.plots import save
@@ -36,11 +37,12 @@ Row = dict[str, Any]
 NOTES = """\
 A run's score is the mean return of its best model over the commands; brackets are 95 % intervals
 over runs, that is over seeds: what training again would give, not what scoring again would
-(intervals over episodes are in each run's scores.json). Means have Student's t interval; the
-interquartile mean (IQM, the mean of the middle half of the runs) has that of the BCa bootstrap over
-runs (Efron 1987), P(run of X > run of Y) the percentile bootstrap's (Agarwal et al. 2021),
-P(run > baseline) the exact one (Clopper and Pearson 1934), with the baseline's return taken as
-exact. With few runs a bootstrap's nominal 95 % cover less: some 75 % with 3 runs, 90 % with 10."""
+(intervals over episodes are in each run's scores.json). Means have Student's t interval, those of
+fractions Korn and Graubard's (1998); the interquartile mean (IQM, the mean of the middle half of
+the runs) has that of the BCa bootstrap over runs (Efron 1987), P(run of X > run of Y) the
+percentile bootstrap's (Agarwal et al. 2021), P(run > baseline) the exact one (Clopper and Pearson
+1934), with the baseline's return taken as exact. With few runs a bootstrap's nominal 95 % cover
+less: some 75 % with 3 runs, 90 % with 10."""
 RUNS = ("runs of", "finished", "mean return", "IQM of return", "worst run", "baseline",
         "its return", "P(run > baseline)")  # fmt: skip
 BASELINE = {"color": "0.35", "linewidth": 1.0}
@@ -84,7 +86,7 @@ def _collect(run: Run) -> Row:
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
         found["run"] = found.pop([*found][-1])
-        row["scores"], row["by_command"] = {}, {}
+        row["scores"], row["by_command"], row["episodes"] = {}, {}, found["run"]["episodes"]
         for name, policy in found.items():
             row["scores"][name] = {key: value[0] for key, value in policy["overall"].items()}
             row["by_command"][name] = {
@@ -113,22 +115,29 @@ def analyse(study: Study, rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def _analyse(env_id: str, rows: list[Row]) -> dict[str, Any]:
+    benchmark = find_benchmark(env_id)
     finished = [row for row in rows if row["state"] == "finished"]
     returns = [row["scores"]["run"]["return"] for row in finished]
     known = finished[0]["scores"] if finished else {"run": {}}  # baselines: the same for all runs
     runs = {name: [row["scores"]["run"][name] for row in finished] for name in known["run"]}
+    metrics = {
+        name: share_with_interval(_numbers(shares), finished[0]["episodes"])
+        if (metric := benchmark.metrics.get(name)) and metric.unit == "fraction"
+        else mean_with_interval(_numbers(shares))
+        for name, shares in runs.items()
+    }
     worst = min(finished, key=lambda row: row["scores"]["run"]["return"], default=None)
     baselines = {
         name: {"return": known[name]["return"], "metrics": known[name],
                "improvement": listed(improvement_over(known[name]["return"], returns))}
-        for name in find_benchmark(env_id).baselines if name in known
+        for name in benchmark.baselines if name in known
     }  # fmt: skip
     return {
         "finished": len(finished), "returns": returns, "baselines": baselines,
         "mean": listed(mean_with_interval(returns)), "iqm": listed(iqm_with_interval(returns)),
         "worst": worst and {"return": min(returns), "seed": worst["seed"]},
-        "metrics": {name: listed(mean_with_interval(_numbers(v))) for name, v in runs.items()},
-        "by_command": over_seeds(find_benchmark(env_id), finished),
+        "metrics": {name: listed(interval) for name, interval in metrics.items()},
+        "by_command": over_seeds(benchmark, finished),
         "curve": _curve([row["evaluations"] for row in finished]),
     }  # fmt: skip
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple, TypeAlias
-from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import DegenerateDataWarning, binomtest, bootstrap
 from tabulate import tabulate
 
 Array = NDArray[np.float64]
@@ -19,7 +18,8 @@ Interval: TypeAlias = tuple[float, float, float]
 """Value, lower and upper end of its 95 % interval; NaN for ends that are not known."""
 
 RESAMPLES = 2000
-CONFIDENCE = 0.95
+TAIL = 0.025  # beyond either end of a 95 % interval
+ENDS = 100.0 * TAIL, 100.0 - 100.0 * TAIL  # percentiles
 INTERVALS = (
     "95 % intervals over episodes: exact (Clopper-Pearson) for fractions, percentile bootstrap for "
     "the others"
@@ -86,14 +86,25 @@ def tabled(metrics: dict[str, Metric]) -> dict[str, Metric]:
 def proportion_with_interval(k: int, n: int) -> Interval:
     """Return k / n with its exact 95 % interval (Clopper and Pearson 1934), both ends at 2.5 %.
 
-    It has a width where k is 0 or n, too, and never covers less than 95 %.
+    It has a width where k is 0 or n, too, and never covers less than 95 %, as Wilson's may.
 
     Raises:
         ValueError: n is 0, or k is not within 0 and n.
     """
-    test = binomtest(k, n)
-    ends = test.proportion_ci(CONFIDENCE, method="exact")
-    return float(test.statistic), float(ends.low), float(ends.high)
+    if not 0 <= k <= n > 0:
+        raise ValueError(f"k and n are {k} and {n}, must be a number of n > 0 and n itself")
+    return k / n, 1.0 - _upper_end(n - k, n), _upper_end(k, n)
+
+
+def _upper_end(k: int, n: int) -> float:
+    """The probability at which k successes of n or less are as rare as :data:`TAIL`."""
+    i = np.arange(k + 1)
+    ways = np.cumsum(np.log(np.r_[1.0, (n - i[:-1]) / i[1:]]))  # log of n over i
+    low, high = k / n, 1.0
+    while k < n and low < (middle := 0.5 * (low + high)) < high:
+        chance = np.exp(ways + i * math.log(middle) + (n - i) * math.log1p(-middle)).sum()
+        low, high = (middle, high) if chance > TAIL else (low, middle)
+    return high
 
 
 def summarise(metrics: dict[str, Metric], run: Episodes, env: Any, seed: int = 0) -> dict[str, Any]:
@@ -151,14 +162,10 @@ def _interval(
         return [*proportion_with_interval(round(float(value) * len(episodes)), len(episodes))]
     if np.isnan(value) or min(map(len, groups)) < 2:
         return [_number(value), None, None]
-    with catch_warnings():
-        simplefilter("ignore", DegenerateDataWarning)  # of its interval, where one is NaN
-        resampled = bootstrap(
-            groups, lambda *picks, axis: estimator(np.concatenate(picks, axis)), vectorized=True,
-            n_resamples=RESAMPLES, method="percentile", rng=seed,
-        ).bootstrap_distribution  # fmt: skip
-    tail = 50.0 * (1.0 - CONFIDENCE)
-    low, high = np.nanpercentile(resampled, [tail, 100.0 - tail])
+    rng = np.random.default_rng(seed)
+    picks = [group[rng.integers(len(group), size=(RESAMPLES, len(group)))] for group in groups]
+    resampled = estimator(np.concatenate(picks, axis=-1))
+    low, high = np.nanpercentile(resampled, ENDS)
     return [_number(value), _number(low), _number(high)]
 
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import gymnasium as gym
 import numpy as np
 import pytest
-from scipy.stats import kstest
+from scipy.stats import binomtest, kstest
 
 import jansen_env  # noqa: F401
 from agents import tune
@@ -230,6 +230,19 @@ def test_fractions_have_exact_intervals():
         metrics.pooled(WALKER.metrics, run, TEN_SECONDS)["overall"]["falls"]
         == (summary["overall"]["falls"])
     )
+
+
+@pytest.mark.parametrize(("k", "n"), [(0, 16), (2, 16), (16, 16), (1, 1), (0, 1), (37, 1000)])
+def test_exact_interval_is_clopper_and_pearsons(k, n):
+    ends = binomtest(k, n).proportion_ci(0.95, method="exact")
+    assert metrics.proportion_with_interval(k, n) == pytest.approx((k / n, ends.low, ends.high))
+
+
+def test_exact_interval_of_no_fall_in_16():
+    assert metrics.proportion_with_interval(0, 16) == pytest.approx((0.0, 0.0, 0.206), abs=5e-4)
+    for k, n in ((0, 0), (3, 2), (-1, 2)):
+        with pytest.raises(ValueError, match="k and n are"):
+            metrics.proportion_with_interval(k, n)
 
 
 def test_commands_are_drawn_from_the_range_of_the_environment():

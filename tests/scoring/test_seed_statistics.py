@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import binom
 
 from agents.studies import seed_statistics as over_runs
+from jansen_env.scoring.metrics import proportion_with_interval
 
 TEN = np.array([3.0, 1.0, 4.0, 1.5, 9.0, 2.6, 5.0, 3.5, 8.0, 9.7])
 
@@ -47,6 +48,8 @@ def test_what_few_runs_cannot_say_is_nan():
     assert np.isnan(over_runs.with_interval(np.mean, [2.0])[1:]).all()
     assert over_runs.with_interval(np.mean, [2.0, 2.0]) == (2.0, 2.0, 2.0)
     assert np.isnan(over_runs.improvement_over(0.0, [])).all()
+    assert over_runs.share_with_interval([0.5], 90)[0] == 0.5
+    assert np.isnan(over_runs.share_with_interval([0.5], 90)[1:]).all()
 
 
 def test_coverage_is_what_is_said_of_it():
@@ -64,6 +67,24 @@ def test_coverage_is_what_is_said_of_it():
     for runs in (samples, samples[:3]):
         ends = np.array([over_runs.mean_with_interval(column)[1:] for column in runs.T])
         assert 0.93 < np.mean((ends[:, 0] < 0.0) & (ends[:, 1] > 0.0)) < 0.97
+
+
+def test_shares_of_runs_have_a_width_where_all_runs_are_alike():
+    """Ten runs without a fall are 900 episodes; runs that are all or nothing are so many draws, and
+    runs that scatter as independent episodes would are all their episodes (Korn and Graubard)."""
+    none, half, ever = (
+        over_runs.share_with_interval(shares, episodes)
+        for shares, episodes in (([0.0] * 10, 90), ([0.125, 0.125], 16), ([1.0] * 10, 90))
+    )
+    assert none == pytest.approx((0.0, 0.0, 1.0 - 0.025 ** (1 / 900)))
+    assert half == pytest.approx(proportion_with_interval(4, 32))
+    assert ever == pytest.approx((1.0, 0.025 ** (1 / 900), 1.0))
+    rng = np.random.default_rng(5)
+    found = np.array([
+        over_runs.share_with_interval(rng.binomial(50, rng.beta(2.0, 8.0, size=10)) / 50, 50)
+        for _ in range(400)
+    ])  # fmt: skip
+    assert 0.92 < np.mean((found[:, 1] < 0.2) & (found[:, 2] > 0.2)) < 0.99
 
 
 def test_improvement_over_a_mark_is_a_proportion_with_its_exact_interval():

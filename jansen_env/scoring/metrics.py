@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple, TypeAlias
+from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from numpy.typing import NDArray
-from tabulate import tabulate
 
 Array = NDArray[np.float64]
 Episodes: TypeAlias = dict[str, NDArray[Any]]
@@ -91,20 +90,11 @@ def proportion_with_interval(k: int, n: int) -> Interval:
     Raises:
         ValueError: n is 0, or k is not within 0 and n.
     """
-    if not 0 <= k <= n > 0:
-        raise ValueError(f"k and n are {k} and {n}, must be a number of n > 0 and n itself")
-    return k / n, 1.0 - _upper_end(n - k, n), _upper_end(k, n)
+    from scipy.stats import binomtest  # only now, as it takes long to import
 
-
-def _upper_end(k: int, n: int) -> float:
-    """The probability at which k successes of n or less are as rare as :data:`TAIL`."""
-    i = np.arange(k + 1)
-    ways = np.cumsum(np.log(np.r_[1.0, (n - i[:-1]) / i[1:]]))  # log of n over i
-    low, high = k / n, 1.0
-    while k < n and low < (middle := 0.5 * (low + high)) < high:
-        chance = np.exp(ways + i * math.log(middle) + (n - i) * math.log1p(-middle)).sum()
-        low, high = (middle, high) if chance > TAIL else (low, middle)
-    return high
+    test = binomtest(k, n)
+    ends = test.proportion_ci(1.0 - 2.0 * TAIL, method="exact")
+    return float(test.statistic), float(ends.low), float(ends.high)
 
 
 def summarise(metrics: dict[str, Metric], run: Episodes, env: Any, seed: int = 0) -> dict[str, Any]:
@@ -162,9 +152,14 @@ def _interval(
         return [*proportion_with_interval(round(float(value) * len(episodes)), len(episodes))]
     if np.isnan(value) or min(map(len, groups)) < 2:
         return [_number(value), None, None]
-    rng = np.random.default_rng(seed)
-    picks = [group[rng.integers(len(group), size=(RESAMPLES, len(group)))] for group in groups]
-    resampled = estimator(np.concatenate(picks, axis=-1))
+    from scipy.stats import DegenerateDataWarning, bootstrap
+
+    with catch_warnings():
+        simplefilter("ignore", DegenerateDataWarning)  # of its interval, where one is NaN
+        resampled = bootstrap(
+            groups, lambda *picks, axis: estimator(np.concatenate(picks, axis)), vectorized=True,
+            n_resamples=RESAMPLES, method="percentile", rng=seed,
+        ).bootstrap_distribution  # fmt: skip
     low, high = np.nanpercentile(resampled, ENDS)
     return [_number(value), _number(low), _number(high)]
 
@@ -177,6 +172,8 @@ def score_table(
     metrics: dict[str, Metric], scores: dict[str, dict[str, Any]], rows_are: str = "policy"
 ) -> str:
     """A Markdown table: a row per policy, value [low, high] per metric of :func:`tabled`."""
+    from tabulate import tabulate
+
     metrics = tabled(metrics)
 
     def cell(interval: list[float | None], digits: int) -> str:

@@ -241,7 +241,7 @@ def test_exact_interval_is_clopper_and_pearsons(k, n):
 def test_exact_interval_of_no_fall_in_16():
     assert metrics.proportion_with_interval(0, 16) == pytest.approx((0.0, 0.0, 0.206), abs=5e-4)
     for k, n in ((0, 0), (3, 2), (-1, 2)):
-        with pytest.raises(ValueError, match="k and n are"):
+        with pytest.raises(ValueError):
             metrics.proportion_with_interval(k, n)
 
 

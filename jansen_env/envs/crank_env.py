@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+from typing_extensions import Unpack
+
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.envs.single import SingleEnv
-from jansen_env.envs.vector import TaskVectorEnv
+from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
 from jansen_env.plants.fixed_base import FixedBasePlant
-from jansen_env.tasks.crank import CrankTask
+from jansen_env.tasks.crank import CrankArguments, CrankTask
 
 
 class JansenCrankEnv(SingleEnv[CrankTask]):
@@ -87,6 +91,12 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
 
     TASK = CrankTask
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self, *, render_mode: str | None = None, **own: Unpack[CrankArguments]
+        ) -> None: ...
+
     @property
     def plant(self) -> FixedBasePlant:
         """The plant."""
@@ -103,4 +113,18 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
         return world.plant.joint_forces(0, float(world.torque[0]))
 
 
-JansenCrankVectorEnv = TaskVectorEnv.of(JansenCrankEnv)
+class CrankVectorArguments(VectorArguments, CrankArguments, total=False):
+    """All keyword arguments of many robots, for type checkers."""
+
+
+class JansenCrankVectorEnv(TaskVectorEnv[CrankTask]):
+    """:class:`JansenCrankEnv` for many robots at once: what ``gym.make_vec`` makes.
+
+    Arguments of its own, and errors: :class:`jansen_env.envs.vector.TaskVectorEnv`.
+    """
+
+    TASK = CrankTask
+
+    if TYPE_CHECKING:
+
+        def __init__(self, num_envs: int = 1, **own: Unpack[CrankVectorArguments]) -> None: ...

@@ -7,8 +7,7 @@ where there is none.
 
 from __future__ import annotations
 
-from jansen_env.envs.vector import TaskVectorEnv
-from jansen_env.envs.walker import JansenWalkerEnv
+from jansen_env.envs.walker import JansenWalkerEnv, JansenWalkerVectorEnv
 from jansen_env.tasks.walking import WalkerTask
 from jansen_env.world.noise import Noise
 from jansen_env.world.push import Push
@@ -80,7 +79,7 @@ class JansenWalkerBuiltEnv(JansenWalkerEnv):
     TASK = BuiltTask
 
 
-JansenWalkerBuiltVectorEnv = TaskVectorEnv.of(JansenWalkerBuiltEnv)
+JansenWalkerBuiltVectorEnv = JansenWalkerVectorEnv.of(JansenWalkerBuiltEnv)
 
 
 class JansenWalkerRoughEnv(JansenWalkerEnv):
@@ -131,7 +130,7 @@ class JansenWalkerRoughEnv(JansenWalkerEnv):
     TASK = RoughTask
 
 
-JansenWalkerRoughVectorEnv = TaskVectorEnv.of(JansenWalkerRoughEnv)
+JansenWalkerRoughVectorEnv = JansenWalkerVectorEnv.of(JansenWalkerRoughEnv)
 
 
 class JansenWalkerHardcoreEnv(JansenWalkerEnv):
@@ -180,4 +179,4 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
     TASK = HardcoreTask
 
 
-JansenWalkerHardcoreVectorEnv = TaskVectorEnv.of(JansenWalkerHardcoreEnv)
+JansenWalkerHardcoreVectorEnv = JansenWalkerVectorEnv.of(JansenWalkerHardcoreEnv)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, ClassVar, Generic
+from typing import Any, ClassVar, Generic, TypedDict
 
 import gymnasium as gym
 import numpy as np
@@ -13,6 +13,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
+from typing_extensions import Self
 
 from jansen_env.checks import positive_integer
 from jansen_env.envs import arguments
@@ -23,6 +24,16 @@ from jansen_env.world.entries import Observed
 Observations = NDArray[np.float32]
 METHODS = ("get_state", "push", "render", "set_parameters", "set_state")
 """Methods of single robots, see :meth:`TaskVectorEnv.call_one`."""
+
+
+class VectorArguments(TypedDict, total=False):
+    """Keyword arguments of :class:`TaskVectorEnv` beside the task's, for type checkers."""
+
+    max_episode_steps: int | Sequence[int | None] | None
+    autoreset_mode: AutoresetMode | str
+    threads: int | None
+    info_keys: Sequence[str] | None
+    render_mode: str | None
 
 
 class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], Generic[ATask]):
@@ -63,12 +74,12 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             cls.__signature__ = inspect.Signature([*before, *shown])  # type: ignore[attr-defined]
 
     @classmethod
-    def of(cls, single: type[SingleEnv[Any]]) -> type[TaskVectorEnv[Any]]:
+    def of(cls, single: type[SingleEnv[Any]]) -> type[Self]:
         """Return the vector environment of a single one's task: what ``gym.make_vec`` makes."""
         name = single.__name__.replace("Env", "VectorEnv")
         doc = (
             f":class:`{single.__name__}` for many robots at once: what ``gym.make_vec`` makes.\n\n"
-            f"Arguments of its own, and errors: :class:`{cls.__module__}.{cls.__name__}`."
+            f"Arguments of its own, and errors: :class:`{__name__}.TaskVectorEnv`."
         )
         own = {"TASK": single.TASK, "__doc__": doc, "__module__": single.__module__}
         return type(name, (cls,), own)

@@ -3,31 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar, TypedDict
 
 import numpy as np
 
 from jansen_env.checks import non_negative
 from jansen_env.engine import crank_tracking
 from jansen_env.tasks.task import CommandedTask
-from jansen_env.world.argument_checks import range_per_robot, single
+from jansen_env.world.argument_checks import PerRobot, Range, range_per_robot, single
 from jansen_env.world.entries import Observed
-from jansen_env.world.held import START_ANGLE, HeldRobots
+from jansen_env.world.held import START_ANGLE, HeldMachine, HeldRobots
 
 FASTEST_COMMAND = 10.0  # rad/s
 LOST = crank_tracking.LOST
 
 
-@dataclass(frozen=True)
-class Tracking:
+class Tracking(TypedDict, total=False):
     """Crank speeds that are asked for, rad/s (by default the paper's), and the terms' weights."""
 
-    speed_command: float | tuple[float, float] | Any = range_per_robot(
-        1.0, -FASTEST_COMMAND, FASTEST_COMMAND
-    )
-    tracking_weight: float = single(1.0, non_negative)
-    torque_weight: float = single(1.0, non_negative)
+    speed_command: Annotated[
+        PerRobot[Range], range_per_robot(1.0, -FASTEST_COMMAND, FASTEST_COMMAND)
+    ]
+    tracking_weight: Annotated[float, single(1.0, non_negative)]
+    torque_weight: Annotated[float, single(1.0, non_negative)]
+
+
+class CrankArguments(HeldMachine, Tracking, total=False):
+    """All arguments, for type checkers."""
 
 
 class CrankTask(CommandedTask):

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, TypedDict
 
 import numpy as np
 
 from jansen_env.checks import non_negative, positive
 from jansen_env.tasks.task import Task
-from jansen_env.world.argument_checks import Ints, option, single
+from jansen_env.world.argument_checks import Filled, Ints, option, single
 from jansen_env.world.entries import Observed
+from jansen_env.world.settings import WorldArguments
 
 FARTHEST = 3.0  # m, a goal on either side
 NEAR, HOLD = 0.02, 1.0  # m from the goal, and s there, that are a success
@@ -21,12 +21,15 @@ FALLEN_PITCH = 1.2  # rad
 UP_TO = 1e-9  # of HOLD: periods do not add up to it exactly
 
 
-@dataclass(frozen=True)
-class GoalReward:
+class GoalReward(TypedDict, total=False):
     """Exponent of the energy's factor, and the worth of standing at the goal."""
 
-    energy_weight: float = single(1.0, non_negative)
-    arrival_weight: float = single(1.0, positive)
+    energy_weight: Annotated[float, single(1.0, non_negative)]
+    arrival_weight: Annotated[float, single(1.0, positive)]
+
+
+class GoalArguments(WorldArguments, GoalReward, total=False):
+    """All arguments, for type checkers."""
 
 
 class GoalTask(Task):
@@ -44,7 +47,7 @@ class GoalTask(Task):
 
     def take(self, records: dict[str, Any]) -> None:
         """Keep the weights."""
-        self._weights: GoalReward = records["rewards"]
+        self._weights: Filled = records["rewards"]
 
     @property
     def own_entries(self) -> Sequence[Observed]:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import astuple, dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar, TypedDict
 
 import numpy as np
 
@@ -13,8 +12,18 @@ from jansen_env.checks import finite, non_negative, positive, shown
 from jansen_env.engine import walk_reward
 from jansen_env.engine.records import as_bytes
 from jansen_env.tasks.task import CommandedTask, Task
-from jansen_env.world.argument_checks import Bools, Ints, flag, per_robot, range_per_robot, single
+from jansen_env.world.argument_checks import (
+    Bools,
+    Ints,
+    PerRobot,
+    Range,
+    flag,
+    per_robot,
+    range_per_robot,
+    single,
+)
 from jansen_env.world.entries import Observed
+from jansen_env.world.settings import WorldArguments
 
 SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
 FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
@@ -27,34 +36,35 @@ def _interval(name: str, value: Any) -> float:
     return math.inf if value is None else positive(name, value)
 
 
-@dataclass(frozen=True)
-class Commands:
+class Commands(TypedDict, total=False):
     """Speeds that are asked for, m/s, and after how many seconds another one is drawn."""
 
-    speed_command: float | tuple[float, float] | Any = range_per_robot(
-        SPEED_COMMAND, -FASTEST_COMMAND, FASTEST_COMMAND
-    )
-    command_interval: float | Any = per_robot(None, _interval)
+    speed_command: Annotated[
+        PerRobot[Range], range_per_robot(SPEED_COMMAND, -FASTEST_COMMAND, FASTEST_COMMAND)
+    ]
+    command_interval: Annotated[PerRobot[float | None], per_robot(None, _interval)]
 
 
-@dataclass(frozen=True)
-class RewardWeights:
+class RewardWeights(TypedDict, total=False):
     """Exponents of the reward's factors."""
 
-    slip_weight: float = single(1.0, non_negative)
-    energy_weight: float = single(1.0, non_negative)
-    effort_weight: float = single(1.0, non_negative)
-    smoothness_weight: float = single(1.0, non_negative)
-    posture_weight: float = single(1.0, non_negative)
+    slip_weight: Annotated[float, single(1.0, non_negative)]
+    energy_weight: Annotated[float, single(1.0, non_negative)]
+    effort_weight: Annotated[float, single(1.0, non_negative)]
+    smoothness_weight: Annotated[float, single(1.0, non_negative)]
+    posture_weight: Annotated[float, single(1.0, non_negative)]
 
 
-@dataclass(frozen=True)
-class Termination:
+class Termination(TypedDict, total=False):
     """Criteria of a fall, and whether it ends the episode; the pitch in rad."""
 
-    fall_pitch: float = single(walk_reward.FALLEN_PITCH, positive)
-    fall_contact: bool = single(True, flag)
-    terminate_when_fallen: bool = single(True, flag)
+    fall_pitch: Annotated[float, single(walk_reward.FALLEN_PITCH, positive)]
+    fall_contact: Annotated[bool, single(True, flag)]
+    terminate_when_fallen: Annotated[bool, single(True, flag)]
+
+
+class WalkerArguments(WorldArguments, Commands, RewardWeights, Termination, total=False):
+    """All arguments, for type checkers."""
 
 
 class WalkerTask(CommandedTask):
@@ -79,7 +89,7 @@ class WalkerTask(CommandedTask):
         self._command_steps = np.maximum(1.0, np.rint(intervals / self.control_dt))
         self._commands_change = bool(np.isfinite(intervals).any())
         self._settings = np.zeros(1, walk_reward.SETTINGS)
-        self._settings[0] = (*astuple(weights), *astuple(end))
+        self._settings[0] = (*vars(weights).values(), *vars(end).values())
         self.covered = np.zeros((self.num_envs, 2))
         self._measured = np.zeros(0, walk_reward.ACCOUNTS)
         self._observes = type(self).observe is not Task.observe

@@ -6,13 +6,15 @@ All functions raise ValueError for anything else than they describe.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
-from dataclasses import field, fields
-from functools import partial
-from typing import Any, TypeAlias
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import field, fields, is_dataclass
+from functools import cache, partial
+from types import SimpleNamespace
+from typing import Any, NamedTuple, TypeAlias, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import TypeAliasType
 
 from jansen_env.checks import entries, positive, shown, within
 from jansen_env.plants.base import check_time_step
@@ -23,6 +25,11 @@ Ints = NDArray[np.int64]
 Check: TypeAlias = Callable[[str, Any], Any]  # of an argument's name and value
 Records: TypeAlias = Mapping[str, type]  # by the names under which they are passed
 Filled: TypeAlias = Any  # a record of :func:`fill`, whose fields have the types of their checks
+
+T = TypeVar("T")
+Range = TypeAliasType("Range", float | Sequence[float])  # a number, or (low, high)
+PerRobot = TypeAliasType("PerRobot", T | Sequence[T] | NDArray[Any], type_params=(T,))
+"""One for all robots, or one for each."""
 
 MOST_STEPS = 10_000  # time steps in a control period: seconds on the slowest plant
 
@@ -103,7 +110,28 @@ def broadcast_ranges(count: int, name: str, value: Any, least: float, most: floa
     return np.array([number_range(name, one, least, most) for one in values])
 
 
-# Fields of records: frozen dataclasses of arguments. What :func:`fill` returns has been checked.
+# Records of arguments: TypedDicts whose keys are ``Annotated`` with the fields below, so that type
+# checkers know them, or dataclasses with these fields. What :func:`fill` returns has been checked.
+
+
+class Argument(NamedTuple):
+    """A keyword argument; its type is for readers."""
+
+    name: str
+    type: Any
+    default: Any
+    metadata: Mapping[str, Any]
+
+
+@cache
+def arguments_of(record: type) -> tuple[Argument, ...]:
+    """Return the arguments of a record."""
+    if is_dataclass(record):
+        found = [(one.name, one.type, one) for one in fields(record)]
+    else:
+        hints = get_type_hints(record, include_extras=True).items()
+        found = [(name, hint.__origin__, hint.__metadata__[0]) for name, hint in hints]
+    return tuple(Argument(name, kind, one.default, one.metadata) for name, kind, one in found)
 
 
 def single(default: Any, check: Check, only: bool = False) -> Any:
@@ -140,30 +168,31 @@ def signature_of(records: Records, defaults: Mapping[str, Any]) -> inspect.Signa
             annotation=one.type,
         )
         for kind in records.values()
-        for one in fields(kind)
+        for one in arguments_of(kind)
     ]
     return inspect.Signature(keywords)
 
 
 def marked(records: Records, mark: str) -> dict[str, Any]:
     """Return the defaults of the records' fields with a mark, such as "per_robot", by name."""
-    every = [one for kind in records.values() for one in fields(kind)]
+    every = [one for kind in records.values() for one in arguments_of(kind)]
     return {one.name: one.default for one in every if one.metadata.get(mark)}
 
 
 def fill(records: Records, keywords: Mapping[str, Any], count: int) -> dict[str, Any]:
     """Return the records of ``count`` robots with checked keywords; TypeError for another name."""
-    known = {one.name for kind in records.values() for one in fields(kind)}
+    known = {one.name for kind in records.values() for one in arguments_of(kind)}
     if unknown := sorted({*keywords} - known):
         raise TypeError(f"unexpected keyword argument {unknown[0]!r}, must be in {sorted(known)}")
     found = {}
     for name, kind in records.items():
-        given = [(one, keywords.get(one.name, one.default)) for one in fields(kind)]
-        found[name] = kind(**{one.name: _checked(one, value, count) for one, value in given})
+        given = [(one, keywords.get(one.name, one.default)) for one in arguments_of(kind)]
+        values = {one.name: _checked(one, value, count) for one, value in given}
+        found[name] = kind(**values) if is_dataclass(kind) else SimpleNamespace(**values)
     return found
 
 
-def _checked(one: Any, value: Any, count: int) -> Any:
+def _checked(one: Argument, value: Any, count: int) -> Any:
     if "broadcast" in one.metadata:
         return one.metadata["broadcast"](count, one.name, value)
     found = one.metadata["check"](one.name, value) if "check" in one.metadata else value

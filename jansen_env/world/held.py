@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import field, replace
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from jansen_env.robot import Robot
 from jansen_env.robot.motor import IDEAL, Motor
 from jansen_env.world import argument_checks as arguments
 from jansen_env.world.actuated import ActuatedRobots, Draw
-from jansen_env.world.argument_checks import Bools, Filled, Ints, option, single
+from jansen_env.world.argument_checks import Bools, Filled, Ints, PerRobot, Range, option, single
 from jansen_env.world.entries import Observed
 from jansen_env.world.episode_lengths import EpisodeLengths
 from jansen_env.world.randomization import load_randomization
@@ -28,22 +29,22 @@ TORQUE_LIMIT = 5.0  # N m, of an ideal motor
 START_ANGLE, FURTHEST = crank_tracking.START_ANGLE, crank_tracking.LOST
 
 
-@dataclass(frozen=True)
-class HeldMachine:
+class HeldMachine(TypedDict, total=False):
     """A robot that is held, how it is driven and simulated."""
 
-    robot: Robot | str = "paper"
-    motor: Motor | str | None = None
-    torque_limit: float | None = None
-    delay: float | tuple[float, float] | Any = arguments.range_per_robot(0.0, 0.0, LONGEST_DELAY)
-    control_dt: float = 0.01
-    time_step: float = 0.001
-    reset_noise_scale: float | Any = arguments.per_robot(0.1, non_negative)
-    track_joint_forces: bool = single(False, arguments.flag, only=True)
-    randomize: Mapping[str, Any] | Any = arguments.per_robot(
-        None, partial(load_randomization, parameters=())
-    )
-    observe_lengths: bool = single(False, arguments.flag)
+    robot: Annotated[Robot | str | Path, field(default="paper")]
+    motor: Annotated[Motor | str | None, field(default=None)]
+    torque_limit: Annotated[float | None, field(default=None)]
+    delay: Annotated[PerRobot[Range], arguments.range_per_robot(0.0, 0.0, LONGEST_DELAY)]
+    control_dt: Annotated[float, field(default=0.01)]
+    time_step: Annotated[float, field(default=0.001)]
+    reset_noise_scale: Annotated[PerRobot[float], arguments.per_robot(0.1, non_negative)]
+    track_joint_forces: Annotated[bool, single(False, arguments.flag, only=True)]
+    randomize: Annotated[
+        PerRobot[Mapping[str, Any] | None],
+        arguments.per_robot(None, partial(load_randomization, parameters=())),
+    ]
+    observe_lengths: Annotated[bool, single(False, arguments.flag)]
 
 
 class HeldRobots(ActuatedRobots):

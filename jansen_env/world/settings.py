@@ -5,11 +5,11 @@ All functions raise ValueError for a value out of range.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import field, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypedDict
 
 import numpy as np
 
@@ -24,7 +24,15 @@ from jansen_env.terrain import Terrain, make_terrain
 from jansen_env.terrain.curriculum import Curriculum
 from jansen_env.terrain.generators import HIGHEST, Generator, make_generator
 from jansen_env.world import argument_checks as arguments
-from jansen_env.world.argument_checks import Array, Filled, optional, per_robot, single
+from jansen_env.world.argument_checks import (
+    Array,
+    Filled,
+    PerRobot,
+    Range,
+    optional,
+    per_robot,
+    single,
+)
 from jansen_env.world.noise import Noise
 from jansen_env.world.push import Push
 from jansen_env.world.randomization import load_randomization
@@ -106,55 +114,61 @@ def scanned_places(name: str, scan: Any) -> Array:
     )
 
 
-@dataclass(frozen=True)
-class Machine:
+class Machine(TypedDict, total=False):
     """The robot. A torque limit of None is the motor's, other Nones are the robot's own."""
 
-    robot: Robot | str | Any = per_robot("paper", load_robot)
-    payload: Payload | float | Any = per_robot(None, optional(load_payload))
-    motor: Motor | str | Any = per_robot(None, optional(load_motor))
-    torque_limit: float | Any = per_robot(None, optional(positive))
-    pad_compliance: Compliance | Any = per_robot(None, optional(load_compliance))
+    robot: Annotated[PerRobot[Robot | str | Path], per_robot("paper", load_robot)]
+    payload: Annotated[PerRobot[Payload | float | None], per_robot(None, optional(load_payload))]
+    motor: Annotated[PerRobot[Motor | str | None], per_robot(None, optional(load_motor))]
+    torque_limit: Annotated[PerRobot[float | None], per_robot(None, optional(positive))]
+    pad_compliance: Annotated[
+        PerRobot[Compliance | None], per_robot(None, optional(load_compliance))
+    ]
 
 
-@dataclass(frozen=True)
-class Control:
+class Control(TypedDict, total=False):
     """Actuation and simulation; times in s."""
 
-    delay: float | tuple[float, float] | Any = arguments.range_per_robot(0.0, 0.0, LONGEST_DELAY)
-    control_dt: float = 0.02
-    time_step: float | None = None
-    plant: str = single("projection", _plant_name, only=True)
-    track_joint_forces: bool = single(False, arguments.flag, only=True)
+    delay: Annotated[PerRobot[Range], arguments.range_per_robot(0.0, 0.0, LONGEST_DELAY)]
+    control_dt: Annotated[float, field(default=0.02)]
+    time_step: Annotated[float | None, field(default=None)]
+    plant: Annotated[str, single("projection", _plant_name, only=True)]
+    track_joint_forces: Annotated[bool, single(False, arguments.flag, only=True)]
 
 
-@dataclass(frozen=True)
-class Ground:
+class Ground(TypedDict, total=False):
     """The terrain, or how it is drawn."""
 
-    terrain: Terrain | str | Any = arguments.broadcast_by("flat", _terrains)
-    friction: float | Any = per_robot(None, optional(non_negative))
-    restitution: float | Any = per_robot(None, optional(partial(within, low=0.0, high=1.0)))
-    terrain_level: int | tuple[int, int] | Any = arguments.broadcast_by(0, _levels)
-    curriculum: Curriculum | bool | Any | None = single(None, load_curriculum)
+    terrain: Annotated[
+        PerRobot[Terrain | str | Generator | Sequence[Sequence[float]]],
+        arguments.broadcast_by("flat", _terrains),
+    ]
+    friction: Annotated[PerRobot[float | None], per_robot(None, optional(non_negative))]
+    restitution: Annotated[
+        PerRobot[float | None], per_robot(None, optional(partial(within, low=0.0, high=1.0)))
+    ]
+    terrain_level: Annotated[PerRobot[int | Sequence[int]], arguments.broadcast_by(0, _levels)]
+    curriculum: Annotated[Curriculum | bool | None, single(None, load_curriculum)]
 
 
-@dataclass(frozen=True)
-class Randomness:
+class Randomness(TypedDict, total=False):
     """Randomisation between episodes; the starting crank speed in rad/s."""
 
-    randomize: Mapping[str, Any] | Any = per_robot(None, load_randomization)
-    reset_noise_scale: float | Any = per_robot(0.1, non_negative)
+    randomize: Annotated[PerRobot[Mapping[str, Any] | None], per_robot(None, load_randomization)]
+    reset_noise_scale: Annotated[PerRobot[float], per_robot(0.1, non_negative)]
 
 
-@dataclass(frozen=True)
-class Sensing:
+class Sensing(TypedDict, total=False):
     """Sensors, their noise, and pushes."""
 
-    height_scan: tuple[float, float, int] | Any | None = single(None, scanned_places)
-    noise: Noise | Mapping[str, Any] | None = single(None, partial(load_record, Noise))
-    push: Push | Mapping[str, Any] | None = single(None, partial(load_record, Push))
-    observe_lengths: bool = single(False, arguments.flag)
+    height_scan: Annotated[Sequence[float] | None, single(None, scanned_places)]
+    noise: Annotated[Noise | Mapping[str, Any] | None, single(None, partial(load_record, Noise))]
+    push: Annotated[Push | Mapping[str, Any] | None, single(None, partial(load_record, Push))]
+    observe_lengths: Annotated[bool, single(False, arguments.flag)]
+
+
+class WorldArguments(Machine, Control, Ground, Randomness, Sensing, total=False):
+    """All of the world's, for type checkers."""
 
 
 RECORDS = {

@@ -8,9 +8,9 @@ from typing_extensions import Unpack
 
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.envs.single import SingleEnv
-from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
+from jansen_env.envs.typed import CrankArguments, JansenVectorEnv
 from jansen_env.plants.fixed_base import FixedBasePlant
-from jansen_env.tasks.crank import CrankArguments, CrankTask
+from jansen_env.tasks.crank import CrankTask
 
 
 class JansenCrankEnv(SingleEnv[CrankTask]):
@@ -90,12 +90,9 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
     """
 
     TASK = CrankTask
-
     if TYPE_CHECKING:
 
-        def __init__(
-            self, *, render_mode: str | None = None, **own: Unpack[CrankArguments]
-        ) -> None: ...
+        def __init__(self, **own: Unpack[CrankArguments]) -> None: ...
 
     @property
     def plant(self) -> FixedBasePlant:
@@ -113,18 +110,4 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
         return world.plant.joint_forces(0, float(world.torque[0]))
 
 
-class CrankVectorArguments(VectorArguments, CrankArguments, total=False):
-    """All keyword arguments of many robots, for type checkers."""
-
-
-class JansenCrankVectorEnv(TaskVectorEnv[CrankTask]):
-    """:class:`JansenCrankEnv` for many robots at once: what ``gym.make_vec`` makes.
-
-    Arguments of its own, and errors: :class:`jansen_env.envs.vector.TaskVectorEnv`.
-    """
-
-    TASK = CrankTask
-
-    if TYPE_CHECKING:
-
-        def __init__(self, num_envs: int = 1, **own: Unpack[CrankVectorArguments]) -> None: ...
+JansenCrankVectorEnv = JansenVectorEnv.of(JansenCrankEnv)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from typing_extensions import Unpack
 
 from jansen_env.envs.single import SingleEnv
-from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
-from jansen_env.tasks.goal import GoalArguments, GoalTask
+from jansen_env.envs.typed import GoalArguments, JansenVectorEnv
+from jansen_env.tasks.goal import GoalTask
 
 
 class JansenGoalEnv(SingleEnv[GoalTask]):
@@ -66,26 +66,9 @@ class JansenGoalEnv(SingleEnv[GoalTask]):
     """
 
     TASK = GoalTask
-
     if TYPE_CHECKING:
 
-        def __init__(
-            self, *, render_mode: str | None = None, **own: Unpack[GoalArguments]
-        ) -> None: ...
+        def __init__(self, **own: Unpack[GoalArguments]) -> None: ...
 
 
-class GoalVectorArguments(VectorArguments, GoalArguments, total=False):
-    """All keyword arguments of many robots, for type checkers."""
-
-
-class JansenGoalVectorEnv(TaskVectorEnv[GoalTask]):
-    """:class:`JansenGoalEnv` for many robots at once: what ``gym.make_vec`` makes.
-
-    Arguments of its own, and errors: :class:`jansen_env.envs.vector.TaskVectorEnv`.
-    """
-
-    TASK = GoalTask
-
-    if TYPE_CHECKING:
-
-        def __init__(self, num_envs: int = 1, **own: Unpack[GoalVectorArguments]) -> None: ...
+JansenGoalVectorEnv = JansenVectorEnv.of(JansenGoalEnv)

@@ -7,7 +7,8 @@ where there is none.
 
 from __future__ import annotations
 
-from jansen_env.envs.walker import JansenWalkerEnv, JansenWalkerVectorEnv
+from jansen_env.envs.typed import JansenVectorEnv
+from jansen_env.envs.walker import JansenWalkerEnv
 from jansen_env.tasks.walking import WalkerTask
 from jansen_env.world.noise import Noise
 from jansen_env.world.push import Push
@@ -79,7 +80,7 @@ class JansenWalkerBuiltEnv(JansenWalkerEnv):
     TASK = BuiltTask
 
 
-JansenWalkerBuiltVectorEnv = JansenWalkerVectorEnv.of(JansenWalkerBuiltEnv)
+JansenWalkerBuiltVectorEnv = JansenVectorEnv.of(JansenWalkerBuiltEnv)
 
 
 class JansenWalkerRoughEnv(JansenWalkerEnv):
@@ -130,7 +131,7 @@ class JansenWalkerRoughEnv(JansenWalkerEnv):
     TASK = RoughTask
 
 
-JansenWalkerRoughVectorEnv = JansenWalkerVectorEnv.of(JansenWalkerRoughEnv)
+JansenWalkerRoughVectorEnv = JansenVectorEnv.of(JansenWalkerRoughEnv)
 
 
 class JansenWalkerHardcoreEnv(JansenWalkerEnv):
@@ -179,4 +180,4 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
     TASK = HardcoreTask
 
 
-JansenWalkerHardcoreVectorEnv = JansenWalkerVectorEnv.of(JansenWalkerHardcoreEnv)
+JansenWalkerHardcoreVectorEnv = JansenVectorEnv.of(JansenWalkerHardcoreEnv)

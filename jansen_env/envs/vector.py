@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, ClassVar, Generic, TypedDict
+from typing import Any, ClassVar, Generic
 
 import gymnasium as gym
 import numpy as np
@@ -24,16 +24,6 @@ from jansen_env.world.entries import Observed
 Observations = NDArray[np.float32]
 METHODS = ("get_state", "push", "render", "set_parameters", "set_state")
 """Methods of single robots, see :meth:`TaskVectorEnv.call_one`."""
-
-
-class VectorArguments(TypedDict, total=False):
-    """Keyword arguments of :class:`TaskVectorEnv` beside the task's, for type checkers."""
-
-    max_episode_steps: int | Sequence[int | None] | None
-    autoreset_mode: AutoresetMode | str
-    threads: int | None
-    info_keys: Sequence[str] | None
-    render_mode: str | None
 
 
 class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], Generic[ATask]):
@@ -79,7 +69,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         name = single.__name__.replace("Env", "VectorEnv")
         doc = (
             f":class:`{single.__name__}` for many robots at once: what ``gym.make_vec`` makes.\n\n"
-            f"Arguments of its own, and errors: :class:`{__name__}.TaskVectorEnv`."
+            f"Arguments of its own, and errors: :class:`{cls.__module__}.{cls.__name__}`."
         )
         own = {"TASK": single.TASK, "__doc__": doc, "__module__": single.__module__}
         return type(name, (cls,), own)

@@ -10,9 +10,9 @@ from typing_extensions import Unpack
 
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.envs.single import SingleEnv
-from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
+from jansen_env.envs.typed import JansenVectorEnv, WalkerArguments
 from jansen_env.plants.make import Plant, plant_of
-from jansen_env.tasks.walking import WalkerArguments, WalkerTask
+from jansen_env.tasks.walking import WalkerTask
 from jansen_env.terrain import Terrain
 
 
@@ -188,12 +188,9 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     """
 
     TASK = WalkerTask
-
     if TYPE_CHECKING:
 
-        def __init__(
-            self, *, render_mode: str | None = None, **own: Unpack[WalkerArguments]
-        ) -> None: ...
+        def __init__(self, **own: Unpack[WalkerArguments]) -> None: ...
 
     @property
     def terrain(self) -> Terrain:
@@ -229,18 +226,4 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
         return self.task.world.joint_forces()
 
 
-class WalkerVectorArguments(VectorArguments, WalkerArguments, total=False):
-    """All keyword arguments of many robots, for type checkers."""
-
-
-class JansenWalkerVectorEnv(TaskVectorEnv[WalkerTask]):
-    """:class:`JansenWalkerEnv` for many robots at once: what ``gym.make_vec`` makes.
-
-    Arguments of its own, and errors: :class:`jansen_env.envs.vector.TaskVectorEnv`.
-    """
-
-    TASK = WalkerTask
-
-    if TYPE_CHECKING:
-
-        def __init__(self, num_envs: int = 1, **own: Unpack[WalkerVectorArguments]) -> None: ...
+JansenWalkerVectorEnv = JansenVectorEnv.of(JansenWalkerEnv)

@@ -13,9 +13,11 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
+from typing_extensions import Unpack
 
 from jansen_env.checks import whole_number
 from jansen_env.envs import arguments
+from jansen_env.envs.typed import ManyArguments
 from jansen_env.envs.vector import TaskVectorEnv
 from jansen_env.scoring.benchmarks import can_be_batched, vector_env
 from jansen_env.scoring.rollout import make_env
@@ -28,12 +30,14 @@ def make_vec_env(
     env_kwargs: dict[str, Any] | None = None,
     variants: Sequence[dict[str, Any]] = ({},),
     info_keys: Sequence[str] | None = (),
+    **kwargs: Unpack[ManyArguments],
 ) -> VecEnv:
     """``num_envs`` environments for Stable-Baselines3, simulated together where that is possible.
 
     Args:
         env_id: one of :data:`jansen_env.scoring.benchmarks.BENCHMARKS`.
-        env_kwargs: arguments of all. variants: further ones; environment i takes number i mod m.
+        env_kwargs, kwargs: arguments of all; type checkers know the second. variants: further ones;
+            environment i takes number i mod m.
         info_keys: as of :class:`BatchVecEnv`; single environments give all of their information.
 
     Raises:
@@ -41,10 +45,10 @@ def make_vec_env(
     """
     if not variants:
         raise ValueError("variants is empty, must have at least one entry, such as {}")
-    kwargs = dict(env_kwargs or {})
-    each = [{**kwargs, **variants[i % len(variants)]} for i in range(num_envs)]
-    if can_be_batched(env_id, kwargs, variants):
-        return BatchVecEnv(_make_batch(env_id, kwargs, each), info_keys)
+    common = {**(env_kwargs or {}), **kwargs}
+    each = [{**common, **variants[i % len(variants)]} for i in range(num_envs)]
+    if can_be_batched(env_id, common, variants):
+        return BatchVecEnv(_make_batch(env_id, common, each), info_keys)
     return DummyVecEnv([partial(make_env, env_id, own) for own in each])
 
 

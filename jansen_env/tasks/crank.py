@@ -12,7 +12,7 @@ from jansen_env.engine import crank_tracking
 from jansen_env.tasks.task import CommandedTask
 from jansen_env.world.argument_checks import PerRobot, Range, range_per_robot, single
 from jansen_env.world.entries import Observed
-from jansen_env.world.held import START_ANGLE, HeldMachine, HeldRobots
+from jansen_env.world.held import START_ANGLE, HeldRobots
 
 FASTEST_COMMAND = 10.0  # rad/s
 LOST = crank_tracking.LOST
@@ -26,10 +26,6 @@ class Tracking(TypedDict, total=False):
     ]
     tracking_weight: Annotated[float, single(1.0, non_negative)]
     torque_weight: Annotated[float, single(1.0, non_negative)]
-
-
-class CrankArguments(HeldMachine, Tracking, total=False):
-    """All arguments, for type checkers."""
 
 
 class CrankTask(CommandedTask):

@@ -11,7 +11,6 @@ from jansen_env.checks import non_negative, positive
 from jansen_env.tasks.task import Task
 from jansen_env.world.argument_checks import Filled, Ints, option, single
 from jansen_env.world.entries import Observed
-from jansen_env.world.settings import WorldArguments
 
 FARTHEST = 3.0  # m, a goal on either side
 NEAR, HOLD = 0.02, 1.0  # m from the goal, and s there, that are a success
@@ -26,10 +25,6 @@ class GoalReward(TypedDict, total=False):
 
     energy_weight: Annotated[float, single(1.0, non_negative)]
     arrival_weight: Annotated[float, single(1.0, positive)]
-
-
-class GoalArguments(WorldArguments, GoalReward, total=False):
-    """All arguments, for type checkers."""
 
 
 class GoalTask(Task):

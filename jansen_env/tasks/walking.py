@@ -23,7 +23,6 @@ from jansen_env.world.argument_checks import (
     single,
 )
 from jansen_env.world.entries import Observed
-from jansen_env.world.settings import WorldArguments
 
 SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
 FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
@@ -61,10 +60,6 @@ class Termination(TypedDict, total=False):
     fall_pitch: Annotated[float, single(walk_reward.FALLEN_PITCH, positive)]
     fall_contact: Annotated[bool, single(True, flag)]
     terminate_when_fallen: Annotated[bool, single(True, flag)]
-
-
-class WalkerArguments(WorldArguments, Commands, RewardWeights, Termination, total=False):
-    """All arguments, for type checkers."""
 
 
 class WalkerTask(CommandedTask):

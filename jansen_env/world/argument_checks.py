@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import field, fields, is_dataclass
+from dataclasses import Field, field, fields, is_dataclass, make_dataclass
 from functools import cache, partial
 from types import SimpleNamespace
-from typing import Any, NamedTuple, TypeAlias, TypeVar, get_type_hints
+from typing import Any, TypeAlias, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,24 +114,14 @@ def broadcast_ranges(count: int, name: str, value: Any, least: float, most: floa
 # checkers know them, or dataclasses with these fields. What :func:`fill` returns has been checked.
 
 
-class Argument(NamedTuple):
-    """A keyword argument; its type is for readers."""
-
-    name: str
-    type: Any
-    default: Any
-    metadata: Mapping[str, Any]
-
-
 @cache
-def arguments_of(record: type) -> tuple[Argument, ...]:
-    """Return the arguments of a record."""
-    if is_dataclass(record):
-        found = [(one.name, one.type, one) for one in fields(record)]
-    else:
+def arguments_of(record: type) -> tuple[Field[Any], ...]:
+    """Return the fields of a record."""
+    if not is_dataclass(record):
         hints = get_type_hints(record, include_extras=True).items()
-        found = [(name, hint.__origin__, hint.__metadata__[0]) for name, hint in hints]
-    return tuple(Argument(name, kind, one.default, one.metadata) for name, kind, one in found)
+        own = [(name, hint.__origin__, hint.__metadata__[0]) for name, hint in hints]
+        record = make_dataclass(record.__name__, own)
+    return fields(record)
 
 
 def single(default: Any, check: Check, only: bool = False) -> Any:
@@ -192,7 +182,7 @@ def fill(records: Records, keywords: Mapping[str, Any], count: int) -> dict[str,
     return found
 
 
-def _checked(one: Argument, value: Any, count: int) -> Any:
+def _checked(one: Field[Any], value: Any, count: int) -> Any:
     if "broadcast" in one.metadata:
         return one.metadata["broadcast"](count, one.name, value)
     found = one.metadata["check"](one.name, value) if "check" in one.metadata else value

@@ -24,15 +24,7 @@ from jansen_env.terrain import Terrain, make_terrain
 from jansen_env.terrain.curriculum import Curriculum
 from jansen_env.terrain.generators import HIGHEST, Generator, make_generator
 from jansen_env.world import argument_checks as arguments
-from jansen_env.world.argument_checks import (
-    Array,
-    Filled,
-    PerRobot,
-    Range,
-    optional,
-    per_robot,
-    single,
-)
+from jansen_env.world.argument_checks import Array, Filled, PerRobot, optional, per_robot, single
 from jansen_env.world.noise import Noise
 from jansen_env.world.push import Push
 from jansen_env.world.randomization import load_randomization
@@ -129,7 +121,7 @@ class Machine(TypedDict, total=False):
 class Control(TypedDict, total=False):
     """Actuation and simulation; times in s."""
 
-    delay: Annotated[PerRobot[Range], arguments.range_per_robot(0.0, 0.0, LONGEST_DELAY)]
+    delay: Annotated[PerRobot[arguments.Range], arguments.range_per_robot(0.0, 0.0, LONGEST_DELAY)]
     control_dt: Annotated[float, field(default=0.02)]
     time_step: Annotated[float | None, field(default=None)]
     plant: Annotated[str, single("projection", _plant_name, only=True)]
@@ -165,10 +157,6 @@ class Sensing(TypedDict, total=False):
     noise: Annotated[Noise | Mapping[str, Any] | None, single(None, partial(load_record, Noise))]
     push: Annotated[Push | Mapping[str, Any] | None, single(None, partial(load_record, Push))]
     observe_lengths: Annotated[bool, single(False, arguments.flag)]
-
-
-class WorldArguments(Machine, Control, Ground, Randomness, Sensing, total=False):
-    """All of the world's, for type checkers."""
 
 
 RECORDS = {

@@ -1,0 +1,48 @@
+"""Wrong calls: each must be an error to mypy and to pyright, as an ignore too many is one."""
+
+from jansen_env.envs.crank_env import JansenCrankEnv, JansenCrankVectorEnv
+from jansen_env.envs.goal_env import JansenGoalEnv, JansenGoalVectorEnv
+from jansen_env.envs.presets import (
+    JansenWalkerBuiltEnv,
+    JansenWalkerBuiltVectorEnv,
+    JansenWalkerHardcoreEnv,
+    JansenWalkerHardcoreVectorEnv,
+    JansenWalkerRoughEnv,
+    JansenWalkerRoughVectorEnv,
+)
+from jansen_env.envs.walker import JansenWalkerEnv, JansenWalkerVectorEnv
+from jansen_env.sb3 import make_vec_env
+
+JansenWalkerEnv(frction=0.5)  # type: ignore[call-arg]  # pyright: ignore[reportCallIssue]
+JansenWalkerEnv(friction="x")  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
+JansenWalkerEnv(threads=2)  # type: ignore[call-arg]  # pyright: ignore[reportCallIssue]
+JansenWalkerEnv(tracking_weight=1.0)  # type: ignore[call-arg]  # pyright: ignore[reportCallIssue]
+JansenWalkerBuiltEnv(frction=0.5)  # type: ignore[call-arg]  # pyright: ignore[reportCallIssue]
+JansenWalkerBuiltEnv(friction="x")  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
+JansenWalkerRoughEnv(frction=0.5)  # type: ignore[call-arg]  # pyright: ignore[reportCallIssue]
+JansenWalkerRoughEnv(friction="x")  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
+JansenWalkerHardcoreEnv(frction=0.5)  # type: ignore[call-arg]  # pyright: ignore[reportCallIssue]
+JansenWalkerHardcoreEnv(friction="x")  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
+JansenCrankEnv(friction=0.5)  # type: ignore[call-arg]  # pyright: ignore[reportCallIssue]
+JansenCrankEnv(delay="x")  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
+JansenGoalEnv(speed_command=0.5)  # type: ignore[call-arg]  # pyright: ignore[reportCallIssue]
+JansenGoalEnv(friction="x")  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
+
+JansenWalkerVectorEnv(2, frction=0.5)  # type: ignore[call-arg]  # pyright: ignore[reportCallIssue]
+JansenWalkerVectorEnv(2, friction="x")  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
+JansenWalkerVectorEnv(2, friction=["x", "y"])  # type: ignore[list-item]  # pyright: ignore[reportArgumentType]
+JansenWalkerBuiltVectorEnv(2, frction=0.5)  # type: ignore[call-arg]  # pyright: ignore[reportCallIssue]
+JansenWalkerBuiltVectorEnv(2, friction="x")  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
+JansenWalkerRoughVectorEnv(2, frction=0.5)  # type: ignore[call-arg]  # pyright: ignore[reportCallIssue]
+JansenWalkerRoughVectorEnv(2, friction="x")  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
+JansenWalkerHardcoreVectorEnv(2, frction=0.5)  # type: ignore[call-arg]  # pyright: ignore[reportCallIssue]
+JansenWalkerHardcoreVectorEnv(2, friction="x")  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
+JansenCrankVectorEnv(2, frction=0.5)  # type: ignore[call-arg]  # pyright: ignore[reportCallIssue]
+JansenCrankVectorEnv(2, delay="x")  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
+JansenGoalVectorEnv(2, frction=0.5)  # type: ignore[call-arg]  # pyright: ignore[reportCallIssue]
+JansenGoalVectorEnv(2, friction="x")  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
+JansenGoalVectorEnv("2")  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
+
+make_vec_env("JansenWalker-v0", 2, frction=0.5)  # type: ignore[call-arg]  # pyright: ignore[reportCallIssue]
+make_vec_env("JansenWalker-v0", 2, friction="x")  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
+make_vec_env("JansenGoal-v0", 2, arrival_weight="x")  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]

@@ -1,9 +1,11 @@
-"""Walk a robot by hand, on a page of this machine: ``jansen-env play``."""
+"""Walk a robot on a page, by hand or by command: ``jansen-env play``."""
 
 from __future__ import annotations
 
 import argparse
 import asyncio
+import errno
+from ipaddress import IPv4Address
 
 from jansen_env.play.choices import BY_HAND, ENVIRONMENTS, ROBOTS, TERRAINS
 from jansen_env.play.session import Session
@@ -12,6 +14,7 @@ from jansen_env.terrain.generators import HIGHEST
 from jansen_env.viewer.web.bench import write_bench
 
 PORT = 8765
+HAND = "hand"  # in place of a policy
 
 
 def parser() -> argparse.ArgumentParser:
@@ -24,9 +27,13 @@ def parser() -> argparse.ArgumentParser:
     add("--robot", choices=ROBOTS, help="default: the environment's")
     add("--terrain", choices=TERRAINS, help="default: the environment's")
     add("--level", type=int, default=0, help=f"of the terrain, 0 (default) to {HIGHEST}")
-    add("--policy", choices=policies,
-        help="let this policy walk at your command; default: your input is the torque")  # fmt: skip
+    add("--policy", default=pretrained.DEFAULT, choices=(*policies, HAND),
+        help="walks at your speed command; default: the environment's "
+        f"{pretrained.DEFAULT}; {HAND}: you turn the crank")  # fmt: skip
     add("--seed", type=int, default=0, help="another number, another start and ground")
+    add("--host", type=IPv4Address, default="127.0.0.1", metavar="ADDRESS",
+        help="where the page is served; default: 127.0.0.1, this machine alone; 0.0.0.0: the "
+        "network, for those who have the link")  # fmt: skip
     add("--port", type=int, default=PORT,
         help=f"of the page; default: {PORT}, 0 for any that is free")  # fmt: skip
     add("--bench-file", metavar="PATH",
@@ -48,17 +55,21 @@ def main(arguments: list[str] | None = None) -> None:
             command_line.error(f"--bench-file is {args.bench_file}: {error.strerror}")
         return
     try:
-        session = Session(
-            args.env, args.robot, args.terrain, args.level, args.policy or BY_HAND, args.seed
-        )
+        control = BY_HAND if args.policy == HAND else args.policy
+        session = Session(args.env, args.robot, args.terrain, args.level, control, args.seed)
     except ValueError as error:
         command_line.error(str(error))
     from jansen_env.play.server import serve
 
     def tell(address: str) -> None:
-        print(f"{address}\nOpen this in a browser on this machine; Ctrl+C ends it.", flush=True)
+        where = "on this machine" if args.host.is_loopback else "in this network"
+        print(f"{address}\nOpen this in a browser {where}; Ctrl+C ends it.", flush=True)
 
     try:
-        asyncio.run(serve(session, args.port, tell))
+        asyncio.run(serve(session, args.port, tell, str(args.host)))
     except OSError as error:
-        command_line.error(f"--port is {args.port}, must be one that can be used: {error.strerror}")
+        name = "port" if error.errno in (errno.EADDRINUSE, errno.EACCES) else "host"
+        command_line.error(
+            f"--{name} is {getattr(args, name)}, must be one that can be used: "
+            f"{error.strerror or error}"
+        )

@@ -1,10 +1,11 @@
-"""A session on a web page: served on 127.0.0.1 only, its state streamed over a websocket.
+"""A session on a web page: served on 127.0.0.1 unless asked otherwise, with states by websocket.
 
 All pages that are open show and change the same session; time stands still while none is open.
 
 A page of another site may be open in the same browser and must not reach the robot: the ``Host``
 of a request must be this server's own (against DNS rebinding), an ``Origin`` too, and a socket
-needs one. Only :data:`FILES` are served. Messages are small, few and held to a schema
+needs one. Beyond this machine every request needs the link's random token, too. Only
+:data:`FILES` are served. Messages are small, few and held to a schema
 (:mod:`jansen_env.play.messages`); clients that keep sending rubbish, or never read, are cut off.
 """
 
@@ -17,6 +18,9 @@ from collections.abc import Callable
 from dataclasses import asdict
 from http import HTTPStatus
 from importlib.resources import files
+from ipaddress import ip_address
+from secrets import compare_digest, token_urlsafe
+from socket import AF_INET, SOCK_DGRAM, socket
 from time import monotonic
 from typing import Any, ClassVar
 
@@ -41,10 +45,11 @@ FILES = {
     BENCH: ("bench.html", "text/html"),
     "/theme.css": ("theme.css", "text/css"),
     "/play.css": ("play.css", "text/css"),
-    "/play.js": ("play.js", "text/javascript"),
-    "/scene.js": ("scene.js", "text/javascript"),
     "/bench.css": ("bench.css", "text/css"),
-    **{f"/{name}.js": (f"{name}.js", "text/javascript") for name in bench.SCRIPTS},
+    **{
+        f"/{name}.js": (f"{name}.js", "text/javascript")
+        for name in ("play", "push", "scene", *bench.SCRIPTS)
+    },
 }
 """File of ``jansen_env/viewer/web`` and its type, by path; the bench has its designs put in."""
 HEADERS = {
@@ -73,10 +78,11 @@ LOGGER.addFilter(lambda record: "handler failed" in str(record.msg))
 class Page:
     """Messages to and from all pages of a session, served at a port."""
 
-    def __init__(self, session: Session, port: int) -> None:
+    def __init__(self, session: Session, port: int, host: str = ADDRESS, token: str = "") -> None:
         self.session = session
+        self.root = f"/{token}" if token else ""  # of all paths; the files' links are relative
         end = "" if port == 80 else f":{port}"  # browsers leave that one out
-        self.hosts = [f"{name}{end}" for name in (ADDRESS, "localhost")]
+        self.hosts = [f"{name}{end}" for name in dict.fromkeys((host, ADDRESS, "localhost"))]
         sockets = " ".join(f"ws://{host}" for host in self.hosts)  # to some browsers not 'self'
         self.headers = {name: value.format(sockets=sockets) for name, value in HEADERS.items()}
         self._files = {
@@ -112,9 +118,12 @@ class Page:
             return refused(HTTPStatus.MISDIRECTED_REQUEST)
         if origins not in ([], [f"http://{hosts[0]}"]):
             return refused(HTTPStatus.FORBIDDEN)
-        if request.path in self._files:
-            return HTTPStatus.OK, *self._files[request.path]
-        if request.path != SOCKET:
+        root, path = request.path[: len(self.root)], request.path[len(self.root) :]
+        if not compare_digest(root.encode(errors="replace"), self.root.encode()):
+            return refused(HTTPStatus.FORBIDDEN)
+        if path in self._files:
+            return HTTPStatus.OK, *self._files[path]
+        if path != SOCKET:
             return refused(HTTPStatus.NOT_FOUND)
         if not origins:
             return refused(HTTPStatus.FORBIDDEN)
@@ -283,24 +292,37 @@ class _Limited(ServerConnection):
         super().connection_lost(exc)
 
 
-async def serve(session: Session, port: int, ready: Callable[[str], Any]) -> None:
+def own_address() -> str:
+    """Return this machine's address in its network. Raises OSError: it is in none."""
+    with socket(AF_INET, SOCK_DGRAM) as probe:
+        probe.connect(("192.0.2.1", 9))  # of nobody (RFC 5737), and nothing is sent
+        return str(probe.getsockname()[0])
+
+
+async def serve(
+    session: Session, port: int, ready: Callable[[str], Any], host: str = ADDRESS
+) -> None:
     """Serve a session until cancelled.
 
     Args:
-        port: 0 for any that is free. ready: is given the address once it is served.
+        port: 0 for any that is free. ready: is given the link once it is served. host: IPv4
+            address to serve at, 0.0.0.0 for all; beyond this machine the link has a random token.
 
     Raises:
-        OSError: the port cannot be used.
+        OSError: the port or the host cannot be used.
     """
+    address = ip_address(host)
+    shown = own_address() if address.is_unspecified else host
+    token = "" if address.is_loopback else token_urlsafe(12)  # 96 bits, in 16 characters
     page: Page
     async with serve_sockets(
-        lambda connection: page.converse(connection), ADDRESS, port,
+        lambda connection: page.converse(connection), host, port,
         process_request=lambda connection, request: page.answer(connection, request),
         create_connection=_Limited, compression=None, server_header=None, max_size=MOST_BYTES,
         open_timeout=PATIENCE, close_timeout=2, logger=LOGGER,
     ) as server:  # fmt: skip
-        page = Page(session, server.sockets[0].getsockname()[1])
-        ready(f"http://{page.hosts[0]}")
+        page = Page(session, server.sockets[0].getsockname()[1], shown, token)
+        ready(f"http://{page.hosts[0]}" + (f"{page.root}/" if token else ""))
         try:
             await page.run()
         finally:

@@ -12,7 +12,7 @@ def served(tmp_path_factory):
     errors = tmp_path_factory.mktemp("served") / "stderr"
     with errors.open("wb") as stderr:
         process = subprocess.Popen(
-            [sys.executable, "-m", "jansen_env", "play", "--port", "0"],
+            [sys.executable, "-m", "jansen_env", "play", "--port", "0", "--policy", "hand"],
             stdout=subprocess.PIPE, stderr=stderr, text=True,
         )  # fmt: skip
         address = process.stdout.readline().strip()

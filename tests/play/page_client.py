@@ -28,8 +28,8 @@ def ask(host, path="/", method="GET", headers=()):
     return response.status, dict(response.getheaders()), response.read()
 
 
-def talk(host, **options):
-    return connect(f"ws://{host}/socket", origin=f"http://{host}", open_timeout=10, **options)
+def talk(host, root="", **options):
+    return connect(f"ws://{host}{root}/socket", origin=f"http://{host}", open_timeout=10, **options)
 
 
 def next_of(connection, kind):

@@ -13,10 +13,18 @@ pytest.importorskip("websockets", reason="the extra 'tools' is not installed")
 WAIT = 10_000  # ms
 
 
-def start(port="0"):
+LAN = """from jansen_env.commands import play
+from jansen_env.play import server
+server.own_address = lambda: "127.0.0.1"
+play.main(["--host", "0.0.0.0", "--port", "0"])"""
+
+
+def start(port="0", policy="hand", code=None):
+    """A program, or one of this code, and the link it prints."""
+    program = ["-m", "jansen_env", "play", "--port", port, "--policy", policy, "--env",
+               "JansenWalker-v0"]  # whose rigid feet can bounce  # fmt: skip
     process = subprocess.Popen(
-        [sys.executable, "-m", "jansen_env", "play", "--port", port, "--env",
-         "JansenWalker-v0"],  # whose rigid feet can bounce
+        [sys.executable, *(["-c", code] if code else program)],
         stdout=subprocess.PIPE, text=True,
     )  # fmt: skip
     return process, process.stdout.readline().strip()
@@ -110,8 +118,83 @@ def test_sliders_change_the_robots_world(window):
     assert soon(window, lambda: settings(window, "tilt") == pytest.approx(-0.1))
 
 
+def test_a_policy_walks_and_time_stands_still_behind_help(open_window):
+    """From the start, on a page whose link has a token; a second page's start closes help."""
+    process, address = start(code=LAN)
+    try:
+        page = open_window().page
+        page.goto(address)
+        page.locator("#terrain").wait_for(timeout=WAIT)
+        assert page.locator("#control").input_value() == "ppo"
+        reads(page, "help-control", "^“ppo” turns the crank")
+
+        def stands():
+            page.wait_for_timeout(300)
+            before = page.locator("#time").text_content()
+            page.wait_for_timeout(500)
+            return page.locator("#time").text_content() == before
+
+        assert stands() and page.locator("#distance").text_content() == "0.00 m"
+        page.locator("#begin").click()
+        reads(page, "distance", r"^(0\.[2-9]|[1-9])")
+        page.keyboard.press("h")
+        assert stands() and page.locator("#message").is_hidden()
+        page.keyboard.press("Escape")
+        assert not stands() and not page.locator("#help").is_visible()
+        other = open_window().page
+        other.goto(address)
+        other.locator("#help").wait_for(timeout=WAIT)
+        page.keyboard.press("h")
+        assert stands()
+        other.locator("#begin").click()
+        page.locator("#help").wait_for(state="hidden", timeout=WAIT)
+        assert not stands()
+        page.locator("#bench").click()
+        page.wait_for_url(re.compile(f"^{address}bench#built$"), timeout=WAIT)
+        page.locator("#walk").click()
+        page.wait_for_url(f"{address}#walk", timeout=WAIT)
+        reads(page, "input-label", "^speed command$")
+    finally:
+        stop(process)
+
+
+def test_the_hand_takes_the_crank_and_gives_it_back(window):
+    page, heard = window.page, window.heard
+    page.locator("#help .take").click()
+    assert soon(window, lambda: heard["scene"]["choices"]["control"] == "ppo")
+    assert not page.locator("#help").is_visible()
+    reads(page, "input-label", "^speed command$")
+    page.keyboard.press("c")
+    assert soon(window, lambda: heard["scene"]["choices"]["control"] == "torque")
+    assert page.locator("#panel .take").text_content() == "Let “ppo” walk"
+    page.get_by_label("control", exact=True).select_option("constant speed")
+    assert soon(window, lambda: heard["scene"]["choices"]["control"] == "constant speed")
+    page.locator("#panel .take").click()
+    reads(page, "input-label", "^torque$")
+    page.keyboard.press("c")
+    assert soon(window, lambda: heard["scene"]["choices"]["control"] == "constant speed")
+
+
+def test_words_explain_themselves(window):
+    """By the title, and by a click or a tap, which moves nothing else; keys are the robot's."""
+    page = window.page
+    word = page.get_by_text("payload", exact=True)
+    assert word.get_attribute("title") == "Mass that the chassis carries."
+    shown = "one => getComputedStyle(one, '::after').content"
+    assert word.evaluate(shown) == "none"
+    word.click()
+    assert word.evaluate(shown) == '"Mass that the chassis carries."'
+    page.keyboard.down("ArrowRight")
+    reads(page, "input-value", r"^20\.0 N m$")
+    page.keyboard.up("ArrowRight")
+    assert settings(window, "payload") == 0.0
+    page.get_by_text("cost of transport", exact=True).click()
+    assert word.evaluate(shown) == "none"
+
+
 def test_a_policy_on_stairs_and_what_is_refused(window):
     page, heard = window.page, window.heard
+    page.locator("#begin").click()
     page.get_by_label("control", exact=True).select_option("ppo")
     page.get_by_label("terrain", exact=True).select_option("stairs")
     page.get_by_label("level", exact=True).select_option("2")
@@ -227,6 +310,13 @@ def test_on_a_phone_in_the_dark_by_touch(open_window):
         page.locator("#begin").tap()
         reads(page, "time", r"^0\.[5-9]|^[1-9]")
         assert page.evaluate("document.documentElement.scrollWidth") == 360
+        page.locator("#show-help").tap()
+        assert page.get_by_text("hold ◀ ▶").is_visible()
+        assert not page.locator("kbd").first.is_visible()
+        for control in page.locator("button:visible, input:visible, select:visible, a").all():
+            box = control.bounding_box()
+            assert box["height"] >= 43.9 and box["width"] >= 43.9
+        page.locator("#begin").tap()
         sky = page.evaluate(
             "[...document.getElementById('picture').getContext('2d').getImageData(3, 3, 1, 1).data]"
         )

@@ -2,11 +2,13 @@
 
 import asyncio
 import json
+import re
 import select
 import socket
 import time
 from contextlib import ExitStack
 from importlib.resources import files
+from ipaddress import IPv4Address
 from itertools import pairwise
 
 import pytest
@@ -16,6 +18,7 @@ from websockets.sync.client import connect
 
 from jansen_env.commands import play as program
 from jansen_env.play import server
+from jansen_env.play.choices import ENVIRONMENTS, controls_of
 from jansen_env.play.server import (
     BENCH,
     BURST,
@@ -93,6 +96,50 @@ def test_a_socket_needs_the_pages_origin(served, origin):
         pass
     status, *_ = ask(served[1], "/socket", headers=[("Host", served[1])])
     assert status == 403
+
+
+def test_beyond_this_machine_every_request_needs_the_token(monkeypatch):
+    """Of files and sockets, whatever else they have; hosts and origins are checked as ever."""
+    monkeypatch.setattr(server, "own_address", lambda: "127.0.0.1")
+
+    def check(link):
+        host, token = re.fullmatch(r"http://([\d.:]+)/([\w-]{16})/", link).groups()
+        own = f"/{token}"
+        for path in FILES:
+            status, headers, body = ask(host, own + path)
+            assert status == 200 and b'="/' not in body and headers["Referrer-Policy"]
+            for other in ("", own[:-1], f"{own[:-1]}!", f"/{own}", own.swapcase()):
+                assert ask(host, other + path)[0] == 403, other
+        assert ask(host, f"/?{token}")[0] == ask(host, f"/play.js#{token}")[0] == 403
+        assert ask(host, own)[0] == ask(host, f"{own}/..")[0] == 404
+        assert ask(host, f"{own}/", headers=[("Host", "evil.example")])[0] == 421
+        foreign = [("Host", host), ("Origin", "http://evil.example")]
+        assert ask(host, f"{own}/", headers=foreign)[0] == 403
+        with talk(host, own) as one:
+            next_of(one, "state")
+        for wrong in ("", f"{own[:-1]}!"):
+            with pytest.raises(InvalidStatus, match="403"), talk(host, wrong):
+                pass
+
+    async def run():
+        links = asyncio.Queue()
+        one = asyncio.create_task(server.serve(Session(), 0, links.put_nowait, "0.0.0.0"))
+        two = asyncio.create_task(server.serve(Session(), 0, links.put_nowait, "0.0.0.0"))
+        first, second = await links.get(), await links.get()
+        assert first.split("/")[-2] != second.split("/")[-2]
+        await asyncio.to_thread(check, first)
+        for task in (one, two):
+            task.cancel()
+        await asyncio.wait([one, two])
+
+    apart(asyncio.run, run())
+
+
+def test_the_machines_own_address():
+    try:
+        assert IPv4Address(server.own_address())
+    except OSError:
+        pytest.skip("this machine is in no network")
 
 
 def test_a_page_steers_the_robot(served):
@@ -283,12 +330,26 @@ def test_who_asks_and_never_reads_is_cut_off(served):
      (["--robot", "tin"], "invalid choice: 'tin'"), (["--policy", "sac"], "invalid choice: 'sac'"),
      (["--level", "3"], "level is 3, must be 0 on flat ground"),
      (["--terrain", "stairs", "--level", "10"], "level is 10, must be a whole number from 0 to 9"),
+     (["--host", "phone"], "--host: invalid IPv4Address value: 'phone'"),
      (["--seed", "-1"], "seed is -1, must be a whole number, 0 or above")],
 )  # fmt: skip
 def test_wrong_arguments(arguments, message, capsys):
     with pytest.raises(SystemExit) as ended:
         program.main(arguments)
     assert ended.value.code == 2 and message in capsys.readouterr().err
+
+
+def test_a_policy_walks_unless_the_hand_does():
+    for env_id in ENVIRONMENTS:
+        args = program.parser().parse_args(["--env", env_id])
+        assert args.policy in controls_of(env_id)
+    assert program.parser().parse_args(["--policy", "hand"]).policy == "hand"
+
+
+def test_an_address_of_another_machine(capsys):
+    with pytest.raises(SystemExit):
+        apart(program.main, ["--port", "0", "--host", "203.0.113.1"])
+    assert "--host is 203.0.113.1, must be one that can be used" in capsys.readouterr().err
 
 
 def test_a_port_that_is_taken(served, capsys):

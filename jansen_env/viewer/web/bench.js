@@ -6,6 +6,7 @@
 import * as design from "./bench_design.js";
 import * as picture from "./bench_picture.js";
 import { angleOf, assemble, lengthsOf, measure, openingOf, place, turnOf } from "./linkage.js";
+import { explain } from "./terms.js";
 
 const CRANK_SPEED = 2; // rad/s, of the animation
 const STEP = 0.001; // m, of an arrow key
@@ -24,15 +25,15 @@ const deadAngle = ({ dead }) => (Math.asin(dead.sine) * 180) / Math.PI;
 const deadPlace = ({ dead }) =>
   `${dead.joint} at ${degrees(dead.psi)}, sine ${dead.sine.toFixed(3)}`;
 
-/** Numbers that are shown: name, what it is, its value by `measure`, how it is written, and more. */
+/** Numbers that are shown: name, value by `measure`, how it is written, and more. */
 // biome-ignore format: a table
 const NUMBERS = [
-  ["lift", "The most that a toe comes above the ground", (n) => n.lift, mm],
-  ["stance", "Share of the turn in which a toe is on the ground, to 1 % of the standing height; green on its path", (n) => n.stance, share],
-  ["advance", "Way in a turn of the crank", (n) => Math.abs(n.advance), mm],
-  ["heave", "By how much the crank's axis rises and falls", (n) => n.heave, mm],
-  ["height", "Mean height of the crank's axis above the ground", (n) => n.standing, mm],
-  ["dead point", "Smallest angle between two links that meet in a joint, where they jam at 0°; the joint, the crank's angle there (violet), and its sine", deadAngle, (v) => `${v.toFixed(1)}°`, deadPlace],
+  ["lift", (n) => n.lift, mm],
+  ["stance", (n) => n.stance, share],
+  ["advance", (n) => Math.abs(n.advance), mm],
+  ["heave", (n) => n.heave, mm],
+  ["height", (n) => n.standing, mm],
+  ["dead point", deadAngle, (v) => `${v.toFixed(1)}°`, deadPlace],
 ];
 
 const past = []; // designs, to undo and redo
@@ -112,7 +113,7 @@ function frame(time) {
 }
 
 function showNumbers() {
-  NUMBERS.forEach(([, , value, text, more], k) => {
+  NUMBERS.forEach(([, value, text, more], k) => {
     const [, main, detail, compared] = $("numbers").children[k].children;
     const [own, other] = [view.numbers, kept?.numbers].map((n) => n && value(n));
     main.textContent = view.numbers ? text(own) : "–";
@@ -284,7 +285,7 @@ function copyLink() {
 
 function saveDrawing() {
   const { base } = present();
-  const each = NUMBERS.map(([name, , value, text]) => `${name} ${text(value(view.numbers))}`);
+  const each = NUMBERS.map(([name, value, text]) => `${name} ${text(value(view.numbers))}`);
   const lines = [`${plain(base)}, mm, 1 : 1`, design.linkOf(present()), each.join(", ")];
   design.download(`${base}.svg`, "image/svg+xml", picture.drawingOf(view, lines));
 }
@@ -298,13 +299,13 @@ function saveRobot() {
 function walk() {
   if (!view.numbers || !served) return;
   const { base, changes } = present();
-  const socket = new WebSocket(`ws://${location.host}/socket`);
+  const socket = design.openSocket();
   const message = JSON.stringify({ do: "build", robot: base, lengths: changes });
   socket.addEventListener("open", () => socket.send(message));
   socket.addEventListener("error", () => say("No connection to the program."));
   socket.addEventListener("message", ({ data }) => {
     const answer = JSON.parse(data);
-    if (answer.kind === "built") location.href = "/#walk";
+    if (answer.kind === "built") location.href = "./#walk";
     if (answer.kind === "error") say(answer.message);
     if (answer.kind === "error" || answer.kind === "built") socket.close();
   });
@@ -381,11 +382,8 @@ $("base").innerHTML = Object.keys(designs)
   .map((name) => `<option value="${name}">${plain(name)}</option>`)
   .join("");
 $("numbers").innerHTML = NUMBERS.map(
-  ([name, meaning]) =>
-    `<div title="${meaning}"><dt>${name}</dt><dd></dd><dd class="more"></dd><dd class="kept"></dd></div>`,
+  ([name]) => `<div><dt>${name}</dt><dd></dd><dd class="more"></dd><dd class="kept"></dd></div>`,
 ).join("");
-$("terms").innerHTML = NUMBERS.map(
-  ([name, meaning]) => `<dt>${name}</dt><dd>${meaning}.</dd>`,
-).join("");
+explain("dt");
 open();
 run(!matchMedia("(prefers-reduced-motion: reduce)").matches);

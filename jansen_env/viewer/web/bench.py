@@ -14,11 +14,12 @@ from jansen_env.robot import ROBOTS, Robot
 from jansen_env.robot.lengths import lengths
 from jansen_env.viewer.web.page import filled, page_of
 
-SCRIPTS = ("linkage", "bench_picture", "bench_design", "bench")  # each after what it imports
+# Each after what it imports.
+SCRIPTS = ("linkage", "bench_picture", "bench_design", "terms", "bench")
 STYLES = ("theme.css", "bench.css")
 LINKS = {
-    "<!-- style -->": "".join(f'<link rel="stylesheet" href="/{name}">' for name in STYLES),
-    "<!-- script -->": '<script type="module" src="/bench.js"></script>',
+    "<!-- style -->": "".join(f'<link rel="stylesheet" href="{name}">' for name in STYLES),
+    "<!-- script -->": '<script type="module" src="bench.js"></script>',
     # The server sends a policy itself.
     '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'">': "",
 }

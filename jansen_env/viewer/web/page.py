@@ -24,7 +24,8 @@ from jansen_env.files import write_text
 from jansen_env.viewer.recording import Recording
 
 FOLDER = Path(__file__).parent
-SCRIPTS = ("scene", "track", "plots", "camera", "clock", "replay")  # each after what it imports
+# Each after what it imports.
+SCRIPTS = ("scene", "track", "plots", "camera", "clock", "terms", "replay")
 MOST_RECORDINGS = 2
 LEVELS = 2**16 - 1  # of a quantised number
 SEEN = 30.0  # m of ground beyond either end of the walk

@@ -4,15 +4,15 @@
 // ({kind: "state", ...}, 50 a second) and errors; messages to it are those of
 // jansen_env/play/messages.py. No physics in here.
 
-import { download, linkOf } from "./bench_design.js";
+import { download, linkOf, openSocket } from "./bench_design.js";
+import { CLICK_PUSH, drawPush, impulseOf } from "./push.js";
 import { drawScene, followingView, THEMES } from "./scene.js";
+import { explain } from "./terms.js";
 
 const RECONNECT = [0.5, 1, 2, 4, 8]; // s until the next attempt, the last one again and again
 const DEAD_ZONE = 0.12; // of a gamepad's stick
-const CLICK_PUSH = 3; // N s
-const PUSH_PER_PIXEL = 0.03; // N s of a drag
 const SENDING = 15; // ms between two messages of a slider, at least
-const CLICK = 6; // pixels, up to which a drag is a click
+const ACTS = ["hold", "steer", "push", "reset", "another"]; // messages after which help is read
 
 const $ = (id) => document.getElementById(id);
 const canvas = $("picture");
@@ -23,6 +23,7 @@ let socket = null;
 let attempts = 0;
 let scene = null; // the last messages of either kind
 let latest = null;
+let walker = null; // the control that last walked without the hand
 let notice = ""; // of the page itself
 let drag = null; // {x, y, toX, toY}, pixels, while the pointer is down
 let stick = 0; // where the gamepad's was
@@ -33,10 +34,11 @@ const waiting = new Map(); // of each slider its newest value
 // The connection.
 
 function connect() {
-  socket = new WebSocket(`ws://${location.host}/socket`);
+  socket = openSocket();
   socket.addEventListener("open", () => {
     attempts = 0;
     notice = "";
+    if ($("help").open) send({ do: "pause", value: true });
   });
   socket.addEventListener("message", (event) => receive(JSON.parse(event.data)));
   socket.addEventListener("close", () => {
@@ -48,6 +50,7 @@ function connect() {
 }
 
 function send(message) {
+  if (ACTS.includes(message.do)) $("help").close();
   if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
 }
 
@@ -60,6 +63,7 @@ function receive(message) {
   if (message.kind === "state") {
     latest = message;
   } else if (message.kind === "scene") {
+    if (scene?.paused && !message.paused) $("help").close(); // time goes on: somebody plays
     scene = message;
     showPanel();
   } else if (message.kind === "replay") {
@@ -79,14 +83,22 @@ function showPanel() {
     showValue(name);
   }
   for (const [name, value] of Object.entries(scene.choices)) $(name).value = value;
-  $("bench").href = `/bench#${linkOf({ base: scene.choices.robot, changes: scene.lengths })}`;
+  $("bench").href = `bench#${linkOf({ base: scene.choices.robot, changes: scene.lengths })}`;
   $("level").disabled = scene.choices.terrain === "flat";
   $("pace").value = scene.pace;
   $("pause").setAttribute("aria-pressed", scene.paused);
+  if (!byHand()) walker = scene.choices.control;
+  walker ??= scene.options.control[2]; // the first that was trained
   $("input-label").textContent = byHand() ? "torque" : "speed command";
   $("help-input").textContent = byHand()
     ? "turn the crank: the longer, the stronger"
-    : "faster forwards or backwards";
+    : "faster backwards or forwards";
+  $("help-control").textContent = byHand()
+    ? `You turn the crank. Or let “${walker}” walk at your command.`
+    : `“${walker}” turns the crank at your command: you set the speed. Or take the crank yourself.`;
+  for (const button of document.querySelectorAll(".take"))
+    button.textContent = byHand() ? `Let “${walker}” walk` : "Take the crank";
+  explain("dt, label");
 }
 
 function buildPanel() {
@@ -129,7 +141,7 @@ function addChoice(name, values, choose) {
   });
   for (const value of values)
     select.append(
-      element("option", { value, textContent: name === "pace" ? paceOf(value) : value }),
+      element("option", { value, textContent: name === "pace" ? paceOf(value) : nameOf(value) }),
     );
   select.addEventListener("change", () => {
     choose(select.value);
@@ -153,6 +165,10 @@ function paceOf(value) {
   return value === 1 ? "real time" : `1/${Math.round(1 / value)}`;
 }
 
+function nameOf(value) {
+  return value === scene.byHand ? "by hand" : String(value);
+}
+
 function byHand() {
   return scene.choices.control === scene.byHand;
 }
@@ -171,7 +187,7 @@ function draw(now) {
   const size = { width: canvas.clientWidth, height: canvas.clientHeight };
   const [width, height] = [size.width, size.height].map((length) => Math.round(length * ratio));
   if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-  const text = notice || latest?.message || (scene?.paused ? "Paused" : "");
+  const text = notice || latest?.message || (scene?.paused && !$("help").open ? "Paused" : "");
   $("message").hidden = text === "";
   $("reset").classList.toggle("offered", Boolean(latest?.fallen));
   if ($("message").textContent !== text) $("message").textContent = text;
@@ -180,7 +196,7 @@ function draw(now) {
   const theme = dark.matches ? THEMES.dark : THEMES.light;
   const view = followingView(size, scene.scene, latest.state);
   drawScene(ctx, size, scene.scene, latest.state, view, { theme });
-  if (drag) drawPush(theme);
+  if (drag) drawPush(ctx, drag, scene.largestPush, theme);
   showScore();
   showInput();
 }
@@ -208,32 +224,6 @@ function showInput() {
   if ($("input-value").textContent !== text) $("input-value").textContent = text;
 }
 
-function drawPush(theme) {
-  const { x, y, toX, toY } = drag;
-  const length = Math.hypot(toX - x, toY - y);
-  if (length < CLICK) return;
-  ctx.strokeStyle = ctx.fillStyle = `rgb(${theme.crank.join(",")})`;
-  ctx.lineWidth = 4;
-  ctx.beginPath();
-  ctx.moveTo(x, y);
-  ctx.lineTo(toX, toY);
-  ctx.stroke();
-  const [ux, uy] = [(toX - x) / length, (toY - y) / length];
-  ctx.beginPath();
-  ctx.moveTo(toX + 12 * ux, toY + 12 * uy);
-  ctx.lineTo(toX - 7 * uy, toY + 7 * ux);
-  ctx.lineTo(toX + 7 * uy, toY - 7 * ux);
-  ctx.fill();
-  const size = Math.min(PUSH_PER_PIXEL * length, scene.largestPush);
-  ctx.fillStyle = `rgb(${theme.paper.join(",")})`;
-  ctx.fillRect(x - 30, y + 10, 60, 22);
-  ctx.fillStyle = `rgb(${theme.ink.join(",")})`;
-  ctx.font = "14px system-ui, sans-serif";
-  ctx.textAlign = "center";
-  ctx.textBaseline = "middle";
-  ctx.fillText(`${size.toFixed(1)} N s`, x, y + 21);
-}
-
 // Keys, pointers and the gamepad.
 
 const held = { ArrowLeft: false, ArrowRight: false };
@@ -253,13 +243,22 @@ const KEYS = {
   n: () => send({ do: "another" }),
   p: () => send({ do: "pause", value: !scene.paused }),
   s: slower,
+  c: take,
+  Escape: () => $("help").close(),
   h: toggleHelp,
   "?": toggleHelp,
 };
 
+/** Let the hand turn the crank, or what has turned it before. */
+function take() {
+  send({ do: "choose", name: "control", value: byHand() ? walker : scene.byHand });
+}
+
+/** While help is open, time stands still. */
 function toggleHelp() {
-  if ($("help").open) $("help").close();
-  else $("help").show();
+  if ($("help").open) return $("help").close();
+  $("help").show();
+  send({ do: "pause", value: true });
 }
 
 /** Whether a key is the focused element's own: arrows of a slider, letters of a list. */
@@ -282,7 +281,6 @@ addEventListener("keydown", (event) => {
   } else {
     return;
   }
-  if (key !== "h" && key !== "?") $("help").close();
   event.preventDefault();
 });
 
@@ -323,7 +321,6 @@ canvas.addEventListener("pointerdown", (event) => {
   canvas.setPointerCapture(event.pointerId);
   const { offsetX: x, offsetY: y } = event;
   drag = { x, y, toX: x, toY: y };
-  $("help").close();
   if (document.activeElement !== document.body) document.activeElement.blur();
 });
 
@@ -336,22 +333,15 @@ canvas.addEventListener("pointercancel", () => {
 });
 
 canvas.addEventListener("pointerup", () => {
-  if (drag && scene && latest) push(drag);
+  const size = { width: canvas.clientWidth, height: canvas.clientHeight };
+  if (drag && scene && latest) {
+    const view = followingView(size, scene.scene, latest.state);
+    const axisY = 0.5 * size.height - (latest.state.y - view.y) * view.scale;
+    const impulse = impulseOf(drag, [0.5 * size.width, axisY], scene.largestPush);
+    if (impulse) send({ do: "push", ...impulse });
+  }
   drag = null;
 });
-
-/** A drag pushes along itself, a click towards the crank axis. */
-function push({ x, y, toX, toY }) {
-  const size = { width: canvas.clientWidth, height: canvas.clientHeight };
-  const view = followingView(size, scene.scene, latest.state);
-  const isClick = Math.hypot(toX - x, toY - y) < CLICK;
-  const axisY = 0.5 * size.height - (latest.state.y - view.y) * view.scale;
-  const [dx, dy] = isClick ? [0.5 * size.width - x, axisY - y] : [toX - x, toY - y];
-  const length = Math.hypot(dx, dy);
-  if (length === 0) return;
-  const impulse = isClick ? CLICK_PUSH : Math.min(PUSH_PER_PIXEL * length, scene.largestPush);
-  send({ do: "push", x: (impulse * dx) / length, y: (-impulse * dy) / length });
-}
 
 function readGamepad() {
   const pad = navigator.getGamepads?.().find((one) => one?.connected && one.axes.length > 0);
@@ -374,6 +364,9 @@ $("reset").addEventListener("click", KEYS.r);
 $("another").addEventListener("click", KEYS.n);
 $("pause").addEventListener("click", () => scene && KEYS.p());
 $("show-help").addEventListener("click", toggleHelp);
+$("help").addEventListener("close", () => send({ do: "pause", value: false }));
+for (const button of document.querySelectorAll(".take"))
+  button.addEventListener("click", () => scene && take());
 $("replay").addEventListener("click", () => send({ do: "replay" }));
 for (const button of document.querySelectorAll("#panel button"))
   button.addEventListener("pointerup", letGo);

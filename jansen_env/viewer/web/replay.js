@@ -4,6 +4,7 @@ import { cameraFor } from "./camera.js";
 import { clockFor } from "./clock.js";
 import { plotOn } from "./plots.js";
 import { css, drawGround, drawRobot, THEMES } from "./scene.js";
+import { explain } from "./terms.js";
 import { numbersAt, pathOf, stateAt, stepAt, trackOf } from "./track.js";
 
 const TRAIL = 2.5; // s of the toes' paths
@@ -312,5 +313,6 @@ byId("scrub").max = clock.duration;
 byId("ghosts").hidden = tracks.length < 2;
 byId("ghosts").disabled = tracks.length < 2 || !comparable;
 byId("legend").hidden = byId("forces").hidden = !walks;
+explain("#numbers th");
 resize();
 play(!matchMedia("(prefers-reduced-motion: reduce)").matches);

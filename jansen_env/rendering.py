@@ -201,9 +201,9 @@ class Renderer:
         self._pg.draw.polygon(self._canvas, GROUND, [*surface, (WIDTH, HEIGHT), (0, HEIGHT)])
         for mark, (x, y) in zip(marks, tops, strict=True):
             self._line((x, y), (x, y + (9 if mark % 2 else 14) * u), 2.0, SURFACE)
-            if y < HEIGHT - 36 * u:
+            if y < HEIGHT - 72 * u:
                 label = f"{mark * TICK_SPACING:.1f}" if mark % 2 else f"{mark * TICK_SPACING:.0f} m"
-                self._text(label, x, y + 27 * u, 15 if mark % 2 else 18, GROUND_TEXT, 0.5)
+                self._text(label, x, y + 24 * u, 20 if mark % 2 else 24, GROUND_TEXT, 0.5)
         self._pg.draw.lines(self._canvas, SURFACE, False, surface, 3 * u)
 
     def _paint_leg(self, joints: Array, depth: float) -> None:
@@ -241,22 +241,22 @@ class Renderer:
 
     def _paint_gauges(self, frame: Frame) -> None:
         u = UNIT
-        self._card(14, 216, 150)
-        self._text(f"{frame.time:.2f} s", 28 * u, 36 * u, 24, INK, 0.0)
-        self._text(f"{frame.speed:+.2f} {self.speed_unit}", 216 * u, 64 * u, 17, INK, 1.0)
-        self._gauge("speed", 64, frame.speed, self.speed_range, LINK, frame.command)
+        self._card(14, 236, 180)
+        self._text(f"{frame.time:.2f} s", 28 * u, 38 * u, 30, INK, 0.0)
+        self._text(f"{frame.speed:+.2f} {self.speed_unit}", 236 * u, 72 * u, 23, INK, 1.0)
+        self._gauge("speed", 72, frame.speed, self.speed_range, LINK, frame.command)
         if frame.command is not None:
             label = f"command {frame.command:+.2f}"
-            self._text(label, 216 * u, 98 * u, 15, _mix(CRANK, INK, 0.25), 1.0)
-        self._text(f"{frame.torque:+.1f} N m", 216 * u, 125 * u, 17, INK, 1.0)
-        self._gauge("torque", 125, frame.torque, frame.torque_limit, FORCE, None)
+            self._text(label, 236 * u, 112 * u, 23, _mix(CRANK, INK, 0.35), 1.0)
+        self._text(f"{frame.torque:+.1f} N m", 236 * u, 150 * u, 23, INK, 1.0)
+        self._gauge("torque", 150, frame.torque, frame.torque_limit, FORCE, None)
 
     def _gauge(
         self, name: str, y: float, value: float, limit: float, color: Color, mark: float | None
     ) -> None:
         """A bar from zero in the middle to ``value`` of +-``limit``, with a tick at ``mark``."""
-        u, middle, half = UNIT, 122.0, 94.0
-        self._text(f"{name} (\u00b1{limit:.3g})", 28 * u, y * u, 16, MUTED, 0.0)
+        u, middle, half = UNIT, 132.0, 104.0
+        self._text(name, 28 * u, y * u, 23, MUTED, 0.0)
         end, tick = (
             middle + half * min(max(shown / max(limit, 1e-9), -1.0), 1.0)
             for shown in (value, mark or 0.0)
@@ -271,17 +271,17 @@ class Renderer:
 
     def _paint_legend(self) -> None:
         u = UNIT
-        left = SIZE[0] - 166
-        self._card(left, 152, 108)
+        left = SIZE[0] - 194
+        self._card(left, 180, 136)
         rows = ("gripping toe", "slipping toe", "lifted toe", "contact force")
         for row, (label, color) in enumerate(zip(rows, (GRIP, SLIP, None, None), strict=True)):
-            x, y = (left + 20) * u, (32 + 24 * row) * u
+            x, y = (left + 20) * u, (35 + 31 * row) * u
             if row < 3:
                 self._toe(np.array([x, y]), 4.5, color)
             else:
                 shown = 22 * u / (ARROW_PER_WEIGHT * self._scale)
-                self._arrow(np.array([x - 10 * u, y]), np.array([shown, 0.0]))
-            self._text(label, (left + 38) * u, y, 16, INK, 0.0)
+                self._arrow(np.array([x - 9 * u, y]), np.array([shown, 0.0]))
+            self._text(label, (left + 42) * u, y, 23, INK, 0.0)
 
     # Primitives: positions in canvas pixels, widths, radii and cards in units.
 

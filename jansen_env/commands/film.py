@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from jansen_env.baselines.policy import Policy
 from jansen_env.files import write_whole
-from jansen_env.rendering import GROUND_TEXT, SLIP
+from jansen_env.rendering import GROUND, GROUND_TEXT, SLIP
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import make_env
 
-FRAME_TIME = {".gif": 0.06, ".mp4": 0.02}  # s from one frame to the next
-GIF_WIDTH, GIF_COLOURS = 480, 64
+FRAME_TIME = {".gif": 0.08, ".mp4": 0.02}  # s from one frame to the next
+GIF_WIDTH, GIF_COLOURS = 480, 32
 TITLE_PLACE, TITLE_COLOUR = (24, 42), GROUND_TEXT  # pixels from the lower left corner
 TITLE_SIZE, TITLE_WIDTH, TITLE_GAP = 30, 190, 30  # pixels: letters; a title, at least; behind it
 
@@ -55,10 +55,10 @@ def play(policy: Policy, env: Any, command: float, seed: int) -> Iterator[Progre
 def film(
     env: Any, moments: Iterable[Progress], every: int, title: str | None = None
 ) -> Iterator[Picture]:
-    """Give a frame of one in ``every`` moments; a title is written into it, with how far a walker
-    has come and its toes have slid."""
+    """Give a frame of one in ``every`` moments, and of a failure; a title is written into it, with
+    how far a walker has come and its toes have slid."""
     for moment in moments:
-        if moment.steps % every == 0:
+        if moment.steps % every == 0 or moment.failed:
             yield env.render() if title is None else _titled(env.render(), title, moment)
 
 
@@ -69,10 +69,12 @@ def _titled(frame: Picture, title: str, moment: Progress) -> Picture:
     draw, (x, y) = ImageDraw.Draw(image), (TITLE_PLACE[0], frame.shape[0] - TITLE_PLACE[1])
     font, text = ImageFont.load_default(TITLE_SIZE), ""
     if moment.slipped is not None and moment.walked is not None:
-        text = f"{moment.walked:.2f} m walked, toes slid {1e3 * moment.slipped:.0f} mm"
+        end = "then fell" if moment.failed else f"toes slid {1e3 * moment.slipped:.0f} mm"
+        text = f"{moment.walked:.2f} m walked, {end}"
     room = frame.shape[1] - 2 * x - TITLE_GAP - draw.textlength(text, font)
     share = min(1.0, room / draw.textlength(title, font))  # of a long title's letters
     title_font = ImageFont.load_default(TITLE_SIZE * share)
+    draw.rectangle((0, y + 2, *frame.shape[1::-1]), GROUND)  # over the marks of the ground
     draw.text((x, y), title, TITLE_COLOUR, title_font)
     behind = max(TITLE_WIDTH, round(draw.textlength(title, title_font)) + TITLE_GAP)
     draw.text((x + behind, y), text, SLIP, font)
@@ -144,8 +146,8 @@ def _write_gif(frames: Iterable[Picture], name: str, frame_time: float) -> None:
         for frame in frames
     )
     first: Image.Image = next(small)
-    # One palette for all, or still parts would flicker; an octree keeps a toe's few red pixels.
-    palette = first.quantize(GIF_COLOURS, Image.Quantize.FASTOCTREE)
+    # One palette for all, or still parts would flicker; this one keeps a toe's few red pixels.
+    palette = first.quantize(GIF_COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=3)
     first, *others = (
         image.quantize(palette=palette, dither=Image.Dither.NONE) for image in chain([first], small)
     )

@@ -16,6 +16,7 @@ SIZES = {  # the arguments that make it short, and a word of what it prints
     "thousand_robots": ("8", "steps/s"),
     "train_and_watch": ("1", "return"),
     "tune_with_optuna": ("1 10000", "best return"),
+    "typed_walk": ("20", "8 robots"),
     "walk_with_pid": ("20", " m in "),
 }
 ELSEWHERE = {"rllib_ppo"}  # by test_rllib.py, where Ray is installed

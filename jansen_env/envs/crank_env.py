@@ -110,4 +110,4 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
         return world.plant.joint_forces(0, float(world.torque[0]))
 
 
-JansenCrankVectorEnv = JansenVectorEnv.of(JansenCrankEnv)
+JansenCrankVectorEnv: type[JansenVectorEnv] = JansenVectorEnv.of(JansenCrankEnv)

@@ -71,4 +71,4 @@ class JansenGoalEnv(SingleEnv[GoalTask]):
         def __init__(self, **own: Unpack[GoalArguments]) -> None: ...
 
 
-JansenGoalVectorEnv = JansenVectorEnv.of(JansenGoalEnv)
+JansenGoalVectorEnv: type[JansenVectorEnv] = JansenVectorEnv.of(JansenGoalEnv)

@@ -80,7 +80,7 @@ class JansenWalkerBuiltEnv(JansenWalkerEnv):
     TASK = BuiltTask
 
 
-JansenWalkerBuiltVectorEnv = JansenVectorEnv.of(JansenWalkerBuiltEnv)
+JansenWalkerBuiltVectorEnv: type[JansenVectorEnv] = JansenVectorEnv.of(JansenWalkerBuiltEnv)
 
 
 class JansenWalkerRoughEnv(JansenWalkerEnv):
@@ -131,7 +131,7 @@ class JansenWalkerRoughEnv(JansenWalkerEnv):
     TASK = RoughTask
 
 
-JansenWalkerRoughVectorEnv = JansenVectorEnv.of(JansenWalkerRoughEnv)
+JansenWalkerRoughVectorEnv: type[JansenVectorEnv] = JansenVectorEnv.of(JansenWalkerRoughEnv)
 
 
 class JansenWalkerHardcoreEnv(JansenWalkerEnv):
@@ -180,4 +180,4 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
     TASK = HardcoreTask
 
 
-JansenWalkerHardcoreVectorEnv = JansenVectorEnv.of(JansenWalkerHardcoreEnv)
+JansenWalkerHardcoreVectorEnv: type[JansenVectorEnv] = JansenVectorEnv.of(JansenWalkerHardcoreEnv)

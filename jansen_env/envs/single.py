@@ -45,7 +45,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
             cls.__signature__ = inspect.Signature([*own, mode])  # type: ignore[attr-defined]
 
     def __init__(self, *, render_mode: str | None = None, **task_arguments: Any) -> None:
-        self.render_mode = arguments.render_mode(render_mode)
+        self.render_mode: str | None = arguments.render_mode(render_mode)
         arguments.known_arguments(type(self), task_arguments)
         own = {
             name: Each([value]) if name in self.TASK.PER_ROBOT else value
@@ -54,7 +54,8 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         self.task = self.TASK(1, None, **own)
         self.observation_space: Any = self.task.observation_space
         self.action_space: Any = self.task.action_space
-        self.control_dt = self.dt = self.task.control_dt
+        self.control_dt: float = self.task.control_dt
+        self.dt: float = self.control_dt
         self.observed: tuple[Observed, ...] = self.task.observed
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.dt))}
         self._begun, self._renderers = False, arguments.Renderers()

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Generic
 
 import gymnasium as gym
 import numpy as np
+from gymnasium import spaces
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -89,22 +90,27 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         arguments.known_arguments(type(self), task_arguments)
         self.num_envs = n = positive_integer("num_envs", num_envs, arguments.MOST_ROBOTS)
         threads = None if threads is None else positive_integer("threads", threads)
-        self.render_mode = arguments.render_mode(render_mode, self.metadata["render_modes"])
-        self.autoreset_mode = arguments.autoreset_mode(autoreset_mode)
-        self.max_episode_steps = arguments.broadcast_limits(n, max_episode_steps)
+        self.render_mode: str | None = arguments.render_mode(
+            render_mode, self.metadata["render_modes"]
+        )
+        self.autoreset_mode: AutoresetMode = arguments.autoreset_mode(autoreset_mode)
+        self.max_episode_steps: Array = arguments.broadcast_limits(n, max_episode_steps)
         self.task = task = self.TASK(n, threads, **task_arguments)
-        self.info_keys = arguments.info_keys(info_keys, task.information.keys)
-        self.control_dt = self.dt = task.control_dt
+        self.info_keys: tuple[str, ...] | None = arguments.info_keys(
+            info_keys, task.information.keys
+        )
+        self.control_dt: float = task.control_dt
+        self.dt: float = self.control_dt
         self.observed: tuple[Observed, ...] = task.observed
         self.metadata = {
             **self.metadata,
             "render_fps": max(1, round(1.0 / self.dt)),
             "autoreset_mode": self.autoreset_mode,
         }
-        self.single_observation_space = task.observation_space
-        self.single_action_space = task.action_space
-        self.observation_space = batch_space(self.single_observation_space, n)
-        self.action_space = batch_space(self.single_action_space, n)
+        self.single_observation_space: spaces.Box = task.observation_space
+        self.single_action_space: spaces.Box = task.action_space
+        self.observation_space: Any = batch_space(self.single_observation_space, n)
+        self.action_space: Any = batch_space(self.single_action_space, n)
         self._elapsed = np.zeros(n, np.int64)  # steps of each episode
         self._done = np.ones(n, bool)  # must be reset before it goes on
         self._begun = np.zeros(n, bool)

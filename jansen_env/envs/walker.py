@@ -226,4 +226,4 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
         return self.task.world.joint_forces()
 
 
-JansenWalkerVectorEnv = JansenVectorEnv.of(JansenWalkerEnv)
+JansenWalkerVectorEnv: type[JansenVectorEnv] = JansenVectorEnv.of(JansenWalkerEnv)

@@ -44,7 +44,7 @@ class InfoBuilder:
         self._terms = {f"reward/{term}": rewards[term] for term in rewards.dtype.names}
         self._names_of_step = (*self._names, *self._terms)
         self._step_arrays, self._of_any = dict(step_arrays), {**of_any, **arrays}
-        self.keys = (*self._of_any, *self._groups, *self._terms, *step_arrays)
+        self.keys: tuple[str, ...] = (*self._of_any, *self._groups, *self._terms, *step_arrays)
 
     def single(self, row: int, stepped: bool) -> dict[str, Any]:
         """Return that of one robot, in Python's own types; ``stepped``: of a step, not a reset."""

@@ -36,8 +36,9 @@ class Task(ABC):
 
     Attributes:
         WORLD: of the robots. ENGINE: module of the kernels ``finish_step`` and ``describe``.
-        RECORDS: frozen dataclasses of the task's own keyword arguments with their checks, by the
-            names under which :meth:`take` gets them. DEFAULTS: other defaults of arguments.
+        RECORDS: the task's own keyword arguments with their checks, TypedDicts or dataclasses (see
+            :mod:`jansen_env.world.argument_checks`), by the names under which :meth:`take` gets
+            them. DEFAULTS: other defaults of arguments.
         ROW: structured type of a robot's data: ``info`` is added to the information, ``reward``
             has the reward's terms. STATE: what of it a state must have, such as "info.fallen".
         OPTIONS: of a reset, and SETTABLE: of :meth:`set_parameters`, beside the world's.

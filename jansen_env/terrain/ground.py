@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 import pymunk
@@ -19,6 +19,7 @@ from jansen_env.terrain import shapes
 from jansen_env.terrain.shapes import MAX_SLOPE, MOST_POINTS
 
 Array = NDArray[np.float64]
+Maker: TypeAlias = "classmethod[Terrain, ..., Terrain]"
 
 REACH = 1000.0  # m, how far the first and last segment are extended as pymunk's shapes
 GRADIENT_STEP = 1e-4  # m, to either side
@@ -33,7 +34,7 @@ def heights_of(line: Array, x: ArrayLike) -> Array:
     return heights + before * first[1] / first[0] + after * last[1] / last[0]
 
 
-def _maker(points: Callable[..., Array]) -> classmethod[Terrain, ..., Terrain]:
+def _maker(points: Callable[..., Array]) -> Maker:
     """A constructor with the arguments of a function that returns points, and a terrain's own."""
 
     def make(
@@ -154,11 +155,11 @@ class Terrain:
         tail = [(x[-1] + spacing, 0.0), (x[-1] + spacing + 1.0, 0.0)]
         return cls(tuple(lead + list(zip(x, y, strict=True)) + tail), friction, restitution)
 
-    waves = _maker(shapes.waves)
-    stairs = _maker(shapes.stairs)
-    steps = _maker(shapes.steps)
-    stumps = _maker(shapes.stumps)
-    ramps = _maker(shapes.ramps)
+    waves: ClassVar[Maker] = _maker(shapes.waves)
+    stairs: ClassVar[Maker] = _maker(shapes.stairs)
+    steps: ClassVar[Maker] = _maker(shapes.steps)
+    stumps: ClassVar[Maker] = _maker(shapes.stumps)
+    ramps: ClassVar[Maker] = _maker(shapes.ramps)
 
     @classmethod
     def of(cls, points: Any, friction: float = 0.8, restitution: float = 0.0) -> Terrain:

@@ -1,6 +1,6 @@
 """Robots one by one, together and for Stable-Baselines3, by constructors that type checkers know.
 
-python examples/typed.py [STEPS]   (300 steps of 20 ms by default)
+python examples/typed_walk.py [STEPS]   (300 steps of 20 ms by default)
 """
 
 import sys

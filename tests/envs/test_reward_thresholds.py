@@ -1,0 +1,40 @@
+"""Tasks count as solved where trained policies solve them, and simple controllers do not."""
+
+from types import SimpleNamespace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from jansen_env.baselines.goal_pid import GoalPid
+from jansen_env.policies import pretrained
+from jansen_env.scoring.benchmarks import BENCHMARKS
+
+STILL = SimpleNamespace(predict=lambda seen, *_: (np.zeros((len(seen), 1), np.float32), None))
+
+
+def mean_return(policy_of, env_id, episodes):
+    """Mean return of episodes as ``reset`` draws them."""
+    envs = gym.make_vec(env_id, episodes, info_keys=())
+    policy, memory = policy_of(gym.make(env_id).unwrapped), None
+    observation, _ = envs.reset(seed=1000)
+    going, returns = np.ones(episodes, bool), np.zeros(episodes)
+    for step in range(envs.spec.max_episode_steps):
+        action, memory = policy.predict(observation, memory, np.full(episodes, step == 0))
+        observation, reward, terminated, truncated, _ = envs.step(action)
+        returns += going * reward
+        going &= ~(terminated | truncated)
+    envs.close()
+    return returns.mean()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("env_id", BENCHMARKS)
+def test_reward_threshold(env_id):
+    threshold, episodes = gym.spec(env_id).reward_threshold, 20 if "Crank" in env_id else 100
+    goal = "Goal" in env_id
+    solves = GoalPid if goal else lambda env: pretrained.load(env_id)
+    fail = {"still": lambda env: STILL} if goal else BENCHMARKS[env_id].baselines
+    assert mean_return(solves, env_id, episodes) >= threshold
+    for name in {"pid", "constant", "still"} & {*fail}:
+        assert mean_return(fail[name], env_id, episodes) < threshold

@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 pytest.importorskip("websockets", reason="the extra 'tools' is not installed")
@@ -173,6 +174,31 @@ def test_the_hand_takes_the_crank_and_gives_it_back(window):
     reads(page, "input-label", "^torque$")
     page.keyboard.press("c")
     assert soon(window, lambda: heard["scene"]["choices"]["control"] == "constant speed")
+
+
+def test_clicks_and_drags_push(window):
+    page, heard, sent = window.page, window.heard, []
+    page.on("websocket", lambda socket: socket.on("framesent", lambda frame: sent.append(frame)))
+    page.reload()
+    page.locator("#terrain").wait_for(timeout=WAIT)
+    page.keyboard.press("Escape")
+    page.locator("#help").wait_for(state="hidden", timeout=WAIT)
+    box = page.locator("#picture").bounding_box()
+    x, y = box["x"] + 0.2 * box["width"], box["y"] + 0.5 * box["height"]
+
+    def pushed(way):
+        sent.clear()
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x + way, y)
+        page.mouse.up()
+        assert soon(window, lambda: any('"push"' in frame for frame in sent))
+        return next(m for m in map(json.loads, sent) if m["do"] == "push")
+
+    click = pushed(0.0)
+    assert click["x"] > 2.5 and np.hypot(click["x"], click["y"]) == pytest.approx(3.0)
+    assert pushed(-100.0) == {"do": "push", "x": pytest.approx(-3.0), "y": 0.0}
+    assert pushed(600.0)["x"] == heard["scene"]["largestPush"]
 
 
 def test_words_explain_themselves(window):

@@ -261,6 +261,22 @@ def test_a_phone_is_wide_enough(opened, count):
         assert box["x"] >= 0 and box["x"] + box["width"] <= 360 and box["height"] >= 32
 
 
+def test_fingers_are_large(opened):
+    """Controls have 44 pixels, help has no keys, and a tapped word explains itself."""
+    phone = {"viewport": {"width": 360, "height": 640}, "has_touch": True, "is_mobile": True}
+    page = opened(2, **STILL, **phone).page
+    assert page.evaluate("document.documentElement.scrollWidth") == 360
+    for control in page.locator("button:visible, input:visible, select:visible").all():
+        box = control.bounding_box()
+        assert box["height"] >= 43.9 and box["width"] >= 43.9
+    page.tap("#help")
+    assert page.locator("#keys").is_visible() and not page.locator("kbd").first.is_visible()
+    page.tap("#keys button")
+    page.tap("th:has-text('cost of transport')")
+    shown = "getComputedStyle(document.activeElement, '::after').content"
+    assert page.evaluate(shown).startswith('"Work of the motor per weight and distance')
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_colours_are_the_readers(opened, scheme):
     page = opened(**STILL, color_scheme=scheme).page

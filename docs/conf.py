@@ -13,6 +13,9 @@ import gymnasium as gym
 from sphinx.application import Sphinx
 
 import jansen_env
+from agents import replay
+from jansen_env.viewer.web.bench import write_bench
+from jansen_env.viewer.web.page import write_page
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -76,6 +79,27 @@ def insert_environment(app: Sphinx, page: str, source: list[str]) -> None:
     )
 
 
+def insert_link(app: Sphinx, page: str, source: list[str]) -> None:
+    """Replace the comment ``<!-- try NAME -->`` of a page by a link to what is written for it."""
+    link = (
+        r'<p><a href="try/\1.html"><strong>Try it here</strong></a>, with nothing to install.</p>'
+    )
+    source[0] = re.sub(r"<!-- try (\w+) -->", link, source[0])
+
+
+def write_pages(app: Sphinx, exception: Exception | None) -> None:
+    """Write the bench, and a replay of PID and trained policy, beside the documentation."""
+    if exception or app.builder.format != "html":
+        return
+    folder = Path(app.outdir) / "try"
+    folder.mkdir(exist_ok=True)
+    write_bench(folder / "bench.html")
+    walk = "--policy pid --policy pretrained --command 0.2 --seed 0 --steps 500"
+    args = replay.parse(walk.split())
+    walks = (replay.record(name, name, args) for name in args.policy)
+    write_page(folder / "replay.html", *walks)
+
+
 def find_reference(app: Sphinx, env: Any, node: Any, content: Any) -> Any:
     """Names as Python finds them, imported and inherited ones too, lead to where they are defined.
 
@@ -98,4 +122,6 @@ def find_reference(app: Sphinx, env: Any, node: Any, content: Any) -> Any:
 def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
     app.connect("source-read", insert_environment)
+    app.connect("source-read", insert_link)
+    app.connect("build-finished", write_pages)
     app.connect("missing-reference", find_reference)

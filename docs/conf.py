@@ -13,7 +13,7 @@ import gymnasium as gym
 from sphinx.application import Sphinx
 
 import jansen_env
-from agents import replay
+from jansen_env.commands import replay
 from jansen_env.viewer.web.bench import write_bench
 from jansen_env.viewer.web.page import write_page
 

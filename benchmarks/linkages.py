@@ -206,20 +206,27 @@ def draw_scores(scores: Scores, path: Path, count: int) -> None:
     measure.save(figure, path)
 
 
-def draw_linkages(robots: dict[str, Robot], path: Path) -> None:
-    """Draw each with the paths of its toes about the crank axis, all legs but the first pale."""
+def draw_linkages(robots: dict[str, Robot], folder: Path) -> None:
+    """Draw each with the paths of its toes about the crank axis, on its own and all together."""
     figure, axes = measure.subplots(2, 3, 12.0, 5.4, sharex=True, sharey=True)
     for axis, (name, robot) in zip(axes.flat, robots.items(), strict=False):
-        for k, joints in enumerate(world_joints(robot, np.array([0.0, 0.0, 0.0, 0.6]))):
-            for a, b in robot.linkage.skeleton:
-                axis.plot(*joints[[a, b]].T, color="C0", lw=1.6, alpha=0.25 if k else 1.0)
-        for toe in toe_positions(robot, np.linspace(0.0, 6.3, 500)).swapaxes(0, 1):
-            axis.plot(*toe.T, color="C3", lw=1.0)
-        axis.axhline(-standing_height(robot), color="0.5", lw=0.8, zorder=0)
-        axis.plot(0.0, 0.0, "ko", ms=4)
-        title = f"{LINKAGES[name]}: {abs(advance_per_turn(robot)):.2f} m a turn"
-        axis.set(aspect="equal", title=title)
-    measure.save(figure, path)
+        _draw_linkage(axis, robot, f"{LINKAGES[name]}: {abs(advance_per_turn(robot)):.2f} m a turn")
+        single, alone = measure.subplots(1, 1, 6.0, 4.0)
+        _draw_linkage(alone[0, 0], robot)
+        measure.save(single, folder / f"{name}.png")
+    measure.save(figure, folder / "zoo.png")
+
+
+def _draw_linkage(axis: Any, robot: Robot, title: str = "") -> None:
+    """Draw a robot's linkage in m, all legs but the first pale."""
+    for k, joints in enumerate(world_joints(robot, np.array([0.0, 0.0, 0.0, 0.6]))):
+        for a, b in robot.linkage.skeleton:
+            axis.plot(*joints[[a, b]].T, color="C0", lw=1.6, alpha=0.25 if k else 1.0)
+    for toe in toe_positions(robot, np.linspace(0.0, 6.3, 500)).swapaxes(0, 1):
+        axis.plot(*toe.T, color="C3", lw=1.0)
+    axis.axhline(-standing_height(robot), color="0.5", lw=0.8, zorder=0)
+    axis.plot(0.0, 0.0, "ko", ms=4)
+    axis.set(aspect="equal", title=title)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -244,7 +251,7 @@ def main(arguments: list[str] | None = None) -> None:
     measure.report(found.out / "scores.md", "# Scores of the linkages", command,
                    score_table(scores, steps, count))  # fmt: skip
     draw_scores(scores, found.out / "comparison.png", count)
-    draw_linkages(robots, found.out / "zoo.png")
+    draw_linkages(robots, found.out)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import inspect
 import pydoc
 import re
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -35,10 +36,12 @@ extensions = [
 exclude_patterns = ["_build"]
 templates_path = ["_templates"]
 html_theme = "furo"
+html_static_path = ["_static"]
+html_css_files = ["cards.css"]
 html_title = "jansen_env"
 html_show_copyright = False
 
-myst_enable_extensions = ["dollarmath"]
+myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 3
 
 autodoc_default_options = {"members": True, "member-order": "bysource"}
@@ -54,22 +57,37 @@ nitpick_ignore_regex = [
 
 
 def environment_page(env_id: str) -> str:
-    """The class docstring of an environment, which is Markdown, under a table of its spaces."""
+    """Tables of an environment's spaces, and its class docstring, which is Markdown."""
     env: Any = gym.make(env_id).unwrapped
     limit = gym.spec(env_id).max_episode_steps
+    (low,), (high,) = env.action_space.low, env.action_space.high
     rows = {
         "make": f'`gymnasium.make("{env_id}")`',
         "make many": f'`gymnasium.make_vec("{env_id}", num_envs=256)`',
-        "action space": f"`{env.action_space}`",
-        "observation space": f"`{env.observation_space}`",
+        "action": f"1 number from {low:g} to {high:g}, {env.action_space.dtype}",
+        "observation": f"[{len(env.observed)} numbers](#observations-by-name), "
+        f"{env.observation_space.dtype}",
         "control period": f"{env.control_dt:g} s",
         "time limit": f"{limit} steps, {limit * env.control_dt:g} s",
         "class": f"{{py:class}}`{type(env).__module__}.{type(env).__name__}`",
     }
-    table = "\n".join(f"| {name} | {' '.join(text.split())} |" for name, text in rows.items())
     docstring = inspect.getdoc(type(env)) or ""
     docstring = re.sub(r":(\w+):`", r"{py:\1}`", docstring)  # roles as Markdown spells them
-    return f"| | |\n| --- | --- |\n{table}\n\n{docstring}"
+    docstring = re.sub(r" \(``tests/\S+``\)", "", docstring)
+    docstring = re.sub(rf"``(?!{env_id})(Jansen\w+-v0)``", r"[`\1`](\1.md)", docstring)
+    docstring = re.sub(r"``docs/(\S+\.md)``", r"[](../\1)", docstring)  # with that page's title
+    names = [(i, *entry) for i, entry in enumerate(env.observed)]
+    return "\n\n".join([
+        _table(("", ""), rows.items()),
+        docstring,
+        "## Observations by name\n\nAs in `env.unwrapped.observed`:",
+        _table(("", "name", "unit", "from", "to"), names),
+    ])  # fmt: skip
+
+
+def _table(header: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
+    lines = [header, ["---" for _ in header], *rows]
+    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
 
 
 def insert_environment(app: Sphinx, page: str, source: list[str]) -> None:

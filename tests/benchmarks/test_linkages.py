@@ -64,5 +64,5 @@ def test_linkages_run(tmp_path):
         assert [cell["command"] for cell in both["pid"]] == linkages.SPEEDS.tolist()
     numbers = json.loads((tmp_path / "controllers.json").read_text(encoding="utf-8"))
     assert all(np.shape(own["profile"]) == (8, 12) for own in numbers.values())
-    for picture in ("comparison.png", "zoo.png"):
+    for picture in ("comparison.png", "zoo.png", "klann.png"):
         assert (tmp_path / picture).stat().st_size > 10_000

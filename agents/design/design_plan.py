@@ -1,4 +1,4 @@
-"""What a search is to do: its plan, as YAML, checked whole."""
+"""Plan of a search, as YAML, checked whole."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from agents.design.measures import MEASURES
 from agents.design.variables import Space
-from jansen_env.checks import shown
+from jansen_env.checks import listed, one_of, shown
 from jansen_env.plain_yaml import Rule, check_keys, read_yaml
 from jansen_env.scoring.benchmarks import WALKERS, check_env_kwargs
 
@@ -67,9 +67,9 @@ def read_plan(path: str | Path) -> Plan:
     Raises:
         ValueError: it cannot be read, or an entry is not allowed; names the file.
     """
-    shipped = PLANS / f"{path}.yml"
-    if shipped.is_file() and not Path(path).exists():
-        path = shipped
+    if not Path(path).exists() and not str(path).endswith((".yml", ".yaml")):
+        shipped = [one.stem for one in sorted(PLANS.glob("*.yml"))]
+        path = PLANS / f"{one_of('plan', str(path), shipped)}.yml"
     found = read_yaml(path)
     try:
         return make_plan(found)
@@ -120,7 +120,7 @@ def make_plan(found: Any) -> Plan:
 
 def _check_measure(where: str, name: Any) -> None:
     if name not in MEASURES:
-        raise ValueError(f"{where} has {shown(name)}, must be of {[*MEASURES]}")
+        raise ValueError(f"{where} has {shown(name)}, must be of {listed(MEASURES, name)}")
 
 
 def _number(value: Any) -> bool:

@@ -1,4 +1,4 @@
-"""What a search has found: a table, pictures, robot files and profiles, from its journals."""
+"""Report of a search: a table, pictures, robot files and profiles, from its journals."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ MOST_OF_FRONT = 20  # designs of a front or map that are written
 
 
 class Found(NamedTuple):
-    """What one seed's search has found."""
+    """Result of one seed's search."""
 
     name: str
     searched: Searched
@@ -148,7 +148,7 @@ def fresh_walker(plan: Plan, policy: Policy | None, **changes: Any) -> Walker:
 
 
 def assembles(robot: Robot) -> bool:
-    """Whether the workshop drawings find an order of the links in which nothing collides."""
+    """Return whether the workshop drawings find an order of links in which nothing collides."""
     try:
         return bool(layers(robot))
     except ValueError:

@@ -1,4 +1,4 @@
-"""What a search measures of its candidates: on the ground, in the pins, on steps, of the shape."""
+"""Measures of a search's candidates: on the ground, in the pins, on steps, of the shape."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ COPIES, TOLERANCE = 8, 5e-4  # of a candidate whose lengths are off by up to so 
 
 
 class Measure(NamedTuple):
-    """What is measured: the group that gives it, its unit and description."""
+    """A measure: the group that gives it, its unit and description."""
 
     group: str
     unit: str

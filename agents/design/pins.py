@@ -1,4 +1,4 @@
-"""What pins and bars bear in a walk: wear by Archard (1953), the largest force, buckling.
+"""Loads of pins and bars in a walk: wear by Archard (1953), the largest force, buckling.
 
 Wear is force times sliding at the bush's radius, summed over all pins, per metre walked; times
 Archard's coefficient it is the volume worn.

@@ -140,7 +140,7 @@ def run_search(
 def _search(
     plan: Plan, seed: int, folder: Path, policy: Policy | None, progress: Progress
 ) -> Searched:
-    """:func:`run_search` in a folder of its own."""
+    """Run a search as in :func:`run_search`, in a folder that is locked."""
     space, walker = plan.space(), make_walker(plan, policy)
     optimiser = make_optimiser(plan, space.start, seed)
     told = read_journal(folder / JOURNAL)

@@ -1,4 +1,4 @@
-"""Is a search's ranking of designs one of designs, or of its time step, plant and starts?"""
+"""Trust in a search: its ranking of designs with another time step, plant, and other starts."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from agents.design.search import (
 from jansen_env.baselines.policy import Policy
 from jansen_env.files import write_text
 
-DESIGNS = 100  # that are ranked, out of those of all seeds that keep the limits on falls
+DESIGNS = 100  # that are ranked, at most, of those of all seeds that keep all limits
 HEAD = ["", "rank correlation", "median change (%)", "not known there"]
 ELSEWHERE: dict[str, dict[str, Any]] = {
     "half the time step": {"time_step": 5e-4}, "a quarter of it": {"time_step": 2.5e-4},
@@ -51,10 +51,11 @@ def trust_report(plan: Plan, folder: Path, policy: Policy | None = None) -> str:
     """
     parts = [part for path in sorted(folder.glob(f"seed_*/{JOURNAL}"))
              for part in read_journal(path)]  # fmt: skip
-    picks = chosen(plan, joined(parts), DESIGNS) if parts else []
-    if len(picks) < 3:
+    every = joined(parts) if parts else None
+    picks = chosen(plan, every, DESIGNS) if every else []
+    if every is None or len(picks) < 3:
         raise ValueError(f"{folder} has {len(picks)} designs in its limits, must have three")
-    space, every = plan.space(), joined(parts)
+    space = plan.space()
     designs = [space.candidate(every.unit[k]) for k in picks]
     first = next(iter(plan.objectives))
     group, own, one_start = MEASURES[first].group, every.measured[first][picks], []

@@ -1,4 +1,4 @@
-"""What a search may change: lengths, crank phases, legs, motor, a crank-speed profile's numbers."""
+"""Variables of a search: lengths, crank phases, legs, motor, a crank-speed profile's numbers."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jansen_env.baselines.policy import Array
-from jansen_env.baselines.profile import load_profile
+from jansen_env.baselines.profile import DATA, load_profile
 from jansen_env.baselines.walker_baselines import tuned_for
-from jansen_env.checks import shown
+from jansen_env.checks import listed, shown
 from jansen_env.drawings.shaft_order import units
 from jansen_env.plain_yaml import Rule
 from jansen_env.robot import ROBOTS, Robot
@@ -53,7 +53,7 @@ class Space:
         robot: name or file of the design to begin with. speed: m/s, of the profile.
         profile: file of a search's to begin with; None for that of the robot's design.
         wanted: by the names of :data:`KINDS`: "lengths": share by which each may change, or shares
-            by name; "phases": rad by which each leg's crank but the first may; "pins": numbers of
+            by name; "phases": rad by which each crank pin but the first may; "pins": numbers of
             crank pins; "motors": names; "harmonics": K of the profile, without which it is no
             variable.
 
@@ -66,16 +66,14 @@ class Space:
     ) -> None:
         for name, value in wanted.items():
             if name not in KINDS:
-                raise ValueError(f"variables has {shown(name)}, must be of {[*KINDS]}")
+                raise ValueError(f"variables has {shown(name)}, must be of {listed(KINDS, name)}")
             KINDS[name].check(f"variables.{name}", value)
         self._name, self.base = robot, load_robot("robot", robot)
-        self._wanted = wanted
         self._choices = {name: _choices(name, wanted[name], robot)
                          for name in ("pins", "motors") if name in wanted}  # fmt: skip
-        own = load_profile(robot=tuned_for(self.base, TUNED))
-        if profile is not None:
-            own = load_profile(profile, "found")
-        numbers = own.at(np.array([speed]))[0]
+        shipped = DATA, tuned_for(self.base, TUNED)
+        source = shipped if profile is None else (profile, "found")
+        numbers = load_profile(*source).at(np.array([speed]))[0]
         self._profile = _profile_variables(
             numbers, int(wanted.get("harmonics", len(numbers) // 2 - 2))
         )
@@ -150,7 +148,8 @@ def _length_variables(robot: Robot, shares: float | dict[str, float]) -> list[Va
     found = []
     for name, share in shares.items():
         if name not in known:
-            raise ValueError(f"variables.lengths has {shown(name)}, must be of {[*known]}")
+            allowed = listed(known, name)
+            raise ValueError(f"variables.lengths has {shown(name)}, must be of {allowed}")
         Rule((float,), 1e-4, 0.9).check(f"variables.lengths.{name}", share)
         ends = sorted(known[name] * (1.0 + way * share) for way in (-1.0, 1.0))
         if ends[0] == ends[1]:

@@ -343,7 +343,7 @@ def test_ranks_are_checked_elsewhere(places, tmp_path, monkeypatch):
 @pytest.mark.parametrize("arguments, message", [
     ([], "is needed"),
     (["cost", "--report", "x"], "one of them alone"),
-    (["no_such_plan"], "no_such_plan cannot be read"),
+    (["clmb"], "plan is 'clmb', must be one of ['climb', 'cost', 'front', "),
     (["--report", "nowhere"], "nowhere/plan.yml cannot be read"),
 ])  # fmt: skip
 def test_bad_arguments_get_one_line(arguments, message, capsys):

@@ -30,6 +30,7 @@ from jansen_env.baselines.walker_baselines import (
     tuned_for,
     walking_pid,
 )
+from jansen_env.checks import listed
 from jansen_env.commands.flags import non_negative_int, positive_int
 from jansen_env.files import write_json
 from jansen_env.robot import ROBOTS
@@ -145,7 +146,7 @@ def main(arguments: list[str] | None = None) -> None:
     known = list(BENCHMARKS[args.env].baselines)
     for name in args.baselines or known:
         if name not in known:
-            parser.error(f"baseline is {name!r}, must be one of {known} for {args.env}")
+            parser.error(f"baseline is {name!r}, must be one of {listed(known, name)}")
     for name in args.baselines or known:
         path = args.out / (profile.DATA if name == "profile" else DATA).name
         if name == "profile":

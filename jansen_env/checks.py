@@ -7,7 +7,9 @@ import math
 from collections.abc import Iterable, Mapping, Set
 from dataclasses import fields
 from decimal import Decimal
+from difflib import get_close_matches
 from numbers import Integral, Real
+from types import NoneType
 from typing import Any
 
 LONGEST = 200  # characters of a value in a message
@@ -21,6 +23,21 @@ def shown(value: Any) -> str:
     except Exception:  # integers of thousands of digits, for one
         text = f"a {type(value).__name__} that cannot be printed"
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
+
+
+def listed(known: Iterable[Any], value: Any) -> str:
+    """Known names as a message lists them, and which of them ``value`` may have meant."""
+    names, text = [*known], value[:LONGEST] if isinstance(value, str) else ""
+    near = get_close_matches(text, map(str, names), 1, 0.75)
+    return f"{names}; did you mean {near[0]!r}?" if near else str(names)
+
+
+def one_of(name: str, value: Any, known: Iterable[Any]) -> Any:
+    """Return ``value``. Raises ValueError unless it is a known name."""
+    allowed = [*known]
+    if not isinstance(value, (str, NoneType)) or value not in allowed:
+        raise ValueError(f"{name} is {shown(value)}, must be one of {listed(allowed, value)}")
+    return value
 
 
 def finite(name: str, value: Any) -> float:
@@ -120,5 +137,5 @@ def load_record(kind: type, name: str, value: Any) -> Any:
         allowed = f"None, a {kind.__name__} or a dictionary with some of {known}"
         raise ValueError(f"{name} is {shown(value)}, must be {allowed}")
     if unknown := [key for key in value if key not in known]:
-        raise ValueError(f"{name} has {shown(unknown)}, must be of {known}")
+        raise ValueError(f"{name} has {shown(unknown)}, must be of {listed(known, unknown[0])}")
     return kind(**value)

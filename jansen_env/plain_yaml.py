@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from jansen_env.checks import shown
+from jansen_env.checks import listed, shown
 from jansen_env.files import open_regular
 
 MAX_BYTES = 65_536  # of a file, some 30 times a training configuration
@@ -107,5 +107,5 @@ def check_keys(part: str, values: dict[str, Any], table: dict[str, Rule]) -> Non
     for name, value in values.items():
         if name not in table:
             where = f" of {part}" if part else ""
-            raise ValueError(f"{name!r} is no key{where}, must be in {sorted(table)}")
+            raise ValueError(f"{name!r} is no key{where}, must be in {listed(sorted(table), name)}")
         table[name].check(f"{part}.{name}" if part else name, value)

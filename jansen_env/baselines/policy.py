@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.baselines.pid import PID
+from jansen_env.checks import one_of
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -83,7 +84,4 @@ def columns(env: Any, *names: str) -> list[int]:
         ValueError: the environment does not show one of them.
     """
     shown = [entry.name for entry in env.unwrapped.observed]
-    for name in names:
-        if name not in shown:
-            raise ValueError(f"name is {name!r}, must be one of {shown}")
-    return [shown.index(name) for name in names]
+    return [shown.index(one_of("name", name, shown)) for name in names]

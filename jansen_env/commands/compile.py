@@ -16,6 +16,7 @@ from typing import Any
 
 import gymnasium as gym
 
+from jansen_env.checks import listed
 from jansen_env.engine import jit
 
 OPTIONS = ("noise", "push")  # arguments that bring kernels of their own
@@ -29,7 +30,7 @@ def main(arguments: list[str] | None = None) -> None:
     ids = parser.parse_args(arguments).ids or known
     for name in ids:
         if name not in known:
-            parser.error(f"ID is {name!r}, must be one of {known}")
+            parser.error(f"ID is {name!r}, must be one of {listed(known, name)}")
     if jit.DISABLED or not jit.FOLDER:
         why = "NUMBA_DISABLE_JIT is set" if jit.DISABLED else f"it compiles {jit.NOT_KEPT}"
         raise SystemExit(f"jansen_env has no machine code to keep: {why}")

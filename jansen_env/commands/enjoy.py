@@ -63,12 +63,8 @@ def episodes(policy: Policy, env: Any, args: argparse.Namespace) -> Iterator[Pro
 def show(policy: Policy, env: Any, args: argparse.Namespace) -> bool:
     """Play in a window until it is closed; return False at once if there is no display."""
     moments = episodes(policy, env, args)
-    try:
-        first = next(moments)
-    except RuntimeError as error:
-        if "no window" not in str(error):
-            raise
-        print(error)
+    first = next(moments)
+    if env.unwrapped.window_closed:
         return False
     print(f"{label(args.policy[0])} on {args.env} in a window; close it to end", flush=True)
     for _ in chain([first], moments):

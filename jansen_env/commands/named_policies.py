@@ -10,6 +10,7 @@ from typing import Any
 
 from jansen_env.baselines.policy import Policy
 from jansen_env.baselines.profile import load_profile
+from jansen_env.checks import listed
 from jansen_env.policies import pretrained
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import make_env
@@ -33,8 +34,8 @@ def load_named(name: str, env: Any) -> Policy:
         return load_profile(own.removeprefix(SEARCHED), "found").policy(env.unwrapped)
     elif not path.exists():
         raise ValueError(
-            f"policy is {name!r}, must be one of {[*baselines, 'pretrained']}, a run's folder, a "
-            "model's zip file or a policy's json file"
+            f"policy is {name!r}, no run's folder, model's zip file or policy's json file: must be "
+            f"one of {listed([*baselines, 'pretrained'], name)}"
         )
     if path.suffix == ".json":
         packed = pretrained.load_file(path)

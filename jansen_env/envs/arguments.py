@@ -16,7 +16,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from jansen_env.checks import entries, instance, positive_integer, shown, whole_number
+from jansen_env.checks import entries, instance, listed, positive_integer, shown, whole_number
 from jansen_env.world.argument_checks import Array, entries_of
 
 RENDER_MODES = ["human", "rgb_array"]
@@ -30,7 +30,7 @@ def known_arguments(environment: type, given: Mapping[str, Any]) -> None:
     if unknown := sorted({*given} - {*allowed}):
         raise TypeError(
             f"{environment.__name__} got an unexpected keyword argument {unknown[0]!r}, must be in "
-            f"{allowed}"
+            f"{listed(allowed, unknown[0])}"
         )
 
 
@@ -122,7 +122,8 @@ def info_keys(value: Any, known: Sequence[str]) -> tuple[str, ...] | None:
     if not (isinstance(value, (list, tuple)) and all(isinstance(key, str) for key in value)):
         raise ValueError(f"info_keys is {shown(value)}, must be None or a list of {sorted(known)}")
     if unknown := sorted(set(value) - set(known)):
-        raise ValueError(f"info_keys has {unknown}, must be of {sorted(known)}")
+        allowed = listed(sorted(known), unknown[0])
+        raise ValueError(f"info_keys has {unknown}, must be of {allowed}")
     return tuple(value)
 
 

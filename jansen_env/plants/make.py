@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TypeAlias
 
-from jansen_env.checks import shown
+from jansen_env.checks import one_of
 from jansen_env.plants import batch, projected, rigid_batch, rigid_body
 from jansen_env.plants.base import BatchedPlant
 from jansen_env.plants.rigid_batch import RigidBodyBatch
@@ -22,9 +22,7 @@ PLANTS: dict[str, tuple[type[Plant], float]] = {
 
 def plant_time_step(name: str, time_step: float | None = None) -> float:
     """Return a plant's own time step, s, for None. Raises ValueError: not the name of a plant."""
-    if not isinstance(name, str) or name not in PLANTS:
-        raise ValueError(f"plant is {shown(name)}, must be one of {sorted(PLANTS)}")
-    return PLANTS[name][1] if time_step is None else time_step
+    return PLANTS[one_of("plant", name, sorted(PLANTS))][1] if time_step is None else time_step
 
 
 def make_plant(name: str, robot: Robot, terrain: Terrain, time_step: float | None = None) -> Plant:

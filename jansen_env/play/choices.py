@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import gymnasium as gym
 
 from jansen_env.baselines.policy import Policy
 from jansen_env.baselines.walker_baselines import walking_pid
-from jansen_env.checks import shown, whole_number
+from jansen_env.checks import one_of, whole_number
 from jansen_env.policies import pretrained
 from jansen_env.robot import ROBOTS as DESIGNS
 from jansen_env.robot.kinematics import advance_per_turn
@@ -58,8 +58,8 @@ def make_env(env_id: str, choices: Mapping[str, Any]) -> Any:
 
     Raises ValueError: a choice is none of those allowed, or the robot's lengths do not close.
     """
-    one_of(ROBOTS, "robot", choices["robot"])
-    one_of(TERRAINS, "terrain", choices["terrain"])
+    one_of("robot", choices["robot"], ROBOTS)
+    one_of("terrain", choices["terrain"], TERRAINS)
     level, name = whole_number("level", choices["level"], HIGHEST), choices["robot"]
     lengths = choices["lengths"]
     env = gym.make(
@@ -76,14 +76,8 @@ def policy_of(env_id: str, control: Any, env: Any) -> Policy | None:
 
     Raises ValueError: ``control`` is none of :func:`controls_of`.
     """
-    one_of(controls_of(env_id), "control", control)
+    one_of("control", control, controls_of(env_id))
     if control == STEADY:
         way = max(abs(advance_per_turn(env.unwrapped.robot)), SHORTEST_TURN)
         return walking_pid(lambda speed: 2.0 * math.pi / way * speed, env.unwrapped)
     return None if control == BY_HAND else pretrained.load(env_id, control).on(env)
-
-
-def one_of(allowed: Collection[str], name: str, value: Any) -> None:
-    """Raises ValueError unless ``value`` is among ``allowed``."""
-    if not isinstance(value, str) or value not in allowed:
-        raise ValueError(f"{name} is {shown(value)}, must be one of {list(allowed)}")

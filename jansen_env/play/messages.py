@@ -12,7 +12,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from jansen_env.checks import finite, instance, shown
+from jansen_env.checks import finite, instance, one_of, shown
 
 LONGEST_TEXT = 40  # characters of a text in a message
 MOST_LENGTHS = 32  # in a message
@@ -71,9 +71,7 @@ def parse(message: str | bytes) -> tuple[str, dict[str, Any]]:
         raise ValueError(f"message is {shown(message)}, must be JSON") from error
     if not isinstance(found, dict) or not isinstance(action := found.pop("do", None), str):
         raise ValueError(f"message is {shown(message)}, must be an object that says what to do")
-    if action not in FIELDS:
-        raise ValueError(f"do is {shown(action)}, must be one of {list(FIELDS)}")
-    if {*found} != {*FIELDS[action]}:
+    if {*found} != {*FIELDS[one_of("do", action, FIELDS)]}:
         raise ValueError(f"{action} has {shown(sorted(found))}, must have {sorted(FIELDS[action])}")
     for name, check in FIELDS[action].items():
         check(name, found[name])

@@ -11,7 +11,7 @@ import gymnasium as gym
 import numpy as np
 
 from jansen_env.baselines.policy import Policy
-from jansen_env.checks import finite, instance, shown, whole_number, within
+from jansen_env.checks import finite, instance, one_of, shown, whole_number, within
 from jansen_env.play.choices import (
     BY_HAND,
     ENVIRONMENTS,
@@ -22,7 +22,6 @@ from jansen_env.play.choices import (
     TERRAINS,
     controls_of,
     make_env,
-    one_of,
     policy_of,
 )  # fmt: skip
 from jansen_env.play.score import Score, Tally
@@ -72,7 +71,7 @@ class Session:
         control: str = BY_HAND,
         seed: int = 0,
     ) -> None:
-        one_of(ENVIRONMENTS, "env", env_id)
+        one_of("env", env_id, ENVIRONMENTS)
         self.env_id, self.controls = env_id, controls_of(env_id)
         self.seed = whole_number("seed", seed)
         self.settings: dict[str, float] = {}
@@ -175,7 +174,7 @@ class Session:
 
     def set(self, name: str, value: float) -> None:
         """Move a slider."""
-        one_of(SLIDERS, "slider", name)
+        one_of("slider", name, SLIDERS)
         slider = SLIDERS[name]
         number = within(slider.label, value, slider.low, slider.high)
         self.env.set_parameters(**{name: number})
@@ -284,7 +283,7 @@ class Session:
         self, name: str, value: Any, lengths: Mapping[str, float] | None = None
     ) -> dict[str, Any]:
         """The choices with another one."""
-        one_of(self.options, "choice", name)
+        one_of("choice", name, self.options)
         chosen = {**self._choices, name: value}
         if name == "robot":
             chosen["lengths"] = dict(lengths or {})

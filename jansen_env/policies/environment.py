@@ -13,7 +13,7 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 
-from jansen_env.checks import positive_integer, shown, within
+from jansen_env.checks import one_of, positive_integer, within
 from jansen_env.plants.make import plant_time_step
 from jansen_env.world.argument_checks import control_period
 
@@ -32,9 +32,7 @@ def arguments_of(env_id: str) -> dict[str, Any]:
         for name, spec in gym.registry.items()
         if str(spec.entry_point).startswith("jansen_env.")
     }
-    if env_id not in specs:
-        raise ValueError(f"env.id is {shown(env_id)}, must be one of {sorted(specs)}")
-    env: Any = load_env_creator(str(specs[env_id].entry_point))
+    env: Any = load_env_creator(str(specs[one_of("env.id", env_id, sorted(specs))].entry_point))
     parameters = inspect.signature(env).parameters
     limit = {"max_episode_steps": specs[env_id].max_episode_steps}
     return {name: parameter.default for name, parameter in parameters.items()} | limit

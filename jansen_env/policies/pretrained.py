@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable
 from copy import copy
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 from safetensors.numpy import load as read_tensors
 
-from jansen_env.checks import instance, positive_integer, positive_single, shown, whole_number
+from jansen_env.checks import (
+    instance,
+    one_of,
+    positive_integer,
+    positive_single,
+    shown,
+    whole_number,
+)
 from jansen_env.files import open_regular
 from jansen_env.policies.environment import check_action
 from jansen_env.policies.network import (
@@ -91,7 +97,7 @@ class PretrainedPolicy:
             raise ValueError("network.features has no numbers, must have some")
         self.layers = self._read_layers(_entry(network, "layers", list), width)
         self.limit = np.inf if (m := network.get("limit")) is None else positive_single("limit", m)
-        self.squash: str = _known(SQUASH, "squash", network.get("squash"))
+        self.squash: str = one_of("squash", network.get("squash"), SQUASH)
 
     def _read_features(self, blocks: list[Any]) -> list[Features]:
         """Return the network's inputs as functions of observations (n, d)."""
@@ -116,11 +122,8 @@ class PretrainedPolicy:
                     raise ValueError(f"harmonics take the first observations {list(CRANK_ANGLE)}")
                 found.append(Harmonics(multiples))
             else:
-                _known(
-                    ("observation", "normalized", "harmonics"),
-                    "kind of features",
-                    block.get("kind"),
-                )
+                kinds = "observation", "normalized", "harmonics"
+                one_of("kind of features", block.get("kind"), kinds)
         return found
 
     def _read_layers(self, layers: list[Any], width: int) -> list[Layer]:
@@ -131,7 +134,7 @@ class PretrainedPolicy:
             units = positive_integer("units", layer.get("units"))
             weight = self._tensor(layer, "weight", (units, width))
             bias = self._tensor(layer, "bias", (units,))
-            activation = _known(ACTIVATIONS, "activation", layer.get("activation"))
+            activation = one_of("activation", layer.get("activation"), ACTIVATIONS)
             found.append(Layer(weight, bias, activation))
             width = units
         if width != 1 or not layers:
@@ -215,11 +218,10 @@ def shipped(env_id: str, name: str = DEFAULT) -> Path:
     Raises:
         ValueError: there is none of this name for the environment.
     """
-    if name not in names(env_id):
-        raise ValueError(
-            f"policy is {shown(name)}, must be one of {names(env_id)}, which the package has for "
-            f"{shown(env_id)}"
-        )
+    if not (known := names(env_id)):
+        every = sorted(path.name for path in POLICIES.iterdir() if names(path.name))
+        raise ValueError(f"env_id is {shown(env_id)}, must be one of {every}, which have policies")
+    one_of("policy", name, known)
     return POLICIES / env_id / f"{name}.json"
 
 
@@ -278,10 +280,3 @@ def _entry(part: Any, name: str, kind: type) -> Any:
     instance("an entry", part, dict)
     instance(name, part.get(name), kind)
     return part[name]
-
-
-def _known(table: Iterable[Any], name: str, value: Any) -> Any:
-    """Return ``value``, which must be a name in a table."""
-    if value not in (allowed := list(table)):
-        raise ValueError(f"{name} is {shown(value)}, must be one of {allowed}")
-    return value

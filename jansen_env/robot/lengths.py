@@ -13,12 +13,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
 
-from jansen_env.checks import finite, positive, shown
+from jansen_env.checks import finite, listed, positive, shown
 from jansen_env.robot.designs import is_of_built_parts, with_built_parts
 from jansen_env.robot.links import Bar, Link, Plate, Triangle
 from jansen_env.robot.robot import Robot
 
-Point = tuple[float, float]
 LONGEST = 1e3  # m, of a length
 
 
@@ -46,7 +45,8 @@ def with_lengths(robot: Robot, changed: Mapping[str, float]) -> Robot:
     """
     known = lengths(robot)
     if unknown := [name for name in changed if name not in known]:
-        raise ValueError(f"lengths has {shown(unknown[0])}, must be of {[*known]}")
+        allowed = listed(known, unknown[0])
+        raise ValueError(f"lengths has {shown(unknown[0])}, must be of {allowed}")
     new = {**known}
     for name, value in changed.items():
         signed = name == "frame_angle" or name.endswith(("_along", "_across"))

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from jansen_env.checks import entries, finite, instance, non_negative, positive, shown
+from jansen_env.checks import entries, finite, instance, non_negative, one_of, positive, shown
 from jansen_env.robot.linkage import CRANK, FRAME, JANSEN, Linkage
 from jansen_env.robot.links import (
     CRANK_RADIUS,
@@ -131,8 +131,7 @@ class Robot:
 
     def _check_names(self, names: Iterable[str]) -> None:
         for name in names:
-            if name not in self.linkage.names:
-                raise ValueError(f"body is {shown(name)}, must be one of {self.linkage.names}")
+            one_of("body", name, self.linkage.names)
 
     @property
     def frame(self) -> Link:

@@ -13,7 +13,7 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from jansen_env.checks import shown
+from jansen_env.checks import listed, one_of, shown
 from jansen_env.files import open_regular, write_json
 from jansen_env.robot.designs import ROBOTS
 from jansen_env.robot.lengths import with_lengths
@@ -58,9 +58,7 @@ def _resized(found: Mapping[str, Any]) -> Robot:
     """Return a built-in design with other lengths."""
     if {*found} != {"design", "lengths"} or not isinstance(changed := found["lengths"], Mapping):
         raise ValueError(f"a robot file has {shown([*found])}, must have 'design' and 'lengths'")
-    if not isinstance(design := found["design"], str) or design not in ROBOTS:
-        raise ValueError(f"design is {shown(design)}, must be one of {[*ROBOTS]}")
-    return with_lengths(ROBOTS[design](), changed)
+    return with_lengths(ROBOTS[one_of("design", found["design"], ROBOTS)](), changed)
 
 
 def write_robot(path: str | Path, robot: Robot) -> Path:
@@ -105,7 +103,8 @@ def _made(value: Any) -> Any:
     known = [one.name for one in fields(PARTS[kind])]
     given = {name: _made(part) for name, part in value.items() if name != "is"}
     if unknown := [name for name in given if name not in known]:
-        raise ValueError(f"a {kind} has {shown(unknown[0])}, must be of {known}")
+        allowed = listed(known, unknown[0])
+        raise ValueError(f"a {kind} has {shown(unknown[0])}, must be of {allowed}")
     try:
         return PARTS[kind](**given)
     except TypeError as error:

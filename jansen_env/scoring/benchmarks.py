@@ -14,7 +14,7 @@ from gymnasium.envs.registration import load_env_creator
 from jansen_env.baselines import crank_baselines, walker_baselines
 from jansen_env.baselines.goal_pid import GoalPid
 from jansen_env.baselines.policy import Policy
-from jansen_env.checks import positive_integer
+from jansen_env.checks import listed, one_of, positive_integer
 from jansen_env.dynamics.projection import leg_sides
 from jansen_env.scoring.metrics import SETTLING, Aggregate, Array, Episodes, Metric
 from jansen_env.tasks.crank import LOST
@@ -236,9 +236,7 @@ def find_benchmark(env_id: str) -> Benchmark:
     Raises:
         ValueError: no benchmark is known for this id.
     """
-    if not isinstance(env_id, str) or env_id not in BENCHMARKS:
-        raise ValueError(f"environment id is {env_id!r}, must be one of {sorted(BENCHMARKS)}")
-    return BENCHMARKS[env_id]
+    return BENCHMARKS[one_of("environment id", env_id, sorted(BENCHMARKS))]
 
 
 def can_be_batched(
@@ -276,6 +274,7 @@ def check_env_kwargs(env_id: str, env_kwargs: dict[str, Any]) -> None:
         raise ValueError("render_mode is 'human', must be None or 'rgb_array' for many robots")
     for name in env_kwargs:
         if name not in allowed:
-            raise ValueError(f"{name!r} is no argument of {env_id}, must be in {sorted(allowed)}")
+            known = listed(sorted(allowed), name)
+            raise ValueError(f"{name!r} is no argument of {env_id}, must be in {known}")
     if "max_episode_steps" in env_kwargs:  # -1, no limit, would be an episode without an end
         positive_integer("max_episode_steps", env_kwargs["max_episode_steps"])

@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from jansen_env.checks import within
+from jansen_env.checks import listed, within
 from jansen_env.engine import readings
 from jansen_env.engine.jit import Kernel, prepare, together
 from jansen_env.rendering import Frame
@@ -167,7 +167,8 @@ class Task(ABC):
         known = {*self.OPTIONS, *self.world.OPTIONS}
         for own in options:
             if unknown := sorted({*own} - known):
-                raise ValueError(f"reset options {unknown} are unknown, must be in {sorted(known)}")
+                allowed = listed(sorted(known), unknown[0])
+                raise ValueError(f"reset options {unknown} are unknown, must be in {allowed}")
         drawn = self.world.reset(rows, generators, options, self.draw)
         self._clear(rows)
         self.begin(rows, drawn)
@@ -211,7 +212,8 @@ class Task(ABC):
         """
         known = {*self.SETTABLE, *self.world.SETTABLE}
         if unknown := sorted({*changes} - known):
-            raise TypeError(f"{unknown} cannot be changed, must be in {sorted(known)}")
+            allowed = listed(sorted(known), unknown[0])
+            raise TypeError(f"{unknown} cannot be changed, must be in {allowed}")
         own = {name: changes.pop(name) for name in self.SETTABLE if name in changes}
         checked, checked_own = self.world.checked(row, changes), self.checked(row, own)
         self.world.apply(row, checked)  # all or nothing

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from jansen_env.checks import finite, shown, whole_number
+from jansen_env.checks import finite, listed, one_of, shown, whole_number
 from jansen_env.terrain import Terrain, shapes
 
 Random: TypeAlias = np.random.Generator
@@ -41,8 +41,7 @@ GENERATORS = (*LEVELS, "mixed")
 
 def at_level(name: str, level: int) -> dict[str, float]:
     """A generator's parameters at a level, by name. Raises ValueError: no such name or level."""
-    if name not in LEVELS:
-        raise ValueError(f"generator is {shown(name)}, must be one of {list(LEVELS)}")
+    one_of("generator", name, LEVELS)
     share = whole_number("level", level, HIGHEST) / HIGHEST
     return {key: low + share * (high - low) for key, (low, high) in LEVELS[name].items()}
 
@@ -159,8 +158,8 @@ def make_generator(spec: Any) -> Generator | None:
         return None  # make_terrain's
     if name not in GENERATORS:
         raise ValueError(
-            f"terrain is {shown(spec)}, must be 'flat', 'slope:ANGLE' or one of "
-            f"{list(GENERATORS)}, with parameters such as 'stairs:rise=0.02,tread=0.3'"
+            f"terrain is {shown(spec)}, must be 'flat', 'slope:ANGLE' or, with parameters as in "
+            f"'stairs:rise=0.02,tread=0.3' or without, one of {listed(GENERATORS, name)}"
         )
     if name == "mixed":
         if colon:

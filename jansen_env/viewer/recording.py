@@ -18,7 +18,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from jansen_env.checks import finite, instance, shown, whole_number, within
+from jansen_env.checks import finite, instance, one_of, shown, whole_number, within
 from jansen_env.files import open_regular, write_bytes
 from jansen_env.viewer.web.geometry import SLIP
 
@@ -197,9 +197,7 @@ class Recording:
 
     def energy_of(self, name: str) -> Array:
         """(n,) J, one of the energies. Raises ValueError if there is none of this name."""
-        if name not in self.energies:
-            raise ValueError(f"energy is {shown(name)}, must be one of {list(self.energies)}")
-        return self.energy[:, self.energies.index(name)]
+        return self.energy[:, self.energies.index(one_of("energy", name, self.energies))]
 
     def to_bytes(self) -> bytes:
         """The file's content: compressed arrays, the rest as JSON in ``description``."""

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import TypeAliasType
 
-from jansen_env.checks import entries, positive, shown, within
+from jansen_env.checks import entries, listed, positive, shown, within
 from jansen_env.plants.base import check_time_step
 
 Array = NDArray[np.float64]
@@ -173,7 +173,8 @@ def fill(records: Records, keywords: Mapping[str, Any], count: int) -> dict[str,
     """Return the records of ``count`` robots with checked keywords; TypeError for another name."""
     known = {one.name for kind in records.values() for one in arguments_of(kind)}
     if unknown := sorted({*keywords} - known):
-        raise TypeError(f"unexpected keyword argument {unknown[0]!r}, must be in {sorted(known)}")
+        allowed = listed(sorted(known), unknown[0])
+        raise TypeError(f"unexpected keyword argument {unknown[0]!r}, must be in {allowed}")
     found = {}
     for name, kind in records.items():
         given = [(one, keywords.get(one.name, one.default)) for one in arguments_of(kind)]

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import instance, shown
+from jansen_env.checks import instance, listed, shown
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.initial_pose import static_deflection
@@ -128,7 +128,8 @@ def _by_name(factors: dict[str, Distribution], names: Sequence[str]) -> dict[str
     """Return distributions of factors by lengths' names, in their order."""
     every = dict.fromkeys(names, factors[EVERY]) if EVERY in factors else factors
     if unknown := [name for name in every if name not in names]:
-        raise ValueError(f"randomize['lengths'] has {shown(unknown[0])}, must be of {[*names]}")
+        allowed = listed(names, unknown[0])
+        raise ValueError(f"randomize['lengths'] has {shown(unknown[0])}, must be of {allowed}")
     return {name: every[name] for name in names if name in every}
 
 

@@ -95,9 +95,11 @@ class EpisodeParameters:
         for row, robot in enumerate(self._plant.robots):
             self._check_feet(robot, _heaviest(self.nominal[row], self.randomizations[row]))
         if bad := np.flatnonzero(levels.any(axis=1) & ~has_levels).tolist():
+            low, high = levels[bad[0]].astype(int).tolist()
+            given = low if low == high else (low, high)
             raise ValueError(
-                f"terrain_level is {shown(levels[bad[0]].tolist())}, must be 0 on a ground that is "
-                "not drawn and so has no levels"
+                f"terrain_level is {given}, must be 0 on a ground that is not drawn and so has no "
+                "levels"
             )
         if self.curriculum is not None and not has_levels.all():
             raise ValueError("curriculum is given, must be None on a ground that has no levels")

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
-from jansen_env.checks import entries, shown, within
+from jansen_env.checks import entries, listed, shown, within
 from jansen_env.parameters import PARAMETERS, SCALE, check
 from jansen_env.world.argument_checks import number_range
 
@@ -57,8 +57,9 @@ def load_randomization(
     if not isinstance(given, Mapping):
         raise ValueError(f"{name} is {shown(given)}, must map of {[*PARAMETERS]} to ranges")
     parameters = [*(PARAMETERS if parameters is None else parameters)]
-    if unknown := sorted(map(str, {*given} - {*parameters, "lengths"})):
-        raise ValueError(f"{name} has {unknown}, must be of {[*parameters, 'lengths']}")
+    known = [*parameters, "lengths"]
+    if unknown := sorted(map(str, {*given} - {*known})):
+        raise ValueError(f"{name} has {unknown}, must be of {listed(known, unknown[0])}")
     found: dict[str, Any] = {k: _distribution(k, given[k]) for k in parameters if k in given}
     if "lengths" in given:
         every = given["lengths"]

@@ -14,7 +14,7 @@ from typing import Annotated, Any, TypedDict
 import numpy as np
 
 from jansen_env import checks
-from jansen_env.checks import instance, load_record, non_negative, positive, shown, within
+from jansen_env.checks import instance, listed, load_record, non_negative, positive, shown, within
 from jansen_env.parameters import LONGEST_DELAY
 from jansen_env.plants.make import plant_time_step
 from jansen_env.robot import ROBOTS, Compliance, Payload, Robot
@@ -38,7 +38,7 @@ def _by_name(kind: type, known: Mapping[str, Any], name: str, value: Any) -> Any
     if isinstance(value, kind):
         return value
     if not isinstance(value, str) or value not in known:
-        allowed = f"a {kind.__name__} or one of {sorted(known)}"
+        allowed = f"a {kind.__name__} or one of {listed(sorted(known), value)}"
         raise ValueError(f"{name} is {shown(value)}, must be {allowed}")
     return known[value]
 

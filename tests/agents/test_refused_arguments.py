@@ -36,7 +36,7 @@ REFUSED = {
         ([], "are given 0 times"),
         (["--policy", "pid"] * 3, "are given 3 times"),
         (["--policy", "pid", "--policy", "pid-paper"], "is given 2 times"),
-        (["--policy", "nobody"], "policy is 'nobody', must be one of"),
+        (["--policy", "nobody"], "policy is 'nobody', no run's folder"),
         (["--policy", "pid", "--command", "9"], "9.0"),
         (["--policy", "pid", "--out", "walk.htm"], "must end in .html"),
         (["--policy", "pid", "--steps", "20001"], "must be at most 20000"),

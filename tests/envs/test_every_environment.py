@@ -35,6 +35,14 @@ def test_gymnasiums_checker_warns_of_unbounded_observations_alone(env_id, monkey
     assert all("infinity" in text for text in texts), texts
 
 
+def test_gymnasiums_checker_needs_no_display(monkeypatch):
+    """Its window is skipped, with a warning."""
+    for name in ("SDL_VIDEODRIVER", "DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.warns(UserWarning, match="no window: .*'rgb_array' needs no display"):
+        check_env(gym.make("JansenCrank-v0").unwrapped)
+
+
 @pytest.mark.parametrize("env_id", IDS)
 def test_stable_baselines_checker_has_nothing_to_say(env_id):
     with warnings.catch_warnings():

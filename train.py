@@ -107,7 +107,7 @@ def _run(
         record_run(folder, config, command)
         if resume is not None:
             print(f"resuming from {resume} at {model.num_timesteps} steps")
-        print(f"{algo.upper()} on {env_id}, {target} steps -> {folder}", flush=True)
+        print(f"training: {algo.upper()} on {env_id}, {target} steps -> {folder}", flush=True)
         tensorboard = args.tensorboard_log
         train(
             model, config, folder, eval_every=args.eval_freq, save_every=args.save_freq,
@@ -116,9 +116,8 @@ def _run(
         )  # fmt: skip
     trained = time.perf_counter()
     baselines = ", ".join(find_benchmark(env_id).baselines)
-    print(f"trained in {trained - start:.0f} s; scoring against {baselines} ...", flush=True)
-    print(outcome(folder, env_id, score_run(folder, config, args.eval_episodes)))
-    print(f"scored in {time.perf_counter() - trained:.0f} s")
+    print(f"scoring: the best model against {baselines}, after {trained - start:.0f} s", flush=True)
+    print(f"\n{outcome(folder, env_id, score_run(folder, config, args.eval_episodes))}")
 
 
 def _configure(args: argparse.Namespace) -> dict[str, Any]:

@@ -112,6 +112,10 @@ class Saver(BaseCallback):
             self.logger.record(f"eval/{name}", value)
         seconds = round(time.perf_counter() - self._begun, 1)  # of training so far
         row: dict[str, Any] = {"steps": float(self.num_timesteps), "seconds": seconds, **scored}
+        names = dict.fromkeys(("return", self.benchmark.chosen_by))
+        found = ", ".join(f"{name} {scored[name]:.3g}" for name in names)
+        best = " (the best so far)" * (row["score"] > self.best)
+        print(f"evaluation: {self.num_timesteps} steps, {seconds:.0f} s, {found}{best}", flush=True)
         if row["score"] > self.best:
             self.best = row["score"]
             # Its score in the same file: no kill can part the two.

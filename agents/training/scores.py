@@ -1,23 +1,28 @@
-"""Scores of a run beside the baselines, and what is said of them."""
+"""Scores of a run's best model beside the baselines: files in its folder, and its last words."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+from tabulate import tabulate
 
 from agents.training.runs import BEST, FINAL, read_evaluations
 from jansen_env.commands.named_policies import label, load_named
 from jansen_env.commands.plots import plot_scores
-from jansen_env.files import write_json
+from jansen_env.files import write_json, write_text
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.evaluation import Scores, evaluate
-from jansen_env.scoring.metrics import score_table
+from jansen_env.scoring.metrics import INTERVALS, score_table, tabled
 from jansen_env.scoring.rollout import make_env
+
+MATTER = 5  # metrics of the last words
 
 
 def score_run(folder: Path, config: dict[str, Any], episodes: int) -> Scores:
     """Score the best model in a run's folder and the baselines, with so many ``episodes`` per
-    command; writes scores.json and scores.png. A ValueError names a damaged file."""
+    command; writes scores.json, .md and .png. A ValueError names a damaged file."""
     model = folder / BEST if (folder / BEST).is_file() else folder / FINAL
     env_id, env_kwargs = config["env"], config.get("env_kwargs", {})
     benchmark, env = find_benchmark(env_id), make_env(env_id, env_kwargs)
@@ -26,25 +31,37 @@ def score_run(folder: Path, config: dict[str, Any], episodes: int) -> Scores:
     env.close()
     scores = evaluate(policies, env_id, env_kwargs, episodes=episodes)
     write_json(folder / "scores.json", scores)
+    write_text(folder / "scores.md", f"{score_table(benchmark.metrics, scores)}\n\n{INTERVALS}\n")
     plot_scores(benchmark, scores, folder / "scores.png")
     return scores
 
 
 def outcome(folder: Path, env_id: str, scores: Scores) -> str:
-    """Return scores of :func:`score_run` as a Markdown table and a sentence."""
-    benchmark = find_benchmark(env_id)
-    baseline, run = next(iter(benchmark.baselines)), list(scores)[-1]
-    target, table = _mean_return(scores[baseline]), score_table(benchmark.metrics, scores)
-    lines = [table, "brackets: 95 % intervals over episodes, not seeds"]
-    ahead = [row for row in read_evaluations(folder) if row["return"] > target]
-    if ahead and "seconds" in ahead[0]:
-        steps, seconds = ahead[0]["steps"], ahead[0]["seconds"]
-        lines.append(f"ahead of {baseline} at the evaluation after {steps:.0f} steps, "
-                     f"{seconds:.0f} s from the start")  # fmt: skip
-    lines.append(f"return: {_mean_return(scores[run]):.0f} against {target:.0f} of {baseline}; "
-                 f"figure in {folder}")  # fmt: skip
-    return "\n".join(lines)
+    """Return the last words of a run, within 100 columns: its :func:`score_run` in the metrics that
+    matter most, beside the baselines', and what it has missed."""
+    drawn = {name: metric for name, metric in tabled(find_benchmark(env_id).metrics).items()
+             if metric.axis}  # fmt: skip
+    first = sorted(drawn, key=lambda name: (name != "return", drawn[name].unit != "fraction"))
+    *baselines, run = scores
+    rows = [
+        [drawn[name].heading,
+         *(_shown(scores[policy]["overall"][name][:1]) for policy in (run, *baselines))]
+        for name in first[:MATTER]
+    ]  # fmt: skip
+    own, *others = (scores[policy]["overall"]["return"] for policy in (run, *baselines))
+    most, best = max(zip(others, baselines, strict=True))
+    way, since = "misses", ""
+    if own[0] > most[0]:
+        ahead = [row["steps"] for row in read_evaluations(folder) if row["return"] > most[0]]
+        way, since = "is above", f", since {ahead[0]:.0f} steps" if ahead else ""
+    return "\n".join([
+        tabulate(rows, ["", "this run", *baselines], "simple", disable_numparse=True),
+        f"return {_shown(own)} {way} the best baseline, {best}'s {_shown(most)}{since}",
+        f"95 % intervals over {scores[run]['episodes']} episodes; all scores: "
+        f"{folder / 'scores.md'}",
+    ])  # fmt: skip
 
 
-def _mean_return(score: dict[str, Any]) -> float:
-    return float(score["overall"]["return"][0])
+def _shown(numbers: Sequence[float | None]) -> str:
+    value, *ends = ("-" if number is None else f"{number:.3g}" for number in numbers)
+    return f"{value} [{', '.join(ends)}]" if ends else value

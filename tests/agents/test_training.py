@@ -13,7 +13,9 @@ import yaml
 import train
 from agents.training import callbacks, config
 from agents.training import train_model as training
+from agents.training.scores import outcome
 from jansen_env import sb3
+from jansen_env.scoring.benchmarks import BENCHMARKS, find_benchmark
 
 SMALL_PPO = Path(__file__).parents[1] / "small_ppo.yml"
 SMALL = ["--config", str(SMALL_PPO), "-n", "1024", "--n-envs", "4", "--eval-episodes", "1",
@@ -31,7 +33,7 @@ def run(tmp_path_factory):
 def test_run_folder_holds_all(run):
     """Config, command, checkpoints, best and final model, evaluations, scores, figures, logs."""
     expected = ["config.yml", "command.txt", "best_model.zip", "final_model.zip",
-                "evaluations.json", "scores.json", "scores.png"]  # fmt: skip
+                "evaluations.json", "scores.json", "scores.md", "scores.png"]  # fmt: skip
     assert all((run / name).is_file() for name in expected)
     assert list((run / "checkpoints").glob("model_*_steps.zip"))
     assert list((run / "tensorboard").rglob("events*"))
@@ -39,6 +41,26 @@ def test_run_folder_holds_all(run):
     assert (settings["algo"], settings["seed"], settings["timesteps"]) == ("ppo", 3, 1024)
     assert run.parent.name == "ppo" and run.name == "JansenWalker-v0_1"
     assert "train.py" in (run / "command.txt").read_text()
+
+
+@pytest.mark.parametrize("env_id", BENCHMARKS)
+def test_last_words_of_a_run_fit_a_terminal(env_id, tmp_path):
+    """Five rows, and in one sentence whether the best baseline is reached, and since when."""
+    benchmark = find_benchmark(env_id)
+    (tmp_path / "evaluations.json").write_text('[{"steps": 64, "return": 1}, '
+                                               '{"steps": 3194880, "return": 200}]')  # fmt: skip
+    numbers = {name: [0.00123456, -0.00123456, 0.00123456] for name in benchmark.metrics}
+    scores = {name: {"overall": {**numbers, "return": [rank + 100.0, 99.123, 101.123]},
+                     "episodes": 90}
+              for rank, name in enumerate([*benchmark.baselines, "ppo/run"])}  # fmt: skip
+    best = [*scores][-2]
+    lines = outcome(tmp_path, env_id, scores).replace(str(tmp_path), "logs").splitlines()
+    assert len(lines) == 9 and max(map(len, lines)) <= 100
+    assert (lines[2].startswith("return") and "falls" in lines[3] + lines[4]) or "Crank" in env_id
+    assert f"is above the best baseline, {best}'s" in lines[7]
+    assert lines[7].endswith(", since 3194880 steps")
+    scores["ppo/run"]["overall"]["return"] = [99.0, None, None]
+    assert f"misses the best baseline, {best}'s" in outcome(tmp_path, env_id, scores)
 
 
 def test_policy_files_never_run_code(run, tmp_path):

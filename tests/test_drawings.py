@@ -158,7 +158,10 @@ def test_distances_between_polygons(rng):
         assert (nearest - found).max() < 0.8 and (nearest - found).mean() < 0.1
 
 
-@pytest.mark.parametrize("name", [name for name in DIFFERENT if name != "chebyshev"])
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=pytest.mark.slow) if name in ("strider", "phases3") else name
+    for name in DIFFERENT if name != "chebyshev"
+])  # fmt: skip
 def test_nothing_on_the_shaft_meets_anything_else(name):
     """Every half degree: parts that share some z lie apart, and no pin is where a part passes."""
     robot = DESIGNS[name]
@@ -251,15 +254,14 @@ def test_files_are_the_same_every_time(tmp_path, capsys):
     arguments = ["built", "--sheet", "1000x500", "--out"]
     command.main([*arguments, str(tmp_path / "one")])
     assert "37 parts to cut, 5.21 kg" in capsys.readouterr().out
-    for seed in ("1", "2"):
-        again = [sys.executable, "-m", "jansen_env", "drawings", *arguments, str(tmp_path / "two")]
-        subprocess.run(again, check=True, env=os.environ | {"PYTHONHASHSEED": seed})
-        for file in (tmp_path / "one").rglob("*.*"):
-            other = tmp_path / "two" / file.relative_to(tmp_path / "one")
-            both = [path.read_bytes() for path in (file, other)]
-            if file.suffix == ".dxf":  # ezdxf lists what it registers in the order of a set
-                both = [b"".join(sorted(text.splitlines())) for text in both]
-            assert both[0] == both[1], file
+    again = [sys.executable, "-m", "jansen_env", "drawings", *arguments, str(tmp_path / "two")]
+    subprocess.run(again, check=True, env=os.environ | {"PYTHONHASHSEED": "1"})
+    for file in (tmp_path / "one").rglob("*.*"):
+        other = tmp_path / "two" / file.relative_to(tmp_path / "one")
+        both = [path.read_bytes() for path in (file, other)]
+        if file.suffix == ".dxf":  # ezdxf lists what it registers in the order of a set
+            both = [b"".join(sorted(text.splitlines())) for text in both]
+        assert both[0] == both[1], file
     first = {path.relative_to(tmp_path / "one"): path for path in (tmp_path / "one").rglob("*.*")}
     assert {str(path) for path in first} >= {
         "assembly.svg", "materials.csv", "parts/foot.dxf", "parts/foot.svg", "sheets/4mm_1.dxf",

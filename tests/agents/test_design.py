@@ -302,7 +302,8 @@ def test_a_damaged_journal_is_refused(change, message, tmp_path):
         search.run_search(plan, 0, tmp_path)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ["cma", *(pytest.param(name, marks=pytest.mark.slow)
+                                             for name in ("nsga2", "map_elites"))])  # fmt: skip
 def test_the_command_searches_and_reports(method, tmp_path, capsys):
     """A robot file and a profile that walk as the report says, pictures, the same again."""
     path = tmp_path / "own.yml"
@@ -327,17 +328,18 @@ def test_the_command_searches_and_reports(method, tmp_path, capsys):
     assert "holds another search: ['speed'] differ" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("places", [{"half the time step": {"time_step": 5e-4}}, pytest.param(
-    trust.ELSEWHERE, marks=pytest.mark.slow)], ids=["one", "all"])  # fmt: skip
-def test_ranks_are_checked_elsewhere(places, tmp_path, monkeypatch):
+@pytest.mark.slow
+def test_ranks_are_checked_elsewhere(tmp_path):
     """A report of rank correlations at other time steps, on the other plant, from other starts."""
-    monkeypatch.setattr(trust, "ELSEWHERE", places)
     plan = plan_of(generations=2)
     search.run_search(plan, 0, tmp_path / "seed_0")
     text = trust.trust_report(plan, tmp_path)
-    assert all(place in text for place in (*places, "start 8", "rank correlation"))
+    assert all(place in text for place in (*trust.ELSEWHERE, "start 8", "rank correlation"))
+
+
+def test_ranks_need_designs(tmp_path):
     with pytest.raises(ValueError, match="has 0 designs in its limits"):
-        trust.trust_report(plan, tmp_path / "seed_1")
+        trust.trust_report(plan_of(), tmp_path)
 
 
 @pytest.mark.parametrize("arguments, message", [

@@ -33,7 +33,7 @@ extensions = [
     "sphinx.ext.viewcode",
     "docstrings",  # beside this file
 ]
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "pypi.md"]
 templates_path = ["_templates"]
 html_theme = "furo"
 html_static_path = ["_static"]

@@ -33,7 +33,7 @@ extensions = [
     "sphinx.ext.viewcode",
     "docstrings",  # beside this file
 ]
-exclude_patterns = ["_build", "pypi.md"]
+exclude_patterns = ["_build", "pypi.md"]  # the package index shows the latter
 templates_path = ["_templates"]
 html_theme = "furo"
 html_static_path = ["_static"]

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -11,9 +12,13 @@ import pytest
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SIZES = {  # the arguments that make it short, and a word of what it prints
     "joint_loads": ("20", "largest"),
+    "log_to_wandb": ("8192", "logged to"),
     "own_linkage": ("20", "does not close"),
     "own_terrain_and_reward": ("20", "return"),
+    "share_on_hub": ("", "README.md"),
+    "skrl_ppo": ("20000", "curves"),
     "thousand_robots": ("8", "steps/s"),
+    "torchrl_ppo": ("5000", "mean return"),
     "train_and_watch": ("1", "return"),
     "tune_with_optuna": ("1 10000", "best return"),
     "typed_walk": ("20", "8 robots"),
@@ -26,14 +31,20 @@ def test_all_examples_are_tried() -> None:
     assert {path.stem for path in EXAMPLES.glob("*.py")} == {*SIZES, *ELSEWHERE}
 
 
-NEEDS = {"tune_with_optuna": "optuna"}  # beside the extras
+NEEDS = {  # beside the extras
+    "log_to_wandb": "wandb",
+    "share_on_hub": "huggingface_hub",
+    "skrl_ppo": "skrl",
+    "torchrl_ppo": "torchrl",
+    "tune_with_optuna": "optuna",
+}
 
 
 @pytest.mark.parametrize("name", SIZES)
 def test_example(name: str, tmp_path: Path) -> None:
     size, printed = SIZES[name]
-    if name in NEEDS:
-        pytest.importorskip(NEEDS[name])
+    if name in NEEDS and find_spec(NEEDS[name]) is None:
+        pytest.skip(f"{NEEDS[name]} is not installed")
     headless = {**os.environ, "SDL_VIDEODRIVER": "dummy", "MPLBACKEND": "Agg"}
     run = subprocess.run(
         [sys.executable, EXAMPLES / f"{name}.py", *size.split()],

@@ -1,6 +1,6 @@
 """PPO of TorchRL: loss and advantages from its building blocks, the loop written out.
 
-python examples/torchrl_ppo.py [STEPS]   (200,000 by default: a few minutes)
+python examples/torchrl_ppo.py [STEPS]   (200,000 by default: some ten minutes)
 
 Needs torchrl and tensordict: docs/frameworks.md.
 """

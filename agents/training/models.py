@@ -37,8 +37,8 @@ def linear_schedule(text: str) -> LinearSchedule:
 
 
 def restore(model: BaseAlgorithm, tensors: dict[str, Any]) -> None:
-    """Set all parameters of a model, its optimisers' too, as :func:`read_model` gives them; a
-    ValueError where they are another model's."""
+    """Set all parameters of a model, its optimisers' too, to the tensors of a file
+    (:func:`jansen_env.sb3.model_files.read_model`); a ValueError where they are another model's."""
     parameters = dict(tensors)
     values = parameters.pop("pytorch_variables", None) or {}
     needed = model._get_torch_save_params()[1]

@@ -12,6 +12,7 @@ import { explain } from "./terms.js";
 const RECONNECT = [0.5, 1, 2, 4, 8]; // s until the next attempt, the last one again and again
 const DEAD_ZONE = 0.12; // of a gamepad's stick
 const SENDING = 15; // ms between two messages of a slider, at least
+const BEGUN = 1; // s, after which a walk is under way
 const ACTS = ["hold", "steer", "push", "reset", "another"]; // messages after which help is read
 
 const $ = (id) => document.getElementById(id);
@@ -29,6 +30,7 @@ let drag = null; // {x, y, toX, toY}, pixels, while the pointer is down
 let stick = 0; // where the gamepad's was
 let stickButton = false;
 let sent = 0; // ms, when values were sent last
+let stands = false; // time, as this page's help is open
 const waiting = new Map(); // of each slider its newest value
 
 // The connection.
@@ -38,7 +40,7 @@ function connect() {
   socket.addEventListener("open", () => {
     attempts = 0;
     notice = "";
-    if ($("help").open) send({ do: "pause", value: true });
+    if (stands) send({ do: "pause", value: true });
   });
   socket.addEventListener("message", (event) => receive(JSON.parse(event.data)));
   socket.addEventListener("close", () => {
@@ -61,7 +63,9 @@ function sendSoon(message) {
 
 function receive(message) {
   if (message.kind === "state") {
+    const first = !latest && location.hash !== "#walk"; // with which the bench leads here
     latest = message;
+    if (first && message.score.time < BEGUN) toggleHelp(); // or somebody plays already
   } else if (message.kind === "scene") {
     if (scene?.paused && !message.paused) $("help").close(); // time goes on: somebody plays
     scene = message;
@@ -258,7 +262,8 @@ function take() {
 function toggleHelp() {
   if ($("help").open) return $("help").close();
   $("help").show();
-  send({ do: "pause", value: true });
+  stands = !scene.paused;
+  if (stands) send({ do: "pause", value: true });
 }
 
 /** Whether a key is the focused element's own: arrows of a slider, letters of a list. */
@@ -364,7 +369,10 @@ $("reset").addEventListener("click", KEYS.r);
 $("another").addEventListener("click", KEYS.n);
 $("pause").addEventListener("click", () => scene && KEYS.p());
 $("show-help").addEventListener("click", toggleHelp);
-$("help").addEventListener("close", () => send({ do: "pause", value: false }));
+$("help").addEventListener("close", () => {
+  if (stands) send({ do: "pause", value: false });
+  stands = false;
+});
 for (const button of document.querySelectorAll(".take"))
   button.addEventListener("click", () => scene && take());
 $("replay").addEventListener("click", () => send({ do: "replay" }));
@@ -372,6 +380,5 @@ for (const button of document.querySelectorAll("#panel button"))
   button.addEventListener("pointerup", letGo);
 $("panel").addEventListener("submit", (event) => event.preventDefault());
 
-if (location.hash !== "#walk") $("help").show(); // with which the bench leads here
 connect();
 requestAnimationFrame(draw);

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import os
+import sys
 from importlib import import_module
 
 from jansen_env import __version__
@@ -18,7 +20,12 @@ COMMANDS = {
     "compile": "compile all that environments need, for containers",
 }
 """What each module of :mod:`jansen_env.commands` with a ``main`` does."""
-TRAINED = ("stable_baselines3", "torch")  # what models of Stable-Baselines3 need, and nothing else
+INSTALLS = {
+    "mujoco": '"jansen-env[mujoco]"',
+    "stable_baselines3": "stable-baselines3",
+    "torch": "stable-baselines3",
+}
+"""What brings a package that the extra ``tools`` does not bring."""
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -30,7 +37,7 @@ def main(arguments: list[str] | None = None) -> None:
     )  # fmt: skip
     add = parser.add_argument
     add("--version", action="version", version=__version__)
-    add("command", choices=COMMANDS, metavar="COMMAND", help="of those below")
+    add("command", choices=COMMANDS, metavar="COMMAND", help="one of those below")
     add("arguments", nargs=argparse.REMAINDER, metavar="...", help="see jansen-env COMMAND --help")
     found = parser.parse_args(arguments)
     try:
@@ -39,9 +46,12 @@ def main(arguments: list[str] | None = None) -> None:
         missing = (error.name or "").partition(".")[0]
         if missing in ("", "jansen_env"):
             raise
-        wanted = "stable-baselines3" if missing in TRAINED else '"jansen-env[tools]"'
+        wanted = INSTALLS.get(missing, '"jansen-env[tools]"')
         text = f"jansen-env {found.command} needs {missing}: python -m pip install {wanted}"
         raise SystemExit(text) from error
+    except BrokenPipeError:  # whoever read the output has ended
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise SystemExit(1) from None
     except KeyboardInterrupt:
         raise SystemExit(130) from None
 

@@ -28,7 +28,7 @@ def shown(value: Any) -> str:
 def listed(known: Iterable[Any], value: Any) -> str:
     """Known names as a message lists them, and which of them ``value`` may have meant."""
     names, text = [*known], value[:LONGEST] if isinstance(value, str) else ""
-    near = get_close_matches(text, map(str, names), 1, 0.75)
+    near = get_close_matches(text, map(str, names), 1)
     return f"{names}; did you mean {near[0]!r}?" if near else str(names)
 
 

@@ -8,8 +8,8 @@ import pytest
 from jansen_env import __version__
 from jansen_env.__main__ import COMMANDS, main
 
-OPTIONAL = ("PIL", "cma", "ezdxf", "filelock", "imageio", "matplotlib", "rich", "scipy",
-            "stable_baselines3", "tabulate", "torch", "websockets", "yaml")  # fmt: skip
+OPTIONAL = ("PIL", "cma", "ezdxf", "filelock", "imageio", "matplotlib", "mujoco", "rich",
+            "scipy", "stable_baselines3", "tabulate", "torch", "websockets", "yaml")  # fmt: skip
 WITHOUT = f"import sys; sys.modules.update(dict.fromkeys({OPTIONAL}))"
 RUN = f"{WITHOUT}; from jansen_env.__main__ import main; main(sys.argv[1:])"
 
@@ -59,7 +59,21 @@ def test_what_needs_no_other_package(tmp_path):
     done = run("replay", "--policy", "pretrained", "--steps", "20", "--out", "x.html", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "x.html").stat().st_size > 50_000
-    assert run("mjcf", "built", "--out", "x.xml", cwd=tmp_path).returncode == 0
+    assert run("mjcf", "paper", "--out", "x.xml", cwd=tmp_path).returncode == 0
+    assert 'pip install "jansen-env[mujoco]"' in run("mjcf", "built").stderr  # of its springs
+
+
+def test_a_folder_that_cannot_be_written_to_is_named_before_the_work(capsys):
+    for command in (["evaluate", "--policy", "pid", "--out", "/proc"],
+                    ["mjcf", "paper", "--out", "/proc/x/x.xml"]):  # fmt: skip
+        with pytest.raises(SystemExit) as ended:
+            main(command)
+        assert ended.value.code == 2 and "/proc" in capsys.readouterr().err
+
+
+def test_an_environment_without_policies_shows_its_baseline(tmp_path):
+    main(["replay", "--env", "JansenGoal-v0", "--steps", "5", "--out", str(tmp_path / "x.html")])
+    assert [path.name for path in tmp_path.glob("*.npz")] == ["x_pid.npz"]
 
 
 def test_a_model_asks_for_its_library(tmp_path):

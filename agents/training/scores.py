@@ -63,5 +63,5 @@ def outcome(folder: Path, env_id: str, scores: Scores) -> str:
 
 
 def _shown(numbers: Sequence[float | None]) -> str:
-    value, *ends = ("-" if number is None else f"{number:.3g}" for number in numbers)
-    return f"{value} [{', '.join(ends)}]" if ends else value
+    value, *ends = (f"{number:.3g}" if number is not None else "-" for number in numbers)
+    return f"{value} [{', '.join(ends)}]" if ends and ends[0] != "-" else value

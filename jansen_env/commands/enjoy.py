@@ -24,7 +24,7 @@ from jansen_env.commands.film import (
     steps_per_frame,
 )
 from jansen_env.commands.flags import parse_policies, policy_parser, positive_int
-from jansen_env.commands.named_policies import label, load_all
+from jansen_env.commands.named_policies import default_policy, label, load_all
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import make_env
 
@@ -106,7 +106,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     args = parse_policies(parser, arguments, "--command")
     args.command = args.command or [find_benchmark(args.env).middle]
     args.episodes = args.episodes or len(args.command)
-    args.policy = args.policy or ["pretrained"]
+    args.policy = args.policy or [default_policy(args.env)]
     return args
 
 

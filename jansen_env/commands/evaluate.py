@@ -6,16 +6,13 @@ import argparse
 from pathlib import Path
 
 from jansen_env.commands import robustness
-from jansen_env.commands.film import FRAME_TIME, record_video
 from jansen_env.commands.flags import parse_policies, policy_parser, positive_int
 from jansen_env.commands.named_policies import load_all
 from jansen_env.commands.plots import plot_scores
-from jansen_env.files import write_json
+from jansen_env.files import writable, write_json
 from jansen_env.scoring.benchmarks import WALKERS, find_benchmark
 from jansen_env.scoring.evaluation import Scores, evaluate
 from jansen_env.scoring.metrics import INTERVALS, score_table
-
-KINDS = tuple(suffix.removeprefix(".") for suffix in FRAME_TIME)  # of video
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -33,21 +30,14 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         "command; a tenth of the episodes on 'rigid_body'")  # fmt: skip
     add("--out", default="logs/evaluation", metavar="DIR",
         help="folder of scores.json and scores.png, or of those of --robustness")  # fmt: skip
-    add("--video", nargs="*", choices=KINDS, metavar="KIND",
-        help="also videos of each policy, gif or mp4; default: both")  # fmt: skip
-    add("--video-command", type=float, metavar="V",
-        help="speed or goal of the videos; default: the grid's middle")  # fmt: skip
     args = parse_policies(parser, arguments, "--commands")
     if args.plant and args.env not in WALKERS:
         parser.error(f"--plant is {args.plant}, but {args.env} has one plant only")
     if args.robustness and args.env not in WALKERS:
         parser.error(f"--robustness needs one of {WALKERS}, but --env is {args.env}")
-    if args.robustness and (args.commands or args.random_commands or args.video is not None):
-        parser.error("--robustness goes without --commands, --random-commands and --video")
-    benchmark = find_benchmark(args.env)
-    args.commands = args.commands or list(benchmark.commands)
-    if args.video_command is None:
-        args.video_command = benchmark.middle
+    if args.robustness and (args.commands or args.random_commands):
+        parser.error("--robustness goes without --commands and --random-commands")
+    args.commands = args.commands or list(find_benchmark(args.env).commands)
     return args
 
 
@@ -56,12 +46,13 @@ def main(arguments: list[str] | None = None) -> None:
     args = parse(arguments)
     benchmark, out = find_benchmark(args.env), Path(args.out)
     try:
-        loaded = load_all(args, (*args.commands, args.video_command))
-        out.mkdir(parents=True, exist_ok=True)
+        loaded = load_all(args, args.commands)
+        if not writable(out):  # before the work, not after it
+            raise ValueError(f"--out is {out}, must be a folder that can be written to")
         if args.robustness:
             print(robustness.report(loaded, args.env, args.episodes, args.seed, out))
             return
-    except (OSError, ValueError) as error:
+    except ValueError as error:
         args.error(str(error))
     scores: Scores = {}
     drawn: Scores = {}
@@ -79,11 +70,3 @@ def main(arguments: list[str] | None = None) -> None:
     print(f"\n{args.episodes} episodes at each of {args.commands} {benchmark.command_unit}, "
           f"seed {args.seed}; {INTERVALS}. "
           f"Written: {out}/scores.json, {out}/scores.png")  # fmt: skip
-    if args.video is None:
-        return
-    for policies, env_kwargs in loaded:
-        for name, policy in policies.items():
-            for kind in args.video or KINDS:
-                path = out / f"{name.replace('/', '_').replace(' ', '_')}.{kind}"
-                record_video(policy, args.env, env_kwargs, args.video_command, args.seed, path)
-                print(f"written: {path}")

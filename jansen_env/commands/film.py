@@ -14,7 +14,6 @@ from jansen_env.baselines.policy import Policy
 from jansen_env.files import write_whole
 from jansen_env.rendering import GROUND, GROUND_TEXT, SLIP
 from jansen_env.scoring.benchmarks import find_benchmark
-from jansen_env.scoring.rollout import make_env
 
 FRAME_TIME = {".gif": 0.08, ".mp4": 0.02}  # s from one frame to the next
 GIF_WIDTH, GIF_COLOURS = 480, 32
@@ -99,16 +98,6 @@ def check_suffix(path: str | Path) -> str:
 def steps_per_frame(path: str | Path, env: Any) -> int:
     """Return how many control steps a file's kind of video has from one frame to the next."""
     return max(1, round(FRAME_TIME[Path(path).suffix] / env.unwrapped.control_dt))
-
-
-def record_video(policy: Policy, env_id: str, env_kwargs: dict[str, Any], command: float, seed: int,
-                 path: str | Path, seconds: float = 6.0) -> None:  # fmt: skip
-    """Write a video of an episode's first ``seconds``, to a .gif or .mp4 file."""
-    env: Any = make_env(env_id, env_kwargs, render_mode="rgb_array")
-    dt, every = env.unwrapped.control_dt, steps_per_frame(path, env)
-    steps = zip(range(round(seconds / dt)), play(policy, env, command, seed), strict=False)
-    save_video(film(env, (moment for _, moment in steps), every), path, every * dt)
-    env.close()
 
 
 def save_video(frames: Iterable[Picture], path: str | Path, frame_time: float) -> None:

@@ -20,6 +20,12 @@ SHIPPED = "pretrained:"  # before the name of a policy that comes with the packa
 SEARCHED = "profile:"  # before the file of a profile that a search has found
 
 
+def default_policy(env_id: str) -> str:
+    """Return the name of an environment's own policy, or else of its first baseline."""
+    own = pretrained.names(env_id)
+    return "pretrained" if own else next(iter(find_benchmark(env_id).baselines))
+
+
 def load_named(name: str, env: Any) -> Policy:
     """Load a policy for ``env``: a baseline, ``"pretrained"`` or ``"pretrained:NAME"``, a searched
     profile ``"profile:FILE"``, or that of a run's folder or of the file of a model or policy; a

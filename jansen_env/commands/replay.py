@@ -9,7 +9,7 @@ from pathlib import Path
 
 from jansen_env.commands.film import play
 from jansen_env.commands.flags import parse_policies, policy_parser, positive_int
-from jansen_env.commands.named_policies import labels, load_named
+from jansen_env.commands.named_policies import default_policy, labels, load_named
 from jansen_env.files import write_text
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import make_env
@@ -31,6 +31,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--out", default="replay.html", metavar="FILE",
         help="the page, .html; recordings go beside it; default: replay.html")  # fmt: skip
     args = parse_policies(parser, arguments, "--command")
+    args.policy = args.policy or [default_policy(args.env)] * (not args.recording)
     if not 1 <= (count := len(args.policy) + len(args.recording)) <= MOST_RECORDINGS:
         parser.error(f"--policy and --recording are given {count} times, must be once or twice")
     if Path(args.out).suffix != ".html":

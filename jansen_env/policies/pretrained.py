@@ -218,10 +218,8 @@ def shipped(env_id: str, name: str = DEFAULT) -> Path:
     Raises:
         ValueError: there is none of this name for the environment.
     """
-    if not (known := names(env_id)):
-        every = sorted(path.name for path in POLICIES.iterdir() if names(path.name))
-        raise ValueError(f"env_id is {shown(env_id)}, must be one of {every}, which have policies")
-    one_of("policy", name, known)
+    one_of("env_id", env_id, sorted(path.name for path in POLICIES.iterdir() if names(path.name)))
+    one_of("policy", name, names(env_id))
     return POLICIES / env_id / f"{name}.json"
 
 

@@ -48,21 +48,22 @@ def make_vec_env(
     common = {**(env_kwargs or {}), **kwargs}
     each = [{**common, **variants[i % len(variants)]} for i in range(num_envs)]
     if can_be_batched(env_id, common, variants):
-        return BatchVecEnv(_make_batch(env_id, common, each), info_keys)
+        varied = {name for variant in variants for name in variant}
+        return BatchVecEnv(_make_batch(env_id, common, each, varied), info_keys)
     return DummyVecEnv([partial(make_env, env_id, own) for own in each])
 
 
 def _make_batch(
-    env_id: str, kwargs: dict[str, Any], each: Sequence[dict[str, Any]]
+    env_id: str, kwargs: dict[str, Any], each: Sequence[dict[str, Any]], varied: set[str]
 ) -> TaskVectorEnv[Any]:
-    """One batch with the arguments of each environment."""
+    """One batch with the arguments of each environment; ``varied`` names those that differ."""
     entry = vector_env(env_id)
     defaults = {name: p.default for name, p in inspect.signature(entry).parameters.items()}
     defaults["max_episode_steps"] = gym.spec(env_id).max_episode_steps
     own = {
         name: Each(one.get(name, defaults[name]) for one in each)
         for name in (*entry.TASK.PER_ROBOT, "max_episode_steps")
-        if any(name in one for one in each)
+        if name in varied
     }
     env: Any = gym.make_vec(
         env_id, num_envs=len(each), autoreset_mode=AutoresetMode.DISABLED, **{**kwargs, **own}

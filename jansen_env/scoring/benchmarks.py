@@ -244,9 +244,10 @@ def can_be_batched(
 ) -> bool:
     """Whether one batch can hold environments with these arguments."""
     task = vector_env(env_id).TASK
-    robots = {variant.get("robot", env_kwargs.get("robot", "paper")) for variant in variants}
+    given = [variant.get("robot", env_kwargs.get("robot", "paper")) for variant in variants]
+    each = [one for robots in given for one in (robots if isinstance(robots, list) else [robots])]
     return (
-        len({leg_sides(load_robot("robot", robot)) for robot in robots}) == 1
+        len({leg_sides(load_robot("robot", robot)) for robot in each}) == 1
         and all(env_kwargs.get(name, value) == value for name, value in task.SINGLE_ONLY.items())
         and env_kwargs.get("render_mode") in (None, "rgb_array")
         and all(set(variant) <= {*task.PER_ROBOT, "max_episode_steps"} for variant in variants)

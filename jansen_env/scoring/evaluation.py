@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from jansen_env.baselines.policy import Policy
+from jansen_env.checks import instance, positive_integer, whole_number
 from jansen_env.scoring.benchmarks import DEFAULT, find_benchmark
 from jansen_env.scoring.metrics import pooled, summarise
 from jansen_env.scoring.rollout import draw_episodes, make_env, run_episodes
@@ -38,8 +39,10 @@ def evaluate(
         :func:`jansen_env.scoring.metrics.pooled`, and its episodes under ``"raw"``.
 
     Raises:
-        ValueError: an argument of the environment, or a command, is not allowed.
+        ValueError: an argument, also of the environment, or a command is not allowed.
     """
+    instance("policies", policies, Mapping)
+    episodes, seed = positive_integer("episodes", episodes), whole_number("seed", seed)
     env_kwargs = env_kwargs or {}
     benchmark, env, scores = find_benchmark(env_id), make_env(env_id, env_kwargs), {}
     if drawn:

@@ -290,20 +290,14 @@ def test_evaluation_command(tmp_path, capsys):
     arguments = ["--policy", "constant", "--policy", "pid", "--episodes", "1",
                  "--random-commands", "3", "--commands", "0.1", "0.3",
                  "--env-kwargs", "{max_episode_steps: 40}"]  # fmt: skip
-    out = []
-    for more in (["a"], ["b", "--video"]):
-        evaluate.main([*arguments, "--out", str(tmp_path / more[0]), *more[1:]])
-        out.append(capsys.readouterr().out)
-    assert out[0].splitlines()[:11] == out[1].splitlines()[:11]
-    assert out[0].splitlines()[5] == "3 episodes with commands drawn from the environment's range:"
+    evaluate.main([*arguments, "--out", str(tmp_path / "a")])
+    out = capsys.readouterr().out.splitlines()
+    assert out[5] == "3 episodes with commands drawn from the environment's range:"
     table = json.loads((tmp_path / "a" / "scores.json").read_text())
     assert set(table) == {"pid", "constant"}
     assert table["pid"]["drawn"]["episodes"] == 3
     assert table["pid"]["drawn"]["raw"]["command"] == table["constant"]["drawn"]["raw"]["command"]
     assert (tmp_path / "a" / "scores.png").stat().st_size > 10_000
-    for name in ("pid", "constant"):
-        assert (tmp_path / "b" / f"{name}.gif").read_bytes()[:3] == b"GIF"
-        assert (tmp_path / "b" / f"{name}.mp4").read_bytes()[4:8] == b"ftyp"
 
 
 def test_evaluation_on_both_plants(tmp_path, capsys):

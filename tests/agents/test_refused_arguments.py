@@ -18,8 +18,7 @@ REFUSED = {
         (["--episodes", "many"], "many"),
         (["--seed", "-1"], "-1"),
         (["--commands", "9"], "is 9.0, must be between"),
-        (["--video-command", "9"], "is 9.0, must be between"),
-        (["--out", "/dev/null/out"], "Not a directory"),
+        (["--out", "/dev/null/out"], "--out is /dev/null/out, must be a folder"),
     ],
     (enjoy, "--env", "JansenCrank-v0"): [
         (["--policy", "nobody"], "must be one of ['pid', 'constant', 'inverse', 'pretrained']"),
@@ -33,7 +32,6 @@ REFUSED = {
         (["--video", "/dev/null/a.gif"], "/dev/null/a.gif"),
     ],
     (replay,): [
-        ([], "are given 0 times"),
         (["--policy", "pid"] * 3, "are given 3 times"),
         (["--policy", "pid", "--policy", "pid-paper"], "is given 2 times"),
         (["--policy", "nobody"], "policy is 'nobody', no run's folder"),

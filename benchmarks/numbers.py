@@ -1,81 +1,47 @@
 """List the pages' numbers with their commands and commits: ``python -m benchmarks.numbers``.
 
-A passage's command is the last one that its section names; of a section without, its page's first.
-The commit is the newest that changed a line of the passage.
+A line's command is the last one before it that its section names, or else the first one after it;
+its commit is the one that changed it last.
 """
 
 from __future__ import annotations
 
-import argparse
 import re
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 from tabulate import tabulate
 
 ROOT = Path(__file__).parents[1]
-PAGES = "README.md", "docs"
-HISTORY = ("docs/changelog.md",)
-COMMAND = re.compile(r"(?:python -m (?!pip)|python train|jansen-env|pytest)\b[^`\n]*")
-NUMBER = re.compile(r"(?<![\w.`-])[-+]?\d[\d,]*(?:\.\d+)?(?:e-?\d+)?(?: %)?(?![\w`])")
-SHOWN = 6  # numbers of a passage
+COMMAND = re.compile(r"(?:python -m (?!pip)|python train|jansen-env (?=[a-z])|pytest )[^`\n]*")
+NUMBER = re.compile(r"(?<![\w.`-])[-+]?\d+(?:,\d{3})*(?:\.\d+)?(?:e-?\d+)?(?: %)?(?![\w`]|\.\d)")
+NOT_TEXT = re.compile(r"`[^`]*`|\]\([^)]*\)|^\s*!\[.*|\w+-v\d")  # code, links, pictures, ids
 
 
-class Passage(NamedTuple):
-    """Lines of a page between empty ones, and the command that makes their numbers, or ""."""
-
-    page: str
-    line: int
-    text: str
-    command: str
-
-
-def passages(page: Path) -> Iterator[Passage]:
-    """Give the passages of a page that have numbers; code does not count."""
-    text = re.sub(r"\\\n *", "", page.read_text(encoding="utf-8"))
-    first = found.group() if (found := COMMAND.search(text)) else ""
-    command, line, code = first, 1, False
-    for block in re.split(r"(\n\s*\n)", text):
-        if block.startswith("#"):
-            command = first
-        if named := COMMAND.findall(block):
-            command = named[-1].strip()
-        fences = block.count("```")
-        plain = re.sub(r"```.*?```|`[^`]*`|\]\([^)]*\)|^#.*$", "", block, flags=re.S | re.M)
-        if not code and NUMBER.search(plain):
-            yield Passage(str(page.relative_to(ROOT)), line, plain, command)
-        code ^= fences % 2 == 1
-        line += block.count("\n")
-
-
-def commit_of(passage: Passage) -> str:
-    """Return the newest commit of a passage's lines, abbreviated."""
-    last = passage.line + max(passage.text.count("\n"), 0)
-    log = ["git", "log", "-1", "--format=%h", "-s", f"-L{passage.line},{last}:{passage.page}"]
-    done = subprocess.run(log, cwd=ROOT, capture_output=True, text=True, check=False)
-    return done.stdout.strip() or "not committed"
-
-
-def main(arguments: list[str] | None = None) -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.numbers", description=__doc__)
-    parser.add_argument("--without", action="store_true", help="those without a command alone")
-    found = parser.parse_args(arguments)
-    pages = [path for name in PAGES for path in ([ROOT / name] if name.endswith(".md") else
-             sorted((ROOT / name).rglob("*.md")))]  # fmt: skip
-    every = [one for page in pages for one in passages(page) if one.page not in HISTORY]
-    rows = []
-    for one in every:
-        if found.without and one.command:
-            continue
-        numbers = NUMBER.findall(one.text)
-        more = f" and {len(numbers) - SHOWN} more" if len(numbers) > SHOWN else ""
-        shown = "; ".join(numbers[:SHOWN]) + more
-        rows.append([f"{one.page}:{one.line}", shown, one.command or "none", commit_of(one)])
-    print(tabulate(rows, ["page", "numbers", "command", "commit"], "github", disable_numparse=True))
+def rows(page: Path) -> Iterator[tuple[str, str, str, str]]:
+    """Give place, numbers, command and commit of each line that has numbers; code has none."""
+    blame = ["git", "blame", "-s", "--abbrev=7", str(page)]
+    lines = subprocess.run(blame, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    found = [line.partition(")") for line in lines.splitlines()]
+    command, code = "", False
+    for i, (commit, _, text) in enumerate(found):
+        if text.startswith(" #") and not code:
+            section = [later for *_, later in found[i + 1 :]]
+            end = next((k for k, later in enumerate(section) if later.startswith(" ## ")), None)
+            first = COMMAND.search("\n".join(section[:end]))
+            command = first.group() if first else "none"
+        command = [command, *COMMAND.findall(text)][-1].strip(" \\")
+        code ^= text.startswith(" ```")
+        numbers = NUMBER.findall(NOT_TEXT.sub("", text))
+        if numbers and not code and not text.startswith(" #"):
+            place = f"{page.relative_to(ROOT)}:{i + 1}"
+            yield place, "; ".join(numbers), command, commit.split()[0]
 
 
 if __name__ == "__main__":
-    main()
+    pages = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    every = [row for page in pages if page.name != "changelog.md" for row in rows(page)]
+    print(
+        tabulate(every, ["page", "numbers", "command", "commit"], "github", disable_numparse=True)
+    )

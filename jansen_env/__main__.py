@@ -39,7 +39,8 @@ def main(arguments: list[str] | None = None) -> None:
     add("--version", action="version", version=__version__)
     add("command", choices=COMMANDS, metavar="COMMAND", help="one of those below")
     add("arguments", nargs=argparse.REMAINDER, metavar="...", help="see jansen-env COMMAND --help")
-    found = parser.parse_args(arguments)
+    arguments = sys.argv[1:] if arguments is None else arguments
+    found = parser.parse_args(arguments or ["--help"])
     try:
         import_module(f"jansen_env.commands.{found.command}").main(found.arguments)
     except ModuleNotFoundError as error:

@@ -47,7 +47,7 @@ def part_of(module: str) -> str | None:
     """The part that a module belongs to; None for one of another project."""
     if module.startswith("jansen_env.parameters"):  # plain data, which plants read as well
         return "parameters"
-    if module == "agents":  # whose modules are named beside it
+    if module in ("agents", "agents.need"):  # whose modules are named beside it
         return None
     names = [name for name in module.split(".") if name != "jansen_env"]
     for part in (".".join(names[:2]), *names[:1]):

@@ -106,6 +106,8 @@ def write_report(plan: Plan, folder: Path, policy: Policy | None = None) -> str:
         f"{tabulate(table, ['', *designs], tablefmt='github')}\n\n"
         "![designs](designs.png)\n\n![search](search.png)\n"
     )
+    if out := [one.name for one in found if one.searched.violation[one.best] > 0.0]:
+        text += f"\nNone of {', '.join(out)} keeps all limits: shown is the one nearest to them.\n"
     robots = [one.robot for one in designs.values()]
     if len(found) > 1 and all(geometry_measures(one)["closure"] > 0.0 for one in robots):
         text += f"\n{agreement(robots)}\n"
@@ -208,7 +210,8 @@ def draw_search(plan: Plan, found: list[Found], path: Path) -> None:
         else:
             value = np.where(one.searched.violation == 0.0, objectives[:, 0], np.inf)
             best = np.minimum.accumulate(value.reshape(-1, plan.population).min(axis=1))
-            axis.plot(np.where(np.isfinite(best), sign[0] * best, np.nan), label=one.name)
+            none = "" if np.isfinite(best).any() else ": none keeps all limits"
+            axis.plot(np.where(np.isfinite(best), sign[0] * best, np.nan), label=one.name + none)
     labels = {"nsga2": names[:2], "map_elites": [*plan.map]}.get(
         plan.method, ["generation", names[0]]
     )

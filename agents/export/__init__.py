@@ -17,6 +17,10 @@ from typing import Any
 
 import torch
 
+from agents import need
+
+need("export", "jinja2", "onnx", "onnxscript")
+
 from agents.export import agreement, c_source, onnx_model
 from agents.export.model_card import card
 from agents.pack import TOLERANCE, from_run, in_float64

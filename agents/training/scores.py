@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from jansen_env.commands.plots import plot_scores
 from jansen_env.files import write_json, write_text
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.evaluation import Scores, evaluate
-from jansen_env.scoring.metrics import INTERVALS, score_table, tabled
+from jansen_env.scoring.metrics import INTERVALS, interval_text, score_table, tabled
 from jansen_env.scoring.rollout import make_env
 
 MATTER = 5  # metrics of the last words
@@ -31,7 +30,8 @@ def score_run(folder: Path, config: dict[str, Any], episodes: int) -> Scores:
     env.close()
     scores = evaluate(policies, env_id, env_kwargs, episodes=episodes)
     write_json(folder / "scores.json", scores)
-    write_text(folder / "scores.md", f"{score_table(benchmark.metrics, scores)}\n\n{INTERVALS}\n")
+    table = score_table(benchmark.metrics, scores, "metric")
+    write_text(folder / "scores.md", f"{table}\n\n{INTERVALS}\n")
     plot_scores(benchmark, scores, folder / "scores.png")
     return scores
 
@@ -45,7 +45,7 @@ def outcome(folder: Path, env_id: str, scores: Scores) -> str:
     *baselines, run = scores
     rows = [
         [drawn[name].heading,
-         *(_shown(scores[policy]["overall"][name][:1]) for policy in (run, *baselines))]
+         *(interval_text(scores[policy]["overall"][name][:1]) for policy in (run, *baselines))]
         for name in first[:MATTER]
     ]  # fmt: skip
     own, *others = (scores[policy]["overall"]["return"] for policy in (run, *baselines))
@@ -53,15 +53,12 @@ def outcome(folder: Path, env_id: str, scores: Scores) -> str:
     way, since = "misses", ""
     if own[0] > most[0]:
         ahead = [row["steps"] for row in read_evaluations(folder) if row["return"] > most[0]]
-        way, since = "is above", f", since {ahead[0]:.0f} steps" if ahead else ""
+        way, since = "is above", f" (since {ahead[0]:,.0f} steps)" if ahead else ""
+    here, best_return = interval_text(own), interval_text(most)
     return "\n".join([
         tabulate(rows, ["", "this run", *baselines], "simple", disable_numparse=True),
-        f"return {_shown(own)} {way} the best baseline, {best}'s {_shown(most)}{since}",
-        f"95 % intervals over {scores[run]['episodes']} episodes; all scores: "
-        f"{folder / 'scores.md'}",
+        f"return {here} {way} the best baseline, {best}'s {best_return}{since}",
+        f"brackets: 95 % intervals over {scores[run]['episodes']} episodes; all scores: "
+        f"{folder}/scores.md, scores.png",
+        f"watch it: jansen-env enjoy --env {env_id} --policy {folder}",
     ])  # fmt: skip
-
-
-def _shown(numbers: Sequence[float | None]) -> str:
-    value, *ends = (f"{number:.3g}" if number is not None else "-" for number in numbers)
-    return f"{value} [{', '.join(ends)}]" if ends and ends[0] != "-" else value

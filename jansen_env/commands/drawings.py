@@ -34,9 +34,13 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="jansen-env drawings", description=about)
     known = f"{', '.join(ROBOTS)}; or a robot file"
     parser.add_argument("robot", metavar="ROBOT", help=known)
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help="(the robot's name)")
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help="default: the robot's name")
     parser.add_argument(
-        "--sheet", type=_sheet, default=SHEET, metavar="WIDTHxHEIGHT", help="mm (%(default)s)"
+        "--sheet",
+        type=_sheet,
+        default=SHEET,
+        metavar="WIDTHxHEIGHT",
+        help="mm; default: %(default)s",
     )
     found = parser.parse_args(arguments)
     name = Path(found.robot).stem
@@ -52,4 +56,4 @@ def main(arguments: list[str] | None = None) -> None:
             write_text(out / file, text)
     except OSError as error:
         parser.error(f"{error.filename} cannot be written: {error.strerror}")
-    print(f"{out}: {said}")
+    print(f"{said}; written: {out}")

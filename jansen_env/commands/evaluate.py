@@ -63,10 +63,10 @@ def main(arguments: list[str] | None = None) -> None:
     both = {name: {**own, "drawn": drawn[name]} for name, own in scores.items() if drawn}
     write_json(out / "scores.json", both or scores)
     plot_scores(benchmark, scores, out / "scores.png")
-    print(score_table(benchmark.metrics, scores))
+    print(score_table(benchmark.metrics, scores, "metric"))
     if drawn:
         print(f"\n{count} episodes with commands drawn from the environment's range:\n")
-        print(score_table(benchmark.metrics, drawn))
+        print(score_table(benchmark.metrics, drawn, "metric"))
     print(f"\n{args.episodes} episodes at each of {args.commands} {benchmark.command_unit}, "
           f"seed {args.seed}; {INTERVALS}. "
           f"Written: {out}/scores.json, {out}/scores.png")  # fmt: skip

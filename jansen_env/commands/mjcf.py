@@ -18,7 +18,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="jansen-env mjcf", description=about)
     known = f"{', '.join(ROBOTS)}; or a robot file"
     parser.add_argument("robot", metavar="ROBOT", help=known)
-    parser.add_argument("--out", type=Path, metavar="FILE", help="(standard output)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="default: standard output")
     found = parser.parse_args(arguments)
     try:
         text = to_mjcf(load_robot("ROBOT", found.robot), Terrain.flat())

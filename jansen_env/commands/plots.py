@@ -54,7 +54,10 @@ def draw_curve(axis: Any, metric: Metric, x: Any, intervals: Any, label: str) ->
     """Draw a metric over ``x`` (n,): ``intervals`` (3, n) are values, lower and upper ends."""
     value, low, high = (_drawable(part, metric.axis) for part in intervals)
     line = axis.plot(x, value, marker="o", markersize=4, label=label)[0]
-    axis.fill_between(x, low, high, color=line.get_color(), alpha=0.18)
+    if metric.axis == "fraction":  # whose bands would cover one another
+        axis.vlines(x, low, high, color=line.get_color(), alpha=0.4)
+    else:
+        axis.fill_between(x, low, high, color=line.get_color(), alpha=0.18)
 
 
 def finish_panel(axis: Any, metric: Metric) -> None:

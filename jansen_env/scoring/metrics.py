@@ -168,21 +168,24 @@ def _number(value: Any) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
+def interval_text(interval: Sequence[float | None], digits: int = 3) -> str:
+    """Return "value [low, high]", to so many significant digits; "-" for what is not known."""
+    value, *ends = ("-" if number is None else f"{number:.{digits}g}" for number in interval)
+    return f"{value} [{', '.join(ends)}]" if ends and ends[0] != "-" else value
+
+
 def score_table(
     metrics: dict[str, Metric], scores: dict[str, dict[str, Any]], rows_are: str = "policy"
 ) -> str:
-    """A Markdown table: a row per policy, value [low, high] per metric of :func:`tabled`."""
+    """A Markdown table of each policy's value [low, high] of each metric of :func:`tabled`: a row
+    per policy, or with "metric" for ``rows_are`` a row per metric, which fits a screen."""
     from tabulate import tabulate
 
-    metrics = tabled(metrics)
-
-    def cell(interval: list[float | None], digits: int) -> str:
-        value, low, high = ("-" if v is None else f"{v:.{digits}g}" for v in interval)
-        return value if low == "-" else f"{value} [{low}, {high}]"
-
-    rows = [
-        [policy, *(cell(summary["overall"][name], m.digits) for name, m in metrics.items())]
-        for policy, summary in scores.items()
-    ]
-    headers = [rows_are, *(metric.heading for metric in metrics.values())]
-    return tabulate(rows, headers, tablefmt="github", disable_numparse=True)
+    table = [[rows_are, *(metric.heading for metric in tabled(metrics).values())]]
+    for policy, summary in scores.items():
+        own = summary["overall"]
+        shown = (interval_text(own[name], m.digits) for name, m in tabled(metrics).items())
+        table.append([policy, *shown])
+    if rows_are == "metric":
+        table = [list(row) for row in zip(*table, strict=True)]
+    return tabulate(table[1:], table[0], tablefmt="github", disable_numparse=True)

@@ -55,10 +55,10 @@ def test_last_words_of_a_run_fit_a_terminal(env_id, tmp_path):
               for rank, name in enumerate([*benchmark.baselines, "ppo/run"])}  # fmt: skip
     best = [*scores][-2]
     lines = outcome(tmp_path, env_id, scores).replace(str(tmp_path), "logs").splitlines()
-    assert len(lines) == 9 and max(map(len, lines)) <= 100
+    assert len(lines) == 10 and max(map(len, lines)) <= 100
     assert (lines[2].startswith("return") and "falls" in lines[3] + lines[4]) or "Crank" in env_id
     assert f"is above the best baseline, {best}'s" in lines[7]
-    assert lines[7].endswith(", since 3194880 steps")
+    assert lines[7].endswith("(since 3,194,880 steps)")
     scores["ppo/run"]["overall"]["return"] = [99.0, None, None]
     assert f"misses the best baseline, {best}'s" in outcome(tmp_path, env_id, scores)
 

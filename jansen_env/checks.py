@@ -12,6 +12,7 @@ from numbers import Integral, Real
 from types import NoneType
 from typing import Any
 
+MAX_STEPS = 10**10  # environment steps of one run: months of training
 LONGEST = 200  # characters of a value in a message
 LEAST_SINGLE, MOST_SINGLE = 2.0**-126, (2.0 - 2.0**-23) * 2.0**127  # of normal float32 numbers
 

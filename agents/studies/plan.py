@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import yaml
 
 from agents.training.config import new_config
-from jansen_env.checks import shown
+from jansen_env.checks import MAX_STEPS, shown
 from jansen_env.files import write_text
 from jansen_env.plain_yaml import MAX_BYTES, Rule, check_keys, read_yaml
-from jansen_env.sb3.run_config import KEYS, MAX_STEPS, TO_RESUME, check_config
+from jansen_env.sb3.run_config import KEYS, TO_RESUME, check_config
 from jansen_env.scoring.benchmarks import DEFAULT
 
 PLAN = "study.yml"

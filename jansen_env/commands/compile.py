@@ -18,13 +18,14 @@ import gymnasium as gym
 
 from jansen_env.checks import listed
 from jansen_env.engine import jit
+from jansen_env.policies.environment import registered
 
 OPTIONS = ("noise", "push")  # arguments that bring kernels of their own
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Make environments. Raises SystemExit: nothing can be compiled or kept."""
-    known = [name for name, spec in gym.registry.items() if _is_ours(spec)]
+    known = [*registered()]
     parser = argparse.ArgumentParser(prog="jansen-env compile", description=__doc__)
     parser.add_argument("ids", nargs="*", metavar="ID", help=f"default: {' '.join(known)}")
     ids = parser.parse_args(arguments).ids or known
@@ -47,7 +48,3 @@ def main(arguments: list[str] | None = None) -> None:
         raise SystemExit(f"jansen_env could not keep all its machine code in {jit.FOLDER}")
     size = sum(path.stat().st_size for path in Path(jit.FOLDER).rglob("*.nbc")) / 1e6
     print(f"{size:.1f} MB in {jit.FOLDER}, after {time.perf_counter() - start:.0f} s")
-
-
-def _is_ours(spec: gym.envs.registration.EnvSpec) -> bool:
-    return str(spec.entry_point).startswith("jansen_env.")

@@ -7,10 +7,9 @@ import math
 from functools import partial
 from typing import Any
 
+from jansen_env.checks import MAX_STEPS
 from jansen_env.plants.make import PLANTS
 from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT, find_benchmark
-
-MAX_STEPS = 10**10  # environment steps of one run: months of training
 
 
 def mapping(text: str) -> dict[str, Any]:

@@ -12,12 +12,11 @@ from typing import Any, get_args, get_origin
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 
-from jansen_env.checks import shown
+from jansen_env.checks import MAX_STEPS, shown
 from jansen_env.plain_yaml import HUGE, TINY, Rule, check_keys, read_yaml
 from jansen_env.scoring.benchmarks import BENCHMARKS, check_env_kwargs
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
-MAX_STEPS = 10**10  # environment steps of one run: months of training
 MAX_UNITS, MAX_LAYERS = 1024, 8  # of a network
 
 

@@ -6,12 +6,12 @@ import inspect
 import pydoc
 import re
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 from sphinx.application import Sphinx
+from tabulate import tabulate
 
 import jansen_env
 from jansen_env.commands import replay
@@ -78,16 +78,11 @@ def environment_page(env_id: str) -> str:
     docstring = re.sub(r"``docs/(\S+\.md)``", r"[](../\1)", docstring)  # with that page's title
     names = [(i, *entry) for i, entry in enumerate(env.observed)]
     return "\n\n".join([
-        _table(("", ""), rows.items()),
+        tabulate(rows.items(), ("", ""), "github"),
         docstring,
         "## Observations by name\n\nAs in `env.unwrapped.observed`:",
-        _table(("", "name", "unit", "from", "to"), names),
+        tabulate(names, ("", "name", "unit", "from", "to"), "github"),
     ])  # fmt: skip
-
-
-def _table(header: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
-    lines = [header, ["---" for _ in header], *rows]
-    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
 
 
 def insert_environment(app: Sphinx, page: str, source: list[str]) -> None:

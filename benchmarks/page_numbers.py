@@ -1,4 +1,4 @@
-"""List the pages' numbers with their commands and commits: ``python -m benchmarks.numbers``.
+"""List the pages' numbers with their commands and commits: ``python -m benchmarks.page_numbers``.
 
 A line's command is the last one before it that its section names, or else the first one after it;
 its commit is the one that changed it last.

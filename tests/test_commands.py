@@ -44,7 +44,6 @@ def test_a_wrong_command_is_refused(capsys):
 
 
 @pytest.mark.parametrize("command", [["evaluate", "--policy", "pid"], ["paper", "--out", "x"],
-                                     ["play", "--port", "0"], ["drawings", "built"],
                                      ["enjoy", "--video", "x.gif"]], ids=" ".join)  # fmt: skip
 def test_a_missing_package_is_named(command, tmp_path):
     done = run(*command, cwd=tmp_path)

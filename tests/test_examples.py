@@ -40,7 +40,10 @@ NEEDS = {  # beside the extras
 }
 
 
-@pytest.mark.parametrize("name", SIZES)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.slow] * (name == "train_and_watch")) for name in SIZES],
+)
 def test_example(name: str, tmp_path: Path) -> None:
     size, printed = SIZES[name]
     if name in NEEDS and find_spec(NEEDS[name]) is None:

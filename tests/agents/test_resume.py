@@ -44,7 +44,13 @@ def few_episodes(monkeypatch):
     monkeypatch.setattr(callbacks, "EPISODES", 1)
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, marks=[pytest.mark.slow] * (case == "single environments"))
+        for case in CASES
+    ],
+)
 def test_a_killed_run_ends_as_if_it_had_not_been(case, tmp_path):
     """Before its first checkpoint, in the middle of a rollout, and shortly before its end."""
     settings = CASES[case]

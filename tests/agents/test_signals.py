@@ -26,7 +26,7 @@ def test_nohup_is_respected():
         signal.signal(signal.SIGHUP, before)
 
 
-@pytest.mark.parametrize("buffered", ["", "1"])
+@pytest.mark.parametrize("buffered", ["", pytest.param("1", marks=pytest.mark.slow)])
 def test_a_reader_that_goes_away_does_not_end_the_run(buffered, tmp_path):
     command = [
         sys.executable, "train.py", "--log-folder", str(tmp_path), "-n", "8", "--n-envs", "1",

@@ -107,7 +107,7 @@ def throw_bytes(host, seed):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="memory is read from /proc")
-@pytest.mark.parametrize("messages", [400, pytest.param(2000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("messages", [100, pytest.param(2000, marks=pytest.mark.slow)])
 def test_rubbish_does_no_harm(served, messages):
     process, host, errors = served
 

@@ -187,7 +187,8 @@ def test_touchdowns_are_resolved(start):
     np.testing.assert_allclose(found[1], found[0], rtol=0.05)
 
 
-@pytest.mark.parametrize("speed", [1.0, pytest.param(1.5, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("speed", [1.0, 1.5])
 def test_it_walks_under_the_papers_pid(speed):
     """The crank kept within 2 %; on both plants as fast, as dear, sliding as much: 10 %."""
     found = [

@@ -24,7 +24,12 @@ def blocks(page: Path, language: str) -> Iterator[tuple[int, str]]:
 
 
 @pytest.mark.parametrize(
-    "page", [page for page in PAGES if any(blocks(page, "python"))], ids=lambda page: page.stem
+    "page",
+    [
+        pytest.param(page, marks=[pytest.mark.slow] * (page.stem == "export"), id=page.stem)
+        for page in PAGES
+        if any(blocks(page, "python"))
+    ],
 )
 def test_python_blocks_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

@@ -58,7 +58,7 @@ def agree(policy, count, limit=1e-6, single=1e-5):
         assert agreement.largest_difference(actions, expected) < limit
 
 
-@pytest.mark.parametrize("kind", RUNS)
+@pytest.mark.parametrize("kind", [*RUNS])
 def test_onnx_and_c_act_as_pytorch(kind, tmp_path):
     agree(pack.from_run(made_run(tmp_path / "run", *RUNS[kind], WALKER)), 300)
 

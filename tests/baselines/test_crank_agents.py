@@ -104,6 +104,7 @@ def test_scores_are_those_of_the_episodes(env):
     assert left["lost"][0] and 3.0 < left["duration"][0] < 3.5
 
 
+@pytest.mark.slow
 def test_training_on_the_crank(tmp_path):
     """The same script, with the shipped configuration; its policies fit this environment alone."""
     folder = train.main(["--env", ENV, "-n", "256", "--n-envs", "2", "--eval-freq", "0",

@@ -218,6 +218,7 @@ def test_a_landing_is_that_of_a_mass_on_a_spring():
     assert plant.step(0.0, 1e-3).joint_gap < 2e-4
 
 
+@pytest.mark.slow
 def test_a_landing_ends_at_the_springs_rest():
     """After a second it stands m g / 2 k deep on two toes, and falling energy went into dampers."""
     heights, plant = landing(1.0, 5e-3, 2.5e-4)
@@ -242,6 +243,7 @@ def pulled(share, duration=0.4, friction=0.5):
     return plant.x - x, result, plant
 
 
+@pytest.mark.slow
 def test_bristles_hold_and_give():
     """Below friction's reach nothing slides, and letting go brings the robot back."""
     way, result, plant = pulled(0.05)

@@ -147,6 +147,7 @@ def loads():
     return measured.loads_of_walks(built_robot(), (2.0,), 3.2, 2)[2.0]
 
 
+@pytest.mark.slow
 def test_bearings_have_the_friction_of_their_mean_load(loads):
     """The loads that the code has are those of a walk, within 1.5 N; mu r F, in tenths of mN m."""
     robot = built_robot()

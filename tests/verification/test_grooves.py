@@ -110,6 +110,7 @@ def test_a_braced_robot_holds_little_and_stands_still(measured):
     measured("wedged robots left alone: motion in a second", float(np.median(moved)), 5e-5, "m")
 
 
+@pytest.mark.slow
 def test_what_is_unaccounted_for_falls_with_the_time_step(measured):
     """Mean over 128 walks of the worst 20 ms of each: of first order, an error of the time step."""
     robot = DESIGNS["paper_slender"]

@@ -92,7 +92,7 @@ def painleve_postures(plant, mu):
     return found
 
 
-@pytest.mark.parametrize("mu", [4.0, 5.0])
+@pytest.mark.parametrize("mu", [pytest.param(4.0, marks=pytest.mark.slow), 5.0])
 def test_painleve(mu, measured):
     """The toe is stopped by an impulse without a collision, and the robot never gains energy."""
     robot = Robot()

@@ -60,6 +60,7 @@ def steps_saved(run):
     return max((int(path.stem.split("_")[1]) for path in paths), default=0)
 
 
+@pytest.mark.slow
 def test_a_node_is_killed_and_another_added(whole, cluster, tmp_path):
     """Four runs, all finished in the end, with the weights and scores of an untroubled study."""
     runs = make_study(FOUR).runs(tmp_path / "small")

@@ -85,4 +85,4 @@ def test_twenty_kills(algo, tmp_path):
     command = [sys.executable, str(DRIVER), str(tmp_path / "runs"), "--algo", algo]
     done = subprocess.run(command, capture_output=True, text=True, cwd=DRIVER.parents[1])
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("20 kills of ")
+    assert done.stdout.splitlines()[-1].startswith("20 kills of ")

@@ -19,13 +19,13 @@ COMMANDS = {
     "mjcf": "export a robot to MuJoCo",
     "compile": "compile all that environments need, for containers",
 }
-"""What each module of :mod:`jansen_env.commands` with a ``main`` does."""
+"""Commands, each a module of :mod:`jansen_env.commands`, and what they do."""
 INSTALLS = {
     "mujoco": '"jansen-env[mujoco]"',
     "stable_baselines3": "stable-baselines3",
     "torch": "stable-baselines3",
 }
-"""What brings a package that the extra ``tools`` does not bring."""
+"""Packages that the extra ``tools`` does not include, and what to install for them."""
 
 
 def main(arguments: list[str] | None = None) -> None:

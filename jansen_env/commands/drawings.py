@@ -11,9 +11,9 @@ import argparse
 import re
 from pathlib import Path
 
+from jansen_env.commands.flags import robot_parser
 from jansen_env.drawings.sheets import drawings
 from jansen_env.files import writable, write_text
-from jansen_env.robot import ROBOTS
 from jansen_env.world.settings import load_robot
 
 SHEET = "2000x1000"  # mm, a common stock size
@@ -30,18 +30,9 @@ def _sheet(text: str) -> complex:
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    about = (__doc__ or "").partition("\n")[0]
-    parser = argparse.ArgumentParser(prog="jansen-env drawings", description=about)
-    known = f"{', '.join(ROBOTS)}; or a robot file"
-    parser.add_argument("robot", metavar="ROBOT", help=known)
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help="default: the robot's name")
-    parser.add_argument(
-        "--sheet",
-        type=_sheet,
-        default=SHEET,
-        metavar="WIDTHxHEIGHT",
-        help="mm; default: %(default)s",
-    )
+    parser = robot_parser("jansen-env drawings", __doc__, "FOLDER", "the robot's name")
+    parser.add_argument("--sheet", type=_sheet, default=SHEET, metavar="WIDTHxHEIGHT",
+                        help="mm; default: %(default)s")  # fmt: skip
     found = parser.parse_args(arguments)
     name = Path(found.robot).stem
     out = Path(name) if found.out is None else found.out

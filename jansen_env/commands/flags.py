@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 import math
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from jansen_env.checks import MAX_STEPS
 from jansen_env.plants.make import PLANTS
+from jansen_env.robot import ROBOTS
 from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT, find_benchmark
 
 
@@ -39,6 +41,17 @@ def positive_int(text: str, low: int = 1) -> int:
 
 
 non_negative_int = partial(positive_int, low=0)
+
+
+def robot_parser(
+    prog: str, description: str | None, metavar: str, out: str
+) -> argparse.ArgumentParser:
+    """Return a parser of a robot and of ``--out``, which is ``out`` by default."""
+    about = (description or "").partition("\n")[0]
+    parser = argparse.ArgumentParser(prog, description=about)
+    parser.add_argument("robot", metavar="ROBOT", help=f"{', '.join(ROBOTS)}; or a robot file")
+    parser.add_argument("--out", type=Path, metavar=metavar, help=f"default: {out}")
+    return parser
 
 
 def policy_parser(

@@ -72,7 +72,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
 
     @property
     def window_closed(self) -> bool:
-        """Whether ``render_mode="human"`` has no window: closed by its user, or without a display."""
+        """Whether the window was closed, or could not be opened for want of a display."""
         return 0 in self._renderers and self._renderers[0].dismissed
 
     def reset(

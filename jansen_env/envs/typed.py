@@ -17,29 +17,29 @@ from jansen_env.world.settings import Control, Ground, Machine, Randomness, Sens
 
 
 class Shown(TypedDict, total=False):
-    """What each environment has."""
+    """Arguments of every single environment."""
 
     render_mode: str | None
 
 
 class CrankArguments(Shown, HeldMachine, Tracking, total=False):
-    """Of ``JansenCrank-v0``."""
+    """Arguments of ``JansenCrank-v0``."""
 
 
 class FreeArguments(Shown, Machine, Control, Ground, Randomness, Sensing, total=False):
-    """Of robots that are not held."""
+    """Arguments of all environments with robots on the ground."""
 
 
 class GoalArguments(FreeArguments, GoalReward, total=False):
-    """Of ``JansenGoal-v0``."""
+    """Arguments of ``JansenGoal-v0``."""
 
 
 class WalkerArguments(FreeArguments, Commands, RewardWeights, Termination, total=False):
-    """Of ``JansenWalker-v0`` and its presets."""
+    """Arguments of ``JansenWalker-v0`` and its presets."""
 
 
 class ManyArguments(WalkerArguments, GoalReward, Tracking, total=False):
-    """Of many robots at any task; a task that lacks one refuses it when it is made."""
+    """Arguments of vector environments of any task; a task refuses those that it lacks."""
 
     max_episode_steps: int | Sequence[int | None] | None
 

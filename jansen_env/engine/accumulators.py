@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from jansen_env.engine.contact_solver import OPEN, STICK
 from jansen_env.engine.contacts import rate
-from jansen_env.engine.jit import stage
+from jansen_env.engine.kernel import stage
 from jansen_env.engine.motor_stages import drawn_power
 from jansen_env.engine.restitution import contact_gain
 from jansen_env.engine.tables import mechanical_energy
@@ -42,7 +42,7 @@ def end(robot, state, statistics, elapsed, slip, force, body, sums):
     total.energy_change = energy - total.initial_energy
 
 
-@stage(cached=True)
+@stage
 def accumulate_step(
     h, torque, asked, dry, push, velocity, outcome, inertia, count, params, contacts, total
 ):
@@ -68,7 +68,7 @@ def accumulate_step(
         total.contact_gain = max(total.contact_gain, gain)
 
 
-@stage(cached=True)
+@stage
 def accumulate_contacts(h, count, velocity, after, contacts, planes, total, statistics):
     """Add a time step's slip, impulses and contact losses; keep the modes with the planes.
 

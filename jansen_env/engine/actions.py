@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-from jansen_env.engine.jit import compiled
+from jansen_env.engine.kernel import stage
 
 
-@compiled
-def take_actions(
+@stage(inline=False)
+def keep_actions(
     actions, active, elapsed, full_torque, rows, asked, delay, torque, earlier, switch
 ):
     """Keep actions (n, 1), clipped to -1 .. 1, in ``rows``; 0 of robots not ``active`` (n,).

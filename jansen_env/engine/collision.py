@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from jansen_env.engine.contact_solver import STICK
-from jansen_env.engine.jit import compiled, macro, stage
-from jansen_env.engine.records import WORLD, as_rows
+from jansen_env.engine.kernel import Floats1, Floats2, Floats4, Ints1, kernel, stage
+from jansen_env.engine.records import Layout, Planes, Robots, World
 from jansen_env.engine.tables import locate, pad_place
 
 SPECULATIVE_MARGIN = 0.05  # m within which a plane counts, or as far as a pad gets in a time step
@@ -22,7 +22,7 @@ FACE = 1e-6  # rad, how far a contact's normal may be off a segment's to be take
 SAME = 1e-9  # difference of two planes' numbers below which they are one
 
 
-@stage(inline=False, cached=True)
+@stage(inline=False)
 def detect(state, robot, model, ground, world, planes):
     """Find the planes near a robot's pads; False where the broad phase must be asked before.
 
@@ -44,7 +44,7 @@ def detect(state, robot, model, ground, world, planes):
     return True
 
 
-@macro
+@stage
 def _set_margin(state, robot, time_step):
     """Let a robot's speculative margin be as far as its fastest pad gets in a time step."""
     speed = abs(state[4]) + abs(state[5])  # no pad is faster
@@ -52,7 +52,7 @@ def _set_margin(state, robot, time_step):
     robot.status.margin = min(max(SPECULATIVE_MARGIN, speed * time_step), LARGEST_MARGIN)
 
 
-@macro
+@stage
 def is_known(state, status):
     """Whether a robot is within its skin of where the broad phase has found its candidates."""
     x, y = state[0] - status.known_x, state[1] - status.known_y
@@ -60,7 +60,7 @@ def is_known(state, status):
     return x * x + y * y <= skin * skin
 
 
-@macro
+@stage
 def _others_near(state, status, ground):
     """Whether a pad that is no toe may be near the ground."""
     depths = ground.depths
@@ -71,7 +71,7 @@ def _others_near(state, status, ground):
     return _rises_above(ground.surface, status, left, right, state[1] - depth)
 
 
-@macro
+@stage
 def _rises_above(surface, status, left, right, height):
     """Whether a robot's terrain rises above a height between two x."""
     begin, end = status.first_vertex, status.end_vertex
@@ -95,7 +95,7 @@ def _segment(surface, begin, end, x):
     return low
 
 
-@macro
+@stage
 def _height(surface, k, x):
     """Height of segment ``k`` at ``x``."""
     slope = (surface[k + 1, 1] - surface[k, 1]) / (surface[k + 1, 0] - surface[k, 0])
@@ -108,8 +108,8 @@ def height_at(surface, begin, end, x):
     return _height(surface, _segment(surface, begin, end, x), x)
 
 
-@compiled
-def move_robots(rows, states, robots, placed):
+@kernel
+def move_robots(rows: Ints1, states: Floats2, robots: Robots, placed: Floats2) -> None:
     """Move pymunk's circles, ``placed`` (bodies, 2) m, to robots ``rows`` (k,).
 
     Those that are near enough stay, which spares its tree.
@@ -125,8 +125,11 @@ def move_robots(rows, states, robots, placed):
             placed[r, 1] = status.known_y + status.cell_y
 
 
-@compiled
-def keep_candidates(rows, ids, points, known_ids, row_of, robots, surface, circles):
+@kernel
+def keep_candidates(
+    rows: Ints1, ids: Ints1, points: Floats1, known_ids: Ints1, row_of: Ints1, robots: Robots,
+    surface: Floats2, circles: Floats1,
+) -> None:  # fmt: skip
     """Keep the candidates of some robots, from what pymunk's circles touch.
 
     pymunk leaves out segments that only their ends bring near, and has nothing beyond the ends of
@@ -165,8 +168,8 @@ def keep_candidates(rows, ids, points, known_ids, row_of, robots, surface, circl
                 status.last_segment += 1
 
 
-@compiled
-def recall(rows, states, robots):
+@kernel
+def recall(rows: Ints1, states: Floats2, robots: Robots) -> bool:
     """Recall candidates of robots' last placement; whether one of them needs the broad phase."""
     unknown = False
     for r in rows:
@@ -180,7 +183,7 @@ def recall(rows, states, robots):
     return unknown
 
 
-@macro
+@stage
 def _find(known, key):
     """Place of ``key`` in the sorted ``known``."""
     low, high = 0, len(known)
@@ -193,9 +196,15 @@ def _find(known, key):
     return low
 
 
-@compiled
-def pad_centres(state, pads, layout, out):
+@kernel
+def pad_centres(state: Floats1, pads: Floats4, layout: Layout, out: Floats2) -> None:
     """Centres (pads, 2) of a robot's pads, m, into ``out``; arguments: as of a Model."""
+    find_centres(state, pads, layout, out)
+
+
+@stage(inline=False)
+def find_centres(state, pads, layout, out):
+    """:func:`pad_centres`, within kernels."""
     cos, sin = np.cos(state[2]), np.sin(state[2])
     for j in range(len(layout)):
         px, py = pad_place(pads, layout[j], state[3])
@@ -203,24 +212,31 @@ def pad_centres(state, pads, layout, out):
         out[j, 1] = state[1] + sin * px + cos * py
 
 
-@compiled
-def planes_near(r, centres, robots, surface, world, planes):
+@kernel
+def planes_near(
+    r: int, centres: Floats2, robots: Robots, surface: Floats2, world: World, planes: Planes
+) -> None:
     """Find the planes near points (pads, 2), m, that are taken for the pads of robot ``r``."""
-    status, world_row = robots[r].status, as_rows(world, WORLD)[0]
+    find_planes(centres, robots[r].status, surface, world[0], planes)
+
+
+@stage(inline=False)
+def find_planes(centres, status, surface, world, planes):
+    """:func:`planes_near`, within kernels."""
     begin_planes(status)
     for j in range(len(centres)):
-        list_planes(centres[j, 0], centres[j, 1], j, status, surface, world_row, planes)
+        list_planes(centres[j, 0], centres[j, 1], j, status, surface, world, planes)
     sort_planes(status.first_plane, status.end_plane, planes)
 
 
-@macro
+@stage
 def begin_planes(status):
     """Forget a robot's planes."""
     status.end_plane = status.first_plane
     status.too_deep = False
 
 
-@stage(inline=False, cached=True)
+@stage(inline=False)
 def list_planes(x, y, pad, status, surface, world, planes):
     """List the planes of a pad at (x, y)."""
     start, end = status.first_vertex, status.end_vertex
@@ -359,12 +375,12 @@ def sort_planes(begin, end, planes):
             k -= 1
 
 
-@macro
+@stage
 def _comes_before(a, b):
     return a.pad < b.pad or (a.pad == b.pad and a.distance < b.distance)
 
 
-@macro
+@stage
 def _swap(a, b):
     a.normal_x, b.normal_x = b.normal_x, a.normal_x
     a.normal_y, b.normal_y = b.normal_y, a.normal_y

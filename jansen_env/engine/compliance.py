@@ -28,26 +28,26 @@ import numpy as np
 
 from jansen_env.engine.contact_solver import COMPLIANCE, OPEN, STICK
 from jansen_env.engine.contacts import rate
-from jansen_env.engine.jit import macro, stage
+from jansen_env.engine.kernel import stage
 
 RESOLVED = 2.0  # of a free pad's phase or decay in a time step: up to there c is 0
 NORMAL, TANGENTIAL = 0, 1
 
 
-@macro
+@stage
 def _implicit_share(h, k, d, weight):
     """c, of a contact's row with ``weight`` on W's diagonal."""
     phase, decay = h * np.sqrt(k * weight), h * d * weight  # of free motion, in a step
     return 1.0 - 1.0 / max(1.0, phase / RESOLVED, decay / RESOLVED)
 
 
-@macro
+@stage
 def _start_length(h, middle, ahead, old):
     """Length of a normal spring at the start of a step, m: negative, or 0 off the ground."""
     return min(middle - (h - ahead) * old, 0.0)
 
 
-@stage(inline=False, cached=True)
+@stage(inline=False)
 def limit_springs(h, count, velocity, params, planes, contacts, statistics):
     """Limit the springs on planes just found to the energy that the pad's springs held before.
 
@@ -75,7 +75,7 @@ def limit_springs(h, count, velocity, params, planes, contacts, statistics):
         first = last
 
 
-@stage(inline=False, cached=True)
+@stage(inline=False)
 def add_compliance(h, count, velocity, params, planes, contacts):
     """Put springs and dampers into W's diagonal and into ``offset``, the path's curvature there."""
     W, offset = contacts.problem.W, contacts.offset
@@ -124,7 +124,7 @@ def keep_deflection(status, planes, statistics):
         deflection[TANGENTIAL] = planes[k].deflection
 
 
-@stage(cached=True)
+@stage
 def accumulate_compliant(
     h, renewed, count, velocity, after, params, contacts, planes, robot, statistics
 ):

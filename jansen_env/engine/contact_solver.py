@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.engine.jit import compiled, macro, stage
+from jansen_env.engine.kernel import stage
 from jansen_env.engine.lemke import lemke
 from jansen_env.engine.records import Problem
 
@@ -225,7 +225,7 @@ def _solve_again(count, problem, tolerance):
     return _solve_from_guess(count, problem, tolerance)
 
 
-@compiled(inline="always")
+@stage
 def solve(count, problem):
     """Solve the contact law for ``count`` contacts; returns the solution's :func:`residual`.
 
@@ -302,7 +302,7 @@ def _modes_of(count, problem):
             mode[c] = SLIDE_BACKWARD if t > 0.0 else SLIDE_FORWARD
 
 
-@macro
+@stage
 def _proximal_point(count, problem, tolerance, error):
     """Last resort: solve W + rho 1 with v_free - rho P, from the last P on: better conditioned."""
     n, P, W, v_free = 2 * count, problem.P, problem.W, problem.v_free

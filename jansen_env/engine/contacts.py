@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from jansen_env.engine.contact_solver import COMPLIANCE, OPEN, STICK, WEDGE_COMPLIANCE, regularise
-from jansen_env.engine.jit import macro, stage
+from jansen_env.engine.kernel import stage
 from jansen_env.engine.tables import (
     FIRST,
     PAD_ANGLE,
@@ -26,7 +26,7 @@ PUSH_OUT_SPEED = 1.0  # m/s, the fastest that a pad is taken out of the ground
 TRAVEL = 4  # where, after the last pose, a robot's travel is
 
 
-@stage(cached=True)
+@stage
 def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
     """The pads that touch at the middle of a step: rows of J, curvature of their paths.
 
@@ -74,14 +74,14 @@ def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
     return count, impact
 
 
-@macro
+@stage
 def _turned(turn, x, y):
     """A vector of the chassis frame in the world."""
     cos, sin = turn
     return cos * x - sin * y, sin * x + cos * y
 
 
-@macro
+@stage
 def farthest_way(h, velocity, params):
     """Return the farthest that any pad gets in a step, m, at the centre of mass's velocity."""
     way = abs(velocity.x) + abs(velocity.y)
@@ -98,7 +98,7 @@ def rate(J, i, velocity):
     )  # fmt: skip
 
 
-@macro
+@stage
 def _fill_rows(h, count, plane, turn, arm, velocity, inertia, radius, work):
     """A contact's rows of J and (h / 2) J_dot v; ``arm`` points from centre of mass to pad."""
     J, Jdot_v, place = work.contacts.J, work.contacts.offset, work.place
@@ -123,7 +123,7 @@ def _fill_rows(h, count, plane, turn, arm, velocity, inertia, radius, work):
     Jdot_v[i + 1] = 0.5 * h * (tx * ax + ty * ay + radius * place[SECOND, PAD_ANGLE] * n * n)
 
 
-@macro
+@stage
 def _travel(pose, middle, params):
     """Return the farthest that any pad has come since ``pose``, m, and update ``pose``.
 
@@ -137,7 +137,7 @@ def _travel(pose, middle, params):
     return pose[TRAVEL]
 
 
-@stage(cached=True)
+@stage
 def outruns(margin, h, state, params, model, work):
     """Whether the next step's middle has a pad more than ``margin`` from where planes were found.
 
@@ -166,7 +166,7 @@ def outruns(margin, h, state, params, model, work):
     return False
 
 
-@stage(cached=True)
+@stage
 def assemble(count, params, inertia, planes, contacts):
     """J M^-1 and the Delassus matrix J M^-1 J^T, regularised; returns whether pads are wedged.
 
@@ -213,13 +213,13 @@ def add_dry_friction(h, count, torque, inertia, contacts):
     problem.indices[5 * (count + 1)] = 0  # W is new
 
 
-@macro
+@stage
 def can_wedge(params):
     """Whether slope + atan(friction) reaches 90 degrees somewhere."""
     return params.friction * params.steepest >= 1.0
 
 
-@macro
+@stage
 def _wedged(count, plane, planes, friction):
     """Whether two contacts' friction cones hold opposite forces: n . n' <= -cos(2 atan(friction)).
 
@@ -235,7 +235,7 @@ def _wedged(count, plane, planes, friction):
     return False
 
 
-@stage(cached=True)
+@stage
 def correct_penetration(h, count, state, velocity, contacts):
     """Push penetrating pads out, moving positions only; returns the centre of mass's way (x, y).
 

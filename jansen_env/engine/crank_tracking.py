@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
-from jansen_env.engine.jit import compiled
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.engine.actions import keep_actions
+from jansen_env.engine.kernel import Bools1, Floats1, Floats2, Ints1, Ints2, Singles2, kernel, stage
 from jansen_env.engine.records import floats, row_dtype
 
 START_ANGLE = math.pi  # rad, of the reference at time 0, as in the paper
@@ -32,9 +37,27 @@ INFORMATION = row_dtype(floats("tracking_error", "speed_command"))
 # The task's row.
 ROW = row_dtype([("info", INFORMATION), ("reward", REWARD)])
 
+Weights = Annotated[NDArray[np.void], REWARD, 1]
+HeldRows = Annotated[NDArray[np.void], HELD_ROW, 1]
+Rows = Annotated[NDArray[np.void], ROW, 1]
 
-@compiled
-def finish_step(which, states, sums, period, weights, rows, own, reward, terminated, out):
+
+@kernel
+def take_actions(
+    actions: Floats2, active: Bools1, elapsed: Ints1, full_torque: Floats1, rows: HeldRows,
+    asked: Floats2, delay: Ints2, torque: Floats1, earlier: Floats1, switch: Ints1,
+) -> int:  # fmt: skip
+    """See :func:`jansen_env.engine.actions.keep_actions`."""
+    return keep_actions(
+        actions, active, elapsed, full_torque, rows, asked, delay, torque, earlier, switch
+    )
+
+
+@kernel
+def finish_step(
+    which: Ints1, states: Floats2, sums: Floats2, period: float, weights: Weights, rows: HeldRows,
+    own: Rows, reward: Floats1, terminated: Bools1, out: Singles2,
+) -> None:  # fmt: skip
     """Reward the step of ``period`` seconds that led to ``states`` (n, 6), and describe it.
 
     Args:
@@ -57,8 +80,10 @@ def finish_step(which, states, sums, period, weights, rows, own, reward, termina
         terminated[r] = abs(error) > LOST
 
 
-@compiled
-def describe(which, states, period, rows, own, out):
+@kernel
+def describe(
+    which: Ints1, states: Floats2, period: float, rows: HeldRows, own: Rows, out: Singles2
+) -> None:
     """Write observations of robots ``which`` (k,) to ``out`` (n, 5), and information to both rows.
 
     Args:
@@ -68,7 +93,7 @@ def describe(which, states, period, rows, own, out):
         _describe(states[r], period, rows[r], own[r], out[r])
 
 
-@compiled
+@stage
 def _describe(state, period, row, own, out):
     info, angle, speed = own.info, state[0], state[1]
     row.info.crank_angle, row.info.crank_speed = angle, speed

@@ -32,22 +32,33 @@ from jansen_env.engine.compliance import (
 )
 from jansen_env.engine.contact_solver import OPEN, index_size, spare_space
 from jansen_env.engine.contacts import TRAVEL, assemble, correct_penetration, find_contacts, outruns
-from jansen_env.engine.jit import compiled, macro, stage, take
+from jansen_env.engine.kernel import (
+    Bools1,
+    Floats1,
+    Floats2,
+    Floats3,
+    Floats4,
+    Floats5,
+    Ints1,
+    Ints2,
+    kernel,
+    stage,
+    take,
+)
 from jansen_env.engine.records import (
-    CONTACT_STATISTICS,
-    PAD,
-    PLANE,
-    ROBOT,
-    WORLD,
     Contacts,
     Ground,
     Inertia,
+    Layouts,
     Model,
+    Planes,
     Problem,
     Push,
+    Robots,
+    Statistics,
     Velocity,
     Work,
-    as_rows,
+    World,
 )
 from jansen_env.engine.restitution import solve_velocities
 from jansen_env.engine.tables import (
@@ -105,12 +116,15 @@ POSE, VELOCITY_BEFORE, VELOCITY_AFTER, TORQUE, DRY_TORQUE, IMPULSES = (
 )
 
 
-@compiled(nogil=True)
+@kernel(nogil=True)
 def advance(
-    thread, shares, most, rows, fresh, steps, torque, earlier, switch, pushes, trace, jacobians,
-    matrices, vectors, readings, spare, ints, moved, states, body, pads, layout, bearings, surface,
-    depths, world, robots, planes, statistics, slip, force,
-):  # fmt: skip
+    thread: int, shares: Ints2, most: int, rows: Ints1, fresh: bool, steps: int, torque: Floats1,
+    earlier: Floats1, switch: Ints1, pushes: Floats3, trace: Floats2, jacobians: Floats3,
+    matrices: Floats3, vectors: Floats2, readings: Floats3, spare: Floats2, ints: Ints1,
+    moved: Ints1, flags: Bools1, states: Floats2, body: Floats4, pads: Floats5, layout: Layouts,
+    bearings: Floats2, surface: Floats2, depths: Floats2, world: World, robots: Robots,
+    planes: Planes, statistics: Statistics, slip: Floats2, force: Floats3,
+) -> int:  # fmt: skip
     """Advance robots by a control step, finding the ground as they go: a thread's, then others'.
 
     Args:
@@ -124,23 +138,21 @@ def advance(
         pushes: (robots, steps, 2) N s on the chassis at the crank axis; without rows for none.
         trace: (steps, numbers) :func:`trace_dtype` of the first robot; without rows for none.
         jacobians ... ints: memory of :func:`work_space`. moved: (robots,) out: those that have
-            taken all their steps.
+            taken all their steps. flags: (2,) out: whether a robot needs the broad phase, and
+            whether one has diverged.
         states: (robots, 8) crank-axis states, changed in place.
         body, pads, bearings: (designs, ...) of a :class:`jansen_env.engine.records.Model`.
         surface, depths: of a :class:`jansen_env.engine.records.Ground`, depths (designs, ...).
-        Rows, as their bytes: layout: (designs, pads) PAD; world: (1,) WORLD; robots: (robots,)
+        layout: (designs, pads) PAD; world: (1,) WORLD; robots: (robots,)
             ROBOT; planes: (planes,) PLANE, of all robots;
             statistics: (robots, pads) CONTACT_STATISTICS. ``steps_left`` is counted down. A robot
             unknown to the broad phase where it is stops there; one faster than :data:`DIVERGED`,
             not finite or too deep in the ground stops for good, with -1.
         slip, force: out: (robots, toes) m, (robots, toes, 2) N, as CONTACT_STATISTICS has them.
 
-    Returns: how many are in ``moved``, whether a robot needs the broad phase, and whether one has
-    diverged.
+    Returns how many are in ``moved``.
     """
-    robots, planes = as_rows(robots, ROBOT), as_rows(planes, PLANE)
-    statistics, world_row = as_rows(statistics, CONTACT_STATISTICS), as_rows(world, WORLD)[0]
-    layouts = as_rows(layout, PAD)
+    world_row = world[0]
     work = split(jacobians, matrices, vectors, readings, spare, ints)
     count, unknown, diverged = 0, False, False
     known = len(shares) if thread == 0 else len(shares) - 1
@@ -153,7 +165,7 @@ def advance(
             r = rows[k]
             robot, state = robots[r], states[r]
             design = robot.params.design
-            model = Model(body[design], pads[design], layouts[design], bearings[design])
+            model = Model(body[design], pads[design], layout[design], bearings[design])
             ground = Ground(surface, depths[design])
             if fresh:
                 begin(robot, state, statistics[r], model.body, work.sums)
@@ -181,10 +193,11 @@ def advance(
                 end(robot, state, statistics[r], elapsed, slip[r], force[r], model.body, work.sums)
                 moved[count] = r
                 count += 1
-    return count, unknown, diverged
+    flags[0], flags[1] = unknown, diverged
+    return count
 
 
-@macro
+@stage
 def split(jacobians, matrices, vectors, readings, spare, ints):
     """The arrays in the memory of :func:`work_space`."""
     n = vectors.shape[1] // 2
@@ -200,7 +213,7 @@ def split(jacobians, matrices, vectors, readings, spare, ints):
     return Work(contacts, vectors[7], readings[0], readings[1], poses[0], poses[1])
 
 
-@macro
+@stage
 def _advance_robot(world, asked, state, robot, model, planes, statistics, work, trace):
     """Take a robot's steps, as far as its planes go; ``state`` is that of the centre of mass."""
     torque, earlier, switch, pushes = asked
@@ -238,14 +251,14 @@ def _advance_robot(world, asked, state, robot, model, planes, statistics, work, 
         keep_deflection(status, planes, statistics)
 
 
-@macro
+@stage
 def _bounded(state):
     """Whether all speeds of a state (8,) are below :data:`DIVERGED`, m/s and rad/s."""
     slow = abs(state[4]) < DIVERGED and abs(state[5]) < DIVERGED
     return slow and abs(state[6]) < DIVERGED and abs(state[7]) < DIVERGED
 
 
-@macro
+@stage
 def _time_step(h, asked, torque, pushes, renewed, state, robot, model, planes, statistics, work):
     """One time step of one robot with a ``torque``, while ``asked`` is the latest.
 
@@ -339,7 +352,7 @@ def _push(h, impulse, theta, inertia, params):
     return Push(jx / params.mass, jy / params.mass, pitch, crank)
 
 
-@macro
+@stage
 def _crank_torque(h, push, velocity, after, inertia, count, contacts):
     """The torque that a prescribed crank speed takes: what is left over in the crank's equation."""
     mean, mw = 0.5 * (velocity.crank + after.crank), 0.5 * (velocity.pitch + after.pitch)

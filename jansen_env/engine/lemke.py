@@ -6,7 +6,7 @@ contact, in a tableau w | z | artificial | right-hand side.
 
 from __future__ import annotations
 
-from jansen_env.engine.jit import stage
+from jansen_env.engine.kernel import stage
 
 PIVOT = 1e-11  # smallest pivot, after scaling
 PERTURBATION = 1e-9  # of the right-hand side, after scaling

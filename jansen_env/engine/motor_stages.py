@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from jansen_env.engine.jit import stage
+from jansen_env.engine.kernel import stage
 
 
 @stage

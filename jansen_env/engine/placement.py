@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from jansen_env.engine.collision import height_at, pad_centres, planes_near
-from jansen_env.engine.jit import compiled, macro
-from jansen_env.engine.records import WORLD, as_rows
+from jansen_env.engine.collision import find_centres, find_planes, height_at
+from jansen_env.engine.kernel import Floats1, Floats2, Floats4, Floats5, Ints1, kernel, stage
+from jansen_env.engine.records import Layouts, Planes, Robots, World
 from jansen_env.engine.tables import centre_of_mass, pad_place
 
 GRADIENT_STEP = 1e-4  # m, to either side of where a slope is measured
@@ -18,16 +18,19 @@ ROUNDS = 3  # Newton steps of lowering a robot onto the ground
 PLACEMENT_DEPTH = 1e-5
 
 
-@compiled
-def lower(rows, x, angles, pitches, states, body, pads, layout, robots, surface, world, toes):
+@kernel
+def lower(
+    rows: Ints1, x: Floats1, angles: Floats1, pitches: Floats1, states: Floats2, body: Floats4,
+    pads: Floats5, layout: Layouts, robots: Robots, surface: Floats2, world: World, toes: Floats2,
+) -> None:  # fmt: skip
     """Put robots at rest where their lowest toes have no gap, toes taken as discs on their slope.
 
     Args:
         rows: (k,) of the robots. x: (k,) m, of the crank axis. angles: (k,) rad, of the crank.
         pitches: (k,) rad, or NaN for :func:`level_pitch`. states: (robots, 8), out.
-        world: (1,) WORLD, as bytes. toes: (toes + 1, 2), work space.
+        world: (1,) WORLD. toes: (toes + 1, 2), work space.
     """
-    count = as_rows(world, WORLD)[0].toes
+    count = world[0].toes
     for k in range(len(rows)):
         state, params, status = states[rows[k]], robots[rows[k]].params, robots[rows[k]].status
         design = params.design
@@ -38,14 +41,17 @@ def lower(rows, x, angles, pitches, states, body, pads, layout, robots, surface,
             toes[:count], toes[count], surface, status.first_vertex, status.end_vertex, x[k],
             params.pad_radius,
         )  # fmt: skip
-        pitch = level_pitch(*common) if math.isnan(pitches[k]) else pitches[k]
-        height, _, _ = clearance(*common, pitch)
+        pitch = find_level(*common) if math.isnan(pitches[k]) else pitches[k]
+        height, _, _ = clearances(*common, pitch)
         state[:] = 0.0
         state[0], state[1], state[2], state[3] = x[k], -height, pitch, angles[k]
 
 
-@compiled
-def settle(rows, sags, states, pads, layout, robots, surface, world, centres, planes):
+@kernel
+def settle(
+    rows: Ints1, sags: Floats1, states: Floats2, pads: Floats5, layout: Layouts, robots: Robots,
+    surface: Floats2, world: World, centres: Floats2, planes: Planes,
+) -> None:  # fmt: skip
     """Lower robots to the true gap, where the ground is not straight, and a little into it.
 
     ``sags``: (k,) m, deeper by as much; ``centres``: (pads, 2), work space; ``planes``: out.
@@ -54,8 +60,8 @@ def settle(rows, sags, states, pads, layout, robots, surface, world, centres, pl
         r = rows[k]
         state, status, design = states[r], robots[r].status, robots[r].params.design
         for _ in range(ROUNDS):
-            pad_centres(state, pads[design], layout[design], centres)
-            planes_near(r, centres, robots, surface, world, planes)
+            find_centres(state, pads[design], layout[design], centres)
+            find_planes(centres, status, surface, world[0], planes)
             least = math.inf
             for i in range(status.first_plane, status.end_plane):
                 plane = planes[i]
@@ -68,8 +74,17 @@ def settle(rows, sags, states, pads, layout, robots, surface, world, centres, pl
         state[1] -= PLACEMENT_DEPTH + sags[k]
 
 
-@compiled
-def clearance(toes, centre, surface, begin, end, x, radius, pitch):
+@kernel
+def clearance(
+    toes: Floats2, centre: Floats1, surface: Floats2, begin: int, end: int, x: float, radius: float,
+    pitch: float,
+) -> float:  # fmt: skip
+    """The smallest height of :func:`clearances`, m."""
+    return clearances(toes, centre, surface, begin, end, x, radius, pitch)[0]
+
+
+@stage(inline=False)
+def clearances(toes, centre, surface, begin, end, x, radius, pitch):
     """Heights by which the toes clear the terrain surface[begin:end] with the axis at (x, 0).
 
     Args:
@@ -98,18 +113,26 @@ def clearance(toes, centre, surface, begin, end, x, radius, pitch):
     return min(front, rear), front, rear
 
 
-@macro
+@stage
 def _tip(toes, centre, surface, begin, end, x, radius, pitch):
     """Return clearance of the front toes less that of the rear ones, m; +-inf for one side."""
-    _, front, rear = clearance(toes, centre, surface, begin, end, x, radius, pitch)
+    _, front, rear = clearances(toes, centre, surface, begin, end, x, radius, pitch)
     if front < math.inf and rear < math.inf:
         return front - rear
     return math.inf if rear < math.inf else -math.inf
 
 
-@compiled
-def level_pitch(toes, centre, surface, begin, end, x, radius):
+@kernel
+def level_pitch(
+    toes: Floats2, centre: Floats1, surface: Floats2, begin: int, end: int, x: float, radius: float
+) -> float:
     """The pitch at which front and rear toes touch together, of several the most level one, rad."""
+    return find_level(toes, centre, surface, begin, end, x, radius)
+
+
+@stage(inline=False)
+def find_level(toes, centre, surface, begin, end, x, radius):
+    """:func:`level_pitch`, within kernels."""
     low, high = -WIDEST_PITCH, WIDEST_PITCH
     pitch = 0.0
     for _ in range(LEVELS):

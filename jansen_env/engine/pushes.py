@@ -4,8 +4,12 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
-from jansen_env.engine.jit import compiled, stage
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.engine.kernel import Bools1, Floats1, Floats3, Ints1, kernel, stage
 from jansen_env.engine.random import number, uniform
 from jansen_env.engine.records import row_dtype
 
@@ -22,8 +26,14 @@ PUSHES = row_dtype(
 )
 
 
-@compiled
-def fill_pushes(active, elapsed, seeds, strength, settings, random, schedule, scheduled, out):
+Settings = Annotated[NDArray[np.void], PUSHES, 1]
+
+
+@kernel
+def fill_pushes(
+    active: Bools1, elapsed: Ints1, seeds: Ints1, strength: Floats1, settings: Settings,
+    random: Bools1, schedule: Floats3, scheduled: Ints1, out: Floats3,
+) -> bool:  # fmt: skip
     """Fill impulses on the chassis in each time step of a control step; whether there are any.
 
     Args:

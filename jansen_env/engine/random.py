@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from jansen_env.engine.jit import stage
+from jansen_env.engine.kernel import stage
 
 # Numba makes a float of an unsigned and a signed integer: all of these are unsigned.
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)

@@ -3,10 +3,25 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.engine.actions import keep_actions
 from jansen_env.engine.collision import height_at
-from jansen_env.engine.jit import compiled, stage
-from jansen_env.engine.records import ROBOT, as_rows, floats, row_dtype
+from jansen_env.engine.kernel import (
+    Bools1,
+    Floats1,
+    Floats2,
+    Floats3,
+    Ints1,
+    Ints2,
+    Singles2,
+    kernel,
+    stage,
+)
+from jansen_env.engine.records import Robots, floats, row_dtype
 
 # Information on a robot in its world; units are listed with the environments.
 STATE = ("x_position", "x_velocity", "pitch", "crank_angle", "crank_speed", "crank_torque")
@@ -31,33 +46,47 @@ ROW = row_dtype(
 )
 
 
-@compiled(nogil=True)
+Rows = Annotated[NDArray[np.void], ROW, 1]
+
+
+@kernel
+def take_actions(
+    actions: Floats2, active: Bools1, elapsed: Ints1, full_torque: Floats1, rows: Rows,
+    asked: Floats2, delay: Ints2, torque: Floats1, earlier: Floats1, switch: Ints1,
+) -> int:  # fmt: skip
+    """See :func:`jansen_env.engine.actions.keep_actions`."""
+    return keep_actions(
+        actions, active, elapsed, full_torque, rows, asked, delay, torque, earlier, switch
+    )
+
+
+@kernel(nogil=True)
 def finish_step(
-    which, period, states, slip, force, robots, rows, loads, surface, scan, places, out
-):
+    which: Ints1, period: float, states: Floats2, slip: Floats2, force: Floats3, robots: Robots,
+    rows: Rows, loads: Floats2, surface: Floats2, scan: Floats1, places: Ints1, out: Singles2,
+) -> None:  # fmt: skip
     """Account for the step of ``period`` seconds that led to ``states`` (n, 8), and read them.
 
     Args:
         which: (k,) robots that have taken it.
-        slip: (n, toes) m. force: (n, toes, 2) N. As their bytes: robots: (n,) ROBOT of the plant,
-            rows: (n,) of :data:`ROW`. loads: (n, toes) normal forces / weight.
+        slip: (n, toes) m. force: (n, toes, 2) N. robots: (n,) ROBOT of the plant.
+        rows: (n,) of :data:`ROW`. loads: (n, toes) normal forces / weight.
         surface: (vertices, 2) m, of all terrains.
         scan: (count,) m, places from the crank axis at which the ground is looked at.
         places: (10 + toes + count,) column of each reading in ``out`` (n, d), -1 for none: the
             order is that of :func:`read`.
     """
-    robots, rows = as_rows(robots, ROBOT), as_rows(rows, ROW)
     for r in which:
         take_step(r, period, states, slip, force, robots, rows, loads)
         read(r, states, robots, rows, loads, surface, scan, places, out)
 
 
-@compiled
-def describe(which, states, robots, rows, loads, surface, scan, places, out):
-    """Read the present state of robots ``which`` (k,).
-
-    Args: see :func:`finish_step`; no rows as bytes.
-    """
+@kernel
+def describe(
+    which: Ints1, states: Floats2, robots: Robots, rows: Rows, loads: Floats2, surface: Floats2,
+    scan: Floats1, places: Ints1, out: Singles2,
+) -> None:  # fmt: skip
+    """Read the present state of robots ``which`` (k,); see :func:`finish_step`."""
     for r in which:
         read(r, states, robots, rows, loads, surface, scan, places, out)
 

@@ -1,31 +1,26 @@
 """Rows that cross the boundary from Python, as structured dtypes, and tuples that stages share.
 
-A robot's data of fixed size is one row, whatever its number of legs. Arrays of contact sizes are no
-part of rows, or every leg count would be compiled anew. Tuples of arrays cost microseconds at the
-boundary and nothing behind it: there they carry what belongs together. Of rows numba looks up the
-type in 0.13 us, of plain numbers in 0.03: frequent calls get them as bytes.
+A robot's data of fixed size is one row, whatever its number of legs; arrays of contact sizes are no
+part of rows. Tuples of arrays cost nothing inside: there they carry what belongs together.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from numba.core import cgutils, types
-from numba.extending import intrinsic
-from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
 
-from jansen_env.engine.jit import DISABLED
+from jansen_env.engine.kernel import PYTHON
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
 def row_dtype(fields: list[tuple[Any, ...]]) -> np.dtype[Any]:
-    """A structured dtype whose rows have their fields as attributes, uncompiled too."""
+    """A structured dtype whose rows have their fields as attributes, as plain Python too."""
     dtype = np.dtype(fields, align=True)
-    return np.dtype((np.record, dtype)) if DISABLED else dtype
+    return np.dtype((np.record, dtype)) if PYTHON else dtype
 
 
 def floats(*names: str) -> list[tuple[str, type]]:
@@ -167,36 +162,13 @@ PLANE = row_dtype(
 """The ground as one pad may touch it."""
 
 
-def as_bytes(rows: NDArray[np.void]) -> NDArray[np.uint8]:
-    """The same memory as bytes, along the last axis."""
-    return rows.view(np.uint8)
-
-
-def _as_rows(data: Any, dtype: Any) -> Any:
-    return data.view(dtype)
-
-
-@intrinsic
-def _view(_: Any, data: Any, dtype: Any) -> Any:
-    """:func:`as_rows` compiled: numba's own ``view`` takes twenty times as long to compile."""
-    rows = types.Array(dtype.dtype, data.ndim, "C")
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        given = context.make_array(data)(context, builder, arguments[0])
-        made = context.make_array(rows)(context, builder)
-        size = context.get_constant(types.intp, rows.dtype.size)
-        *shape, length = cgutils.unpack_tuple(builder, given.shape)
-        *strides, _ = cgutils.unpack_tuple(builder, given.strides)
-        place = builder.bitcast(given.data, made.data.type)
-        shape, strides = [*shape, builder.sdiv(length, size)], [*strides, size]
-        populate_array(made, place, shape, strides, size, None)
-        return made._getvalue()
-
-    return rows(data, dtype), generate
-
-
-as_rows: Any = _as_rows if DISABLED else _view
-"""Inside kernels: the inverse of :func:`as_bytes`."""
+Robots = Annotated[NDArray[np.void], ROBOT, 1]
+Params = Annotated[NDArray[np.void], PARAMS, 1]
+Statistics = Annotated[NDArray[np.void], CONTACT_STATISTICS, 2]
+Layout = Annotated[NDArray[np.void], PAD, 1]
+Layouts = Annotated[NDArray[np.void], PAD, 2]
+World = Annotated[NDArray[np.void], WORLD, 1]
+Planes = Annotated[NDArray[np.void], PLANE, 1]
 
 
 class Model(NamedTuple):

@@ -12,7 +12,7 @@ import numpy as np
 
 from jansen_env.engine.contact_solver import STICK, solve
 from jansen_env.engine.contacts import add_dry_friction, can_wedge, rate
-from jansen_env.engine.jit import macro, stage
+from jansen_env.engine.kernel import stage
 from jansen_env.engine.motor_stages import limited_torque
 from jansen_env.engine.records import Velocity
 
@@ -49,7 +49,7 @@ class Outcome(NamedTuple):
     may_gain: bool  # whether it was not made sure that the contacts create no energy
 
 
-@stage(cached=True)
+@stage
 def solve_velocities(
     h, torque, friction, push, velocity, inertia, params, count, impact, wedged, contacts
 ):
@@ -87,7 +87,7 @@ def solve_velocities(
     return Outcome(end, free, used, impulse, residual, may_gain)
 
 
-@macro
+@stage
 def _next_trial(trial, asked, creates, excess):
     """Choose velocities after an answer that ``creates`` energy, in ``excess`` of others."""
     stage, bounce, curved, least, most, tries, _ = trial
@@ -121,7 +121,7 @@ def _next_trial(trial, asked, creates, excess):
     return Trial(stage, bounce, curved, least, most, tries, over)
 
 
-@macro
+@stage
 def _solve_step(
     h, torque, sliding, held, friction, push, velocity, inertia, params, count, trial, contacts
 ):
@@ -172,7 +172,7 @@ def _solve_step(
     return Velocity(nx, ny, nw, nn), free, residual, used
 
 
-@macro
+@stage
 def motor_torque(h, asked, n, from_contacts, pitch_force, crank_force, inertia, params):
     """Return the motor's torque at the step's mean crank speed: implicit.
 
@@ -186,7 +186,7 @@ def motor_torque(h, asked, n, from_contacts, pitch_force, crank_force, inertia, 
     return limited_torque(asked, lost, share, params)
 
 
-@macro
+@stage
 def _fill_velocities(count, velocity, free, trial, contacts):
     """The contacts' velocities without impulses, bounce and curvature (or springs) included."""
     J, v_free = contacts.J, contacts.problem.v_free

@@ -13,9 +13,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jansen_env.engine.jit import compiled, stage
+from jansen_env.engine.kernel import (
+    Bools1,
+    Floats1,
+    Floats2,
+    Floats3,
+    Floats4,
+    Ints1,
+    kernel,
+    stage,
+)
 from jansen_env.engine.motor_stages import drawn_power, limited_torque
-from jansen_env.engine.records import Array
+from jansen_env.engine.records import Array, Params
 from jansen_env.engine.tables import C_Y, CRANK, DAMPING, FIRST, VALUE, bearing_friction, read_body
 
 # Entries of a state: crank angle, its rate, and since the start what joints and gear have taken, J,
@@ -115,19 +124,15 @@ def _step_with_friction(h, asked, latest, state, crank):
         left -= share * left
 
 
-@compiled(allocates=True)
-def turn(steps, switch, h, torque, earlier, state, body, bearings, params):
+@stage(inline=False)
+def turn(steps, switch, h, torque, earlier, state, crank):
     """Advance a state (6,) by ``steps`` steps of ``h`` seconds under a torque asked for (N m).
 
-    In the first ``switch`` of them it is the ``earlier`` one. ``body``, ``bearings``: of a Model.
+    In the first ``switch`` of them it is the ``earlier`` one.
     """
-    crank = Crank(
-        body, bearings, params[0], np.empty((3, 6)), np.empty((4, STATE)), np.empty(STATE),
-        np.empty(STATE),
-    )  # fmt: skip
     for k in range(steps):
         asked = earlier if k < switch else torque
-        if params[0].dry:
+        if crank.params.dry:
             _step_with_friction(h, asked, torque, state, crank)
         else:
             _step(h, 0.0, asked, torque, state, crank)
@@ -135,14 +140,17 @@ def turn(steps, switch, h, torque, earlier, state, body, bearings, params):
             state[i] = crank.after[i]
 
 
-@compiled(allocates=True)
+@kernel
 def turn_each(
-    steps, switch, h, torques, earlier, states, designs, bodies, friction, params, sums, diverged
-):
+    steps: int, switch: Ints1, h: float, torques: Floats1, earlier: Floats1, states: Floats2,
+    designs: Ints1, bodies: Floats4, friction: Floats2, params: Params, work: Floats3,
+    sums: Floats2, diverged: Bools1,
+) -> bool:  # fmt: skip
     """:func:`turn` for n robots with states (n, 6), torques (n,), earlier (n,) and switch (n,).
 
     Args:
         designs: (n,) rows of ``bodies`` and ``friction``, all of a Model. params: (n,) PARAMS.
+        work: (3, 4, 6) memory.
         sums: (n, 5) work of the motor, loss of the joints, change of mechanical energy, electrical
             work, J, and the motor's mean torque, N m; out.
         diverged: (n,) whether a crank became faster than :data:`DIVERGED`: it stays as it was; out.
@@ -151,31 +159,42 @@ def turn_each(
     """
     any_diverged = False
     for r in range(len(states)):
-        state, body, bearings = states[r], bodies[designs[r]], friction[designs[r]]
+        state, body = states[r], bodies[designs[r]]
+        crank = Crank(
+            body, friction[designs[r]], params[r], work[0], work[1], work[2, 0], work[2, 1]
+        )
         angle, speed = state[ANGLE], state[SPEED]
-        own = params[r : r + 1]
-        kinetic, potential = fixed_base_energy(body, own, angle, speed)
-        before = kinetic + potential
-        state[LOSS:] = 0.0
-        turn(steps, switch[r], h, torques[r], earlier[r], state, body, bearings, own)
+        before = held_energy(body, params[r], angle, speed, crank.sums)
+        for i in range(LOSS, STATE):
+            state[i] = 0.0
+        turn(steps, switch[r], h, torques[r], earlier[r], state, crank)
         diverged[r] = not abs(state[SPEED]) < DIVERGED
         if diverged[r]:
             state[ANGLE], state[SPEED] = angle, speed
-            state[LOSS:] = 0.0
+            for i in range(LOSS, STATE):
+                state[i] = 0.0
             any_diverged = True
-        kinetic, potential = fixed_base_energy(body, own, state[ANGLE], state[SPEED])
+        after = held_energy(body, params[r], state[ANGLE], state[SPEED], crank.sums)
         sums[r, 0] = torques[r] * (state[ANGLE] - angle) - state[WORK_LACKING]
-        sums[r, 1], sums[r, 2] = state[LOSS], kinetic + potential - before
+        sums[r, 1], sums[r, 2] = state[LOSS], after - before
         sums[r, 3] = state[ELECTRICAL]
         sums[r, 4] = torques[r] - state[IMPULSE_LACKING] / (max(steps, 1) * h)
     return any_diverged
 
 
-@compiled(allocates=True)
-def fixed_base_energy(body, params, psi, n):
-    """Kinetic and potential energy, J; potential is 0 with the centre of mass at the axis."""
-    sums = np.empty((3, 6))
+@kernel
+def fixed_base_energy(
+    r: int, states: Floats2, designs: Ints1, bodies: Floats4, params: Params, work: Floats3
+) -> float:
+    """Kinetic plus potential energy of robot ``r``, J; arguments: see :func:`turn_each`."""
+    state = states[r]
+    return held_energy(bodies[designs[r]], params[r], state[ANGLE], state[SPEED], work[0])
+
+
+@stage(inline=False)
+def held_energy(body, params, psi, n, sums):
+    """Kinetic plus potential energy, J; potential is 0 with the centre of mass at the axis."""
     read_body(body, psi, sums)
-    kinetic = 0.5 * (sums[VALUE, CRANK] + params[0].rotor_crank) * n * n
-    height = sums[VALUE, C_Y] + params[0].load_mass * params[0].load_y
-    return kinetic, -params[0].gravity_y * height
+    kinetic = 0.5 * (sums[VALUE, CRANK] + params.rotor_crank) * n * n
+    height = sums[VALUE, C_Y] + params.load_mass * params.load_y
+    return kinetic - params.gravity_y * height

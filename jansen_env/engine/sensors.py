@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import math
 
-from jansen_env.engine.jit import compiled, stage
+from jansen_env.engine.kernel import (
+    Floats1,
+    Floats2,
+    Ints1,
+    Ints2,
+    Singles1,
+    Singles2,
+    kernel,
+    stage,
+)
 from jansen_env.engine.random import normal, number
 from jansen_env.engine.readings import put
 
@@ -12,8 +21,11 @@ STREAM = 0  # of an episode's random numbers; that of pushes is another
 BIAS = 0  # of the stream's keys; the others are those of the steps
 
 
-@compiled(nogil=True)
-def draw_errors(which, elapsed, seeds, level, deviation, speeds, known, bias, error, mean_error):
+@kernel(nogil=True)
+def draw_errors(
+    which: Ints1, elapsed: Ints1, seeds: Ints1, level: Floats1, deviation: Floats2, speeds: Ints1,
+    known: Ints1, bias: Floats2, error: Floats2, mean_error: Floats2,
+) -> None:  # fmt: skip
     """Draw the errors of some robots' readings in this step, always the same for one step.
 
     Mean speeds over the step err by the errors of the readings and by second ones of the same size.
@@ -49,8 +61,11 @@ def draw_errors(which, elapsed, seeds, level, deviation, speeds, known, bias, er
             mean_error[r, k] = error[r, i] + more
 
 
-@compiled
-def add_noise(which, error, angles, measured, columns, low, high, truth, out):
+@kernel
+def add_noise(
+    which: Ints1, error: Floats2, angles: Ints2, measured: Floats2, columns: Ints1, low: Singles1,
+    high: Singles1, truth: Singles2, out: Singles2,
+) -> None:  # fmt: skip
     """Turn observations ``out`` (n, d) of some robots into what their sensors tell.
 
     Args:

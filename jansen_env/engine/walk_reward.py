@@ -7,11 +7,24 @@ with another. They are documented in :class:`jansen_env.envs.walker.JansenWalker
 from __future__ import annotations
 
 import math
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
 
 from jansen_env.engine import readings
-from jansen_env.engine.jit import compiled, stage
+from jansen_env.engine.kernel import (
+    Bools1,
+    Floats1,
+    Floats2,
+    Floats3,
+    Ints1,
+    Singles2,
+    kernel,
+    stage,
+)
 from jansen_env.engine.readings import put, read, take_step
-from jansen_env.engine.records import ROBOT, as_rows, floats, row_dtype
+from jansen_env.engine.records import Robots, floats, row_dtype
 
 FALLEN_PITCH = 1.2  # rad
 
@@ -55,23 +68,28 @@ ROW = row_dtype(
 )
 
 
-@compiled(nogil=True)
+Settings = Annotated[NDArray[np.void], SETTINGS, 1]
+Accounts = Annotated[NDArray[np.void], ACCOUNTS, 1]
+Rows = Annotated[NDArray[np.void], ROW, 1]
+
+
+@kernel(nogil=True)
 def finish_step(
-    which, settings, own, reward, terminated, error, measured, own_places,
-    period, states, slip, force, robots, rows, loads, surface, scan, places, out,
-):  # fmt: skip
+    which: Ints1, settings: Settings, own: Rows, reward: Floats1, terminated: Bools1,
+    error: Floats2, measured: Accounts, own_places: Ints1, period: float, states: Floats2,
+    slip: Floats2, force: Floats3, robots: Robots, rows: readings.Rows, loads: Floats2,
+    surface: Floats2, scan: Floats1, places: Ints1, out: Singles2,
+) -> None:  # fmt: skip
     """Reward the step that led to ``states`` (n, 8), and :func:`describe` it.
 
     Args:
-        settings: (1,) of :data:`SETTINGS`. own: (n,) of :data:`ROW`, as bytes.
+        settings: (1,) of :data:`SETTINGS`. own: (n,) of :data:`ROW`.
         reward, terminated: (n,). error: (n, 2) of the measured mean speeds: m/s in x; rad/s of the
             crank, counted as the action is. measured: (n,) of :data:`ACCOUNTS`. Without noise
             these two have no rows.
         own_places: (6,) columns in ``out`` of the command, the lag and the means.
         which, period ... out: see :func:`jansen_env.engine.readings.finish_step`.
     """
-    own, robots = as_rows(own, ROW), as_rows(robots, ROBOT)
-    rows = as_rows(rows, readings.ROW)
     for r in which:
         slipped = take_step(r, period, states, slip, force, robots, rows, loads)
         row, mine, total, state = rows[r], own[r], robots[r].accumulators, states[r]
@@ -158,11 +176,15 @@ def factor(cost, weight):
     return 1.0 / (1.0 + cost) if weight == 1.0 else (1.0 + cost) ** -weight
 
 
-@compiled
-def describe(which, own, own_places, states, robots, rows, loads, surface, scan, places, out):
+@kernel
+def describe(
+    which: Ints1, own: Rows, own_places: Ints1, states: Floats2, robots: Robots,
+    rows: readings.Rows, loads: Floats2, surface: Floats2, scan: Floats1, places: Ints1,
+    out: Singles2,
+) -> None:  # fmt: skip
     """Observations into ``out`` (n, d), information into ``rows``, of robots ``which`` (k,).
 
-    Args: see :func:`finish_step`; no rows as bytes.
+    Args: see :func:`finish_step`.
     """
     for r in which:
         read(r, states, robots, rows, loads, surface, scan, places, out)

@@ -12,9 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from jansen_env.checks import positive
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import integrator
-from jansen_env.engine.jit import Kernel, prepare
-from jansen_env.engine.parts import parts
-from jansen_env.engine.records import UNKNOWN_DEFLECTION, WORLD, as_bytes
+from jansen_env.engine.records import UNKNOWN_DEFLECTION, WORLD
 from jansen_env.engine.tables import energy
 from jansen_env.gravity import GRAVITY, Gravity
 from jansen_env.parameters import CHANGES
@@ -95,11 +93,10 @@ class Batch(PlacedRobots):
         n, pads = len(self.robots), self.pads
         capacity = PLANES_PER_PAD * pads
         stride = max(1, round(detection_interval / time_step))
-        world = np.zeros(1, WORLD)
-        world[0] = self.time_step, stride, self.toes, capacity
-        self._world = as_bytes(world)
+        self._world = np.zeros(1, WORLD)
+        self._world[0] = self.time_step, stride, self.toes, capacity
         extent = self.designs.extent[self.designs.number]
-        self.detector = ContactDetector(self.rows, terrains, world, extent)
+        self.detector = ContactDetector(self.rows, terrains, self._world, extent)
         self.states = np.zeros((n, 8))
         self._centres = np.zeros((max(pads, self.toes + 1), 2))
         self.slip, self.contact_force = np.zeros((n, self.toes)), np.zeros((n, self.toes, 2))
@@ -116,34 +113,22 @@ class Batch(PlacedRobots):
         self.in_contact: NDArray[np.bool_] | None = None
         self._every = np.arange(n)
         self._threads = Threads(
-            n, threads, lambda: (*integrator.work_space(capacity), np.zeros(n, np.int64))
+            n,
+            threads,
+            lambda: (*integrator.work_space(capacity), np.zeros(n, np.int64), np.zeros(2, bool)),
         )
+        self._advance = integrator.advance.bound()
         self._sums = np.empty((3, 6))
         self._shared = self._arguments_of_all()
-        prepare(*self._kernels())
 
     def _arguments_of_all(self) -> tuple[Any, ...]:
         """Arguments that threads share in a step."""
         model, detector = self.designs.model, self.detector
         return (
-            self.states, model.body, model.pads, as_bytes(model.layout), model.bearings,
-            detector.surface, self.designs.depths, self._world, as_bytes(self.rows),
-            as_bytes(detector.planes), as_bytes(self.contact_statistics), self.slip,
-            self.contact_force,
+            self.states, model.body, model.pads, model.layout, model.bearings, detector.surface,
+            self.designs.depths, self._world, self.rows, detector.planes, self.contact_statistics,
+            self.slip, self.contact_force,
         )  # fmt: skip
-
-    def _kernels(self) -> list[Kernel]:
-        """Kernels of a batch."""
-        number = np.zeros(1)
-        step = (
-            0, np.zeros((1, 2), np.int64), 0, np.arange(1), True, 0, number, *self._at_once,
-            self._no_pushes, self._untraced, *self._threads.memory, *self._shared,
-        )  # fmt: skip
-        return [
-            *self.detector.kernels(self.states),
-            *self._placing_kernels(),
-            Kernel("control step", integrator.advance, step, parts),
-        ]
 
     @property
     def surface(self) -> Array:
@@ -212,10 +197,7 @@ class Batch(PlacedRobots):
 
     def energy(self, row: int) -> float:
         """Kinetic plus potential energy of a robot, J (potential 0 with its mass at y = 0)."""
-        arguments = row, self.states, self.rows, self.designs.model.body, self._sums
-        if not getattr(energy, "overloads", True):  # compiled when it is first asked for
-            prepare(Kernel("energy", energy, arguments))
-        return float(energy(*arguments))
+        return float(energy(row, self.states, self.rows, self.designs.model.body, self._sums))
 
     def step(
         self,
@@ -266,12 +248,13 @@ class Batch(PlacedRobots):
             plain = _plain(trace)
 
         def move(thread: int, shares: Ints, most: int, memory: Any) -> tuple[bool, bool]:
-            count, unknown, diverged = integrator.advance(
+            count = self._advance(
                 thread, shares, most, rows, fresh, steps, *asked, plain, *memory, *self._shared
             )
+            *_, moved, (unknown, diverged) = memory
             if finish is not None and count > 0:
-                finish(memory[-1][:count])
-            return unknown, diverged
+                finish(moved[:count])
+            return bool(unknown), bool(diverged)
 
         while True:  # robots that leave their skin need the broad phase before they go on
             unknown, diverged = self._threads.move(len(rows), move, meanwhile)

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from jansen_env.dynamics.reduced import Tables, compile_robot
 from jansen_env.engine.records import CONTACT_STATISTICS, ROBOT, UNKNOWN_DEFLECTION
-from jansen_env.engine.tables import parameters, set_compliance, set_motor
 from jansen_env.gravity import Gravity, gravity_vector
 from jansen_env.parameters import ROBOT_PARAMETERS, nominal, take_load
 from jansen_env.plants.base import check_legs
 from jansen_env.plants.design_tables import DesignTables
+from jansen_env.plants.robot_data import parameters, set_compliance, set_motor
 from jansen_env.plants.robot_parameters import (
     HONOURED_BY_KERNELS,
     apply_to_kernels,

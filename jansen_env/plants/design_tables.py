@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from jansen_env.dynamics.reduced import Tables, compile_robot, design_of
 from jansen_env.engine.collision import SPECULATIVE_MARGIN
 from jansen_env.engine.records import Model
-from jansen_env.engine.tables import farthest, kernel_model
+from jansen_env.plants.robot_data import farthest, kernel_model
 from jansen_env.robot import Robot
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ class DesignTables:
         number: (robots,) row of each robot. model: of all designs, along the first axis.
         depths: (designs, PITCHES + 1) of :func:`non_toe_depths`. extent: (designs,) m, how far from
             the crank axis a pad's centre can be. farthest: (designs, 2, 2) of
-            :func:`jansen_env.engine.tables.farthest`.
+            :func:`jansen_env.plants.robot_data.farthest`.
 
     Raises:
         ValueError: tables that have not converged; LinkageError: a robot cannot turn its crank.

@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 
 from jansen_env.engine import collision
 from jansen_env.engine.collision import SKIN, SPECULATIVE_MARGIN
-from jansen_env.engine.jit import Kernel
-from jansen_env.engine.records import PLANE, as_bytes
+from jansen_env.engine.records import PLANE
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
@@ -63,7 +62,7 @@ class ContactDetector:
         self, robots: Rows, terrains: Sequence[Terrain], world: Rows, extent: Array
     ) -> None:
         n, capacity = len(robots), int(world["capacity"][0])
-        self._robots, self._world = robots, as_bytes(world)
+        self._robots, self._world = robots, world
         self.surface, bounds, terrain = _surfaces(terrains)
         self._circles = extent + robots["status"]["pad_radius"] + SPECULATIVE_MARGIN + SKIN
         self._cells = _cells(self.surface, n)
@@ -225,17 +224,6 @@ class ContactDetector:
         got = self._got
         ids, points = np.frombuffer(got.int_buf(), np.int64), np.frombuffer(got.float_buf())
         return ids, points, self._ids, self._row_of, self._robots, self.surface, self._circles
-
-    def kernels(self, states: Array) -> list[Kernel]:
-        """For :func:`jansen_env.engine.jit.prepare`; states: (n, 8)."""
-        robots, rows = self._robots, np.arange(1)
-        near = 0, np.zeros((1, 2)), robots, self.surface, self._world, self.planes
-        return [
-            Kernel("broad phase", collision.move_robots, (rows, states, robots, self._placed)),
-            Kernel("candidates", collision.keep_candidates, (rows, *self._candidates())),
-            Kernel("known candidates", collision.recall, (rows, states, robots)),
-            Kernel("contact planes", collision.planes_near, near),
-        ]
 
 
 def _surfaces(terrains: Sequence[Terrain]) -> tuple[Array, Ints, Ints]:

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from jansen_env.checks import finite, non_negative, positive
 from jansen_env.dynamics.joint_forces import JointForces, joint_forces
 from jansen_env.engine import runge_kutta
-from jansen_env.engine.jit import Kernel, prepare
-from jansen_env.engine.tables import parameters
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import check_time_step
 from jansen_env.plants.design_tables import DesignTables
+from jansen_env.plants.robot_data import parameters
 from jansen_env.robot import Robot
 
 Array = NDArray[np.float64]
@@ -56,11 +55,8 @@ class FixedBaseBatch:
         )
         self._at_once = np.zeros(count), np.zeros(count, np.int64)  # no torque from before
         self.diverged, self.any_diverged = np.zeros(count, bool), False
-        turn = self._arguments_of_turn(np.zeros(count), 0, *self._at_once)
-        prepare(
-            Kernel("energy", runge_kutta.fixed_base_energy, self._arguments_of_energy(0)),
-            Kernel("crank", runge_kutta.turn_each, turn),
-        )
+        self._work = np.zeros((3, 4, runge_kutta.STATE))
+        self._turn = runge_kutta.turn_each.bound()
 
     def set_robots(self, rows: NDArray[np.int64], robots: Sequence[Robot]) -> None:
         """Exchange robots (k,), for such of the same linkage.
@@ -75,11 +71,9 @@ class FixedBaseBatch:
 
     def energy(self, row: int) -> float:
         """Kinetic plus potential energy of a robot, J (0 potential: mass centre at the axis)."""
-        return float(sum(runge_kutta.fixed_base_energy(*self._arguments_of_energy(row))))
-
-    def _arguments_of_energy(self, row: int) -> tuple[Any, ...]:
-        body = self.designs.model.body[self.designs.number[row]]
-        return body, self._params[row : row + 1], *self.states[row].tolist()
+        designs = self.designs.number, self.designs.model.body
+        energy = runge_kutta.fixed_base_energy(row, self.rows, *designs, self._params, self._work)
+        return float(energy)
 
     def step(
         self,
@@ -94,7 +88,7 @@ class FixedBaseBatch:
         was, and is named in :attr:`diverged`.
         """
         before = self._at_once if earlier is None else (earlier, switch)
-        self.any_diverged = runge_kutta.turn_each(*self._arguments_of_turn(torque, steps, *before))
+        self.any_diverged = self._turn(*self._arguments_of_turn(torque, steps, *before))
 
     def _arguments_of_turn(
         self, torque: Array, steps: int, earlier: Any, switch: Any
@@ -102,7 +96,7 @@ class FixedBaseBatch:
         model = self.designs.model
         return (
             steps, switch, self.time_step, torque, earlier, self.rows, self.designs.number,
-            model.body, model.bearings, self._params, self.sums, self.diverged,
+            model.body, model.bearings, self._params, self._work, self.sums, self.diverged,
         )  # fmt: skip
 
     def joint_forces(self, row: int, torque: float = 0.0) -> JointForces:

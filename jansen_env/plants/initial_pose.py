@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import finite
 from jansen_env.dynamics.pads import pad_layout
-from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.engine.placement import clearance, level_pitch
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import positions_of, toe_positions
@@ -16,15 +15,6 @@ from jansen_env.terrain import Terrain
 Array = NDArray[np.float64]
 
 DEEPEST = 0.02  # m, of static deflection
-
-
-def prepare_placement(robot: Robot, terrain: Terrain) -> None:
-    """Compile what :func:`resting_pose` needs."""
-    toes, centre, surface = np.zeros((len(robot.toes), 2)), np.zeros(2), terrain.polyline.copy()
-    common = toes, centre, surface, 0, len(surface), 0.0, robot.pad_radius
-    prepare(
-        Kernel("clearance", clearance, (*common, 0.0)), Kernel("level pitch", level_pitch, common)
-    )
 
 
 def static_deflection(robot: Robot, gravity: float) -> float:
@@ -67,13 +57,11 @@ def resting_pose(
     x, crank_angle = finite("x", x), finite("crank_angle", crank_angle)
     pitch = None if pitch is None else finite("pitch", pitch)
     toes = toe_positions(robot, crank_angle)
-    # A copy, as numba compiles arrays that cannot be written to once more.
-    surface = terrain.polyline.copy()
+    surface = terrain.polyline
     common = toes, centre, surface, 0, len(surface), x, robot.pad_radius
     if pitch is None:
         pitch = level_pitch(*common)
     layout = pad_layout(robot)
     known = [robot.linkage.all_pads[k][0] for k in layout.joint]
     pads = positions_of(robot, crank_angle, [*zip(layout.leg.tolist(), known, strict=True)])
-    height, _, _ = clearance(pads, *common[1:], pitch)
-    return float(-height), float(pitch)
+    return -clearance(pads, *common[1:], pitch), float(pitch)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import finite
 from jansen_env.engine import collision, placement
-from jansen_env.engine.jit import Kernel
 from jansen_env.plants.batch_robots import BatchRobots
 from jansen_env.plants.detector import ContactDetector
 from jansen_env.plants.initial_pose import resting_depth
@@ -25,7 +24,7 @@ class PlacedRobots(BatchRobots):
     toes: int
     states: Array
     detector: ContactDetector
-    _world: NDArray[np.uint8]  # WORLD, as bytes
+    _world: NDArray[np.void]  # WORLD
     _centres: Array  # work space, of toes and centre of mass or of pads
 
     def _lower(self, rows: Ints, crank_angles: Array, x: float, pitch: float | None) -> None:
@@ -37,18 +36,10 @@ class PlacedRobots(BatchRobots):
             params = self.params[rows]
             weighed = np.stack([params["mass"], params["stiffness"][:, 0], -params["gravity_y"]], 1)
             depths[:] = [resting_depth(*each) for each in weighed.tolist()]
-        angles = np.ascontiguousarray(crank_angles)  # other layouts would be compiled apart
+        angles = np.ascontiguousarray(crank_angles)
         placement.lower(*self._arguments_of_lower(rows, places, angles, pitches))
         self.detector.recall(rows, self.states)
         placement.settle(*self._arguments_of_settle(rows, depths))
-
-    def _placing_kernels(self) -> list[Kernel]:
-        rows, number = np.arange(1), np.zeros(1)
-        return [
-            Kernel("pads", collision.pad_centres, self._arguments_of_pads(0)),
-            Kernel("placement", placement.lower, self._arguments_of_lower(rows, *[number] * 3)),
-            Kernel("settling", placement.settle, self._arguments_of_settle(rows, number)),
-        ]
 
     def _arguments_of_pads(self, row: int) -> tuple[Any, ...]:
         model, design = self.designs.model, self.designs.number[row]

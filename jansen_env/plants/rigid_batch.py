@@ -32,7 +32,7 @@ from jansen_env.plants.base import check_legs, check_pushes, check_time_step, di
 from jansen_env.plants.bodies import CHASSIS, SHAFT
 from jansen_env.plants.body_space import BodySpace
 from jansen_env.plants.geared_rotor import GearedRotor
-from jansen_env.plants.initial_pose import prepare_placement, resting_pose, static_deflection
+from jansen_env.plants.initial_pose import resting_pose, static_deflection
 from jansen_env.plants.robot_parameters import (
     HONOURED_BY_MACHINES,
     check_restitution,
@@ -104,7 +104,6 @@ class RigidBodyBatch:
         self.lookahead_steps = max(1, round(LOOKAHEAD / self.time_step))
         self._owners = links.pad_bodies(robot, pad_layout(robot))
         self.gravity = gravity_vector(gravity)
-        prepare_placement(robot, terrain)
         self._apply_parameters()
         self._build(np.zeros(8))
 

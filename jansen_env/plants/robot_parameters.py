@@ -17,8 +17,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.engine.tables import set_arms
 from jansen_env.parameters import OF_ROBOTS, PARAMETERS, plain
+from jansen_env.plants.robot_data import set_arms
 from jansen_env.robot import Compliance, Robot
 from jansen_env.terrain import Terrain
 

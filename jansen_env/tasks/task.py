@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import listed, within
 from jansen_env.engine import readings
-from jansen_env.engine.jit import Kernel, prepare, together
 from jansen_env.rendering import Frame
 from jansen_env.tasks.information import InfoBuilder
 from jansen_env.world import argument_checks as arguments
@@ -72,7 +71,6 @@ class Task(ABC):
         cls.PER_ROBOT = tuple(arguments.marked(records, "per_robot"))
         cls.SINGLE_ONLY = arguments.marked(records, "single_only")
 
-    @together()
     def __init__(self, num_envs: int = 1, threads: int | None = None, **keywords: Any) -> None:
         kinds = {**self.WORLD.RECORDS, **self.RECORDS}
         records = arguments.fill(kinds, {**self.DEFAULTS, **keywords}, num_envs)
@@ -94,12 +92,7 @@ class Task(ABC):
         self.world.connect(self.observed, self.observation, self.progress)
         self.connect()
         self.information = self._make_info()
-        one, engine = np.arange(1), self.ENGINE
-        prepare(
-            *self.world.kernels(),
-            Kernel("observation", engine.describe, (one, *self.describe_arguments())),
-            Kernel("reward", engine.finish_step, (one, *self.step_arguments())),
-        )
+        self._describe, self._finish = self.ENGINE.describe.bound(), self.ENGINE.finish_step.bound()
 
     def _make_info(self) -> InfoBuilder:
         world = self.world
@@ -188,7 +181,7 @@ class Task(ABC):
 
     def finish_step(self, rows: Ints) -> None:
         """Account for the step of robots (k,) in one kernel, on the thread that moved them."""
-        self.ENGINE.finish_step(rows, *self.step_arguments())
+        self._finish(rows, *self.step_arguments())
 
     def complete_step(self, active: Bools) -> None:
         """Score the step of the ``active`` robots (n,), and observe them."""
@@ -198,7 +191,7 @@ class Task(ABC):
 
     def describe(self, rows: Ints) -> None:
         """Fill observations and information of some robots as they are now."""
-        self.ENGINE.describe(rows, *self.describe_arguments())
+        self._describe(rows, *self.describe_arguments())
         self.observe(rows)
         self.world.disturb(rows)
 

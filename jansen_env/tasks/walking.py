@@ -10,7 +10,6 @@ import numpy as np
 
 from jansen_env.checks import finite, non_negative, positive, shown
 from jansen_env.engine import walk_reward
-from jansen_env.engine.records import as_bytes
 from jansen_env.tasks.task import CommandedTask, Task
 from jansen_env.world.argument_checks import (
     Bools,
@@ -125,7 +124,6 @@ class WalkerTask(CommandedTask):
             numbers = self._measured.view(float).reshape(self.num_envs, -1)
             sensors.measure(numbers, [self.columns[name] for name in ACCOUNTS])
             self._error = sensors.mean_error
-        self._bytes = as_bytes(self.rows)
 
     def begin(self, rows: Ints, drawn: Sequence[Any]) -> None:
         """Start with commands, m/s; lag and means are 0."""
@@ -148,7 +146,7 @@ class WalkerTask(CommandedTask):
         """Account for the step of robots (k,) in one kernel, on the thread that moved them."""
         if self.world.episodes.curriculum is not None:
             self._cover(rows)
-        walk_reward.finish_step(rows, *self.step_arguments())
+        super().finish_step(rows)
 
     def complete_step(self, active: Bools) -> None:
         """Let a task that derives from this one observe the ``active`` robots (n,)."""
@@ -157,7 +155,7 @@ class WalkerTask(CommandedTask):
 
     def step_arguments(self) -> tuple[Any, ...]:
         return (
-            self._settings, self._bytes, self.reward, self.terminated, self._error, self._measured,
+            self._settings, self.rows, self.reward, self.terminated, self._error, self._measured,
             self._places, *self.world.step_arguments(),
         )  # fmt: skip
 

@@ -11,8 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.checks import positive, shown, within
-from jansen_env.engine.actions import take_actions
-from jansen_env.engine.jit import Kernel
 from jansen_env.robot import Robot
 from jansen_env.robot.motor import Motor
 from jansen_env.world import argument_checks as arguments
@@ -32,6 +30,7 @@ class ActuatedRobots:
 
     Attributes:
         RECORDS: its keyword arguments, see :mod:`jansen_env.world.argument_checks`.
+        TAKE_ACTIONS: the engine's kernel that keeps actions in ``rows``.
         OPTIONS: of a reset. SETTABLE: of a change. entries: numbers for observations.
         robots: of these episodes, before parameters. control_dt: s for which an action is held.
         rows: (n,) with fields ``action``, ``action_before``, ``info`` and ``energy``.
@@ -46,6 +45,7 @@ class ActuatedRobots:
     """
 
     RECORDS: ClassVar[dict[str, type]]
+    TAKE_ACTIONS: ClassVar[Any]
     OPTIONS: ClassVar[tuple[str, ...]]
     SETTABLE: ClassVar[tuple[str, ...]]
     entries: list[Observed]
@@ -77,6 +77,7 @@ class ActuatedRobots:
         self.asked, self.delay = np.zeros((n, longest + 2)), np.zeros((n, 2), np.int64)
         self.earlier, self.switch = np.zeros(n), np.zeros(n, np.int64)
         self.rows, self.torque = np.zeros(n, row), np.zeros(n)
+        self._keep_actions = self.TAKE_ACTIONS.bound()
         self.elapsed = np.zeros(n, np.int64)
         self.full_torque = np.array([robot.motor.torque_limit for robot in self.robots])
         self._delayed = (
@@ -108,11 +109,6 @@ class ActuatedRobots:
 
     def close(self) -> None:
         """Let go of threads."""
-
-    def kernels(self) -> list[Kernel]:
-        """Return the kernels to compile, but for the plant's."""
-        actions, active = np.zeros((self.num_envs, 1)), np.ones(self.num_envs, bool)
-        return [Kernel("actions", take_actions, (actions, active, *self._delayed))]
 
     def begin_delay(self, rows: Ints, delays: Array, asked: Array | None = None) -> None:
         """Begin episodes with ``delays`` (k,) s, and earlier torques ``asked`` (k, steps) N m."""
@@ -206,7 +202,7 @@ class ActuatedRobots:
             raise ValueError(f"actions are {shown(actions)}, {allowed}") from None
         if values.shape != (count, 1):
             raise ValueError(f"actions have shape {values.shape}, must have ({count}, 1)")
-        bad = take_actions(values, active, *self._delayed)
+        bad = self._keep_actions(values, active, *self._delayed)
         if bad >= 0:
             raise ValueError(f"actions[{bad}] is {values[bad, 0]}, must be finite")
 

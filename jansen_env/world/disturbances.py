@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.engine.jit import Kernel, prepare
 from jansen_env.engine.pushes import PUSHES, fill_pushes
 from jansen_env.engine.sensors import add_noise, draw_errors
 from jansen_env.world.argument_checks import Array, Bools, Ints
@@ -56,11 +55,7 @@ class NoisySensors:
                 self._angles[names.index(first)] = [names.index(name) for name in pair]
         self._speeds = np.array([names.index(one) if one in names else -1 for one in SPEEDS])
         self.measure(np.zeros((num_envs, 0)), ())
-        one, counts = np.arange(1), np.zeros(num_envs, np.int64)
-        prepare(
-            Kernel("errors", draw_errors, self._arguments_of_errors(one, counts, counts)),
-            Kernel("noise", add_noise, self._arguments_of_noise(one, self.truth)),
-        )
+        self._draw_errors, self._add_noise = draw_errors.bound(), add_noise.bound()
 
     def measure(self, measured: Array, columns: Sequence[int]) -> None:
         """Observe ``columns`` (m,) as in ``measured`` (n, m), which may change."""
@@ -80,11 +75,11 @@ class NoisySensors:
 
     def draw(self, rows: Ints, elapsed: Ints, seeds: Ints) -> None:
         """Draw the errors of robots' (k,) readings and mean speeds, see :class:`Pushes`."""
-        draw_errors(*self._arguments_of_errors(rows, elapsed, seeds))
+        self._draw_errors(*self._arguments_of_errors(rows, elapsed, seeds))
 
     def add(self, rows: Ints, out: NDArray[np.float32]) -> None:
         """Add the errors drawn last to observations ``out`` (n, d) of robots (k,)."""
-        add_noise(*self._arguments_of_noise(rows, out))
+        self._add_noise(*self._arguments_of_noise(rows, out))
 
 
 class Pushes:
@@ -107,15 +102,13 @@ class Pushes:
         self._scheduled = np.zeros(num_envs, np.int64)
         self._schedule = np.zeros((num_envs, 1, 3))
         self._impulse = np.zeros((0, steps, 2))
+        self._fill = fill_pushes.bound()
         if push is not None:
             self._begin_pushing()
 
     def _begin_pushing(self) -> None:
-        """Prepare for pushes."""
-        n = len(self.strength)
-        self._impulse = np.zeros((n, self._steps, 2))
-        step = np.zeros(n, bool), np.zeros(n, np.int64), np.zeros(n, np.int64)
-        prepare(Kernel("pushes", fill_pushes, (*step, *self._arguments())))
+        """Make room for pushes."""
+        self._impulse = np.zeros((len(self.strength), self._steps, 2))
 
     def _arguments(self) -> tuple[Any, ...]:
         return (
@@ -152,5 +145,5 @@ class Pushes:
         """
         if len(self._impulse) == 0:
             return None
-        pushed = fill_pushes(active, elapsed, seeds, *self._arguments())
+        pushed = self._fill(active, elapsed, seeds, *self._arguments())
         return self._impulse if pushed else None

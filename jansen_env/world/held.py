@@ -51,6 +51,7 @@ class HeldRobots(ActuatedRobots):
     """n robots, equal but for lengths, chassis held: see :class:`jansen_env.world.world.World`."""
 
     RECORDS = {"machine": HeldMachine}
+    TAKE_ACTIONS = crank_tracking.take_actions
     OPTIONS = ("crank_angle", "crank_speed", "delay", "lengths")
     SETTABLE = ("delay",)
 

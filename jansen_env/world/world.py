@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from jansen_env.checks import entries
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import readings
-from jansen_env.engine.records import as_bytes
 from jansen_env.gravity import GRAVITY
 from jansen_env.parameters import CHANGED_BY, LONGEST_DELAY, PARAMETERS
 from jansen_env.plants.base import BatchedPlant
@@ -51,6 +50,7 @@ class World(ActuatedRobots):
     """
 
     RECORDS = settings.RECORDS
+    TAKE_ACTIONS = readings.take_actions
     OPTIONS = ("crank_angle", "pushes", "robot", "lengths", *PARAMETERS)
     SETTABLE = (*CHANGED_BY, "motor", "pad_compliance")
 
@@ -121,7 +121,6 @@ class World(ActuatedRobots):
         self.groups = {"parameters": self.episodes.values} if self.episodes.varies else {}
         if self.lengths.values is not None:
             self.groups["lengths"] = self.lengths.values
-        self._rows = as_bytes(self.plant.rows), as_bytes(self.rows)
         self.arrays = {"slip": self.plant.slip, "contact_force": self.plant.contact_force}
         if self.sensors is not None:
             self.arrays["true_observation"] = self.sensors.truth
@@ -287,13 +286,13 @@ class World(ActuatedRobots):
         """Return the arguments of :func:`jansen_env.engine.readings.finish_step` but the first."""
         plant = self.plant
         return (
-            self.control_dt, plant.states, plant.slip, plant.contact_force, *self._rows,
+            self.control_dt, plant.states, plant.slip, plant.contact_force, plant.rows, self.rows,
             self.loads, plant.surface, self._scan, self._places, self._observation,
         )  # fmt: skip
 
     def describe_arguments(self) -> tuple[Any, ...]:
         """Return the arguments of :func:`jansen_env.engine.readings.describe` but the first."""
-        return self.plant.states, self.plant.rows, self.rows, *self.step_arguments()[6:]
+        return self.plant.states, *self.step_arguments()[4:]
 
     def disturb(self, rows: Ints | None = None) -> None:
         """Add noise to observations after a step, or of some robots between two steps."""

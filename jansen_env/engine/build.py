@@ -1,0 +1,230 @@
+"""Build the engine: every kernel of this folder, compiled into one library for one platform.
+
+    python jansen_env/engine/build.py [TARGET]
+
+Numba types and lowers the Python, LLVM optimises it, Zig links it. The library needs no other: its
+mathematics is its own (:mod:`jansen_env.engine.mathematics`), and nothing is contracted to fused
+operations, so its results are the same bits on every platform.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from types import ModuleType
+
+if __name__ == "__main__":  # without the rest of the package, which needs Gymnasium
+    ROOT = Path(__file__).resolve().parents[2]
+    sys.path[0] = str(ROOT)
+    sys.modules["jansen_env"] = ModuleType("jansen_env")
+    sys.modules["jansen_env"].__path__ = [str(ROOT / "jansen_env")]
+os.environ["NUMBA_OPT"] = "0"  # LLVM's code before anything in it is the host's
+
+import argparse
+import importlib
+import platform
+import re
+import subprocess
+import tempfile
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import llvmlite.binding as llvm
+import numba
+from numba.core import cgutils, types
+from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
+
+from jansen_env.engine import kernel as kernel_module
+from jansen_env.engine.kernel import FOLDER, Kernel, library_path
+
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
+"""Of numba: dividing by zero gives inf or nan; arrays are not counted, as nothing is allocated.
+
+``_nrt`` is not documented: with it, code would hold atomic instructions for every array.
+"""
+SPEED_LEVEL = 2  # of LLVM's optimisation
+RETURNS = {
+    None: "    {}\n    return 0\n",
+    bool: "    return 1 if {} else 0\n",
+    int: "    return {}\n",
+    float: "    return {}\n",
+}
+
+
+class Target(NamedTuple):
+    """A platform: for LLVM, for Zig, as Python names its system, and its wheel's tag."""
+
+    triple: str
+    zig: str
+    system: str
+    tag: str
+
+
+TARGETS = {
+    "linux-x86_64": Target(
+        "x86_64-unknown-linux-gnu", "x86_64-linux-none", "linux", "manylinux2014_x86_64"
+    ),
+    "linux-aarch64": Target(
+        "aarch64-unknown-linux-gnu", "aarch64-linux-none", "linux", "manylinux2014_aarch64"
+    ),
+    "macos-x86_64": Target(
+        "x86_64-apple-macosx11.0", "x86_64-macos", "darwin", "macosx_11_0_x86_64"
+    ),
+    "macos-arm64": Target("arm64-apple-macosx11.0", "aarch64-macos", "darwin", "macosx_11_0_arm64"),
+    "windows-x86_64": Target("x86_64-pc-windows-gnu", "x86_64-windows-gnu", "win32", "win_amd64"),
+    "wasm32": Target("wasm32-unknown-unknown", "wasm32-freestanding", "wasm", ""),
+}
+
+
+def host() -> str:
+    """The name of this machine's platform in :data:`TARGETS`."""
+    system = {"darwin": "macos", "win32": "windows"}.get(sys.platform, sys.platform)
+    machine = platform.machine().lower().replace("amd64", "x86_64")
+    return f"{system}-{machine}"
+
+
+@intrinsic
+def array_at(_: Any, address: Any, shape: Any, dtype: Any) -> Any:
+    """A contiguous array of a ``shape`` at an ``address``: numba's ``carray`` counts references."""
+    kind = types.Array(dtype.dtype, len(shape), "C")
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array = context.make_array(kind)(context, builder)
+        data_type = context.get_data_type(kind.dtype)
+        size = context.get_constant(types.intp, context.get_abi_sizeof(data_type))
+        lengths = cgutils.unpack_tuple(builder, arguments[1])
+        strides = [size]
+        for length in lengths[:0:-1]:
+            strides.insert(0, builder.mul(strides[0], length))
+        data = builder.inttoptr(arguments[0], array.data.type)
+        populate_array(array, data, lengths, strides, size, None)
+        return array._getvalue()
+
+    return kind(types.int64, shape, dtype), generate
+
+
+@intrinsic
+def _take(_: Any, place: Any) -> Any:
+    """:func:`jansen_env.engine.kernel.take` by an atomic instruction."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array = context.make_array(place)(context, builder, arguments[0])
+        one = context.get_constant(types.int64, 1)
+        return builder.atomic_rmw("add", array.data, one, "monotonic")
+
+    return types.int64(place), generate
+
+
+def _lower(function: Callable[..., Any], inline: bool) -> Any:
+    """A stage as numba compiles it."""
+    return numba.njit(forceinline=inline, **OPTIONS)(function)
+
+
+def _import_kernels() -> list[Kernel]:
+    """Import the modules of this folder, with stages to be compiled."""
+    kernel_module.take, kernel_module.lower = _take, _lower
+    for path in sorted(FOLDER.glob("*.py")):
+        if path.stem not in ("__init__", "build", "kernel"):
+            importlib.import_module(f"jansen_env.engine.{path.stem}")
+    return kernel_module.kernels
+
+
+def _entry(kernel: Kernel) -> tuple[str, str]:
+    """LLVM's code of a kernel that takes its slots' address, and the symbol in there."""
+    arguments = list[str]()
+    names: dict[str, Any] = {"array_at": array_at, "compiled": _lower(kernel.function, True)}
+    names |= {"integer": types.int64, "real": types.float64}
+    for name, slot, dtype, ndim in kernel.parameters:
+        assert dtype.names is None or dtype.isalignedstruct, name
+        if ndim == 0:
+            words = {"f": "floats[{}]", "b": "bool(words[{}])", "i": "words[{}]"}
+            arguments.append(words[dtype.kind].format(slot))
+            continue
+        lengths = "".join(f"words[{slot + axis}], " for axis in range(1, ndim + 1))
+        names[name] = dtype
+        arguments.append(f"array_at(words[{slot}], ({lengths}), {name})")
+    call = f"compiled({', '.join(arguments)})"
+    source = (
+        "def entry(slots):\n"
+        f"    words = array_at(slots, ({kernel.slots},), integer)\n"
+        f"    floats = array_at(slots, ({kernel.slots},), real)\n"
+        + RETURNS[kernel.returns].format(call)
+    )
+    exec(source, names)
+    entry = numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **OPTIONS)(names["entry"])
+    entry.compile((types.int64,))
+    name = entry.overloads[types.int64,].fndesc.mangled_name
+    return entry.inspect_llvm((types.int64,)), name
+
+
+def compile_module(target: Target, say: Callable[[str], None] = print) -> tuple[Any, Any]:
+    """All kernels as one optimised module of LLVM, and the machine that it is for."""
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    machine = llvm.Target.from_triple(target.triple).create_target_machine(
+        cpu="", features="", opt=SPEED_LEVEL, reloc="pic", codemodel="default"
+    )
+    layout = str(machine.target_data)
+    kernels = _import_kernels()
+    whole, exported = None, set[str]()
+    for number, kernel in enumerate(kernels, 1):
+        say(f"jansen_env compiles {number} of {len(kernels)}: {kernel.symbol}")
+        code, name = _entry(kernel)
+        kind = "double" if kernel.returns is float else "i64"
+        code += (
+            f"\ndefine {kind} @{kernel.symbol}(i64 %slots) {{\n"
+            f"  %result = alloca {kind}\n  %error = alloca ptr\n"
+            f"  call i32 @{name}(ptr %result, ptr %error, i64 %slots)\n"
+            f"  %value = load {kind}, ptr %result\n  ret {kind} %value\n}}\n"
+        )
+        code = re.sub(r"(?m)^target (datalayout|triple) = .*$", "", code)
+        code = f'target datalayout = "{layout}"\ntarget triple = "{target.triple}"\n{code}'
+        code = re.sub(r"(?m)^(@\S+ = )common ", r"\1linkonce_odr ", code)
+        module = llvm.parse_assembly(code)
+        exported.add(kernel.symbol)
+        if whole is None:
+            whole = module
+        else:
+            whole.link_in(module)
+    assert whole is not None
+    for value in (*whole.functions, *whole.global_variables):
+        if not value.is_declaration and value.name not in exported:
+            value.linkage = "internal"
+    whole.verify()
+    options = llvm.create_pipeline_tuning_options(speed_level=SPEED_LEVEL)
+    builder = llvm.create_pass_builder(machine, options)
+    builder.getModulePassManager().run(whole, builder)
+    return whole, machine
+
+
+def build(name: str, folder: Path = FOLDER, say: Callable[[str], None] = print) -> Path:
+    """Build the library for a platform of :data:`TARGETS` into a folder; return its path."""
+    target = TARGETS[name]
+    module, machine = compile_module(target, say)
+    path = library_path(folder, target.system)
+    with tempfile.TemporaryDirectory(dir=folder) as scratch:
+        code, made = Path(scratch, "engine.o"), Path(scratch, path.name)
+        code.write_bytes(machine.emit_object(module))
+        link(target, code, made)
+        made.replace(path)
+    return path
+
+
+def link(target: Target, code: Path, library: Path) -> None:
+    """Link an object to a shared library by Zig, which links for every platform."""
+    subprocess.run(
+        [
+            sys.executable, "-m", "ziglang", "cc", "-target", target.zig, "-shared", "-nostdlib",
+            "-o", str(library), str(code),
+        ],
+        check=True,
+        env={**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(code.parent), "ZIG_LOCAL_CACHE_DIR": str(code.parent)},
+    )  # fmt: skip
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("target", nargs="?", default=host(), choices=TARGETS)
+    print(build(parser.parse_args().target))

@@ -1,0 +1,240 @@
+"""Kernels: functions of this folder that are compiled when the package is built.
+
+Their Python is the source; :mod:`jansen_env.engine.build` lowers it to a shared library, which is
+called here. ``JANSEN_ENV_PYTHON=1`` runs the Python itself: slowly, for a debugger, with the same
+results bit for bit.
+
+The library has one entry point a kernel, whose only argument is the address of its slots: 8 bytes
+for each number; for each array its address and its lengths.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import hashlib
+import importlib.util
+import logging
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+PYTHON = os.environ.get("JANSEN_ENV_PYTHON", "") not in ("", "0")
+FOLDER = Path(__file__).parent
+ENDINGS = {"win32": "dll", "darwin": "dylib"}
+BUILDERS = ("llvmlite", "numba", "ziglang")
+
+# Arguments of kernels; the digit is the number of axes.
+Bools1 = Annotated[NDArray[np.bool_], np.dtype(bool), 1]
+Ints1 = Annotated[NDArray[np.int64], np.dtype("i8"), 1]
+Ints2 = Annotated[NDArray[np.int64], np.dtype("i8"), 2]
+Singles1 = Annotated[NDArray[np.float32], np.dtype("f4"), 1]
+Singles2 = Annotated[NDArray[np.float32], np.dtype("f4"), 2]
+Floats1 = Annotated[NDArray[np.float64], np.dtype("f8"), 1]
+Floats2 = Annotated[NDArray[np.float64], np.dtype("f8"), 2]
+Floats3 = Annotated[NDArray[np.float64], np.dtype("f8"), 3]
+Floats4 = Annotated[NDArray[np.float64], np.dtype("f8"), 4]
+Floats5 = Annotated[NDArray[np.float64], np.dtype("f8"), 5]
+
+
+class Parameter(NamedTuple):
+    """An argument of a kernel: an array of ``ndim`` axes, or a number, without any."""
+
+    name: str
+    slot: int  # the first of its 1 + ndim slots
+    dtype: np.dtype[Any]
+    ndim: int
+
+
+class Kernel:
+    """A compiled function, called like the Python function that it is made from.
+
+    Args:
+        function: annotated with ``int``, ``float``, ``bool``, the arrays above and rows,
+            ``Annotated[NDArray[np.void], DTYPE, ndim]``. It returns a number or None.
+        nogil: whether other threads may run Python meanwhile.
+    """
+
+    def __init__(self, function: Callable[..., Any], nogil: bool) -> None:
+        functools.update_wrapper(self, function)
+        self.function, self.nogil = function, nogil
+        self.symbol = f"{function.__module__.rpartition('.')[2]}_{function.__name__}"
+
+    @functools.cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The arguments, in their order."""
+        parameters, slot = list[Parameter](), 0
+        for name, hint in self._hints.items():
+            array = hasattr(hint, "__metadata__")
+            dtype, ndim = hint.__metadata__ if array else (np.dtype(hint), 0)
+            parameters.append(Parameter(name, slot, dtype, ndim))
+            slot += 1 + ndim
+        return tuple(parameters)
+
+    @functools.cached_property
+    def slots(self) -> int:
+        """How many slots the arguments take."""
+        return sum(1 + parameter.ndim for parameter in self.parameters)
+
+    @functools.cached_property
+    def returns(self) -> Any:
+        """``int``, ``float``, ``bool`` or None."""
+        result = get_type_hints(self.function)["return"]
+        return None if result is type(None) else result
+
+    @functools.cached_property
+    def _hints(self) -> dict[str, Any]:
+        hints = get_type_hints(self.function, include_extras=True)
+        return {name: hint for name, hint in hints.items() if name != "return"}
+
+    @functools.cached_property
+    def entry(self) -> Any:
+        """The library's entry point."""
+        library: Any = _libraries()[0 if self.nogil else 1]
+        entry = getattr(library, self.symbol)
+        entry.argtypes = [ctypes.c_int64]
+        entry.restype = {float: ctypes.c_double, bool: ctypes.c_bool}.get(
+            self.returns, ctypes.c_int64
+        )
+        return entry
+
+    def bound(self) -> Callable[..., Any]:
+        """Return a caller that remembers arrays, for calls with mostly the same ones.
+
+        Any number of threads may call it at once.
+        """
+        return self.function if PYTHON else BoundKernel(self)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Run it. Raises TypeError: an argument is no such array or number."""
+        return self.bound()(*arguments)
+
+    def __reduce__(self) -> str:
+        return self.__name__  # pickled by its name
+
+    __name__: str
+
+
+class BoundKernel:
+    """A kernel, with slots that hold the arguments of its last call."""
+
+    def __init__(self, kernel: Kernel) -> None:
+        self._kernel = kernel
+        self._entry, self._count = kernel.entry, len(kernel.parameters)
+        self._converts = kernel.returns is not None
+        self._free = list[tuple[NDArray[np.int64], int, list[Any]]]()
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Run the kernel; see :class:`Kernel`."""
+        try:
+            memory = self._free.pop()  # two threads never hold the same
+        except IndexError:
+            slots = np.zeros(self._kernel.slots + 1, np.int64)
+            memory = slots, slots.ctypes.data, [self] * self._count
+        slots, address, known = memory
+        if len(arguments) != self._count:
+            name = self._kernel.symbol
+            raise TypeError(f"{name} has {len(arguments)} arguments, must have {self._count}")
+        for i, argument in enumerate(arguments):
+            if argument is not known[i]:
+                _fill(slots, self._kernel.parameters[i], argument)
+                known[i] = argument
+        result = self._entry(address)
+        self._free.append(memory)
+        return result if self._converts else None
+
+    def __reduce__(self) -> Any:
+        return Kernel.bound, (self._kernel,)
+
+
+def _fill(slots: NDArray[np.int64], parameter: Parameter, argument: Any) -> None:
+    """Put an argument into its slots."""
+    name, slot, dtype, ndim = parameter
+    if ndim == 0:
+        if dtype.kind == "f":
+            slots.view(np.float64)[slot] = argument
+        else:
+            slots[slot] = argument
+        return
+    if (
+        not isinstance(argument, np.ndarray)
+        or (argument.dtype is not dtype and argument.dtype != dtype)
+        or argument.ndim != ndim
+        or not argument.flags.c_contiguous
+    ):
+        kind = getattr(argument, "dtype", type(argument).__name__)
+        shape = getattr(argument, "shape", ())
+        raise TypeError(f"{name} is {kind} {shape}, must be contiguous {dtype} of {ndim} axes")
+    slots[slot] = argument.ctypes.data
+    slots[slot + 1 : slot + 1 + ndim] = argument.shape
+
+
+lower: Callable[[Callable[..., Any], bool], Any] | None = None
+"""Makes a stage what numba compiles; set by :mod:`jansen_env.engine.build` alone."""
+kernels: list[Kernel] = []
+"""All kernels of the modules imported so far."""
+
+
+def kernel(function: Callable[..., Any] | None = None, *, nogil: bool = False) -> Any:
+    """Decorator: make a function a :class:`Kernel`."""
+    if function is None:
+        return lambda f: kernel(f, nogil=nogil)
+    made = Kernel(function, nogil)
+    kernels.append(made)
+    return made
+
+
+def stage(function: Callable[..., Any] | None = None, *, inline: bool = True) -> Any:
+    """Decorator: part of kernels; called from Python it is plain Python.
+
+    Args:
+        inline: whether it is put into their machine code wherever it is called.
+    """
+    if function is None:
+        return lambda f: stage(f, inline=inline)
+    return function if lower is None else lower(function, inline)
+
+
+@stage
+def take(place: Any) -> Any:
+    """Return ``place[0]``, of (1 or more,) int64, and add 1 to it.
+
+    Compiled, no other thread gets the same.
+    """
+    place[0] += 1
+    return place[0] - 1
+
+
+def library_path(folder: Path = FOLDER, platform: str = sys.platform) -> Path:
+    """The library of these sources: its name has their digest, so that no other one is loaded."""
+    digest = hashlib.sha256()
+    for path in sorted(FOLDER.glob("*.py")):
+        digest.update(path.read_bytes())
+    return folder / f"engine-{digest.hexdigest()[:16]}.{ENDINGS.get(platform, 'so')}"
+
+
+@functools.cache
+def _libraries() -> tuple[ctypes.CDLL, ctypes.PyDLL]:
+    """The library, called without and with Python's lock.
+
+    Raises:
+        ImportError: it is missing or older than its sources, and cannot be built here.
+    """
+    path = library_path()
+    if not path.exists():
+        missing = [name for name in BUILDERS if importlib.util.find_spec(name) is None]
+        if missing:
+            raise ImportError(
+                f"{path.name} is missing in {FOLDER}: the engine's sources have changed since it "
+                f"was built, and {', '.join(missing)} to build it are not installed; "
+                "run: python -m pip install -e ."
+            )
+        logging.getLogger("jansen_env").warning("jansen_env builds its engine, %s", path.name)
+        subprocess.run([sys.executable, str(FOLDER / "build.py")], check=True)
+    return ctypes.CDLL(str(path)), ctypes.PyDLL(str(path))

@@ -171,8 +171,12 @@ def _fill(slots: NDArray[np.int64], parameter: Parameter, argument: Any) -> None
         kind = getattr(argument, "dtype", type(argument).__name__)
         shape = getattr(argument, "shape", ())
         raise TypeError(f"{name} is {kind} {shape}, must be contiguous {dtype} of {ndim} axes")
-    slots[slot] = argument.ctypes.data
-    slots[slot + 1 : slot + 1 + ndim] = argument.shape
+    try:  # what is quickest
+        slots[slot] = ctypes.addressof(ctypes.c_char.from_buffer(argument))
+    except (TypeError, ValueError):  # read only, or empty
+        slots[slot] = argument.ctypes.data
+    for axis in range(ndim):
+        slots[slot + 1 + axis] = argument.shape[axis]
 
 
 lower: Callable[[Callable[..., Any], bool], Any] | None = None

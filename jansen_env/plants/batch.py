@@ -253,7 +253,7 @@ class Batch(PlacedRobots):
             )
             *_, moved, (unknown, diverged) = memory
             if finish is not None and count > 0:
-                finish(moved[:count])
+                finish(moved if count == len(moved) else moved[:count])
             return bool(unknown), bool(diverged)
 
         while True:  # robots that leave their skin need the broad phase before they go on

@@ -38,6 +38,7 @@ class Threads:
         self._count = count_threads(robots, threads)
         self._robots, self._shares = robots, _shares(robots, self._count)
         self._memory = [memory() for _ in range(self._count)]
+        self._alone = np.zeros((2, 2), np.int64)
         self._others_move = False
         self._pool: tuple[int, SimpleQueue[Any]] | None = None
 
@@ -53,9 +54,10 @@ class Threads:
         # What ``meanwhile`` moves would wait for the other threads to end.
         count = 1 if self._others_move else self._count
         whole = robots == self._robots and count == self._count
-        shares = self._shares.copy() if whole else _shares(robots, count)
         if count == 1 and meanwhile is None:
-            return move(0, shares, robots, self.memory)
+            self._alone[:] = (0, robots), (robots, robots)
+            return move(0, self._alone, robots, self.memory)
+        shares = self._shares.copy() if whole else _shares(robots, count)
 
         outcomes: SimpleQueue[Any] = SimpleQueue()
 

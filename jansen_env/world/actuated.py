@@ -77,7 +77,7 @@ class ActuatedRobots:
         self.asked, self.delay = np.zeros((n, longest + 2)), np.zeros((n, 2), np.int64)
         self.earlier, self.switch = np.zeros(n), np.zeros(n, np.int64)
         self.rows, self.torque = np.zeros(n, row), np.zeros(n)
-        self._keep_actions = self.TAKE_ACTIONS.bound()
+        self._actions, self._keep_actions = np.zeros((n, 1)), self.TAKE_ACTIONS.bound()
         self.elapsed = np.zeros(n, np.int64)
         self.full_torque = np.array([robot.motor.torque_limit for robot in self.robots])
         self._delayed = (
@@ -196,13 +196,14 @@ class ActuatedRobots:
     def _take_actions(self, actions: Any, active: Bools) -> None:
         count = self.num_envs
         try:
-            values: Array = np.ascontiguousarray(actions, dtype=float)
+            values: Array = np.asarray(actions, dtype=float)
         except (TypeError, ValueError, OverflowError):
             allowed = f"must be numbers, shape ({count}, 1)"
             raise ValueError(f"actions are {shown(actions)}, {allowed}") from None
         if values.shape != (count, 1):
             raise ValueError(f"actions have shape {values.shape}, must have ({count}, 1)")
-        bad = self._keep_actions(values, active, *self._delayed)
+        self._actions[:] = values
+        bad = self._keep_actions(self._actions, active, *self._delayed)
         if bad >= 0:
             raise ValueError(f"actions[{bad}] is {values[bad, 0]}, must be finite")
 

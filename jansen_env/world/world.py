@@ -80,6 +80,7 @@ class World(ActuatedRobots):
             control.delay,
             max(most, default=0.0),
         )
+        self._every = np.arange(n)
         self.reset_noise_scale = np.array(randomness.reset_noise_scale)
         self.plant: BatchedPlant = make_batch(
             control.plant, self.robots, terrains, self.time_step, threads
@@ -262,7 +263,7 @@ class World(ActuatedRobots):
         plant = self.plant
         pushes = self.pushes.of_step(active, self.elapsed, self.seeds)
         self._take_actions(actions, active)
-        self._moved = active.nonzero()[0]
+        self._moved = self._every if active.all() else active.nonzero()[0]
         if self.sensors is not None:
             finish = partial(self._sense, finish)
         plant.step(

@@ -1,0 +1,283 @@
+"""Elementary functions of defined rounding: the same bits on every processor.
+
+Systems' libraries differ in their last digits, and so do their variants for processors. These use
+nothing but + - * / and sqrt, which IEEE 754 rounds, and integers that hold a number's bits. Methods
+and coefficients of sin, cos, atan2, log, exp, expm1 and tanh are those of fdlibm (Sun Microsystems,
+1993, as in FreeBSD's msun and in musl). Errors are in units in the last place (ulp), see the tests.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from jansen_env.engine.kernel import stage
+
+ROUNDER = 1.5 * 2.0**52  # added and taken away again, it rounds |x| < 2^51 to whole numbers
+SPLITTER = 2.0**27 + 1.0  # Veltkamp's, of a number into two halves whose products are exact
+
+TWO_OVER_PI = 6.36619772367581382433e-01
+# pi / 2 in parts of 33 bits, so that a multiple of them is exact; and what each leaves.
+PIO2_1, PIO2_1T = 1.57079632673412561417e00, 6.07710050650619224932e-11
+PIO2_2 = 6.07710050630396597660e-11
+PIO2_3, PIO2_3T = 2.02226624871116645580e-21, 8.47842766036889956997e-32
+
+S1, S2, S3 = -1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.98412698298579493134e-04
+S4, S5, S6 = 2.75573137070700676789e-06, -2.50507602534068634195e-08, 1.58969099521155010221e-10
+C1, C2, C3 = 4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767294178e-05
+C4, C5, C6 = -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.13596475577881948265e-11
+
+PI_LOW = 1.2246467991473531772e-16  # of pi = math.pi + PI_LOW; the same of the four angles below
+ATAN_HALF, ATAN_HALF_LOW = 4.63647609000806093515e-01, 2.26987774529616870924e-17
+ATAN_ONE, ATAN_ONE_LOW = 7.85398163397448278999e-01, 3.06161699786838301793e-17
+ATAN_MORE, ATAN_MORE_LOW = 9.82793723247329054082e-01, 1.39033110312309984516e-17  # of 1.5
+ATAN_ALL, ATAN_ALL_LOW = 1.57079632679489655800e00, 6.12323399573676603587e-17  # of infinity
+A0, A1, A2 = 3.33333333333329318027e-01, -1.99999999998764832476e-01, 1.42857142725034663711e-01
+A3, A4, A5 = -1.11111104054623557880e-01, 9.09088713343650656196e-02, -7.69187620504482999495e-02
+A6, A7, A8 = 6.66107313738753120669e-02, -5.83357013379057348645e-02, 4.97687799461593236017e-02
+A9, A10 = -3.65315727442169155270e-02, 1.62858201153657823623e-02
+
+LN2_HIGH, LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
+ONE_OVER_LN2 = 1.44269504088896338700e00
+L1, L2, L3 = 6.666666666666735130e-01, 3.999999999940941908e-01, 2.857142874366239149e-01
+L4, L5, L6 = 2.222219843214978396e-01, 1.818357216161805012e-01, 1.531383769920937332e-01
+L7 = 1.479819860511658591e-01
+P1, P2, P3 = 1.66666666666666019037e-01, -2.77777777770155933842e-03, 6.61375632143793436117e-05
+P4, P5 = -1.65339022054652515390e-06, 4.13813679705723846039e-08
+Q1, Q2, Q3 = -3.33333333333331316428e-02, 1.58730158725481460165e-03, -7.93650757867487942473e-05
+Q4, Q5 = 4.00821782732936239552e-06, -2.01099218183624371326e-07
+
+MANTISSA = 2**52 - 1  # the bits of a number's fraction
+BIAS = 1023  # of its exponent
+SQRT_HALF_BITS = 0x3FE6A09E << 32  # of about sqrt(1/2)
+LARGEST_EXPONENT = 800.0  # the exponential function of more is infinite
+
+
+@stage
+def nearest(x):
+    """Nearest whole number, the even one of two, of |x| < 2^51."""
+    return (x + ROUNDER) - ROUNDER
+
+
+@stage
+def floor(x):
+    """Largest whole number that is not above x, of |x| < 2^51."""
+    whole = (x + ROUNDER) - ROUNDER
+    return whole - 1.0 if whole > x else whole
+
+
+@stage
+def hypot(x, y):
+    """sqrt(x^2 + y^2) of sizes whose squares do not overflow; 1 ulp."""
+    return math.sqrt(x * x + y * y)
+
+
+@stage
+def _reduced(x):
+    """(quadrant, angle, what its rounding left): x less whole quarters of a turn.
+
+    The quadrant is one of -2, ..., 2.
+    """
+    count = nearest(x * TWO_OVER_PI)
+    first = x - count * PIO2_1
+    second = count * PIO2_1T
+    angle = first - second
+    rest = (first - angle) - second
+    if abs(angle) < 2e-5 * abs(x):  # so near a multiple of pi / 2 more of its digits are needed
+        second = count * PIO2_2
+        both = first - second
+        third = count * PIO2_3
+        angle = both - third
+        lost = ((both - angle) - third) + ((first - both) - second)
+        rest = lost - count * PIO2_3T
+        whole = angle + rest
+        angle, rest = whole, (angle - whole) + rest
+    return count - 4.0 * nearest(0.25 * count), angle, rest
+
+
+@stage
+def _sine(x, rest):
+    """sin(x + rest) of |x| <= pi / 4."""
+    z = x * x
+    w = z * z
+    r = S2 + z * (S3 + z * S4) + z * w * (S5 + z * S6)
+    v = z * x
+    return x - ((z * (0.5 * rest - v * r) - rest) - v * S1)
+
+
+@stage
+def _cosine(x, rest):
+    """cos(x + rest) of |x| <= pi / 4."""
+    z = x * x
+    w = z * z
+    r = z * (C1 + z * (C2 + z * C3)) + w * w * (C4 + z * (C5 + z * C6))
+    half = 0.5 * z
+    whole = 1.0 - half
+    return whole + (((1.0 - whole) - half) + (z * r - x * rest))
+
+
+@stage
+def sin(x):
+    """Sine; 1 ulp of |x| <= 1e6 rad, beyond that less and less accurate."""
+    quadrant, angle, rest = _reduced(x)
+    value = _cosine(angle, rest) if abs(quadrant) == 1.0 else _sine(angle, rest)
+    return -value if quadrant == -1.0 or abs(quadrant) == 2.0 else value
+
+
+@stage
+def cos(x):
+    """Cosine; as accurate as :func:`sin`."""
+    quadrant, angle, rest = _reduced(x)
+    value = _sine(angle, rest) if abs(quadrant) == 1.0 else _cosine(angle, rest)
+    return -value if quadrant > 0.5 or quadrant == -2.0 else value
+
+
+@stage
+def atan2(y, x):
+    """Angle of (x, y), rad, in (-pi, pi]: 0 of (0, 0), whatever the signs of zeros; 2 ulp.
+
+    Both are finite, and their squares do not overflow.
+    """
+    up, side = abs(y), abs(x)
+    # The angle of a ray near by, and the tangent of the angle from there.
+    if 16.0 * up < 7.0 * side or up + side == 0.0:
+        high, low, t = 0.0, 0.0, up / side if side > 0.0 else 0.0
+    elif 16.0 * up < 11.0 * side:
+        high, low, t = ATAN_HALF, ATAN_HALF_LOW, (2.0 * up - side) / (2.0 * side + up)
+    elif 16.0 * up < 19.0 * side:
+        high, low, t = ATAN_ONE, ATAN_ONE_LOW, (up - side) / (side + up)
+    elif 16.0 * up < 39.0 * side:
+        high, low, t = ATAN_MORE, ATAN_MORE_LOW, (up - 1.5 * side) / (side + 1.5 * up)
+    else:
+        high, low, t = ATAN_ALL, ATAN_ALL_LOW, -side / up
+    z = t * t
+    w = z * z
+    even = z * (A0 + w * (A2 + w * (A4 + w * (A6 + w * (A8 + w * A10)))))
+    odd = w * (A1 + w * (A3 + w * (A5 + w * (A7 + w * A9))))
+    angle = high - ((t * (even + odd) - low) - t)
+    if x < 0.0:
+        angle = math.pi - (angle - PI_LOW)
+    return -angle if y < 0.0 else angle
+
+
+@stage
+def _parts(x):
+    """(k, f): x = 2^k (1 + f), f in about [sqrt(1/2) - 1, sqrt(2) - 1], of 0 < x < infinity."""
+    down = 0
+    if x < 2.0**-1022:
+        x, down = x * 2.0**54, 54
+    bits = np.int64(np.float64(x).view(np.int64)) + ((BIAS << 52) - SQRT_HALF_BITS)
+    fraction = np.int64((bits & MANTISSA) + SQRT_HALF_BITS)
+    return float((bits >> 52) - (BIAS + down)), float(fraction.view(np.float64)) - 1.0
+
+
+@stage
+def _two_to(k):
+    """2^k of a whole number -1022 <= k <= 1023."""
+    return float(np.int64((np.int64(k) + BIAS) << 52).view(np.float64))
+
+
+@stage
+def _log_rest(s):
+    """(log(1 + f) - 2 s) / s of s = f / (2 + f)."""
+    z = s * s
+    w = z * z
+    return w * (L2 + w * (L4 + w * L6)) + z * (L1 + w * (L3 + w * (L5 + w * L7)))
+
+
+@stage
+def log(x):
+    """Natural logarithm; 1 ulp."""
+    if not 0.0 < x < math.inf:
+        return -math.inf if x == 0.0 else math.nan if x < 0.0 else x
+    k, f = _parts(x)
+    square = 0.5 * f * f
+    s = f / (2.0 + f)
+    return s * (square + _log_rest(s)) + k * LN2_LOW - square + f + k * LN2_HIGH
+
+
+@stage
+def _exp(x, rest):
+    """exp(x + rest) of |rest| much smaller than 1."""
+    if not abs(x) < LARGEST_EXPONENT:
+        return 0.0 if x < 0.0 else x
+    k = nearest(x * ONE_OVER_LN2)
+    high, low = x - k * LN2_HIGH, k * LN2_LOW - rest
+    x = high - low
+    z = x * x
+    c = x - z * (P1 + z * (P2 + z * (P3 + z * (P4 + z * P5))))
+    value = 1.0 + (x * c / (2.0 - c) - low + high)
+    half = floor(0.5 * k)  # 2^k may be too large or too small
+    return value * _two_to(half) * _two_to(k - half)
+
+
+@stage
+def exp(x):
+    """Exponential function; 1 ulp."""
+    return _exp(x, 0.0)
+
+
+@stage
+def expm1(x):
+    """exp(x) - 1; 1 ulp."""
+    if not abs(x) < LARGEST_EXPONENT:
+        return -1.0 if x < 0.0 else x
+    k = nearest(x * ONE_OVER_LN2)
+    high, low = x - k * LN2_HIGH, k * LN2_LOW
+    x = high - low
+    rest = (high - x) - low
+    half = 0.5 * x
+    z = x * half
+    r = 1.0 + z * (Q1 + z * (Q2 + z * (Q3 + z * (Q4 + z * Q5))))
+    t = 3.0 - r * half
+    e = z * ((r - t) / (6.0 - x * t))
+    if k == 0.0:
+        return x - (x * e - z)
+    e = x * (e - rest) - rest - z
+    if k == -1.0:
+        return 0.5 * (x - e) - 0.5
+    if k == 1.0:
+        return -2.0 * (e - (x + 0.5)) if x < -0.25 else 1.0 + 2.0 * (x - e)
+    if k < 0.0 or k > 56.0:
+        share = floor(0.5 * k)
+        return (x - e + 1.0) * _two_to(share) * _two_to(k - share) - 1.0
+    small = _two_to(-k)
+    value = x - e + (1.0 - small) if k < 20.0 else x - (e + small) + 1.0
+    return value * _two_to(k)
+
+
+@stage
+def tanh(x):
+    """Hyperbolic tangent; 3 ulp."""
+    if abs(x) > 22.0:
+        return 1.0 if x > 0.0 else -1.0
+    t = expm1(2.0 * abs(x))
+    value = 1.0 - 2.0 / (t + 2.0) if t > 2.0 else t / (t + 2.0)
+    return -value if x < 0.0 else value
+
+
+@stage
+def _product(x, y):
+    """(x y rounded, what rounding left), by Dekker."""
+    product = x * y
+    a, b = SPLITTER * x, SPLITTER * y
+    x_high, y_high = a - (a - x), b - (b - y)
+    x_low, y_low = x - x_high, y - y_high
+    return product, ((x_high * y_high - product) + x_high * y_low + x_low * y_high) + x_low * y_low
+
+
+@stage
+def power(x, y):
+    """x^y of 0 < x < infinity; 2 ulp of results between 1e-9 and 1e9."""
+    k, f = _parts(x)
+    d = 2.0 + f
+    s = f / d
+    found, left = _product(s, d)
+    s_rest = ((f - found) - left - s * (f - (d - 2.0))) / d
+    whole = k * LN2_HIGH + 2.0 * s
+    rest = (k * LN2_HIGH - whole) + 2.0 * s + (2.0 * s_rest + (s * _log_rest(s) + k * LN2_LOW))
+    high = whole + rest
+    low = (whole - high) + rest
+    exponent, left = _product(y, high)
+    return _exp(exponent, left + y * low)

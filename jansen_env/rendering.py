@@ -15,9 +15,10 @@ from warnings import warn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jansen_env.engine.mathematics import directions
 from jansen_env.gravity import GRAVITY
 from jansen_env.robot import Robot
-from jansen_env.robot.kinematics import Array, direction, joint_positions
+from jansen_env.robot.kinematics import Array, joint_positions
 from jansen_env.terrain import heights_of
 
 Picture = NDArray[np.uint8]
@@ -35,7 +36,7 @@ GROUND, SURFACE, GROUND_TEXT = (234, 223, 202), (150, 128, 94), (104, 86, 58)
 INK, MUTED, TRACK, WHITE = (38, 50, 66), (100, 112, 128), (220, 227, 235), (255, 255, 255)
 LINK, CRANK, FORCE = (58, 124, 190), (240, 140, 16), (124, 58, 190)
 GRIP, SLIP = (0, 140, 122), (220, 38, 38)
-CIRCLE = direction(np.linspace(0.0, 2.0 * math.pi, 32))
+CIRCLE = np.array([(math.cos(a), math.sin(a)) for a in np.linspace(0.0, 2.0 * math.pi, 32)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +167,7 @@ class Renderer:
         if self._terrain is not None:
             self._paint_ground(self._terrain)
 
-        turn = np.array([direction(q[2]), direction(q[2] + 0.5 * math.pi)])
+        turn = np.array([directions(q[2]), directions(q[2] + 0.5 * math.pi)])
         legs = [
             self._pixels(joint_positions(self.robot, leg.side, q[3] + leg.phase) @ turn + q[:2])
             for leg in self.robot.legs

@@ -19,9 +19,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.engine.mathematics import directions
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.robot import Robot, Side
-from jansen_env.robot.kinematics import coordinates, direction
+from jansen_env.robot.kinematics import coordinates
 from jansen_env.robot.linkage import FRAME, INDEPENDENT
 
 Array = NDArray[np.float64]
@@ -190,7 +191,7 @@ def system_constraints(robot: Robot, Q: Array, fixed_base: bool = True) -> Array
     g = q.copy()
     g[..., 0] -= [frame_angle(robot, leg.side) for leg in robot.legs]
     reach, turn = axis_on_frame(robot)
-    g[..., 1:3] += reach * direction(q[..., 0] + turn)
+    g[..., 1:3] += reach * directions(q[..., 0] + turn)
     g[..., 3] -= [leg.phase for leg in robot.legs]
     ties = (g[..., 1:, :] - g[..., :1, :]).reshape(*Q.shape[:-1], -1)
     return np.concatenate([g[..., 0, PINNING_ROWS], ties], axis=-1) if fixed_base else ties
@@ -202,7 +203,7 @@ def system_constraint_matrix(robot: Robot, Q: Array, fixed_base: bool = True) ->
     G = np.zeros((*q.shape, DOF))  # dg/dq of each leg
     G[...] = np.eye(DOF)
     reach, turn = axis_on_frame(robot)
-    G[..., 1:3, 0] = reach * direction(q[..., 0] + turn + 0.5 * np.pi)
+    G[..., 1:3, 0] = reach * directions(q[..., 0] + turn + 0.5 * np.pi)
     return _system_rows(G, fixed_base)
 
 
@@ -213,7 +214,7 @@ def system_constraint_matrix_rate(
     q, q_dot = _by_leg(Q), _by_leg(Q_dot)
     G_dot = np.zeros((*q.shape, DOF))
     reach, turn = axis_on_frame(robot)
-    G_dot[..., 1:3, 0] = reach * direction(q[..., 0] + turn + np.pi) * q_dot[..., :1]
+    G_dot[..., 1:3, 0] = reach * directions(q[..., 0] + turn + np.pi) * q_dot[..., :1]
     return _system_rows(G_dot, fixed_base)
 
 

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,13 +31,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.dynamics.pads import Pads, pad_layout
+from jansen_env.engine.mathematics import directions
+from jansen_env.engine.series import analyse, expand, sample
 from jansen_env.gravity import GRAVITY
 from jansen_env.robot import RIGID, Leg, Payload, Robot
 from jansen_env.robot.kinematics import coordinates, joint_positions, nearest_dead_point
 from jansen_env.robot.motor import IDEAL
 
 Array = NDArray[np.float64]
-Series = NDArray[np.complex128]  # one-sided Fourier coefficients (functions, HARMONICS)
+Series = Array  # (2, HARMONICS, functions): real and imaginary parts of Fourier coefficients
 
 SAMPLES = 256  # crank angles at which the linkage is closed
 HARMONICS = SAMPLES // 2  # the paper's linkage needs about 40 for 1e-14
@@ -44,6 +47,7 @@ TAIL_TOLERANCE = 1e-10  # largest coefficient allowed in the last eighth, relati
 INTERVALS = 384  # polynomials a turn: slopes of the holy numbers to 1e-10 of the largest
 ORDER = 8  # coefficients of each (the engine's polynomials are written out for eight)
 TERMS = 12  # of the Taylor polynomials from which they are made
+ECONOMY = np.array([-0.0078125, 0.0, 0.25, 0.0, -1.25, 0.0, 2.0, 0.0])  # t^8 - T_8(t) / 128
 BEARING_SAMPLES = 512  # of the bearings' friction, which has kinks
 
 # The last two are what the links' own inertias J are of b and k; of I that is constant.
@@ -94,7 +98,7 @@ def _compile(robot: Robot) -> Tables:
     angles = angles - np.outer(psi, turns)  # a series has what is periodic
     motion = np.column_stack([angles, x[..., 1], x[..., 2]])
     series = _series(motion)
-    slope = _sampled(1j * np.arange(HARMONICS) * series, SAMPLES)
+    slope = _sampled(series, SAMPLES, np.stack([np.zeros(HARMONICS), np.arange(HARMONICS)]))
     slope[:, : len(turns)] += turns
     sums = _series(_leg_sums(robot, x[..., 1:], slope))
     pads = _series(_pad_motion(robot, joints, angles))
@@ -107,24 +111,42 @@ def _compile(robot: Robot) -> Tables:
             f"near a dead point: at crank angle {angle:.3f} rad the links that meet in {joint} are "
             f"within {math.asin(min(sine, 1.0)):.3f} rad of one line"
         )
-    body = _polynomials(np.sum([_of_leg(sums, leg, mirrored=1) for leg in robot.legs], axis=0))
-    shape = INTERVALS, ORDER, len(robot.linkage.all_pads), len(PAD_FUNCTIONS)
-    joints = _polynomials(pads).reshape(shape).transpose(2, 0, 1, 3)
+    body = _polynomials(_of_legs(sums, robot.legs, mirrored=1), 1)[0]
+    joints = _polynomials(pads, len(robot.linkage.all_pads))
     joints[:, :, 1, -1] += turns[[body for _, body in robot.linkage.all_pads], None]
-    tables = body, np.ascontiguousarray(joints), _bearing_friction(robot, slope)
-    for table in tables:
+    bearings = _bearing_friction(robot, slope)
+    for table in (body, joints, bearings):
         table.setflags(write=False)
-    return Tables(robot, body, tables[1], pad_layout(robot), tables[2], tail)
+    return Tables(robot, body, joints, pad_layout(robot), bearings, tail)
+
+
+@functools.cache
+def _turn(count: int) -> Array:
+    """(2, count) cosines and sines of the angles that divide a turn."""
+    part = np.arange(count)
+    quarter = np.rint(4.0 * part / count).astype(int)  # the nearest, from which angles are small
+    cos, sin = directions(0.5 * math.pi * (4 * part - quarter * count) / count).T
+    turned = [cos, -sin, -cos, sin], [sin, cos, -sin, -cos]
+    return np.stack([np.choose(quarter % 4, each) for each in turned])
+
+
+def _work(count: int, functions: int) -> Array:
+    return np.empty((4, count * ((functions + 1) // 2)))
 
 
 def _series(values: Array) -> Series:
-    """Series of functions at :data:`SAMPLES` angles (SAMPLES, functions)."""
-    return np.fft.rfft(values.T)[:, :HARMONICS] / SAMPLES
+    """Series of functions at angles evenly over a turn (count, functions)."""
+    count, functions = values.shape
+    series = np.empty((2, HARMONICS, functions))
+    analyse(np.ascontiguousarray(values), _turn(count), _work(count, functions), series)
+    return series
 
 
-def _sampled(series: Series, count: int) -> Array:
-    """(count, functions) of series (functions, HARMONICS)."""
-    return np.fft.irfft(series * count, count).T
+def _sampled(series: Series, count: int, factor: Array) -> Array:
+    """(count, functions) of series with coefficients times complex factors (2, HARMONICS)."""
+    values = np.empty((count, series.shape[2]))
+    sample(series, factor, _turn(count), _work(*values.shape), values)
+    return values
 
 
 def _tail(series: Series) -> float:
@@ -132,8 +154,8 @@ def _tail(series: Series) -> float:
 
     Or to a thousandth of the largest of all: a body that does not turn has nothing but rounding.
     """
-    size = np.abs(series)
-    largest, last = size.max(axis=1), size[:, HARMONICS * 7 // 8 :].max(axis=1)
+    size = np.sqrt((series * series).sum(axis=0))
+    largest, last = size.max(axis=0), size[HARMONICS * 7 // 8 :].max(axis=0)
     return float((last / np.maximum(largest, 1e-3 * largest.max())).max())
 
 
@@ -146,12 +168,17 @@ def _leg_sums(robot: Robot, r: Array, slope: Array) -> Array:
     inertia = np.array([body.inertia for body in robot.bodies])
     x, y = r[..., 0], r[..., 1]
     da, dx, dy = np.split(slope, 3, axis=1)
-    own_b, own_k = da @ inertia, da**2 @ inertia
+    own_b, own_k = _sum(inertia * da), _sum(inertia * da**2)
     return np.column_stack([
-        x @ mass, y @ mass, (x**2 + y**2) @ mass + inertia.sum(), (x * dy - y * dx) @ mass + own_b,
-        (dx**2 + dy**2) @ mass + own_k,
-        _relative(da, robot.linkage.damped) ** 2 @ np.array(robot.damping), own_b, own_k,
+        _sum(mass * x), _sum(mass * y), _sum(mass * (x**2 + y**2)) + inertia.sum(),
+        _sum(mass * (x * dy - y * dx)) + own_b, _sum(mass * (dx**2 + dy**2)) + own_k,
+        _sum(np.array(robot.damping) * _relative(da, robot.linkage.damped) ** 2), own_b, own_k,
     ])  # fmt: skip
+
+
+def _sum(terms: Array) -> Array:
+    """(n,) sums of (n, terms), in their order: BLAS has one for each processor."""
+    return np.add.reduce(np.ascontiguousarray(terms.T), axis=0)
 
 
 def _relative(rates: Array, pairs: tuple[tuple[int, int], ...]) -> Array:
@@ -169,16 +196,25 @@ def _pad_motion(robot: Robot, joints: Array, angles: NDArray[Any]) -> Array:
     return np.concatenate(parts, axis=1)
 
 
-def _of_leg(series: Series, leg: Leg, mirrored: int = 0) -> Series:
-    """Series of a leg, from those of a fore leg of phase 0: g(psi + phase), or g(pi - psi - phase).
-
-    The first ``mirrored`` functions of a back leg change their sign.
-    """
+def _of_legs(series: Series, legs: Sequence[Leg], mirrored: int = 0) -> Series:
+    """Sum over legs of their series: from those of a fore leg of phase 0, g(psi + phase) or, of a
+    back leg, g(pi - psi - phase), where the first ``mirrored`` functions change their sign."""
     n = np.arange(HARMONICS)
-    if leg.side == "back":
-        series = np.conj(series) * np.where(n % 2, -1.0, 1.0)
-        series[:mirrored] *= -1.0
-    return series * np.exp(1j * n * leg.phase)
+    total = np.zeros_like(series)
+    for side in ("fore", "back"):
+        phases = np.array([leg.phase for leg in legs if leg.side == side])
+        cos, sin = np.add.reduce(directions(phases[:, None] * n), axis=0).T[..., None]
+        real, imaginary = series
+        if side == "back":
+            real, imaginary = series * np.where(n % 2, -1.0, 1.0)[:, None] * _CONJUGATE
+            real[:, :mirrored] *= -1.0
+            imaginary[:, :mirrored] *= -1.0
+        total[0] += cos * real - sin * imaginary
+        total[1] += sin * real + cos * imaginary
+    return total
+
+
+_CONJUGATE = np.array([1.0, -1.0])[:, None, None]
 
 
 def _bearing_friction(robot: Robot, slope: Array) -> Array:
@@ -186,34 +222,41 @@ def _bearing_friction(robot: Robot, slope: Array) -> Array:
     total = np.zeros(BEARING_SAMPLES)
     if any(robot.bearing_friction):
         rates = _series(_relative(slope, robot.linkage.bearings))
+        one = np.stack([np.ones(HARMONICS), np.zeros(HARMONICS)])
         for leg in robot.legs:
-            turning = np.abs(_sampled(_of_leg(rates, leg), BEARING_SAMPLES))
-            total += turning @ np.array(robot.bearing_friction)
+            turning = np.abs(_sampled(_of_legs(rates, [leg]), BEARING_SAMPLES, one))
+            total += _sum(np.array(robot.bearing_friction) * turning)
     return total
 
 
-def _polynomials(series: Series) -> Array:
-    """(INTERVALS, ORDER, functions) of a series: its Taylor polynomials, economised.
+def _polynomials(series: Series, groups: int) -> Array:
+    """(groups, INTERVALS, ORDER, functions of a group): Taylor polynomials, economised.
 
     Those of order TERMS are replaced by those of ORDER that agree at Chebyshev's nodes.
     """
-    derivatives, economise = _expansion()
-    taylor = np.fft.irfft(series[:, None] * derivatives, INTERVALS)
-    # One small product a function: BLAS would share a large one out to threads, which is slower.
-    return np.ascontiguousarray((economise @ taylor).transpose(2, 1, 0))
+    functions = series.shape[2]
+    out = np.empty((groups, INTERVALS, ORDER, functions // groups))
+    half_step = np.ascontiguousarray(_turn(2 * INTERVALS)[:, :HARMONICS])
+    work, factor = _work(INTERVALS, functions), np.empty((2, HARMONICS))
+    expand(series, _expansion(), half_step, _turn(INTERVALS), work, factor, out)
+    return out
 
 
 @functools.cache
-def _expansion() -> tuple[Series, Array]:
-    """Taylor coefficients of exp(i n psi) (TERMS, HARMONICS) at pi / INTERVALS, for irfft; and the
-    matrix (ORDER, TERMS) from such coefficients to economised ones."""
-    half, n, power = math.pi / INTERVALS, np.arange(HARMONICS), np.arange(TERMS)[:, None]
-    factorial = np.array([[math.factorial(k)] for k in range(TERMS)])
-    derivatives = INTERVALS * np.exp(1j * n * half) * (1j * n) ** power / factorial
-    nodes = np.cos(math.pi * (np.arange(ORDER) + 0.5) / ORDER)[:, None] ** power.T
-    fitted = np.linalg.solve(nodes[:, :ORDER], nodes[:, ORDER:])
-    fitted *= half ** (power.T[:, ORDER:] - power[:ORDER])
-    return derivatives, np.hstack([np.eye(ORDER), fitted])
+def _expansion() -> Array:
+    """(ORDER, HARMONICS) economised coefficients of exp(i n t), |t| <= pi / INTERVALS, over i^k."""
+    half, n = math.pi / INTERVALS, np.arange(HARMONICS)
+    term, found = np.ones(HARMONICS), np.zeros((ORDER, HARMONICS))
+    order, economy = np.arange(ORDER), ECONOMY  # of t^k at Chebyshev's nodes, in units of half
+    for k in range(TERMS):
+        if k < ORDER:
+            found[k] += term
+        else:
+            sign = np.where((k - order) % 4 < 2, 1.0, -1.0)  # of i^k beside those of i^order
+            found += (economy * sign)[:, None] * term
+            economy = np.append(0.0, economy[:-1]) + economy[-1] * ECONOMY
+        term = term * (n * half) / (k + 1)
+    return found / np.cumprod([1.0] + (ORDER - 1) * [half])[:, None]
 
 
 @dataclass(frozen=True)

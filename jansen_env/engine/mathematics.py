@@ -11,8 +11,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.engine.kernel import stage
+from jansen_env.engine.kernel import Floats1, Floats2, kernel, stage
 
 ROUNDER = 1.5 * 2.0**52  # added and taken away again, it rounds |x| < 2^51 to whole numbers
 SPLITTER = 2.0**27 + 1.0  # Veltkamp's, of a number into two halves whose products are exact
@@ -281,3 +282,37 @@ def power(x, y):
     low = (whole - high) + rest
     exponent, left = _product(y, high)
     return _exp(exponent, left + y * low)
+
+
+@kernel
+def _put_directions(angles: Floats1, out: Floats2) -> None:
+    for i in range(len(angles)):
+        out[i, 0], out[i, 1] = cos(angles[i]), sin(angles[i])
+
+
+@kernel
+def _put_angles(vectors: Floats2, out: Floats1) -> None:
+    for i in range(len(out)):
+        out[i] = atan2(vectors[i, 1], vectors[i, 0])
+
+
+def directions(angles: ArrayLike) -> NDArray[np.float64]:
+    """Unit vectors (..., 2), cosine and sine, at angles (...), rad: a NumPy array."""
+    given = np.asarray(angles, np.float64)
+    out = np.empty((given.size, 2))
+    _put_directions(given.ravel(), out)
+    return out.reshape(*given.shape, 2)
+
+
+def angles_of(vectors: ArrayLike) -> NDArray[np.float64]:
+    """Angles (...) of vectors (..., 2), rad, in (-pi, pi]: a NumPy array."""
+    given = np.asarray(vectors, np.float64)
+    out = np.empty(given.size // 2)
+    _put_angles(given.reshape(-1, 2), out)
+    return out.reshape(given.shape[:-1])
+
+
+def lengths_of(vectors: ArrayLike) -> NDArray[np.float64]:
+    """Lengths (...) of vectors (..., 2): a NumPy array."""
+    x, y = np.moveaxis(np.asarray(vectors, np.float64), -1, 0)
+    return np.asarray(np.sqrt(x * x + y * y))

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jansen_env.engine.mathematics import angles_of, atan2, cos, directions, lengths_of, sin
 from jansen_env.robot.linkage import CRANK, FRAME, JANSEN
 from jansen_env.robot.links import Bar, Link, Side
 from jansen_env.robot.robot import Robot
@@ -29,19 +30,14 @@ class LinkageError(ValueError):
     """A design that cannot turn a full revolution."""
 
 
-def direction(angle: Array) -> Array:
-    """Unit vectors (..., 2) at the given angles (...), rad."""
-    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-
-
 def _third_corner(
     name: str, psi: Array, p: Array, q: Array, from_p: float, from_q: float, turn: float
 ) -> Array:
     """Corner at ``from_p`` from p and ``from_q`` from q, left (turn=1) or right (-1) of p -> q."""
     span = q - p
-    distance = np.hypot(span[..., 0], span[..., 1])
-    along = (distance**2 + from_p**2 - from_q**2) / (2.0 * distance)
-    across2 = from_p**2 - along**2
+    distance = lengths_of(span)
+    along = (distance**2 + (from_p * from_p - from_q * from_q)) / (2.0 * distance)
+    across2 = from_p * from_p - along**2
     if not np.all(across2 > 0.0):
         worst = np.unravel_index(np.argmin(across2), across2.shape)
         raise LinkageError(
@@ -87,7 +83,7 @@ def joint_positions(robot: Robot, side: Side, psi: ArrayLike) -> Array:
                 i, j = [k for k, one in enumerate(joints) if one in found][:2]
                 edge = found[joints[j]] - found[joints[i]]
                 half_turn, turn = _edge_to_angle(robot.bodies[body], i, j)
-                heading = np.arctan2(edge[..., 1], edge[..., 0]) + half_turn + turn
+                heading = angles_of(edge) + half_turn + turn
                 _add_joints(found, robot, body, heading)
     return np.stack([found[joint] for joint in linkage.joints], axis=-2)
 
@@ -97,10 +93,10 @@ def _add_joints(found: dict[str, Array], robot: Robot, body: int, heading: Array
     joints, corners = robot.linkage.bodies[body][1], robot.bodies[body].corners
     first = next(k for k, joint in enumerate(joints) if joint in found)
     reach, offset = corners[first]
-    centre = found[joints[first]] - reach * direction(heading + offset)
+    centre = found[joints[first]] - reach * directions(heading + offset)
     for joint, (reach, offset) in zip(joints, corners, strict=True):
         if joint not in found:
-            found[joint] = centre + reach * direction(heading + offset)
+            found[joint] = centre + reach * directions(heading + offset)
 
 
 def _between(robot: Robot, body: int, one: str, other: str) -> float:
@@ -116,9 +112,9 @@ def _edge_to_angle(link: Link, i: int, j: int) -> tuple[float, float]:
     """
     (r, a), (s, b) = link.corners[i], link.corners[j]
     way = -1.0 if r > 0.0 else 1.0
-    x = way * (s * math.cos(b) - r * math.cos(a))
-    y = way * (s * math.sin(b) - r * math.sin(a))
-    return (math.pi if r > 0.0 else 0.0), -math.atan2(y, x)
+    x = way * (s * cos(b) - r * cos(a))
+    y = way * (s * sin(b) - r * sin(a))
+    return (math.pi if r > 0.0 else 0.0), -atan2(y, x)
 
 
 def coordinates(robot: Robot, side: Side, psi: ArrayLike, joints: Array | None = None) -> Array:
@@ -136,17 +132,17 @@ def coordinates(robot: Robot, side: Side, psi: ArrayLike, joints: Array | None =
     for body, link in enumerate(robot.bodies):
         i, j, *_ = robot.linkage.members[body]
         edge = place[..., j, :] - place[..., i, :]
-        heading = np.arctan2(edge[..., 1], edge[..., 0])
+        heading = angles_of(edge)
         if isinstance(link, Bar):
             x[..., body, 1:] = place[..., [i, j], :].mean(axis=-2)
         else:
             half_turn, turn = _edge_to_angle(link, 0, 1)
             heading = heading + half_turn + mirror * turn
             reach, offset = link.corners[0]
-            centre = place[..., i, :] - reach * direction(heading + mirror * offset)
+            centre = place[..., i, :] - reach * directions(heading + mirror * offset)
             x[..., body, 1:] = centre
         x[..., body, 0] = heading
-    x[..., 0] = np.angle(np.exp(1j * x[..., 0]))
+    x[..., 0] -= 2.0 * math.pi * np.ceil(x[..., 0] / (2.0 * math.pi) - 0.5)
     x[..., CRANK - 1, 0] = psi
     return x.reshape(*place.shape[:-2], 3 * len(robot.bodies))
 
@@ -193,7 +189,7 @@ def nearest_dead_point(robot: Robot, samples: int = 720) -> tuple[float, str, fl
         joint, start, end = (place[:, robot.linkage.joints.index(name)] for name in dyad[:3])
         u, v = joint - start, joint - end
         sine = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
-        sine /= np.hypot(*u.T) * np.hypot(*v.T)
+        sine /= lengths_of(u) * lengths_of(v)
         k = int(sine.argmin())
         found.append((float(sine[k]), dyad.joint, float(psi[k])))
     return min(found)
@@ -241,7 +237,7 @@ def world_joints(robot: Robot, q: ArrayLike) -> Array:
     joints = np.stack(
         [joint_positions(robot, leg.side, pose[..., 3] + leg.phase) for leg in robot.legs], axis=-3
     )
-    cos, sin = np.cos(pose[..., 2, None, None]), np.sin(pose[..., 2, None, None])
+    c, s = np.moveaxis(directions(pose[..., 2, None, None]), -1, 0)
     x, y = joints[..., 0], joints[..., 1]
-    turned = np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+    turned = np.stack([c * x - s * y, s * x + c * y], axis=-1)
     return turned + pose[..., None, None, :2]

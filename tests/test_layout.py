@@ -13,10 +13,10 @@ from agents import NEEDED
 ROOT = Path(__file__).parents[1]
 ORDER = (
     ["checks", "cores", "files", "plain_yaml"],
+    ["engine"],
     ["gravity", "robot", "terrain"],
     ["parameters", "rendering"],
     ["dynamics"],
-    ["engine"],
     ["plants"],
     ["world"],
     ["tasks"],

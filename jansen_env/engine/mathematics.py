@@ -163,6 +163,18 @@ def atan2(y, x):
 
 
 @stage
+def acos(x):
+    """Angle whose cosine is x, rad, of |x| <= 1; 3 ulp."""
+    return atan2(math.sqrt((1.0 - x) * (1.0 + x)), x)
+
+
+@stage
+def tan(x):
+    """Tangent; 3 ulp of |x| <= 1e6 rad."""
+    return sin(x) / cos(x)
+
+
+@stage
 def _parts(x):
     """(k, f): x = 2^k (1 + f), f in about [sqrt(1/2) - 1, sqrt(2) - 1], of 0 < x < infinity."""
     down = 0

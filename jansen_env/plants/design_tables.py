@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from jansen_env.dynamics.reduced import Tables, compile_robot, design_of
 from jansen_env.engine.collision import SPECULATIVE_MARGIN
+from jansen_env.engine.mathematics import directions, lengths_of
+from jansen_env.engine.reach import put_reach
 from jansen_env.engine.records import Model
 from jansen_env.plants.robot_data import farthest, kernel_model
 from jansen_env.robot import Robot
@@ -93,7 +95,7 @@ class DesignTables:
             every[row] = own[0]
         self.depths[row], self.farthest[row] = non_toe_depths(tables), farthest(tables)
         places = tables.pads[:, :, 0, :2]
-        self.extent[row] = BETWEEN * np.hypot(places[..., 0], places[..., 1]).max()
+        self.extent[row] = BETWEEN * lengths_of(places).max()
 
 
 def non_toe_depths(tables: Tables) -> Array:
@@ -103,11 +105,10 @@ def non_toe_depths(tables: Tables) -> Array:
     """
     joints = np.unique(tables.layout.joint[tables.layout.toes :])
     places = BETWEEN * tables.pads[joints, ::SPARSE, 0, :2].reshape(-1, 2)
-    mirrors = {1.0 if leg.side == "fore" else -1.0 for leg in tables.robot.legs}
-    places = np.concatenate([places * (mirror, 1.0) for mirror in sorted(mirrors)])
-    farthest = float(np.hypot(*places.T).max())
-    pitch = 2.0 * math.pi * (np.arange(PITCHES) + 0.5) / PITCHES
-    down = -np.stack([np.sin(pitch), np.cos(pitch)], axis=1).reshape(-1, 8, 2)  # small products
-    depth = (down @ places.T).max(axis=2).ravel()
+    farthest, fore = float(lengths_of(places).max()), np.empty(PITCHES)
+    cos, sin = directions(2.0 * math.pi * (np.arange(PITCHES) + 0.5) / PITCHES).T
+    put_reach(places, -np.stack([sin, cos]), fore)
+    sides = {leg.side for leg in tables.robot.legs}
+    depth = np.max([fore if side == "fore" else fore[::-1] for side in sides], axis=0)
     next_entry = farthest * math.pi / PITCHES
     return np.append(depth + next_entry, farthest) + SPECULATIVE_MARGIN

@@ -36,7 +36,7 @@ FOOT_STIFFNESS = 1.28e5, 5.1e4  # N/m, normal and tangential: a secant at 530 N
 FOOT_LOSS_FACTOR = 0.1  # tan delta of natural rubber
 FOOT_STRAIN = 0.275  # of the radius, what a rubber spring bears a million times
 FOOT_SHEAR_STRAIN = 0.28  # of the radius, as of a rubber buffer of 30 x 30 mm
-TREAD_MASS = 0.5 * math.pi * FOOT_RADIUS**2 * FOOT_WIDTH * RUBBER_DENSITY
+TREAD_MASS = 0.5 * math.pi * FOOT_RADIUS * FOOT_RADIUS * FOOT_WIDTH * RUBBER_DENSITY
 SHOE_MASS = 13e-3  # kg, a plate of 40 x 30 x 3 mm and two screws, M4
 FOOT_MASS = TREAD_MASS + SHOE_MASS
 
@@ -57,12 +57,14 @@ def flat_bar(
     length: float, width: float, end_mass: float = PIN_SHARE, thickness: float = BAR_THICKNESS
 ) -> Inertial:
     """A flat bar with round ends about two pins ``length`` m apart, and ``end_mass`` on each."""
-    radius, areal = 0.5 * width, DENSITY * thickness
-    middle, rounds = areal * length * width, areal * math.pi * radius**2
-    inertia = middle * (length**2 + width**2) / 12.0
+    radius, areal, span = 0.5 * width, DENSITY * thickness, length * length
+    middle, rounds = areal * length * width, areal * math.pi * radius * radius
+    inertia = middle * (span + width * width) / 12.0
     # Two half discs, with their centroids 4 r / 3 pi beyond the pins.
-    inertia += rounds * (0.5 * radius**2 + 0.25 * length**2 + length * 4.0 * radius / (3 * math.pi))
-    return Inertial(middle + rounds + 2.0 * end_mass, inertia + 0.5 * end_mass * length**2)
+    inertia += rounds * (
+        0.5 * radius * radius + 0.25 * span + length * 4.0 * radius / (3 * math.pi)
+    )
+    return Inertial(middle + rounds + 2.0 * end_mass, inertia + 0.5 * end_mass * span)
 
 
 def triangular_plate(
@@ -82,13 +84,14 @@ def triangular_plate(
     area = math.sqrt(half * (half - a) * (half - b) * (half - c))
     spread = (a * a + b * b + c * c) / 36.0  # inertia / mass of a uniform triangle
     areal = DENSITY * PLATE_THICKNESS
-    inertia = areal * area * spread * (OUTLINE**4 - WINDOW**4)
+    outline, window = OUTLINE * OUTLINE, WINDOW * WINDOW
+    inertia = areal * area * spread * (outline * outline - window * window)
     # The pins: sum of |corner - centroid|^2 is (a^2 + b^2 + c^2) / 3.
-    mass = areal * area * (OUTLINE**2 - WINDOW**2)
+    mass = areal * area * (outline - window)
     more = 0.0 if third_mass is None else third_mass - end_mass
     reach = math.sqrt(2.0 * (b * b + c * c) - a * a) / 3.0  # of the third corner
-    hole = areal * area * WINDOW**2
-    inertia += more * reach**2 - (more * reach) ** 2 / hole
+    moment, hole = more * reach, areal * area * window
+    inertia += moment * reach - moment * moment / hole
     return Inertial(mass + 3.0 * end_mass + more, inertia + end_mass * 12.0 * spread)
 
 
@@ -104,7 +107,8 @@ def tread_load(compression: float) -> float:
     """
     strain = compression / FOOT_RADIUS
     size = rubber_modulus(RUBBER_HARDNESS) * FOOT_WIDTH * 2.0 * FOOT_RADIUS
-    return size * (1.25 * strain**1.5 + 50.0 * strain**6)
+    cube = strain * strain * strain
+    return size * (1.25 * math.sqrt(cube) + 50.0 * cube * cube)
 
 
 FOOT_LOAD = tread_load(FOOT_STRAIN * FOOT_RADIUS)  # N, permissible
@@ -123,7 +127,8 @@ def foot_damping(stiffness: float, mass: float) -> float:
 
 def buckling_load(length: float, width: float = WIDTH, thickness: float = BAR_THICKNESS) -> float:
     """Euler's load of a flat bar between two pins (across its thickness, pinned ends), N."""
-    return math.pi**2 * STIFFNESS * width * thickness**3 / 12.0 / length**2
+    stiffness = STIFFNESS * width * thickness * thickness * thickness / 12.0
+    return math.pi * math.pi * stiffness / (length * length)
 
 
 def yield_load(width: float = WIDTH) -> float:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 
+from jansen_env.engine.mathematics import atan2, hypot
 from jansen_env.robot import buildable as built
 from jansen_env.robot.linkage import JANSEN
 from jansen_env.robot.links import (
@@ -34,8 +34,8 @@ def holy_numbers_robot(phases: int = 2) -> Robot:
     g 36.7, h 65.7, i 49, j 50, k 61.9, l 7.8, m 15.
     """
     s = CRANK_RADIUS / 15.0
-    return Robot(frame_angle=math.atan2(7.8, 38.0), legs=phased_legs(phases)).with_bodies(
-        frame=Bar(s * math.hypot(38.0, 7.8)),
+    return Robot(frame_angle=atan2(7.8, 38.0), legs=phased_legs(phases)).with_bodies(
+        frame=Bar(s * hypot(38.0, 7.8)),
         upper_rod=Bar(s * 50.0),
         upper_triangle=Triangle.from_sides(s * 41.5, s * 55.8, s * 40.1),
         rocker=Bar(s * 39.3),

@@ -14,6 +14,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 from jansen_env.checks import finite, listed, positive, shown
+from jansen_env.engine.mathematics import cos, hypot, sin
 from jansen_env.robot.designs import is_of_built_parts, with_built_parts
 from jansen_env.robot.links import Bar, Link, Plate, Triangle
 from jansen_env.robot.robot import Robot
@@ -80,7 +81,7 @@ def _values(link: Link) -> list[float]:
     if isinstance(link, Triangle):
         return [*link.sides]
     (x, y), (u, v), *others = link.points
-    span = math.dist((x, y), (u, v))
+    span = hypot(u - x, v - y)
     cos, sin = (u - x) / span, (v - y) / span
     values = [span]
     for a, b in others:
@@ -97,9 +98,10 @@ def _of_lengths(name: str, link: Link, values: list[float]) -> Link:
             return Triangle.from_sides(*values, outward=link.outward)
         others = zip(values[1::2], values[2::2], strict=True)
         (x, y), (u, v) = link.points[:2]
-        way = complex(u - x, v - y) / math.dist((x, y), (u, v))  # of its first two joints
-        places = [way * complex(*each) for each in ((0.0, 0.0), (values[0], 0.0), *others)]
-        return Plate.uniform([(place.real, place.imag) for place in places])
+        span = hypot(u - x, v - y)
+        c, s = (u - x) / span, (v - y) / span  # the way of its first two joints
+        places = [(0.0, 0.0), (values[0], 0.0), *others]
+        return Plate.uniform([(c * a - s * b, s * a + c * b) for a, b in places])
     except ValueError as error:
         raise ValueError(f"lengths of {name}: {error}") from error
 
@@ -114,11 +116,11 @@ def _as_dense(link: Link, fresh: Link) -> Link:
 def _size(link: Link) -> float:
     """The sum of a link's sides, m."""
     count = len(link.corners)
-    sides = sum(link.distance(k, k + 1) for k in range(count - 1))
+    sides = math.fsum(link.distance(k, k + 1) for k in range(count - 1))
     return sides + (link.distance(0, count - 1) if count > 2 else 0.0)
 
 
 def _spread(link: Link) -> float:
     """Inertia over mass of a rod or uniform plate about the same joints, m^2."""
-    points = [(c * math.cos(o), c * math.sin(o)) for c, o in link.corners]
+    points = [(c * cos(o), c * sin(o)) for c, o in link.corners]
     return Plate.uniform(points, 1.0).inertia

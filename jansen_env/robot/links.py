@@ -39,6 +39,7 @@ from jansen_env.checks import (
     shown,
     within,
 )
+from jansen_env.engine.mathematics import acos, atan2, cos, hypot
 
 Side = Literal["fore", "back"]
 
@@ -87,7 +88,7 @@ class Bar:
 
     def slender(self) -> Bar:
         """The same bar with the inertia of a slender rod, m L^2 / 12."""
-        return replace(self, inertia=self.mass * self.length**2 / 12.0)
+        return replace(self, inertia=self.mass * self.length * self.length / 12.0)
 
 
 @dataclass(frozen=True)
@@ -139,8 +140,8 @@ class Triangle:
         d = math.sqrt(2 * a * a + 2 * c * c - b * b) / 3.0
         l = math.sqrt(2 * a * a + 2 * b * b - c * c) / 3.0  # noqa: E741
         h = math.sqrt(2 * b * b + 2 * c * c - a * a) / 3.0
-        alpha = math.acos((d * d + l * l - a * a) / (2 * d * l))
-        gamma = math.acos((d * d + h * h - c * c) / (2 * d * h))
+        alpha = acos((d * d + l * l - a * a) / (2 * d * l))
+        gamma = acos((d * d + h * h - c * c) / (2 * d * h))
         return cls(d, l, h, alpha, gamma, **inertial)
 
     @property
@@ -149,7 +150,7 @@ class Triangle:
         beta = 2.0 * math.pi - self.alpha - self.gamma
 
         def opposite(u: float, v: float, angle: float) -> float:
-            return math.sqrt(u * u + v * v - 2.0 * u * v * math.cos(angle))
+            return math.sqrt(u * u + v * v - 2.0 * u * v * cos(angle))
 
         return (
             opposite(self.d, self.l, self.alpha),
@@ -169,7 +170,8 @@ class Triangle:
 
     def slender(self) -> Triangle:
         """The same triangle with a uniform plate's inertia, m (a^2 + b^2 + c^2) / 36."""
-        return replace(self, inertia=self.mass * sum(s * s for s in self.sides) / 36.0)
+        a, b, c = self.sides
+        return replace(self, inertia=self.mass * (a * a + b * b + c * c) / 36.0)
 
 
 @dataclass(frozen=True)
@@ -225,7 +227,7 @@ class Plate:
         if largest and doubled_area(largest) > 1e-9 * float((span**2).sum()):
             corners, share = place[list(largest)], 12.0
         else:
-            along = span @ span[(span**2).sum(axis=1).argmax()]
+            along = (span * span[(span**2).sum(axis=1).argmax()]).sum(axis=1)
             corners, share = place[[along.argmin(), along.argmax()]], 6.0
         centre = corners.mean(axis=0)
         inertia = mass * float(((corners - centre) ** 2).sum()) / share
@@ -234,11 +236,12 @@ class Plate:
     @property
     def corners(self) -> Corners:
         """(c, o) of each joint, m and rad: it is at the centre + c (cos, sin)(theta + o)."""
-        return tuple((math.hypot(x, y), math.atan2(y, x)) for x, y in self.points)
+        return tuple((hypot(x, y), atan2(y, x)) for x, y in self.points)
 
     def distance(self, one: int, other: int) -> float:
         """Between two different joints, m."""
-        return math.dist(self.points[one], self.points[other])
+        (x, y), (u, v) = self.points[one], self.points[other]
+        return hypot(u - x, v - y)
 
     def slender(self) -> Plate:
         """The same plate with its mass spread as :meth:`uniform` spreads it."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from jansen_env.checks import entries, finite, instance, non_negative, one_of, positive, shown
+from jansen_env.engine.mathematics import atan2
 from jansen_env.robot.linkage import CRANK, FRAME, JANSEN, Linkage
 from jansen_env.robot.links import (
     CRANK_RADIUS,
@@ -59,7 +60,7 @@ class Robot:
 
     linkage: Linkage = JANSEN
     bodies: tuple[Link, ...] = PAPER_BODIES
-    frame_angle: float = math.atan2(0.04632, 0.32436)
+    frame_angle: float = atan2(0.04632, 0.32436)
     damping: tuple[float, ...] = (0.1,) * len(JANSEN.damped)
     legs: tuple[Leg, ...] = field(default_factory=lambda: phased_legs(2))
     pad_radius: float = 0.01
@@ -153,7 +154,7 @@ class Robot:
     @property
     def links_mass(self) -> float:
         """Mass of every body of every leg, kg."""
-        return len(self.legs) * sum(body.mass for body in self.bodies)
+        return len(self.legs) * math.fsum(body.mass for body in self.bodies)
 
     @property
     def mass(self) -> float:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from jansen_env.checks import entries, instance, positive, shown, within
+from jansen_env.engine.mathematics import hypot
 from jansen_env.robot.kinematics import toe_positions
 from jansen_env.robot.linkage import Dyad, Linkage
 from jansen_env.robot.links import Bar, Leg, Link, Plate, phased_legs
@@ -107,7 +108,8 @@ def _as_the_paper(
 
 def _link(places: list[Place], scale: float, mass: float) -> Link:
     if len(places) == 2:
-        return Bar(scale * math.dist(*places), mass).slender()
+        (x, y), (u, v) = places
+        return Bar(scale * hypot(u - x, v - y), mass).slender()
     return Plate.uniform([(scale * x, scale * y) for x, y in places], mass)
 
 
@@ -205,8 +207,9 @@ def strider_robot(phases: int = 2) -> Robot:
 
 def _third(first_second: float, first: float, second: float) -> Place:
     """The corner on the left of a line along x, by its distances from the line's two ends."""
-    x = (first_second**2 + first**2 - second**2) / (2.0 * first_second)
-    return x, math.sqrt(first**2 - x**2)
+    along = first_second * first_second + first * first - second * second
+    x = along / (2.0 * first_second)
+    return x, math.sqrt(first * first - x * x)
 
 
 ZOO = {

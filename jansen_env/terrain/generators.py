@@ -91,7 +91,7 @@ class NamedGenerator:
         if self.name == "steps":
             return Terrain.steps(rng, **values)
         # The start is drawn, or the way to its first step could be learned by heart.
-        start = rng.uniform(shapes.START, shapes.START + SHIFT)
+        start = float(shapes.uniform(rng, shapes.START, shapes.START + SHIFT, ()))
         if self.name == "rough":  # unlike ``Terrain.rough`` on both sides
             return Terrain.of(shapes.rough(rng, **values, start=start, reach=shapes.REACH))
         maker: Callable[..., Terrain] = getattr(Terrain, self.name)

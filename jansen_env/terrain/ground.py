@@ -15,6 +15,7 @@ import pymunk
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.checks import entries, finite, instance, non_negative, positive, shown, within
+from jansen_env.engine.mathematics import tan
 from jansen_env.terrain import shapes
 from jansen_env.terrain.shapes import MAX_SLOPE, MOST_POINTS
 
@@ -22,6 +23,7 @@ Array = NDArray[np.float64]
 Maker: TypeAlias = "classmethod[Terrain, ..., Terrain]"
 
 REACH = 1000.0  # m, how far the first and last segment are extended as pymunk's shapes
+STEEPEST = (1.0 + 1e-12) * tan(MAX_SLOPE)  # slopes of MAX_SLOPE are rounded
 GRADIENT_STEP = 1e-4  # m, to either side
 FARTHEST = 1e6  # m, largest coordinate of a point: beyond, a toe's grip drowns in rounding
 
@@ -100,8 +102,8 @@ class Terrain:
                 f"Terrain.points: x must increase, but point {where + 1} is at "
                 f"{table[where + 1, 0]} after {table[where, 0]}"
             )
-        steepest = float(np.abs(np.arctan2(step[:, 1], step[:, 0])).max())
-        if steepest > MAX_SLOPE:
+        if (np.abs(step[:, 1]) > STEEPEST * step[:, 0]).any():
+            steepest = float(np.abs(np.arctan2(step[:, 1], step[:, 0])).max())
             raise ValueError(
                 f"Terrain.points: a segment has a slope of {steepest:.3f} rad, allowed are "
                 f"{MAX_SLOPE:.3f}"
@@ -125,7 +127,7 @@ class Terrain:
     def slope(cls, angle: float, friction: float = 0.8, restitution: float = 0.0) -> Terrain:
         """A constant slope through the origin, rising towards +x for ``angle`` > 0 (rad)."""
         angle = within("angle", angle, -MAX_SLOPE, MAX_SLOPE)
-        rise = math.tan(angle)
+        rise = tan(angle)
         return cls(((-1.0, -rise), (1.0, rise)), friction, restitution)
 
     @classmethod
@@ -150,7 +152,7 @@ class Terrain:
             )
         count = max(2, int(length / spacing))
         x = start + spacing * np.arange(1, count + 1)
-        y = rng.uniform(-height, height, size=count)
+        y = shapes.uniform(rng, -height, height, count)
         lead = [(start - 1.0, 0.0), (start, 0.0)]
         tail = [(x[-1] + spacing, 0.0), (x[-1] + spacing + 1.0, 0.0)]
         return cls(tuple(lead + list(zip(x, y, strict=True)) + tail), friction, restitution)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.checks import finite, instance, positive, within
+from jansen_env.engine.mathematics import cos, tan
 
 Array = NDArray[np.float64]
 Random: TypeAlias = np.random.Generator
@@ -33,6 +34,11 @@ def level_ends(start: float, reach: float) -> tuple[float, float]:
     if start >= reach:
         raise ValueError(f"start is {start:g}, must be below reach, {reach:g}")
     return start, reach
+
+
+def uniform(rng: Random, low: float, high: float, size: int | tuple[int, ...]) -> Array:
+    """As ``rng.uniform``, which some processors round once, after multiplying and adding."""
+    return low + (high - low) * rng.random(size)
 
 
 def periods(start: float, reach: float, period: float) -> int:
@@ -66,7 +72,7 @@ def treads(edges: Array, heights: Array) -> Array:
         (2 m, 2) points.
     """
     before = np.concatenate([[0.0], heights[:-1]])
-    run = np.maximum(np.abs(heights - before) / math.tan(RISER_SLOPE), LEAST_RUN)
+    run = np.maximum(np.abs(heights - before) / tan(RISER_SLOPE), LEAST_RUN)
     points = np.empty((2 * len(edges), 2))
     points[0::2, 0], points[0::2, 1] = edges - 0.5 * run, before
     points[1::2, 0], points[1::2, 1] = edges + 0.5 * run, heights
@@ -76,7 +82,7 @@ def treads(edges: Array, heights: Array) -> Array:
 def _room(name: str, value: float, face: float) -> float:
     """A tread's length, m, with room for the face of a step of height ``face``."""
     value = positive(name, value)
-    least = max(abs(face) / math.tan(RISER_SLOPE), LEAST_RUN)
+    least = max(abs(face) / tan(RISER_SLOPE), LEAST_RUN)
     if value <= least:
         raise ValueError(
             f"{name} is {value:g}, must be above {least:.4g}, the run of a step's face"
@@ -92,7 +98,7 @@ def rough(rng: Random, height: float, spacing: float, start: float, reach: float
     count = periods(start, reach, spacing)
     sides = np.zeros((2, count + 2, 2))
     sides[:, :, 0] = start + spacing * np.arange(count + 2)
-    sides[:, 1:-1, 1] = rng.uniform(-height, height, size=(2, count))
+    sides[:, 1:-1, 1] = uniform(rng, -height, height, (2, count))
     return both_sides(sides[0], sides[1])
 
 
@@ -110,9 +116,8 @@ def waves(
     start, reach = level_ends(start, reach)
     count = periods(start, reach, length)
     turns = np.arange(count * PER_WAVE + 1) / PER_WAVE
-    side = np.stack(
-        [start + length * turns, 0.5 * height * (1.0 - np.cos(2.0 * math.pi * turns))], axis=1
-    )
+    wave = [0.5 - 0.5 * cos(2.0 * math.pi * k / PER_WAVE) for k in range(PER_WAVE)]
+    side = np.stack([start + length * turns, height * np.resize(wave, len(turns))], axis=1)
     return both_sides(side, side)
 
 
@@ -158,8 +163,9 @@ def steps(
     spacing = 2.0 * _room("spacing / 2", 0.5 * finite("spacing", spacing), height)
     start, reach = level_ends(start, reach)
     count = periods(start, reach, spacing)
-    edges = start + np.cumsum(rng.uniform(0.5 * spacing, 1.5 * spacing, size=(2, count)), axis=1)
-    heights = rng.uniform(-0.5 * height, 0.5 * height, size=(2, count))
+    lengths = uniform(rng, 0.5 * spacing, 1.5 * spacing, (2, count))
+    edges = start + np.cumsum(lengths, axis=1)
+    heights = uniform(rng, -0.5 * height, 0.5 * height, (2, count))
     return both_sides(treads(edges[0], heights[0]), treads(edges[1], heights[1]))
 
 
@@ -203,5 +209,5 @@ def ramps(
     count = periods(start, reach, 4.0 * length)
     side = np.empty((4 * count, 2))
     side[:, 0] = start + length * np.arange(4 * count)
-    side[:, 1] = np.tile([0.0, 1.0, 1.0, 0.0], count) * length * math.tan(angle)
+    side[:, 1] = np.tile([0.0, 1.0, 1.0, 0.0], count) * length * tan(angle)
     return both_sides(side, side)

@@ -33,7 +33,8 @@ POWERS = RNG.uniform(-20.0, 20.0, 2 * COUNT) / np.maximum(np.abs(np.log(BASES)),
 CASES = [
     ("sin", (TURNS,), 0.8), ("cos", (TURNS,), 0.8), ("atan2", SIZES, 1.5), ("hypot", SIZES, 1.3),
     ("log", (POSITIVE,), 1.0), ("exp", (EXPONENTS,), 1.0), ("expm1", (EXPONENTS,), 1.0),
-    ("tanh", (EXPONENTS,), 3.0), ("power", (BASES, POWERS), 2.0),
+    ("tan", (TURNS,), 3.0), ("acos", (np.sin(TURNS),), 3.0), ("tanh", (EXPONENTS,), 3.0),
+    ("power", (BASES, POWERS), 2.0),
 ]  # fmt: skip
 SPECIAL = (0.0, -0.0, math.inf, -math.inf, math.nan)
 

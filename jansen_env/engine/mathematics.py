@@ -2,7 +2,7 @@
 
 Systems' libraries differ in their last digits, and so do their variants for processors. These use
 nothing but + - * / and sqrt, which IEEE 754 rounds, and integers that hold a number's bits. Methods
-and coefficients of sin, cos, atan2, log, exp, expm1 and tanh are those of fdlibm (Sun Microsystems,
+and coefficients of sin, cos, atan2, log and exp are those of fdlibm (Sun Microsystems,
 1993, as in FreeBSD's msun and in musl). Errors are in units in the last place (ulp), see the tests.
 """
 
@@ -46,8 +46,6 @@ L4, L5, L6 = 2.222219843214978396e-01, 1.818357216161805012e-01, 1.5313837699209
 L7 = 1.479819860511658591e-01
 P1, P2, P3 = 1.66666666666666019037e-01, -2.77777777770155933842e-03, 6.61375632143793436117e-05
 P4, P5 = -1.65339022054652515390e-06, 4.13813679705723846039e-08
-Q1, Q2, Q3 = -3.33333333333331316428e-02, 1.58730158725481460165e-03, -7.93650757867487942473e-05
-Q4, Q5 = 4.00821782732936239552e-06, -2.01099218183624371326e-07
 
 MANTISSA = 2**52 - 1  # the bits of a number's fraction
 BIAS = 1023  # of its exponent
@@ -187,8 +185,9 @@ def _parts(x):
 
 @stage
 def _two_to(k):
-    """2^k of a whole number -1022 <= k <= 1023."""
-    return float(np.int64((np.int64(k) + BIAS) << 52).view(np.float64))
+    """2^k of a whole number -1022 <= k <= 1023, whose bits the sum has at its end."""
+    bits = np.int64(np.float64(k + ROUNDER).view(np.int64)) << 52
+    return float(np.int64(bits + (BIAS << 52)).view(np.float64))
 
 
 @stage
@@ -211,18 +210,24 @@ def log(x):
 
 
 @stage
-def _exp(x, rest):
-    """exp(x + rest) of |rest| much smaller than 1."""
-    if not abs(x) < LARGEST_EXPONENT:
-        return 0.0 if x < 0.0 else x
+def _exp_parts(x, rest):
+    """(k, y): exp(x + rest) = 2^k (1 + y), of |rest| much smaller than 1."""
     k = nearest(x * ONE_OVER_LN2)
     high, low = x - k * LN2_HIGH, k * LN2_LOW - rest
     x = high - low
     z = x * x
     c = x - z * (P1 + z * (P2 + z * (P3 + z * (P4 + z * P5))))
-    value = 1.0 + (x * c / (2.0 - c) - low + high)
+    return k, x * c / (2.0 - c) - low + high
+
+
+@stage
+def _exp(x, rest):
+    """exp(x + rest)."""
+    if not abs(x) < LARGEST_EXPONENT:
+        return 0.0 if x < 0.0 else x
+    k, y = _exp_parts(x, rest)
     half = floor(0.5 * k)  # 2^k may be too large or too small
-    return value * _two_to(half) * _two_to(k - half)
+    return (1.0 + y) * _two_to(half) * _two_to(k - half)
 
 
 @stage
@@ -232,42 +237,24 @@ def exp(x):
 
 
 @stage
+def _expm1(x):
+    """exp(x) - 1 of |x| <= 100."""
+    k, y = _exp_parts(x, 0.0)
+    scale = _two_to(k)
+    return scale * y + (scale - 1.0)
+
+
+@stage
 def expm1(x):
-    """exp(x) - 1; 1 ulp."""
-    if not abs(x) < LARGEST_EXPONENT:
-        return -1.0 if x < 0.0 else x
-    k = nearest(x * ONE_OVER_LN2)
-    high, low = x - k * LN2_HIGH, k * LN2_LOW
-    x = high - low
-    rest = (high - x) - low
-    half = 0.5 * x
-    z = x * half
-    r = 1.0 + z * (Q1 + z * (Q2 + z * (Q3 + z * (Q4 + z * Q5))))
-    t = 3.0 - r * half
-    e = z * ((r - t) / (6.0 - x * t))
-    if k == 0.0:
-        return x - (x * e - z)
-    e = x * (e - rest) - rest - z
-    if k == -1.0:
-        return 0.5 * (x - e) - 0.5
-    if k == 1.0:
-        return -2.0 * (e - (x + 0.5)) if x < -0.25 else 1.0 + 2.0 * (x - e)
-    if k < 0.0 or k > 56.0:
-        share = floor(0.5 * k)
-        return (x - e + 1.0) * _two_to(share) * _two_to(k - share) - 1.0
-    small = _two_to(-k)
-    value = x - e + (1.0 - small) if k < 20.0 else x - (e + small) + 1.0
-    return value * _two_to(k)
+    """exp(x) - 1; 2 ulp."""
+    return _expm1(x) if abs(x) < 100.0 else _exp(x, 0.0) - 1.0
 
 
 @stage
 def tanh(x):
     """Hyperbolic tangent; 3 ulp."""
-    if abs(x) > 22.0:
-        return 1.0 if x > 0.0 else -1.0
-    t = expm1(2.0 * abs(x))
-    value = 1.0 - 2.0 / (t + 2.0) if t > 2.0 else t / (t + 2.0)
-    return -value if x < 0.0 else value
+    t = _expm1(50.0 if abs(x) > 25.0 else 2.0 * abs(x))
+    return -t / (t + 2.0) if x < 0.0 else t / (t + 2.0)
 
 
 @stage

@@ -5,24 +5,28 @@ Features map observations (n, d) to (n, size).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.engine.network import (
+    ELU,
+    LINEAR,
+    RELU,
+    TANH,
+    put_actions,
+    put_harmonics,
+)
+
 Array = NDArray[np.float64]
 
 CRANK_ANGLE = ("cos_crank_angle", "sin_crank_angle")
 
-ACTIVATIONS: dict[str | None, Callable[[Array], Array]] = {
-    "tanh": np.tanh,
-    "relu": lambda x: np.maximum(x, 0.0),
-    "elu": lambda x: np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0))),
-    None: lambda x: x,
-}
-SQUASH: dict[str, Callable[[Array], Array]] = {"clip": lambda x: x, "tanh": np.tanh}
+ACTIVATIONS: dict[str | None, int] = {"tanh": TANH, "relu": RELU, "elu": ELU, None: LINEAR}
+SQUASH = {"clip": LINEAR, "tanh": TANH}
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +67,9 @@ class Harmonics:
         return 2 * len(self.multiples)
 
     def __call__(self, seen: Array) -> Array:
-        powers = (seen[:, :1] + 1j * seen[:, 1:2]) ** np.array(self.multiples, int)  # de Moivre
-        return np.stack([powers.real, powers.imag], axis=-1).reshape(len(seen), -1)
+        out = np.empty((len(seen), self.size))
+        put_harmonics(np.ascontiguousarray(seen[:, :2]), np.array(self.multiples, np.int64), out)
+        return out
 
 
 Features: TypeAlias = Plain | Normalized | Harmonics
@@ -78,5 +83,21 @@ class Layer:
     bias: Array  # (units,)
     activation: str | None  # in ACTIVATIONS
 
-    def __call__(self, values: Array) -> Array:
-        return ACTIVATIONS[self.activation](values @ self.weight.T + self.bias)
+
+class Network:
+    """Layers as one function of inputs (n, width), the same alone and among others.
+
+    Args:
+        layers: at least one. limit: the most that the last may give. squash: one of :data:`SQUASH`.
+    """
+
+    def __init__(self, layers: Sequence[Layer], limit: float, squash: str) -> None:
+        sizes = [(*layer.weight.T.shape, ACTIVATIONS[layer.activation]) for layer in layers]
+        parts = [part for layer in layers for part in (layer.weight.T.ravel(), layer.bias)]
+        self._layers, self._weights = np.array(sizes, np.int64), np.concatenate(parts)
+        self._limit, self._squash, self._widest = limit, SQUASH[squash], self._layers[:, :2].max()
+
+    def __call__(self, inputs: Array) -> Array:
+        out, work = np.empty((len(inputs), self._layers[-1, 1])), np.empty((2, self._widest))
+        put_actions(inputs, self._layers, self._weights, self._limit, self._squash, work, out)
+        return out

@@ -34,6 +34,7 @@ from jansen_env.policies.network import (
     Features,
     Harmonics,
     Layer,
+    Network,
     Normalized,
     Plain,
 )
@@ -98,6 +99,7 @@ class PretrainedPolicy:
         self.layers = self._read_layers(_entry(network, "layers", list), width)
         self.limit = np.inf if (m := network.get("limit")) is None else positive_single("limit", m)
         self.squash: str = one_of("squash", network.get("squash"), SQUASH)
+        self._network = Network(self.layers, self.limit, self.squash)
 
     def _read_features(self, blocks: list[Any]) -> list[Features]:
         """Return the network's inputs as functions of observations (n, d)."""
@@ -186,7 +188,7 @@ class PretrainedPolicy:
         """Return actions (n, 1) or (1,) for observations (n, d) or (d,), and the state as given.
 
         d: as many as are :attr:`observed`, or as the environment shows that was given to
-        :meth:`on`. Computed in float64, and so the same on most processors once rounded to float32;
+        :meth:`on`. Computed in float64, the same on every processor, alone and among others;
         without noise, whatever ``deterministic`` says.
 
         Raises:
@@ -197,9 +199,7 @@ class PretrainedPolicy:
             raise ValueError(f"observation has shape {x.shape}, must have ({size},) or (n, {size})")
         batch = np.take(x.reshape(-1, size), self._columns, axis=1)
         values = np.concatenate([block(batch) for block in self.features], axis=1)
-        for layer in self.layers:
-            values = layer(values)
-        values = SQUASH[self.squash](np.clip(values, -self.limit, self.limit))
+        values = self._network(values)
         actions = np.clip(values, -1.0, 1.0).astype(np.float32)
         return (actions if x.ndim == 2 else actions[0]), state
 

@@ -1,5 +1,7 @@
 """A network's kernel beside NumPy, and the same for one row as for many."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -19,7 +21,7 @@ def test_a_network_is_its_layers_one_after_the_other(activation, sizes, rng):
     """Within 1e-14; a row gives the same bits alone."""
     layers = [
         Layer(rng.normal(size=(units, width)) / width, rng.normal(size=units), activation)
-        for width, units in zip(sizes, sizes[1:], strict=False)
+        for width, units in itertools.pairwise(sizes)
     ]
     values = inputs = rng.normal(size=(9, sizes[0]))
     for layer in layers:

@@ -8,12 +8,15 @@ and coefficients of sin, cos, atan2, log and exp are those of fdlibm (Sun Micros
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.engine.kernel import Floats1, Floats2, kernel, stage
+from jansen_env.engine.kernel import Floats1, Floats2, Kernel, kernel, stage
 
 ROUNDER = 1.5 * 2.0**52  # added and taken away again, it rounds |x| < 2^51 to whole numbers
 SPLITTER = 2.0**27 + 1.0  # Veltkamp's, of a number into two halves whose products are exact
@@ -295,11 +298,16 @@ def _put_angles(vectors: Floats2, out: Floats1) -> None:
         out[i] = atan2(vectors[i, 1], vectors[i, 0])
 
 
+@functools.cache
+def _bound(kernel: Kernel) -> Callable[..., Any]:
+    return kernel.bound()
+
+
 def directions(angles: ArrayLike) -> NDArray[np.float64]:
     """Unit vectors (..., 2), cosine and sine, at angles (...), rad: a NumPy array."""
     given = np.asarray(angles, np.float64)
     out = np.empty((given.size, 2))
-    _put_directions(given.ravel(), out)
+    _bound(_put_directions)(given.ravel(), out)
     return out.reshape(*given.shape, 2)
 
 
@@ -307,7 +315,7 @@ def angles_of(vectors: ArrayLike) -> NDArray[np.float64]:
     """Angles (...) of vectors (..., 2), rad, in (-pi, pi]: a NumPy array."""
     given = np.asarray(vectors, np.float64)
     out = np.empty(given.size // 2)
-    _put_angles(given.reshape(-1, 2), out)
+    _bound(_put_angles)(given.reshape(-1, 2), out)
     return out.reshape(given.shape[:-1])
 
 

@@ -1,0 +1,55 @@
+"""Print hashes of walks, alone and in batches, under the shipped policies:
+
+python tests/walk_hashes.py
+"""
+
+import hashlib
+import json
+
+import gymnasium as gym
+import numpy as np
+
+import jansen_env  # noqa: F401 - which registers the environments
+from jansen_env.policies.pretrained import load, names
+
+STEPS, ROBOTS = 200, 4
+WALKS = {
+    "walker": ("JansenWalker-v0", {}),
+    "built": ("JansenWalkerBuilt-v0", {}),
+    "rough": ("JansenWalkerRough-v0", {}),
+    "hardcore": ("JansenWalkerHardcore-v0", {}),
+    "goal": ("JansenGoal-v0", {}),
+    "crank": ("JansenCrank-v0", {}),
+    "strider on a slope": ("JansenWalkerBuilt-v0", {"robot": "strider", "terrain": "slope:0.1"}),
+    "waves": ("JansenWalkerRough-v0", {"terrain": "waves", "payload": 2.0}),
+}
+
+
+def walk(env, env_id):
+    """Return the hash of all that an environment tells in a walk, of one robot or many."""
+    found, rng = hashlib.sha256(), np.random.default_rng(0)
+    policy = load(env_id).on(env) if names(env_id) else None
+    seen, _ = env.reset(seed=0)
+    for _ in range(STEPS):
+        drawn = rng.uniform(-0.2, 0.8, env.action_space.shape).astype(np.float32)
+        action = policy.predict(seen)[0] if policy else drawn
+        seen, *told, _ = env.step(action)
+        for each in (seen, *told):
+            found.update(np.ascontiguousarray(each).tobytes())
+        if isinstance(env, gym.Env) and (told[1] or told[2]):
+            seen, _ = env.reset()  # a batch does that itself
+    env.close()
+    return found.hexdigest()[:16]
+
+
+def main():
+    """Print a line of JSON: name of a walk to its hashes, alone and in a batch."""
+    hashes = {}
+    for name, (env_id, arguments) in WALKS.items():
+        alone, batch = gym.make(env_id, **arguments), gym.make_vec(env_id, ROBOTS, **arguments)
+        hashes[name] = [walk(alone, env_id), walk(batch, env_id)]
+    print(json.dumps(hashes))
+
+
+if __name__ == "__main__":
+    main()

@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.engine.network import (
+from jansen_env.engine.layers import (
     ELU,
     LINEAR,
     RELU,

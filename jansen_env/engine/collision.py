@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from jansen_env.engine import mathematics
 from jansen_env.engine.contact_solver import STICK
 from jansen_env.engine.kernel import Floats1, Floats2, Floats4, Ints1, kernel, stage
 from jansen_env.engine.records import Layout, Planes, Robots, World
@@ -35,7 +36,7 @@ def detect(state, robot, model, ground, world, planes):
     toes, pads = world.toes, len(model.layout)
     near = pads if pads > toes and _others_near(state, status, ground) else toes
     begin_planes(status)
-    cos, sin = np.cos(state[2]), np.sin(state[2])
+    cos, sin = mathematics.cos(state[2]), mathematics.sin(state[2])
     for j in range(near):
         px, py = pad_place(model.pads, model.layout[j], state[3])
         x, y = state[0] + cos * px - sin * py, state[1] + sin * px + cos * py
@@ -205,7 +206,7 @@ def pad_centres(state: Floats1, pads: Floats4, layout: Layout, out: Floats2) -> 
 @stage(inline=False)
 def find_centres(state, pads, layout, out):
     """:func:`pad_centres`, within kernels."""
-    cos, sin = np.cos(state[2]), np.sin(state[2])
+    cos, sin = mathematics.cos(state[2]), mathematics.sin(state[2])
     for j in range(len(layout)):
         px, py = pad_place(pads, layout[j], state[3])
         out[j, 0] = state[0] + cos * px - sin * py
@@ -306,7 +307,7 @@ def _plane(surface, start, end, k, x, y, near):
     """
     ax, ay = surface[k, 0], surface[k, 1]
     ex, ey = surface[k + 1, 0] - ax, surface[k + 1, 1] - ay
-    length = np.hypot(ex, ey)
+    length = mathematics.hypot(ex, ey)
     share = (ex * (x - ax) + ey * (y - ay)) / (ex * ex + ey * ey)
     if k > start:  # beyond its ends the ground goes on
         share = max(0.0, share)

@@ -26,6 +26,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from jansen_env.engine import mathematics
 from jansen_env.engine.contact_solver import COMPLIANCE, OPEN, STICK
 from jansen_env.engine.contacts import rate
 from jansen_env.engine.kernel import stage
@@ -120,7 +121,7 @@ def keep_deflection(status, planes, statistics):
         pad.deflection[NORMAL] = pad.deflection[TANGENTIAL] = 0.0
     for k in range(status.end_plane - 1, status.first_plane - 1, -1):  # a pad's nearest comes last
         deflection = statistics[planes[k].pad].deflection
-        deflection[NORMAL] = np.hypot(deflection[NORMAL], planes[k].compression)
+        deflection[NORMAL] = mathematics.hypot(deflection[NORMAL], planes[k].compression)
         deflection[TANGENTIAL] = planes[k].deflection
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
+from jansen_env.engine import mathematics
 from jansen_env.engine.contact_solver import COMPLIANCE, OPEN, STICK, WEDGE_COMPLIANCE, regularise
 from jansen_env.engine.kernel import stage
 from jansen_env.engine.tables import (
@@ -39,7 +38,7 @@ def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
     Returns (contacts, whether one of them was open when the step began: an impact).
     """
     x, y, theta, psi = middle
-    turn = np.cos(theta), np.sin(theta)
+    turn = mathematics.cos(theta), mathematics.sin(theta)
     params, contacts, place = robot.params, work.contacts, work.place
     first = robot.status.first_plane
     travel = _travel(work.pose, middle, params)
@@ -151,8 +150,8 @@ def outruns(margin, h, state, params, model, work):
     found, layout = work.found, model.layout
     x, y = state[0] + 0.5 * h * state[4], state[1] + 0.5 * h * state[5]
     theta, psi = state[2] + 0.5 * h * state[6], state[3] + 0.5 * h * state[7]
-    cos, sin = np.cos(theta), np.sin(theta)
-    old_cos, old_sin = np.cos(found[2]), np.sin(found[2])
+    cos, sin = mathematics.cos(theta), mathematics.sin(theta)
+    old_cos, old_sin = mathematics.cos(found[2]), mathematics.sin(found[2])
     sx, sy = centre_of_mass(model.body, params, psi)
     old_sx, old_sy = centre_of_mass(model.body, params, found[3])
     for j in range(len(layout)):

@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.engine import mathematics
 from jansen_env.engine.actions import keep_actions
 from jansen_env.engine.kernel import Bools1, Floats1, Floats2, Ints1, Ints2, Singles2, kernel, stage
 from jansen_env.engine.records import floats, row_dtype
@@ -98,5 +99,5 @@ def _describe(state, period, row, own, out):
     info, angle, speed = own.info, state[0], state[1]
     row.info.crank_angle, row.info.crank_speed = angle, speed
     info.tracking_error = info.speed_command * row.steps * period + START_ANGLE - angle
-    out[0], out[1], out[2] = math.cos(angle), math.sin(angle), speed
+    out[0], out[1], out[2] = mathematics.cos(angle), mathematics.sin(angle), speed
     out[3], out[4] = info.tracking_error, info.speed_command

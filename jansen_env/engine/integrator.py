@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.engine import mathematics
 from jansen_env.engine.accumulators import accumulate_contacts, accumulate_step, begin, end
 from jansen_env.engine.collision import detect
 from jansen_env.engine.compliance import (
@@ -344,7 +345,7 @@ def _read_inertia(h, params, body, psi, sums):
 def _push(h, impulse, theta, inertia, params):
     """An impulse (2,), N s, on the crank axis, whose velocity is V - w S R s - n R s'."""
     jx, jy = impulse[0] / h, impulse[1] / h
-    cos, sin = np.cos(theta), np.sin(theta)
+    cos, sin = mathematics.cos(theta), mathematics.sin(theta)
     (sx, sy), (dx, dy) = inertia.s, inertia.ds
     rx, ry = cos * sx - sin * sy, sin * sx + cos * sy
     pitch = ry * jx - rx * jy

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from jansen_env.engine import mathematics
 from jansen_env.engine.collision import find_centres, find_planes, height_at
 from jansen_env.engine.kernel import Floats1, Floats2, Floats4, Floats5, Ints1, kernel, stage
 from jansen_env.engine.records import Layouts, Planes, Robots, World
@@ -94,7 +95,7 @@ def clearances(toes, centre, surface, begin, end, x, radius, pitch):
         (of all toes the smallest, of those ahead of the centre of mass, and of the others), m; inf
         where there are none.
     """
-    cos, sin = math.cos(pitch), math.sin(pitch)
+    cos, sin = mathematics.cos(pitch), mathematics.sin(pitch)
     centre_x = x + cos * centre[0] - sin * centre[1]
     front = rear = math.inf
     for j in range(len(toes)):

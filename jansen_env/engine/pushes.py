@@ -9,6 +9,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.engine import mathematics
 from jansen_env.engine.kernel import Bools1, Floats1, Floats3, Ints1, kernel, stage
 from jansen_env.engine.random import number, uniform
 from jansen_env.engine.records import row_dtype
@@ -58,8 +59,8 @@ def fill_pushes(
                 any_pushed = True
         if at_random and random[r]:
             episode = number(seeds[r], STREAM)
-            last = math.floor((begin + steps) * push.time_step / push.interval)
-            for window in range(math.floor(begin * push.time_step / push.interval), last + 1):
+            last = int(mathematics.floor((begin + steps) * push.time_step / push.interval))
+            for window in range(int(mathematics.floor(begin * push.time_step / push.interval)), last + 1):
                 key = number(episode, window)
                 start = push.interval * window + uniform(key, 0) * (push.interval - push.duration)
                 x = strength[r] * push.impulse_x * (2.0 * uniform(key, 1) - 1.0)
@@ -87,4 +88,4 @@ def _push(start, x, y, begin, push, out):
 @stage
 def _share(time, duration):
     """The share of its impulse that a push has given a time after its start, s."""
-    return 0.5 - 0.5 * math.cos(math.pi * min(1.0, max(0.0, time / duration)))
+    return 0.5 - 0.5 * mathematics.cos(math.pi * min(1.0, max(0.0, time / duration)))

@@ -13,6 +13,7 @@ import math
 
 import numpy as np
 
+from jansen_env.engine import mathematics
 from jansen_env.engine.kernel import stage
 
 # Numba makes a float of an unsigned and a signed integer: all of these are unsigned.
@@ -41,5 +42,5 @@ def uniform(key, k):
 @stage
 def normal(key, k):
     """The ``k``-th standard normal number of a key, by Box and Muller (1958)."""
-    radius = math.sqrt(-2.0 * math.log(uniform(key, 2 * k)))
-    return radius * math.cos(2.0 * math.pi * uniform(key, 2 * k + 1))
+    radius = math.sqrt(-2.0 * mathematics.log(uniform(key, 2 * k)))
+    return radius * mathematics.cos(2.0 * math.pi * uniform(key, 2 * k + 1))

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.engine import mathematics
 from jansen_env.engine.actions import keep_actions
 from jansen_env.engine.collision import height_at
 from jansen_env.engine.kernel import (
@@ -111,11 +111,11 @@ def read(r, states, robots, rows, loads, surface, scan, places, out):
     status, state, row, toes = robots[r].status, states[r], rows[r], loads.shape[1]
     ground = height_at(surface, status.first_vertex, status.end_vertex, state[0])
     theta, psi = state[2], state[3]
-    put(out, r, places[0], math.cos(psi))
-    put(out, r, places[1], row.direction * math.sin(psi))
+    put(out, r, places[0], mathematics.cos(psi))
+    put(out, r, places[1], row.direction * mathematics.sin(psi))
     put(out, r, places[2], row.direction * state[7])
-    put(out, r, places[3], math.sin(theta))
-    put(out, r, places[4], math.cos(theta))
+    put(out, r, places[3], mathematics.sin(theta))
+    put(out, r, places[4], mathematics.cos(theta))
     put(out, r, places[5], state[6])
     put(out, r, places[6], state[4])
     put(out, r, places[7], state[5])

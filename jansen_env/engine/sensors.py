@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
+from jansen_env.engine import mathematics
 from jansen_env.engine.kernel import (
     Floats1,
     Floats2,
@@ -92,7 +91,7 @@ def add_noise(
 def _turn(out, cos, sin, angle, low, high):
     """Turn the angle whose cosine and sine are at two places of an observation."""
     x, y = float(out[cos]), float(out[sin])
-    c, s = math.cos(angle), math.sin(angle)
+    c, s = mathematics.cos(angle), mathematics.sin(angle)
     out[cos] = _within(x * c - y * s, low[cos], high[cos])
     out[sin] = _within(y * c + x * s, low[sin], high[sin])
 

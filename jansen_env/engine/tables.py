@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from jansen_env.engine import mathematics
 from jansen_env.engine.kernel import Floats2, Floats4, kernel, stage
 from jansen_env.engine.records import Robots
 
@@ -22,7 +23,7 @@ PAD_X, PAD_Y, PAD_ANGLE = range(3)
 def locate(intervals, angle):
     """Row of a table at ``angle``, and the distance from the middle of its interval, rad."""
     width = 2.0 * np.pi / intervals
-    reduced = angle - 2.0 * np.pi * np.floor(angle / (2.0 * np.pi))
+    reduced = angle - 2.0 * np.pi * mathematics.floor(angle / (2.0 * np.pi))
     row = max(0, min(int(reduced / width), intervals - 1))  # a NaN would index anywhere
     return row, reduced - (row + 0.5) * width
 
@@ -130,7 +131,7 @@ def pad_place(pads, pad, psi):
 def bearing_friction(bearings, psi):
     """Coulomb friction torque of all bearings on the crank at a crank angle, N m, interpolated."""
     place = psi / (2.0 * np.pi) * len(bearings)
-    whole = np.floor(place)
+    whole = mathematics.floor(place)
     share = place - whole
     row = int(whole % len(bearings))
     following = row + 1 if row + 1 < len(bearings) else 0
@@ -155,7 +156,7 @@ def to_centroid(body, params, state, sign, sums):
     sx = (sums[VALUE, C_X] + params.load_mass * params.load_x) / m
     sy = (sums[VALUE, C_Y] + params.load_mass * params.load_y) / m
     dx, dy = sums[FIRST, C_X] / m, sums[FIRST, C_Y] / m
-    cos, sin = np.cos(state[2]), np.sin(state[2])
+    cos, sin = mathematics.cos(state[2]), mathematics.sin(state[2])
     w, n = state[6], state[7]
     rx, ry = cos * sx - sin * sy, sin * sx + cos * sy
     state[0] += sign * rx
@@ -174,7 +175,7 @@ def mechanical_energy(body, params, state, sums):
     inertia += params.rotor_pitch
     coupling = sums[VALUE, COUPLING] + params.rotor_coupling
     crank = sums[VALUE, CRANK] + params.rotor_crank
-    cos, sin = np.cos(state[2]), np.sin(state[2])
+    cos, sin = mathematics.cos(state[2]), mathematics.sin(state[2])
     rx, ry = cos * cx - sin * cy, sin * cx + cos * cy
     sx, sy = sums[FIRST, C_X], sums[FIRST, C_Y]
     dx, dy = cos * sx - sin * sy, sin * sx + cos * sy

@@ -12,7 +12,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.engine import readings
+from jansen_env.engine import mathematics, readings
 from jansen_env.engine.kernel import (
     Bools1,
     Floats1,
@@ -125,7 +125,7 @@ def keep_accounts(velocity, slip_speed, power, torque, period, row, kept):
     command = row.info.speed_command
     lag = kept.lag + (command - velocity) * period
     kept.lag = min(FURTHEST_TARGET, max(-FURTHEST_TARGET, lag))
-    share = -math.expm1(-period / mean_time(command, row.mean_path))
+    share = -mathematics.expm1(-period / mean_time(command, row.mean_path))
     kept.mean_speed += share * (velocity - kept.mean_speed)
     kept.mean_slip += share * (slip_speed - kept.mean_slip)
     kept.mean_power += share * (abs(power) - kept.mean_power)
@@ -173,7 +173,7 @@ def progress_score(mean_speed, command):
 @stage
 def factor(cost, weight):
     """1 / (1 + cost), to the power of ``weight``."""
-    return 1.0 / (1.0 + cost) if weight == 1.0 else (1.0 + cost) ** -weight
+    return 1.0 / (1.0 + cost) if weight == 1.0 else mathematics.power(1.0 + cost, -weight)
 
 
 @kernel

@@ -21,7 +21,7 @@ import pymunk
 import pymunk.batch
 from numpy.typing import NDArray
 
-from jansen_env.engine import collision
+from jansen_env.engine import collision, mathematics
 from jansen_env.engine.collision import SKIN, SPECULATIVE_MARGIN
 from jansen_env.engine.records import PLANE
 from jansen_env.terrain import Terrain
@@ -245,7 +245,7 @@ def _stretches(line: Array) -> tuple[Array, Array]:
     owner = np.minimum(np.cumsum(cut), len(cuts) - 1) - 1
     chord, away = (end - start)[owner], line - start[owner]
     share = np.clip((away * chord).sum(axis=1) / (chord**2).sum(axis=1), 0.0, 1.0)
-    apart = np.hypot(*(away - share[:, None] * chord).T)
+    apart = mathematics.lengths_of(away - share[:, None] * chord)
     return np.stack([start, end], axis=1), np.maximum.reduceat(apart, cuts[:-1])
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.dynamics.reduced import Tables
+from jansen_env.engine import mathematics
 from jansen_env.engine.records import PAD, PARAMS, Model
 from jansen_env.robot import Compliance, Robot
 
@@ -33,7 +34,7 @@ def parameters(robot: Robot, gravity: tuple[float, float]) -> NDArray[np.void]:
     load = robot.payload
     row = np.zeros(1, PARAMS)
     row["mass"], row["load_mass"], row["load_inertia"] = robot.mass, load.mass, load.inertia
-    row["own_inertia"] = len(robot.legs) * sum(body.inertia for body in robot.bodies)
+    row["own_inertia"] = len(robot.legs) * math.fsum(body.inertia for body in robot.bodies)
     row["mass_scale"] = row["inertia_scale"] = row["damping_scale"] = 1.0
     row["load_x"], row["load_y"] = load.position
     row["gravity_x"], row["gravity_y"] = gravity
@@ -47,8 +48,8 @@ def farthest(tables: Tables) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(2,) largest |c| and |c'|, kg m, of a robot without its load; (2,) of its pads' p, m."""
     centre, pads = tables.body[:, :2], tables.pads[:, :, :2]
     return (
-        np.hypot(centre[..., 0], centre[..., 1]).max(axis=0),
-        np.hypot(pads[..., 0], pads[..., 1]).max(axis=(0, 1)),
+        mathematics.lengths_of(centre[..., :2]).max(axis=0),
+        mathematics.lengths_of(pads[..., :2]).max(axis=(0, 1)),
     )
 
 
@@ -57,7 +58,7 @@ def set_arms(rows: NDArray[np.void], centre: NDArray[np.float64], pad: NDArray[n
     scale, mass = rows["mass_scale"], rows["mass"]
     for k, name in enumerate(("pitch_arm", "crank_arm")):
         rows[name] = BOUND * (scale * centre[..., k] / mass + pad[..., k])
-    rows["pitch_arm"] += rows["load_mass"] * np.hypot(rows["load_x"], rows["load_y"]) / mass
+    rows["pitch_arm"] += rows["load_mass"] * np.sqrt(rows["load_x"] ** 2 + rows["load_y"] ** 2) / mass
 
 
 def set_motor(row: NDArray[np.void], robot: Robot) -> None:

@@ -10,13 +10,13 @@ A parameter in neither table of effects below is honoured by no plant, and refus
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.engine import mathematics
 from jansen_env.parameters import OF_ROBOTS, PARAMETERS, plain
 from jansen_env.plants.robot_data import set_arms
 from jansen_env.robot import Compliance, Robot
@@ -117,7 +117,7 @@ def terrain_of(terrain: Terrain, row: np.void) -> Terrain:
 
 def tilted(gravity: tuple[float, float], tilt: float) -> tuple[float, float]:
     """Return a gravity (x, y), m/s^2, under a tilt, rad."""
-    (x, y), cos, sin = gravity, math.cos(tilt), math.sin(tilt)
+    (x, y), cos, sin = gravity, mathematics.cos(tilt), mathematics.sin(tilt)
     return cos * x + sin * y, cos * y - sin * x
 
 
@@ -140,7 +140,7 @@ def apply_to_kernels(
     set_arms(params, centre, pad)
     params["winding"] /= values["motor_strength"]  # the no-load speed stays
     x, y = params["gravity_x"].copy(), params["gravity_y"].copy()
-    cos, sin = np.cos(values[ON_GRAVITY]), np.sin(values[ON_GRAVITY])
+    cos, sin = mathematics.directions(values[ON_GRAVITY]).T
     params["gravity_x"], params["gravity_y"] = cos * x + sin * y, cos * y - sin * x
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from jansen_env import parameters
 from jansen_env.checks import shown
+from jansen_env.engine import mathematics
 from jansen_env.gravity import GRAVITY
 from jansen_env.parameters import (
     EPISODE,
@@ -173,7 +173,7 @@ class EpisodeParameters:
         check_restitution(np.array([True]), values["restitution"][None])
         mass = float(values["mass_scale"] * robot.links_mass + values["payload"])
         stiffness = float(values["foot_stiffness_scale"]) * pads.stiffness
-        resting_depth(mass, stiffness, GRAVITY * math.cos(values["tilt"]))
+        resting_depth(mass, stiffness, GRAVITY * mathematics.cos(values["tilt"]))
 
     def plan(
         self, row: int, rng: np.random.Generator, options: Mapping[str, Any], delay: float,

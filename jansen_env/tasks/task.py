@@ -300,12 +300,6 @@ class CommandedTask(Task):
     SETTABLE: ClassVar[tuple[str, ...]] = ("speed_command",)
     speed_command: Array
 
-    def score(self, rows: Ints) -> None:
-        """Do nothing: the kernel of :meth:`finish_step` scores."""
-
-    def complete_step(self, active: Bools) -> None:
-        """Do nothing: that kernel observes, too."""
-
     def draw(self, row: int, rng: np.random.Generator, options: dict[str, Any]) -> float:
         """Draw a robot's command."""
         command = rng.uniform(*self.speed_command[row])
@@ -351,3 +345,25 @@ class CommandedTask(Task):
     def command(self, row: int) -> float:
         """Return a robot's command."""
         return float(self.rows["info"]["speed_command"][row])
+
+
+class CompiledTask(CommandedTask):
+    """A commanded task whose kernel ``ENGINE.finish_step`` scores and observes.
+
+    A derived task may define :meth:`score` and :meth:`observe`: they are called after the kernel.
+    """
+
+    _extended: ClassVar[bool]
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        own = CompiledTask.score, CompiledTask.observe
+        cls._extended = (cls.score, cls.observe) != own
+
+    def score(self, rows: Ints) -> None:
+        """Leave the kernel's reward as it is."""
+
+    def complete_step(self, active: Bools) -> None:
+        """Call what a derived task defines."""
+        if self._extended:
+            super().complete_step(active)

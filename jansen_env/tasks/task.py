@@ -161,7 +161,8 @@ class Task(ABC):
         """Start episodes of robots (k,), each with its generator and the options of its reset.
 
         Raises:
-            ValueError: an unknown option, or a value out of range.
+            ValueError: an unknown option, or a value out of range. FloatingPointError: a robot
+                diverges where it is placed. Nothing has changed then.
         """
         options = [{}] * len(rows) if options is None else options
         known = {*self.OPTIONS, *self.world.OPTIONS}
@@ -169,7 +170,13 @@ class Task(ABC):
             if unknown := sorted({*own} - known):
                 allowed = listed(sorted(known), unknown[0])
                 raise ValueError(f"reset options {unknown} are unknown, must be in {allowed}")
-        drawn = self.world.reset(rows, generators, options, self.draw)
+        before = [generator.bit_generator.state for generator in generators]
+        try:
+            drawn = self.world.reset(rows, generators, options, self.draw)
+        except Exception:
+            for generator, state in zip(generators, before, strict=True):
+                generator.bit_generator.state = state
+            raise
         self._clear(rows)
         self.begin(rows, drawn)
         self.describe(rows)

@@ -94,6 +94,10 @@ class EpisodeLengths:
         nominal = robot or self.nominal[row]
         if self.values is not None and (*lengths(nominal),) != (names := self.values.dtype.names):
             raise ValueError(f"lengths of a robot are {[*lengths(nominal)]}, must be {names}")
+        if robot is not None:  # which later episodes have with its own lengths, or drawn ones
+            static_deflection(robot, GRAVITY)
+            if drawn and given:
+                _draw(robot, {}, drawn, np.random.default_rng((seed or 0, 0)))
         if not {*drawn} <= {*given}:
             # Commands that change in an episode are drawn by its seed and a step, from 1 on.
             return _draw(nominal, given, drawn, np.random.default_rng((seed or 0, 0)))

@@ -23,6 +23,7 @@ from jansen_env.drawings.outlines import HUB, WALL, Round, cut_parts, feet_of, s
 from jansen_env.drawings.shaft_order import (
     SPACER,
     TUBE,
+    WEB,
     CollisionError,
     carried,
     gap,
@@ -32,6 +33,7 @@ from jansen_env.drawings.shaft_order import (
 from jansen_env.drawings.sheets import MARGIN, nest, to_dxf, to_svg
 from jansen_env.robot import Leg
 from jansen_env.robot.kinematics import joint_positions
+from jansen_env.robot.lengths import with_lengths
 from jansen_env.robot.linkage import CRANK
 from jansen_env.robot.robot_file import write_robot
 
@@ -163,8 +165,27 @@ def test_distances_between_polygons(rng):
     for name in DIFFERENT if name != "chebyshev"
 ])  # fmt: skip
 def test_nothing_on_the_shaft_meets_anything_else(name):
+    check_that_nothing_meets(DESIGNS[name])
+
+
+def test_an_empty_layer_has_room_for_the_head_of_a_pin():
+    robot = DESIGNS["trotbot"]
+    other = {"crank": 0.265, "rider_AB": 0.392, "hanger_DE": 0.421, "rod": 0.725, "shin": 0.553}
+    robot = with_lengths(replace(robot, legs=robot.legs[:1]), other)
+    taken = {one.layer for one in layers(robot)}
+    assert {*range(WEB, max(taken) - WEB)} - taken  # or the test is in vain
+    check_that_nothing_meets(robot)
+
+
+def test_a_pin_of_a_leg_alone_goes_through_both_frames():
+    """Klann's foot sweeps over the pivot B, and so cannot lie between them."""
+    robot = DESIGNS["klann"]
+    with pytest.raises(CollisionError, match="orders of the links collide"):
+        layers(replace(robot, legs=robot.legs[:1]))
+
+
+def check_that_nothing_meets(robot):
     """Every half degree: parts that share some z lie apart, and no pin is where a part passes."""
-    robot = DESIGNS[name]
     placed = layers(robot)
     assert {(one.leg, one.body) for one in placed} == {
         (leg, body) for leg in range(len(robot.legs)) for body in range(1, len(robot.bodies) + 1)

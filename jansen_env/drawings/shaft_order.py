@@ -27,6 +27,7 @@ Found = tuple[float, list[int]]  # the length of all discs in layers, the layers
 CLEARANCE = 1.0  # mm, between parts of a layer
 GAP, UNIT_GAP = 1.0, 6.0  # mm, between layers (a washer), and between units (heads of pins)
 HUB_LENGTH = 10.0  # mm
+EMPTY = 5.0  # mm, height of a layer that has no link but heads of pins or treads
 SPACER, TUBE = 5.0, 10.0  # mm, radii of spacers and heads of pins, and of cross-members
 TREAD_LAYERS = 3  # that half the width of a tread takes beside its link
 SAMPLES = 720  # of a turn
@@ -213,10 +214,11 @@ class Unit:
             return every >> WEB - 1 & every << WEB - 1
         if disc.joints == self.axis:
             return every & ~(every >> WEB + 1 & every << WEB + 1)
-        on = [(layers[body] & -layers[body]).bit_length() for body in disc.on if layers[body]]
+        on = [layers[body] for body in disc.on if layers[body]]
         if not on:
             return 0
-        low, high = min(on) - 1 - disc.beyond, max(on) + disc.beyond
+        low = min((bits & -bits).bit_length() for bits in on) - 1 - disc.beyond
+        high = max(bits.bit_length() for bits in on) + disc.beyond
         if disc.joints in self.linkage.bodies[0][1]:
             low, high = max(low, 0), min(high, count)
         return (1 << high) - (1 << low) if low >= 0 and high <= count else -1
@@ -246,6 +248,7 @@ def layers(robot: Robot) -> list[Placed]:
         heights[WEB - 1] = heights[-WEB] = HUB_LENGTH
         for layer, k in found:
             heights[layer] = max(heights[layer], parts[k % len(parts)].thickness)
+        heights = [height or EMPTY for height in heights]
         for layer, k in found:
             leg, body = divmod(k, len(parts))
             z = start + sum(heights[:layer]) + GAP * layer

@@ -31,7 +31,7 @@ class JansenGoalEnv(SingleEnv[GoalTask]):
     | 9 | last action | -1 | 1 | 1 |
     | 10 .. 13 | normal load of each toe / weight | 0 | Inf | 1 |
     | 14 .. | with ``height_scan``: as of ``JansenWalker-v0`` | -Inf | Inf | m |
-    | then | how far ahead the goal is | -Inf | Inf | m |
+    | then | how far ahead the goal is, without error even with ``noise`` | -Inf | Inf | m |
     | last | with ``observe_lengths``: as of ``JansenWalker-v0`` | -Inf | Inf | 1 |
 
     By name: ``env.unwrapped.observed``.

@@ -81,10 +81,17 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         """Start an episode; Starting State lists the ``options``.
 
         Raises:
-            ValueError: an unknown option, or a value out of range.
+            ValueError: an unknown option, or a value out of range. FloatingPointError: the robot
+                diverges where it is placed. Nothing has changed then.
         """
+        options = arguments.reset_options(options)
+        before = self._np_random, self._np_random_seed
         super().reset(seed=seed)
-        self.task.reset(ROW, [self.np_random], [arguments.reset_options(options)])
+        try:
+            self.task.reset(ROW, [self.np_random], [options])
+        except Exception:
+            self._np_random, self._np_random_seed = before
+            raise
         self._begun = True
         if self.render_mode == "human":
             self.render()

@@ -136,6 +136,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
 
         Raises:
             ValueError: a seed or option out of range. TypeError: a mask that is no array of bools.
+                Nothing has changed then.
         """
         options = arguments.reset_options(options)
         mask = arguments.reset_mask(self.num_envs, options.pop("reset_mask", None))
@@ -150,11 +151,15 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
     ) -> tuple[Observations, dict[str, Any]]:
         """:meth:`reset` with a seed and options for each robot; ``mask`` (num_envs,) names some."""
         mask = np.ones(self.num_envs, bool) if mask is None else mask
-        rows = np.flatnonzero(mask)
+        rows, before = np.flatnonzero(mask), (self._generators[:], self._seeds[:])
         for i in rows.tolist():
             if seeds[i] is not None:
                 self._generators[i], self._seeds[i] = seeding.np_random(seeds[i])
-        self.restart(rows, [options[i] for i in rows.tolist()])
+        try:
+            self.restart(rows, [options[i] for i in rows.tolist()])
+        except Exception:
+            self._generators, self._seeds = before
+            raise
         self._begun |= mask
         infos = self._infos(mask, np.zeros(self.num_envs, bool))
         return self.task.observation.copy(), infos

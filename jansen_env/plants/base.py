@@ -144,6 +144,17 @@ class BatchedPlant(Protocol):
         """
         ...
 
+    def check_robot(self, robot: Robot) -> None:
+        """Raise what :meth:`set_robots` would for a robot in place of any other."""
+        ...
+
+    def keep(self, rows: NDArray[np.int64]) -> Callable[[], None]:
+        """Return a function that puts robots (k,) back into their states as they are now.
+
+        Their designs, parameters and terrains must be back before it is called.
+        """
+        ...
+
     def place(self, rows: NDArray[np.int64], crank_angles: Array) -> None:
         """Place robots (k,) at rest; slip, forces and sums are those of their next time step."""
         ...

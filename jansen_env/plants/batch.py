@@ -195,6 +195,18 @@ class Batch(PlacedRobots):
         if row == 0:
             self.in_contact = None
 
+    def keep(self, rows: Ints) -> Callable[[], None]:
+        kept = ("states", "deflection", "slip", "contact_force", "accumulators", "diverged")
+        before = [(array := getattr(self, name), array[rows]) for name in kept]  # copies
+        in_contact = self.in_contact
+
+        def undo() -> None:
+            for array, values in before:
+                array[rows] = values
+            self.any_diverged, self.in_contact = bool(self.diverged.any()), in_contact
+
+        return undo
+
     def energy(self, row: int) -> float:
         """Kinetic plus potential energy of a robot, J (potential 0 with its mass at y = 0)."""
         return float(energy(row, self.states, self.rows, self.designs.model.body, self._sums))

@@ -92,12 +92,17 @@ class BatchRobots:
         """Return the tables of a robot under its parameters."""
         return compile_robot(machine_of(self.robots[row], self.parameters[row]))
 
+    def check_robot(self, robot: Robot) -> None:
+        """Raise an error for a robot that cannot come in place of another."""
+        check_legs(robot, self.robots[0])
+        compile_robot(robot)
+
     def set_robots(self, rows: Ints, robots: Sequence[Robot]) -> None:
         """Exchange robots (k,), as the protocol has it."""
         compliant = np.array([not robot.pad_compliance.rigid for robot in robots])
         check_restitution(compliant, self.nominal["restitution"][rows])
         for robot in robots:
-            check_legs(robot, self.robots[0])
+            self.check_robot(robot)
         self.designs.set(rows, robots)
         self.nominal_params["design"][rows] = self.designs.number[rows]
         for row, robot in zip(rows.tolist(), robots, strict=True):

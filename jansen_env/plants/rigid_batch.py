@@ -42,7 +42,7 @@ from jansen_env.plants.robot_parameters import (
     tilted,
 )
 from jansen_env.plants.snapshot import ANGLE, SPIN, VX, VY, Snapshot, Sums
-from jansen_env.plants.spring_pads import SpringPads
+from jansen_env.plants.spring_pads import SpringPads, check_stiffness
 from jansen_env.plants.trace import PeakLoads
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import check_closure
@@ -140,8 +140,7 @@ class RigidBodyBatch:
 
     def set_robots(self, rows: Ints, robots: Sequence[Robot]) -> None:
         robot = robots[0]
-        check_legs(robot, self.robots[0])
-        check_closure(robot)
+        self.check_robot(robot)
         compliant = np.array([not robot.pad_compliance.rigid])
         check_restitution(compliant, self.nominal["restitution"])
         before, memory = (self.robots[0], self.nominal.copy(), self.parameters.copy()), self._memory
@@ -156,6 +155,23 @@ class RigidBodyBatch:
             self._memory = memory
             raise
         self._build(np.zeros(8))
+
+    def check_robot(self, robot: Robot) -> None:
+        check_legs(robot, self.robots[0])
+        check_closure(robot)
+        if not robot.pad_compliance.rigid:
+            check_stiffness(robot, self.time_step, self._owners)
+
+    def keep(self, rows: Ints) -> Callable[[], None]:
+        own = self.__dict__.copy()  # pymunk's space is built again, not changed
+        kept = {name: own[name].copy() for name in (*CHANGING, "nominal")}
+
+        def undo() -> None:
+            self.__dict__.update(own)
+            for name, values in kept.items():
+                own[name][:] = values
+
+        return undo
 
     def _change(self, terrain: Terrain, values: np.void) -> None:
         """Go on from the same state as another robot on another ground."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from jansen_env.checks import non_negative
 from jansen_env.engine import crank_tracking
-from jansen_env.tasks.task import CommandedTask
+from jansen_env.tasks.task import CompiledTask
 from jansen_env.world.argument_checks import PerRobot, Range, range_per_robot, single
 from jansen_env.world.entries import Observed
 from jansen_env.world.held import START_ANGLE, HeldRobots
@@ -28,7 +28,7 @@ class Tracking(TypedDict, total=False):
     torque_weight: Annotated[float, single(1.0, non_negative)]
 
 
-class CrankTask(CommandedTask):
+class CrankTask(CompiledTask):
     """Turn the crank along a reference; see :class:`jansen_env.envs.crank_env.JansenCrankEnv`."""
 
     WORLD = HeldRobots

@@ -10,7 +10,7 @@ import numpy as np
 from jansen_env.checks import non_negative, positive
 from jansen_env.tasks.task import Task
 from jansen_env.world.argument_checks import Filled, Ints, option, single
-from jansen_env.world.entries import Observed
+from jansen_env.world.entries import EXACT, Observed
 
 FARTHEST = 3.0  # m, a goal on either side
 NEAR, HOLD = 0.02, 1.0  # m from the goal, and s there, that are a success
@@ -47,7 +47,7 @@ class GoalTask(Task):
     @property
     def own_entries(self) -> Sequence[Observed]:
         """Distance to the goal along x."""
-        return [Observed("goal_distance", "m", -np.inf, np.inf)]
+        return [Observed("goal_distance", "m", -np.inf, np.inf, EXACT)]
 
     def draw(self, row: int, rng: np.random.Generator, options: dict[str, Any]) -> float:
         """Draw a goal, m."""

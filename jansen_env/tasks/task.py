@@ -154,7 +154,8 @@ class Task(ABC):
         """Start episodes of robots (k,), each with its generator and the options of its reset.
 
         Raises:
-            ValueError: an unknown option, or a value out of range.
+            ValueError: an unknown option, or a value out of range. FloatingPointError: a robot
+                diverges where it is placed. Nothing has changed then.
         """
         options = [{}] * len(rows) if options is None else options
         known = {*self.OPTIONS, *self.world.OPTIONS}
@@ -162,7 +163,13 @@ class Task(ABC):
             if unknown := sorted({*own} - known):
                 allowed = listed(sorted(known), unknown[0])
                 raise ValueError(f"reset options {unknown} are unknown, must be in {allowed}")
-        drawn = self.world.reset(rows, generators, options, self.draw)
+        before = [generator.bit_generator.state for generator in generators]
+        try:
+            drawn = self.world.reset(rows, generators, options, self.draw)
+        except Exception:
+            for generator, state in zip(generators, before, strict=True):
+                generator.bit_generator.state = state
+            raise
         self._clear(rows)
         self.begin(rows, drawn)
         self.describe(rows)
@@ -293,12 +300,6 @@ class CommandedTask(Task):
     SETTABLE: ClassVar[tuple[str, ...]] = ("speed_command",)
     speed_command: Array
 
-    def score(self, rows: Ints) -> None:
-        """Do nothing: the kernel of :meth:`finish_step` scores."""
-
-    def complete_step(self, active: Bools) -> None:
-        """Do nothing: that kernel observes, too."""
-
     def draw(self, row: int, rng: np.random.Generator, options: dict[str, Any]) -> float:
         """Draw a robot's command."""
         command = rng.uniform(*self.speed_command[row])
@@ -344,3 +345,25 @@ class CommandedTask(Task):
     def command(self, row: int) -> float:
         """Return a robot's command."""
         return float(self.rows["info"]["speed_command"][row])
+
+
+class CompiledTask(CommandedTask):
+    """A commanded task whose kernel ``ENGINE.finish_step`` scores and observes.
+
+    A derived task may define :meth:`score` and :meth:`observe`: they are called after the kernel.
+    """
+
+    _extended: ClassVar[bool]
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        own = CompiledTask.score, CompiledTask.observe
+        cls._extended = (cls.score, cls.observe) != own
+
+    def score(self, rows: Ints) -> None:
+        """Leave the kernel's reward as it is."""
+
+    def complete_step(self, active: Bools) -> None:
+        """Call what a derived task defines."""
+        if self._extended:
+            super().complete_step(active)

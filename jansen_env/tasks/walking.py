@@ -10,7 +10,7 @@ import numpy as np
 
 from jansen_env.checks import finite, non_negative, positive, shown
 from jansen_env.engine import walk_reward
-from jansen_env.tasks.task import CommandedTask, Task
+from jansen_env.tasks.task import CompiledTask
 from jansen_env.world.argument_checks import (
     Bools,
     Ints,
@@ -21,7 +21,7 @@ from jansen_env.world.argument_checks import (
     range_per_robot,
     single,
 )
-from jansen_env.world.entries import Observed
+from jansen_env.world.entries import EXACT, Observed
 
 SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
 FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
@@ -61,7 +61,7 @@ class Termination(TypedDict, total=False):
     terminate_when_fallen: Annotated[bool, single(True, flag)]
 
 
-class WalkerTask(CommandedTask):
+class WalkerTask(CompiledTask):
     """Walk at a commanded speed, m/s; see :class:`jansen_env.envs.walker.JansenWalkerEnv`.
 
     Attributes:
@@ -86,19 +86,18 @@ class WalkerTask(CommandedTask):
         self._settings[0] = (*vars(weights).values(), *vars(end).values())
         self.covered = np.zeros((self.num_envs, 2))
         self._measured = np.zeros(0, walk_reward.ACCOUNTS)
-        self._observes = type(self).observe is not Task.observe
 
     @property
     def own_entries(self) -> Sequence[Observed]:
-        """The command, the lag and the means."""
+        """The command, the lag and the means; :meth:`connect` lets sensors measure these."""
         furthest = walk_reward.FURTHEST_TARGET
         return [
-            Observed("speed_command", "m/s", -FASTEST_COMMAND, FASTEST_COMMAND),
-            Observed("lag", "m", -furthest, furthest),
-            Observed("mean_speed", "m/s", -np.inf, np.inf),
-            Observed("mean_slip", "m/s", 0.0, np.inf),
-            Observed("mean_power", "W", 0.0, np.inf),
-            Observed("rms_torque", "N m", 0.0, np.inf),
+            Observed("speed_command", "m/s", -FASTEST_COMMAND, FASTEST_COMMAND, EXACT),
+            Observed("lag", "m", -furthest, furthest, EXACT),
+            Observed("mean_speed", "m/s", -np.inf, np.inf, EXACT),
+            Observed("mean_slip", "m/s", 0.0, np.inf, EXACT),
+            Observed("mean_power", "W", 0.0, np.inf, EXACT),
+            Observed("rms_torque", "N m", 0.0, np.inf, EXACT),
         ]
 
     @property
@@ -147,11 +146,6 @@ class WalkerTask(CommandedTask):
         if self.world.episodes.curriculum is not None:
             self._cover(rows)
         super().finish_step(rows)
-
-    def complete_step(self, active: Bools) -> None:
-        """Let a task that derives from this one observe the ``active`` robots (n,)."""
-        if self._observes:
-            self.observe(np.flatnonzero(active))
 
     def step_arguments(self) -> tuple[Any, ...]:
         return (

@@ -144,6 +144,8 @@ class ActuatedRobots:
         builds = {}
         for (row, _, own), seed in zip(each, seeds, strict=True):
             robot = load_robot("options['robot']", own["robot"]) if "robot" in own else None
+            if robot is not None:
+                self.plant.check_robot(robot)  # with its own lengths, which later episodes have
             build = self.lengths.plan(row, own.get("lengths", {}), seed, robot)
             if build is not None:
                 builds[row] = build

@@ -43,7 +43,7 @@ class NoisySensors:
         self.level = np.ones(num_envs)
         self.truth = np.zeros((num_envs, len(observed)), np.float32)
         names = [entry.name for entry in observed]
-        self._deviation = noise.deviations(names)
+        self._deviation = noise.deviations(observed)
         limits = np.array([(entry.low, entry.high) for entry in observed], np.float32)
         self._low, self._high = limits.T.copy()
         self._known = np.full(num_envs, -1)
@@ -52,7 +52,8 @@ class NoisySensors:
         self._angles = np.full((len(names), 2), -1)
         for first, *pair in ANGLES:
             if {first, *pair} <= {*names}:
-                self._angles[names.index(first)] = [names.index(name) for name in pair]
+                cos, sin = self._angles[names.index(first)] = [names.index(name) for name in pair]
+                self._deviation[cos + sin - names.index(first)] = 0.0
         self._speeds = np.array([names.index(one) if one in names else -1 for one in SPEEDS])
         self.measure(np.zeros((num_envs, 0)), ())
         self._draw_errors, self._add_noise = draw_errors.bound(), add_noise.bound()

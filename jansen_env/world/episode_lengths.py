@@ -16,7 +16,7 @@ from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import nearest_dead_point
 from jansen_env.robot.lengths import lengths, with_lengths
-from jansen_env.world.entries import Observed
+from jansen_env.world.entries import EXACT, Observed
 from jansen_env.world.randomization import EVERY, Distribution
 
 MARGIN = 0.12  # least sine of the angle between two links that meet in a drawn robot
@@ -64,7 +64,8 @@ class EpisodeLengths:
         self.values = np.zeros(len(robots), [(name, "f8") for name in names])
         self.factors = [_by_name(one, names) for one in given]
         if observed:
-            self.entries = [Observed(f"length_{name}", "1", -np.inf, np.inf) for name in names]
+            limits = -np.inf, np.inf
+            self.entries = [Observed(f"length_{name}", "1", *limits, EXACT) for name in names]
         self._note(range(len(robots)))
 
     def connect(self, observed: Sequence[Observed], observation: NDArray[np.float32]) -> None:
@@ -93,6 +94,10 @@ class EpisodeLengths:
         nominal = robot or self.nominal[row]
         if self.values is not None and (*lengths(nominal),) != (names := self.values.dtype.names):
             raise ValueError(f"lengths of a robot are {[*lengths(nominal)]}, must be {names}")
+        if robot is not None:  # which later episodes have with its own lengths, or drawn ones
+            static_deflection(robot, GRAVITY)
+            if drawn and given:
+                _draw(robot, {}, drawn, np.random.default_rng((seed or 0, 0)))
         if not {*drawn} <= {*given}:
             # Commands that change in an episode are drawn by its seed and a step, from 1 on.
             return _draw(nominal, given, drawn, np.random.default_rng((seed or 0, 0)))

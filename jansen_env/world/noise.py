@@ -5,29 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from string import digits
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import load_record, one_or_two
+from jansen_env.checks import listed, load_record, one_or_two, shown
+from jansen_env.world.entries import EXACT, Observed
 
 Array = NDArray[np.float64]
 Deviation: TypeAlias = float | tuple[float, float]
 """Standard deviation of each step's noise, or that and the one of the episode's bias."""
-
-COLUMNS = {
-    "encoder": ("cos_crank_angle",),  # the first of the two in which the angle is
-    "crank_speed": ("crank_speed",),
-    "pitch": ("sin_pitch",),
-    "gyro": ("pitch_rate",),
-    "velocity": ("crank_axis_x_velocity", "crank_axis_y_velocity"),
-    "height": ("crank_axis_height",),
-    "loads": ("toe_load_",),
-    "height_scan": ("height_scan_",),
-}
-"""Observations of each sensor: names, without their numbers."""
 
 _EVEN = math.sqrt(1.0 / 3.0)  # standard deviation of what is drawn evenly from -1 to 1
 
@@ -83,13 +71,20 @@ class Noise:
     @classmethod
     def only(cls, **sensors: Deviation) -> Noise:
         """Return noise of some sensors, the others exact; ValueError: no such sensor."""
-        return load_record(cls, "noise", {**dict.fromkeys(COLUMNS, 0.0), **sensors})
+        return load_record(cls, "noise", {**dict.fromkeys(SENSORS, 0.0), **sensors})
 
-    def deviations(self, observed: Sequence[str]) -> Array:
-        """Return standard deviations (d, 2), of noise and bias, of the observations named."""
+    def deviations(self, observed: Sequence[Observed]) -> Array:
+        """Return standard deviations (d, 2), of noise and bias; ValueError: one has no sensor."""
         found = np.zeros((len(observed), 2))
-        for i, name in enumerate(observed):
-            for sensor, columns in COLUMNS.items():
-                if name.rstrip(digits) in columns:
-                    found[i] = getattr(self, sensor)
+        for i, entry in enumerate(observed):
+            if entry.sensor not in (*SENSORS, EXACT):
+                raise ValueError(
+                    f"noise is given, must be None: sensor of the observation {entry.name!r} is "
+                    f"{shown(entry.sensor)}, must be in {listed([*SENSORS, EXACT], entry.sensor)}"
+                )
+            if entry.sensor != EXACT:
+                found[i] = getattr(self, entry.sensor)
         return found
+
+
+SENSORS = tuple(field.name for field in fields(Noise))

@@ -141,10 +141,11 @@ def restore(world: World, row: int, state: dict[str, Any]) -> None:
     """Let a robot go on from a state of :func:`checked_state`."""
     plant, one = world.plant, np.array([row])
     plan, level = state["plan"]
-    world.exchange(state["builds"])
-    world.apply_parameters(one, [plan])
+    with world.all_or_nothing(one, state["builds"], [plan]):
+        world.exchange(state["builds"])
+        world.apply_parameters(one, [plan])
+        plant.set_state(row, state["plant"], state["deflection"])
     world.episodes.level[row] = level
-    plant.set_state(row, state["plant"], state["deflection"])
     if row == 0:
         plant.in_contact = state["in_contact"]
     world.begin_delay(one, np.array([state["delay"]]), state["asked"])

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
@@ -166,7 +167,8 @@ class World(ActuatedRobots):
         """Start episodes of some robots; returns what ``draw`` gave for each.
 
         Raises:
-            ValueError: an option out of range; nothing has changed then.
+            ValueError: an option out of range, FloatingPointError: the robot diverges where it is
+                placed. Nothing has changed then but the generators.
         """
         each = list(zip(rows.tolist(), generators, options, strict=True))
         drawn = [self._draw(*one, draw) for one in each]
@@ -180,11 +182,12 @@ class World(ActuatedRobots):
         schedules = [
             NO_PUSHES if one is None else check_schedule("options['pushes']", one) for one in given
         ]
-        self.exchange(builds)
-        self.seeds[rows] = seeds
-        self.apply_parameters(rows, plans)
         plant = self.plant
-        plant.place(rows, np.array([start[0] for start in drawn]))
+        with self.all_or_nothing(rows, builds, plans):
+            self.exchange(builds)
+            self.apply_parameters(rows, plans)
+            plant.place(rows, np.array([start[0] for start in drawn]))
+        self.seeds[rows] = seeds
         self.loads[rows] = plant.contact_force[rows, :, 1] / self.weight[rows, None]
         states = plant.states[rows]
         states[:, 7] = [start[1] for start in drawn]
@@ -196,6 +199,31 @@ class World(ActuatedRobots):
             self.pushes.schedule(row, pushes, random=one is None)
         self.truncated[rows] = False
         return [start[3] for start in drawn]
+
+    @contextmanager
+    def all_or_nothing(
+        self, rows: Ints, builds: Mapping[int, Build], plans: Sequence[Plan]
+    ) -> Iterator[None]:
+        """Put robots (k,), which get builds and plans, back as they are now if an error comes."""
+        episodes, lengths, plant = self.episodes, self.lengths, self.plant
+        undo = plant.keep(rows)
+        robots = {
+            row: Build(lengths.nominal[row], lengths.changed[row], self.robots[row])
+            for row in builds
+        }
+        before = [
+            Plan(episodes.values[[row]], plan.terrain and plant.terrains[row])
+            for row, plan in zip(rows.tolist(), plans, strict=True)
+        ]
+        levels = episodes.level[rows]
+        try:
+            yield
+        except Exception:
+            self.exchange(robots)
+            self.apply_parameters(rows, before)
+            episodes.level[rows] = levels
+            undo()
+            raise
 
     def exchange(self, builds: Mapping[int, Build]) -> Ints:
         """Put robots in the place of others, by their rows."""

@@ -15,6 +15,7 @@ from agents.training import callbacks, config
 from agents.training import train_model as training
 from agents.training.scores import outcome
 from jansen_env import sb3
+from jansen_env.sb3.model_files import read_model
 from jansen_env.scoring.benchmarks import BENCHMARKS, find_benchmark
 
 SMALL_PPO = Path(__file__).parents[1] / "small_ppo.yml"
@@ -96,6 +97,17 @@ def test_policy_files_never_run_code(run, tmp_path):
 def test_every_config_builds(path):
     settings = {"algo": path.stem, "env": path.parent.name, **config.load_config(path)}
     training.prepare(config.new_config(path, settings["algo"], settings["env"]))
+
+
+@pytest.mark.parametrize("env_id", BENCHMARKS)
+def test_training_begins_on_every_environment(env_id, tmp_path, monkeypatch):
+    """Without a configuration of the caller's; scores have tests of their own."""
+    monkeypatch.setattr(train, "score_run", lambda *_: {})
+    monkeypatch.setattr(train, "outcome", lambda *_: "")
+    arguments = ["--env", env_id, "--timesteps", "8", "--n-envs", "2", "--eval-episodes", "1",
+                 "--env-kwargs", "{max_episode_steps: 5}", "--no-progress"]  # fmt: skip
+    folder = train.main([*arguments, "--log-folder", str(tmp_path)])
+    assert read_model(folder / "final_model.zip")[1] >= 8
 
 
 @pytest.mark.slow

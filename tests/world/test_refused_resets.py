@@ -1,0 +1,148 @@
+"""A reset that is refused changes nothing: pairs of options, both plants, one robot and many."""
+
+from dataclasses import replace
+from itertools import permutations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from jansen_env import Bar, Compliance, LinkageError, Payload, built_robot
+from jansen_env.plants.rigid_batch import RigidBodyBatch
+
+HEAVIER = replace(built_robot(), payload=Payload(0.5))
+OPEN = built_robot().with_bodies(crank=Bar(0.2))  # it does not close
+STIFF = replace(HEAVIER, pad_compliance=Compliance(1e9, 10.0))  # for the rigid-body plant
+GOOD = {
+    "crank_angle": 1.0,
+    "lengths": {"rocker": 0.236},
+    "robot": HEAVIER,
+    "friction": 0.5,
+    "payload": 1.0,
+    "delay": 0.01,
+    "pushes": [(0.1, 0.5, 0.0)],
+    "speed_command": 0.3,
+    "foot_stiffness_scale": 1.5,
+}
+BAD = {
+    "crank_angle": np.nan,
+    "lengths": {"crank": 0.3},
+    "robot": OPEN,
+    "friction": -1.0,
+    "payload": 1e9,
+    "delay": 9.0,
+    "pushes": [(0.1, np.nan, 0.0)],
+    "speed_command": 9.0,
+    "foot_stiffness_scale": 1e-9,
+    "tilt": 9.0,
+    "hops": 1.0,
+}
+PAIRS = [
+    {one: GOOD[one], other: BAD[other]}
+    for one, other in permutations({**GOOD, **BAD}, 2)
+    if one in GOOD and other in BAD
+]
+TOO_STIFF = [{one: GOOD[one], "foot_stiffness_scale": 100.0} for one in GOOD if one != "robot"]
+TOO_STIFF += [{"robot": STIFF, "lengths": {"rocker": 0.236}}]
+
+
+def same(one, other):
+    if isinstance(one, dict):
+        return {*one} == {*other} and all(same(one[name], other[name]) for name in one)
+    return np.array_equal(one, other)
+
+
+@pytest.mark.parametrize("plant", ["projection", "rigid_body"])
+def test_one_robot(plant):
+    arguments = {"delay": (0.0, 0.02), "plant": plant, "randomize": {"friction": (0.4, 0.9)}}
+    env, twin = (gym.make("JansenWalkerBuilt-v0", **arguments).unwrapped for _ in range(2))
+    action = np.full(1, 0.5, np.float32)
+    for one in (env, twin):
+        one.reset(seed=3, options={"lengths": {"rocker": 0.235}})
+        one.step(action)
+    for options in PAIRS + TOO_STIFF * (plant == "rigid_body"):
+        with pytest.raises(ValueError):
+            env.reset(seed=5, options=options)
+        assert env.robot == twin.robot and same(env.get_state(), twin.get_state()), options
+    for _ in range(3):
+        (seen, *ours, info), (expected, *theirs, other) = (one.step(action) for one in (env, twin))
+        assert (seen == expected).all() and ours == theirs and same(info, other)
+    assert (env.reset()[0] == twin.reset()[0]).all() and same(env.get_state(), twin.get_state())
+
+
+def test_many_robots():
+    """One of three is refused, with the first one masked."""
+    pair = [gym.make_vec("JansenWalkerBuilt-v0", 3, randomize={"lengths": 0.02}) for _ in range(2)]
+    envs, twins = (one.unwrapped for one in pair)
+    actions, mask = np.full((3, 1), 0.5, np.float32), np.array([False, True, True])
+    for one in pair:
+        one.reset(seed=3)
+        one.step(actions)
+    names = [*GOOD, "tilt"]
+    for options in PAIRS:
+        (good, value), (bad, wrong) = options.items()
+        given = {good: [value] * 3}
+        if bad in names:  # an unknown one is unknown to all
+            given[bad] = [{**GOOD, "tilt": 0.0}[bad]] * 2 + [wrong]
+        else:
+            given[bad] = wrong
+        with pytest.raises(ValueError):
+            envs.reset(seed=5, options={**given, "reset_mask": mask})
+        assert envs.get_attr("robot") == twins.get_attr("robot")
+        assert same(envs.get_state(2), twins.get_state(2)), options
+    for _ in range(5):
+        assert (envs.step(actions)[0] == twins.step(actions)[0]).all()
+    assert (envs.reset()[0] == twins.reset()[0]).all()
+
+
+def test_a_robot_that_diverges_where_it_is_placed(monkeypatch):
+    env, twin = (gym.make("JansenWalkerBuilt-v0", plant="rigid_body").unwrapped for _ in range(2))
+    for one in (env, twin):
+        one.reset(seed=3)
+
+    def diverge(plant, *_):
+        plant.lookahead()
+        raise plant.refusal(0.0)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(RigidBodyBatch, "place", diverge)
+        with pytest.raises(FloatingPointError):
+            env.reset(options={"robot": HEAVIER, "friction": 0.5})
+    assert env.robot == twin.robot and same(env.get_state(), twin.get_state())
+    action = np.full(1, 0.5, np.float32)
+    assert (env.step(action)[0] == twin.step(action)[0]).all()
+
+
+@pytest.mark.parametrize("plant", ["projection", "rigid_body"])
+def test_a_state_that_the_plant_refuses_changes_nothing(plant):
+    env = gym.make("JansenWalkerBuilt-v0", plant=plant).unwrapped
+    env.reset(seed=3)
+    before = env.get_state()
+    state = {**before, "lengths": {"rocker": 0.236}}
+    state["parameters"] = {**before["parameters"], "foot_stiffness_scale": 100.0}
+    if plant == "rigid_body":
+        with pytest.raises(ValueError, match=r"time_step is 0\.00025, must be at most"):
+            env.set_state(state)
+        assert env.robot == built_robot() and same(env.get_state(), before)
+    else:
+        env.set_state(state)
+        assert env.robot != built_robot()
+
+
+def test_a_robot_is_checked_with_its_own_lengths():
+    """Later episodes have them: it would end all of a batch at an automatic reset."""
+    envs = gym.make_vec("JansenWalkerBuilt-v0", 2, max_episode_steps=3)
+    envs.reset(seed=0)
+    options = {"lengths": {"crank": 0.10834}, "reset_mask": np.array([False, True])}
+    with pytest.raises(LinkageError, match="does not close"):
+        envs.reset(options={"robot": [built_robot(), OPEN], **options})
+    for _ in range(8):
+        envs.step(np.zeros((2, 1), np.float32))
+
+
+def test_a_robot_is_checked_with_the_lengths_that_are_drawn_later():
+    """The given crank is good; its own is so long that no drawn one turns."""
+    long = built_robot().with_bodies(crank=Bar(0.15))
+    env = gym.make("JansenWalkerBuilt-v0", randomize={"lengths": {"crank": (1.09, 1.1)}})
+    with pytest.raises(ValueError, match=r"randomize\['lengths'\] gave no robot"):
+        env.reset(options={"robot": long, "lengths": {"crank": 0.11}})

@@ -15,6 +15,7 @@ from benchmarks.measure import chosen, machine, options, report, require, save, 
 from jansen_env.robot import Bar, Leg, Robot, Triangle
 from jansen_env.robot.kinematics import joint_positions, toe_positions
 from jansen_env.robot.linkage import JANSEN, Dyad, Pin
+from jansen_env.robot.links import plain_sum
 
 HOLY = {"a": 38.0, "b": 41.5, "c": 39.3, "d": 40.1, "e": 55.8, "f": 39.4, "g": 36.7, "h": 65.7,
         "i": 49.0, "j": 50.0, "k": 61.9, "l": 7.8, "m": 15.0}  # fmt: skip
@@ -65,7 +66,7 @@ def letters_leg(way: str, numbers: Array = HOLY_VARIED) -> Robot:
 
 
 def _link(name: str, sides: list[float]) -> Bar | Triangle:
-    mass = DENSITY * sum(sides)
+    mass = DENSITY * plain_sum(sides)
     if len(sides) == 1:
         return Bar(sides[0], mass).slender()
     return Triangle.from_sides(*sides, mass=mass, outward=name == "foot").slender()

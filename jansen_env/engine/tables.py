@@ -15,6 +15,7 @@ from jansen_env.dynamics.reduced import Tables
 from jansen_env.engine.jit import compiled, stage
 from jansen_env.engine.records import PAD, PARAMS, Model
 from jansen_env.robot import Compliance, Robot
+from jansen_env.robot.links import plain_sum
 
 # Rows of what :func:`read_body` and :func:`read_pad` fill: value, first and second derivative.
 VALUE, FIRST, SECOND = range(3)
@@ -43,7 +44,7 @@ def parameters(robot: Robot, gravity: tuple[float, float]) -> NDArray[np.void]:
     load = robot.payload
     row = np.zeros(1, PARAMS)
     row["mass"], row["load_mass"], row["load_inertia"] = robot.mass, load.mass, load.inertia
-    row["own_inertia"] = len(robot.legs) * sum(body.inertia for body in robot.bodies)
+    row["own_inertia"] = len(robot.legs) * plain_sum(body.inertia for body in robot.bodies)
     row["mass_scale"] = row["inertia_scale"] = row["damping_scale"] = 1.0
     row["load_x"], row["load_y"] = load.position
     row["gravity_x"], row["gravity_y"] = gravity

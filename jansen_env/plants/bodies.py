@@ -19,6 +19,7 @@ from jansen_env.dynamics.pads import Pads, pad_layout
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import coordinates, joint_positions, world_joints
 from jansen_env.robot.linkage import CRANK
+from jansen_env.robot.links import plain_sum
 
 Array = NDArray[np.float64]
 
@@ -55,9 +56,9 @@ def _lumps(robot: Robot) -> list[tuple[float, float, Array]]:
         load = robot.payload
         if k == CHASSIS and (load.mass > 0.0 or load.inertia > 0.0):
             parts.append((load.mass, load.inertia, np.array(load.position)))
-        mass = sum(m for m, _, _ in parts)
+        mass = plain_sum(m for m, _, _ in parts)
         centre = np.sum([m * r for m, _, r in parts], axis=0) / mass
-        inertia = sum(j + m * float((r - centre) @ (r - centre)) for m, j, r in parts)
+        inertia = plain_sum(j + m * float((r - centre) @ (r - centre)) for m, j, r in parts)
         lumps.append((mass, inertia, centre))
     return lumps
 

@@ -75,7 +75,8 @@ class FixedBaseBatch:
 
     def energy(self, row: int) -> float:
         """Kinetic plus potential energy of a robot, J (0 potential: mass centre at the axis)."""
-        return float(sum(runge_kutta.fixed_base_energy(*self._arguments_of_energy(row))))
+        kinetic, potential = runge_kutta.fixed_base_energy(*self._arguments_of_energy(row))
+        return float(kinetic + potential)
 
     def _arguments_of_energy(self, row: int) -> tuple[Any, ...]:
         body = self.designs.model.body[self.designs.number[row]]

@@ -15,7 +15,7 @@ from itertools import pairwise
 
 from jansen_env.checks import finite, listed, positive, shown
 from jansen_env.robot.designs import is_of_built_parts, with_built_parts
-from jansen_env.robot.links import Bar, Link, Plate, Triangle
+from jansen_env.robot.links import Bar, Link, Plate, Triangle, plain_sum
 from jansen_env.robot.robot import Robot
 
 LONGEST = 1e3  # m, of a length
@@ -114,7 +114,7 @@ def _as_dense(link: Link, fresh: Link) -> Link:
 def _size(link: Link) -> float:
     """The sum of a link's sides, m."""
     count = len(link.corners)
-    sides = sum(link.distance(k, k + 1) for k in range(count - 1))
+    sides = plain_sum(link.distance(k, k + 1) for k in range(count - 1))
     return sides + (link.distance(0, count - 1) if count > 2 else 0.0)
 
 

@@ -21,9 +21,11 @@ Numbers are SI: metres, kilograms, radians, counter-clockwise positive.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
-from collections.abc import Callable, Sequence
+import operator
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -52,6 +54,11 @@ def set_checked(part: Any, check: Callable[[str, Any], float], *names: str) -> N
     for name in names:
         value = check(f"{type(part).__name__}.{name}", getattr(part, name))
         object.__setattr__(part, name, value)
+
+
+def plain_sum(values: Iterable[float]) -> float:
+    """Return the sum from left to right; the built-in one rounds otherwise from Python 3.12 on."""
+    return functools.reduce(operator.add, values, 0.0)
 
 
 @dataclass(frozen=True)
@@ -169,7 +176,7 @@ class Triangle:
 
     def slender(self) -> Triangle:
         """The same triangle with a uniform plate's inertia, m (a^2 + b^2 + c^2) / 36."""
-        return replace(self, inertia=self.mass * sum(s * s for s in self.sides) / 36.0)
+        return replace(self, inertia=self.mass * plain_sum(s * s for s in self.sides) / 36.0)
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from jansen_env.robot.links import (
     Payload,
     Triangle,
     phased_legs,
+    plain_sum,
     set_checked,
 )
 from jansen_env.robot.motor import IDEAL, Motor
@@ -153,7 +154,7 @@ class Robot:
     @property
     def links_mass(self) -> float:
         """Mass of every body of every leg, kg."""
-        return len(self.legs) * sum(body.mass for body in self.bodies)
+        return len(self.legs) * plain_sum(body.mass for body in self.bodies)
 
     @property
     def mass(self) -> float:

@@ -68,9 +68,8 @@ def main():
     differ = sorted({name for other in others for name in first if other[name] != first[name]})
     for name in differ:
         print(name, {python: own[name][:8] for python, own in found.items()})
-    sys.exit(
-        f"{len(differ)} of {len(first)} walks differ between {', '.join(pythons)}" if differ else 0
-    )
+    print(f"{len(first)} walks of {', '.join(pythons)}: {len(differ)} differ")
+    sys.exit(bool(differ))
 
 
 if __name__ == "__main__":
